@@ -26,8 +26,8 @@ KEY = "zivi: drawn"
 ARGUMENTS = {"readme_picture": ["zeno.png"], "readme_tracking": ["tracking.png", "chattering.png"]}
 """Scripts with pictures of other names."""
 KEPT = {Path(it).stem: Path(it).stem for names in ARGUMENTS.values() for it in names}
-NOT_COMPARED = {"large_vi", "mujoco_hopper_arm"}
-"""Scripts that tests run with less than the picture shows, or not everywhere."""
+NOT_COMPARED = {"large_vi"}
+"""Scripts that tests run with less than the picture shows."""
 POINTS = 9
 """Of a line or a cloud of points; in parts of its panel."""
 COMPARED = read()[0] == libm()

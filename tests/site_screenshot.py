@@ -1,26 +1,31 @@
-"""Write pictures of the site at three widths: python tests/site_screenshot.py SITE docs/figures."""
+"""Write pictures of every page of the site at three widths, to look at.
+
+python tests/site_screenshot.py out/site out/pages [NAME ...]
+"""
 
 import sys
 from pathlib import Path
 
-from screenshots import browser, save
+from screenshots import browser
 
-PICTURES = {
-    "site_wide": (1440, 800, "tutorial.html"),
-    "site_middle": (768, 800, "control.html"),
-    "site_narrow": (420, 800, "gallery/programs.html"),
-}
-"""Width, height and page of each."""
+WIDTHS = 1440, 768, 420
 
 
-def main(site, folder):
+def main(site, folder, *names):
+    """Take whole pages, all of them or those of some names."""
+    out = Path(folder)
+    out.mkdir(parents=True, exist_ok=True)
+    pages = [it for it in sorted(Path(site).rglob("*.html")) if "_static" not in it.parts]
     with browser() as chromium:
-        for name, (width, height, page) in PICTURES.items():
-            shown = chromium.new_page(viewport={"width": width, "height": height})
-            shown.goto((Path(site) / page).resolve().as_uri())
-            shown.wait_for_timeout(500)
-            save(shown, Path(folder) / f"{name}.png")
+        for width in WIDTHS:
+            shown = chromium.new_page(viewport={"width": width, "height": 900})
+            for path in pages:
+                if names and path.stem not in names:
+                    continue
+                shown.goto(path.resolve().as_uri())
+                shown.screenshot(path=out / f"{path.stem}_{width}.png", full_page=True)
             shown.close()
+    print(f"{out}: {len(list(out.glob('*.png')))} pictures")
 
 
 if __name__ == "__main__":

@@ -11,15 +11,12 @@ import pytest
 import figure_data
 
 EXAMPLES = figure_data.ROOT / "examples"
-WITHOUT = {"mujoco_hopper_arm"}
-"""Pictures that are not compared: the tests have no MuJoCo."""
 OTHERS = {"every_plot", "cluster_study"}
 """Pictures of a panel of panels and of contours: their words and limits are compared."""
 PICTURES = sorted(
     path
     for path in figure_data.FIGURES.glob("*.png")
     if path.stem in figure_data.KEPT or (EXAMPLES / f"{path.stem}.py").exists()
-    if path.stem not in WITHOUT
 )
 
 
