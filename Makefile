@@ -30,7 +30,7 @@ help:
 	@echo 'make lint    formatters, linters, type checkers'
 	@echo 'make bench   the benchmarks, into benchmarks/results'
 	@echo 'make picture the pictures of the README and of the examples; PICTURES="hammer juggler" some of them'
-	@echo 'make screenshots  the pictures of the pages, with chromium'
+	@echo 'make screenshots  pictures of the pages, with chromium; of the whole site into out/pages'
 	@echo 'make docs    the documentation as a site, into out/site'
 	@echo 'make wasm    the binary of the page without Python (docs/lab.md)'
 	@echo 'make wheel   a wheel that runs on other machines too, tried in a fresh environment'
@@ -144,7 +144,7 @@ picture: $(READY)
 screenshots: docs
 	$(BIN)/python tests/lab_screenshot.py docs/figures
 	$(BIN)/python tests/browser_screenshot.py docs/figures/browser.png
-	$(BIN)/python tests/site_screenshot.py out/site docs/figures
+	$(BIN)/python tests/site_screenshot.py out/site out/pages
 
 # warnings are errors; every page of the tutorial and the gallery is executed
 docs-packages: $(VENV)/.docs
