@@ -14,7 +14,7 @@ import scipy.sparse as sp
 
 import zivi
 from example_scripts import example
-from zivi.vi.factorisation import in_thread
+from zivi.vi.factorisation import Factoriser, Keep, in_thread
 
 large = example("large_vi")
 
@@ -70,8 +70,6 @@ def test_the_memory_of_factors_is_given_back():
 
 
 def test_the_thread_of_factors_ends_with_them():
-    from zivi.vi.factorisation import Factoriser
-
     def threads():
         return sum(it.name == "zivi-factorisation" for it in threading.enumerate())
 
@@ -94,7 +92,7 @@ def test_the_thread_of_factors_ends_with_them():
     with pytest.raises(TimeoutError):
         Factoriser(over).factors_of(M)
     with pytest.raises(TimeoutError):
-        in_thread(lambda: time.sleep(0.2), over, threading.Event())
+        in_thread(lambda: time.sleep(0.2), over, Keep())
     assert ended()
 
 
@@ -125,7 +123,174 @@ def test_an_interpreter_ends_well_while_a_matrix_is_factorised():
         "except TimeoutError:\n"
         "    print('left alone')\n"
     )
-    assert finished(code) == (0, "left alone\n", "")
+    code, told, errors = finished(code)
+    assert (code, told) == (0, "left alone\n")
+    assert not errors or "is still under way" in errors  # where the machine is busy
+
+
+def fills_in(n, entries):
+    """Return a random matrix whose factors are nearly full: seconds, for few entries."""
+    rng = np.random.default_rng(0)
+    A = sp.random_array((n, n), density=entries / n, rng=rng, format="csr")
+    return sp.csr_array(A + 2 * entries * sp.eye_array(n))
+
+
+def test_few_entries_can_take_long_and_are_interrupted_as_well():
+    M = fills_in(5000, 2.9)
+    assert M.nnz < 20_000
+    looks = []
+
+    def over():
+        looks.append(time.perf_counter())
+        if len(looks) == 4:
+            raise TimeoutError
+
+    factoriser = Factoriser(over)
+    factoriser.see_pattern(M)
+    with pytest.raises(TimeoutError):
+        factoriser.factors_of(M)
+    assert np.diff(looks).max() < 1
+    assert factoriser.fill == 0  # it was still at work
+
+
+def test_the_best_point_is_kept_when_the_time_ends_within_a_factorisation():
+    """A body under its weight over an obstacle, in three dimensions: long factorisations."""
+    n = 18
+    one, unit = large.second_differences(n), sp.eye_array(n)
+    M = sp.kron(sp.kron(one, unit), unit) + sp.kron(sp.kron(unit, one), unit)
+    M = sp.csr_array(M + sp.kron(sp.kron(unit, unit), one))
+    q = np.full(n**3, -0.05)
+    upper = 0.02 * (1 + np.arange(n**3) % 7)
+    whole = zivi.solve_avi(M, q, 0.0, upper)
+    assert whole.success
+    assert whole.n_factorisations > 5
+    seen, shares = [], []
+    began = time.perf_counter()
+
+    def wait(it):
+        """Let the time end in the next factorisation, whatever this machine needs for one."""
+        seen.append(it.residual)
+        if len(seen) == 3:
+            time.sleep(max(0.0, 2.98 - (time.perf_counter() - began)))
+            shares.append(time.perf_counter() - began)
+
+    start = zivi.natural_residual(np.zeros(n**3), q, 0.0, upper)
+    res = zivi.solve_avi(M, q, 0.0, upper, time_limit=3.0, callback=wait)
+    took = time.perf_counter() - began
+    assert res.status is zivi.VIStatus.TIME_LIMIT
+    assert took - max(3.0, shares[0]) < 1
+    assert res.n_factorisations >= res.n_iter == len(seen) >= 3
+    assert res.residual == min([start, *seen])
+    assert res.residual == zivi.natural_residual(res.x, M @ res.x + q, 0.0, upper)
+    assert np.all((res.x >= 0) & (res.x <= upper))
+
+
+INTERRUPTED = """
+import time
+import numpy as np, scipy.sparse as sp
+import zivi
+rng = np.random.default_rng(0)
+n = 12_000
+A = sp.random_array((n, n), density=8 / n, rng=rng, format="csr")
+M, q = A @ A.T + sp.eye_array(n), rng.normal(size=n)
+print("begin", flush=True)
+try:
+    zivi.solve_lcp(M, q)
+except KeyboardInterrupt:
+    print("interrupted", flush=True)
+"""
+
+
+@pytest.mark.skipif(os.name != "posix", reason="sends signals")
+def test_ctrl_c_within_a_factorisation_and_again_at_the_end():
+    """The call is left within a second, and so is the process if that is asked for, too."""
+    with subprocess.Popen(
+        [sys.executable, "-c", INTERRUPTED],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
+    ) as process:
+        assert process.stdout.readline() == "begin\n"
+        time.sleep(1.0)  # the factorisation takes ten times as long
+        sent = time.perf_counter()
+        process.send_signal(signal.SIGINT)
+        assert process.stdout.readline() == "interrupted\n"
+        assert time.perf_counter() - sent < 1
+        assert "Ctrl-C again ends the process at once" in process.stderr.readline()
+        sent = time.perf_counter()
+        process.send_signal(signal.SIGINT)
+        assert process.wait(60) == 130
+        assert time.perf_counter() - sent < 1
+
+
+def kinds_of_matrices():
+    """Yield matrices of one pattern each, a few with other values."""
+    rng = np.random.default_rng(3)
+    grid = sp.csr_array(large.laplacian(12))
+    for shift in (0.0, 0.1, 3.0):
+        yield "grid", grid + sp.diags_array(shift + rng.random(144)), "none"
+    loose = sp.csr_array(sp.random_array((150, 150), density=0.03, rng=rng))
+    for _ in range(3):
+        values = sp.csr_array((rng.normal(size=loose.nnz), loose.indices, loose.indptr))
+        yield "loose", values + 4 * sp.eye_array(150), "partial"
+    arrow = sp.lil_array((200, 200))
+    arrow[0], arrow[:, 1] = 1.0, 1.0
+    arrow = sp.csr_array(arrow)
+    for shift in (2.0, 5.0):
+        yield "arrow", arrow + sp.diags_array(shift + rng.random(200)), "some"
+
+
+def test_an_order_is_found_once_for_a_pattern(monkeypatch):
+    """What NumPy's dense solver gives, in an order that is kept while the pattern is the same."""
+    asked = []
+    splu = sp.linalg.splu
+
+    def told(A, **options):
+        asked.append(options["permc_spec"])
+        return splu(A, **options)
+
+    monkeypatch.setattr(sp.linalg, "splu", told)
+    rng = np.random.default_rng(4)
+    factoriser, last = None, None
+    for name, A, way in kinds_of_matrices():
+        if name != last:
+            factoriser = Factoriser(lambda: None)
+            factoriser.see_pattern(A)
+        asked.clear()
+        b = rng.normal(size=A.shape[0])
+        x = factoriser.factors_of(A).solve(b)
+        np.testing.assert_allclose(x, np.linalg.solve(A.toarray(), b), rtol=1e-9, atol=1e-11)
+        (spec,) = asked
+        assert spec == ("COLAMD" if way == "partial" and name != last else "NATURAL")
+        last = name
+    # as many entries elsewhere, and other ones of the same columns, are other patterns
+    factoriser, rights = Factoriser(lambda: None), np.ones(144)
+    grid = sp.csc_array(large.laplacian(12))
+    factoriser.see_pattern(grid)
+    turned = sp.csc_array(grid[::-1][:, ::-1])
+    moved = sp.csc_array(grid + 0.1 * sp.eye_array(144, k=30) + 0.1 * sp.eye_array(144, k=-30))
+    for A in (grid, moved, grid, turned):
+        x = factoriser.factors_of(A).solve(rights)
+        np.testing.assert_allclose(A @ x, rights, atol=1e-12)
+    once = factoriser.fill
+    for _ in range(2):
+        factoriser.factors_of(moved)
+    assert factoriser.fill == once  # the kept order fills in as much
+
+
+def test_a_singular_matrix_is_not_tried_twice():
+    A = sp.lil_array((200, 200))
+    A.setdiag(1.0)
+    A[0], A[:, 1] = 1.0, 1.0
+    A[5] = 0.0
+    factoriser = Factoriser(lambda: None)
+    factoriser.see_pattern(sp.csr_array(A))
+    assert factoriser.solve(sp.csr_array(A), np.ones(200)) is None
+    assert factoriser.count == 1
+    A[5, 5] = 1.0
+    (x,) = factoriser.solve(sp.csr_array(A), np.ones(200))
+    np.testing.assert_allclose(A @ x, np.ones(200), atol=1e-12)
 
 
 @pytest.mark.slow

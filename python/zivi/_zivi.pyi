@@ -74,6 +74,7 @@ __all__ = [
     "lift",
     "map_of_impacts",
     "mechanical_sensitivity",
+    "minimum_degree",
     "natural_residual",
     "orbits_of_impacts",
     "project",
@@ -1153,6 +1154,7 @@ def solve_avi(
 def lemke_howson(
     a: _Array, b: _Array, limit: int, time_limit: float | None = None
 ) -> tuple[_Array, _Array, int] | None: ...
+def minimum_degree(starts: NDArray[np.int32], rows: NDArray[np.int32]) -> NDArray[np.int32]: ...
 def natural_residual(
     x: _Array, f: _Array, lower: _Array | float, upper: _Array | float
 ) -> float: ...

@@ -22,6 +22,7 @@ mod mechanics;
 mod method;
 mod motion;
 mod observer;
+mod ordering;
 mod partials;
 mod periodic_impulses;
 mod record;
@@ -120,6 +121,7 @@ fn _zivi(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(vi::solve_vi, module)?)?;
     module.add_function(wrap_pyfunction!(vi::solve_avi, module)?)?;
     module.add_function(wrap_pyfunction!(vi::natural_residual, module)?)?;
+    module.add_function(wrap_pyfunction!(ordering::minimum_degree, module)?)?;
     module.add_function(wrap_pyfunction!(vi::lemke_howson, module)?)?;
     Ok(())
 }

@@ -3,18 +3,22 @@
 from __future__ import annotations
 
 import atexit
+import os
+import sys
 import threading
 import weakref
 from collections.abc import Callable
+from functools import partial
 from typing import Any, TypeVar
 
 import numpy as np
 
+import zivi._zivi as _zivi
 from zivi.base.arrays import Array
 
 __all__ = ["Factoriser", "Factors", "in_thread", "rows_of_sizes"]
 
-_SHORT = 20_000
+_SHORT = 4_000
 """Entries of a matrix below which its factorisation is too short to be interrupted."""
 _LOOK = 0.05
 """Seconds between two readings of the clock."""
@@ -26,32 +30,53 @@ _DECAYED = 1e-8
 _FULLER = 10
 """Entries of the product A'A that may be, over those of A, from which on it gives no order."""
 
+_PANEL = 4
+"""Columns that SuperLU takes together where few of them have the same pattern; 20 by default."""
 _PIVOTING: dict[str, dict[str, Any]] = {
     "none": {
-        "permc_spec": "MMD_AT_PLUS_A",
         "diag_pivot_thresh": 0.0,
+        "panel_size": _PANEL,
         "options": {"SymmetricMode": True},
     },
-    "some": {"permc_spec": "MMD_AT_PLUS_A", "diag_pivot_thresh": 1e-3},
-    "partial": {"permc_spec": "COLAMD"},
+    "some": {"diag_pivot_thresh": 1e-3, "panel_size": _PANEL},
+    "partial": {},
 }
 """What SuperLU is told: to keep the diagonal, to leave it where it is small, to pivot by size."""
 
 _THREAD = "zivi-factorisation"
+_QUIET = 1.0
+"""Seconds for which the end of the interpreter waits without a word."""
+_WAITING = "zivi: a sparse factorisation is still under way; Ctrl-C again ends the process at once"
+_INTERRUPTED = 130
+"""Exit status of shells after Ctrl-C."""
 
 Outcome = TypeVar("Outcome")
+
+
+class Keep(threading.Event):
+    """Set when what a thread made is needed no more; the thread is the last that lets go of it.
+
+    SuperLU frees memory only in the thread that took it.
+    """
+
+    thread: threading.Thread | None = None
+
+    def settle(self) -> None:
+        """Wait a moment for the thread to have let go, where it is told to."""
+        if self.is_set() and self.thread is not None:
+            self.thread.join(_LOOK)
 
 
 def in_thread(
     work: Callable[[], Outcome],
     poll: Callable[[], None],
-    until: threading.Event | None = None,
+    until: Keep | None = None,
 ) -> Outcome:
     """Return what `work` returns, which does not hold the interpreter's lock while it computes.
 
     A signal, or what `poll` raises, ends the waiting within a moment; the thread, which cannot be
     stopped, ends its work in the background; the interpreter ends after it. With `until` the
-    thread lives on until that is set, and is the last that lets go of what was made.
+    thread lives on until that is set.
     """
     found: list[Outcome] = []
     raised: list[BaseException] = []
@@ -68,7 +93,10 @@ def in_thread(
             until.wait()
             found.clear()
 
-    threading.Thread(target=run, daemon=True, name=_THREAD).start()
+    thread = threading.Thread(target=run, daemon=True, name=_THREAD)
+    if until is not None:
+        until.thread = thread
+    thread.start()
     try:
         while not ended.wait(_LOOK):
             poll()
@@ -81,6 +109,45 @@ def in_thread(
     return found[0]
 
 
+class Order:
+    """The order of elimination of a matrix, and of others of its pattern.
+
+    Parameters
+    ----------
+    A : csc_array
+        The matrix.
+    pivoting : str
+        How it is factorised.
+    places : ndarray
+        The rows and columns in this order.
+    """
+
+    def __init__(self, A: Any, pivoting: str, places: Any) -> None:
+        self.pivoting = pivoting
+        self.places = places
+        self._pattern = A.indptr, A.indices
+        self._moved: tuple[Any, Any, Any] | None = None
+
+    def fits(self, A: Any, pivoting: str) -> bool:
+        """Whether this is an order for `A`."""
+        return pivoting == self.pivoting and all(
+            map(np.array_equal, self._pattern, (A.indptr, A.indices))
+        )
+
+    def of(self, A: Any) -> Any:
+        """Return `A` with its rows and columns in this order."""
+        from scipy.sparse import csc_array
+
+        if self._moved is None:
+            numbers = np.arange(A.nnz, dtype=A.indices.dtype)
+            numbered = csc_array((numbers, A.indices, A.indptr), shape=A.shape)
+            moved = numbered[self.places][:, self.places]
+            moved.sort_indices()
+            self._moved = moved.data, moved.indices, moved.indptr
+        entries, indices, indptr = self._moved
+        return csc_array((A.data[entries], indices, indptr), shape=A.shape)
+
+
 class Factors:
     """The factors of one matrix.
 
@@ -90,18 +157,21 @@ class Factors:
         The factors.
     A : csc_array
         The matrix.
-    released : threading.Event, optional
-        Set when the factors are needed no more: SuperLU frees memory only in the thread that took
-        it, which waits for this.
+    places : ndarray or None
+        The order of rows and columns in which it was factorised, if not as it is.
+    released : Keep, optional
+        Set when the factors are needed no more.
     """
 
-    def __init__(self, lu: Any, A: Any, released: threading.Event | None = None) -> None:
-        self._lu = lu
+    def __init__(self, lu: Any, A: Any, places: Any = None, released: Keep | None = None) -> None:
+        from scipy.sparse import csc_array
+
+        self._lu, self._places = lu, places
         self._released = released
         if released is not None:
             _KEPT.add(self)
         self._A = A
-        self._sizes = abs(A)
+        self._sizes = csc_array((np.abs(A.data), A.indices, A.indptr), shape=A.shape)
         self._sums = np.asarray(self._sizes.sum(axis=1)).ravel()
 
     def __del__(self) -> None:
@@ -117,7 +187,7 @@ class Factors:
     def solve(self, b: Array) -> Array | None:
         """Return the solution of ``A x = b``, refined where it needs to be; None without one."""
         with np.errstate(all="ignore"):
-            x: Array = self._lu.solve(b)
+            x = self._substitute(b)
             for _ in range(2):
                 if not np.isfinite(x).all():
                     return None
@@ -125,9 +195,18 @@ class Factors:
                 error = self._error(left, x, b)
                 if error <= _EXACT:
                     return x
-                x = x + self._lu.solve(left)
+                x = x + self._substitute(left)
             if not np.isfinite(x).all() or not self._error(b - self._A @ x, x, b) <= _USELESS:
                 return None
+        return x
+
+    def _substitute(self, b: Array) -> Array:
+        """Return what the factors alone give for ``A x = b``."""
+        if self._places is None:
+            x: Array = self._lu.solve(b)
+            return x
+        x = np.empty_like(b)
+        x[self._places] = self._lu.solve(b[self._places])
         return x
 
     def _error(self, left: Array, x: Array, b: Array) -> float:
@@ -146,17 +225,28 @@ def _end_threads() -> None:
     """Wait for all threads: SuperLU takes memory through the interpreter, which must be there."""
     for factors in list(_KEPT):
         factors.release()
-    for thread in threading.enumerate():
-        if thread.name == _THREAD:
+    threads = [it for it in threading.enumerate() if it.name == _THREAD]
+    try:
+        for thread in threads:
+            thread.join(_QUIET)
+        if any(it.is_alive() for it in threads) and sys.stderr is not None:
+            print(_WAITING, file=sys.stderr, flush=True)
+        for thread in threads:
             thread.join()
+    except KeyboardInterrupt:
+        for stream in (sys.stdout, sys.stderr):
+            if stream is not None:
+                stream.flush()
+        os._exit(_INTERRUPTED)
 
 
 class Factoriser:
     """Makes and counts factorisations.
 
-    Where the pattern is symmetric and the diagonal positive the diagonal is pivoted on in the
-    order of minimum degree, which costs least; where that fails, and elsewhere, SuperLU pivots. Its
-    order of columns then is that of ``A'A``, unless a few long rows would fill that.
+    Where the pattern is symmetric and the diagonal positive the diagonal is pivoted on in an order
+    of minimum degree, which costs least; where that fails, and elsewhere, SuperLU pivots. Its
+    order of columns then is that of ``A'A``, unless a few long rows would fill that. The order is
+    kept while the pattern stays.
 
     Parameters
     ----------
@@ -173,6 +263,8 @@ class Factoriser:
         self.fill = 0
         """Entries of the largest factors, L and U together."""
         self._last: tuple[Factors, Any] | None = None
+        self._order: Order | None = None
+        self._kept = Keep()
 
     def last_of(self, free: Any) -> Factors | None:
         """Return the last factors, if they are those of the rows and columns `free`."""
@@ -221,6 +313,8 @@ class Factoriser:
                 return solutions
             if pivoting == "none":
                 self._trusts_diagonal = False
+            elif factors is None:
+                break  # singular, however it is pivoted
         return None
 
     def factors_of(self, A: Any) -> Factors | None:
@@ -229,20 +323,40 @@ class Factoriser:
         return self._factors(A, self._ways(A)[0])
 
     def _factors(self, A: Any, pivoting: str) -> Factors | None:
-        from scipy.sparse.linalg import splu
-
         self._poll()
         self.count += 1
-        released = None if A.nnz < _SHORT else threading.Event()
+        known = self._order if self._order and self._order.fits(A, pivoting) else None
+        work = partial(_factorised, A, pivoting, known)
+        self._kept.settle()  # the memory of former factors is free
+        released = None if A.nnz < _SHORT else Keep()
         try:
             if released is None:
-                lu = splu(A, **_PIVOTING[pivoting])
+                lu, order = work()
             else:
-                lu = in_thread(lambda: splu(A, **_PIVOTING[pivoting]), self._poll, released)
+                self._kept = released
+                lu, order = in_thread(work, self._poll, released)
         except RuntimeError:  # exactly singular
             return None
         self.fill = max(self.fill, int(lu.nnz))
-        return Factors(lu, A, released)
+        self._order = order or Order(A, pivoting, np.argsort(lu.perm_c))
+        return Factors(lu, A, order.places if order else None, released)
+
+
+def _factorised(A: Any, pivoting: str, order: Order | None) -> tuple[Any, Order | None]:
+    """Return the factors of `A` and the order of its rows and columns, None where as it is.
+
+    SuperLU's own order of minimum degree takes minutes for random patterns, and holds the
+    interpreter's lock for so long.
+    """
+    from scipy.sparse.linalg import splu
+
+    told = _PIVOTING[pivoting]
+    if order is None and pivoting == "partial":
+        return splu(A, permc_spec="COLAMD", **told), None
+    if order is None:
+        pattern = (part.astype(np.int32, copy=False) for part in (A.indptr, A.indices))
+        order = Order(A, pivoting, _zivi.minimum_degree(*pattern))
+    return splu(order.of(A), permc_spec="NATURAL", **told), order
 
 
 def rows_of_sizes(J: Any) -> Array:
