@@ -1,7 +1,7 @@
 //! Ticks to be counted or timed, each with its controller in the state in which it meets a sample.
 #![allow(dead_code)] // each example uses a part
 
-#[path = "../../tests/common/mod.rs"]
+#[path = "../../tests/steps/common/mod.rs"]
 mod common;
 
 use common::control::{random_wall, signed, stable};

@@ -1,10 +1,8 @@
 //! Random controllers in random loops, with noise, lifts and references of every kind: every tick
 //! answers, with a finite control within the bound of its law.
 
-mod common;
-
-use common::control::{random_wall, stable};
-use common::Rng;
+use crate::common::control::{random_wall, stable};
+use crate::common::Rng;
 use zivi_core::control::{
     Approach, Gains, Landing, Port, TwistingRegulator, TwistingTracker, Waypoint,
 };

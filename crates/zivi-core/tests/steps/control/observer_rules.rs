@@ -1,9 +1,7 @@
 //! The observer's rules one by one: what starts it, what restarts it, what an impact tells of `e`,
 //! what a missing sample leaves, each against its formula or a fit written here.
 
-mod common;
-
-use common::Rng;
+use crate::common::Rng;
 use zivi_core::observer::{
     Covariance, Estimate, ImpactObserver, Measurement, Memory, ObserverSettings, ObserverState,
     Seen,

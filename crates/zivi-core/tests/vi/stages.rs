@@ -1,9 +1,7 @@
 //! The stages of the solver: each fall-back is needed somewhere, every end has its status, and
 //! nothing but the residual makes a solution.
 
-mod vi_support;
-
-use vi_support::{residual, solve, Maps};
+use crate::support::{residual, solve, Maps};
 use zivi_core::vi::{
     Affine, EvaluationError, InvalidInput, Problem, RowScale, Settings, Stage, Status,
 };

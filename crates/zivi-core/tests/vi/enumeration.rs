@@ -1,9 +1,7 @@
 //! An independent route for small problems: all patterns of active bounds, with many Newton
 //! starts each, on random nonlinear maps.
 
-mod vi_support;
-
-use vi_support::{residual, solve, Maps, Random};
+use crate::support::{residual, solve, Maps, Random};
 use zivi_core::vi::{Settings, Stage};
 
 /// `F(z) = M z + q + a g(B z)` with `g` the arctangent, sine or cube of each entry.

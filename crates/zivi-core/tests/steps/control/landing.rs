@@ -1,9 +1,7 @@
 //! The regulator's landing against the law, the paper's tick and the bound that keeps it down.
 
-mod common;
-
-use common::control::{random_wall, stable};
-use common::Rng;
+use crate::common::control::{random_wall, stable};
+use crate::common::Rng;
 use zivi_core::control::{Gains, Landing, TwistingRegulator};
 use zivi_core::{transform, Branch, Physical, Restitution};
 

@@ -1,10 +1,8 @@
 //! The states that solve a tracking step, found by going through all 81 patterns of the four
 //! signs, and by a scan that knows no patterns: the step takes one of them, by its stated rule.
 
-mod common;
-
-use common::control::{Draw, Instance, DRAWS};
-use common::Rng;
+use crate::common::control::{Draw, Instance, DRAWS};
+use crate::common::Rng;
 use zivi_core::control::tracking::TrackingStep;
 use zivi_core::Lifted;
 

@@ -1,9 +1,7 @@
 //! Proofs that an affine problem has no solution, against problems whose proof or solution is
 //! planted.
 
-mod vi_support;
-
-use vi_support::{planted, solve, Random};
+use crate::support::{planted, solve, Random};
 use zivi_core::vi::{Affine, Report, Settings, Status};
 
 const INF: f64 = f64::INFINITY;

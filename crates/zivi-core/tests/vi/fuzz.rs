@@ -1,10 +1,8 @@
 //! Any finite matrix, any box: the solver ends within its limits, inside the box, and believes
 //! nothing but the residual. A fixed number of cases.
 
-mod vi_support;
-
+use crate::support::{residual, solve};
 use proptest::prelude::*;
-use vi_support::{residual, solve};
 use zivi_core::vi::{Affine, EvaluationError, Problem, Settings, Start};
 
 /// Numbers that break things: zeros, ties, tiny, huge, and anything finite.

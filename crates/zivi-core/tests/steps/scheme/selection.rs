@@ -1,8 +1,6 @@
 //! Which of several solutions a step takes.
 
-mod common;
-
-use common::{scaled_problem, Problem, Rng, Scheme};
+use crate::common::{scaled_problem, Problem, Rng, Scheme};
 use zivi_core::step::{selection::exact_motion, PATTERNS};
 use zivi_core::{Case, Lifted, StepSolution};
 

@@ -1,10 +1,8 @@
 //! The tracker in a closed loop: its reference, its two approaches, and the explicit controller
 //! beside it.
 
-mod common;
-
-use common::control::{random_wall, stable};
-use common::Rng;
+use crate::common::control::{random_wall, stable};
+use crate::common::Rng;
 use zivi_core::control::{Approach, ExplicitTwisting, Gains, TwistingTracker};
 use zivi_core::{transform, Branch, Lifted, Physical, Restitution, ThetaGammaStep};
 

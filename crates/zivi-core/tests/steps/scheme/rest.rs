@@ -1,8 +1,6 @@
 //! Implicit Euler comes to rest: exactly, in finite time, from everywhere.
 
-mod common;
-
-use common::{Rng, Scheme};
+use crate::common::{Rng, Scheme};
 use zivi_core::{transform, Branch, Lifted, Physical, Restitution, StepSolution};
 
 const G: f64 = 9.81;

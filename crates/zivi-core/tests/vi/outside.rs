@@ -1,9 +1,7 @@
 //! What reaches the solver from outside: slopes and values that do not exist, rounding, the
 //! monitor, and problems that have no solution.
 
-mod vi_support;
-
-use vi_support::{p_matrix, planted, residual, solve, Maps, Random};
+use crate::support::{p_matrix, planted, residual, solve, Maps, Random};
 use zivi_core::vi::{Affine, EvaluationError, Interruption, Problem, Progress};
 use zivi_core::vi::{Settings, Stage, Status};
 

@@ -1,10 +1,8 @@
 //! The regulator's step: residuals recomputed, uniqueness by enumeration, exact rest, and the
 //! settling time of the regulated mass against its closed form.
 
-mod common;
-
-use common::control::{random_wall, signed, stable};
-use common::Rng;
+use crate::common::control::{random_wall, signed, stable};
+use crate::common::Rng;
 use zivi_core::control::regulation::{Regulation, RegulationStep};
 use zivi_core::control::Gains;
 use zivi_core::{transform, Branch, Lifted, Physical, Restitution};

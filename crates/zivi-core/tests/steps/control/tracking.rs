@@ -1,10 +1,8 @@
 //! The tracker's exact step: no failure in ten million random instances, every residual
 //! recomputed from the equations as the tests write them.
 
-mod common;
-
-use common::control::{signed, signs, Draw, Instance, DRAWS};
-use common::Rng;
+use crate::common::control::{signed, signs, Draw, Instance, DRAWS};
+use crate::common::Rng;
 use zivi_core::control::cubic::MAX_ITERATIONS;
 use zivi_core::control::tracking::{Place, Tracking};
 use zivi_core::control::Gains;

@@ -1,8 +1,6 @@
 //! A stage alone, without those that come to its help: what it solves, and in how many steps.
 
-mod vi_support;
-
-use vi_support::{p_matrix, planted, residual, solve, Maps, Random};
+use crate::support::{p_matrix, planted, residual, solve, Maps, Random};
 use zivi_core::vi::{Affine, Settings, Stage};
 
 /// No stage but those before Newton's methods.

@@ -4,9 +4,7 @@
 //! multiplier that exceeds one by `1e-13`. Both can happen at once, and a few roundings come on
 //! top: [`TOLERANCE`] is three times that.
 
-mod common;
-
-use common::{Problem, Rng, Scheme};
+use crate::common::{Problem, Rng, Scheme};
 use zivi_core::{Lifted, StepFailure};
 
 const TOLERANCE: f64 = 3e-13;

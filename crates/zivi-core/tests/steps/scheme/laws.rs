@@ -1,9 +1,7 @@
 //! What holds whatever the numbers: symmetry, scaling, loss of energy, and answers or refusals
 //! for any input.
 
-mod common;
-
-use common::{scaled_problem, Problem, Rng, Scheme};
+use crate::common::{scaled_problem, Problem, Rng, Scheme};
 use zivi_core::{transform, Lifted, Restitution, StepFailure, ThetaGammaStep};
 
 fn draw(rng: &Rng) -> Problem {

@@ -1,8 +1,6 @@
 //! The observer against differences of the exact map, a mass that it has to see, and noise.
 
-mod common;
-
-use common::Rng;
+use crate::common::Rng;
 use zivi_core::observer::{
     Covariance, Estimate, ImpactObserver, Measurement, ObserverSettings, ObserverState,
 };

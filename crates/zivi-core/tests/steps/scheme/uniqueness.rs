@@ -8,9 +8,7 @@
 //! positive when `theta >= gamma`, so `s_gamma` meets the graph of the sign once (or, for
 //! `theta = gamma` and `s = 0`, along a segment that is one and the same state).
 
-mod common;
-
-use common::{apart, scaled_problem, Problem, Rng, Scheme};
+use crate::common::{apart, scaled_problem, Problem, Rng, Scheme};
 use zivi_core::Lifted;
 
 /// States nearer than this (in units of `h^2 |f|`, `h |f|`) count as one.

@@ -1,9 +1,7 @@
 //! The observer of positions on masses that are kicked, seen by a sensor with outliers and gaps, in
 //! several units, with a wrong restitution. The masses move by a recursion of their own.
 
-mod common;
-
-use common::Rng;
+use crate::common::Rng;
 use zivi_core::observer::{ImpactObserver, Measurement, ObserverSettings};
 use zivi_core::Restitution;
 

@@ -1,9 +1,7 @@
 //! Affine VIs with planted solutions.
 
-mod vi_support;
-
+use crate::support::{p_matrix, planted, residual, solve, Random};
 use proptest::prelude::*;
-use vi_support::{p_matrix, planted, residual, solve, Random};
 use zivi_core::vi::{Affine, Settings, Stage, Start};
 
 proptest! {

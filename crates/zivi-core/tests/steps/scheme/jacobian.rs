@@ -1,8 +1,6 @@
 //! `vi_map` is the equation of the step and `vi_jacobian` is its derivative, for every setting.
 
-mod common;
-
-use common::{Problem, Rng, Scheme};
+use crate::common::{Problem, Rng, Scheme};
 use zivi_core::Lifted;
 
 fn draw(rng: &Rng) -> (Problem, [f64; 2]) {

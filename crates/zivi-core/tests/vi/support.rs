@@ -1,6 +1,5 @@
 //! What the tests of the box VI solver share: random numbers, a solve with its own memory, and a
 //! residual written anew.
-#![allow(dead_code)]
 
 use zivi_core::vi::{self, EvaluationError, InvalidInput, Problem, Report, Settings, Workspace};
 

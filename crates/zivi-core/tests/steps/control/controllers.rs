@@ -1,9 +1,7 @@
 //! The controllers as they are used: a sequence of ticks.
 
-mod common;
-
-use common::control::{random_wall, stable};
-use common::Rng;
+use crate::common::control::{random_wall, stable};
+use crate::common::Rng;
 use zivi_core::control::{
     Approach, ExplicitTwisting, Gains, Port, TickStatus, TwistingRegulator, TwistingTracker,
 };

@@ -1,10 +1,8 @@
 //! The controllers' steps as box VIs: the maps are the equations, the Jacobians their derivatives,
 //! and six signs are two and four.
 
-mod common;
-
-use common::control::{random_wall, signed, signs, stable, Instance, DRAWS};
-use common::Rng;
+use crate::common::control::{random_wall, signed, signs, stable, Instance, DRAWS};
+use crate::common::Rng;
 use zivi_core::control::inclusion::{
     Inclusion, PlantInclusion, RegulationInclusion, TrackingInclusion,
 };
