@@ -49,6 +49,7 @@ nb_execution_timeout = 120
 # pages whose code a test of its own runs, when a test builds the site
 nb_execution_excludepatterns = os.environ.get("ZIVI_DOCS_NOT_EXECUTED", "").split()
 nb_merge_streams = True
+nb_output_stderr = "warn"  # no page shows a warning of its own code
 
 # the reference, from the docstrings
 default_role = "py:obj"

@@ -7,9 +7,9 @@ from lab_server import serving
 from screenshots import browser, save
 
 PICTURES = {
-    "lab": (1280, 720, "?tab=Tracker"),
-    "lab_middle": (900, 700, "?tab=Regulator"),
-    "lab_narrow": (420, 700, "?tab=Ball"),
+    "lab": (1280, 760, "?tab=Tracker"),
+    "lab_middle": (900, 760, "?tab=Regulator"),
+    "lab_narrow": (420, 560, "?tab=Ball"),
 }
 """Width, height and settings of each."""
 

@@ -8,7 +8,10 @@ import contextlib
 import importlib
 import io
 import re
+import warnings
 from pathlib import Path
+
+import zivi
 
 DOCS = Path(__file__).parents[1] / "docs"
 PRINT = re.compile(r"^ *(?:print\(.*\)|\))  # (.*)$", re.MULTILINE)
@@ -34,9 +37,10 @@ def missing(code):
 
 
 def run(code, names):
-    """Run a block and compare what it prints with what its comments say."""
+    """Run a block and compare what it prints with what its comments say; it warns of no model."""
     out = io.StringIO()
-    with contextlib.redirect_stdout(out):
+    with contextlib.redirect_stdout(out), warnings.catch_warnings():
+        warnings.simplefilter("error", zivi.ModelWarning)
         exec(compile(code, "page", "exec"), names)
     printed = out.getvalue().splitlines()
     promised = PRINT.findall(code)

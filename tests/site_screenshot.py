@@ -23,7 +23,8 @@ def main(site, folder, *names):
                 if names and path.stem not in names:
                     continue
                 shown.goto(path.resolve().as_uri())
-                shown.screenshot(path=out / f"{path.stem}_{width}.png", full_page=True)
+                name = "-".join(path.relative_to(site).with_suffix("").parts)
+                shown.screenshot(path=out / f"{name}_{width}.png", full_page=True)
             shown.close()
     print(f"{out}: {len(list(out.glob('*.png')))} pictures")
 

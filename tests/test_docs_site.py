@@ -139,11 +139,26 @@ def test_every_example_in_the_gallery_has_a_page_that_runs_it(tmp_path):
         assert lines[start - 1].startswith(("import", "from"))
 
 
+def test_tables_of_keys_have_three_columns_on_the_site():
+    page = (DOCS / "command_line.md").read_text()
+    shown = generated.shown("command_line", page)
+    rows = [line for line in shown.splitlines() if line.startswith("| `") and "zivi " not in line]
+    in_six = generated.document.insert(page).splitlines()
+    assert len(rows) == sum(line.startswith("| `") and "zivi " not in line for line in in_six) > 100
+    assert all(len(line.strip("|").split(" | ")) == 3 for line in rows)
+    assert (
+        "| `method.h` | a finite number > 0 (s), **required** "
+        "| *ThetaGamma, MoreauJean, ExplicitEuler:* step |" in rows
+    )
+    assert "| `force.omega` | a finite number (rad/s); default 1 | omega |" in rows
+
+
 def test_links_to_examples_lead_to_their_pages():
     text = "[a](../examples/rocking_block.py) [b](../examples/programs) [c](../examples/files)"
     shown = generated.shown("any", text)
     assert shown == "[a](gallery/rocking_block.md) [b](gallery/programs.md) [c](../examples/files)"
     listed = generated.shown("gallery", (DOCS / "gallery.md").read_text())
+    assert "[![](" not in listed
     for name in generated.listed():
         assert (
             len(re.findall(rf"^\| .*\| \[.*?\]\(gallery/{name}\.md\).* \|$", listed, re.MULTILINE))

@@ -38,6 +38,19 @@ def test_nothing_is_cut_off(site, chromium, width):  # noqa: F811
     page.close()
 
 
+UNTOLD = """() => Array.from(document.querySelectorAll("article img"))
+    .filter(it => !it.alt || it.alt.endsWith(".png") || it.alt.includes("_images"))
+    .map(it => it.src)"""
+
+
+def test_every_picture_of_a_script_is_told(site, chromium):  # noqa: F811
+    page = chromium.new_page()
+    for path in [site / "gallery.html", site / "lab.html", *sorted((site / "gallery").glob("*"))]:
+        page.goto(path.as_uri())
+        assert page.evaluate(UNTOLD) == [], path.name
+    page.close()
+
+
 def test_the_buttons_copy_what_is_typed(site, chromium):  # noqa: F811
     page = chromium.new_page()
     page.goto((site / "gallery" / "programs.html").as_uri())

@@ -1,6 +1,6 @@
 """What the pages show of the code, written when the site is built.
 
-- ``<!-- keys of simulate -->`` becomes the table of the keys of a file.
+- ``<!-- keys of simulate -->`` becomes the table of the keys of a file, in three columns.
 - A fence ```` ```{api} ```` with names becomes a summary of them and their docstrings.
 - Each script of ``examples`` that ``gallery.md`` lists gets a page: its docstring, what it prints,
   its figure, the pages that link to it, its code. Links to the script lead there, and the list
@@ -14,6 +14,7 @@ import ast
 import enum
 import importlib
 import inspect
+import json
 import re
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -31,6 +32,28 @@ ITEM = re.compile(r"^- \[(.+?)\]\(\.\./examples/(\w+)\.py\)(.*)$", re.MULTILINE)
 API = re.compile(r"^```\{api\}\n(.*?)^```$", re.DOTALL | re.MULTILINE)
 FIGURES = {"readme_picture": "zeno"}
 """Figures of the repository that do not have the name of their script."""
+
+
+# --- keys of files
+
+
+def three_columns(page: str) -> str:
+    """Put unit and default of a key behind what is allowed, its owner before its meaning."""
+
+    def row(line: str) -> str:
+        key, only, unit, allowed, default, meaning = (
+            cell.strip() for cell in line.strip("|").split(" | ")
+        )
+        value = f"{allowed} ({unit})" if unit not in ("", "1") else allowed
+        value += f", {default}" if default.startswith("**") else f"; default {default}"
+        owner = f"*{only}:* " if only else ""
+        return f"| {key} | {value.removesuffix('; default ')} | {owner}{meaning} |"
+
+    def table(match: re.Match[str]) -> str:
+        rows = "\n".join(map(row, match[1].splitlines()))
+        return f"| key | value | meaning |\n|---|---|---|\n{rows}\n"
+
+    return re.sub(re.escape(document.HEAD) + r"((?:\|.*\n)+)", table, page)
 
 
 # --- the reference
@@ -105,7 +128,8 @@ def with_figures(page: str) -> str:
     def row(match: re.Match[str]) -> str:
         title, name, remark = match.groups()
         figure = f"figures/{FIGURES.get(name, name)}.png"
-        picture = f"[![]({figure})](gallery/{name}.md)" if (DOCS / figure).exists() else ""
+        has = (DOCS / figure).exists()
+        picture = f"[![{title}]({figure})](gallery/{name}.md)" if has else ""
         return f"| {picture} | [{title}](gallery/{name}.md){remark} |"
 
     return re.sub(r"\n\n(?=\| )", "\n\n| | |\n|---|---|\n", ITEM.sub(row, page))
@@ -131,9 +155,10 @@ def gallery_page(name: str) -> str:
         f"# {listed()[name]}",
         f"{head}\n\n{text}".strip(),
         *([f"See {', '.join(links)}."] if links else []),
-        "```{code-cell} python\n:tags: [remove-input]\n\n"
+        "```{code-cell} python\n---\ntags: [remove-input]\nmystnb:\n  image:\n"
+        f"    alt: {json.dumps(f'What the script draws: {listed()[name]}')}\n---\n"
         f"%run ../_gallery.py {name}{'' if 'out.png' in told else ' --no-figure'}\n```",
-        *([f"![The motion](../figures/{film.name})"] if film.exists() else []),
+        *([f"![{listed()[name]}: a film](../figures/{film.name})"] if film.exists() else []),
         f"## The script\n\n`examples/{name}.py`",
         f"```{{literalinclude}} ../../examples/{name}.py\n:language: python\n"
         f":lines: {(tree.body[0].end_lineno or 0) + 2}-\n```",
@@ -183,7 +208,7 @@ def shown(name: str, page: str) -> str:
     """Give a page as the site has it."""
     if name == "gallery":
         page = with_figures(page)
-    return reference(document.insert(to_gallery(page)))
+    return reference(three_columns(document.insert(to_gallery(page))))
 
 
 def setup(app: Sphinx) -> dict[str, bool]:
