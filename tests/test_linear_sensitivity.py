@@ -204,6 +204,24 @@ def chain(omega, stop):
     )
 
 
+def test_the_radius_up_to_a_minimum():
+    """``x = 1 + (1 - d) cos t`` comes as near as ``d`` to the wall, beside another coordinate."""
+    depth = 1e-3
+    system = zivi.LinearSystem(
+        np.eye(2),
+        None,
+        np.diag([1.0, 4.0]),
+        excitation=[1.0, 0.0],
+        gaps=[zivi.LinearGap([1.0, 0.0]), zivi.LinearGap([0.0, 1.0], 5.0)],
+        e=0.5,
+    )
+    s = zivi.sensitivity(system, (0, 4), ([2 - depth, 0.3], [0.0, 0.2]), ("q0",))
+    assert s.nearest is not None
+    assert s.nearest.kind == "minimum"
+    assert s.nearest.t == pytest.approx(np.pi, abs=1e-12)
+    assert s.radius[0] == pytest.approx(depth, rel=1e-9)
+
+
 def test_tables_and_walls_of_tables_are_differentiated():
     """By a parameter that they depend on, against differences of runs."""
     times = np.linspace(0.0, 4.0, 9)

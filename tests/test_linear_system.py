@@ -298,6 +298,19 @@ def test_other_frequencies_are_runs_of_a_batch():
         zivi.LinearSystem(1.0, 0.1, 1.0).at(omega=2.0)
 
 
+def test_gaps_that_close_together_to_rounding_are_one_impact():
+    """Two masses that move as one, and the gap of one of them in other units."""
+    gaps = [zivi.LinearGap([1.0, 0.0], 0.1), zivi.LinearGap([0.0, 3.0], 0.3)]
+    load = zivi.Harmonic([3.0, 3.0], 1.3)
+    both = np.eye(2)
+    system = zivi.LinearSystem(both, 0.02 * both, 0.7 * both, excitation=load, gaps=gaps, e=0.8)
+    impacts = zivi.simulate(system, (0, 60), ([1.3, 1.3], [0.1, 0.1])).impacts
+    one, other = (impacts[impacts["gap"] == gap] for gap in (0, 1))
+    assert len(one) > 10
+    assert (one["t"] == other["t"]).all()
+    assert (one["group"] == other["group"]).all()
+
+
 @pytest.mark.parametrize("kind", ["hold", "linear", "cubic"])
 def test_tables_excite_as_matrix_exponentials_between_their_knots(kind):
     mass, damping, stiffness = matrices(3, 5)

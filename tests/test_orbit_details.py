@@ -10,6 +10,10 @@ import zivi
 from zivi.orbits import free, switch
 from zivi.orbits.arc import Arc
 from zivi.orbits.curve import locate
+from zivi.orbits.mechanical import curve as mechanical_curve
+from zivi.orbits.mechanical.path import located
+from zivi.orbits.mechanical.resting import _power
+from zivi.orbits.rest import chatter_exponent
 from zivi.orbits.rest_branch import Follower
 
 
@@ -110,3 +114,64 @@ def test_axes_are_told_where_they_are_not_those_of_one_mass():
     force = zivi.LinearForce(gravity=1, amplitude=1.52, phase=-np.pi / 2)
     found = zivi.basins(zivi.ImpactSystem(force, e=0.5), [0.0, 1.0], [0.0, 1.0])
     assert "axes" not in found._table().attrs
+
+
+@pytest.mark.parametrize("load", [0.0, 0.3])
+def test_a_grazing_curve_begins_where_the_load_holds_the_gap(load):
+    """``x'' + .1 x' + x = load + F cos t`` swings by 10 F about the load, the stop is at 1."""
+    system = zivi.LinearSystem(
+        1.0,
+        0.1,
+        1.0,
+        excitation=[np.array([load]), zivi.Harmonic([0.8], 1.0)],
+        gaps=[zivi.LinearGap([-1.0], 1.0, name="stop")],
+        e=0.8,
+    )
+    found = zivi.grazing_curve(system, "stop", [1.0])
+    assert found[0] == pytest.approx([1.0, (1.0 - load) / 10.0], rel=1e-12)
+
+
+def test_a_rest_after_a_plastic_impact_ends_smoothly():
+    """Its duration goes with the first power, after an accumulation with that of ``e``."""
+    flow = SimpleNamespace(e=np.array([0.3]))
+    short = SimpleNamespace(segment=1, gap=0)
+
+    def power(kind):
+        word = [SimpleNamespace(kind=kind), SimpleNamespace(kind="L")]
+        return _power(
+            SimpleNamespace(terms=SimpleNamespace(frame=SimpleNamespace(word=word, flow=flow))),
+            short,
+        )
+
+    assert power("S") == 1.0
+    assert power("Z") == pytest.approx(1.0 / chatter_exponent(0.3))
+
+
+def test_points_between_two_are_named_on_the_way(monkeypatch):
+    one = SimpleNamespace(z=np.array([2.0, 0.0]), tests={"fold": 1.0, "cusp": 1.0, "pole": 1.0})
+    other = SimpleNamespace(z=np.array([1.5, 1.0]), tests={"fold": -1.0, "cusp": -2.0, "pole": 3.0})
+    parts = iter([0.7, 0.2])
+
+    def between(path, low, high, test):
+        return SimpleNamespace(
+            z=low.z + next(parts) * (high.z - low.z), tests={"fold": 0.0, "cusp": 0.0}
+        )
+
+    monkeypatch.setattr(mechanical_curve, "located", between)
+    found = mechanical_curve.Line.named(SimpleNamespace(), one, other)
+    assert [it.kind for it in found] == ["cusp", "fold"]
+
+
+def test_an_event_is_looked_for_fifty_times_at_most():
+    """Where a test function jumps, and the points are too far apart for the digits of a part."""
+    tried = []
+
+    def correct(guess, normal):
+        tried.append(guess)
+        return SimpleNamespace(z=guess, tangent=np.array([1.0]))
+
+    ends = [SimpleNamespace(z=np.array([z]), tangent=np.array([1.0])) for z in (0.0, 1e12)]
+    path = SimpleNamespace(correct=correct)
+    found = located(path, *ends, lambda it: 1.0 if it.z[0] < 3e11 else -1.0)
+    assert found is not None
+    assert len(tried) == 50

@@ -75,3 +75,32 @@ pub fn after(state: Physical, f: Real, e: Real, mut left: Real) -> Physical {
     }
     Physical::default()
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_what_falls_meets_the_wall() {
+        for (x, xdot, f) in [(2.0, 1.0, 0.0), (2.0, 0.0, 0.0), (2.0, 1.0, 4.0), (0.0, 1.0, 0.0)] {
+            assert_eq!(time_to_wall(Physical { x, xdot }, f), None, "{x} {xdot} {f}");
+        }
+        // x + xdot t + f t^2/2 = 0
+        for (x, xdot, f, t) in [(2.0, -1.0, 0.0, 2.0), (6.0, 1.0, -4.0, 2.0), (1.0, -3.0, 4.0, 0.5)]
+        {
+            assert_eq!(time_to_wall(Physical { x, xdot }, f), Some(t), "{x} {xdot} {f}");
+        }
+    }
+
+    #[test]
+    fn a_flight_ends_between_its_impacts() {
+        // down from 2 in 1 s, up with 2 m/s for 1 s, with 1 m/s for .5 s, ..., at rest after 3 s
+        let down = Physical { x: 2.0, xdot: 0.0 };
+        for (left, x, xdot) in
+            [(0.5, 1.5, -2.0), (1.5, 0.5, 0.0), (1.75, 0.375, -1.0), (2.25, 0.125, 0.0)]
+        {
+            assert_eq!(after(down, -4.0, 0.5, left), Physical { x, xdot }, "{left}");
+        }
+        assert_eq!(after(down, -4.0, 0.5, 3.0), Physical::default());
+    }
+}

@@ -302,6 +302,7 @@ mod tests {
     use super::*;
     use crate::mechanics::{simulate_mechanical, MechanicalOutput};
     use crate::record::occurrence::Occurrence;
+    use crate::system::dynamics::FunctionDynamics;
     use crate::system::friction::{Channel, Friction};
     use crate::system::impact_law::newton_impacts;
     use crate::Silent;
@@ -428,6 +429,48 @@ mod tests {
                 let order = (errors[0][of] / errors[1][of]).log2();
                 assert!((order - 2.0).abs() < 0.05, "{mu} {slip} {of}: {order} {errors:?}");
             }
+        }
+    }
+
+    #[test]
+    fn only_impacts_of_one_restitution_below_one_are_a_chain() {
+        let layout = Layout::smooth(2, 2);
+        let unit = [1.0, 0.0, 0.0, 1.0];
+        // two masses on floors of their own, which they leave together
+        let noted = |e: [f64; 2], u: [f64; 2]| {
+            let function = |_: f64, q: &[f64], _: &[f64], out: &mut [f64]| {
+                out[layout.mass()].copy_from_slice(&unit);
+                out[layout.force()].copy_from_slice(&[-2.0, -2.0]);
+                out[layout.gap()].copy_from_slice(q);
+                out[layout.gradient()].copy_from_slice(&unit);
+                out[layout.curvature()].fill(0.0);
+                out[layout.rate()].fill(0.0);
+                Ok::<(), Infallible>(())
+            };
+            let mut masses = FunctionDynamics { layout, function };
+            let friction = Friction::none();
+            let mut state = MechanicalState::new(layout, friction);
+            let mut aside = Kinetics::new(layout, friction);
+            let mut model = Model::new(&mut masses);
+            state.start(0.0, (&[0.0, 0.0], &u), &mut model).unwrap();
+            let both = GapSet::of(0).with(GapSet::of(1));
+            let landed = ContactMode { closed: both, ..ContactMode::default() };
+            let key = Key { hit: both, flight: ContactMode::default(), landed };
+            let (state, aside, model) = (&mut state, &mut aside, &mut model);
+            let settings = SwitchedRk::default();
+            let mut at = Mechanism { settings: &settings, e: &e, state, aside, model };
+            let mut chain = ImpactChain::new(layout.size());
+            chain.note((key, None), &mut at).unwrap();
+            chain.impacts().bounces().len()
+        };
+        assert_eq!(noted([0.5, 0.5], [1.0, 1.0]), 1);
+        for (e, u) in [
+            ([0.5, 0.8], [1.0, 1.0]),
+            ([1.0, 1.0], [1.0, 1.0]),
+            ([0.0, 0.0], [1.0, 1.0]),
+            ([0.5, 0.5], [0.0, 1.0]),
+        ] {
+            assert_eq!(noted(e, u), 0, "{e:?} {u:?}");
         }
     }
 }

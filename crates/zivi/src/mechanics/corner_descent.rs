@@ -266,3 +266,70 @@ fn derivative(x: &[f64], h: f64) -> Vec<f64> {
         })
         .collect()
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Of a ball with the pulls of rise and fall 5 and 2, let go with 3 m/s: v^2/2 = pull * height.
+    #[test]
+    fn half_arcs_are_parabolas_with_the_pull_of_their_half() {
+        let arcs = half_arcs([5.0, 2.0], 3.0, 0.5, 0.4);
+        let heights = |k: usize, tau: f64| {
+            let NestedArc { y, v, a, .. } = &arcs[k];
+            [y[0] + tau * (v[0] + 0.5 * tau * a[0]), v[0] + tau * a[0]]
+        };
+        let (mut t, mut u) = (0.0, 3.0_f64);
+        for k in (0..arcs.len()).step_by(2) {
+            let top = u * u / 10.0;
+            let down = 2.0 * top.sqrt() / 2.0_f64.sqrt() / 2.0_f64.sqrt();
+            let speed = (2.0 * 2.0 * top).sqrt();
+            for (half, length, end) in [(k, u / 5.0, [top, 0.0]), (k + 1, down, [0.0, -speed])] {
+                assert!((arcs[half].start - t).abs() < 1e-15 * (1.0 + t), "{half}");
+                assert!((arcs[half].length - length).abs() < 1e-15, "{half}");
+                for (ours, theirs) in heights(half, length).into_iter().zip(end) {
+                    assert!((ours - theirs).abs() < 1e-15, "{half} {ours} {theirs}");
+                }
+                t += length;
+            }
+            u = 0.5 * speed;
+        }
+        // each arc returns with .5 sqrt(2/5) of its speed: 3, .949, .3 m/s, the last too slow
+        assert_eq!(arcs.len(), 4);
+    }
+
+    /// tau = s + kappa s^2 at the time s: the heights and their rates are those of the chain rule.
+    #[test]
+    fn stretched_arcs_keep_their_heights() {
+        let one = |x: f64| vec![x];
+        let (start, length, closed) = (0.7, 0.4, GapSet::EMPTY);
+        let arc = NestedArc { start, length, y: one(0.2), v: one(1.5), a: one(-3.0), closed };
+        let kappa = 0.15;
+        for tau in [0.0, 0.13, 0.4] {
+            let (s, [y, u, a]) = state_at(&arc, tau, kappa);
+            assert!((s + kappa * s * s - (start + tau)).abs() < 1e-15);
+            let height = |s: f64| {
+                let tau = s + kappa * s * s - start;
+                0.2 + tau * (1.5 - 1.5 * tau)
+            };
+            assert!((y[0] - height(s)).abs() < 1e-15);
+            let d = 1e-3;
+            let (before, after) = (height(s - d), height(s + d));
+            assert!(((after - before) / (2.0 * d) - u[0]).abs() < 1e-5, "{tau}");
+            assert!(((after + before - 2.0 * height(s)) / (d * d) - a[0]).abs() < 1e-5, "{tau}");
+        }
+    }
+
+    #[test]
+    fn a_derivative_of_the_same_degree_has_the_slopes() {
+        let (h, n) = (0.4, 5);
+        // t^3 over [0, h] in Bernstein form of degree 5: h^3 (k over 3)/(5 over 3)
+        let choose = |k: usize| (k * k.saturating_sub(1) * k.saturating_sub(2)) as f64 / 6.0;
+        let x: Vec<f64> = (0..=n).map(|k| h * h * h * choose(k) / 10.0).collect();
+        let slope = Bernstein::new(&derivative(&x, h));
+        for k in 0..=8 {
+            let t = h * f64::from(k) / 8.0;
+            assert!((slope.at(t / h) - 3.0 * t * t).abs() < 1e-15, "{t}");
+        }
+    }
+}

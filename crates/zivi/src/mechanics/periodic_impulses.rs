@@ -320,3 +320,177 @@ impl Modes {
         found
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Two masses between walls, each a damped oscillator that pushes the other's gap by a part.
+    const OSCILLATORS: [Pair; 2] = [(0.3, 2.1), (0.15, 3.7)];
+    /// By gap and oscillator what a speed of it adds to the gap, and by which it answers an impulse.
+    const SEEN: [[f64; 2]; 2] = [[1.0, 0.4], [-0.7, 0.9]];
+    const PERIOD: f64 = 2.3;
+    const OMEGAS: [f64; 2] =
+        [2.0 * std::f64::consts::PI / PERIOD, 4.0 * std::f64::consts::PI / PERIOD];
+    const FORCED: [[f64; 5]; 2] = [[0.3, 0.2, -0.1, 0.05, 0.07], [0.5, -0.3, 0.15, 0.02, -0.04]];
+    const FORCED_STATES: [[f64; 5]; 4] = [
+        [0.1, 0.2, 0.3, 0.4, 0.5],
+        [0.7, -0.6, 0.5, -0.4, 0.3],
+        [0.2, 0.1, 0.0, -0.1, 0.6],
+        [-0.3, 0.4, 0.8, 0.1, 0.2],
+    ];
+    const GAPS: [usize; 3] = [0, 1, 0];
+    /// Impulses and times.
+    const UNKNOWNS: [f64; 6] = [0.8, 0.3, 1.3, 1.1, 0.5, 1.9];
+
+    /// The states are position and velocity of the first oscillator, then of the second.
+    fn modes() -> Modes {
+        let rates: Vec<Pair> = OSCILLATORS.iter().map(|&(a, b)| (-a, b)).collect();
+        let mut kernels = Vec::new();
+        for order in 0..4 {
+            for of in SEEN {
+                for by in SEEN {
+                    for (mode, &l) in rates.iter().enumerate() {
+                        // sin(b t)/b is the real part of -i e^(i b t)/b
+                        let c = (0.0, -of[mode] * by[mode] / l.1);
+                        kernels.push((0..order).fold(c, |c, _| product(c, l)));
+                    }
+                }
+            }
+        }
+        let mut vectors = vec![(0.0, 0.0); 8];
+        for (mode, &l) in rates.iter().enumerate() {
+            vectors[2 * mode * 2 + mode] = (1.0, 0.0);
+            vectors[(2 * mode + 1) * 2 + mode] = l;
+        }
+        let part = |by: [f64; 2]| [0, 1].map(|mode| (0.0, -by[mode] / OSCILLATORS[mode].1));
+        let pushes = SEEN.iter().flat_map(|by| [0.0, by[0], 0.0, by[1]]).collect();
+        Modes {
+            period: PERIOD,
+            rates,
+            kernels,
+            vectors,
+            inputs: SEEN.into_iter().flat_map(part).collect(),
+            pushes,
+            forced_gaps: FORCED.concat(),
+            forced_states: FORCED_STATES.concat(),
+            omegas: OMEGAS.to_vec(),
+            mobilities: SEEN.iter().map(|by| by[0] * by[0] + by[1] * by[1]).collect(),
+            e: vec![0.6, 0.8],
+        }
+    }
+
+    /// A row of a forced response and its derivative.
+    fn forced(row: &[f64; 5], t: f64) -> [f64; 2] {
+        let mut found = [row[0], 0.0];
+        for (i, w) in OMEGAS.iter().enumerate() {
+            let (a, b) = (row[1 + 2 * i], row[2 + 2 * i]);
+            found[0] += a * (w * t).cos() + b * (w * t).sin();
+            found[1] += w * (b * (w * t).cos() - a * (w * t).sin());
+        }
+        found
+    }
+
+    /// Position and velocity of an oscillator after all impulses of 200 periods before an impact.
+    fn struck(mode: usize, k: usize, y: &[f64]) -> [f64; 2] {
+        let (a, b) = OSCILLATORS[mode];
+        let mut found = [0.0; 2];
+        for period in 0..200 {
+            for (j, &gap) in GAPS.iter().enumerate() {
+                let d = y[2 * k + 1] - y[2 * j + 1] + f64::from(period) * PERIOD;
+                if d <= 0.0 {
+                    continue;
+                }
+                let size = SEEN[gap][mode] * y[2 * j] * (-a * d).exp();
+                found[0] += size * (b * d).sin() / b;
+                found[1] += size * ((b * d).cos() - a / b * (b * d).sin());
+            }
+        }
+        found
+    }
+
+    #[test]
+    fn the_equations_are_those_of_all_impulses_so_far() {
+        let modes = modes();
+        modes.check(&GAPS).unwrap();
+        let found = modes.equations(&GAPS, &UNKNOWNS);
+        let states = modes.states(&GAPS, &UNKNOWNS);
+        for (k, &gap) in GAPS.iter().enumerate() {
+            let [mut place, mut speed] = forced(&FORCED[gap], UNKNOWNS[2 * k + 1]);
+            for (mode, part) in SEEN[gap].iter().enumerate() {
+                let [x, v] = struck(mode, k, &UNKNOWNS);
+                place += part * x;
+                speed += part * v;
+                let pushed = v + part * UNKNOWNS[2 * k];
+                for (s, value) in [(2 * mode, x), (2 * mode + 1, pushed)] {
+                    let all = value + forced(&FORCED_STATES[s], UNKNOWNS[2 * k + 1])[0];
+                    assert!((states[4 * k + s] - all).abs() < 1e-13, "{k} {s}");
+                }
+            }
+            let law = (1.0 + modes.e[gap]) * speed + modes.mobilities[gap] * UNKNOWNS[2 * k];
+            assert!((found.rates[k] - speed).abs() < 1e-13);
+            assert!((found.residual[2 * k] - place).abs() < 1e-13);
+            assert!((found.residual[2 * k + 1] - law).abs() < 1e-13);
+        }
+    }
+
+    /// `f` differenced by each unknown, of fourth order.
+    fn differenced(f: impl Fn(&[f64]) -> Vec<f64>) -> Vec<Vec<f64>> {
+        const D: f64 = 1e-3;
+        let moved = |j: usize, by: f64| {
+            let mut y = UNKNOWNS;
+            y[j] += by * D;
+            f(&y)
+        };
+        (0..UNKNOWNS.len())
+            .map(|j| {
+                let [near, far] = [1.0, 2.0].map(|by: f64| (moved(j, -by), moved(j, by)));
+                let pairs = near.0.iter().zip(&near.1).zip(far.0.iter().zip(&far.1));
+                pairs.map(|((a, b), (c, d))| (8.0 * (b - a) - (d - c)) / (12.0 * D)).collect()
+            })
+            .collect()
+    }
+
+    #[test]
+    fn the_jacobian_is_that_of_the_equations() {
+        let modes = modes();
+        let matrix = modes.equations(&GAPS, &UNKNOWNS).matrix;
+        let columns = differenced(|y| modes.equations(&GAPS, y).residual);
+        for (j, column) in columns.iter().enumerate() {
+            for (i, rate) in column.iter().enumerate() {
+                assert!((matrix[6 * i + j] - rate).abs() < 1e-9, "{i} {j} {rate}");
+            }
+        }
+        // a disturbance that repeats is that of the equations themselves
+        for (one, other) in modes.turned(&GAPS, &UNKNOWNS, 1.0)[0].iter().zip(&matrix) {
+            assert!((one - other).abs() < 1e-13);
+        }
+    }
+
+    #[test]
+    fn gradients_of_the_turned_jacobian_are_its_differences() {
+        let modes = modes();
+        let (w, v) = ([0.3, -0.7, 0.2, 0.9, -0.4, 0.6], [0.5, 0.8, -0.6, 0.7, 0.1, -0.9]);
+        let kappa = 0.35;
+        let found = modes.curvature(&GAPS, &UNKNOWNS, kappa, (&w, &v));
+        let columns = differenced(|y| {
+            let form = |matrix: &Vec<f64>| {
+                (0..36).map(|at| w[at / 6] * matrix[at] * v[at % 6]).sum::<f64>()
+            };
+            modes.turned(&GAPS, y, kappa).iter().map(form).collect()
+        });
+        for (j, column) in columns.iter().enumerate() {
+            for (part, rate) in column.iter().enumerate() {
+                assert!((found[part][j] - rate).abs() < 1e-9, "{part} {j}: {rate}");
+            }
+        }
+    }
+
+    #[test]
+    fn lists_of_a_wrong_length_are_named() {
+        let short = Modes { pushes: vec![0.0; 7], ..modes() };
+        assert_eq!(short.check(&GAPS), Err("pushes must have 8 numbers, got 7".into()));
+        assert_eq!(modes().check(&[0, 2]), Err("gaps must be below 2, got 2".into()));
+        assert_eq!(modes().check(&[]), Err("gaps must have at least one".into()));
+    }
+}

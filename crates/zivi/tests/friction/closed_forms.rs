@@ -303,3 +303,42 @@ fn the_arcs_that_a_guide_skips_are_drawn() {
         u *= e * ((G - l) / (G + l)).sqrt();
     }
 }
+
+#[test]
+fn units_of_length_do_not_matter() {
+    // a block on a floor that is inclined as the pull is, and pulled along it by 2 t: it slips where
+    // that is mu G, then s'' = 2 (t - t0)
+    let (mu, (sin, cos)) = (0.3, 0.7_f64.sin_cos());
+    for unit in [1e-13, 1e-6, 1.0, 1e6, 1e13] {
+        let mut block = rough(2, &[Some(0)], &[0.5], 0.0, move |t, q, _| Parts {
+            mass: vec![1.0, 0.0, 0.0, 1.0],
+            force: vec![unit * (2.0 * t * cos + G * sin), unit * (2.0 * t * sin - G * cos)],
+            gaps: vec![Row {
+                value: cos * q[1] - sin * q[0],
+                row: vec![-sin, cos],
+                curvature: 0.0,
+                rate: 0.0,
+            }],
+            channels: vec![slip(&[cos, sin], 0.0, 0.0)],
+            limits: vec![(mu, mu)],
+        });
+        let settings = SwitchedRk { rtol: 1e-9, atol: [1e-9 * unit; 2], ..SwitchedRk::default() };
+        let run = simulate_mechanical(
+            settings,
+            &mut block,
+            &newton_impacts(&[0.5]).unwrap(),
+            (0.0, 3.0),
+            (&[0.0, 0.0], &[0.0, 0.0]),
+            MechanicalOutput::default(),
+            &mut Silent,
+        )
+        .unwrap();
+        assert_eq!(run.status, Status::Completed, "{unit:e}");
+        let (slips, t0) = (transitions(&run), 0.5 * mu * G);
+        assert!(slips.len() == 1 && (slips[0].0 - t0).abs() < 1e-12, "{unit:e}: {slips:?}");
+        let size = run.layout.size();
+        let last = &run.samples.x[run.samples.x.len() - size..];
+        let last = (cos * last[0] + sin * last[1]) / unit;
+        assert!((last - (3.0 - t0).powi(3) / 3.0).abs() < 1e-8, "{unit:e}: {last}");
+    }
+}

@@ -6,7 +6,7 @@ use zivi::mechanics::{
 use zivi::{Grid, MoreauJean, Silent, Status};
 
 use crate::closed_forms::guide;
-use crate::models::{of_family, G};
+use crate::models::{of_family, rough, slip, Parts, Row, G};
 use crate::references::cases;
 
 /// The state at the end of a run.
@@ -142,4 +142,36 @@ fn the_implicit_step_brings_a_mass_in_a_guide_to_rest() {
         });
         assert!((zeno.unwrap() - exact).abs() < most, "{zeno:?} {exact}");
     }
+}
+
+#[test]
+fn a_block_that_slides_loses_what_friction_takes() {
+    // v = 2 - mu G t: the trapezoids of a line are exact
+    let (mu, t_end) = (0.25, 0.5);
+    let mut block = rough(2, &[Some(0)], &[0.5], 0.0, move |_, q, _| Parts {
+        mass: vec![1.0, 0.0, 0.0, 1.0],
+        force: vec![0.0, -G],
+        gaps: vec![Row { value: q[1], row: vec![0.0, 1.0], curvature: 0.0, rate: 0.0 }],
+        channels: vec![slip(&[1.0, 0.0], 0.0, 0.0)],
+        limits: vec![(mu, mu)],
+    });
+    let e = block.e.clone();
+    let run = simulate_mechanical_moreau_jean(
+        MoreauJean { theta: 0.5 },
+        &mut block,
+        &e,
+        Grid::new(0.0, t_end, 0.01).unwrap(),
+        (&[0.0, 0.0], &[2.0, 0.0]),
+        Vec::new(),
+        &mut Silent,
+    )
+    .unwrap();
+    let (x, v) = end(&run);
+    let speed = 2.0 - mu * G * t_end;
+    let way = 0.5 * (2.0 + speed) * t_end;
+    // coordinates, gap, slip, and what friction took
+    for (found, exact) in [(x[0], way), (x[3], way), (v[0], speed), (v[3], speed)] {
+        assert!((found - exact).abs() < 1e-13, "{found} {exact}");
+    }
+    assert!((v[4] - mu * G * way).abs() < 1e-13, "{v:?}");
 }

@@ -145,3 +145,19 @@ fn steady_forces_are_not_probed() {
     let (probed, plain) = (nfev(false), nfev(true));
     assert!(probed > plain + 40 && probed < plain + 70, "{probed} {plain}");
 }
+
+#[test]
+fn a_push_on_a_mass_in_flight_is_seen_while_another_rests() {
+    for phase in 0..12 {
+        let start = 0.7 + 0.731 * f64::from(phase);
+        let force = Box::new(move |t: f64| {
+            let push = if t > start && t < start + 0.3 { 15.0 } else { 0.0 };
+            vec![-9.81, 1.0 + push]
+        });
+        let found = run(10.0, &mut Masses { force, n: 2, steady: false });
+        let size = found.layout.size();
+        let last = found.samples.x[found.samples.x.len() - size..][1];
+        let exact = 50.0 + 15.0 * 0.3 * (10.0 - start - 0.15);
+        assert!((last - exact).abs() < 1e-3, "{start}: {last} {exact}");
+    }
+}

@@ -418,3 +418,93 @@ fn forces_may_jump() {
         assert!((state[0] - 1.0).abs() < 1e-8 && (state[2] - 2.0).abs() < 1e-8, "{state:?}");
     }
 }
+
+#[test]
+fn a_force_near_the_apex_is_seen_in_whichever_gap() {
+    // beside the pull one that acts where the mass is slow; the other gap opens for ever. A step that
+    // is longer than those before it is a whole arc
+    let (pull, width, height) = (10.0, 0.02, 10.0);
+    let acceleration = |v: f64| -pull * (1.0 + 3.0 * (-(v / width).powi(2)).exp());
+    let layout = Layout::smooth(2, 2);
+    let first_impact = |up: f64, other: usize| {
+        let mut system = of_function(layout, |_, q, v, out| {
+            let (mut gaps, mut normals) = ([q[0]; 2], [1.0, 0.0, 1.0, 0.0]);
+            gaps[other] = q[1] + 5.0;
+            normals[2 * other..2 * other + 2].copy_from_slice(&[0.0, 1.0]);
+            out[layout.mass()].copy_from_slice(&[1.0, 0.0, 0.0, 1.0]);
+            out[layout.force()].copy_from_slice(&[acceleration(v[0]), 0.0]);
+            out[layout.gap()].copy_from_slice(&gaps);
+            out[layout.gradient()].copy_from_slice(&normals);
+            out[layout.curvature()].fill(0.0);
+            out[layout.rate()].fill(0.0);
+            Ok(())
+        });
+        let run = simulate_mechanical(
+            SwitchedRk { first_step: Some(3.0), ..SwitchedRk::default() },
+            &mut system,
+            &newton_impacts(&[0.5, 0.5]).unwrap(),
+            (0.0, 3.0),
+            (&[height, 0.0], &[up, 0.5]),
+            MechanicalOutput::default(),
+            &mut Silent,
+        )
+        .unwrap();
+        let time = |it: &Occurrence| match *it {
+            Occurrence::Impact { t, .. } => Some(t),
+            _ => None,
+        };
+        run.occurrences.iter().find_map(time).unwrap()
+    };
+    let mut seen = 0;
+    for k in 0..30 {
+        let up = 1.0 + 0.2 * f64::from(k);
+        let [first, second] = [1, 0].map(|other| first_impact(up, other));
+        assert!((first - second).abs() < 1e-12, "{up}: {first} {second}");
+        // t = int dv/a, x = int v dv/a from the start down to the speed at the wall
+        let (mut t, mut x, mut v): (f64, f64, f64) = (0.0, height, up);
+        while x > 0.0 {
+            let steps = if v.abs() < 0.2 { 1e-5 } else { 1e-3 };
+            let (middle, before) = (v - 0.5 * steps, x);
+            let dt = -steps / acceleration(middle);
+            (t, x, v) = (t + dt, x + middle * dt, v - steps);
+            if x < 0.0 {
+                t -= dt * x / (x - before);
+            }
+        }
+        seen += u32::from((first - t).abs() < 1e-5);
+    }
+    // a look at one point of a step
+    assert!(seen >= 27, "{seen}");
+}
+
+#[test]
+fn no_shorter_step_is_tried_where_contacts_are_redundant() {
+    // floor and wall; after a second the wall is the floor again, in contradiction with it
+    let layout = Layout::smooth(2, 2);
+    let mut system = of_function(layout, |t, q, _, out| {
+        let late = t > 1.0;
+        out[layout.mass()].copy_from_slice(&[1.0, 0.0, 0.0, 1.0]);
+        out[layout.force()].copy_from_slice(&[-1.0, -1.0]);
+        out[layout.gap()].copy_from_slice(&[q[1], q[usize::from(late)]]);
+        out[layout.gradient()].copy_from_slice(if late {
+            &[0.0, 1.0, 0.0, 1.0]
+        } else {
+            &[0.0, 1.0, 1.0, 0.0]
+        });
+        out[layout.curvature()].copy_from_slice(&[0.0, if late { 1.0 } else { 0.0 }]);
+        out[layout.rate()].fill(0.0);
+        Ok(())
+    });
+    let run = simulate_mechanical(
+        SwitchedRk::default(),
+        &mut system,
+        &newton_impacts(&[0.5, 0.5]).unwrap(),
+        (0.0, 3.0),
+        (&[0.0, 0.0], &[0.0, 0.0]),
+        MechanicalOutput::default(),
+        &mut Silent,
+    )
+    .unwrap();
+    assert_eq!(run.status, Status::RedundantContacts);
+    assert_eq!(run.counts.rejected, 0, "{:?}", run.counts);
+}

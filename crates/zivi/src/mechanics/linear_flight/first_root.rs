@@ -128,6 +128,21 @@ mod tests {
     }
 
     #[test]
+    fn a_parabola_falls_to_its_root_whichever_way_it_starts() {
+        // 2 (1 + s/a)(1 - s/b): rising first where b > a
+        for (a, b) in [(0.2, 0.7), (3.0, 1.1), (1e9, 0.4), (0.5, 0.5)] {
+            let mut p = [0.0; TERMS];
+            (p[0], p[1], p[2]) = (2.0, 2.0 / a - 2.0 / b, -2.0 / (a * b));
+            assert!((fall_of_parabola(&p) - b).abs() < 1e-14, "{a} {b}");
+        }
+        let mut p = [0.0; TERMS];
+        for (a, b, c) in [(1.0, 1.0, 1.0), (1.0, -2.0, 0.5), (1.0, 0.3, f64::NAN)] {
+            (p[0], p[1], p[2]) = (a, b, c);
+            assert_eq!(fall_of_parabola(&p), f64::INFINITY);
+        }
+    }
+
+    #[test]
     fn short_arcs_from_above_zero_have_their_own_scale() {
         for length in [1e-11, 1e-8, 1e-4, 0.1] {
             // 3e-20 above zero, upwards first, beside coefficients of one

@@ -364,3 +364,53 @@ fn hit_together(gap: usize, flight: f64, state: &MechanicalState) -> GapSet {
     };
     state.open_gaps().filter(|&i| i == gap || is_hit(i)).collect()
 }
+
+#[cfg(test)]
+mod tests {
+    use std::convert::Infallible;
+
+    use super::*;
+    use crate::system::linear_dynamics::LinearDynamics;
+    use crate::system::linear_system::{GapMotion, LinearGap, LinearSystem, LoadWave};
+    use crate::HarmonicWall;
+
+    /// Two coordinates, `3 q_1 - 2 q_2 + .7` over a wall that vibrates, and a load that is faster.
+    fn flight() -> Box<LinearFlight> {
+        let wall = HarmonicWall { amplitude: 0.4, omega: 5.0, phase: 0.6, offset: 0.2 };
+        let motion = GapMotion::Harmonic(wall);
+        let system = LinearSystem {
+            mass: vec![2.0, 0.3, 0.3, 1.0],
+            damping: vec![0.1, 0.0, 0.0, 0.1],
+            stiffness: vec![1.0, 0.2, 0.2, 3.0],
+            load: vec![0.5, -0.5],
+            waves: vec![LoadWave { amplitude: vec![1.0, 0.0], omega: 40.0, phase: 0.0 }],
+            tables: vec![],
+            gaps: vec![LinearGap { normal: vec![3.0, -2.0], offset: 0.7, motion }],
+        };
+        let dynamics = LinearDynamics::new(Arc::new(system));
+        LinearFlight::of::<Infallible, _>(&dynamics).unwrap()
+    }
+
+    #[test]
+    fn the_period_is_that_of_the_fastest_load() {
+        assert!((flight().period() - TAU / 40.0).abs() < 1e-15);
+    }
+
+    #[test]
+    fn a_gap_is_told_with_the_sizes_of_its_terms() {
+        let mut flight = flight();
+        let (h, t, q, v) = (flight.h, 0.9, [0.3, -1.2], [0.5, 0.8]);
+        flight.y[..4].copy_from_slice(&[q[0], q[1], h * v[0], h * v[1]]);
+        let LinearFlight { free, y, .. } = &mut *flight;
+        free.drives.write(t, h, &mut y[4..]);
+        let (sin, cos) = (5.0 * t + 0.6).sin_cos();
+        let [gap, rate] = flight.told(0);
+        let near =
+            |found: f64, exact: f64| assert!((found - exact).abs() < 1e-14, "{found} {exact}");
+        near(gap.0, 3.0 * q[0] - 2.0 * q[1] + 0.7 - 0.2 - 0.4 * cos);
+        near(gap.1, 3.0 * q[0] - 2.0 * q[1] + 0.7 - 0.2 + 0.4 * cos.abs());
+        near(rate.0, 3.0 * v[0] - 2.0 * v[1] + 2.0 * sin);
+        // both parts of a wave count, whichever is zero
+        assert!(rate.1 >= 3.0 * v[0] + 2.0 * v[1] + 2.0 * sin.abs() - 1e-14);
+    }
+}

@@ -252,3 +252,55 @@ impl OneGap {
         Some(Self { normal, offset, wall, flight })
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::numeric::power_series::{value, TERMS};
+    use crate::system::linear_system::LoadWave;
+
+    /// `1.5 q'' + .3 q' + 6 q = 2 + .8 cos(7 t + .4)`, `g = -2 q + .3 - w(t)`.
+    fn system(motion: GapMotion) -> LinearSystem {
+        LinearSystem {
+            mass: vec![1.5],
+            damping: vec![0.3],
+            stiffness: vec![6.0],
+            load: vec![2.0],
+            waves: vec![LoadWave { amplitude: vec![0.8], omega: 7.0, phase: 0.4 }],
+            tables: vec![],
+            gaps: vec![LinearGap { normal: vec![-2.0], offset: 0.3, motion }],
+        }
+    }
+
+    #[test]
+    fn the_coordinate_is_that_for_which_the_gap_is() {
+        let wall = HarmonicWall { amplitude: 0.7, omega: 3.0, phase: 0.9, offset: 0.25 };
+        let mut one = OneCoordinate::of(&system(GapMotion::Harmonic(wall))).unwrap();
+        let (mut gap, t, length) = ([0.0; TERMS], 0.8, 0.6);
+        (gap[0], gap[1], gap[2]) = (0.4, -1.1, 0.5);
+        let series = one.coordinate_series(&gap, t, length);
+        for s in [0.0, 0.3, 0.7, 1.0] {
+            let turned = 3.0 * (t + s * length) + 0.9;
+            let w = 0.25 + 0.7 * turned.cos();
+            let q = (0.4 - 1.1 * s + 0.5 * s * s - 0.3 + w) / -2.0;
+            assert!((value(&series, s) - q).abs() < 1e-14, "{s}");
+            one.ends[0] = [0.4, -1.1];
+            let [q, rate] = one.coordinate(t + s * length);
+            assert!((q - (0.4 - 0.3 + w) / -2.0).abs() < 1e-15);
+            assert!((rate - (-1.1 - 2.1 * turned.sin()) / -2.0).abs() < 1e-15);
+        }
+    }
+
+    #[test]
+    fn a_gap_has_the_force_of_the_coordinate() {
+        let one = OneCoordinate::of(&system(GapMotion::Fixed)).unwrap();
+        let force = one.gaps[0].flight.linear();
+        for (t, q, rate) in [(0.3, 0.2, -0.7), (1.9, -0.4, 1.1)] {
+            let f: Result<f64, Infallible> = { *force }.at(t, -2.0 * q + 0.3, -2.0 * rate);
+            let load = 2.0 + 0.8 * (7.0_f64 * t + 0.4).cos();
+            let exact = -2.0 * (load - 0.3 * rate - 6.0 * q) / 1.5;
+            assert!((f.unwrap() - exact).abs() < 1e-14, "{t}");
+        }
+        assert!((one.period() - std::f64::consts::TAU / 7.0).abs() < 1e-15);
+    }
+}

@@ -120,3 +120,22 @@ fn turn(turns: f64) -> [f64; 2] {
     let (sin, cos) = sin_cos(turns);
     [cos, sin]
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::table::Table;
+    use super::*;
+
+    #[test]
+    fn a_free_mass_is_accelerated_by_its_waves_alone() {
+        let omega = [0.4, 0.0];
+        let law = Law { stiffness: 0.0, damping: 0.0, omega };
+        let table = Table::new(law, f64::INFINITY);
+        let h = table.h();
+        assert!(h > 2.0);
+        let turns = omega.map(|omega| omega * h / std::f64::consts::TAU);
+        let level = Level::first(&Columns(table.columns()), law, h, turns);
+        let Bound(bend) = level.bend;
+        assert!((bend[3] / (h * h) - 1.0).abs() < 1e-15, "{bend:?} {h}");
+    }
+}

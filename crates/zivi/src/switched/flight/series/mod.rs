@@ -375,4 +375,53 @@ mod tests {
             assert!(!flight.under(&other));
         }
     }
+
+    #[test]
+    fn flights_of_one_length_are_known_after_two() {
+        let wave = Wave { amplitude: [0.2, 0.0], omega: 0.9, phase: 0.3 };
+        let law = LinearLaw {
+            stiffness: 1.0,
+            damping: 0.1,
+            gravity: -4.0,
+            waves: [wave, Wave::default()],
+        };
+        let mut flight = SeriesFlight::new(law).unwrap();
+        let (length, mut now) = (0.1, Point { t: 0.0, late: 0.0, x: 3.0, xdot: 0.5 });
+        for period in 1..20 {
+            let reach =
+                Reach { t_end: length * f64::from(period), look: f64::MAX, steps: usize::MAX };
+            let known = flight.clone().again::<1>(now, 0, reach);
+            assert_eq!(known.is_some(), period > 2, "{period}");
+            let exact = SeriesFlight::new(law).unwrap().fly(now, 0, reach).end;
+            if let Some(Arrival { end, lands, .. }) = known {
+                assert!(!lands && end.t == reach.t_end);
+                assert!((end.x - exact.x).abs() < 1e-15 * exact.x, "{period}");
+                assert!((end.xdot - exact.xdot).abs() < 1e-14, "{period}");
+            }
+            now = flight.fly(now, 0, reach).end;
+        }
+    }
+
+    #[test]
+    fn the_last_part_is_as_long_as_the_flight() {
+        // x = cos t - 1/2 above a wall that it meets at pi/3
+        let law = LinearLaw { stiffness: 1.0, gravity: 0.5, ..LinearLaw::default() };
+        let mut flight = SeriesFlight::new(law).unwrap();
+        let mut now = Point { t: 0.0, late: 0.0, x: 0.5, xdot: 0.0 };
+        let reach = Reach { t_end: 10.0, look: f64::MAX, steps: 1 };
+        for _ in 0..100 {
+            let Arrival { from, end, lands, .. } = flight.fly(now, 0, reach);
+            let (_, (start, length), xdot, at_wall) = flight.part(flight.parts() - 1);
+            assert!((start + length - end.t).abs() < 1e-15 && at_wall == lands);
+            assert!((xdot + start.sin()).abs() < 1e-15);
+            if lands {
+                assert!((end.t - std::f64::consts::FRAC_PI_3).abs() < 1e-15);
+                assert!((end.xdot + 0.75_f64.sqrt()).abs() < 1e-15);
+                return;
+            }
+            assert!(end.t > from.t);
+            now = end;
+        }
+        panic!("never at the wall");
+    }
 }

@@ -179,6 +179,43 @@ mod tests {
     }
 
     #[test]
+    fn a_step_onto_the_start_of_the_interval_is_halved() {
+        // from .5 Halley's formula leads to 0 exactly: 2 (-1/4) (-1)/((-1/4) (-4) - 2) = -1/2
+        let mut q = [0.0; TERMS];
+        // -1/4 - r - 2 r^2 - 8 r^3 with r = s - 1/2
+        (q[0], q[1], q[2], q[3]) = (0.75, -5.0, 10.0, -8.0);
+        let root = polished(&q, 0.5);
+        let (mut low, mut high) = (0.0, 0.5);
+        while high - low > 1e-15 {
+            let s: f64 = 0.5 * (low + high);
+            let r = s - 0.5;
+            if -0.25 - r - 2.0 * r * r - 8.0 * r * r * r > 0.0 {
+                low = s;
+            } else {
+                high = s;
+            }
+        }
+        assert!((root - low).abs() < 1e-14, "{root} {low}");
+    }
+
+    #[test]
+    fn a_short_arc_is_certified() {
+        // s (u - g s/2 + c s^2)
+        let (u, g, c): (f64, f64, f64) = (1e-3, 2.0, 0.3);
+        let mut a = [0.0; SHORT];
+        (a[1], a[2], a[3]) = (u, -0.5 * g, c);
+        let exact = 2.0 * u / (0.5 * g + (0.25 * g * g - 4.0 * u * c).sqrt());
+        let found = of_short_arc(&a, 0.0).unwrap();
+        assert!((found.at / exact - 1.0).abs() < 1e-15, "{found:?} {exact}");
+        let slope = u - g * exact + 3.0 * c * exact * exact;
+        assert!((found.slope / slope - 1.0).abs() < 1e-14, "{found:?} {slope}");
+        // terms beyond that may bring it back, and one that does not fall
+        assert_eq!(of_short_arc(&a, f64::INFINITY), None);
+        a[2] = 0.5 * g;
+        assert_eq!(of_short_arc(&a, 0.0), None);
+    }
+
+    #[test]
     fn touches_and_dips_below_rounding_are_none() {
         for roots in [&[0.5, 0.5][..], &[0.3, 0.3, 0.8, 0.8], &[-0.5, 1.5], &[1.0 + 1e-9]] {
             assert_eq!(first_root(&through(roots, 0), 0), None, "{roots:?}");

@@ -86,3 +86,25 @@ fn verdict(b: &[f64; SCREEN], slack: f64) -> SignTest {
     let crossing = (first - 1) as f64 + before / (before - after);
     SignTest::One(crossing / (SCREEN - 1) as f64)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_what_is_beyond_the_slack_is_certain() {
+        let all = |b: f64| verdict(&[b; SCREEN], 1.0);
+        assert_eq!(all(1.5), SignTest::Clear);
+        for b in [1.0, 0.5, -0.5, -1.5, f64::NAN] {
+            assert_eq!(all(b), SignTest::Open, "{b}");
+        }
+        assert_eq!(verdict(&[0.0; SCREEN], 0.0), SignTest::Open);
+        // the polygon of 2, ..., 2, -2, ..., -2 crosses zero in the middle of the change
+        for first in 1..SCREEN {
+            let b: [f64; SCREEN] = std::array::from_fn(|k| if k < first { 2.0 } else { -2.0 });
+            let place = (first as f64 - 0.5) / (SCREEN - 1) as f64;
+            assert_eq!(verdict(&b, 1.0), SignTest::One(place), "{first}");
+            assert_eq!(verdict(&b, 2.0), SignTest::Open, "{first}");
+        }
+    }
+}

@@ -261,6 +261,26 @@ mod tests {
     }
 
     #[test]
+    fn the_wall_is_looked_for_beyond_the_end_of_the_parabola() {
+        let law = Law { stiffness: 1.0, damping: 0.0, omega: [0.0; 2] };
+        let table = Table::new(law, f64::INFINITY);
+        // x + v s + bend s^2 = -bend (s + before) (arc - s)
+        for (before, arc, bend) in [(0.4, 0.013, -1.0), (1e-4, 3e-3, -2.0), (0.02, 0.02, -0.1)] {
+            let mut a = [0.0; TERMS];
+            (a[0], a[1], a[2]) = (-bend * before * arc, -bend * (arc - before), bend);
+            let found = width(&table, &a, 0, 10.0);
+            assert!(found >= ARC * arc * 0.999 && found <= 2.0 * ARC * arc, "{arc} {found}");
+            assert_eq!(found.log2().fract(), 0.0);
+        }
+        // one that turns back before the wall, and one that rises for ever
+        for (x, v, bend) in [(1.0, -0.1, 0.5), (1.0, 0.1, 0.5)] {
+            let mut a = [0.0; TERMS];
+            (a[0], a[1], a[2]) = (x, v, bend);
+            assert_eq!(width(&table, &a, 0, 10.0), 1.0);
+        }
+    }
+
+    #[test]
     fn a_short_arc_has_the_digits_of_its_speed() {
         // x'' = -g: back at the wall after 2 u/g, however small u is; the spring hardly acts
         let law = Law { stiffness: 1.0, damping: 0.0, omega: [0.0; 2] };
