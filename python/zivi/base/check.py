@@ -4,12 +4,23 @@ from __future__ import annotations
 
 import math
 import numbers
+from collections.abc import Mapping
 from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Array", "MaybeNone", "finite", "integer", "real", "real_array", "switch"]
+__all__ = [
+    "Array",
+    "MaybeNone",
+    "by_name",
+    "finite",
+    "integer",
+    "not_negative",
+    "real",
+    "real_array",
+    "switch",
+]
 
 Array = NDArray[np.float64]
 MaybeNone: TypeAlias = Any
@@ -52,6 +63,21 @@ def finite(name: str, value: object) -> float:
     if not math.isfinite(number):
         raise ValueError(f"{name} must be finite, got {number}")
     return number
+
+
+def not_negative(name: str, value: object) -> float:
+    """Return `value` as a finite float >= 0; a TypeError or ValueError names it otherwise."""
+    number = real(name, value)
+    if not (math.isfinite(number) and number >= 0.0):
+        raise ValueError(f"{name} must be finite and >= 0, got {number}")
+    return number
+
+
+def by_name(name: str, value: object) -> dict[str, Any]:
+    """Return a dict with names for keys; a TypeError names what is none."""
+    if not isinstance(value, Mapping):
+        raise TypeError(f"{name} must be a dict by names, got {type(value).__name__} {value!r}")
+    return {str(key): it for key, it in value.items()}
 
 
 def integer(name: str, value: object) -> int:

@@ -33,7 +33,8 @@ class BelievedPlant:
     ) -> None:
         self.h, self.model = h, system.model(n)
         self.tasks = None if tasks is None else tasks.model(n)
-        inputs = system.control_inputs(np.zeros(n)).spec()
+        controls = system.control_inputs(np.zeros(n))
+        self.r, inputs = controls.r, controls.spec()
         functions = None
         if tasks is not None and self.tasks is not None:
             functions = mechanism(tasks, self.tasks)

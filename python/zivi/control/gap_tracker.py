@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 import zivi._zivi as _zivi
-from zivi.base.check import Array, real, real_array, switch
+from zivi.base.check import Array, by_name, finite, real, real_array, switch
 from zivi.control.component import TickStatus, delay_of
 from zivi.control.mechanical_reference import MechanicalReference, ReferenceSample
 from zivi.control.model_based import ModelBased, believed
@@ -117,16 +117,19 @@ class GapTracker(ModelBased):
         settings: dict[str, Any] = {
             "h": real("h", h),
             "gains": {
-                name: pair(f"gains[{name!r}]", it, "(mu1, mu2)") for name, it in gains.items()
+                name: pair(f"gains[{name!r}]", it, "(mu1, mu2)")
+                for name, it in by_name("gains", gains).items()
             },
             "posture": pair("posture", posture, "(kp, kd)"),
-            "force": _forces(force or {}),
+            "force": _forces({} if force is None else by_name("force", force)),
             "u_limits": u_limits,
             "horizon": real("horizon", horizon),
             "shift": switch("shift", shift),
             "latch": None if latch is None else pair("latch", latch, "(of the gap, of its rate)"),
             "delay": delay_of(delay),
-            "tasks": check_tasks(believed(system), tasks or {}),
+            "tasks": check_tasks(
+                believed(system), {} if tasks is None else by_name("tasks", tasks)
+            ),
             "learn_offset": switch("learn_offset", learn_offset),
         }
         for name, both in (("posture", posture), ("latch", latch or (0.0, 0.0))):
@@ -208,9 +211,13 @@ class GapTracker(ModelBased):
 
     @state.setter
     def state(self, state: tuple[Any, ...]) -> None:
-        for tracker, own in zip(self._trackers, state[0], strict=True):
-            tracker.state = own  # checked
-        self._law.state = state
+        try:
+            for tracker, own in zip(self._trackers, state[0], strict=True):
+                tracker.state = own  # checked
+            self._law.state = state
+        except (TypeError, ValueError, IndexError, OverflowError) as error:
+            text = f"state must be what a GapTracker of these gaps gave: {error}"
+            raise ValueError(text) from None
 
     def copy(self) -> Self:
         """Copy it: the same settings, the same state."""
@@ -310,7 +317,7 @@ class GapTracker(ModelBased):
         at, speed = (np.atleast_1d(real_array(*it)) for it in (("q", q), ("qdot", qdot)))
         if at.shape != speed.shape or at.ndim != 1:
             raise ValueError(f"qdot must have shape {at.shape}, got {speed.shape}")
-        return self._law.step(self._model(at)[1].core, t, at, speed, ends)
+        return self._law.step(self._model(at)[1].core, finite("t", t), at, speed, ends)
 
 
 def _sample_spec(sample: ReferenceSample) -> tuple[Any, ...]:
@@ -325,16 +332,21 @@ def _pressing(name: str, force: Any) -> Any:
     """Give a force as the extension takes it."""
     if not callable(force):
         return force
-    return lambda t: real(f"force[{name!r}]", force(t))
+    return lambda t: _positive(f"force[{name!r}]({t:.9g})", force(t))
+
+
+def _positive(name: str, value: Any) -> float:
+    number = real(name, value)
+    if not (math.isfinite(number) and number > 0.0):
+        raise ValueError(f"{name} must be finite and > 0, got {number}")
+    return number
 
 
 def _forces(force: Mapping[str, Any]) -> dict[str, Any]:
-    read = {}
-    for name, it in force.items():
-        read[str(name)] = it if callable(it) else real(f"force[{name!r}]", it)
-        if not callable(it) and not (math.isfinite(it) and it > 0.0):
-            raise ValueError(f"force[{name!r}] must be finite and > 0, got {it}")
-    return read
+    return {
+        name: it if callable(it) else _positive(f"force[{name!r}]", it)
+        for name, it in force.items()
+    }
 
 
 def _same_names(

@@ -76,7 +76,7 @@ class JointObserver:
         """Forget all that was measured."""
         self._q: Array | None = None
         self._qdot: Array | None = None
-        self._t = 0.0
+        self._t = self._started = 0.0
         self._seen = 0
         self._closed: NDArray[np.bool_] = np.zeros(self.system.m, dtype=bool)
         self._beyond = np.zeros(self.system.m, dtype=int)
@@ -117,18 +117,35 @@ class JointObserver:
         Returns
         -------
         (ndarray, ndarray)
-            The estimates, shape (n,) each.
+            The estimates, shape (n,) each; NaN before the first measurement that is finite.
+
+        Notes
+        -----
+        Where `q` is not finite the sample counts as missed: the copy of the plant moves on.
         """
         if self._plant is None:
             raise ValueError("the observer has no period: zivi.simulate_closed_loop gives it one")
         at, model = np.atleast_1d(real_array("q", q)), self._plant.model
+        if at.shape != (model.layout.n,):
+            raise ValueError(f"q must have shape ({model.layout.n},), got {at.shape}")
+        missed = not np.all(np.isfinite(at))
         if self._q is None or self._qdot is None:
+            if missed:
+                return np.full_like(at, np.nan), np.full_like(at, np.nan)
             self._q, self._qdot, self._t = at, np.zeros_like(at), t
+            self._started = t
             self._q, self._qdot = self._plant.onto(t, self._q, self._qdot, self._closed)
             return self._q.copy(), self._qdot.copy()
         controls = np.atleast_1d(real_array("u", u))[None]
+        if controls.shape[1] != self._plant.r or not np.all(np.isfinite(controls)):
+            raise ValueError(
+                f"u must be {self._plant.r} finite controls, got {controls[0].tolist()}"
+            )
         q0, speed, closed = self._plant.moved(self._t, self._q, self._qdot, controls)
         self._t, self._closed = t, np.array(closed)
+        if missed:
+            self._q, self._qdot = q0, speed
+            return q0.copy(), speed.copy()
         y = at - q0
         self._seen += 1
         here = model.layout.read(model.evaluate(t, q0, speed))
@@ -141,7 +158,7 @@ class JointObserver:
             y = kinetics.without_gaps(y, self._closed)
         if self._seen == 1 and not self._closed.any():
             # two samples: the speed that nothing told before
-            q0, speed = q0 + y, speed + y / self._plant.h
+            q0, speed = q0 + y, speed + y / (t - self._started)
         else:
             q0, speed = q0 + self.alpha * y, speed + self._gain * y
         self._q, self._qdot = self._plant.onto(t, q0, speed, self._closed)

@@ -235,6 +235,10 @@ def simulate_closed_loop_batch(
         kept = {"reference": reference, "method": method, "noise": noise, "save": save}
         kept |= {"delay": delay, "observer": observer, "quantization": quantization}
         kept |= {"slowest": slowest, "threads": threads, "progress": progress}
+        of_one = {"y_ref0": y_ref0, "force_ref": force_ref, "force_model": force_model}
+        for name, it in (of_one | {"t_eval": t_eval}).items():
+            if it is not None:
+                raise TypeError(f"{name} is for a zivi.ImpactSystem, not for a MechanicalSystem")
         seeds = mechanical.pop("seeds", seed)
         strange = sorted(set(mechanical) - {"parameters", "disturbance"})
         if strange:

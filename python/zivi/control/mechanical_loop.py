@@ -26,6 +26,8 @@ from zivi.control.loop_arguments import (
 )
 from zivi.control.mechanical_loop_run import MechanicalClosedLoop
 from zivi.control.mechanical_reference import MechanicalReference, reference_of
+from zivi.control.model_based import ModelBased, check_believes
+from zivi.control.twisting import CONTROLLERS
 from zivi.simulation.describe import describe
 from zivi.simulation.impacts import SLOWEST, check_slowest
 from zivi.simulation.mechanical_run import (
@@ -126,6 +128,11 @@ def simulate_mechanical(
     model, times = system.model(len(q)), _zivi.grid_times(*span, h, 1)
     check_start(system, model, span, q, qdot)
     inputs = system.control_inputs(q)
+    if isinstance(controller, CONTROLLERS):
+        kind = type(controller).__name__
+        raise TypeError(f"controller must be one of a mechanical system, {kind} is of one mass")
+    if isinstance(controller, ModelBased):
+        check_believes("controller", controller.system, system, q)
     sensor = Sensor.of(noise, quantization, seed, len(times), len(q))
     periods = check_delay(delay)
     own = controller
@@ -136,7 +143,7 @@ def simulate_mechanical(
     tasks = tuple(getattr(controller, "tasks", ()))
     given = reference_of(reference, asked_at, system.gap_names, q, tasks)
     check_reference(controller, given, model, (q, qdot))
-    watching = watching_of(observer, system, h, len(q))
+    watching = watching_of(observer, system, h, q)
     tell_sensor(controller, sensor, watching)
     plant = model if disturbance is None else disturbed(model, disturbance, len(q))
     native = type(controller) is GapTracker
@@ -237,13 +244,21 @@ def disturbed(model: Model, disturbance: Any, n: int) -> Model:
     """Add generalised forces to a model: constants, or a function ``d(t, q, qdot)``."""
     if not callable(disturbance):
         constant = np.atleast_1d(real_array("disturbance", disturbance))
-        if constant.shape != (n,):
-            raise ValueError(f"disturbance must have shape ({n},), got {constant.shape}")
+        if constant.shape != (n,) or not np.all(np.isfinite(constant)):
+            raise ValueError(
+                f"disturbance must be finite and of shape ({n},), got {constant.tolist()}"
+            )
     layout, start = model.layout, n * n
 
     def evaluate(t: float, q: Array, qdot: Array) -> Array:
         row = model.evaluate(t, q, qdot).copy()
-        row[start : start + n] += disturbance(t, q, qdot) if callable(disturbance) else constant
+        if callable(disturbance):
+            added = np.atleast_1d(real_array("disturbance(t, q, qdot)", disturbance(t, q, qdot)))
+            if added.shape != (n,):
+                raise ValueError(f"disturbance must give shape ({n},), got {added.shape}")
+        else:
+            added = constant
+        row[start : start + n] += added
         return row
 
     return Model(layout, _zivi.Model.callable(evaluate), evaluate)
@@ -284,13 +299,14 @@ class Sensor:
         return cls(deviations, steps, draws * np.array(deviations)[:, None], told)
 
 
-def watching_of(observer: Any, system: MechanicalSystem, h: float, n: int) -> Any:
+def watching_of(observer: Any, system: MechanicalSystem, h: float, q: Array) -> Any:
     """Give a copy of an observer for a run."""
     if observer is None:
         return None
     if not isinstance(observer, JointObserver):
         raise TypeError(f"observer must be a zivi.JointObserver, got {type(observer).__name__}")
-    return observer.begun(h, n)
+    check_believes("observer", observer.system, system, q)
+    return observer.begun(h, len(q))
 
 
 def tell_sensor(controller: Any, sensor: Sensor, watching: Any) -> None:

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 import zivi._zivi as _zivi
-from zivi.base.check import Array, real_array
+from zivi.base.check import Array, by_name, real_array
 from zivi.base.progress import ProgressBar
 from zivi.base.table import Field, Table
 from zivi.control.component import TickStatus
@@ -136,7 +136,7 @@ def simulate_mechanical_batch(
     if save not in ("final", "runs"):
         raise ValueError(f"save must be 'final' or 'runs' for a mechanical system, got {save!r}")
     states = starts_of(starts)
-    plants = plants_of(system, parameters or {})
+    plants = plants_of(system, {} if parameters is None else by_name("parameters", parameters))
     deviations = noises_of(noise)
     noisy = any(it != (0.0, 0.0) for it in deviations)
     given = [] if seeds is None else np.atleast_1d(seeds).tolist()
@@ -205,7 +205,7 @@ def starts_of(starts: Any) -> list[tuple[Array, Array]]:
         rows = np.broadcast_arrays(np.atleast_2d(q), np.atleast_2d(qdot))
         return list(zip(np.array(rows[0]), np.array(rows[1]), strict=True))
     array = real_array("starts", starts)
-    if array.ndim != 3 or array.shape[1] != 2:
+    if array.ndim != 3 or array.shape[1] != 2 or not len(array):
         raise ValueError(
             f"starts must be (q0, qdot0) with rows for each loop, or shape (N, 2, n), "
             f"got {array.shape}"
@@ -227,6 +227,11 @@ def plants_of(
         name: np.atleast_1d(real_array(f"parameters[{name!r}]", it))
         for name, it in parameters.items()
     }
+    for name, it in columns.items():
+        if it.ndim != 1 or not len(it):
+            raise ValueError(
+                f"parameters[{name!r}] must be a number or one for each loop, got shape {it.shape}"
+            )
     n = common_length({f"parameters[{name!r}]": list(it) for name, it in columns.items()})
     rows = [{name: float(entry(list(it), i)) for name, it in columns.items()} for i in range(n)]
     return [system.replace(**row) for row in rows]

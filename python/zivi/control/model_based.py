@@ -8,7 +8,7 @@ from typing import Any, NamedTuple, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from zivi.base.check import Array, real_array
+from zivi.base.check import Array, finite, real_array
 from zivi.control.believed_plant import BelievedPlant
 from zivi.control.component import TickStatus
 from zivi.control.u_limits import limits_of
@@ -16,7 +16,7 @@ from zivi.system.control_inputs import ControlInputs
 from zivi.system.gap_coordinates import GapKinetics
 from zivi.system.mechanism import MechanicalSystem
 
-__all__ = ["ModelBased", "Outlook", "believed", "numbers"]
+__all__ = ["ModelBased", "Outlook", "believed", "check_believes", "numbers"]
 
 
 class Outlook(NamedTuple):
@@ -133,7 +133,12 @@ class ModelBased:
         at, speed = (np.atleast_1d(real_array(*it)) for it in (("q", q), ("qdot", qdot)))
         if at.shape != speed.shape or at.ndim != 1:
             raise ValueError(f"qdot must have shape {at.shape}, got {speed.shape}")
+        if self._believed is not None and len(at) != self._believed.model.layout.n:
+            raise ValueError(
+                f"q must have shape ({self._believed.model.layout.n},), got {at.shape}"
+            )
         inputs, plant = self._model(at)
+        t = finite("t", t)
         if not (np.all(np.isfinite(at)) and np.all(np.isfinite(speed))):
             self._status = TickStatus.REFUSED
             return None
@@ -175,7 +180,10 @@ class ModelBased:
         return None
 
     def _sent(self, u: Array) -> Array:
-        """Remember what is sent."""
+        """Remember what is sent: the last controls again where none are finite."""
+        if not np.all(np.isfinite(u)):
+            self._status |= TickStatus.REFUSED
+            u = np.zeros_like(u) if self._u is None else self._u
         self._u = u
         if self.delay:
             self._queue = [*self._queue, u][-self.delay :]
@@ -192,6 +200,33 @@ def believed(system: Any) -> MechanicalSystem:
     if not isinstance(system, MechanicalSystem):
         raise TypeError(f"system must be a zivi.MechanicalSystem, got {type(system).__name__}")
     return system
+
+
+def check_believes(told: str, system: MechanicalSystem, plant: MechanicalSystem, q: Array) -> None:
+    """Refuse a model whose coordinates, gaps or controls are others than the plant's.
+
+    Parameters
+    ----------
+    told : str
+        Whose model it is.
+    system, plant : MechanicalSystem
+        The model and the plant.
+    q : ndarray
+        Coordinates of the plant.
+    """
+    n = system._n
+    if n is not None and n != len(q):
+        raise ValueError(f"{told} must believe in {len(q)} coordinates, as the plant has, not {n}")
+    if system.gap_names != plant.gap_names:
+        raise ValueError(
+            f"{told} must believe in the gaps of the plant, {plant.gap_names}, "
+            f"not in {system.gap_names}"
+        )
+    believed, known = system.control_inputs(q).names, plant.control_inputs(q).names
+    if len(believed) != len(known):
+        raise ValueError(
+            f"{told} must believe in {len(known)} controls, as the plant has, not {len(believed)}"
+        )
 
 
 def numbers(rows: Sequence[Array | None]) -> tuple[Any, ...]:

@@ -9,8 +9,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 import zivi._zivi as _zivi
-from zivi.base.check import Array, real
+from zivi.base.check import Array, by_name, finite, not_negative, real
 from zivi.control.mechanical_reference import posture_of
+from zivi.control.model_based import believed
+from zivi.simulation.mechanical_run import state_of
 from zivi.simulation.mechanical_trajectory import MechanicalTrajectory
 from zivi.simulation.methods import SwitchedRK
 from zivi.simulation.run import pair, simulate
@@ -86,6 +88,7 @@ def reference_run(
     >>> round(float(run.zeno.t[0]), 6), run.contacts[-1]  # 3 sqrt(2 0.5/4)
     (1.5, array([ True]))
     """
+    own, virtual = believed(system), by_name("virtual", virtual)
     strange = sorted(set(virtual) - set(system.gap_names))
     missing = sorted(set(system.gap_names) - set(virtual))
     if strange or missing:
@@ -94,12 +97,13 @@ def reference_run(
             f"{'lacks ' + repr(missing[0]) if missing else 'has ' + repr(strange[0])}"
         )
     pulls = {
-        name: it if callable(it) else real(f"virtual[{name!r}]", it) for name, it in virtual.items()
+        name: it if callable(it) else finite(f"virtual[{name!r}]", it)
+        for name, it in virtual.items()
     }
-    at = np.atleast_1d(np.asarray(next(iter(y0)), dtype=np.float64))
-    goal = at if posture is None else posture
-    driven = Decoupled(system, pulls, goal, pair("gains", gains, "(kp, kd)"))
-    return simulate(driven, t_span, y0, method, tstops=tstops, samples="steps")
+    start = state_of(y0, own._n)
+    kp, kd = (not_negative("gains", it) for it in pair("gains", gains, "(kp, kd)"))
+    driven = Decoupled(own, pulls, start[0] if posture is None else posture, (kp, kd))
+    return simulate(driven, t_span, start, method, tstops=tstops, samples="steps")
 
 
 class Decoupled(MechanicalSystem):
@@ -146,7 +150,10 @@ class Decoupled(MechanicalSystem):
             here = layout.read(row)
             at, along, turning = posture_of(self._posture, t, n)
             wanted = turning - kp * (q - at) - kd * (qdot - along)
-            pulls = [it(t) if callable(it) else it for it in map(self._pulls.__getitem__, names)]
+            pulls = [
+                real(f"virtual[{name!r}]", it(t)) if callable(it) else it
+                for name, it in ((name, self._pulls[name]) for name in names)
+            ]
             row[n * n : n * n + n] = _zivi.decoupling_force(
                 here.mass, here.gradients, here.curvatures, np.array(pulls, np.float64), wanted
             )

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 import zivi._zivi as _zivi
-from zivi.base.check import Array, real
+from zivi.base.check import Array, finite, not_negative, real, real_array, switch
 from zivi.control.component import TickStatus, delay_of
 from zivi.control.model_based import ModelBased, Outlook, believed, numbers
 from zivi.control.u_limits import pairs
@@ -153,12 +153,12 @@ class Striker(ModelBased):
             "body": body,
             "apex": apex,
             "speed": speed,
-            "interval": real("interval", interval),
-            "place": real("place", place),
-            "h": real("h", h),
-            "learn": bool(learn),
+            "interval": finite("interval", interval),
+            "place": finite("place", place),
+            "h": finite("h", h),
+            "learn": switch("learn", learn),
             "u_limits": u_limits,
-            "posture": real("posture", posture),
+            "posture": not_negative("posture", posture),
             "delay": delay_of(delay),
         }
         for name in ("h", "interval"):
@@ -199,15 +199,21 @@ class Striker(ModelBased):
         """All that changes from tick to tick; assigning it restores what it was of exactly."""
         own = (self._k, self._gamma, self._plan, self._last, self._flight, self._strike_at)
         learnt = (self._seen, self._acting, self._push, self._impacts)
-        return (*own, learnt, *numbers([self._u]), numbers(self._queue), int(self._status))
+        return (*own, learnt, numbers([self._u]), numbers(self._queue), int(self._status))
 
     @state.setter
     def state(self, state: tuple[Any, ...]) -> None:
-        self._k, self._gamma, self._plan, self._last, self._flight, *rest = state
-        self._strike_at, learnt, u, queue, status = rest
-        self._seen, self._acting, self._push, self._impacts = learnt
-        self._u = None if u is None else np.array(u)
-        self._queue, self._status = [np.array(it) for it in queue], TickStatus(status)
+        try:
+            k, gamma, plan, last, flight, strike_at, learnt, (u,), queue, status = state
+            seen, acting, push, impacts = learnt
+            sent = [None if it is None else real_array("state", it) for it in (u, *queue)]
+            told = TickStatus(status)
+        except (TypeError, ValueError) as error:
+            raise ValueError(f"state must be what a Striker gave: {error}") from None
+        self._k, self._gamma, self._plan, self._last, self._flight = k, gamma, plan, last, flight
+        self._strike_at, self._seen, self._acting = strike_at, seen, acting
+        self._push, self._impacts, self._status = push, impacts, told
+        self._u, self._queue = sent[0], [it for it in sent[1:] if it is not None]
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         Striker.__init__(self, state["system"], **state["settings"])
@@ -233,6 +239,10 @@ class Striker(ModelBased):
             The controls, shape (r,). Where a measurement is not finite they are the last ones, and
             the status is ``REFUSED``.
         """
+        with np.errstate(over="ignore", invalid="ignore"):  # `_sent` refuses what is not finite
+            return self._ticked(t, q, qdot)
+
+    def _ticked(self, t: float, q: ArrayLike, qdot: ArrayLike) -> Array:
         there = self._outlook(t, q, qdot, np.zeros(self.system.m, dtype=bool))
         if there is None:
             return self._hold_controls()

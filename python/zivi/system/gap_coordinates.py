@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from zivi.base.check import Array
+from zivi.base.check import Array, real_array
 from zivi.system.layout import Evaluation
 from zivi.system.mechanism import MechanicalSystem
 
@@ -88,6 +88,11 @@ def gap_coordinates(
     >>> split.gdot, abs(split.w)
     (array([-2.]), array([3.]))
     """
+    if not isinstance(system, MechanicalSystem):
+        raise TypeError(f"system must be a zivi.MechanicalSystem, got {type(system).__name__}")
+    for name, it in (("q", q), ("qdot", qdot)):
+        if not np.all(np.isfinite(real_array(name, it))):
+            raise ValueError(f"{name} must be finite, got {it!r}")
     here = system.at(t, q, qdot)
     velocity = np.atleast_1d(np.asarray(qdot, dtype=np.float64))
     kinetics = GapKinetics.of(here, velocity)

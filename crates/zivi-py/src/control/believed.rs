@@ -80,7 +80,7 @@ impl Believed {
         let (q, w) = (vector(&q), vector(&qdot));
         let controls: Vec<f64> = controls.as_array().iter().copied().collect();
         let moved = self.with(py, |plant| plant.moved(t, (&q, &w), &controls))?;
-        let law::Moved { q, w, closed } = moved.map_err(law_error)?;
+        let law::Moved { q, w, closed, .. } = moved.map_err(law_error)?;
         Ok((PyArray1::from_vec(py, q).unbind(), PyArray1::from_vec(py, w).unbind(), closed))
     }
 

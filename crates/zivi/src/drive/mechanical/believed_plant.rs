@@ -4,7 +4,7 @@ use crate::mechanics::{simulate_mechanical_loop, Sampling};
 use crate::switched::{Order, SwitchedRk};
 use crate::system::driven::Driven;
 use crate::system::dynamics::{Dynamics, Layout};
-use crate::{AnyImpactLaw, Monitor};
+use crate::{AnyImpactLaw, Monitor, Status};
 
 use super::kinetics::GapKinetics;
 use super::law_error::LawError;
@@ -51,6 +51,8 @@ pub struct Moved {
     pub w: Vec<f64>,
     /// Which gaps are closed.
     pub closed: Vec<bool>,
+    /// Whether the motion was computed to its end; it stays where it was lost otherwise.
+    pub completed: bool,
 }
 
 impl<D, F> BelievedPlant<'_, D, F> {
@@ -122,7 +124,8 @@ impl<D, F> BelievedPlant<'_, D, F> {
         let picked = |of: &[f64]| of[last..][..layout.n].to_vec();
         let mode = run.samples.modes.last().map(|mode| mode.closed).unwrap_or_default();
         let closed = (0..layout.m).map(|i| mode.has(i)).collect();
-        Ok(Moved { q: picked(&run.samples.x), w: picked(&run.samples.v), closed })
+        let completed = run.status == Status::Completed;
+        Ok(Moved { q: picked(&run.samples.x), w: picked(&run.samples.v), closed, completed })
     }
 
     /// Moves a state, M-orthogonally, to where contacts are closed and no gap is below 0.

@@ -139,12 +139,16 @@ impl GapTracker {
         Driven<D, F>: Dynamics<E>,
     {
         let is_finite = |of: &[f64]| of.iter().all(|it| it.is_finite());
+        let is_own = |of: &Vec<f64>, size| of.len() == size && is_finite(of);
+        let GapTrackerState { u: last, sent, place, .. } = &self.state;
+        if !(last.iter().chain(sent).all(|it| is_own(it, u.len()))
+            && place.iter().all(|it| is_own(it, plant.layout().n)))
+        {
+            return Err(LawError::Foreign);
+        }
         if !(is_finite(measured.0) && is_finite(measured.1)) {
             self.state.status = Self::REFUSED;
-            match &self.state.u {
-                Some(last) => u.copy_from_slice(last),
-                None => u.fill(0.0),
-            }
+            self.hold(u);
             self.send(u);
             return Ok(());
         }
@@ -172,6 +176,10 @@ impl GapTracker {
         let done = self.follow(plant, t, measured, ends, asked, &mut kinetics, u);
         self.kinetics = Some(kinetics);
         done?;
+        if !is_finite(u) {
+            self.state.status |= Self::REFUSED;
+            self.hold(u);
+        }
         self.send(u);
         Ok(())
     }
@@ -335,6 +343,14 @@ impl GapTracker {
             };
         }
         Ok(a)
+    }
+
+    /// The last controls once more.
+    fn hold(&self, u: &mut [f64]) {
+        match &self.state.u {
+            Some(last) => u.copy_from_slice(last),
+            None => u.fill(0.0),
+        }
     }
 
     /// Remembers what is sent.

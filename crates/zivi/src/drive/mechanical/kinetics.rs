@@ -140,6 +140,16 @@ impl GapKinetics {
         (0..m).filter(|&i| set[i]).zip(&*right).for_each(|(i, x)| b[i] = *x);
     }
 
+    /// The forces of closed contacts that keep their gaps closed under the forces of the evaluation, 0
+    /// of open ones.
+    pub fn contact_forces(&mut self, closed: &[bool]) -> Vec<f64> {
+        let free = |i| dot(self.mobility_of(i), self.force()) + self.curvatures()[i];
+        let mut forces: Vec<f64> =
+            (0..closed.len()).map(|i| if closed[i] { -free(i) } else { 0.0 }).collect();
+        self.solve_among(closed, &mut forces);
+        forces
+    }
+
     /// Takes from a velocity, or such, `M^-1 N_A^T W_AA^-1 b`.
     pub(super) fn push(&mut self, set: &[bool], mut b: Vec<f64>, v: &mut [f64]) {
         self.solve_among(set, &mut b);

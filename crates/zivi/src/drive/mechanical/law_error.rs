@@ -17,6 +17,8 @@ pub enum LawError<E> {
     Indefinite,
     /// The controls do not reach all of so many gaps: the singular values of `W^-1/2 N M^-1 B`.
     Unreached(usize, Vec<f64>),
+    /// The state that was put back is of a system with other coordinates or controls.
+    Foreign,
     /// The tracker of a gap refuses its reference or its settings.
     Refused(SettingError),
     /// The motion over the delay cannot begin.
@@ -40,6 +42,7 @@ impl<E> LawError<E> {
                 "the controls do not reach all of the {gaps} gaps: N M^-1 B has the singular \
                  values {values:?} here, in the metric of the masses"
             ),
+            Self::Foreign => "state must be what a tracker of this system gave".into(),
             Self::Refused(error) => error.to_string(),
             Self::Setup(error) => error.to_string(),
         })
