@@ -122,7 +122,8 @@ lint-rust: $(VENV)/.packages
 	    PYO3_PYTHON=$(CURDIR)/$(BIN)/python \
 	    cargo clippy --locked --quiet --workspace --all-targets -- -D warnings && \
 	    cargo clippy --locked --quiet --package zivi-c --features exports -- -D warnings && \
-	    cargo clippy --locked --quiet --package zivi-c --features exports,single -- -D warnings; \
+	    cargo clippy --locked --quiet --package zivi-c --features exports,single -- -D warnings && \
+	    cargo clippy --locked --quiet --package zivi-fmu --features loops -- -D warnings; \
 	else echo 'cargo clippy is missing: rustup component add clippy'; test -n '$(SKIP_MISSING)'; fi
 
 lint-python: $(READY)

@@ -37,6 +37,7 @@ class Archive:
     def __init__(self, path: Path, folder: Path) -> None:
         with zipfile.ZipFile(path) as archive:
             archive.extractall(folder)
+        self.folder = folder.resolve()
         self.root = Xml.parse(folder / "modelDescription.xml").getroot()
         self.fmi = int(self.root.attrib["fmiVersion"][0])
         self.token = self.root.attrib["guid" if self.fmi == 2 else "instantiationToken"].encode()
@@ -55,6 +56,7 @@ class Unit:
 
     def __init__(self, archive: Archive) -> None:
         self.archive, self.fmi, self.told = archive, archive.fmi, []
+        resources = archive.folder / "resources"
         if self.fmi == 2:
             self.logger: Any = LOGGER2(lambda _e, _n, status, _c, words: self._tell(status, words))
             self.callbacks = Callbacks(self.logger, None, None, None, None)
@@ -62,14 +64,24 @@ class Unit:
             instantiate.argtypes = [c.c_char_p, c.c_int, c.c_char_p, c.c_char_p]
             instantiate.argtypes += [c.POINTER(Callbacks), c.c_int, c.c_int]
             rest: tuple[Any, ...] = (c.byref(self.callbacks), 0, 0)
-            arguments = (b"unit", 1, archive.token, None, *rest)
+            arguments = (b"unit", 1, archive.token, resources.as_uri().encode(), *rest)
         else:
             self.logger = LOGGER3(lambda _e, status, _c, words: self._tell(status, words))
             instantiate = archive.library.fmi3InstantiateCoSimulation
             instantiate.argtypes = [c.c_char_p] * 3 + [c.c_bool] * 4
             instantiate.argtypes += [c.c_void_p, c.c_size_t, c.c_void_p, LOGGER3, c.c_void_p]
             flags = (False, False, False, False)
-            arguments = (b"unit", archive.token, None, *flags, None, 0, None, self.logger, None)
+            arguments = (
+                b"unit",
+                archive.token,
+                bytes(resources),
+                *flags,
+                None,
+                0,
+                None,
+                self.logger,
+                None,
+            )
         instantiate.restype = c.c_void_p
         self.pointer = instantiate(*arguments)
         assert self.pointer

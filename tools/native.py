@@ -4,7 +4,8 @@ Into ``python/zivi/_native``, from which it gets into wheels; laid out like ``/u
 
 - ``lib/libzivi.a`` (``zivi.lib`` on Windows), ``include/zivi.h``, the same in single precision
   as ``zivi_f32``, ``lib/pkgconfig`` and ``lib/cmake``: the C library for targets;
-- ``fmu/x86_64-linux.so``, or what this machine is called in FMI: the binary of the FMUs.
+- ``fmu/x86_64-linux.so``, or what this machine is called in FMI: the binary of the FMUs;
+  ``fmu_loops`` in the same way: that of closed loops of mechanical systems.
 
 Asked for by name, ``host`` builds the shared library for programs in C and C++ into ``out/host``.
 
@@ -85,6 +86,21 @@ def fmu() -> None:
     """Build the binary of the FMUs. It loads wherever there is a C library: it names none."""
     options = [] if sys.platform != "darwin" else ["--", "-Clink-arg=-lSystem"]
     build("zivi-fmu", "cdylib", "target", *options)
+    place_unit("bare", "fmu")
+
+
+def fmu_loops() -> None:
+    """Build the binary of the FMUs of closed loops of mechanical systems."""
+    if sys.platform == "win32":
+        return  # it loads compiled systems as other systems do
+    command = "cargo rustc --locked --quiet --release --package zivi-fmu --lib --features loops"
+    options = ["--crate-type", "cdylib", "--target-dir", str(TARGET)]
+    subprocess.run([*command.split(), *options], check=True, cwd=ROOT)
+    place_unit("release", "fmu_loops")
+
+
+def place_unit(built_in: str, folder: str) -> None:
+    """Put the binary of FMUs where the package has it, under the name of this machine."""
     machine = {"amd64": "x86_64", "arm64": "aarch64"}.get(
         platform.machine().lower(), platform.machine().lower()
     )
@@ -92,8 +108,8 @@ def fmu() -> None:
         "darwin": ("darwin", "lib", ".dylib"),
         "win32": ("windows", "", ".dll"),
     }.get(sys.platform, ("linux", "lib", ".so"))
-    built = TARGET / "bare" / f"{prefix}zivi_fmu{ending}"
-    copied(built, place("fmu", f"{machine}-{system}{ending}"))
+    built = TARGET / built_in / f"{prefix}zivi_fmu{ending}"
+    copied(built, place(folder, f"{machine}-{system}{ending}"))
 
 
 def host() -> None:
@@ -176,9 +192,14 @@ def archive_of(member: bytes, library: Path) -> None:
         os.replace(Path(folder, "new.a"), library)
 
 
-PRODUCTS: dict[str, Callable[[], None]] = {"c": c_library, "fmu": fmu, "host": host}
+PRODUCTS: dict[str, Callable[[], None]] = {
+    "c": c_library,
+    "fmu": fmu,
+    "fmu_loops": fmu_loops,
+    "host": host,
+}
 
-PACKAGED = ("c", "fmu")
+PACKAGED = ("c", "fmu", "fmu_loops")
 """What is built when nothing is named."""
 
 if __name__ == "__main__":

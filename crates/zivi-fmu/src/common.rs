@@ -3,7 +3,7 @@
 use core::ffi::{c_char, c_void, CStr};
 use core::ptr::NonNull;
 
-use crate::instance::{Instance, Log, Status, ERROR, OK};
+use crate::instance::{kept, Instance, Log, Status, ERROR, OK};
 use crate::model::Model;
 use crate::state::State;
 use crate::table::Kind;
@@ -44,14 +44,15 @@ unsafe fn bytes<'a>(string: *const c_char) -> &'a [u8] {
 pub(crate) unsafe fn instantiated(
     name: *const c_char,
     token: *const c_char,
+    resources: *const c_char,
     log: Log,
     environment: *mut c_void,
 ) -> *mut Instance {
     // SAFETY: strings of the importer
-    let (name, token) = unsafe { (bytes(name), bytes(token)) };
-    let Some(model) = Model::of_token(token) else {
-        let nobody = Instance::new(Model::Mass, name, log, environment);
-        nobody.tell(ERROR, c"the token is of another FMU, or of another version");
+    let (name, token, resources) = unsafe { (bytes(name), bytes(token), bytes(resources)) };
+    let Some(model) = Model::of_token(token, resources) else {
+        let words = c"the token is of another FMU, or of another version";
+        log.tell(environment, &kept(name), ERROR, words);
         return core::ptr::null_mut();
     };
     // SAFETY: a plain structure
@@ -120,7 +121,7 @@ pub(crate) unsafe fn get<V>(
     for k in 0..asked.count {
         // SAFETY: the array has so many elements
         let reference = unsafe { asked.references.add(k).read() };
-        match seen.get(it.model, reference, asked.kind) {
+        match seen.get(it.model.table(), reference, asked.kind) {
             // SAFETY: as above
             Some(value) => unsafe { asked.values.add(k).write(made(value)) },
             None => return it.tell(ERROR, c"no variable of this type has this reference"),

@@ -38,7 +38,7 @@ unsafe extern "C" fn fmi2Instantiate(
     name: *const c_char,
     kind: c_int,
     token: *const c_char,
-    _resources: *const c_char,
+    resources: *const c_char,
     callbacks: *mut Callbacks,
     _visible: c_int,
     _logging: c_int,
@@ -50,7 +50,7 @@ unsafe extern "C" fn fmi2Instantiate(
     }
     let log = callbacks.logger.map_or(Log::Nobody, Log::Two);
     // SAFETY: strings of the importer
-    unsafe { instantiated(name, token, log, callbacks.environment) }
+    unsafe { instantiated(name, token, resources, log, callbacks.environment) }
 }
 
 #[no_mangle]

@@ -19,7 +19,7 @@ extern "C" fn fmi3GetVersion() -> *const c_char {
 unsafe extern "C" fn fmi3InstantiateCoSimulation(
     name: *const c_char,
     token: *const c_char,
-    _resources: *const c_char,
+    resources: *const c_char,
     _visible: bool,
     _logging: bool,
     _event_mode: bool,
@@ -31,7 +31,10 @@ unsafe extern "C" fn fmi3InstantiateCoSimulation(
     _intermediate_update: *const c_void,
 ) -> *mut Instance {
     // SAFETY: strings of the importer
-    unsafe { instantiated(name, token, log.map_or(Log::Nobody, Log::Three), environment) }
+    unsafe {
+        let log = log.map_or(Log::Nobody, Log::Three);
+        instantiated(name, token, resources, log, environment)
+    }
 }
 
 #[no_mangle]

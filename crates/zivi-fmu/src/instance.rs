@@ -2,10 +2,9 @@
 
 use core::ffi::{c_char, c_void, CStr};
 
-use zivi_c::message;
-
-use crate::model::{Model, Refusal};
+use crate::model::{message, Model};
 use crate::state::{mode, State};
+use crate::steps::Refusal;
 use crate::table::Kind;
 
 /// What a function of FMI gives, in both versions.
@@ -32,6 +31,16 @@ pub(crate) enum Log {
 /// Bytes of a name that are kept for the logger.
 const NAME: usize = 64;
 
+/// What is kept of a name; it ends with 0.
+pub(crate) fn kept(name: &[u8]) -> [u8; NAME] {
+    let mut kept = [0; NAME];
+    // the last byte stays 0
+    for (to, from) in kept.iter_mut().take(NAME - 1).zip(name) {
+        *to = *from;
+    }
+    kept
+}
+
 /// An instance of a model.
 pub(crate) struct Instance {
     pub(crate) model: Model,
@@ -43,34 +52,50 @@ pub(crate) struct Instance {
 
 impl Instance {
     pub(crate) fn new(model: Model, name: &[u8], log: Log, environment: *mut c_void) -> Self {
-        let mut kept = [0; NAME];
-        // the last byte stays 0
-        for (to, from) in kept.iter_mut().take(NAME - 1).zip(name) {
-            *to = *from;
+        Self {
+            model,
+            state: State::new(model.number(), model.table()),
+            log,
+            environment,
+            name: kept(name),
         }
-        Self { model, state: State::new(model), log, environment, name: kept }
     }
 
     /// Tells what is wrong, and gives the status.
     pub(crate) fn tell(&self, status: Status, words: &CStr) -> Status {
+        self.log.tell(self.environment, &self.name, status, words)
+    }
+}
+
+impl Log {
+    /// Tells what is wrong with an instance of a name that ends with 0, and gives the status.
+    pub(crate) fn tell(
+        self,
+        environment: *mut c_void,
+        name: &[u8],
+        status: Status,
+        words: &CStr,
+    ) -> Status {
         let category = if status == WARNING { c"logStatusWarning" } else { c"logStatusError" };
         // SAFETY: the importer gave the function with the environment, the strings end with 0
         unsafe {
-            match self.log {
+            match self {
                 Log::Nobody => {}
                 Log::Two(log) => log(
-                    self.environment,
-                    self.name.as_ptr().cast(),
+                    environment,
+                    name.as_ptr().cast(),
                     status,
                     category.as_ptr(),
                     words.as_ptr(),
                 ),
-                Log::Three(log) => log(self.environment, status, category.as_ptr(), words.as_ptr()),
+                Log::Three(log) => log(environment, status, category.as_ptr(), words.as_ptr()),
             }
         }
         status
     }
+}
 
+impl Instance {
     /// Goes from one mode to the next.
     pub(crate) fn go(&mut self, from: u32, to: u32) -> Status {
         if self.state.mode != from {
@@ -94,7 +119,7 @@ impl Instance {
     }
 
     pub(crate) fn reset(&mut self) -> Status {
-        self.state = State::new(self.model);
+        self.state = State::new(self.model.number(), self.model.table());
         OK
     }
 
@@ -142,7 +167,7 @@ impl Instance {
 
     /// Sets one variable.
     pub(crate) fn set(&mut self, reference: u32, kind: Kind, value: f64) -> Status {
-        if self.state.set(self.model, reference, kind, value) {
+        if self.state.set(self.model.table(), reference, kind, value) {
             OK
         } else {
             self.tell(ERROR, c"no variable of this type that may be set now has this reference")

@@ -9,7 +9,7 @@
 //! step. An importer that sets, reads and steps therefore closes a loop without delay; one that
 //! steps and reads gets the control of the last period, a delay of one period.
 
-#![no_std]
+#![cfg_attr(not(feature = "loops"), no_std)]
 #![deny(
     clippy::indexing_slicing,
     clippy::unwrap_used,
@@ -26,13 +26,17 @@ mod fmi2;
 #[cfg(feature = "target")]
 mod fmi3;
 mod instance;
+#[cfg_attr(feature = "loops", path = "loops/mod.rs")]
 mod model;
+#[cfg_attr(feature = "loops", path = "loops/objects.rs")]
+mod objects;
 #[cfg(feature = "target")]
 mod shared;
 mod state;
+mod steps;
 mod table;
 
-#[cfg(feature = "target")]
+#[cfg(all(feature = "target", not(feature = "loops")))]
 mod panic_free {
     extern "C" {
         fn zivi_panic_is_reachable() -> !;

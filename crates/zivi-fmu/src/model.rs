@@ -6,8 +6,11 @@ use zivi_c::{
     ZIVI_TICK_PAPER,
 };
 
-use crate::state::{mode, State};
-use crate::table::{closed_loop, mass, observer, regulator, tracker, Kind, Role, Variable, MOST};
+use crate::state::State;
+use crate::steps::{Parts, Refusal};
+use crate::table::{closed_loop, mass, observer, regulator, tracker, Variable};
+
+pub(crate) use zivi_c::message;
 
 /// Which model an instance is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -27,20 +30,9 @@ const MODELS: [(Model, &[u8]); 5] = [
     (Model::Observer, b"zivi-impact-observer-1"),
 ];
 
-/// How a communication step is refused.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Refusal {
-    /// It is not a positive number, or has too many steps of `h`.
-    Length,
-    /// It is not a multiple of `h`.
-    Multiple,
-    /// A step of the mass has no end.
-    Code(i32),
-}
-
 impl Model {
     /// The model with this token.
-    pub(crate) fn of_token(token: &[u8]) -> Option<Self> {
+    pub(crate) fn of_token(token: &[u8], _resources: &[u8]) -> Option<Self> {
         MODELS.iter().find(|(_, name)| *name == token).map(|(model, _)| *model)
     }
 
@@ -105,24 +97,24 @@ impl Model {
             }
             Model::Regulator => {
                 let [x, xdot, force] = regulator_inputs(state);
-                state.code = state.regulator.step(x, xdot, force);
+                state.code = state.objects.regulator.step(x, xdot, force);
             }
             Model::Tracker => {
                 let [x, xdot, force, force_ref] = tracker_inputs(state);
-                state.code = state.tracker.step(x, xdot, force, force_ref);
+                state.code = state.objects.tracker.step(x, xdot, force, force_ref);
             }
             Model::Loop => {
-                let (x, xdot) = (state.mass.x, state.mass.xdot);
+                let (x, xdot) = (state.objects.mass.x, state.objects.mass.xdot);
                 let force = state.value(closed_loop::FORCE);
                 let force_ref = state.value(closed_loop::FORCE_REF);
-                state.code = state.tracker.step(x, xdot, force, force_ref);
+                state.code = state.objects.tracker.step(x, xdot, force, force_ref);
                 let acting = force + state.value(closed_loop::DISTURBANCE);
-                let u = state.tracker.u;
+                let u = state.objects.tracker.u;
                 move_mass(state, h, acting + u)?;
             }
             Model::Observer => {
                 let [x, xdot, force, u] = observer_inputs(state);
-                state.code = state.observer.step(x, xdot, force, u);
+                state.code = state.objects.observer.step(x, xdot, force, u);
             }
         }
         Ok(())
@@ -140,34 +132,8 @@ impl Model {
     }
 }
 
-/// A communication step in equal parts.
-struct Parts {
-    count: u64,
-    h: f64,
-    /// Whether it is a multiple of the step size asked for.
-    whole: bool,
-}
-
-impl Parts {
-    /// As many parts as steps `h` fit, each exactly `h` where the length is a multiple of it, else
-    /// a little shorter.
-    fn of(length: f64, h: f64) -> Result<Self, Refusal> {
-        const MOST: f64 = 1e9;
-        let ratio = length / h;
-        if !(ratio > 0.0 && ratio <= MOST) {
-            return Err(Refusal::Length);
-        }
-        let nearest = (ratio + 0.5) as u64;
-        if nearest >= 1 && (ratio - nearest as f64).abs() <= 1e-6 {
-            return Ok(Self { count: nearest, h, whole: true });
-        }
-        let count = ratio as u64 + 1;
-        Ok(Self { count, h: length / count as f64, whole: false })
-    }
-}
-
 fn move_mass(state: &mut State, h: f64, force: f64) -> Result<(), Refusal> {
-    match state.mass.advance(h, force) {
+    match state.objects.mass.advance(h, force) {
         code if code < 0 => Err(Refusal::Code(code)),
         _ => Ok(()),
     }
@@ -176,9 +142,9 @@ fn move_mass(state: &mut State, h: f64, force: f64) -> Result<(), Refusal> {
 fn configure_mass(state: &mut State, h: usize, e: usize, [x0, xdot0]: [usize; 2]) -> i32 {
     let config = MassConfig { h: state.value(h), e: state.value(e), ..MassConfig::defaults() };
     let (x, xdot) = (state.value(x0), state.value(xdot0));
-    match state.mass.init(&config) {
+    match state.objects.mass.init(&config) {
         code if code < 0 => code,
-        _ => state.mass.reset(x, xdot),
+        _ => state.objects.mass.reset(x, xdot),
     }
 }
 
@@ -200,7 +166,7 @@ fn configure_regulator(state: &mut State) -> i32 {
         u_max: state.value(U_MAX),
         ..RegulatorConfig::defaults()
     };
-    state.regulator.init(&config)
+    state.objects.regulator.init(&config)
 }
 
 fn configure_observer(state: &mut State) -> i32 {
@@ -219,7 +185,7 @@ fn configure_observer(state: &mut State) -> i32 {
         dmax: state.value(DMAX),
         ..ObserverConfig::defaults()
     };
-    state.observer.init(&config)
+    state.objects.observer.init(&config)
 }
 
 /// Where the parameters of a tracker are in a model, one after another.
@@ -260,9 +226,9 @@ fn configure_tracker(state: &mut State, places: &TrackerPlaces) -> i32 {
         ..TrackerConfig::defaults()
     };
     let (x_ref, xdot_ref) = (of(X_REF0), of(XDOT_REF0));
-    match state.tracker.init(&config) {
+    match state.objects.tracker.init(&config) {
         code if code < 0 => code,
-        _ => state.tracker.reset(x_ref, xdot_ref),
+        _ => state.objects.tracker.reset(x_ref, xdot_ref),
     }
 }
 
@@ -294,7 +260,7 @@ fn observer_inputs(state: &State) -> [f64; 4] {
 }
 
 fn mass_outputs(state: &mut State) {
-    let mass = state.mass;
+    let mass = state.objects.mass;
     state.put(mass::X, mass.x);
     state.put(mass::XDOT, mass.xdot);
     state.put(mass::S, mass.s);
@@ -305,7 +271,7 @@ fn mass_outputs(state: &mut State) {
 
 /// The control for the inputs that were set since the last step, else that of the last period.
 fn regulator_outputs(state: &mut State) {
-    let (mut ahead, mut code) = (state.regulator, state.code);
+    let (mut ahead, mut code) = (state.objects.regulator, state.code);
     if state.asked != 0 {
         let [x, xdot, force] = regulator_inputs(state);
         code = ahead.step(x, xdot, force);
@@ -316,7 +282,7 @@ fn regulator_outputs(state: &mut State) {
 
 /// The same; the reference is that of this sample.
 fn tracker_outputs(state: &mut State) {
-    let (mut ahead, mut code) = (state.tracker, state.code);
+    let (mut ahead, mut code) = (state.objects.tracker, state.code);
     state.put(tracker::X_REF, ahead.x_ref);
     state.put(tracker::XDOT_REF, ahead.xdot_ref);
     if state.asked != 0 {
@@ -330,7 +296,7 @@ fn tracker_outputs(state: &mut State) {
 /// The estimates at the measurement that was set since the last step, else the last ones.
 fn observer_outputs(state: &mut State) {
     use observer::{D_EST, E_EST, E_STD, REFUSED, STATUS, XDOT_EST, X_EST};
-    let (mut ahead, mut code) = (state.observer, state.code);
+    let (mut ahead, mut code) = (state.objects.observer, state.code);
     if state.asked != 0 {
         let [x, xdot, force, u] = observer_inputs(state);
         code = ahead.step(x, xdot, force, u);
@@ -347,8 +313,8 @@ fn observer_outputs(state: &mut State) {
 /// The control is that of the sample that is taken now.
 fn loop_outputs(state: &mut State) {
     use closed_loop::{FORCE, FORCE_REF, STATUS, U, X, XDOT, XDOT_REF, X_REF};
-    let mut ahead = state.tracker;
-    let (x, xdot) = (state.mass.x, state.mass.xdot);
+    let mut ahead = state.objects.tracker;
+    let (x, xdot) = (state.objects.mass.x, state.objects.mass.xdot);
     state.put(X, x);
     state.put(XDOT, xdot);
     state.put(X_REF, ahead.x_ref);
@@ -356,47 +322,4 @@ fn loop_outputs(state: &mut State) {
     let code = ahead.step(x, xdot, state.value(FORCE), state.value(FORCE_REF));
     state.put(U, ahead.u);
     state.put(STATUS, f64::from(code));
-}
-
-impl State {
-    /// As after instantiation.
-    pub(crate) fn new(model: Model) -> Self {
-        let mut values = [0.0; MOST];
-        for (value, variable) in values.iter_mut().zip(model.table()) {
-            *value = variable.start;
-        }
-        Self {
-            model: model.number(),
-            mode: mode::INSTANTIATED,
-            asked: 1,
-            code: 0,
-            values,
-            mass: zivi_c::Mass::default(),
-            regulator: zivi_c::Regulator::default(),
-            tracker: zivi_c::Tracker::default(),
-            observer: zivi_c::Observer::default(),
-        }
-    }
-
-    /// The variable with this reference, if it is of this kind; what an output is now.
-    pub(crate) fn get(&self, model: Model, reference: u32, kind: Kind) -> Option<f64> {
-        let variable = model.table().get(reference as usize)?;
-        (variable.kind == kind).then(|| self.value(reference as usize))
-    }
-
-    /// Sets a variable where that is allowed.
-    pub(crate) fn set(&mut self, model: Model, reference: u32, kind: Kind, value: f64) -> bool {
-        let Some(variable) = model.table().get(reference as usize) else { return false };
-        let now = match variable.role {
-            Role::Input => self.mode != mode::TERMINATED,
-            Role::Parameter => self.mode < mode::STEP,
-            Role::Time | Role::Output => false,
-        };
-        if variable.kind != kind || !now {
-            return false;
-        }
-        self.put(reference as usize, value);
-        self.asked = 1;
-        true
-    }
 }

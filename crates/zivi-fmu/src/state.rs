@@ -1,8 +1,7 @@
 //! Everything that changes while a model runs.
 
-use zivi_c::{Mass, Observer, Regulator, Tracker};
-
-use crate::table::MOST;
+use crate::objects::{Objects, MOST};
+use crate::table::{Kind, Role, Variable};
 
 /// What an instance may be asked for.
 pub(crate) mod mode {
@@ -25,13 +24,54 @@ pub(crate) struct State {
     pub(crate) code: i32,
     /// By value reference.
     pub(crate) values: [f64; MOST],
-    pub(crate) mass: Mass,
-    pub(crate) regulator: Regulator,
-    pub(crate) tracker: Tracker,
-    pub(crate) observer: Observer,
+    pub(crate) objects: Objects,
 }
 
 impl State {
+    /// As after instantiation.
+    pub(crate) fn new(model: u32, table: &[Variable]) -> Self {
+        let mut values = [0.0; MOST];
+        for (value, variable) in values.iter_mut().zip(table) {
+            *value = variable.start;
+        }
+        Self {
+            model,
+            mode: mode::INSTANTIATED,
+            asked: 1,
+            code: 0,
+            values,
+            objects: Objects::default(),
+        }
+    }
+
+    /// The variable with this reference, if it is of this kind; what an output is now.
+    pub(crate) fn get(&self, table: &[Variable], reference: u32, kind: Kind) -> Option<f64> {
+        let variable = table.get(reference as usize)?;
+        (variable.kind == kind).then(|| self.value(reference as usize))
+    }
+
+    /// Sets a variable where that is allowed.
+    pub(crate) fn set(
+        &mut self,
+        table: &[Variable],
+        reference: u32,
+        kind: Kind,
+        value: f64,
+    ) -> bool {
+        let Some(variable) = table.get(reference as usize) else { return false };
+        let now = match variable.role {
+            Role::Input => self.mode != mode::TERMINATED,
+            Role::Parameter => self.mode < mode::STEP,
+            Role::Time | Role::Output => false,
+        };
+        if variable.kind != kind || !now {
+            return false;
+        }
+        self.put(reference as usize, value);
+        self.asked = 1;
+        true
+    }
+
     pub(crate) fn value(&self, index: usize) -> f64 {
         self.values.get(index).copied().unwrap_or(f64::NAN)
     }

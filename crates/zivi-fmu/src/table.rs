@@ -31,9 +31,7 @@ pub(crate) struct Variable {
     pub(crate) start: f64,
 }
 
-/// Variables of the largest model.
-pub(crate) const MOST: usize = 40;
-
+#[cfg(not(feature = "loops"))]
 macro_rules! variables {
     ($name:ident: $($index:ident $kind:ident $role:ident $start:expr;)*) => {
         #[allow(dead_code, reason = "not every place is asked for by name")]
@@ -50,6 +48,7 @@ macro_rules! variables {
     };
 }
 
+#[cfg(not(feature = "loops"))]
 variables! { mass:
     TIME Real Time 0.0;
     U Real Input 0.0;
@@ -65,6 +64,7 @@ variables! { mass:
     XDOT0 Real Parameter 0.0;
 }
 
+#[cfg(not(feature = "loops"))]
 variables! { regulator:
     TIME Real Time 0.0;
     X Real Input 0.0;
@@ -85,6 +85,7 @@ variables! { regulator:
     QUIET Real Parameter 0.0;
 }
 
+#[cfg(not(feature = "loops"))]
 variables! { tracker:
     TIME Real Time 0.0;
     X Real Input 0.0;
@@ -115,6 +116,7 @@ variables! { tracker:
     QUIET Real Parameter 0.0;
 }
 
+#[cfg(not(feature = "loops"))]
 variables! { closed_loop:
     TIME Real Time 0.0;
     DISTURBANCE Real Input 0.0;
@@ -148,6 +150,7 @@ variables! { closed_loop:
     QUIET Real Parameter 0.0;
 }
 
+#[cfg(not(feature = "loops"))]
 variables! { observer:
     TIME Real Time 0.0;
     X Real Input 0.0;

@@ -23,7 +23,7 @@ from typing import Any
 
 from zivi.base.extras import have
 
-__all__ = ["COMPILERS", "Native", "compiled"]
+__all__ = ["COMPILERS", "Native", "compiled", "shared_library"]
 
 COMPILERS = ("auto", "c", "numba")
 """What can make machine code."""
@@ -118,6 +118,22 @@ def _by_c(source: str) -> Native:
             _compile(command, source, library)
             return _loaded(library)
     raise RuntimeError("no folder could take a compiled model: set ZIVI_CACHE to one that can")
+
+
+def shared_library(source: str) -> bytes:
+    """Compile functions in C, as `compiled` does, to a library, for programs without Python.
+
+    Raises
+    ------
+    RuntimeError
+        Without a C compiler, or if it fails.
+    """
+    if (compiler := c_compiler()) is None:
+        raise RuntimeError("a C compiler is needed, found as cc or named by the variable CC")
+    with tempfile.TemporaryDirectory(prefix="zivi-") as folder:
+        library = Path(folder) / "library"
+        _compile([*compiler, *FLAGS], source, library)
+        return library.read_bytes()
 
 
 def _loaded(library: Path) -> Native:

@@ -3,5 +3,6 @@
 from __future__ import annotations
 
 from zivi.interop.fmu.export import export_fmu
+from zivi.interop.fmu.loop import export_loop
 
-__all__ = ["export_fmu"]
+__all__ = ["export_fmu", "export_loop"]

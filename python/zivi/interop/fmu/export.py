@@ -16,7 +16,7 @@ from zivi.interop.fmu.table import MODELS, Model
 from zivi.system.mass import ImpactSystem
 from zivi.system.mechanism import MechanicalSystem
 
-__all__ = ["export_fmu"]
+__all__ = ["binaries_of", "chosen_versions", "export_fmu", "write_archive"]
 
 VERSIONS = (2, 3)
 """Versions of FMI."""
@@ -87,16 +87,24 @@ def export_fmu(
     """
     folder = Path(out)
     models = [MODELS[key] for key in _chosen_models(model)]
-    versions = _chosen_versions(fmi)
-    binaries = _binaries()
+    versions = chosen_versions(fmi)
+    binaries = binaries_of("fmu")
+    return [write_archive(folder, it, version, binaries) for it in models for version in versions]
+
+
+def write_archive(
+    out: str | os.PathLike[str],
+    model: Model,
+    fmi: int,
+    binaries: dict[str, bytes],
+    beside: dict[str, bytes] | None = None,
+) -> Path:
+    """Write the FMU of a model, with other files beside the binaries, into a folder."""
+    folder = Path(out)
     folder.mkdir(parents=True, exist_ok=True)
-    written = []
-    for it in models:
-        for version in versions:
-            path = folder / f"{it.name}{version}.fmu"
-            _write_whole(path, _archive(it, version, binaries))
-            written.append(path)
-    return written
+    path = folder / f"{model.name}{fmi}.fmu"
+    _write_whole(path, _archive(model, fmi, binaries, beside or {}))
+    return path
 
 
 def _chosen_models(model: str | Iterable[str] | None) -> list[str]:
@@ -111,7 +119,8 @@ def _chosen_models(model: str | Iterable[str] | None) -> list[str]:
     if isinstance(model, ImpactSystem | MechanicalSystem):
         raise TypeError(
             f"an FMU has zivi's own models only, and no {type(model).__name__}: model must be one "
-            f"of {', '.join(MODELS)}; the mass takes its numbers as parameters"
+            f"of {', '.join(MODELS)}; the mass takes its numbers as parameters, a mechanical "
+            "system with its controller is zivi.fmu.export_loop"
         )
     if not isinstance(model, str | Iterable):
         raise TypeError(f"model must be a name or several, got {model!r}")
@@ -122,7 +131,8 @@ def _chosen_models(model: str | Iterable[str] | None) -> list[str]:
     return list(dict.fromkeys(names))
 
 
-def _chosen_versions(fmi: int | Iterable[int] | None) -> list[int]:
+def chosen_versions(fmi: int | Iterable[int] | None) -> list[int]:
+    """Read the versions of FMI that are asked for, by default all."""
     if fmi is None:
         return list(VERSIONS)
     given = list(fmi) if isinstance(fmi, Iterable) and not isinstance(fmi, str) else [fmi]
@@ -133,9 +143,9 @@ def _chosen_versions(fmi: int | Iterable[int] | None) -> list[int]:
     return list(dict.fromkeys(versions))
 
 
-def _binaries() -> dict[str, bytes]:
-    """Read the binaries that this installation has, by platform."""
-    folder = Path(__file__).parents[2] / "_native" / "fmu"
+def binaries_of(kind: str) -> dict[str, bytes]:
+    """Read the binaries of a kind that this installation has, by platform."""
+    folder = Path(__file__).parents[2] / "_native" / kind
     found = {}
     for platform, (_, ending) in PLATFORMS.items():
         path = folder / f"{platform}{ending}"
@@ -149,8 +159,9 @@ def _binaries() -> dict[str, bytes]:
     return found
 
 
-def _archive(model: Model, fmi: int, binaries: dict[str, bytes]) -> bytes:
+def _archive(model: Model, fmi: int, binaries: dict[str, bytes], beside: dict[str, bytes]) -> bytes:
     files = {
+        **beside,
         "modelDescription.xml": description(model, fmi),
         "documentation/index.html": _page(model).encode(),
     }

@@ -1,0 +1,212 @@
+//! The files of a loop in the folder of the resources.
+
+use core::ffi::{c_char, c_int, c_void};
+use std::ffi::CString;
+use std::path::{Path, PathBuf};
+
+use zivi::drive::mechanical::{GapTracker, GapTrackerSettings, MechanicalReference, Noise};
+use zivi::system::dynamics::Layout;
+use zivi::system::impact_law::newton_impacts;
+use zivi_core::control::{Approach, Gains, TwistingTracker};
+use zivi_core::Restitution;
+
+use super::compiled::{Function, Inputs, Part};
+use super::given::Loop;
+
+/// Of the numbers.
+const VERSION: f64 = 1.0;
+
+/// Reads a loop; `None` for files that are missing or of another version.
+pub(super) fn read(token: &[u8], resources: &[u8]) -> Option<Loop> {
+    let folder = folder_of(resources)?;
+    let name = std::str::from_utf8(token).ok()?;
+    let is_name = |it: u8| it.is_ascii_alphanumeric() || it == b'-';
+    if !token.iter().all(|it| is_name(*it)) {
+        return None;
+    }
+    let numbers = std::fs::read(folder.join(format!("{name}.bin"))).ok()?;
+    let library = Library::open(&folder.join(format!("{name}{ENDING}")))?;
+    let mut from = Numbers(&numbers);
+    if from.one()? != VERSION {
+        return None;
+    }
+    let [n, m, r, delay] = [from.count()?, from.count()?, from.count()?, from.count()?];
+    let (layout, h) = (Layout::smooth(n, m), from.one()?);
+    let posture = (from.one()?, from.one()?);
+    let learn_offsets = from.one()? != 0.0;
+    let latch = from.optional(2)?.map(|it| [it[0], it[1]]);
+    let limits = from.optional(2 * r)?;
+    let limits = limits.map(|it| it.chunks_exact(2).map(|it| (it[0], it[1])).collect());
+    let noise = Noise { deviations: [from.one()?, from.one()?], steps: [from.one()?, from.one()?] };
+    let (mut trackers, mut forces) = (Vec::new(), Vec::new());
+    for _ in 0..m {
+        let [mu1, mu2, e, horizon, shift, force] = from.array()?;
+        let (gains, wall) = (Gains::new(mu1, mu2).ok()?, Restitution::from_e(e).ok()?);
+        let tracker = TwistingTracker::new(gains, h, wall, wall, Approach::Positive).ok()?;
+        trackers.push(tracker.with_horizon(horizon).ok()?.with_shift(shift != 0.0));
+        forces.push((!force.is_nan()).then_some(force));
+    }
+    let settings = GapTrackerSettings { h, posture, limits, latch, delay, learn_offsets };
+    let start = Loop::first_of(layout, r);
+    let mut values = from.many(2 * n)?;
+    let plant = part(&mut from, &library, c"plant", (start, &mut values), (n, m, r))?;
+    let believed = part(&mut from, &library, c"model", (start, &mut values), (n, m, r))?;
+    let reference = reference(&mut from, (n, m))?;
+    if !from.0.is_empty() {
+        return None;
+    }
+    let mut law = GapTracker::new(trackers, settings);
+    law.noise = noise;
+    Some(Loop {
+        token: token.to_vec(),
+        number: number_of(token),
+        table: Loop::table(layout, r, &values),
+        layout,
+        r,
+        plant,
+        believed,
+        law,
+        forces,
+        reference,
+    })
+}
+
+/// A system: restitutions, inputs, parameters.
+fn part(
+    from: &mut Numbers<'_>,
+    library: &Library,
+    name: &core::ffi::CStr,
+    (start, values): (usize, &mut Vec<f64>),
+    (n, m, r): (usize, usize, usize),
+) -> Option<Part> {
+    let laws = newton_impacts(&from.many(m)?).ok()?;
+    let inputs = match from.optional(n * r)? {
+        Some(matrix) => Inputs::Constant(matrix),
+        None => {
+            let mut other = name.to_bytes().to_vec();
+            other.extend_from_slice(b"_inputs");
+            Inputs::Function(library.function(&CString::new(other).ok()?)?)
+        }
+    };
+    let count = from.count()?;
+    let parameters = (start + values.len(), count);
+    values.extend(from.many(count)?);
+    Some(Part { function: library.function(name)?, inputs, laws, parameters })
+}
+
+fn reference(
+    from: &mut Numbers<'_>,
+    (n, m): (usize, usize),
+) -> Option<Option<MechanicalReference>> {
+    let count = from.count()?;
+    if count == 0 {
+        return Some(None);
+    }
+    Some(Some(MechanicalReference {
+        q: from.many(count * n)?,
+        w: from.many(count * n)?,
+        turning: from.many(count * n)?,
+        gaps: from.many(count * m)?,
+        rates: from.many(count * m)?,
+        accelerations: from.many(count * m)?,
+        sides: from.many(count * m)?,
+        contacts: from.many(count * m)?.iter().map(|it| *it != 0.0).collect(),
+        tasks: Vec::new(),
+    }))
+}
+
+/// The state of another loop is refused by this number (FNV).
+fn number_of(token: &[u8]) -> u32 {
+    token
+        .iter()
+        .fold(0x811c_9dc5, |hash: u32, it| (hash ^ u32::from(*it)).wrapping_mul(0x0100_0193))
+}
+
+/// A folder: a path, or a URI of one.
+fn folder_of(resources: &[u8]) -> Option<PathBuf> {
+    let text = std::str::from_utf8(resources).ok()?;
+    let Some(uri) = text.strip_prefix("file:") else { return Some(PathBuf::from(text)) };
+    let path = match uri.strip_prefix("//") {
+        Some(rest) => &rest[rest.find('/')?..], // beyond the host
+        None => uri,
+    };
+    let (mut bytes, mut left) = (Vec::new(), path.as_bytes());
+    while let Some((&first, rest)) = left.split_first() {
+        let hex =
+            rest.get(..2).filter(|_| first == b'%').and_then(|it| std::str::from_utf8(it).ok());
+        match hex.and_then(|it| u8::from_str_radix(it, 16).ok()) {
+            Some(byte) => (bytes.push(byte), left = &rest[2..]).1,
+            None => (bytes.push(first), left = rest).1,
+        }
+    }
+    Some(PathBuf::from(String::from_utf8(bytes).ok()?))
+}
+
+/// Numbers of a file, the next first.
+struct Numbers<'a>(&'a [u8]);
+
+impl Numbers<'_> {
+    fn one(&mut self) -> Option<f64> {
+        let (first, rest) = self.0.split_first_chunk()?;
+        self.0 = rest;
+        Some(f64::from_le_bytes(*first))
+    }
+
+    fn array<const K: usize>(&mut self) -> Option<[f64; K]> {
+        let mut array = [0.0; K];
+        for it in &mut array {
+            *it = self.one()?;
+        }
+        Some(array)
+    }
+
+    fn many(&mut self, count: usize) -> Option<Vec<f64>> {
+        (0..count).map(|_| self.one()).collect()
+    }
+
+    /// How many of something there are.
+    fn count(&mut self) -> Option<usize> {
+        let value = self.one()?;
+        (value >= 0.0 && value <= self.0.len() as f64 + 64.0).then_some(value as usize)
+    }
+
+    /// As many numbers, if a first one says that they are there.
+    fn optional(&mut self, count: usize) -> Option<Option<Vec<f64>>> {
+        match self.one()? {
+            0.0 => Some(None),
+            _ => self.many(count).map(Some),
+        }
+    }
+}
+
+/// A library that stays loaded.
+struct Library(*mut c_void);
+
+#[cfg(target_os = "macos")]
+const ENDING: &str = ".dylib";
+#[cfg(not(target_os = "macos"))]
+const ENDING: &str = ".so";
+
+extern "C" {
+    fn dlopen(path: *const c_char, how: c_int) -> *mut c_void;
+    fn dlsym(library: *mut c_void, name: *const c_char) -> *mut c_void;
+}
+
+/// `RTLD_NOW`.
+const NOW: c_int = 2;
+
+impl Library {
+    fn open(path: &Path) -> Option<Self> {
+        let path = CString::new(path.to_str()?).ok()?;
+        // SAFETY: the export compiled it
+        let library = unsafe { dlopen(path.as_ptr(), NOW) };
+        (!library.is_null()).then_some(Self(library))
+    }
+
+    fn function(&self, name: &core::ffi::CStr) -> Option<Function> {
+        // SAFETY: a library that is open
+        let address = unsafe { dlsym(self.0, name.as_ptr()) };
+        // SAFETY: the export gives functions of these names this signature; NULL is `None`
+        unsafe { core::mem::transmute::<*mut c_void, Option<Function>>(address) }
+    }
+}

@@ -1,0 +1,222 @@
+//! A mechanical system with its controller, in place of the models: from files of the archive.
+//!
+//! The binary is the same for all loops. What differs is in the folder of the resources, under the name
+//! of the token: numbers, and a library with the compiled system and the one that the controller
+//! believes in.
+
+#![allow(clippy::indexing_slicing, clippy::expect_used, reason = "a panic becomes a code")]
+
+mod code;
+mod compiled;
+mod files;
+mod given;
+mod moving;
+
+use core::ffi::CStr;
+use std::panic::{catch_unwind, AssertUnwindSafe};
+use std::sync::Mutex;
+
+use zivi::drive::mechanical::{BelievedPlant, GapKinetics, LawError};
+use zivi::system::driven::Driven;
+use zivi::system::dynamics::Dynamics;
+
+use crate::objects::{MOST, ROOM};
+use crate::state::State;
+use crate::steps::{Parts, Refusal};
+use crate::table::Variable;
+use compiled::{Evaluated, Matrix};
+use given::Loop;
+use moving::Moving;
+
+/// What an instance is.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Model(&'static Loop);
+
+/// All loops that this process has read.
+static KNOWN: Mutex<Vec<Model>> = Mutex::new(Vec::new());
+
+/// What a code means.
+pub(crate) fn message(code: i32) -> &'static CStr {
+    match code {
+        code::START => c"q0 and qdot0 must be finite, and no gap below 0",
+        code::EVALUATION => c"the compiled system failed",
+        code::DEPENDENT => c"the gaps must be independent: N M^-1 N^T is singular here",
+        code::INDEFINITE => c"mass must be positive definite",
+        code::UNREACHED => c"the controls do not reach all gaps",
+        code::REFUSED => c"the tracker of a gap refuses its reference or its settings",
+        code::MOTION => c"the motion over the period could not be computed",
+        _ => c"a fault in zivi",
+    }
+}
+
+fn code_of(error: LawError<i32>) -> i32 {
+    match error {
+        LawError::Raised(code) => code,
+        LawError::Dependent => code::DEPENDENT,
+        LawError::Indefinite => code::INDEFINITE,
+        LawError::Unreached(..) => code::UNREACHED,
+        LawError::Foreign | LawError::Refused(_) => code::REFUSED,
+        LawError::Setup(_) => code::MOTION,
+    }
+}
+
+/// Runs something, and makes a code of a panic: none crosses the border.
+fn guarded<T>(run: impl FnOnce() -> Result<T, i32>) -> Result<T, i32> {
+    catch_unwind(AssertUnwindSafe(run)).unwrap_or(Err(code::FAULT))
+}
+
+/// A system under the controls of a loop.
+type Moved<'a> = Driven<Evaluated<'a>, Matrix<'a>>;
+
+impl Model {
+    /// The loop with this token, from the folder of its resources; a folder is as FMI 2 or 3 gives it.
+    pub(crate) fn of_token(token: &[u8], resources: &[u8]) -> Option<Self> {
+        let mut known = KNOWN.lock().ok()?;
+        if let Some(model) = known.iter().find(|it| it.0.token == token) {
+            return Some(*model);
+        }
+        let read = guarded(|| files::read(token, resources).ok_or(code::FAULT)).ok()?;
+        if read.table.len() > MOST || Moving::size(&read) > ROOM {
+            return None;
+        }
+        let model = Self(Box::leak(Box::new(read)));
+        known.push(model);
+        Some(model)
+    }
+
+    pub(crate) fn number(self) -> u32 {
+        self.0.number
+    }
+
+    pub(crate) fn table(self) -> &'static [Variable] {
+        &self.0.table
+    }
+
+    /// Begins where the parameters say.
+    pub(crate) fn configure(self, state: &mut State) -> i32 {
+        let of = self.0;
+        let (q, w) = (of.first_parameter(), of.layout.n);
+        let mut moving = Moving::start(of);
+        moving.t0 = state.value(0);
+        moving.q = (0..w).map(|j| state.value(q + j)).collect();
+        moving.w = (0..w).map(|j| state.value(q + w + j)).collect();
+        let checked = guarded(|| {
+            let mut plant = of.plant.driven(of.layout, of.r + w, state, true);
+            let mut row = vec![0.0; of.layout.len()];
+            plant.evaluate(moving.t0, &moving.q, &moving.w, &mut row)?;
+            let is_finite = moving.q.iter().chain(&moving.w).all(|it| it.is_finite());
+            let is_free = row[of.layout.gap()].iter().all(|gap| *gap >= 0.0);
+            if is_finite && is_free {
+                of.tick(&mut moving.clone(), state).map(|_| ())
+            } else {
+                Err(code::START)
+            }
+        });
+        match checked {
+            Ok(()) => {
+                moving.write(of, &mut state.objects.numbers);
+                0
+            }
+            Err(code) => code,
+        }
+    }
+
+    /// Advances by a communication step of this length, the inputs held.
+    pub(crate) fn step(self, state: &mut State, length: f64) -> Result<(), Refusal> {
+        let parts = Parts::of(length, self.0.law.settings.h)?;
+        if !parts.whole {
+            return Err(Refusal::Multiple);
+        }
+        let moved = guarded(|| {
+            let mut moving = Moving::read(self.0, &state.objects.numbers);
+            for _ in 0..parts.count {
+                self.0.period(&mut moving, state)?;
+            }
+            Ok(moving)
+        });
+        moved.map_err(Refusal::Code)?.write(self.0, &mut state.objects.numbers);
+        state.asked = 0;
+        Ok(())
+    }
+
+    /// Puts the outputs of this moment into the values.
+    pub(crate) fn outputs(self, state: &mut State) {
+        let seen = guarded(|| self.0.seen(Moving::read(self.0, &state.objects.numbers), state));
+        if let Ok(values) = seen {
+            let first = 1 + self.0.layout.n;
+            values.iter().enumerate().for_each(|(k, value)| state.put(first + k, *value));
+        }
+    }
+}
+
+impl Loop {
+    /// The controls for the period that starts now, and those that act in it.
+    fn tick(&self, moving: &mut Moving, state: &State) -> Result<(Vec<f64>, Vec<f64>), i32> {
+        let mut law = self.law.clone();
+        law.state = moving.law.clone();
+        for (tracker, state) in law.trackers.iter_mut().zip(&moving.trackers) {
+            tracker.set_state(*state);
+        }
+        let mut driven = self.believed.driven(self.layout, self.r, state, false);
+        let (laws, h) = (self.believed.laws.as_slice(), law.settings.h);
+        let mut believed = BelievedPlant { driven: &mut driven, tasks: None, laws, h };
+        let (delay, of) = (law.settings.delay, (self.layout.n, self.layout.m));
+        let ends = self.reference.as_ref().map(|reference| {
+            [0, 1].map(|end| reference.sample(moving.k as usize + delay + end, of))
+        });
+        let mut asked = |i: usize, _: f64| Ok(self.forces.get(i).copied().flatten());
+        let mut u = vec![0.0; self.r];
+        let late = law.state.sent.first().filter(|_| law.state.sent.len() == delay).cloned();
+        let measured = (moving.q.as_slice(), moving.w.as_slice());
+        law.tick(&mut believed, moving.t(h), measured, ends, &mut asked, &mut u)
+            .map_err(code_of)?;
+        let acting = if delay == 0 { u.clone() } else { late.unwrap_or(vec![0.0; self.r]) };
+        moving.trackers = law.trackers.iter().map(|it| it.state()).collect();
+        moving.law = law.state;
+        Ok((u, acting))
+    }
+
+    /// The controls that act, then the disturbance.
+    fn forced(&self, acting: &[f64], state: &State) -> Vec<f64> {
+        let disturbance = (1..=self.layout.n).map(|j| state.value(j));
+        acting.iter().copied().chain(disturbance).collect()
+    }
+
+    fn period(&self, moving: &mut Moving, state: &State) -> Result<(), i32> {
+        let (_, acting) = self.tick(moving, state)?;
+        let forced = self.forced(&acting, state);
+        let mut driven = self.plant.driven(self.layout, forced.len(), state, true);
+        let h = self.law.settings.h;
+        let mut plant =
+            BelievedPlant { driven: &mut driven, tasks: None, laws: &self.plant.laws, h };
+        let moved = plant.moved(moving.t(h), (&moving.q, &moving.w), &forced).map_err(code_of)?;
+        if !moved.completed {
+            return Err(code::MOTION);
+        }
+        moving.k += 1.0;
+        let t = moving.t(h);
+        (moving.q, moving.w, moving.closed) = (moved.q, moved.w, moved.closed);
+        let mut kinetics = GapKinetics::new(self.layout);
+        plant
+            .onto(t, (&mut moving.q, &mut moving.w), &moving.closed, &mut kinetics)
+            .map_err(code_of)
+    }
+
+    /// The outputs, in the order of the table.
+    fn seen(&self, mut moving: Moving, state: &State) -> Result<Vec<f64>, i32> {
+        let (u, acting) = self.tick(&mut moving, state)?;
+        let (layout, h) = (self.layout, self.law.settings.h);
+        let forced = self.forced(&acting, state);
+        let mut plant: Moved<'_> = self.plant.driven(layout, forced.len(), state, true);
+        plant.hold(&forced);
+        let mut row = vec![0.0; layout.len()];
+        plant.evaluate(moving.t(h), &moving.q, &moving.w, &mut row)?;
+        let mut kinetics = GapKinetics::of(layout, &row, &moving.w).map_err(code_of)?;
+        let forces = kinetics.contact_forces(&moving.closed);
+        let bits = |of: &[bool]| of.iter().map(|it| f64::from(u8::from(*it))).collect::<Vec<_>>();
+        let gaps = row[layout.gap()].to_vec();
+        let status = vec![f64::from(moving.law.status)];
+        let (closed, held) = (bits(&moving.closed), bits(&moving.law.latch.held));
+        Ok([moving.q, moving.w, gaps, closed, forces, held, u, status].concat())
+    }
+}

@@ -1,0 +1,141 @@
+//! What changes from period to period, as numbers that can be stored.
+
+use zivi::drive::mechanical::{GapTrackerState, Latch, Offsets};
+use zivi_core::control::{TickStatus, TrackerState};
+use zivi_core::Lifted;
+
+use super::given::Loop;
+
+/// What changes from period to period.
+#[derive(Clone, Debug)]
+pub(super) struct Moving {
+    /// Time at the start (s).
+    pub(super) t0: f64,
+    /// Periods since then.
+    pub(super) k: f64,
+    pub(super) q: Vec<f64>,
+    pub(super) w: Vec<f64>,
+    pub(super) closed: Vec<bool>,
+    pub(super) law: GapTrackerState,
+    pub(super) trackers: Vec<TrackerState>,
+}
+
+/// What reads numbers, or writes them: the order is told once.
+trait Passes {
+    fn pass(&mut self, value: &mut f64);
+}
+
+struct Reading<'a>(core::slice::Iter<'a, f64>);
+
+impl Passes for Reading<'_> {
+    fn pass(&mut self, value: &mut f64) {
+        *value = self.0.next().copied().unwrap_or(0.0);
+    }
+}
+
+struct Writing<'a>(core::slice::IterMut<'a, f64>);
+
+impl Passes for Writing<'_> {
+    fn pass(&mut self, value: &mut f64) {
+        if let Some(to) = self.0.next() {
+            *to = *value;
+        }
+    }
+}
+
+struct Counting(usize);
+
+impl Passes for Counting {
+    fn pass(&mut self, _: &mut f64) {
+        self.0 += 1;
+    }
+}
+
+fn flag(it: &mut impl Passes, value: &mut bool) {
+    let mut number = f64::from(u8::from(*value));
+    it.pass(&mut number);
+    *value = number != 0.0;
+}
+
+fn count(it: &mut impl Passes, value: &mut u32) {
+    let mut number = f64::from(*value);
+    it.pass(&mut number);
+    *value = number as u32;
+}
+
+/// Numbers that may be missing, in room for `size` of them.
+fn optional(it: &mut impl Passes, value: &mut Option<Vec<f64>>, size: usize) {
+    let mut is_there = value.is_some();
+    flag(it, &mut is_there);
+    let mut row = value.take().unwrap_or(vec![0.0; size]);
+    row.iter_mut().for_each(|value| it.pass(value));
+    *value = is_there.then_some(row);
+}
+
+impl Moving {
+    pub(super) fn start(of: &Loop) -> Self {
+        let n = of.layout.n;
+        Self {
+            t0: 0.0,
+            k: 0.0,
+            q: vec![0.0; n],
+            w: vec![0.0; n],
+            closed: vec![false; of.layout.m],
+            law: of.law.state.clone(),
+            trackers: of.law.trackers.iter().map(|it| it.state()).collect(),
+        }
+    }
+
+    pub(super) fn t(&self, h: f64) -> f64 {
+        self.t0 + h * self.k
+    }
+
+    /// How many numbers there are, with all controls that may be under way.
+    pub(super) fn size(of: &Loop) -> usize {
+        let mut counting = Counting(of.r * of.law.settings.delay);
+        Self::start(of).pass(&mut counting, of);
+        counting.0
+    }
+
+    pub(super) fn read(of: &Loop, numbers: &[f64]) -> Self {
+        let mut moving = Self::start(of);
+        moving.pass(&mut Reading(numbers.iter()), of);
+        moving
+    }
+
+    pub(super) fn write(&self, of: &Loop, numbers: &mut [f64]) {
+        self.clone().pass(&mut Writing(numbers.iter_mut()), of);
+    }
+
+    /// Passes all numbers.
+    fn pass(&mut self, it: &mut impl Passes, of: &Loop) {
+        let Self { t0, k, q, w, closed, law, trackers } = self;
+        [t0, k].into_iter().chain(q).chain(w).for_each(|value| it.pass(value));
+        closed.iter_mut().for_each(|value| flag(it, value));
+        let GapTrackerState { latch, accelerations, sent, u, place, status, least, uncontrolled } =
+            law;
+        let Latch { held, beyond, offsets: Offsets { by, seen, still } } = latch;
+        held.iter_mut().for_each(|value| flag(it, value));
+        [beyond, seen, still].into_iter().flatten().for_each(|value| count(it, value));
+        by.iter_mut().chain(accelerations).for_each(|value| it.pass(value));
+        optional(it, place, self.q.len());
+        optional(it, u, of.r);
+        let mut late = sent.len() as u32;
+        count(it, &mut late);
+        sent.resize((late as usize).min(of.law.settings.delay), vec![0.0; of.r]);
+        sent.iter_mut().flatten().for_each(|value| it.pass(value));
+        let mut bits = u32::from(*status);
+        count(it, &mut bits);
+        *status = bits as u8;
+        it.pass(least);
+        let mut free = *uncontrolled as u32;
+        count(it, &mut free);
+        *uncontrolled = free as usize;
+        for TrackerState { reference: Lifted { s, v }, side, u, signs, status, .. } in trackers {
+            [s, v, side, u].into_iter().chain(signs).for_each(|value| it.pass(value));
+            let mut bits = u32::from(status.bits());
+            count(it, &mut bits);
+            *status = TickStatus::from_bits(bits as u8);
+        }
+    }
+}
