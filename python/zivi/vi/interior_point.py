@@ -189,6 +189,8 @@ def interior_point(
     inner = _Interior(search, x, M, q, move)
     few = SETTLED * search.n + 2
     first, at, wait, short, moved = inner.mu, None, 0, 0, 0
+    if not 0 < first < np.inf:
+        return False  # there are no bounds, but for components that are fixed
     for _ in range(limit):
         length = inner.advance()
         if not length > 0 or not np.isfinite(inner.x).all():

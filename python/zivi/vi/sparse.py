@@ -37,6 +37,8 @@ _STAGE_ITERATIONS = 100
 _PROXIMAL_ITERATIONS = 25
 _INTERIOR_STEPS = 40
 _ROUNDINGS = 10
+_NEAR = 1e-6
+"""Of the terms of `F` at the start: more rounding than that is no tolerance."""
 _SINGULAR = 1e-12
 _TRUSTED = 1e-3
 """Error of the slopes along a direction, relative to their size, of rows that are believed."""
@@ -131,6 +133,7 @@ def _stages(search: Search, settings: dict[str, Any]) -> VIStatus:
     x, F, J = begun
     if search.best_residual <= search.tol:
         return VIStatus.SOLVED
+    size = float(np.max(np.abs(F) + abs(J) @ np.abs(x)))
     constant = F - J @ x if search.map.is_affine else None
     if constant is not None and a_row_is_infeasible(search, J, constant):
         return VIStatus.INFEASIBLE
@@ -149,14 +152,16 @@ def _stages(search: Search, settings: dict[str, Any]) -> VIStatus:
     search.stage = "SM"
     if settings.get("smoothing", True) and smoothing_newton(search, x, F, J, mu, limit=limit):
         return VIStatus.SOLVED
-    if _is_within_rounding(search):
+    if _is_within_rounding(search, size):
         return VIStatus.SOLVED
     if constant is not None and is_infeasible(search, J, constant):
         return VIStatus.INFEASIBLE
     search.stage = "S2"
     if settings.get("proximal", True):
         limit = min(limit, _PROXIMAL_ITERATIONS)
-        if proximal_newton(search, x, F, J, mu, limit=limit) or _is_within_rounding(search):
+        if proximal_newton(search, x, F, J, mu, limit=limit):
+            return VIStatus.SOLVED
+        if _is_within_rounding(search, size):
             return VIStatus.SOLVED
     return VIStatus.STALLED
 
@@ -196,11 +201,12 @@ def _first_mu(search: Search, x: Array, F: Array, J: Any, move: float) -> float:
     return float(max(np.median(sizes), 0.1 * np.max(sizes)))
 
 
-def _is_within_rounding(search: Search) -> bool:
+def _is_within_rounding(search: Search, size: float) -> bool:
     """Whether the best point is a solution with the tolerance raised to rounding.
 
     Where a component of the natural map exceeds `tol`, ``|F_i| <= 10 eps sum_j |J_ij x_j|``. Rows
-    of a given Jacobian are believed where a difference of `F` along a direction agrees.
+    of a given Jacobian are believed where a difference of `F` along a direction agrees. Far beyond
+    the `size` of the terms of `F` at the start rounding hides that there is no solution.
     """
     x, F = search.best_x, search.best_F
     if not np.isfinite(F).all():
@@ -211,6 +217,8 @@ def _is_within_rounding(search: Search) -> bool:
         return False
     floor = _ROUNDINGS * search.map.rounding * (abs(J) @ np.abs(x))
     if not np.isfinite(floor).all() or np.any(np.abs(F[over]) > floor[over]):
+        return False
+    if np.max(floor[over], initial=0.0) > _NEAR * size:
         return False
     if not search.map.is_affine and not np.all(_agrees(search, x, J)[over]):
         return False

@@ -14,7 +14,7 @@ from zivi.vi.coloured import pattern_of
 from zivi.vi.jacobian import Converters
 from zivi.vi.scale import Affine
 from zivi.vi.sparse import solve_sparse
-from zivi.vi.sparse_maps import AffineMap, CallableMap, sparse_matrix
+from zivi.vi.sparse_maps import AffineMap, CallableMap, require_finite_entries, sparse_matrix
 from zivi.vi.types import VIResult, result_of
 
 __all__ = [
@@ -67,11 +67,7 @@ def checked_affine(
     """Return a sparse affine problem whose parts have been checked."""
     n = len(q)
     matrix = sparse_matrix("M", M, n)
-    bad = np.flatnonzero(~np.isfinite(matrix.data))
-    if len(bad):
-        i = int(np.searchsorted(matrix.indptr, bad[0], side="right")) - 1
-        j = int(matrix.indices[bad[0]])
-        raise ValueError(f"M[{i}, {j}] must be finite, got {matrix.data[bad[0]]}")
+    require_finite_entries("M", matrix)
     require_finite("q", q)
     begin = np.zeros(n) if start is None else start
     lower, upper = _checked(box, begin, settings)
@@ -132,7 +128,7 @@ class SparseVI:
         jac = self.jac
         if not callable(jac) and not isinstance(jac, tuple):
             constant = sparse_matrix("jac", jac, len(start))
-            require_finite("jac", constant.data)
+            require_finite_entries("jac", constant)
             jac = lambda x: constant  # noqa: E731
         map_ = CallableMap(self.F, jac, self.converts[0], lower, upper)
 

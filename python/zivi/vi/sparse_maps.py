@@ -10,7 +10,7 @@ import numpy as np
 from zivi.base.arrays import Array, is_sparse
 from zivi.vi.coloured import ColouredDifferences, pattern_of
 
-__all__ = ["AffineMap", "CallableMap", "sparse_matrix"]
+__all__ = ["AffineMap", "CallableMap", "require_finite_entries", "sparse_matrix"]
 
 
 def sparse_matrix(name: str, value: Any, n: int) -> Any:
@@ -25,6 +25,15 @@ def sparse_matrix(name: str, value: Any, n: int) -> Any:
     matrix = csr_array(given, dtype=np.float64, copy=True)
     matrix.sum_duplicates()
     return matrix
+
+
+def require_finite_entries(name: str, matrix: Any) -> None:
+    """Refuse a ``csr_array`` that holds NaN or infinity."""
+    bad = np.flatnonzero(~np.isfinite(matrix.data))
+    if len(bad):
+        i = int(np.searchsorted(matrix.indptr, bad[0], side="right")) - 1
+        j = int(matrix.indices[bad[0]])
+        raise ValueError(f"{name}[{i}, {j}] must be finite, got {matrix.data[bad[0]]}")
 
 
 class AffineMap:
@@ -144,7 +153,7 @@ class CallableMap:
 
     def _call(self, which: int, function: Callable[[Array], Any], x: Array) -> Any:
         try:
-            return function(x.copy())
+            value = function(x.copy())
         except (ArithmeticError, ValueError) as error:
             if not self._called[which]:
                 raise
@@ -153,6 +162,9 @@ class CallableMap:
             return None
         finally:
             self._called[which] = True
+        if value is None:
+            raise TypeError(f"{('F(x)', 'jac(x)')[which]} must hold real numbers, got None")
+        return value
 
     @property
     def undefined_points(self) -> str:
