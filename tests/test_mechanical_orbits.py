@@ -182,6 +182,13 @@ def test_half_of_a_symmetric_orbit_is_solved_for():
     times = [phases(it.impacts["t"], period) for it in (half, whole)]
     assert np.max(np.abs(times[0] - times[1])) < 1e-12
     assert_multipliers(half.multipliers, whole.multipliers, 1e-10)
+    # half of another period, where another frequency excites
+    faster = sym2(**given | {"w": 1.01 * given["w"]})
+    again = [zivi.periodic_orbit(faster, it) for it in (half, whole)]
+    assert again[0].symmetric
+    assert again[0].period == pytest.approx(period / 1.01, rel=1e-14)
+    times = [phases(it.impacts["t"], period / 1.01) for it in again]
+    assert np.max(np.abs(times[0] - times[1])) < 1e-12
     late = 0.75 * period + half.impacts["t"][0]
     assert np.max(np.abs(half.monodromy(late) - whole.monodromy(late))) < 1e-10
     with pytest.raises(ValueError, match="no image"):

@@ -175,3 +175,33 @@ def test_an_event_is_looked_for_fifty_times_at_most():
     found = located(path, *ends, lambda it: 1.0 if it.z[0] < 3e11 else -1.0)
     assert found is not None
     assert len(tried) == 50
+
+
+@pytest.mark.parametrize(("apart", "gap"), [(0.05, 1), (0.005, -1)])
+def test_impacts_at_one_time_are_told_by_what_is_nearer(apart, gap, monkeypatch):
+    """A gap that is .1 of its 10 away, or a flight that lasts a part of the period."""
+    low = SimpleNamespace(kind="simultaneous", value=0.1, size=10.0, segment=0, gap=1)
+    monkeypatch.setattr(mechanical_curve, "Margins", lambda terms: SimpleNamespace(lows=[low]))
+    word = [SimpleNamespace(gap=0), SimpleNamespace(gap=1)]
+    x = np.array([[0.0, 0.0, 2.0], [2.0, 0.0, 2.0 + 4.0 * apart]])
+    terms = SimpleNamespace(x=x, length=4.0, frame=SimpleNamespace(word=word))
+    margin = mechanical_curve.critical_of("simultaneous", terms, 0.0)
+    assert (margin.kind, margin.segment, margin.gap) == ("simultaneous", int(gap < 0), gap)
+
+
+def test_a_branch_of_a_mechanism_says_what_it_is():
+    pytest.importorskip("xarray")
+    system = zivi.LinearSystem(
+        1.0,
+        0.1,
+        1.0,
+        excitation=zivi.Harmonic([0.2], 0.8),
+        gaps=[zivi.LinearGap([-1.0], 1.0, name="stop")],
+        e=0.8,
+    )
+    orbit = zivi.periodic_orbit(system, (["P"], [[0.0, 0.0, 0.0]]))
+    branch = zivi.continue_orbit(orbit, "F", (0.1, 0.25), step=0.2)
+    data = branch.to_xarray()
+    assert data.attrs["title"] == "Branch of periodic orbits"
+    assert data.attrs["words"] == ["P"]
+    np.testing.assert_array_equal(data.F, branch.values)

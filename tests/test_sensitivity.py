@@ -314,6 +314,27 @@ def kicked(t: float, x: float, xdot: float, pull: float) -> float:
     return -1.0 - 4.0 * x - 0.1 * xdot + (pull if t >= 2.0 else 0.0)
 
 
+def test_a_plastic_impact_under_an_outward_force_moves_what_follows():
+    """``x = x0 + v0 t + t^2/2`` up to the wall, from there on ``(t - t1)^2/2``."""
+    system = zivi.ImpactSystem(zivi.LinearForce(gravity=-1.0), e=0.0)
+    s = zivi.sensitivity(system, (0, 2), (0.5, -2.0), ("x0", "xdot0"))
+    t1, speed = 2 - math.sqrt(3), -math.sqrt(3)
+    dt1 = np.array([-1.0, -t1]) / speed
+    np.testing.assert_allclose(s.final, [-(2 - t1) * dt1, -dt1], rtol=1e-13)
+
+
+@pytest.mark.parametrize("t1", [2.45, 2.55])
+def test_the_nearest_of_several_jumps_bounds_the_radius(t1):
+    """A fall of ``t1 = x0^(1/2)`` seconds, which may come to pass the jump at 2.5."""
+    stops = [0.5, 1.5, 2.5, 3.3]
+    s = zivi.sensitivity(
+        zivi.ImpactSystem(-2.0, e=0.5), (0, 3.9), (t1**2, 0), ("x0",), tstops=stops
+    )
+    assert s.nearest is not None
+    assert s.nearest.kind == "stop"
+    assert s.radius[0] == pytest.approx(0.05 * 2 * t1, rel=1e-9)
+
+
 def test_the_derivatives_across_a_jump_are_the_product_of_those_on_its_sides():
     # an impact shortly before the jump of the force, and some after it
     force = zivi.ParametricForce(kicked, {"pull": -0.7})

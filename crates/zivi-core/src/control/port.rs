@@ -129,3 +129,16 @@ impl Port {
 pub(super) fn checked_force(name: &'static str, force: Real) -> Result<(), SettingError> {
     require(force.is_finite(), name, force, "a finite force per unit mass (m/s^2)")
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn limits_that_are_trusted_are_those_that_were_checked() -> Result<(), SettingError> {
+        let port = Port::default().with_depth(0.02)?.with_actuator(-3.0, 5.0)?;
+        assert_eq!(Port::trusted(0.02, (-3.0, 5.0)), port);
+        assert_eq!((port.depth(), port.actuator()), (0.02, (-3.0, 5.0)));
+        Ok(())
+    }
+}

@@ -204,3 +204,18 @@ impl ObserverSettings {
         self.dmax
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn trusted_deviations_are_squared_as_those_that_are_checked() -> Result<(), SettingError> {
+        let restitution = Restitution::trusted(0.5, 1.0 / 3.0);
+        let [_, _, q_d, se, dmax] = ObserverSettings::DEFAULTS;
+        let trusted = ObserverSettings::trusted(restitution, 1e-3, [0.5, 0.25, q_d, se, dmax]);
+        assert_eq!(trusted, ObserverSettings::new(restitution, 1e-3)?.with_noise(0.5, 0.25)?);
+        assert_eq!(trusted.noise, [0.25, 0.0625]);
+        Ok(())
+    }
+}

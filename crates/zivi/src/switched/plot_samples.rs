@@ -274,6 +274,7 @@ fn row(t: f64, PathPoint { x, xdot, sigma }: PathPoint) -> Row {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::numeric::bernstein::Bernstein;
 
     #[test]
     fn lines_through_the_parts_are_flat_enough() {
@@ -292,6 +293,20 @@ mod tests {
                 .map(|theta| (line(theta) - p.at(theta)).abs())
                 .fold(0.0, f64::max);
             assert!(worst <= FLATNESS * 3.0 && worst > 1e-4, "{c:?}: {n} parts, {worst}");
+        }
+    }
+
+    #[test]
+    fn a_flight_is_drawn_up_to_its_end() {
+        // x = 1 + 2 tau - 5 tau^2 over the step from 3 on, up to an impact within it
+        let (start, h) = (3.0, 0.4);
+        let x = Bernstein::new(&[1.0, 1.0 + h, 1.0 + 2.0 * h - 5.0 * h * h]);
+        let xdot = Bernstein::new(&[2.0, 2.0 - 10.0 * h]);
+        let curve = Curve::polynomials(start, h, 1.0, [x, xdot]);
+        for (end, part) in [(3.1, 0.25), (3.4, 1.0), (3.5, 1.0)] {
+            let polyline = Polyline::of(&curve, end);
+            assert!((polyline.part - part).abs() < 1e-14, "{end}: {}", polyline.part);
+            assert!(polyline.turns);
         }
     }
 }

@@ -410,6 +410,35 @@ mod tests {
     }
 
     #[test]
+    fn a_tail_of_one_arc_bends_with_that() {
+        // x'' = -2, and what comes after an arc of 1e-4 s is far below rounding of its time
+        let (e, left, zeno) = (1e-12, 1e-4, 100.0);
+        let chain = [Bounce { t: zeno - left, u: left * (1.0 - e), g: 2.0 }];
+        let mut tail = Tail::new(&chain, e, zeno, 1.0);
+        assert!(tail.arc(0).is_some() && tail.arc(1).is_none());
+        assert_eq!(tail.bend(|_, v| Ok::<f64, ()>(-2.0 + 0.1 * v.signum())), Ok(()));
+        let [first, last] = tail.arc(0).unwrap().bends;
+        assert!((first - 0.1).abs() < 1e-6 && (last + 0.1).abs() < 1e-6, "{first} {last}");
+    }
+
+    #[test]
+    fn the_first_arc_that_is_not_over_is_found_in_few_looks() {
+        // from the 6,900,000th on down, from the first on up, and where the guess is right
+        let e = 0.9999;
+        let tail = Tail::new(&[Bounce { t: 0.0, u: 1e-4, g: 2.0 }], e, 1.0, 1.0);
+        for (part, exact) in [(1e-300, 1), (1.0, 1_000_003), (1e-3, 69_074)] {
+            let looks = std::cell::Cell::new(0);
+            let is_over = |m: usize| {
+                looks.set(looks.get() + 1);
+                m < exact
+            };
+            assert_eq!(tail.first_not(part, is_over), exact);
+            // up by doubled steps, then by halves
+            assert!(looks.get() < 64, "{exact}: {}", looks.get());
+        }
+    }
+
+    #[test]
     fn the_length_of_an_arc_keeps_its_digits() {
         // t_n = 1 - 0.9 q - 0.1 q^2
         let (e, c) = (0.5_f64, [0.9, 0.1, 0.0, 0.0, 0.0, 0.0]);

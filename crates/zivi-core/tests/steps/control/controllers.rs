@@ -446,3 +446,20 @@ fn gains_hold_what_their_condition_says() {
     let plastic = Restitution::from_e(0.0).expect("in range");
     assert_eq!(Gains::for_regulation(3.0, 2.0, 0.1, plastic).expect_err("range").name(), "e");
 }
+
+#[test]
+fn a_missing_sample_holds_the_control_and_moves_the_reference() {
+    let start = Physical { x: 3.0, xdot: 3.0 };
+    let mut explicit =
+        ExplicitTwisting::new(gains_of_the_paper(), 1e-3, half(), half()).expect("admissible");
+    explicit.reset(start).expect("admissible");
+    let u = explicit.tick(Physical { x: 2.9, xdot: 2.8 }, -9.81, -2.0).expect("finite");
+    assert!(u != 0.0);
+    let mut seen = explicit;
+    for _ in 0..50 {
+        assert_eq!(explicit.miss(-2.0), Ok(u));
+        seen.tick(start, -9.81, -2.0).expect("finite");
+        // under 2 m/s^2 towards the wall, whatever is measured
+        assert_eq!(explicit.reference(), seen.reference());
+    }
+}
