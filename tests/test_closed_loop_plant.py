@@ -249,3 +249,27 @@ def test_the_last_period_may_be_shorter():
     only = loop(Scripted([1.0], 50.0), t_span=(0, 0.5), y0=(6, 5))
     np.testing.assert_array_equal(only.t, [0, 0.5])
     assert only.x[-1] == 6 + 2.5 + (1 - 9.81) / 8
+
+
+def test_impacts_of_a_long_period_are_listed_down_to_the_speed_that_is_asked_for():
+    """Beyond the thousand that a period keeps; each speed is e times the one before."""
+
+    class Off:
+        h = 100.0
+
+        def step(self, x, xdot, force):
+            return 0.0
+
+    e, g = 0.99, 9.81
+    first = np.sqrt(2 * g)  # from 1 m
+    for slowest in (0.3, 1e-3, 1e-6):
+        run = zivi.simulate_closed_loop(
+            zivi.ImpactSystem(-g, e=e), Off(), (0, 100), (1, 0), slowest=slowest
+        )
+        # each leaves e times its speed, at least this part of what the first leaves
+        n = np.arange(1, 2 + np.floor(np.log(slowest) / np.log(e)))
+        assert len(run.impacts) == len(n)
+        np.testing.assert_allclose(run.impacts["xdot_after"], first * e**n, rtol=1e-9)
+        # the sum of the flights 2 v e^n/g
+        times = first / g + 2 * first / g * e * (1 - e ** (n - 1)) / (1 - e)
+        np.testing.assert_allclose(run.impacts["t"], times, rtol=1e-12)

@@ -29,12 +29,29 @@ pytest.importorskip("pyarrow", reason="the extra 'study' is not installed")
 GRID = {"x": np.arange(5.0, 9.0), "y": np.linspace(0, 1, 111)}
 
 
-@pytest.fixture
-def small(monkeypatch):
+def in_small_shards(monkeypatch):
     """Shards of 128 points, which are decoded in parts of 8."""
     monkeypatch.setattr("zivi.study.layout.SHARD", 128)
     monkeypatch.setattr("zivi.study.form.SHARD", 128)
     monkeypatch.setattr("zivi.study.layout.ROOM", 128 * 128)
+
+
+@pytest.fixture
+def small(monkeypatch):
+    in_small_shards(monkeypatch)
+
+
+MANY = {"function": functions.cheap_many, "points": GRID, "vectorized": True, "seed": 1}
+
+
+@pytest.fixture(scope="module")
+def complete(tmp_path_factory):
+    """A folder in which nothing is missing."""
+    out = tmp_path_factory.mktemp("complete") / "a"
+    with pytest.MonkeyPatch.context() as patched:
+        in_small_shards(patched)
+        zivi.sweep(**MANY, out=out)
+    return out
 
 
 def tree(folder):
@@ -205,13 +222,13 @@ def test_a_run_whose_write_fails_goes_on(function, dead, small, tmp_path, monkey
     """A full disk at one write; with `dead`, nothing is written afterwards, as of a killed run."""
     call = {
         "function": function,
-        "points": {"x": [5.0, 7.0], "y": np.linspace(0, 1, 40)},
+        "points": {"x": [5.0, 7.0], "y": np.linspace(0, 1, 20)},
         "seed": 1,
         "vectorized": function is not halves,
     }
     monkeypatch.setattr("zivi.study.drive.LONG", 0.0)  # save whatever there is at once
     monkeypatch.setattr("zivi.study.drive.SAVING", 0.0)
-    monkeypatch.setattr("zivi.study.drive.FIRST", 30)
+    monkeypatch.setattr("zivi.study.drive.FIRST", 15)
     monkeypatch.setattr("zivi.study.drive.SHARES", 2)
     zivi.sweep(out=tmp_path / "whole", **call)
     expected, out = files(tmp_path / "whole"), tmp_path / "a"
@@ -223,7 +240,7 @@ def test_a_run_whose_write_fails_goes_on(function, dead, small, tmp_path, monkey
             raise OSError(errno.ENOSPC, "No space left on device")
         replace(source, target)
 
-    for number in (9, 45, 80) if dead else (9, 60):
+    for number in (9, 25, 42) if dead else (9, 30):
         left[0] = number
         with monkeypatch.context() as patched, contextlib.suppress(OSError):
             patched.setattr(os, "replace", full)
@@ -303,10 +320,9 @@ def flip(file):
 
 @pytest.mark.parametrize("harm", [cut, flip, Path.unlink, lambda file: file.write_bytes(b"")])
 @pytest.mark.parametrize("name", ["area/c/2/1", "pair/c/2/1/0", "status/c/2/1"])
-def test_a_damaged_shard_is_told_and_computed_again(harm, name, small, tmp_path):
-    call = {"function": functions.cheap_many, "points": GRID, "vectorized": True, "seed": 1}
-    out = tmp_path / "a"
-    whole = zivi.sweep(**call, out=out).dataset.load()
+def test_a_damaged_shard_is_told_and_computed_again(harm, name, small, complete, tmp_path):
+    out = shutil.copytree(complete, tmp_path / "a")
+    whole = zivi.open_study(out).dataset.load()
     expected = files(out)
     assert zarr.open_array(out / "area", mode="r").shards == (1, 32)
     harm(out / name)
@@ -319,7 +335,7 @@ def test_a_damaged_shard_is_told_and_computed_again(harm, name, small, tmp_path)
     assert np.flatnonzero(study.status == 0).tolist() == list(lost)
     good = {"y": np.r_[0:32, 64:111]}
     xr.testing.assert_equal(study.dataset.isel(good), whole.isel(good))
-    again = zivi.sweep(**call, out=out)
+    again = zivi.sweep(**MANY, out=out)
     xr.testing.assert_identical(again.dataset.load(), whole)
     assert files(out) == expected
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+import math
 from typing import Any, Protocol
 
 import numpy as np
@@ -78,16 +79,24 @@ class BallisticPath:
 
     def skipped_impacts(self, speed: float, at_most: int) -> tuple[Array, Array, Array]:
         """Give the impacts beyond the listed ones of each period: a geometric series."""
-        e, n = self.wall[0], np.arange(1.0, at_most + 1.0)
+        e = self.wall[0]
         found: list[Array] = [np.empty((0, 3))]
         for number, t, u in self.full:
             k = int(number)
+            n = np.arange(1.0, _impacts_down_to(speed, u, e, at_most) + 1.0)
             # impact n is 2 u (1 + e + ... + e^(n-1))/-f later, and e^n as fast
             times = t + np.cumsum(2.0 * u * e ** (n - 1.0) / -self.net[k])
             rows = np.column_stack([times, -u * e ** (n - 1.0), u * e**n])
             found.append(rows[(times <= self.t[k + 1]) & (rows[:, 2] >= speed)])
         t, before, after = np.concatenate(found).T
         return t, before, after
+
+
+def _impacts_down_to(speed: float, u: float, e: float, at_most: int) -> int:
+    """Bound the impacts after one that leaves `u` which leave `speed`, by ``u e^n >= speed``."""
+    if not 0.0 < speed < u or not 0.0 < e < 1.0:
+        return at_most if speed <= u else 0
+    return min(at_most, math.ceil(math.log(speed / u) / math.log(e)))
 
 
 def on_side(x: Array, xdot: Array, side: Array, kappa: float) -> tuple[Array, Array]:
