@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
-__all__ = ["prefix"]
+from zivi.interop.c_controller import gap_tracker_source
+
+__all__ = ["gap_tracker_source", "prefix"]
 
 
 def prefix() -> Path:
