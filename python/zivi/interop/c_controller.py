@@ -96,7 +96,7 @@ def gap_tracker_source(
     parts = [
         _head(controller, name, single, (n, m)),
         _types(real, "zivi_f32_" if single else "zivi_", (n, m, len(system.parameters))),
-        _settings(controller, n, m),
+        _settings(controller, system, n),
         _model(system, inputs, real, n),
         LAW.read_text(encoding="ascii"),
     ]
@@ -178,8 +178,8 @@ uint32_t controller_size(void);
 """
 
 
-def _settings(controller: GapTracker, n: int, m: int) -> str:
-    told, system = controller.settings, controller.system
+def _settings(controller: GapTracker, system: SymbolicSystem, n: int) -> str:
+    told = controller.settings
     gains = [told["gains"][name] for name in system.gap_names]
     forces = [told["force"].get(name, 0.0) for name in system.gap_names]
     forces = [0.0 if callable(it) else it for it in forces]
