@@ -1,8 +1,7 @@
 //! The observer: position, velocity and an unknown force of a mass, through impacts.
 
 use zivi_core::observer::{
-    Covariance, Estimate, ImpactObserver, Measurement, Memory, ObserverSettings, ObserverState,
-    REMEMBERED,
+    Covariance, Estimate, Measurement, Memory, ObserverSettings, ObserverState, REMEMBERED,
 };
 use zivi_core::{Physical, Real, Restitution};
 
@@ -199,10 +198,10 @@ impl Observer {
         if let Err(code) = self.intact() {
             return code;
         }
-        let mut core = ImpactObserver::resumed(self.settings(), self.state());
-        match core.advance(dt, measured, force, u) {
-            Ok(_) => {
-                self.remember(core.remembered());
+        let mut state = self.state();
+        match self.settings().advance(&mut state, dt, measured, force, u) {
+            Ok(()) => {
+                self.remember(&state);
                 ZIVI_OK
             }
             Err(error) => code::of(error),

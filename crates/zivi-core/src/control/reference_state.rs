@@ -121,8 +121,8 @@ pub(super) fn advanced(
     Ok(Advance { next, signs: [found.lambda_s, found.lambda_v], acceleration })
 }
 
-/// What the plant has to follow over `h`, where that is not a period of the reference: seldom asked
-/// for, and not a part of its caller.
+/// What the plant has to follow over `h`, where that is not a period of the reference, and the signs of
+/// that step: seldom asked for, and not a part of its caller.
 #[cold]
 #[inline(never)]
 pub(super) fn target_over(
@@ -130,10 +130,11 @@ pub(super) fn target_over(
     restitution: Restitution,
     from: ReferenceState,
     force_ref: Real,
-) -> Result<Target, SettingError> {
+) -> Result<(Target, [Real; 2]), SettingError> {
     let found = thorough(h, restitution, ImplicitEuler, from.z, force_ref, from.side);
     let found = found.map_err(|_| too_large(force_ref))?;
-    Ok(Target { end: found.end(), acceleration: pulled(&found, restitution, force_ref) })
+    let target = Target { end: found.end(), acceleration: pulled(&found, restitution, force_ref) };
+    Ok((target, [found.lambda_s, found.lambda_v]))
 }
 
 /// `A = lsr F_r/R_r` of a step of the reference (m/s^2).

@@ -252,13 +252,17 @@ impl TwistingTracker {
         &self,
         &ReferencePeriod { now, force, next, .. }: &ReferencePeriod,
     ) -> Result<(ReferenceState, [Real; 2], Target), SettingError> {
-        let Advance { next: reached, signs, acceleration } = advanced(&self.reference, now, force)?;
-        let period = Target { end: reached.z, acceleration };
+        let restitution = self.reference.restitution();
         let beyond = self.step.h > self.reference.h();
+        if let (Some(next), true) = (next, beyond) {
+            let (target, signs) = target_over(self.step.h, restitution, now, force)?;
+            return Ok((next, signs, target));
+        }
+        let Advance { next: reached, signs, acceleration } = advanced(&self.reference, now, force)?;
         let target = if beyond {
-            target_over(self.step.h, self.reference.restitution(), now, force)?
+            target_over(self.step.h, restitution, now, force)?.0
         } else {
-            period
+            Target { end: reached.z, acceleration }
         };
         Ok((next.unwrap_or(reached), signs, target))
     }

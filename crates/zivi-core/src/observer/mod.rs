@@ -151,20 +151,8 @@ impl ImpactObserver {
         force: Real,
         u: Real,
     ) -> Result<Estimate, SettingError> {
-        let velocity = measured.and_then(|it| it.xdot).filter(|_| !self.settings.position_only);
-        let measured = measured.map(|it| Measurement { xdot: velocity, ..it });
-        let x = measured.map_or(0.0, |it| it.x);
-        let xdot = velocity.unwrap_or(0.0);
-        require(is_positive(dt), "dt", dt, "a finite time > 0 (s)")?;
-        require(x.is_finite(), "x", x, "a finite position (m)")?;
-        require(xdot.is_finite(), "xdot", xdot, "a finite velocity (m/s)")?;
-        require(force.is_finite(), "force", force, "a finite force per unit mass (m/s^2)")?;
-        require(u.is_finite(), "u", u, "a finite control (m/s^2)")?;
-        let Self { settings, state } = self;
-        settings.follow(state, dt, measured, force + u);
-        let sound = state.covariance.is_finite() && state.estimate.is_finite();
-        require(sound, "x", x, "finite: the sample is too large to compute with")?;
-        Ok(state.estimate)
+        self.settings.advance(&mut self.state, dt, measured, force, u)?;
+        Ok(self.state.estimate)
     }
 
     /// The last estimate.
@@ -211,6 +199,33 @@ impl ImpactObserver {
 }
 
 impl ObserverSettings {
+    /// [`ImpactObserver::advance`] for what is remembered elsewhere.
+    ///
+    /// # Errors
+    /// As [`ImpactObserver::tick_after`]; what is remembered is of no further use then.
+    #[inline]
+    pub fn advance(
+        &self,
+        state: &mut ObserverState,
+        dt: Real,
+        measured: Option<Measurement>,
+        force: Real,
+        u: Real,
+    ) -> Result<(), SettingError> {
+        let velocity = measured.and_then(|it| it.xdot).filter(|_| !self.position_only);
+        let measured = measured.map(|it| Measurement { xdot: velocity, ..it });
+        let x = measured.map_or(0.0, |it| it.x);
+        let xdot = velocity.unwrap_or(0.0);
+        require(is_positive(dt), "dt", dt, "a finite time > 0 (s)")?;
+        require(x.is_finite(), "x", x, "a finite position (m)")?;
+        require(xdot.is_finite(), "xdot", xdot, "a finite velocity (m/s)")?;
+        require(force.is_finite(), "force", force, "a finite force per unit mass (m/s^2)")?;
+        require(u.is_finite(), "u", u, "a finite control (m/s^2)")?;
+        self.follow(state, dt, measured, force + u);
+        let sound = state.covariance.is_finite() && state.estimate.is_finite();
+        require(sound, "x", x, "finite: the sample is too large to compute with")
+    }
+
     /// What an observer remembers before it has seen anything.
     fn unseen(&self) -> ObserverState {
         let covariance = Covariance { ee: self.prior(), ..Covariance::default() };
