@@ -45,9 +45,12 @@ def three_columns(page: str) -> str:
             cell.strip() for cell in line.strip("|").split(" | ")
         )
         value = f"{allowed} ({unit})" if unit not in ("", "1") else allowed
-        value += f", {default}" if default.startswith("**") else f"; default {default}"
+        if "required" in default:
+            value += f", {default}" if default.startswith("**") else f"; {default}"
+        elif default:
+            value += f"; default {default}"
         owner = f"*{only}:* " if only else ""
-        return f"| {key} | {value.removesuffix('; default ')} | {owner}{meaning} |"
+        return f"| {key} | {value} | {owner}{meaning} |"
 
     def table(match: re.Match[str]) -> str:
         rows = "\n".join(map(row, match[1].splitlines()))
@@ -213,10 +216,16 @@ def shown(name: str, page: str) -> str:
 
 def setup(app: Sphinx) -> dict[str, bool]:
     """Register what writes."""
+    from docutils import nodes
 
     def source(_: Sphinx, name: str, text: list[str]) -> None:
         text[0] = shown(name, text[0])
 
+    def told(_: Sphinx, tree: nodes.document, name: str) -> None:
+        for image in tree.findall(nodes.image):
+            image["alt"] = image.get("alt") or "What the code above draws."
+
+    app.connect("doctree-resolved", told)
     app.connect("builder-inited", lambda app: gallery(Path(app.srcdir) / "gallery"))
     app.connect("source-read", source)
     return {"parallel_read_safe": True, "parallel_write_safe": True}

@@ -3,15 +3,6 @@
 Every function draws into ``ax`` (a new figure's axes by default), returns the axes, changes no
 global setting and never calls ``show``. A line that is drawn into axes with lines takes the next
 colour. Further keywords go to `matplotlib.axes.Axes.plot`.
-
-curves            over time, and velocity over position
-mechanics         gaps, reactions and coordinates of mechanical systems
-section           points of a Poincare section
-orbits            branches of periodic orbits, bifurcation diagrams, basins
-charts            curves of events in two parameters
-runs              which runs a plot can draw
-panels            several of them in one figure
-animation         the motion as a film
 """
 
 from typing import TYPE_CHECKING
