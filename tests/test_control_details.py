@@ -160,3 +160,29 @@ def test_an_observer_names_the_series_that_does_not_fit():
         observer = zivi.ImpactObserver(0.5, 1e-3, noise=1e-4, position_only=True)
         with pytest.raises(ValueError, match=rf"^{name} must be a number or have shape \(5,\)"):
             observer.observe(times, times, **{name: np.zeros(4)})
+
+
+class Off:
+    """No control, held for a period that has a whole accumulation in it."""
+
+    h = 1.5
+
+    def step(self, x, xdot, force):
+        return 0.0
+
+
+def test_a_loop_that_ends_within_an_accumulation_has_no_impacts_after_that():
+    """The ball of ``e = 1/2`` falls through a height for the 14th time before its 14th impact."""
+
+    def low(t, x, xdot):
+        return x - 1e-9
+
+    low.terminal, low.direction = 14, -1
+    system = zivi.ImpactSystem(-9.81, e=0.5)
+    run = zivi.simulate_closed_loop(system, Off(), (0, 3), (1, 0), events=low)
+    assert run.status is zivi.Status.TERMINATED_BY_EVENT
+    fall = np.sqrt(2 / 9.81)
+    times = fall * (3 - 2 * 0.5 ** np.arange(14))
+    assert run.t[-1] == pytest.approx(times[-1], abs=5e-6)
+    assert run.t[-1] < times[-1]
+    np.testing.assert_allclose(run.impacts_down_to(1e-9)["t"], times[:-1], rtol=1e-12)

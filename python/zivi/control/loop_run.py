@@ -14,7 +14,7 @@ from zivi.base.status import Status
 from zivi.base.table import Field, Table
 from zivi.control.loop_path import Reference, on_side, sides
 from zivi.simulation.dense import Path
-from zivi.simulation.impacts import SLOWEST, Rows
+from zivi.simulation.impacts import SLOWEST
 from zivi.simulation.run_result import EVENT_COORDS, EVENT_FIELDS, MassRun
 
 __all__ = ["ESTIMATES", "QUANTITIES", "SIGNS", "ClosedLoop"]
@@ -186,19 +186,6 @@ class ClosedLoop(MassRun):
         x_ref, xdot_ref = unknown if self._reference is None else self.reference(times)
         known = {"t": times, "x": x, "xdot": xdot, "x_ref": x_ref, "xdot_ref": xdot_ref}
         return dataclasses.replace(self, **known, **held, _ticks=ticks)
-
-    def _down_to(self, speed: float, limit: int) -> Rows:
-        return self._computed(super()._down_to(speed, limit))
-
-    def _listed(self) -> Rows:
-        return self._computed(super()._listed())
-
-    def _computed(self, impacts: Rows) -> Rows:
-        """Leave out what happened after an event that ended the run."""
-        if self._span is None:
-            return impacts
-        kept: Any = impacts[impacts["t"] <= self._span[1]]
-        return kept  # type: ignore[no-any-return]
 
     @property
     def error(self) -> Array:

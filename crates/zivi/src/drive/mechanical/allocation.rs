@@ -225,3 +225,17 @@ fn allocated(
     }
     true
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn controls_count_by_their_largest_only_where_all_are_limited() {
+        let limits = |high: f64| vec![(-3.0, 2.0), (-1.0, high)];
+        assert_eq!(sizes(Some(&limits(5.0)), 2), [3.0, 5.0]);
+        assert_eq!(sizes(Some(&limits(f64::INFINITY)), 2), [1.0, 1.0]);
+        assert_eq!(sizes(Some(&[(f64::NEG_INFINITY, 1.0); 2]), 2), [1.0, 1.0]);
+        assert_eq!(sizes(None, 3), [1.0; 3]);
+    }
+}
