@@ -50,9 +50,9 @@ one of 350 x 350, smoothed ("cascade", the factorisations are those on the fines
 residual has its rows scaled to 1 and is written anew. "Of one factorisation" is the time of the
 solve over that of one factorisation of the whole matrix by SuperLU with a diagonal that makes it
 regular; factors are 16 bytes an entry; "one adds" is what that factorisation adds to the peak of
-its process, which for little fill is far more than its entries; then what the solve adds. Freed
-memory goes back to the system at once in these runs (`MALLOC_MMAP_THRESHOLD_=131072`): by default
-glibc keeps some of it, which shows where there is little fill.
+its process, which for little fill is far more than its entries; then what the solve adds. These two
+are of a second run, in which freed memory goes back to the system at once, at the cost of time
+(`MALLOC_MMAP_THRESHOLD_=131072`): by default glibc keeps some, which shows where little fills in.
 
 {table}
 
@@ -69,14 +69,15 @@ symmetric matrices as quadratic programs, the transport problem as a linear one.
 ## Factors
 
 What an LDL' with AMD would gain on the symmetric form (`vi_sparse_factors.py`): CPU seconds of the
-first factorisation, of one with other values on the same pattern (an LDL' keeps its symbolic part),
-of a solve, and the entries of the factors, of L alone for LDL'.
+first factorisation, of one with other values on the same pattern, of a solve, and the entries of
+the factors, of L alone for LDL'. "Alone" SuperLU finds an order of minimum degree anew each time;
+here it is given one by AMD, which is kept, and its solves estimate their error.
 
 {factors}
 
 SuperLU was chosen: it comes with SciPy, takes matrices that are not symmetric, and works on dense
-blocks. LDL' is up to twice as fast up to some 90,000 unknowns of a grid, with half the memory; at
-250,000 the blocks have made up for that.
+blocks. LDL' has half the entries and is up to twice as fast for ten thousand unknowns of a grid; at
+90,000 the blocks have made up for that, and beyond SuperLU is faster.
 
 ## Sets of problems
 
@@ -178,25 +179,27 @@ def families(each: int) -> str:
     return table(head, rows)
 
 
+def run(name: str, **environment: str) -> tuple[str, ...]:
+    """Solve one in a process of its own."""
+    alone = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"} | environment
+    command = [sys.executable, __file__, "--only", name, *sys.argv[1:]]
+    told = subprocess.run(
+        command, capture_output=True, text=True, check=True, env=os.environ | alone
+    )
+    return tuple(told.stdout.strip().split("\t"))
+
+
 def main() -> None:
     """Print a line for each problem, and write the page."""
     part = 10 if "--small" in sys.argv else 1
     if "--only" in sys.argv:
         print("\t".join(solved(sys.argv[sys.argv.index("--only") + 1], part)))
         return
-    # what is freed goes back at once: otherwise the peak has what `malloc` keeps of it
-    alone = {
-        "OMP_NUM_THREADS": "1",
-        "OPENBLAS_NUM_THREADS": "1",
-        "MALLOC_MMAP_THRESHOLD_": "131072",
-    }
     rows = []
     for name in NAMES:
-        run = [sys.executable, __file__, "--only", name, *sys.argv[1:]]
-        told = subprocess.run(
-            run, capture_output=True, text=True, check=True, env=os.environ | alone
-        )
-        rows.append(tuple(told.stdout.strip().split("\t")))
+        times = run(name)
+        memory = run(name, MALLOC_MMAP_THRESHOLD_="131072")
+        rows.append((*times[:-2], *memory[-2:]))
         print(*rows[-1], sep="  ", flush=True)
     if "--write" in sys.argv:
         peers = table(vi_sparse_peers.HEAD, vi_sparse_peers.rows())

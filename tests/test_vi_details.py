@@ -1,5 +1,6 @@
 """Small cases of the solvers of VIs: single stages, limits, what is read and what is refused."""
 
+import time
 from types import SimpleNamespace
 
 import numpy as np
@@ -12,6 +13,7 @@ import zivi
 from zivi.vi.coloured import colours_of, pattern_of
 from zivi.vi.factorisation import Factoriser, Factors, Keep, in_thread
 from zivi.vi.farkas import _proves
+from zivi.vi.smoothing import _Smoothing
 from zivi.vi.sparse import _agrees, _is_within_rounding
 from zivi.vi.sparse_maps import AffineMap
 from zivi.vi.sparse_search import Search
@@ -106,6 +108,32 @@ def test_every_stage_of_a_problem_that_is_not_affine(options, stage, most, where
     dense = zivi.solve_vi(bent, lower, upper, start, jac=lambda x: bent_slopes(x).toarray())
     np.testing.assert_allclose(res.x, dense.x, atol=1e-8)
     assert residual(res.x, bent(res.x), lower, upper) <= 1e-9
+
+
+def test_one_step_where_the_active_set_is_known():
+    """The first component goes to its bound, and takes the second one along."""
+    M = sp.csr_array(np.array([[2.0, -1.0], [-1.0, 2.0]]))
+    res = zivi.solve_lcp(M, np.array([10.0, -1.0]), np.ones(2), options=SPARSE)
+    np.testing.assert_array_equal(res.x, [0.0, 0.5])
+    assert (res.n_iter, res.n_factorisations, res.stage) == (1, 1, "S0")
+
+
+class Foreign:
+    """An array of another library, with a dtype of its own."""
+
+    dtype = "float of another library"
+
+    def __init__(self, values):
+        self._values = np.asarray(values, np.float32)
+
+    def __array__(self, dtype=None, copy=None):
+        return np.array(self._values, dtype)
+
+
+def test_arrays_of_other_libraries_round_as_they_do():
+    res = zivi.solve_vi(lambda x: Foreign(bent(x)), -1, 1.5, np.zeros(8), tol=1e-4)
+    assert res.success
+    np.testing.assert_allclose(res.x, zivi.solve_vi(bent, -1, 1.5, np.zeros(8)).x, atol=1e-3)
 
 
 def test_small_units_and_their_counts():
@@ -239,6 +267,17 @@ def test_a_thread_keeps_what_it_made_until_it_is_told():
     with pytest.raises(ZeroDivisionError):
         in_thread(lambda: 1 // 0, lambda: None, Keep())
 
+    def over():
+        raise TimeoutError
+
+    keep = Keep()
+    for until in (keep, None):
+        with pytest.raises(TimeoutError):
+            in_thread(lambda: time.sleep(0.2), over, until)
+    assert keep.is_set()
+    keep.thread.join(10)
+    assert not keep.thread.is_alive()
+
 
 def test_colours_and_differences():
     arrow = sp.lil_array((9, 9))
@@ -355,6 +394,18 @@ def test_slopes_are_not_believed_where_the_map_is_not_defined():
         agrees = _agrees(search, np.zeros(2), sp.csr_array((2, 2)))
         assert agrees.all() == (name == "none")
         assert agrees.any() == (name == "none")
+
+
+def test_a_smoothing_step_that_fails_says_so():
+    """A singular matrix gives no direction; slopes of the wrong sign give one that only grows."""
+    x, none = np.array([1.0, 2.0]), sp.csr_array((2, 2))
+    search = search_of(none, x, -INF, INF, x)
+    assert not _Smoothing(search, x, x, none, 1e-3).step()
+    search = search_of(sp.eye_array(2), np.zeros(2), -INF, INF, x)
+    assert not _Smoothing(search, x, x, sp.csr_array(-sp.eye_array(2)), 1e-3).step()
+    method = _Smoothing(search, x, x, sp.csr_array(sp.eye_array(2)), 1e-3)
+    assert method.step()
+    np.testing.assert_allclose(method.point.x, 0.0, atol=1e-15)
 
 
 def test_a_proof_of_infeasibility_counts_the_rounding_of_finite_terms_only():
