@@ -103,6 +103,16 @@ def test_what_only_the_run_refuses_names_its_key(tmp_path):
         files.prepare_simulate(tmp_path / "ball.toml").run()
 
 
+def test_laws_of_mechanical_systems_are_refused_by_their_key(tmp_path):
+    (tmp_path / "rod.toml").write_text(
+        "t_span = [0, 1]\ny0 = [[1.0], [0.0]]\n[system]\nq = ['y']\nT = 'ydot**2/2'\n"
+        "V = '9.81*y'\ngaps = { floor = 'y' }\n"
+        "e = [{ law = 'SpeedDependentImpact', e0 = 0.8, v0 = 1.0, k = 0.2, e_max = 0.5 }]\n"
+    )
+    with pytest.raises(files.FileError, match=r"system\.e\[0\]\.e_max must be"):
+        files.prepare_simulate(tmp_path / "rod.toml").run()
+
+
 def test_curves_are_whole_numbers_and_labelled_times(tmp_path, ball):
     free = zivi.simulate(zivi.ImpactSystem(0.0, e=0.5), (0, 1), (1, 0))
     for run in (ball, free):

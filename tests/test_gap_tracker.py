@@ -256,3 +256,19 @@ def test_a_gap_that_another_contact_pushes_open_lands():
         system, ctl, (0, 1.5), (start, [0, 0]), reference="rest", method=zivi.RKPeriod()
     )
     assert run.contacts[-1].all()
+
+
+def test_forces_are_asked_for_when_the_control_acts():
+    """Of a mass that rests on the floor, three periods after each measurement."""
+    asked = []
+
+    def force(t):
+        asked.append(t)
+        return 5.0 + t
+
+    floor = zivi.LinearGap([1.0], name="floor")
+    block = zivi.MechanicalSystem(mass=[[2.0]], force=[-19.62], gaps=[floor], e=0.5)
+    law = zivi.GapTracker(block, h=0.01, gains={"floor": (30, 17)}, force={"floor": force}, delay=3)
+    run = zivi.simulate_closed_loop(block, law, (0, 0.5), ([0], [0]), reference="rest", delay=3)
+    assert asked == pytest.approx(0.01 * (3 + np.arange(50)), rel=1e-12)
+    assert run.reactions[3:-1, 0] == pytest.approx(5.0 + run.t[3:-1], rel=1e-9)

@@ -64,6 +64,13 @@ def test_errors_name_parts_of_gaps():
         zivi.simulate(system, (0, 1), ([0.0, 1.0], [0.0, 0.0]))
 
 
+def test_errors_name_parts_of_friction_that_are_no_numbers():
+    guide = zivi.DryFriction(lambda t, q: [np.nan], curvature=0.0, limit=0.7, name="guide")
+    system = zivi.MechanicalSystem(mass=[[1.0]], force=[0.2], friction=[guide])
+    with pytest.raises(ValueError, match="direction of friction 'guide' must be finite at the sta"):
+        zivi.simulate(system, (0, 3), ([0.0], [1.0]))
+
+
 @pytest.fixture(scope="module")
 def jumped():
     """Derivatives of a ball that comes to rest within the run."""

@@ -11,8 +11,12 @@ from zivi.orbits import free, switch
 from zivi.orbits.arc import Arc
 from zivi.orbits.curve import locate
 from zivi.orbits.mechanical import curve as mechanical_curve
+from zivi.orbits.mechanical.by_parameter import flow_of
+from zivi.orbits.mechanical.crossing import crossed
+from zivi.orbits.mechanical.frame import Frame
 from zivi.orbits.mechanical.path import located
 from zivi.orbits.mechanical.resting import _power
+from zivi.orbits.mechanical.word import parsed
 from zivi.orbits.rest import chatter_exponent
 from zivi.orbits.rest_branch import Follower
 
@@ -110,6 +114,23 @@ def test_a_crossing_is_found_in_few_corrections():
     assert len(calls) <= 15
 
 
+def test_a_jump_of_a_test_function_is_found_to_a_part_of_the_scale():
+    """Halves of a chord of 0.003, until one is below 1e-13: log2(3e10) = 34.8."""
+    calls = []
+
+    def correct(z, normal):
+        calls.append(z)
+        return SimpleNamespace(z=z, tangent=normal)
+
+    one, other = (
+        SimpleNamespace(z=np.array([x, 0.0]), tangent=np.array([1.0, 0.0])) for x in (-1e-3, 2e-3)
+    )
+    curve = SimpleNamespace(correct=correct)
+    found = locate(curve, one, other, lambda point: 1.0 if point.z[0] > 3e-4 else -1.0)
+    assert found.z[0] == pytest.approx(3e-4, abs=1e-13)
+    assert len(calls) == 35
+
+
 def test_axes_are_told_where_they_are_not_those_of_one_mass():
     force = zivi.LinearForce(gravity=1, amplitude=1.52, phase=-np.pi / 2)
     found = zivi.basins(zivi.ImpactSystem(force, e=0.5), [0.0, 1.0], [0.0, 1.0])
@@ -205,3 +226,20 @@ def test_a_branch_of_a_mechanism_says_what_it_is():
     assert data.attrs["title"] == "Branch of periodic orbits"
     assert data.attrs["words"] == ["P"]
     np.testing.assert_array_equal(data.F, branch.values)
+
+
+def test_a_free_motion_without_its_impact_is_cut_where_the_gap_was_least():
+    """At the top of the coordinate that moves the gap most: ``g = 1 + x/5 - y``."""
+    system = zivi.LinearSystem(
+        np.eye(2), np.zeros((2, 2)), np.eye(2), gaps=[zivi.LinearGap([0.2, -1.0], 1.0, name="stop")]
+    )
+    method = zivi.SwitchedRK()
+    word = parsed(["I stop"], ["stop"])
+    frame = Frame(system, flow_of(system, method), word, method, 6.0, free=True)
+    x = np.array([[2.0, 0.1, 0.2, 0.3, 0.4, 8.0]])
+    flights = SimpleNamespace(z=np.array([[0.0, 1.0, 0.5, 0.0]]))
+    terms = SimpleNamespace(frame=frame, x=x, length=6.0, segments=SimpleNamespace(flights=flights))
+    new, y = crossed(terms, SimpleNamespace(kind="grazing", segment=0))
+    assert [(it.kind, it.gap) for it in new.word] == [("P", -1)]
+    assert new.section == 1
+    assert y.tolist() == [6.0, 0.1, 0.2, 0.3, 0.4, 6.0]

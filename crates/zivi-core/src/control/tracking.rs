@@ -200,8 +200,8 @@ impl Frame {
             let between = |low: Real, high: Real| cut(low + part * (high - low));
             (near, between(es_low, es_high), between(ev_low, ev_high), 0)
         };
-        let stays = ls == split && aim.v <= 0.0;
-        let v = if stays { aim.v } else { self.velocity_on_the_wall(ls) };
+        // to the last bit; nowhere for a reference that leaves the wall
+        let v = if ls == split { aim.v } else { self.velocity_on_the_wall(ls) };
         let end = Lifted { s: 0.0, v };
         Candidate { end, signs: [ls, -1.0, les, lev], iterations }
     }
@@ -305,5 +305,32 @@ impl Tracking {
             lambda_ev: mirror(self.lambda_ev),
             ..self
         }
+    }
+}
+
+#[cfg(test)]
+#[allow(clippy::expect_used)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn on_the_wall_the_velocity_is_that_of_the_reference_to_the_last_bit() {
+        let gains = Gains::new(30.0, 17.0).expect("mu1 > mu2");
+        let restitution = Restitution::from_e(0.5).expect("e");
+        let step = TrackingStep { h: 0.0625, restitution, gains };
+        let mut rounded = 0;
+        for k in 1_u8..=20 {
+            // the reference is behind the wall already, and A - mu1 + [-mu2, mu2] has a zero, so
+            // v+ = v_r+; v+ (1 + kappa ls) = -s/h
+            let v = -0.7 - 0.03 * Real::from(k);
+            let z = Lifted { s: 0.0625 * 1.1 * -v, v };
+            let target = Target { end: Lifted { s: -0.5, v }, acceleration: 30.0 };
+            let found = step.solve(z, 0.0, target);
+            assert_eq!((found.place, found.end), (Place::Wall, Lifted { s: 0.0, v }));
+            assert!((found.lambda_s * restitution.kappa() - 0.1).abs() < 1e-6);
+            let of_sign = -z.s / step.h / restitution.r(found.lambda_s, -1.0);
+            rounded += u8::from(of_sign != v);
+        }
+        assert!(rounded > 0);
     }
 }

@@ -141,3 +141,13 @@ fn stopping<E>(
     }
     Ok(0.5 * (low.0 + high.0))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn before_a_step_joints_have_no_force() {
+        assert_eq!(JointForces::new(2).forces(), [0.0; 2]);
+    }
+}

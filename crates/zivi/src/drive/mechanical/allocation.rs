@@ -238,4 +238,15 @@ mod tests {
         assert_eq!(sizes(Some(&[(f64::NEG_INFINITY, 1.0); 2]), 2), [1.0, 1.0]);
         assert_eq!(sizes(None, 3), [1.0; 3]);
     }
+    #[test]
+    fn the_reach_is_the_least_singular_value_in_the_metric_of_the_gaps() {
+        // M = diag(4, 9), g = q, B = diag(6, 6): W^-1/2 N M^-1 B = diag(3, 2)
+        let layout = Layout::smooth(2, 2);
+        let mut row = vec![0.0; layout.len()];
+        row[layout.mass()].copy_from_slice(&[4.0, 0.0, 0.0, 9.0]);
+        row[layout.gradient()].copy_from_slice(&[1.0, 0.0, 0.0, 1.0]);
+        let kinetics = GapKinetics::of::<()>(layout, &row, &[0.0; 2]).unwrap();
+        let least = reach::<()>(&kinetics, &[6.0, 0.0, 0.0, 6.0], 2).unwrap();
+        assert!((least - 2.0).abs() < 1e-14, "{least}");
+    }
 }

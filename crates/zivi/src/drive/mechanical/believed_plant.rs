@@ -161,3 +161,15 @@ impl<D, F> BelievedPlant<'_, D, F> {
         Ok(())
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_prediction_takes_steps_of_order_five_whatever_was_set() {
+        let settings = SwitchedRk { order: Order::Eight, ..SwitchedRk::DEFAULT };
+        let found = one_step_each(settings, &[0.0, 1.0, 3.0]);
+        assert_eq!((found.order, found.max_step, found.adaptive), (Order::Five, 2.0, false));
+    }
+}

@@ -164,3 +164,20 @@ impl GapKinetics {
         self.push(set, moved, v);
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn gaps_change_with_the_velocities_and_with_their_walls() {
+        // g = (1, 2) . q + 5 t
+        let layout = Layout::smooth(2, 1);
+        let mut row = vec![0.0; layout.len()];
+        row[layout.mass()].copy_from_slice(&[1.0, 0.0, 0.0, 1.0]);
+        row[layout.gradient()].copy_from_slice(&[1.0, 2.0]);
+        row[layout.rate()].copy_from_slice(&[5.0]);
+        let kinetics = GapKinetics::of::<()>(layout, &row, &[3.0, -1.0]).unwrap();
+        assert_eq!(kinetics.rates, [6.0]);
+    }
+}

@@ -113,3 +113,45 @@ pub(super) fn waypoint(
     let (x, xdot) = sample.gaps.map_or((0.0, 0.0), |(gaps, rates)| (gaps[i], rates[i]));
     Ok(Waypoint { state: Physical { x, xdot }, branch })
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::system::driven::InputMatrix;
+    use crate::system::dynamics::{FunctionDynamics, Layout};
+    use crate::AnyImpactLaw;
+    use std::convert::Infallible;
+
+    #[test]
+    fn gaps_that_a_reference_does_not_tell_are_those_of_the_model() {
+        // g_i = (1, 2) . q + 5 t + i
+        let layout = Layout::smooth(2, 2);
+        let function = |t: f64, q: &[f64], _: &[f64], out: &mut [f64]| {
+            out.fill(0.0);
+            out[layout.mass()].copy_from_slice(&[1.0, 0.0, 0.0, 1.0]);
+            let gap = q[0] + 2.0 * q[1] + 5.0 * t;
+            out[layout.gap()].copy_from_slice(&[gap, gap + 1.0]);
+            out[layout.gradient()].copy_from_slice(&[1.0, 2.0, 1.0, 2.0]);
+            out[layout.rate()].copy_from_slice(&[5.0, 5.0]);
+            Ok::<(), Infallible>(())
+        };
+        type Inputs = fn(f64, &[f64], &mut [f64]) -> Result<(), Infallible>;
+        let inputs: InputMatrix<Inputs> = InputMatrix::Constant(vec![1.0, 0.0, 0.0, 1.0]);
+        let dynamics = FunctionDynamics { layout, function };
+        let mut driven = Driven::new(dynamics, (2, 2), inputs).unwrap();
+        let laws: [AnyImpactLaw; 0] = [];
+        let mut plant = BelievedPlant { driven: &mut driven, tasks: None, laws: &laws, h: 0.1 };
+        let sample = ReferenceSample {
+            q: &[0.5, 0.25],
+            w: &[3.0, -1.0],
+            sides: &[1.0; 2],
+            contacts: &[false, true],
+            gaps: None,
+            accelerations: None,
+            turning: None,
+            tasks: None,
+        };
+        let (gaps, rates) = gaps_of(&mut plant, &sample).unwrap().unwrap();
+        assert_eq!((gaps, rates), (vec![1.0, 0.0], vec![6.0, 0.0]));
+    }
+}

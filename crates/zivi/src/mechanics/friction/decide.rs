@@ -209,3 +209,26 @@ fn same(it: &Candidate, candidates: &[Candidate], allowed: f64) -> bool {
     let pairs = it.acceleration.iter().zip(&first.acceleration);
     pairs.into_iter().all(|(a, b)| (a - b).abs() <= SAME * scale)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn motions_are_the_same_to_rounding_of_the_fastest() {
+        let of = |violation: f64, acceleration: [f64; 2]| Candidate {
+            mode: ContactMode::default(),
+            violation,
+            acceleration: acceleration.to_vec(),
+            kappa: 1.0,
+        };
+        let all = [
+            of(1.0, [7.0, 7.0]), // is not admissible, but says how large accelerations are
+            of(0.0, [3.0, -100.0]),
+            of(0.0, [3.0 + 5e-7, -100.0]),
+            of(0.0, [3.0 + 2e-6, -100.0]),
+        ];
+        let found = [0, 1, 2, 3].map(|i| same(&all[i], &all, 1e-11));
+        assert_eq!(found, [false, true, true, false]);
+    }
+}

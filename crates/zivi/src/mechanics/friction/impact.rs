@@ -343,3 +343,73 @@ fn impulses(edges: &Edges, forces: &[f64], pattern: ContactMode, kinetics: &Kine
     }
     all
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::mechanics::kinetics::Model;
+    use crate::system::dynamics::{FunctionDynamics, Layout};
+    use crate::system::friction::Channel;
+    use std::convert::Infallible;
+
+    fn friction(gap: Option<usize>) -> Friction {
+        Friction { channels: vec![Channel { gap, e_t: 0.0 }], ..Friction::default() }
+    }
+
+    fn kinetics(layout: Layout, friction: &Friction, row: &[f64]) -> Kinetics {
+        let function = |_: f64, _: &[f64], _: &[f64], out: &mut [f64]| {
+            out.copy_from_slice(row);
+            Ok::<(), Infallible>(())
+        };
+        let mut dynamics = FunctionDynamics { layout, function };
+        let mut kinetics = Kinetics::new(layout, friction);
+        let zeros = vec![0.0; layout.n];
+        kinetics.evaluate(&mut Model::new(&mut dynamics), 0.0, &zeros, &zeros).unwrap();
+        kinetics
+    }
+
+    #[test]
+    fn rates_are_measured_by_the_root_of_the_energy() {
+        // M = diag(1, 4), g = q_2, w = q_1': d = 1/4 and 1
+        let row =
+            [1.0, 0.0, 0.0, 4.0, 0.0, 0.0, 0.0, 0.0, 1.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.3, 0.3];
+        let friction = friction(Some(0));
+        let mut at = kinetics(Layout { n: 2, m: 1, p: 1 }, &friction, &row);
+        let rates = [-1.0, 0.5];
+        let collision = Collision {
+            set: GapSet::of(0),
+            e: &[0.5],
+            friction: &friction,
+            before: &rates,
+            free: &rates,
+            duration: 0.0,
+            is_jammed: false,
+        };
+        // max(1/sqrt(1/4), .5/1) = 2, times sqrt(1/4) and 1
+        assert_eq!(collision.fastest(&mut at), [1.0, 2.0]);
+    }
+
+    #[test]
+    fn a_joint_that_sticks_is_measured_by_its_limit_and_by_what_would_stop_it() {
+        // M = 4, w = q': d = 1/4; its friction is 3 in slip, 4 at rest
+        let friction = friction(None);
+        let row = [4.0, 0.0, 1.0, 0.0, 0.0, 3.0, 4.0];
+        let mut at = kinetics(Layout { n: 1, m: 0, p: 1 }, &friction, &row);
+        let collision = Collision {
+            set: GapSet::default(),
+            e: &[],
+            friction: &friction,
+            before: &[1.0],
+            free: &[1.0],
+            duration: 0.5,
+            is_jammed: false,
+        };
+        let stick = ContactMode::default().with_channel(0, 0.0);
+        // (5 - 4 * .5)/(4 * 1 + 4 * .5)
+        assert_eq!(collision.violation(stick, &[-5.0], &[0.0], &mut at), 0.5);
+        assert_eq!(collision.violation(stick, &[-2.0], &[0.0], &mut at), 0.0);
+        // it slips back: by .25 of a speed of 1
+        let slip = ContactMode::default().with_channel(0, 1.0);
+        assert_eq!(collision.violation(slip, &[-1.5], &[-0.25], &mut at), 0.25);
+    }
+}

@@ -192,3 +192,36 @@ impl Kinetics {
         Some(width * largest)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::mechanics::kinetics::Model;
+    use crate::system::dynamics::{FunctionDynamics, Layout};
+    use crate::system::friction::{Channel, Friction};
+    use std::convert::Infallible;
+
+    #[test]
+    fn a_mass_that_bounces_sticks_while_the_mean_force_of_its_impacts_holds_it() {
+        // M = diag(1, 4), g = q_2, w = q_1': P = -(F_1, (1 + e)/2 F_2), |P_T| <= mu P_N up to F_1 = 4
+        let friction =
+            Friction { channels: vec![Channel { gap: Some(0), e_t: 0.0 }], ..Friction::default() };
+        let layout = Layout { n: 2, m: 1, p: 1 };
+        let stick = ContactMode::from(GapSet::of(0)).with_channel(0, 0.0);
+        let mut holds = |pull: f64| {
+            let function = |_: f64, _: &[f64], _: &[f64], out: &mut [f64]| {
+                out.copy_from_slice(&[
+                    1.0, 0.0, 0.0, 4.0, pull, -10.0, 0.0, 0.0, 1.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0,
+                    0.5, 0.5,
+                ]);
+                Ok::<(), Infallible>(())
+            };
+            let mut dynamics = FunctionDynamics { layout, function };
+            let mut at = Kinetics::new(layout, &friction);
+            at.evaluate(&mut Model::new(&mut dynamics), 0.0, &[0.0; 2], &[0.0; 2]).unwrap();
+            at.contact(ContactMode::default()).unwrap();
+            at.bounces_hold(GapSet::of(0), stick, &[0.6])
+        };
+        assert_eq!([3.99, -3.99, 4.01, -4.01].map(&mut holds), [true, true, false, false]);
+    }
+}

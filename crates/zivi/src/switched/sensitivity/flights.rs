@@ -176,3 +176,30 @@ impl FlightControl<'_> {
         Ok(())
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::ConstantForce;
+    use std::convert::Infallible;
+
+    #[test]
+    fn a_flight_begins_with_at_most_five_times_what_the_last_one_ended_with() {
+        let settings = SwitchedRk::default();
+        let apart = IndependentFlights { settings, by: &[], sizes: &[1.0, 1.0], minima: false };
+        let mut pilot = FlightControl {
+            settings,
+            apart: &apart,
+            stages: Stages::new(settings.order.pair(), 1),
+            step: ColumnStep::new(&[Wrt::X0, Wrt::Xdot0]),
+            h: f64::INFINITY,
+        };
+        let mut force = ConstantForce(-2.0);
+        let mut force = Counted::new(&mut force);
+        let flight = Flight { from: 0.0, x: 0.0, xdot: 1.0, to: 0.125 };
+        // a parabola, in one step without an error: five times its length, and five times that
+        let flown: Result<Flown, Failure<Infallible>> = pilot.fly(flight, &mut force);
+        assert!((flown.unwrap().x - (0.125 - 0.125 * 0.125)).abs() < 1e-16);
+        assert_eq!(pilot.h, 25.0 * 0.125);
+    }
+}

@@ -91,3 +91,107 @@ fn gather(mut follower: VariationalRun, settings: SwitchedRk, times: &[f64]) -> 
         n_slopes: follower.step.forcing.count,
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::switched::sensitivity::Wrt;
+    use crate::switched::Order;
+    use crate::system::slopes::{Place, Slopes};
+    use crate::{ConstantForce, Force, LinearForce, Restitution, Silent};
+    use std::convert::Infallible;
+
+    fn run<F: DifferentiableForce<Infallible>>(
+        settings: SwitchedRk,
+        mut force: F,
+        to: f64,
+        (x, xdot): (f64, f64),
+        (wrt, size): (Wrt, f64),
+    ) -> (SwitchedRun<Infallible>, Derivatives) {
+        let law = Restitution::from_e(0.5).unwrap();
+        let question = Question { wrt: &[wrt], sizes: &[size], controlled: true, times: &[] };
+        let (initial, output) = (Physical { x, xdot }, Output::default());
+        sensitivity(settings, law, &mut force, (0.0, to), initial, output, &question, &mut Silent)
+            .unwrap()
+    }
+
+    #[test]
+    fn a_mass_that_is_pulled_off_where_it_starts_goes_with_its_start() {
+        // x = (t - t0)^2, x' = 2 (t - t0), at t = 1
+        let (force, wrt) = (ConstantForce(2.0), (Wrt::T0, 1.0));
+        let (_, found) = run(SwitchedRk::default(), force, 1.0, (0.0, 0.0), wrt);
+        assert_eq!(found.events.liftoff_times, [1.0]);
+        assert!((found.q[0] + 2.0).abs() < 1e-14 && (found.qdot[0] + 2.0).abs() < 1e-14);
+    }
+
+    /// `p (t - 1)`, below it by 1 until `t = 1`, above it by 1/2 from then on.
+    struct Thrown(f64);
+
+    impl Force<Infallible> for Thrown {
+        fn at(&mut self, t: f64, _: f64, _: f64) -> Result<f64, Infallible> {
+            Ok(if t < 1.0 { -1.0 } else { 0.5 } + self.0 * (t - 1.0))
+        }
+    }
+
+    impl DifferentiableForce<Infallible> for Thrown {
+        fn parameters(&self) -> usize {
+            1
+        }
+
+        fn slopes(
+            &mut self,
+            place: Place,
+            _: bool,
+            _: &[usize],
+            out: &mut [f64],
+        ) -> Result<Slopes, Infallible> {
+            out.fill(place.t - 1.0);
+            Ok(Slopes { t: self.0, x: 0.0, xdot: 0.0 })
+        }
+    }
+
+    #[test]
+    fn a_jump_that_was_not_told_throws_off_at_its_own_time() {
+        let (force, wrt) = (Thrown(1.0), (Wrt::Parameter(0), 1.0));
+        let (run, found) = run(SwitchedRk::default(), force, 2.0, (0.0, 0.0), wrt);
+        assert!((run.trajectory.events.liftoff_times[0] - 1.0).abs() < 1e-14);
+        assert!(found.events.liftoff_times[0].abs() < 1e-12);
+        // x = (t - 1)^2/4 + p (t - 1)^3/6
+        assert!((found.q[0] - 1.0 / 6.0).abs() < 1e-9);
+    }
+
+    /// `-x - g`
+    fn spring(gravity: f64) -> LinearForce {
+        let [damping, amplitude, omega, phase] = [0.0; 4];
+        LinearForce { stiffness: 1.0, damping, gravity, amplitude, omega, phase }
+    }
+
+    #[test]
+    fn columns_do_not_shorten_steps_of_a_fixed_length() {
+        let settings = SwitchedRk {
+            rtol: 1e-13,
+            atol: [1e-16; 2],
+            order: Order::Five,
+            max_step: 0.5,
+            adaptive: false,
+            ..SwitchedRk::DEFAULT
+        };
+        let force = spring(0.0);
+        let (run, found) = run(settings, force, 1.0, (1.0, 0.0), (Wrt::Parameter(0), 1.0));
+        assert_eq!((run.counts.accepted, run.counts.rejected), (2, 0));
+        // x = cos(sqrt(k) t)
+        assert!((found.q[0] + 0.5 * 1.0_f64.sin()).abs() < 1e-4);
+    }
+
+    #[test]
+    fn the_derivative_of_a_zeno_time_is_known_relative_to_itself() {
+        let settings = SwitchedRk { rtol: 1e-6, atol: [1e-9; 2], ..SwitchedRk::DEFAULT };
+        let of = |size: f64| {
+            let force = spring(1.0);
+            let (run, found) = run(settings, force, 9.0, (1.0, 0.0), (Wrt::X0, size));
+            (run.trajectory.events.impacts.len(), found.events.zeno_times.len())
+        };
+        // the absolute tolerance, which is divided by the size, is nothing beside it
+        assert_eq!(of(1e4), of(1e10));
+    }
+}
