@@ -122,3 +122,75 @@ impl<D> Flying<'_, '_, D> {
         Ok(Next::Stop(channels))
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use crate::mechanics::{simulate_mechanical, MechanicalOutput};
+    use crate::record::occurrence::Occurrence;
+    use crate::switched::{Order, SwitchedRk};
+    use crate::system::dynamics::{Dynamics, Layout};
+    use crate::system::friction::{Channel, Friction};
+    use crate::Silent;
+    use std::convert::Infallible;
+
+    /// A mass of 1 with the friction 30, and its acceleration while it slips.
+    struct Braked(Friction, fn(f64) -> f64);
+
+    impl Dynamics<Infallible> for Braked {
+        fn layout(&self) -> Layout {
+            Layout { n: 1, m: 0, p: 1 }
+        }
+
+        fn friction(&self) -> &Friction {
+            &self.0
+        }
+
+        fn evaluate(
+            &mut self,
+            t: f64,
+            _: &[f64],
+            _: &[f64],
+            out: &mut [f64],
+        ) -> Result<(), Infallible> {
+            out.copy_from_slice(&[1.0, 30.0 + (self.1)(t), 1.0, 0.0, 0.0, 30.0, 30.0]);
+            Ok(())
+        }
+    }
+
+    #[test]
+    fn a_stop_is_not_looked_for_far_from_the_step_that_has_it() {
+        // 1 m/s, stopped after 0.052 s: by -20 m/s^2, but for 2 ms that no step of 0.1 s looks at.
+        // The step onto 0.05 s ends in them, with a slope by which the slip would last to 1.05 s.
+        // After 0.15 s the mass is pulled on.
+        let acceleration = |t: f64| match t {
+            t if (t - 0.05).abs() < 1e-3 => -0.131,
+            t if t < 0.15 => -20.0,
+            _ => 1.0,
+        };
+        let settings = SwitchedRk {
+            order: Order::Five,
+            max_step: 0.1,
+            adaptive: false,
+            ..SwitchedRk::DEFAULT
+        };
+        let friction =
+            Friction { channels: vec![Channel { gap: None, e_t: 0.0 }], ..Friction::default() };
+        let run = simulate_mechanical(
+            settings,
+            &mut Braked(friction, acceleration),
+            &[],
+            (0.0, 3.0),
+            (&[0.0], &[1.0]),
+            MechanicalOutput::default(),
+            &mut Silent,
+        )
+        .unwrap();
+        let stops: Vec<f64> = (run.occurrences.iter())
+            .filter_map(|it| match *it {
+                Occurrence::Transition { t, after: 0, .. } => Some(t),
+                _ => None,
+            })
+            .collect();
+        assert!(stops.len() == 1 && (stops[0] - 0.052).abs() < 3e-3, "{stops:?}");
+    }
+}
