@@ -186,6 +186,38 @@ def test_what_no_sparse_stage_solves_the_dense_solver_takes_over():
     assert few.n_iter == 1
 
 
+def test_slopes_that_are_not_defined_where_the_dense_solver_takes_over():
+    """It makes differences there, in the place of a Jacobian that raises."""
+    calls = []
+
+    def slopes(x):
+        calls.append(x)
+        if len(calls) > 1:
+            raise ArithmeticError("no slopes")
+        return bent_slopes(x)
+
+    off = {"active_set": False, "smoothing": False, "proximal": False}
+    res = zivi.solve_vi(bent, -1, 1.5, np.zeros(8), jac=slopes, options=SPARSE | off)
+    assert res.success
+    assert len(calls) > 1
+    assert residual(res.x, bent(res.x), -1, 1.5) <= 1e-9
+
+
+@pytest.mark.parametrize("box", [(-INF, INF), (0.0, INF), (-3.0, INF)])
+def test_maps_without_a_zero_are_not_solved(box):
+    """``-1 - x^2`` is nowhere zero, and pushes upwards without an end."""
+    for options in ({}, {"active_set": False}, {"active_set": False, "smoothing": False}):
+        res = zivi.solve_vi(
+            lambda x: -1 - x**2,
+            *box,
+            np.ones(3),
+            jac=lambda x: sp.diags_array(-2 * x),
+            options=SPARSE | {"restarts": 0} | options,
+        )
+        assert not res.success
+        assert res.residual >= 1
+
+
 def test_the_start_may_be_the_solution():
     """Isolated or not, also where a component is exactly at the end of the box."""
     M = sp.diags_array(np.where(np.arange(8) == 5, 0.0, 1.0), format="csr")
@@ -253,6 +285,25 @@ def test_pivoting_follows_the_pattern_and_the_diagonal():
     factoriser = Factoriser(lambda: None)
     factoriser.see_pattern(singular)
     assert factoriser.solve(singular, np.array([1.0, 2.0, 3.0])) is None
+
+
+def test_a_matrix_without_enough_places_for_pivots_is_not_given_to_superlu(capfd):
+    """It wrote beyond its memory: messages of the BLAS, sometimes the end of the process."""
+    rng = np.random.default_rng(0)
+    B, C = 1 + rng.random((24, 20)), 1 + rng.random((20, 24))
+    A = sp.csr_array(sp.block_array([[None, sp.csr_array(B)], [sp.csr_array(C), None]]))
+    factoriser = Factoriser(lambda: None)
+    factoriser.see_pattern(A)
+    assert factoriser.solve(A, np.ones(44)) is None
+    assert factoriser.factors_of(A) is None
+    assert capfd.readouterr().out == ""
+    x = factoriser.solve(A + sp.eye_array(44), np.ones(44))[0]
+    np.testing.assert_allclose(A @ x + x, 1.0)
+    square = sp.csr_array(
+        sp.block_array([[None, sp.csr_array(B[:20])], [sp.csr_array(C[:, :20]), None]])
+    )
+    (x,) = Factoriser(lambda: None).solve(square[:, ::-1], np.ones(40))
+    np.testing.assert_allclose(square[:, ::-1] @ x, 1.0)
 
 
 def test_a_thread_keeps_what_it_made_until_it_is_told():
@@ -394,6 +445,20 @@ def test_slopes_are_not_believed_where_the_map_is_not_defined():
         agrees = _agrees(search, np.zeros(2), sp.csr_array((2, 2)))
         assert agrees.all() == (name == "none")
         assert agrees.any() == (name == "none")
+
+
+@pytest.mark.parametrize("stage", ["interior_point", "smoothing_newton", "proximal_newton"])
+def test_success_is_told_by_the_residual_alone(monkeypatch, stage):
+    """A stage that says that it was successful is not believed."""
+    off = {"active_set": False, "smoothing": stage != "proximal_newton"}
+    monkeypatch.setattr(f"zivi.vi.sparse.{stage}", lambda *_, **__: True)
+    n = zivi.vi.MAX_DENSE + 1  # the dense solver does not take over
+    if stage == "interior_point":
+        res = zivi.solve_avi(tridiagonal(n), load(n), -1, 1.5, options=off)
+    else:
+        res = zivi.solve_vi(bent, -1, 1.5, np.zeros(n), jac=bent_slopes, options=off)
+    assert res.status is zivi.VIStatus.STALLED
+    assert res.residual > 1e-3
 
 
 def test_a_smoothing_step_that_fails_says_so():

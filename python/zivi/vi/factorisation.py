@@ -350,6 +350,8 @@ def _factorised(A: Any, pivoting: str, order: Order | None) -> tuple[Any, Order 
     """
     from scipy.sparse.linalg import splu
 
+    if order is None and _is_singular_by_pattern(A):
+        raise RuntimeError("no pivots, whatever the entries are")
     told = _PIVOTING[pivoting]
     if order is None and pivoting == "partial":
         return splu(A, permc_spec="COLAMD", **told), None
@@ -357,6 +359,13 @@ def _factorised(A: Any, pivoting: str, order: Order | None) -> tuple[Any, Order 
         pattern = (part.astype(np.int32, copy=False) for part in (A.indptr, A.indices))
         order = Order(A, pivoting, _zivi.minimum_degree(*pattern))
     return splu(order.of(A), permc_spec="NATURAL", **told), order
+
+
+def _is_singular_by_pattern(A: Any) -> bool:
+    """Whether there are too few places for pivots: SuperLU then writes beyond its memory."""
+    from scipy.sparse.csgraph import structural_rank
+
+    return not np.all(A.diagonal()) and bool(structural_rank(A) < A.shape[0])
 
 
 def rows_of_sizes(J: Any) -> Array:

@@ -107,8 +107,8 @@ class _Smoothing:
         Where to begin, and the map and its Jacobian there.
     mu : float
         The first one.
-    centre, weight : ndarray or None, float
-        Of the proximal term ``weight c (x - centre)``.
+    weight : float
+        Of the proximal term, ``weight c`` times the distance from there.
     """
 
     def __init__(
@@ -119,13 +119,12 @@ class _Smoothing:
         J: Any,
         mu: float,
         *,
-        centre: Array | None = None,
         weight: float = 0.0,
     ) -> None:
         self.search = search
         self._project = _Projection(search.lower, search.upper)
         self._falls = _FALLS if search.map.is_affine else _FEW_FALLS
-        self._centre = x if centre is None else centre
+        self._centre = x
         self._weight = weight
         self.c = rows_of_sizes(J)
         self.mu = mu
@@ -257,7 +256,7 @@ def proximal_newton(search: Search, x: Array, F: Array, J: Any, mu: float, *, li
     """Do the same with ``F + eps c (x - x_k)``, `eps` from 1e-2 to 1e-9: for singular Jacobians."""
     weight = 1e-2
     while weight > 5e-10:
-        inner = _Smoothing(search, x, F, J, mu, centre=x, weight=weight)
+        inner = _Smoothing(search, x, F, J, mu, weight=weight)
         if inner.run(limit):
             return True
         x = search.inside(inner.point.x)

@@ -111,7 +111,11 @@ def solve_sparse(
     try:
         status = _stages(search, settings)
     except EndedError as end:
-        status = VIStatus.SOLVED if search.best_residual <= search.tol else end.status
+        status = end.status
+    if search.best_residual <= search.tol:
+        status = VIStatus.SOLVED
+    elif status is VIStatus.SOLVED:
+        status = VIStatus.STALLED
     projected = not np.array_equal(inside, start)
     if status in (VIStatus.STALLED, VIStatus.DOMAIN_ERROR) and dense and search.n <= MAX_DENSE:
         return _merged(search, dense(search.time_left), projected)
