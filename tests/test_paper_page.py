@@ -17,7 +17,7 @@ SCHEME = " ".join((ROOT / "docs" / "scheme.md").read_text().split())
 
 def test_the_tests_that_it_names_exist():
     python = re.findall(r"`tests/(\w+\.py)(?:::(\w+))?`", PAGE)
-    rust = re.findall(r"`(\w+\.rs)::(\w+)`", PAGE)
+    rust = re.findall(r"`([\w/]+\.rs)::(\w+)`", PAGE)
     assert len(python) >= 20
     assert len(rust) >= 6
     for name, test in python:

@@ -41,7 +41,7 @@ def test_a_bar_that_falls_flat_bounces_as_a_ball(e):
     assert sol.zeno["t"] == pytest.approx(np.full(3, fall * (1 + e) / (1 - e)), abs=1e-9)
     assert np.abs(sol.q[:, 1]).max() < 1e-14
     assert sol.contacts[-1].all()
-    assert sol.q[-1, 0] == 0.0
+    assert abs(sol.q[-1, 0]) < 1e-50  # what is left of rounding depends on the BLAS
     first = sol.resolved_impacts[:3]
     assert np.all(first["impulse"] > 0)
     assert first["impulse"].sum() == pytest.approx((1 + e) * G * fall)
