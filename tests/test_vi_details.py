@@ -10,7 +10,7 @@ import scipy.sparse as sp
 from scipy.sparse.linalg import splu
 
 import zivi
-from zivi.vi.coloured import colours_of, pattern_of
+from zivi.vi.coloured import ColouredDifferences, colours_of, pattern_of
 from zivi.vi.factorisation import Factoriser, Factors, Keep, in_thread
 from zivi.vi.farkas import _proves
 from zivi.vi.smoothing import _Smoothing
@@ -108,6 +108,53 @@ def test_every_stage_of_a_problem_that_is_not_affine(options, stage, most, where
     dense = zivi.solve_vi(bent, lower, upper, start, jac=lambda x: bent_slopes(x).toarray())
     np.testing.assert_allclose(res.x, dense.x, atol=1e-8)
     assert residual(res.x, bent(res.x), lower, upper) <= 1e-9
+
+
+@pytest.mark.parametrize(("seed", "stage"), [(0, "IP"), (10, "SM"), (34, "SM"), (4, "S2")])
+def test_where_a_stage_gives_up_the_next_one_goes_on(seed, stage):
+    """Matrices that are not monotone: each stage from the end of those before."""
+    rng = np.random.default_rng(seed)
+    M, q = rng.normal(size=(12, 12)) + 1.5 * np.eye(12), rng.normal(size=12)
+    res = zivi.solve_avi(sp.csr_array(M), q, -1, 1, options=SPARSE | {"restarts": 0})
+    assert (res.status, res.stage, res.n_pivots) == (zivi.VIStatus.SOLVED, stage, 0)
+    assert residual(res.x, M @ res.x + q, -1, 1) <= 1e-9
+
+
+def test_row_scales_of_sparse_problems_are_checked():
+    for bad, match in (
+        (np.ones(3), "row_scale must have 40 entries, got 3"),
+        (np.where(np.arange(N) == 7, -1.0, 1.0), "row_scale must be finite and > 0, got -1.0"),
+        (np.where(np.arange(N) == 7, INF, 1.0), "row_scale must be finite and > 0, got inf"),
+    ):
+        with pytest.raises(ValueError, match=match):
+            zivi.solve_lcp(tridiagonal(), load(), options=SPARSE | {"row_scale": bad})
+    scale = np.linspace(1, 5, N)
+    res = zivi.solve_lcp(tridiagonal(), load(), options=SPARSE | {"row_scale": scale})
+    plain = zivi.solve_lcp(tridiagonal(), load(), options=SPARSE)
+    np.testing.assert_allclose(res.x, plain.x, atol=1e-9)
+
+
+@pytest.mark.parametrize("scheme", ["3-point", "2-point", "cs"])
+def test_differences_stay_in_the_box(scheme):
+    """At a bound to one side, in a narrow box by less, and in one without width out of it."""
+    x = np.array([0.0, 1.0, 0.5, 0.3, 0.2])
+    lower = np.array([0.0, 0.0, 0.0, 0.3 - 1e-9, 0.2])
+    upper = np.array([1.0, 1.0, 1.0, 0.3 + 1e-9, 0.2])
+    seen = []
+
+    def cubes(z):
+        seen.append(np.real(z).copy())
+        return z**3 + np.append(0, z[:-1]) * z
+
+    pattern = pattern_of(sp.eye_array(5) + sp.eye_array(5, k=-1), 5)
+    J = ColouredDifferences(cubes, pattern, scheme, lower, upper)(x, 2.3e-16).toarray()
+    exact = np.diag(3 * x**2 + np.append(0, x[:-1])) + np.diag(x[1:], -1)
+    # a step of 1e-9 leaves six digits of a difference
+    close = {"3-point": 1e-9, "2-point": 1e-7, "cs": 1e-15}[scheme]
+    np.testing.assert_allclose(J[:3], exact[:3], atol=close)
+    np.testing.assert_allclose(J[3:], exact[3:], atol=1e-6)
+    inside = np.array(seen)[:, :4]
+    assert np.all((inside >= lower[:4]) & (inside <= upper[:4]))
 
 
 def test_one_step_where_the_active_set_is_known():
