@@ -157,6 +157,19 @@ def test_differences_stay_in_the_box(scheme):
     assert np.all((inside >= lower[:4]) & (inside <= upper[:4]))
 
 
+def test_fixed_unknowns_are_held_whatever_the_size_of_their_rows():
+    lower, upper = np.full(N, -1.0), np.full(N, 1.5)
+    lower[::7] = upper[::7] = 0.25
+    options = SPARSE | {"active_set": False}
+    plain = zivi.solve_avi(tridiagonal(), load(), lower, upper, options=options, tol=1e-9)
+    for size in (1e-3, 1e8):
+        scaled = tridiagonal() * size, load() * size
+        res = zivi.solve_avi(*scaled, lower, upper, options=options, tol=1e-9 * size)
+        assert res.stage == plain.stage == "IP"
+        assert abs(res.n_factorisations - plain.n_factorisations) <= 1
+        np.testing.assert_allclose(res.x, plain.x, atol=1e-8)
+
+
 def test_one_step_where_the_active_set_is_known():
     """The first component goes to its bound, and takes the second one along."""
     M = sp.csr_array(np.array([[2.0, -1.0], [-1.0, 2.0]]))
@@ -309,6 +322,9 @@ def test_factors_that_do_not_belong_to_the_matrix_give_no_solution():
     assert Factors(splu(eye), sp.csc_array(5 * eye)).solve(b) is None
     np.testing.assert_allclose(Factors(splu(eye), sp.csc_array(1.001 * eye)).solve(b), b / 1.001)
     assert Factors(splu(eye), sp.csc_array(INF * eye)).solve(b) is None
+    empty_row = sp.csc_array(sp.diags_array([1.0, 1.0, 0.0]))
+    empty_row.eliminate_zeros()
+    assert Factors(splu(eye), empty_row).solve(b) is None
 
 
 def test_pivoting_follows_the_pattern_and_the_diagonal():
