@@ -106,7 +106,7 @@ def test_the_public_list_is_complete_and_sorted():
         for alias in node.names
     }
     # for type checkers the modules that are imported when they are asked for
-    modules = {"files", "interop", "mechanics", "methods", "plot", "symbolic"}
+    modules = {"files", "interop", "mechanics", "methods", "native", "plot", "symbolic"}
     assert imported | {"plot"} == {*NAMES, *modules}
 
 

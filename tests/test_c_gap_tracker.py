@@ -185,3 +185,8 @@ def test_what_has_no_source_in_c_is_told(make, error, words):
 def test_names_are_checked():
     with pytest.raises(ValueError, match="name must be a letter"):
         native.gap_tracker_source(tracker(), "1 arm")
+
+
+def test_the_module_is_found_where_zivi_is():
+    program = "import zivi; assert callable(zivi.native.gap_tracker_source), zivi.native"
+    subprocess.run([sys.executable, "-c", program], check=True)

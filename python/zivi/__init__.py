@@ -44,6 +44,7 @@ if TYPE_CHECKING:
         files as files,
         interop as interop,
         mechanics as mechanics,
+        native as native,
         plot as plot,
         symbolic as symbolic,
     )
@@ -228,8 +229,8 @@ __all__ = [
 ]
 
 _LAZY = (
-    *("control", "derivatives", "files", "fmu", "interop", "lab", "mechanics", "orbits", "plot"),
-    *("simulation", "study", "symbolic", "system", "vi"),
+    *("control", "derivatives", "files", "fmu", "interop", "lab", "mechanics", "native", "orbits"),
+    *("plot", "simulation", "study", "symbolic", "system", "vi"),
 )
 """Modules that are imported when they are first asked for."""
 _LATE = {
