@@ -8,6 +8,15 @@ import zivi
 
 START = np.array([0.5, -1.2])
 H = 1e-3
+PADDLE = zivi.MechanicalSystem(
+    mass=np.diag([0.2, 1.0]),
+    force=[-0.2 * 9.81, -9.81],
+    gaps=[zivi.LinearGap([1, -1], name="racket")],
+    e=0.6,
+    coordinates=["ball", "paddle"],
+    inputs=[[0.0], [1.0]],
+)
+"""A ball above a racket that is moved up and down."""
 
 
 @functools.cache
@@ -22,6 +31,19 @@ def two_links():
         parameters={"m1": 1.0, "m2": 0.8, "l1": 0.5, "l2": 0.45, "g": 9.81, "d": 0.3},
         e=0.6,
         inputs={"ta": [1, 0], "tb": [0, 1]},
+    )
+
+
+def turning_mass(**gaps):
+    """A mass of 2 kg whose two controls turn with its place."""
+    return zivi.symbolic.system(
+        "x y",
+        T="m*(xdot**2 + ydot**2)/2",
+        V="m*g*y",
+        gaps=gaps,
+        parameters={"m": 2.0, "g": 9.81},
+        e=[0.5, 0.6],
+        inputs={"along": ["cos(x)", "sin(x)"], "across": ["-sin(x)", "cos(x)"]},
     )
 
 

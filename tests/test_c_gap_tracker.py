@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import zivi
-from mechanical_arms import START, tapping, tracker, two_links
+from mechanical_arms import START, tapping, tracker, turning_mass, two_links
 from zivi import native
 from zivi.control.mechanical_reference import reference_of
 
@@ -106,15 +106,7 @@ def test_it_lands_presses_and_loses_contact_as_in_python(tmp_path):
 
 
 def test_two_coupled_gaps_and_inputs_that_turn(tmp_path):
-    system = zivi.symbolic.system(
-        "x y",
-        T="m*(xdot**2 + ydot**2)/2",
-        V="m*g*y",
-        gaps={"floor": "y", "slope": "x + y/4 - 1/10"},
-        parameters={"m": 2.0, "g": 9.81},
-        e=[0.5, 0.6],
-        inputs={"along": ["cos(x)", "sin(x)"], "across": ["-sin(x)", "cos(x)"]},
-    )
+    system = turning_mass(floor="y", slope="x + y/4 - 1/10")
     own = zivi.GapTracker(
         system,
         h=H,

@@ -4,18 +4,9 @@ import numpy as np
 import pytest
 
 import zivi
-from mechanical_arms import START, follow, tapping, tracker, two_links
+from mechanical_arms import PADDLE, START, follow, tapping, tracker, two_links
 from zivi.control.design_law import Law
 from zivi.control.striker import Sight
-
-BALL = zivi.MechanicalSystem(
-    mass=np.diag([0.2, 1.0]),
-    force=[-0.2 * 9.81, -9.81],
-    gaps=[zivi.LinearGap([1, -1], name="racket")],
-    e=0.6,
-    coordinates=["ball", "paddle"],
-    inputs=[[0.0], [1.0]],
-)
 
 
 @pytest.mark.parametrize("exact", [True, False])
@@ -42,7 +33,7 @@ def test_a_tracker_has_the_least_gains_that_hold_an_unknown_force(exact):
 
 
 def test_a_jump_counts_by_the_speed_of_the_impact():
-    ctl = zivi.Striker(BALL, gap="racket", body="ball", apex=0.5)
+    ctl = zivi.Striker(PADDLE, gap="racket", body="ball", apex=0.5)
     ctl.step(0.0, [0.4, 0.0], [0.0, 0.0])
     before = Sight(0.0, 0.1, -5.0, 0.1, -5.0, -9.81)
     for jump, counts in ((4.9e-3, False), (5.1e-3, True)):
@@ -53,8 +44,8 @@ def test_a_jump_counts_by_the_speed_of_the_impact():
 @pytest.mark.parametrize(
     ("call", "message"),
     [
-        (lambda: zivi.JointObserver(BALL, noise="a"), "^noise"),
-        (lambda: zivi.JointObserver(BALL, alpha="a"), "^alpha"),
+        (lambda: zivi.JointObserver(PADDLE, noise="a"), "^noise"),
+        (lambda: zivi.JointObserver(PADDLE, alpha="a"), "^alpha"),
         (lambda: tracker().step(0.0, START, ["a", "b"]), "^qdot"),
         (lambda: follow(tracker(force={"floor": lambda t: "a"}), end=1.2), r"^force\['floor'\]"),
     ],

@@ -12,7 +12,7 @@ import pytest
 
 import zivi
 from fmu_unit import Archive, Unit
-from mechanical_arms import START, tapping, tracker, two_links
+from mechanical_arms import START, tapping, tracker, turning_mass, two_links
 
 pytestmark = pytest.mark.xdist_group("fmu")
 
@@ -98,15 +98,7 @@ def test_parameters_and_disturbances_are_those_of_the_importer(tmp_path):
 
 
 def test_controls_that_act_through_the_configuration(tmp_path):
-    arm = zivi.symbolic.system(
-        "x y",
-        T="m*(xdot**2 + ydot**2)/2",
-        V="m*g*y",
-        gaps={"floor": "y", "wall": "2 - x"},
-        parameters={"m": 2.0, "g": 9.81},
-        e=[0.5, 0.6],
-        inputs={"along": ["cos(x)", "sin(x)"], "across": ["-sin(x)", "cos(x)"]},
-    )
+    arm = turning_mass(floor="y", wall="2 - x")
     ctl = zivi.GapTracker(arm, h=H, gains={"floor": (40, 22), "wall": (40, 22)})
     start = ([1.8, 0.1], [0.0, 0.0])
     run = native(arm, ctl, start, end=0.6, reference="rest")

@@ -6,17 +6,9 @@ import numpy as np
 import pytest
 
 import zivi
-from mechanical_arms import START, tapping, tracker, two_links
+from mechanical_arms import PADDLE, START, tapping, tracker, two_links
 
 START_STATE = (START, np.zeros(2))
-BOX = zivi.MechanicalSystem(
-    mass=np.diag([0.2, 1.0]),
-    force=[-0.2 * 9.81, -9.81],
-    gaps=[zivi.LinearGap([1, -1], name="racket")],
-    e=0.6,
-    coordinates=["ball", "paddle"],
-    inputs=[[0.0], [1.0]],
-)
 
 
 def loop(controller=None, **asked):
@@ -121,7 +113,11 @@ def test_a_state_of_another_tracker_is_refused_not_used():
 
 @pytest.mark.parametrize("kind", ["tracker", "striker"])
 def test_measurements_that_no_control_answers_hold_the_last_one(kind):
-    ctl = tracker() if kind == "tracker" else zivi.Striker(BOX, gap="racket", body="ball", apex=0.5)
+    ctl = (
+        tracker()
+        if kind == "tracker"
+        else zivi.Striker(PADDLE, gap="racket", body="ball", apex=0.5)
+    )
     at = np.array([0.4, 0.1]) if kind == "striker" else START
     first = ctl.step(0.0, at, np.zeros(2))
     assert np.array_equal(ctl.step(1e-3, at, [1e308, -1e308]), first)
@@ -142,11 +138,11 @@ def test_measurements_that_no_control_answers_hold_the_last_one(kind):
 )
 def test_settings_of_a_striker_are_in_range(settings, words):
     with pytest.raises(ValueError, match=words):
-        zivi.Striker(BOX, gap="racket", body="ball", apex=0.5, **settings)
+        zivi.Striker(PADDLE, gap="racket", body="ball", apex=0.5, **settings)
 
 
 def test_a_striker_takes_only_its_own_state_and_its_own_coordinates():
-    ctl = zivi.Striker(BOX, gap="racket", body="ball", apex=0.5)
+    ctl = zivi.Striker(PADDLE, gap="racket", body="ball", apex=0.5)
     ctl.step(0.0, [0.4, 0.0], np.zeros(2))
     for wrong in (None, (), 5, ctl.state[:-1]):
         with pytest.raises(ValueError, match="state must be what a Striker gave"):
@@ -154,7 +150,7 @@ def test_a_striker_takes_only_its_own_state_and_its_own_coordinates():
     with pytest.raises(ValueError, match=r"q must have shape \(2,\), got \(3,\)"):
         ctl.step(0.0, np.zeros(3), np.zeros(3))
     with pytest.raises(TypeError, match="learn must be True or False"):
-        zivi.Striker(BOX, gap="racket", body="ball", apex=0.5, learn=2)
+        zivi.Striker(PADDLE, gap="racket", body="ball", apex=0.5, learn=2)
 
 
 def test_missed_samples_of_joints_are_bridged_by_the_model():

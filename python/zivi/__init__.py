@@ -44,7 +44,6 @@ if TYPE_CHECKING:
         files as files,
         interop as interop,
         mechanics as mechanics,
-        native as native,
         plot as plot,
         symbolic as symbolic,
     )
@@ -85,6 +84,7 @@ if TYPE_CHECKING:
     )
     from zivi.derivatives.sensitivity import OrbitStatus, Sensitivity as Sensitivity, sensitivity
     from zivi.fmu import export_fmu
+    from zivi.interop import native as native
     from zivi.orbits import (
         Attractor as Attractor,
         Basins as Basins,
@@ -229,8 +229,8 @@ __all__ = [
 ]
 
 _LAZY = (
-    *("control", "derivatives", "files", "fmu", "interop", "lab", "mechanics", "native", "orbits"),
-    *("plot", "simulation", "study", "symbolic", "system", "vi"),
+    *("control", "derivatives", "files", "fmu", "interop", "lab", "mechanics", "orbits", "plot"),
+    *("simulation", "study", "symbolic", "system", "vi"),
 )
 """Modules that are imported when they are first asked for."""
 _LATE = {

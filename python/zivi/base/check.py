@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import numbers
+import re
 from collections.abc import Mapping
 from typing import Any, TypeAlias
 
@@ -15,6 +16,7 @@ __all__ = [
     "MaybeNone",
     "by_name",
     "finite",
+    "identifier",
     "integer",
     "not_negative",
     "real",
@@ -71,6 +73,15 @@ def not_negative(name: str, value: object) -> float:
     if not (math.isfinite(number) and number >= 0.0):
         raise ValueError(f"{name} must be finite and >= 0, got {number}")
     return number
+
+
+def identifier(name: str, value: str) -> str:
+    """Return `value` if it can be a name in C; a ValueError tells it otherwise."""
+    if re.fullmatch(r"[A-Za-z]\w*", value, re.ASCII) is None:
+        raise ValueError(
+            f"{name} must be a letter, then letters, digits and underscores, got {value!r}"
+        )
+    return value
 
 
 def by_name(name: str, value: object) -> dict[str, Any]:

@@ -40,6 +40,7 @@ FORMER = {
     "mechanics.trajectory": "simulation.mechanical_trajectory",
     "mechanics.wrt": "derivatives.wrt",
     "methods": "simulation.methods",
+    "native": "interop.native",
     "observer": "control.observer",
     "parametric": "system.parametric",
     "sensitivity": "derivatives.sensitivity",

@@ -21,7 +21,7 @@ from zivi.simulation.run import pair
 from zivi.system.mechanism import MechanicalSystem, Model
 from zivi.system.start import check_functions
 
-__all__ = ["GapTracker"]
+__all__ = ["GapTracker", "check_gap_tracker"]
 
 
 class GapTracker(ModelBased):
@@ -318,6 +318,12 @@ class GapTracker(ModelBased):
         if at.shape != speed.shape or at.ndim != 1:
             raise ValueError(f"qdot must have shape {at.shape}, got {speed.shape}")
         return self._law.step(self._model(at)[1].core, finite("t", t), at, speed, ends)
+
+
+def check_gap_tracker(controller: Any) -> None:
+    """Refuse any other controller, also one that is derived from it."""
+    if type(controller) is not GapTracker:
+        raise TypeError(f"controller must be a zivi.GapTracker, got {type(controller).__name__}")
 
 
 def _sample_spec(sample: ReferenceSample) -> tuple[Any, ...]:

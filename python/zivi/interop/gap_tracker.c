@@ -187,12 +187,12 @@ static int follow(controller *it, real t, const real *q, const real *qdot, const
     uint8_t resting[GAPS];
     int i, j, code, limited = 0;
     if (system_at(t, q, qdot, row, it->parameters) != 0)
-        return E_MODEL;
+        return controller_E_MODEL;
     inputs_at(t, q, matrix, it->parameters);
     for (i = 0; i < COORDINATES * COORDINATES; i++)
         mass[i] = row[i];
     if (!(factor(mass, COORDINATES) > 0))
-        return E_MODEL;
+        return controller_E_MODEL;
     for (i = 0; i < GAPS; i++) {
         for (j = 0; j < COORDINATES; j++)
             mobility[i * COORDINATES + j] = normals[i * COORDINATES + j];
@@ -210,7 +210,7 @@ static int follow(controller *it, real t, const real *q, const real *qdot, const
     for (i = 0; i < GAPS * GAPS; i++)
         factored[i] = w[i];
     if (!(factor(factored, GAPS) > REDUNDANT))
-        return E_DEPENDENT;
+        return controller_E_DEPENDENT;
     if (look(it, gaps, rates, normals, resting))
         it->status |= LATCH_LOST;
     code = wanted(it, gaps, rates, w, now, next, resting, a);
@@ -230,10 +230,10 @@ static int follow(controller *it, real t, const real *q, const real *qdot, const
         sent[j] = sum - force[j];
     }
     if (!eliminate(matrix, COORDINATES, sent))
-        return E_UNREACHED;
+        return controller_E_UNREACHED;
     for (j = 0; j < COORDINATES; j++) {
         if (!isfinite(sent[j]))
-            return E_MODEL;
+            return controller_E_MODEL;
         if (sent[j] < LIMITS[j][0] || sent[j] > LIMITS[j][1]) {
             sent[j] = sent[j] < LIMITS[j][0] ? LIMITS[j][0] : LIMITS[j][1];
             limited = 1;

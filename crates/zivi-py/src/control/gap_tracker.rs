@@ -134,6 +134,19 @@ impl GapTracker {
         (self.law.noise.deviations, self.law.noise.steps)
     }
 
+    /// Gap and rate that a closed contact may have: without noise, and by it for each unit of the length
+    /// of its normal.
+    #[getter]
+    fn closed_within(&self) -> ([f64; 2], [f64; 2]) {
+        (law::EXACT, self.law.noise.of_contacts())
+    }
+
+    /// By gap: the acceleration that presses it at rest, and the least that pulls it while it lands.
+    #[getter]
+    fn pulls(&self) -> Vec<(f64, f64)> {
+        self.law.pulls()
+    }
+
     #[setter]
     fn set_noise(&mut self, noise: ([f64; 2], [f64; 2])) {
         let (deviations, steps) = noise;

@@ -16,7 +16,7 @@ from zivi.interop.fmu.table import MODELS, Model
 from zivi.system.mass import ImpactSystem
 from zivi.system.mechanism import MechanicalSystem
 
-__all__ = ["binaries_of", "chosen_versions", "export_fmu", "write_archive"]
+__all__ = ["PLATFORMS", "binaries_of", "chosen_versions", "export_fmu", "write_archive"]
 
 VERSIONS = (2, 3)
 """Versions of FMI."""

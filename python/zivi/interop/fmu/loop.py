@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 import os
 import platform
-import re
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
@@ -13,14 +12,14 @@ from typing import Any
 import numpy as np
 
 import zivi._zivi as _zivi
-from zivi.base.check import Array
+from zivi.base.check import Array, identifier
 from zivi.base.machine_code import shared_library
-from zivi.control.gap_tracker import GapTracker
+from zivi.control.gap_tracker import GapTracker, check_gap_tracker
 from zivi.control.loop_arguments import period_of
 from zivi.control.mechanical_loop import check_reference, times_ahead
 from zivi.control.mechanical_reference import MechanicalReference, reference_of
 from zivi.control.model_based import check_believes
-from zivi.interop.fmu.export import binaries_of, chosen_versions, write_archive
+from zivi.interop.fmu.export import PLATFORMS, binaries_of, chosen_versions, write_archive
 from zivi.interop.fmu.table import Model, Variable
 from zivi.simulation.mechanical_run import state_of
 from zivi.simulation.run import pair
@@ -104,12 +103,8 @@ def export_loop(
     """
     plant = _compiled("system", system)
     believed = _compiled("controller's system", getattr(controller, "system", None))
-    if type(controller) is not GapTracker:
-        raise TypeError(f"controller must be a zivi.GapTracker, got {type(controller).__name__}")
-    if re.fullmatch(r"[A-Za-z]\w*", name, re.ASCII) is None:
-        raise ValueError(
-            f"name must be a letter, then letters, digits and underscores, got {name!r}"
-        )
+    check_gap_tracker(controller)
+    identifier("name", name)
     versions, binaries = chosen_versions(fmi), binaries_of("fmu_loops")
     here = machine()
     if here not in binaries:
@@ -131,7 +126,7 @@ def export_loop(
         raise ValueError(
             f"an FMU of a loop has at most {MOST} variables, {len(loop.variables)} here"
         )
-    ending = ".dylib" if here.endswith("darwin") else ".so"
+    _, ending = PLATFORMS[here]
     beside = {
         f"resources/{loop.token}.bin": content,
         f"resources/{loop.token}{ending}": shared_library(source),

@@ -109,6 +109,13 @@ impl GapTracker {
         Self { trackers, settings, state, noise: Noise::default(), kinetics: None }
     }
 
+    /// By gap: the acceleration with which its tracker presses it at rest, and the least one with which
+    /// it pulls while it lands.
+    #[must_use]
+    pub fn pulls(&self) -> Vec<(f64, f64)> {
+        self.trackers.iter().map(|it| (press_of(it), weakest_of(it))).collect()
+    }
+
     /// Forgets all that was measured.
     ///
     /// # Errors

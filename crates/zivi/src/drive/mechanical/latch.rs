@@ -4,7 +4,7 @@ use super::kinetics::GapKinetics;
 use crate::numeric::vector::dot;
 
 /// What is closed without noise: a gap, and its rate.
-const EXACT: [f64; 2] = [1e-9, 1e-9];
+pub const EXACT: [f64; 2] = [1e-9, 1e-9];
 /// A gap within so many deviations of its measurement may be closed.
 const DEVIATIONS: f64 = 20.0;
 /// The same in steps of the sensor.
@@ -27,6 +27,14 @@ pub struct Noise {
     pub deviations: [f64; 2],
     /// Steps.
     pub steps: [f64; 2],
+}
+
+impl Noise {
+    /// Gap and rate that noise gives a closed contact, for each unit of the length of its normal.
+    #[must_use]
+    pub fn of_contacts(&self) -> [f64; 2] {
+        [0, 1].map(|k| (DEVIATIONS * self.deviations[k]).max(STEPS * self.steps[k]))
+    }
 }
 
 /// Where walls are that are not where they are thought to be.
@@ -115,7 +123,6 @@ impl Latch {
 fn limits_of(kinetics: &GapKinetics, i: usize, noise: &Noise) -> [f64; 2] {
     let normal = kinetics.normal(i);
     let size = dot(normal, normal).sqrt();
-    let Noise { deviations, steps } = noise;
-    let part = |k: usize| EXACT[k].max(size * (DEVIATIONS * deviations[k]).max(STEPS * steps[k]));
-    [part(0), part(1)]
+    let by_noise = noise.of_contacts();
+    [0, 1].map(|k| EXACT[k].max(size * by_noise[k]))
 }

@@ -27,7 +27,7 @@ pub use believed_plant::{one_step_each, BelievedPlant, Moved};
 pub use gap_tracker::{GapTracker, GapTrackerSettings, GapTrackerState};
 pub use in_box::Limits;
 pub use kinetics::GapKinetics;
-pub use latch::{Latch, Noise, Offsets};
+pub use latch::{Latch, Noise, Offsets, EXACT};
 pub use law_error::LawError;
 pub use reference::{MechanicalReference, ReferenceSample};
 pub use sampled::{MechanicalController, MechanicalSensor, Observing, SampledLoop, TickRecord};

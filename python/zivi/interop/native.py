@@ -1,4 +1,4 @@
-"""A tracker of gaps as a C source for a target: its model, its settings, its law."""
+"""What is C: where the library and its header are, and trackers of gaps as sources for a target."""
 
 from __future__ import annotations
 
@@ -10,18 +10,45 @@ from typing import Any
 import numpy as np
 
 import zivi._zivi as _zivi
-from zivi.control.gap_tracker import GapTracker
+from zivi.base.check import identifier
+from zivi.control.gap_tracker import GapTracker, check_gap_tracker
 from zivi.system.symbolic.inputs import SymbolicInputs
 from zivi.system.symbolic.system import SymbolicSystem
 
-__all__ = ["gap_tracker_source"]
+__all__ = ["gap_tracker_source", "prefix"]
 
 LAW = Path(__file__).with_name("gap_tracker.c")
 """The law, the same for all systems."""
-LATCH = 1e-9
-"""What is held without noise."""
-DEVIATIONS, STEPS = 20.0, 5.0
-"""Of the noise, and of the sensor, within which a contact is held."""
+
+
+def prefix() -> Path:
+    """Give the folder with ``include/zivi.h`` and ``lib/libzivi.a``, laid out like ``/usr/local``.
+
+    In it are ``lib/pkgconfig`` and ``lib/cmake`` too.
+
+    Returns
+    -------
+    pathlib.Path
+        A folder of the installed package.
+
+    Raises
+    ------
+    FileNotFoundError
+        If this installation was built without them; the message says how to build them.
+
+    Examples
+    --------
+    >>> from zivi import native
+    >>> (native.prefix() / "include" / "zivi.h").exists()
+    True
+    """
+    folder = Path(__file__).parents[1] / "_native"
+    if not (folder / "include" / "zivi.h").exists():
+        raise FileNotFoundError(
+            f"no C library in {folder}: this installation was built without it. In the source "
+            "tree, python tools/native.py builds it (make does that too)"
+        )
+    return folder
 
 
 def gap_tracker_source(
@@ -67,18 +94,14 @@ def gap_tracker_source(
     >>> "int32_t ball_step(" in source
     True
     """
-    if type(controller) is not GapTracker:
-        raise TypeError(f"controller must be a zivi.GapTracker, got {type(controller).__name__}")
+    check_gap_tracker(controller)
     system = controller.system
     if not isinstance(system, SymbolicSystem):
         raise TypeError(
             "controller must believe in a zivi.symbolic.system, which is known as formulas, got "
             f"{type(system).__name__}"
         )
-    if re.fullmatch(r"[A-Za-z]\w*", name, re.ASCII) is None:
-        raise ValueError(
-            f"name must be a letter, then letters, digits and underscores, got {name!r}"
-        )
+    identifier("name", name)
     settings = controller.settings
     for setting in ("delay", "tasks", "learn_offset"):
         if settings[setting]:
@@ -150,7 +173,6 @@ typedef {prefix}tracker_config tracker_config;
 
 enum {{ COORDINATES = {n}, GAPS = {m}, PARAMETERS = {count}, ROW = {n * n + n + m * (n + 3)} }};
 enum {{ SATURATED = 2, REFUSED = 4, LATCH_LOST = 16 }};
-enum {{ E_MODEL = -60, E_DEPENDENT = -61, E_UNREACHED = -62 }};
 /* the model is not finite, the gaps are not independent, the controls do not reach all */
 enum {{ controller_E_MODEL = -60, controller_E_DEPENDENT = -61, controller_E_UNREACHED = -62 }};
 
@@ -183,11 +205,7 @@ def _settings(controller: GapTracker, system: SymbolicSystem, n: int) -> str:
     gains = [told["gains"][name] for name in system.gap_names]
     forces = [told["force"].get(name, 0.0) for name in system.gap_names]
     forces = [0.0 if callable(it) else it for it in forces]
-    # the landing's D and U, and how it presses
-    falls = [2.0 * (a - b) / (1.0 + e) for (a, b), e in zip(gains, system.e, strict=True)]
-    rises = [2.0 * e * (a + b) / (1.0 + e) for (a, b), e in zip(gains, system.e, strict=True)]
-    deviations, steps = controller._law.noise
-    noise = [max(DEVIATIONS * d, STEPS * s) for d, s in zip(deviations, steps, strict=True)]
+    pulls, (exact, noise) = controller._law.pulls, controller._law.closed_within
     latch = told["latch"]
     limits = told["u_limits"]
     ranges = [["-HUGE_VAL", "HUGE_VAL"]] * n if limits is None else limits.tolist()
@@ -195,9 +213,9 @@ def _settings(controller: GapTracker, system: SymbolicSystem, n: int) -> str:
         ("GAINS[GAPS][2]", gains),
         ("RESTITUTION[GAPS]", system.e),
         ("FORCE[GAPS]", forces),
-        ("PRESS[GAPS]", falls),
-        ("WEAKEST[GAPS]", [min(it) for it in zip(falls, rises, strict=True)]),
-        ("LATCH[2]", [LATCH, LATCH] if latch is None else latch),
+        ("PRESS[GAPS]", [press for press, _ in pulls]),
+        ("WEAKEST[GAPS]", [least for _, least in pulls]),
+        ("LATCH[2]", exact if latch is None else latch),
         ("NOISE[2]", noise if latch is None else [0.0, 0.0]),
         ("POSTURE[2]", told["posture"]),
         ("LIMITS[COORDINATES][2]", ranges),
