@@ -1213,6 +1213,10 @@ class Reference:
 @final
 class GapTracker:
     noise: tuple[list[float], list[float]]
+    @property
+    def closed_within(self) -> tuple[list[float], list[float]]: ...
+    @property
+    def pulls(self) -> list[tuple[float, float]]: ...
     state: tuple[Any, ...]
     def __new__(
         cls,
