@@ -67,9 +67,9 @@ def test_rest_appears_where_a_chain_of_impacts_is_no_longer_thrown_off():
     assert np.all(np.diff(back.arcs[-1].values) < 0.0)
 
 
-def pair(stiffness=1.0, coupling=0.0):
+def pair(stiffness=1.0, coupling=0.0, far=0.5):
     spring = [[1 + coupling, -coupling], [-coupling, stiffness + coupling]]
-    gaps = [zivi.LinearGap([-1, 0], 0.5, name="a"), zivi.LinearGap([0, -1], 0.5, name="b")]
+    gaps = [zivi.LinearGap([-1, 0], 0.5, name="a"), zivi.LinearGap([0, -1], far, name="b")]
     load = zivi.Harmonic([1.0, 1.0], 0.8)
     return zivi.LinearSystem(np.eye(2), 0.1 * np.eye(2), spring, excitation=load, gaps=gaps, e=0.6)
 
@@ -109,6 +109,22 @@ def test_a_branch_passes_impacts_that_change_places():
     )
     times = [np.sort(it.impacts["t"][it.impacts["gap"] == 0] % it.period) for it in (before, after)]
     assert np.max(np.abs(times[0] - times[1])) < 1e-10
+
+
+def test_an_impact_that_grazes_is_not_taken_for_a_new_one():
+    """Where it would open the gap is below zero before it, which is the same event."""
+    system = pair(1.3, 0.05)
+    orbit = zivi.periodic_orbit(system, zivi.simulate(system, (0, 800), ([0.1, 0], [0, 0])))
+    branch = zivi.continue_orbit(orbit, "b.offset", (0.4, 1.6))
+    assert branch.status is zivi.OrbitStatus.RANGE_END
+    last = branch.events[-1]
+    assert (last.kind, last.gap) == ("grazing", "b")
+    assert branch.words[-2:] == ["2I a I b", "2I a"]
+    # beyond it a run hits the other gap only
+    far = pair(1.3, 0.05, 1.02 * last.value)
+    beyond = zivi.periodic_orbit(far, zivi.simulate(far, (0, 800), ([0.1, 0], [0, 0])))
+    assert set(beyond.impacts["gap"]) == {0}
+    assert all(orbit.admissible for orbit in branch.orbits)
 
 
 def test_a_corner_in_an_orbit_has_no_derivatives():

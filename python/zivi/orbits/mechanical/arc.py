@@ -17,6 +17,7 @@ from zivi.orbits.mechanical.path import Path, Point, bordered, located, sigma
 from zivi.orbits.mechanical.reopening import reopened
 from zivi.orbits.mechanical.rest_appears import rest_beyond
 from zivi.orbits.mechanical.resting import end_of_rest, is_near
+from zivi.orbits.mechanical.word import Word
 
 __all__ = ["Arc", "Found", "Way"]
 
@@ -134,11 +135,12 @@ class Way:
 
     def _edge(self, arc: Arc, last: Point, new: Point) -> Found | None:
         """Find the first event between two points beyond which the orbit is no motion."""
-        out = [low for low in new.margins.lows if low.value < -EDGE * low.size]
+        behind = new.margins.behind()
+        out = [it for it in new.margins.lows if it.value < -EDGE * it.size and it not in behind]
         found: list[tuple[float, Found]] = []
         chord = new.z - last.z
         for low in sorted(out, key=lambda it: it.value / it.size)[:4]:
-            test = _watched(low)
+            test = _watched(low, arc.path.frame.word)
             if test(last) <= EDGE * low.size:
                 # it begins on the edge: two lows of one minimum, or a start at an event
                 if low.kind in ("grazing", "end_of_rest") and len(arc.points) == 1:
@@ -290,8 +292,11 @@ def _same_kind(margins: Margins, low: Low) -> list[Low]:
     return near or own
 
 
-def _watched(low: Low) -> Callable[[Point], float]:
+def _watched(low: Low, word: Word) -> Callable[[Point], float]:
     """Give the test function of what became negative."""
+    s = low.segment
+    if low.kind == "simultaneous" and low.gap == word[s].gap:
+        return lambda point: float(point.terms.x[s, -1] - point.terms.x[s, 0])
 
     def test(point: Point) -> float:
         own = _same_kind(point.margins, low)

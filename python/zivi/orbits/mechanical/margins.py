@@ -137,6 +137,21 @@ class Margins:
                     found.append(Low("simultaneous", s, i, float(t[0]), float(gaps[0, i]), size))
         return found
 
+    def behind(self) -> list[Low]:
+        """Give the minima next to impacts that open: the gap is below zero since they do."""
+        word, found = self.terms.frame.word, []
+        for s, segment in enumerate(word):
+            if segment.kind != "I" or not self.terms.rates[s] > 0.0:
+                continue
+            for at, which in ((s, -1), ((s + 1) % len(word), 0)):
+                own = [
+                    it
+                    for it in self.lows
+                    if it[:3] == ("interior_impact", at, segment.gap) and it.value < 0.0
+                ]
+                found += sorted(own, key=lambda it: it.t)[which:][:1]
+        return found
+
     def between(self, s: int) -> list[Low]:
         """Look for minima of open gaps, and of the forces of contacts, in a segment."""
         terms = self.terms
