@@ -148,6 +148,46 @@ def test_what_is_no_formula_or_too_large_is_refused_at_once(text, told):
     assert time.process_time() - start < 1
 
 
+@pytest.mark.parametrize("raised", [TypeError, ValueError, AttributeError, RecursionError])
+@pytest.mark.parametrize(
+    ("broken", "told"),
+    [
+        ("sympy.core.numbers.Float.__add__", "the formula"),
+        ("sympy.core.expr.Expr.diff", "T, V, Q and gaps"),
+        ("sympy.core.basic.Basic.has", "the equations"),
+        ("sympy.cse", "the equations"),
+        ("sympy.printing.c.C99CodePrinter.doprint", "the equations"),
+    ],
+)
+def test_whatever_sympy_raises_the_formula_is_refused(monkeypatch, broken, told, raised):
+    def fails(*_, **__):
+        raise raised("Invalid comparison of\nnon-real log(tanh(pi**2))")
+
+    monkeypatch.setattr(broken, fails)
+    wanted = rf"SymPy cannot work with {told} \({raised.__name__}: Invalid comparison of non-real"
+    with pytest.raises(FormulaError, match=wanted):
+        zivi.symbolic.system("x", T="xdot**2/2", V="(0.5 + x)*x", gaps=["x"])
+
+
+def test_whatever_sympy_raises_derivatives_slip_speeds_and_inputs_are_refused(monkeypatch):
+    def fails(*_, **__):
+        raise TypeError("no truth value")
+
+    found = derived(V="k*x**2/2")
+    with monkeypatch.context() as inside:
+        inside.setattr("sympy.core.expr.Expr.diff", fails)
+        with pytest.raises(FormulaError, match="cannot work with the derivatives of the equations"):
+            found.partials()
+    with monkeypatch.context() as inside:
+        inside.setattr("zivi.system.symbolic.slips.depends", fails)
+        slip = {"slips": {"gap0": "xdot"}, "mu": {"gap0": 0.5}}
+        with pytest.raises(FormulaError, match="cannot work with slip speed of gap 'gap0'"):
+            zivi.symbolic.system("x", T="xdot**2/2", gaps=["x"], **slip)
+    monkeypatch.setattr("sympy.core.numbers.Float.__complex__", fails, raising=False)
+    with pytest.raises(FormulaError, match=r"with inputs\['u0'\] \(TypeError: no truth"):
+        zivi.symbolic.system("x", T="xdot**2", gaps=["x"], inputs=[[sympy.Float(0.5)]])
+
+
 def test_a_parameter_that_is_a_word_of_python():
     with pytest.raises(FormulaError, match="lambda is a word of Python: give it another name"):
         derived(V="lambda*x", parameters=("m", "lambda"))

@@ -10,7 +10,7 @@ from zivi.base.check import finite
 from zivi.base.extras import needed
 from zivi.base.formula import CONSTANTS, FormulaError, meant, normal
 from zivi.system.friction import Channel
-from zivi.system.symbolic.formula import UnknownNameError, expression, sound
+from zivi.system.symbolic.formula import UnknownNameError, expression, sound, worked_on
 from zivi.system.symbolic.quadratic import depends
 from zivi.system.symbolic.slips import NO_FRICTION, Rubbing, slips_of
 
@@ -55,7 +55,8 @@ class Derived:
         names = ["t", *(f"{letter}[{i}]" for letter in "qw" for i in range(n))]
         names += [f"p[{k}]" for k in range(len(self.parameters))]
         symbols = [sympy.Symbol(name, real=True) for name in names]
-        return tuple(entry.diff(symbol) for symbol in symbols for entry in self.entries)
+        with worked_on("the derivatives of the equations"):
+            return tuple(entry.diff(symbol) for symbol in symbols for entry in self.entries)
 
 
 def derive(
@@ -91,28 +92,31 @@ def derive(
     pushes = [words.read(f"Q[{i}]", entry) for i, entry in enumerate(_forces(words, Q))]
     distances = [words.read(f"gap {name!r}", gap) for name, gap in named.items()]
     n, t, x, w = len(words.q), words.t, words.q, words.w
-    lagrangian = kinetic - potential
-    momenta = [lagrangian.diff(v) for v in w]
-    mass = [[momenta[i].diff(w[j]) for j in range(n)] for i in range(n)]
-    if any(depends(entry, w) for row in mass for entry in row):
+    with worked_on("T, V, Q and gaps"):
+        lagrangian = kinetic - potential
+        momenta = [lagrangian.diff(v) for v in w]
+        mass = [[momenta[i].diff(w[j]) for j in range(n)] for i in range(n)]
+        is_quadratic = not any(depends(entry, w) for row in mass for entry in row)
+    if not is_quadratic:
         raise ValueError("T must be quadratic in the velocities: its second derivatives have some")
-    force = [
-        pushes[i]
-        + lagrangian.diff(x[i])
-        - sum(momenta[i].diff(x[j]) * w[j] for j in range(n))
-        - momenta[i].diff(t)
-        for i in range(n)
-    ]
-    gradients = [[g.diff(v) for v in x] for g in distances]
     for name, g in zip(named, distances, strict=True):
         if g.free_symbols & set(w):
             raise ValueError(f"gap {name!r} must depend on time and coordinates, not on velocities")
-    rates = [g.diff(t) for g in distances]
-    along = [
-        sum(grad[j] * w[j] for j in range(n)) + rate
-        for grad, rate in zip(gradients, rates, strict=True)
-    ]
-    curvatures = [sum(y.diff(x[j]) * w[j] for j in range(n)) + y.diff(t) for y in along]
+    with worked_on("T, V, Q and gaps"):
+        force = [
+            pushes[i]
+            + lagrangian.diff(x[i])
+            - sum(momenta[i].diff(x[j]) * w[j] for j in range(n))
+            - momenta[i].diff(t)
+            for i in range(n)
+        ]
+        gradients = [[g.diff(v) for v in x] for g in distances]
+        rates = [g.diff(t) for g in distances]
+        along = [
+            sum(grad[j] * w[j] for j in range(n)) + rate
+            for grad, rate in zip(gradients, rates, strict=True)
+        ]
+        curvatures = [sum(y.diff(x[j]) * w[j] for j in range(n)) + y.diff(t) for y in along]
     slips = slips_of(words, list(named), rubbing)
     entries = [entry for row in mass for entry in row] + force + distances
     entries += [entry for row in gradients for entry in row]
@@ -121,7 +125,8 @@ def derive(
     entries += rates + [slip.rate for slip in slips]
     entries += [slip.limit for slip in slips] + [slip.static for slip in slips]
     try:
-        found = tuple(sound(sympy.sympify(entry)) for entry in entries)
+        with worked_on("the equations"):
+            found = tuple(sound(sympy.sympify(entry)) for entry in entries)
     except FormulaError as error:
         raise FormulaError(f"T, V, Q and gaps: {error}") from None
     channels, columns = tuple(slip.channel for slip in slips), _columns(inputs, n)
@@ -278,7 +283,8 @@ def _inputs(words: _Words, inputs: dict[str, Any]) -> tuple[Any, ...]:
         read = [words.read(f"inputs[{name!r}][{i}]", entry) for i, entry in enumerate(entries)]
         if any(entry.free_symbols & {words.t, *words.w} for entry in read):
             raise ValueError(f"inputs[{name!r}] must depend on coordinates and parameters only")
-        columns.append([sound(entry) for entry in read])
+        with worked_on(f"inputs[{name!r}]"):
+            columns.append([sound(entry) for entry in read])
     return tuple(column[i] for i in range(n) for column in columns)
 
 

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import ast
+import contextlib
 import operator
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
 from zivi.base.extras import needed
 from zivi.base.formula import CONSTANTS, FormulaError, checked_value, parse
 
-__all__ = ["UnknownNameError", "expression", "sound"]
+__all__ = ["UnknownNameError", "expression", "sound", "worked_on"]
 
 OPERATORS: dict[type[ast.AST], Callable[..., Any]] = {
     ast.Add: operator.add,
@@ -60,7 +61,34 @@ def expression(text: str, names: Mapping[str, Any]) -> Any:
     for name in used:
         if name not in names and name not in CONSTANTS:
             raise UnknownNameError(name)
-    return _Builder(names).of(tree)
+    with worked_on("the formula"):
+        return _Builder(names).of(tree)
+
+
+@contextlib.contextmanager
+def worked_on(what: str) -> Iterator[None]:
+    """Refuse expressions with which SymPy fails, whatever it raises.
+
+    It asks whether parts are real or positive, and compares them; what it finds may depend on its
+    cache, that is on formulas before, and contradict itself.
+
+    Parameters
+    ----------
+    what : str
+        The expressions.
+
+    Raises
+    ------
+    FormulaError
+        For any other exception.
+    """
+    try:
+        yield
+    except FormulaError:
+        raise
+    except Exception as error:
+        told = " ".join(f"{type(error).__name__}: {error}".split())
+        raise FormulaError(f"SymPy cannot work with {what} ({told[:200]})") from error
 
 
 class _Builder:

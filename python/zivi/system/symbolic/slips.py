@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from zivi.system.friction import Channel, tangential_restitution
+from zivi.system.symbolic.formula import worked_on
 from zivi.system.symbolic.quadratic import depends
 
 __all__ = ["NO_FRICTION", "Rubbing", "slips_of"]
@@ -94,14 +95,15 @@ def _slip(words: Any, channel: Channel, speed: Any, limits: Sequence[Any]) -> Sl
     .. math:: k = \frac{\partial w}{\partial q} \dot q + \frac{\partial w}{\partial t}
     """
     of = "friction" if channel.gap is None else "gap"
-    w = words.read(f"slip speed of {of} {channel.name!r}", speed)
-    direction = [w.diff(v) for v in words.w]
-    rate = w.subs(dict.fromkeys(words.w, 0))
-    if any(depends(entry, words.w) for entry in direction) or not any(direction):
-        raise ValueError(
-            f"slip speed of {of} {channel.name!r} must be linear in the velocities and have some"
-        )
-    along = sum(w.diff(x) * v for x, v in zip(words.q, words.w, strict=True)) + w.diff(words.t)
+    what = f"slip speed of {of} {channel.name!r}"
+    w = words.read(what, speed)
+    with worked_on(what):
+        direction = [w.diff(v) for v in words.w]
+        rate = w.subs(dict.fromkeys(words.w, 0))
+        along = sum(w.diff(x) * v for x, v in zip(words.q, words.w, strict=True)) + w.diff(words.t)
+        is_linear = any(direction) and not any(depends(entry, words.w) for entry in direction)
+    if not is_linear:
+        raise ValueError(f"{what} must be linear in the velocities and have some")
     name = "limit" if channel.gap is None else "mu"
     held = [words.read(f"{name} of {of} {channel.name!r}", limit) for limit in limits]
     return Slip(channel, direction, rate, along, held[0], held[-1])

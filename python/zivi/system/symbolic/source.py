@@ -6,6 +6,8 @@ from collections.abc import Sequence
 from typing import Any
 
 from zivi.base.extras import needed
+from zivi.base.formula import FormulaError
+from zivi.system.symbolic.formula import worked_on
 
 __all__ = ["c_source", "python_source"]
 
@@ -47,14 +49,15 @@ def _printed(entries: Sequence[Any], printer: Any) -> tuple[list[str], list[str]
         try:
             return f"{name} = {printer.doprint(value)}"
         except PrintMethodNotImplementedError:
-            raise ValueError(
+            raise FormulaError(
                 f"no compiled form of {value} is known: write it by elementary functions"
             ) from None
 
     names = sympy.numbered_symbols("c", real=True)
-    parts, values = sympy.cse(list(entries), symbols=names, order="canonical")
-    shared = [written(name, value) for name, value in parts]
-    return shared, [written(f"out[{k}]", value) for k, value in enumerate(values)]
+    with worked_on("the equations"):
+        parts, values = sympy.cse(list(entries), symbols=names, order="canonical")
+        shared = [written(name, value) for name, value in parts]
+        return shared, [written(f"out[{k}]", value) for k, value in enumerate(values)]
 
 
 def _c_printer() -> Any:
