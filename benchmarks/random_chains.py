@@ -2,8 +2,18 @@
 
     python benchmarks/random_chains.py [chains] [seed]
 
-The reference (tests/chains.py) follows every impact; where a change of its start by 1e-8 moves its
-end by more than 1e-5, or slower impacts made plastic do, the end is not compared.
+Every run is looked at (`check` of tests/test_mechanics_chains.py): it ends, no gap is negative, no
+energy is won, each impact obeys the law. Its end is compared with a reference (tests/chains.py)
+that follows impact by impact, up to `MOST` of them. An end elsewhere is no fault where the
+reference is no surer of its own, that is where one of these moves it by a tenth as far:
+
+- gaps that count as closed from 1e-17 m to 1e-13 m. A light body that two others squeeze hits both
+  in turn, and the next gap is about the square of the last: 1e-9, 1e-18, 1e-35, while the speeds
+  fall by a fifth a hit. Positions in double precision know nothing of such gaps, but whether one is
+  closed or just not when the other hits decides where that impulse goes. Many of these ends are
+  those of the reference with its small gaps closed; that of chain 73 of seed 4 is between them;
+- a start that is moved by 1e-8;
+- slow impacts made plastic, 1e-8 m/s or 1e-7 m/s: accumulations whose last impacts decide.
 """
 
 import sys
@@ -18,12 +28,43 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 from chains import Chain, Followed
 from test_mechanics_chains import check
 
+MOST = 4000
+"""Impacts that the reference follows."""
+FAR = 1e-4
+"""How far an end may be from the reference's."""
 
-def ends(chain):
-    """Give the end by the reference: as it is, moved, and with slow impacts made plastic."""
-    for slow, nudge in ((1e-9, 0.0), (1e-9, 1e-8), (1e-7, 0.0)):
-        run = Followed(chain, slow, nudge)
-        yield np.concatenate([run.q, run.v]) if run.until(chain.end) else None
+
+def end(chain, slow=1e-9, nudge=0.0, near=0.0):
+    """Give the end by the reference, or None if it has too many impacts."""
+    run = Followed(chain, slow, nudge, near)
+    return np.concatenate([run.q, run.v]) if run.until(chain.end, MOST) else None
+
+
+def distance(one, other):
+    """Give the largest difference of two ends; infinite if one is not known."""
+    return np.inf if one is None or other is None else abs(one - other).max()
+
+
+def compared(chain, found):
+    """Say how an end compares with the reference's, and how far from it."""
+    exact = end(chain)
+    if exact is None:
+        return f"more than {MOST} impacts", 0.0
+    far = distance(found, exact)
+    if far < FAR:
+        return f"within {FAR:g}", far
+    closed = [end(chain, near=10.0**-k) for k in (17, 16, 15, 14, 13)]
+    if min(distance(found, other) for other in closed) < FAR:
+        return f"within {FAR:g} with gaps below rounding closed", far
+    ways = {
+        "decided by gaps below rounding": closed,
+        "sensitive to its start": [end(chain, nudge=nudge) for nudge in (1e-8, -1e-8)],
+        "decided by slow impacts": [end(chain, slow=slow) for slow in (1e-8, 1e-7)],
+    }
+    for reason, ends in ways.items():
+        if max(distance(other, exact) for other in ends) > 0.1 * far:
+            return reason, far
+    return "elsewhere", far
 
 
 def main(chains=5000, seed=1):
@@ -34,16 +75,12 @@ def main(chains=5000, seed=1):
             sol = check(chain)
         except AssertionError as wrong:
             count["wrong"] += 1
-            print(f"{number}: {wrong}")
+            print(f"{number}: {wrong}", flush=True)
             continue
-        exact, *others = ends(chain)
-        if exact is None or any(o is None or abs(o - exact).max() > 1e-5 for o in others):
-            count["not compared"] += 1
-            continue
-        far = abs(np.concatenate([sol.q[-1], sol.qdot[-1]]) - exact).max()
-        count["within 1e-4" if far < 1e-4 else "elsewhere"] += 1
-        if far >= 1e-4:
-            print(f"{number}: {far:.2g} from the reference")
+        told, far = compared(chain, np.concatenate([sol.q[-1], sol.qdot[-1]]))
+        count[told] += 1
+        if far >= FAR:
+            print(f"{number}: {far:.2g} from the reference: {told}", flush=True)
     print(dict(count))
 
 

@@ -95,10 +95,13 @@ def complementary(d, q):
 
 
 class Followed:
-    """A run from event to event; impacts slower than `slow` are plastic."""
+    """A run from event to event.
 
-    def __init__(self, chain: Chain, slow: float = 1e-10, nudge=0.0):
-        self.chain, self.slow = chain, slow
+    Impacts slower than `slow` are plastic; gaps and speeds below `near` are zero when others hit.
+    """
+
+    def __init__(self, chain: Chain, slow: float = 1e-10, nudge=0.0, near=0.0):
+        self.chain, self.slow, self.near = chain, slow, near
         q, v = chain.start
         self.t, self.q, self.v = 0.0, q.copy(), v + nudge
         self.g = chain.normals @ q + chain.offsets
@@ -127,6 +130,8 @@ class Followed:
 
     def strike(self, hit):
         chain = self.chain
+        self.g[abs(self.g) < self.near] = 0.0
+        self.rate[abs(self.rate) < self.near] = 0.0
         at = np.flatnonzero(hit | self.touching())
         before = np.where(hit, self.rate, 0.0)[at]
         e = np.where(abs(before) < self.slow, 0.0, chain.e[at])
@@ -138,9 +143,9 @@ class Followed:
         self.rate = after
         self.impacts += 1
 
-    def until(self, end: float) -> bool:
-        """Whether that time is reached."""
-        while self.impacts < MOST:
+    def until(self, end: float, most: int = MOST) -> bool:
+        """Whether that time is reached with so many impacts."""
+        while self.impacts < most:
             hit = (self.g <= 0.0) & (self.rate < 0.0)
             if hit.any():
                 self.strike(hit)

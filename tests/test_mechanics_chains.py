@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import zivi
-from chains import Chain
+from chains import Chain, Followed
 
 
 def check(chain: Chain):
@@ -62,3 +62,18 @@ def test_gaps_that_another_one_still_strikes_do_not_close_alone():
     left = left[(left > 1e-6) & (left < 1e-4)]
     assert len(left) > 10
     assert np.ptp(left[1:] / left[:-1]) < 1e-3
+
+
+@pytest.mark.parametrize("number", [98, 109])
+def test_gaps_below_rounding_are_closed_when_another_one_is_hit(number):
+    """A squeezed body hits both neighbours in turn, with gaps of 1e-9, 1e-18, 1e-35."""
+    random = Random(1)
+    chain = [Chain.random(random) for _ in range(number + 1)][-1]
+    sol = check(chain)
+    ends = [Followed(chain, near=near) for near in (1e-15, 1e-13, 0.0)]
+    assert all(run.until(chain.end) for run in ends)
+    found = np.concatenate([sol.q[-1], sol.qdot[-1]])
+    far = [abs(found - np.concatenate([run.q, run.v])).max() for run in ends]
+    assert max(far[:2]) < 1e-12
+    # which numbers of double precision cannot know
+    assert far[2] > 0.1
