@@ -93,10 +93,19 @@ def fmu_loops() -> None:
     """Build the binary of the FMUs of closed loops of mechanical systems."""
     if sys.platform == "win32":
         return  # it loads compiled systems as other systems do
-    command = "cargo rustc --locked --quiet --release --package zivi-fmu --lib --features loops"
+    command = "cargo rustc --locked --quiet --release --package zivi-fmu --lib --features"
+    # as the extension has it: what both are made of is compiled once
+    features = "loops,avx512" if minor_version_of_cargo() >= 89 else "loops"
     options = ["--crate-type", "cdylib", "--target-dir", str(TARGET)]
-    subprocess.run([*command.split(), *options], check=True, cwd=ROOT)
+    subprocess.run([*command.split(), features, *options], check=True, cwd=ROOT)
     place_unit("release", "fmu_loops")
+
+
+def minor_version_of_cargo() -> int:
+    """Give the second number of cargo's version, 0 where it does not tell."""
+    told = subprocess.run(["cargo", "--version"], capture_output=True, text=True, check=False)
+    found = re.match(r"cargo 1\.(\d+)", told.stdout)
+    return int(found[1]) if found else 0
 
 
 def place_unit(built_in: str, folder: str) -> None:

@@ -52,7 +52,8 @@ def _need_cargo() -> None:
 
 
 def _native() -> None:
-    """Build what is beside the extension; the package works without it."""
+    """Build what is beside the extension, of it what `ZIVI_NATIVE` names; all works without it."""
     script = Path(__file__).resolve().parent.parent / "native.py"
-    if subprocess.run([sys.executable, script], check=False).returncode != 0:
+    names = os.environ.get("ZIVI_NATIVE", "").split()
+    if subprocess.run([sys.executable, script, *names], check=False).returncode != 0:
         print("zivi: no C library and no FMU binaries here: see above", file=sys.stderr)

@@ -154,7 +154,7 @@ def binaries_of(kind: str) -> dict[str, bytes]:
     if not found:
         raise FileNotFoundError(
             f"no binary for an FMU in {folder}: this installation was built without it. In the "
-            "source tree, python tools/native.py builds it (make and pip install do that too)"
+            "source tree, python tools/native.py builds it (make test and pip install do that too)"
         )
     return found
 
