@@ -100,10 +100,10 @@ class Followed:
     Impacts slower than `slow` are plastic; gaps and speeds below `near` are zero when others hit.
     """
 
-    def __init__(self, chain: Chain, slow: float = 1e-10, nudge=0.0, near=0.0):
+    def __init__(self, chain: Chain, slow: float = 1e-10, near=0.0):
         self.chain, self.slow, self.near = chain, slow, near
         q, v = chain.start
-        self.t, self.q, self.v = 0.0, q.copy(), v + nudge
+        self.t, self.q, self.v = 0.0, q.copy(), v.copy()
         self.g = chain.normals @ q + chain.offsets
         self.g[abs(self.g) < 1e-14] = 0.0
         self.rate = chain.normals @ self.v

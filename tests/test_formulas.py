@@ -1,5 +1,6 @@
 """The language of formulas: what it takes means what it says, all else is refused, soon."""
 
+import functools
 import math
 import random
 import resource
@@ -68,6 +69,15 @@ def test_an_exponent_that_is_whole_but_for_rounding_is_whole():
         "x", T="xdot**2/2", Q=["(1 + x**2)**(tanh(1000) - 3)"], gaps=["x"]
     )
     assert system.at(0.0, [2.0], [0.0]).force == pytest.approx([1 / 25])
+
+
+def test_a_tower_of_powers_of_numbers_takes_no_time():
+    start, one = time.process_time(), math.pi ** (1 / 3)
+    tower = "**".join(["(pi**(1/3))"] * 17)
+    system = zivi.symbolic.system("x", T="xdot**2/2", Q=[f"x*{tower}"], gaps=["x"])
+    assert time.process_time() - start < 2
+    exact = functools.reduce(lambda exponent, _: one**exponent, range(16), one)
+    assert system.at(0.0, [1.0], [0.0]).force == pytest.approx([exact], rel=1e-14)
 
 
 def test_the_micro_sign_is_the_letter_mu():

@@ -12,7 +12,8 @@ from scipy.sparse.linalg import splu
 import zivi
 from zivi.vi.coloured import ColouredDifferences, colours_of, pattern_of
 from zivi.vi.factorisation import Factoriser, Factors, Keep, in_thread
-from zivi.vi.farkas import _proves
+from zivi.vi.farkas import _proves, is_infeasible
+from zivi.vi.interior_point import interior_point
 from zivi.vi.smoothing import _Smoothing
 from zivi.vi.sparse import _agrees, _is_within_rounding
 from zivi.vi.sparse_maps import AffineMap
@@ -545,6 +546,37 @@ def test_a_proof_of_infeasibility_counts_the_rounding_of_finite_terms_only():
     # beside a bound at 1 the same terms round by more
     search.lower = np.array([1.0, -INF])
     assert not _proves(search, M, q, np.ones(2))
+
+
+@pytest.mark.parametrize("size", [1e-6, 1.0, 1e6, 1e13])
+def test_a_proof_of_infeasibility_does_not_depend_on_the_unit_of_F(size):
+    """``x0 - x1 >= 1`` and ``x1 - x0 >= 1``: multipliers of both rows, which are 1/size."""
+    M, q = sp.csr_array(np.array([[size, -size], [-size, size]])), np.full(2, -size)
+    search = search_of(M, q, 0.0, INF, np.zeros(2))
+    assert is_infeasible(search, M, q)
+    assert not is_infeasible(search, M, np.array([size, -size]))
+
+
+def test_the_interior_point_method_says_where_it_gives_up(monkeypatch):
+    M = tridiagonal()
+
+    def solves(bound=1.5, limit=40, **parts):
+        search = search_of(M, load(), -bound, bound, np.zeros(N))
+        for name, part in parts.items():
+            setattr(search, name, part)
+        return interior_point(search, search.x0, M, load(), 1.0, limit=limit)
+
+    assert solves()
+    assert not solves(limit=1)
+    assert not solves(bound=INF)
+    assert not solves(factoriser=SimpleNamespace(factors_of=lambda _: None))
+    assert not solves(value=lambda _: None)
+    monkeypatch.setattr(
+        "zivi.vi.interior_point.active_set_newton", lambda *_, **__: SimpleNamespace(solved=False)
+    )
+    tried = []
+    assert not solves(end_iteration=lambda *_: tried.append(1), limit=1000)
+    assert 10 < len(tried) < 500
 
 
 @pytest.mark.parametrize("free", [False, True])

@@ -110,6 +110,9 @@ def raised(base: Any, exponent: Any) -> Any:
         value = float(exponent)  # of what is whole but for 1e-800, too
         if not -HIGHEST - 2 <= value <= HIGHEST:  # a derivative may lower it twice
             raise FormulaError(f"an exponent is too high: at most {HIGHEST}")
+        if base.is_number and not exponent.is_Rational:
+            # exact, a tower of such powers takes twice as long with each of them
+            return sympy.Float(float(base)) ** sympy.Float(value)
         if base.is_number or value.is_integer():
             return base ** (exponent if base.is_number else int(value))
         if exponent == HALF:
