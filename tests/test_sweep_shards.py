@@ -30,8 +30,9 @@ GRID = {"x": np.arange(5.0, 9.0), "y": np.linspace(0, 1, 111)}
 
 
 def in_small_shards(monkeypatch):
-    """Shards of 128 points, which are decoded in parts of 8."""
+    """Shards of 128 points, which are decoded in parts of 32."""
     monkeypatch.setattr("zivi.study.layout.SHARD", 128)
+    monkeypatch.setattr("zivi.study.layout.INNER", 4)
     monkeypatch.setattr("zivi.study.form.SHARD", 128)
     monkeypatch.setattr("zivi.study.layout.ROOM", 128 * 128)
 
