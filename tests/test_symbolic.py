@@ -261,3 +261,42 @@ def test_all_models_of_the_references_are_there():
     assert kinds <= set(MODELS)
     assert compiled.cache_info().currsize <= len(MODELS)
     assert len(list(itertools.chain(NDOF, MULTI))) == 23
+
+
+def test_a_run_tells_the_parameters_that_it_had():
+    """The configuration is made when it is asked for, which may be after a change."""
+    pendulum = zivi.symbolic.system(
+        "a", T="l**2*adot**2/2", V="g*l*(1 - cos(a))", parameters={"l": 0.5, "g": 9.81}
+    )
+    sol = zivi.simulate(pendulum, (0, 0.1), ([0.3], [0.0]))
+    pendulum.parameters["l"] = 2.0
+    later = zivi.simulate(pendulum, (0, 0.1), ([0.3], [0.0]))
+    assert (sol.config["parameters"]["l"], later.config["parameters"]["l"]) == (0.5, 2.0)
+    assert "'l': 0.5" in sol.config["system"]
+    assert "'l': 2.0" in later.config["system"]
+    # the same compiled model with other numbers: a longer pendulum is slower
+    assert abs(later.qdot[-1, 0]) < 0.5 * abs(sol.qdot[-1, 0])
+    sol.config["parameters"]["l"] = 3.0
+    assert zivi.simulate(pendulum, (0, 0.1), ([0.3], [0.0])).config["parameters"]["l"] == 2.0
+
+
+def test_a_second_start_is_checked_again():
+    """The checks of derivatives are once a system, those of the state are not."""
+    ball = zivi.symbolic.system("x", T="xdot**2/2", V="9.81*x", gaps={"floor": "x**2"}, e=0.5)
+    assert zivi.simulate(ball, (0, 0.1), ([1.0], [0.0])).success
+    with pytest.raises(ValueError, match="gradient of gap 'floor' must not be zero"):
+        zivi.simulate(ball, (0, 0.1), ([0.0], [0.0]))
+    with pytest.raises(ValueError, match="q0 must be finite"):
+        zivi.simulate(ball, (0, 0.1), ([np.nan], [0.0]))
+    wall = zivi.symbolic.system("x", T="xdot**2/2", V="9.81*x", gaps={"floor": "x - 1"}, e=0.5)
+    assert zivi.simulate(wall, (0, 0.1), ([2.0], [0.0])).success
+    with pytest.raises(ValueError, match=r"gap 'floor' must be >= 0 at the start, got -0\.5"):
+        zivi.simulate(wall, (0, 0.1), ([0.5], [0.0]))
+    with pytest.raises(ValueError, match="force must be finite"):
+        zivi.simulate(_infinite(), (0, 0.1), ([0.0], [0.0]))
+
+
+def _infinite():
+    system = zivi.symbolic.system("x", T="xdot**2/2", V="log(x)", gaps={"floor": "x + 1"}, e=0.5)
+    assert zivi.simulate(system, (0, 0.01), ([1.0], [0.0])).success
+    return system

@@ -1,6 +1,10 @@
 """What a run reports: lengths, dense output, times asked for, the end of the span."""
 
+import copy
 import dataclasses
+import gc
+import pickle
+import weakref
 
 import numpy as np
 import pytest
@@ -212,3 +216,59 @@ def test_the_configuration_has_the_wall():
     law = dict(sol.config["wall"])
     assert law.pop("name") == "HarmonicWall"
     assert zivi.HarmonicWall(**law) == table
+
+
+def test_what_is_not_read_yet_is_the_same_later_and_elsewhere():
+    """Samples and events are made when they are asked for: after a pickle, a copy, in any order."""
+    force = zivi.LinearForce(gravity=9.81, damping=0.1)
+    system = zivi.ImpactSystem(force, e=0.5)
+
+    def run():
+        return zivi.simulate(system, (0, 3), (1, 0), events=lambda t, x, v: v)
+
+    read = run()
+    expected = {field.name: getattr(read, field.name) for field in dataclasses.fields(read)}
+    assert len(expected["t"]) > 20 > len(zivi.simulate(system, (0, 3), (1, 0), samples="steps").t)
+    ways = {
+        "pickle": lambda it: pickle.loads(pickle.dumps(it)),
+        "copy": copy.copy,
+        "deepcopy": copy.deepcopy,
+        "replace": dataclasses.replace,
+    }
+    for name, way in ways.items():
+        other = way(run())
+        for quantity in (*COLUMNS, "resolved_impacts", "zeno_times", "failed_steps"):
+            found = getattr(other, quantity)
+            np.testing.assert_array_equal(found, expected[quantity], err_msg=f"{name} {quantity}")
+        assert (other.message, other.nfev, other.rest_time) == (
+            read.message,
+            read.nfev,
+            read.rest_time,
+        )
+        np.testing.assert_array_equal(other.y_events[0], read.y_events[0])
+        assert other.config == read.config
+        np.testing.assert_array_equal(other(1.0), read(1.0))
+    with pytest.raises(AttributeError, match="no attribute 'y0'"):
+        _ = run().y0
+
+
+def test_an_exception_and_its_run_do_not_keep_each_other():
+    """The run knows its record until it is read, and that knows the exception."""
+
+    def fails(t, x, v):
+        if t > 0.2:
+            raise Exceptional
+        return -9.81
+
+    with pytest.raises(Exceptional) as raised:
+        zivi.simulate(zivi.ImpactSystem(fails, e=0.5), (0, 1), (1, 0))
+    assert raised.value.trajectory.status == zivi.Status.RAISED
+    assert len(raised.value.trajectory.t) > 1
+    known = weakref.ref(raised.value)
+    del raised
+    gc.collect()
+    assert known() is None
+
+
+class Exceptional(Exception):  # noqa: N818 - the name of an exception of a user
+    """What a force raises."""

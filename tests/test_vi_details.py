@@ -10,10 +10,12 @@ import scipy.sparse as sp
 from scipy.sparse.linalg import splu
 
 import zivi
+import zivi._zivi as _zivi
 from zivi.vi.coloured import ColouredDifferences, colours_of, pattern_of
 from zivi.vi.factorisation import Factoriser, Factors, Keep, in_thread
 from zivi.vi.farkas import _proves, is_infeasible
 from zivi.vi.interior_point import interior_point
+from zivi.vi.scale import Affine, _sizes
 from zivi.vi.smoothing import _Smoothing
 from zivi.vi.sparse import _agrees, _is_within_rounding
 from zivi.vi.sparse_maps import AffineMap
@@ -651,3 +653,26 @@ def test_a_game_with_its_result():
     assert game.success
     assert isinstance(game.result, zivi.VIResult)
     assert 0 <= game.regret < 1e-9
+
+
+def test_the_least_size_is_that_of_rows_and_unknowns():
+    """What is off scale is found by a loop; beside it NumPy, on whole arrays as for sparse ones."""
+    rng = np.random.default_rng(3)
+    small = 0
+    for _ in range(300):
+        n = int(rng.integers(1, 7))
+        M = rng.standard_normal((n, n)) * 10.0 ** rng.integers(-6, 3) * (rng.random((n, n)) < 0.7)
+        q = rng.standard_normal(n) * 10.0 ** rng.integers(-6, 3) * (rng.random(n) < 0.8)
+        lower = np.where(rng.random(n) < 0.3, -INF, rng.standard_normal(n))
+        width = np.where(rng.random(n) < 0.5, INF, 10.0 ** rng.integers(-4, 2, n))
+        upper = np.where(lower > -INF, np.maximum(lower, -9.0) + width, 2.0)
+        x0 = None if rng.random() < 0.5 else rng.standard_normal(n)
+        begin = np.clip(np.zeros(n) if x0 is None else x0, lower, upper)
+        rows, columns = _sizes(Affine(sp.csr_array(M), q, lower, upper, begin))
+        expected = min(rows.min(), columns.min())
+        assert _zivi.least_size(M, q, lower, upper, x0) == pytest.approx(expected, rel=1e-12)
+        small += expected < 1e-3
+    assert 50 < small < 250
+    # none of a problem: the solver says what is wrong with it
+    assert _zivi.least_size(np.eye(1), np.ones(1), 1.0, 0.0, None) == INF
+    assert _zivi.least_size(np.eye(1), np.array([np.nan]), 0.0, 1.0, None) == INF

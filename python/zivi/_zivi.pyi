@@ -44,6 +44,7 @@ __all__ = [
     "Moved",
     "Nearest",
     "Observer",
+    "Occurrences",
     "Partials",
     "PeriodicImpulses",
     "PointMass",
@@ -70,6 +71,8 @@ __all__ = [
     "force_raised",
     "forget_runs",
     "grid_times",
+    "is_sound",
+    "least_size",
     "lemke_howson",
     "lift",
     "map_of_impacts",
@@ -291,6 +294,7 @@ class State:
 class Model:
     @staticmethod
     def compiled(address: int, *, data: int | None = None, owner: object) -> Model: ...
+    def evaluate(self, t: float, q: _Array, qdot: _Array, size: int) -> _Array: ...
     @staticmethod
     def callable(
         function: Callable[[float, _Array, _Array], _Array], *, steady: bool = False
@@ -428,7 +432,6 @@ class Keep:
         events: list[Event] = ...,
         dense: bool = False,
         arcs: bool = False,
-        drawn: bool = False,
     ) -> Self: ...
 
 @overload
@@ -456,6 +459,7 @@ class RunRecord:
     def columns(self) -> _Array: ...
     @property
     def n_samples(self) -> int: ...
+    def drawn(self) -> tuple[_Array, int]: ...
     @property
     def impacts(self) -> _Array: ...
     @property
@@ -501,6 +505,7 @@ class MotionPath:
     def skipped_impacts(self, speed: float, at_most: int) -> tuple[_Array, _Array, _Array]: ...
 
 def compiled_model(callable: Any, argument: str) -> CompiledFunction: ...
+def is_sound(row: _Array, n: int, m: int) -> bool: ...
 
 @final
 class MechanicalPath:
@@ -517,14 +522,7 @@ class MechanicalPath:
     ) -> tuple[_Array, _Array, _Array, _Array]: ...
 
 @final
-class MechanicalRecord:
-    t: _Array
-    q: _Array
-    qdot: _Array
-    gaps: _Array
-    gap_rates: _Array
-    reactions: _Array
-    contacts: NDArray[np.bool_]
+class Occurrences:
     impact_t: _Array
     impact_gap: NDArray[np.int64]
     impact_speed_before: _Array
@@ -544,6 +542,17 @@ class MechanicalRecord:
     flag_t: _Array
     flag_gaps: NDArray[np.bool_]
     flag_size: _Array
+
+@final
+class MechanicalRecord:
+    t: _Array
+    q: _Array
+    qdot: _Array
+    gaps: _Array
+    gap_rates: _Array
+    reactions: _Array
+    contacts: NDArray[np.bool_]
+    occurrences: Occurrences | None
     hits: list[Hits]
     status: int
     message: str
@@ -1151,6 +1160,13 @@ def solve_avi(
     time_limit: float | None = None,
     observe: Callable[[int, float, int, str], object] | None = None,
 ) -> ViRecord: ...
+def least_size(
+    matrix: _Array,
+    q: _Array,
+    lower: _Array | float,
+    upper: _Array | float,
+    x0: _Array | None,
+) -> float: ...
 def lemke_howson(
     a: _Array, b: _Array, limit: int, time_limit: float | None = None
 ) -> tuple[_Array, _Array, int] | None: ...

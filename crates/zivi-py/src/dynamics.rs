@@ -3,7 +3,7 @@
 use std::ffi::{c_int, c_void};
 use std::sync::Arc;
 
-use numpy::{PyArray1, PyArrayMethods, PyUntypedArrayMethods};
+use numpy::{PyArray1, PyArrayMethods, PyReadonlyArray1, PyUntypedArrayMethods};
 use pyo3::exceptions::{PyRuntimeError, PyTypeError, PyValueError};
 use pyo3::gc::{PyTraverseError, PyVisit};
 use pyo3::prelude::*;
@@ -69,6 +69,23 @@ impl Model {
             Kind::Compiled(function, _) => Some(function),
             Kind::Linear(_) | Kind::Tree(_) | Kind::Callable(..) => None,
         }
+    }
+
+    /// The row of numbers that a compiled function gives, `size` of them, which no other call writes
+    /// over.
+    fn evaluate<'py>(
+        &self,
+        t: f64,
+        q: PyReadonlyArray1<'py, f64>,
+        qdot: PyReadonlyArray1<'py, f64>,
+        size: usize,
+    ) -> PyResult<Bound<'py, PyArray1<f64>>> {
+        let Kind::Compiled(function, _) = &self.kind else {
+            return Err(PyTypeError::new_err("only a compiled model is evaluated so"));
+        };
+        let mut row = vec![0.0; size];
+        function.call(t, q.as_slice()?, qdot.as_slice()?, &mut row);
+        Ok(PyArray1::from_vec(q.py(), row))
     }
 
     /// Matrices row by row, the constant load, amplitude, frequency and phase of its waves, its
@@ -364,4 +381,19 @@ pub(crate) fn compiled_model(
         "{argument} must have the signature \"int (double, double *, double *, double *)\" (or \
          void, or with a last \"void *\"), got {signature:?}"
     )))
+}
+
+/// Whether all numbers of a model of `n` coordinates and `m` gaps are finite, its gaps open and no
+/// gradient of them zero.
+#[pyfunction]
+pub(crate) fn is_sound(row: PyReadonlyArray1<'_, f64>, n: usize, m: usize) -> PyResult<bool> {
+    let row = row.as_slice()?;
+    let (gaps, gradients) = (n * (n + 1), n * (n + 1) + m);
+    let (Some(gaps), Some(gradients)) = (row.get(gaps..gradients), row.get(gradients..)) else {
+        return Ok(false);
+    };
+    let mut gradients = gradients.chunks_exact(n.max(1)).take(m);
+    Ok(row.iter().all(|it| it.is_finite())
+        && gaps.iter().all(|&gap| gap >= 0.0)
+        && gradients.all(|gradient| gradient.iter().any(|&it| it != 0.0)))
 }

@@ -91,6 +91,7 @@ fn _zivi(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<tree::Tree>()?;
     module.add_function(wrap_pyfunction!(force::force_raised, module)?)?;
     module.add_class::<mechanics::MechanicalRecord>()?;
+    module.add_class::<mechanics::Occurrences>()?;
     module.add_class::<inputs::Inputs>()?;
     module.add_class::<mechanical_loop::MechanicalLoopRecord>()?;
     module.add_class::<mechanical_loop::GapLoop>()?;
@@ -110,6 +111,7 @@ fn _zivi(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<partials::MechanicalSensitivityRecord>()?;
     module.add_function(wrap_pyfunction!(partials::mechanical_sensitivity, module)?)?;
     module.add_function(wrap_pyfunction!(dynamics::compiled_model, module)?)?;
+    module.add_function(wrap_pyfunction!(dynamics::is_sound, module)?)?;
     control::add_classes(module)?;
     module.add_class::<observer::Observer>()?;
     module.add_class::<closed_loop::LoopRecord>()?;
@@ -120,6 +122,7 @@ fn _zivi(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<vi::ViRecord>()?;
     module.add_function(wrap_pyfunction!(vi::solve_vi, module)?)?;
     module.add_function(wrap_pyfunction!(vi::solve_avi, module)?)?;
+    module.add_function(wrap_pyfunction!(vi::least_size, module)?)?;
     module.add_function(wrap_pyfunction!(vi::natural_residual, module)?)?;
     module.add_function(wrap_pyfunction!(ordering::minimum_degree, module)?)?;
     module.add_function(wrap_pyfunction!(vi::lemke_howson, module)?)?;

@@ -20,6 +20,25 @@ pub(crate) struct MechanicalRecord {
     gap_rates: Matrix<f64>,
     reactions: Matrix<f64>,
     contacts: Matrix<bool>,
+    /// What happened at the gaps, if anything did.
+    occurrences: Option<Py<Occurrences>>,
+    /// What happened of each event of the user.
+    hits: Vec<Py<Hits>>,
+    status: u8,
+    message: &'static str,
+    nfev: u64,
+    n_steps: u64,
+    n_rejected: u64,
+    n_impacts: u64,
+    raised: Option<Py<PyAny>>,
+    path: Option<Py<MechanicalPath>>,
+    /// What friction did, where there is any.
+    friction: Option<Py<FrictionRecord>>,
+}
+
+/// Impacts, accumulations, lift-offs, openings, corners and flags, a column for each field.
+#[pyclass(frozen, get_all, module = "zivi._zivi")]
+pub(crate) struct Occurrences {
     impact_t: Vector<f64>,
     impact_gap: Vector<i64>,
     impact_speed_before: Vector<f64>,
@@ -39,24 +58,12 @@ pub(crate) struct MechanicalRecord {
     flag_t: Vector<f64>,
     flag_gaps: Matrix<bool>,
     flag_size: Vector<f64>,
-    /// What happened of each event of the user.
-    hits: Vec<Py<Hits>>,
-    status: u8,
-    message: &'static str,
-    nfev: u64,
-    n_steps: u64,
-    n_rejected: u64,
-    n_impacts: u64,
-    raised: Option<Py<PyAny>>,
-    path: Option<Py<MechanicalPath>>,
-    /// What friction did, where there is any.
-    friction: Option<Py<FrictionRecord>>,
 }
 
 impl MechanicalRecord {
     pub(crate) fn new(py: Python<'_>, run: MechanicalRun<PyErr>) -> PyResult<Self> {
         let (Layout { n, m, .. }, size) = (run.layout, run.layout.size());
-        let (samples, all) = (&run.samples, &run.occurrences);
+        let samples = &run.samples;
         let picked = |values: &[f64], from, width| columns(py, values, size, from, width);
         let closed: Vec<GapSet> = samples.modes.iter().map(|mode| mode.closed).collect();
         let friction = FrictionRecord::of(py, &run)?;
@@ -64,6 +71,38 @@ impl MechanicalRecord {
             0 => PyArray1::from_vec(py, Vec::new()).reshape([samples.t.len(), 0])?.unbind(),
             rows => columns(py, &samples.lambda, rows, 0, m)?,
         };
+        let occurrences = Occurrences::of(py, &run.occurrences, m)?;
+        let hits = Hits::of(py, &run.hits, n)?;
+        let path = run.path.map(|path| Py::new(py, MechanicalPath { path })).transpose()?;
+        Ok(Self {
+            t: PyArray1::from_slice(py, &samples.t).unbind(),
+            q: picked(&samples.x, 0, n)?,
+            qdot: picked(&samples.v, 0, n)?,
+            gaps: picked(&samples.x, n, m)?,
+            gap_rates: picked(&samples.v, n, m)?,
+            reactions,
+            contacts: members(py, &closed, m)?,
+            occurrences,
+            hits,
+            status: run.status as u8,
+            message: run.status.message(),
+            nfev: run.counts.nfev,
+            n_steps: run.counts.accepted,
+            n_rejected: run.counts.rejected,
+            n_impacts: run.counts.impacts,
+            raised: run.raised.map(|error| error.into_value(py).into_any()),
+            path,
+            friction: friction.map(|it| Py::new(py, it)).transpose()?,
+        })
+    }
+}
+
+impl Occurrences {
+    /// `None` if nothing happened, as in most short runs.
+    fn of(py: Python<'_>, all: &[Occurrence], m: usize) -> PyResult<Option<Py<Self>>> {
+        if all.is_empty() {
+            return Ok(None);
+        }
         let floats = |of: &dyn Fn(&Occurrence) -> Option<f64>| {
             PyArray1::from_vec(py, all.iter().filter_map(of).collect()).unbind()
         };
@@ -88,45 +127,30 @@ impl MechanicalRecord {
             _ => None,
         });
         let flag_kind = kinds.collect();
-        let hits = Hits::of(py, &run.hits, n)?;
-        let path = run.path.map(|path| Py::new(py, MechanicalPath { path })).transpose()?;
-        Ok(Self {
-            t: PyArray1::from_slice(py, &samples.t).unbind(),
-            q: picked(&samples.x, 0, n)?,
-            qdot: picked(&samples.v, 0, n)?,
-            gaps: picked(&samples.x, n, m)?,
-            gap_rates: picked(&samples.v, n, m)?,
-            reactions,
-            contacts: members(py, &closed, m)?,
-            impact_t: floats(field!(Impact, t)),
-            impact_gap: integers(field!(Impact, gap as i64)),
-            impact_speed_before: floats(field!(Impact, before)),
-            impact_speed_after: floats(field!(Impact, after)),
-            impact_impulse: floats(field!(Impact, impulse)),
-            impact_group: integers(field!(Impact, group as i64)),
-            zeno_t: floats(field!(Zeno, t)),
-            zeno_gap: integers(field!(Zeno, gap as i64)),
-            zeno_closed: sets(field!(Zeno, closed))?,
-            liftoff_t: floats(field!(LiftOff, t)),
-            liftoff_gap: integers(field!(LiftOff, gap as i64)),
-            opened_t: floats(field!(Opened, t)),
-            opened_gap: integers(field!(Opened, gap as i64)),
-            corner_t: floats(field!(Corner, t)),
-            corner_gaps: sets(field!(Corner, gaps))?,
-            flag_kind,
-            flag_t: floats(field!(Flag, t)),
-            flag_gaps: sets(field!(Flag, gaps))?,
-            flag_size: floats(field!(Flag, size)),
-            hits,
-            status: run.status as u8,
-            message: run.status.message(),
-            nfev: run.counts.nfev,
-            n_steps: run.counts.accepted,
-            n_rejected: run.counts.rejected,
-            n_impacts: run.counts.impacts,
-            raised: run.raised.map(|error| error.into_value(py).into_any()),
-            path,
-            friction: friction.map(|it| Py::new(py, it)).transpose()?,
-        })
+        Py::new(
+            py,
+            Self {
+                impact_t: floats(field!(Impact, t)),
+                impact_gap: integers(field!(Impact, gap as i64)),
+                impact_speed_before: floats(field!(Impact, before)),
+                impact_speed_after: floats(field!(Impact, after)),
+                impact_impulse: floats(field!(Impact, impulse)),
+                impact_group: integers(field!(Impact, group as i64)),
+                zeno_t: floats(field!(Zeno, t)),
+                zeno_gap: integers(field!(Zeno, gap as i64)),
+                zeno_closed: sets(field!(Zeno, closed))?,
+                liftoff_t: floats(field!(LiftOff, t)),
+                liftoff_gap: integers(field!(LiftOff, gap as i64)),
+                opened_t: floats(field!(Opened, t)),
+                opened_gap: integers(field!(Opened, gap as i64)),
+                corner_t: floats(field!(Corner, t)),
+                corner_gaps: sets(field!(Corner, gaps))?,
+                flag_kind,
+                flag_t: floats(field!(Flag, t)),
+                flag_gaps: sets(field!(Flag, gaps))?,
+                flag_size: floats(field!(Flag, size)),
+            },
+        )
+        .map(Some)
     }
 }

@@ -2,11 +2,13 @@
 
 use crate::arrays::Array;
 use numpy::{PyArray1, PyArray2, PyArrayMethods};
+use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
-use zivi::{PointRun, Status, QUANTITIES};
+use zivi::{Motion, PointRun, Status, QUANTITIES};
 
 use crate::switched_rk::MotionPath;
 use crate::user_events::Hits;
+use crate::watch::advise;
 
 /// The columns, events and outcome of one run.
 #[pyclass(frozen, get_all, module = "zivi._zivi")]
@@ -31,6 +33,31 @@ pub(crate) struct RunRecord {
     message: &'static str,
     nfev: u64,
     raised: Option<Py<PyAny>>,
+}
+
+#[pymethods]
+impl RunRecord {
+    /// The columns with samples between the steps, so that lines draw the motion, and how many
+    /// entries of each row are samples; those at the steps where the motion is not known, or there
+    /// is no memory for more.
+    fn drawn(&self, py: Python<'_>) -> PyResult<(Py<PyArray2<f64>>, usize)> {
+        let held = self.columns.bind(py).try_readonly();
+        let locked = |_| PyValueError::new_err("the samples of a run must not be locked");
+        let held = held.map_err(locked)?;
+        let room = held.as_array().ncols();
+        let rows: Vec<&[f64]> = held.as_slice()?.chunks_exact(room).collect();
+        let steps = std::array::from_fn(|row| &rows[row][..self.n_samples]);
+        let motion = self.path.as_ref().map(|path| &path.get().motion);
+        let drawn = motion.and_then(|Motion { path, restitution, .. }| {
+            path.as_ref()?.drawn(steps, *restitution, advise)
+        });
+        let Some(columns) = drawn else {
+            return Ok((self.columns.clone_ref(py), self.n_samples));
+        };
+        let n_samples = columns.len();
+        let (block, room) = columns.into_block();
+        Ok((PyArray1::from_vec(py, block).reshape([QUANTITIES, room])?.unbind(), n_samples))
+    }
 }
 
 impl RunRecord {

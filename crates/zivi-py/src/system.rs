@@ -146,22 +146,19 @@ pub(crate) struct Keep {
     pub(crate) dense: bool,
     /// Whether at least the arcs of it are kept that jumps skip.
     pub(crate) arcs: bool,
-    /// Whether there are samples between the steps, so that lines draw the motion.
-    pub(crate) drawn: bool,
 }
 
 #[pymethods]
 impl Keep {
     #[new]
-    #[pyo3(signature = (*, t_eval=None, tstops=None, events=Vec::new(), dense=false, arcs=false, drawn=false))]
+    #[pyo3(signature = (*, t_eval=None, tstops=None, events=Vec::new(), dense=false, arcs=false))]
     fn new(
         t_eval: Option<Py<PyArray1<f64>>>,
         tstops: Option<Py<PyArray1<f64>>>,
         events: Vec<Py<Event>>,
         dense: bool,
         arcs: bool,
-        drawn: bool,
     ) -> Self {
-        Self { t_eval, tstops, events, dense, arcs, drawn }
+        Self { t_eval, tstops, events, dense, arcs }
     }
 }

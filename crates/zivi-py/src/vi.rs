@@ -3,6 +3,7 @@
 mod callbacks;
 mod games;
 mod interrupts;
+mod scale;
 mod settings;
 
 use numpy::{PyArray1, PyReadonlyArray1, PyReadonlyArray2};
@@ -17,6 +18,7 @@ use zivi_core::vi::{
 use callbacks::{Callbacks, Watched, WithJacobian};
 pub(crate) use games::lemke_howson;
 use interrupts::{Interruptible, Interrupts};
+pub(crate) use scale::least_size;
 use settings::GivenSettings;
 
 /// Code of a solve that its time limit ended; those of the solver itself are smaller.

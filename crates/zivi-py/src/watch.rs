@@ -23,8 +23,13 @@ impl Monitor<PyErr> for Watch {
     }
 
     fn record_allocated(&mut self, start: *const f64, len: usize) {
-        advise_large_pages(start as usize, len * size_of::<f64>());
+        advise(start, len);
     }
+}
+
+/// Tells the system what so many numbers that are about to be filled are for.
+pub(crate) fn advise(start: *const f64, len: usize) {
+    advise_large_pages(start as usize, len * size_of::<f64>());
 }
 
 /// Asks for large pages behind memory that is about to be filled (as NumPy does for its own large

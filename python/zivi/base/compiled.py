@@ -11,8 +11,8 @@ import contextlib
 import sys
 import threading
 import warnings
-from collections.abc import Iterable, Iterator
-from typing import Any
+from collections.abc import Iterable
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,7 +27,7 @@ CALLBACKS = ("ctypes callback", "cffi callback")
 
 
 class Ear:
-    """What was raised in the compiled forces of a run.
+    """What was raised in the compiled forces of a run, while it is open.
 
     Parameters
     ----------
@@ -38,6 +38,13 @@ class Ear:
     def __init__(self, thread: int | None) -> None:
         self.thread = thread
         self.error: BaseException | None = None
+
+    def __enter__(self) -> Self:
+        _open(self)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        _close(self)
 
     def ends(self, success: bool) -> BaseException | None:
         """Give what ended a run: an exception that a method got around (below the wall) did not."""
@@ -58,23 +65,15 @@ def listening(
     specs: Iterable[_zivi.Force], *, threads: bool = False
 ) -> contextlib.AbstractContextManager[Ear]:
     """Listen to the compiled forces among some while they are run, in this thread or in several."""
-    if not any(spec.is_compiled for spec in specs):
-        return _DEAF
-    return listening_always(threads=threads)
+    for spec in specs:
+        if spec.is_compiled:
+            return listening_always(threads=threads)
+    return _DEAF
 
 
 def listening_always(*, threads: bool = False) -> contextlib.AbstractContextManager[Ear]:
     """Listen whatever is run: a mechanical system may have compiled parts."""
-    return _listening(Ear(None if threads else threading.get_ident()))
-
-
-@contextlib.contextmanager
-def _listening(ear: Ear) -> Iterator[Ear]:
-    _open(ear)
-    try:
-        yield ear
-    finally:
-        _close(ear)
+    return Ear(None if threads else threading.get_ident())
 
 
 def tell(ear: Ear, status: NDArray[np.uint8]) -> None:

@@ -344,7 +344,10 @@ def loop_of(
     """Make the result of a loop from its record."""
     inputs, times = more
     held = driven(plant, inputs, times, record.u)
-    run: Any = MechanicalClosedLoop._from_record(record.run, held, config, None, system._channels)
+    stepped = config["method"]["name"] != "SwitchedRK"
+    run: Any = MechanicalClosedLoop._from_record(
+        record.run, system, held, config, None, stepped=stepped
+    )
     count = len(run.t)
     last = np.minimum(np.arange(count), len(record.tick_status) - 1)
     unknown = np.full_like(run.q, np.nan)

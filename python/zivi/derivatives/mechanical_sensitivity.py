@@ -16,7 +16,7 @@ from zivi.base.progress import ProgressBar
 from zivi.base.table import Field, Table
 from zivi.derivatives.result import EVENTS, KINDS, Nearest, OrbitStatus, Sensitivity
 from zivi.derivatives.wrt import Column, columns_of
-from zivi.simulation.mechanical_run import Asked, closer_of, configuration, state_of
+from zivi.simulation.mechanical_run import Asked, closer_of, setup_of, state_of
 from zivi.simulation.mechanical_trajectory import MechanicalTrajectory
 from zivi.simulation.methods import SwitchedRK
 from zivi.simulation.partial import as_raised, with_partial
@@ -185,8 +185,9 @@ class _Problem:
         asked = Asked(self.span, *self.state, None, self.stops, [], dense)
         sol = MechanicalTrajectory._from_record(
             record.run,
+            self.system,
             self.model,
-            configuration(self.system, self.model, self.method, asked),
+            setup_of(self.system, self.model, self.method, asked),
             closer_of(self.system, self.method, asked),
         )
         error = record.run.raised

@@ -102,6 +102,7 @@ class _Problem:
         if error is None and (error := ear.ends(sol.success)):
             sol = as_raised(sol)
         if error is not None:
+            sol._settle()
             raise with_partial(error, sol)
         return self._result(record, sol)
 

@@ -85,7 +85,7 @@ def mechanical_run(dataset: xarray.Dataset) -> MechanicalTrajectory:
         n_rejected=int(attrs["n_rejected"]),
         coordinate_names=tuple(str(name) for name in dataset["coordinate"].values),
         gap_names=names,
-        config=json.loads(attrs["config"]),
+        _setup=json.loads(attrs["config"]),
         t_events=[dataset["event_time"].values[own] for own in each],
         q_events=[dataset["event_q"].values[own] for own in each],
         qdot_events=[dataset["event_qdot"].values[own] for own in each],

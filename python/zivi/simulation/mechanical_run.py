@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+import math
 import warnings
+from collections.abc import Callable
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -27,6 +29,7 @@ __all__ = [
     "closer_of",
     "configuration",
     "run_mechanical",
+    "setup_of",
     "state_of",
 ]
 
@@ -75,17 +78,18 @@ def state_of(y0: Any, n: int | None) -> tuple[Array, Array]:
         given = ()
     if len(given) != 2:
         raise TypeError(f"y0 must be (q0, qdot0), two arrays of shape (n,), got {y0!r}")
-    q, qdot = (
-        np.atleast_1d(real_array(name, value)).astype(np.float64)
-        for name, value in zip(("q0", "qdot0"), given, strict=True)
-    )
+    q, qdot = real_array("q0", given[0]), real_array("qdot0", given[1])
+    if not q.ndim:
+        q = q.reshape(1)
+    if not qdot.ndim:
+        qdot = qdot.reshape(1)
     size = len(q) if n is None else n
     for name, value in (("q0", q), ("qdot0", qdot)):
         if value.shape != (size,):
             raise ValueError(f"{name} must have shape ({size},), got {value.shape}")
-        if not np.all(np.isfinite(value)):
+        if not all(map(math.isfinite, value.tolist())):
             raise ValueError(f"{name} must be finite, got {value.tolist()}")
-    return np.ascontiguousarray(q), np.ascontiguousarray(qdot)
+    return q, qdot
 
 
 def check_mechanical_method(method: Any) -> None:
@@ -169,9 +173,10 @@ def run_mechanical(
         keep,
         report,
     )
-    config = configuration(system, model, method, asked)
+    setup = setup_of(system, model, method, asked)
     closer = closer_of(system, method, asked)
-    sol = MechanicalTrajectory._from_record(record, model, config, closer, system._channels)
+    stepped = not isinstance(method, SwitchedRK)
+    sol = MechanicalTrajectory._from_record(record, system, model, setup, closer, stepped=stepped)
     if not isinstance(method, SwitchedRK) and asked.t_eval is not None:
         sol = sol.resample(asked.t_eval[asked.t_eval <= sol.t[-1]])
     return sol, record.raised
@@ -209,8 +214,27 @@ def configuration(
     system: MechanicalSystem, model: Model, method: Any, asked: Asked
 ) -> dict[str, Any]:
     """Plain values that tell the run again (functions only by their names)."""
+    return setup_of(system, model, method, asked)()
+
+
+def setup_of(
+    system: MechanicalSystem, model: Model, method: Any, asked: Asked
+) -> Callable[[], dict[str, Any]]:
+    """Give what makes the `configuration` later, with the parameters of now."""
+    told, parameters = system._told()
+    return functools.partial(_configuration, system, told, parameters, model, method, asked)
+
+
+def _configuration(
+    system: MechanicalSystem,
+    told: str | None,
+    parameters: dict[str, float] | None,
+    model: Model,
+    method: Any,
+    asked: Asked,
+) -> dict[str, Any]:
     config = {
-        "system": repr(system),
+        "system": repr(system) if told is None else told,
         "e": describe_restitutions(system._e),
         "coordinates": list(system.coordinate_names(model.layout.n)),
         "gaps": list(system.gap_names),
@@ -222,6 +246,6 @@ def configuration(
     if system._channels:
         config["friction"] = list(system.channel_names)
         config |= {"impact_law": system.impact_law, "paradox": system.paradox}
-    if parameters := getattr(system, "parameters", None):
+    if parameters:
         config["parameters"] = dict(parameters)
     return config

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -27,10 +27,10 @@ from zivi.simulation.linear_motion import LinearMotion
 from zivi.simulation.mechanical_impacts import down_to, listed
 from zivi.simulation.mechanical_messages import ending
 from zivi.simulation.reactions import forces_at, reactions_at
-from zivi.simulation.run_result import SampledRun
+from zivi.simulation.run_result import SampledRun, Setup
 from zivi.simulation.trust import Closer, trust_note, trusted
 from zivi.system.friction import Channel
-from zivi.system.mechanism import Model
+from zivi.system.mechanism import MechanicalSystem, Model
 
 if TYPE_CHECKING:
     import pandas
@@ -121,7 +121,7 @@ class MechanicalTrajectory(Rubbing, SampledRun):
     n_rejected: int
     coordinate_names: tuple[str, ...]
     gap_names: tuple[str, ...]
-    config: dict[str, Any]
+    _setup: Setup
     t_events: list[Array] = dataclasses.field(default_factory=list)
     q_events: list[Array] = dataclasses.field(default_factory=list)
     qdot_events: list[Array] = dataclasses.field(default_factory=list)
@@ -132,9 +132,14 @@ class MechanicalTrajectory(Rubbing, SampledRun):
     _friction: FrictionSamples | None = None
     _channels: tuple[Channel, ...] = ()
 
+    @functools.cached_property
+    def config(self) -> dict[str, Any]:
+        """System, method, span and initial state, as plain values."""
+        return self._setup() if callable(self._setup) else self._setup
+
     def __getstate__(self) -> dict[str, Any]:
         # samples can be sent where a model cannot
-        return self.__dict__ | {"_model": None, "_closer": None}
+        return self.__dict__ | {"_setup": self.config, "_model": None, "_closer": None}
 
     @functools.cached_property
     def trusted_until(self) -> float:
@@ -166,56 +171,33 @@ class MechanicalTrajectory(Rubbing, SampledRun):
     def _from_record(
         cls,
         record: _zivi.MechanicalRecord,
+        system: MechanicalSystem,
         model: Model,
-        config: dict[str, Any],
+        setup: Setup,
         closer: Closer | None,
-        channels: tuple[Channel, ...] = (),
-    ) -> MechanicalTrajectory:
-
-        def rows(name: str, columns: dict[str, Any]) -> Rows:
-            return table(fields[name], model.layout.m, columns)
-
+        *,
+        stepped: bool = False,
+    ) -> Self:
+        """Make it of a record; `stepped` if the steps of the method are all there is."""
+        channels, gap_names = system._channels, system.gap_names
         friction = friction_of(record.friction, channels)
         path: Any = record.path
-        if config["method"]["name"] != "SwitchedRK":  # its steps are all there is
-            steps = ("t", "q", "qdot", "gaps", "gap_rates", "reactions", "contacts")
-            parts = {name: getattr(record, name) for name in steps}
+        if stepped:
+            parts = {name: getattr(record, name) for name in STEPS}
             path = LinearMotion(**parts, friction=friction)
-        impacts = {name: getattr(record, f"impact_{name}") for name in FIELDS["impacts"]}
-        fields = FIELDS
-        if record.friction is not None:
-            fields = FIELDS | {"impacts": IMPACTS}
-            impacts = impacts_with(impacts, record.friction, channels)
-        flags = {
-            "kind": record.flag_kind,
-            "t": record.flag_t,
-            "gaps": record.flag_gaps,
-            "size": record.flag_size,
-        }
-        return cls(
-            t=record.t,
-            q=record.q,
-            qdot=record.qdot,
-            gaps=record.gaps,
-            gap_rates=record.gap_rates,
-            contacts=record.contacts,
-            reactions=record.reactions,
-            resolved_impacts=rows("impacts", impacts),
-            zeno=rows(
-                "zeno", {"t": record.zeno_t, "gap": record.zeno_gap, "closed": record.zeno_closed}
-            ),
-            liftoffs=rows("liftoffs", {"t": record.liftoff_t, "gap": record.liftoff_gap}),
-            openings=rows("openings", {"t": record.opened_t, "gap": record.opened_gap}),
-            corners=rows("corners", {"t": record.corner_t, "gaps": record.corner_gaps}),
-            flags=rows("flags", flags),
+        sol = object.__new__(cls)
+        # as the class would, at a part of the cost: short runs are called by the million
+        vars(sol).update(
+            {name: getattr(record, name) for name in STEPS},
+            **_tables_of(record, model.layout.m, channels),
             status=Status(record.status),
-            message=ending(record, config["gaps"], model, channels),
+            message=ending(record, gap_names, model, channels),
             nfev=record.nfev,
             n_steps=record.n_steps,
             n_rejected=record.n_rejected,
-            coordinate_names=tuple(config["coordinates"]),
-            gap_names=tuple(config["gaps"]),
-            config=config,
+            coordinate_names=system.coordinate_names(model.layout.n),
+            gap_names=gap_names,
+            _setup=setup,
             t_events=[hits.t for hits in record.hits],
             q_events=[hits.q for hits in record.hits],
             qdot_events=[hits.qdot for hits in record.hits],
@@ -225,6 +207,7 @@ class MechanicalTrajectory(Rubbing, SampledRun):
             _friction=friction,
             _channels=channels,
         )
+        return sol
 
     def __call__(self, t: ArrayLike) -> Array:
         """Give the state between the samples, through impacts, accumulations and contact.
@@ -344,6 +327,54 @@ class MechanicalTrajectory(Rubbing, SampledRun):
     def _table(self) -> Table:
         return labelled.labels_of(self)
 
+
+def _tables_of(
+    record: _zivi.MechanicalRecord, m: int, channels: tuple[Channel, ...]
+) -> dict[str, Rows]:
+    """Give the tables of what happened in a run."""
+    known, rubbing = record.occurrences, record.friction
+    fields = FIELDS if rubbing is None else WITH_FRICTION
+    if known is None:
+        return _named(_nothing(m, rubbing is not None))
+    impacts = {name: getattr(known, f"impact_{name}") for name in FIELDS["impacts"]}
+    if rubbing is not None:
+        impacts = impacts_with(impacts, rubbing, channels)
+    columns: dict[str, dict[str, Any]] = {
+        "impacts": impacts,
+        "zeno": {"t": known.zeno_t, "gap": known.zeno_gap, "closed": known.zeno_closed},
+        "liftoffs": {"t": known.liftoff_t, "gap": known.liftoff_gap},
+        "openings": {"t": known.opened_t, "gap": known.opened_gap},
+        "corners": {"t": known.corner_t, "gaps": known.corner_gaps},
+        "flags": {
+            "kind": known.flag_kind,
+            "t": known.flag_t,
+            "gaps": known.flag_gaps,
+            "size": known.flag_size,
+        },
+    }
+    return _named({name: table(fields[name], m, it) for name, it in columns.items()})
+
+
+@functools.lru_cache
+def _nothing(m: int, rubbing: bool) -> dict[str, Rows]:
+    """Give the tables of a run in which nothing happened."""
+    fields = WITH_FRICTION if rubbing else FIELDS
+    return {name: table(it, m, {"t": ()}) for name, it in fields.items()}
+
+
+WITH_FRICTION = FIELDS | {"impacts": IMPACTS}
+"""The tables of a run with dry friction."""
+
+
+def _named(tables: dict[str, Rows]) -> dict[str, Rows]:
+    """Give the tables by the names of the result."""
+    named = tables.copy()
+    named["resolved_impacts"] = named.pop("impacts")
+    return named
+
+
+STEPS = ("t", "q", "qdot", "gaps", "gap_rates", "contacts", "reactions")
+"""What is known of each sample of a run."""
 
 AT_REST = 1e-12
 """What rounding leaves of velocities at rest, as a part of the largest velocity."""

@@ -207,11 +207,11 @@ def simulate(
             tstops=stops,
             events=watched,
             dense=dense_output,
-            drawn=samples == "motion",
         )
         start = _zivi.State(*state)
         record = _zivi.simulate(system._core, method._core, span, start, keep, bar.report)
-    sol = Trajectory._from_record(record, system, method, span, state, stops)
+    drawn = samples == "motion" and times is None
+    sol = Trajectory._from_record(record, system, method, span, state, stops, drawn=drawn)
     if slowest != SLOWEST:
         vars(sol)["slowest"] = slowest
     error = record.raised
@@ -224,8 +224,9 @@ def simulate(
             sol = restrict(sol, times)
     if error is None:
         return sol
-    # the exception knows this frame: through the record, which knows the exception, both would
-    # never be freed
+    # the exception knows this frame, and gets to know the run: through the record, which knows the
+    # exception, all would never be freed
+    sol._settle()
     del record
     try:
         raise with_partial(error, sol)
@@ -287,6 +288,8 @@ def pair(name: str, value: Any, form: str) -> tuple[float, float]:
         first, second = value
     except (TypeError, ValueError):
         raise TypeError(f"{name} must be two numbers {form}, got {value!r}") from None
+    if type(first) is type(second) is float:
+        return first, second
     return real(name, first), real(name, second)
 
 

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import functools
-from typing import TYPE_CHECKING, Any, ClassVar, Self
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any, ClassVar, Self, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -33,7 +34,10 @@ if TYPE_CHECKING:
 
     from zivi.base.table import Table
 
-__all__ = ["EVENT_COORDS", "EVENT_FIELDS", "MassRun", "SampledRun", "times_of"]
+__all__ = ["EVENT_COORDS", "EVENT_FIELDS", "MassRun", "SampledRun", "Setup", "times_of"]
+
+Setup: TypeAlias = "dict[str, Any] | Callable[[], dict[str, Any]]"
+"""The configuration of a run, or what makes it once it is requested."""
 
 EVENT_FIELDS: dict[str, Field] = {
     "impact_xdot_before": ("impact_time", "m/s", "velocity before the impact"),

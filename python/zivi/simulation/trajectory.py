@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+import operator
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any, ClassVar, TypeAlias
+from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -19,7 +20,7 @@ from zivi.simulation.describe import configuration_of
 from zivi.simulation.impacts import IMPACT, SLOWEST, impacts_of
 from zivi.simulation.methods import SwitchedRK
 from zivi.simulation.resample import between_steps
-from zivi.simulation.run_result import EVENT_COORDS, EVENT_FIELDS, MassRun
+from zivi.simulation.run_result import EVENT_COORDS, EVENT_FIELDS, MassRun, Setup
 from zivi.simulation.trust import Closer, closer_mass, trust_note, trusted
 from zivi.system.table import TableMotion, motion_of
 
@@ -50,9 +51,6 @@ FIXED: dict[str, Field] = {
 NO_STOPS = np.empty(0)
 """No times at which a force jumps."""
 NO_STOPS.flags.writeable = False
-
-Setup: TypeAlias = "dict[str, Any] | Callable[[], dict[str, Any]]"
-"""The configuration of a run, or what makes it once it is requested."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False, repr=False)
@@ -141,11 +139,12 @@ class Trajectory(MassRun):
     t_events: list[Array] = dataclasses.field(default_factory=list)
     y_events: list[Array] = dataclasses.field(default_factory=list)
     slowest: float = SLOWEST
-    _path: Path | None = dataclasses.field(repr=False, default=None)
+    # no defaults of the class: these are made when they are asked for, too
+    _path: Path | None = dataclasses.field(repr=False, default_factory=lambda: None)
     _wall: HarmonicWall | MovingWall | TableMotion | None = dataclasses.field(
-        repr=False, default=None
+        repr=False, default_factory=lambda: None
     )
-    _closer: Closer | None = dataclasses.field(repr=False, default=None)
+    _closer: Closer | None = dataclasses.field(repr=False, default_factory=lambda: None)
 
     @functools.cached_property
     def config(self) -> dict[str, Any]:
@@ -154,7 +153,7 @@ class Trajectory(MassRun):
 
     def __getstate__(self) -> dict[str, Any]:
         # plain values can be copied and sent where a force cannot
-        return self.__dict__ | {"_setup": self.config, "_closer": None}
+        return self._read_all() | {"_setup": self.config, "_closer": None}
 
     @functools.cached_property
     def trusted_until(self) -> float:
@@ -193,35 +192,52 @@ class Trajectory(MassRun):
         span: tuple[float, float],
         state: tuple[float, float],
         stops: Array = NO_STOPS,
-    ) -> Trajectory:
-        t, *sampled = record.columns[:, : record.n_samples]
-        samples = dict(zip(QUANTITIES, sampled, strict=True))
+        *,
+        drawn: bool = False,
+    ) -> Self:
+        """Make it of a record; `drawn` if samples between the steps shall draw the motion."""
         sol = object.__new__(cls)
-        # as the class would, at a quarter of the cost: short runs are called by the million
+        # what a record knows is made of it when it is asked for: most runs are asked for little,
+        # and short ones are called by the million
         vars(sol).update(
-            t=t,
-            **samples,
-            resolved_impacts=impacts_of(record),
-            zeno_times=record.zeno_times,
-            liftoff_times=record.liftoff_times,
-            rest_time=record.rest_time,
-            failed_steps=record.failed_steps,
-            status=Status(record.status),
-            message=record.message,
-            nfev=record.nfev,
-            n_steps=record.n_steps,
+            status=STATUSES[record.status],
             n_rejected=record.n_rejected,
-            _setup=functools.partial(configuration_of, system, method, span, state),
-            t_events=[hits.t for hits in record.hits],
-            y_events=[np.hstack([hits.q, hits.qdot]) for hits in record.hits],
-            _path=record.path or method._path(system.kappa, t, samples),  # type: ignore[attr-defined]
-            _wall=motion_of(system.wall),
+            _record=record,
+            _drawn=drawn,
+            _asked=(system, method, span, state, stops),
         )
-        if isinstance(method, SwitchedRK):
-            vars(sol)["_closer"] = functools.partial(
-                closer_mass, system, method, span[0], state, stops
-            )
         return sol
+
+    if not TYPE_CHECKING:  # which would take any name for granted
+
+        def __getattr__(self, name):
+            own = vars(self)
+            record = own.get("_record")
+            if record is None:
+                return super().__getattr__(name)
+            if name in SAMPLED:
+                drawn = own["_drawn"]
+                columns, count = record.drawn() if drawn else (record.columns, record.n_samples)
+                own.update(zip(SAMPLED, columns[:, :count], strict=True))
+            elif name in OF_RECORD:
+                own[name] = OF_RECORD[name](record)
+            elif name in OF_ARGUMENTS:
+                own[name] = OF_ARGUMENTS[name](self, *own["_asked"])
+            else:
+                return super().__getattr__(name)
+            return own[name]
+
+    def _read_all(self) -> dict[str, Any]:
+        """Give all attributes, read if they were not yet, without the record."""
+        for field in dataclasses.fields(self):
+            getattr(self, field.name)
+        return {name: it for name, it in vars(self).items() if name not in UNREAD}
+
+    def _settle(self) -> None:
+        """Read all that is not read yet, and let the record go."""
+        self._read_all()
+        for name in UNREAD:
+            vars(self).pop(name, None)
 
     def _resampled(self, times: Array) -> Trajectory:
         x, xdot = self(times)
@@ -280,3 +296,75 @@ class Trajectory(MassRun):
         }
         title = "Trajectory of a mechanical system with impacts"
         return Table(title, fields, EVENT_COORDS, values, attrs)
+
+
+STATUSES = {int(status): status for status in Status}
+"""A call of the class takes longer."""
+UNREAD = ("_record", "_drawn", "_asked")
+"""What a run has of which its attributes are made."""
+SAMPLED = ("t", *QUANTITIES)
+"""What a run samples, in the order of the record's rows."""
+
+
+def _path_of(
+    sol: Trajectory, system: ImpactSystem, method: Method, *_: Any
+) -> Path | _zivi.MotionPath | None:
+    own: _zivi.MotionPath | None = vars(sol)["_record"].path
+    if own is not None:
+        return own
+    samples = {name: getattr(sol, name) for name in QUANTITIES}
+    made: Path = method._path(system.kappa, sol.t, samples)  # type: ignore[attr-defined]
+    return made
+
+
+def _setup_of(
+    sol: Trajectory,
+    system: ImpactSystem,
+    method: Method,
+    span: tuple[float, float],
+    state: tuple[float, float],
+    stops: Array,
+) -> Setup:
+    return functools.partial(configuration_of, system, method, span, state)
+
+
+def _closer_of(
+    sol: Trajectory,
+    system: ImpactSystem,
+    method: Method,
+    span: tuple[float, float],
+    state: tuple[float, float],
+    stops: Array,
+) -> Closer | None:
+    if not isinstance(method, SwitchedRK):
+        return None
+    return functools.partial(closer_mass, system, method, span[0], state, stops)
+
+
+def _wall_of(sol: Trajectory, system: ImpactSystem, *_: Any) -> Any:
+    return motion_of(system.wall)
+
+
+def _states_of(record: _zivi.RunRecord) -> list[Array]:
+    return [np.hstack([hits.q, hits.qdot]) for hits in record.hits]
+
+
+OF_RECORD: dict[str, Callable[[_zivi.RunRecord], Any]] = {
+    "resolved_impacts": impacts_of,
+    "t_events": lambda record: [hits.t for hits in record.hits],
+    "y_events": _states_of,
+} | {
+    name: operator.attrgetter(name)
+    for name in (
+        *("zeno_times", "liftoff_times", "rest_time", "failed_steps"),
+        *("message", "nfev", "n_steps"),
+    )
+}
+"""How the attributes of a run are read from its record."""
+OF_ARGUMENTS: dict[str, Callable[..., Any]] = {
+    "_setup": _setup_of,
+    "_path": _path_of,
+    "_wall": _wall_of,
+    "_closer": _closer_of,
+}
+"""How those are made that follow from what was run."""

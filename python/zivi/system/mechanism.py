@@ -74,15 +74,13 @@ class Model:
     @classmethod
     def of_code(cls, layout: Layout, code: Native, data: int, owner: object) -> Model:
         """Give a model in machine code, with the address of its data and what owns these."""
-        owners = (code, owner)
-        function, row = code.function, np.zeros(layout.size)
+        spec, size = _zivi.Model.compiled(code.address, data=data, owner=(code, owner)), layout.size
 
-        def evaluate(t: float, q: Array, qdot: Array, keep: object = owners) -> Array:
+        def evaluate(t: float, q: Array, qdot: Array) -> Array:
             q, qdot = np.ascontiguousarray(q, np.float64), np.ascontiguousarray(qdot, np.float64)
-            function(t, q.ctypes.data, qdot.ctypes.data, row.ctypes.data, data)
-            return row
+            return spec.evaluate(t, q, qdot, size)
 
-        return cls(layout, _zivi.Model.compiled(code.address, data=data, owner=owners), evaluate)
+        return cls(layout, spec, evaluate)
 
 
 @hinted("MechanicalSystem")
@@ -352,6 +350,11 @@ class MechanicalSystem:
             return Model(layout, spec, evaluate)
         spec = _zivi.Model.compiled(native.native.address, data=native.address, owner=native)
         return Model(layout, spec, evaluate)
+
+    def _told(self) -> tuple[str | None, dict[str, float] | None]:
+        """Give what a run keeps of what may change after it: the repr, if that does; parameters."""
+        parameters = getattr(self, "parameters", None)
+        return None, dict(parameters) if parameters else None
 
     def _is_steady(self) -> bool:
         """Whether mass, force and gradients are arrays, and no gap moves."""

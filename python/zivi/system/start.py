@@ -7,6 +7,7 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
+import zivi._zivi as _zivi
 from zivi.base.check import Array
 from zivi.system.friction import Channel
 from zivi.system.layout import Evaluation
@@ -46,13 +47,17 @@ def check_start(
     q, qdot : ndarray
         The state at the start, finite.
     """
-    look = _Look(model)
-    row = np.array(model.evaluate(span[0], q, qdot))
+    n, m = model.layout.n, model.layout.m
+    row = model.evaluate(span[0], q, qdot)
+    mass = row[: n * n].tobytes()
+    span_before, mass_before = CHECKED.get(system, (None, b""))
+    known = span_before == span or (system.derived and span_before is not None)
+    if known and mass == mass_before and not system._channels and _zivi.is_sound(row, n, m):
+        return
+    look, row = _Look(model), np.array(row)
     here = model.layout.read(row)
     if not np.isfinite(row).all():
         _check_finite(system, here)
-    span_before, mass_before = CHECKED.get(system, (None, b""))
-    mass = here.mass.tobytes()
     if mass != mass_before:
         check_mass(here.mass)
     if (here.gaps < 0.0).any():

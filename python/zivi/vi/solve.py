@@ -31,7 +31,14 @@ from zivi.vi.jacobian import (
     jacobian,
     wants_sparse,
 )
-from zivi.vi.scale import Affine, Watched, is_off_scale, polished, solve_scaled
+from zivi.vi.scale import (
+    Affine,
+    Watched,
+    is_off_scale,
+    least_is_off_scale,
+    polished,
+    solve_scaled,
+)
 from zivi.vi.sparse_calls import SparseVI, affine_by_sparse, checked_affine, pattern_for
 from zivi.vi.types import VIOptions, VIProgress, VIResult, VIStatus, result_of
 
@@ -322,13 +329,10 @@ def solve_avi(
         if is_adaptive and is_off_scale(inside := dataclasses.replace(problem, x0=begin)):
             return solve_scaled(inside, solve)
         return solve(problem)
-    if is_adaptive and np.isfinite(given).all() and np.isfinite(constant).all():
+    if is_adaptive and least_is_off_scale(given, constant, box, start):
         low, high = (np.broadcast_to(it, n).astype(float) for it in box)
-        if np.all(low <= high):
-            begin = np.clip(np.zeros(n) if start is None else start, low, high)
-            problem = Affine(given, constant, low, high, begin)
-            if np.isfinite(begin).all() and is_off_scale(problem):
-                return solve_scaled(problem, solve)
+        begin = np.clip(np.zeros(n) if start is None else start, low, high)
+        return solve_scaled(Affine(given, constant, low, high, begin), solve)
     return result_of(_zivi.solve_avi(given, constant, *box, start, settings, limit, observe))
 
 

@@ -336,6 +336,7 @@ impl<E> Running<'_, E> {
         let (t, end) = self.end;
         let Self { method, seeker, wanted, record, mut reserve, .. } = self;
         let MassRecord { mut samples, mut path, drawn, reader, tails } = record;
+        let mut between = None;
         if wanted.is_missing_at(t, samples.last()) {
             samples.push(t, end);
         }
@@ -343,13 +344,12 @@ impl<E> Running<'_, E> {
             path.finish(t, end);
             if drawn {
                 // without the memory for them the samples at the steps are all
-                if let Ok(rows) = between_steps(path) {
-                    samples.add(&rows, &mut reserve);
-                }
+                between = between_steps(path).ok().filter(|rows| samples.fits(rows, &mut reserve));
             }
         }
         drop(reserve);
-        let columns = samples.into_columns(method.law().transform(), advise)?;
+        let transform = method.law().transform();
+        let columns = samples.into_columns(between.as_deref(), transform, advise)?;
         let (events, summary) = (reader.events, None);
         let trajectory =
             Trajectory { columns, summary, events, failed_steps: Vec::new(), status, nfev };

@@ -16,7 +16,7 @@ from zivi.base.habits import hinted
 from zivi.base.machine_code import Native, compiled
 from zivi.system.control_inputs import ControlInputs, control_inputs
 from zivi.system.friction import IMPACT_LAWS, PARADOXES, Channel, one_of
-from zivi.system.impact_law import GivenRestitutions, restitutions
+from zivi.system.impact_law import GivenRestitutions, Restitutions, restitutions
 from zivi.system.layout import Layout
 from zivi.system.mechanism import MechanicalSystem, Model
 from zivi.system.partials import Partials
@@ -46,6 +46,11 @@ class Parameters(MutableMapping[str, float]):
     def address(self) -> int:
         """Where the numbers are."""
         return self._row.ctypes.data
+
+    @property
+    def values_as_bytes(self) -> bytes:
+        """The numbers at this moment, to be compared with those of another one."""
+        return self._row.tobytes()
 
     def _place(self, name: Any) -> int:
         if name in self._places:
@@ -120,6 +125,10 @@ class SymbolicSystem(MechanicalSystem):
     """
 
     derived = True
+    _made: tuple[Parameters, Model] | None = None
+    """The model, and the parameters whose numbers it reads."""
+    _last_told: tuple[bytes, Restitutions, str, dict[str, float]] | None = None
+    """What was told of the system last, and with which parameters."""
 
     def __init__(
         self,
@@ -202,8 +211,19 @@ class SymbolicSystem(MechanicalSystem):
         """Give what the extension integrates; `n` must be the number of coordinates."""
         if n != self._n:
             raise ValueError(f"q0 must have {self._n} entries, got {n}")
-        layout, parameters = Layout(n, self.m, len(self._channels)), self._parameters
-        return Model.of_code(layout, self._native, parameters.address, parameters)
+        parameters = self._parameters
+        if self._made is None or self._made[0] is not parameters:
+            layout = Layout(n, self.m, len(self._channels))
+            made = Model.of_code(layout, self._native, parameters.address, parameters)
+            self._made = parameters, made
+        return self._made[1]
+
+    def _told(self) -> tuple[str, dict[str, float]]:
+        now = self._parameters.values_as_bytes, self._e
+        last = self._last_told
+        if last is None or last[0] != now[0] or last[1] is not now[1]:
+            self._last_told = last = *now, repr(self), dict(self._parameters)
+        return last[2:]
 
     def partials(self, model: Model) -> Partials:
         """Give the function of the derivatives, compiled when it is first asked for.

@@ -1,0 +1,58 @@
+//! How small the numbers of an affine problem are: whether an absolute tolerance means something.
+
+use numpy::{PyReadonlyArray1, PyReadonlyArray2, PyUntypedArrayMethods};
+use pyo3::prelude::*;
+
+use super::Bound1;
+
+/// The least size of the rows and unknowns of `F(x) = matrix x + q` on a box, from what moves them
+/// at the start, the point of the box nearest to `x0` (zero without one).
+///
+/// Of an unknown it is what balances a row, `max_i |F_i/M_ij|`, at most the width of the box, and
+/// at least its value; of a row its value and what those moves change. Infinite where the numbers
+/// of the problem are none, which the solver refuses.
+#[pyfunction]
+#[pyo3(signature = (matrix, q, lower, upper, x0))]
+pub(crate) fn least_size<'py>(
+    matrix: PyReadonlyArray2<'py, f64>,
+    q: PyReadonlyArray1<'py, f64>,
+    lower: Bound1<'py>,
+    upper: Bound1<'py>,
+    x0: Option<PyReadonlyArray1<'py, f64>>,
+) -> PyResult<f64> {
+    let (n, rows, q) = (matrix.shape()[0], matrix.as_slice()?, q.as_slice()?);
+    let (lower, upper) = (lower.to_vec(n), upper.to_vec(n));
+    let ordered = lower.iter().zip(&upper).all(|(low, high)| low <= high);
+    if !ordered || !rows.iter().chain(q).all(|it| it.is_finite()) {
+        return Ok(f64::INFINITY);
+    }
+    let start = x0.map_or_else(|| vec![0.0; n], |x0| x0.as_array().to_vec());
+    let bounds = lower.iter().zip(&upper);
+    let x: Vec<f64> = start.iter().zip(bounds).map(|(x, (l, u))| x.clamp(*l, *u)).collect();
+    if !x.iter().all(|it| it.is_finite()) {
+        return Ok(f64::INFINITY);
+    }
+    let mut moves = vec![0.0; n];
+    let mut values = Vec::with_capacity(n);
+    for (row, q) in rows.chunks_exact(n).zip(q) {
+        let product: f64 = row.iter().zip(&x).map(|(m, x)| m * x).sum();
+        let value = (product + q).abs();
+        for (to, m) in moves.iter_mut().zip(row) {
+            let moved = value / m.abs();
+            *to = if *m != 0.0 && moved > *to { moved } else { *to };
+        }
+        values.push(value);
+    }
+    let or_one = |size: f64| if size > 0.0 { size } else { 1.0 };
+    let widths = lower.iter().zip(&upper).map(|(low, high)| or_one(high - low));
+    let unknowns = moves.iter().zip(widths).zip(&x).map(|((moved, width), x)| {
+        let size = or_one(*moved).min(width);
+        size.max(x.abs())
+    });
+    let unknowns: Vec<f64> = unknowns.collect();
+    let changed = rows.chunks_exact(n).zip(values).map(|(row, value)| {
+        let moved = row.iter().zip(&unknowns).map(|(m, size)| m.abs() * size.min(1.0));
+        or_one(moved.fold(value, f64::max))
+    });
+    Ok(changed.chain(unknowns.iter().copied()).fold(f64::INFINITY, f64::min))
+}
