@@ -19,7 +19,8 @@ import numpy as np
 
 import zivi
 from zivi.orbits.flights import PRECISE
-from zivi.orbits.sequence import equations
+from zivi.orbits.mechanical.equations import evaluate
+from zivi.orbits.sequence import as_word
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 
@@ -73,7 +74,7 @@ def cost(oscillator: Oscillator, u: float) -> tuple[int, int]:
     system = zivi.ImpactSystem(counted, e=oscillator.e)
     orbit = zivi.periodic_orbit(system, [(t, u)], 1, period=oscillator.period)
     counter.calls = 0
-    equations(system, orbit._frame, orbit._y)
+    evaluate(*as_word(system, orbit._frame, orbit._y))
     step, counter.calls = counter.calls, 0
     middle = t + 0.5 * oscillator.period
     state = orbit.trajectory(middle)

@@ -10,7 +10,8 @@ import numpy as np
 import zivi
 from oscillator import Oscillator
 from zivi.orbits.flights import PRECISE
-from zivi.orbits.sequence import Frame, equations
+from zivi.orbits.mechanical.equations import Terms, evaluate
+from zivi.orbits.sequence import Frame, as_word
 
 TURN = 2 * math.pi
 MODES = Oscillator(0.05, 0.9, 0.8)
@@ -31,5 +32,6 @@ def single(amplitude: float = 1.3, e: float = 0.5) -> np.ndarray:
     return np.array([[math.acos(cosine), TURN * e / (1 + e)]])
 
 
-def residual(system: zivi.ImpactSystem, own: Frame, y: np.ndarray) -> np.ndarray:
-    return equations(system, own, y).residual
+def equations(system: zivi.ImpactSystem, own: Frame, y: np.ndarray) -> Terms:
+    """The equations of a sequence."""
+    return evaluate(*as_word(system, own, y))

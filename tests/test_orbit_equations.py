@@ -8,23 +8,20 @@ import numpy as np
 import pytest
 
 import zivi
-from orbit_tables import MODES, TURN, frame, residual, single, table
+from orbit_tables import MODES, TURN, equations, frame, single, table
+from zivi.orbits.find import depth_of
 from zivi.orbits.flights import PRECISE, FlightError, fly, period_of
-from zivi.orbits.sequence import Frame, canonical, equations, newton, size_of
+from zivi.orbits.mechanical.by_parameter import by_parameter, moved_frame
+from zivi.orbits.mechanical.equations import evaluate, newton, row_sizes, sizes_of
+from zivi.orbits.mechanical.find import canonical
+from zivi.orbits.mechanical.multipliers import multipliers_of
+from zivi.orbits.sequence import Frame, as_rows, as_word
 
 
 def test_periods_and_lengths():
     assert frame().period_of(table(omega=2.0)) == pytest.approx(math.pi)
     assert Frame(1, 3.0, PRECISE).period_of(table()) == 3.0
     assert frame(3).length(table(), single()) == pytest.approx(3 * TURN)
-    assert frame().period_by(table(omega=2.0), "omega") == pytest.approx(-TURN / 4)
-    for own, name in (
-        (frame(), "amplitude"),
-        (frame(), None),
-        (frame(free=True), "omega"),
-        (Frame(1, 3.0, PRECISE), "omega"),
-    ):
-        assert own.period_by(table(omega=2.0), name) == 0.0
     assert period_of(table(omega=4.0), None) == pytest.approx(TURN / 4)
     assert period_of(table(), 2.5) == 2.5
     for bad in (0.0, -1.0, math.inf):
@@ -64,39 +61,79 @@ CASES = {
 
 @pytest.mark.parametrize("name", CASES)
 def test_jacobians_are_those_of_differences(name):
-    system, own, y = CASES[name]
-    at, h = equations(system, own, y), 1e-5
-    columns = []
-    for i in range(y.size):
-        step = (np.arange(y.size) == i).reshape(y.shape) * h
-        columns.append(
-            (residual(system, own, y + step) - residual(system, own, y - step)) / (2 * h)
-        )
-    np.testing.assert_allclose(at.jacobian, np.array(columns).T, rtol=1e-6, atol=1e-7)
-    assert not at.by.any()
+    system, own, rows = CASES[name]
+    word, y = as_word(system, own, rows)
+    terms, h, columns = evaluate(word, y), 1e-5, []
+    for step in h * np.eye(len(y)):
+        ends = [evaluate(word, y + side * step).residual for side in (1, -1)]
+        columns.append((ends[0] - ends[1]) / (2 * h))
+    np.testing.assert_allclose(terms.matrix(), np.array(columns).T, rtol=1e-6, atol=1e-7)
     names = {"wall": ["wall.omega", "wall.amplitude", "e"]}.get(name, ["damping", "e", "gravity"])
     if "free" not in name and name != "wall":
         names += ["omega", "phase", "amplitude"]
-    from zivi.system.parameters import parameter, with_value
+    from zivi.system.parameters import parameter
 
     for q in names:
         value = parameter(system, q)
-        ends = [residual(with_value(system, q, value + s * h), own, y) for s in (1, -1)]
-        by = equations(system, own, y, q).by
+        frames = [moved_frame(word, {q: value + side * h}) for side in (1, -1)]
+        ends = [evaluate(it, y).residual for it in frames]
+        by = by_parameter(word, y, q)
         np.testing.assert_allclose(by, (ends[0] - ends[1]) / (2 * h), rtol=1e-5, atol=1e-6)
+
+
+@pytest.mark.parametrize("name", CASES)
+@pytest.mark.parametrize("factor", [1.0, -1.0])
+def test_curvatures_are_those_of_differences(name, factor):
+    system, own, rows = CASES[name]
+    word, y = as_word(system, own, rows)
+    (w, v), h, found = np.random.default_rng(3).normal(size=(2, len(y))), 1e-5, []
+    for step in h * np.eye(len(y)):
+        ends = [evaluate(word, y + side * step).matrix(factor) for side in (1, -1)]
+        found.append(w @ (ends[0] - ends[1]) @ v / (2 * h))
+    exact = evaluate(word, y).curvature(factor, w, v)
+    np.testing.assert_allclose(exact, found, rtol=1e-5, atol=1e-5)
+
+
+def test_a_word_is_the_sequence_that_it_was_made_of():
+    for name, (system, own, rows) in CASES.items():
+        terms = equations(system, own, rows)
+        again = as_rows(terms)
+        if name == "free flight":
+            again[0] = terms.x[0, 1]
+        np.testing.assert_allclose(again, rows, rtol=1e-12, err_msg=name)
+
+
+@pytest.mark.parametrize("name", ["amplitude", "e", "omega", "damping"])
+@pytest.mark.parametrize("kind", ["impacts", "flight"])
+def test_the_derivative_of_an_orbit_is_that_of_differences(name, kind):
+    from zivi.system.parameters import parameter, with_value
+
+    amplitude = MODES.orbit(0.4)[1] if kind == "impacts" else 0.1
+    system = MODES.system(amplitude)
+    start = [(MODES.orbit(0.4)[0], 0.4)] if kind == "impacts" else (0.4, (1.2, 0.1))
+    orbit, h = zivi.periodic_orbit(system, start, 1), 1e-4
+    ends = []
+    for side in (1, -1):
+        moved = with_value(system, name, parameter(system, name) + side * h)
+        word, y = as_word(moved, orbit._frame, orbit._y)
+        ends.append(as_rows(newton(word, y).terms).ravel())
+    slope = (ends[0] - ends[1]) / (2 * h)
+    np.testing.assert_allclose(orbit.derivative(name), slope, rtol=2e-6, atol=1e-9)
 
 
 def test_residuals_of_the_equations():
     # two flights of a ball under gravity alone: x = u t - t^2/2
     force = zivi.LinearForce(gravity=1.0, amplitude=1e-12)
-    own, y = Frame(2, 4.0, PRECISE), np.array([[1.0, 2.0], [4.0, 3.0]])
-    at = equations(zivi.ImpactSystem(force, e=0.5), own, y)
-    # 3 s from 2 m/s: x = 1.5, v = -1; then 5 s from 3 m/s: x = 2.5, v = -2
-    np.testing.assert_allclose(at.residual, [1.5, 3 - 0.5, 2.5, 2 - 1.0], atol=1e-10)
-    np.testing.assert_allclose(at.legs.v, [-1, -2], atol=1e-10)
-    assert at.lowest[0] == np.inf
-    flight = equations(zivi.ImpactSystem(force, e=0.5), Frame(1, 4.0, PRECISE), np.array([1.0, 2]))
-    np.testing.assert_allclose(flight.residual, [0, -4], atol=1e-10)
+    ball = zivi.ImpactSystem(force, e=0.5)
+    own, rows = Frame(2, 4.0, PRECISE), np.array([[1.0, 2.0], [4.0, 3.0]])
+    terms = equations(ball, own, rows)
+    # 5 s from 3 m/s to the first: x = 2.5, v = -2; 3 s from 2 m/s: x = 1.5, v = -1; P = 3 u
+    np.testing.assert_allclose(terms.residual, [2.5, 6 - 3.0, 1.5, 9 - 1.5], atol=1e-10)
+    np.testing.assert_allclose(terms.rates, [-2, -1], atol=1e-10)
+    assert np.all(terms.flights.lows[:, 1] == np.inf)
+    flight = equations(ball, Frame(1, 4.0, PRECISE), np.array([1.0, 2]))
+    # from x = 1, v = 2 at 0 for 4 s: x = 1, v = -2
+    np.testing.assert_allclose(flight.residual, [0, 0, 0, 4], atol=1e-10)
     for bad in ([[4.0, 2.0], [1.0, 3.0]], [[math.nan, 1.0]]):
         with pytest.raises(FlightError):
             equations(table(), frame(2), np.array(bad))
@@ -105,34 +142,35 @@ def test_residuals_of_the_equations():
 def test_how_near_a_grazing_is():
     # impacts that the force pulls off: v^2/(2 a)
     t, u = single(1.6)[0]
-    at = equations(table(1.6), frame(), single(1.6))
+    terms = equations(table(1.6), frame(), single(1.6))
     a, v = -1 + 1.6 * math.sin(t), -u / 0.5
     assert a > 0
-    assert at.depth == pytest.approx(v * v / (2 * a))
+    assert depth_of(terms) == pytest.approx(v * v / (2 * a))
     pressed = equations(table(), frame(), np.array([[3.5, 2.0]]))
-    assert pressed.legs.last[0] < 0
-    assert pressed.depth == np.inf
+    assert pressed.flights.last[0, 1] < 0
+    assert depth_of(pressed) == np.inf
     t, amplitude = MODES.orbit(0.3)
-    at = equations(MODES.system(amplitude), frame(), np.array([[t, 0.3]]), minima=True)
+    terms = equations(MODES.system(amplitude), frame(), np.array([[t, 0.3]]))
     times = np.linspace(t, t + MODES.period, 4001)[1:-1]
     x = zivi.simulate(MODES.system(amplitude), (t, t + MODES.period), (0, 0.3), PRECISE)(times)[0]
     inside = np.flatnonzero((x[1:-1] < x[:-2]) & (x[1:-1] < x[2:])) + 1
     if len(inside):
-        assert at.lowest[0] == pytest.approx(x[inside].min(), abs=1e-5)
-    flight = equations(MODES.system(0.1), frame(), np.array([1.2, 0.1]), minima=True)
-    assert flight.depth == abs(flight.lowest[0])
+        assert terms.flights.lows[0, 1] == pytest.approx(x[inside].min(), abs=1e-5)
+    flight = equations(MODES.system(0.1), frame(), np.array([1.2, 0.1]))
+    assert depth_of(flight) == abs(flight.flights.lows[0, 1])
 
 
 def test_multipliers_at_a_grazing_are_infinite():
-    at = equations(table(), frame(), np.array([[single()[0, 0], 2.0]]))
-    at.legs.v[:] = 0.0
-    grazes = equations(table(), frame(), single())
-    object.__setattr__(grazes, "maps", [at.legs.map(0, 2.0, 0.5)])
-    np.testing.assert_array_equal(grazes.multipliers, [np.inf, 0])
-    # the product is from the first map on
-    a, b = np.array([[1.0, 2], [0, 1]]), np.array([[1.0, 0], [3, 1]])
-    object.__setattr__(grazes, "maps", [a, b])
-    np.testing.assert_array_equal(grazes.monodromy, b @ a)
+    terms = equations(table(), frame(), single())
+    terms.flights.z[:, 1] = 0.0
+    assert np.all(np.isinf(multipliers_of(terms)))
+    # of several impacts: the product of their maps, that of the first flight first
+    two = equations(table(), frame(2), np.array([[0.7, 2.0], [6.9, 2.3]]))
+    first, second = two.kernel.maps(two.flights)
+    np.testing.assert_allclose(two.return_map(), second @ first)
+    np.testing.assert_allclose(two.return_map(1), first @ second)
+    # of the same motion in segments
+    np.testing.assert_allclose(two.return_map(), two.segments.return_map(), rtol=1e-9, atol=1e-9)
 
 
 def test_the_map_of_an_impact():
@@ -151,56 +189,52 @@ def test_the_map_of_an_impact():
     np.testing.assert_allclose(legs.map(0, u, 0.5), np.array(columns).T, rtol=1e-6)
 
 
+def turned(rows: list[list[float]], multiple: int) -> np.ndarray:
+    """The rows of the same orbit from that of the smallest phase on, of a period of 4."""
+    force = zivi.LinearForce(gravity=1.0, amplitude=0.1, omega=TURN / 4)
+    terms = equations(zivi.ImpactSystem(force, e=0.5), frame(multiple), np.array(rows))
+    found = canonical(terms, multiple)
+    if np.array_equal(as_rows(found)[:, 0], as_rows(terms)[:, 0]):
+        assert found is terms
+    return as_rows(found)[:, 0]
+
+
 def test_orbits_begin_at_the_smallest_phase():
-    y = np.array([[0.5, 1.0], [3.0, 2.0]])
-    assert canonical(y, 4.0, 4.0) is y
-    np.testing.assert_array_equal(
-        canonical(np.array([[3.0, 2.0], [4.5, 1.0]]), 4.0, 4.0), [[0.5, 1], [3, 2]]
-    )
-    np.testing.assert_array_equal(
-        canonical(np.array([[7.0, 2.0], [8.5, 1.0]]), 4.0, 4.0), [[0.5, 1], [3, 2]]
-    )
+    assert turned([[0.5, 1.0], [3.0, 2.0]], 1) == pytest.approx([0.5, 3])
+    assert turned([[3.0, 2.0], [4.5, 1.0]], 1) == pytest.approx([0.5, 3])
+    assert turned([[7.0, 2.0], [8.5, 1.0]], 1) == pytest.approx([0.5, 3])
     # of two periods: the phase within one
-    np.testing.assert_array_equal(
-        canonical(np.array([[1.0, 2.0], [4.5, 1.0]]), 4.0, 8.0), [[0.5, 1], [5, 2]]
-    )
-    flight = np.array([9.0, 1.0])
-    assert canonical(flight, 4.0, 4.0) is flight
+    assert turned([[1.0, 2.0], [4.5, 1.0]], 2) == pytest.approx([0.5, 5])
 
 
 def test_sizes_of_residuals():
-    own, system = frame(), table()
-    at = equations(system, own, single())
-    time, speed = TURN / TURN, abs(at.legs.v[0])
-    np.testing.assert_allclose(size_of(system, own, at), [speed * time, speed])
-    two = equations(system, frame(2), np.array([[0.7, 2.0], [6.9, 2.3]]))
-    assert size_of(system, frame(2), two).shape == (4,)
-    assert size_of(system, frame(2), two)[1] == max(2.3, *abs(two.legs.v))
+    terms = equations(table(), frame(), single())
+    # a distance in a part 1/(2 pi) of the flight
+    speed = abs(terms.rates[0])
+    np.testing.assert_allclose(row_sizes(terms), [TURN, speed, speed, TURN])
+    np.testing.assert_allclose(sizes_of(terms)[0], [speed, TURN])
+    np.testing.assert_allclose(sizes_of(terms)[1], [speed, speed])
+    two = equations(table(), frame(2), np.array([[0.7, 2.0], [6.9, 2.3]]))
+    assert row_sizes(two)[2] == max(2.3, *abs(two.rates))
     # slow impacts: what the force gives in a part of the period
-    slow = equations(table(omega=0.5), own, np.array([[1.0, 1e-9]]))
-    object.__setattr__(slow.legs, "v", np.array([1e-9]))
-    pull = max(abs(slow.legs.first[0]), abs(slow.legs.last[0]))
-    np.testing.assert_allclose(size_of(table(omega=0.5), own, slow)[1], 0.1 * 2 * pull)
-    flight = equations(MODES.system(0.1), own, np.array([1.2, 0.1]))
-    time = 1 / 0.9
-    np.testing.assert_allclose(
-        size_of(MODES.system(0.1), own, flight), [1.2, 1.2 / time], rtol=1e-12
-    )
-    fast = equations(MODES.system(0.1), own, np.array([1.2, -50.0]))
-    assert size_of(MODES.system(0.1), own, fast)[1] == 50.0
+    slow = equations(table(omega=0.5), frame(), np.array([[1.0, 1e-9]]))
+    slow.flights.z[:, 1] = 1e-9
+    pull = max(abs(slow.flights.first[0, 1]), abs(slow.flights.last[0, 1]))
+    assert row_sizes(slow)[2] == pytest.approx(0.1 * 2 * pull)
 
 
 def test_newtons_iteration():
-    found = newton(table(), frame(), single() * 1.03)
+    word, y = as_word(table(), frame(), single() * 1.03)
+    found = newton(word, y)
     assert found.converged
     assert found.iterations == len(found.trace) - 1 <= 6
     assert found.residual == found.trace[-1] < 2e-11
-    np.testing.assert_allclose(found.equations.y, single(), rtol=1e-11)
+    np.testing.assert_allclose(as_rows(found.terms), single(), rtol=1e-11)
     # it converges quadratically
     assert found.trace[3] < 10 * found.trace[2] ** 2 + 1e-13
-    short = newton(table(), frame(), single() * 1.03, 1)
+    short = newton(word, y, 1)
     assert (short.converged, short.iterations) == (False, 1)
-    assert newton(table(), frame(), single()).iterations == 0
-    none = newton(table(0.9), frame(), single())
+    assert newton(*as_word(table(), frame(), single())).iterations == 0
+    none = newton(*as_word(table(0.9), frame(), single()))
     assert not none.converged
     assert none.residual > 1e-6

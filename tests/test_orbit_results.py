@@ -9,10 +9,10 @@ import pytest
 
 import zivi
 from zivi.orbits import attractor
-from zivi.orbits.curve import Curve
 from zivi.orbits.flights import PRECISE
+from zivi.orbits.mechanical.path import Path
 from zivi.orbits.rest import resting_orbit
-from zivi.orbits.sequence import Frame
+from zivi.orbits.sequence import Frame, as_word
 
 TURN = 2 * math.pi
 STATUS = zivi.OrbitStatus
@@ -349,8 +349,12 @@ def test_steps_are_shorter_for_orbits_of_many_periods(multiple):
     orbit = zivi.periodic_orbit(table(amplitude), run)
     assert orbit.multiple == multiple
     branch = zivi.continue_orbit(orbit, "amplitude", (1.25, 1.75), step=0.03, max_points=4)
-    curve = Curve(orbit.system, orbit._frame, "amplitude", orbit._y, 0.5)
-    z = [curve.scaled(it._y, value) for it, value in zip(branch.orbits, branch.values, strict=True)]
+    y = as_word(orbit.system, orbit._frame, orbit._y)
+    path = Path(y[0], "amplitude", y[1], 0.5)
+    z = [
+        path.scaled(as_word(it.system, it._frame, it._y)[1], value)
+        for it, value in zip(branch.orbits, branch.values, strict=True)
+    ]
     first = int(np.flatnonzero(branch.values == amplitude)[0])
     beside = np.linalg.norm(z[first] - z[first + (1 if first == 0 else -1)])
     assert beside == pytest.approx(0.03 / 3 ** math.log2(multiple), rel=0.02)

@@ -11,7 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from zivi.base.check import Array
-from zivi.orbits.least_period import least_rows
+from zivi.orbits.flights import PRECISE, FlightError
+from zivi.orbits.mechanical.equations import newton
+from zivi.orbits.mechanical.find import NEAR, least
+from zivi.orbits.sequence import Frame, as_rows, as_word
 from zivi.simulation.batch import simulate_batch
 from zivi.simulation.methods import SwitchedRK
 from zivi.simulation.run import simulate
@@ -20,6 +23,8 @@ from zivi.system.mass import ImpactSystem
 __all__ = ["Attractor", "Settled", "between", "classify", "quiet", "settle", "settle_one"]
 
 TOLERANCE = 1e-5
+MOST_STEPS = 60
+"""Of Newton's iteration near a period doubling."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -121,6 +126,29 @@ def classify(
             phases = np.column_stack([now[:, 0] / period % 1.0, now[:, 1]])
             return Attractor("impacting", least, phases[np.argsort(phases[:, 0])])
     return Attractor("irregular", 0, none)
+
+
+def least_rows(
+    system: ImpactSystem, period: float, rows: Array, multiple: int
+) -> tuple[int, Array]:
+    """Give the least multiple of the period, and its impacts, of what a run seems to repeat."""
+    divisors = [p for p in range(2, len(rows) + 1) if len(rows) % p == multiple % p == 0]
+    if all(_apart(rows, period, multiple, parts) > NEAR for parts in divisors):
+        return multiple, rows
+    word, y = as_word(system, Frame(multiple, period, PRECISE), rows)
+    try:
+        _, fewer, found = least(word, multiple, y, newton(word, y), MOST_STEPS)
+    except FlightError:
+        return multiple, rows
+    return (multiple, rows) if fewer == multiple else (fewer, as_rows(found.terms))
+
+
+def _apart(rows: Array, period: float, multiple: int, parts: int) -> float:
+    """Give how far equal parts differ, relative to the period and the fastest impact."""
+    starts = multiple * period / parts * np.arange(parts)
+    split = rows.reshape(parts, -1, 2) - np.stack([starts, 0.0 * starts], axis=1)[:, None]
+    time, speed = np.max(np.ptp(split, axis=0), axis=0)
+    return max(float(time) / period, float(speed) / (float(np.max(np.abs(rows[:, 1]))) or 1.0))
 
 
 def _rested(settled: Settled, period: float, none: Array) -> Attractor:

@@ -37,7 +37,8 @@ class BranchEvent(NamedTuple):
     kind : str
         ``fold``, ``period_doubling``, ``grazing`` (an impact dies), ``interior_impact`` (a new
         one), ``end_of_rest`` (the time at rest vanishes), ``end_of_liftoff``, ``rest_appears``
-        (near a new impact they become infinitely many, and the orbit rests).
+        (near a new impact they become infinitely many, and the orbit rests), ``neimark_sacker``
+        (a pair of multipliers passes the unit circle).
     value : float
         The parameter.
     orbit : PeriodicOrbit
@@ -64,8 +65,9 @@ class Branch(along.OrbitsAlong[BranchEvent]):
     events : list of BranchEvent
         Folds, period doublings, grazings, the end of rest, in the order of the arc.
     status : OrbitStatus
-        Why the arc ends: ``RANGE_END``, ``LEFT_ADMISSIBLE``, ``MAX_POINTS``, ``NOT_CONVERGED``; of
-        its two ends the one that needs more attention.
+        Why the arc ends: ``COMPLETED`` (where a doubled orbit begins), ``RANGE_END``, ``CLOSED``
+        (it came back to itself), ``LEFT_ADMISSIBLE``, ``MAX_POINTS``, ``NOT_CONVERGED``; of its two
+        ends the one that needs more attention.
     message : str
         What happened.
     n_flights : int

@@ -2,20 +2,24 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable
 from typing import Any, Literal, overload
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from zivi.base.check import Array, integer
 from zivi.base.habits import hinted
 from zivi.derivatives.sensitivity import OrbitStatus
 from zivi.orbits.flights import PRECISE, FlightError, period_of
-from zivi.orbits.least_period import least_period
+from zivi.orbits.mechanical.equations import Terms, newton, row_sizes
+from zivi.orbits.mechanical.find import canonical, least
+from zivi.orbits.mechanical.margins import Margins
+from zivi.orbits.mechanical.multipliers import multipliers_of
 from zivi.orbits.mechanical.orbit import MechanicalOrbit
 from zivi.orbits.orbit import ORBIT_IMPACT, PeriodicOrbit
-from zivi.orbits.sequence import Equations, Frame, canonical, equations, newton
+from zivi.orbits.sequence import Frame, as_rows, as_word
 from zivi.simulation.methods import SwitchedRK
 from zivi.simulation.run import simulate
 from zivi.system.mass import ImpactSystem
@@ -23,6 +27,14 @@ from zivi.system.mechanism import MechanicalSystem
 from zivi.system.parameters import check_newton, excitation
 
 __all__ = ["periodic_orbit"]
+
+WHY_NOT = {
+    "grazing": "The impact at t = {t:.9g} s would leave the wall at {u:.3g} m/s < 0.",
+    "rest_appears": "After the plastic impact at t = {t:.9g} s the force holds the mass at the "
+    "wall.",
+    "interior_impact": "The flight goes behind the wall, to {value:.3g} m at t = {t:.9g} s.",
+}
+"""What is there of no motion, the impacts first: one that dies hides what is behind the wall."""
 
 
 @overload
@@ -165,103 +177,124 @@ def is_free(system: ImpactSystem, period: float | str | None, multiple: int | No
 def solve(system: ImpactSystem, frame: Frame, y: Array, max_iter: int = 20) -> PeriodicOrbit:
     """Solve for an orbit from a guess of its unknowns, and look whether it is a motion."""
     try:
-        found = newton(system, frame, y, max_iter)
+        word, guess = as_word(system, frame, y)
+        found = newton(word, guess, max_iter)
         steps = found.iterations
-        frame, found = least_period(system, frame, y, found, max_iter)
-        at = equations(system, frame, found.equations.y, minima=True)
+        word, multiple, found = least(word, frame.multiple, guess, found, max_iter)
     except FlightError as error:
         return _failed(system, frame, y, f"A flight could not be computed: {error}")
+    terms, frame = found.terms, dataclasses.replace(frame, multiple=multiple)
     if not found.converged:
         message = (
             f"Newton's iteration did not converge in {steps} steps: the residual is "
-            f"{found.residual:.3g}, the nearest grazing {at.depth:.3g} m away."
+            f"{found.residual:.3g}, the nearest grazing {depth_of(terms):.3g} m away."
         )
         status = OrbitStatus.NOT_CONVERGED
-        return orbit_of(system, frame, at, found.residual, steps, status, message)
-    if not frame.free:
-        period = frame.period_of(system)
-        turned = canonical(at.y, period, frame.multiple * period)
-        if turned is not at.y:
-            at = equations(system, frame, turned, minima=True)
-    return checked(system, frame, at, found.residual, steps)
+        return orbit_of(frame, terms, found.residual, steps, status, message)
+    if not frame.free and y.ndim == 2:
+        terms = canonical(terms, multiple)
+    return checked(frame, terms, found.residual, steps)
 
 
 def orbit_of(
-    system: ImpactSystem,
     frame: Frame,
-    at: Equations,
+    terms: Terms,
     residual: float,
     iterations: int,
     status: OrbitStatus,
     message: str,
+    multipliers: NDArray[np.complex128] | None = None,
 ) -> PeriodicOrbit:
     """Make the orbit that the equations describe."""
-    impacts = np.empty(len(at.y) if at.y.ndim == 2 else 0, ORBIT_IMPACT)
-    if at.y.ndim == 2:
-        impacts["t"], impacts["u"] = frame.listed(at.y).T
+    y, word = as_rows(terms), terms.frame
+    hits, free = y.ndim == 2, word.free
+    period = terms.length / frame.multiple
+    frame = dataclasses.replace(
+        frame,
+        period=None if frame.period is None else period,
+        start=frame.start if hits or free else float(terms.x[0, 0]),
+    )
+    impacts = np.empty(len(y) if hits else 0, ORBIT_IMPACT)
+    if hits:
+        impacts["t"], impacts["u"] = frame.listed(y).T
         impacts["xdot_after"] = impacts["u"]
-        impacts["xdot_before"] = np.roll(at.legs.v, 1)
+        impacts["xdot_before"] = np.roll(terms.rates, 1) if free else terms.rates
+    if multipliers is None:
+        multipliers = multipliers_of(terms)
+    if not np.all(np.isfinite(multipliers)):
+        multipliers = np.array([np.inf, 0.0], np.complex128)
+    elif free:
+        multipliers = np.append(multipliers, 1.0)
     return PeriodicOrbit(
-        system=system,
-        kind="impacting" if at.y.ndim == 2 else "flight",
-        period=frame.length(system, at.y) / frame.multiple,
+        system=word.system,
+        kind="impacting" if hits else "flight",
+        period=period,
         multiple=frame.multiple,
         impacts=impacts,
-        multipliers=at.multipliers,
+        multipliers=multipliers,
         residual=residual,
         iterations=iterations,
-        depth=at.depth,
+        depth=depth_of(terms),
         admissible=status is OrbitStatus.COMPLETED,
         status=status,
         message=message,
         _frame=frame,
-        _y=at.y,
+        _y=y,
     )
 
 
-def why_not(system: ImpactSystem, at: Equations) -> str | None:
+def depth_of(terms: Terms) -> float:
+    """Give how high, or deep, the nearest grazing is (m); a force that presses hides none."""
+    assert terms.flights.lows is not None
+    lowest = float(np.min(np.abs(terms.flights.lows[:, 1])))
+    if terms.frame.word[0].kind == "P":
+        return lowest
+    v, pull = terms.flights.z[:, 1], terms.flights.last[:, 1]
+    pulled = pull > 0.0
+    return min(lowest, float(np.min(v[pulled] ** 2 / (2.0 * pull[pulled]), initial=np.inf)))
+
+
+def why_not(margins: Margins, rounding: float = 1e-11) -> str | None:
     """Say why unknowns that solve the equations are no motion; None if they may be one."""
-    rounding = 1e-12 * max(1.0, float(np.max(np.abs(at.y))))
-    if at.y.ndim == 2 and np.any(at.y[:, 1] < -rounding):
-        t, u = at.y[int(np.argmin(at.y[:, 1]))]
-        return f"The impact at t = {t:.9g} s would leave the wall at {u:.3g} m/s < 0."
-    if at.y.ndim == 2 and system.e == 0.0 and np.any(at.legs.first < 0.0):
-        t = at.y[int(np.argmin(at.legs.first)), 0]
-        return f"After the plastic impact at t = {t:.9g} s the force holds the mass at the wall."
-    x, t = at.lowest
-    if x < -rounding:
-        return f"The flight goes behind the wall, to {x:.3g} m at t = {t:.9g} s."
+    terms, lows = margins.terms, [it for it in margins.lows if it.value < 0.0]
+    if not lows:
+        return None
+    # where the only impact grazes the speeds there are rounding
+    sizes = {"grazing": float(row_sizes(terms)[2])}
+    out = [it for it in lows if it.value < -rounding * sizes.get(it.kind, it.size)]
+    for kind, why in WHY_NOT.items():
+        if own := [it for it in out if it.kind == kind]:
+            low = min(own, key=lambda it: it.value)
+            u = float(terms.frame.flow.e[0]) * low.value
+            return why.format(t=low.t, value=low.value, u=u)
     return None
 
 
-def checked(
-    system: ImpactSystem, frame: Frame, at: Equations, residual: float, iterations: int
-) -> PeriodicOrbit:
+def checked(frame: Frame, terms: Terms, residual: float, iterations: int) -> PeriodicOrbit:
     """Look whether an orbit is a motion: its signs, and one simulation of it."""
-    why = why_not(system, at)
-    if why is None:
-        why = _not_followed(system, frame, at)
-    status = OrbitStatus.COMPLETED if why is None else OrbitStatus.LEFT_ADMISSIBLE
+    done, left = OrbitStatus.COMPLETED, OrbitStatus.LEFT_ADMISSIBLE
+    why = why_not(Margins(terms))
     message = why or "The orbit was found, and a simulation follows it."
-    return orbit_of(system, frame, at, residual, iterations, status, message)
+    orbit = orbit_of(frame, terms, residual, iterations, left if why else done, message)
+    why = None if why else _not_followed(orbit)
+    if why is None:
+        return orbit
+    return dataclasses.replace(orbit, admissible=False, status=left, message=why)
 
 
-def _not_followed(system: ImpactSystem, frame: Frame, at: Equations) -> str | None:
+def _not_followed(orbit: PeriodicOrbit) -> str | None:
     """Say where a simulation from the first impact leaves the orbit; None if it does not."""
-    length = frame.length(system, at.y)
-    flies = at.y.ndim == 1
-    t, x, xdot, _ = frame.rows(system, at.y)[0]
-    state = (x, xdot if flies else max(xdot, 0.0))  # rounding of a plastic impact
-    run = simulate(system, (t, t + length), state, frame.method, dense_output=False)
-    impacts = run.resolved_impacts
-    k = 0 if flies else len(at.y) - 1
+    length, method = orbit.multiple * orbit.period, orbit._frame.method
+    t, state = orbit._beginning()
+    run = simulate(orbit.system, (t, t + length), state, method, dense_output=False)
+    impacts, listed = run.resolved_impacts, orbit.impacts["t"][1:]
     # the impact that ends the period may lie on either side of its end
     seen = impacts[impacts["t"] < t + length * (1.0 - 1e-6)]
-    if len(seen) != k:
-        return f"A simulation has {len(seen)} impacts within the period, the orbit {k}."
-    growth = max(1.0, float(np.max(np.abs(at.monodromy))))
-    near = 1e5 * frame.method.rtol * growth
-    if k and np.max(np.abs(seen["t"] - at.y[1:, 0])) > near * length:
+    if len(seen) != len(listed):
+        return f"A simulation has {len(seen)} impacts within the period, the orbit {len(listed)}."
+    growth = max(1.0, float(np.max(np.abs(orbit.multipliers))))
+    near = 1e5 * method.rtol * growth
+    if len(listed) and np.max(np.abs(seen["t"] - listed)) > near * length:
         return "A simulation has its impacts at other times than the orbit."
     return None
 

@@ -15,7 +15,7 @@ from zivi.simulation.methods import SwitchedRK
 from zivi.system.mass import ImpactSystem
 from zivi.system.parameters import codes_of, excitation, parameter
 
-__all__ = ["PRECISE", "FlightError", "Legs", "fly", "period_of"]
+__all__ = ["PRECISE", "FlightError", "Legs", "flown", "fly", "period_of"]
 
 PRECISE = SwitchedRK(rtol=1e-12, atol=1e-13)
 """The tolerances of orbits, unless others are given."""
@@ -70,6 +70,16 @@ def fly(
 
     `name` is a parameter of the force or the wall to differentiate by.
     """
+    ends, columns = flown(system, starts, name, minima=minima, method=method)
+    x, v, first, last, t_low, x_low = ends.T
+    by = columns[:, :, 2:].reshape(len(ends), -1)
+    return Legs(x, v, first, last, t_low, x_low, columns[:, :, :2], by)
+
+
+def flown(
+    system: ImpactSystem, starts: Array, name: str | None, *, minima: bool, method: SwitchedRK
+) -> tuple[Array, Array]:
+    """Give rows of what `Legs` names, and the derivatives of the ends, of shape (k, 2, 2 or 3)."""
     by = [] if name in (None, "e") else codes_of(system, (str(name),))
     sizes = [1.0, 1.0] + [abs(parameter(system, str(name))) or 1.0 for _ in by]
     rows = np.ascontiguousarray(starts, dtype=np.float64).reshape(-1, 4)
@@ -83,18 +93,7 @@ def fly(
         raise FlightError(Status(status))
     n = 2 + len(by)
     table = numbers.reshape(len(rows), 6 + 2 * n)
-    columns = table[:, 6:].reshape(len(rows), 2, n)
-    x, v, first, last, t_low, x_low = table[:, :6].T
-    return Legs(
-        x,
-        v,
-        first,
-        last,
-        t_low,
-        x_low,
-        columns[:, :, :2],
-        columns[:, :, 2:].reshape(len(rows), 2 * len(by)),
-    )
+    return table[:, :6], table[:, 6:].reshape(len(rows), 2, n)
 
 
 def period_of(system: ImpactSystem, period: float | str | None, *, or_free: bool = False) -> float:

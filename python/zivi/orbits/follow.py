@@ -12,21 +12,24 @@ import numpy as np
 from zivi.base.check import finite, integer
 from zivi.base.habits import hinted
 from zivi.derivatives.result import OrbitStatus
-from zivi.orbits.arc import Arc, Found
 from zivi.orbits.branch import MESSAGES, Branch, BranchEvent
-from zivi.orbits.curve import Curve, Point
 from zivi.orbits.find import orbit_of, why_not
+from zivi.orbits.mechanical.arc import Found, Way, single_doubling
 from zivi.orbits.mechanical.branch import MechanicalBranch
 from zivi.orbits.mechanical.family import value_of
-from zivi.orbits.mechanical.follow import follow
+from zivi.orbits.mechanical.follow import both_ways, follow, path_of
 from zivi.orbits.mechanical.orbit import MechanicalOrbit
+from zivi.orbits.mechanical.path import Point
 from zivi.orbits.orbit import PeriodicOrbit
 from zivi.orbits.rest_appears import rest_beyond
 from zivi.orbits.rest_branch import follow_rest
+from zivi.orbits.sequence import Frame, as_word, rows_along
 from zivi.simulation.run import pair
-from zivi.system.parameters import parameter
 
 __all__ = ["continue_orbit"]
+
+BEYOND = 3
+"""Points that are followed where an orbit is no motion any more."""
 
 
 @overload
@@ -105,10 +108,7 @@ def continue_orbit(
         raise TypeError(
             f"orbit must be a zivi.PeriodicOrbit or a zivi.MechanicalOrbit, got {orbit!r}"
         )
-    if isinstance(orbit, MechanicalOrbit):
-        value = value_of(orbit.system, name)
-    else:
-        value = parameter(orbit.system, name)
+    value = value_of(orbit.system, name)
     low, high = (finite("span", end) for end in pair("span", span, "(low, high)"))
     if not low <= value <= high or low == high:
         raise ValueError(f"span must contain {name} = {value} of the orbit, got ({low}, {high})")
@@ -129,76 +129,61 @@ def continue_orbit(
 def _follow(
     orbit: PeriodicOrbit, name: str, span: tuple[float, float], step: float, most: int
 ) -> Branch:
-    y, value = orbit._y, parameter(orbit.system, name)
-    curve = Curve(orbit.system, orbit._frame, name, y, span[1] - span[0])
-    start = curve.start(y, value)
-    if start is None:
-        raise ValueError("orbit: its flights cannot be computed")
+    word, y = as_word(orbit.system, orbit._frame, orbit._y)
+    path, start = path_of(word, name, y, span)
     step = step / 3.0 ** math.log2(orbit.multiple)
-    away = orbit._away
-    forward, backward = (start, dataclasses.replace(start, tangent=-start.tangent))
+    away, side = orbit._away, None
     if away is not None:
-        if start.tangent[:-1] @ (away.ravel() / curve.scale[:-1]) < 0.0:
-            forward, backward = backward, forward
-        arcs = [Arc(curve, forward, span, step, most).go()]
-        points, found = arcs[0].points, arcs[0].events
-    else:
-        first = Arc(curve, backward, span, step, most // 2).go()
-        second = Arc(curve, forward, span, step, most - len(first.points)).go()
-        arcs = [first, second]
-        points = first.points[:0:-1] + second.points
-        found = first.events[::-1] + second.events
-    # a start on the edge shows the same event to both sides
-    found = [it for i, it in enumerate(found) if i == 0 or not _same(it, found[i - 1])]
-    status = max((arc.status for arc in arcs), key=_weight)
-    orbits = [_orbit(curve, point) for point in points]
-    events = [_event(it, span) for it in found]
-    if away is None:
-        events = [*_rest(curve, arcs[0], span), *events]
-    events += _rest(curve, arcs[-1], span)
-    values = np.array([point.value for point in points])
-    return Branch(name, orbits, values, events, status, MESSAGES[status], curve.flights)
+        apart = rows_along(start.terms, (start.tangent * path.scale)[:-1]).reshape(away.shape)
+        side = float(np.sum(apart * away / np.max(np.abs(orbit._y), axis=0) ** 2))
+
+    def way(start: Point, most: int) -> Way:
+        return Way(path, start, span, step, most, through=False, beyond=BEYOND)
+
+    found = both_ways(way, start, most, most - most // 2, side)
+    (arc,) = found.arcs
+    orbits = [point_orbit(orbit._frame, point) for point in arc.points]
+    events = [_event(orbit._frame, name, it, span) for it in found.events]
+    behind, ahead = found.ways[-1], found.ways[0]
+    if len(found.ways) > 1:
+        events = [*_beyond(orbit._frame, name, behind, span), *events]
+    events += _beyond(orbit._frame, name, ahead, span)
+    values = np.array([point.value for point in arc.points])
+    status = found.status
+    if status is OrbitStatus.RETRACED:
+        status = OrbitStatus.COMPLETED
+    return Branch(name, orbits, values, events, status, MESSAGES[status], found.flights)
 
 
-def _event(found: Found, span: tuple[float, float]) -> BranchEvent:
+def _event(frame: Frame, name: str, found: Found, span: tuple[float, float]) -> BranchEvent:
     """Make an event: with the orbit there, or with the one that rests where rest appears."""
-    kind, point, curve = found
-    rests = rest_beyond(curve, point, span) if kind == "rest_appears" else None
-    orbit = _orbit(curve, point, here=True) if rests is None else rests[1]
-    return BranchEvent(kind, point.value, orbit)
+    orbit, value = point_orbit(frame, found.point, here=True), found.point.value
+    rests = rest_beyond(orbit, name, value, span) if found.kind == "rest_appears" else None
+    return BranchEvent(found.kind, value, orbit if rests is None else rests[1])
 
 
-def _rest(curve: Curve, arc: Arc, span: tuple[float, float]) -> list[BranchEvent]:
-    """Give where rest appears beyond the end of an arc, if it does."""
-    if arc.status is not OrbitStatus.LEFT_ADMISSIBLE or not arc.events:
+def _beyond(frame: Frame, name: str, way: Way, span: tuple[float, float]) -> list[BranchEvent]:
+    """Give what is at the end of a way: a rest that appears, a doubling of the single orbit."""
+    arc = way.arcs[-1]
+    if way.status is OrbitStatus.LEFT_ADMISSIBLE and arc.events:
+        last = arc.events[-1]
+        orbit = point_orbit(frame, last.point, here=True)
+        inserted = last.kind == "interior_impact"
+        found = rest_beyond(orbit, name, last.point.value, span) if inserted else None
+        return [] if found is None else [BranchEvent("rest_appears", *found)]
+    if way.status is not OrbitStatus.RETRACED:
         return []
-    last = arc.events[-1]
-    found = rest_beyond(curve, last.point, span) if last.kind == "interior_impact" else None
-    return [] if found is None else [BranchEvent("rest_appears", *found)]
+    single = single_doubling(arc.path, arc.points[-1])
+    if single is None or not span[0] <= single.value <= span[1]:
+        return []
+    half = frame if frame.free else dataclasses.replace(frame, multiple=frame.multiple // 2)
+    return [BranchEvent("period_doubling", single.value, point_orbit(half, single, here=True))]
 
 
-def _same(one: Found, other: Found) -> bool:
-    if one.kind != other.kind or one.curve is not other.curve:
-        return False
-    return float(np.max(np.abs(one.point.z - other.point.z))) < 1e-9
-
-
-def _weight(status: OrbitStatus) -> int:
-    order = (
-        OrbitStatus.COMPLETED,
-        OrbitStatus.RANGE_END,
-        OrbitStatus.LEFT_ADMISSIBLE,
-        OrbitStatus.MAX_POINTS,
-        OrbitStatus.NOT_CONVERGED,
-    )
-    return order.index(status)
-
-
-def _orbit(curve: Curve, point: Point, *, here: bool = False) -> PeriodicOrbit:
+def point_orbit(frame: Frame, point: Point, *, here: bool = False) -> PeriodicOrbit:
     """Give the orbit at a point; at an event (`here`) it is on the edge of being a motion."""
-    system = curve.system_at(point.value)
-    why = None if here else why_not(system, point.at)
+    why = None if here else why_not(point.margins)
     status = OrbitStatus.COMPLETED if why is None else OrbitStatus.LEFT_ADMISSIBLE
-    error = float(np.max(np.abs(point.at.residual / curve.sizes)))
     message = why or "A point of a branch."
-    return orbit_of(system, curve.frame, point.at, error, point.corrections, status, message)
+    error, steps = point.residual, point.corrections
+    return orbit_of(frame, point.terms, error, steps, status, message, point.multipliers)

@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from zivi.base.check import Array, MaybeNone, finite
 from zivi.base.table import Field, Table, Tabulated
 from zivi.derivatives.sensitivity import OrbitStatus, sensitivity
-from zivi.orbits.sequence import Frame, equations
+from zivi.orbits.mechanical.equations import evaluate
+from zivi.orbits.sequence import Frame, as_word, derivative
 from zivi.simulation.run import simulate
 from zivi.simulation.trajectory import Trajectory
 from zivi.system.mass import ImpactSystem
@@ -209,8 +210,8 @@ class PeriodicOrbit(Tabulated):
             s = self._sensitivity(name)
             lift = s.liftoff_times[:1, 0]
             return np.concatenate([s.zeno_times[-1:, 0], lift])
-        at = equations(self.system, self._frame, self._y, name)
-        return np.asarray(-np.linalg.solve(at.jacobian, at.by), np.float64)
+        terms = evaluate(*as_word(self.system, self._frame, self._y))
+        return derivative(terms, name).ravel()
 
     def _sensitivity(self, name: str) -> Any:
         """Differentiate a resting orbit, from the rest before its lift-off."""

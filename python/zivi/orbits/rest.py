@@ -16,7 +16,7 @@ from zivi.orbits.sequence import Frame
 from zivi.simulation.run import simulate
 from zivi.system.mass import ImpactSystem
 
-__all__ = ["chatter_exponent", "highest_pull", "resting_orbit", "rises"]
+__all__ = ["chatter_exponent", "force_at_rest", "highest_pull", "resting_orbit", "rises"]
 
 MOST_PERIODS = 32
 LOOKS = 256

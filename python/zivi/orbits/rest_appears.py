@@ -13,9 +13,8 @@ import dataclasses
 import numpy as np
 
 from zivi.base.check import Array
-from zivi.orbits.curve import Curve, Point
 from zivi.orbits.orbit import PeriodicOrbit
-from zivi.orbits.rest import resting_orbit
+from zivi.orbits.rest import force_at_rest, resting_orbit
 from zivi.orbits.rest_branch import Follower, ending
 from zivi.system.parameters import with_value
 
@@ -30,33 +29,34 @@ FIRST = 1e-4
 
 
 def rest_beyond(
-    curve: Curve, edge: Point, span: tuple[float, float]
+    edge: PeriodicOrbit, name: str, end: float, span: tuple[float, float]
 ) -> tuple[float, PeriodicOrbit] | None:
     """Give the parameter near the end of a branch at which rest appears, and the orbit there.
 
     `edge` is where the branch ends with one impact more; it may have turned before, so both sides
     are looked at. None where there is no such orbit near it.
     """
-    at = edge.at
-    if curve.frame.free or at.y.ndim != 2:
+    impacts, e = edge.impacts, edge.system.e
+    if edge._frame.free or not len(impacts):
         return None
-    speeds = -np.roll(at.legs.v, 1)
-    if curve.system.e > 0.0 and not _is_chain(speeds):
+    speeds = -impacts["xdot_before"]
+    if e > 0.0 and not _is_chain(speeds):
         return None
     # where the chain, or the one plastic impact that the force holds, is
-    slowest = int(np.argmin(speeds if curve.system.e > 0.0 else at.legs.first))
-    near = _Impacting(at.y[:, 0], speeds, float(at.y[slowest, 0]))
-    outside = {1.0: edge.value, -1.0: edge.value}
+    pulls = speeds if e > 0.0 else [force_at_rest(edge.system, float(t)) for t in impacts["t"]]
+    slowest = int(np.argmin(pulls))
+    near = _Impacting(impacts["t"], speeds, float(impacts["t"][slowest]))
+    outside = {1.0: end, -1.0: end}
     for look in range(LOOKS):
         for side in outside:
-            value = edge.value + side * FIRST * 2.0**look * (span[1] - span[0])
+            value = end + side * FIRST * 2.0**look * (span[1] - span[0])
             if not span[0] <= value <= span[1]:
                 continue
-            orbit = _resting(curve, near, value)
+            orbit = _resting(edge, name, near, value)
             if orbit is None:
                 outside[side] = value
                 continue
-            event = ending(Follower(orbit, curve.name), (value, orbit), outside[side])
+            event = ending(Follower(orbit, name), (value, orbit), outside[side])
             return (event.value, event.orbit) if event.kind == "end_of_rest" else None
     return None
 
@@ -82,10 +82,12 @@ def _is_chain(speeds: Array) -> bool:
     return int(np.argmin(np.append(falls, False))) >= CHAIN
 
 
-def _resting(curve: Curve, near: _Impacting, value: float) -> PeriodicOrbit | None:
+def _resting(
+    edge: PeriodicOrbit, name: str, near: _Impacting, value: float
+) -> PeriodicOrbit | None:
     """Give the resting orbit with the fastest impact of an impacting one."""
-    system = with_value(curve.system, curve.name, value)
-    frame = dataclasses.replace(curve.frame, start=0.0)
+    system = with_value(edge.system, name, value)
+    frame = dataclasses.replace(edge._frame, start=0.0)
     period, i = frame.period_of(system), int(np.argmax(near.speeds))
     phase = near.slowest - 0.125 * period
     orbit = resting_orbit(system, frame, phase, frame.multiple + 1)

@@ -1,15 +1,8 @@
-r"""Orbits as sequences of impacts: unknowns are their times and the speeds after them.
+"""Orbits of one mass as sequences of impacts, rows ``(t, u)``, and as words of the equations.
 
-With the flight from ``(t_i, 0, u_i)`` to ``t_j``, the last one to ``t_1 + m T``,
-
-.. math:: x(t_j) = 0, \qquad u_j + e\,\dot x(t_j) = 0.
-
-Every flight is a smooth problem of known length: nothing is searched for, and the equations are
-regular where an impact grazes and beyond (``u < 0``, which no motion has).
-
-Where nothing excites the system every shift of the times is an orbit too: the first impact is put
-at ``t = 0``, and the period `T` takes the place of its time among the unknowns. A motion without
-impacts starts at its highest point then, with the unknowns ``(x, T)`` instead of ``(x, xdot)``.
+Where nothing excites the system the first impact is put at ``t = 0``, and the period `T` takes the
+place of its time. A motion without impacts is ``(x, xdot)`` at a time, or ``(x, T)`` where it is
+highest.
 """
 
 from __future__ import annotations
@@ -18,28 +11,18 @@ import dataclasses
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from zivi.base.check import Array
-from zivi.base.status import Status
-from zivi.orbits.flights import FlightError, Legs, fly
+from zivi.orbits.mechanical.by_parameter import by_parameter
+from zivi.orbits.mechanical.equations import Terms
+from zivi.orbits.mechanical.frame import Frame as WordFrame
+from zivi.orbits.mechanical.mass_flow import MassFlow
+from zivi.orbits.mechanical.word import Segment
 from zivi.simulation.methods import SwitchedRK
 from zivi.system.mass import ImpactSystem
 from zivi.system.parameters import excitation
 
-__all__ = [
-    "Equations",
-    "Frame",
-    "Solution",
-    "canonical",
-    "equations",
-    "newton",
-    "size_of",
-    "unknowns_of",
-]
-
-MOST_STEPS = 20
-HALVINGS = 6
+__all__ = ["Frame", "as_rows", "as_word", "derivative", "rows_along", "unknowns_of"]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -63,13 +46,6 @@ class Frame:
         if omega is None:
             raise ValueError("period: the excitation has no single period")
         return 2.0 * math.pi / omega
-
-    def period_by(self, system: ImpactSystem, name: str | None) -> float:
-        """Give the derivative of the period by a parameter."""
-        omega, of = excitation(system)
-        if self.free or self.period is not None or omega is None or name is None or name != of:
-            return 0.0
-        return -2.0 * math.pi / omega**2
 
     def length(self, system: ImpactSystem, y: Array) -> float:
         """Give after how long an orbit repeats."""
@@ -107,176 +83,56 @@ def unknowns_of(rows: Array, length: float) -> Array:
     return np.asarray(y, np.float64)
 
 
-@dataclasses.dataclass(frozen=True)
-class Equations:
-    """The equations at some unknowns: an array of rows ``(t, u)``, or ``(x, xdot)`` in flight."""
-
-    y: Array
-    residual: Array
-    jacobian: Array
-    by: Array
-    """Derivative by the parameter, zero without one."""
-    legs: Legs
-    maps: list[Array]
-    """Derivatives of ``(t, u)`` at each impact by that before it."""
-
-    @property
-    def monodromy(self) -> Array:
-        """The derivative of the return map."""
-        product = np.eye(2)
-        with np.errstate(invalid="ignore"):
-            for each in self.maps:
-                product = each @ product
-        return product
-
-    @property
-    def multipliers(self) -> NDArray[np.complex128]:
-        """The eigenvalues of the monodromy; not finite at a grazing."""
-        monodromy = self.monodromy
-        if not np.all(np.isfinite(monodromy)):
-            return np.array([np.inf, 0.0], np.complex128)
-        return np.asarray(np.linalg.eigvals(monodromy), np.complex128)
-
-    @property
-    def lowest(self) -> tuple[float, float]:
-        """The lowest minimum in flight, and when."""
-        i = int(np.argmin(self.legs.x_low))
-        return float(self.legs.x_low[i]), float(self.legs.t_low[i])
-
-    @property
-    def depth(self) -> float:
-        """How high, or deep, the nearest grazing is (m)."""
-        pulled = self.legs.last > 0.0
-        heights = self.legs.v[pulled] ** 2 / (2.0 * self.legs.last[pulled])
-        impacts = float(np.min(heights, initial=np.inf)) if self.y.ndim == 2 else np.inf
-        return min(abs(self.lowest[0]), impacts)
+def as_word(system: ImpactSystem, frame: Frame, y: Array) -> tuple[WordFrame, Array]:
+    """Give the word of an orbit, and its unknowns."""
+    rows, length, method = frame.rows(system, y), frame.length(system, y), frame.method
+    hits = y.ndim == 2
+    segment = Segment((), "I", 0, ()) if hits else Segment((), "P", -1, ())
+    section: int | float = 0 if frame.free else float(rows[0, 3])
+    word = WordFrame(
+        system, MassFlow(system, method), (segment,) * len(rows), method, length, frame.free, None,
+        section,
+    )  # fmt: skip
+    if not hits or frame.free:
+        return word, word.joined(rows, length)
+    if system.e > 0.0:
+        return word, np.column_stack([(1.0 + system.e) / system.e * y[:, 1], y[:, 0]]).ravel()
+    # a segment of a word ends with its event: the first one begins with the last impact
+    rows = np.roll(rows, 1, axis=0)
+    rows[0, [0, 3]] -= length
+    return word, word.joined(rows, length)
 
 
-def equations(
-    system: ImpactSystem, frame: Frame, y: Array, name: str | None = None, minima: bool = False
-) -> Equations:
-    """Evaluate the equations and their derivatives."""
-    rows = frame.rows(system, y)
-    if np.any(rows[:, 3] <= rows[:, 0]) or not np.all(np.isfinite(rows)):
-        raise FlightError(Status.STEP_SIZE_TOO_SMALL)
-    legs = fly(system, rows, name, minima=minima, method=frame.method)
-    if y.ndim == 1:
-        return _of_flight(system, frame, y, legs, name)
-    k, e, u = len(y), system.e, y[:, 1]
-    residual = np.empty((k, 2))
-    jacobian, by = np.zeros((k, 2, k, 2)), np.zeros((k, 2))
-    scale = np.array([1.0, e])
-    for i in range(k):
-        j = (i + 1) % k
-        residual[i] = legs.x[i], u[j] + e * legs.v[i]
-        end = scale * [legs.v[i], legs.last[i]]
-        if i or not frame.free:
-            jacobian[i, :, i, 0] -= scale * (legs.phi[i] @ [u[i], legs.first[i]])
-        jacobian[i, :, i, 1] += scale * legs.phi[i][:, 1]
-        jacobian[i, :, j, 0] += end
-        jacobian[i, 1, j, 1] += 1.0
-        if name == "e":
-            by[i, 1] = legs.v[i]
-        elif name is not None:
-            by[i] = scale * legs.by[i]
-        if j == 0:
-            by[i] += end * frame.multiple * frame.period_by(system, name)
-    maps = [legs.map(i, u[i], e) for i in range(k)]
-    flat = jacobian.reshape(2 * k, 2 * k)
-    return Equations(y, residual.ravel(), flat, by.ravel(), legs, maps)
+def as_rows(terms: Terms) -> Array:
+    """Give the unknowns of a sequence, of a word."""
+    x, free = terms.x, terms.frame.free
+    if terms.frame.word[0].kind == "P":
+        return np.array([x[0, 1], terms.length]) if free else x[0, 1:3].copy()
+    if free:
+        return unknowns_of(x[:, [0, 2]], terms.length)
+    return np.column_stack([x[:, 3], np.roll(x[:, 2], -1)])
 
 
-def _of_flight(
-    system: ImpactSystem, frame: Frame, y: Array, legs: Legs, name: str | None
-) -> Equations:
-    """Evaluate ``P(z) - z`` of an orbit without impacts."""
-    by = np.zeros(2) if name in (None, "e") else legs.by[0].copy()
-    by += np.array([legs.v[0], legs.last[0]]) * frame.multiple * frame.period_by(system, name)
-    end = np.array([legs.x[0], legs.v[0]])
+def rows_along(terms: Terms, move: Array) -> Array:
+    """Give the change of the unknowns of a sequence with that of those of its word."""
+    frame = terms.frame
+    if frame.impulses is not None:
+        e = float(frame.flow.e[0])
+        return np.column_stack([move[1::2], e / (1.0 + e) * move[::2]])
+    rows = move.reshape(-1, 4)
+    if frame.word[0].kind == "I":
+        return rows[:, [0, 2]]
     if frame.free:
-        start, own = np.array([y[0], 0.0]), np.array([1.0, 0.0])
-        jacobian = np.column_stack([legs.phi[0][:, 0] - own, [legs.v[0], legs.last[0]]])
-        return Equations(y, end - start, jacobian, by, legs, [legs.phi[0]])
-    return Equations(y, end - y, legs.phi[0] - np.eye(2), by, legs, [legs.phi[0]])
+        return rows[0, [1, 0]]
+    # at the time at which it is looked at
+    return np.asarray(rows[0, 1:3] - rows[0, 0] * terms.flights.first[0], np.float64)
 
 
-@dataclasses.dataclass(frozen=True)
-class Solution:
-    """What Newton's iteration found."""
-
-    equations: Equations
-    iterations: int
-    residual: float
-    converged: bool
-    trace: list[float]
-    """The residual at each step."""
-
-
-def size_of(system: ImpactSystem, frame: Frame, at: Equations) -> Array:
-    """Give the sizes of the residuals: of a distance and a speed, alternating.
-
-    The speed is the largest of the motion. Near a grazing, and after plastic impacts, speeds at the
-    wall are small, not the motion: it is not less than a part of what the force gives.
-    """
-    y, legs = at.y, at.legs
-    time = frame.length(system, y) / frame.multiple / (2.0 * math.pi)
-    speed = 0.1 * time * float(np.max(np.abs([legs.first, legs.last])))
-    if y.ndim == 2:
-        speed = max(speed, float(np.max(np.abs([y[:, 1], legs.v]))))
-    else:
-        speed = max(speed, 0.0 if frame.free else abs(y[1]), abs(y[0]) / time)
-    return np.tile([speed * time, speed], max(1, y.size // 2))
-
-
-def newton(system: ImpactSystem, frame: Frame, y: Array, most: int = MOST_STEPS) -> Solution:
-    """Solve the equations for the unknowns, from a guess."""
-    now = equations(system, frame, y)
-    size = size_of(system, frame, now)
-    error = float(np.max(np.abs(now.residual / size)))
-    trace, tolerance = [error], 20.0 * max(frame.method.rtol, 1e-14)
-    for step in range(most):
-        if error <= tolerance:
-            return Solution(now, step, error, True, trace)
-        try:
-            move = np.asarray(-np.linalg.solve(now.jacobian, now.residual), np.float64)
-        except np.linalg.LinAlgError:
-            break
-        found = _damped(system, frame, now, move.reshape(y.shape), size, error)
-        if found is None:
-            break
-        now, error = found
-        trace.append(error)
-    return Solution(now, len(trace) - 1, error, error <= tolerance, trace)
-
-
-def _damped(
-    system: ImpactSystem, frame: Frame, now: Equations, move: Array, size: Array, error: float
-) -> tuple[Equations, float] | None:
-    """Go along a step as far as the residual does not grow much."""
-    part = 1.0
-    for _ in range(HALVINGS):
-        try:
-            there = equations(system, frame, now.y + part * move)
-        except FlightError:
-            part *= 0.5
-            continue
-        new = float(np.max(np.abs(there.residual / size)))
-        if new <= 2.0 * error or new < 1e-3:
-            return there, new
-        part *= 0.5
-    return None
-
-
-def canonical(y: Array, period: float, length: float) -> Array:
-    """Give the impacts from that of the smallest phase on, its time within the first period."""
-    if y.ndim == 1:
-        return y
-    phases = y[:, 0] % period
-    first = int(np.argmin(phases))
-    shift = phases[first] - y[first, 0]
-    turned = np.roll(y, -first, axis=0)
-    if first == 0 and shift == 0.0:
-        return y
-    times = turned[:, 0] + shift
-    times[len(y) - first :] += length
-    return np.column_stack([times, turned[:, 1]])
+def derivative(terms: Terms, name: str) -> Array:
+    """Give the derivative of the unknowns of a sequence by a parameter."""
+    frame = terms.frame
+    move: Array = -np.linalg.solve(terms.matrix(), by_parameter(frame, terms.y, name))
+    found = rows_along(terms, move)
+    if name == "e" and frame.impulses is not None:
+        found[:, 1] += terms.y[::2] / (1.0 + float(frame.flow.e[0])) ** 2
+    return found

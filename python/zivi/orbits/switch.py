@@ -9,13 +9,15 @@ import numpy as np
 from zivi.base.check import Array
 from zivi.derivatives.sensitivity import OrbitStatus
 from zivi.orbits.branch import Branch, BranchEvent
-from zivi.orbits.curve import Curve
 from zivi.orbits.find import checked, periodic_orbit, solve
 from zivi.orbits.flights import fly
 from zivi.orbits.free import apex
+from zivi.orbits.mechanical.equations import Frame as WordFrame, evaluate
+from zivi.orbits.mechanical.path import Path
+from zivi.orbits.mechanical.switch import doubled
 from zivi.orbits.orbit import PeriodicOrbit
 from zivi.orbits.rest_branch import Follower
-from zivi.orbits.sequence import Frame, equations
+from zivi.orbits.sequence import Frame, as_word, rows_along
 from zivi.simulation.run import simulate
 from zivi.system.parameters import with_value
 
@@ -31,6 +33,7 @@ DISTANCES = (1e-3, 6e-4, 3e-4, 1e-4, 3e-5, 1e-5, 3e-6)
 RETURNS = 12
 """Periods of the motion that are simulated there."""
 CLOSE = 1e-9
+NOT_CONVERGED = "Newton's iteration did not converge beside the event."
 
 
 def switched(branch: Branch, event: BranchEvent) -> PeriodicOrbit:
@@ -50,65 +53,57 @@ def switched(branch: Branch, event: BranchEvent) -> PeriodicOrbit:
 def _doubled(branch: Branch, event: BranchEvent) -> PeriodicOrbit:
     """Solve twice the sequence, moved along the eigenvector of the multiplier -1."""
     orbit = event.orbit
-    y, frame = orbit._y, orbit._frame
-    if len(y) < len(branch.orbits[0]._y):
+    if len(orbit._y) < len(branch.orbits[0]._y):
         return orbit  # the single orbit at which a doubled one begins
-    at = equations(orbit.system, frame, y)
-    values, vectors = np.linalg.eig(at.monodromy)
-    moved = [np.real(vectors[:, int(np.argmin(np.abs(values + 1.0)))])]
-    if y.ndim == 1:
+    if orbit._y.ndim == 1:
         raise ValueError("an orbit without impacts has no multiplier -1 to follow")
-    for each in at.maps[:-1]:
-        moved.append(each @ moved[-1])
-    half = np.array(moved)
-    length, rows = frame.length(orbit.system, y), frame.listed(y)
-    twice = np.vstack([rows, rows + np.array([length, 0.0])])
-    direction = np.vstack([half, -half])
-    if frame.free:
-        direction[:, 0] -= direction[0, 0]
-    new = dataclasses.replace(frame, multiple=1 if frame.free else 2 * frame.multiple)
-    return _at_amplitude(branch, event, new, new.unknowns(twice, 2.0 * length), direction)
+    word, y, direction = doubled(evaluate(*as_word(orbit.system, orbit._frame, orbit._y)))
+    frame = orbit._frame
+    frame = dataclasses.replace(frame, multiple=frame.multiple * (1 if frame.free else 2))
+    return _at_amplitude(branch, event, frame, word, y, direction)
 
 
 def _inserted(branch: Branch, event: BranchEvent) -> PeriodicOrbit:
     """Solve the sequence with the new impact, at a small speed."""
     orbit = event.orbit
-    frame, low = orbit._frame, equations(orbit.system, orbit._frame, orbit._y, minima=True).lowest
-    if orbit._y.ndim == 1:
-        rows, first = np.array([[low[1], 0.0]]), 0
-    else:
-        rows = np.vstack([frame.listed(orbit._y), [low[1], 0.0]])
-        order = np.argsort(rows[:, 0], kind="stable")
-        rows, first = rows[order], int(np.argmax(order == len(rows) - 1))
-    y = frame.unknowns(rows, frame.length(orbit.system, orbit._y))
-    direction = np.zeros_like(y)
-    direction[first, 1] = 1.0
-    return _at_amplitude(branch, event, frame, y, direction)
+    frame, terms = orbit._frame, evaluate(*as_word(orbit.system, orbit._frame, orbit._y))
+    assert terms.flights.lows is not None
+    t = float(terms.flights.lows[int(np.argmin(terms.flights.lows[:, 1])), 0])
+    rows = np.empty((0, 2)) if orbit.kind == "flight" else frame.listed(orbit._y)
+    if len(rows) and t < rows[0, 0]:
+        t += terms.length
+    rows = np.vstack([rows, [t, 0.0]])
+    order = np.argsort(rows[:, 0], kind="stable")
+    word, y = as_word(orbit.system, frame, frame.unknowns(rows[order], terms.length))
+    # the impulse of the new impact, or the speed with which the flight after it begins
+    direction, first = np.zeros(len(y)), int(np.argmax(order == len(rows) - 1))
+    direction[2 * first if word.impulses is not None else 4 * first + 2] = 1.0
+    return _at_amplitude(branch, event, frame, word, y, direction)
 
 
 def _at_amplitude(
-    branch: Branch, event: BranchEvent, frame: Frame, y: Array, direction: Array
+    branch: Branch, event: BranchEvent, frame: Frame, word: WordFrame, y: Array, direction: Array
 ) -> PeriodicOrbit:
     """Solve with the parameter free and so much of a direction."""
     width = float(np.ptp(branch.values)) or abs(event.value) or 1.0
-    curve = Curve(event.orbit.system, frame, branch.name, y, width)
-    normal = np.append(direction.ravel(), 0.0) / curve.scale
+    path = Path(word, branch.name, y, width)
+    normal = np.append(direction, 0.0) / path.scale
     normal /= np.linalg.norm(normal)
-    scaled = curve.scaled(y, event.value)
-    points = (curve.correct(scaled + amplitude * normal, normal) for amplitude in AMPLITUDES)
-    point = next((it for it in points if it is not None), None)
-    if point is None:
-        failed = OrbitStatus.NOT_CONVERGED
-        return dataclasses.replace(
-            event.orbit,
-            status=failed,
-            admissible=False,
-            message="Newton's iteration did not converge beside the event.",
-        )
-    system = curve.system_at(point.value)
-    error = float(np.max(np.abs(point.at.residual / curve.sizes)))
-    found = checked(system, frame, point.at, error, point.corrections)
-    return dataclasses.replace(found, _away=direction)
+    scaled = path.scaled(y, event.value)
+    found = None
+    for amplitude in AMPLITUDES:
+        point = path.correct(scaled + amplitude * normal, normal)
+        if point is None:
+            continue
+        orbit = checked(frame, point.terms, point.residual, point.corrections)
+        away = rows_along(point.terms, direction).reshape(orbit._y.shape)
+        found = dataclasses.replace(orbit, _away=away)
+        if found.success:
+            break
+    if found is not None:
+        return found
+    failed, message = OrbitStatus.NOT_CONVERGED, NOT_CONVERGED
+    return dataclasses.replace(event.orbit, status=failed, admissible=False, message=message)
 
 
 def _without(branch: Branch, event: BranchEvent) -> PeriodicOrbit:

@@ -10,23 +10,37 @@ import numpy as np
 
 from zivi.base.check import Array
 from zivi.derivatives.result import OrbitStatus
+from zivi.orbits.flights import FlightError
 from zivi.orbits.mechanical.crossing import crossed
+from zivi.orbits.mechanical.equations import row_sizes
 from zivi.orbits.mechanical.family import value_of
 from zivi.orbits.mechanical.margins import Low, Margins
-from zivi.orbits.mechanical.path import Path, Point, bordered, located, sigma
+from zivi.orbits.mechanical.path import (
+    Path,
+    Point,
+    bordered,
+    located,
+    located_near,
+    sigma,
+)
 from zivi.orbits.mechanical.reopening import reopened
 from zivi.orbits.mechanical.rest_appears import rest_beyond
 from zivi.orbits.mechanical.resting import end_of_rest, is_near
 from zivi.orbits.mechanical.word import Word
 
-__all__ = ["Arc", "Found", "Way"]
+__all__ = ["Arc", "Found", "Way", "single_doubling"]
 
 EDGE = 1e-10
 """How far below zero, relative to its size, what must be positive counts as zero."""
 PROBE = 1e-4
+HALVES_MEET = 1e-4
+"""Half differences that are less, relative to the motion, are those of a single orbit."""
+ROUNDING = 1e-9
 CIRCLE = 1e-6
 """How near the unit circle a located pair must be."""
 ALIGNED = 0.9
+BEGIN = ("grazing", "interior_impact", "end_of_rest")
+"""Events at which a branch may begin, to the side without a motion too."""
 SHORT = 0.01
 """The first step where a contact, or its end, lasts a short time, relative to the longest."""
 
@@ -60,8 +74,12 @@ class Way:
         most: int,
         *,
         through: bool,
+        beyond: int = 0,
     ) -> None:
         self.span, self.step, self.most, self.through = span, step, most, through
+        self.status = OrbitStatus.MAX_POINTS
+        self.beyond, self.out = beyond, 0
+        """How many points where the orbit is no motion any more, and those so far."""
         self.first, self.longest = start, 5.0 * step
         self.arcs = [Arc(path, [start])]
         self.count = 1
@@ -72,8 +90,9 @@ class Way:
         while self.count < self.most:
             status = self._advance()
             if status is not None:
-                return status
-        return OrbitStatus.MAX_POINTS
+                self.status = status
+                break
+        return self.status
 
     def _advance(self) -> OrbitStatus | None:
         arc = self.arcs[-1]
@@ -91,14 +110,16 @@ class Way:
             return OrbitStatus.NOT_CONVERGED
         if not self.span[0] <= new.value <= self.span[1]:
             return self._end_of_range(arc, last, new)
+        if self.out and self._is_out(last):
+            return self._beyond(arc, new)
         edge = self._edge(arc, last, new)
         if edge is not None:
-            return self._over(arc, last, edge)
+            return self._over(arc, last, edge, new)
+        if self._mirrored(last, new):
+            return OrbitStatus.RETRACED
         self._look(arc, last, new)
         arc.points.append(new)
         self.count += 1
-        if self._mirrored(last, new):
-            return OrbitStatus.RETRACED
         return OrbitStatus.CLOSED if self._closes(arc, last, new) else None
 
     def _next(self, path: Path, last: Point) -> Point | None:
@@ -125,13 +146,24 @@ class Way:
             return OrbitStatus.RANGE_END
         if point.tangent @ last.tangent < 0.0:
             point = dataclasses.replace(point, tangent=-point.tangent)
-        edge = self._edge(arc, last, point)
+        edge = None if self.out and self._is_out(last) else self._edge(arc, last, point)
         if edge is not None:
-            return self._over(arc, last, edge)
+            over = self._over(arc, last, edge, point)
+            return over or (OrbitStatus.RANGE_END if self.beyond else None)
         self._look(arc, last, point)
         arc.points.append(point)
         self.count += 1
         return OrbitStatus.RANGE_END
+
+    def _is_out(self, point: Point) -> bool:
+        return any(low.value < -EDGE * low.size for low in point.margins.lows)
+
+    def _beyond(self, arc: Arc, new: Point) -> OrbitStatus | None:
+        """Note a point beyond an event, as far as such points are followed."""
+        arc.points.append(new)
+        self.count += 1
+        self.out += self._is_out(new)
+        return OrbitStatus.LEFT_ADMISSIBLE if self.out >= self.beyond else None
 
     def _edge(self, arc: Arc, last: Point, new: Point) -> Found | None:
         """Find the first event between two points beyond which the orbit is no motion."""
@@ -143,7 +175,7 @@ class Way:
             test = _watched(low, arc.path.frame.word)
             if test(last) <= EDGE * low.size:
                 # it begins on the edge: two lows of one minimum, or a start at an event
-                if low.kind in ("grazing", "end_of_rest") and len(arc.points) == 1:
+                if low.kind in BEGIN and len(arc.points) == 1:
                     found.append((0.0, Found(low.kind, last, low)))
                 continue
             point = located(arc.path, last, new, test)
@@ -153,9 +185,12 @@ class Way:
             found.append((float((point.z - last.z) @ chord), Found(low.kind, point, low)))
         return min(found, key=lambda it: it[0])[1] if found else None
 
-    def _over(self, arc: Arc, last: Point, edge: Found) -> OrbitStatus | None:
+    def _over(self, arc: Arc, last: Point, edge: Found, new: Point) -> OrbitStatus | None:
         """Note an event, and go on with the word beyond it."""
         self._look(arc, last, edge.point)
+        if self.beyond:
+            arc.events.append(edge)
+            return self._beyond(arc, new)
         if edge.point is not last:
             arc.points.append(edge.point)
             self.count += 1
@@ -236,7 +271,9 @@ class Way:
             kind = "pitchfork" if symmetric else "period_doubling"
             found += [(kind, it) for it in _singular(arc.path, last, new, -1.0)]
         for test in (_pairs, _turning):
-            if test(last) * test(new) < 0.0:
+            ends = test(last), test(new)
+            # without damping and loss it is rounding along the whole branch
+            if ends[0] * ends[1] < 0.0 and max(map(abs, ends)) > ROUNDING:
                 point = located(arc.path, last, new, test)
                 # two real ones whose product is 1 turn nothing
                 if point is not None and abs(point.turning) < CIRCLE:
@@ -247,9 +284,13 @@ class Way:
             arc.events.append(Found(kind, point))
 
     def _mirrored(self, last: Point, new: Point) -> bool:
-        """Whether the halves of a doubled orbit changed places: it would retrace itself."""
+        """Whether a doubled orbit is, or passed, the single one: it would retrace itself."""
         before, now = halves_apart(last), halves_apart(new)
-        return before is not None and now is not None and bool(before @ now < 0.0)
+        if before is None or now is None:
+            return False
+        sizes = np.tile(row_sizes(new.terms), len(new.terms.x) // 2)
+        apart = [float(np.linalg.norm(it / sizes)) for it in (before, now)]
+        return bool(before @ now < 0.0) or apart[1] < min(HALVES_MEET, apart[0])
 
     def _closes(self, arc: Arc, last: Point, new: Point) -> bool:
         """Whether the branch passes its own start again."""
@@ -329,3 +370,23 @@ def halves_apart(point: Point) -> Array | None:
     first, second = x[: k // 2], x[k // 2 :].copy()
     second[:, [0, -1]] -= 0.5 * point.terms.length
     return np.asarray((0.5 * (second - first)).ravel(), np.float64)
+
+
+def single_doubling(path: Path, point: Point) -> Point | None:
+    """Find the period doubling of the single orbit at which a doubled one, of a point, begins."""
+    apart = halves_apart(point)
+    if apart is None:
+        return None
+    frame, x = point.terms.frame, point.terms.x
+    k, length = len(x) // 2, 0.5 * point.terms.length
+    half = dataclasses.replace(frame, word=frame.word[:k], length=length)
+    try:
+        y = half.joined(x[:k] + apart.reshape(k, -1), length)
+        single = Path(half, path.name, y, float(path.scale[-1]))
+        start = single.at_value(single.scaled(y, point.value), point.value)
+    except FlightError:
+        return None
+    if start is None:
+        return None
+    borders = bordered(start.terms, -1.0)
+    return located_near(single, start, lambda it: float(sigma(it.terms, -1.0, borders)))

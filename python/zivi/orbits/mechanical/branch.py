@@ -19,7 +19,6 @@ __all__ = ["MESSAGES", "BranchArc", "MechanicalBranch", "MechanicalEvent"]
 
 MESSAGES = {
     **along.MESSAGES,
-    OrbitStatus.CLOSED: "The branch is closed: it came back to a point of its own.",
     OrbitStatus.RETRACED: "The branch came to where it begins, at a period doubling.",
     OrbitStatus.SIMULTANEOUS: "The branch ends where two events happen at once.",
 }

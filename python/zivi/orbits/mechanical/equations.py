@@ -10,10 +10,11 @@ import numpy as np
 from zivi.base.check import Array
 from zivi.orbits.flights import FlightError
 from zivi.orbits.mechanical.frame import Frame
-from zivi.orbits.mechanical.impulses import ImpulseTerms
+from zivi.orbits.mechanical.impulses import ImpulseTerms, MassTerms
+from zivi.orbits.mechanical.mass_flow import MassFlow, MassImpulses
 from zivi.orbits.mechanical.segments import SegmentTerms, of_segments
 
-__all__ = ["Frame", "Solution", "Terms", "evaluate", "newton", "row_sizes", "sizes_of"]
+__all__ = ["Frame", "MassTerms", "Solution", "Terms", "evaluate", "newton", "row_sizes", "sizes_of"]
 
 Terms = SegmentTerms | ImpulseTerms
 
@@ -22,8 +23,10 @@ ENOUGH = 1e-10
 """A residual at which an iteration that stalls has found what rounding allows."""
 
 
-def evaluate(frame: Frame, y: Array, *, slopes: bool = True) -> Terms:
-    """Evaluate the equations, and their derivatives."""
+def evaluate(frame: Frame, y: Array, *, slopes: bool = True, name: str | None = None) -> Terms:
+    """Evaluate the equations, and their derivatives; of one mass that by a parameter too."""
+    if isinstance(frame.impulses, MassImpulses):
+        return MassTerms(frame, y, name)
     if frame.impulses is not None:
         return ImpulseTerms(frame, y)
     return of_segments(frame, y, *frame.split(y), slopes=slopes)
@@ -37,7 +40,7 @@ def sizes_of(terms: Terms) -> tuple[Array, Array]:
         per_push = speed / frame.impulses.mobilities
         unknowns = np.column_stack([per_push, np.full(len(per_push), length)]).ravel()
         return unknowns, np.tile([distance, speed], len(per_push))
-    flights, n, own = terms.segments.flights, frame.flow.n, own[:-1]
+    flights, n, own = terms.flights, frame.flow.n, own[:-1]
     events = []
     for segment in frame.word:
         size = distance
@@ -52,13 +55,15 @@ def sizes_of(terms: Terms) -> tuple[Array, Array]:
 
 def row_sizes(terms: Terms) -> Array:
     """Give the sizes of a segment's row ``(t, z, tau)``."""
-    n, length, flights = terms.frame.flow.n, abs(terms.length), terms.segments.flights
+    n, length, flights = terms.frame.flow.n, abs(terms.length), terms.flights
     states = np.vstack([terms.x[:, 1:-1], flights.z])
     # where a grazing is the only event all speeds there may vanish
     rates = np.vstack([flights.first, flights.last])[:, n:]
     pushed = 0.1 * length / (2.0 * math.pi) * float(np.max(np.abs(rates)))
     speed = max(float(np.max(np.abs(states[:, n:]))), pushed) or 1.0
-    distance = max(float(np.max(np.abs(states[:, :n]))), 1e-3 * speed * length) or 1.0
+    # one mass is at the wall in all events: its flights are higher
+    part = 0.5 / math.pi / len(terms.x) if isinstance(terms.frame.flow, MassFlow) else 1e-3
+    distance = max(float(np.max(np.abs(states[:, :n]))), part * speed * length) or 1.0
     return np.concatenate([[length], np.full(n, distance), np.full(n, speed), [length]])
 
 
@@ -78,9 +83,9 @@ def newton(frame: Frame, y: Array, most: int = 20) -> Solution:
     now = evaluate(frame, y)
     _, sizes = sizes_of(now)
     error = float(np.max(np.abs(now.residual / sizes)))
-    trace = [error]
+    trace, accuracy = [error], frame.flow.accuracy
     for _ in range(most):
-        if error <= TOLERANCE:
+        if error <= max(TOLERANCE, accuracy):
             break
         try:
             move: Array = -np.linalg.solve(now.matrix(), now.residual)
@@ -91,7 +96,7 @@ def newton(frame: Frame, y: Array, most: int = 20) -> Solution:
             break
         now, error = found
         trace.append(error)
-    return Solution(now, error, len(trace) - 1, error <= ENOUGH, trace)
+    return Solution(now, error, len(trace) - 1, error <= max(ENOUGH, accuracy), trace)
 
 
 def _damped(

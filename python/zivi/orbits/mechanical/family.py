@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -13,12 +13,15 @@ from zivi.base.check import Array
 from zivi.system.gap import LinearGap
 from zivi.system.linear import LinearSystem
 from zivi.system.loads import Harmonic
+from zivi.system.mass import ImpactSystem
 from zivi.system.mechanism import MechanicalSystem
+from zivi.system.parameters import excitation, of_law, parameter, parameters_of, with_value
 from zivi.system.parametric_mechanism import ParametricSystem
 from zivi.system.wall import HarmonicWall
 
 __all__ = ["core_of", "frequency_of", "value_of", "values_of", "with_values"]
 
+System = TypeVar("System", bound=MechanicalSystem | ImpactSystem)
 OF_WALL = ("amplitude", "omega", "phase")
 
 
@@ -31,8 +34,10 @@ def _parameters(system: MechanicalSystem) -> dict[str, float]:
     return dict(getattr(system, "parameters", {}))
 
 
-def values_of(system: MechanicalSystem) -> dict[str, float]:
+def values_of(system: MechanicalSystem | ImpactSystem) -> dict[str, float]:
     """Give the numbers that have names, and their values."""
+    if isinstance(system, ImpactSystem):
+        return of_law(system) | parameters_of(system)
     found = _parameters(system)
     if isinstance(system, LinearSystem):
         found |= _of_linear(system)
@@ -69,7 +74,7 @@ def _strength(waves: list[Harmonic]) -> float:
     return float(loads[int(np.argmax(np.abs(loads)))])
 
 
-def value_of(system: MechanicalSystem, name: str) -> float:
+def value_of(system: MechanicalSystem | ImpactSystem, name: str) -> float:
     """Give the value of a number by its name.
 
     Raises
@@ -77,6 +82,8 @@ def value_of(system: MechanicalSystem, name: str) -> float:
     ValueError
         For a name that there is not, with those that there are.
     """
+    if isinstance(system, ImpactSystem):
+        return parameter(system, name)
     known = values_of(system)
     if name not in known:
         hint = "" if known else ": zivi.ParametricSystem(build, {...}) gives numbers names"
@@ -84,11 +91,15 @@ def value_of(system: MechanicalSystem, name: str) -> float:
     return known[name]
 
 
-def with_values(system: MechanicalSystem, values: Mapping[str, float]) -> MechanicalSystem:
+def with_values(system: System, values: Mapping[str, float]) -> System:
     """Give the same system with other values of some numbers."""
+    new: Any = system
+    if isinstance(system, ImpactSystem):
+        for name, value in values.items():
+            new = with_value(new, name, value)
+        return new  # type: ignore[no-any-return]
     own = _parameters(system)
     given = {name: value for name, value in values.items() if name in own}
-    new = system
     if given:
         new = system.replace(**given)  # type: ignore[attr-defined]
         if isinstance(system, ParametricSystem) and np.any(system.e != system._built.e):
@@ -104,7 +115,7 @@ def with_values(system: MechanicalSystem, values: Mapping[str, float]) -> Mechan
         else:
             assert isinstance(new, LinearSystem)
             new = _with_number(new, name, value, known[name])
-    return new
+    return new  # type: ignore[no-any-return]
 
 
 def _moved_e(system: MechanicalSystem, name: str, value: float) -> Array:
@@ -159,8 +170,10 @@ def _moved_gap(gap: LinearGap, own: str, name: str, value: float) -> LinearGap:
     return gap
 
 
-def frequency_of(system: MechanicalSystem) -> float | None:
+def frequency_of(system: MechanicalSystem | ImpactSystem) -> float | None:
     """Give the angular frequency of what excites a system, None where it is not known."""
+    if isinstance(system, ImpactSystem):
+        return excitation(system)[0]
     core: Any = core_of(system)
     found = {abs(it.omega) for it in getattr(core, "excitation", ()) if isinstance(it, Harmonic)}
     walls = [getattr(gap, "motion", None) for gap in core.gaps]

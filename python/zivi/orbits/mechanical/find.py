@@ -25,7 +25,7 @@ from zivi.orbits.mechanical.orbit import CONTACT, IMPACT, MechanicalOrbit
 from zivi.orbits.mechanical.symmetry import whole_word
 from zivi.orbits.mechanical.word import Segment, Word
 
-__all__ = ["canonical", "failed", "orbit_of", "rolled", "solve", "weaker_reason"]
+__all__ = ["canonical", "failed", "least", "orbit_of", "rolled", "solve", "weaker_reason"]
 
 SAME = 2e-4
 """Parts of an orbit that differ by less, relative to its size, may be one shorter orbit."""
@@ -62,15 +62,16 @@ def least(
 ) -> tuple[Frame, int, Solution]:
     """Give the solution over the least period: the one given, or one that it repeats."""
     word = frame.word
-    count = len(word) if frame.free else math.gcd(len(word), multiple)
+    flies = len(word) == 1 and word[0].kind == "P"
+    count = len(word) if frame.free else multiple if flies else math.gcd(len(word), multiple)
     if frame.turn is not None:
         return frame, multiple, found
     for parts in _primes(count):
-        length = len(word) // parts
+        length = len(word) if flies else len(word) // parts
         if any(word[k] != word[k % length] for k in range(len(word))):
             continue
         y = found.terms.y if found.converged else guess
-        apart, mean = _parts(frame, y, parts, found.terms)
+        apart, mean = (_of_flight if flies else _parts)(frame, y, parts, found.terms)
         if apart > (NEAR if found.converged else 5.0 * NEAR):
             continue
         section = frame.section
@@ -112,6 +113,14 @@ def _parts(frame: Frame, y: Array, parts: int, terms: Terms) -> tuple[float, Arr
     return apart, rows.mean(axis=0)
 
 
+def _of_flight(frame: Frame, y: Array, parts: int, terms: Terms) -> tuple[float, Array]:
+    """Give how far the state after a part of a motion without events differs, and that part."""
+    x, length = frame.split(y)
+    x[0, -1] = x[0, 0] + length / parts
+    end = frame.flow.path(frame.word[0].contacts, float(x[0, 0]), x[0, 1:-1], x[0, -1:])[0]
+    return float(np.max(np.abs(end - x[0, 1:-1]) / row_sizes(terms)[1:-1])), x
+
+
 def _moved(terms: Terms, mean: Array) -> float:
     return float(np.max(np.abs(terms.x - mean) / row_sizes(terms)))
 
@@ -129,6 +138,8 @@ def canonical(terms: Terms, multiple: int) -> Terms:
         ends = x[:, -1] % period
         first = int(np.argmin(ends))
         shift = float(ends[first] - x[first, -1])
+    if first == 0 and shift == 0.0:
+        return terms
     word, turned = rolled(frame.word, x, length, first)
     turned[:, [0, -1]] += shift
     section = float(turned[0, -1]) if all(it.kind == "P" for it in word) else frame.section

@@ -27,6 +27,14 @@ class Flights:
     """Rates of the states at the starts, shape (k, 2n)."""
     last: Array
     """Rates of the states at the ends."""
+    lows: Array | None = None
+    """Of one mass time and height of the lowest minimum of each, infinite without one."""
+    by: Array | None = None
+    """Derivatives of the ends by a parameter, where one was asked for."""
+
+    def of(self, s: int) -> Flights:
+        """Give one of them."""
+        return Flights(self.z[s], self.phi[s], self.first[s], self.last[s])
 
 
 @dataclasses.dataclass(frozen=True)
@@ -55,6 +63,8 @@ class Flow(Protocol):
     n: int
     m: int
     e: Array
+    accuracy: float
+    """What flights leave of residuals, relative to their sizes: less cannot be asked for."""
 
     def fly(self, contacts: Contacts, t0: Array, z0: Array, t1: Array) -> Flights:
         """Fly k times, from times and states to times."""

@@ -3,20 +3,24 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Callable
+from typing import NamedTuple
 
 import numpy as np
 
+from zivi.base.check import Array
 from zivi.derivatives.result import OrbitStatus
 from zivi.orbits.flights import FlightError
 from zivi.orbits.mechanical.arc import Arc, Found, Way
 from zivi.orbits.mechanical.branch import MESSAGES, BranchArc, MechanicalBranch, MechanicalEvent
+from zivi.orbits.mechanical.equations import Frame
 from zivi.orbits.mechanical.family import value_of
 from zivi.orbits.mechanical.find import orbit_of
 from zivi.orbits.mechanical.normal_form import cubic_coefficient
 from zivi.orbits.mechanical.orbit import MechanicalOrbit
 from zivi.orbits.mechanical.path import Path, Point
 
-__all__ = ["follow", "point_orbit"]
+__all__ = ["Followed", "both_ways", "follow", "path_of", "point_orbit"]
 
 WEIGHTS = (
     OrbitStatus.RETRACED,
@@ -29,6 +33,17 @@ WEIGHTS = (
 )
 
 
+class Followed(NamedTuple):
+    """What was found in both directions."""
+
+    arcs: list[Arc]
+    events: list[Found]
+    status: OrbitStatus
+    """Of the two ends the one that needs more attention."""
+    flights: int
+    ways: list[Way]
+
+
 def follow(
     orbit: MechanicalOrbit,
     name: str,
@@ -39,50 +54,59 @@ def follow(
     through: bool,
 ) -> MechanicalBranch:
     """Follow an orbit over a parameter: `zivi.continue_orbit` of a mechanical system."""
-    value, width = value_of(orbit.system, name), span[1] - span[0]
-    try:
-        path = Path(orbit._frame, name, orbit._y, width)
-        start = path.start(orbit._y, value)
-    except FlightError as error:
-        raise ValueError("orbit: its flights cannot be computed") from error
-    backward = dataclasses.replace(start, tangent=-start.tangent)
+    path, start = path_of(orbit._frame, name, orbit._y, span)
     away = orbit._away
-    if away is not None:
-        side = start.tangent[:-1] @ (away / path.scale[:-1])
-        ways = [Way(path, start if side > 0.0 else backward, span, step, most, through=through)]
-        statuses = [ways[0].go()]
-        arcs, found = ways[0].arcs, _events(ways[0].arcs)
-    else:
-        first = Way(path, start, span, step, most, through=through)
-        statuses = [first.go()]
-        arcs, found = first.arcs, _events(first.arcs)
-        ways = [first]
-        if statuses[0] is not OrbitStatus.CLOSED:
-            other = Way(path, backward, span, step, most - first.count + 1, through=through)
-            statuses.append(other.go())
-            ways.append(other)
-            arcs, found = _both(other.arcs, first.arcs)
-    status = max(statuses, key=WEIGHTS.index)
-    multiple = orbit.multiple
-    names = orbit.system.gap_names
-    flights = sum(
-        path.flights for path in {id(a.path): a.path for w in ways for a in w.arcs}.values()
-    )
+    side = None if away is None else float(start.tangent[:-1] @ (away / path.scale[:-1]))
+
+    def way(start: Point, most: int) -> Way:
+        return Way(path, start, span, step, most, through=through)
+
+    found = both_ways(way, start, most, most, side)
+    multiple, names = orbit.multiple, orbit.system.gap_names
     return MechanicalBranch(
         name=name,
-        arcs=[_arc(arc, multiple) for arc in arcs],
-        events=[_event(it, multiple, names, name) for it in found],
-        status=status,
-        message=MESSAGES[status],
-        n_flights=flights,
+        arcs=[_arc(arc, multiple) for arc in found.arcs],
+        events=[_event(it, multiple, names, name) for it in found.events],
+        status=found.status,
+        message=MESSAGES[found.status],
+        n_flights=found.flights,
     )
+
+
+def path_of(frame: Frame, name: str, y: Array, span: tuple[float, float]) -> tuple[Path, Point]:
+    """Give the solutions of a word over a parameter, and the point of one of them."""
+    try:
+        path = Path(frame, name, y, span[1] - span[0])
+        return path, path.start(y, value_of(frame.system, name))
+    except FlightError as error:
+        raise ValueError("orbit: its flights cannot be computed") from error
+
+
+def both_ways(
+    way: Callable[[Point, int], Way], start: Point, most: int, first: int, side: float | None
+) -> Followed:
+    """Go both ways from a point, at first so many points, or one if a side is given."""
+    backward = dataclasses.replace(start, tangent=-start.tangent)
+    if side is not None:
+        ways = [way(start if side > 0.0 else backward, most)]
+    else:
+        ways = [way(start, first)]
+    status = ways[0].go()
+    arcs = ways[0].arcs
+    if side is None and status is not OrbitStatus.CLOSED:
+        ways.append(way(backward, most - ways[0].count + 1))
+        status = max(status, ways[1].go(), key=WEIGHTS.index)
+        arcs = _both(ways[1].arcs, arcs)
+    paths = {id(arc.path): arc.path for it in ways for arc in it.arcs}
+    flights = sum(path.flights for path in paths.values())
+    return Followed(arcs, _unlike(_events(arcs)), status, flights, ways)
 
 
 def _events(arcs: list[Arc]) -> list[Found]:
     return [event for arc in arcs for event in arc.events]
 
 
-def _both(back: list[Arc], ahead: list[Arc]) -> tuple[list[Arc], list[Found]]:
+def _both(back: list[Arc], ahead: list[Arc]) -> list[Arc]:
     """Join both directions: the arcs of the start are one."""
     turned = [Arc(arc.path, arc.points[::-1], arc.events[::-1]) for arc in back[::-1]]
     meeting = turned.pop()
@@ -91,8 +115,7 @@ def _both(back: list[Arc], ahead: list[Arc]) -> tuple[list[Arc], list[Found]]:
         meeting.points[:-1] + ahead[0].points,
         meeting.events + ahead[0].events,
     )
-    arcs = [*turned, middle, *ahead[1:]]
-    return arcs, _unlike(_events(arcs))
+    return [*turned, middle, *ahead[1:]]
 
 
 def _unlike(found: list[Found]) -> list[Found]:

@@ -12,10 +12,10 @@ from zivi._zivi import PeriodicImpulses
 from zivi.base.check import Array
 from zivi.orbits.mechanical.flow import Flow
 from zivi.orbits.mechanical.linear_flow import LinearFlow
+from zivi.orbits.mechanical.mass_flow import MassFlow, MassImpulses
 from zivi.orbits.mechanical.modes import periodic_impulses
 from zivi.orbits.mechanical.word import Word
 from zivi.simulation.methods import SwitchedRK
-from zivi.system.mechanism import MechanicalSystem
 
 __all__ = ["Frame"]
 
@@ -24,7 +24,8 @@ __all__ = ["Frame"]
 class Frame:
     """What stays the same while unknowns move."""
 
-    system: MechanicalSystem
+    system: Any
+    """A `MechanicalSystem`, or an `ImpactSystem`, whose flow is a `MassFlow`."""
     flow: Flow
     word: Word
     method: SwitchedRK
@@ -37,11 +38,15 @@ class Frame:
     """Of the letter P: a time, or as an int the coordinate that is highest."""
 
     @functools.cached_property
-    def impulses(self) -> PeriodicImpulses | None:
+    def impulses(self) -> PeriodicImpulses | MassImpulses | None:
         """The equations in impulses, where there are such."""
-        if self.free or self.turn is not None or not isinstance(self.flow, LinearFlow):
+        if self.free or self.turn is not None:
             return None
         if any(it.kind != "I" or it.contacts for it in self.word):
+            return None
+        if isinstance(self.flow, MassFlow):
+            return MassImpulses(self.flow, len(self.word), self.length)
+        if not isinstance(self.flow, LinearFlow):
             return None
         return periodic_impulses(self.flow, [it.gap for it in self.word], self.length)
 
@@ -57,9 +62,10 @@ class Frame:
     def split(self, y: Array) -> tuple[Array, float]:
         """Give the segments, rows ``(t, z, tau)``, and the length."""
         if self.impulses is not None:
-            times = y[1::2]
-            x = np.column_stack([np.roll(times, 1), np.roll(self.impulses.states(y), 1, 0), times])
-            x[0, 0] -= self.length
+            times, states = y[1::2], self.impulses.states(y)
+            x = np.empty((len(times), states.shape[1] + 2))
+            x[1:, 0], x[1:, 1:-1], x[:, -1] = times[:-1], states[:-1], times
+            x[0, 0], x[0, 1:-1] = times[-1] - self.length, states[-1]
             return x, self.length
         x = y.reshape(len(self.word), self.size).copy()
         if not self.free:

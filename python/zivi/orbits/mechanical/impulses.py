@@ -21,10 +21,12 @@ from zivi.base.check import Array
 from zivi.base.status import Status
 from zivi.orbits.flights import FlightError
 from zivi.orbits.mechanical.accumulation import Accumulation
+from zivi.orbits.mechanical.flow import Flights
 from zivi.orbits.mechanical.frame import Frame
+from zivi.orbits.mechanical.mass_flow import MassImpulses
 from zivi.orbits.mechanical.segments import SegmentTerms, of_segments
 
-__all__ = ["ImpulseTerms"]
+__all__ = ["ImpulseTerms", "MassTerms"]
 
 STEP = 1e-6
 """Of a difference by kappa: only the convergence depends on it."""
@@ -36,17 +38,27 @@ class ImpulseTerms:
     def __init__(self, frame: Frame, y: Array) -> None:
         assert frame.impulses is not None
         self.frame, self.y, self.length = frame, y, frame.length
-        self.kernel = frame.impulses
+        self.kernel: Any = frame.impulses
         times = y[1::2]
         if not np.all(np.isfinite(y)) or np.ptp(times) > 1e3 * abs(frame.length):
             raise FlightError(Status.STEP_SIZE_TOO_SMALL)
-        self.residual, self.rates, self.jacobian = self.kernel.equations(y)
         self.accumulations: dict[int, Accumulation] = {}
+        self.residual, self.rates, self.jacobian = self._evaluated()
+
+    def _evaluated(self) -> tuple[Array, Array, Array]:
+        """Give the residual, the speeds before the impacts, the derivative."""
+        found: tuple[Array, Array, Array] = self.kernel.equations(self.y)
+        return found
 
     @functools.cached_property
     def x(self) -> Array:
         """The segments between the impacts, rows ``(t, z, tau)``."""
         return self.frame.split(self.y)[0]
+
+    @functools.cached_property
+    def flights(self) -> Flights:
+        """The flights to the impacts."""
+        return self.frame.flow.fly((), self.x[:, 0], self.x[:, 1:-1], self.x[:, -1])
 
     @functools.cached_property
     def segments(self) -> SegmentTerms:
@@ -62,13 +74,17 @@ class ImpulseTerms:
         r"""Give :math:`J`, for disturbances with a factor :math:`e^{i \theta}` a period."""
         if factor == 1.0:
             return self.jacobian
-        real, sine = self.kernel.turned(self.y, float(np.real(factor)))
+        real, sine = self.parts(float(np.real(factor)))
         return real if np.imag(factor) == 0.0 else real + 1j * np.imag(factor) * sine
 
     def by_multiplier(self) -> Array:
         """Give the derivative of the matrix by the factor, at -1."""
-        sine: Array = self.kernel.turned(self.y, -1.0)[1]
-        return sine
+        return self.parts(-1.0)[1]
+
+    def parts(self, kappa: float) -> tuple[Array, Array]:
+        """Give R and S."""
+        real, sine = self.kernel.turned(self.y, kappa)
+        return real, sine
 
     def turned(self, kappa: float) -> tuple[Array, Array]:
         r"""Give the real matrix of a pair with :math:`\kappa = \cos \theta`, and its derivative.
@@ -79,7 +95,7 @@ class ImpulseTerms:
         return self._turned(kappa), (sides[0] - sides[1]) / (2.0 * STEP)
 
     def _turned(self, kappa: float) -> Array:
-        real, sine = self.kernel.turned(self.y, kappa)
+        real, sine = self.parts(kappa)
         return np.block([[real, (kappa * kappa - 1.0) * sine], [sine, real]])
 
     def curvature(self, factor: float, w: Array, v: Array) -> Array:
@@ -93,7 +109,8 @@ class ImpulseTerms:
 
         def part(rows: int, i: int, columns: int, j: int) -> tuple[Array, Array]:
             left, right = w[rows : rows + n, i], v[columns : columns + n, j]
-            return self.kernel.curvature(self.y, kappa, left, right)
+            own, sine = self.kernel.curvature(self.y, kappa, left, right)
+            return own, sine
 
         return [
             part(0, i, 0, j)[0]
@@ -113,3 +130,37 @@ class ImpulseTerms:
     def return_map(self, first: int = 0) -> Array:
         """Give the derivative of ``(t, z)`` at a segment's start one word later."""
         return self.segments.return_map(first)
+
+
+class MassTerms(ImpulseTerms):
+    """The equations of one mass, whose flights are computed once."""
+
+    kernel: MassImpulses
+
+    def __init__(self, frame: Frame, y: Array, name: str | None = None) -> None:
+        self.name = None if name == "e" else name
+        super().__init__(frame, y)
+
+    def _evaluated(self) -> tuple[Array, Array, Array]:
+        self.flights = self.kernel.fly(self.y, name=self.name)
+        self._own, self._before = self.kernel.halves(self.flights)
+        residual = self.kernel.residual(self.y, self.flights)
+        return residual, self.flights.z[:, 1], self._own + self._before
+
+    def parts(self, kappa: float) -> tuple[Array, Array]:
+        """Give R and S."""
+        return self._own + kappa * self._before, -self._before
+
+    def column(self, name: str, longer: float) -> Array:
+        """Give the derivative by a parameter, by which the length has one too."""
+        flies = name not in ("e", self.name)
+        flights = self.kernel.fly(self.y, name=name) if flies else self.flights
+        return self.kernel.by_parameter(self.y, flights, name, longer)
+
+    def return_map(self, first: int = 0) -> Array:
+        """Give the derivative of ``(t, x, u)`` after an impact one word later."""
+        product, maps = np.eye(3), self.kernel.maps(self.flights)
+        with np.errstate(all="ignore"):
+            for each in np.roll(maps, -first, axis=0):
+                product = each @ product
+        return product

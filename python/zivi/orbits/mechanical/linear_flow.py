@@ -76,6 +76,8 @@ class _Law:
 class LinearFlow:
     """The motions of a `LinearSystem` under constants and waves."""
 
+    accuracy = 0.0
+
     def __init__(self, system: LinearSystem) -> None:
         self.n, self.m, self.e = len(system.M), system.m, system.e
         self.waves: list[float] = []

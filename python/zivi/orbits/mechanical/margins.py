@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from zivi.base.check import Array
-from zivi.orbits.mechanical.equations import Terms
+from zivi.orbits.mechanical.equations import Terms, row_sizes
 
 __all__ = ["OUT", "Low", "Margins"]
 
@@ -29,6 +29,7 @@ OUT = {
     "interior_impact": "A gap is {value:.3g} < 0 in flight, at t = {t:.9g} s.",
     "contact_ends": "The force of a contact is {value:.3g} < 0 at t = {t:.9g} s.",
     "end_of_rest": "The contact from t = {t:.9g} s would last {value:.3g} s < 0.",
+    "rest_appears": "The force holds the mass after an impact at t = {t:.9g} s: {value:.3g} < 0.",
     "opening": "An impact at t = {t:.9g} s would pull at a contact, with {value:.3g} < 0.",
     "simultaneous": "At t = {t:.9g} s two events have changed places, by {value:.3g} < 0.",
 }
@@ -101,6 +102,8 @@ class Margins:
         for s in hits:
             segment, t = terms.frame.word[s], float(terms.x[s, -1])
             found.append(Low("grazing", s, segment.gap, t, -float(terms.rates[s]), fastest))
+            if not segment.kept:
+                continue
             largest = float(np.max(np.abs(terms.impulses[s]), initial=1e-300))
             for gap, impulse in zip(segment.kept, terms.impulses[s][1:], strict=True):
                 found.append(Low("opening", s, gap, t, float(impulse), largest))
@@ -159,6 +162,8 @@ class Margins:
         t0, t1 = float(terms.x[s, 0]), float(terms.x[s, -1])
         if t1 <= t0:
             return []
+        if (lows := terms.flights.lows) is not None:
+            return self._of_mass(s, *lows[s])
         times = t0 + (t1 - t0) * LOOKS
         z = flow.path(segment.contacts, t0, terms.x[s, 1:-1], times)
         gaps, rates = flow.gaps(times, z)
@@ -174,6 +179,22 @@ class Margins:
                 found.append(Low("interior_impact", s, i, t, value, size))
         if segment.contacts:
             found += self._forces(s, times, z)
+        return found
+
+    @functools.cached_property
+    def _distance(self) -> float:
+        return float(row_sizes(self.terms)[1])
+
+    def _of_mass(self, s: int, t: float, height: float) -> list[Low]:
+        """Give the lowest minimum of one mass; where an impact is plastic whether it leaves."""
+        terms, found = self.terms, []
+        if math.isfinite(height):
+            size = self._distance
+            found.append(Low("interior_impact", s, 0, float(t), float(height), size))
+        if terms.frame.flow.e[0] == 0.0 and terms.frame.word[s].kind == "I":
+            pulls = terms.flights.first[:, 1]
+            begin, size = float(terms.x[s - 1, -1]), float(np.max(np.abs(pulls)))
+            found.append(Low("rest_appears", s, 0, begin, float(pulls[s]), size))
         return found
 
     def _minimum(self, s: int, gap: int, times: Array, rates: Array) -> tuple[float, float]:

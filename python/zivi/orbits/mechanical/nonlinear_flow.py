@@ -27,6 +27,8 @@ WEIGHTS = ((1, 0.75), (2, -0.15), (3, 1.0 / 60.0))
 class NonlinearFlow:
     """The motions of a `MechanicalSystem` with given contacts, whose forces are solved for."""
 
+    accuracy = 0.0
+
     def __init__(self, system: MechanicalSystem, method: SwitchedRK) -> None:
         if system._n is None:
             raise ValueError(

@@ -12,18 +12,20 @@ from numpy.typing import NDArray
 
 from zivi.base.check import Array
 from zivi.orbits.flights import FlightError
-from zivi.orbits.mechanical.by_parameter import by_parameter, moved_frame
+from zivi.orbits.mechanical.by_parameter import by_parameter, moved_frame, of_mass
 from zivi.orbits.mechanical.equations import Frame, Terms, evaluate, sizes_of
 from zivi.orbits.mechanical.margins import Margins
+from zivi.orbits.mechanical.mass_flow import MassFlow
 from zivi.orbits.mechanical.multipliers import multipliers_of
 from zivi.orbits.secant import secant
 
-__all__ = ["Path", "Point", "located"]
+__all__ = ["Path", "Point", "located", "located_near"]
 
 CORRECTIONS = 10
 TOLERANCE = 1e-12
 CLOSE = 1e-12
 """How near two places of an event are, in scaled unknowns, when it is found."""
+MOST_SECANTS = 20
 STALE = 0.05
 """Where the residual falls by less, the derivative by the parameter is computed again."""
 
@@ -80,10 +82,12 @@ class Point:
         own = self.multipliers[self.multipliers != 0.0]
         if not np.all(np.isfinite(own)) or len(own) < 2:
             return 1.0
+        if len(own) == 2:
+            return float(np.real(own[0] * own[1])) - 1.0
         i, j = np.triu_indices(len(own), 1)
         return float(np.real(np.prod(own[i] * own[j] - 1.0)))
 
-    @property
+    @functools.cached_property
     def turning(self) -> float:
         """How far the complex pair nearest the unit circle is from it; NaN without one."""
         own = self.multipliers[np.imag(self.multipliers) > 1e-9]
@@ -110,17 +114,19 @@ class Path:
         """Give the frame of the system with a value of the parameter."""
         return moved_frame(self.frame, {self.name: value})
 
-    def column(self, frame: Frame, y: Array) -> Array:
+    def column(self, terms: Terms) -> Array:
         """Give the derivative of the equations by the parameter."""
-        self.flights += 2 * len(frame.word)
-        return by_parameter(frame, y, self.name)
+        if isinstance(terms.frame.flow, MassFlow):
+            return of_mass(terms, self.name)
+        self.flights += 2 * len(terms.frame.word)
+        return by_parameter(terms.frame, terms.y, self.name)
 
-    def evaluate(self, z: Array) -> tuple[Terms, Array]:
+    def evaluate(self, z: Array, *, derives: bool = False) -> tuple[Terms, Array]:
         """Give the equations at a point, and their scaled residual."""
         full = z * self.scale
         frame = self.frame_at(float(full[-1]))
         self.flights += len(frame.word)
-        terms = evaluate(frame, full[:-1])
+        terms = evaluate(frame, full[:-1], name=self.name if derives else None)
         return terms, terms.residual / self.sizes
 
     def matrix(self, terms: Terms, column: Array) -> Array:
@@ -134,17 +140,18 @@ class Path:
         before, stalled = np.inf, False
         for step in range(CORRECTIONS):
             try:
-                terms, residual = self.evaluate(z)
+                terms, residual = self.evaluate(z, derives=column is None)
                 error = float(np.max(np.abs(residual)))
                 if column is None or STALE * before < error:
                     # only the convergence depends on it
-                    column = self.column(terms.frame, terms.y)
+                    column = self.column(terms)
             except (FlightError, ValueError):
                 return None
             full = np.vstack([self.matrix(terms, column), normal])
             # beside a grazing one step may stall before the next ones converge
             stalls = error >= 0.5 * before
-            if error <= tolerance or (stalls and stalled and error <= 1e-10):
+            enough = error <= max(tolerance, terms.frame.flow.accuracy)
+            if enough or (stalls and stalled and error <= 1e-10):
                 return self._point(z, terms, full, step, error)
             before, stalled = error, stalls
             right = np.append(residual, normal @ (z - guess))
@@ -171,8 +178,8 @@ class Path:
     def start(self, y: Array, value: float) -> Point:
         """Give the point at a solution, its tangent towards larger values where it has one."""
         z = self.scaled(y, value)
-        terms, residual = self.evaluate(z)
-        tangent = np.linalg.svd(self.matrix(terms, self.column(terms.frame, terms.y)))[2][-1]
+        terms, residual = self.evaluate(z, derives=True)
+        tangent = np.linalg.svd(self.matrix(terms, self.column(terms)))[2][-1]
         if tangent[-1] < 0.0:
             tangent = -tangent
         error = float(np.max(np.abs(residual)))
@@ -237,3 +244,18 @@ def located(
         if value == 0.0 or moved < CLOSE:
             break
     return best
+
+
+def located_near(path: Path, start: Point, test: Callable[[Point], float]) -> Point | None:
+    """Find where a test function vanishes near a point, by secants along the arc."""
+    normal, before, last = start.tangent, (0.0, test(start)), (1e-4, 0.0)
+    for _ in range(MOST_SECANTS):
+        point = path.correct(start.z + last[0] * normal, normal)
+        if point is None:
+            return None
+        last = (last[0], test(point))
+        moved, rise = last[0] - before[0], last[1] - before[1]
+        if last[1] == 0.0 or abs(moved) < 1e-13 or rise == 0.0:
+            return point
+        before, last = last, (last[0] - last[1] * moved / rise, 0.0)
+    return None

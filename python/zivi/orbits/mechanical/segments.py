@@ -112,11 +112,17 @@ class SegmentTerms:
         moved = v.copy()
         if frame.free:
             moved[0] = 0.0
-        ahead, back = (
-            of_segments(frame, there, *frame.split(there)).matrix(factor)
-            for there in (y + h * moved, y - h * moved)
-        )
-        return np.asarray((ahead - back) / (2.0 * h), np.float64)
+        ends: list[Array] = []
+        for step in (h, -h):
+            x, length = frame.split(y + step * moved)
+            if frame.free and factor != 1.0:
+                x[0, 0] += step * v[0]
+            ends.append(of_segments(frame, y, x, length).matrix(factor))
+        found = np.asarray((ends[0] - ends[1]) / (2.0 * h), np.float64)
+        if frame.free:
+            # the length is in no matrix
+            found[:, 0] = 0.0
+        return found
 
     def rate_gradient(self, s: int) -> Array:
         """Give the derivative of the speed before an impact by the unknowns."""
@@ -174,7 +180,7 @@ def of_segments(
     chains: dict[int, Accumulation] = {}
     held = [i for i in frame.word[0].contacts if all(i in it.contacts for it in frame.word)]
     for s, segment in enumerate(frame.word):
-        own = Flights(*(it[s] for it in vars(flights).values()))
+        own = flights.of(s)
         tau = float(x[s, -1])
         event = _event(frame, segment, tau, own.z)
         # dz- = Phi dz - Phi f0 dt + f1 dtau
@@ -217,8 +223,8 @@ def _flown(frame: Frame, x: Array) -> Flights:
     for contacts in dict.fromkeys(kinds):
         own = [s for s in range(k) if kinds[s] == contacts]
         part = frame.flow.fly(contacts, x[own, 0], x[own, 1:-1], x[own, -1])
-        for whole, piece in zip(vars(found).values(), vars(part).values(), strict=True):
-            whole[own] = piece
+        found.z[own], found.phi[own] = part.z, part.phi
+        found.first[own], found.last[own] = part.first, part.last
     return found
 
 

@@ -12,7 +12,7 @@ from zivi.orbits.flights import FlightError
 from zivi.orbits.mechanical.branch import MechanicalBranch, MechanicalEvent
 from zivi.orbits.mechanical.by_parameter import moved_frame
 from zivi.orbits.mechanical.crossing import crossed
-from zivi.orbits.mechanical.equations import Frame, evaluate
+from zivi.orbits.mechanical.equations import Frame, Terms, evaluate
 from zivi.orbits.mechanical.find import orbit_of, solve
 from zivi.orbits.mechanical.margins import Margins
 from zivi.orbits.mechanical.normal_form import twice
@@ -96,9 +96,8 @@ def _thrown_off(branch: MechanicalBranch, event: MechanicalEvent) -> MechanicalO
     return orbit
 
 
-def doubled(orbit: MechanicalOrbit) -> tuple[Frame, Array, Array]:
+def doubled(terms: Terms) -> tuple[Frame, Array, Array]:
     """Give the frame of a word written twice, its unknowns, and the direction that doubles it."""
-    terms = evaluate(orbit._frame, orbit._y)
     frame, y, direction = twice(terms, np.linalg.svd(terms.matrix(-1.0))[2][-1])
     # the half that comes first is the one with the earlier event
     later = direction.reshape(len(frame.word), -1)[0, -1] > 0.0
@@ -107,7 +106,7 @@ def doubled(orbit: MechanicalOrbit) -> tuple[Frame, Array, Array]:
 
 def _doubled(branch: MechanicalBranch, event: MechanicalEvent) -> MechanicalOrbit:
     orbit = event.orbit
-    frame, y, direction = doubled(orbit)
+    frame, y, direction = doubled(evaluate(orbit._frame, orbit._y))
     multiple = orbit.multiple if orbit._frame.turn is not None or frame.free else 2 * orbit.multiple
     values = branch.values
     width = float(np.ptp(values)) or abs(event.value) or 1.0
