@@ -56,6 +56,10 @@ board() {
     say "$name: the bits of tests/c/$bits"
     awk '{ printf "embedded: %-36s stack %5d   instructions %6d, at most %6d\n",
         substr($0, index($0, $5)), $2, $3, $4 }' "$work/bits.txt"
+    if [ "$single" ]; then # what small boards have left: 512 bytes and 3000 instructions of a call
+        awk '$2 > 512 || (/tracker/ && $4 > 3000) { print; bad = 1 } END { exit bad }' \
+            "$work/bits.txt" || fail "$name: a call takes more than 512 bytes or 3000 instructions"
+    fi
     # shellcheck disable=SC2046
     "${tools}ld" -r --gc-sections $(calls tracker_step tracker_step_to regulator_step) \
         "$archive" -o "$work/ticks.o"

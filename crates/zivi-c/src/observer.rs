@@ -240,7 +240,7 @@ impl Observer {
     fn state(&self) -> ObserverState {
         let Self { x, xdot, d, e, p_xx, p_xv, p_xd, p_vv, p_vd, p_dd, .. } = *self;
         let Self { p_xe, p_ve, p_de, p_ee, .. } = *self;
-        ObserverState {
+        let mut state = ObserverState {
             started: self.started != 0,
             waiting: self.waiting != 0,
             estimate: Estimate { state: Physical { x, xdot }, d },
@@ -257,10 +257,14 @@ impl Observer {
                 de: p_de,
                 ee: p_ee,
             },
-            memory: Memory { y: self.seen_y, age: self.seen_age, count: self.seen },
+            memory: Memory { count: self.seen, ..Memory::default() },
             in_a_row: self.in_a_row,
             refused: self.refused,
-        }
+        };
+        // afterwards, or they would be copied twice, over the stack
+        state.memory.y = self.seen_y;
+        state.memory.age = self.seen_age;
+        state
     }
 
     #[inline(always)]

@@ -98,8 +98,8 @@ impl Covariance {
         }
     }
 
-    /// A measurement of `x` with this variance: its gains and the variance of its innovation.
-    pub(super) fn measure_x(&mut self, variance: Real) -> ([Real; 4], Real) {
+    /// A measurement of `x` with this variance: its gains.
+    pub(super) fn measure_x(&mut self, variance: Real) -> [Real; 4] {
         let Self { xx, xv, xd, xe, .. } = *self;
         let total = xx + variance;
         let gain = [xx / total, xv / total, xd / total, xe / total];
@@ -115,11 +115,11 @@ impl Covariance {
         self.dd = (self.dd - of_d * xd).max(0.0);
         self.de -= of_d * xe;
         self.ee = (self.ee - of_e * xe).max(0.0);
-        (gain, total)
+        gain
     }
 
     /// The same of `x'`.
-    pub(super) fn measure_v(&mut self, variance: Real) -> ([Real; 4], Real) {
+    pub(super) fn measure_v(&mut self, variance: Real) -> [Real; 4] {
         let Self { xv, vv, vd, ve, .. } = *self;
         let total = vv + variance;
         let gain = [xv / total, vv / total, vd / total, ve / total];
@@ -135,10 +135,15 @@ impl Covariance {
         self.dd = (self.dd - of_d * vd).max(0.0);
         self.de -= of_d * ve;
         self.ee = (self.ee - of_e * ve).max(0.0);
-        (gain, total)
+        gain
     }
 
+    /// (One by one: an array of them would lie on the stack of a target.)
     pub(super) fn is_finite(&self) -> bool {
-        self.rows().as_flattened().iter().all(|it| it.is_finite())
+        let Self { xx, xv, xd, vv, vd, dd, xe, ve, de, ee } = *self;
+        let of_motion = xx.is_finite() && xv.is_finite() && xd.is_finite();
+        let of_force = vv.is_finite() && vd.is_finite() && dd.is_finite();
+        let of_e = xe.is_finite() && ve.is_finite() && de.is_finite() && ee.is_finite();
+        of_motion && of_force && of_e
     }
 }

@@ -1,6 +1,6 @@
 //! The filter: prediction through impacts and rest, correction within the gate, and what restarts it.
 
-use super::memory::Fitted;
+use super::memory::THE_LAST_TWO;
 use super::{Covariance, Measurement, ObserverSettings, ObserverState};
 use crate::real::sqrt;
 use crate::Real;
@@ -53,9 +53,7 @@ impl ObserverSettings {
         if !it.started || (it.waiting && measured.xdot.is_some()) {
             self.start(it, measured);
         } else if it.waiting {
-            if let Some(fitted) = it.memory.of_two(of_x, dmax * dmax) {
-                it.restart(fitted);
-            }
+            it.refit(THE_LAST_TWO, of_x, dmax * dmax);
         } else {
             self.correct(it, measured, a, rests);
         }
@@ -67,7 +65,7 @@ impl ObserverSettings {
         let state = Physical { x: x.max(0.0), xdot: xdot.unwrap_or(0.0) };
         let unknown = self.fastest(state, of_x, dmax);
         let of_v = if xdot.is_some() { of_v } else { unknown };
-        it.restart(Fitted { state, covariance: Covariance::diagonal([of_x, of_v, dmax * dmax]) });
+        it.restart(state, Covariance::diagonal([of_x, of_v, dmax * dmax]));
         (it.started, it.waiting) = (true, xdot.is_none());
     }
 
@@ -147,18 +145,14 @@ impl ObserverSettings {
     /// it is, exactly: of its variances only `FLOOR` is left.
     fn correct(&self, it: &mut ObserverState, measured: Measurement, a: Real, rests: bool) {
         let ObserverSettings { noise: [of_x, of_v], dmax, .. } = *self;
-        let (estimate, e, covariance) = (it.estimate, it.e, it.covariance);
-        let (gain, variance) = it.covariance.measure_x(of_x);
-        let innovation = measured.x - it.estimate.state.x;
-        it.shift(gain, innovation);
-        let mut distance = innovation * innovation / variance;
-        if let Some(xdot) = measured.xdot {
-            let (gain, variance) = it.covariance.measure_v(of_v);
-            let innovation = xdot - it.estimate.state.xdot;
-            it.shift(gain, innovation);
-            distance += innovation * innovation / variance;
-        }
-        if distance <= GATE {
+        // asked before anything is corrected: what is refused needs no copy to go back to
+        if self.distance(it, measured) <= GATE {
+            let gain = it.covariance.measure_x(of_x);
+            it.shift(gain, measured.x - it.estimate.state.x);
+            if let Some(xdot) = measured.xdot {
+                let gain = it.covariance.measure_v(of_v);
+                it.shift(gain, xdot - it.estimate.state.xdot);
+            }
             it.estimate.state = match rests {
                 true => Physical::default(),
                 false => Physical { x: it.estimate.state.x.max(0.0), ..it.estimate.state },
@@ -171,27 +165,43 @@ impl ObserverSettings {
             it.in_a_row = 0;
             return;
         }
-        (it.estimate, it.e, it.covariance) = (estimate, e, covariance);
         (it.in_a_row, it.refused) = (it.in_a_row + 1, it.refused.saturating_add(1));
         self.doubt(it, measured, a);
+    }
+
+    /// The square of how many standard deviations a measurement is off.
+    #[inline]
+    fn distance(&self, it: &ObserverState, Measurement { x, xdot }: Measurement) -> Real {
+        let ObserverSettings { noise: [of_x, of_v], .. } = *self;
+        let Covariance { xx, xv, vv, .. } = it.covariance;
+        let (total, innovation) = (xx + of_x, x - it.estimate.state.x);
+        let by_position = innovation * innovation / total;
+        let Some(xdot) = xdot else { return by_position };
+        // of the velocity beside what the position tells of it
+        let gain = xv / total;
+        let innovation = xdot - (it.estimate.state.xdot + gain * innovation);
+        by_position + innovation * innovation / ((vv - gain * xv).max(0.0) + of_v)
     }
 
     /// After a measurement that was refused: where the mass is taken to be from now on.
     fn doubt(&self, it: &mut ObserverState, Measurement { x, xdot }: Measurement, a: Real) {
         let ObserverSettings { noise: [of_x, of_v], dmax, .. } = *self;
-        let fitted = match xdot {
-            Some(_) if it.in_a_row >= PATIENCE => None,
-            None if it.in_a_row >= DOUBT => match it.memory.consensus(of_x, dmax) {
-                None if it.in_a_row < LOST => return,
-                found => found,
-            },
+        match xdot {
+            Some(_) if it.in_a_row >= PATIENCE => {}
+            None if it.in_a_row >= DOUBT => {
+                let agreeing = it.memory.consensus(of_x, dmax);
+                let found = agreeing.is_some_and(|these| it.refit(these, of_x, 0.25 * dmax * dmax));
+                if found || it.in_a_row < LOST {
+                    return;
+                }
+            }
             _ => return,
-        };
+        }
         // at the measurement; without a velocity at rest, with the speed of its height
         let state = Physical { x: x.max(0.0), xdot: xdot.unwrap_or(0.0) };
         let of_v = if xdot.is_some() { 4.0 * of_v } else { self.fastest(state, of_x, a) };
         let covariance = Covariance::diagonal([4.0 * of_x, of_v, 0.25 * dmax * dmax]);
-        it.restart(fitted.unwrap_or(Fitted { state, covariance }));
+        it.restart(state, covariance);
     }
 }
 

@@ -9,7 +9,7 @@
 //!
 //! so that `y_i = x_i - c_i` lie on a line; an error `delta` of `a` bends it by `delta tau^2/2`.
 
-use super::Covariance;
+use super::{Covariance, ObserverState};
 use crate::real::sqrt;
 use crate::{Physical, Real};
 
@@ -19,6 +19,12 @@ pub const REMEMBERED: usize = 6;
 const AGREEING: u32 = 4;
 /// Positions agree within so many standard deviations, beside what the unknown force can bend.
 const WITHIN: Real = 4.0;
+
+/// Which of the positions are meant.
+pub(super) type Chosen = [bool; REMEMBERED];
+
+/// The last two.
+pub(super) const THE_LAST_TWO: Chosen = [true, true, false, false, false, false];
 
 /// A position that was measured.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -38,13 +44,6 @@ pub struct Memory {
     pub age: [Real; REMEMBERED],
     /// How many there are.
     pub count: u32,
-}
-
-/// A state and its covariance for what is unknown of the force; that of `e` is not in it.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Fitted {
-    pub(super) state: Physical,
-    pub(super) covariance: Covariance,
 }
 
 impl Memory {
@@ -69,14 +68,9 @@ impl Memory {
         self.count = (self.count + 1).min(REMEMBERED as u32);
     }
 
-    /// The state by the last two positions, for a force that is unknown up to the variance `of_d`.
-    pub(super) fn of_two(&self, of_x: Real, of_d: Real) -> Option<Fitted> {
-        self.fitted([true, true, false, false, false, false], of_x, of_d)
-    }
-
-    /// The state by the positions that agree on a line within what noise and a force within `dmax`
-    /// allow, if they are enough.
-    pub(super) fn consensus(&self, of_x: Real, dmax: Real) -> Option<Fitted> {
+    /// The positions that agree on a line within what noise and a force within `dmax` allow, if they
+    /// are enough.
+    pub(super) fn consensus(&self, of_x: Real, dmax: Real) -> Option<Chosen> {
         let noise = WITHIN * sqrt(of_x);
         let mut best = Agreement::default();
         for (k, one) in self.seen().enumerate() {
@@ -88,14 +82,11 @@ impl Memory {
                 }
             }
         }
-        if best.count < AGREEING || best.count + 2 < self.count {
-            return None;
-        }
-        self.fitted(best.chosen, of_x, 0.25 * dmax * dmax)
+        (best.count >= AGREEING && best.count + 2 >= self.count).then_some(best.chosen)
     }
 
-    /// The positions that lie near this line. (Out of line, as what follows: on a target the code
-    /// of two of its callers would be twice as long.)
+    /// The positions that lie near this line. (Out of line: on a target the code of its caller
+    /// would be twice as long.)
     #[inline(never)]
     fn agreement(&self, line: Line, noise: Real, dmax: Real) -> Agreement {
         let mut found = Agreement::default();
@@ -108,50 +99,12 @@ impl Memory {
         }
         found
     }
-
-    /// The line of least squares through the chosen ones, `None` through positions of one time. Of
-    /// an error `delta` of the acceleration the velocity has `q delta/2`, the position
-    /// `-(m - q tau) delta/2`, with `tau`, `m` the means of `tau_i`, `tau_i^2` and `q` the slope of
-    /// `tau_i^2`.
-    #[inline(never)]
-    fn fitted(&self, chosen: [bool; REMEMBERED], of_x: Real, of_d: Real) -> Option<Fitted> {
-        let seen = || self.seen().zip(chosen).filter_map(|(it, taken)| taken.then_some(it));
-        let (mut n, mut ages, mut places) = (0.0, 0.0, 0.0);
-        for it in seen() {
-            (n, ages, places) = (n + 1.0, ages + it.age, places + it.y);
-        }
-        let (age, place) = (ages / n, places / n);
-        let (mut spread, mut slope, mut square, mut bent) = (0.0, 0.0, 0.0, 0.0);
-        for it in seen() {
-            let since = it.age - age;
-            spread += since * since;
-            slope += since * (it.y - place);
-            square += it.age * it.age / n;
-            bent += since * it.age * it.age;
-        }
-        if spread.is_nan() || spread <= 0.0 {
-            return None;
-        }
-        let (v, q) = (-slope / spread, bent / spread);
-        let (by_x, by_v) = (-0.5 * (square - q * age), 0.5 * q);
-        let vv = of_x / spread;
-        let covariance = Covariance {
-            xx: of_x / n + age * age * vv + by_x * by_x * of_d,
-            xv: age * vv + by_x * by_v * of_d,
-            xd: by_x * of_d,
-            vv: vv + by_v * by_v * of_d,
-            vd: by_v * of_d,
-            dd: of_d,
-            ..Covariance::default()
-        };
-        Some(Fitted { state: Physical { x: place + v * age, xdot: v }, covariance })
-    }
 }
 
 /// The positions near a line, how many, and the sum of their distances (m).
 #[derive(Clone, Copy, Default)]
 struct Agreement {
-    chosen: [bool; REMEMBERED],
+    chosen: Chosen,
     count: u32,
     sum: Real,
 }
@@ -174,4 +127,43 @@ fn off((one, other): Line, it: &Seen) -> Real {
 /// How far an unknown force of `dmax` may bring it off: a parabola through the two.
 fn bend((one, other): Line, it: &Seen, dmax: Real) -> Real {
     0.5 * dmax * ((it.age - one.age) * (it.age - other.age)).abs()
+}
+
+impl ObserverState {
+    /// From the line of least squares through these positions on, if they are not of one time. Of an
+    /// error `delta` of the acceleration the velocity has `q delta/2`, the position
+    /// `-(m - q tau) delta/2`, with `tau`, `m` the means of `tau_i`, `tau_i^2` and `q` the slope of
+    /// `tau_i^2`. (Out of line: its part of the stack is not there while the filter moves on.)
+    #[inline(never)]
+    pub(super) fn refit(&mut self, chosen: Chosen, of_x: Real, of_d: Real) -> bool {
+        let seen = || self.memory.seen().zip(&chosen).filter_map(|(it, taken)| taken.then_some(it));
+        let (mut n, mut ages, mut places) = (0.0, 0.0, 0.0);
+        for it in seen() {
+            (n, ages, places) = (n + 1.0, ages + it.age, places + it.y);
+        }
+        let (age, place) = (ages / n, places / n);
+        let (mut spread, mut slope, mut square, mut bent) = (0.0, 0.0, 0.0, 0.0);
+        for it in seen() {
+            let since = it.age - age;
+            spread += since * since;
+            slope += since * (it.y - place);
+            square += it.age * it.age / n;
+            bent += since * it.age * it.age;
+        }
+        if spread.is_nan() || spread <= 0.0 {
+            return false;
+        }
+        let (v, q) = (-slope / spread, bent / spread);
+        let (by_x, by_v) = (-0.5 * (square - q * age), 0.5 * q);
+        let vv = of_x / spread;
+        self.restart(Physical { x: place + v * age, xdot: v }, Covariance::default());
+        let covariance = &mut self.covariance;
+        covariance.xx = of_x / n + age * age * vv + by_x * by_x * of_d;
+        covariance.xv = age * vv + by_x * by_v * of_d;
+        covariance.xd = by_x * of_d;
+        covariance.vv = vv + by_v * by_v * of_d;
+        covariance.vd = by_v * of_d;
+        covariance.dd = of_d;
+        true
+    }
 }

@@ -32,8 +32,6 @@ pub use covariance::Covariance;
 pub use memory::{Memory, Seen, REMEMBERED};
 pub use settings::ObserverSettings;
 
-use memory::Fitted;
-
 use crate::setting::{is_positive, require};
 use crate::{Physical, Real, SettingError};
 
@@ -235,7 +233,7 @@ impl ObserverSettings {
 
 impl ObserverState {
     /// From here on; `d` and `e` keep their values, and `e` what is unknown of it.
-    fn restart(&mut self, Fitted { state, covariance }: Fitted) {
+    fn restart(&mut self, state: Physical, covariance: Covariance) {
         self.estimate.state = Physical { x: state.x.max(0.0), ..state };
         self.covariance = Covariance { ee: self.covariance.ee, ..covariance };
         (self.waiting, self.in_a_row) = (false, 0);
