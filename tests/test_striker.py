@@ -83,6 +83,14 @@ def test_a_push_on_the_racket_is_learnt_from_its_acceleration(late):
     assert np.abs(ignored - 0.5).min() > 5e-4
 
 
+@pytest.mark.parametrize("late", [1, 5, 20])
+def test_a_delay_that_nobody_told_is_learnt_as_a_push(late):
+    """The control is a + d h a' late: what the racket lacks is what the delay takes."""
+    run = juggle(delay=late, end=8.0)
+    np.testing.assert_allclose(heights(run, 5.0), 0.5, atol=1e-5)
+    assert len(heights(run, 5.0)) >= 4
+
+
 def test_an_impact_that_is_predicted_wrongly_is_learnt_when_it_is_measured():
     run = juggle(juggled(e=0.7), end=7.0, delay=5, delay_told=5)
     np.testing.assert_allclose(heights(run, 5.0), 0.5, atol=1e-4)
