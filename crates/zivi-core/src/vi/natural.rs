@@ -77,6 +77,8 @@ mod tests {
         let (lower, upper) = ([-1.0; 3], [1.0; 3]);
         assert_eq!(worst_component(&[-1.0, 0.3, 1.0], &[-0.1, 0.2, -5.0], &lower, &upper), 1);
         assert_eq!(worst_component(&[0.0; 3], &[-0.1, 0.2, f64::NAN], &lower, &upper), 2);
+        // the first of equals
+        assert_eq!(worst_component(&[0.0; 3], &[0.1, -0.2, 0.2], &lower, &upper), 1);
     }
 
     #[test]

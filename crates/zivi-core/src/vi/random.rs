@@ -19,3 +19,17 @@ impl Random {
         (bits >> 11) as f64 / (1_u64 << 53) as f64
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The first numbers of the published generator from the state 0.
+    #[test]
+    fn it_is_the_published_generator() {
+        let mut random = Random::new(0);
+        for bits in [0xE220_A839_7B1D_CDAF_u64, 0x6E78_9E6A_A1B9_65F4, 0x06C4_5D18_8009_454F] {
+            assert_eq!(random.uniform(), (bits >> 11) as f64 / (1_u64 << 53) as f64);
+        }
+    }
+}

@@ -27,3 +27,23 @@ impl Stagnation {
         self.since >= 3
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn slow_after_three_and_stalled_after_twenty_that_do_not_fall_by_a_tenth() {
+        let mut progress = Stagnation::new(1.0);
+        let mut told = |merit: f64| (progress.has_stalled(merit), progress.is_slow());
+        for merit in [0.95, 0.91] {
+            assert_eq!(told(merit), (false, false));
+        }
+        assert_eq!(told(0.9), (false, true));
+        assert_eq!(told(0.89), (false, false));
+        for iteration in 1..20 {
+            assert_eq!(told(0.85), (false, iteration >= 3));
+        }
+        assert_eq!(told(0.85), (true, true));
+    }
+}

@@ -89,6 +89,43 @@ fn several_rows_that_exclude_each_other_are_found() {
     }
 }
 
+/// In units of the unknowns that make all rates of the simplex method small.
+#[test]
+fn proofs_do_not_depend_on_the_unit_of_the_unknowns() {
+    for seed in 0..40 {
+        let mut random = Random::new(seed);
+        let n = 6 + random.below(10);
+        let mut drawn = impossible(n, 3 + random.below(3), 1.0, &mut random);
+        let unit = 1e7;
+        drawn.matrix.iter_mut().for_each(|m| *m /= unit);
+        drawn.lower.iter_mut().chain(&mut drawn.upper).for_each(|bound| *bound *= unit);
+        let report = drawn.solve(unit * random.normal(), None);
+        assert_eq!(report.status, Status::Infeasible, "seed {seed}: {report:?}");
+    }
+}
+
+/// `F_0 + F_1 = -1e-6` and a row that is below zero by as much, by terms of 1e10.
+#[test]
+fn what_rounding_may_have_made_proves_nothing() {
+    let big = 1e10;
+    let two =
+        [[0.0, 0.0, big, -big], [0.0, 0.0, -big, big], [0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]];
+    let one = [[0.0, 0.0, big, -big], [0.0, 1.0, 0.0, 0.0], two[2], two[3]];
+    let none = Settings { restarts: 0, enumerate_up_to: 0, ..Settings::default() };
+    for (rows, place) in [(two, 0.0), (one, 1.0)] {
+        for (margin, proved) in [(1e-6, false), (1e3, true)] {
+            let matrix: Vec<f64> = rows.concat();
+            let q = [-margin, 0.0, 0.0, 0.0];
+            let lower = [0.0, 0.0, 0.0, place];
+            let upper = [INF, INF, 1.0, 1.0 + place];
+            let mut z = [0.5, 0.5, 0.5, 0.5 + place];
+            let mut affine = Affine { matrix: &matrix, q: &q };
+            let report = solve(&mut affine, &lower, &upper, &mut z, &none).unwrap();
+            assert_eq!(report.status == Status::Infeasible, proved, "{margin} {report:?}");
+        }
+    }
+}
+
 /// A solution refutes every proof, however far the search for one gets.
 #[test]
 fn what_has_a_solution_is_never_called_infeasible() {

@@ -84,6 +84,20 @@ fn without_a_solution_no_success() {
     assert_eq!(report.counts.restarts, 8);
 }
 
+/// Slopes that are right in the rows that are solved and far too steep in the one that is not make
+/// its residual look like rounding.
+#[test]
+fn slopes_are_compared_with_f_in_the_rows_that_are_not_solved() {
+    let mut problem = Maps(
+        |z: &[f64], f: &mut [f64]| (f[0], f[1]) = (z[0] - 1.0 + 1e-3, z[1] - 2.0),
+        |_: &[f64], j: &mut [f64]| j.copy_from_slice(&[1e13, 0.0, 0.0, 1.0]),
+    );
+    let mut z = [1.0, 0.0];
+    let settings = Settings { restarts: 0, enumerate_up_to: 0, ..Settings::default() };
+    let report = solve(&mut problem, &[-INF; 2], &[INF; 2], &mut z, &settings).unwrap();
+    assert!(!report.status.is_success() || report.residual <= 1e-9, "{report:?}");
+}
+
 #[test]
 fn a_solution_at_infinity_shows_in_size_and_ratio() {
     let mut exp = scalar(|z| -(-z).exp(), |z| (-z).exp());

@@ -146,5 +146,8 @@ fn labels_race() {
         assert!(regret(a, b, &x, &y) < 1e-10);
         pivots
     });
-    assert!(most.max() < Some(4000));
+    let most: Vec<usize> = most.collect();
+    assert!(most.iter().max() < Some(&4000));
+    // a path is given up after half a pivot a label at first: after twice that this one takes 233
+    assert!(most[1] < 180, "{most:?}");
 }

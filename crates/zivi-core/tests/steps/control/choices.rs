@@ -54,6 +54,20 @@ fn a_slow_mass_at_the_wall_is_stopped_by_the_brake_alone() {
     }
 }
 
+/// From either side, and its zero has no sign.
+#[test]
+fn the_regulators_step_onto_the_wall_is_the_same_from_both_sides() {
+    let step = regulation(0.1, 10.0, 2.0);
+    let ends = [1.0, -1.0].map(|side| step.solve(Lifted { s: side * 1e-3, v: -side * 0.02 }, 0.0));
+    for found in ends {
+        assert_eq!(found.end.s.to_bits(), 0, "{found:?}");
+    }
+    assert_eq!(ends[0].end.v, -ends[1].end.v);
+    assert_eq!(ends[0].lambda_s, -ends[1].lambda_s);
+    assert_eq!(ends[0].lambda_v, -ends[1].lambda_v);
+    assert_eq!(ends[0].u, ends[1].u);
+}
+
 /// `u = R [ -mu1 sgn(e_s) - mu2 sgn(e_v) + F_r/R_r ] - F`; on the wall the reference's force counts
 /// where it pulls the reference off.
 #[test]

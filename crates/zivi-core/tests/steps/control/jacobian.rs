@@ -4,11 +4,12 @@
 use crate::common::control::{random_wall, signed, signs, stable, Instance, DRAWS};
 use crate::common::Rng;
 use zivi_core::control::inclusion::{
-    Inclusion, PlantInclusion, RegulationInclusion, TrackingInclusion,
+    AsProblem, Inclusion, PlantInclusion, RegulationInclusion, TrackingInclusion,
 };
 use zivi_core::control::regulation::RegulationStep;
 use zivi_core::control::tracking::{Target, TrackingStep};
 use zivi_core::control::{Approach, Gains, TwistingTracker};
+use zivi_core::vi::Problem;
 use zivi_core::{transform, Branch, Lifted, Physical, Restitution, ThetaGammaStep};
 
 /// Everything that a step of six signs has; the smaller ones use a part.
@@ -309,5 +310,24 @@ fn the_step_is_symmetric() {
             assert_eq!((mirrored.end.s, mirrored.end.v), (-found.end.s, -found.end.v), "{it:?}");
             assert_eq!((mirrored.u, mirrored.place), (found.u, found.place), "{it:?}");
         }
+    }
+}
+
+/// The general solver sees the same rows and slopes.
+#[test]
+fn as_a_problem_a_step_is_the_same() {
+    let rng = Rng::new(5);
+    for _ in 0..20 {
+        let whole = draw(&rng);
+        let step =
+            RegulationStep { h: whole.h, restitution: whole.restitution, gains: whole.gains };
+        let inclusion = RegulationInclusion { step: &step, z: whole.z, f: whole.f };
+        let lambda: [f64; 2] = inside(&rng);
+        let (mut f, mut jacobian) = ([f64::NAN; 2], [f64::NAN; 4]);
+        let mut problem = AsProblem(inclusion);
+        problem.map(&lambda, &mut f).expect("defined");
+        problem.jacobian(&lambda, &mut jacobian).expect("defined");
+        assert_eq!(f, inclusion.map(lambda));
+        assert_eq!(jacobian, inclusion.jacobian(lambda).as_flattened());
     }
 }
