@@ -7,8 +7,10 @@ In contact both move as one, and the teeth press with ``L + Re(Z F e^(i omega t)
     Z = (-J2 omega^2 + i c2 omega) / (k - (J1 + J2) omega^2 + i (c1 + c2) omega),
 
 so that the orbit in contact ends at ``F = L/|Z|``. The branch of that orbit finds its end by the
-force of the contact, and the curve of the ends follows the formula over the frequency, above
-the resonance. Beyond it the gears rattle, as runs over the force show.
+force of the contact, and goes on: the teeth part, hit and come to rest again in every period, with
+larger forces they hit the back of the gap on the way, where the branch is unstable for a while.
+Both events have curves over the frequency; that of the end follows the formula, above the
+resonance. Runs over the force settle on the branch where it is stable.
 
 Run as ``python examples/mechanics_gear_orbits.py [out.png]``.
 """
@@ -57,10 +59,9 @@ def settled(force: float, periods: int = 150) -> zivi.MechanicalOrbit:
     return zivi.periodic_orbit(system, run)
 
 
-def in_contact() -> zivi.MechanicalBranch:
-    """Follow the orbit in contact to its end."""
-    end = float(silent(OMEGA))
-    return zivi.continue_orbit(settled(0.6 * end), "F", (0.3 * end, 1.5 * end))
+def branch_of(least: float = 0.15, most: float = 1.55) -> zivi.MechanicalBranch:
+    """Follow the orbit in contact, and beyond its end."""
+    return zivi.continue_orbit(settled(0.3), "F", (least, most), step=0.1)
 
 
 def rattling(values: np.ndarray) -> zivi.Diagram:
@@ -72,30 +73,46 @@ def rattling(values: np.ndarray) -> zivi.Diagram:
     )
 
 
+def fastest(orbit: zivi.MechanicalOrbit) -> float:
+    """Give the speed after the fastest impact on the front of the teeth."""
+    return max(orbit.impacts["u"][orbit.impacts["gap"] == 0], default=0.0)
+
+
 def main(path: str = "gear_orbits.png") -> None:
     """Compare with the formula and draw."""
-    branch = in_contact()
+    branch = branch_of()
+    print(" | ".join(branch.words))
     event = branch.of_kind("contact_ends")[0]
     print(f"the contact ends at F = {event.value:.9f} ({silent(OMEGA):.9f})")
-    ends = zivi.continue_curve(event, ("F", "omega"), SPANS, step=0.1, max_points=80)
+    touch = branch.of_kind("interior_impact")[0]
+    print(f"the back of the teeth is hit from F = {touch.value:.9f} on")
+    ends, hits = (
+        zivi.continue_curve(it, ("F", "omega"), SPANS, step=0.1, max_points=80)
+        for it in (event, touch)
+    )
     force, omega = ends.values.T
     least = int(np.argmin(force))
     print(f"lowest F {force[least]:.9f} ({silent(omega[least]):.9f}), omega {omega[least]:.3f}")
     print(f"over omega {omega.min():.2f} .. {omega.max():.2f}")
-    rattle = settled(2.0 * event.value)
-    print(f"at twice that force the word is {' '.join(rattle.word)}")
 
     import matplotlib
 
     matplotlib.use("Agg")
     import matplotlib.pyplot as plt
 
-    fig, (left, right) = plt.subplots(1, 2, figsize=(9.0, 3.8), layout="constrained")
-    zivi.plot.diagram(rattling(np.linspace(0.4, 1.6, 31)), ax=left)
-    left.axvline(event.value, ls=":", color="0.5")
-    left.set(title="Speed after impacts of the front", xlabel="force F", ylabel="speed")
-    zivi.plot.chart([ends], ax=right)
-    right.set(title="Where the contact ends", xlabel="force F", ylabel="frequency omega")
+    fig, (left, right) = plt.subplots(1, 2, figsize=(10.0, 4.0), layout="constrained")
+    zivi.plot.diagram(rattling(np.linspace(0.16, 1.54, 47)), ax=left, ms=2.5)
+    # dashed where the orbit is unstable
+    for arc, colour in zip(branch.arcs, ("black", zivi.plot.BLUE, zivi.plot.ORANGE), strict=True):
+        speeds = np.array([fastest(it) for it in arc.orbits])
+        stable = np.array([it.stable for it in arc.orbits])
+        name = "in contact" if arc.word == ("P",) else " ".join(arc.word)
+        left.plot(arc.values, speeds, "--", lw=0.9, color=colour)
+        left.plot(arc.values, np.where(stable, speeds, np.nan), color=colour, label=name)
+    left.legend(fontsize="small")
+    left.set(title="Speeds after impacts of the front", xlabel="force F", ylabel="speed")
+    zivi.plot.chart([ends, hits], ax=right)
+    right.set(title="Contact ends, the back is hit", xlabel="force F", ylabel="frequency omega")
     fig.savefig(path, dpi=150)
 
 

@@ -328,8 +328,10 @@ def test_wheels_that_never_part_move_as_one():
     rates = np.roots([inertia.sum(), damping.sum(), stiffness])
     assert_multipliers(orbit.multipliers, np.exp(rates * np.pi))
     assert np.count_nonzero(orbit.multipliers) == 2
-    branch = zivi.continue_orbit(orbit, "F", (0.1, 0.8))
+    branch = zivi.continue_orbit(orbit, "F", (0.1, 0.6), step=0.1)
     # the force between them is 0.5 + Re(Z F e^(2 i t))
     Z = (-4 * 1.5 + 2j * 0.3) / (stiffness - 4 * 2.5 + 2j * 0.5)
     assert branch.of_kind("contact_ends")[0].value == pytest.approx(0.5 / abs(Z), abs=1e-10)
-    assert branch.status is zivi.OrbitStatus.LEFT_ADMISSIBLE
+    assert branch.words == ["P", "L front Z front"]
+    ends = zivi.continue_orbit(orbit, "F", (0.1, 0.8), through=False)
+    assert ends.status is zivi.OrbitStatus.LEFT_ADMISSIBLE

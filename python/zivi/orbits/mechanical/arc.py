@@ -23,7 +23,7 @@ from zivi.orbits.mechanical.path import (
     located_near,
     sigma,
 )
-from zivi.orbits.mechanical.reopening import reopened
+from zivi.orbits.mechanical.reopening import is_vanishing, rejoined, reopened
 from zivi.orbits.mechanical.rest_appears import rest_beyond
 from zivi.orbits.mechanical.resting import end_of_rest, is_near
 from zivi.orbits.mechanical.word import Word
@@ -45,6 +45,12 @@ SHORT = 0.01
 """The first step where a contact, or its end, lasts a short time, relative to the longest."""
 
 
+OPENING = ("contact_ends", "opening")
+"""Beyond them a contact opens for a short time."""
+VANISHING = ("grazing", "simultaneous", "end_of_rest")
+"""What may be negative where that time is over."""
+
+
 class Found(NamedTuple):
     """An event of a branch."""
 
@@ -60,6 +66,8 @@ class Arc:
     path: Path
     points: list[Point]
     events: list[Found] = dataclasses.field(default_factory=list)
+    sided: bool = False
+    """Whether an orbit a little beyond its start was seen to be a motion."""
 
 
 class Way:
@@ -97,6 +105,8 @@ class Way:
     def _advance(self) -> OrbitStatus | None:
         arc = self.arcs[-1]
         last = arc.points[-1]
+        if self.through and is_vanishing(arc.points) and self._join(arc, last):
+            return None
         rests = is_near(arc.points)
         new = None if rests else self._next(arc.path, last)
         rest = end_of_rest(arc.path, arc.points, self.span) if new is None else None
@@ -107,12 +117,18 @@ class Way:
             return OrbitStatus.LEFT_ADMISSIBLE
         new = self._next(arc.path, last) if rests else new
         if new is None:
-            return OrbitStatus.NOT_CONVERGED
+            joins = self.through and self._join(arc, last)
+            return None if joins else OrbitStatus.NOT_CONVERGED
         if not self.span[0] <= new.value <= self.span[1]:
             return self._end_of_range(arc, last, new)
         if self.out and self._is_out(last):
             return self._beyond(arc, new)
         edge = self._edge(arc, last, new)
+        if edge is not None and edge.point is last and arc.sided and self.step > PROBE:
+            # the word is a motion on this side: where impacts begin one soon after the other, the
+            # step went beyond the next ones
+            self.step *= 0.1
+            return None
         if edge is not None:
             return self._over(arc, last, edge, new)
         if self._mirrored(last, new):
@@ -187,6 +203,8 @@ class Way:
 
     def _over(self, arc: Arc, last: Point, edge: Found, new: Point) -> OrbitStatus | None:
         """Note an event, and go on with the word beyond it."""
+        if self.through and edge.kind in VANISHING and self._join(arc, last):
+            return None
         self._look(arc, last, edge.point)
         if self.beyond:
             arc.events.append(edge)
@@ -195,7 +213,7 @@ class Way:
             arc.points.append(edge.point)
             self.count += 1
         arc.events.append(edge)
-        if edge.low is not None and self.through and edge.kind == "contact_ends":
+        if edge.low is not None and self.through and edge.kind in OPENING:
             return self._reopen(arc, edge.point, edge.low)
         if edge.kind == "interior_impact" and self.through:
             rest = rest_beyond(arc.path, edge.point, self.span)
@@ -220,7 +238,7 @@ class Way:
         sided = self._sided(path, start, float(edge.point.tangent[-1]))
         if sided is None:
             return OrbitStatus.LEFT_ADMISSIBLE
-        self.arcs.append(Arc(path, [sided]))
+        self.arcs.append(Arc(path, [sided], sided=True))
         self.step = min(self.step, 0.2 * self.longest)
         return None
 
@@ -233,6 +251,18 @@ class Way:
         self.count += 1
         self.step = min(self.step, SHORT * self.longest)
         return None
+
+    def _join(self, arc: Arc, last: Point) -> bool:
+        """Go on where an opened contact no longer opens, if it does."""
+        found = rejoined(arc.path, last)
+        if found is None:
+            return False
+        path, event, low = found
+        arc.events.append(Found(low.kind, event, low))
+        self.arcs.append(Arc(path, [event]))
+        self.count += 1
+        self.step = 0.2 * self.longest
+        return True
 
     def _rest(self, rest: tuple[Path, Point, Low]) -> OrbitStatus | None:
         """Go on with an orbit that rests where a chain of impacts became one."""

@@ -168,13 +168,15 @@ class Margins:
         z = flow.path(segment.contacts, t0, terms.x[s, 1:-1], times)
         gaps, rates = flow.gaps(times, z)
         found, widest = [], float(np.max(np.abs(z[:, : flow.n])))
+        # at a lift-off the rate of its gap is zero up to rounding: no minimum
+        lifted = terms.frame.word[s - 1].gap if terms.frame.word[s - 1].kind == "L" else -1
         for i in range(flow.m):
             if i in segment.contacts:
                 continue
             # a gap of a short flight is a difference of coordinates
             size = max(float(np.max(np.abs(gaps[:, i]))), FLAT * widest, 1e-300)
             turns = np.flatnonzero((rates[:-1, i] < 0.0) & (rates[1:, i] >= 0.0))
-            for k in turns:
+            for k in turns[(turns > 0) | (i != lifted)]:
                 t, value = self._minimum(s, i, times[k : k + 2], rates[k : k + 2, i])
                 found.append(Low("interior_impact", s, i, t, value, size))
         if segment.contacts:

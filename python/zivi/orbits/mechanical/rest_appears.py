@@ -84,7 +84,11 @@ def _resting(path: Path, edge: Point, first: int, value: float) -> tuple[Path, P
     try:
         run = simulate(frame.system, span, (z[:n], z[n:]), frame.method)
         new, x, _ = recent(frame.system, run, 1, frame.length, False, frame.method)
-        if all(it.kind != "Z" for it in new.word):
+        gap = frame.word[first].gap
+        rests, before_it = (
+            sum(it.kind == "Z" and it.gap == gap for it in word) for word in (new.word, frame.word)
+        )
+        if rests <= before_it:
             return None
         y = new.joined(x, frame.length)
         own = Path(new, path.name, y, float(path.scale[-1]))

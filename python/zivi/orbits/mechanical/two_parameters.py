@@ -21,6 +21,7 @@ from zivi.orbits.mechanical.find import orbit_of
 from zivi.orbits.mechanical.margins import Margins
 from zivi.orbits.mechanical.one_mass import as_mechanical
 from zivi.orbits.mechanical.orbit import MechanicalOrbit
+from zivi.orbits.mechanical.reopening import about
 from zivi.orbits.mechanical.rest_curve import rest_curve
 from zivi.simulation.run import pair
 from zivi.system.parameters import parameter
@@ -355,14 +356,8 @@ def _critical_word(event: Any, orbit: MechanicalOrbit) -> tuple[Frame, Array]:
 def _around_least_force(orbit: MechanicalOrbit) -> tuple[Frame, Array]:
     """Put the section of a motion without events away from where a force is least."""
     terms = evaluate(orbit._frame, orbit._y)
-    frame, x, length = terms.frame, terms.x, terms.length
     lows = [it for it in Margins(terms).lows if it.kind == "contact_ends"]
-    end = min(lows, key=lambda it: it.value / it.size).t + 0.5 * length
-    within = np.array([end - length * (end > x[0, -1])])
-    z = frame.flow.path(frame.word[0].contacts, float(x[0, 0]), x[0, 1:-1], within)[0]
-    row = np.concatenate([[end - length], z, [end]])[None]
-    new = dataclasses.replace(frame, section=end)
-    return new, new.joined(row, length)
+    return about(terms, min(lows, key=lambda it: it.value / it.size).t)
 
 
 def orbit_at(point: CurvePoint, multiple: int) -> MechanicalOrbit:
