@@ -5,6 +5,7 @@ import pytest
 
 import zivi
 from orbit_systems import REFERENCES, chain2, shaker
+from oscillator import Oscillator
 from zivi import LinearGap
 
 
@@ -313,3 +314,64 @@ def test_a_curve_of_folds_has_a_cusp():
     assert before @ after > 0.9 * np.linalg.norm(before) * np.linalg.norm(after)
     # and its orbit is one of the fold
     assert np.min(np.abs(cusp.orbit.multipliers - 1.0)) < 1e-6
+
+
+def test_the_grazings_of_an_oscillator_of_one_mass_are_those_of_its_closed_form():
+    oscillator = Oscillator(0.05, 0.9, 0.8)
+    t, amplitude = oscillator.orbit(0.3)
+    orbit = zivi.periodic_orbit(oscillator.system(amplitude), [(t, 0.3)], 1)
+    grazes = np.sqrt(oscillator.quadratic[0])
+    branch = zivi.continue_orbit(orbit, "amplitude", (0.3 * grazes, 1.5 * amplitude))
+    (event,) = branch.of_kind("grazing")
+    curve = zivi.continue_curve(event, ("omega", "amplitude"), ((0.8, 1.3), (0.01, 2.0)), step=0.1)
+    assert curve.status is zivi.OrbitStatus.RANGE_END
+    w, force = curve.values.T
+    exact = [np.sqrt(Oscillator(0.05, each, 0.8).quadratic[0]) for each in w]
+    assert np.max(np.abs(force - exact)) < 1e-10
+    assert w.min() < 0.85
+    assert curve.orbits(0).word == ("I wall",)
+
+
+def test_doublings_of_a_nonlinear_mass_are_those_of_its_simulations():
+    def force(t, x, v, a, k):
+        return -1 - k * x**3 - 0.1 * v + a * np.sin(t)
+
+    def slopes(t, x, v, a, k):
+        return a * np.cos(t), -3 * k * x * x, -0.1, np.sin(t), -(x**3)
+
+    hardening = zivi.ParametricForce(force, {"a": 1.9, "k": 0.02}, slopes)
+    system = zivi.ImpactSystem(hardening, e=0.6)
+    run = zivi.simulate(system, (0, 600), (0.1, 2))
+    orbit = zivi.periodic_orbit(system, run, period=2 * np.pi)
+    branch = zivi.continue_orbit(orbit, "a", (0.8, 4.0))
+    (event,) = branch.of_kind("period_doubling")
+    curve = zivi.continue_curve(
+        event, ("a", "k"), ((0.5, 5), (0.015, 0.03)), step=0.3, max_points=6
+    )
+    for i in (0, len(curve) - 1):
+        a, k = curve.values[i]
+        own = zivi.ImpactSystem(hardening.replace(a=a, k=k), e=0.6)
+        start = curve.orbits(i)
+        middle, z = start._middle()
+        s = zivi.sensitivity(own, (middle, middle + 2 * np.pi), tuple(z), dense_output=False)
+        assert np.min(np.abs(np.linalg.eigvals(s.final) + 1.0)) < 1e-6
+        end = [s.trajectory.x[-1], s.trajectory.xdot[-1]]
+        np.testing.assert_allclose(end, z, atol=1e-7)
+
+
+def test_the_width_of_a_cycle_is_where_it_grazes():
+    """That of van der Pol's cycle, 2.00862 where mu is 1; it grazes a wall that is as far away."""
+
+    def force(t, x, v, c, mu):
+        return mu * (1 - (x - c) ** 2) * v - (x - c)
+
+    def slopes(t, x, v, c, mu):
+        y = x - c
+        return 0.0, -2 * mu * y * v - 1, mu * (1 - y * y), 2 * mu * y * v + 1, (1 - y * y) * v
+
+    cycle = zivi.ParametricForce(force, {"c": 1.9, "mu": 0.5}, slopes)
+    orbit = zivi.periodic_orbit(zivi.ImpactSystem(cycle, e=0.7), (0.0, (1.0, 0.0)))
+    (event,) = zivi.continue_orbit(orbit, "c", (1.7, 2.3)).of_kind("grazing")
+    curve = zivi.continue_curve(event, ("c", "mu"), ((1.7, 2.3), (0.3, 1.0)), step=0.2)
+    end = curve.values[np.argmax(curve.values[:, 1])]
+    assert end == pytest.approx([2.008619861, 1.0], abs=1e-6)

@@ -110,6 +110,8 @@ def continue_orbit(
         )
     value = value_of(orbit.system, name)
     low, high = (finite("span", end) for end in pair("span", span, "(low, high)"))
+    if name == "e" and isinstance(orbit, PeriodicOrbit):
+        low, high = max(low, 0.0), min(high, 1.0)
     if not low <= value <= high or low == high:
         raise ValueError(f"span must contain {name} = {value} of the orbit, got ({low}, {high})")
     if not 0.0 < finite("step", step) < 1.0:

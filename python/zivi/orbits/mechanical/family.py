@@ -15,7 +15,7 @@ from zivi.system.linear import LinearSystem
 from zivi.system.loads import Harmonic
 from zivi.system.mass import ImpactSystem
 from zivi.system.mechanism import MechanicalSystem
-from zivi.system.parameters import excitation, of_law, parameter, parameters_of, with_value
+from zivi.system.parameters import excitation, parameter, parameters_of, with_value
 from zivi.system.parametric_mechanism import ParametricSystem
 from zivi.system.wall import HarmonicWall
 
@@ -37,7 +37,7 @@ def _parameters(system: MechanicalSystem) -> dict[str, float]:
 def values_of(system: MechanicalSystem | ImpactSystem) -> dict[str, float]:
     """Give the numbers that have names, and their values."""
     if isinstance(system, ImpactSystem):
-        return of_law(system) | parameters_of(system)
+        return {"e": system.e} | parameters_of(system)
     found = _parameters(system)
     if isinstance(system, LinearSystem):
         found |= _of_linear(system)
@@ -83,7 +83,8 @@ def value_of(system: MechanicalSystem | ImpactSystem, name: str) -> float:
         For a name that there is not, with those that there are.
     """
     if isinstance(system, ImpactSystem):
-        return parameter(system, name)
+        own = values_of(system)
+        return own[name] if name in own else parameter(system, name)
     known = values_of(system)
     if name not in known:
         hint = "" if known else ": zivi.ParametricSystem(build, {...}) gives numbers names"
@@ -93,11 +94,9 @@ def value_of(system: MechanicalSystem | ImpactSystem, name: str) -> float:
 
 def with_values(system: System, values: Mapping[str, float]) -> System:
     """Give the same system with other values of some numbers."""
-    new: Any = system
     if isinstance(system, ImpactSystem):
-        for name, value in values.items():
-            new = with_value(new, name, value)
-        return new  # type: ignore[no-any-return]
+        return _of_mass(system, values)  # type: ignore[return-value]
+    new: Any = system
     own = _parameters(system)
     given = {name: value for name, value in values.items() if name in own}
     if given:
@@ -116,6 +115,20 @@ def with_values(system: System, values: Mapping[str, float]) -> System:
             assert isinstance(new, LinearSystem)
             new = _with_number(new, name, value, known[name])
     return new  # type: ignore[no-any-return]
+
+
+def _of_mass(system: ImpactSystem, values: Mapping[str, float]) -> ImpactSystem:
+    """Give one mass with other values: a step over 1 may go to an e that no system has."""
+    e, new = values.get("e", system.e), system
+    if not 0.0 <= system.e <= 1.0:
+        new = ImpactSystem(system.force, e=1.0, wall=system.wall)
+    for name, value in values.items():
+        if name != "e":
+            new = with_value(new, name, value)
+    if new.e != e:
+        new = with_value(new, "e", min(max(e, 0.0), 1.0))
+        new._e = e
+    return new
 
 
 def _moved_e(system: MechanicalSystem, name: str, value: float) -> Array:

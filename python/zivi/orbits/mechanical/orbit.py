@@ -15,6 +15,7 @@ from zivi.derivatives.sensitivity import OrbitStatus
 from zivi.orbits.mechanical.accumulation import onto
 from zivi.orbits.mechanical.by_parameter import by_parameter
 from zivi.orbits.mechanical.equations import Frame, evaluate
+from zivi.orbits.mechanical.mass_flow import MassFlow
 from zivi.orbits.mechanical.multipliers import monodromy_at
 from zivi.orbits.mechanical.word import Word, named, shortened
 from zivi.simulation.mechanical_trajectory import MechanicalTrajectory
@@ -111,7 +112,7 @@ class MechanicalOrbit(Tabulated):
     @property
     def word(self) -> tuple[str, ...]:
         """The events of one period, with the names of the gaps."""
-        return named(self._word, self.system.gap_names)
+        return named(self._word, getattr(self.system, "gap_names", ("wall",)))
 
     @property
     def kind(self) -> str:
@@ -141,7 +142,8 @@ class MechanicalOrbit(Tabulated):
         t, z = self._middle()
         n = len(z) // 2
         span = (t, t + self.multiple * self.period)
-        return simulate(self.system, span, (z[:n], z[n:]), self._frame.method)
+        state = tuple(z) if isinstance(self._frame.flow, MassFlow) else (z[:n], z[n:])
+        return simulate(self.system, span, state, self._frame.method)
 
     def _along(self, count: int = 64) -> tuple[Array, Array]:
         """Give times and states ``(q, qdot)`` along the segments, so many each."""

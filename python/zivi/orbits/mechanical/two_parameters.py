@@ -19,12 +19,12 @@ from zivi.orbits.mechanical.equations import Frame, evaluate
 from zivi.orbits.mechanical.family import value_of
 from zivi.orbits.mechanical.find import orbit_of
 from zivi.orbits.mechanical.margins import Margins
-from zivi.orbits.mechanical.one_mass import as_mechanical
 from zivi.orbits.mechanical.orbit import MechanicalOrbit
 from zivi.orbits.mechanical.reopening import about
 from zivi.orbits.mechanical.rest_curve import rest_curve
+from zivi.orbits.orbit import PeriodicOrbit
+from zivi.orbits.sequence import as_word
 from zivi.simulation.run import pair
-from zivi.system.parameters import parameter
 
 __all__ = ["CodimensionTwo", "EventCurve", "continue_curve"]
 
@@ -201,8 +201,8 @@ def continue_curve(
     event : MechanicalEvent or BranchEvent
         A ``fold``, ``period_doubling``, ``pitchfork``, ``neimark_sacker``, ``grazing``,
         ``interior_impact``, ``contact_ends``, ``simultaneous`` or ``end_of_rest`` of a branch; of
-        one mass that of a `LinearForce`, but an end of rest of any force. For an end of rest the
-        first parameter is that of its branch.
+        one mass not ``rest_appears`` and ``end_of_liftoff``. For an end of rest the first parameter
+        is that of its branch.
     names : (str, str)
         The parameters, as in `continue_orbit`.
     spans : ((float, float), (float, float))
@@ -246,15 +246,13 @@ def continue_curve(
     ranges = np.array(
         [[finite("spans", end) for end in pair("spans", it, "(low, high)")] for it in spans]
     )
+    if isinstance(event, BranchEvent) and "e" in both:
+        ranges[both.index("e")] = ranges[both.index("e")].clip(0.0, 1.0)
     orbit: Any = event.orbit
     if isinstance(event, BranchEvent) and not rests:
-        orbit = as_mechanical(event.orbit)
+        orbit = _of_one_mass(event.orbit)
     for name, (low, high) in zip(both, ranges, strict=True):
-        value = (
-            parameter(orbit.system, name)
-            if rests and isinstance(event, BranchEvent)
-            else value_of(orbit.system, name)
-        )
+        value = value_of(orbit.system, name)
         if not low <= value <= high or low == high:
             raise ValueError(
                 f"spans must contain {name} = {value} of the event, got ({low}, {high})"
@@ -270,8 +268,19 @@ def continue_curve(
         return _of_rest((both[0], both[1]), *of_rest, orbit.multiple)
     frame, y = _critical_word(event, orbit)
     kappa = getattr(event, "kappa", None)
+    if kappa is None and event.kind == "neimark_sacker":
+        turning = orbit.multipliers[np.imag(orbit.multipliers) > 0.0]
+        kappa = float(np.real(turning[0]) / np.abs(turning[0]))
     found = _followed(event.kind, frame, y, (both[0], both[1]), ranges, step, max_points, kappa)
     return _curve(event.kind, (both[0], both[1]), found, orbit.multiple)
+
+
+def _of_one_mass(orbit: PeriodicOrbit) -> MechanicalOrbit:
+    """Give an orbit of one mass with its word."""
+    if orbit.kind == "resting":
+        raise ValueError("event: a resting orbit of one mass has no curve but that of its end")
+    terms = evaluate(*as_word(orbit.system, orbit._frame, orbit._y))
+    return orbit_of(terms, orbit.multiple, orbit.residual, 0, None)
 
 
 def _followed(
