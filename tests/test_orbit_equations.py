@@ -10,10 +10,11 @@ import pytest
 import zivi
 from orbit_tables import MODES, TURN, equations, frame, single, table
 from zivi.orbits.find import depth_of
-from zivi.orbits.flights import PRECISE, FlightError, fly, period_of
+from zivi.orbits.flights import PRECISE, FlightError, period_of
 from zivi.orbits.mechanical.by_parameter import by_parameter, moved_frame
 from zivi.orbits.mechanical.equations import evaluate, newton, row_sizes, sizes_of
 from zivi.orbits.mechanical.find import canonical
+from zivi.orbits.mechanical.mass_flow import MassFlow, impact_maps
 from zivi.orbits.mechanical.multipliers import multipliers_of
 from zivi.orbits.sequence import Frame, as_rows, as_word
 
@@ -166,7 +167,7 @@ def test_multipliers_at_a_grazing_are_infinite():
     assert np.all(np.isinf(multipliers_of(terms)))
     # of several impacts: the product of their maps, that of the first flight first
     two = equations(table(), frame(2), np.array([[0.7, 2.0], [6.9, 2.3]]))
-    first, second = two.kernel.maps(two.flights)
+    first, second = impact_maps(two.flights, 0.5)
     np.testing.assert_allclose(two.return_map(), second @ first)
     np.testing.assert_allclose(two.return_map(1), first @ second)
     # of the same motion in segments
@@ -177,7 +178,8 @@ def test_the_map_of_an_impact():
     # of (t, u) by differences of the flight to the wall
     system, t, u, h = table(), 0.6, 2.0, 1e-5
     end = zivi.simulate(system, (t, t + 8), (0, u), PRECISE).impacts["t"][0]
-    legs = fly(system, np.array([[t, 0.0, u, end]]))
+    flow = MassFlow(system, PRECISE)
+    flights = flow.fly((), np.array([t]), np.array([[0.0, u]]), np.array([end]))
     columns = []
     for dt, du in ((h, 0.0), (0.0, h)):
         ends = []
@@ -186,7 +188,8 @@ def test_the_map_of_an_impact():
             run = zivi.simulate(system, (t0, t0 + 8), (0, u + side * du), PRECISE)
             ends.append([run.impacts["t"][0], run.impacts["xdot_after"][0]])
         columns.append((np.array(ends[0]) - ends[1]) / (2 * h))
-    np.testing.assert_allclose(legs.map(0, u, 0.5), np.array(columns).T, rtol=1e-6)
+    (found,) = impact_maps(flights, 0.5)[:, ::2, ::2]
+    np.testing.assert_allclose(found, np.array(columns).T, rtol=1e-6)
 
 
 def turned(rows: list[list[float]], multiple: int) -> np.ndarray:

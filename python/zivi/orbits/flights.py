@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
 
 import numpy as np
@@ -15,7 +14,7 @@ from zivi.simulation.methods import SwitchedRK
 from zivi.system.mass import ImpactSystem
 from zivi.system.parameters import codes_of, excitation, parameter
 
-__all__ = ["PRECISE", "FlightError", "Legs", "flown", "fly", "period_of"]
+__all__ = ["PRECISE", "FlightError", "fly", "period_of"]
 
 PRECISE = SwitchedRK(rtol=1e-12, atol=1e-13)
 """The tolerances of orbits, unless others are given."""
@@ -29,57 +28,20 @@ class FlightError(ArithmeticError):
         self.status = status
 
 
-@dataclasses.dataclass(frozen=True)
-class Legs:
-    """The ends of flights and their derivatives, one after the other."""
-
-    x: Array
-    v: Array
-    first: Array
-    """Accelerations at the starts."""
-    last: Array
-    """Accelerations at the ends."""
-    t_low: Array
-    x_low: Array
-    """The lowest minimum between the ends; infinite where there is none."""
-    phi: Array
-    """Derivatives of the end by the start, of shape (k, 2, 2)."""
-    by: Array
-    """Derivatives of the end by the parameter, of shape (k, 2); of zero size without one."""
-
-    def map(self, i: int, u: float, e: float) -> Array:
-        """Give the derivative of ``(t, u)`` after the leg by that before it."""
-        by_t = -self.phi[i] @ [u, self.first[i]]
-        by_u = self.phi[i][:, 1]
-        dx, dv = np.column_stack([by_t, by_u])
-        with np.errstate(divide="ignore", invalid="ignore"):
-            # infinite where the impact grazes
-            dt = -dx / self.v[i]
-            return np.stack([dt, -e * (dv + self.last[i] * dt)])
-
-
 def fly(
     system: ImpactSystem,
     starts: Array,
+    method: SwitchedRK = PRECISE,
     name: str | None = None,
     *,
     minima: bool = False,
-    method: SwitchedRK = PRECISE,
-) -> Legs:
+) -> tuple[Array, Array]:
     """Fly from each ``(t, x, xdot)`` to its end, ``starts`` having four columns.
 
-    `name` is a parameter of the force or the wall to differentiate by.
+    Gives rows of x, xdot, the accelerations at both ends, time and height of the lowest minimum,
+    infinite without one; and the derivatives of the ends by the state at the start, and by the
+    parameter `name` of the force or the wall, of shape (k, 2, 2 or 3).
     """
-    ends, columns = flown(system, starts, name, minima=minima, method=method)
-    x, v, first, last, t_low, x_low = ends.T
-    by = columns[:, :, 2:].reshape(len(ends), -1)
-    return Legs(x, v, first, last, t_low, x_low, columns[:, :, :2], by)
-
-
-def flown(
-    system: ImpactSystem, starts: Array, name: str | None, *, minima: bool, method: SwitchedRK
-) -> tuple[Array, Array]:
-    """Give rows of what `Legs` names, and the derivatives of the ends, of shape (k, 2, 2 or 3)."""
     by = [] if name in (None, "e") else codes_of(system, (str(name),))
     sizes = [1.0, 1.0] + [abs(parameter(system, str(name))) or 1.0 for _ in by]
     rows = np.ascontiguousarray(starts, dtype=np.float64).reshape(-1, 4)

@@ -109,12 +109,10 @@ def apex(system: ImpactSystem, row: Array, method: SwitchedRK) -> tuple[float, f
     times = np.linspace(row[0], row[3], 65)[1:]
     starts = np.tile(row, (len(times), 1))
     starts[:, 3] = times
-    legs = fly(system, starts, method=method)
-    t = float(times[int(np.argmax(legs.x))])
+    t = float(times[int(np.argmax(fly(system, starts, method)[0][:, 0]))])
     for _ in range(6):
-        leg = fly(system, np.array([[*row[:3], t]]), method=method)
-        t -= float(leg.v[0] / leg.last[0])
+        ((_, v, _, last, *_),) = fly(system, np.array([[*row[:3], t]]), method)[0]
+        t -= float(v / last)
         if not row[0] < t <= row[3]:
             raise FlightError(Status.STEP_SIZE_TOO_SMALL)
-    leg = fly(system, np.array([[*row[:3], t]]), method=method)
-    return t, float(leg.x[0])
+    return t, float(fly(system, np.array([[*row[:3], t]]), method)[0][0, 0])

@@ -15,6 +15,7 @@ from zivi.base.table import Table, Tabulated
 from zivi.derivatives.sensitivity import OrbitStatus
 from zivi.orbits.flights import fly
 from zivi.orbits.mechanical.exponents import flow_maps, piece_of
+from zivi.orbits.mechanical.mass_flow import MassFlow, impact_maps
 from zivi.simulation.mechanical_run import state_of
 from zivi.simulation.methods import SwitchedRK
 from zivi.simulation.run import pair, simulate
@@ -144,9 +145,10 @@ def lyapunov_exponents(
     rows = rows[rows[:, 0] >= counted]
     if len(rows) < 2:
         return _in_flight(system, run, counted, span[1], method)
-    starts = np.column_stack([rows[:-1, 0], 0.0 * rows[:-1, 0], rows[:-1, 1], rows[1:, 0]])
-    legs = fly(system, starts, method=method)
-    maps = [legs.map(i, rows[i, 1], system.e) for i in range(len(starts))]
+    states = np.column_stack([0.0 * rows[:-1, 0], rows[:-1, 1]])
+    flights = MassFlow(system, method).fly((), rows[:-1, 0], states, rows[1:, 0])
+    # of (t, u): x is 0
+    maps = list(impact_maps(flights, system.e)[:, ::2, ::2])
     duration = float(rows[-1, 0] - rows[0, 0])
     return Lyapunov(_means(maps, rows[:, 0]), duration, len(maps), OrbitStatus.COMPLETED, run)
 
@@ -179,7 +181,7 @@ def _in_flight(
     """Multiply the flows over the parts of a run without impacts."""
     times = np.linspace(start, end, PIECES + 1)
     rows = np.column_stack([times[:-1], run(times[:-1]).T, times[1:]])
-    maps = list(fly(system, rows, method=method).phi)
+    maps = list(fly(system, rows, method)[1])
     means = _means(maps, times)
     return Lyapunov(means, end - start, 0, OrbitStatus.COMPLETED, run)
 

@@ -12,7 +12,9 @@ from zivi.orbits.branch import Branch, BranchEvent
 from zivi.orbits.find import checked, periodic_orbit, solve
 from zivi.orbits.flights import fly
 from zivi.orbits.free import apex
+from zivi.orbits.mechanical.crossing import crossed
 from zivi.orbits.mechanical.equations import Frame as WordFrame, evaluate
+from zivi.orbits.mechanical.margins import Margins
 from zivi.orbits.mechanical.path import Path
 from zivi.orbits.mechanical.switch import doubled
 from zivi.orbits.orbit import PeriodicOrbit
@@ -66,19 +68,16 @@ def _doubled(branch: Branch, event: BranchEvent) -> PeriodicOrbit:
 def _inserted(branch: Branch, event: BranchEvent) -> PeriodicOrbit:
     """Solve the sequence with the new impact, at a small speed."""
     orbit = event.orbit
-    frame, terms = orbit._frame, evaluate(*as_word(orbit.system, orbit._frame, orbit._y))
-    assert terms.flights.lows is not None
-    t = float(terms.flights.lows[int(np.argmin(terms.flights.lows[:, 1])), 0])
-    rows = np.empty((0, 2)) if orbit.kind == "flight" else frame.listed(orbit._y)
-    if len(rows) and t < rows[0, 0]:
-        t += terms.length
-    rows = np.vstack([rows, [t, 0.0]])
-    order = np.argsort(rows[:, 0], kind="stable")
-    word, y = as_word(orbit.system, frame, frame.unknowns(rows[order], terms.length))
-    # the impulse of the new impact, or the speed with which the flight after it begins
-    direction, first = np.zeros(len(y)), int(np.argmax(order == len(rows) - 1))
-    direction[2 * first if word.impulses is not None else 4 * first + 2] = 1.0
-    return _at_amplitude(branch, event, frame, word, y, direction)
+    terms = evaluate(*as_word(orbit.system, orbit._frame, orbit._y))
+    lows = [it for it in Margins(terms).lows if it.kind == "interior_impact"]
+    low = min(lows, key=lambda it: it.value)
+    beyond = crossed(terms, low)
+    assert beyond is not None
+    word, y = beyond
+    # the impulse of the new impact, or the speed with which the segment after it begins
+    direction, after = np.zeros(len(y)), (low.segment + 1) % len(word.word)
+    direction[2 * low.segment if word.impulses is not None else 4 * after + 2] = 1.0
+    return _at_amplitude(branch, event, orbit._frame, word, y, direction)
 
 
 def _at_amplitude(
@@ -120,9 +119,9 @@ def _without(branch: Branch, event: BranchEvent) -> PeriodicOrbit:
         _, high = apex(system, np.array([t, 0.0, u, t + length]), frame.method)
         return _on_edge(solve(system, frame, np.array([high, length])))
     middle = t + 0.5 * length
-    leg = fly(system, np.array([[t, 0.0, u, middle]]), method=frame.method)
+    ends, _ = fly(system, np.array([[t, 0.0, u, middle]]), frame.method)
     frame = dataclasses.replace(frame, start=float(middle))
-    return _on_edge(solve(system, frame, np.array([leg.x[0], leg.v[0]])))
+    return _on_edge(solve(system, frame, ends[0, :2]))
 
 
 def _on_edge(orbit: PeriodicOrbit) -> PeriodicOrbit:

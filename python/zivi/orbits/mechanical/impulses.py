@@ -23,7 +23,7 @@ from zivi.orbits.flights import FlightError
 from zivi.orbits.mechanical.accumulation import Accumulation
 from zivi.orbits.mechanical.flow import Flights
 from zivi.orbits.mechanical.frame import Frame
-from zivi.orbits.mechanical.mass_flow import MassImpulses
+from zivi.orbits.mechanical.mass_flow import MassImpulses, impact_maps
 from zivi.orbits.mechanical.segments import SegmentTerms, of_segments
 
 __all__ = ["ImpulseTerms", "MassTerms"]
@@ -159,7 +159,7 @@ class MassTerms(ImpulseTerms):
 
     def return_map(self, first: int = 0) -> Array:
         """Give the derivative of ``(t, x, u)`` after an impact one word later."""
-        product, maps = np.eye(3), self.kernel.maps(self.flights)
+        product, maps = np.eye(3), impact_maps(self.flights, self.kernel.e)
         with np.errstate(all="ignore"):
             for each in np.roll(maps, -first, axis=0):
                 product = each @ product

@@ -18,12 +18,12 @@ import numpy as np
 
 from zivi.base.check import Array
 from zivi.base.status import Status
-from zivi.orbits.flights import FlightError, flown, fly
+from zivi.orbits.flights import FlightError, fly
 from zivi.orbits.mechanical.flow import Contacts, Flights, Jump, Scalar
 from zivi.simulation.methods import SwitchedRK
 from zivi.system.mass import ImpactSystem
 
-__all__ = ["MassFlow", "MassImpulses"]
+__all__ = ["MassFlow", "MassImpulses", "impact_maps"]
 
 STEP = 1e-6
 """Of differences of the Jacobian: only the convergence depends on it."""
@@ -46,7 +46,7 @@ class MassFlow:
         rows[:, 0], rows[:, 1:3], rows[:, 3] = t0, z0, t1
         if not ((t1 > t0).all() and np.isfinite(rows).all()):
             raise FlightError(Status.STEP_SIZE_TOO_SMALL)
-        ends, columns = flown(self.system, rows, name, minima=True, method=self.method)
+        ends, columns = fly(self.system, rows, self.method, name, minima=True)
         rates = ends.copy()
         rates[:, 0] = z0[:, 1]
         by = None if name is None else columns[:, :, 2]
@@ -57,13 +57,12 @@ class MassFlow:
     def path(self, contacts: Contacts, t0: float, z0: Array, times: Array) -> Array:
         """Give states along a flight, shape (len(times), 2)."""
         rows = np.column_stack([np.tile([t0, *z0], (len(times), 1)), times])
-        legs = fly(self.system, rows, method=self.method)
-        return np.column_stack([legs.x, legs.v])
+        return fly(self.system, rows, self.method)[0][:, :2]
 
     def rate(self, contacts: Contacts, t: float, z: Array) -> Array:
         """Give the rate of the state."""
-        legs = fly(self.system, np.array([[t, *z, t]]), method=self.method)
-        return np.array([z[1], legs.first[0]])
+        ends, _ = fly(self.system, np.array([[t, *z, t]]), self.method)
+        return ends[0, 1:3].copy()
 
     def gap(self, i: int, t: float, z: Array) -> Scalar:
         """Give the gap."""
@@ -129,7 +128,7 @@ class MassImpulses:
         k, scale = len(flights.z), np.array([1.0, 1.0 + self.e])
         begin = np.empty((k, 2, 2))
         begin[:, :, 0] = self.e / (1.0 + self.e) * flights.phi[:, :, 1] * scale
-        begin[:, :, 1] = -self._by_start(flights) * scale
+        begin[:, :, 1] = -_by_start(flights) * scale
         own, before = np.zeros((k, 2, k, 2)), np.zeros((k, 2, k, 2))
         at = np.arange(k)
         own[at, 1, at, 0] = 1.0
@@ -138,15 +137,10 @@ class MassImpulses:
         before[0, :, -1] = begin[0]
         return own.reshape(2 * k, 2 * k), before.reshape(2 * k, 2 * k)
 
-    def _by_start(self, flights: Flights) -> Array:
-        """Give less the derivative of the ends by the times at the starts."""
-        phi, first = flights.phi, flights.first
-        return np.asarray(phi[:, :, 0] * first[:, :1] + phi[:, :, 1] * first[:, 1:], np.float64)
-
     def by_parameter(self, y: Array, flights: Flights, name: str, longer: float) -> Array:
         """Give the derivative of the residual by a parameter, of which the length has one too."""
         moved = np.zeros_like(flights.z) if flights.by is None else flights.by.copy()
-        moved[0] += self._by_start(flights)[0] * longer
+        moved[0] += _by_start(flights)[0] * longer
         if name == "e":
             pushes = y[::2][self.before] / (1.0 + self.e) ** 2
             moved += flights.phi[:, :, 1] * pushes[:, None]
@@ -154,16 +148,6 @@ class MassImpulses:
         if name == "e":
             moved[:, 1] += flights.z[:, 1]
         return np.asarray(moved.ravel(), np.float64)
-
-    def maps(self, flights: Flights) -> Array:
-        """Give the derivatives of ``(t, x, u)`` after each impact by those after the one before."""
-        starts = np.empty((len(flights.z), 2, 3))
-        starts[:, :, 0], starts[:, :, 1:] = -self._by_start(flights), flights.phi
-        found = np.zeros((len(flights.z), 3, 3))
-        with np.errstate(all="ignore"):  # infinite where the impact grazes
-            found[:, 0] = -starts[:, 0] / flights.z[:, 1:]
-            found[:, 2] = -self.e * (starts[:, 1] + flights.last[:, 1:] * found[:, 0])
-        return found
 
     def curvature(self, y: Array, kappa: float, w: Array, v: Array) -> tuple[Array, Array]:
         """Give the gradients of w (A + kappa B) v and of -w B v by the unknowns."""
@@ -178,3 +162,19 @@ class MassImpulses:
             halves = self.halves(self.fly(y + step * own, y[-2:] + step * before))
             ends.append(w @ (halves[0] + halves[1]))
         return np.asarray((ends[0] - ends[1]) / (2.0 * h), np.float64)
+
+
+def impact_maps(flights: Flights, e: float) -> Array:
+    """Give the derivatives of ``(t, x, u)`` after each impact by those after the one before."""
+    starts, found = np.empty((len(flights.z), 2, 3)), np.zeros((len(flights.z), 3, 3))
+    starts[:, :, 0], starts[:, :, 1:] = -_by_start(flights), flights.phi
+    with np.errstate(all="ignore"):  # infinite where the impact grazes
+        found[:, 0] = -starts[:, 0] / flights.z[:, 1:]
+        found[:, 2] = -e * (starts[:, 1] + flights.last[:, 1:] * found[:, 0])
+    return found
+
+
+def _by_start(flights: Flights) -> Array:
+    """Give less the derivative of the ends by the times at the starts."""
+    phi, first = flights.phi, flights.first
+    return np.asarray(phi[:, :, 0] * first[:, :1] + phi[:, :, 1] * first[:, 1:], np.float64)
