@@ -12,12 +12,13 @@ from zivi.orbits.mechanical.switch import doubled
 
 def multiplier_law(event, name, cubic):
     r"""Give (1 - mu) / (4 c a^2) of a doubled orbit, whose multiplier is mu = 1 - 4 c a^2 + ..."""
-    frame, y, direction = doubled(event.orbit)
+    terms = evaluate(event.orbit._frame, event.orbit._y)
+    frame, y, direction = doubled(terms)
     path = Path(frame, name, y, 1.0)
     normal = np.append(direction / path.scale[:-1], 0.0)
     normal /= np.linalg.norm(normal)
     # the scale of the orbit that doubles
-    scale = np.tile(sizes_of(evaluate(event.orbit._frame, event.orbit._y))[0], 2)
+    scale = np.tile(sizes_of(terms)[0], 2)
     length = 0.01 / np.sqrt(abs(cubic))
     part = length / np.linalg.norm(normal[:-1] * path.scale[:-1] / scale)
     point = path.correct(path.scaled(y, event.value) + part * normal, normal)

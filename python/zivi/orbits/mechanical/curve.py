@@ -17,7 +17,7 @@ from zivi.orbits.mechanical.critical import Critical, Grazing, Margin, Singular,
 from zivi.orbits.mechanical.equations import Frame, Terms, evaluate, sizes_of
 from zivi.orbits.mechanical.family import value_of
 from zivi.orbits.mechanical.margins import Margins
-from zivi.orbits.mechanical.normal_form import cubic_coefficient
+from zivi.orbits.mechanical.normal_form import cubic_test
 from zivi.orbits.mechanical.path import located
 
 __all__ = ["CurvePoint", "Line", "Named"]
@@ -28,7 +28,7 @@ KAPPAS = {"resonance_1_1": 1.0, "resonance_1_2": -1.0, "resonance_1_3": -0.5, "r
 CUBIC = "generalized_period_doubling"
 REGULAR = ("cusp", "fold", "fold_flip", "period_doubling", "resonant_grazing", *KAPPAS)
 """Points that the matrix shows: margins need not be looked for."""
-STEP = 1e-5
+STEP = 1e-6
 STALE = 0.05
 """Where the residual falls by less, the derivatives by the parameters are computed again."""
 
@@ -56,8 +56,8 @@ class CurvePoint:
 
 def _test(name: str, point: CurvePoint) -> float:
     """Give one of the numbers whose signs change; NaN where there is none of the name."""
-    if name == CUBIC:
-        return cubic_coefficient(point.terms)
+    if name == CUBIC and point.line is not None:
+        return point.line.cubic(point.terms, precise=True)
     own = point.tests if point.line is None or name not in REGULAR else point.line.regular(point)
     return own.get(name, math.nan)
 
@@ -107,7 +107,8 @@ class Line:
         whole = np.zeros((n + count, len(z)))
         whole[:n, :n], whole[n:, :n] = terms.matrix(), found.by_y
         if columns is None:
-            columns = np.column_stack([self._column(terms, kappa, found, it) for it in self.names])
+            each = zip(self.names, values.tolist(), strict=True)
+            columns = np.column_stack([self._column(terms, kappa, found, *it) for it in each])
         whole[:, n : n + 2] = columns
         if found.by_kappa is not None:
             whole[n:, n + 2] = found.by_kappa
@@ -115,19 +116,16 @@ class Line:
         residual = np.concatenate([terms.residual, found.value]) / weights
         return terms, residual, whole * self.scale / weights[:, None], columns
 
-    def _column(self, terms: Terms, kappa: float, found: Values, name: str) -> Array:
-        """Give the derivative by a parameter, by differences."""
-        value = value_of(terms.frame.system, name)
+    def _column(self, terms: Terms, kappa: float, found: Values, name: str, value: float) -> Array:
+        """Give the derivative by a parameter, by a difference: only the convergence needs it."""
         h = STEP * max(abs(value), 1e-2)
-        ahead, back = (
-            evaluate(moved_frame(terms.frame, {name: value + s * h}), terms.y) for s in (1, -1)
-        )
-        moved = (ahead.residual - back.residual) / (2.0 * h)
+        ahead = evaluate(moved_frame(terms.frame, {name: value + h}), terms.y)
+        moved = (ahead.residual - terms.residual) / h
         if self.critical.is_measured:
-            rise = self.critical.measure(ahead) - self.critical.measure(back)
-            return np.append(moved, rise / (2.0 * h))
-        change = self.critical.matrix(ahead, kappa) - self.critical.matrix(back, kappa)
-        return np.append(moved, self.critical.by_matrix(found, change / (2.0 * h)))
+            rise = self.critical.measure(ahead) - self.critical.measure(terms)
+            return np.append(moved, rise / h)
+        change = self.critical.matrix(ahead, kappa) - self.critical.matrix(terms, kappa)
+        return np.append(moved, self.critical.by_matrix(found, change / h))
 
     def _weight(self, rows: Array) -> float:
         """Give the size of what vanishes: how it changes with the unknowns."""
@@ -168,9 +166,13 @@ class Line:
         """Give the numbers whose signs change at points of codimension two."""
         found = self.regular(point)
         if self.kind in ("period_doubling", "pitchfork"):
-            found[CUBIC] = cubic_coefficient(point.terms)
+            found[CUBIC] = self.cubic(point.terms, precise=False)
         own = self.critical.segment if isinstance(self.critical, Grazing) else -1
         return found | self._second_events(point.terms, own)
+
+    def cubic(self, terms: Terms, *, precise: bool) -> float:
+        """Give a number that vanishes with the cubic coefficient."""
+        return cubic_test(terms, self.scale[: len(self.sizes)], self.sizes, precise=precise)
 
     def regular(self, point: CurvePoint) -> dict[str, float]:
         """Give those of the matrix and the speeds before impacts."""
@@ -229,7 +231,6 @@ class Line:
         for name, value in one.tests.items():
             if value * other.tests.get(name, value) < 0.0:
                 point = located(self, one, other, functools.partial(_test, name))
-                # the cubic coefficient has poles, too
                 if point is not None and abs(point.tests[name]) < abs(value):
                     found.append(Named(name.split()[0], point))
         chord = other.z - one.z

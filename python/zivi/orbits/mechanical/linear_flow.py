@@ -13,6 +13,7 @@ without damping, contacts) is computed as such.
 from __future__ import annotations
 
 import dataclasses
+import functools
 from collections.abc import Sequence
 
 import numpy as np
@@ -73,6 +74,17 @@ class _Law:
     by_input: Array
 
 
+@functools.lru_cache(maxsize=64)
+def _accelerations(mass: bytes, stiffness: bytes, damping: bytes, n: int) -> tuple[Array, Array]:
+    """Give the inverse of the mass matrix, and what a state makes of the accelerations."""
+    inverse: Array = np.asarray(np.linalg.inv(np.frombuffer(mass).reshape(n, n)), np.float64)
+    rows = [np.frombuffer(it).reshape(n, n) for it in (stiffness, damping)]
+    state: Array = -inverse @ np.hstack(rows)
+    inverse.setflags(write=False)
+    state.setflags(write=False)
+    return inverse, state
+
+
 class LinearFlow:
     """The motions of a `LinearSystem` under constants and waves."""
 
@@ -104,8 +116,9 @@ class LinearFlow:
             self.shift[1 + 2 * k, 2 + 2 * k], self.shift[2 + 2 * k, 1 + 2 * k] = -omega, omega
         self.wall_rate = self.wall @ self.shift
         self.wall_bend = self.wall_rate @ self.shift
-        self.inverse = np.linalg.inv(system.M)
-        self.state = -self.inverse @ np.hstack([system.K, system.C])
+        self.inverse, self.state = _accelerations(
+            system.M.tobytes(), system.K.tobytes(), system.C.tobytes(), self.n
+        )
         self.push = self.inverse @ self.load
         self.modes: dict[Contacts, _Mode] = {}
         self.laws: dict[tuple[Contacts, float], _Law] = {}

@@ -70,15 +70,23 @@ def _parts(values: NDArray[Any]) -> Array:
     return np.stack([np.real(values), np.imag(values)], axis=-1)
 
 
+@functools.lru_cache(maxsize=64)
+def _resolvent(whole: bytes, size: int, omega: float) -> Complex:
+    """Give what a wave of a load makes of a motion, for all amplitudes of the load."""
+    matrix = np.frombuffer(whole).reshape(size, size)
+    found = np.linalg.inv(1j * omega * np.eye(size) - matrix)[:, size // 2 :]
+    return np.asarray(found, np.complex128)
+
+
 def _forced(flow: LinearFlow, whole: Array) -> Array:
     """Give the states of the forced response, columns of a constant, then cosines and sines."""
-    load = np.zeros((2 * flow.n, flow.push.shape[1]))
-    load[flow.n :] = flow.push
-    found = np.empty_like(load)
-    found[:, 0] = np.linalg.solve(whole, -load[:, 0]) if np.any(load[:, 0]) else 0.0
+    n, push = flow.n, flow.push
+    found = np.zeros((2 * n, push.shape[1]))
+    key = whole.tobytes()
+    if push[:, 0].any():
+        found[:, 0] = (_resolvent(key, 2 * n, 0.0) @ push[:, 0]).real
     for k, omega in enumerate(flow.waves):
-        cosine, sine = load[:, 1 + 2 * k], load[:, 2 + 2 * k]
-        moved = np.linalg.solve(1j * omega * np.eye(len(whole)) - whole, cosine - 1j * sine)
+        moved = _resolvent(key, 2 * n, omega) @ (push[:, 1 + 2 * k] - 1j * push[:, 2 + 2 * k])
         found[:, 1 + 2 * k], found[:, 2 + 2 * k] = moved.real, -moved.imag
     return found
 

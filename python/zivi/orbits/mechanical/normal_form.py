@@ -23,7 +23,7 @@ from zivi.orbits.flights import FlightError
 from zivi.orbits.mechanical.equations import Frame, Terms, evaluate, sizes_of
 from zivi.orbits.mechanical.symmetry import whole_word
 
-__all__ = ["cubic_coefficient", "twice"]
+__all__ = ["cubic_coefficient", "cubic_test", "twice"]
 
 FIRST, LONGEST, PART = 1e-4, 1e-3, 5e-3
 """Steps of differences in scaled unknowns, and that relative to the cubic term."""
@@ -63,25 +63,68 @@ def cubic_coefficient(terms: Terms) -> float:
         return math.nan
 
 
+def cubic_test(terms: Terms, scale: Array, sizes: Array, *, precise: bool = True) -> float:
+    """Give a number that vanishes where the coefficient does, and has none of its poles.
+
+    They are where another multiplier is 1, or a second one -1.
+    """
+    try:
+        cubic = _Cubic(terms, scale, sizes)
+        value = cubic.precise() if precise else cubic.numerator(FIRST)
+        sign, size = np.linalg.slogdet(terms.matrix() * scale / sizes[:, None])
+        return float(value * cubic.orientation() * sign * np.exp(min(size, 300.0)))
+    except (FlightError, ValueError, np.linalg.LinAlgError):
+        return math.nan
+
+
 def _coefficient(terms: Terms) -> float:
-    n, (scale, sizes) = len(terms.y), sizes_of(terms)
-    frame, y, direction = twice(terms, np.linalg.svd(terms.matrix(-1.0))[2][-1])
-    both, sizes = _Doubled(frame, y, np.tile(scale, 2), np.tile(sizes, 2)), sizes[:, None]
-    left, _, right = np.linalg.svd(terms.matrix(-1.0) * scale / sizes)
-    v, w = right[-1], left[:, -1]
-    slope = float(w @ (terms.by_multiplier() * scale / sizes) @ v)
-    own = direction / both.scale
-    own /= np.linalg.norm(own)
-    border = np.linalg.svd(both.matrix(0.0 * own))[0][:, -1]
-    # W = (w, -w)
-    border *= np.sign(border[:n] @ w) * np.sign(own[:n] @ v)
+    cubic = _Cubic(terms, *sizes_of(terms))
+    return cubic.precise() / cubic.slope
 
-    def cubic(h: float) -> float:
-        return -2.0 * both.projected(own, border, h) / slope
 
-    # steps that are short beside the amplitude at which the cubic term is as large as the linear
-    h = min(LONGEST, PART / math.sqrt(abs(cubic(FIRST)) + 1e-300))
-    return (4.0 * cubic(h) - cubic(2.0 * h)) / 3.0
+class _Cubic:
+    """The cubic term of the word written twice, along what doubles it."""
+
+    def __init__(self, terms: Terms, scale: Array, sizes: Array) -> None:
+        n, opposite = len(terms.y), terms.matrix(-1.0)
+        frame, y, direction = twice(terms, np.linalg.svd(opposite)[2][-1])
+        self.both = _Doubled(frame, y, np.tile(scale, 2), np.tile(sizes, 2))
+        self.opposite = opposite * scale / sizes[:, None]
+        left, _, right = np.linalg.svd(self.opposite)
+        v, w = right[-1], left[:, -1]
+        self.slope = float(w @ (terms.by_multiplier() * scale / sizes[:, None]) @ v)
+        own = direction / self.both.scale
+        self.v = own / np.linalg.norm(own)
+        self.base = self.both.matrix(0.0 * own)
+        border = np.linalg.svd(self.base)[0][:, -1]
+        # W = (w, -w)
+        self.w = border * np.sign(border[:n] @ w) * np.sign(self.v[:n] @ v)
+        self.borders = w, v
+
+    def orientation(self) -> float:
+        """Give the sign of the bordered matrix: vectors of other signs change both it and `w`."""
+        w, v = self.borders
+        whole = np.block([[self.opposite, w[:, None]], [v, np.zeros(1)]])
+        return float(np.linalg.slogdet(whole)[0])
+
+    def precise(self) -> float:
+        """Give the numerator with an error of fourth order in the steps.
+
+        They are short beside the amplitude at which the cubic term is as large as the linear one.
+        """
+        h = min(LONGEST, PART / math.sqrt(abs(self.numerator(FIRST) / self.slope) + 1e-300))
+        return (4.0 * self.numerator(h) - self.numerator(2.0 * h)) / 3.0
+
+    def numerator(self, h: float) -> float:
+        """Give the numerator of the coefficient by differences of the Jacobian over `h`."""
+        base, v, w = self.base, self.v, self.w
+        ahead, back = (self.both.matrix(part * h * v) for part in (1.0, -1.0))
+        second, third = (ahead - back) / (2.0 * h), (ahead + back - 2.0 * base) / h**2
+        n = len(v)
+        whole = np.zeros((n + 1, n + 1))
+        whole[:n, :n], whole[:n, n], whole[n, :n] = base, w, v
+        across = np.linalg.solve(whole, np.append(-0.5 * second @ v, 0.0))[:n]
+        return -2.0 * float(w @ (second @ across + third @ v / 6.0))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -97,13 +140,3 @@ class _Doubled:
         """Give the scaled Jacobian, moved by `z` in scaled unknowns."""
         whole = evaluate(self.frame, self.y + self.scale * z).matrix()
         return np.asarray(whole * self.scale / self.sizes[:, None], np.float64)
-
-    def projected(self, v: Array, w: Array, h: float) -> float:
-        """Give the cubic term along `w`, by differences of the Jacobian over `h`."""
-        base, ahead, back = (self.matrix(part * h * v) for part in (0.0, 1.0, -1.0))
-        second, third = (ahead - back) / (2.0 * h), (ahead + back - 2.0 * base) / h**2
-        n = len(v)
-        whole = np.zeros((n + 1, n + 1))
-        whole[:n, :n], whole[:n, n], whole[n, :n] = base, w, v
-        across = np.linalg.solve(whole, np.append(-0.5 * second @ v, 0.0))[:n]
-        return float(w @ (second @ across + third @ v / 6.0))
