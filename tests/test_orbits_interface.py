@@ -401,3 +401,25 @@ def test_events_of_one_mass_have_curves():
     event = rests.of_kind("end_of_rest")[0]
     c = zivi.continue_curve(event, ("amplitude", "e"), ((1, 3), (0.45, 0.55)), step=0.5)
     assert c.kind == "end_of_rest"
+
+
+def test_orbits_are_those_of_newtons_law():
+    def system(**law):
+        gaps = [zivi.LinearGap([-1, 0], 0.3, name="a"), zivi.LinearGap([0, -1], 0.3, name="b")]
+        count = law.pop("count", 2)
+        force = lambda t, q, v: -np.asarray(q) - 0.1 * np.asarray(v) + [np.cos(t), 0.0]  # noqa: E731
+        return zivi.MechanicalSystem(mass=np.eye(2), force=force, gaps=gaps[:count], **law)
+
+    word = (["I a"], [3.0])
+    with pytest.raises(ValueError, match=r"^e must be numbers here, Newton's impact law"):
+        zivi.periodic_orbit(system(e=zivi.SpeedDependentImpact(0.8, 1.0, 0.2)), word, period=TURN)
+    for law in ("poisson", "stronge"):
+        with pytest.raises(ValueError, match=r"^impact_law must be 'newton' for orbits"):
+            zivi.periodic_orbit(system(e=0.5, impact_law=law), word, period=TURN)
+    # of one gap all are Newton's
+    times = [
+        zivi.periodic_orbit(system(e=0.5, count=1, impact_law=law), word, period=TURN).impacts["t"]
+        for law in ("newton", "poisson")
+    ]
+    assert times[0] == pytest.approx(times[1], abs=1e-12)
+    assert len(times[0]) == 1

@@ -48,6 +48,7 @@ def mechanical_orbit(
 ) -> MechanicalOrbit:
     """Find a periodic orbit of a mechanical system: `zivi.periodic_orbit` of one."""
     check_smooth(system)
+    _refuse_laws(system)
     _refuse_tables(system)
     if multiple is not None and integer("multiple", multiple) < 1:
         raise ValueError(f"multiple must be >= 1, got {multiple}")
@@ -65,6 +66,16 @@ def mechanical_orbit(
     if symmetry is not None:
         frame, x = _half(frame, x, turn_of(symmetry, flow.n))
     return solve(frame, frame.joined(x, frame.length), multiple, max_iter)
+
+
+def _refuse_laws(system: MechanicalSystem) -> None:
+    _ = system.e  # which says what takes laws that depend on the speed
+    law = core_of(system).impact_law
+    # one gap without friction has the same impacts by all of them
+    if law != "newton" and system.m > 1:
+        raise ValueError(
+            f"impact_law must be 'newton' for orbits of systems with several gaps, got {law!r}"
+        )
 
 
 def _refuse_tables(system: MechanicalSystem) -> None:
