@@ -64,8 +64,10 @@ def mechanical_batch(
     samples = None if times is None else room_for(2, len(q), len(times), q.shape[1])
     # the motion itself is requested in samples and whole runs only
     dense = times is not None or save == "runs" or not isinstance(method, SwitchedRK)
+    # else its end alone
+    wanted = None if dense else np.array([span[1]])
     tasks = [
-        (system, Asked(span, a, b, None, _knots(system, method, span), [], dense, arcs=True))
+        (system, Asked(span, a, b, wanted, _knots(system, method, span), [], dense, arcs=True))
         for system, a, b in zip(several, q, qdot, strict=True)
     ]
 
@@ -174,11 +176,12 @@ OF_FRICTION = ("transitions", "stick")
 
 
 def _kept(run: MechanicalTrajectory, save: str) -> Kept:
-    impacts = run.impacts["t"]
+    rows = np.asarray(run.impacts)  # whose fields are quick to get
+    impacts, groups = rows["t"], rows["group"]
     numbers = {f"n_{name}": len(getattr(run, name)) for name in COUNTED} | {
         "first_impact": impacts[0] if len(impacts) else np.nan,
         "last_impact": impacts[-1] if len(impacts) else np.nan,
-        "n_impacts": len(np.unique(run.impacts["group"])),
+        "n_impacts": int(np.max(groups, initial=0)),
         "rest_time": np.nan if run.rest_time is None else run.rest_time,
         "status": int(run.status),
         "nfev": run.nfev,

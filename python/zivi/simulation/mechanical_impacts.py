@@ -15,17 +15,25 @@ __all__ = ["down_to", "listed"]
 def listed(known: Rows, zeno: Rows, path: Any, part: float) -> Rows:
     """List the impacts down to a part of the fastest, by the speeds before them."""
     speed = float(part * np.max(-known["speed_before"], initial=0.0))
-    groups = known["group"]
-    fast = known[np.isin(groups, groups[-known["speed_before"] >= speed])]
+    fast = _groups_with(-known["speed_before"] >= speed, known)
     return _with_skipped(fast, known, zeno, skipped_fast(path, speed))
 
 
 def down_to(known: Rows, zeno: Rows, path: Any, speed: float, limit: int) -> Rows:
     """List the impacts with at least a speed after them."""
     check_bounds(speed, limit)
-    groups = known["group"]
-    fast = known[np.isin(groups, groups[known["speed_after"] >= speed])]
+    fast = _groups_with(known["speed_after"] >= speed, known)
     return _with_skipped(fast, known, zeno, skipped_impacts(path, speed, limit))
+
+
+def _groups_with(chosen: Any, known: Any) -> Any:
+    """Take the impacts at one instant of which one at least is chosen."""
+    if np.all(chosen):
+        return known
+    groups = known["group"]
+    wanted = np.zeros(1 + np.max(groups), bool)
+    wanted[groups[chosen]] = True
+    return known[wanted[groups]]
 
 
 def _with_skipped(fast: Any, known: Any, zeno: Any, columns: tuple[Array, ...] | None) -> Rows:
@@ -38,7 +46,10 @@ def _with_skipped(fast: Any, known: Any, zeno: Any, columns: tuple[Array, ...] |
     known, zeno = np.asarray(known), np.asarray(zeno)
     found, beyond = [np.asarray(fast)], 1 + np.max(known["group"], initial=-1)
     t, before, after, ends = columns or [np.empty(0)] * 4
-    each, place = np.unique(ends, return_inverse=True)
+    if not len(t):
+        return _numbered(_by_time(found[0]))
+    begins = _changes(ends)
+    each, place = ends[begins], np.cumsum(begins) - 1
     gaps, first, count = _last(known, zeno, each)
     alone = count[place] == 1
     if np.any(alone):
@@ -54,11 +65,27 @@ def _with_skipped(fast: Any, known: Any, zeno: Any, columns: tuple[Array, ...] |
         rows["group"] = beyond + np.repeat(np.arange(own.sum()), len(last))
         found.append(rows)
         beyond += own.sum()
-    rows = _by_time(np.concatenate(found))
-    _, start, number = np.unique(rows["group"], return_index=True, return_inverse=True)
-    rows["group"] = 1 + np.argsort(np.argsort(start))[number]
+    return _numbered(_by_time(np.concatenate(found)))
+
+
+def _numbered(rows: Any) -> Rows:
+    """Give impacts at one instant a number, in the order of their times."""
+    groups = rows["group"]
+    there = np.zeros(1 + np.max(groups, initial=0), bool)
+    there[groups] = True
+    begins = _changes(groups)
+    if np.count_nonzero(begins) == np.count_nonzero(there):
+        rows["group"] = np.cumsum(begins)
+    else:  # two groups at one time, one in between the other
+        _, start, number = np.unique(groups, return_index=True, return_inverse=True)
+        rows["group"] = 1 + np.argsort(np.argsort(start))[number]
     whole: Rows = rows.view(np.recarray)
     return whole
+
+
+def _changes(values: Any) -> Any:
+    """Tell where values differ from those before them; the first does."""
+    return np.concatenate([np.ones(min(1, len(values)), bool), values[1:] != values[:-1]])
 
 
 def _by_time(rows: Any) -> Any:
@@ -76,8 +103,9 @@ def _last(known: Any, zeno: Any, ends: Array) -> tuple[Any, Any, Any]:
     Of that the first row and how many there are; none where it is not known.
     """
     gaps, first, count = (np.zeros(len(ends), int) for _ in range(3))
+    times = np.append(zeno["t"], np.nan)
     at = np.searchsorted(zeno["t"], ends)
-    is_known = np.isin(ends, zeno["t"])
+    is_known = times[at] == ends
     gaps[is_known] = zeno["gap"][at[is_known]]
     for gap in np.unique(gaps[is_known]):
         own = np.flatnonzero(is_known & (gaps == gap))

@@ -22,6 +22,10 @@ use crate::zeno::chain::Chain;
 use crate::zeno::table::Landing;
 use crate::{Dependence, Force};
 
+/// The forces of a linear system without tables change like a line in this part of the time of the fastest
+/// mode or load.
+const SHORT: f64 = 1.0 / 64.0;
+
 /// The last impacts of one kind.
 #[derive(Clone, Debug)]
 pub(super) struct ImpactChain {
@@ -32,13 +36,16 @@ pub(super) struct ImpactChain {
     period: Option<f64>,
     /// The force on what bounces, where that is one gap of one coordinate.
     alone: Option<Linear>,
+    /// The state after an impact without the speeds of the bouncing gaps, and its rates in contact.
+    z: Vec<f64>,
+    rates: Vec<f64>,
 }
 
 impl ImpactChain {
     /// For so many coordinates and gaps.
     pub(super) fn new(size: usize) -> Self {
         let chain = Chain::new(Key::default(), 0.5, 2 * size, COLUMNS);
-        Self { chain, obstacle: None, period: None, alone: None }
+        Self { chain, obstacle: None, period: None, alone: None, z: vec![], rates: vec![] }
     }
 
     /// The impacts.
@@ -102,14 +109,23 @@ impl ImpactChain {
             self.chain.clear();
             return Ok(None);
         }
-        let (t, z) = (at.state.now().t, at.state.without_speeds(key.landed)?);
-        let (x, v) = z.split_at(z.len() / 2);
+        let t = at.state.now().t;
+        at.state.without_speeds_to(key.landed, &mut self.z)?;
+        let (x, v) = self.z.split_at(self.z.len() / 2);
         let aside = &mut *at.aside;
         aside.evaluate(at.model, t, &x[..n], &v[..n])?;
-        aside.contact(key.flight)?;
-        let pull = |i: usize| -aside.acceleration[n + i];
-        let least = key.hit.iter().map(pull).fold(f64::INFINITY, f64::min);
-        let g = if least > 0.0 { pull(first) } else { least };
+        let g = if key.flight == ContactMode::default() && key.hit.only().is_some() {
+            -aside.b(first)
+        } else {
+            aside.contact(key.flight)?;
+            let pull = |i: usize| -aside.acceleration[n + i];
+            let least = key.hit.iter().map(pull).fold(f64::INFINITY, f64::min);
+            if least > 0.0 {
+                pull(first)
+            } else {
+                least
+            }
+        };
         if alone.is_some() {
             // those of a mass
             self.chain.set_columns(accumulation::COLUMNS);
@@ -117,14 +133,15 @@ impl ImpactChain {
         let g = alone.map_or(g, |pull| pull.g);
         self.alone = alone.map(|pull| pull.force);
         aside.contact(key.landed)?;
-        let mut rates = v.to_vec();
-        rates.append(&mut aside.accelerations());
-        if let Some(power) = rates.get_mut(v.len() + n + aside.layout.rows()) {
+        self.rates.clear();
+        self.rates.extend_from_slice(v);
+        aside.append_accelerations(&mut self.rates);
+        if let Some(power) = self.rates.get_mut(v.len() + n + aside.layout.rows()) {
             *power = aside.friction_power(&v[n..]);
         }
         let bounce = Bounce { t, u, g };
         self.chain.turn_to(key, e);
-        self.chain.note(bounce, &z, &rates)?;
+        self.chain.note(bounce, &self.z, &self.rates)?;
         let is_constant = |force| Force::<E>::dependence(&force) == Dependence::Constant;
         if self.alone.is_some_and(is_constant) && self.chain.end_under_constant_pull().is_some() {
             return Ok(self.chain.leading());
@@ -146,10 +163,10 @@ impl ImpactChain {
             return Ok(self.chain.leading());
         }
         let left = self.chain.remaining(last);
-        let scales = self.scales(at.settings, at.state, last);
-        if !self.chain.may_land(&scales) {
+        if !self.chain.may_land(at.settings.zeno_tolerance(&self.chain, last.g)) {
             return Ok(None);
         }
+        let scales = self.scales(at.settings, at.state, last);
         let Some(landing) = self.chain.landing(&scales) else { return Ok(None) };
         let ahead = landing.t - last.t;
         let key = self.chain.key();
@@ -157,8 +174,16 @@ impl ImpactChain {
         let sound = known
             && at.is_clear(&landing, key.landed)
             && at.stays_closed(&landing, key.landed, key.flight)?
-            && self.look_ahead(&landing, scales[0], at)?;
+            && (self.is_short(ahead, at) || self.look_ahead(&landing, scales[0], at)?);
         Ok(sound.then_some(landing))
+    }
+
+    /// Whether what is left of the chain is too short for loads and modes to do anything else in it than
+    /// over the last impacts.
+    fn is_short<E, D: Dynamics<E>>(&self, ahead: f64, at: &Mechanism<'_, '_, D>) -> bool {
+        let is_smooth = at.model.dynamics.linear().is_some_and(|system| system.is_smooth());
+        let period = self.period.filter(|_| is_smooth && self.alone.is_none());
+        self.obstacle.is_none() && period.is_some_and(|period| ahead <= SHORT * period)
     }
 
     /// Whether the forces make the arcs that a jump would skip: they are put back into the

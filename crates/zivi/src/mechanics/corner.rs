@@ -94,6 +94,7 @@ impl CornerApproach {
                 return Ok(Some((landing, set)));
             }
         }
+        at.state.complete(at.model)?;
         self.here(at.settings, at.state)
     }
 

@@ -144,12 +144,16 @@ impl Impacts {
         model: &mut Model<'_, D>,
     ) -> Result<Struck, Failure<E>> {
         let (t, before, mode) = (state.now().t, state.closed(), state.mode());
-        state.evaluate(model)?;
+        state.evaluate_gaps(model)?;
         let touched = touched(state, hit);
         let set = before.with(hit).with(touched);
         let newton = self.friction.law == FrictionalImpact::Newton;
         let rough = !newton || set.iter().any(|gap| state.kinetics().channel_of(gap).is_some());
-        if !rough {
+        if rough {
+            state.complete(model)?;
+        } else if let Some(gap) = set.only().filter(|&gap| hit.has(gap) && state.layout().p == 0) {
+            return self.strike_alone(gap, state, occurrences, model);
+        } else {
             state.parts().0.solve(set, |_, _| 0.0)?;
         }
         self.note_flags(hit, state, occurrences);
@@ -205,6 +209,64 @@ impl Impacts {
             changes_contacts,
             kicks,
             all_bounce,
+            is_slow,
+        })
+    }
+
+    /// The same where a gap without friction is hit alone and no other is closed: it has one impulse.
+    fn strike_alone<E, D: Dynamics<E>>(
+        &mut self,
+        gap: usize,
+        state: &mut MechanicalState,
+        occurrences: &mut Vec<Occurrence>,
+        model: &mut Model<'_, D>,
+    ) -> Result<Struck, Failure<E>> {
+        let (t, hit) = (state.now().t, GapSet::of(gap));
+        state.parts().0.impulse(gap, 0.0)?;
+        self.note_flags(hit, state, occurrences);
+        self.count += 1;
+        let (kinetics, now) = state.parts();
+        let rates = &mut now.xdot[kinetics.coordinates()..];
+        let before = rates[gap].min(0.0);
+        let law = &self.laws[gap];
+        let e = law.ratio(-before);
+        let wanted = (1.0 + e) * before;
+        let bounces = wanted < 0.0;
+        let impulse = if bounces { kinetics.impulse(gap, -wanted)? } else { 0.0 };
+        if !impulse.is_finite() {
+            return Err(Failure::Status(Status::ImpactNotSolved));
+        }
+        let after = restored(e, before);
+        for (k, rate) in rates.iter_mut().enumerate() {
+            if k == gap {
+                *rate = if bounces { after } else { before.max(after) };
+            } else if bounces {
+                *rate += kinetics.coupling(k, gap) * impulse;
+            }
+        }
+        let (after, group, is_slow) = (rates[gap], self.count, -before <= law.geometric_up_to());
+        occurrences.push(Occurrence::Impact { t, gap, before, after, impulse, group });
+        state.project_gaps(hit, model)?;
+        let touching = if state.gap(gap).1 == 0.0 { hit } else { GapSet::EMPTY };
+        if touching.is_empty() && state.kinetics().is_constant() {
+            state.fly_off();
+        } else {
+            state.complete(model)?;
+            state.settle(touching)?;
+            state.refresh()?;
+        }
+        self.last = t;
+        let closed = state.closed();
+        occurrences.extend(closed.iter().map(|gap| Occurrence::Zeno { t, gap, closed }));
+        Ok(Struck {
+            hit,
+            closed: GapSet::EMPTY,
+            before: ContactMode::default(),
+            pattern: ContactMode::default(),
+            opened: GapSet::EMPTY,
+            changes_contacts: !closed.is_empty(),
+            kicks: false,
+            all_bounce: bounces,
             is_slow,
         })
     }
@@ -374,7 +436,7 @@ fn touched(state: &MechanicalState, hit: GapSet) -> GapSet {
     let fastest = hit.iter().fold(0.0_f64, |v, i| v.max(-state.gap(i).1));
     let still = |i: usize| state.gap(i).1.abs() <= STILL * fastest;
     let open = state.open_gaps().filter(|&i| !hit.has(i));
-    open.filter(|&i| state.touches(i) && still(i)).collect()
+    open.filter(|&i| still(i) && state.touches(i)).collect()
 }
 
 /// Notes gaps that are hit together, or open together, if they are coupled, where the system has

@@ -46,16 +46,24 @@ pub(super) struct Kinetics {
     /// Where the gradients begin in them, and the curvatures.
     gradient: usize,
     curvature: usize,
+    /// The same of forces, and of the rates of the gaps by time.
+    force: usize,
+    of_time: usize,
     /// `L L^T = M`.
     factor: Factor,
     /// Whether `M` and the normals never change and are known.
     is_constant: bool,
+    /// Whether the forces, `A` and `b` are those of the last evaluation.
+    has_forces: bool,
+    /// Time and coordinates of the last evaluation, where `M` and the normals never change.
+    place: Vec<f64>,
     /// `A`.
     free: Vec<f64>,
     /// `b`, by row.
     b: Vec<f64>,
-    /// The rows `M^-1 n_i`, and of which evaluation, counted by `evaluation`, they are.
+    /// The rows `M^-1 n_i` and `D_ii`, and of which evaluation, counted by `evaluation`, they are.
     mobility: Vec<f64>,
+    diagonal: Vec<f64>,
     known: Vec<u64>,
     evaluation: u64,
     /// `D_CC` of some set, then its factor.
@@ -114,11 +122,16 @@ impl Kinetics {
             values: zeros(layout.len()),
             gradient: layout.gradient().start,
             curvature: layout.curvature().start,
+            force: layout.force().start,
+            of_time: layout.rate().start,
             factor: Factor::new(n),
             is_constant: false,
+            has_forces: false,
+            place: vec![],
             free: zeros(n),
             b: zeros(rows),
             mobility: zeros(rows * n),
+            diagonal: zeros(rows),
             known: vec![0; rows],
             evaluation: 0,
             small: zeros(rows * rows),
@@ -138,14 +151,15 @@ impl Kinetics {
         q: &[f64],
         w: &[f64],
     ) -> Result<(), Failure<E>> {
-        let (layout, t) = (self.layout, model.smooth.nearest(t));
+        let t = model.smooth.nearest(t);
         model.count += 1;
         if self.is_constant {
+            self.stand_at(t, q);
             model.dynamics.evaluate_again(t, q, w, &mut self.values).map_err(Failure::Raised)?;
-            let [forces, rows] = [layout.mass().end..layout.gradient().start, layout.curvature()];
-            check_finite(&self.values[forces])?;
-            check_finite(&self.values[rows.start..])?;
+            check_finite(&self.values[self.force..self.gradient])?;
+            check_finite(&self.values[self.curvature..])?;
         } else {
+            let layout = self.layout;
             model.dynamics.evaluate(t, q, w, &mut self.values).map_err(Failure::Raised)?;
             check_finite(&self.values)?;
             let mass = &self.values[layout.mass()];
@@ -155,19 +169,78 @@ impl Kinetics {
             self.evaluation += 1;
             self.is_constant = model.dynamics.linear().is_some();
         }
-        self.free.copy_from_slice(&self.values[layout.force()]);
+        let n = self.layout.n;
+        self.free.copy_from_slice(&self.values[self.force..][..n]);
         self.factor.solve(&mut self.free);
-        for i in 0..layout.rows() {
-            self.b[i] = dot(self.normal(i), &self.free) + self.curvature(i);
+        let normals = self.values[self.gradient..].chunks_exact(n);
+        let curvatures = &self.values[self.curvature..];
+        for ((b, normal), curvature) in self.b.iter_mut().zip(normals).zip(curvatures) {
+            *b = dot(normal, &self.free) + curvature;
         }
+        self.has_forces = true;
         Ok(())
+    }
+
+    /// Keeps where the system is evaluated.
+    fn stand_at(&mut self, t: f64, q: &[f64]) {
+        self.place.clear();
+        self.place.push(t);
+        self.place.extend_from_slice(q);
+    }
+
+    /// The same, where `M` and the normals never change without the forces: [`Self::complete`] adds them.
+    pub(super) fn evaluate_gaps<E, D: Dynamics<E>>(
+        &mut self,
+        model: &mut Model<'_, D>,
+        t: f64,
+        q: &[f64],
+        w: &[f64],
+    ) -> Result<(), Failure<E>> {
+        if !self.is_constant {
+            return self.evaluate(model, t, q, w);
+        }
+        let t = model.smooth.nearest(t);
+        self.has_forces = false;
+        if self.place.first() == Some(&t) && self.place[1..] == *q {
+            return Ok(());
+        }
+        self.stand_at(t, q);
+        model.dynamics.evaluate_gaps(t, q, w, &mut self.values).map_err(Failure::Raised)?;
+        check_finite(&self.values[self.layout.gap()])?;
+        check_finite(&self.values[self.curvature..])
+    }
+
+    /// Evaluates the forces, where [`Self::evaluate_gaps`] has left them out.
+    pub(super) fn complete<E, D: Dynamics<E>>(
+        &mut self,
+        model: &mut Model<'_, D>,
+        t: f64,
+        q: &[f64],
+        w: &[f64],
+    ) -> Result<(), Failure<E>> {
+        match self.has_forces {
+            true => Ok(()),
+            false => self.evaluate(model, t, q, w),
+        }
+    }
+
+    /// Whether [`Self::evaluate_gaps`] leaves the forces out.
+    pub(super) fn is_constant(&self) -> bool {
+        self.is_constant
     }
 
     /// `q''`, then `g''`, without what rounding leaves of `q''` in contact: over a long time it is a way.
     pub(super) fn accelerations(&self) -> Vec<f64> {
-        let mut all = self.acceleration.clone();
-        without_rounding(&mut all, &self.free);
+        let mut all = vec![];
+        self.append_accelerations(&mut all);
         all
+    }
+
+    /// The same behind what is there.
+    pub(super) fn append_accelerations(&self, to: &mut Vec<f64>) {
+        let first = to.len();
+        to.extend_from_slice(&self.acceleration);
+        without_rounding(&mut to[first..], &self.free);
     }
 
     /// How many coordinates there are.
@@ -226,7 +299,7 @@ impl Kinetics {
 
     /// `g_i' = n_i . w + g_t`.
     pub(super) fn rate(&self, i: usize, w: &[f64]) -> f64 {
-        dot(self.normal(i), w) + self.values[self.layout.rate()][i]
+        dot(self.normal(i), w) + self.values[self.of_time + i]
     }
 
     /// How much `g_i` may change with the coordinates: the sum of `|n_i|`.
@@ -238,7 +311,7 @@ impl Kinetics {
     pub(super) fn rounding(&self, i: usize, q: &[f64], w: &[f64]) -> (f64, f64) {
         let largest = |v: &[f64]| v.iter().fold(0.0_f64, |a, b| a.max(b.abs()));
         let slope = self.steepness(i);
-        let rate = self.values[self.layout.rate()][i].abs();
+        let rate = self.values[self.of_time + i].abs();
         let scale = 16.0 * f64::EPSILON;
         (scale * slope * largest(q), scale * (slope * largest(w) + rate))
     }
@@ -276,6 +349,7 @@ impl Kinetics {
         let row = &mut self.mobility[i * n..][..n];
         row.copy_from_slice(&self.values[self.gradient + i * n..][..n]);
         self.factor.solve(row);
+        self.diagonal[i] = dot(self.normal(i), self.known_mobility(i));
         self.known[i] = self.evaluation;
     }
 
@@ -288,7 +362,10 @@ impl Kinetics {
     #[inline]
     pub(super) fn d(&mut self, i: usize, j: usize) -> f64 {
         self.mobility(j);
-        dot(self.normal(i), self.known_mobility(j))
+        match i == j {
+            true => self.diagonal[i],
+            false => dot(self.normal(i), self.known_mobility(j)),
+        }
     }
 
     /// `D_ij`, zero where the gaps are orthogonal to rounding.
@@ -334,6 +411,11 @@ impl Kinetics {
         set: GapSet,
         right: impl Fn(&Self, usize) -> f64,
     ) -> Result<(), Undetermined> {
+        if let Some(gap) = set.only() {
+            let right = right(self, gap);
+            self.right[0] = self.impulse(gap, right)?;
+            return Ok(());
+        }
         self.order.clear();
         self.order.extend(set.iter());
         let k = self.order.len();
@@ -352,6 +434,17 @@ impl Kinetics {
         }
         cholesky::solve(&self.small[..k * k], k, &mut self.right[..k]);
         Ok(())
+    }
+
+    /// What has to act on a gap alone to change its rate by so much.
+    pub(super) fn impulse(&mut self, gap: usize, change: f64) -> Result<f64, Undetermined> {
+        let d = self.d(gap, gap);
+        if !(d > 0.0 && d < f64::INFINITY) {
+            return Err(Undetermined::Contacts);
+        }
+        // to the last bit as by the factor of a matrix
+        let root = d.sqrt();
+        Ok(change / root / root)
     }
 
     /// Whether impacts on the gaps `hit`, with what friction does in a mode, press the other contacts

@@ -87,6 +87,30 @@ impl LinearMap {
             let pairs = entries.iter().zip(&x[*j..]);
             out[*i..].iter_mut().zip(pairs).for_each(|(out, (entry, x))| *out += entry * x);
         }
+        // of a size that the compiler knows the loops are unrolled
+        match out.len() {
+            1 => self.add_full::<1>(x, out),
+            2 => self.add_full::<2>(x, out),
+            3 => self.add_full::<3>(x, out),
+            4 => self.add_full::<4>(x, out),
+            _ => self.add_full_columns(x, out),
+        }
+    }
+
+    #[inline(always)]
+    fn add_full<const ROWS: usize>(&self, x: &[f64], out: &mut [f64]) {
+        let blocks = self.entries.chunks_exact(TOGETHER * ROWS);
+        for (columns, block) in self.full.chunks_exact(TOGETHER).zip(blocks) {
+            let [x0, x1, x2, x3] = [0, 1, 2, 3].map(|k| x[columns[k]]);
+            for (i, out) in out.iter_mut().enumerate().take(ROWS) {
+                let at = |column: usize| block[column * ROWS + i];
+                *out += (at(0) * x0 + at(1) * x1) + (at(2) * x2 + at(3) * x3);
+            }
+        }
+    }
+
+    #[inline(always)]
+    fn add_full_columns(&self, x: &[f64], out: &mut [f64]) {
         let rows = out.len();
         let blocks = self.entries.chunks_exact((TOGETHER * rows).max(1));
         for (columns, block) in self.full.chunks_exact(TOGETHER).zip(blocks) {

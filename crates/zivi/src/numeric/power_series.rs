@@ -1,5 +1,7 @@
 //! Power series on `[0, 1]` that converge as that of an exponential of 2, and their values.
 
+use pulp::{Simd, WithSimd};
+
 /// Coefficients: what is left out is `2^24/24! = 3e-17`.
 pub(crate) const TERMS: usize = 24;
 
@@ -79,6 +81,27 @@ pub(crate) fn value_and_slope(a: &Series, s: f64) -> [f64; 2] {
     }
     let slope = (p[1] + s * (2.0 * p[2] + 3.0 * s * p[3])) + 4.0 * s3 * joined(d, s);
     [joined(p, s), slope]
+}
+
+/// The same of several series at once, by the widest registers of the processor.
+pub(crate) fn values_and_slopes(all: &[Series], s: f64, out: &mut [[f64; 2]]) {
+    pulp::Arch::new().dispatch(Values { all, s, out });
+}
+
+struct Values<'a> {
+    all: &'a [Series],
+    s: f64,
+    out: &'a mut [[f64; 2]],
+}
+
+impl WithSimd for Values<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) {
+        let Self { all, s, out } = self;
+        out.iter_mut().zip(all).for_each(|(out, a)| *out = value_and_slope(a, s));
+    }
 }
 
 /// The same of a short series, as two in `s^2`.

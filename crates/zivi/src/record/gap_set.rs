@@ -42,6 +42,15 @@ impl GapSet {
         self.0.iter().fold(0, |all, word| all | word) == 0
     }
 
+    /// The gap, if there is one alone.
+    #[must_use]
+    pub fn only(self) -> Option<usize> {
+        if self.0[1..].iter().fold(0, |all, word| all | word) != 0 {
+            return self.iter().next().filter(|_| self.len() == 1);
+        }
+        self.0[0].is_power_of_two().then(|| self.0[0].trailing_zeros() as usize)
+    }
+
     /// How many there are.
     #[must_use]
     pub fn len(self) -> usize {
@@ -129,6 +138,7 @@ mod tests {
             assert_eq!(back(x), a);
             assert!(x.iter().is_sorted());
             assert_eq!((x.len(), x.is_empty()), (a.len(), a.is_empty()));
+            assert_eq!(x.only(), a.first().copied().filter(|_| a.len() == 1));
             assert_eq!(back(x.with(y)), &a | &b);
             assert_eq!(back(x.without(y)), &a - &b);
             assert!((0..GapSet::MOST).all(|gap| x.has(gap) == a.contains(&gap)));

@@ -142,6 +142,15 @@ pub trait Dynamics<E> {
         self.evaluate(t, q, w, out)
     }
 
+    /// Writes `g`, `h` and `g_t` alone, where `M` and `N` never change: what else is in `out` may be left as
+    /// it is.
+    ///
+    /// # Errors
+    /// As [`Self::evaluate`].
+    fn evaluate_gaps(&mut self, t: f64, q: &[f64], w: &[f64], out: &mut [f64]) -> Result<(), E> {
+        self.evaluate_again(t, q, w, out)
+    }
+
     /// Whether `M`, `F`, `N` and `g_t` are constants: contact forces hold no surprise then, such as
     /// a pulse, and are not probed for one.
     fn is_steady(&self) -> bool {

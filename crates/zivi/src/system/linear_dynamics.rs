@@ -84,15 +84,22 @@ impl<E> Dynamics<E> for LinearDynamics {
     }
 
     fn evaluate_again(&mut self, t: f64, q: &[f64], w: &[f64], out: &mut [f64]) -> Result<(), E> {
-        let layout = self.layout;
-        self.force(t, q, w, &mut out[layout.force()]);
-        let gap = layout.gap().start;
-        for (i, it) in self.system.gaps.iter().enumerate() {
+        self.force(t, q, w, &mut out[self.layout.force()]);
+        Dynamics::<E>::evaluate_gaps(self, t, q, w, out)
+    }
+
+    fn evaluate_gaps(&mut self, t: f64, q: &[f64], _: &[f64], out: &mut [f64]) -> Result<(), E> {
+        let (m, layout) = (self.layout.m, self.layout);
+        let (positions, rest) = out[layout.gap().start..].split_at_mut(m);
+        let (_, rest) = rest.split_at_mut(m * layout.n);
+        let (curvatures, rates) = rest.split_at_mut(m);
+        let numbers = positions.iter_mut().zip(curvatures).zip(rates);
+        for (it, ((gap, curvature), of_time)) in self.system.gaps.iter().zip(numbers) {
             let [position, rate, acceleration] = it.motion.at(t);
             let along: f64 = it.normal.iter().zip(q).map(|(n, q)| n * q).sum();
-            out[gap + i] = along + it.offset - position;
-            out[layout.curvature().start + i] = -acceleration;
-            out[layout.rate().start + i] = -rate;
+            *gap = along + it.offset - position;
+            *curvature = -acceleration;
+            *of_time = -rate;
         }
         Ok(())
     }

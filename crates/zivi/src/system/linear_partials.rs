@@ -141,6 +141,10 @@ impl<E> Dynamics<E> for LinearPartials {
         self.dynamics.evaluate_again(t, q, w, out)
     }
 
+    fn evaluate_gaps(&mut self, t: f64, q: &[f64], w: &[f64], out: &mut [f64]) -> Result<(), E> {
+        self.dynamics.evaluate_gaps(t, q, w, out)
+    }
+
     fn linear(&self) -> Option<&Arc<LinearSystem>> {
         Some(&self.system)
     }

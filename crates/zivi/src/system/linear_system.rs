@@ -33,6 +33,7 @@ pub enum GapMotion {
 
 impl GapMotion {
     /// `[w, w', w'']`.
+    #[inline]
     pub(crate) fn at(&self, t: f64) -> [f64; 3] {
         let of = |motion: Result<[f64; 3], std::convert::Infallible>| match motion {
             Ok(motion) => motion,
@@ -77,6 +78,12 @@ pub struct LinearSystem {
 }
 
 impl LinearSystem {
+    /// Whether loads and walls are as smooth as waves: no table has knots in them.
+    pub(crate) fn is_smooth(&self) -> bool {
+        let is_table = |gap: &LinearGap| matches!(gap.motion, GapMotion::Table(_));
+        self.tables.is_empty() && !self.gaps.iter().any(is_table)
+    }
+
     /// The same if its sizes fit together.
     #[must_use]
     pub fn validated(self) -> Option<Self> {

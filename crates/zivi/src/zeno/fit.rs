@@ -21,8 +21,7 @@ pub(super) fn stride(e: f64, terms: usize, last: usize) -> usize {
 /// What rounding of all times to one unit in the last place of 1 does to the positions, in the units of
 /// [`Tail::distance`] with a first arc of length 1: `4 q sum_i |l_i(q)|` with the polynomials `l_i` of
 /// Lagrange at the points of [`fit`] and zero.
-pub(super) fn rounding(e: f64, stride: usize, terms: usize) -> f64 {
-    let q = points(e, stride, terms);
+pub(super) fn rounding(q: &Points, terms: usize) -> f64 {
     let largest = PARTS.map(|at| {
         let of = |i: usize| {
             let others = (0..terms).filter(|&j| j != i);
@@ -33,12 +32,33 @@ pub(super) fn rounding(e: f64, stride: usize, terms: usize) -> f64 {
     f64::EPSILON * largest.into_iter().fold(0.0, f64::max)
 }
 
-/// `q_i = e^(-i stride)` for so many terms, beyond them one.
-fn points(e: f64, stride: usize, terms: usize) -> [f64; TERMS] {
-    std::array::from_fn(|i| match i > 0 && i < terms {
-        true => libm::pow(e, -((i * stride) as f64)),
-        false => 1.0,
-    })
+/// `q_i = e^(-i stride)`.
+pub(super) type Points = [f64; TERMS];
+
+/// These, worked out once for each stride that follows another one.
+pub(super) struct KnownPoints {
+    e: f64,
+    stride: usize,
+    q: Points,
+}
+
+impl KnownPoints {
+    /// Of a ratio.
+    pub(super) fn new(e: f64) -> Self {
+        Self { e, stride: 0, q: [1.0; TERMS] }
+    }
+
+    /// With so many impacts between two of them.
+    pub(super) fn apart(&mut self, stride: usize) -> &Points {
+        if stride != self.stride {
+            (self.stride, self.q) = (stride, points(self.e, stride));
+        }
+        &self.q
+    }
+}
+
+fn points(e: f64, stride: usize) -> Points {
+    std::array::from_fn(|i| if i > 0 { libm::pow(e, -((i * stride) as f64)) } else { 1.0 })
 }
 
 /// `sum_k a_k q^k`, `k = 1, 2, ...`
@@ -46,10 +66,8 @@ pub(super) fn series(a: &[f64; TERMS], q: f64) -> f64 {
     a.iter().rev().fold(0.0, |sum, a| (sum + a) * q)
 }
 
-/// The `a` with `sum_k a_k q_i^k = values_i`, `q_i = e^(-i stride)`, by Newton's interpolation of
-/// `values/q`.
-pub(super) fn fit(e: f64, stride: usize, terms: usize, values: [f64; TERMS]) -> [f64; TERMS] {
-    let q = points(e, stride, terms);
+/// The `a` with `sum_k a_k q_i^k = values_i` at so many points, by Newton's interpolation of `values/q`.
+pub(super) fn fit(q: &Points, terms: usize, values: [f64; TERMS]) -> [f64; TERMS] {
     let mut d: [f64; TERMS] = std::array::from_fn(|i| values[i] / q[i]);
     for level in 1..terms {
         for i in (level..terms).rev() {
@@ -76,11 +94,12 @@ pub(super) fn fit_ahead(
     mut values: [f64; TERMS],
 ) -> [f64; TERMS] {
     // in units of the first of these q
-    for (value, q) in values.iter_mut().zip(points(e, stride, terms)) {
+    let q = points(e, stride);
+    for (value, q) in values.iter_mut().zip(q) {
         *value /= q;
     }
     let unit = libm::pow(e, ((terms - 1) * stride) as f64);
-    let (mut a, mut power) = (fit(e, stride, terms, values), unit);
+    let (mut a, mut power) = (fit(&q, terms, values), unit);
     for a in &mut a {
         power *= unit;
         *a /= power;
@@ -96,7 +115,7 @@ mod tests {
     fn the_fit_reproduces_a_series() {
         let a = [1.0, -0.4, 0.2, 0.05, 0.0, 0.0];
         let values = std::array::from_fn(|i| series(&a, 0.5f64.powi(-(i as i32))));
-        let fitted = fit(0.5, 1, 4, values);
+        let fitted = fit(&points(0.5, 1), 4, values);
         for k in 0..TERMS {
             assert!((fitted[k] - a[k]).abs() < 1e-13);
         }
@@ -126,11 +145,11 @@ mod tests {
         let e = 1.0 / 1.01;
         let line = |q: f64| q * ((1.01 - q) / 0.01 + (1.0 - q) / (1.01 * 0.01));
         let largest = PARTS.map(|q| 4.0 * q * line(q)).into_iter().fold(0.0, f64::max);
-        let found = rounding(e, 1, 2) / f64::EPSILON;
+        let found = rounding(&points(e, 1), 2) / f64::EPSILON;
         assert!((found / largest - 1.0).abs() < 1e-12, "{found} {largest}");
-        assert_eq!(rounding(e, 1, 1), 4.0 * 0.9 * 0.9 * f64::EPSILON);
+        assert_eq!(rounding(&points(e, 1), 1), 4.0 * 0.9 * 0.9 * f64::EPSILON);
         // far less where the points are apart
-        assert!(rounding(0.5, 1, 4) < 40.0 * f64::EPSILON);
-        assert!(rounding(0.9999, 1, 3) > 1e7 * f64::EPSILON);
+        assert!(rounding(&points(0.5, 1), 4) < 40.0 * f64::EPSILON);
+        assert!(rounding(&points(0.9999, 1), 3) > 1e7 * f64::EPSILON);
     }
 }

@@ -18,7 +18,7 @@
 
 use super::arc::TailArc;
 use super::bounce::Bounce;
-use super::fit::{fit, fit_ahead, rounding, series, stride, PARTS, TERMS};
+use super::fit::{fit, fit_ahead, rounding, series, stride, KnownPoints, Points, PARTS, TERMS};
 use crate::{Impact, PathPoint};
 
 /// What rounding may do to positions, relative to the height of the first arc, before terms must
@@ -58,20 +58,26 @@ impl Tail {
     pub(super) fn new(bounces: &[Bounce], e: f64, zeno: f64, sigma: f64) -> Self {
         let last = bounces.len() - 1;
         let most = TERMS.min(bounces.len());
-        let with = |terms: usize| Self::with_terms(terms, bounces, (e, zeno, sigma));
-        let noise = |terms: usize| {
+        let (mut points, looks) = (KnownPoints::new(e), looks(e));
+        let mut with = |terms: usize| {
+            let q = points.apart(stride(e, terms, last));
             let arc = (1.0 - e) * (zeno - bounces[last].t);
-            rounding(e, stride(e, terms, last), terms) * zeno.abs() / arc
+            let noise = rounding(q, terms) * zeno.abs() / arc;
+            (Self::with_terms((terms, q), bounces, (e, zeno, sigma)), noise)
         };
-        if noise(most) <= SEEN {
-            let found = (2..=most).rev().map(with).find(Self::is_sound);
-            return found.unwrap_or_else(|| with(1));
+        let (tail, noise) = with(most);
+        if noise <= SEEN {
+            if most < 2 || tail.is_sound(&looks) {
+                return tail;
+            }
+            let found = (2..most).rev().map(|terms| with(terms).0).find(|it| it.is_sound(&looks));
+            return found.unwrap_or_else(|| with(1).0);
         }
-        let (mut tail, mut change) = (with(1), f64::INFINITY);
+        let (mut tail, mut change) = (with(1).0, f64::INFINITY);
         for terms in 2..=most {
-            let (next, before) = (with(terms), change);
+            let ((next, noise), before) = (with(terms), change);
             change = next.distance(&tail);
-            if change >= before || change <= TOLD * noise(terms) || !next.is_sound() {
+            if change >= before || change <= TOLD * noise || !next.is_sound(&looks) {
                 break;
             }
             tail = next;
@@ -79,7 +85,11 @@ impl Tail {
         tail
     }
 
-    fn with_terms(terms: usize, bounces: &[Bounce], (e, zeno, sigma): (f64, f64, f64)) -> Self {
+    fn with_terms(
+        (terms, q): (usize, &Points),
+        bounces: &[Bounce],
+        (e, zeno, sigma): (f64, f64, f64),
+    ) -> Self {
         let last = bounces.len() - 1;
         let stride = stride(e, terms, last);
         let points = (0..terms).map(|i| &bounces[last - i * stride]);
@@ -87,7 +97,7 @@ impl Tail {
         for (i, bounce) in points.enumerate() {
             (t[i], u[i]) = (zeno - bounce.t, bounce.u);
         }
-        let (c, d) = (fit(e, stride, terms, t), fit(e, stride, terms, u));
+        let (c, d) = (fit(q, terms, t), fit(q, terms, u));
         let bends = [[0.0; TERMS]; 2];
         Self { e, start: bounces[last].t, zeno, until: zeno, sigma, c, d, bends }
     }
@@ -138,11 +148,8 @@ impl Tail {
     }
 
     /// Whether times rise and speeds fall over the first arcs, as they must.
-    fn is_sound(&self) -> bool {
-        let arcs = 2 + (1.0 / (1.0 - self.e)) as i32;
-        (0..4).all(|i| {
-            let m = f64::from(i * arcs / 4);
-            let [q, next] = [m, m + 1.0].map(|m| libm::pow(self.e, m));
+    fn is_sound(&self, looks: &[[f64; 3]; 4]) -> bool {
+        looks.iter().all(|&[m, q, next]| {
             let (speed, slower) = (series(&self.d, q), series(&self.d, next));
             self.time_at(m + 1.0, next) > self.time_at(m, q) && speed > slower && slower > 0.0
         })
@@ -276,6 +283,15 @@ impl Tail {
         let rest = PathPoint { x: 0.0, xdot: 0.0, sigma: self.sigma };
         self.arc_at(t).map_or(rest, |arc| arc.at(t))
     }
+}
+
+/// The arcs at which a tail has to be sound: `m`, `e^m`, `e^(m + 1)`.
+fn looks(e: f64) -> [[f64; 3]; 4] {
+    let arcs = 2 + (1.0 / (1.0 - e)) as i32;
+    std::array::from_fn(|i| {
+        let m = f64::from(i as i32 * arcs / 4);
+        [m, libm::pow(e, m), libm::pow(e, m + 1.0)]
+    })
 }
 
 #[cfg(test)]

@@ -1,5 +1,7 @@
 //! Where a power series on `[0, 1]` that begins above zero first falls below it.
 
+use pulp::{Simd, WithSimd};
+
 use crate::numeric::power_series::{value_and_slope, Series, TERMS};
 use crate::switched::flight::series;
 
@@ -16,33 +18,47 @@ const ITERATIONS: usize = 16;
 pub(super) fn first_root(p: &Series, at_zero: usize) -> Option<f64> {
     let mut a = [0.0; TERMS];
     a[..TERMS - at_zero].copy_from_slice(&p[at_zero..]);
-    let rest: f64 = a[1..].iter().map(|a| a.abs()).sum();
-    if a[0] > rest {
-        return None;
-    }
-    if a[0] < 0.0 {
-        return Some(0.0);
-    }
-    if let Some(root) = short_fall(&a) {
-        return Some(root);
-    }
-    // a short arc is far below what rounding leaves of the whole step
-    let arc = ARC * fall_of_parabola(&a);
-    if arc < 1.0 {
-        let mut part = a;
-        let mut power = 1.0;
-        for a in &mut part {
-            *a *= power;
-            power *= arc;
+    pulp::Arch::new().dispatch(Search(&a))
+}
+
+/// The search for the first root, by the widest registers of the processor.
+struct Search<'a>(&'a Series);
+
+impl WithSimd for Search<'_> {
+    type Output = Option<f64>;
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) -> Option<f64> {
+        let Self(a) = self;
+        let rest: f64 = a[1..].iter().map(|a| a.abs()).sum();
+        if a[0] > rest {
+            return None;
         }
-        if let Some(root) = series::first_root(&part, 0) {
-            return Some(polished(&a, root.at * arc));
+        if a[0] < 0.0 {
+            return Some(0.0);
         }
+        if let Some(root) = short_fall(a) {
+            return Some(root);
+        }
+        // a short arc is far below what rounding leaves of the whole step
+        let arc = ARC * fall_of_parabola(a);
+        if arc < 1.0 {
+            let mut part = *a;
+            let mut power = 1.0;
+            for a in &mut part {
+                *a *= power;
+                power *= arc;
+            }
+            if let Some(root) = series::first_fall(&part) {
+                return Some(polished(a, root * arc));
+            }
+        }
+        series::first_fall(a).map(|root| polished(a, root))
     }
-    series::first_root(&a, 0).map(|root| polished(&a, root.at))
 }
 
 /// When `a_0 + a_1 s + a_2 s^2` comes to zero, infinite if it never does.
+#[inline(always)]
 fn fall_of_parabola(a: &Series) -> f64 {
     let root = a[1] * a[1] - 4.0 * a[0] * a[2];
     if a[2] >= 0.0 || root.is_nan() {
@@ -57,6 +73,7 @@ fn fall_of_parabola(a: &Series) -> f64 {
 }
 
 /// The root of one that falls from its start as a line does, but for little.
+#[inline(always)]
 fn short_fall(a: &Series) -> Option<f64> {
     let first = -a[0] / a[1];
     if a[1] >= 0.0 || first >= SHORT {
@@ -71,6 +88,7 @@ fn short_fall(a: &Series) -> Option<f64> {
 }
 
 /// The root that is near, to rounding.
+#[inline(always)]
 fn polished(a: &Series, near: f64) -> f64 {
     let (mut s, mut last) = (near, f64::INFINITY);
     for _ in 0..ITERATIONS {

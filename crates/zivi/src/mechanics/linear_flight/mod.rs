@@ -21,7 +21,7 @@ use super::kinetics::Model;
 use super::mode::{Limit, Next};
 use super::path::Curve;
 use super::state::MechanicalState;
-use crate::numeric::power_series::{value_and_slope, Series, TERMS};
+use crate::numeric::power_series::{value, values_and_slopes, Series, TERMS};
 use crate::record::failure::Failure;
 use crate::record::gap_set::GapSet;
 use crate::system::dynamics::Dynamics;
@@ -37,6 +37,8 @@ pub(super) use variation::{FlightRates, Flown};
 const ANGLE: f64 = 2.0;
 /// Halvings of the steps until the series converge.
 const HALVINGS: usize = 12;
+/// By how much a gap is larger than all that may be taken from it, if it certainly stays open.
+const CERTAIN: f64 = 1.0 + 1e-9;
 /// What closes within this part of a flight closes together.
 const TOGETHER: f64 = 1e-13;
 /// Rounding of the time.
@@ -65,6 +67,8 @@ pub(super) struct LinearFlight {
     end: Vec<f64>,
     /// By gap: the gap, or its force.
     series: Vec<Series>,
+    /// By gap: what that is where the step ends, and its slope there.
+    ends: Vec<[f64; 2]>,
     curve: Option<Curve>,
     /// The free flights of one coordinate.
     one: Option<Box<OneCoordinate>>,
@@ -112,6 +116,7 @@ impl LinearFlight {
             opposite,
             y,
             end,
+            ends: vec![[0.0; 2]; series.len()],
             series,
             curve: None,
             one,
@@ -166,7 +171,7 @@ impl LinearFlight {
         }
         self.begin(state, model.smooth.nearest(state.now().t));
         if self.has_drifted(state) {
-            state.project(set, model)?;
+            state.project_gaps(set, model)?;
             self.begin(state, model.smooth.nearest(state.now().t));
         }
         self.anchor(state, None);
@@ -187,7 +192,8 @@ impl LinearFlight {
             let now = state.parts().1;
             (now.t, now.late) = self.lift_off.map_or((now.t, now.late), |t| (t, 0.0));
         }
-        if !state.now().x.iter().chain(&state.now().xdot).all(|it| it.is_finite()) {
+        let is_finite = |of: &[f64]| of.iter().fold(true, |all, it| all & it.is_finite());
+        if !(is_finite(&state.now().x) && is_finite(&state.now().xdot)) {
             return Err(Failure::Status(Status::StateNotFinite));
         }
         let next = match event {
@@ -209,6 +215,7 @@ impl LinearFlight {
     }
 
     /// A gap and its rate as the coordinates have them, and the sums of the sizes of their terms.
+    #[inline(always)]
     fn told(&self, i: usize) -> [(f64, f64); 2] {
         let (n, h, free) = (self.free.n, self.h, &self.free);
         let sum = |weights: &[f64], of: &[f64]| {
@@ -230,6 +237,9 @@ impl LinearFlight {
 
     /// Whether rounding has opened a closed gap.
     fn has_drifted(&self, state: &MechanicalState) -> bool {
+        if state.closed().is_empty() {
+            return false;
+        }
         let fast = state.now().xdot[..self.free.n].iter().fold(0.0_f64, |a, v| a.max(v.abs()));
         state.closed().iter().any(|i| {
             let [(gap, size), (rate, speed)] = self.told(i);
@@ -240,7 +250,8 @@ impl LinearFlight {
     /// Sets gaps but one to what the coordinates say, where that has enough digits.
     fn anchor(&self, state: &mut MechanicalState, but: Option<usize>) {
         for i in 0..self.series.len() {
-            if !state.closed().has(i) && but != Some(i) {
+            // one that was just hit is left as it is
+            if !state.closed().has(i) && but != Some(i) && state.gap(i).0 > 0.0 {
                 let [(gap, _), (rate, _)] = self.told(i);
                 state.anchor(i, gap, rate);
             }
@@ -254,26 +265,21 @@ impl LinearFlight {
         reach: f64,
         state: &MechanicalState,
     ) -> (f64, Option<Event>) {
+        self.read_series(motion, state);
         let (mut first, mut event) = (1.0, None);
         self.lift_off = None;
-        for (i, functional) in motion.gaps.iter().enumerate() {
+        // a gap that was just hit is most often the next one
+        let count = self.series.len();
+        let last = (0..count).find(|&i| !state.closed().has(i) && self.series[i][0] == 0.0);
+        for i in last.into_iter().chain((0..count).filter(|&i| Some(i) != last)) {
             let closed = state.closed().has(i);
-            let other = self.opposite[i].filter(|&j| !closed && !state.closed().has(j));
-            let mut a = match other {
-                // no zero gets a sign
-                Some(j) => self.series[j].map(|a| 0.0 - a),
-                None => functional.series(&self.y),
-            };
-            let size = a.iter().fold(0.0_f64, |most, a| most.max(a.abs()));
-            if !closed {
-                let (gap, rate) = state.gap(i);
-                (a[0], a[1]) = (gap, self.h * rate);
-            }
-            self.series[i] = a;
-            let mut power = 1.0;
-            for a in &mut a {
-                *a *= power;
-                power *= reach;
+            let mut a = self.series[i];
+            if reach != 1.0 {
+                let mut power = 1.0;
+                for a in &mut a {
+                    *a *= power;
+                    power *= reach;
+                }
             }
             let known = self.lift_off_of(i, state).filter(|_| closed);
             let found = if let Some(at) = known {
@@ -281,6 +287,7 @@ impl LinearFlight {
                 let s = at.map(|t| (t - state.now().t) / (self.h * reach));
                 s.filter(|&s| s <= 1.0).map(|s| (s.max(0.0), Event::Release(i)))
             } else if closed {
+                let size = self.series[i].iter().fold(0.0_f64, |most, a| most.max(a.abs()));
                 a[0] = a[0].max(0.0);
                 let none = a.iter().all(|a| a.abs() <= NOISE * size);
                 // bodies in free fall touch without a force
@@ -289,18 +296,45 @@ impl LinearFlight {
                 } else {
                     first_root(&a, 0).map(|s| (s, Event::Release(i)))
                 }
+            } else if event.is_some() && stays_above(&a, first) {
+                None
             } else {
                 let zeros = self.zeros_at_start(i, state);
                 a[..zeros].fill(0.0);
                 first_root(&a, zeros).map(|s| (s, Event::Closing(i)))
             };
             if let Some((s, what)) = found {
-                if s < first || (event.is_none() && s <= first) {
+                let comes_first = match event {
+                    None => s <= first,
+                    // of two at once the one with the lower number
+                    Some(Event::Closing(j) | Event::Release(j)) => {
+                        s < first || (s == first && i < j)
+                    }
+                };
+                if comes_first {
                     (first, event) = (s, Some(what));
                 }
             }
         }
         (first * reach, event)
+    }
+
+    /// The gaps, and the forces of closed ones, over the step.
+    fn read_series(&mut self, motion: &Propagation, state: &MechanicalState) {
+        for (i, functional) in motion.gaps.iter().enumerate() {
+            let closed = state.closed().has(i);
+            let other = self.opposite[i].filter(|&j| !closed && !state.closed().has(j));
+            let mut a = match other {
+                // no zero gets a sign
+                Some(j) => self.series[j].map(|a| 0.0 - a),
+                None => functional.series(&self.y),
+            };
+            if !closed {
+                let (gap, rate) = state.gap(i);
+                (a[0], a[1]) = (gap, self.h * rate);
+            }
+            self.series[i] = a;
+        }
     }
 
     /// How often a gap is zero where the step begins: once after an impact, three times after a
@@ -327,19 +361,17 @@ impl LinearFlight {
     }
 
     /// Moves a state to the end of a part of the step, where a gap closes, if one does.
-    fn move_state(&self, part: f64, closing: Option<usize>, state: &mut MechanicalState) {
+    fn move_state(&mut self, part: f64, closing: Option<usize>, state: &mut MechanicalState) {
         let (n, h, closed) = (self.free.n, self.h, state.closed());
         let now = state.parts().1;
         now.x[..n].copy_from_slice(&self.end[..n]);
         for (v, end) in now.xdot[..n].iter_mut().zip(&self.end[n..]) {
             *v = end / h;
         }
-        for (i, series) in self.series.iter().enumerate() {
-            if closed.has(i) {
-                continue;
-            }
-            let [x, v] = value_and_slope(series, part);
-            now.x[n + i] = if closing == Some(i) { 0.0 } else { x };
+        let Self { series, ends, .. } = self;
+        values_and_slopes(series, part, ends);
+        for (i, [x, v]) in ends.iter().enumerate().filter(|&(i, _)| !closed.has(i)) {
+            now.x[n + i] = if closing == Some(i) { 0.0 } else { *x };
             now.xdot[n + i] = v / h;
         }
     }
@@ -353,6 +385,12 @@ fn wall_rates(free: &Free, h: f64) -> Vec<Vec<f64>> {
         weights
     };
     (0..free.gaps()).map(rate).collect()
+}
+
+/// Whether a series certainly stays above zero up to a part of its interval.
+fn stays_above(a: &Series, part: f64) -> bool {
+    let sizes: Series = std::array::from_fn(|k| if k == 0 { 0.0 } else { a[k].abs() });
+    a[0] > CERTAIN * value(&sizes, part)
 }
 
 /// The gap and those that close at the same time, to rounding of the flight's length.

@@ -25,11 +25,12 @@ impl Propagation {
         out: &mut [f64],
         terms: Terms<'_>,
     ) {
+        let arch = pulp::Arch::new();
         match &self.coordinates {
-            Some(coordinates) => read(coordinates, step.1, y, out, terms),
-            None => {
-                pulp::Arch::new().dispatch(Sum { motion: self, free, step, y, out, terms });
+            Some(coordinates) => {
+                arch.dispatch(Reading { coordinates, part: step.1, y, out, terms });
             }
+            None => arch.dispatch(Sum { motion: self, free, step, y, out, terms }),
         }
     }
 }
@@ -78,19 +79,34 @@ impl LinearFlight {
     }
 }
 
-fn read(coordinates: &[Functional], part: f64, y: &[f64], out: &mut [f64], mut terms: Terms<'_>) {
-    let n = coordinates.len();
-    if let Some(terms) = &mut terms {
-        terms.resize(n * TERMS, 0.0);
-    }
-    for (i, coordinate) in coordinates.iter().enumerate() {
-        let a = coordinate.series(y);
-        [out[i], out[n + i]] = value_and_slope(&a, part);
-        let Some(terms) = &mut terms else { continue };
-        let mut power = 1.0;
-        for (k, a) in a.iter().enumerate() {
-            terms[k * n + i] = power * a;
-            power *= part;
+/// The series of the coordinates, read.
+struct Reading<'a> {
+    coordinates: &'a [Functional],
+    part: f64,
+    y: &'a [f64],
+    out: &'a mut [f64],
+    terms: Terms<'a>,
+}
+
+impl WithSimd for Reading<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) {
+        let Self { coordinates, part, y, out, mut terms } = self;
+        let n = coordinates.len();
+        if let Some(terms) = &mut terms {
+            terms.resize(n * TERMS, 0.0);
+        }
+        for (i, coordinate) in coordinates.iter().enumerate() {
+            let a = coordinate.series_by_columns(y);
+            [out[i], out[n + i]] = value_and_slope(&a, part);
+            let Some(terms) = &mut terms else { continue };
+            let mut power = 1.0;
+            for (k, a) in a.iter().enumerate() {
+                terms[k * n + i] = power * a;
+                power *= part;
+            }
         }
     }
 }

@@ -252,6 +252,14 @@ impl Functional {
         self.0.add(y, &mut a);
         a
     }
+
+    /// The same by the registers that the caller has.
+    #[inline(always)]
+    pub(super) fn series_by_columns(&self, y: &[f64]) -> Series {
+        let mut a = [0.0; TERMS];
+        self.0.add_by_columns(y, &mut a);
+        a
+    }
 }
 
 /// The motion with a set of gaps closed.

@@ -61,6 +61,7 @@ impl VariationalRun<'_> {
         self.columns.visit(model, &before, closed)?;
         let slope = self.columns.local.kinetics.acceleration.clone();
         let piece = machine.advance(t_end, model)?;
+        machine.state_mut().know(model)?;
         let (mut hit, mut set, mut impulses) = (GapSet::EMPTY, GapSet::EMPTY, Vec::new());
         for it in &machine.occurrences()[from..] {
             if let Occurrence::Impact { gap, before, impulse, .. } = *it {

@@ -25,6 +25,8 @@ pub(super) struct MechanicalState {
     levels: Vec<f64>,
     undetermined: Option<f64>,
     is_known: bool,
+    /// Whether the gaps are as an impact left them: they stay so.
+    is_struck: bool,
     /// The mechanics where they were evaluated last: here, or at a stage of a step from here.
     kinetics: Kinetics,
 }
@@ -56,6 +58,7 @@ impl MechanicalState {
             levels: Vec::new(),
             undetermined: None,
             is_known: false,
+            is_struck: false,
             kinetics: Kinetics::new(layout, friction),
         }
     }
@@ -190,7 +193,7 @@ impl MechanicalState {
 
     /// Forgets the forces: from here on they are others.
     pub(super) fn forget_forces(&mut self) {
-        self.is_known = false;
+        (self.is_known, self.is_struck) = (false, false);
     }
 
     /// Evaluates the system here.
@@ -202,6 +205,35 @@ impl MechanicalState {
         self.kinetics.evaluate(model, self.now.t, &self.now.x[..n], &self.now.xdot[..n])
     }
 
+    /// The same without what only forces need.
+    pub(super) fn evaluate_gaps<E, D: Dynamics<E>>(
+        &mut self,
+        model: &mut Model<'_, D>,
+    ) -> Result<(), Failure<E>> {
+        let n = self.layout.n;
+        self.kinetics.evaluate_gaps(model, self.now.t, &self.now.x[..n], &self.now.xdot[..n])
+    }
+
+    /// Evaluates the forces, where the system has just been evaluated without them.
+    pub(super) fn complete<E, D: Dynamics<E>>(
+        &mut self,
+        model: &mut Model<'_, D>,
+    ) -> Result<(), Failure<E>> {
+        let n = self.layout.n;
+        self.kinetics.complete(model, self.now.t, &self.now.x[..n], &self.now.xdot[..n])
+    }
+
+    /// Accelerations and contact forces here, of the state as it is.
+    pub(super) fn know<E, D: Dynamics<E>>(
+        &mut self,
+        model: &mut Model<'_, D>,
+    ) -> Result<(), Failure<E>> {
+        match self.is_known {
+            true => Ok(()),
+            false => self.evaluate(model).and_then(|()| self.refresh()),
+        }
+    }
+
     /// Accelerations and contact forces here.
     pub(super) fn prepare<E, D: Dynamics<E>>(
         &mut self,
@@ -210,7 +242,9 @@ impl MechanicalState {
         if !self.is_known {
             self.evaluate(model)?;
             self.refresh()?;
-            self.anchor_all();
+            if !self.is_struck {
+                self.anchor_all();
+            }
         }
         Ok(())
     }
@@ -269,6 +303,16 @@ impl MechanicalState {
         set: GapSet,
         model: &mut Model<'_, D>,
     ) -> Result<(), Failure<E>> {
+        self.project_gaps(set, model)?;
+        self.complete(model)
+    }
+
+    /// The same without what only forces need.
+    pub(super) fn project_gaps<E, D: Dynamics<E>>(
+        &mut self,
+        set: GapSet,
+        model: &mut Model<'_, D>,
+    ) -> Result<(), Failure<E>> {
         let Self { kinetics, now, layout, .. } = self;
         let Layout { n, m, .. } = *layout;
         self.is_known = false;
@@ -276,7 +320,7 @@ impl MechanicalState {
         for iteration in 0..=PROJECTIONS {
             let (q, gaps) = now.x.split_at_mut(n);
             let (w, speeds) = now.xdot.split_at_mut(n);
-            kinetics.evaluate(model, now.t, q, w)?;
+            kinetics.evaluate_gaps(model, now.t, q, w)?;
             let (mut far, mut fast) = (false, false);
             for i in set.iter() {
                 let (of_gap, of_rate) = kinetics.rounding(i, q, w);
@@ -321,6 +365,12 @@ impl MechanicalState {
     /// From here on the contacts are these.
     pub(super) fn enter(&mut self, contacts: Contacts) {
         self.contacts = contacts;
+    }
+
+    /// The same after an impact that leaves no contact; the forces are evaluated once they are asked for.
+    pub(super) fn fly_off(&mut self) {
+        self.enter(Contacts::default());
+        self.is_struck = true;
     }
 
     /// What the motion does not determine of the contact forces: how far they may vary.
@@ -399,7 +449,7 @@ impl MechanicalState {
             self.anchor_all();
             return Ok(());
         }
-        self.is_known = step.copy_end_slope(&mut self.slope);
+        (self.is_known, self.is_struck) = (step.copy_end_slope(&mut self.slope), false);
         self.lambda.fill(0.0);
         self.levels.clear();
         if self.is_known {
@@ -422,7 +472,7 @@ impl MechanicalState {
             (self.now.t, self.now.late) = (t_end, 0.0);
         }
         self.contacts.left = GapSet::EMPTY;
-        self.is_known = false;
+        (self.is_known, self.is_struck) = (false, false);
     }
 
     /// To an event at the time `total` after the start of a step, `delta` after its end; not
@@ -438,7 +488,7 @@ impl MechanicalState {
             self.now.x[c] = end.x[c] + delta * (end.xdot[c] + 0.5 * delta * slope);
             self.now.xdot[c] = end.xdot[c] + delta * slope;
         }
-        self.is_known = false;
+        (self.is_known, self.is_struck) = (false, false);
     }
 
     /// The state without the speeds of the rows of a mode, taken out along the impulses: that from
@@ -447,14 +497,29 @@ impl MechanicalState {
         &mut self,
         mode: impl Into<ContactMode>,
     ) -> Result<Vec<f64>, Failure<E>> {
+        let mut z = vec![];
+        self.without_speeds_to(mode, &mut z)?;
+        Ok(z)
+    }
+
+    /// The same into memory that is there.
+    pub(super) fn without_speeds_to<E>(
+        &mut self,
+        mode: impl Into<ContactMode>,
+        z: &mut Vec<f64>,
+    ) -> Result<(), Failure<E>> {
         let (mode, rows) = (mode.into(), self.layout.rows());
         if !mode.is_frictionless() {
-            return self.without_speeds_along_edges(mode);
+            *z = self.without_speeds_along_edges(mode)?;
+            return Ok(());
         }
         let set = mode.closed;
         let Self { kinetics, now, layout: Layout { n, .. }, .. } = self;
         let n = *n;
-        let (mut x, mut v) = (now.x.clone(), now.xdot.clone());
+        z.clear();
+        z.extend_from_slice(&now.x);
+        z.extend_from_slice(&now.xdot);
+        let (x, v) = z.split_at_mut(now.x.len());
         // twice: the first leaves rounding of the speeds
         for _ in 0..2 {
             let w = &v[..n];
@@ -470,7 +535,6 @@ impl MechanicalState {
         for i in set.iter() {
             x[n + i] = 0.0;
         }
-        x.append(&mut v);
-        Ok(x)
+        Ok(())
     }
 }

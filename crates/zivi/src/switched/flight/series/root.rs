@@ -36,14 +36,20 @@ pub(crate) fn first_root(a: &Series, known: usize) -> Option<Root> {
         1 => q[..TERMS - 1].copy_from_slice(&a[1..]),
         _ => q[..TERMS - known].copy_from_slice(&a[known..]),
     }
-    let at = match screened(&q) {
-        SignTest::Clear => return None,
-        SignTest::One(guess) => polished(&q, guess),
-        SignTest::Open => subdivided(&q)?,
-    };
+    let at = first_fall(&q)?;
     // a = s^known q: at a root of q the derivative is s^known q'
     let slope = value_and_slope(&q, at)[1] * at.powi(known as i32);
     Some(Root { at, slope })
+}
+
+/// The same where a root at 0 has been divided out: the point alone.
+#[inline(always)]
+pub(crate) fn first_fall(q: &Series) -> Option<f64> {
+    match screened(q) {
+        SignTest::Clear => None,
+        SignTest::One(guess) => Some(polished(q, guess)),
+        SignTest::Open => subdivided(q),
+    }
 }
 
 /// The only root in `(0, 1]` of a series that changes there from positive to negative, near a

@@ -53,18 +53,21 @@ impl Screen {
 }
 
 /// The same of a series, a root of whose has been divided out.
+#[inline(always)]
 pub(super) fn screened(q: &[f64; TERMS]) -> SignTest {
     let mut low = [0.0; SCREEN];
     low.copy_from_slice(&q[..SCREEN]);
     verdict(&bernstein(low), slack(&low, &q[SCREEN..]))
 }
 
+#[inline(always)]
 fn bernstein(low: [f64; SCREEN]) -> [f64; SCREEN] {
     let mut b = [0.0; SCREEN];
     b.copy_from_slice(Polynomial::<SCREEN>::from_powers(low).coefficients());
     b
 }
 
+#[inline(always)]
 fn slack(low: &[f64], high: &[f64]) -> f64 {
     let size = |a: &[f64]| a.iter().map(|a| a.abs()).sum::<f64>();
     size(high) + ROUNDING * (size(low) + size(high))
