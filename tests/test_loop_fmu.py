@@ -110,6 +110,100 @@ def test_controls_that_act_through_the_configuration(tmp_path):
     unit.free()
 
 
+ARM = ([0.7, 0.6], [0.1, -0.2])
+
+
+def tree_arm(**joint):
+    """Two links that hang, with a plate on the second, above a floor; a limit of the first."""
+    bodies = [
+        zivi.mechanics.Body(
+            "upper", axis=[0, 1, 0.1], mass=1.0, com=[0.01, 0, -0.5], inertia=0.02, damping=0.1
+        ),
+        zivi.mechanics.Body(
+            "fore", "upper", position=[0, 0.1, -1], axis=[0, 1, 0], mass=0.7, com=[0, 0, -0.4],
+            inertia=[0.01, 0.02, 0.01], **joint,
+        ),
+        zivi.mechanics.Body(
+            "plate", "fore", "fixed", position=[0, 0.02, -0.7], mass=0.1, com=[0.03, 0, 0],
+            inertia=1e-3,
+        ),
+    ]  # fmt: skip
+    tip = zivi.mechanics.PlaneGap(
+        "fore", point=[0, 0, -0.8], offset=-1.2, radius=0.05, name="floor"
+    )
+    limit = zivi.mechanics.JointLimit("upper", upper=0.9)
+    return zivi.Tree(bodies, gaps=[tip, limit], e=0.5)
+
+
+def tree_tracker(arm):
+    gains = dict.fromkeys(arm.gap_names, (30, 17))
+    return zivi.GapTracker(arm, h=H, gains=gains)
+
+
+@BOTH
+def test_a_tree_of_bodies_goes_into_the_archive_as_numbers(tmp_path, fmi):
+    arm = tree_arm(stiffness=2.0, spring=0.2, armature=0.01)
+    ctl = tree_tracker(arm)
+    plant = arm.replace(**{"plate.mass": 0.3, "gravity.z": -9.0})
+    run = native(plant, ctl, ARM, 0.7, reference="rest")
+    unit = unit_of(tmp_path, fmi, arm, ctl, ARM, 0.7, reference="rest")
+    # no compiled code is beside the binary
+    assert [it.suffix for it in (tmp_path / f"unpacked{fmi}" / "resources").iterdir()] == [".bin"]
+    unit.start(**{"plant_plate.mass": 0.3, "plant_gravity.z": -9.0})
+    names = ("q_upper", "q_fore", "qdot_upper", "qdot_fore", "gap_floor", "contact_floor")
+    rows = stepped(unit, 700, names)
+    assert np.abs(rows[:, :2] - run.q[:700]).max() < 1e-10
+    assert np.abs(rows[:, 2:4] - run.qdot[:700]).max() < 1e-8
+    assert np.abs(rows[:, 4] - run.gaps[:700, 0]).max() < 1e-10
+    assert len(run.impacts) > 3
+    assert np.array_equal(rows[:, 5], run.contacts[:700, 0])
+    unit.free()
+
+
+def test_a_controller_may_believe_in_a_tree_where_the_plant_is_compiled(tmp_path):
+    plant = zivi.symbolic.system(
+        "z", T="zdot**2/2", V="9.81*z", gaps={"floor": "z"}, e=0.5, inputs={"u0": [1]}
+    )
+    ball = zivi.mechanics.Body("z", kind="slide", axis=[0, 0, 1], mass=1.1)
+    believed = zivi.Tree([ball], gaps=[zivi.mechanics.PlaneGap("z", name="floor")], e=0.5)
+    ctl, start = zivi.GapTracker(believed, h=H, gains={"floor": (30, 17)}), ([0.3], [0.0])
+    run = native(plant, ctl, start, 0.5, reference="rest")
+    unit = unit_of(tmp_path, 2, plant, ctl, start, 0.5, reference="rest").start()
+    rows = stepped(unit, 500, ("q_z", "contact_floor"))
+    assert np.abs(rows[:, 0] - run.q[:500, 0]).max() < 1e-10
+    assert rows[-1, 1] == run.contacts[499, 0] == 1
+    unit.free()
+
+
+def test_a_tree_that_is_none_is_refused(tmp_path):
+    arm = tree_arm()
+    unit = unit_of(tmp_path, 2, arm, tree_tracker(arm), ARM, 0.1, reference="rest")
+    archive = unit.archive
+    unit.free()
+    (path,) = (tmp_path / "unpacked2" / "resources").iterdir()
+    numbers = np.frombuffer(path.read_bytes(), "<f8")
+    # every number once out of range, and the file cut at every tenth: refused or run, never a fault
+    callbacks = type(unit.callbacks)(unit.logger, None, None, None, None)
+
+    def instance(content, k):
+        token = f"zivi-loop-{k}"
+        path.with_name(f"{token}.bin").write_bytes(content)
+        make = archive.library.fmi2Instantiate
+        arguments = (b"x", 1, token.encode(), path.parent.as_uri().encode(), c.byref(callbacks))
+        return make(*arguments, 0, 0)
+
+    cut = [instance(numbers[:k].tobytes(), f"cut{k}") for k in range(0, len(numbers), 10)]
+    assert cut == [None] * len(cut)
+    first = int(np.flatnonzero(numbers == len(arm.parameters))[0]) + len(arm.parameters) + 1
+    assert numbers[first] == 1.0  # here the tree begins: joints, gaps, polynomials
+    parents = numbers[first + 1 :].copy()
+    assert parents[:4].tolist() == [-1, 0, 0, 0]
+    for k, value in ((1, 5.0), (1, -2.0), (3, 1.0), (3, np.nan), (5, 9.0), (6, 2.0), (11, 1e9)):
+        wrong = numbers.copy()
+        wrong[first + k] = value
+        assert instance(wrong.tobytes(), f"wrong{k}-{value}".replace(".", "")) is None, (k, value)
+
+
 @BOTH
 def test_a_state_that_is_set_or_stored_goes_on(tmp_path, fmi):
     unit = unit_of(tmp_path, fmi, controller=tracker(delay=3), reference="rest").start()
@@ -191,7 +285,7 @@ BALL = zivi.MechanicalSystem(
 @pytest.mark.parametrize(
     ("asked", "error", "words"),
     [
-        ({"system": BALL}, TypeError, r"system must be a zivi\.symbolic\.system"),
+        ({"system": BALL}, TypeError, r"system must be a zivi\.symbolic\.system or a zivi\.Tree"),
         ({"controller": 5}, TypeError, r"controller's system must be a zivi\.symbolic\.system"),
         ({"controller": tracker(force={"floor": lambda t: 5.0})}, TypeError, "must be a number"),
         ({"name": "a b"}, ValueError, "name must be a letter"),

@@ -1,12 +1,14 @@
-//! Systems that were compiled when the unit was exported.
+//! Systems that were compiled when the unit was exported, and trees of bodies.
 
 use core::ffi::{c_int, c_void};
 
 use zivi::system::driven::{Driven, InputMatrix};
 use zivi::system::dynamics::{Dynamics, Layout};
+use zivi::system::tree::TreeDynamics;
 use zivi::AnyImpactLaw;
 
 use super::code::EVALUATION;
+use super::tree::ParametricTree;
 use crate::state::State;
 
 /// `int f(double t, const double *q, const double *w, double *out, void *parameters)`, 0 for success.
@@ -22,10 +24,17 @@ pub(super) enum Inputs {
     Function(Function),
 }
 
+/// What is evaluated.
+#[derive(Debug)]
+pub(super) enum System {
+    Compiled(Function),
+    Tree(ParametricTree),
+}
+
 /// A system: the plant, or what the controller believes in.
 #[derive(Debug)]
 pub(super) struct Part {
-    pub(super) function: Function,
+    pub(super) system: System,
     pub(super) inputs: Inputs,
     pub(super) laws: Vec<AnyImpactLaw>,
     /// Where its parameters are among the values, and how many there are.
@@ -34,10 +43,9 @@ pub(super) struct Part {
 
 /// A system with the parameters of an instance.
 #[derive(Clone, Debug)]
-pub(super) struct Evaluated<'a> {
-    layout: Layout,
-    function: Function,
-    parameters: &'a [f64],
+pub(super) enum Evaluated<'a> {
+    Compiled { layout: Layout, function: Function, parameters: &'a [f64] },
+    Tree(Box<TreeDynamics>),
 }
 
 /// The matrix of inputs as a function.
@@ -61,11 +69,19 @@ fn call(
 
 impl Dynamics<i32> for Evaluated<'_> {
     fn layout(&self) -> Layout {
-        self.layout
+        match self {
+            Self::Compiled { layout, .. } => *layout,
+            Self::Tree(tree) => tree.tree().layout(),
+        }
     }
 
     fn evaluate(&mut self, t: f64, q: &[f64], w: &[f64], out: &mut [f64]) -> Result<(), i32> {
-        call(self.function, t, (q, w), out, self.parameters)
+        match self {
+            Self::Compiled { function, parameters, .. } => {
+                call(*function, t, (q, w), out, parameters)
+            }
+            Self::Tree(tree) => tree.evaluate(t, q, w, out),
+        }
     }
 }
 
@@ -106,7 +122,12 @@ impl Part {
                 InputMatrix::Function(fill)
             }
         };
-        let system = Evaluated { layout, function: self.function, parameters };
+        let system = match &self.system {
+            System::Compiled(function) => {
+                Evaluated::Compiled { layout, function: *function, parameters }
+            }
+            System::Tree(tree) => Evaluated::Tree(Box::new(TreeDynamics::new(tree.at(parameters)))),
+        };
         let empty = system.clone();
         // a constant matrix has this size
         Driven::new(system, (n, inputs), matrix).unwrap_or_else(|| {

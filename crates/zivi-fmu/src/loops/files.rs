@@ -10,11 +10,13 @@ use zivi::system::impact_law::newton_impacts;
 use zivi_core::control::{Approach, Gains, TwistingTracker};
 use zivi_core::Restitution;
 
-use super::compiled::{Function, Inputs, Part};
+use super::compiled::{Function, Inputs, Part, System};
 use super::given::Loop;
+use super::numbers::Numbers;
+use super::tree::ParametricTree;
 
 /// Of the numbers.
-const VERSION: f64 = 1.0;
+const VERSION: f64 = 2.0;
 
 /// Reads a loop; `None` for files that are missing or of another version.
 pub(super) fn read(token: &[u8], resources: &[u8]) -> Option<Loop> {
@@ -25,8 +27,9 @@ pub(super) fn read(token: &[u8], resources: &[u8]) -> Option<Loop> {
         return None;
     }
     let numbers = std::fs::read(folder.join(format!("{name}.bin"))).ok()?;
-    let library = Library::open(&folder.join(format!("{name}{ENDING}")))?;
-    let mut from = Numbers(&numbers);
+    // trees need none
+    let library = Library::open(&folder.join(format!("{name}{ENDING}")));
+    let mut from = Numbers::of(&numbers);
     if from.one()? != VERSION {
         return None;
     }
@@ -49,10 +52,10 @@ pub(super) fn read(token: &[u8], resources: &[u8]) -> Option<Loop> {
     let settings = GapTrackerSettings { h, posture, limits, latch, delay, learn_offsets };
     let start = Loop::first_of(layout, r);
     let mut values = from.many(2 * n)?;
-    let plant = part(&mut from, &library, c"plant", (start, &mut values), (n, m, r))?;
-    let believed = part(&mut from, &library, c"model", (start, &mut values), (n, m, r))?;
+    let plant = part(&mut from, library.as_ref(), c"plant", (start, &mut values), (n, m, r))?;
+    let believed = part(&mut from, library.as_ref(), c"model", (start, &mut values), (n, m, r))?;
     let reference = reference(&mut from, (n, m))?;
-    if !from.0.is_empty() {
+    if !from.is_empty() {
         return None;
     }
     let mut law = GapTracker::new(trackers, settings);
@@ -71,10 +74,10 @@ pub(super) fn read(token: &[u8], resources: &[u8]) -> Option<Loop> {
     })
 }
 
-/// A system: restitutions, inputs, parameters.
+/// A system: restitutions, inputs, parameters, and the tree if it is one.
 fn part(
     from: &mut Numbers<'_>,
-    library: &Library,
+    library: Option<&Library>,
     name: &core::ffi::CStr,
     (start, values): (usize, &mut Vec<f64>),
     (n, m, r): (usize, usize, usize),
@@ -85,13 +88,18 @@ fn part(
         None => {
             let mut other = name.to_bytes().to_vec();
             other.extend_from_slice(b"_inputs");
-            Inputs::Function(library.function(&CString::new(other).ok()?)?)
+            Inputs::Function(library?.function(&CString::new(other).ok()?)?)
         }
     };
     let count = from.count()?;
     let parameters = (start + values.len(), count);
-    values.extend(from.many(count)?);
-    Some(Part { function: library.function(name)?, inputs, laws, parameters })
+    let given = from.many(count)?;
+    let system = match from.one()? {
+        0.0 => System::Compiled(library?.function(name)?),
+        _ => System::Tree(ParametricTree::read(from, (n, m), &given)?),
+    };
+    values.extend(given);
+    Some(Part { system, inputs, laws, parameters })
 }
 
 fn reference(
@@ -140,43 +148,6 @@ fn folder_of(resources: &[u8]) -> Option<PathBuf> {
         }
     }
     Some(PathBuf::from(String::from_utf8(bytes).ok()?))
-}
-
-/// Numbers of a file, the next first.
-struct Numbers<'a>(&'a [u8]);
-
-impl Numbers<'_> {
-    fn one(&mut self) -> Option<f64> {
-        let (first, rest) = self.0.split_first_chunk()?;
-        self.0 = rest;
-        Some(f64::from_le_bytes(*first))
-    }
-
-    fn array<const K: usize>(&mut self) -> Option<[f64; K]> {
-        let mut array = [0.0; K];
-        for it in &mut array {
-            *it = self.one()?;
-        }
-        Some(array)
-    }
-
-    fn many(&mut self, count: usize) -> Option<Vec<f64>> {
-        (0..count).map(|_| self.one()).collect()
-    }
-
-    /// How many of something there are.
-    fn count(&mut self) -> Option<usize> {
-        let value = self.one()?;
-        (value >= 0.0 && value <= self.0.len() as f64 + 64.0).then_some(value as usize)
-    }
-
-    /// As many numbers, if a first one says that they are there.
-    fn optional(&mut self, count: usize) -> Option<Option<Vec<f64>>> {
-        match self.one()? {
-            0.0 => Some(None),
-            _ => self.many(count).map(Some),
-        }
-    }
 }
 
 /// A library that stays loaded.

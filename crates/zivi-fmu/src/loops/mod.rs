@@ -1,8 +1,7 @@
 //! A mechanical system with its controller, in place of the models: from files of the archive.
 //!
 //! The binary is the same for all loops. What differs is in the folder of the resources, under the name
-//! of the token: numbers, and a library with the compiled system and the one that the controller
-//! believes in.
+//! of the token: numbers, trees of bodies among them, and a library with those systems that are compiled.
 
 #![allow(clippy::indexing_slicing, clippy::expect_used, reason = "a panic becomes a code")]
 
@@ -11,6 +10,8 @@ mod compiled;
 mod files;
 mod given;
 mod moving;
+mod numbers;
+mod tree;
 
 use core::ffi::CStr;
 use std::panic::{catch_unwind, AssertUnwindSafe};

@@ -1,7 +1,7 @@
 //! What a loop is made of.
 
 /// Values of the largest loop.
-pub(crate) const MOST: usize = 192;
+pub(crate) const MOST: usize = 512;
 /// Numbers of the largest state.
 pub(crate) const ROOM: usize = 1024;
 

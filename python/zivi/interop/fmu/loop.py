@@ -21,23 +21,25 @@ from zivi.control.mechanical_reference import MechanicalReference, reference_of
 from zivi.control.model_based import check_believes
 from zivi.interop.fmu.export import PLATFORMS, binaries_of, chosen_versions, write_archive
 from zivi.interop.fmu.table import Model, Variable
+from zivi.interop.fmu.tree import tree_numbers
 from zivi.simulation.mechanical_run import state_of
 from zivi.simulation.run import pair
 from zivi.system.start import check_start
 from zivi.system.symbolic.inputs import SymbolicInputs
 from zivi.system.symbolic.system import SymbolicSystem
+from zivi.system.tree.system import Tree
 
 __all__ = ["export_loop"]
 
-VERSION = 1.0
+VERSION = 2.0
 """Of the numbers."""
-MOST = 192
+MOST = 512
 """Variables of the largest loop."""
 
 
 def export_loop(
     out: str | os.PathLike[str],
-    system: SymbolicSystem,
+    system: SymbolicSystem | Tree,
     controller: GapTracker,
     t_span: Sequence[float],
     y0: Any,
@@ -58,8 +60,9 @@ def export_loop(
     ----------
     out : path
         The folder into which it is written.
-    system : SymbolicSystem
-        The plant, of `zivi.symbolic.system` without friction: the export needs a C compiler.
+    system : SymbolicSystem or Tree
+        The plant without friction: of `zivi.symbolic.system`, for which the export needs a C
+        compiler, or a `zivi.Tree`.
     controller : GapTracker
         The controller, without `tasks` and with constant forces; it starts anew.
     t_span : (float, float)
@@ -101,8 +104,8 @@ def export_loop(
     ...     [path.name for path in files]
     ['MechanicalLoop3.fmu']
     """
-    plant = _compiled("system", system)
-    believed = _compiled("controller's system", getattr(controller, "system", None))
+    plant = _told("system", system)
+    believed = _told("controller's system", getattr(controller, "system", None))
     check_gap_tracker(controller)
     identifier("name", name)
     versions, binaries = chosen_versions(fmi), binaries_of("fmu_loops")
@@ -127,17 +130,16 @@ def export_loop(
             f"an FMU of a loop has at most {MOST} variables, {len(loop.variables)} here"
         )
     _, ending = PLATFORMS[here]
-    beside = {
-        f"resources/{loop.token}.bin": content,
-        f"resources/{loop.token}{ending}": shared_library(source),
-    }
+    beside = {f"resources/{loop.token}.bin": content}
+    if source:
+        beside[f"resources/{loop.token}{ending}"] = shared_library(source)
     return [write_archive(out, loop, it, {here: binaries[here]}, beside) for it in versions]
 
 
-def _compiled(name: str, system: Any) -> SymbolicSystem:
-    if not isinstance(system, SymbolicSystem):
+def _told(name: str, system: Any) -> SymbolicSystem | Tree:
+    if not isinstance(system, SymbolicSystem | Tree):
         raise TypeError(
-            f"{name} must be a zivi.symbolic.system, which is compiled: an FMU runs without "
+            f"{name} must be a zivi.symbolic.system or a zivi.Tree: an FMU runs without "
             f"Python; got {type(system).__name__}"
         )
     return system
@@ -150,10 +152,12 @@ def machine() -> str:
     return f"{ {'amd64': 'x86_64', 'arm64': 'aarch64'}.get(kind, kind) }-{system}"
 
 
-def _source(plant: SymbolicSystem, model: SymbolicSystem) -> str:
+def _source(plant: SymbolicSystem | Tree, model: SymbolicSystem | Tree) -> str:
     """Write plant and model, and how controls act on them, as functions of one C source."""
     functions = []
     for name, system in (("plant", plant), ("model", model)):
+        if isinstance(system, Tree):
+            continue
         if system._channels:
             raise ValueError(f"an FMU of a loop has no friction, the {name} has")
         functions.append(_named(system.source, name))
@@ -167,7 +171,7 @@ def _named(source: str, name: str) -> str:
 
 
 def _numbers(
-    systems: tuple[SymbolicSystem, SymbolicSystem],
+    systems: tuple[SymbolicSystem | Tree, SymbolicSystem | Tree],
     controller: GapTracker,
     q: Array,
     qdot: Array,
@@ -190,7 +194,7 @@ def _numbers(
     yield from (*q, *qdot)
     for system in systems:
         yield from (float(it) for it in system.e)
-        inputs = system._symbolic_inputs
+        inputs = None if isinstance(system, Tree) else system._symbolic_inputs
         compiled = isinstance(inputs, SymbolicInputs) and bool(inputs.sources)
         matrix = system.control_inputs(q).matrix
         if not compiled and callable(matrix):
@@ -198,6 +202,9 @@ def _numbers(
         yield from _optional(None if compiled else np.ravel(np.asarray(matrix)))
         yield len(system.parameters)
         yield from system.parameters.values()
+        yield isinstance(system, Tree)
+        if isinstance(system, Tree):
+            yield from tree_numbers(system)
     yield 0 if given is None else len(given.q)
     if given is not None:
         for rows in (given.q, given.qdot, given.qddot, given.gaps, given.gap_rates):
@@ -215,8 +222,8 @@ def _optional(values: Any) -> Iterator[float]:
 
 
 def _model(
-    plant: SymbolicSystem,
-    believed: SymbolicSystem,
+    plant: SymbolicSystem | Tree,
+    believed: SymbolicSystem | Tree,
     name: str,
     token: str,
     start: tuple[Array, Array],
