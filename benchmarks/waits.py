@@ -2,14 +2,16 @@
 
 Every row is a ratio of two times of the processor that were measured in turns in one run; below 1
 zivi is the faster one. SciPy's `solve_ivp` restarts at events and gets stuck at a Zeno point: it is
-compared where there is none.
+compared where there is none. Rows of MuJoCo, Siconos and a C compiler need these.
 """
 
 from __future__ import annotations
 
+import json
 import statistics
 import subprocess
 import sys
+import tempfile
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -17,8 +19,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import scipy.integrate
+import scipy.optimize
 
+import bench_mechanics
+import flights_loop
 import zivi
+from mechanics_problems import PROBLEMS
+from siconos_peer import TIMEOUT, interpreter
 
 PAGE = Path(__file__).with_name("results") / "waits.md"
 ROUNDS = 15
@@ -33,7 +40,7 @@ processor, measured in turns in one run, the median of the rounds; below 1 zivi 
 
 
 class Row(NamedTuple):
-    """A pair of functions that do the same."""
+    """A pair of functions that do the same; `beside` may give its own seconds."""
 
     what: str
     ours: str
@@ -74,9 +81,9 @@ def _fall() -> Row:
     )
 
 
-def _pendulum() -> Row:
-    """Swing a double pendulum that meets nothing."""
-    system = zivi.symbolic.system(
+def _links() -> zivi.MechanicalSystem:
+    """Give a double pendulum that meets nothing."""
+    return zivi.symbolic.system(
         "a b",
         T="adot**2 + bdot**2/2 + adot*bdot*cos(a - b)",
         V="-2*g*cos(a) - g*cos(b)",
@@ -84,6 +91,11 @@ def _pendulum() -> Row:
         parameters={"g": 9.81},
         e=0.5,
     )
+
+
+def _pendulum() -> Row:
+    """Swing it."""
+    system = _links()
 
     def slopes(t: float, y: Any) -> Any:
         a, b, u, w = y
@@ -104,15 +116,107 @@ def _pendulum() -> Row:
     )
 
 
-def _drawn() -> Row:
+def _mujoco() -> Row | None:
+    """Swing a double pendulum that meets nothing, of MuJoCo's description."""
+    try:
+        import mujoco
+
+        import zivi.interop.mujoco
+    except ImportError:
+        return None
+    link = (
+        '<joint name="{0}" axis="0 1 0"/><geom type="capsule" fromto="0 0 0 0 0 -.5" size=".03"/>'
+    )
+    model = mujoco.MjModel.from_xml_string(
+        '<mujoco><option timestep="0.002"><flag contact="disable"/></option><worldbody>'
+        f'<body>{link.format("a")}<body pos="0 0 -.5">{link.format("b")}</body></body>'
+        "</worldbody></mujoco>"
+    )
+    tree, data = zivi.interop.mujoco.tree(model, gaps=[]), mujoco.MjData(model)
+
+    def beside() -> None:
+        mujoco.mj_resetData(model, data)
+        data.qpos[:] = 0.5
+        for _ in range(500):
+            mujoco.mj_step(model, data)
+
+    return Row(
+        "two links that swing, 1 s, from MJCF",
+        "`simulate`, `rtol` 1e-6",
+        "MuJoCo, 500 of its default steps of 2 ms from Python, of first order",
+        lambda: zivi.simulate(tree, (0, 1), ([0.5, 0.5], [0, 0])),
+        beside,
+        5,
+    )
+
+
+def _siconos() -> Row | None:
+    """Let three balls fall on each other, until all rest."""
+    python = interpreter()
+    if python is None:
+        return None
+    name, end, step = "tower", 1.0, "5e-4"
+    model, start = bench_mechanics.system(PROBLEMS[name]), PROBLEMS[name]["start"]
+    script = Path(__file__).with_name("siconos_mechanics.py")
+
+    def beside() -> float:
+        done = subprocess.run(
+            [python, script, name, step],
+            capture_output=True,
+            text=True,
+            timeout=TIMEOUT,
+            check=True,
+        )
+        (line,) = (it for it in done.stdout.splitlines() if it.startswith("FIGURES "))
+        rows = json.loads(line.removeprefix("FIGURES "))
+        return float(next(row["seconds"] for row in rows if row["end"] == end))
+
+    return Row(
+        "three balls that fall on each other, until they rest",
+        "`simulate`, from their energies, compiled",
+        "Siconos, `MoreauJeanOSI` and `LCP`, 2000 steps of .5 ms, of first order",
+        lambda: zivi.simulate(model, (0, end), start),
+        beside,
+        1,
+    )
+
+
+def _by_hand(directory: Path) -> Row | None:
+    """Count the impacts of an oscillator, as a loop in C does."""
+    force = zivi.LinearForce(
+        stiffness=1, damping=0.1, gravity=-1, amplitude=0.6, omega=0.9, phase=0
+    )
+    loop = flights_loop.in_c(force, 0.8, directory, ("-O3", "-march=native"))
+    if loop is None:
+        return None
+    system, end = zivi.ImpactSystem(force, e=0.8), 3500.0
+    ours = zivi.simulate(system, (0, end), (1, 0), t_eval=[])
+    if len(ours.resolved_impacts) != loop(end)[0]:
+        raise RuntimeError(f"{len(ours.resolved_impacts)} impacts, by hand {loop(end)[0]}")
+    return Row(
+        "501 periods of an oscillator, its impacts alone",
+        "`simulate`, `t_eval=[]`",
+        "a loop in C by hand, `-O3 -march=native`: steps of a twentieth of a period, then Newton",
+        lambda: zivi.simulate(system, (0, end), (1, 0), t_eval=[]),
+        lambda: loop(end) and None,
+        5,
+    )
+
+
+def _drawn(read: bool) -> Row:
     """Sample a motion so that lines draw it."""
     force = zivi.LinearForce(stiffness=1, damping=0.05, gravity=0.2, amplitude=0.6, omega=0.9)
     system = zivi.ImpactSystem(force, e=0.7)
+
+    def ours() -> Any:
+        sol = zivi.simulate(system, (0, 349), (1, 0))
+        return sol.x if read else sol
+
     return Row(
-        "50 periods of an oscillator, drawn",
-        "`simulate`",
+        f"50 periods of an oscillator, {'and the samples that draw them' if read else 'a run'}",
+        "`simulate`, and `sol.x`" if read else "`simulate`",
         'the same with `samples="steps"`, `dense_output=False`',
-        lambda: zivi.simulate(system, (0, 349), (1, 0)),
+        ours,
         lambda: zivi.simulate(system, (0, 349), (1, 0), samples="steps", dense_output=False),
         10,
     )
@@ -191,6 +295,47 @@ def _avi() -> Row:
     )
 
 
+def _calls() -> list[Row]:
+    """Make the shortest calls."""
+    ball = zivi.ImpactSystem(-9.81, e=0.5)
+    links = _links()
+    A, b = np.eye(5) + 0.5 * np.eye(5, k=1), np.array([-1.0, 2.0, 3.0, -1.0, 2.0])
+    M, q = A.T @ A, -A.T @ b
+    if not np.allclose(zivi.solve_lcp(M, q).x, scipy.optimize.nnls(A, b)[0]):
+        raise RuntimeError("the two problems are not the same")
+    nothing = "`solve_ivp`, RK45, a function that returns its argument, one step"
+
+    def beside() -> Any:
+        return scipy.integrate.solve_ivp(lambda t, y: y, (0, 1e-9), (1.0, 1.0))
+
+    return [
+        Row(
+            "a ball that bounces until it rests, one call",
+            "`simulate`",
+            nothing,
+            lambda: zivi.simulate(ball, (0, 3), (1, 0)),
+            beside,
+            50,
+        ),
+        Row(
+            "a compiled mechanical system over a step, one call",
+            "`simulate`",
+            nothing,
+            lambda: zivi.simulate(links, (0, 1e-9), ([0.5, 0.5], [0, 0])),
+            beside,
+            50,
+        ),
+        Row(
+            "a complementarity problem, n = 5, which is one of least squares",
+            "`solve_lcp`",
+            "`scipy.optimize.nnls`",
+            lambda: zivi.solve_lcp(M, q),
+            lambda: scipy.optimize.nnls(A, b),
+            50,
+        ),
+    ]
+
+
 def _import(other: str) -> Row:
     def start(program: str) -> Callable[[], Any]:
         return lambda: subprocess.run([sys.executable, "-c", program], check=True)
@@ -221,8 +366,9 @@ def measured(row: Row) -> tuple[float, float, float]:
         for run in (row.run, row.beside):
             start = clock()
             for _ in range(row.times):
-                run()
-            times.append((clock() - start) / row.times)
+                told = run()
+            took = (clock() - start) / row.times
+            times.append(told if isinstance(told, float) else took)
         if k:
             pairs.append(times)
     ours, theirs = (1e3 * min(column) for column in zip(*pairs, strict=True))
@@ -238,8 +384,14 @@ def _of_children() -> float:
 
 def write() -> str:
     """Measure every row into the page of results."""
-    rows = [_fall(), _pendulum(), _drawn(), _diagram(), _loop(), _avi()]
-    rows += [_import("numpy"), _import("scipy.integrate"), _help()]
+    with tempfile.TemporaryDirectory() as directory:
+        rows = [*_calls(), _fall(), _pendulum(), _mujoco(), _siconos(), _by_hand(Path(directory))]
+        rows += [_drawn(read=False), _drawn(read=True), _diagram(), _loop(), _avi()]
+        rows += [_import("numpy"), _import("scipy.integrate"), _help()]
+        return _written([row for row in rows if row is not None])
+
+
+def _written(rows: list[Row]) -> str:
     text = HEAD
     for row in rows:
         ours, theirs, ratio = measured(row)

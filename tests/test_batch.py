@@ -444,3 +444,27 @@ def test_the_default_method_is_that_of_simulate():
         sol = zivi.simulate(ball, (0, 3), start)
         assert (batch.rest_time[i], batch.x[i]) == (sol.rest_time, sol.x[-1])
     assert batch.config["method"]["name"] == "SwitchedRK"
+
+
+@pytest.mark.parametrize("save", ["final", "statistics", 3])
+def test_flights_and_rest_by_moreau_and_jean_have_the_bits_of_the_runs_alone(save):
+    """At rest the sign of a velocity of zero changes with each step: so it does in a batch."""
+    method, span = zivi.MoreauJean(1e-3), (0.0, 3.0005)
+    states = np.array([[0.1, 0.0], [0.2, 1.0], [0.0, 2.0], [0.0, 0.0], [4.0, 0.0], [0.1, -1.0]])
+    system = zivi.ImpactSystem(-9.81, e=0.5)
+    for steps in (0.0, 1e-3, 2e-3):
+        until = (span[0], span[1] + steps)
+        batch = zivi.simulate_batch(system, until, states, method=method, save=save)
+        for i, state in enumerate(states):
+            sol = zivi.simulate(system, until, state, method)
+            for name in ("x", "xdot"):
+                found, expected = getattr(batch, name), getattr(sol, name)
+                assert found[i].tobytes() == expected[-1].tobytes(), (steps, i, name)
+                if save == 3:
+                    saved = getattr(batch, f"sample_{name}")
+                    assert saved[i].tobytes() == expected[::3].tobytes()
+            if save == "statistics":
+                assert batch.x_max[i] == np.abs(sol.x).max()
+                assert batch.speed_max[i] == np.abs(sol.xdot).max()
+            assert sol.rest_time is None or batch.rest_time[i] == sol.rest_time
+    assert np.isfinite(batch.rest_time[[0, 1, 2, 3, 5]]).all()

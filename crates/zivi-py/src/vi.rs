@@ -185,6 +185,13 @@ pub(crate) fn solve_vi<'py>(
     Ok(record)
 }
 
+/// Whether all are numbers: looked at several at once, as a search for the first that is none
+/// cannot be.
+fn are_finite(values: &[f64]) -> bool {
+    const MANY: usize = 64;
+    values.chunks(MANY).all(|some| some.iter().fold(true, |all, it| all & it.is_finite()))
+}
+
 /// Solves the affine VI with `F(x) = matrix x + q`.
 #[pyfunction]
 #[pyo3(signature = (matrix, q, lower, upper, x0, settings, time_limit=None, observe=None))]
@@ -201,10 +208,11 @@ pub(crate) fn solve_avi<'py>(
     observe: Option<Py<PyAny>>,
 ) -> PyResult<ViRecord> {
     let _running = crate::leaving::running()?;
-    let (matrix, q): (Vec<f64>, _) =
-        (matrix.as_array().iter().copied().collect(), q.as_array().to_vec());
+    // the Python layer has made copies: nobody else writes into them
+    let (matrix, q) = (matrix.as_slice()?, q.as_slice()?);
     let n = q.len();
-    if let Some(k) = matrix.iter().position(|entry| !entry.is_finite()) {
+    if !are_finite(matrix) {
+        let k = matrix.iter().position(|entry| !entry.is_finite()).unwrap_or(0);
         let (i, j, entry) = (k / n, k % n, matrix[k]);
         return Err(PyValueError::new_err(format!("M[{i}, {j}] must be finite, got {entry}")));
     }
@@ -215,7 +223,7 @@ pub(crate) fn solve_avi<'py>(
     let mut vectors = Vectors { lower: lower.to_vec(n), upper: upper.to_vec(n), z };
     let given = GivenSettings::from_dict(settings)?;
     let interrupts = Interrupts::new(time_limit, observe);
-    let affine = Affine { matrix: &matrix, q: &q };
+    let affine = Affine { matrix, q };
     let mut problem = Interruptible { affine, interrupts };
     let solved = py.detach(|| vectors.solve(&mut problem, &given.get()));
     if let Some(error) = problem.interrupts.raised() {

@@ -3,7 +3,10 @@
 use numpy::{PyReadonlyArray1, PyReadonlyArray2, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 
-use super::Bound1;
+use super::{are_finite, Bound1};
+
+/// Sums that a processor has at once.
+const LANES: usize = 8;
 
 /// The least size of the rows and unknowns of `F(x) = matrix x + q` on a box, from what moves them
 /// at the start, the point of the box nearest to `x0` (zero without one).
@@ -23,7 +26,7 @@ pub(crate) fn least_size<'py>(
     let (n, rows, q) = (matrix.shape()[0], matrix.as_slice()?, q.as_slice()?);
     let (lower, upper) = (lower.to_vec(n), upper.to_vec(n));
     let ordered = lower.iter().zip(&upper).all(|(low, high)| low <= high);
-    if !ordered || !rows.iter().chain(q).all(|it| it.is_finite()) {
+    if !ordered || !are_finite(rows) || !are_finite(q) {
         return Ok(f64::INFINITY);
     }
     let start = x0.map_or_else(|| vec![0.0; n], |x0| x0.as_array().to_vec());
@@ -35,11 +38,16 @@ pub(crate) fn least_size<'py>(
     let mut moves = vec![0.0; n];
     let mut values = Vec::with_capacity(n);
     for (row, q) in rows.chunks_exact(n).zip(q) {
-        let product: f64 = row.iter().zip(&x).map(|(m, x)| m * x).sum();
-        let value = (product + q).abs();
+        let mut sums = [0.0; LANES];
+        for (row, x) in row.chunks(LANES).zip(x.chunks(LANES)) {
+            for (sum, (m, x)) in sums.iter_mut().zip(row.iter().zip(x)) {
+                *sum += m * x;
+            }
+        }
+        let value = (sums.iter().sum::<f64>() + q).abs();
         for (to, m) in moves.iter_mut().zip(row) {
-            let moved = value / m.abs();
-            *to = if *m != 0.0 && moved > *to { moved } else { *to };
+            let moved = if *m == 0.0 { 0.0 } else { value / m.abs() };
+            *to = if moved > *to { moved } else { *to };
         }
         values.push(value);
     }
@@ -51,8 +59,14 @@ pub(crate) fn least_size<'py>(
     });
     let unknowns: Vec<f64> = unknowns.collect();
     let changed = rows.chunks_exact(n).zip(values).map(|(row, value)| {
-        let moved = row.iter().zip(&unknowns).map(|(m, size)| m.abs() * size.min(1.0));
-        or_one(moved.fold(value, f64::max))
+        let mut most = [value; LANES];
+        for (row, sizes) in row.chunks(LANES).zip(unknowns.chunks(LANES)) {
+            for (most, (m, size)) in most.iter_mut().zip(row.iter().zip(sizes)) {
+                let moved = m.abs() * size.min(1.0);
+                *most = if moved > *most { moved } else { *most };
+            }
+        }
+        or_one(most.into_iter().fold(value, f64::max))
     });
     Ok(changed.chain(unknowns.iter().copied()).fold(f64::INFINITY, f64::min))
 }

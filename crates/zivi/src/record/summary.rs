@@ -1,5 +1,7 @@
 //! What is kept of a run, and what its samples say when they are not.
 
+use zivi_core::Physical;
+
 use crate::record::columns::{Columns, Quantity};
 
 /// Which samples of a run are kept.
@@ -41,6 +43,12 @@ impl Summary {
         let mut summary = Self::default();
         summary.absorb(columns);
         summary
+    }
+
+    /// Goes on with one sample.
+    pub(crate) fn note(&mut self, t: f64, Physical { x, xdot }: Physical) {
+        let (x_max, speed_max) = (self.x_max.max(x.abs()), self.speed_max.max(xdot.abs()));
+        *self = Self { t, x, xdot, x_max, speed_max };
     }
 
     /// Goes on with further samples.

@@ -30,6 +30,7 @@ use crate::record::dense_step::{Interpolation, StepEnd};
 use crate::record::events::Reader;
 use crate::record::failure::Failure;
 use crate::record::reserve::Reserve;
+use crate::record::summary::{Keep, Summary};
 use crate::record::trajectory::{Run, SetupError, Trajectory};
 use crate::record::values::Values as ReferencePoint;
 use crate::stepping::fixed_step::{tell, watched};
@@ -148,14 +149,20 @@ fn walk<E, F: Force<E>>(
     monitor: &mut impl Monitor<E>,
 ) -> Result<Run<E>, SetupError> {
     check_initial(initial)?;
-    let room = grid.n_steps() + 1;
+    let thinned = match monitor.keep() {
+        Keep::All => None,
+        Keep::Every(every) => Some(Thinned { every, summary: Summary::default() }),
+    };
+    let every = thinned.as_ref().map_or(1, |it| it.every);
+    let room = grid.n_steps().checked_div(every).map_or(1, |it| it + 1);
     let columns = Columns::with_room(room, |start, len| monitor.record_allocated(start, len))
         .map_err(|_| SetupError::Memory(grid.n_steps()))?;
     let scheme = Stepper::new(theta, restitution.e());
     let at_rest = initial.is_at_origin();
     let (reader, reserve) = (Reader::starting(grid.t(0), at_rest), Reserve::default());
     let log = ContactLog { reader, sigma: 1.0, at_rest, reserve };
-    let mut walk = MoreauWalk { scheme, restitution, grid, columns, log, k: 0, state: initial };
+    let (k, state) = (0, initial);
+    let mut walk = MoreauWalk { scheme, restitution, grid, columns, thinned, log, k, state };
     walk.record();
     let ending =
         watched(grid.n_steps(), monitor, |until, monitor| walk.go_to(until, force, monitor));
@@ -216,12 +223,34 @@ impl ContactLog {
     }
 }
 
+/// Every so many samples are kept, none for `0`, and a summary of all.
+struct Thinned {
+    every: usize,
+    summary: Summary,
+}
+
+impl Thinned {
+    /// Whether the sample after `k` steps is kept.
+    fn keeps(&self, k: usize) -> bool {
+        self.every > 0 && k.is_multiple_of(self.every)
+    }
+
+    /// Samples after `k` steps and later ones that are not kept.
+    fn skipped_after(&self, k: usize) -> usize {
+        match self.every {
+            0 => usize::MAX,
+            every => every - 1 - k % every,
+        }
+    }
+}
+
 /// A run under way: `k` steps are done, the last of them ended in `state`.
 struct MoreauWalk {
     scheme: Stepper,
     restitution: Restitution,
     grid: Grid,
     columns: Columns,
+    thinned: Option<Thinned>,
     log: ContactLog,
     k: usize,
     state: Physical,
@@ -236,6 +265,12 @@ impl MoreauWalk {
     ) -> Result<(), Failure<E>> {
         let follows = monitor.follows();
         while self.k < until {
+            if !follows {
+                self.easy_steps(until);
+                if self.k == until {
+                    break;
+                }
+            }
             let last = self.k + 1 == self.grid.n_steps();
             let h = if last { self.grid.last_h() } else { self.grid.h() };
             let (t, t_end) = (self.grid.t(self.k), self.grid.t(self.k + 1));
@@ -254,6 +289,49 @@ impl MoreauWalk {
         Ok(())
     }
 
+    /// The steps of a flight or of rest under a constant force, as long as nothing happens and no
+    /// sample is kept: the same arithmetic, with all that changes in registers.
+    fn easy_steps(&mut self, until: usize) {
+        let (Some(thinned), Some(f)) = (&self.thinned, self.scheme.fixed) else {
+            return;
+        };
+        let end = until.min(self.grid.n_steps() - 1);
+        let end = end.min(self.k.saturating_add(thinned.skipped_after(self.k)));
+        let (h, mut k, mut state) = (self.grid.h(), self.k, self.state);
+        let Summary { mut x_max, mut speed_max, .. } = thinned.summary;
+        let at_rest = self.log.at_rest;
+        while k < end {
+            let step = self.scheme.under(f, state, h);
+            let Physical { x, xdot } = step.end;
+            if (step.impulse > 0.0) != at_rest || !(x.is_finite() && xdot.is_finite()) {
+                break;
+            }
+            if step.end == state && self.repeats(f, state, h) {
+                state = if (end - k).is_multiple_of(2) { state } else { step.end };
+                k = end;
+                break;
+            }
+            (k, state) = (k + 1, step.end);
+            (x_max, speed_max) = (x_max.max(x.abs()), speed_max.max(xdot.abs()));
+        }
+        if k > self.k {
+            let (t, Physical { x, xdot }) = (self.grid.t(k), state);
+            let summary = Summary { t, x, xdot, x_max, speed_max };
+            self.thinned = Some(Thinned { every: thinned.every, summary });
+        }
+        (self.k, self.state) = (k, state);
+    }
+
+    /// Whether two steps lead to the same bits, pressed to the wall: at rest the velocity is a zero
+    /// whose sign changes with each step.
+    #[inline(never)]
+    fn repeats(&self, f: f64, state: Physical, h: f64) -> bool {
+        let one = self.scheme.under(f, state, h);
+        let two = self.scheme.under(f, one.end, h);
+        let bits = |it: Physical| [it.x.to_bits(), it.xdot.to_bits()];
+        one.impulse > 0.0 && two.impulse > 0.0 && bits(two.end) == bits(state)
+    }
+
     /// Where the run is.
     fn knot(&self) -> StepEnd {
         let branch = if self.log.sigma > 0.0 { Branch::Positive } else { Branch::Negative };
@@ -264,6 +342,12 @@ impl MoreauWalk {
     }
 
     fn record(&mut self) {
+        if let Some(thinned) = &mut self.thinned {
+            thinned.summary.note(self.grid.t(self.k), self.state);
+            if !thinned.keeps(self.k) {
+                return;
+            }
+        }
         let StepEnd { t, state: Physical { x, xdot }, z } = self.knot();
         let sigma = self.log.sigma;
         let (lambda_s, lambda_v) =
@@ -278,7 +362,7 @@ impl MoreauWalk {
         };
         let trajectory = Trajectory {
             columns: self.columns,
-            summary: None,
+            summary: self.thinned.map(|it| it.summary),
             events: self.log.reader.events,
             failed_steps: Vec::new(),
             status,

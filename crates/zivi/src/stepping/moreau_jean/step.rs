@@ -24,7 +24,7 @@ pub(super) struct Stepper {
     /// The force at the start of the step.
     here: Option<f64>,
     /// The value of a force that depends on nothing, once it is known.
-    fixed: Option<f64>,
+    pub(super) fixed: Option<f64>,
     /// Slope of the mismatch at the last solution.
     slope: f64,
     /// The largest force so far.
@@ -161,7 +161,8 @@ impl Stepper {
     }
 
     /// The step under the force `f_theta`.
-    fn under(&self, f: f64, start: Physical, h: f64) -> Step {
+    #[inline(always)]
+    pub(super) fn under(&self, f: f64, start: Physical, h: f64) -> Step {
         let Physical { x, xdot: v } = start;
         let free = v + h * f;
         let closed = x + 0.5 * h * v <= 0.0;
