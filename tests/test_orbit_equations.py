@@ -10,9 +10,10 @@ import pytest
 import zivi
 from orbit_tables import MODES, TURN, equations, frame, single, table
 from zivi.orbits.find import depth_of
-from zivi.orbits.flights import PRECISE, FlightError, period_of
+from zivi.orbits.flights import PRECISE, FlightError
 from zivi.orbits.mechanical.by_parameter import by_parameter, moved_frame
 from zivi.orbits.mechanical.equations import evaluate, newton, row_sizes, sizes_of
+from zivi.orbits.mechanical.family import period_of
 from zivi.orbits.mechanical.find import canonical
 from zivi.orbits.mechanical.mass_flow import MassFlow, impact_maps
 from zivi.orbits.mechanical.multipliers import multipliers_of

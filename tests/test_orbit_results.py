@@ -377,3 +377,12 @@ def test_a_doubled_orbit_is_followed_away_from_its_beginning_only():
     # the method travels with the orbit
     assert doubled._frame.method is branch.orbits[0]._frame.method
     assert (doubled._frame.free, doubled._frame.period) == (False, None)
+
+
+def test_a_diagram_over_e_stays_within_its_range():
+    mass = table()
+    stop = zivi.LinearGap([1.0], name="stop")
+    linear = zivi.LinearSystem(1.0, 0.1, 1.0, excitation=zivi.Harmonic([1.0], 1.0), gaps=[stop])
+    for system in (mass, linear):
+        with pytest.raises(ValueError, match=r"e must lie in \[0, 1\], got 1\.2"):
+            zivi.bifurcation_diagram(system, "e", [0.5, 1.2], transient=1, keep=2)

@@ -40,6 +40,8 @@ class Settled:
     end: Array
     """The last state."""
     success: bool
+    states: Array | None = None
+    """The last and those a period after another, rows ``(x, xdot)``, where they are asked for."""
 
 
 @dataclasses.dataclass(frozen=True)

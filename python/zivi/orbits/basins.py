@@ -15,10 +15,10 @@ from zivi.base.table import Field, Table, Tabulated
 from zivi.orbits.attractor import TOLERANCE, Attractor, classify
 from zivi.orbits.cells import settle_cells
 from zivi.orbits.diagram import USUAL
-from zivi.orbits.flights import period_of
 from zivi.orbits.mechanical.cells import open_starts, settle_cells as settle_mechanical_cells
+from zivi.orbits.mechanical.family import period_of
 from zivi.orbits.mechanical.orbit import MechanicalOrbit
-from zivi.orbits.mechanical.plan import period_of as mechanical_period, starts_of
+from zivi.orbits.mechanical.plan import starts_of
 from zivi.orbits.mechanical.settled import attractor_of, classify as classify_mechanical
 from zivi.orbits.orbit import PeriodicOrbit
 from zivi.simulation.methods import SwitchedRK
@@ -237,7 +237,7 @@ class _Found:
     def of_mechanism(
         self, system: MechanicalSystem, states: Array, period: float | None, known: list[Attractor]
     ) -> Labels:
-        length = mechanical_period(system, period)
+        length = period_of(system, period)
         label = np.full(len(states), -1, dtype=np.int64)
         inside = open_starts(system, states)
         if inside.any():

@@ -12,8 +12,9 @@ from numpy.typing import ArrayLike, NDArray
 from zivi.base.check import Array, integer
 from zivi.base.habits import hinted
 from zivi.derivatives.sensitivity import OrbitStatus
-from zivi.orbits.flights import PRECISE, FlightError, period_of
+from zivi.orbits.flights import PRECISE, FlightError
 from zivi.orbits.mechanical.equations import Terms, newton, row_sizes
+from zivi.orbits.mechanical.family import period_of
 from zivi.orbits.mechanical.find import canonical, least
 from zivi.orbits.mechanical.margins import Margins
 from zivi.orbits.mechanical.multipliers import multipliers_of

@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
 import zivi._zivi as _zivi
-from zivi.base.check import Array, finite
+from zivi.base.check import Array
 from zivi.base.compiled import listening
 from zivi.base.status import Status
 from zivi.simulation.methods import SwitchedRK
 from zivi.system.mass import ImpactSystem
-from zivi.system.parameters import codes_of, excitation, parameter
+from zivi.system.parameters import codes_of, parameter
 
-__all__ = ["PRECISE", "FlightError", "fly", "period_of"]
+__all__ = ["PRECISE", "FlightError", "fly"]
 
 PRECISE = SwitchedRK(rtol=1e-12, atol=1e-13)
 """The tolerances of orbits, unless others are given."""
@@ -56,19 +54,3 @@ def fly(
     n = 2 + len(by)
     table = numbers.reshape(len(rows), 6 + 2 * n)
     return table[:, :6], table[:, 6:].reshape(len(rows), 2, n)
-
-
-def period_of(system: ImpactSystem, period: float | str | None, *, or_free: bool = False) -> float:
-    """Give the period of the excitation; a ValueError where it is not known."""
-    if period is not None:
-        if not (period := finite("period", period)) > 0.0:
-            raise ValueError(f"period must be > 0, got {period}")
-        return period
-    omega, _ = excitation(system)
-    if omega is None:
-        hint = ", or period='free' where it does not depend on time" if or_free else ""
-        raise ValueError(
-            "period: the force has no single excitation whose period is known, give period=... (s)"
-            f"{hint}"
-        )
-    return 2.0 * math.pi / omega

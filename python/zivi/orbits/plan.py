@@ -9,11 +9,10 @@ from typing import Any
 import numpy as np
 
 from zivi.base.check import Array
-from zivi.orbits.attractor import Attractor, Settled, classify, settle, settle_one
-from zivi.orbits.flights import period_of
+from zivi.orbits.attractor import Attractor, Settled, classify, settle
+from zivi.orbits.mechanical.family import period_of, value_of, with_values
 from zivi.simulation.methods import SwitchedRK
 from zivi.system.mass import ImpactSystem
-from zivi.system.parameters import with_value
 
 __all__ = ["Found", "MassPlan", "Plan", "settled_point"]
 
@@ -39,14 +38,38 @@ class Plan(ABC):
     method: SwitchedRK
 
     @abstractmethod
+    def settle(self, systems: list[Any], states: Array, periods: list[float], *how: Any) -> Any:
+        """Run each from its state; how: threads, and whether progress is shown."""
+
+    @abstractmethod
+    def points(self, system: Any, settled: Any, period: float) -> Found:
+        """Give the points of a run, and what it settled on."""
+
+    def at(self, value: float) -> tuple[Any, float]:
+        """Give the system with a value, and its period."""
+        value_of(self.system, self.name)
+        own = getattr(self.system, "parameters", {})
+        is_e = self.name not in own and (self.name == "e" or self.name.startswith("e."))
+        if is_e and not 0.0 <= value <= 1.0:
+            raise ValueError(f"e must lie in [0, 1], got {value}")
+        system = with_values(self.system, {self.name: float(value)})
+        return system, period_of(system, self.period)
+
     def batch(
         self, grid: Array, states: Array, threads: int | None, progress: bool | None
     ) -> list[Found]:
         """Run each value from each state."""
+        pairs = [self.at(value) for value in np.repeat(grid, len(states))]
+        systems, periods = [it[0] for it in pairs], [it[1] for it in pairs]
+        rows = np.concatenate([states] * len(grid))
+        settled = self.settle(systems, rows, periods, threads, progress)
+        return [self.points(*it) for it in zip(systems, settled, periods, strict=True)]
 
-    @abstractmethod
     def one(self, value: float, state: Array) -> tuple[Found, Array]:
         """Run one value from one state; also its end."""
+        system, period = self.at(value)
+        (settled,) = self.settle([system], state[None], [period], 1, False)
+        return self.points(system, settled, period), settled.end
 
     def following(self, grid: Array, state: Array) -> list[Found]:
         """Run each value from the end of the run at the last."""
@@ -115,51 +138,28 @@ def settled_point(value: float, start: int, *, plan: Plan, states: Array) -> Any
 class MassPlan(Plan):
     """What is done at each value, of one mass."""
 
-    def at(self, value: float) -> tuple[ImpactSystem, float]:
-        """Give the system with a value, and its period."""
-        system = with_value(self.system, self.name, float(value))
-        return system, period_of(system, self.period)
-
-    def batch(
-        self, grid: Array, states: Array, threads: int | None, progress: bool | None
-    ) -> list[Found]:
-        """Run each value from each state."""
-        pairs = [self.at(value) for value in np.repeat(grid, len(states))]
-        systems, periods = [it[0] for it in pairs], [it[1] for it in pairs]
-        rows = np.tile(states, (len(grid), 1))
-        settled = settle(
-            systems, rows, periods, self.transient, self.keep, self.method, threads, progress
-        )
+    def settle(
+        self, systems: list[Any], states: Array, periods: list[float], *how: Any
+    ) -> list[Settled]:
+        """Run each from its state."""
+        rule = self.method
+        settled = settle(systems, states, periods, self.transient, self.keep, rule, *how)
         if self.section == "impacts":
-            return [self.points(*it) for it in zip(systems, settled, periods, strict=True)]
-        strobed = [[it.end] for it in settled]
+            return settled
+        rows = [np.array([it.end for it in settled])]
         for _ in range(self.keep - 1):
-            ends = np.array([it[-1] for it in strobed])
-            more = settle(systems, ends, periods, 0, 1, self.method, threads, progress=False)
-            for own, it in zip(strobed, more, strict=True):
-                own.append(it.end)
-        triples = zip(systems, settled, periods, strict=True)
-        kinds = [classify(*it, self.keep) for it in triples]
-        return [(_states(rows), kind) for rows, kind in zip(strobed, kinds, strict=True)]
+            more = settle(systems, rows[-1], periods, 0, 1, rule, how[0], False)
+            rows.append(np.array([it.end for it in more]))
+        both = zip(settled, np.stack(rows, axis=1), strict=True)
+        return [dataclasses.replace(it, states=own) for it, own in both]
 
     def points(self, system: ImpactSystem, settled: Settled, period: float) -> Found:
-        """Give phases and speeds of the impacts."""
-        rows = np.column_stack([settled.impacts, np.zeros(len(settled.impacts))])
-        rows[:, 0] = rows[:, 0] / period % 1.0
-        return rows, classify(system, settled, period, self.keep)
-
-    def one(self, value: float, state: Array) -> tuple[Found, Array]:
-        """Run one value from one state; also its end."""
-        system, period = self.at(value)
-        settled = settle_one(system, tuple(state), period, self.transient, self.keep, self.method)
+        """Give phases and speeds of the impacts, or states at the starts of periods."""
+        kind = classify(system, settled, period, self.keep)
         if self.section == "impacts":
-            return self.points(system, settled, period), settled.end
-        rows = [settled.end]
-        for _ in range(self.keep - 1):
-            rows.append(settle_one(system, tuple(rows[-1]), period, 0, 1, self.method).end)
-        return (_states(rows), classify(system, settled, period, self.keep)), settled.end
-
-
-def _states(rows: list[Array]) -> Array:
-    """Give states, which are at no gap, as points."""
-    return np.column_stack([np.array(rows), np.full(len(rows), -1.0)])
+            rows = np.column_stack([settled.impacts, np.zeros(len(settled.impacts))])
+            rows[:, 0] = rows[:, 0] / period % 1.0
+            return rows, kind
+        assert settled.states is not None
+        # at no gap
+        return np.column_stack([settled.states, np.full(self.keep, -1.0)]), kind

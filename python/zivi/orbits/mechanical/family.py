@@ -9,7 +9,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from zivi.base.check import Array
+from zivi.base.check import Array, finite
 from zivi.system.gap import LinearGap
 from zivi.system.linear import LinearSystem
 from zivi.system.loads import Harmonic
@@ -19,7 +19,7 @@ from zivi.system.parameters import excitation, parameter, parameters_of, with_va
 from zivi.system.parametric_mechanism import ParametricSystem
 from zivi.system.wall import HarmonicWall
 
-__all__ = ["core_of", "frequency_of", "value_of", "values_of", "with_values"]
+__all__ = ["core_of", "frequency_of", "period_of", "value_of", "values_of", "with_values"]
 
 System = TypeVar("System", bound=MechanicalSystem | ImpactSystem)
 OF_WALL = ("amplitude", "omega", "phase")
@@ -195,3 +195,25 @@ def frequency_of(system: MechanicalSystem | ImpactSystem) -> float | None:
     if len(found) != 1 or not math.isfinite(next(iter(found))):
         return None
     return float(found.pop())
+
+
+def period_of(
+    system: MechanicalSystem | ImpactSystem,
+    period: float | str | None,
+    *,
+    or_free: bool = False,
+) -> float:
+    """Give the period of the excitation; a ValueError where it is not known."""
+    if period is not None:
+        if not (period := finite("period", period)) > 0.0:
+            raise ValueError(f"period must be > 0, got {period}")
+        return period
+    omega = frequency_of(system)
+    if omega is None:
+        what = "force" if isinstance(system, ImpactSystem) else "system"
+        hint = ", or period='free' where it does not depend on time" if or_free else ""
+        raise ValueError(
+            f"period: the {what} has no single excitation whose period is known, give "
+            f"period=... (s){hint}"
+        )
+    return 2.0 * math.pi / omega

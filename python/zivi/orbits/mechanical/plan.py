@@ -3,35 +3,19 @@
 from __future__ import annotations
 
 import dataclasses
-import math
 from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
-from zivi.base.check import Array, finite
+from zivi.base.check import Array
 from zivi.orbits.attractor import TOLERANCE
-from zivi.orbits.mechanical.family import frequency_of, value_of, with_values
 from zivi.orbits.mechanical.settled import Settled, classify, settle
 from zivi.orbits.plan import Found, Plan
 from zivi.simulation.mechanical_run import state_of
 from zivi.system.mechanism import MechanicalSystem
 
-__all__ = ["MechanicalPlan", "number_of", "period_of", "read_states", "starts_of"]
-
-
-def period_of(system: MechanicalSystem, period: float | None) -> float:
-    """Give the period of the excitation; a ValueError where it is not known."""
-    if period is not None:
-        if not (period := finite("period", period)) > 0.0:
-            raise ValueError(f"period must be > 0, got {period}")
-        return period
-    omega = frequency_of(system)
-    if omega is None:
-        raise ValueError(
-            "period: the system has no single excitation whose period is known, give period=... (s)"
-        )
-    return 2.0 * math.pi / omega
+__all__ = ["MechanicalPlan", "number_of", "read_states", "starts_of"]
 
 
 def number_of(what: str, name: str | None, names: tuple[str, ...]) -> int | None:
@@ -88,33 +72,13 @@ class MechanicalPlan(Plan):
     coordinate: int = 0
     """Of which coordinate the states are noted."""
 
-    def at(self, value: float) -> tuple[MechanicalSystem, float]:
-        """Give the system with a value, and its period."""
-        value_of(self.system, self.name)
-        system = with_values(self.system, {self.name: float(value)})
-        return system, period_of(system, self.period)
+    def settle(
+        self, systems: list[Any], states: Array, periods: list[float], *how: Any
+    ) -> list[Settled]:
+        """Run each from its state."""
+        return settle(systems, states, periods, self.transient, self.keep, self.method, *how)
 
-    def batch(
-        self, grid: Array, states: Array, threads: int | None, progress: bool | None
-    ) -> list[Found]:
-        """Run each value from each state."""
-        pairs = [self.at(value) for value in np.repeat(grid, len(states))]
-        systems, periods = [it[0] for it in pairs], [it[1] for it in pairs]
-        rows = np.tile(states, (len(grid), 1, 1))
-        settled = settle(
-            systems, rows, periods, self.transient, self.keep, self.method, threads, progress
-        )
-        return [self.points(*it) for it in zip(settled, periods, strict=True)]
-
-    def one(self, value: float, state: Array) -> tuple[Found, Array]:
-        """Run one value from one state; also its end."""
-        system, period = self.at(value)
-        several = settle(
-            [system], state[None], [period], self.transient, self.keep, self.method, 1, False
-        )
-        return self.points(several[0], period), several[0].end
-
-    def points(self, settled: Settled, period: float) -> Found:
+    def points(self, system: MechanicalSystem, settled: Settled, period: float) -> Found:
         """Give phases and speeds of the impacts, or states."""
         kind = classify(settled, period, self.keep, TOLERANCE)
         if self.section == "impacts":
