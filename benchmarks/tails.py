@@ -130,7 +130,8 @@ def errors(law, e, rtol, program):
         if not len(zeno):
             yield name, {"no tail": math.inf}
             continue
-        before = sol.impacts["t"][sol.impacts["t"] < zeno[0]]
+        computed = sol.resolved_impacts["t"]
+        before = computed[computed < zeno[0]]
         last, end = before[-1], zeno[0]
         t, u = exact([], len(before))[1][-1]
         times = [end - (end - last) * left * np.linspace(0.9999, 0.97, 97) for left in LOOKS]

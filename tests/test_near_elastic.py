@@ -117,3 +117,29 @@ def test_events_in_a_tail(rtol):
     exact = np.sort(np.concatenate([start + (speed - root) / G, start + (speed + root) / G]))
     assert len(found) == len(exact)
     assert abs(found - exact)[:-2].max() <= 100 * rtol * V0 / G
+
+
+@pytest.mark.parametrize("force", [-9.81, lambda t, x, v: -9.81], ids=["number", "callable"])
+def test_rounding_of_many_impacts_is_not_carried_along(force):
+    """A last bit of the first speed moves positions by 9 of these `rtol` of the first apex."""
+    mpmath = pytest.importorskip("mpmath")
+    e, v0, rtol = 0.99999, 4.0, 1e-11
+    with mpmath.workdps(40):
+        last = 2 * mpmath.mpf(v0) / mpmath.mpf(9.81) / (1 - mpmath.mpf(e))
+        system, span = zivi.ImpactSystem(force, e=e), (0, 1.1 * float(last))
+        method = zivi.SwitchedRK(rtol=rtol, atol=rtol / 1000)
+        sol = zivi.simulate(system, span, (0, v0), method, dense_output=True)
+        assert abs(sol.zeno_times[0] - last) < 1e-14 * last
+
+        def exact(t):
+            n = mpmath.floor(mpmath.log(1 - t / last) / mpmath.log(e))
+            q = mpmath.mpf(e) ** n
+            left = t - last * (1 - q)
+            return v0 * q * left - mpmath.mpf(9.81) * left**2 / 2
+
+        times = float(last) * np.concatenate(
+            [np.linspace(1e-6, 0.05, 40), np.linspace(0.1, 0.99, 40)]
+        )
+        off = [abs(sol(t)[0] - exact(mpmath.mpf(t))) for t in times.tolist()]
+    assert max(off) < 10 * rtol * v0**2 / 2 / 9.81
+    assert sol.nfev < 400_000

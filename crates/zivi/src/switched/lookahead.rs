@@ -34,6 +34,10 @@ const GAUSS: f64 = 0.577_350_269_189_625_8;
 /// How far a tail may be from the motion, in tolerances of the Zeno time.
 const MOST: f64 = 10.0;
 
+/// A force that differs by no more, in roundings, from the acceleration of an arc is that: summed over
+/// the arcs of a long tail rounding would look like another motion.
+const SAME: f64 = 64.0;
+
 /// What is left of a tail when its arcs are looked at less closely.
 const CLOSE: f64 = 0.5;
 
@@ -173,7 +177,11 @@ impl Lookahead<'_> {
                 let theta = (panel as f64 + 0.5 + 0.5 * side) / parts;
                 let t = arc.start + theta * h;
                 let at = arc.at(t);
-                let r = force.known_at(t, at.x, at.xdot)? - arc.acceleration(t);
+                let expected = arc.acceleration(t);
+                let r = force.known_at(t, at.x, at.xdot)? - expected;
+                if r.abs() <= SAME * f64::EPSILON * expected.abs() {
+                    continue;
+                }
                 impulse += r;
                 moment += r * (1.0 - theta) * h;
             }

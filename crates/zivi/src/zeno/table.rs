@@ -110,7 +110,8 @@ impl<Z: Coordinates> Table<Z> {
             count += 1;
         }
         let mut noise = [(f64::EPSILON * times[0].abs()).max(f64::EPSILON * now.abs())];
-        let (mut across, mut may) = ([0.0], false);
+        let agree = count > 2 && is_coarse(powers.first) && agrees(times[..count].iter(), noise[0]);
+        let (mut across, mut may) = ([0.0], agree && AGREE * noise[0] <= scale);
         richardson::columns(&mut times[..count], &mut across, powers, |entry| {
             let size = judge(entry, &mut noise, &mut [0.0], &[scale]);
             may |= entry.j <= columns && (size <= 1.0 || size.is_nan());
@@ -123,7 +124,10 @@ impl<Z: Coordinates> Table<Z> {
     ///
     /// The estimate is at least what rounding does: each column magnifies that of the one before by
     /// `(1 + p)/(1 - p)`, with the power `p` that it removes. Where that is large, a component whose
-    /// rows differ by nothing but rounding is the oldest of them: so it is under a constant pull.
+    /// rows differ by nothing but rounding is the oldest of them: so it is under a constant pull. If
+    /// all are, rounding is all that is in doubt. A slow drift that hides in it adds as much again for
+    /// each time that the rows span up to the end: with a scale of `r` times that time at most `r`
+    /// times the whole.
     #[inline]
     pub(crate) fn landing(
         &mut self,
@@ -138,7 +142,7 @@ impl<Z: Coordinates> Table<Z> {
             *noise = f64::EPSILON * entry.abs();
         }
         noise[0] = noise[0].max(f64::EPSILON * now.abs());
-        let settled = is_coarse(powers.first).then(|| settled::<Z>(rows, noise));
+        let settled = is_coarse(powers.first).then(|| settled::<Z>(rows, noise, scales));
         let mut best: Option<Landing<Z>> = None;
         richardson::columns(rows, across.as_mut_slice(), powers, |entry| {
             let size = judge(entry, noise, error, scales);
@@ -149,26 +153,37 @@ impl<Z: Coordinates> Table<Z> {
                 best.error.as_mut_slice().copy_from_slice(error);
             }
         });
-        if let (Some(best), Some(settled)) = (&mut best, settled) {
+        if let (Some(best), Some((settled, size))) = (&mut best, settled) {
             for (z, row) in best.z.as_mut_slice().iter_mut().zip(settled.as_slice()) {
                 *z = if row.is_nan() { *z } else { *row };
             }
             best.t = start + best.z.as_slice()[0];
+            best.size = best.size.min(size);
         }
         best
     }
 }
 
 /// The oldest row, which has least of the rounding of the impacts, and NaN for components in which the
-/// rows differ by more than rounding.
-fn settled<Z: Coordinates>(rows: &[f64], noise: &[f64]) -> Z {
-    let mut settled = Z::zeros(noise.len());
+/// rows differ by more than rounding; the largest rounding in the scales, infinite if one is NaN.
+fn settled<Z: Coordinates>(rows: &[f64], noise: &[f64], scales: &[f64]) -> (Z, f64) {
+    let (mut settled, mut size) = (Z::zeros(noise.len()), 0.0_f64);
     for (c, value) in settled.as_mut_slice().iter_mut().enumerate() {
-        let mut all = rows.iter().skip(c).step_by(noise.len());
-        let agree = all.all(|row| (row - rows[c]).abs() <= AGREE * noise[c]);
-        *value = if agree { rows[rows.len() - noise.len() + c] } else { f64::NAN };
+        *value = f64::NAN;
+        if agrees(rows.iter().skip(c).step_by(noise.len()), noise[c]) {
+            *value = rows[rows.len() - noise.len() + c];
+            size = size.max(AGREE * noise[c] / scales.get(c).copied().unwrap_or(0.0));
+        } else {
+            size = f64::INFINITY;
+        }
     }
-    settled
+    (settled, size)
+}
+
+/// Whether the rows of a component differ by rounding alone.
+fn agrees<'r>(mut rows: impl Iterator<Item = &'r f64>, noise: f64) -> bool {
+    let Some(newest) = rows.next() else { return false };
+    rows.all(|row| (row - newest).abs() <= AGREE * noise)
 }
 
 /// Whether a first column that removes this power magnifies rounding too much.
@@ -234,6 +249,30 @@ mod tests {
     #[test]
     fn a_state_that_is_no_number_has_no_size() {
         assert!(landing(5, f64::NAN, &[1.0, 1.0]).unwrap().size.is_nan());
+    }
+
+    #[test]
+    fn where_all_rows_differ_by_rounding_alone_it_is_all_that_is_in_doubt() {
+        let found = |off: f64, ratio: f64| {
+            let mut table = Table::<Vec<f64>>::new(2, 5);
+            let times = [3.0, 3.0 + 4.0 * f64::EPSILON, 3.0];
+            times.iter().for_each(|&time| table.push(&[time, 1.0]));
+            table.push(&[3.0 + off, 1.0]);
+            let powers = Powers { ratio, first: ratio * ratio };
+            let rows = [3.0, times[1], 3.0, 3.0 + off];
+            let scale = 1e-12;
+            let may = Table::<Vec<f64>>::may_land(rows.iter(), (12.9, 5), powers, scale);
+            let size = table.landing(10.0, 12.9, powers, &[scale, 1.0]).unwrap().size;
+            assert_eq!(may, size <= 1.0);
+            size
+        };
+        // of the time 12.9 s, in units of 1e-12 s
+        let rounding = AGREE * 12.9 * f64::EPSILON / 1e-12;
+        assert!((found(0.0, 0.999) / rounding - 1.0).abs() < 1e-12);
+        assert!((found(0.9 * rounding * 1e-12, 0.999) / rounding - 1.0).abs() < 1e-12);
+        assert!(found(1.1 * rounding * 1e-12, 0.999) > 10.0 * rounding);
+        // extrapolated where rows are far apart, with less rounding
+        assert!(found(0.0, 0.5) < 0.1 * rounding);
     }
 
     #[test]

@@ -20,15 +20,32 @@ impl VariationalRun {
     fn fly<E, F: DifferentiableForce<E>>(
         &mut self,
         integrator: &mut SwitchedIntegrator,
+        onto: Option<&mut Stages>,
         force: &mut Counted<'_, F>,
     ) -> Result<f64, Failure<E>> {
         let settings = *integrator.settings();
-        let last = integrator.flight().last_mut();
-        self.step.step(last, force)?;
+        let stages = onto.unwrap_or_else(|| integrator.flight().last_mut());
+        self.step.step(stages, force)?;
         if !self.controlled || !settings.adaptive {
             return Ok(0.0);
         }
-        self.step.error(last, &settings.tolerances(), &self.sizes, force)
+        self.step.error(stages, &settings.tolerances(), &self.sizes, force)
+    }
+
+    /// The step onto an impact that was found on the polynomials of a longer one.
+    fn onto<E, F: DifferentiableForce<E>>(
+        integrator: &mut SwitchedIntegrator,
+        impact: Option<Impact>,
+        force: &mut Counted<'_, F>,
+    ) -> Result<Option<Stages>, Failure<E>> {
+        let flight = integrator.flight();
+        let length = flight.landing().filter(|_| impact.is_some());
+        let last = flight.last_mut();
+        let Some(total) = length.filter(|&total| far(total, last)) else { return Ok(None) };
+        let mut stages = last.clone();
+        let (from, slope) = (stages.from, stages.start_slope(0));
+        stages.step(&from, &slope, total, force)?;
+        Ok(Some(stages))
     }
 
     /// What a piece of flight that was taken adds: a minimum, the dense output, an impact.
@@ -36,6 +53,7 @@ impl VariationalRun {
         &mut self,
         integrator: &mut SwitchedIntegrator,
         impact: Option<Impact>,
+        onto: Option<&mut Stages>,
         force: &mut Counted<'_, F>,
     ) -> Result<(), Failure<E>> {
         let law = *integrator.law();
@@ -45,17 +63,7 @@ impl VariationalRun {
             self.minimum(flight.last_mut(), force)?;
         }
         let length = flight.landing().filter(|_| impact.is_some());
-        let last = flight.last_mut();
-        let mut onto = None;
-        if let Some(total) = length.filter(|&total| far(total, last)) {
-            // the impact was found on the polynomials, away from the end of the step
-            let mut stages = last.clone();
-            let (from, slope) = (stages.from, stages.start_slope(0));
-            stages.step(&from, &slope, total, force)?;
-            self.step.step(&stages, force)?;
-            onto = Some(stages);
-        }
-        let stages = onto.as_mut().unwrap_or(last);
+        let stages = onto.unwrap_or_else(|| flight.last_mut());
         if let Some(path) = &mut self.path {
             // the columns are forced by the motion at its own further stages
             stages.complete(force)?;
@@ -115,15 +123,17 @@ impl VariationalRun {
                 self.strike(&impact, integrator.law(), force)?;
                 return Ok(piece);
             }
-            let h = integrator.flight().last_mut().h;
-            let error = self.fly(integrator, force)?;
+            let mut onto = Self::onto(integrator, impact, force)?;
+            let h = onto.as_ref().map_or_else(|| integrator.flight().last_mut().h, |it| it.h);
+            let error = self.fly(integrator, onto.as_mut(), force)?;
             let factor = factor(error, order);
             if error <= 1.0 || retry == RETRIES || h <= shortest {
                 if error > 0.0 {
-                    let longest = h * factor.clamp(FACTORS.0, FACTORS.1);
-                    integrator.flight().steps_mut().limit_next(longest);
+                    // that an impact comes soon says nothing of the next step
+                    let most = if onto.is_some() { f64::INFINITY } else { FACTORS.1 };
+                    integrator.flight().steps_mut().limit_next(h * factor.clamp(FACTORS.0, most));
                 }
-                self.flew(integrator, impact, force)?;
+                self.flew(integrator, impact, onto.as_mut(), force)?;
                 return Ok(piece);
             }
             integrator.give_up_step(&before, shorter(factor) * h);
