@@ -330,6 +330,36 @@ def test_a_corner_in_an_orbit_has_no_derivatives():
         orbit.derivative("omega")
 
 
+@pytest.mark.parametrize("force", [-1.3, -1.6])
+def test_a_plastic_impact_beside_a_closed_gap_is_no_corner(force):
+    """Its gap is pulled away at once; two bodies that know nothing of each other move as alone."""
+    push, load = zivi.Harmonic([1.0, force], 2.0), np.array([0.0, -1.0])
+    gaps = [zivi.LinearGap([-1, 0], 0.2, name="a"), zivi.LinearGap([0, 1], 0.0, name="b")]
+    same, e = np.eye(2), np.array([0.0, 0.3])
+    both = zivi.LinearSystem(same, 0.2 * same, same, excitation=[push, load], gaps=gaps, e=e)
+    run = zivi.simulate(both, (0, 400), ([0, 0.2], [0, 0]))
+    assert len(run.corners) > 100
+    pair = zivi.periodic_orbit(both, run)
+    assert pair.success
+    assert pair.word == ("I a", "L b", "Z b")
+    for i, name in enumerate("ab"):
+        one = zivi.LinearSystem(
+            [[1.0]],
+            [[0.2]],
+            [[1.0]],
+            excitation=[zivi.Harmonic(push.amplitude[i : i + 1], 2.0), load[i : i + 1]],
+            gaps=[zivi.LinearGap([gaps[i].normal[i]], gaps[i].offset, name=name)],
+            e=float(e[i]),
+        )
+        alone = zivi.periodic_orbit(one, zivi.simulate(one, (0, 400), ([0.2 * i], [0])))
+        assert alone.success
+        for letter, t in zip(alone.word, alone.segments["t1"], strict=True):
+            apart = (t - pair.segments["t1"][pair.word.index(letter)]) / pair.period
+            assert abs(apart - round(apart)) < 1e-11
+        for value in alone.multipliers:
+            assert np.min(np.abs(pair.multipliers - value)) < 1e-9
+
+
 def coupled():
     gaps = [zivi.LinearGap([-1, 0.2], 0.5, name="a"), zivi.LinearGap([0.2, -1], 0.5, name="b")]
     load = zivi.Harmonic([1.0, 0.6], 0.8)

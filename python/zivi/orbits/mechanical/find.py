@@ -22,6 +22,7 @@ from zivi.orbits.mechanical.equations import (
 from zivi.orbits.mechanical.margins import Margins
 from zivi.orbits.mechanical.multipliers import multipliers_of
 from zivi.orbits.mechanical.orbit import CONTACT, IMPACT, MechanicalOrbit
+from zivi.orbits.mechanical.run_word import left_at_once
 from zivi.orbits.mechanical.symmetry import whole_word
 from zivi.orbits.mechanical.word import Segment, Word
 
@@ -255,8 +256,9 @@ def weaker_reason(orbit: MechanicalOrbit) -> str | None:
     if len(hits) != len(mine):
         return f"A simulation has {len(hits)} impacts within the period, the orbit {len(mine)}."
     lifts = sum(kind == "L" for kind, _, _ in flips)
-    if len(run.liftoffs) != lifts:
-        return f"A simulation has {len(run.liftoffs)} lift-offs, the orbit {lifts}."
+    seen = len(run.liftoffs) - int(np.count_nonzero(left_at_once(run, run.liftoffs)))
+    if seen != lifts:
+        return f"A simulation has {seen} lift-offs, the orbit {lifts}."
     largest = np.abs(orbit.multipliers[np.isfinite(orbit.multipliers)])
     near = 1e6 * orbit._frame.method.rtol * max(1.0, float(np.max(largest, initial=0.0)))
     for (t, gap), (when, whose) in zip(hits, mine, strict=True):

@@ -131,12 +131,29 @@ def _events(system: MechanicalSystem, flow: Flow, run: MechanicalTrajectory) -> 
             continue
         opened = run.openings["gap"][np.abs(run.openings["t"] - t) <= 1e-12 * max(1.0, abs(t))]
         found += [Happened(t, "I", gap, tuple(int(it) for it in opened)) for gap in hits]
-    found += [Happened(float(it["t"]), "C", -1) for it in run.corners]
+    closings = [(float(row["t"]), int(row["gap"])) for row in zenos]
+    left = {(float(it["t"]), int(it["gap"])) for it in lifts[left_at_once(run, lifts)]}
+    lifts = lifts[~left_at_once(run, lifts)]
+    for corner in run.corners:
+        t = float(corner["t"])
+        kept = _closed(run, max(t - BEFORE, float(run.t[0])))
+        new = [int(i) for i in np.flatnonzero(corner["gaps"]) if i not in kept]
+        if len(new) != 1:
+            found.append(Happened(t, "C", -1))
+        elif all(gap != new[0] or abs(at - t) > ROUNDING * max(1.0, abs(t)) for at, gap in left):
+            closings.append((t, new[0]))
     found += [Happened(float(it["t"]), "L", int(it["gap"])) for it in lifts]
     found.sort(key=lambda it: it.t)
-    for row in zenos:
-        found = _accumulated(found, float(row["t"]), int(row["gap"]), float(system.e[row["gap"]]))
+    for t, gap in sorted(closings):
+        found = _accumulated(found, t, gap, float(system.e[gap]))
     return found
+
+
+def left_at_once(run: MechanicalTrajectory, lifts: Any) -> Any:
+    """Tell which gaps lift off where they are hit: others are closed, and their forces pull."""
+    near = ROUNDING * np.maximum(1.0, np.abs(lifts["t"]))
+    apart = np.abs(lifts["t"][:, None] - run.corners["t"])
+    return np.any(apart <= near[:, None], axis=1)
 
 
 def _accumulated(found: list[Happened], zeno: float, gap: int, e: float) -> list[Happened]:
