@@ -335,3 +335,12 @@ def test_wheels_that_never_part_move_as_one():
     assert branch.words == ["P", "L front Z front"]
     ends = zivi.continue_orbit(orbit, "F", (0.1, 0.8), through=False)
     assert ends.status is zivi.OrbitStatus.LEFT_ADMISSIBLE
+
+
+def test_a_motion_without_events_has_its_least_period():
+    system = zivi.LinearSystem(
+        1.0, 0.1, 1.0, excitation=zivi.Harmonic([0.2], 0.8), gaps=[zivi.LinearGap([-1.0], 1.0)]
+    )
+    orbit = zivi.periodic_orbit(system, (["P"], [[0.0, 0.0, 0.0]]), 6)
+    assert (orbit.kind, orbit.multiple) == ("flight", 1)
+    assert orbit.period == pytest.approx(2 * np.pi / 0.8)

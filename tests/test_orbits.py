@@ -365,3 +365,51 @@ def test_as_datasets():
     data = zivi.continue_orbit(orbit, "amplitude", (1.2, 1.4)).to_xarray()
     assert data.multiplier_real.shape == (data.sizes["point"], 2)
     assert bool(data.stable.any())
+
+
+def test_a_pair_passes_the_unit_circle_where_loss_and_gain_are_equal():
+    # det M = e^2 exp(-c T), whatever the orbit
+    force = zivi.LinearForce(stiffness=1.0, damping=0.05, gravity=0.1, amplitude=1.0, omega=2.6)
+    orbit = zivi.periodic_orbit(zivi.ImpactSystem(force, e=0.8), [(0.7, 0.9)])
+    branch = zivi.continue_orbit(orbit, "damping", (-0.4, 0.1))
+    (event,) = branch.of_kind("neimark_sacker")
+    assert abs(event.value - 2 * math.log(0.8) * 2.6 / (2 * math.pi)) < 1e-9
+    np.testing.assert_allclose(np.abs(np.linalg.eigvals(event.orbit.monodromy())), 1, atol=1e-8)
+    # without loss and gain it lies there all along
+    elastic = zivi.LinearForce(stiffness=1.0, gravity=0.1, amplitude=0.2, omega=2.6)
+    orbit = zivi.periodic_orbit(zivi.ImpactSystem(elastic, e=1.0), [(0.7, 0.9)])
+    assert orbit.status is DONE
+    assert not zivi.continue_orbit(orbit, "amplitude", (0.1, 0.4)).of_kind("neimark_sacker")
+
+
+@pytest.mark.parametrize("name", ["w", "T"])
+def test_the_period_goes_with_a_frequency_among_the_parameters(name):
+    forces = {
+        "w": lambda t, x, v, w: -1 + 1.3 * math.sin(w * t),
+        "T": lambda t, x, v, T: -1 + 1.3 * math.sin(2 * math.pi * t / T),
+    }
+    value = {"w": 1.0, "T": 2 * math.pi}[name]
+    own = zivi.ImpactSystem(zivi.ParametricForce(forces[name], {name: value}), e=0.5)
+    orbit = zivi.periodic_orbit(own, [single(1.3)], period=2 * math.pi)
+    branch = zivi.continue_orbit(orbit, name, (0.97 * value, 1.03 * value), step=0.2)
+    assert branch.status is zivi.OrbitStatus.RANGE_END
+    assert len(branch) > 2
+    for it, at in zip(branch.orbits, branch.values, strict=True):
+        w = at if name == "w" else 2 * math.pi / at
+        t, u = single(1.3)
+        # times go like 1/w, and so do the speeds of this table
+        assert it.period == pytest.approx(2 * math.pi / w, rel=1e-12)
+        np.testing.assert_allclose(list(it.impacts[0])[:2], [t / w, u / w], rtol=1e-8)
+    np.testing.assert_allclose(
+        orbit.derivative(name),
+        np.array(single(1.3)) * (-1 if name == "w" else 1 / value),
+        rtol=1e-8,
+    )
+
+
+def test_a_branch_over_the_restitution_ends_where_it_is_elastic():
+    orbit = zivi.periodic_orbit(table(1.3), [single(1.3)])
+    branch = zivi.continue_orbit(orbit, "e", (0.45, 1.4))
+    assert branch.status is zivi.OrbitStatus.RANGE_END
+    assert branch.values.max() == 1.0
+    assert max(it.system.e for it in branch.orbits) == 1.0
