@@ -413,3 +413,17 @@ def test_a_branch_over_the_restitution_ends_where_it_is_elastic():
     assert branch.status is zivi.OrbitStatus.RANGE_END
     assert branch.values.max() == 1.0
     assert max(it.system.e for it in branch.orbits) == 1.0
+
+
+def test_a_flight_is_followed_with_steps_of_its_motion():
+    # it hardly moves where it is looked at, at t = 0
+    force = zivi.LinearForce(stiffness=1.0, damping=0.15, gravity=-0.8, amplitude=0.95, omega=1.82)
+    orbit = zivi.periodic_orbit(zivi.ImpactSystem(force, e=0.7), (0.0, (0.4, 0.1)), 1)
+    branch = zivi.continue_orbit(orbit, "omega", (1.46, 2.2))
+    assert branch.status is zivi.OrbitStatus.RANGE_END
+    assert len(branch) < 60
+    exact = 0.8 - 0.95 / np.hypot(1 - branch.values**2, 0.15 * branch.values)
+    for it, lowest in zip(branch.orbits, exact, strict=True):
+        assert it.admissible == (lowest > 0.0)
+        times = np.linspace(*it.trajectory.t[[0, -1]], 500)
+        assert not it.admissible or min(it.trajectory(times)[0]) == pytest.approx(lowest, abs=1e-4)

@@ -33,6 +33,8 @@ __all__ = ["Arc", "Found", "Way", "single_doubling"]
 EDGE = 1e-10
 """How far below zero, relative to its size, what must be positive counts as zero."""
 PROBE = 1e-4
+TOGETHER = 1e-7
+"""Parts of a step that are no further apart are one place."""
 HALVES_MEET = 1e-4
 """Half differences that are less, relative to the motion, are those of a single orbit."""
 ROUNDING = 1e-9
@@ -199,7 +201,11 @@ class Way:
                 continue
             low = min(_same_kind(point.margins, low), key=lambda it: abs(it.value), default=low)
             found.append((float((point.z - last.z) @ chord), Found(low.kind, point, low)))
-        return min(found, key=lambda it: it[0])[1] if found else None
+        if not found:
+            return None
+        first = min(it[0] for it in found) + TOGETHER * float(chord @ chord)
+        # where a doubled orbit meets a single one that grazes one half dies, one begins
+        return min((it for it in found if it[0] <= first), key=_order)[1]
 
     def _over(self, arc: Arc, last: Point, edge: Found, new: Point) -> OrbitStatus | None:
         """Note an event, and go on with the word beyond it."""
@@ -332,6 +338,10 @@ class Way:
             return False
         off = last.z + part * chord - self.first.z
         return bool(np.linalg.norm(off) < 0.1 * np.linalg.norm(chord))
+
+
+def _order(found: tuple[float, Found]) -> tuple[bool, float]:
+    return found[1].kind != "grazing", found[0]
 
 
 def _pairs(point: Point) -> float:

@@ -59,7 +59,9 @@ def row_sizes(terms: Terms) -> Array:
     states = np.vstack([terms.x[:, 1:-1], flights.z])
     # where a grazing is the only event all speeds there may vanish
     rates = np.vstack([flights.first, flights.last])[:, n:]
-    pushed = 0.1 * length / (2.0 * math.pi) * float(np.max(np.abs(rates)))
+    # a section may lie where a motion without events hardly moves
+    share = 1.0 if terms.frame.word[0].kind == "P" else 0.1
+    pushed = share * length / (2.0 * math.pi) * float(np.max(np.abs(rates)))
     speed = max(float(np.max(np.abs(states[:, n:]))), pushed) or 1.0
     # one mass is at the wall in all events: its flights are higher
     part = 0.5 / math.pi / len(terms.x) if isinstance(terms.frame.flow, MassFlow) else 1e-3
