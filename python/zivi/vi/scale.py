@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Callable
 from typing import Any, TypeAlias
 
@@ -16,6 +17,8 @@ __all__ = ["Affine", "Watched", "is_off_scale", "least_is_off_scale", "polished"
 
 TOL = 1e-9
 """Default tolerance, and that of a small problem relative to its values at the start."""
+_FEW = 64
+"""Up to so many numbers a loop of Python takes less than NumPy."""
 _SMALL = 1e-3
 """Rows and unknowns of this size and above are compared with the tolerance as they are."""
 _ROUNDS = 10
@@ -185,8 +188,13 @@ class Watched:
     @property
     def size(self) -> float:
         """The largest of the first values; infinite where they are not finite."""
-        size = np.inf if self._first is None else np.abs(self._first).max(initial=0.0)
-        return float(size) if np.isfinite(size) else np.inf
+        if self._first is None:
+            return np.inf
+        if self._first.size > _FEW:
+            size = float(np.abs(self._first).max())
+            return size if math.isfinite(size) else np.inf
+        sizes = [abs(value) for value in self._first.ravel().tolist()]
+        return float(max(sizes, default=0.0)) if all(map(math.isfinite, sizes)) else np.inf
 
 
 def polished(first: VIResult, size: float, solve: Callable[[Array, float], VIResult]) -> VIResult:

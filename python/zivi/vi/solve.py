@@ -135,7 +135,7 @@ def solve_vi(
     (True, 1.41421356)
     """
     lower, upper, x0 = arranged(lower, upper, x0, bounds)
-    start = np.atleast_1d(vector("x0", x0, scalar=True))
+    start = vector("x0", x0, scalar=True).reshape(-1)
     n = len(start)
     if not n:
         raise ValueError("x0 must have at least one entry, got none")
