@@ -275,6 +275,36 @@ fn row(t: f64, PathPoint { x, xdot, sigma }: PathPoint) -> Row {
 mod tests {
     use super::*;
     use crate::numeric::bernstein::Bernstein;
+    use crate::zeno::bounce::Bounce;
+    use crate::zeno::chain::Chain;
+
+    /// `x'' = -2`, `e = 1/2`: arcs of the heights 1/16, 1/64, ..., from 1 s on.
+    #[test]
+    fn a_tail_is_drawn_at_sixths_of_its_arcs_down_to_the_finest_and_up_to_its_end() {
+        let mut chain = Chain::<f64>::new((), 0.5, 0, 4);
+        for (t, u) in [(0.0, 1.0), (1.0, 0.5)] {
+            assert!(chain.note(Bounce { t, u, g: 2.0 }, &[], &[]).is_ok());
+        }
+        let tail = chain.tail(2.0, 1.0);
+        let drawn = |end: f64, largest: f64| {
+            let mut rows = Vec::new();
+            draw_tail(&tail, end, Scale { x: largest, xdot: 1.0 }, &mut rows).unwrap();
+            assert!(rows.windows(2).all(|pair| pair[0][0] < pair[1][0] && pair[1][0] < end));
+            let of_tail = |it: &Row| tail.at(it[0]).x == it[1] && tail.at(it[0]).xdot == it[2];
+            assert!(rows.iter().all(of_tail));
+            let inside = |it: &&Row| it[1] > 1e-9;
+            rows.iter().filter(inside).map(|it| it[0]).collect::<Vec<f64>>()
+        };
+        // the heights of two, and of three, are above a thousandth
+        let sixths =
+            |start: f64, length: f64| (1..6).map(move |k| start + f64::from(k) / 6.0 * length);
+        let two: Vec<f64> = sixths(1.0, 0.5).chain(sixths(1.5, 0.25)).collect();
+        for (found, exact) in drawn(2.0, 1e3 / 65.0).iter().zip(&two) {
+            assert!((found - exact).abs() < 1e-15, "{found} {exact}");
+        }
+        assert_eq!([20.0, 15.0, 3.0].map(|x| drawn(2.0, x).len()), [5, 10, 15]);
+        assert_eq!(drawn(1.3, 3.0), drawn(2.0, 3.0)[..3]);
+    }
 
     #[test]
     fn lines_through_the_parts_are_flat_enough() {

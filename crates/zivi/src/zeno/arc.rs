@@ -124,5 +124,10 @@ mod tests {
         let cubic = TailArc { bends: [0.0; 2], ..arc };
         let far = cubic.crossings(Level::Position(0.5));
         assert!(far.len() == 2 && (far[0] - arc.crossings(Level::Position(0.5))[0]).abs() > 1e-3);
+        for level in [1.0, -1.0] {
+            let found = cubic.crossings(Level::Velocity(level));
+            assert!(!found.is_empty());
+            assert!(found.iter().all(|&t| (cubic.at(t).xdot - level).abs() < 1e-13), "{level}");
+        }
     }
 }

@@ -122,6 +122,14 @@ mod tests {
     }
 
     #[test]
+    fn points_span_the_chain_up_to_a_tenth_of_the_speed_each() {
+        // the last of four, three strides back, is the first of ten impacts
+        assert_eq!([9, 11, 12].map(|last| stride(0.9999, 4, last)), [3, 3, 4]);
+        assert_eq!(stride(0.9999, 4, 1_000_000), 1054);
+        assert_eq!([stride(0.9, 4, 100), stride(0.99, 4, 2), stride(0.9999, 1, 100)], [1; 3]);
+    }
+
+    #[test]
     fn a_series_in_the_arcs_ahead_is_reproduced() {
         let a = [0.3, 1.0, -0.4, 0.2, 0.0, 0.0];
         for (e, stride) in [(0.1_f64, 1), (0.5, 1), (0.9, 5), (0.9999, 5000)] {

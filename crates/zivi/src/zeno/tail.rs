@@ -426,6 +426,23 @@ mod tests {
     }
 
     #[test]
+    fn arcs_do_not_bend_with_the_rounding_of_their_times() {
+        // x'' = -2 and a part of it more, from the time `start` on
+        let bends = |start: f64, more: f64| {
+            let bounce = |q: f64| Bounce { t: start + 2.0 - 2.0 * q, u: q, g: 2.0 };
+            let chain: Vec<Bounce> = (0..8).map(|n| bounce(0.5_f64.powi(n))).collect();
+            let mut tail = Tail::new(&chain, 0.5, start + 2.0, 1.0);
+            assert_eq!(tail.bend(|_, _| Ok::<f64, ()>(-2.0 * (1.0 + more))), Ok(()));
+            tail.bends != [[0.0; TERMS]; 2]
+        };
+        assert!(!bends(1e6, 0.0) && bends(1e6, 1e-6));
+        // the first arc lasts from 0 to 2^-7: 16 roundings of its acceleration, and of its end
+        let zeno = 2.0_f64.powi(-6);
+        assert!(!bends(zeno - 2.0, 24.0 * f64::EPSILON));
+        assert!(bends(zeno - 2.0, 40.0 * f64::EPSILON));
+    }
+
+    #[test]
     fn a_tail_of_one_arc_bends_with_that() {
         // x'' = -2, and what comes after an arc of 1e-4 s is far below rounding of its time
         let (e, left, zeno) = (1e-12, 1e-4, 100.0);
