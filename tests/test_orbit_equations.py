@@ -216,7 +216,8 @@ def test_sizes_of_residuals():
     # a distance in a part 1/(2 pi) of the flight
     speed = abs(terms.rates[0])
     np.testing.assert_allclose(row_sizes(terms), [TURN, speed, speed, TURN])
-    np.testing.assert_allclose(sizes_of(terms)[0], [speed, TURN])
+    # impulses (1 + e)/e times the speeds
+    np.testing.assert_allclose(sizes_of(terms)[0], [3 * speed, TURN])
     np.testing.assert_allclose(sizes_of(terms)[1], [speed, speed])
     two = equations(table(), frame(2), np.array([[0.7, 2.0], [6.9, 2.3]]))
     assert row_sizes(two)[2] == max(2.3, *abs(two.rates))

@@ -370,7 +370,8 @@ def test_as_datasets():
 def test_a_pair_passes_the_unit_circle_where_loss_and_gain_are_equal():
     # det M = e^2 exp(-c T), whatever the orbit
     force = zivi.LinearForce(stiffness=1.0, damping=0.05, gravity=0.1, amplitude=1.0, omega=2.6)
-    orbit = zivi.periodic_orbit(zivi.ImpactSystem(force, e=0.8), [(0.7, 0.9)])
+    system = zivi.ImpactSystem(force, e=0.8)
+    orbit = zivi.periodic_orbit(system, zivi.simulate(system, (0, 400), (0.1, 0.0)))
     branch = zivi.continue_orbit(orbit, "damping", (-0.4, 0.1))
     (event,) = branch.of_kind("neimark_sacker")
     assert abs(event.value - 2 * math.log(0.8) * 2.6 / (2 * math.pi)) < 1e-9

@@ -37,7 +37,7 @@ def sizes_of(terms: Terms) -> tuple[Array, Array]:
     frame, own = terms.frame, row_sizes(terms)
     length, distance, speed = own[0], own[1], own[-2]
     if frame.impulses is not None:
-        per_push = speed / frame.impulses.mobilities
+        per_push = _per_speed(frame) * speed / frame.impulses.mobilities
         unknowns = np.column_stack([per_push, np.full(len(per_push), length)]).ravel()
         return unknowns, np.tile([distance, speed], len(per_push))
     flights, n, own = terms.flights, frame.flow.n, own[:-1]
@@ -51,6 +51,11 @@ def sizes_of(terms: Terms) -> tuple[Array, Array]:
         events.append(size)
     unknowns = np.tile(np.append(own, length), len(frame.word))
     return unknowns, np.concatenate([np.append(size, own) for size in events])
+
+
+def _per_speed(frame: Frame) -> float:
+    """Give how large impulses are beside the speeds after them, where these are the motion."""
+    return frame.impulses.per_speed if isinstance(frame.impulses, MassImpulses) else 1.0
 
 
 def row_sizes(terms: Terms) -> Array:
@@ -84,6 +89,8 @@ def newton(frame: Frame, y: Array, most: int = 20) -> Solution:
     """Solve the equations from a guess; steps are halved where the residual grows."""
     now = evaluate(frame, y)
     _, sizes = sizes_of(now)
+    if frame.impulses is not None:
+        sizes[1::2] *= _per_speed(frame)
     error = float(np.max(np.abs(now.residual / sizes)))
     trace, accuracy = [error], frame.flow.accuracy
     for _ in range(most):

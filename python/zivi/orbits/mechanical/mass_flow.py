@@ -98,6 +98,11 @@ class MassImpulses:
         self.e = float(flow.e[0])
 
     @property
+    def per_speed(self) -> float:
+        """How large an impulse is beside the speed after it, or where it is plastic before it."""
+        return (1.0 + self.e) / self.e if self.e > 0.0 else 1.0
+
+    @property
     def mobilities(self) -> Array:
         """The inverse masses, which are 1."""
         return np.ones(len(self.before))
