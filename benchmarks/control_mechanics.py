@@ -186,7 +186,9 @@ def strike(runs: int) -> None:
         "the same, learnt ": {"mass": 1.2},
         "noise 1e-4, 1e-2": {"noise": (1e-4, 1e-2)},
         "delay 5": {"delay": 5, "learn": False},
+        "the same, learnt as a push": {"delay": 5},
         "delay 5, predicted": {"delay": 5, "told": 5},
+        "the same, e wrong, learnt": {"delay": 5, "told": 5, "off": 0.1},
         "2 m/s^2 on the paddle": {"disturbance": [0.0, 2.0], "learn": False},
         "the same, learnt  ": {"disturbance": [0.0, 2.0]},
     }

@@ -6,7 +6,6 @@ import pytest
 import zivi
 from mechanical_arms import PADDLE, START, follow, tapping, tracker, two_links
 from zivi.control.design_law import Law
-from zivi.control.striker import Sight
 
 
 @pytest.mark.parametrize("exact", [True, False])
@@ -30,15 +29,6 @@ def test_a_tracker_has_the_least_gains_that_hold_an_unknown_force(exact):
             assert broken(least * 0.999999)
             binding.update(broken(least * 0.999999))
     assert binding == ({1, 2, 3} if exact else {1, 2})
-
-
-def test_a_jump_counts_by_the_speed_of_the_impact():
-    ctl = zivi.Striker(PADDLE, gap="racket", body="ball", apex=0.5)
-    ctl.step(0.0, [0.4, 0.0], [0.0, 0.0])
-    before = Sight(0.0, 0.1, -5.0, 0.1, -5.0, -9.81)
-    for jump, counts in ((4.9e-3, False), (5.1e-3, True)):
-        after = before._replace(t=1e-3, v=-5.0 - 9.81e-3 + jump)
-        assert (ctl._jump(before, after) > 0.0) is counts
 
 
 @pytest.mark.parametrize(

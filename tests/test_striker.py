@@ -1,5 +1,6 @@
 """Impacts that are aimed at: heights and speeds that are asked for, from parabolas of our own."""
 
+import functools
 import pickle
 
 import numpy as np
@@ -121,6 +122,77 @@ def test_a_hammer_hits_a_wall_with_the_speed_that_is_asked(learn):
     np.testing.assert_allclose(np.diff(blows["t"]), 0.3, atol=2e-3)
 
 
+@functools.cache
+def compiled():
+    """The same in formulas, which are compiled."""
+    return zivi.symbolic.system(
+        "ball paddle",
+        T="(m*balldot**2 + paddledot**2)/2",
+        V="9.81*(m*ball + paddle)",
+        gaps={"racket": "ball - paddle"},
+        parameters={"m": 0.2},
+        e=0.6,
+        inputs={"force": [0, 1]},
+    )
+
+
+class Stepped:
+    """A controller of our own that asks a striker sample by sample."""
+
+    def __init__(self, striker):
+        self.striker, self.h, self.delay = striker, striker.h, striker.delay
+
+    @property
+    def status(self):
+        return self.striker.status
+
+    def step(self, t, q, qdot):
+        return self.striker.step(t, q, qdot)
+
+
+@pytest.mark.parametrize(
+    "more",
+    [
+        {},
+        {"apex": lambda k: 0.4 + 0.1 * (k % 2)},
+        {"delay": 4, "learn": False},
+        {"u_limits": [(-30.0, 30.0)]},
+        {"noise": (1e-6, 1e-2)},
+    ],
+    ids=["constant", "function", "late", "limits", "noise"],
+)
+def test_a_loop_that_runs_natively_is_the_one_that_asks_sample_by_sample(more):
+    noise = more.pop("noise", (0.0, 0.0))
+    settings = {"gap": "racket", "body": "ball", "apex": 0.5} | more
+    ctl = zivi.Striker(compiled().replace(m=0.25), **settings)
+    asked = {"method": zivi.RKPeriod(), "delay": ctl.delay, "noise": noise, "seed": 2}
+    start = ([0.4, 0.0], [0.5, 0.0])
+    run = zivi.simulate_closed_loop(compiled(), ctl, (0, 1.5), start, **asked)
+    assert ctl.strokes == 0  # a copy ran
+    other = ctl.copy()
+    if noise != (0.0, 0.0):
+        other.sensed(noise, (0.0, 0.0))
+    again = zivi.simulate_closed_loop(compiled(), Stepped(other), (0, 1.5), start, **asked)
+    assert len(run.impacts) >= 2
+    for name in ("q", "qdot", "u", "tick_status"):
+        assert np.array_equal(getattr(run, name), getattr(again, name)), name
+
+
+def test_a_batch_of_loops_is_the_single_ones():
+    ctl = zivi.Striker(compiled(), gap="racket", body="ball", apex=0.5)
+    masses, starts = np.array([0.1, 0.2, 0.4]), ([0.4, 0.0], [0.5, 0.0])
+    asked = {"method": zivi.RKPeriod(), "noise": (1e-6, 1e-3)}
+    many = zivi.simulate_closed_loop_batch(
+        compiled(), ctl, (0, 1.2), starts, parameters={"m": masses}, seeds=[1, 2, 3], **asked
+    )
+    for i, m in enumerate(masses):
+        one = zivi.simulate_closed_loop(
+            compiled().replace(m=m), ctl, (0, 1.2), starts, seed=1 + i, **asked
+        )
+        assert np.array_equal(many.q[i], one.q[-1])
+        assert np.array_equal(many.u[i], one.u[-1])
+
+
 def test_a_striker_travels_and_goes_on_alike():
     one = zivi.Striker(juggled(), gap="racket", body="ball", apex=0.5)
     for k in range(50):
@@ -135,6 +207,7 @@ def test_a_striker_travels_and_goes_on_alike():
     [
         ({"gap": "floor"}, "gap"),
         ({"apex": None}, "either"),
+        ({"apex": 0.0}, "apex must be finite and > 0"),
         ({"speed": 1.0}, "either"),
         ({"interval": 0.0}, "interval"),
         ({"delay": -1}, "delay"),

@@ -8,7 +8,7 @@ import sympy
 
 import zivi
 import zivi.mechanics
-from mechanical_arms import angles, tracker, two_links
+from mechanical_arms import START, angles, tracker, two_links
 from random_arms import chain
 
 X = "l1*cos(a) + l2*cos(a + b)"
@@ -216,7 +216,47 @@ def test_gaps_that_no_configuration_has_at_once_are_refused():
     system = zivi.MechanicalSystem(mass=np.eye(2), force=[0, 0], gaps=gaps, e=0.5)
     drop = zivi.simulate(zivi.ImpactSystem(-9.81, e=0.5), (0, 1), (0.3, 0))
     ctl = zivi.GapTracker(system, h=1e-3, gains={"left": (30, 17), "right": (30, 17)})
-    with pytest.raises(ValueError, match="does not have at once"):
+    with pytest.raises(ValueError, match=r"at t = 0 for what no configuration.*'right' = 0.3"):
         zivi.simulate_closed_loop(
             system, ctl, (0, 1), ([1, 1], [0, 0]), reference={"left": drop, "right": drop}
         )
+
+
+@pytest.mark.parametrize(
+    ("reference", "words"),
+    [
+        ({"floor": "rest", "x": 2.0}, r"at t = 0 .*'x' = 2 \("),
+        ({"floor": "rest", "x": lambda t: 0.6 + 0.6 * t}, r"at t = 0.55 .*'x' = 0.93 \("),
+        # the tip is 1.25 m above the floor at most
+        ({"floor": 3.0}, r"at t = 0 .*'floor' = 3 \(1\.7\d from the nearest found, 1\.2"),
+    ],
+    ids=["place", "motion", "gap"],
+)
+def test_what_no_configuration_reaches_is_told_before_the_run(reference, words, monkeypatch):
+    if reference["floor"] == 3.0:
+        drop = zivi.simulate(zivi.ImpactSystem(-9.81, e=0.6), (0, 1.1), (3.0, 0))
+        reference, tasks = {"floor": drop}, {}
+    else:
+        tasks = {"x": X}
+    monkeypatch.setattr(zivi._zivi, "simulate_mechanical_loop", None)  # nothing runs
+    with pytest.raises(ValueError, match=words):
+        zivi.simulate_closed_loop(
+            two_links(),
+            tracker(tasks=tasks),
+            (0, 1),
+            (START, [0, 0]),
+            reference=reference,
+            method=zivi.RKPeriod(),
+        )
+
+
+def test_what_is_just_in_reach_runs():
+    # links of 0.5 and 0.45 m, 0.3 m above the floor: the tip on the floor is 0.9014 m off at most
+    run = zivi.simulate_closed_loop(
+        two_links(),
+        tracker(tasks={"x": X}),
+        (0, 0.3),
+        (START, [0, 0]),
+        reference={"floor": "rest", "x": 0.9},
+    )
+    assert run.status == zivi.Status.COMPLETED

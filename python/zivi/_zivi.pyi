@@ -55,6 +55,8 @@ __all__ = [
     "SensitivityRecord",
     "Setting",
     "State",
+    "StrikeLoop",
+    "Striker",
     "TimeTable",
     "Tracker",
     "Tree",
@@ -1255,6 +1257,35 @@ class GapLoop:
     def __new__(cls, law: GapTracker, believed: Believed, reference: Reference | None) -> Self: ...
 
 @final
+class Striker:
+    body: int | None
+    noise: float
+    state: tuple[Any, ...]
+    def __new__(
+        cls,
+        *,
+        gap: int,
+        e: float,
+        of_wall: bool,
+        place: float,
+        interval: float,
+        h: float,
+        learns: bool,
+        learning: tuple[float, float, tuple[int, int], int],
+        limits: list[tuple[float, float]] | None,
+        posture: float,
+        delay: int,
+        target: float | Callable[[int], float],
+    ) -> Self: ...
+    def step(self, believed: Believed, t: float, q: _Array, qdot: _Array) -> _Array: ...
+    def reset(self) -> None: ...
+    def copy(self) -> Striker: ...
+
+@final
+class StrikeLoop:
+    def __new__(cls, law: Striker, believed: Believed) -> Self: ...
+
+@final
 class CalledLoop:
     def __new__(cls, step: Callable[..., Any], counts: bool, status: Any, latched: Any) -> Self: ...
 
@@ -1278,7 +1309,7 @@ def simulate_mechanical_loop(
     times: _Array,
     stops: _Array,
     start: Configuration,
-    controller: GapLoop | CalledLoop,
+    controller: GapLoop | StrikeLoop | CalledLoop,
     *,
     observer: Callable[[float, _Array, _Array], tuple[_Array, _Array]] | None,
     noise: _Array | None,

@@ -95,9 +95,11 @@ fn _zivi(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<inputs::Inputs>()?;
     module.add_class::<mechanical_loop::MechanicalLoopRecord>()?;
     module.add_class::<mechanical_loop::GapLoop>()?;
+    module.add_class::<mechanical_loop::StrikeLoop>()?;
     module.add_class::<mechanical_loop::CalledLoop>()?;
     module.add_class::<control::believed::Believed>()?;
     module.add_class::<control::gap_tracker::GapTracker>()?;
+    module.add_class::<control::striker::Striker>()?;
     module.add_class::<control::mechanical_reference::Reference>()?;
     module.add_function(wrap_pyfunction!(control::believed::controls, module)?)?;
     module.add_function(wrap_pyfunction!(control::believed::decoupling_force, module)?)?;

@@ -6,7 +6,7 @@ use pyo3::gc::{PyTraverseError, PyVisit};
 use pyo3::prelude::*;
 use zivi::drive::mechanical::{
     one_step_each, BelievedPlant, MechanicalController, MechanicalSensor, Observing, SampledLoop,
-    Tasks, TickRecord, Tracking,
+    Striking, Tasks, TickRecord, Tracking,
 };
 use zivi::mechanics::{MechanicalRun, Sampling, Ticks};
 use zivi::system::driven::Driven;
@@ -17,6 +17,7 @@ use crate::arrays::{vector, Matrix};
 use crate::control::believed::{law_error, Believed};
 use crate::control::gap_tracker::{pressed, GapTracker};
 use crate::control::mechanical_reference::Reference;
+use crate::control::striker::Striker;
 use crate::errors::setup_error;
 use crate::inputs::Inputs;
 use crate::mechanics::MechanicalRecord;
@@ -78,6 +79,26 @@ impl GapLoop {
         visit.call(&self.law)?;
         visit.call(&self.believed)?;
         self.reference.as_ref().map_or(Ok(()), |it| visit.call(it))
+    }
+}
+
+/// What aims at impacts in a loop: the law, and what it believes in.
+#[pyclass(frozen, module = "zivi._zivi")]
+pub(crate) struct StrikeLoop {
+    law: Py<Striker>,
+    believed: Py<Believed>,
+}
+
+#[pymethods]
+impl StrikeLoop {
+    #[new]
+    fn new(law: Py<Striker>, believed: Py<Believed>) -> Self {
+        Self { law, believed }
+    }
+
+    fn __traverse__(&self, visit: PyVisit<'_>) -> Result<(), PyTraverseError> {
+        visit.call(&self.law)?;
+        visit.call(&self.believed)
     }
 }
 
@@ -294,6 +315,8 @@ pub(crate) fn simulate_mechanical_loop(
     let watch = &mut Watch { progress };
     let done = if let Ok(own) = controller.cast::<GapLoop>() {
         run_tracker(py, course, own.get(), (system, inputs), observer, watch)
+    } else if let Ok(own) = controller.cast::<StrikeLoop>() {
+        run_striker(py, course, own.get(), (system, inputs), observer, watch)
     } else {
         let given = controller.cast::<CalledLoop>()?.get();
         let mut driven = inputs.driven(py, system)?;
@@ -343,4 +366,40 @@ fn run_tracker(
     let asked = |i: usize, t: f64| pressed(py, &tracker.pressing, i, t);
     let tracking = Tracking { law, plant, reference, asked, wrong };
     course.run(&mut driven, tracking, observer.map(Observer), watch)
+}
+
+/// A loop of what aims at impacts.
+fn run_striker(
+    py: Python<'_>,
+    course: Course<'_>,
+    own: &StrikeLoop,
+    (system, inputs): (&Mechanism, &Inputs),
+    observer: Option<Bound<'_, PyAny>>,
+    watch: &mut Watch,
+) -> Done {
+    let believed = own.believed.get();
+    let (mechanism, through, h) = (believed.mechanism.get(), believed.inputs.get(), believed.h);
+    let striker = own.law.borrow(py);
+    let (law, laws, wrong) =
+        (striker.law.clone(), mechanism.laws.as_slice(), law_error as fn(_) -> _);
+    if let (Some(plant), Some(model), Some(target), None) = (
+        inputs.driven_alone(py, system),
+        through.driven_alone(py, mechanism),
+        striker.target.constant(),
+        &observer,
+    ) {
+        let (mut plant, mut model) = (plant, model);
+        drop(striker);
+        return py.detach(|| {
+            let believed = BelievedPlant { driven: &mut model, tasks: None, laws, h };
+            let target = |_: u32| Ok(target);
+            let striking = Striking { law, plant: believed, target, wrong };
+            course.run(&mut plant, striking, None::<Nobody>, watch)
+        });
+    }
+    let (mut driven, mut model) = (inputs.driven(py, system)?, through.driven(py, mechanism)?);
+    let plant = BelievedPlant { driven: &mut model, tasks: None, laws, h };
+    let target = |stroke: u32| striker.target.of(py, stroke);
+    let striking = Striking { law, plant, target, wrong };
+    course.run(&mut driven, striking, observer.map(Observer), watch)
 }

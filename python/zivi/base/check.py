@@ -19,6 +19,7 @@ __all__ = [
     "identifier",
     "integer",
     "not_negative",
+    "positive",
     "real",
     "real_array",
     "switch",
@@ -72,6 +73,14 @@ def not_negative(name: str, value: object) -> float:
     number = real(name, value)
     if not (math.isfinite(number) and number >= 0.0):
         raise ValueError(f"{name} must be finite and >= 0, got {number}")
+    return number
+
+
+def positive(name: str, value: object) -> float:
+    """Return a finite number > 0."""
+    number = real(name, value)
+    if not (math.isfinite(number) and number > 0.0):
+        raise ValueError(f"{name} must be finite and > 0, got {number}")
     return number
 
 

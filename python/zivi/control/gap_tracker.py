@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 import zivi._zivi as _zivi
-from zivi.base.check import Array, by_name, finite, real, real_array, switch
+from zivi.base.check import Array, by_name, finite, positive, real, switch
 from zivi.control.component import TickStatus, delay_of
 from zivi.control.mechanical_reference import MechanicalReference, ReferenceSample
 from zivi.control.model_based import ModelBased, believed
@@ -97,6 +97,8 @@ class GapTracker(ModelBased):
     >>> run.contacts[-1], run.reactions[-1].round(9)
     (array([ True]), array([5.]))
     """
+
+    _law: _zivi.GapTracker
 
     def __init__(
         self,
@@ -195,10 +197,6 @@ class GapTracker(ModelBased):
         """How much nearer the walls are than the model thinks, as far as that is learnt (m)."""
         return np.array(self._law.state[9][0], dtype=np.float64)
 
-    def reset(self) -> None:
-        """Forget all that was measured."""
-        self._law.reset()
-
     @property
     def state(self) -> tuple[Any, ...]:
         """All that changes from tick to tick; assigning it restores what it was of exactly."""
@@ -218,13 +216,6 @@ class GapTracker(ModelBased):
         except (TypeError, ValueError, IndexError, OverflowError) as error:
             text = f"state must be what a GapTracker of these gaps gave: {error}"
             raise ValueError(text) from None
-
-    def copy(self) -> Self:
-        """Copy it: the same settings, the same state."""
-        twin = type(self).__new__(type(self))
-        vars(twin).update(vars(self))
-        twin._law = self._law.copy()
-        return twin
 
     def __getstate__(self) -> dict[str, Any]:
         own = {"settings": self._settings, "system": self.system}
@@ -314,10 +305,8 @@ class GapTracker(ModelBased):
         return functions
 
     def _ticked(self, t: float, q: ArrayLike, qdot: ArrayLike, ends: Any) -> Array:
-        at, speed = (np.atleast_1d(real_array(*it)) for it in (("q", q), ("qdot", qdot)))
-        if at.shape != speed.shape or at.ndim != 1:
-            raise ValueError(f"qdot must have shape {at.shape}, got {speed.shape}")
-        return self._law.step(self._model(at)[1].core, finite("t", t), at, speed, ends)
+        core, at, speed = self._measured(q, qdot)
+        return self._law.step(core, finite("t", t), at, speed, ends)
 
 
 def check_gap_tracker(controller: Any) -> None:
@@ -338,20 +327,12 @@ def _pressing(name: str, force: Any) -> Any:
     """Give a force as the extension takes it."""
     if not callable(force):
         return force
-    return lambda t: _positive(f"force[{name!r}]({t:.9g})", force(t))
-
-
-def _positive(name: str, value: Any) -> float:
-    number = real(name, value)
-    if not (math.isfinite(number) and number > 0.0):
-        raise ValueError(f"{name} must be finite and > 0, got {number}")
-    return number
+    return lambda t: positive(f"force[{name!r}]({t:.9g})", force(t))
 
 
 def _forces(force: Mapping[str, Any]) -> dict[str, Any]:
     return {
-        name: it if callable(it) else _positive(f"force[{name!r}]", it)
-        for name, it in force.items()
+        name: it if callable(it) else positive(f"force[{name!r}]", it) for name, it in force.items()
     }
 
 

@@ -27,6 +27,7 @@ from zivi.control.loop_arguments import (
 from zivi.control.mechanical_loop_run import MechanicalClosedLoop
 from zivi.control.mechanical_reference import MechanicalReference, reference_of
 from zivi.control.model_based import ModelBased, check_believes
+from zivi.control.striker import Striker
 from zivi.control.twisting import CONTROLLERS
 from zivi.simulation.describe import describe
 from zivi.simulation.impacts import SLOWEST, check_slowest
@@ -142,11 +143,11 @@ def simulate_mechanical(
     asked_at = times_ahead(times, h, ahead, reference)
     tasks = tuple(getattr(controller, "tasks", ()))
     given = reference_of(reference, asked_at, system.gap_names, q, tasks)
-    check_reference(controller, given, model, (q, qdot))
+    check_reference(controller, given, model, (q, qdot), (asked_at, system.gap_names, tasks))
     watching = watching_of(observer, system, h, q)
     tell_sensor(controller, sensor, watching)
     plant = model if disturbance is None else disturbed(model, disturbance, len(q))
-    native = type(controller) is GapTracker
+    native = type(controller) in (GapTracker, Striker)
     loop = controller.in_loop(len(q), given) if native else called(controller, given)
     with ProgressBar(progress) as bar, listening_always() as ear:
         stops = np.unique(np.concatenate([times[1:-1], system._breaks(span)]))
@@ -229,15 +230,17 @@ def check_reference(
     given: MechanicalReference | None,
     model: Model,
     start: tuple[Array, Array],
+    told: tuple[Array, tuple[str, ...], tuple[str, ...]],
 ) -> None:
-    """Refuse references that a controller does not take, or coupled gaps cannot follow."""
+    """Refuse references that a controller does not take, or that cannot be followed."""
     if given is None:
         return
     if not callable(getattr(controller, "step_to", None)):
         kind = type(controller).__name__
         raise TypeError(f"reference= needs a controller with step_to, {kind} has none")
     known = isinstance(controller, GapTracker)
-    check_coupling(given, model, controller.functions(start[0]) if known else None, start)
+    functions = controller.functions(start[0]) if known else None
+    check_coupling(given, model, functions, start, told)
 
 
 def disturbed(model: Model, disturbance: Any, n: int) -> Model:

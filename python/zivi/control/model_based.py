@@ -2,43 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Any, NamedTuple, Self
+from typing import Any, Self
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from zivi.base.check import Array, finite, real_array
+import zivi._zivi as _zivi
+from zivi.base.check import Array, real_array
 from zivi.control.believed_plant import BelievedPlant
-from zivi.control.component import TickStatus
 from zivi.control.u_limits import limits_of
 from zivi.system.control_inputs import ControlInputs
-from zivi.system.gap_coordinates import GapKinetics
 from zivi.system.mechanism import MechanicalSystem
 
-__all__ = ["ModelBased", "Outlook", "believed", "check_believes", "numbers"]
-
-
-class Outlook(NamedTuple):
-    """The state in which the control of a tick will act.
-
-    Parameters
-    ----------
-    t : float
-        The time (s).
-    q, qdot : ndarray
-        Coordinates and velocities, shape (n,).
-    kinetics : GapKinetics
-        The same by its gaps.
-    matrix : ndarray
-        :math:`B`, shape (n, r).
-    """
-
-    t: float
-    q: Array
-    qdot: Array
-    kinetics: GapKinetics
-    matrix: Array
+__all__ = ["ModelBased", "believed", "check_believes"]
 
 
 class ModelBased:
@@ -52,13 +28,13 @@ class ModelBased:
         The arguments of the constructor, with ``h``, ``delay`` and ``u_limits``.
     """
 
+    _law: Any
+
     def __init__(self, system: MechanicalSystem, settings: dict[str, Any]) -> None:
         self.system = system
         self._settings = {**settings, "u_limits": limits_of(settings["u_limits"])}
-        self._noise: Any = None
         self._inputs: ControlInputs | None = None
         self._believed: BelievedPlant | None = None
-        self.reset()
 
     @property
     def h(self) -> float:
@@ -75,31 +51,15 @@ class ModelBased:
         """All settings, as they are given to the constructor."""
         return dict(self._settings)
 
-    @property
-    def status(self) -> TickStatus:
-        """What was done to the last sample and to the control."""
-        return self._status
-
     def reset(self) -> None:
         """Forget all that was measured."""
-        self._u: Array | None = None
-        self._queue: list[Array] = []
-        self._status = TickStatus(0)
-
-    @property
-    def state(self) -> tuple[Any, ...]:
-        """All that changes from tick to tick; assigning it restores what it was of exactly."""
-        raise NotImplementedError
-
-    @state.setter
-    def state(self, state: tuple[Any, ...]) -> None:
-        raise NotImplementedError
+        self._law.reset()
 
     def copy(self) -> Self:
         """Copy it: the same settings, the same state."""
         twin = type(self).__new__(type(self))
         vars(twin).update(vars(self))
-        twin.state = self.state
+        twin._law = self._law.copy()
         return twin
 
     def __copy__(self) -> Self:
@@ -108,55 +68,16 @@ class ModelBased:
     def __deepcopy__(self, memo: dict[int, Any]) -> Self:
         return self.copy()
 
-    def __getstate__(self) -> dict[str, Any]:
-        own = {"settings": self._settings, "system": self.system}
-        return {**own, "state": self.state, "noise": self._noise}
-
     def __repr__(self) -> str:
         shown = ", ".join(f"{name}={it!r}" for name, it in self._settings.items() if it is not None)
         return f"{type(self).__name__}({self.system!r}, {shown})"
 
-    def _outlook(
-        self, t: float, q: ArrayLike, qdot: ArrayLike, closed: NDArray[np.bool_]
-    ) -> Outlook | None:
-        """Give the state when the control of this tick will act; None if the sample is refused.
-
-        Parameters
-        ----------
-        t : float
-            Time of the measurement (s).
-        q, qdot : array_like
-            Measured coordinates and velocities, shape (n,).
-        closed : ndarray
-            Contacts that are known to be closed, shape (m,).
-        """
+    def _measured(self, q: ArrayLike, qdot: ArrayLike) -> tuple[_zivi.Believed, Array, Array]:
+        """Give the plant that is believed in and what was measured, as arrays that fit it."""
         at, speed = (np.atleast_1d(real_array(*it)) for it in (("q", q), ("qdot", qdot)))
         if at.shape != speed.shape or at.ndim != 1:
             raise ValueError(f"qdot must have shape {at.shape}, got {speed.shape}")
-        if self._believed is not None and len(at) != self._believed.model.layout.n:
-            raise ValueError(
-                f"q must have shape ({self._believed.model.layout.n},), got {at.shape}"
-            )
-        inputs, plant = self._model(at)
-        t = finite("t", t)
-        if not (np.all(np.isfinite(at)) and np.all(np.isfinite(speed))):
-            self._status = TickStatus.REFUSED
-            return None
-        self._status = TickStatus(0)
-        if self.delay:
-            idle = [np.zeros(inputs.r)] * (self.delay - len(self._queue))
-            controls = np.array(idle + self._queue[-self.delay :])
-            at, speed = plant.onto(t, at, speed, closed)
-            at, speed, _ = plant.moved(t, at, speed, controls)
-            t += self.delay * self.h
-        return self._measured(t, at, speed)
-
-    def _measured(self, t: float, q: ArrayLike, qdot: ArrayLike) -> Outlook:
-        """Give a state by its gaps."""
-        at, speed = (np.atleast_1d(np.asarray(it, dtype=np.float64)) for it in (q, qdot))
-        inputs, plant = self._model(at)
-        here = plant.model.layout.read(plant.model.evaluate(t, at, speed))
-        return Outlook(t, at, speed, GapKinetics.of(here, speed), inputs.at(at))
+        return self._model(at)[1].core, at, speed
 
     def _model(self, q: Array) -> tuple[ControlInputs, BelievedPlant]:
         """Give the inputs and the plant, which the first sample tells the number of coordinates."""
@@ -178,21 +99,6 @@ class ModelBased:
     def _functions(self, q: Array) -> MechanicalSystem | None:
         """Give a system whose gaps are what follows beside the gaps, if anything does."""
         return None
-
-    def _sent(self, u: Array) -> Array:
-        """Remember what is sent: the last controls again where none are finite."""
-        if not np.all(np.isfinite(u)):
-            self._status |= TickStatus.REFUSED
-            u = np.zeros_like(u) if self._u is None else self._u
-        self._u = u
-        if self.delay:
-            self._queue = [*self._queue, u][-self.delay :]
-        return u.copy()
-
-    def _hold_controls(self) -> Array:
-        """Send the last controls again."""
-        assert self._inputs is not None
-        return self._sent(np.zeros(self._inputs.r) if self._u is None else self._u)
 
 
 def believed(system: Any) -> MechanicalSystem:
@@ -227,8 +133,3 @@ def check_believes(told: str, system: MechanicalSystem, plant: MechanicalSystem,
         raise ValueError(
             f"{told} must believe in {len(known)} controls, as the plant has, not {len(believed)}"
         )
-
-
-def numbers(rows: Sequence[Array | None]) -> tuple[Any, ...]:
-    """Give arrays as plain numbers, for a state."""
-    return tuple(None if it is None else tuple(it.tolist()) for it in rows)

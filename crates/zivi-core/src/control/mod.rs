@@ -15,9 +15,11 @@
 //! [`tracking`] solves the tracker's step exactly (with [`monotone`] and [`cubic`]), [`regulation`]
 //! the regulator's; [`landing`] is how a held control ends in exact rest;
 //! [`predictor`] gives the state in which a late control will act; [`given`](Waypoint) is a
-//! reference that is given sample by sample; [`inclusion`] writes the same steps as box VIs of two,
+//! reference that is given sample by sample; [`Aim`] strikes bodies and walls as requested;
+//! [`inclusion`] writes the same steps as box VIs of two,
 //! four and six signs for a general solver ([`TwistingTracker::follow_by`]) and for checking.
 
+mod aim;
 pub mod cubic;
 #[cfg(not(feature = "single"))]
 mod dual;
@@ -42,6 +44,7 @@ pub mod tracking;
 #[allow(clippy::expect_used)]
 mod tests;
 
+pub use aim::{Aim, AimSettings, AimState, Learning, Sight};
 pub use explicit::ExplicitTwisting;
 pub use gains::{GainError, Gains};
 pub use landing::{Descent, Landing};

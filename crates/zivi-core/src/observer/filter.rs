@@ -1,6 +1,6 @@
 //! The filter: prediction through impacts and rest, correction within the gate, and what restarts it.
 
-use super::memory::THE_LAST_TWO;
+use super::memory::{Chosen, THE_LAST_TWO};
 use super::{Covariance, Measurement, ObserverSettings, ObserverState};
 use crate::real::sqrt;
 use crate::Real;
@@ -208,4 +208,43 @@ impl ObserverSettings {
 /// The velocity that is measured.
 fn velocity_of(measured: Option<Measurement>) -> Option<Real> {
     measured.and_then(|it| it.xdot)
+}
+
+impl ObserverState {
+    /// From the line of least squares through these positions on, if they are not of one time. Of an
+    /// error `delta` of the acceleration the velocity has `q delta/2`, the position
+    /// `-(m - q tau) delta/2`, with `tau`, `m` the means of `tau_i`, `tau_i^2` and `q` the slope of
+    /// `tau_i^2`. (Out of line: its part of the stack is not there while the filter moves on.)
+    #[inline(never)]
+    pub(super) fn refit(&mut self, chosen: Chosen, of_x: Real, of_d: Real) -> bool {
+        let seen = || self.memory.seen().zip(&chosen).filter_map(|(it, taken)| taken.then_some(it));
+        let (mut n, mut ages, mut places) = (0.0, 0.0, 0.0);
+        for it in seen() {
+            (n, ages, places) = (n + 1.0, ages + it.age, places + it.y);
+        }
+        let (age, place) = (ages / n, places / n);
+        let (mut spread, mut slope, mut square, mut bent) = (0.0, 0.0, 0.0, 0.0);
+        for it in seen() {
+            let since = it.age - age;
+            spread += since * since;
+            slope += since * (it.y - place);
+            square += it.age * it.age / n;
+            bent += since * it.age * it.age;
+        }
+        if spread.is_nan() || spread <= 0.0 {
+            return false;
+        }
+        let (v, q) = (-slope / spread, bent / spread);
+        let (by_x, by_v) = (-0.5 * (square - q * age), 0.5 * q);
+        let vv = of_x / spread;
+        self.restart(Physical { x: place + v * age, xdot: v }, Covariance::default());
+        let covariance = &mut self.covariance;
+        covariance.xx = of_x / n + age * age * vv + by_x * by_x * of_d;
+        covariance.xv = age * vv + by_x * by_v * of_d;
+        covariance.xd = by_x * of_d;
+        covariance.vv = vv + by_v * by_v * of_d;
+        covariance.vd = by_v * of_d;
+        covariance.dd = of_d;
+        true
+    }
 }

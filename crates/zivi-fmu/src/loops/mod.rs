@@ -167,7 +167,8 @@ impl Loop {
         });
         let mut asked = |i: usize, _: f64| Ok(self.forces.get(i).copied().flatten());
         let mut u = vec![0.0; self.r];
-        let late = law.state.sent.first().filter(|_| law.state.sent.len() == delay).cloned();
+        let queue = &law.state.sent.queue;
+        let late = queue.first().filter(|_| queue.len() == delay).cloned();
         let measured = (moving.q.as_slice(), moving.w.as_slice());
         law.tick(&mut believed, moving.t(h), measured, ends, &mut asked, &mut u)
             .map_err(code_of)?;

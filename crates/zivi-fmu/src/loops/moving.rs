@@ -1,6 +1,6 @@
 //! What changes from period to period, as numbers that can be stored.
 
-use zivi::drive::mechanical::{GapTrackerState, Latch, Offsets};
+use zivi::drive::mechanical::{GapTrackerState, Latch, Offsets, SentControls};
 use zivi_core::control::{TickStatus, TrackerState};
 use zivi_core::Lifted;
 
@@ -112,8 +112,9 @@ impl Moving {
         let Self { t0, k, q, w, closed, law, trackers } = self;
         [t0, k].into_iter().chain(q).chain(w).for_each(|value| it.pass(value));
         closed.iter_mut().for_each(|value| flag(it, value));
-        let GapTrackerState { latch, accelerations, sent, u, place, status, least, uncontrolled } =
+        let GapTrackerState { latch, accelerations, sent, place, status, least, uncontrolled } =
             law;
+        let SentControls { last: u, queue: sent } = sent;
         let Latch { held, beyond, offsets: Offsets { by, seen, still } } = latch;
         held.iter_mut().for_each(|value| flag(it, value));
         [beyond, seen, still].into_iter().flatten().for_each(|value| count(it, value));

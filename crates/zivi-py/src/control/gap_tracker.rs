@@ -5,7 +5,7 @@ use pyo3::exceptions::PyValueError;
 use pyo3::gc::{PyTraverseError, PyVisit};
 use pyo3::prelude::*;
 use zivi::drive::mechanical::{
-    self as law, GapTrackerSettings, GapTrackerState, Latch, Noise, Offsets,
+    self as law, GapTrackerSettings, GapTrackerState, Latch, Noise, Offsets, SentControls,
 };
 
 use super::arguments::{restored, tracker_state, State};
@@ -169,8 +169,9 @@ impl GapTracker {
 
     #[getter]
     fn state(&self) -> Changing {
-        let GapTrackerState { latch, accelerations, sent, u, place, status, least, uncontrolled } =
+        let GapTrackerState { latch, accelerations, sent, place, status, least, uncontrolled } =
             self.law.state.clone();
+        let SentControls { last: u, queue: sent } = sent;
         let trackers = self.law.trackers.iter().map(|it| tracker_state(it.state())).collect();
         let Latch { held, beyond, offsets: Offsets { by, seen, still } } = latch;
         let (rank, offsets) = ((least, uncontrolled), (by, seen, still));
@@ -193,8 +194,9 @@ impl GapTracker {
         }
         let ((least, uncontrolled), offsets) = (rank, Offsets { by, seen, still });
         let latch = Latch { held, beyond, offsets };
+        let sent = SentControls { last: u, queue: sent };
         self.law.state =
-            GapTrackerState { latch, accelerations, sent, u, place, status, least, uncontrolled };
+            GapTrackerState { latch, accelerations, sent, place, status, least, uncontrolled };
         Ok(())
     }
 

@@ -17,6 +17,7 @@ mod late;
 pub(crate) mod mechanical_reference;
 mod reference;
 mod regulator;
+pub(crate) mod striker;
 mod tracker;
 
 use explicit::Explicit;

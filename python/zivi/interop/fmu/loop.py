@@ -119,7 +119,8 @@ def export_loop(
     check_believes("controller", controller.system, system, q)
     times = times_ahead(_zivi.grid_times(*span, h, 1), h, controller.delay, reference)
     given = reference_of(reference, times, system.gap_names, q, controller.tasks)
-    check_reference(controller, given, model, (q, qdot))
+    told = times, system.gap_names, controller.tasks
+    check_reference(controller, given, model, (q, qdot), told)
     source = _source(plant, believed)
     numbers = _numbers((plant, believed), controller, q, qdot, given)
     content = np.array(list(numbers), dtype="<f8").tobytes()

@@ -128,6 +128,28 @@ impl<D, F> BelievedPlant<'_, D, F> {
         Ok(Moved { q: picked(&run.samples.x), w: picked(&run.samples.v), closed, completed })
     }
 
+    /// Where a state will be after these controls, from where it fits the contacts that are held.
+    ///
+    /// # Errors
+    /// [`LawError`].
+    pub(super) fn ahead<E>(
+        &mut self,
+        t: f64,
+        (q, w): (&[f64], &[f64]),
+        held: &[bool],
+        controls: Vec<f64>,
+        kinetics: &mut GapKinetics,
+    ) -> Result<(Vec<f64>, Vec<f64>), LawError<E>>
+    where
+        D: Dynamics<E>,
+        Driven<D, F>: Dynamics<E>,
+    {
+        let (mut q, mut w) = (q.to_vec(), w.to_vec());
+        self.onto(t, (&mut q, &mut w), held, kinetics)?;
+        let moved = self.moved(t, (&q, &w), &controls)?;
+        Ok((moved.q, moved.w))
+    }
+
     /// Moves a state, M-orthogonally, to where contacts are closed and no gap is below 0.
     ///
     /// # Errors

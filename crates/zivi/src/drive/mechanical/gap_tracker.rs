@@ -16,6 +16,7 @@ use super::latch::{Latch, Noise};
 use super::law_error::LawError;
 use super::pressing::{press_of, usual_forces, weakest_of};
 use super::reference::{gaps_of, waypoint, ReferenceSample};
+use super::sent_controls::SentControls;
 use crate::numeric::singular::Singular;
 use crate::numeric::vector::dot;
 use crate::system::driven::Driven;
@@ -48,10 +49,8 @@ pub struct GapTrackerState {
     pub latch: Latch,
     /// What was asked of the gaps, without contact forces.
     pub accelerations: Vec<f64>,
-    /// The last controls, the oldest first, at most as many as the delay.
-    pub sent: Vec<Vec<f64>>,
-    /// The last controls, none before the first tick.
-    pub u: Option<Vec<f64>>,
+    /// Controls.
+    pub sent: SentControls,
     /// Where the rest stays without a reference.
     pub place: Option<Vec<f64>>,
     /// Bits of [`GapTracker::SATURATED`], [`GapTracker::REFUSED`], [`GapTracker::LATCH_LOST`].
@@ -67,8 +66,7 @@ impl GapTrackerState {
         Self {
             latch: Latch::open(m),
             accelerations: vec![0.0; m],
-            sent: Vec::new(),
-            u: None,
+            sent: SentControls::default(),
             place: None,
             status: 0,
             least: f64::INFINITY,
@@ -146,17 +144,15 @@ impl GapTracker {
         Driven<D, F>: Dynamics<E>,
     {
         let is_finite = |of: &[f64]| of.iter().all(|it| it.is_finite());
-        let is_own = |of: &Vec<f64>, size| of.len() == size && is_finite(of);
-        let GapTrackerState { u: last, sent, place, .. } = &self.state;
-        if !(last.iter().chain(sent).all(|it| is_own(it, u.len()))
-            && place.iter().all(|it| is_own(it, plant.layout().n)))
-        {
+        let GapTrackerState { sent, place, .. } = &self.state;
+        let is_own = |of: &Vec<f64>| of.len() == plant.layout().n && is_finite(of);
+        if !(sent.fits(u.len()) && place.iter().all(is_own)) {
             return Err(LawError::Foreign);
         }
         if !(is_finite(measured.0) && is_finite(measured.1)) {
             self.state.status = Self::REFUSED;
-            self.hold(u);
-            self.send(u);
+            self.state.sent.hold(u);
+            self.state.sent.send(u, self.settings.delay);
             return Ok(());
         }
         self.state.status = 0;
@@ -185,9 +181,9 @@ impl GapTracker {
         done?;
         if !is_finite(u) {
             self.state.status |= Self::REFUSED;
-            self.hold(u);
+            self.state.sent.hold(u);
         }
-        self.send(u);
+        self.state.sent.send(u, self.settings.delay);
         Ok(())
     }
 
@@ -226,7 +222,9 @@ impl GapTracker {
                 plant.look(t, measured, kinetics)?;
                 seen = Some((kinetics.gaps().to_vec(), kinetics.rates.clone()));
             }
-            ahead = self.predicted(plant, t, measured, kinetics, u.len())?;
+            let GapTrackerState { sent, latch, .. } = &self.state;
+            let until = sent.until(self.settings.delay, u.len());
+            ahead = plant.ahead(t, measured, &latch.held, until, kinetics)?;
             (q, w) = (&ahead.0, &ahead.1);
             t += self.settings.delay as f64 * self.settings.h;
         }
@@ -259,28 +257,6 @@ impl GapTracker {
             self.state.status |= Self::SATURATED;
         }
         Ok(())
-    }
-
-    /// Where the plant will be when the control acts.
-    fn predicted<E, D, F>(
-        &self,
-        plant: &mut BelievedPlant<'_, D, F>,
-        t: f64,
-        (q, w): (&[f64], &[f64]),
-        kinetics: &mut GapKinetics,
-        r: usize,
-    ) -> Result<(Vec<f64>, Vec<f64>), LawError<E>>
-    where
-        D: Dynamics<E>,
-        Driven<D, F>: Dynamics<E>,
-    {
-        let GapTrackerState { sent, latch, .. } = &self.state;
-        let mut controls = vec![0.0; r * (self.settings.delay - sent.len())];
-        sent.iter().for_each(|u| controls.extend_from_slice(u));
-        let (mut q, mut w) = (q.to_vec(), w.to_vec());
-        plant.onto(t, (&mut q, &mut w), &latch.held, kinetics)?;
-        let moved = plant.moved(t, (&q, &w), &controls)?;
-        Ok((moved.q, moved.w))
     }
 
     /// The accelerations of the gaps; `seen` are gaps and rates as they are measured, if these tell
@@ -350,25 +326,6 @@ impl GapTracker {
             };
         }
         Ok(a)
-    }
-
-    /// The last controls once more.
-    fn hold(&self, u: &mut [f64]) {
-        match &self.state.u {
-            Some(last) => u.copy_from_slice(last),
-            None => u.fill(0.0),
-        }
-    }
-
-    /// Remembers what is sent.
-    fn send(&mut self, u: &[f64]) {
-        self.state.u = Some(u.to_vec());
-        if self.settings.delay > 0 {
-            if self.state.sent.len() == self.settings.delay {
-                self.state.sent.remove(0);
-            }
-            self.state.sent.push(u.to_vec());
-        }
     }
 }
 

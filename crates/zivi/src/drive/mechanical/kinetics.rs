@@ -57,6 +57,18 @@ impl GapKinetics {
         it.renew(w).map(|()| it)
     }
 
+    /// Those of one gap of a system alone, of the same evaluation.
+    pub(super) fn alone<E>(&mut self, of: &Self, gap: usize, w: &[f64]) -> Result<(), LawError<E>> {
+        let (all, own) = (of.layout, self.layout);
+        self.row[own.mass()].copy_from_slice(&of.row[all.mass()]);
+        self.row[own.force()].copy_from_slice(of.force());
+        self.row[own.gap()].copy_from_slice(&of.gaps()[gap..=gap]);
+        self.row[own.gradient()].copy_from_slice(of.normal(gap));
+        self.row[own.curvature()].copy_from_slice(&of.curvatures()[gap..=gap]);
+        self.row[own.rate()].copy_from_slice(&of.row[all.rate()][gap..=gap]);
+        self.renew(w)
+    }
+
     /// Computes them from the evaluation in `row`.
     pub(super) fn renew<E>(&mut self, w: &[f64]) -> Result<(), LawError<E>> {
         let Self { layout, row, rates, mass, mobility, d, d_factor, .. } = self;

@@ -42,7 +42,7 @@ impl<E> LawError<E> {
                 "the controls do not reach all of the {gaps} gaps: N M^-1 B has the singular \
                  values {values:?} here, in the metric of the masses"
             ),
-            Self::Foreign => "state must be what a tracker of this system gave".into(),
+            Self::Foreign => "state must be what a controller of this system gave".into(),
             Self::Refused(error) => error.to_string(),
             Self::Setup(error) => error.to_string(),
         })

@@ -7,7 +7,8 @@
 //!
 //! `kinetics` has a state by its gaps, `allocation` the controls that give accelerations, `in_box` those
 //! within limits, `gap_tracker` the law, `latch` the contacts that it holds, `believed_plant` what the
-//! law thinks of its plant, `tasks` functions that follow beside the gaps, `tracking` the law in a loop, `sampled` what happens at a sample.
+//! law thinks of its plant, `tasks` functions that follow beside the gaps, `tracking` the law in a loop,
+//! `striker` another law, which aims at impacts, `sampled` what happens at a sample.
 
 mod allocation;
 mod believed_plant;
@@ -19,6 +20,8 @@ mod law_error;
 mod pressing;
 mod reference;
 mod sampled;
+mod sent_controls;
+mod striker;
 mod tasks;
 mod tracking;
 
@@ -31,5 +34,7 @@ pub use latch::{Latch, Noise, Offsets, EXACT};
 pub use law_error::LawError;
 pub use reference::{MechanicalReference, ReferenceSample};
 pub use sampled::{MechanicalController, MechanicalSensor, Observing, SampledLoop, TickRecord};
+pub use sent_controls::SentControls;
+pub use striker::{Striker, StrikerSettings, StrikerState, Striking};
 pub use tasks::Tasks;
 pub use tracking::Tracking;
