@@ -81,8 +81,18 @@ fn merged(
     restitution: Restitution,
     advise: impl FnOnce(*const f64, usize),
 ) -> Result<Columns, TryReserveError> {
-    let mut more = between.unwrap_or_default().iter().peekable();
+    let more = between.unwrap_or_default();
     let mut columns = Columns::with_room((count + more.len()).max(1), advise)?;
+    if between.is_none() {
+        let mut to = columns.extend(count);
+        for k in 0..count {
+            for (to, value) in to.iter_mut().zip(sample(k)) {
+                to[k] = value;
+            }
+        }
+        return Ok(columns);
+    }
+    let mut more = more.iter().peekable();
     let mut last = f64::NAN;
     for k in 0..count {
         let t = time(k);
@@ -92,7 +102,7 @@ fn merged(
                 last = row[0];
             }
         }
-        if t != last || between.is_none() {
+        if t != last {
             columns.push(sample(k));
             last = t;
         }
