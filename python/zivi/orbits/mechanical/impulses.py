@@ -159,8 +159,9 @@ class MassTerms(ImpulseTerms):
 
     def return_map(self, first: int = 0) -> Array:
         """Give the derivative of ``(t, x, u)`` after an impact one word later."""
-        product, maps = np.eye(3), impact_maps(self.flights, self.kernel.e)
+        maps = impact_maps(self.flights, self.kernel.e)
+        product: Array = maps[first]
         with np.errstate(all="ignore"):
-            for each in np.roll(maps, -first, axis=0):
-                product = each @ product
+            for s in range(first + 1, first + len(maps)):
+                product = maps[s % len(maps)] @ product
         return product
