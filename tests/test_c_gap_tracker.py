@@ -150,12 +150,36 @@ def test_single_precision_rests_exactly_and_presses(tmp_path):
     assert rms < 3e-5
 
 
+def of_plane(**more):
+    system = zivi.symbolic.system(
+        "x y",
+        T="(xdot**2 + ydot**2)/2",
+        V="9.81*y",
+        gaps={"floor": "y"},
+        e=0.6,
+        **({"inputs": np.eye(2)} | more),
+    )
+    return zivi.GapTracker(system, h=H, gains={"floor": (40, 22)})
+
+
 @pytest.mark.parametrize(
     ("make", "error", "words"),
     [
         (lambda: 5, TypeError, r"controller must be a zivi\.GapTracker"),
         (lambda: tracker(delay=2), ValueError, "delay must not be set in C, got 2"),
         (lambda: tracker(learn_offset=True), ValueError, "learn_offset must not be set in C"),
+        (lambda: tracker(tasks={"x": "cos(a)"}), ValueError, "tasks must not be set in C"),
+        (
+            lambda: of_plane(inputs={"f": [1, 0]}),
+            ValueError,
+            "as many controls as coordinates in C, 2; it has 1 gaps and 1 controls",
+        ),
+        (lambda: of_plane(inputs=lambda q: np.eye(2)), TypeError, "numbers or expressions in C"),
+        (
+            lambda: of_plane(friction={"pads": ("xdot", "2.0")}),
+            ValueError,
+            "without friction in C",
+        ),
         (
             lambda: zivi.GapTracker(
                 zivi.MechanicalSystem(

@@ -282,12 +282,30 @@ BALL = zivi.MechanicalSystem(
 )
 
 
+RUBBING = zivi.symbolic.system(
+    "a b",
+    T="(adot**2 + bdot**2)/2",
+    V="9.81*a",
+    gaps={"floor": "a"},
+    e=0.6,
+    friction={"pads": ("adot", "2.0")},
+    inputs={"ta": [1, 0], "tb": [0, 1]},
+)
+
+
+def believing(system):
+    return zivi.GapTracker(system, h=H, gains={"floor": (40, 22)})
+
+
 @pytest.mark.parametrize(
     ("asked", "error", "words"),
     [
         ({"system": BALL}, TypeError, r"system must be a zivi\.symbolic\.system or a zivi\.Tree"),
         ({"controller": 5}, TypeError, r"controller's system must be a zivi\.symbolic\.system"),
         ({"controller": tracker(force={"floor": lambda t: 5.0})}, TypeError, "must be a number"),
+        ({"controller": tracker(tasks={"x": "cos(a)"})}, ValueError, "tasks must not be set"),
+        ({"system": RUBBING}, ValueError, "no friction, the plant has"),
+        ({"controller": believing(RUBBING)}, ValueError, "no friction, the model has"),
         ({"name": "a b"}, ValueError, "name must be a letter"),
         ({"fmi": 4}, ValueError, "fmi must be 2 or 3"),
         ({"y0": ([-2.0, 0.0], [0, 0])}, ValueError, "gap 'floor' must be >= 0 at the start"),

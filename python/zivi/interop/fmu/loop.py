@@ -107,6 +107,8 @@ def export_loop(
     plant = _told("system", system)
     believed = _told("controller's system", getattr(controller, "system", None))
     check_gap_tracker(controller)
+    if controller.tasks:
+        raise ValueError(f"tasks must not be set in an FMU of a loop, got {controller.tasks}")
     identifier("name", name)
     versions, binaries = chosen_versions(fmi), binaries_of("fmu_loops")
     here = machine()
@@ -157,10 +159,10 @@ def _source(plant: SymbolicSystem | Tree, model: SymbolicSystem | Tree) -> str:
     """Write plant and model, and how controls act on them, as functions of one C source."""
     functions = []
     for name, system in (("plant", plant), ("model", model)):
-        if isinstance(system, Tree):
-            continue
         if system._channels:
             raise ValueError(f"an FMU of a loop has no friction, the {name} has")
+        if isinstance(system, Tree):
+            continue
         functions.append(_named(system.source, name))
         if isinstance(inputs := system._symbolic_inputs, SymbolicInputs) and inputs.sources:
             functions.append(_named(inputs.sources["c"], f"{name}_inputs"))
