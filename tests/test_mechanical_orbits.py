@@ -154,6 +154,47 @@ def test_an_orbit_of_a_nonlinear_system():
     np.testing.assert_allclose(again.monodromy(), orbit.monodromy(), rtol=1e-12)
 
 
+def test_an_orbit_of_a_compiled_system():
+    """Its flights are compiled, too: of the system that has no gaps."""
+    given = numbers("duffing")
+    compiled = zivi.symbolic.system(
+        "x y",
+        T="xdot**2/2 + 0.8*ydot**2/2",
+        V="(0.5 + kc)*x**2/2 - kc*x*y + kc*y**2/2 + a*x**4/4 + 0.2*a*y**4/4",
+        Q=["-0.15*xdot + 0.05*ydot + F*cos(w*t)", "0.05*xdot - 0.1*ydot"],
+        gaps={"stop": "d - x"},
+        parameters={name: given[name] for name in ("kc", "a", "F", "w", "d")},
+        e=given["e"],
+    )
+    rows = np.array([[float(it) for it in row] for row in REFERENCES["duffing"]["state_after"]])
+    times = listed("duffing", "t")
+    guess = np.column_stack([times, rows])[:3] + 1e-3
+    period = 2 * np.pi / given["w"]
+    orbit = zivi.periodic_orbit(compiled, (["I stop"] * 3, guess), period=period)
+    assert orbit.success
+    assert np.max(np.abs(orbit.impacts["t"] - times[:3])) < 1e-12
+    assert_multipliers(orbit.multipliers, multipliers("duffing"))
+    free = orbit._frame.flow.without_gaps(())
+    assert type(free) is type(compiled)
+    assert free.m == 0
+    state = ([0.1, -0.2], [0.3, 0.4])
+    one, other = compiled.at(0.7, *state), free.at(0.7, *state)
+    assert np.array_equal(one.mass, other.mass)
+    assert np.array_equal(one.force, other.force)
+    # the parameters are those of the orbit, along a branch too
+    slope = orbit.derivative("F")
+    h = 1e-6
+    sides = [
+        zivi.periodic_orbit(compiled.replace(F=given["F"] + sign * h), orbit, period=period)
+        for sign in (1, -1)
+    ]
+    moved = (sides[0].impacts["t"] - sides[1].impacts["t"]) / (2 * h)
+    assert np.max(np.abs(slope - moved)) < 1e-6 * np.max(np.abs(moved))
+    branch = zivi.continue_orbit(orbit, "F", (1.18, 1.22), step=0.1)
+    assert branch.status is zivi.OrbitStatus.RANGE_END
+    assert branch.admissible.all()
+
+
 @pytest.mark.slow
 def test_an_orbit_that_nothing_excites():
     known = REFERENCES["autonomous"]

@@ -16,6 +16,7 @@ from zivi.simulation.methods import SwitchedRK
 from zivi.simulation.run import simulate
 from zivi.system.layout import Evaluation
 from zivi.system.mechanism import MechanicalSystem
+from zivi.system.symbolic.system import SymbolicSystem
 
 __all__ = ["NonlinearFlow"]
 
@@ -57,6 +58,11 @@ class NonlinearFlow:
         found = self.open.get(contacts)
         if found is not None:
             return found
+        if not contacts and isinstance(self.system, SymbolicSystem):
+            free = self.system._without_gaps()
+            if free is not None:
+                self.open[contacts] = free
+                return free
         given = getattr(self.system, "_given", None)
         if given is None or contacts:
 

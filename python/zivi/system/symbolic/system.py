@@ -98,6 +98,14 @@ class Equations:
         entries = self.derived.partials()
         return {"c": c_source(entries), "numba": python_source(entries)}
 
+    @functools.cached_property
+    def free(self) -> tuple[dict[str, str], Equations]:
+        """The source of the function of masses and forces alone, and these equations."""
+        n = len(self.derived.coordinates)
+        entries = self.derived.entries[: n * n + n]
+        free = dataclasses.replace(self.derived, entries=entries, gaps=(), channels=())
+        return {"c": c_source(entries), "numba": python_source(entries)}, Equations(free)
+
 
 class SymbolicSystem(MechanicalSystem):
     """What `system` makes: a `zivi.MechanicalSystem` that is compiled.
@@ -206,6 +214,17 @@ class SymbolicSystem(MechanicalSystem):
         )
         other._parameters.update(parameters)
         return other
+
+    def _without_gaps(self) -> SymbolicSystem | None:
+        """Give the system without gaps and friction, compiled when it is first asked for.
+
+        It is None where the equations are not known.
+        """
+        if self._equations is None:
+            return None
+        sources, equations = self._equations.free
+        names, numbers = self._coordinates or (), dict(self._parameters)
+        return SymbolicSystem(sources, names, (), numbers, 0.0, self._compiler, equations)
 
     def model(self, n: int) -> Model:
         """Give what the extension integrates; `n` must be the number of coordinates."""
