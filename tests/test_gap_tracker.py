@@ -10,7 +10,7 @@ import pytest
 import zivi
 import zivi.mechanics
 from gap_tracker_loops import LOOPS
-from mechanical_arms import bouncing_error, follow, is_pressed, tapping, tracker, two_links
+from mechanical_arms import H, bouncing_error, follow, is_pressed, tapping, tracker, two_links
 from zivi.control.mechanical_reference import reference_of
 
 FORMER = json.loads(
@@ -272,3 +272,21 @@ def test_forces_are_asked_for_when_the_control_acts():
     run = zivi.simulate_closed_loop(block, law, (0, 0.5), ([0], [0]), reference="rest", delay=3)
     assert asked == pytest.approx(0.01 * (3 + np.arange(50)), rel=1e-12)
     assert run.reactions[3:-1, 0] == pytest.approx(5.0 + run.t[3:-1], rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("noise", "alpha", "horizon"), [(1e-6, 0.3, 1.0), (1e-5, 0.3, 3.0), (1e-4, 0.15, 5.0)]
+)
+def test_velocities_from_positions_are_as_uncertain_as_those_of_an_alpha_beta_filter(
+    noise, alpha, horizon
+):
+    """Between impacts; at one model and plant may hit on either side of a sample."""
+    observer = zivi.JointObserver(two_links(), noise=noise, alpha=alpha)
+    run = follow(tracker(horizon=horizon), noise=(noise, 0.0), seed=1, observer=observer)
+    hit = np.zeros(len(run.t), dtype=bool)
+    for k in (run.impacts["t"] / H).astype(int):
+        hit[k : k + 2] = True
+    error = (run.qdot_est - run.qdot)[400:1000][~hit[400:1000]]
+    beta = alpha**2 / (2 - alpha)
+    closed = noise / H * np.sqrt(2 * beta**2 / (alpha * (4 - 2 * alpha - beta)))
+    assert np.sqrt(np.mean(error**2)) == pytest.approx(closed, rel=0.15)
