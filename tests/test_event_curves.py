@@ -249,6 +249,8 @@ def test_the_end_of_a_contact_is_followed():
     orbit = zivi.periodic_orbit(chain, zivi.simulate(chain, (0, 900), ([0, 0], [0, 0])))
     branch = zivi.continue_orbit(orbit, "omega", (0.66, 0.72))
     (end,) = branch.of_kind("contact_ends")
+    # of a computation with 25 digits
+    assert abs(end.value - 0.67438862860363725134) < 1e-12
     # after the plastic impact the stop presses on one side of it, on the other it would pull
     for part, impacts in ((1.003, 1), (0.997, 2)):
         system = chain2(w=part * end.value, e=0.0)
