@@ -228,6 +228,13 @@ impl Dynamics<PyErr> for AnyDynamics<'_> {
         }
     }
 
+    fn evaluate_gaps(&mut self, t: f64, q: &[f64], w: &[f64], out: &mut [f64]) -> PyResult<()> {
+        match self {
+            Self::Compiled(it) => it.evaluate_gaps(t, q, w, out),
+            Self::Callable(it) => it.evaluate_gaps(t, q, w, out),
+        }
+    }
+
     fn is_steady(&self) -> bool {
         match self {
             Self::Compiled(it) => it.is_steady(),
@@ -297,6 +304,13 @@ impl Dynamics<PyErr> for CompiledDynamics {
         match &mut self.source {
             Source::Function(_) | Source::Tree(_) => self.evaluate(t, q, w, out),
             Source::Linear(linear) => linear.evaluate_again(t, q, w, out),
+        }
+    }
+
+    fn evaluate_gaps(&mut self, t: f64, q: &[f64], w: &[f64], out: &mut [f64]) -> PyResult<()> {
+        match &mut self.source {
+            Source::Function(_) | Source::Tree(_) => self.evaluate(t, q, w, out),
+            Source::Linear(linear) => linear.evaluate_gaps(t, q, w, out),
         }
     }
 
