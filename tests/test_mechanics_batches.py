@@ -55,6 +55,19 @@ def test_what_a_run_did_not_reach_is_nan():
     assert len(batch.events) == 2
 
 
+def test_without_times_a_run_that_ends_early_has_its_end_and_one_at_rest_its_start():
+    feet = [zivi.LinearGap([1, x], name=f"foot {x}") for x in (-1, -0.5, 0.5, 1)]
+    bar = zivi.MechanicalSystem(mass=np.diag([1.0, 0.3]), force=[-9.81, 0], gaps=feet, e=0.5)
+    batch = zivi.simulate_batch(bar, (0, 1.5), ([[0.5, 0.0], [50.0, 0.0]], [0, 0]))
+    assert batch.status.tolist() == [zivi.Status.REDUNDANT_CONTACTS, zivi.Status.COMPLETED]
+    # flat on four feet: that is where it ends
+    assert batch.t[0] == pytest.approx(np.sqrt(2 * 0.5 / 9.81), rel=1e-9)
+    assert np.isnan(batch.rest_time).all()
+    mass = zivi.MechanicalSystem(mass=[[1.0]], force=[-9.81], gaps=[zivi.LinearGap([1])], e=0.5)
+    rests = zivi.simulate_batch(mass, (0.25, 2.5), ([[0.0], [1.0]], [0.0]))
+    assert rests.rest_time == pytest.approx([0.25, 0.25 + 3 * np.sqrt(2 / 9.81)], rel=1e-9)
+
+
 @pytest.mark.parametrize("times", [[0.2, 0.1], [-1.0], [[0.1]]])
 def test_bad_times_are_named(times):
     with pytest.raises(ValueError, match="t_eval must be"):

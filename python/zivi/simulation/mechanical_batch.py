@@ -64,10 +64,8 @@ def mechanical_batch(
     samples = None if times is None else room_for(2, len(q), len(times), q.shape[1])
     # the motion itself is requested in samples and whole runs only
     dense = times is not None or save == "runs" or not isinstance(method, SwitchedRK)
-    # else its end alone
-    wanted = None if dense else np.array([span[1]])
     tasks = [
-        (system, Asked(span, a, b, wanted, _knots(system, method, span), [], dense, arcs=True))
+        (system, Asked(span, a, b, None, _knots(system, method, span), [], dense, arcs=True))
         for system, a, b in zip(several, q, qdot, strict=True)
     ]
 

@@ -54,8 +54,11 @@ class Critical:
         """Give the number that vanishes."""
         raise NotImplementedError
 
-    def at(self, terms: Terms, kappa: float) -> Values:
-        """Give the values and their derivatives by the unknowns."""
+    def at(self, terms: Terms, kappa: float, near: Array | None = None) -> Values:
+        """Give the values and their derivatives by the unknowns.
+
+        Those of a point `near` may be taken where only the convergence depends on them.
+        """
         raise NotImplementedError
 
     def matrix(self, terms: Terms, kappa: float) -> Array:
@@ -82,7 +85,7 @@ class Grazing(Critical):
         """Give the speed."""
         return float(terms.rates[self.segment])
 
-    def at(self, terms: Terms, kappa: float) -> Values:
+    def at(self, terms: Terms, kappa: float, near: Array | None = None) -> Values:
         """Give the speed and its derivatives."""
         by_y = terms.rate_gradient(self.segment)[None]
         return Values(np.array([self.measure(terms)]), by_y, None, [])
@@ -124,7 +127,7 @@ class Margin(Critical):
             return float(flow.gaps(t, z)[0][0, self.gap])
         return float(flow.reaction(contacts, self.gap, float(t[0]), z[0]).value)
 
-    def at(self, terms: Terms, kappa: float) -> Values:
+    def at(self, terms: Terms, kappa: float, near: Array | None = None) -> Values:
         """Give the number and its derivatives.
 
         Where a force is least its place moves nothing to first order.
@@ -175,8 +178,8 @@ class Singular(Critical):
         """Give the matrix that is singular."""
         return np.asarray(terms.matrix(self.factor), np.float64)
 
-    def at(self, terms: Terms, kappa: float) -> Values:
-        """Give the number and its derivatives."""
+    def at(self, terms: Terms, kappa: float, near: Array | None = None) -> Values:
+        """Give the number and its derivatives: a cusp shows in them."""
         matrix = self.matrix(terms, kappa)
         n = len(matrix)
         whole = np.zeros((n + 1, n + 1))
@@ -211,7 +214,7 @@ class Turning(Critical):
         """Give the same with borders of this point."""
         return Turning.of(terms, kappa)
 
-    def at(self, terms: Terms, kappa: float) -> Values:
+    def at(self, terms: Terms, kappa: float, near: Array | None = None) -> Values:
         """Give the four numbers and their derivatives."""
         matrix, turning = terms.turned(kappa)
         size = len(matrix)
@@ -221,6 +224,8 @@ class Turning(Critical):
         two[size:] = np.eye(2)
         v, w = (np.asarray(np.linalg.solve(it, two), np.float64) for it in (whole, whole.T))
         right = [(w[:size, i], v[:size, j]) for i in (0, 1) for j in (0, 1)]
-        by_y = -np.array(terms.turned_curvature(kappa, w[:size], v[:size]))
+        by_y = near
+        if by_y is None:
+            by_y = -np.array(terms.turned_curvature(kappa, w[:size], v[:size]))
         by_kappa = np.array([-one @ turning @ other for one, other in right])
         return Values(v[size:].ravel(), by_y, by_kappa, right)

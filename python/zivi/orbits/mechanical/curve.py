@@ -30,7 +30,16 @@ REGULAR = ("cusp", "fold", "fold_flip", "period_doubling", "resonant_grazing", *
 """Points that the matrix shows: margins need not be looked for."""
 STEP = 1e-6
 STALE = 0.05
-"""Where the residual falls by less, the derivatives by the parameters are computed again."""
+"""Where the residual falls by less, slopes are computed again."""
+
+
+class Slopes(NamedTuple):
+    """Derivatives that a point nearby may lend: only the convergence depends on them."""
+
+    columns: Array
+    """By the parameters."""
+    by_y: Array
+    """Of what vanishes, by the unknowns."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -94,27 +103,25 @@ class Line:
         full, n = z * self.scale, len(self.sizes)
         return full[:n], full[n : n + 2], float(full[n + 2]) if self.critical.with_kappa else 0.0
 
-    def system(self, z: Array, columns: Array | None = None) -> tuple[Terms, Array, Array, Array]:
-        """Give terms, what must vanish, its scaled derivative, and that by the parameters.
-
-        Those given are of a point nearby: only the convergence depends on them.
-        """
+    def system(self, z: Array, near: Slopes | None = None) -> tuple[Terms, Array, Array, Slopes]:
+        """Give terms, what must vanish, its scaled derivative, and slopes to lend."""
         y, values, kappa = self.split(z)
         frame = moved_frame(self.frame, dict(zip(self.names, values.tolist(), strict=True)))
         terms = evaluate(frame, y)
-        found = self.critical.at(terms, kappa)
+        found = self.critical.at(terms, kappa, None if near is None else near.by_y)
         n, count = len(y), self.critical.count
         whole = np.zeros((n + count, len(z)))
         whole[:n, :n], whole[n:, :n] = terms.matrix(), found.by_y
-        if columns is None:
+        if near is None:
             each = zip(self.names, values.tolist(), strict=True)
             columns = np.column_stack([self._column(terms, kappa, found, *it) for it in each])
-        whole[:, n : n + 2] = columns
+            near = Slopes(columns, found.by_y)
+        whole[:, n : n + 2] = near.columns
         if found.by_kappa is not None:
             whole[n:, n + 2] = found.by_kappa
         weights = np.concatenate([self.sizes, np.full(count, self._weight(whole[n:]))])
         residual = np.concatenate([terms.residual, found.value]) / weights
-        return terms, residual, whole * self.scale / weights[:, None], columns
+        return terms, residual, whole * self.scale / weights[:, None], near
 
     def _column(self, terms: Terms, kappa: float, found: Values, name: str, value: float) -> Array:
         """Give the derivative by a parameter, by a difference: only the convergence needs it."""
@@ -133,10 +140,10 @@ class Line:
 
     def correct(self, guess: Array, normal: Array | None) -> CurvePoint | None:
         """Solve in the hyperplane through a guess; None if that fails."""
-        z, before, columns = guess.copy(), np.inf, None
+        z, before, near = guess.copy(), np.inf, None
         for step in range(CORRECTIONS):
             try:
-                terms, residual, matrix, columns = self.system(z, columns)
+                terms, residual, matrix, near = self.system(z, near)
             except (FlightError, ValueError, np.linalg.LinAlgError):
                 return None
             if not np.all(np.isfinite(matrix)):
@@ -145,7 +152,7 @@ class Line:
             if error <= TOLERANCE or (error >= 0.5 * before and error <= 1e-10):
                 return self._point(z, terms, matrix, step, error)
             if STALE * before < error:
-                columns = None
+                near = None
             before = error
             if normal is None:
                 move = np.linalg.lstsq(matrix, residual)[0]

@@ -34,6 +34,8 @@ __all__ = ["SegmentTerms", "of_segments"]
 
 STEP = 1e-5
 """Of differences of the Jacobian: only the convergence depends on it."""
+DEPENDENT = 1e-3
+"""Parts of vectors that are smaller than this change only the convergence, too."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -99,9 +101,19 @@ class SegmentTerms:
         return np.asarray(w @ self._along(v, factor), np.float64)
 
     def turned_curvature(self, kappa: float, w: Array, v: Array) -> list[Array]:
-        """Give the gradients of w J v of the matrix of a pair, w and v of shape (2n, 2)."""
+        """Give the gradients of w J v of the matrix of a pair, w and v of shape (2n, 2).
+
+        With v = (p, q) also (-q, p + 2 kappa q) vanishes with the matrix: of the four parts of two
+        vectors only two are independent.
+        """
         n = len(w) // 2
-        changes = [[self._along(v[b * n : (b + 1) * n, j], -1.0) for j in (0, 1)] for b in (0, 1)]
+        parts = np.column_stack([v[:n], v[n:]])
+        left, sizes, right = np.linalg.svd(parts, full_matrices=False)
+        count = int(np.sum(sizes > DEPENDENT * sizes[0]))
+        moved = [self._along(left[:, k], -1.0) for k in range(count)]
+        weights = sizes[:count, None] * right[:count]
+        each = [sum(a * it for a, it in zip(w_, moved, strict=True)) for w_ in weights.T]
+        changes = [each[:2], each[2:]]
         return [w[:n, i] @ changes[0][j] + w[n:, i] @ changes[1][j] for i in (0, 1) for j in (0, 1)]
 
     def _along(self, v: Array, factor: float) -> Array:
