@@ -169,25 +169,29 @@ class NonlinearFlow:
         factor = np.ones(len(own))
         factor[0] += e
 
-        def after(at: Array) -> Array:
+        def after(at: Array) -> tuple[Array, Array]:
+            """Give state and impulses, and how the state changes with the velocities."""
             here = self.at(float(at[0]), at[1:])
             rows = here.gradients[own]
             spread = np.linalg.solve(here.mass, rows.T)
-            rates = rows @ at[1 + self.n :] + here.rates[own]
-            impulses = -np.linalg.solve(rows @ spread, factor * rates)
+            answer = -np.linalg.solve(rows @ spread, np.diag(factor))
+            impulses = answer @ (rows @ at[1 + self.n :] + here.rates[own])
             moved = at[1 + self.n :] + spread @ impulses
-            return np.concatenate([at[1 : 1 + self.n], moved, impulses])
+            turned = np.eye(self.n) + spread @ answer @ rows
+            slopes = np.vstack([np.zeros((self.n, self.n)), turned])
+            return np.concatenate([at[1 : 1 + self.n], moved, impulses]), slopes
 
-        start = np.append(t, z)
-        found, slopes = after(start), differenced(after, start)
-        size = 2 * self.n
-        return Jump(found[:size], found[size:], slopes[:size, 1:], slopes[:size, 0])
+        start, size = np.append(t, z), 2 * self.n
+        found, by_velocities = after(start)
+        by_place = differenced(lambda at: after(at)[0], start, 1 + self.n)
+        by_z = np.hstack([by_place[:size, 1:], by_velocities])
+        return Jump(found[:size], found[size:], by_z, by_place[:size, 0])
 
 
-def differenced(function: Callable[[Array], Array], at: Array) -> Array:
-    """Give the derivatives of a smooth function, of sixth order in the step."""
+def differenced(function: Callable[[Array], Array], at: Array, count: int | None = None) -> Array:
+    """Give derivatives of a smooth function, by the first `count` numbers, of sixth order."""
     columns = []
-    for k in range(len(at)):
+    for k in range(len(at) if count is None else count):
         h = STEP * max(1.0, abs(float(at[k])))
         step = np.zeros(len(at))
         step[k] = h
