@@ -183,13 +183,18 @@ mod tests {
     use crate::piecewise::steps::Limits;
     use std::f64::consts::FRAC_PI_2;
 
-    /// `x'' = -x`.
-    struct Spring;
+    /// `x'' = -x`, which is not known below a position for a reason.
+    struct Spring {
+        unknown: Option<(f64, Status)>,
+    }
 
     impl Equation<f64, Failure<()>> for Spring {
         fn acceleration(&mut self, at: &State<f64>, into: &mut f64) -> Result<(), Failure<()>> {
             *into = -at.x;
-            Ok(())
+            match self.unknown {
+                Some((below, why)) if at.x < below => Err(Failure::Status(why)),
+                _ => Ok(()),
+            }
         }
     }
 
@@ -199,6 +204,9 @@ mod tests {
         now: State<f64>,
         slope: f64,
         too_long: f64,
+        unknown: Option<(f64, Status)>,
+        /// Why there is no step onto zero.
+        no_stop: Option<Status>,
     }
 
     impl SteppedFlight<f64, ()> for Oscillator {
@@ -211,7 +219,12 @@ mod tests {
         }
 
         fn parts(&mut self) -> (&mut Steps<f64>, Start<'_, f64>, impl Equation<f64, Failure<()>>) {
-            (&mut self.steps, (&self.now, &self.slope), Spring)
+            let spring = Spring { unknown: self.unknown };
+            (&mut self.steps, (&self.now, &self.slope), spring)
+        }
+
+        fn is_curable(why: Status) -> bool {
+            why != Status::RedundantContacts
         }
 
         fn search(&mut self, growth: f64) -> Result<StepDecision<()>, Failure<()>> {
@@ -223,6 +236,9 @@ mod tests {
         }
 
         fn stop(&mut self, length: f64, (): ()) -> Result<Option<Option<f64>>, Failure<()>> {
+            if let Some(why) = self.no_stop {
+                return Err(Failure::Status(why));
+            }
             let root = self.step_onto(0, length)?;
             let last = self.steps.last();
             Ok(root.map(|root| match root {
@@ -239,16 +255,20 @@ mod tests {
         }
     }
 
-    /// When it is at zero, and the steps that were taken and given up before.
-    fn at_zero(too_long: f64, max_steps: usize) -> (Result<f64, Failure<()>>, (u64, u64)) {
+    fn oscillator(too_long: f64, max_steps: usize) -> Oscillator {
         let tolerances = Tolerances { rtol: 1e-12, atol: [1e-12; 2], rounding: 0.25 };
         let limits = Limits { adaptive: true, tolerances, max_step: 1.0, max_steps };
         let steps = Steps::new(limits, &DOP853, 1, None);
         let now = State { t: 0.0, late: 0.0, x: 1.0, xdot: 0.0 };
-        let mut it = Oscillator { steps, now, slope: -1.0, too_long };
+        Oscillator { steps, now, slope: -1.0, too_long, unknown: None, no_stop: None }
+    }
+
+    /// When it is at zero, and the steps that were taken and given up before.
+    fn at_zero(mut it: Oscillator) -> (Result<f64, Failure<()>>, (u64, u64)) {
         let mut fly = || loop {
             let from = (&it.now, &it.slope);
-            let plan = it.steps.plan(from, 0..1, f64::INFINITY, 10.0, &mut Spring)?;
+            let plan =
+                it.steps.plan(from, 0..1, f64::INFINITY, 10.0, &mut Spring { unknown: None })?;
             if let Some(t) = it.fly(plan, 1e-15)? {
                 return Ok(t);
             }
@@ -260,21 +280,35 @@ mod tests {
     #[test]
     fn steps_end_at_the_first_root() {
         for too_long in [f64::INFINITY, 0.02] {
-            let (t, (accepted, rejected)) = at_zero(too_long, 1000);
+            let (t, (accepted, rejected)) = at_zero(oscillator(too_long, 1000));
             assert!(t.is_ok_and(|t| (t - FRAC_PI_2).abs() < 1e-12), "{too_long}");
             let most = if too_long == 0.02 { accepted } else { 1 };
             assert!(accepted > 3 && rejected <= most, "{accepted} {rejected}");
         }
-        let (_, (accepted, rejected)) = at_zero(0.02, 1000);
+        let (_, (accepted, rejected)) = at_zero(oscillator(0.02, 1000));
         assert!(accepted > 75 && rejected > 0, "{accepted} {rejected}");
     }
 
     #[test]
     fn the_reason_why_there_is_no_step_ends_a_run() {
         let too_small = |t| matches!(t, Err(Failure::Status(Status::StepSizeTooSmall)));
-        let (t, (accepted, rejected)) = at_zero(0.0, 1000);
+        let (t, (accepted, rejected)) = at_zero(oscillator(0.0, 1000));
         assert!(too_small(t) && accepted == 0 && rejected > 10, "{rejected}");
-        let (t, _) = at_zero(f64::INFINITY, 3);
+        let (t, _) = at_zero(oscillator(f64::INFINITY, 3));
         assert!(matches!(t, Err(Failure::Status(Status::StepBudget))));
+    }
+
+    #[test]
+    fn only_what_a_shorter_step_may_cure_is_tried_again() {
+        for (why, cured) in [(Status::RedundantContacts, false), (Status::ForceNotFinite, true)] {
+            // within a step, and in the step onto zero
+            for (unknown, no_stop) in [(Some((0.5, why)), None), (None, Some(why))] {
+                let plain = oscillator(f64::INFINITY, 10_000);
+                let (t, (accepted, rejected)) = at_zero(Oscillator { unknown, no_stop, ..plain });
+                assert!(matches!(t, Err(Failure::Status(found)) if found == why), "{t:?}");
+                assert!(accepted > 1 && (rejected > 10) == cured, "{why:?}: {rejected}");
+                assert!(cured || rejected <= 1, "{rejected}");
+            }
+        }
     }
 }

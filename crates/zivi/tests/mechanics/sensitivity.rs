@@ -4,11 +4,12 @@ use std::convert::Infallible;
 
 use zivi::mechanics::sensitivity::{mechanical_sensitivity, Derivatives, MechanicalWrt, Question};
 use zivi::mechanics::{MechanicalOutput, MechanicalRun};
+use zivi::system::dynamics::Layout;
 use zivi::system::impact_law::newton_impacts;
 use zivi::system::partials::{parameter_step, DifferencedDynamics, Neighbours, MOVES};
 use zivi::{Silent, Status, SwitchedRk};
 
-use crate::models::Model;
+use crate::models::{of_function, Model};
 use crate::problems::{events_of, last_state, parameters, Problem};
 
 /// A problem and the parameters of its model to differentiate by.
@@ -138,6 +139,48 @@ fn the_columns_are_differences_of_runs() {
         let error = worst(&sine(t1), &wrt, 1e-10, &[3e-4]);
         assert!(error < 1e-8, "{t1}: {error:e}");
     }
+}
+
+#[test]
+fn an_impact_that_opens_another_contact_or_not_has_no_derivative() {
+    // a wall that turns is met when it is at a right angle to the floor: what comes later lifts off
+    // the floor, and what comes earlier is pressed onto it
+    let layout = Layout::smooth(3, 2);
+    let function = |t: f64, q: &[f64], w: &[f64], out: &mut [f64]| {
+        let ([y, _, x], turn) = ([q[0], q[1], q[2]], t - 1.0);
+        out.fill(0.0);
+        (0..3).for_each(|i| out[layout.mass()][4 * i] = 1.0);
+        out[layout.gap()].copy_from_slice(&[1.0 - x + turn * y, y]);
+        out[layout.gradient()].copy_from_slice(&[turn, 0.0, -1.0, 1.0, 0.0, 0.0]);
+        out[layout.curvature()].copy_from_slice(&[2.0 * w[0], 0.0]);
+        out[layout.rate()].copy_from_slice(&[y, 0.0]);
+        Ok(())
+    };
+    let differentiate = |x: f64, times: &[f64]| {
+        let system = of_function(layout, function);
+        let (wrt, sizes) = (&[MechanicalWrt::Q0(2)][..], &[1.0][..]);
+        mechanical_sensitivity(
+            SwitchedRk::with_tol(1e-10),
+            &mut DifferencedDynamics::new(system, vec![], 2.0),
+            &newton_impacts(&[0.5; 2]).unwrap(),
+            (0.0, 2.0),
+            (&[0.0, 0.0, x], &[0.0, 0.2, 1.0]),
+            MechanicalOutput::default(),
+            &Question { wrt, sizes, controlled: true, times },
+            &mut Silent,
+        )
+        .unwrap()
+    };
+    let height = |moved: f64| last_state(&differentiate(moved, &[]).0)[0];
+    let impulse = |later: f64| 1.5 / (1.0 + later * later);
+    assert!(height(1e-3).abs() < 1e-12);
+    assert!((height(-1e-3) - 1e-3 * impulse(1e-3) * (1.0 - 1e-3)).abs() < 1e-12);
+    let (run, found) = differentiate(0.0, &[0.5, 1.25, 1.5, 2.0]);
+    assert_eq!(run.status, Status::Completed);
+    assert!(found.lost_at.is_some_and(|t| (t - 1.0).abs() < 1e-9), "{:?}", found.lost_at);
+    assert_eq!(found.samples.len(), 4 * 6);
+    assert!(found.samples[..6].iter().zip([0.0, 0.0, 1.0, 0.0, 0.0, 0.0]).all(|(a, b)| *a == b));
+    assert!(found.samples[6..].iter().all(|rate| rate.is_nan()), "{:?}", found.samples);
 }
 
 /// The references that have no corner, by everything: about ten seconds.

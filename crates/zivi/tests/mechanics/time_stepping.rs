@@ -5,8 +5,9 @@ use std::convert::Infallible;
 use zivi::mechanics::{
     simulate_mechanical_moreau_jean, simulate_mechanical_theta_gamma, MechanicalRun, Occurrence,
 };
-use zivi::{Grid, MoreauJean, SetupError, Silent, Status, SwitchedRk};
+use zivi::{Grid, MoreauJean, MotionPoint, SetupError, Silent, Status, SwitchedRk, UserEvent};
 
+use crate::line::Linear;
 use crate::models::Model;
 use crate::problems::{last_state, parameters, Problem};
 
@@ -138,4 +139,44 @@ fn the_implicit_step_is_of_first_order_and_lands_exactly() {
 fn the_implicit_step_refuses_coupled_gaps_and_says_why() {
     let error = implicit(&wedge(1.0), 1e-3).unwrap_err().to_string();
     assert!(error.contains("kinetic cosine") && error.contains("right angles"), "{error}");
+}
+
+/// A mass at rest on a floor under a force, stepped over 2 s.
+fn resting(
+    force: impl FnMut(f64) -> Vec<f64>,
+    (h, theta): (f64, f64),
+    events: Vec<UserEvent<'_, Infallible, MotionPoint>>,
+) -> MechanicalRun<Infallible> {
+    let (mass, gaps, e) = (vec![1.0], vec![(vec![1.0], 0.0)], vec![0.5]);
+    let system = Linear { mass, gaps, e, q: vec![0.0], w: vec![0.0] };
+    let (grid, start) = (Grid::new(0.0, 2.0, h).unwrap(), (&system.q[..], &system.w[..]));
+    let (method, mut dynamics) = (MoreauJean { theta }, system.dynamics(force));
+    let e = &system.e[..];
+    simulate_mechanical_moreau_jean(method, &mut dynamics, e, grid, start, events, &mut Silent)
+        .unwrap()
+}
+
+#[test]
+fn a_contact_opens_in_the_step_in_which_the_pull_turns() {
+    for theta in [0.5, 0.75, 1.0] {
+        let run = resting(|t| vec![t - 1.0], (0.125, theta), vec![]);
+        let lift_offs = run.occurrences.iter().filter_map(|it| match *it {
+            Occurrence::LiftOff { t, .. } => Some(t),
+            _ => None,
+        });
+        assert_eq!(lift_offs.collect::<Vec<f64>>(), [1.0], "{theta}");
+    }
+}
+
+#[test]
+fn events_within_a_few_long_steps_are_all_seen() {
+    use std::f64::consts::PI;
+    // ten zeros in each of the two steps
+    let wave = UserEvent::of(|t: f64, _: &MotionPoint| Ok((10.0 * PI * t - 0.3).sin()));
+    let run = resting(|_| vec![-1.0], (1.0, 0.5), vec![wave]);
+    assert_eq!((run.status, run.samples.t.len(), run.hits[0].len()), (Status::Completed, 3, 20));
+    for (k, hit) in run.hits[0].iter().enumerate() {
+        let exact = (k as f64 * PI + 0.3) / (10.0 * PI);
+        assert!((hit.t - exact).abs() < 1e-12, "{} {exact}", hit.t);
+    }
 }

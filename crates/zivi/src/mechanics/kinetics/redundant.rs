@@ -72,3 +72,51 @@ impl Kinetics {
         Ok(Some(by_row))
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use std::convert::Infallible;
+
+    use super::super::Model;
+    use super::*;
+    use crate::system::dynamics::{FunctionDynamics, Layout};
+    use crate::system::friction::Friction;
+
+    /// The forces on all contacts of two coordinates of masses `2` and `0.3`, from their normals.
+    fn forces(normals: &[[f64; 2]], load: [f64; 2]) -> Vec<f64> {
+        let layout = Layout::smooth(2, normals.len());
+        let function = |_: f64, _: &[f64], _: &[f64], out: &mut [f64]| {
+            out.fill(0.0);
+            out[layout.mass()].copy_from_slice(&[2.0, 0.0, 0.0, 0.3]);
+            out[layout.force()].copy_from_slice(&load);
+            out[layout.gradient()].copy_from_slice(normals.as_flattened());
+            Ok::<(), Infallible>(())
+        };
+        let mut system = FunctionDynamics { layout, function };
+        let mut kinetics = Kinetics::new(layout, Friction::none());
+        assert!(kinetics.evaluate(&mut Model::new(&mut system), 0.0, &[0.0; 2], &[0.0; 2]).is_ok());
+        kinetics.contact((0..normals.len()).collect::<GapSet>()).unwrap();
+        kinetics.lambda.clone()
+    }
+
+    fn are_near(found: &[f64], exact: &[f64]) {
+        let near = found.iter().zip(exact).all(|(a, b)| (a - b).abs() < 1e-12);
+        assert!(near && found.len() == exact.len(), "{found:?} {exact:?}");
+    }
+
+    #[test]
+    fn a_bar_on_three_supports_has_the_middle_of_the_forces_that_press() {
+        // a weight of 1 beside the middle: f_1 + f_2 + f_3 = 1, f_3 - f_1 = s, 0 <= f_2 <= 1 - |s|
+        for s in [-0.8, 0.0, 0.5] {
+            let found = forces(&[[1.0, -1.0], [1.0, 0.0], [1.0, 1.0]], [-1.0, -s]);
+            let middle = 0.5 * (1.0 - f64::abs(s));
+            are_near(&found, &[0.5 * (1.0 - middle - s), middle, 0.5 * (1.0 - middle + s)]);
+        }
+    }
+
+    #[test]
+    fn between_two_walls_the_forces_are_the_least() {
+        // each may press as much more as the other
+        are_near(&forces(&[[1.0, 0.0], [-1.0, 0.0]], [-3.0, 1.0]), &[1.5, -1.5]);
+    }
+}

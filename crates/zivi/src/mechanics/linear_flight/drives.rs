@@ -171,3 +171,34 @@ impl Drives {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::numeric::vector::dot;
+
+    #[test]
+    fn the_weights_of_a_derivative_are_those_of_a_difference() {
+        let table = TimeTable::new(vec![0.0, 2.0], vec![0.3, -0.7, 1.1, 0.4], (CUBIC, 1), None);
+        let table = Arc::new(table.unwrap());
+        let mut drives = Drives { all: vec![Drive::One], size: 1 };
+        drives.add(Drive::Wave { omega: 3.0, phase: 0.4 });
+        drives.add(Drive::Column { table, column: 0 });
+        let (t, h, weights) = (0.6, 0.25, [0.5, -1.2, 0.8, 1.3, -0.4, 0.9, -0.7]);
+        let at = |s: f64| {
+            let mut d = [0.0; 7];
+            drives.write(t + h * s, h, &mut d);
+            d
+        };
+        // of fourth order: exact for the cubic
+        let step = 1e-3;
+        let pair = |k: f64| dot(&weights, &at(k * step)) - dot(&weights, &at(-k * step));
+        let exact = (8.0 * pair(1.0) - pair(2.0)) / (12.0 * step);
+        let (mut rates, mut slopes) = (weights, at(0.0));
+        drives.differentiate(h, &mut rates);
+        drives.advance(h, 1.0, &mut slopes);
+        for found in [dot(&rates, &at(0.0)), dot(&weights, &slopes)] {
+            assert!((found - exact).abs() < 1e-11, "{found} {exact}");
+        }
+    }
+}

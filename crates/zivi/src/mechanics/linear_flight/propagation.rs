@@ -454,3 +454,43 @@ fn series_of(free: &Free, rows: &[Vec<f64>], h: f64, first: Vec<f64>) -> Vec<Vec
     }
     series
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The rate of a system of unit masses.
+    fn rate_of(damping: Vec<f64>, stiffness: Vec<f64>, n: usize) -> f64 {
+        let mass = (0..n * n).map(|k| f64::from(u8::from(k / n == k % n))).collect();
+        let (load, waves, tables, gaps) = (vec![0.0; n], vec![], vec![], vec![]);
+        let system = LinearSystem { mass, damping, stiffness, load, waves, tables, gaps };
+        Free::new(&system).unwrap().rate()
+    }
+
+    #[test]
+    fn the_rate_bounds_the_fastest_mode_closely() {
+        let is_close = |found: f64, exact: f64| {
+            assert!(found >= exact * (1.0 - 1e-14) && found < 1.01 * exact, "{found} {exact}");
+        };
+        // oscillators, weakly and strongly damped
+        for omega in [1e-3_f64, 2.0, 5e4] {
+            is_close(rate_of(vec![0.0], vec![omega * omega], 1), omega);
+            is_close(rate_of(vec![0.2 * omega], vec![omega * omega], 1), omega);
+            let fast = 2.0 + 3.0_f64.sqrt();
+            is_close(rate_of(vec![4.0 * omega], vec![omega * omega], 1), fast * omega);
+        }
+        // a chain between two walls: 2 sin(n pi/(2 (n + 1)))
+        for n in 2..7 {
+            let spring = |k: usize| match (k / n).abs_diff(k % n) {
+                0 => 2.0,
+                1 => -1.0,
+                _ => 0.0,
+            };
+            let turn = n as f64 * std::f64::consts::FRAC_PI_2 / (n + 1) as f64;
+            let stiffness = (0..n * n).map(spring).collect();
+            is_close(rate_of(vec![0.0; n * n], stiffness, n), 2.0 * turn.sin());
+        }
+        // a free mass
+        assert_eq!(rate_of(vec![0.0], vec![0.0], 1), 0.0);
+    }
+}

@@ -97,6 +97,7 @@ mod tests {
     use crate::system::friction::Friction;
     use crate::system::linear_dynamics::LinearDynamics;
     use crate::system::linear_system::{GapMotion, LinearGap, LoadWave};
+    use crate::system::time_table::TimeTable;
     use crate::HarmonicWall;
 
     #[test]
@@ -127,8 +128,10 @@ mod tests {
         ];
         let waves = vec![LoadWave { amplitude: rows[3 * n..].to_vec(), omega: 1.7, phase: 0.3 }];
         let load = vec![1.0, -2.0, 0.5, 0.0];
-        let system =
-            Arc::new(LinearSystem { mass, damping, stiffness, load, waves, tables: vec![], gaps });
+        let ramps = (0..2 * n).map(|k| (2.3 * k as f64).cos()).collect();
+        let tables = vec![Arc::new(TimeTable::new(vec![0.0, 1.0], ramps, (2, n), None).unwrap())];
+        let system = LinearSystem { mass, damping, stiffness, load, waves, tables, gaps };
+        let system = Arc::new(system);
         let along = (0..n + 3).map(|c| {
             let mut row = [0.0; 8];
             row.iter_mut().enumerate().for_each(|(k, row)| *row = (1.3 * (8 * c + k) as f64).sin());
