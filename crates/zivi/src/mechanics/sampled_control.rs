@@ -163,10 +163,8 @@ where
     let mut model = Model::new(driven);
     let mut machine = MechanicalIntegrator::new(settings, layout, laws, &friction);
     let begun = started(machine.start(t0, (q, w), &mut model))?;
-    let inner = &sampling.times[1..sampling.times.len() - 1];
     let samples = LoopSamples::default();
-    let mut held =
-        Held { ticks, times: &sampling.times[..1 + inner.len()], k: 1, u: u.to_vec(), samples };
+    let mut held = Held { ticks, times: sampling.times, k: 1, u: u.to_vec(), samples };
     let begun = match begun {
         Ok(()) => held.sample(&mut machine, &mut model),
         failed => failed,
