@@ -119,7 +119,7 @@ def test_multipliers_miss_a_doubling_beside_a_grazing(chart):
 class ByAngle(Turning):
     """A turning pair whose angle is the unknown instead of its cosine."""
 
-    def at(self, terms, kappa):
+    def at(self, terms, kappa, near=None):
         values = Turning.at(self, terms, np.cos(kappa))
         return dataclasses.replace(values, by_kappa=-np.sin(kappa) * values.by_kappa)
 
