@@ -323,7 +323,7 @@ def _setup_of(
     method: Method,
     span: tuple[float, float],
     state: tuple[float, float],
-    stops: Array,
+    *_: Any,
 ) -> Setup:
     return functools.partial(configuration_of, system, method, span, state)
 
