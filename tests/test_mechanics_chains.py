@@ -49,6 +49,22 @@ def test_bodies_that_a_force_pulls_off_a_wall():
     assert sol.q[-1] == pytest.approx([1 - 0.25 * t * t, 1 - 0.125 * t * t], abs=1e-5)
 
 
+@pytest.mark.parametrize("rtol", [1e-4, 1e-6, 1e-8])
+def test_bodies_that_a_force_pulls_off_a_wall_after_a_corner(rtol):
+    """Impacts of both gaps in turn end at the wall without speeds, and nothing presses there."""
+    mass, force, gaps = np.array([1.0, 2]), np.full(2, -0.5), np.array([[-1.0, 1], [0, -1]])
+    start = np.full(2, 0.5), np.ones(2)
+    chain = Chain(mass, force, gaps, np.array([0.0, 1.0]), np.full(2, 0.05), start)
+    sol = chain.simulate(rtol=rtol)
+    exact = Followed(chain, slow=0.0)
+    exact.until(chain.end, 44)
+    assert abs(exact.v).max() < 1e-12
+    assert sol.corners["t"] == pytest.approx([exact.t], abs=1e-13)
+    t = chain.end - exact.t
+    assert sol.q[-1] == pytest.approx([1 - 0.25 * t * t, 1 - 0.125 * t * t], abs=1e-13)
+    assert sol.qdot[-1] == pytest.approx([-0.5 * t, -0.25 * t], abs=1e-13)
+
+
 def test_gaps_that_another_one_still_strikes_do_not_close_alone():
     """Three bodies on an elastic floor come to rest by a pattern of seven impacts, all at once."""
     random = Random(4)
@@ -62,6 +78,63 @@ def test_gaps_that_another_one_still_strikes_do_not_close_alone():
     left = left[(left > 1e-6) & (left < 1e-4)]
     assert len(left) > 10
     assert np.ptp(left[1:] / left[:-1]) < 1e-3
+
+
+def drawn(number):
+    """Give the chain of that number of benchmarks/random_chains.py."""
+    random = Random(1)
+    for _ in range(number):
+        Chain.random(random)
+    return Chain.random(random)
+
+
+@pytest.mark.parametrize("number", [2105, 3695])
+def test_elastic_gaps_of_an_accumulation_come_to_rest_with_the_others(number):
+    """Left with 1e-8 m/s, a little more than the others, they would bounce 1e9 times a second."""
+    chain = drawn(number)
+    sol = check(chain)
+    exact = Followed(chain, slow=1e-7)
+    assert exact.until(chain.end)
+    assert sol.q[-1] == pytest.approx(exact.q, abs=1e-6)
+    assert sol.qdot[-1] == pytest.approx(exact.v, abs=1e-6)
+
+
+def test_a_stack_comes_to_rest_with_all_its_gaps():
+    """Two are elastic: the speeds of all three fall by a thirtieth a period, down to rounding."""
+    chain = drawn(4401)
+    sol = check(chain)
+    exact = Followed(chain, slow=0.0)
+    exact.until(chain.end, 4000)
+    assert abs(exact.rate).max() < 1e-12
+    assert sol.corners["t"] == pytest.approx([exact.t], abs=1e-9)
+    # from there on its weight keeps it on the floor
+    assert sol.q[-1] == pytest.approx(exact.q, abs=1e-9)
+    assert sol.qdot[-1] == pytest.approx(np.zeros(3), abs=1e-9)
+
+
+def test_impacts_at_one_instant_end_in_their_limit():
+    """Those of five bodies, one of which the forces pull away after it."""
+    chain = drawn(3054)
+    sol = check(chain)
+    exact = Followed(chain, slow=1e-7)
+    assert exact.until(chain.end)
+    assert sol.q[-1] == pytest.approx(exact.q, abs=1e-6)
+    assert sol.qdot[-1] == pytest.approx(exact.v, abs=1e-6)
+
+
+def test_two_gaps_that_come_to_rest_one_after_the_other_are_no_corner():
+    """They have one ratio, and are hit in turn almost to the end of the first."""
+    chain = drawn(3198)
+    sol = check(chain)
+    assert len(sol.corners) == 0
+    # alone under constant forces, each with its geometric series of times
+    rows, e = sol.resolved_impacts, chain.e[0]
+    t = {gap: rows["t"][(rows["gap"] == gap) & (rows["t"] < 0.38)][-4:] for gap in (3, 5)}
+    ends = {gap: t[gap][-1] + (t[gap][-1] - t[gap][-2]) * e / (1 - e) for gap in t}
+    assert ends[5] - ends[3] > 0.01
+    zeno = sol.zeno
+    found = {gap: zeno["t"][zeno["gap"] == gap][0] for gap in t}
+    assert found == pytest.approx(ends, abs=1e-6)
 
 
 @pytest.mark.parametrize("number", [98, 109])

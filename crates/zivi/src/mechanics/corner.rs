@@ -13,7 +13,7 @@
 //! is left of the motion is below the tolerance.
 
 use super::corner_descent::{descent, CornerEntry};
-use super::corner_log::{landing, pattern, time_of_corner, CornerLog};
+use super::corner_log::{landing, pattern, time_of_corner, CornerLog, Mark};
 use super::impact::Struck;
 use super::mechanism::{scales, slow, Mechanism};
 use super::piece::Flight;
@@ -22,8 +22,15 @@ use crate::record::contact_mode::ContactMode;
 use crate::record::failure::Failure;
 use crate::record::gap_set::GapSet;
 use crate::switched::SwitchedRk;
-use crate::system::dynamics::Dynamics;
+use crate::system::dynamics::{Dynamics, Layout};
 use crate::zeno::table::Landing;
+
+/// Heights and speeds at a corner are zero but for so many tolerances; in a sequence at one instant speeds
+/// are no more than so many times those that are below all tolerances.
+const STILL: f64 = 100.0;
+/// In such a sequence speeds fall over so many impacts of one phase, each to this part or less.
+const FALLS: usize = 4;
+const LEFT: f64 = 0.98;
 
 /// A corner ahead: the state there, and the gaps that are closed in it.
 type Corner = (Landing<Vec<f64>>, GapSet);
@@ -82,25 +89,31 @@ impl CornerApproach {
             let Some((p, gaps)) = found else {
                 continue;
             };
+            let set = closed.with(gaps);
             let since = t - marks[0].t;
             let scales = scales(at.settings, at.state, at.settings.rtol * since);
-            let Some(landing) = landing(marks, p, &scales) else { continue };
-            let set = closed.with(gaps);
-            let landed = ContactMode { closed: set, ..mode };
-            if landing.t > t
-                && at.is_clear(&landing, set)
-                && at.stays_closed(&landing, landed, GapSet::EMPTY)?
-            {
+            if let Some(landing) = landing(marks, p, &scales) {
+                let landed = ContactMode { closed: set, ..mode };
+                if landing.t > t
+                    && rests(gaps, &landing, &scales, at.state)
+                    && at.is_clear(&landing, set)
+                    && at.stays_closed(&landing, landed, GapSet::EMPTY)?
+                {
+                    return Ok(Some((landing, set)));
+                }
+            }
+            if let Some(landing) = at_one_instant(marks, (p, fewest), set, at)? {
                 return Ok(Some((landing, set)));
             }
         }
         at.state.complete(at.model)?;
-        self.here(at.settings, at.state)
+        self.here(e, at.settings, at.state)
     }
 
     /// The corner where the system is, if the speeds in it are below all tolerances.
     fn here<E>(
         &self,
+        e: &[f64],
         settings: &SwitchedRk,
         state: &mut MechanicalState,
     ) -> Result<Option<Corner>, Failure<E>> {
@@ -114,6 +127,11 @@ impl CornerApproach {
         let fewest = self.log.fewest();
         let several = set.iter().filter(|&i| recent.has(i)).count() >= fewest;
         if set.without(closed).is_empty() || !several {
+            return Ok(None);
+        }
+        // an elastic gap of the same accumulation that is not slow yet would bounce on for ever, as
+        // nothing loses energy any more once the others are closed
+        if recent.without(set).iter().any(|i| e[i] >= 1.0) {
             return Ok(None);
         }
         if state.parts().0.solve(set, |at, i| -at.b(i)).is_err() {
@@ -136,7 +154,7 @@ impl CornerApproach {
         let end = of(&self.log.openings).or_else(|| of(&self.log.impacts));
         let now = state.now().t;
         let t = end.map_or(now, |end| end.max(now));
-        Ok(Some((Landing::new(t, &[&[0.0], &z[..]].concat(), 0.0), set)))
+        Ok(Some((resting(t, &z), set)))
     }
 
     /// Into the corner of a set: what is closed there, and the way, if it ends after `dense_from`.
@@ -158,6 +176,60 @@ impl CornerApproach {
         };
         Ok((flights, closed))
     }
+}
+
+/// Whether the gaps of a pattern have no heights and no speeds where its events lead. Two that come to rest
+/// alone, one after the other and with one ratio, repeat in a pattern, too.
+fn rests(
+    gaps: GapSet,
+    landing: &Landing<Vec<f64>>,
+    scales: &[f64],
+    state: &MechanicalState,
+) -> bool {
+    let (n, size, z) = (state.layout().n, state.now().x.len(), landing.state());
+    let row = |i: usize| [n + i, size + n + i];
+    gaps.iter().flat_map(row).all(|c| z[c].abs() <= STILL * scales[1 + c])
+}
+
+/// A state in which a corner is reached, as it is.
+fn resting(t: f64, z: &[f64]) -> Landing<Vec<f64>> {
+    Landing::new(t, &[&[0.0], z].concat(), 0.0)
+}
+
+/// Where a pattern of impacts ends that are a sequence at one instant: heights are rounding of the
+/// coordinates, the speeds fall, are below the tolerance, and the forces add none. It ends whatever
+/// these do then.
+fn at_one_instant<E, D: Dynamics<E>>(
+    marks: &[Mark],
+    (p, fewest): (usize, usize),
+    set: GapSet,
+    at: &mut Mechanism<'_, '_, D>,
+) -> Result<Option<Landing<Vec<f64>>>, Failure<E>> {
+    let (Layout { n, m, p: channels }, t) = (at.state.layout(), at.state.now().t);
+    let end = time_of_corner(marks, fewest).filter(|&end| end >= t && channels == 0);
+    let Some(end) = end.filter(|_| speeds_fall(marks, p, (n, set))) else { return Ok(None) };
+    at.state.complete(at.model)?;
+    let (state, slow) = (&*at.state, slow(at.settings, at.state));
+    let ends = |i: usize| {
+        let forced = state.kinetics().b(i).abs() * (end - t);
+        state.gap(i).1.abs() <= STILL * slow && forced <= slow
+    };
+    if !(0..m).all(|i| set.has(i) == state.touches(i)) || !set.iter().all(ends) {
+        return Ok(None);
+    }
+    // impulses of the set alone that leave no speeds in it: there is one such end
+    let landing = resting(end, &at.state.without_speeds(set)?);
+    Ok(at.is_clear(&landing, set).then_some(landing))
+}
+
+/// Whether the largest speed of the gaps of a set falls from period to period of a pattern.
+fn speeds_fall(marks: &[Mark], p: usize, (n, set): (usize, GapSet)) -> bool {
+    let speed = |mark: &Mark| {
+        let rates = &mark.z[mark.z.len() / 2 + n..];
+        set.iter().fold(0.0_f64, |most, i| most.max(rates[i].abs()))
+    };
+    let last: Vec<f64> = marks.iter().rev().step_by(p).take(FALLS).map(speed).collect();
+    last.len() == FALLS && last.windows(2).all(|pair| pair[0] < LEFT * pair[1])
 }
 
 /// `L` of the gaps of a set with the forces `lambda`, times the largest of their mobilities.
