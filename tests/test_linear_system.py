@@ -284,7 +284,7 @@ def test_other_frequencies_are_runs_of_a_batch():
         sol = zivi.simulate(system.at(omega=omega), (0, 2), rest(3))
         assert np.array_equal(batch.q[i], sol.q[-1])
         assert batch.n_impacts[i] == len(sol.impacts)
-        assert batch.nfev[i] == sol.nfev
+        assert 0 < batch.nfev[i] < sol.nfev  # samples of steps need more
         assert np.array_equal(
             sol.q[-1], zivi.simulate(chain(3, omega / 2 / np.pi), (0, 2), rest(3)).q[-1]
         )

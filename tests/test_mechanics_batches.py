@@ -1,5 +1,7 @@
 """Batches and studies of mechanical systems: states at given times, parameters of one model."""
 
+import itertools
+
 import numpy as np
 import pytest
 
@@ -66,6 +68,35 @@ def test_without_times_a_run_that_ends_early_has_its_end_and_one_at_rest_its_sta
     mass = zivi.MechanicalSystem(mass=[[1.0]], force=[-9.81], gaps=[zivi.LinearGap([1])], e=0.5)
     rests = zivi.simulate_batch(mass, (0.25, 2.5), ([[0.0], [1.0]], [0.0]))
     assert rests.rest_time == pytest.approx([0.25, 0.25 + 3 * np.sqrt(2 / 9.81)], rel=1e-9)
+
+
+def test_ends_and_numbers_are_those_of_single_runs_also_of_runs_that_fail():
+    eye, gap = np.eye(2), zivi.LinearGap([1, 0])
+    chain = zivi.LinearSystem(eye, 0.1 * eye, 40 * eye, excitation=[-9, 0], gaps=[gap], e=0.5)
+    bar = zivi.MechanicalSystem(
+        mass=eye, force=[-9.81, 0], gaps=[gap, zivi.LinearGap([1, 0.7])], e=[0.5, 0.3]
+    )
+    rests = []
+    for system, method in itertools.product(
+        (chain, bar), (zivi.SwitchedRK(), zivi.SwitchedRK(max_steps=3))
+    ):
+        starts = [[1.0, 0.5], [0.2, 0.0]]
+        batch = zivi.simulate_batch(system, (0, 12), (starts, [0, 0]), method=method)
+        for i, q in enumerate(starts):
+            sol = zivi.simulate(system, (0, 12), (q, [0, 0]), method)
+            assert batch.status[i] == sol.status
+            # flights and coordinates have gaps that differ by rounding
+            assert np.allclose(batch.gaps[i], sol.gaps[-1], rtol=1e-14, atol=0)
+            for name in ("t", "q", "qdot", "contacts"):
+                assert np.array_equal(getattr(batch, name)[i], getattr(sol, name)[-1]), name
+            rest = np.nan if sol.rest_time is None else sol.rest_time
+            assert np.array_equal(batch.rest_time[i], rest, equal_nan=True)
+            assert batch.n_impacts[i] == sol.impacts["group"].max(initial=0)
+            if batch.n_impacts[i]:
+                assert batch.last_impact[i] == sol.impacts["t"][-1]
+            rests.append(rest)
+    assert np.isfinite(rests).any()
+    assert np.isnan(rests).any()
 
 
 @pytest.mark.parametrize("times", [[0.2, 0.1], [-1.0], [[0.1]]])

@@ -432,6 +432,7 @@ class Keep:
         t_eval: _Array | None = None,
         tstops: _Array | None = None,
         events: list[Event] = ...,
+        ends: bool = False,
         dense: bool = False,
         arcs: bool = False,
     ) -> Self: ...
@@ -554,6 +555,7 @@ class MechanicalRecord:
     gap_rates: _Array
     reactions: _Array
     contacts: NDArray[np.bool_]
+    speeds: tuple[float, float, float] | None
     occurrences: Occurrences | None
     hits: list[Hits]
     status: int

@@ -20,6 +20,9 @@ pub(crate) struct MechanicalRecord {
     gap_rates: Matrix<f64>,
     reactions: Matrix<f64>,
     contacts: Matrix<bool>,
+    /// Since when nothing happened, and the largest speeds from the start and from then on, where
+    /// only the ends are sampled.
+    speeds: Option<(f64, f64, f64)>,
     /// What happened at the gaps, if anything did.
     occurrences: Option<Py<Occurrences>>,
     /// What happened of each event of the user.
@@ -82,6 +85,7 @@ impl MechanicalRecord {
             gap_rates: picked(&samples.v, n, m)?,
             reactions,
             contacts: members(py, &closed, m)?,
+            speeds: run.speeds.map(|it| (it.since, it.fastest, it.fastest_since)),
             occurrences,
             hits,
             status: run.status as u8,

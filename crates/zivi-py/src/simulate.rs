@@ -108,11 +108,12 @@ fn run_mechanism(
     let (t_eval, tstops) =
         (Times::new(py, keep.t_eval.as_ref())?, Times::new(py, keep.tstops.as_ref())?);
     let (t_eval, tstops) = (t_eval.given()?, tstops.given()?.unwrap_or_default());
-    let (dense, arcs, laws) = (keep.dense, keep.arcs, system.laws.as_slice());
+    let Keep { ends, dense, arcs, .. } = *keep;
+    let laws = system.laws.as_slice();
     let start = (start.q.as_slice(), start.qdot.as_slice());
     let (layout, friction) = (system.layout(), system.friction());
     let dynamics = AnyDynamics::of(py, system.model.get(), layout);
-    let output = |events| MechanicalOutput { t_eval, tstops, dense, arcs, events };
+    let output = |events| MechanicalOutput { t_eval, tstops, ends, dense, arcs, events };
     Ok(match dynamics {
         AnyDynamics::Compiled(dynamics) if keep.events.is_empty() => py.detach(|| {
             let system = zivi::Mechanism { dynamics: &mut Rubbing { dynamics, friction }, laws };

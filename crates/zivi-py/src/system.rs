@@ -142,6 +142,8 @@ pub(crate) struct Keep {
     /// Times where the force is not smooth.
     pub(crate) tstops: Option<Py<PyArray1<f64>>>,
     pub(crate) events: Vec<Py<Event>>,
+    /// Whether without times only the ends are sampled.
+    pub(crate) ends: bool,
     /// Whether the motion between the samples is kept.
     pub(crate) dense: bool,
     /// Whether at least the arcs of it are kept that jumps skip.
@@ -151,14 +153,17 @@ pub(crate) struct Keep {
 #[pymethods]
 impl Keep {
     #[new]
-    #[pyo3(signature = (*, t_eval=None, tstops=None, events=Vec::new(), dense=false, arcs=false))]
+    #[pyo3(signature = (
+        *, t_eval=None, tstops=None, events=Vec::new(), ends=false, dense=false, arcs=false
+    ))]
     fn new(
         t_eval: Option<Py<PyArray1<f64>>>,
         tstops: Option<Py<PyArray1<f64>>>,
         events: Vec<Py<Event>>,
+        ends: bool,
         dense: bool,
         arcs: bool,
     ) -> Self {
-        Self { t_eval, tstops, events, dense, arcs }
+        Self { t_eval, tstops, events, ends, dense, arcs }
     }
 }

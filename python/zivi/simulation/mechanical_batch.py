@@ -64,10 +64,13 @@ def mechanical_batch(
     samples = None if times is None else room_for(2, len(q), len(times), q.shape[1])
     # the motion itself is requested in samples and whole runs only
     dense = times is not None or save == "runs" or not isinstance(method, SwitchedRK)
-    tasks = [
-        (system, Asked(span, a, b, None, _knots(system, method, span), [], dense, arcs=True))
-        for system, a, b in zip(several, q, qdot, strict=True)
-    ]
+    ends = save != "runs"
+
+    def asked(system: MechanicalSystem, q: Array, qdot: Array) -> Asked:
+        knots = _knots(system, method, span)
+        return Asked(span, q, qdot, None, knots, [], dense, arcs=True, ends=ends)
+
+    tasks = [(system, asked(system, a, b)) for system, a, b in zip(several, q, qdot, strict=True)]
 
     def kept(number: int, run: MechanicalTrajectory) -> Kept:
         if samples is not None and times is not None:

@@ -58,6 +58,8 @@ class Asked:
         Whether the motion between the samples is kept.
     arcs : bool
         Whether at least the arcs of it are kept that jumps skip, with the impacts on them.
+    ends : bool
+        Whether without times of samples only the ends are sampled.
     """
 
     span: tuple[float, float]
@@ -68,6 +70,7 @@ class Asked:
     events: list[_zivi.Event]
     dense: bool
     arcs: bool = False
+    ends: bool = False
 
 
 def state_of(y0: Any, n: int | None) -> tuple[Array, Array]:
@@ -162,6 +165,7 @@ def run_mechanical(
         t_eval=asked.t_eval,
         tstops=asked.tstops,
         events=asked.events,
+        ends=asked.ends,
         dense=asked.dense,
         arcs=asked.arcs,
     )

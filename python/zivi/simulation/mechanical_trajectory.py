@@ -207,6 +207,9 @@ class MechanicalTrajectory(Rubbing, SampledRun):
             _friction=friction,
             _channels=channels,
         )
+        if record.speeds is not None:
+            # samples of steps would tell it
+            vars(sol)["rest_time"] = sol._resting(*record.speeds)
         return sol
 
     def __call__(self, t: ArrayLike) -> Array:
@@ -291,13 +294,14 @@ class MechanicalTrajectory(Rubbing, SampledRun):
         """Time from which nothing moves until the end of the run, None if something does."""
         gaps = (self.resolved_impacts, self.zeno, self.liftoffs, self.openings, self.corners)
         tables = (*gaps, self.transitions)
-        since = max([self.t[0], *(rows["t"].max(initial=-np.inf) for rows in tables)], default=None)
-        if since is None or not (self.contacts[-1].any() or (self.modes[-1:] == 0).any()):
-            return None
-        late = self.t >= since
-        speeds = np.abs(self.qdot).max(initial=0.0)
-        moves = np.abs(self.qdot[late]).max(initial=0.0) > AT_REST * speeds
-        return None if moves else float(since)
+        since = max(self.t[0], *(rows["t"].max(initial=-np.inf) for rows in tables))
+        speeds = np.abs(self.qdot)
+        return self._resting(since, speeds.max(), speeds[self.t >= since].max(initial=0.0))
+
+    def _resting(self, since: float, fastest: float, fastest_since: float) -> float | None:
+        rests = self.contacts[-1].any() or (self.modes[-1:] == 0).any()
+        moves = fastest_since > AT_REST * fastest
+        return float(since) if rests and not moves else None
 
     def __repr__(self) -> str:
         span = f"{self.t[0]:.6g} .. {self.t[-1]:.6g}" if len(self.t) else "no samples"

@@ -243,7 +243,8 @@ pub(super) fn simulate<E, D: Dynamics<E>>(
     let counts = Counts { nfev, accepted, rejected: 0, impacts: state.group };
     let Stepped { samples, occurrences, .. } = state;
     let hits = seeker.into_hits();
-    Ok(MechanicalRun { layout, samples, occurrences, hits, path: None, status, raised, counts })
+    let (speeds, path) = (None, None);
+    Ok(MechanicalRun { layout, samples, speeds, occurrences, hits, path, status, raised, counts })
 }
 
 /// All steps, or those up to an event of the user that ends the run.

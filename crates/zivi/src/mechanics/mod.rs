@@ -51,7 +51,7 @@ pub use crate::record::gap_set::GapSet;
 pub use crate::record::occurrence::{FlagKind, Occurrence};
 pub use crate::record::point::MotionPoint;
 pub use moreau_jean::simulate_mechanical_moreau_jean;
-pub use output::{MechanicalOutput, MechanicalRun, MechanicalSamples};
+pub use output::{MechanicalOutput, MechanicalRun, MechanicalSamples, Speeds};
 pub use path::MechanicalPath;
 pub use periodic_impulses::{ImpulseEquations, Modes};
 pub use run::simulate_mechanical;

@@ -4,7 +4,7 @@ use std::collections::TryReserveError;
 
 use super::integrator::MechanicalIntegrator;
 use super::kinetics::Model;
-use super::output::{MechanicalOutput, MechanicalRun, MechanicalSamples};
+use super::output::{MechanicalOutput, MechanicalRun, MechanicalSamples, SpeedLog};
 use super::path::{Curve, MechanicalPath};
 use super::piece::{Flight, Piece};
 use super::tail::SkippedArcs;
@@ -27,6 +27,8 @@ type Ending<E> = piecewise::Ending<E, MotionPoint>;
 /// What a run of a mechanical system records, besides the occurrences.
 pub(super) struct MechanicalRecord {
     samples: MechanicalSamples,
+    /// Where only the ends are sampled.
+    speeds: Option<SpeedLog>,
     path: Option<MechanicalPath>,
     /// Whether the path is the whole motion, and not the arcs only that jumps skip.
     is_whole: bool,
@@ -46,7 +48,7 @@ pub(super) fn running<E>(
     t1: f64,
     output: MechanicalOutput<'_, E>,
 ) -> Running<'_, E> {
-    let MechanicalOutput { t_eval, tstops, dense, arcs, events } = output;
+    let MechanicalOutput { t_eval, tstops, ends, dense, arcs, events } = output;
     let start = MotionPoint {
         x: machine.state().now().x.clone(),
         v: machine.state().now().xdot.clone(),
@@ -54,6 +56,7 @@ pub(super) fn running<E>(
     };
     let record = MechanicalRecord {
         samples: MechanicalSamples::default(),
+        speeds: (ends && t_eval.is_none()).then(|| SpeedLog::from(machine.state().now().t)),
         path: (dense || arcs).then(|| MechanicalPath::new(machine.state().layout())),
         is_whole: dense,
         at: start.clone(),
@@ -296,9 +299,21 @@ impl<E> Running<'_, E> {
         if self.method.is_pending(until) || !self.wanted.pass_at(t) {
             return Ok(());
         }
+        let is_end = self.record.samples.t.is_empty() || t >= self.t1;
+        if let Some(log) = &mut self.record.speeds {
+            let (now, n) = (self.method.state().now(), self.method.state().layout().n);
+            log.note(t, &now.xdot[..n], self.method.occurrences());
+            // others evaluate them for the next step
+            if !is_end && self.method.motion().is_independent() {
+                return Ok(());
+            }
+        }
         self.method.state_mut().prepare(model)?;
         // an anchored gap
         self.arrive();
+        if self.record.speeds.is_some() && !is_end {
+            return Ok(());
+        }
         let state = self.method.state();
         let (now, lambda) = (state.now(), state.lambda());
         self.record.samples.push(t, (&now.x, &now.xdot), lambda, state.mode());
@@ -308,13 +323,16 @@ impl<E> Running<'_, E> {
     pub(super) fn finish(mut self, ending: Ending<E>, nfev: u64) -> MechanicalRun<E> {
         let (status, raised) = self.close(ending);
         let Self { method: machine, seeker, wanted, record, reserve, end, .. } = self;
-        let MechanicalRecord { mut samples, mut path, .. } = record;
+        let MechanicalRecord { mut samples, mut speeds, mut path, .. } = record;
         let (t, point) = &end;
         let (layout, counts) = (machine.state().layout(), machine.counts());
         let mut occurrences = machine.into_occurrences();
         // an event among skipped arcs ends the run before what they lead to
         occurrences.retain(|it| it.t() <= *t || status != Status::TerminatedByEvent);
         if wanted.is_missing_at(*t, samples.t.last().copied()) {
+            if let Some(log) = &mut speeds {
+                log.note(*t, &point.v[..layout.n], &occurrences);
+            }
             let none = vec![0.0; layout.rows()];
             samples.push(*t, (&point.x, &point.v), &none, point.mode);
         }
@@ -325,6 +343,7 @@ impl<E> Running<'_, E> {
         MechanicalRun {
             layout,
             samples,
+            speeds: speeds.map(|log| log.speeds),
             occurrences,
             hits: seeker.into_hits(),
             path,

@@ -60,7 +60,7 @@ pub(crate) trait SegmentSink<M: Piecewise, S, E> {
 
 /// A run under way.
 pub(crate) struct Running<'a, E, M: Piecewise, R> {
-    t1: f64,
+    pub(crate) t1: f64,
     stops: Stops<'a>,
     pub(crate) method: M,
     pub(crate) seeker: EventLocator<'a, E, M::Point>,

@@ -124,6 +124,11 @@ impl SmoothMotion {
         self.linear.as_ref().map(|linear| linear.period())
     }
 
+    /// Whether flights need nothing that is evaluated where they begin: neither forces nor gaps.
+    pub(super) fn is_independent(&self) -> bool {
+        self.linear.as_ref().is_some_and(|linear| linear.anchors_gaps())
+    }
+
     /// What pulls back a gap that was hit alone, where flights know it.
     pub(super) fn pull(&self, hit: GapSet, state: &MechanicalState) -> Option<Pull> {
         self.linear.as_ref()?.pull(hit, state)

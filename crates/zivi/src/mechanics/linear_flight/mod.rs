@@ -129,6 +129,11 @@ impl LinearFlight {
         self.one.as_ref().map_or(TAU / ANGLE * self.longest, |one| one.period())
     }
 
+    /// Whether gaps are set to what the coordinates say where a flight begins.
+    pub(super) fn anchors_gaps(&self) -> bool {
+        self.one.is_none()
+    }
+
     /// The motion within the last step, up to an event, if it was asked for.
     pub(super) fn curve(&self) -> Option<&Curve> {
         self.curve.as_ref()
