@@ -10,7 +10,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from zivi.base.check import finite, real
+from zivi.base.check import finite, not_negative, positive
 from zivi.base.habits import hinted
 from zivi.control.design_law import Law
 from zivi.control.design_search import LARGEST, Asked, Found, feasible_time, least_limit, search
@@ -307,8 +307,8 @@ def _design(
     rest: Any,
 ) -> GainDesign:
     settling_time, bound, start, quiet = asked
-    time = _positive("settling_time", settling_time)
-    bound, quiet = _not_negative("bound", bound), _not_negative("quiet", quiet)
+    time = positive("settling_time", settling_time)
+    bound, quiet = not_negative("bound", bound), not_negative("quiet", quiet)
     state = pair("start", start, "(x, xdot)")
     if not (all(map(math.isfinite, state)) and state[0] >= 0.0):
         raise ValueError(f"start must be finite with x >= 0, got {start!r}")
@@ -371,7 +371,7 @@ def _limits(u_limits: Any) -> tuple[float, float]:
     if u_limits is None:
         return -math.inf, math.inf
     if np.ndim(u_limits) == 0:
-        limit = _positive("u_limits", u_limits)
+        limit = positive("u_limits", u_limits)
         return -limit, limit
     low, high = pair("u_limits", u_limits, "(u_min, u_max)")
     if not (low <= 0.0 <= high and low < high):
@@ -379,20 +379,6 @@ def _limits(u_limits: Any) -> tuple[float, float]:
             f"u_limits must be (u_min, u_max) with u_min <= 0 <= u_max, got {u_limits!r}"
         )
     return low, high
-
-
-def _not_negative(name: str, value: Any) -> float:
-    number = finite(name, value)
-    if number < 0.0:
-        raise ValueError(f"{name} must be >= 0, got {number}")
-    return number
-
-
-def _positive(name: str, value: Any) -> float:
-    number = real(name, value)
-    if not number > 0.0 or math.isnan(number):
-        raise ValueError(f"{name} must be > 0, got {value}")
-    return finite(name, number)
 
 
 def _restitution(e: float | None, kappa: float | None) -> tuple[float, float]:
