@@ -1,4 +1,4 @@
-//! The files of a loop in the folder of the resources.
+//! The files of a system or a loop in the folder of the resources.
 
 use core::ffi::{c_char, c_int, c_void};
 use std::ffi::CString;
@@ -11,14 +11,14 @@ use zivi_core::control::{Approach, Gains, TwistingTracker};
 use zivi_core::Restitution;
 
 use super::compiled::{Function, Inputs, Part, System};
-use super::given::Loop;
+use super::given::{Controller, Loop, Sizes};
 use super::numbers::Numbers;
 use super::tree::ParametricTree;
 
 /// Of the numbers.
-const VERSION: f64 = 2.0;
+const VERSION: f64 = 3.0;
 
-/// Reads a loop; `None` for files that are missing or of another version.
+/// Reads a system or a loop; `None` for files that are missing or of another version.
 pub(super) fn read(token: &[u8], resources: &[u8]) -> Option<Loop> {
     let folder = folder_of(resources)?;
     let name = std::str::from_utf8(token).ok()?;
@@ -33,8 +33,33 @@ pub(super) fn read(token: &[u8], resources: &[u8]) -> Option<Loop> {
     if from.one()? != VERSION {
         return None;
     }
-    let [n, m, r, delay] = [from.count()?, from.count()?, from.count()?, from.count()?];
-    let (layout, h) = (Layout::smooth(n, m), from.one()?);
+    let [n, m, r] = [from.count()?, from.count()?, from.count()?];
+    let is_controlled = from.one()? != 0.0;
+    let sizes = Sizes { layout: Layout::smooth(n, m), r, is_controlled };
+    let law = if is_controlled { Some(law(&mut from, (m, r))?) } else { None };
+    let start = sizes.first_parameter();
+    let mut values = from.many(2 * n)?;
+    let plant = part(&mut from, library.as_ref(), c"plant", (start, &mut values), (n, m, r))?;
+    let controller = match law {
+        None => None,
+        Some((law, forces)) => {
+            let start = (start, &mut values);
+            let believed = part(&mut from, library.as_ref(), c"model", start, (n, m, r))?;
+            let reference = reference(&mut from, (n, m))?;
+            Some(Controller { believed, law, forces, reference })
+        }
+    };
+    if !from.is_empty() {
+        return None;
+    }
+    let (number, table) = (number_of(token), Loop::table(sizes, &values));
+    let (token, layout) = (token.to_vec(), sizes.layout);
+    Some(Loop { token, number, table, layout, r, plant, controller })
+}
+
+/// The controller, and the forces with which contacts are pressed.
+fn law(from: &mut Numbers<'_>, (m, r): (usize, usize)) -> Option<(GapTracker, Vec<Option<f64>>)> {
+    let (delay, h) = (from.count()?, from.one()?);
     let posture = (from.one()?, from.one()?);
     let learn_offsets = from.one()? != 0.0;
     let latch = from.optional(2)?.map(|it| [it[0], it[1]]);
@@ -50,28 +75,9 @@ pub(super) fn read(token: &[u8], resources: &[u8]) -> Option<Loop> {
         forces.push((!force.is_nan()).then_some(force));
     }
     let settings = GapTrackerSettings { h, posture, limits, latch, delay, learn_offsets };
-    let start = Loop::first_of(layout, r);
-    let mut values = from.many(2 * n)?;
-    let plant = part(&mut from, library.as_ref(), c"plant", (start, &mut values), (n, m, r))?;
-    let believed = part(&mut from, library.as_ref(), c"model", (start, &mut values), (n, m, r))?;
-    let reference = reference(&mut from, (n, m))?;
-    if !from.is_empty() {
-        return None;
-    }
     let mut law = GapTracker::new(trackers, settings);
     law.noise = noise;
-    Some(Loop {
-        token: token.to_vec(),
-        number: number_of(token),
-        table: Loop::table(layout, r, &values),
-        layout,
-        r,
-        plant,
-        believed,
-        law,
-        forces,
-        reference,
-    })
+    Some((law, forces))
 }
 
 /// A system: restitutions, inputs, parameters, and the tree if it is one.

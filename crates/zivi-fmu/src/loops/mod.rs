@@ -1,6 +1,6 @@
-//! A mechanical system with its controller, in place of the models: from files of the archive.
+//! A mechanical system, alone or with its controller, in place of the models: from files of the archive.
 //!
-//! The binary is the same for all loops. What differs is in the folder of the resources, under the name
+//! The binary is the same for all of them. What differs is in the folder of the resources, under the name
 //! of the token: numbers, trees of bodies among them, and a library with those systems that are compiled.
 
 #![allow(clippy::indexing_slicing, clippy::expect_used, reason = "a panic becomes a code")]
@@ -17,17 +17,19 @@ use core::ffi::CStr;
 use std::panic::{catch_unwind, AssertUnwindSafe};
 use std::sync::Mutex;
 
-use zivi::drive::mechanical::{BelievedPlant, GapKinetics, LawError};
+use zivi::drive::mechanical::{BelievedPlant, GapKinetics, LawError, Moved};
+use zivi::mechanics::{simulate_mechanical, MechanicalOutput};
 use zivi::system::driven::Driven;
 use zivi::system::dynamics::Dynamics;
+use zivi::{Monitor, SwitchedRk};
 
 use crate::objects::{MOST, ROOM};
 use crate::state::State;
 use crate::steps::{Parts, Refusal};
 use crate::table::Variable;
 use compiled::{Evaluated, Matrix};
-use given::Loop;
-use moving::Moving;
+use given::{Controller, Loop};
+use moving::{Controlling, Moving};
 
 /// What an instance is.
 #[derive(Clone, Copy, Debug)]
@@ -45,7 +47,7 @@ pub(crate) fn message(code: i32) -> &'static CStr {
         code::INDEFINITE => c"mass must be positive definite",
         code::UNREACHED => c"the controls do not reach all gaps",
         code::REFUSED => c"the tracker of a gap refuses its reference or its settings",
-        code::MOTION => c"the motion over the period could not be computed",
+        code::MOTION => c"the motion over the step could not be computed",
         _ => c"a fault in zivi",
     }
 }
@@ -66,8 +68,12 @@ fn guarded<T>(run: impl FnOnce() -> Result<T, i32>) -> Result<T, i32> {
     catch_unwind(AssertUnwindSafe(run)).unwrap_or(Err(code::FAULT))
 }
 
+/// Tolerances of the motion of a system alone: those of the periods of a loop.
+const RTOL: f64 = 1e-9;
+const ATOL: f64 = 1e-12;
+
 /// A system under the controls of a loop.
-type Moved<'a> = Driven<Evaluated<'a>, Matrix<'a>>;
+type Controlled<'a> = Driven<Evaluated<'a>, Matrix<'a>>;
 
 impl Model {
     /// The loop with this token, from the folder of its resources; a folder is as FMI 2 or 3 gives it.
@@ -108,7 +114,7 @@ impl Model {
             let is_finite = moving.q.iter().chain(&moving.w).all(|it| it.is_finite());
             let is_free = row[of.layout.gap()].iter().all(|gap| *gap >= 0.0);
             if is_finite && is_free {
-                of.tick(&mut moving.clone(), state).map(|_| ())
+                of.controls(&mut moving.clone(), state).map(|_| ())
             } else {
                 Err(code::START)
             }
@@ -124,13 +130,24 @@ impl Model {
 
     /// Advances by a communication step of this length, the inputs held.
     pub(crate) fn step(self, state: &mut State, length: f64) -> Result<(), Refusal> {
-        let parts = Parts::of(length, self.0.law.settings.h)?;
-        if !parts.whole {
-            return Err(Refusal::Multiple);
-        }
+        let count = match &self.0.controller {
+            // of any length
+            None if length > 0.0 && length.is_finite() => 0,
+            None => return Err(Refusal::Length),
+            Some(controller) => {
+                let parts = Parts::of(length, controller.law.settings.h)?;
+                if !parts.whole {
+                    return Err(Refusal::Multiple);
+                }
+                parts.count
+            }
+        };
         let moved = guarded(|| {
             let mut moving = Moving::read(self.0, &state.objects.numbers);
-            for _ in 0..parts.count {
+            if self.0.controller.is_none() {
+                self.0.flight(&mut moving, length, state)?;
+            }
+            for _ in 0..count {
                 self.0.period(&mut moving, state)?;
             }
             Ok(moving)
@@ -151,27 +168,44 @@ impl Model {
 }
 
 impl Loop {
-    /// The controls for the period that starts now, and those that act in it.
-    fn tick(&self, moving: &mut Moving, state: &State) -> Result<(Vec<f64>, Vec<f64>), i32> {
-        let mut law = self.law.clone();
+    /// The controls for the period that starts now, and those that act in it; none without a controller.
+    fn controls(&self, moving: &mut Moving, state: &State) -> Result<(Vec<f64>, Vec<f64>), i32> {
+        let t = moving.t(self.h());
+        let Moving { k, q, w, controller: controlling, .. } = moving;
+        match (&self.controller, controlling) {
+            (Some(controller), Some(controlling)) => {
+                self.tick((controller, controlling), (t, *k as usize), (q, w), state)
+            }
+            _ => Ok((vec![], vec![])),
+        }
+    }
+
+    /// The same of a controller at a time, after so many periods, where the system is that.
+    fn tick(
+        &self,
+        (controller, moving): (&Controller, &mut Controlling),
+        (t, k): (f64, usize),
+        measured: (&[f64], &[f64]),
+        state: &State,
+    ) -> Result<(Vec<f64>, Vec<f64>), i32> {
+        let Controller { believed, law, forces, reference } = controller;
+        let mut law = law.clone();
         law.state = moving.law.clone();
         for (tracker, state) in law.trackers.iter_mut().zip(&moving.trackers) {
             tracker.set_state(*state);
         }
-        let mut driven = self.believed.driven(self.layout, self.r, state, false);
-        let (laws, h) = (self.believed.laws.as_slice(), law.settings.h);
+        let mut driven = believed.driven(self.layout, self.r, state, false);
+        let (laws, h) = (believed.laws.as_slice(), law.settings.h);
         let mut believed = BelievedPlant { driven: &mut driven, tasks: None, laws, h };
         let (delay, of) = (law.settings.delay, (self.layout.n, self.layout.m));
-        let ends = self.reference.as_ref().map(|reference| {
-            [0, 1].map(|end| reference.sample(moving.k as usize + delay + end, of))
-        });
-        let mut asked = |i: usize, _: f64| Ok(self.forces.get(i).copied().flatten());
+        let ends = reference
+            .as_ref()
+            .map(|reference| [0, 1].map(|end| reference.sample(k + delay + end, of)));
+        let mut asked = |i: usize, _: f64| Ok(forces.get(i).copied().flatten());
         let mut u = vec![0.0; self.r];
         let queue = &law.state.sent.queue;
         let late = queue.first().filter(|_| queue.len() == delay).cloned();
-        let measured = (moving.q.as_slice(), moving.w.as_slice());
-        law.tick(&mut believed, moving.t(h), measured, ends, &mut asked, &mut u)
-            .map_err(code_of)?;
+        law.tick(&mut believed, t, measured, ends, &mut asked, &mut u).map_err(code_of)?;
         let acting = if delay == 0 { u.clone() } else { late.unwrap_or(vec![0.0; self.r]) };
         moving.trackers = law.trackers.iter().map(|it| it.state()).collect();
         moving.law = law.state;
@@ -185,31 +219,87 @@ impl Loop {
     }
 
     fn period(&self, moving: &mut Moving, state: &State) -> Result<(), i32> {
-        let (_, acting) = self.tick(moving, state)?;
+        let (_, acting) = self.controls(moving, state)?;
         let forced = self.forced(&acting, state);
         let mut driven = self.plant.driven(self.layout, forced.len(), state, true);
-        let h = self.law.settings.h;
+        let h = self.h();
         let mut plant =
             BelievedPlant { driven: &mut driven, tasks: None, laws: &self.plant.laws, h };
         let moved = plant.moved(moving.t(h), (&moving.q, &moving.w), &forced).map_err(code_of)?;
-        if !moved.completed {
-            return Err(code::MOTION);
-        }
         moving.k += 1.0;
-        let t = moving.t(h);
-        (moving.q, moving.w, moving.closed) = (moved.q, moved.w, moved.closed);
-        let mut kinetics = GapKinetics::new(self.layout);
-        plant
-            .onto(t, (&mut moving.q, &mut moving.w), &moving.closed, &mut kinetics)
-            .map_err(code_of)
+        arrived(moving, h, moved, &mut plant)
     }
 
+    /// The motion of a system alone over some time.
+    fn flight(&self, moving: &mut Moving, length: f64, state: &State) -> Result<(), i32> {
+        let (n, forced) = (self.layout.n, self.forced(&[], state));
+        let mut driven = self.plant.driven(self.layout, forced.len(), state, true);
+        driven.hold(&forced);
+        let settings = SwitchedRk { rtol: RTOL, atol: [ATOL; 2], ..SwitchedRk::DEFAULT };
+        let (start, end) = (moving.t0, moving.t0 + length);
+        let output = MechanicalOutput { ends: true, ..MechanicalOutput::default() };
+        let (laws, y0) = (&self.plant.laws, (moving.q.as_slice(), moving.w.as_slice()));
+        let run = simulate_mechanical(
+            settings,
+            &mut driven,
+            laws,
+            (start, end),
+            y0,
+            output,
+            &mut Unwatched,
+        )
+        .map_err(|_| code::MOTION)?;
+        if let Some(code) = run.raised {
+            return Err(code);
+        }
+        let picked = |of: &[f64]| of[of.len() - self.layout.size()..][..n].to_vec();
+        let mode = run.samples.modes.last().map(|mode| mode.closed).unwrap_or_default();
+        let moved = Moved {
+            q: picked(&run.samples.x),
+            w: picked(&run.samples.v),
+            closed: (0..self.layout.m).map(|i| mode.has(i)).collect(),
+            completed: run.status == zivi::Status::Completed,
+        };
+        moving.t0 = end;
+        let (tasks, laws) = (None, laws.as_slice());
+        let mut plant = BelievedPlant { driven: &mut driven, tasks, laws, h: length };
+        arrived(moving, 0.0, moved, &mut plant)
+    }
+}
+
+/// Nobody is told of progress.
+struct Unwatched;
+
+impl Monitor<i32> for Unwatched {
+    fn poll(&mut self, _: usize, _: usize) -> Result<(), i32> {
+        Ok(())
+    }
+}
+
+/// To where a system has moved, onto its contacts.
+fn arrived(
+    moving: &mut Moving,
+    h: f64,
+    moved: Moved,
+    plant: &mut BelievedPlant<'_, Evaluated<'_>, Matrix<'_>>,
+) -> Result<(), i32> {
+    if !moved.completed {
+        return Err(code::MOTION);
+    }
+    let t = moving.t(h);
+    (moving.q, moving.w, moving.closed) = (moved.q, moved.w, moved.closed);
+    let layout = plant.layout::<i32>();
+    let mut kinetics = GapKinetics::new(layout);
+    plant.onto(t, (&mut moving.q, &mut moving.w), &moving.closed, &mut kinetics).map_err(code_of)
+}
+
+impl Loop {
     /// The outputs, in the order of the table.
     fn seen(&self, mut moving: Moving, state: &State) -> Result<Vec<f64>, i32> {
-        let (u, acting) = self.tick(&mut moving, state)?;
-        let (layout, h) = (self.layout, self.law.settings.h);
+        let (u, acting) = self.controls(&mut moving, state)?;
+        let (layout, h) = (self.layout, self.h());
         let forced = self.forced(&acting, state);
-        let mut plant: Moved<'_> = self.plant.driven(layout, forced.len(), state, true);
+        let mut plant: Controlled<'_> = self.plant.driven(layout, forced.len(), state, true);
         plant.hold(&forced);
         let mut row = vec![0.0; layout.len()];
         plant.evaluate(moving.t(h), &moving.q, &moving.w, &mut row)?;
@@ -217,8 +307,10 @@ impl Loop {
         let forces = kinetics.contact_forces(&moving.closed);
         let bits = |of: &[bool]| of.iter().map(|it| f64::from(u8::from(*it))).collect::<Vec<_>>();
         let gaps = row[layout.gap()].to_vec();
-        let status = vec![f64::from(moving.law.status)];
-        let (closed, held) = (bits(&moving.closed), bits(&moving.law.latch.held));
+        let law = moving.controller.as_ref().map(|it| &it.law);
+        let status = law.map_or(vec![], |law| vec![f64::from(law.status)]);
+        let held = law.map_or(vec![], |law| bits(&law.latch.held));
+        let closed = bits(&moving.closed);
         Ok([moving.q, moving.w, gaps, closed, forces, held, u, status].concat())
     }
 }

@@ -4,7 +4,7 @@ use zivi::drive::mechanical::{GapTrackerState, Latch, Offsets, SentControls};
 use zivi_core::control::{TickStatus, TrackerState};
 use zivi_core::Lifted;
 
-use super::given::Loop;
+use super::given::{Controller, Loop};
 
 /// What changes from period to period.
 #[derive(Clone, Debug)]
@@ -16,6 +16,12 @@ pub(super) struct Moving {
     pub(super) q: Vec<f64>,
     pub(super) w: Vec<f64>,
     pub(super) closed: Vec<bool>,
+    pub(super) controller: Option<Controlling>,
+}
+
+/// The same of a controller.
+#[derive(Clone, Debug)]
+pub(super) struct Controlling {
     pub(super) law: GapTrackerState,
     pub(super) trackers: Vec<TrackerState>,
 }
@@ -81,8 +87,7 @@ impl Moving {
             q: vec![0.0; n],
             w: vec![0.0; n],
             closed: vec![false; of.layout.m],
-            law: of.law.state.clone(),
-            trackers: of.law.trackers.iter().map(|it| it.state()).collect(),
+            controller: of.controller.as_ref().map(Controlling::start),
         }
     }
 
@@ -92,7 +97,8 @@ impl Moving {
 
     /// How many numbers there are, with all controls that may be under way.
     pub(super) fn size(of: &Loop) -> usize {
-        let mut counting = Counting(of.r * of.law.settings.delay);
+        let delay = of.controller.as_ref().map_or(0, |it| it.law.settings.delay);
+        let mut counting = Counting(of.r * delay);
         Self::start(of).pass(&mut counting, of);
         counting.0
     }
@@ -109,9 +115,24 @@ impl Moving {
 
     /// Passes all numbers.
     fn pass(&mut self, it: &mut impl Passes, of: &Loop) {
-        let Self { t0, k, q, w, closed, law, trackers } = self;
+        let Self { t0, k, q, w, closed, controller } = self;
         [t0, k].into_iter().chain(q).chain(w).for_each(|value| it.pass(value));
         closed.iter_mut().for_each(|value| flag(it, value));
+        if let (Some(controlling), Some(controller)) = (controller, &of.controller) {
+            controlling.pass(it, controller, (of.layout.n, of.r));
+        }
+    }
+}
+
+impl Controlling {
+    fn start(of: &Controller) -> Self {
+        let trackers = of.law.trackers.iter().map(|it| it.state()).collect();
+        Self { law: of.law.state.clone(), trackers }
+    }
+
+    /// Passes all numbers, of so many coordinates and controls.
+    fn pass(&mut self, it: &mut impl Passes, of: &Controller, (n, r): (usize, usize)) {
+        let Self { law, trackers } = self;
         let GapTrackerState { latch, accelerations, sent, place, status, least, uncontrolled } =
             law;
         let SentControls { last: u, queue: sent } = sent;
@@ -119,11 +140,11 @@ impl Moving {
         held.iter_mut().for_each(|value| flag(it, value));
         [beyond, seen, still].into_iter().flatten().for_each(|value| count(it, value));
         by.iter_mut().chain(accelerations).for_each(|value| it.pass(value));
-        optional(it, place, self.q.len());
-        optional(it, u, of.r);
+        optional(it, place, n);
+        optional(it, u, r);
         let mut late = sent.len() as u32;
         count(it, &mut late);
-        sent.resize((late as usize).min(of.law.settings.delay), vec![0.0; of.r]);
+        sent.resize((late as usize).min(of.law.settings.delay), vec![0.0; r]);
         sent.iter_mut().flatten().for_each(|value| it.pass(value));
         let mut bits = u32::from(*status);
         count(it, &mut bits);

@@ -1,43 +1,33 @@
-"""Writing FMUs: a description, the prebuilt binaries and a page, in a reproducible archive."""
+"""FMUs of zivi's own models, and of mechanical systems without a controller."""
 
 from __future__ import annotations
 
-import html
-import io
 import os
-import zipfile
 from collections.abc import Iterable
 from pathlib import Path
+from typing import Any
 
-import zivi._zivi as _zivi
-from zivi.base.check import integer
-from zivi.interop.fmu.description import IDENTIFIER, description
-from zivi.interop.fmu.table import MODELS, Model
+from zivi.base.check import identifier
+from zivi.interop.fmu.archive import binaries_of, chosen_versions, write_archive
+from zivi.interop.fmu.mechanism import binary_here, system_numbers, variables_of, write_systems
+from zivi.interop.fmu.table import MODELS
+from zivi.simulation.mechanical_run import state_of
 from zivi.system.mass import ImpactSystem
 from zivi.system.mechanism import MechanicalSystem
+from zivi.system.start import check_start
+from zivi.system.symbolic.system import SymbolicSystem
+from zivi.system.tree.system import Tree
 
-__all__ = ["PLATFORMS", "binaries_of", "chosen_versions", "export_fmu", "write_archive"]
-
-VERSIONS = (2, 3)
-"""Versions of FMI."""
-
-PLATFORMS = {
-    "x86_64-linux": ("linux64", ".so"),
-    "aarch64-linux": (None, ".so"),
-    "x86_64-darwin": ("darwin64", ".dylib"),
-    "aarch64-darwin": (None, ".dylib"),
-    "x86_64-windows": ("win64", ".dll"),
-}
-"""Platform as FMI 3 names it; its name in FMI 2, ending of its binaries."""
-
-EPOCH = (1980, 1, 1, 0, 0, 0)
-"""Date of every file in an archive: two exports are equal to the last byte."""
+__all__ = ["export_fmu"]
 
 
 def export_fmu(
     out: str | os.PathLike[str],
-    model: str | Iterable[str] | None = None,
+    model: str | Iterable[str] | SymbolicSystem | Tree | None = None,
     fmi: int | Iterable[int] | None = None,
+    *,
+    y0: Any = None,
+    name: str | None = None,
 ) -> list[Path]:
     """Write FMUs for co-simulation: native code, no compiler and no Python where they run.
 
@@ -46,11 +36,20 @@ def export_fmu(
     out : path
         The folder into which they are written; it is made if it is not there. Files of the same
         names are replaced.
-    model : str or sequence of str, optional
+    model : str, sequence of str, Tree or SymbolicSystem, optional
         Any of ``"mass"`` (a mass with impacts), ``"regulator"``, ``"tracker"`` (the controllers),
         ``"loop"`` (a mass with its tracker, without any delay) and ``"observer"``; by default all.
+        Or a mechanical system without friction: a `zivi.Tree`, or one of `zivi.symbolic.system`,
+        for which the export needs a C compiler. Inputs are generalised forces on the coordinates
+        (``u_...``), outputs coordinates, velocities, gaps, contacts and contact forces; parameters
+        are the start and those of the system. A step may have any length.
     fmi : {2, 3} or sequence of int, optional
         Version of FMI, by default both.
+    y0 : (array_like, array_like), optional
+        Coordinates and velocities of a mechanical system at the start, shape (n,) each.
+    name : str, optional
+        Of the unit of a mechanical system: a letter, then letters, digits and underscores; by
+        default ``"MechanicalSystem"``.
 
     Returns
     -------
@@ -60,9 +59,10 @@ def export_fmu(
     Raises
     ------
     ValueError
-        For a model or a version that does not exist.
+        For a model or a version that does not exist, and a start that is out of range.
     TypeError
-        If `out` is not a path, or `model` or `fmi` not of the types above.
+        If `out` is not a path, or an argument not of the types above; for `y0` and `name` beside
+        one of zivi's own models.
     FileNotFoundError
         If this installation was built without the binaries; the message says how to build them.
     OSError
@@ -70,13 +70,14 @@ def export_fmu(
 
     See Also
     --------
+    zivi.fmu.export_loop : a mechanical system with its controller.
     zivi.simulate_closed_loop : the same loop in Python.
 
     Notes
     -----
-    The steps are those of the Python package, bit by bit. In co-simulation a value that an importer
-    reads after a step and hands on is a step old; ``docs/fmus.md`` says which order closes a loop
-    without delay. Two exports by one version are the same, byte by byte.
+    The steps of zivi's own models are those of the Python package, bit by bit. In co-simulation a
+    value that an importer reads after a step and hands on is a step old; ``docs/fmus.md`` says
+    which order closes a loop without delay. Two exports by one version are the same, byte by byte.
 
     Examples
     --------
@@ -84,7 +85,18 @@ def export_fmu(
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     [path.name for path in zivi.export_fmu(folder, "mass")]
     ['ImpactingMass2.fmu', 'ImpactingMass3.fmu']
+    >>> rod = zivi.mechanics.Body("rod", mass=1.0, axis=[0, 1, 0], com=[0, 0, -1], inertia=0.1)
+    >>> stop = zivi.mechanics.JointLimit("rod", lower=0.0)
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     tree = zivi.Tree([rod], gaps=[stop], e=0.5)
+    ...     [path.name for path in zivi.export_fmu(folder, tree, y0=([0.3], [0]), name="Rod")]
+    ['Rod2.fmu', 'Rod3.fmu']
     """
+    if isinstance(model, SymbolicSystem | Tree):
+        return _mechanism(out, model, fmi, y0, "MechanicalSystem" if name is None else name)
+    if y0 is not None or name is not None:
+        given = "y0" if name is None else "name"
+        raise TypeError(f"{given} is for a mechanical system, not for zivi's own models")
     folder = Path(out)
     models = [MODELS[key] for key in _chosen_models(model)]
     versions = chosen_versions(fmi)
@@ -92,19 +104,20 @@ def export_fmu(
     return [write_archive(folder, it, version, binaries) for it in models for version in versions]
 
 
-def write_archive(
+def _mechanism(
     out: str | os.PathLike[str],
-    model: Model,
-    fmi: int,
-    binaries: dict[str, bytes],
-    beside: dict[str, bytes] | None = None,
-) -> Path:
-    """Write the FMU of a model, with other files beside the binaries, into a folder."""
-    folder = Path(out)
-    folder.mkdir(parents=True, exist_ok=True)
-    path = folder / f"{model.name}{fmi}.fmu"
-    _write_whole(path, _archive(model, fmi, binaries, beside or {}))
-    return path
+    system: SymbolicSystem | Tree,
+    fmi: int | Iterable[int] | None,
+    y0: Any,
+    name: str,
+) -> list[Path]:
+    identifier("name", name)
+    versions, binary = chosen_versions(fmi), binary_here()
+    start = state_of(y0, system._n)
+    check_start(system, system.model(len(start[0])), (0.0, 1.0), *start)
+    model = variables_of(system, name, start)
+    numbers = system_numbers(system, *start)
+    return write_systems(out, "mechanism", {"plant": system}, numbers, model, versions, binary)
 
 
 def _chosen_models(model: str | Iterable[str] | None) -> list[str]:
@@ -118,9 +131,9 @@ def _chosen_models(model: str | Iterable[str] | None) -> list[str]:
         )
     if isinstance(model, ImpactSystem | MechanicalSystem):
         raise TypeError(
-            f"an FMU has zivi's own models only, and no {type(model).__name__}: model must be one "
-            f"of {', '.join(MODELS)}; the mass takes its numbers as parameters, a mechanical "
-            "system with its controller is zivi.fmu.export_loop"
+            f"an FMU has no {type(model).__name__}: model must be a zivi.Tree, a "
+            f"zivi.symbolic.system or one of {', '.join(MODELS)}; the mass takes its numbers as "
+            "parameters, a mechanical system with its controller is zivi.fmu.export_loop"
         )
     if not isinstance(model, str | Iterable):
         raise TypeError(f"model must be a name or several, got {model!r}")
@@ -129,98 +142,3 @@ def _chosen_models(model: str | Iterable[str] | None) -> list[str]:
         if not (isinstance(name, str) and name in MODELS):
             raise ValueError(f"model must be one of {', '.join(MODELS)}, got {name!r}")
     return list(dict.fromkeys(names))
-
-
-def chosen_versions(fmi: int | Iterable[int] | None) -> list[int]:
-    """Read the versions of FMI that are asked for, by default all."""
-    if fmi is None:
-        return list(VERSIONS)
-    given = list(fmi) if isinstance(fmi, Iterable) and not isinstance(fmi, str) else [fmi]
-    versions = [integer("fmi", version) for version in given]
-    for version in versions:
-        if version not in VERSIONS:
-            raise ValueError(f"fmi must be 2 or 3, got {version!r}")
-    return list(dict.fromkeys(versions))
-
-
-def binaries_of(kind: str) -> dict[str, bytes]:
-    """Read the binaries of a kind that this installation has, by platform."""
-    folder = Path(__file__).parents[2] / "_native" / kind
-    found = {}
-    for platform, (_, ending) in PLATFORMS.items():
-        path = folder / f"{platform}{ending}"
-        if path.exists():
-            found[platform] = path.read_bytes()
-    if not found:
-        raise FileNotFoundError(
-            f"no binary for an FMU in {folder}: this installation was built without it. In the "
-            "source tree, python tools/native.py builds it (make test and pip install do that too)"
-        )
-    return found
-
-
-def _archive(model: Model, fmi: int, binaries: dict[str, bytes], beside: dict[str, bytes]) -> bytes:
-    files = {
-        **beside,
-        "modelDescription.xml": description(model, fmi),
-        "documentation/index.html": _page(model).encode(),
-    }
-    for platform, binary in binaries.items():
-        old, ending = PLATFORMS[platform]
-        name = platform if fmi == 3 else old
-        if name is not None:
-            files[f"binaries/{name}/{IDENTIFIER}{ending}"] = binary
-    if not any(name.startswith("binaries/") for name in files):
-        have = ", ".join(binaries)
-        raise ValueError(f"fmi must be 3 here: FMI 2 has no name for {have}, got {fmi}")
-    out = io.BytesIO()
-    with zipfile.ZipFile(out, "w", zipfile.ZIP_DEFLATED, compresslevel=9) as archive:
-        for name in sorted(files):
-            entry = zipfile.ZipInfo(name, EPOCH)
-            entry.compress_type = zipfile.ZIP_DEFLATED
-            entry.create_system = 3  # the same on every machine
-            entry.external_attr = 0o644 << 16
-            archive.writestr(entry, files[name])
-    return out.getvalue()
-
-
-def _write_whole(path: Path, contents: bytes) -> None:
-    beside = path.with_name(f".{path.name}.{os.getpid()}")
-    try:
-        beside.write_bytes(contents)
-        os.replace(beside, path)
-    finally:
-        beside.unlink(missing_ok=True)
-
-
-def _page(model: Model) -> str:
-    rows = "\n".join(
-        "<tr>"
-        + "".join(
-            f"<td>{html.escape(cell)}</td>"
-            for cell in (it.name, it.role, it.unit or "", f"{it.start:g}", it.description)
-        )
-        + "</tr>"
-        for it in model.variables
-    )
-    length = (
-        "A communication step that is not a multiple of h is made of equal shorter steps."
-        if model.any_step
-        else "The communication step must be a multiple of h."
-    )
-    return f"""<!DOCTYPE html>
-<html lang="en"><head><meta charset="utf-8"><title>{model.name}</title></head><body>
-<h1>{model.name}</h1>
-<p>{html.escape(model.description)}. Made by zivi {_zivi.__version__}, Apache-2.0.</p>
-<p>{length} Inputs are held over a step.</p>
-{FEEDTHROUGH if model.feedthrough and model.key != "loop" else ""}
-<table><tr><th>Name</th><th>Role</th><th>Unit</th><th>Start</th><th></th></tr>
-{rows}
-</table></body></html>
-"""
-
-
-FEEDTHROUGH = """<p>The control answers the inputs that were set since the last step. An importer
-that sets the measurement, reads u and then makes a step closes the loop without delay; one that
-makes a step and then reads u gets the control of the last period: a delay of one period, for which
-"ahead" should be 2.</p>"""

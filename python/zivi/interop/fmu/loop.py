@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import hashlib
 import os
-import platform
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
@@ -13,28 +11,30 @@ import numpy as np
 
 import zivi._zivi as _zivi
 from zivi.base.check import Array, identifier
-from zivi.base.machine_code import shared_library
 from zivi.control.gap_tracker import GapTracker, check_gap_tracker
 from zivi.control.loop_arguments import period_of
 from zivi.control.mechanical_loop import check_reference, times_ahead
 from zivi.control.mechanical_reference import MechanicalReference, reference_of
 from zivi.control.model_based import check_believes
-from zivi.interop.fmu.export import PLATFORMS, binaries_of, chosen_versions, write_archive
-from zivi.interop.fmu.table import Model, Variable
-from zivi.interop.fmu.tree import tree_numbers
+from zivi.interop.fmu.archive import chosen_versions
+from zivi.interop.fmu.mechanism import (
+    VERSION,
+    Exported,
+    Rows,
+    binary_here,
+    optional,
+    part_numbers,
+    told,
+    write_systems,
+)
+from zivi.interop.fmu.table import Model
 from zivi.simulation.mechanical_run import state_of
 from zivi.simulation.run import pair
 from zivi.system.start import check_start
-from zivi.system.symbolic.inputs import SymbolicInputs
 from zivi.system.symbolic.system import SymbolicSystem
 from zivi.system.tree.system import Tree
 
 __all__ = ["export_loop"]
-
-VERSION = 2.0
-"""Of the numbers."""
-MOST = 512
-"""Variables of the largest loop."""
 
 
 def export_loop(
@@ -90,7 +90,7 @@ def export_loop(
 
     See Also
     --------
-    export_fmu : the models of one mass.
+    export_fmu : the models of one mass, and a mechanical system alone.
 
     Examples
     --------
@@ -104,16 +104,13 @@ def export_loop(
     ...     [path.name for path in files]
     ['MechanicalLoop3.fmu']
     """
-    plant = _told("system", system)
-    believed = _told("controller's system", getattr(controller, "system", None))
+    plant = told("system", system)
+    believed = told("controller's system", getattr(controller, "system", None))
     check_gap_tracker(controller)
     if controller.tasks:
         raise ValueError(f"tasks must not be set in an FMU of a loop, got {controller.tasks}")
     identifier("name", name)
-    versions, binaries = chosen_versions(fmi), binaries_of("fmu_loops")
-    here = machine()
-    if here not in binaries:
-        raise FileNotFoundError(f"no binary for loops on {here}: there is {', '.join(binaries)}")
+    versions, binary = chosen_versions(fmi), binary_here()
     span, h = pair("t_span", t_span, "(t0, t1)"), period_of(controller)
     q, qdot = state_of(y0, system._n)
     model = system.model(len(q))
@@ -121,93 +118,45 @@ def export_loop(
     check_believes("controller", controller.system, system, q)
     times = times_ahead(_zivi.grid_times(*span, h, 1), h, controller.delay, reference)
     given = reference_of(reference, times, system.gap_names, q, controller.tasks)
-    told = times, system.gap_names, controller.tasks
-    check_reference(controller, given, model, (q, qdot), told)
-    source = _source(plant, believed)
+    sampled = times, system.gap_names, controller.tasks
+    check_reference(controller, given, model, (q, qdot), sampled)
     numbers = _numbers((plant, believed), controller, q, qdot, given)
-    content = np.array(list(numbers), dtype="<f8").tobytes()
-    digest = hashlib.sha256(source.encode() + b"\0" + content).hexdigest()[:32]
-    loop = _model(plant, believed, name, f"zivi-loop-{digest}", (q, qdot))
-    if len(loop.variables) > MOST:
-        raise ValueError(
-            f"an FMU of a loop has at most {MOST} variables, {len(loop.variables)} here"
-        )
-    _, ending = PLATFORMS[here]
-    beside = {f"resources/{loop.token}.bin": content}
-    if source:
-        beside[f"resources/{loop.token}{ending}"] = shared_library(source)
-    return [write_archive(out, loop, it, {here: binaries[here]}, beside) for it in versions]
-
-
-def _told(name: str, system: Any) -> SymbolicSystem | Tree:
-    if not isinstance(system, SymbolicSystem | Tree):
-        raise TypeError(
-            f"{name} must be a zivi.symbolic.system or a zivi.Tree: an FMU runs without "
-            f"Python; got {type(system).__name__}"
-        )
-    return system
-
-
-def machine() -> str:
-    """Name this kind of machine as FMI 3 does."""
-    system = platform.system().lower()
-    kind = platform.machine().lower()
-    return f"{ {'amd64': 'x86_64', 'arm64': 'aarch64'}.get(kind, kind) }-{system}"
-
-
-def _source(plant: SymbolicSystem | Tree, model: SymbolicSystem | Tree) -> str:
-    """Write plant and model, and how controls act on them, as functions of one C source."""
-    functions = []
-    for name, system in (("plant", plant), ("model", model)):
-        if system._channels:
-            raise ValueError(f"an FMU of a loop has no friction, the {name} has")
-        if isinstance(system, Tree):
-            continue
-        functions.append(_named(system.source, name))
-        if isinstance(inputs := system._symbolic_inputs, SymbolicInputs) and inputs.sources:
-            functions.append(_named(inputs.sources["c"], f"{name}_inputs"))
-    return "\n".join(functions)
-
-
-def _named(source: str, name: str) -> str:
-    return source.replace("int model(", f"int {name}(")
+    loop = _model(plant, believed, name, (q, qdot))
+    systems = {"plant": plant, "model": believed}
+    return write_systems(out, "loop", systems, numbers, loop, versions, binary)
 
 
 def _numbers(
-    systems: tuple[SymbolicSystem | Tree, SymbolicSystem | Tree],
+    systems: tuple[Exported, Exported],
     controller: GapTracker,
     q: Array,
     qdot: Array,
     given: MechanicalReference | None,
 ) -> Iterator[float]:
     """Give all numbers in the order in which the binary reads them."""
-    told, (plant, model) = controller.settings, systems
+    settings, (plant, model) = controller.settings, systems
     n, m, r = len(q), plant.m, plant.control_inputs(q).r
-    yield from (VERSION, n, m, r, told["delay"], told["h"], *told["posture"], told["learn_offset"])
-    yield from _optional(told["latch"])
-    limits = told["u_limits"]
-    yield from _optional(None if limits is None else limits.ravel())
+    yield from (VERSION, n, m, r, 1, settings["delay"], settings["h"])
+    yield from (*settings["posture"], settings["learn_offset"])
+    yield from optional(settings["latch"])
+    limits = settings["u_limits"]
+    yield from optional(None if limits is None else limits.ravel())
     deviations, steps = controller._law.noise
     yield from (*deviations, *steps)
     for i, name in enumerate(plant.gap_names):
-        force = told["force"].get(name, np.nan)
+        force = settings["force"].get(name, np.nan)
         if callable(force):
             raise TypeError(f"force[{name!r}] must be a number in an FMU, not a function")
-        yield from (*told["gains"][name], float(model.e[i]), told["horizon"], told["shift"], force)
+        yield from (
+            *settings["gains"][name],
+            float(model.e[i]),
+            settings["horizon"],
+            settings["shift"],
+            force,
+        )
     yield from (*q, *qdot)
     for system in systems:
-        yield from (float(it) for it in system.e)
-        inputs = None if isinstance(system, Tree) else system._symbolic_inputs
-        compiled = isinstance(inputs, SymbolicInputs) and bool(inputs.sources)
-        matrix = system.control_inputs(q).matrix
-        if not compiled and callable(matrix):
-            raise TypeError("inputs of a system in an FMU must be numbers or expressions")
-        yield from _optional(None if compiled else np.ravel(np.asarray(matrix)))
-        yield len(system.parameters)
-        yield from system.parameters.values()
-        yield isinstance(system, Tree)
-        if isinstance(system, Tree):
-            yield from tree_numbers(system)
+        yield from part_numbers(system, q)
     yield 0 if given is None else len(given.q)
     if given is not None:
         for rows in (given.q, given.qdot, given.qddot, given.gaps, given.gap_rates):
@@ -216,60 +165,30 @@ def _numbers(
             yield from rows.ravel()
 
 
-def _optional(values: Any) -> Iterator[float]:
-    if values is None:
-        yield 0.0
-    else:
-        yield 1.0
-        yield from values
-
-
 def _model(
-    plant: SymbolicSystem | Tree,
-    believed: SymbolicSystem | Tree,
+    plant: Exported,
+    believed: Exported,
     name: str,
-    token: str,
     start: tuple[Array, Array],
 ) -> Model:
     """Describe the variables, in the order of the binary."""
     coordinates, gaps = plant.coordinate_names(len(start[0])), plant.gap_names
     controls = plant.control_inputs(start[0]).names
-    rows: list[Variable] = [Variable("time", "real", "time", 0.0, "s", "time")]
-
-    def add(prefix: str, names: Iterable[str], kind: Any, role: Any, text: str) -> list[str]:
-        new = [Variable(f"{prefix}{it}", kind, role, 0.0, None, text.format(it)) for it in names]
-        rows.extend(new)
-        return [it.name for it in new]
-
-    pushed = add("disturbance_", coordinates, "real", "input", "generalised force on {}")
-    add("q_", coordinates, "real", "output", "coordinate {}")
-    add("qdot_", coordinates, "real", "output", "velocity of {}")
-    add("gap_", gaps, "real", "output", "gap {}")
-    add("contact_", gaps, "boolean", "output", "whether gap {} is closed")
-    forces = add("force_", gaps, "real", "output", "contact force of {}")
-    add("held_", gaps, "boolean", "output", "whether the controller holds the contact {}")
-    add("u_", controls, "real", "output", "control {}")
-    rows.append(Variable("status", "integer", "output", 0, None, "bits of TickStatus"))
-    outputs = [it.name for it in rows if it.role == "output"]
-    parameters: list[tuple[str, float, str]] = []
-    for prefix, values in zip(("q0_", "qdot0_"), start, strict=True):
-        parameters += [
-            (f"{prefix}{it}", value, f"{prefix[:-1]} of {it} at the start")
-            for it, value in zip(coordinates, values.tolist(), strict=True)
-        ]
-    for prefix, system, text in (("plant_", plant, "plant"), ("model_", believed, "model")):
-        parameters += [
-            (f"{prefix}{it}", value, f"parameter {it} of the {text}")
-            for it, value in system.parameters.items()
-        ]
-    rows += [Variable(it, "real", "parameter", value, None, text) for it, value, text in parameters]
-    names = tuple(it for it, _, _ in parameters)
+    rows = Rows()
+    pushed = rows.add("disturbance_", coordinates, "real", "input", "generalised force on {}")
+    forces = rows.add_motion(coordinates, gaps)
+    rows.add("held_", gaps, "boolean", "output", "whether the controller holds the contact {}")
+    rows.add("u_", controls, "real", "output", "control {}")
+    rows.add("status", ("",), "integer", "output", "bits of TickStatus")
+    outputs = [it.name for it in rows.all if it.role == "output"]
+    systems = {"plant_": plant, "model_": believed}
+    names = rows.add_parameters(coordinates, start, systems)
     return Model(
         "loop",
         name,
-        token,
+        "",
         "A mechanical system with its tracker of gaps",
-        tuple(rows),
+        tuple(rows.all),
         dict.fromkeys(forces, tuple(pushed)),
         dict.fromkeys(outputs, names),
     )

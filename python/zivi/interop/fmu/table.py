@@ -6,10 +6,10 @@ new comes at the end. The binary has the same tables without names (``crates/ziv
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
-__all__ = ["MODELS", "Model", "Variable"]
+__all__ = ["MODELS", "Kind", "Model", "Role", "Variable"]
 
 Kind = Literal["real", "integer", "boolean"]
 Role = Literal["time", "parameter", "input", "output"]
@@ -42,6 +42,10 @@ class Model:
     """Outputs that depend on parameters or inputs at the start."""
     any_step: bool = field(default=False)
     """Whether a communication step need not be a multiple of `h`."""
+
+    def with_token(self, token: str) -> Model:
+        """Return it with the token with which an importer instantiates it."""
+        return replace(self, token=token)
 
 
 def real(name: str, role: Role, start: float, unit: str | None, description: str) -> Variable:
