@@ -131,7 +131,7 @@ lint-python: $(READY)
 	$(BIN)/ruff check --quiet .
 	$(BIN)/ruff format --quiet --check .
 	$(BIN)/mypy
-	$(BIN)/python -m mypy.stubtest zivi._zivi
+	$(BIN)/python -m mypy.stubtest --mypy-config-file tools/stubtest.ini zivi._zivi
 
 # the binary of the page without Python; skipped (77) where no rustc has the target
 wasm:
