@@ -18,9 +18,6 @@ from zivi.lab.settings import Ball, Regulator, Tracker
 
 for module in ("marimo", "plotly", "uvicorn"):
     pytest.importorskip(module, reason=f"the lab needs {module} (zivi[lab])")
-playwright = pytest.importorskip(
-    "playwright.sync_api", reason="playwright drives the browser (pip install playwright)"
-)
 CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser"))), None)
 pytestmark = [
     pytest.mark.browser,
@@ -97,6 +94,9 @@ def soon(holds, *arguments, within=WAIT):
 @pytest.fixture(scope="module")
 def served():
     arguments = ["--no-sandbox"] if getattr(os, "geteuid", lambda: 1)() == 0 else []
+    playwright = pytest.importorskip(
+        "playwright.sync_api", reason="playwright drives the browser (pip install playwright)"
+    )
     with serving(MANY) as (_, url), playwright.sync_playwright() as driver:
         browser = driver.chromium.launch(executable_path=CHROMIUM, args=arguments)
         try:

@@ -140,6 +140,9 @@ impl Instance {
                 }
                 t *= 0.5;
             }
+            if t <= 1e-6 {
+                return; // it would turn in its place
+            }
         }
     }
 }

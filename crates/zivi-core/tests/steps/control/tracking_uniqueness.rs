@@ -38,12 +38,16 @@ fn roots(c: &[f64]) -> Vec<f64> {
         if (at(low) > 0.0) == rising && at(low) != 0.0 && at(high) != 0.0 {
             continue;
         }
+        // 80 halvings, or until they change nothing more
         for _ in 0..80 {
-            let middle = 0.5 * (low + high);
+            let (before, middle) = ((low, high), 0.5 * (low + high));
             if (at(middle) > 0.0) == rising {
                 high = middle;
             } else {
                 low = middle;
+            }
+            if (low, high) == before {
+                break;
             }
         }
         if found.last().is_none_or(|last| *last < high) {
@@ -293,11 +297,14 @@ impl Instance {
         let reach = h * (pulls + self.f.abs() / (1.0 - restitution.kappa()));
         let (mut low, mut high) = (v - reach, v + reach);
         for _ in 0..70 {
-            let middle = 0.5 * (low + high);
+            let (before, middle) = ((low, high), 0.5 * (low + high));
             if defect(middle) > 0.0 {
                 high = middle;
             } else {
                 low = middle;
+            }
+            if (low, high) == before {
+                break;
             }
         }
         s + h * travel(0.5 * (low + high))
