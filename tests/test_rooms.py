@@ -51,7 +51,7 @@ def imported(path: Path) -> set[str]:
 
 @functools.cache
 def all_imports() -> dict[str, set[str]]:
-    """Name for each module those that it imports; every worker collects this file, one reads all."""
+    """Name for each module those that it imports, when it is asked: every worker collects this."""
     return {module: imported(path) for module, path in FILES.items()}
 
 
