@@ -197,3 +197,37 @@ def test_pictures():
     with pytest.raises(ValueError, match="y must be"):
         zivi.plot.branch(branch, "speed")
     plt.close("all")
+
+
+@pytest.mark.parametrize(("e", "amplitude"), [(0.5, 1.3), (0.95, 0.1)])
+def test_a_run_that_repeats_itself_is_not_run_on_and_is_what_it_would_be(e, amplitude):
+    # differences shrink by e in a period: to rounding in 100 for .5, to 2e-7 in 164 for .95
+    system = table(amplitude, e)
+    u = 2 * math.pi * e / (1 + e)
+    phase = math.acos(math.pi * (1 - e) / (1 + e) / amplitude)
+    t = 2 * math.pi - phase  # from the impact to the end of the period
+    x = u * t - t * t / 2 + amplitude * (t * math.cos(phase) + math.sin(phase))
+    xdot = u - t + amplitude * (math.cos(phase) - 1)
+    found = zivi.bifurcation_diagram(system, "amplitude", [amplitude], starts=(x, xdot + 1e-3))
+    (attractor,) = found.attractors
+    assert (attractor.kind, attractor.multiple) == ("impacting", 1)
+    np.testing.assert_allclose(attractor.impacts, [[phase / (2 * math.pi), u]], atol=1e-10)
+
+
+def test_values_with_periods_of_their_own_are_what_they_are_alone():
+    system = zivi.ImpactSystem(
+        zivi.LinearForce(stiffness=1, damping=0.05, gravity=0.2, amplitude=0.6, omega=0.9), e=0.7
+    )
+    values = np.linspace(0.85, 1.15, 7)
+    both = [
+        zivi.bifurcation_diagram(system, "omega", values, starts=(1, 0), section=section)
+        for section in ("impacts", "strobe")
+    ]
+    for k, value in enumerate(values):
+        for found in both:
+            alone = zivi.bifurcation_diagram(
+                system, "omega", [value], starts=(1, 0), section=found.section
+            )
+            own = found.run == k
+            np.testing.assert_array_equal(found.first[own], alone.first)
+            np.testing.assert_array_equal(found.second[own], alone.second)

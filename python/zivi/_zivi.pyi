@@ -84,6 +84,7 @@ __all__ = [
     "orbits_of_impacts",
     "project",
     "sensitivity",
+    "sequence_equations",
     "simulate",
     "simulate_batch",
     "simulate_closed_loop",
@@ -716,6 +717,16 @@ def fly_apart(
     sizes: _Array,
     minima: bool,
 ) -> tuple[int, _Array]: ...
+def sequence_equations(
+    force: Force,
+    method: Method,
+    unknowns: _Array,
+    last: tuple[float, float],
+    period: float,
+    e: float,
+    by: list[int],
+    sizes: _Array,
+) -> tuple[int, list[_Array]]: ...
 def lift(x: _Array, xdot: _Array, sigma: float, kappa: float) -> tuple[_Array, _Array]: ...
 def project(s: _Array, v: _Array, kappa: float) -> tuple[_Array, _Array]: ...
 def force_raised() -> None: ...
@@ -1101,6 +1112,7 @@ def simulate_batch(
     threads: int,
     at: _Array | None = None,
     steps: NDArray[np.intp] | None = None,
+    ends: list[float] | None = None,
     progress: Any = None,
 ) -> BatchRecord: ...
 

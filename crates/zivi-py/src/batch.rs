@@ -3,7 +3,9 @@
 use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray2};
 use pyo3::exceptions::{PyMemoryError, PyValueError};
 use pyo3::prelude::*;
-use zivi::drive::batch::{simulate_batch as run_batch, BatchError, Member, Outcome, Save, Task};
+use zivi::drive::batch::{
+    simulate_batch as run_batch, simulate_batch_to, BatchError, Member, Outcome, Save, Task,
+};
 use zivi::{Events, Grid, Physical, Restitution};
 
 use crate::errors::setup_error;
@@ -73,11 +75,12 @@ pub(crate) fn row_restitution(
 }
 
 /// Many runs. `forces` and `laws` have an entry for each run, or one for all. What is saved are the
-/// states `at` given times, the samples of `steps`, or what `save` says.
+/// states `at` given times, the samples of `steps`, or what `save` says. With `ends` each run of the
+/// switched method ends at its own.
 #[pyfunction]
 #[pyo3(signature = (
     forces, laws, states, method, *, span, save, slowest, threads, at=None, steps=None,
-    progress=None
+    ends=None, progress=None
 ))]
 #[allow(clippy::too_many_arguments)]
 pub(crate) fn simulate_batch(
@@ -92,6 +95,7 @@ pub(crate) fn simulate_batch(
     threads: usize,
     at: Option<Vec<f64>>,
     steps: Option<Vec<usize>>,
+    ends: Option<Vec<f64>>,
     progress: Option<Py<PyAny>>,
 ) -> PyResult<BatchRecord> {
     let _running = crate::leaving::running()?;
@@ -107,8 +111,21 @@ pub(crate) fn simulate_batch(
         });
     }
     let watch = &mut Watch { progress };
-    let ends = py.detach(|| run_batch(&members, task, save, threads, watch)).map_err(refused)?;
-    BatchRecord::new(py, ends)
+    let outcomes = match ends {
+        None => py.detach(|| run_batch(&members, task, save, threads, watch)),
+        Some(ends) if ends.len() != members.len() => {
+            return Err(PyValueError::new_err(format!(
+                "{} ends of {} runs",
+                ends.len(),
+                members.len()
+            )));
+        }
+        Some(ends) => {
+            let members: Vec<_> = members.into_iter().zip(ends).collect();
+            py.detach(|| simulate_batch_to(&members, task, save, threads, watch))
+        }
+    };
+    BatchRecord::new(py, outcomes.map_err(refused)?)
 }
 
 type Array = Py<PyArray1<f64>>;

@@ -4,7 +4,9 @@ use numpy::{PyArray1, PyReadonlyArray1};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use zivi::record::failure::Failure;
-use zivi::switched::sensitivity::{EventRates, Flight, Flown, IndependentFlights, Question, Wrt};
+use zivi::switched::sensitivity::{
+    EventRates, Flight, Flown, ImpactSequence, IndependentFlights, Question, Wrt,
+};
 use zivi::{Output, PointRun};
 
 use crate::arrays::Array;
@@ -140,19 +142,55 @@ pub(crate) fn fly_apart(
     let flown: Result<Vec<Flown>, Failure<PyErr>> = with_slopes!(py, &force, longest, |force| {
         zivi::switched::sensitivity::fly_apart(force, &flights, apart)
     });
+    let (status, flown) = status_of(flown)?;
+    Ok((status, PyArray1::from_vec(py, numbers_of(flown)).unbind()))
+}
+
+/// A status, 0 with what was computed; what a force raised is raised.
+fn status_of<T: Default>(found: Result<T, Failure<PyErr>>) -> PyResult<(u8, T)> {
+    match found {
+        Err(Failure::Raised(error)) => Err(error),
+        Err(Failure::Status(status)) => Ok((status as u8, T::default())),
+        Ok(found) => Ok((0, found)),
+    }
+}
+
+fn numbers_of(flown: Vec<Flown>) -> Vec<f64> {
     let mut numbers = Vec::new();
-    let status = match flown {
-        Err(Failure::Raised(error)) => return Err(error),
-        Err(Failure::Status(status)) => status as u8,
-        Ok(flown) => {
-            for it in flown {
-                let [first, last] = it.pull;
-                numbers.extend([it.x, it.xdot, first, last, it.lowest.0, it.lowest.1]);
-                numbers.extend(it.dx);
-                numbers.extend(it.dv);
-            }
-            0
-        }
-    };
-    Ok((status, PyArray1::from_vec(py, numbers).unbind()))
+    for it in flown {
+        let [first, last] = it.pull;
+        numbers.extend([it.x, it.xdot, first, last, it.lowest.0, it.lowest.1]);
+        numbers.extend(it.dx);
+        numbers.extend(it.dv);
+    }
+    numbers
+}
+
+/// The equations of a sequence of impacts that repeats, rows `P, t` one after the other, the `last`
+/// one a period ago: the flights as `fly_apart` gives them with their minima, what must vanish, its
+/// derivative and apart from that the one by the last impact, row by row.
+#[pyfunction]
+#[allow(clippy::too_many_arguments)]
+pub(crate) fn sequence_equations(
+    py: Python<'_>,
+    force: PyRef<'_, Force>,
+    method: PyRef<'_, Method>,
+    unknowns: PyReadonlyArray1<'_, f64>,
+    last: [f64; 2],
+    period: f64,
+    e: f64,
+    by: Vec<usize>,
+    sizes: PyReadonlyArray1<'_, f64>,
+) -> PyResult<(u8, [Array; 4])> {
+    let _running = crate::leaving::running()?;
+    let (settings, unknowns) = (method.switched()?, unknowns.as_slice()?);
+    let apart = &IndependentFlights { settings, by: &by, sizes: sizes.as_slice()?, minima: true };
+    let sequence = ImpactSequence { unknowns, last, length: period, e };
+    let found = with_slopes!(py, &force, period, |force| {
+        zivi::switched::sensitivity::sequence_equations(force, sequence, apart)
+    });
+    let (status, found) = status_of(found)?;
+    let array = |values: Vec<f64>| PyArray1::from_vec(py, values).unbind();
+    let flights = numbers_of(found.flights);
+    Ok((status, [flights, found.residual, found.own, found.before].map(array)))
 }

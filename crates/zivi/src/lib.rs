@@ -72,7 +72,7 @@ pub use switched::{
     Output, Return, SwitchedIntegrator, SwitchedRk, SwitchedRun,
 };
 pub use system::force::{
-    ConstantForce, Dependence, Force, FunctionForce, LinearForce, LinearLaw, Wave,
+    ConstantForce, Dependence, Force, FunctionForce, LinearForce, LinearLaw, LinearRate, Wave,
 };
 pub use system::impact_law::{AnyImpactLaw, ImpactLaw, SpeedDependentImpact};
 pub use system::moving_wall::{HarmonicWall, OnMovingWall, WallMotion};

@@ -2,20 +2,26 @@
 
 from __future__ import annotations
 
+import bisect
 import dataclasses
-import math
+import itertools
 from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+import zivi._zivi as _zivi
 from zivi.base.check import Array
+from zivi.base.compiled import listening, tell
+from zivi.base.progress import ProgressBar
+from zivi.base.status import Status
 from zivi.orbits.flights import PRECISE, FlightError
 from zivi.orbits.mechanical.equations import newton
 from zivi.orbits.mechanical.find import NEAR, least
 from zivi.orbits.sequence import Frame, as_rows, as_word
-from zivi.simulation.batch import simulate_batch
+from zivi.simulation.batch_arguments import check_threads
+from zivi.simulation.impacts import SLOWEST
 from zivi.simulation.methods import SwitchedRK
 from zivi.simulation.run import simulate
 from zivi.system.mass import ImpactSystem
@@ -23,6 +29,12 @@ from zivi.system.mass import ImpactSystem
 __all__ = ["Attractor", "Settled", "between", "classify", "quiet", "settle", "settle_one"]
 
 TOLERANCE = 1e-5
+LOOK = 100
+"""Periods after which runs are looked at: whether they have settled."""
+ROUNDING = 1e-12
+"""What is less, relative to the period and to the fastest impact, is no difference."""
+MOST_TURNS = 8
+"""Periods that a run may take to repeat itself, for it to have settled early."""
 MOST_STEPS = 60
 """Of Newton's iteration near a period doubling."""
 
@@ -115,15 +127,16 @@ def classify(
     rows = settled.impacts
     if not len(rows):
         return Attractor("flight", 1, none)
-    size = float(np.max(np.abs(rows[:, 1]))) or 1.0
-    end = quiet(rows, keep * period)
+    size = float(np.abs(rows[:, 1]).max()) or 1.0
+    times, end = rows[:, 0].tolist(), quiet(rows, keep * period)
+    last, sizes = bisect.bisect_right(times, end), np.array([period, size])
     for m in range(1, keep // 2 + 1):
-        now = between(rows, end - m * period, end)
-        before = between(rows, end - 2 * m * period, end - m * period)
+        first, middle = (bisect.bisect_right(times, end - n * m * period) for n in (2, 1))
+        now, before = rows[middle:last], rows[first:middle]
         if not len(now) or len(now) != len(before):
             continue
-        shift = np.abs(now - before - np.array([m * period, 0.0])) / [period, size]
-        if np.max(shift) <= tolerance:
+        shift = np.abs(now - before - np.array([m * period, 0.0])) / sizes
+        if shift.max() <= tolerance:
             least, now = least_rows(system, period, now, m)
             phases = np.column_stack([now[:, 0] / period % 1.0, now[:, 1]])
             return Attractor("impacting", least, phases[np.argsort(phases[:, 0])])
@@ -168,10 +181,10 @@ def _rested(settled: Settled, period: float, none: Array) -> Attractor:
 
 def quiet(rows: Array, end: float) -> float:
     """Give the middle of the last long flight between impacts, the rows, before the end."""
-    times = np.append(rows[-8:, 0], end)
-    gaps = np.diff(times)
-    i = int(np.flatnonzero(gaps >= 0.5 * np.max(gaps))[-1])
-    return float(times[i] + 0.5 * gaps[i])
+    times: list[float] = [*rows[-8:, 0].tolist(), end]
+    gaps = [after - before for before, after in itertools.pairwise(times)]
+    i = max(k for k, gap in enumerate(gaps) if gap >= 0.5 * max(gaps))
+    return times[i] + 0.5 * gaps[i]
 
 
 def between(rows: Array, start: float, end: float) -> Array:
@@ -188,39 +201,95 @@ def settle(
     method: SwitchedRK,
     threads: int | None = None,
     progress: bool | None = None,
+    *,
+    look: int = LOOK,
 ) -> list[Settled]:
     """Run all for a number of periods, and note what they do in further ones.
 
-    Runs whose forces need no interpreter and whose periods are the same are batches.
+    Runs whose forces need no interpreter are batches. They are looked at on the way, at first after
+    `look` periods: those that repeat themselves to rounding by then have settled.
     """
-    together = len(set(periods)) == 1 and all(it._spec.is_native for it in systems)
-    if not together:
+    if not all(it._spec.is_native for it in systems):
         triples = zip(systems, states, periods, strict=True)
         return [settle_one(*it, transient, keep, method) for it in triples]
-    length = float(periods[0])
+    runs = _Runs(systems, np.array(periods, np.float64), method, check_threads(threads), progress)
+    before = look if transient >= look + keep else transient
     ends, ok = np.array(states, dtype=np.float64), np.ones(len(states), dtype=bool)
-    if transient:
-        span = (0.0, transient * length)
-        first = simulate_batch(
-            systems, span, ends, method=method, threads=threads, progress=progress
-        )
-        ends, ok = np.column_stack([first.x, first.xdot]), first.success
+    if before:
+        first = runs.record(before, ends, "final")
+        ends, ok = np.column_stack([first.x, first.xdot]), first.status == Status.COMPLETED
         ends[~ok] = 0.0
-    batch = simulate_batch(
-        systems,
-        (0.0, keep * length),
-        ends,
-        method=method,
-        save="events",
-        threads=threads,
-        progress=progress,
-    )
-    return [
-        _settled(it, not math.isnan(rest), np.array([x, v]), bool(good and done))
-        for it, rest, x, v, good, done in zip(
-            batch.events or [], batch.rest_time, batch.x, batch.xdot, ok, batch.success, strict=True
+    record = runs.record(keep, ends, "events")
+    good = ok & (record.status == Status.COMPLETED)
+    rests = ~np.isnan(record.rest_time)
+    after = np.column_stack([record.x, record.xdot])
+    found = [
+        _settled(impacts[::3], impacts[2::3], zenos, lifts, *own)
+        for impacts, zenos, lifts, *own in zip(
+            record.resolved_impacts, record.zeno_times, record.liftoff_times,
+            rests.tolist(), after, good.tolist(), strict=True,
         )
-    ]
+    ]  # fmt: skip
+    if before == transient:
+        return found
+    left = [i for i in np.flatnonzero(good).tolist() if not _repeats(found[i], periods[i], keep)]
+    more = settle(
+        [systems[i] for i in left], after[left], [periods[i] for i in left],
+        transient - before - keep, keep, method, threads, progress, look=2 * look,
+    ) if left else []  # fmt: skip
+    for i, it in zip(left, more, strict=True):
+        found[i] = it
+    return found
+
+
+@dataclasses.dataclass(frozen=True)
+class _Runs:
+    """Runs that need no interpreter, each over a number of its periods."""
+
+    systems: Sequence[ImpactSystem]
+    periods: Array
+    method: SwitchedRK
+    threads: int
+    progress: bool | None
+
+    def record(self, count: int, states: Array, save: str) -> _zivi.BatchRecord:
+        """Run all from the start of a period."""
+        specs, ends = [it._spec for it in self.systems], count * self.periods
+        with ProgressBar(self.progress) as bar, listening(specs, threads=True) as ear:
+            record = _zivi.simulate_batch(
+                specs,
+                [it._impact for it in self.systems],
+                states,
+                self.method._core,
+                span=(0.0, float(np.max(ends))),
+                save=save,
+                slowest=SLOWEST,
+                threads=self.threads,
+                ends=ends.tolist(),
+                progress=bar.report,
+            )
+        tell(ear, record.status)
+        return record
+
+
+def _repeats(settled: Settled, period: float, keep: int) -> bool:
+    """Whether all periods that were noted are the same to rounding, or some of them in turns."""
+    rows = settled.impacts
+    if len(settled.zeno_times) or settled.rests or len(rows) < 2:
+        return False
+    speeds = rows[:, 1]
+    size = float(speeds.max()) or 1.0
+    for m in range(1, min(MOST_TURNS, keep // 2) + 1):
+        count = round(len(rows) * m / keep)
+        if not 0 < count < len(rows):
+            continue
+        if abs(speeds[-1] - speeds[-1 - count]) > ROUNDING * size:
+            continue
+        late, other = (rows[count:] - rows[:-count]).T
+        shifts = np.abs(late - m * period).max() / period, np.abs(other).max() / size
+        if max(shifts) <= ROUNDING:
+            return True
+    return False
 
 
 def settle_one(
@@ -241,16 +310,16 @@ def settle_one(
             return Settled(np.empty((0, 2)), empty, empty, False, np.zeros(2), False)
         state = (float(run.x[-1]), float(run.xdot[-1]))
     run = simulate(system, (0.0, keep * period), state, method, dense_output=False, progress=False)
-    events = {
-        "resolved_impacts": run.resolved_impacts,
-        "zeno_times": run.zeno_times,
-        "liftoff_times": run.liftoff_times,
-    }
-    end = np.array([run.x[-1], run.xdot[-1]])
-    return _settled(events, run.rest_time is not None, end, run.success)
+    impacts, end = run.resolved_impacts, np.array([run.x[-1], run.xdot[-1]])
+    return _settled(
+        impacts["t"], impacts["xdot_after"], run.zeno_times, run.liftoff_times,
+        run.rest_time is not None, end, run.success,
+    )  # fmt: skip
 
 
-def _settled(events: dict[str, Any], rests: bool, end: Array, success: bool) -> Settled:
-    impacts = events["resolved_impacts"]
-    rows = np.column_stack([impacts["t"], impacts["xdot_after"]])
-    return Settled(rows, events["zeno_times"], events["liftoff_times"], rests, end, success)
+def _settled(
+    times: Array, speeds: Array, zenos: Array, lifts: Array, rests: bool, end: Array, success: bool
+) -> Settled:
+    rows = np.empty((len(times), 2))
+    rows[:, 0], rows[:, 1] = times, speeds
+    return Settled(rows, zenos, lifts, rests, end, success)

@@ -151,7 +151,9 @@ def bifurcation_diagram(
         Of a mechanical system the gap whose impacts are noted, by default all; and the coordinate
         whose states are, by default the first.
     transient : int
-        Periods that are not looked at, >= 0.
+        Periods before those that are noted, >= 0. Of one mass under a force that needs no
+        interpreter they may be fewer, at least 100: a run whose last `keep` periods are the same
+        to rounding has settled.
     keep : int
         Periods that are, >= 2.
     period : float, optional

@@ -9,7 +9,7 @@ import math
 import numbers
 import sys
 from collections.abc import Callable
-from typing import Any, TypeAlias
+from typing import Any, Self, TypeAlias
 
 import zivi._zivi as _zivi
 from zivi.base.check import finite
@@ -43,6 +43,13 @@ class NativeForce:
         """Give the numbers by their names, in the order of the core."""
         kind: Any = type(self)
         return {name: getattr(self, name) for name in _names_of(kind)}
+
+    def _moved(self, name: str, value: float) -> Self:
+        """Give the same force with another number."""
+        new = object.__new__(type(self))
+        vars(new).update(vars(self))
+        object.__setattr__(new, name, finite(name, value))
+        return new
 
     @property
     def _excitation(self) -> float | None:

@@ -149,6 +149,17 @@ class ImpactSystem:
             self._impact = _zivi.ImpactLaw.newton(e, kappa)
         self._core = _zivi.PointMass(self._spec, self._impact)
 
+    def _under(self, force: Force) -> ImpactSystem:
+        """Give the same system under another force, and with its e, whatever that is."""
+        new = object.__new__(type(self))
+        new._force, new._e, new._kappa = force, self._e, self._kappa
+        new._wall, new._friction = self._wall, self._friction
+        if self._friction is None:
+            new._spec = in_wall_frame(new, force_spec(force))
+            new._impact = self._impact
+            new._core = _zivi.PointMass(new._spec, new._impact)
+        return new
+
     def __getstate__(self) -> tuple[Any, ...]:
         state = self._force, self._e, self._kappa, self._wall
         return state if self._friction is None else (*state, self._friction)

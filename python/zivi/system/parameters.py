@@ -21,6 +21,7 @@ __all__ = [
     "excitation",
     "names_of",
     "parameter",
+    "parameters_of",
     "with_value",
 ]
 
@@ -111,6 +112,8 @@ def parameter(system: ImpactSystem, name: str) -> float:
 def with_value(system: ImpactSystem, name: str, value: float) -> ImpactSystem:
     """Give the same system with another value of a parameter."""
     force, wall = system.force, system.wall
+    if isinstance(force, NativeForce) and name in force._numbers():
+        return system._under(force._moved(name, value))
     e: float | ImpactLaw = system.law
     parameter(system, name)
     if isinstance(e, NewtonImpact):
@@ -125,8 +128,6 @@ def with_value(system: ImpactSystem, name: str, value: float) -> ImpactSystem:
         wall = dataclasses.replace(wall, **{name.removeprefix("wall."): value})
     elif isinstance(force, ParametricForce):
         force = force.replace(**{name: value})
-    elif isinstance(force, NativeForce):
-        force = dataclasses.replace(force, **{name: value})
     else:
         force = value
     return ImpactSystem(force, e=e, wall=wall)

@@ -10,6 +10,7 @@
 
 use std::convert::Infallible;
 
+use super::power_series::TERMS;
 use super::root;
 
 /// Largest degree.
@@ -306,11 +307,11 @@ pub(crate) fn evaluate(coefficients: &[f64], theta: f64) -> f64 {
 }
 
 fn value<const M: usize>(coefficients: &[f64], theta: f64) -> f64 {
-    let mut c = [0.0; M];
     let n = coefficients.len();
     if n > MOST_DEGREE + 1 {
         return nested(coefficients, theta);
     }
+    let mut c = [0.0; M];
     c[..n].copy_from_slice(coefficients);
     for level in 1..n {
         for j in 0..n - level {
@@ -320,6 +321,20 @@ fn value<const M: usize>(coefficients: &[f64], theta: f64) -> f64 {
     c[0]
 }
 
+/// `(n - j)/(j + 1)`, by `n` and `j`.
+const RATIOS: [[f64; TERMS]; TERMS] = {
+    let (mut ratios, mut n) = ([[0.0; TERMS]; TERMS], 0);
+    while n < TERMS {
+        let mut j = 0;
+        while j < n {
+            ratios[n][j] = (n - j) as f64 / (j + 1) as f64;
+            j += 1;
+        }
+        n += 1;
+    }
+    ratios
+};
+
 /// The same where de Casteljau's scheme takes too many operations, with `u = theta/(1 - theta)` up
 /// to the middle, and from the other end beyond,
 ///
@@ -327,16 +342,16 @@ fn value<const M: usize>(coefficients: &[f64], theta: f64) -> f64 {
 /// p = (1 - theta)^n (c_0 + u n/1 (c_1 + u (n - 1)/2 (c_2 + ... + u/n c_n))).
 /// ```
 fn nested(coefficients: &[f64], theta: f64) -> f64 {
-    let n = coefficients.len() - 1;
-    let sum = |u: f64, of: &dyn Fn(usize) -> f64| {
-        let inner = |sum, j| sum * (u * ((n - j) as f64 / (j + 1) as f64)) + of(j);
-        (0..n).rev().fold(of(n), inner)
-    };
-    let rest = 1.0 - theta;
+    let (n, rest) = (coefficients.len() - 1, 1.0 - theta);
+    let ratios = &RATIOS[n][..n];
     if theta <= 0.5 {
-        rest.powi(n as i32) * sum(theta / rest, &|j| coefficients[j])
+        let (u, inner) = (theta / rest, coefficients[..n].iter().zip(ratios).rev());
+        let sum = inner.fold(coefficients[n], |sum, (c, ratio)| sum * (u * ratio) + c);
+        rest.powi(n as i32) * sum
     } else {
-        theta.powi(n as i32) * sum(rest / theta, &|j| coefficients[n - j])
+        let (u, inner) = (rest / theta, coefficients[1..].iter().zip(ratios.iter().rev()));
+        let sum = inner.fold(coefficients[0], |sum, (c, ratio)| sum * (u * ratio) + c);
+        theta.powi(n as i32) * sum
     }
 }
 

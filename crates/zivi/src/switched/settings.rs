@@ -11,6 +11,7 @@ use crate::piecewise::steps::Limits;
 use crate::record::trajectory::{checked_count, SetupError};
 use crate::record::values::Values as ReferencePoint;
 use crate::zeno::chain::Chain;
+use crate::{Force, LinearLaw};
 
 /// Order of the Runge-Kutta pair.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -255,6 +256,15 @@ impl SwitchedRk {
     #[must_use]
     pub fn with_tol(tol: f64) -> Self {
         Self { rtol: tol, atol: [tol; 2], ..Self::default() }
+    }
+
+    /// The law by which flights under a force are power series, unless these are not wanted.
+    pub(crate) fn law_of<E, F: Force<E>>(&self, force: &F) -> Option<LinearLaw> {
+        match self.flights {
+            Flights::RungeKutta => None,
+            Flights::Auto if !self.adaptive => None,
+            Flights::Auto | Flights::Series => force.linear(),
+        }
     }
 
     pub(crate) fn tolerances(&self) -> Tolerances {

@@ -39,6 +39,19 @@ pub struct LinearLaw {
     pub waves: [Wave; 2],
 }
 
+/// The derivative of a linear force by a parameter, a linear force whose waves may grow:
+///
+/// ```text
+/// f_q = -k_q x - c_q x' - g_q + sum_m Re (a_m + b_m t) e^(i (omega_m t + phase_m))
+/// ```
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct LinearRate {
+    /// What does not grow.
+    pub law: LinearLaw,
+    /// The waves that are multiplied by the time, their amplitudes in m/s^3.
+    pub growing: [Wave; 2],
+}
+
 /// A force per unit mass. `E` is what an evaluation may raise (an exception of a callable).
 pub trait Force<E> {
     /// `f(t, x, x')` in m/s^2, `t` in s, `x` in m, `xdot` in m/s.

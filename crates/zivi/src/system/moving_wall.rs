@@ -4,7 +4,7 @@
 //! y'' = f(t, y + w, y' + w') - w''        y'+ = -e y'-
 //! ```
 
-use crate::{Dependence, Force, LinearLaw, Wave};
+use crate::{Dependence, Force, LinearLaw, LinearRate, Wave};
 
 /// The motion of a wall: position (m), velocity (m/s), acceleration (m/s^2) at a time.
 pub trait WallMotion<E> {
@@ -40,15 +40,44 @@ impl HarmonicWall {
     /// ```text
     /// -k w - c w' - w'' = Re a (Omega^2 - k - i c Omega) e^(i (Omega t + chi)) - k offset.
     /// ```
-    pub(crate) fn frame(self, mut law: LinearLaw) -> Option<LinearLaw> {
+    pub(crate) fn frame(self, law: LinearLaw) -> Option<LinearLaw> {
+        self.seen(law, 1.0)
+    }
+
+    /// The same without `w''` of a derivative of the force, which is linear too.
+    pub(crate) fn frame_of_rate(self, law: LinearLaw) -> Option<LinearLaw> {
+        self.seen(law, 0.0)
+    }
+
+    fn seen(self, mut law: LinearLaw, mass: f64) -> Option<LinearLaw> {
         let Self { amplitude, omega, phase, offset } = self;
         // a wall on a wall is no wave more
         let free = law.waves.iter_mut().rev().find(|wave| wave.amplitude == [0.0; 2])?;
-        let amplitude =
-            [amplitude * (omega * omega - law.stiffness), -amplitude * law.damping * omega];
+        let inertia = mass * (omega * omega);
+        let amplitude = [amplitude * (inertia - law.stiffness), -amplitude * law.damping * omega];
         *free = Wave { amplitude, omega, phase };
         law.gravity += law.stiffness * offset;
         Some(law)
+    }
+
+    /// How the wave of the frame depends on the amplitude, the angular frequency, the phase or the
+    /// offset of the wall, by their numbers 0 to 3.
+    pub(crate) fn frame_by(self, index: usize, law: &LinearLaw) -> LinearRate {
+        let Self { amplitude: a, omega, phase, .. } = self;
+        let [re, im] = [omega * omega - law.stiffness, -law.damping * omega];
+        let wave = |amplitude| [Wave { amplitude, omega, phase }, Wave::default()];
+        let turned = wave([-a * im, a * re]);
+        let mut rate = LinearRate::default();
+        match index {
+            0 => rate.law.waves = wave([re, im]),
+            1 => {
+                rate.law.waves = wave([2.0 * a * omega, -a * law.damping]);
+                rate.growing = turned;
+            }
+            2 => rate.law.waves = turned,
+            _ => rate.law.gravity = law.stiffness,
+        }
+        rate
     }
 }
 

@@ -4,7 +4,9 @@
 //! that moves behind those of the force above it.
 
 use crate::system::moving_wall::WallMotion;
-use crate::{ConstantForce, Force, HarmonicWall, LinearForce, OnMovingWall};
+use crate::{
+    ConstantForce, Force, HarmonicWall, LinearForce, LinearLaw, LinearRate, OnMovingWall, Wave,
+};
 
 /// The partial derivatives of a force `f(t, x, x')` at a point.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -55,6 +57,11 @@ pub trait DifferentiableForce<E>: Force<E> {
         by: &[usize],
         out: &mut [f64],
     ) -> Result<Slopes, E>;
+
+    /// The derivative by a parameter as a linear force, where it and the force are that.
+    fn linear_rate(&self, _index: usize) -> Option<LinearRate> {
+        None
+    }
 }
 
 impl<E> DifferentiableForce<E> for ConstantForce {
@@ -65,6 +72,13 @@ impl<E> DifferentiableForce<E> for ConstantForce {
     fn slopes(&mut self, _: Place, _: bool, _: &[usize], out: &mut [f64]) -> Result<Slopes, E> {
         out.fill(1.0);
         Ok(Slopes::default())
+    }
+
+    fn linear_rate(&self, _: usize) -> Option<LinearRate> {
+        Some(LinearRate {
+            law: LinearLaw { gravity: -1.0, ..LinearLaw::default() },
+            ..LinearRate::default()
+        })
     }
 }
 
@@ -96,6 +110,21 @@ impl<E> DifferentiableForce<E> for LinearForce {
         }
         let t = -self.amplitude * self.omega * sin;
         Ok(Slopes { t, x: -self.stiffness, xdot: -self.damping })
+    }
+
+    fn linear_rate(&self, index: usize) -> Option<LinearRate> {
+        let Self { amplitude, omega, phase, .. } = *self;
+        let wave = |amplitude| [Wave { amplitude, omega, phase }, Wave::default()];
+        let mut rate = LinearRate::default();
+        match index {
+            0 => rate.law.stiffness = 1.0,
+            1 => rate.law.damping = 1.0,
+            2 => rate.law.gravity = 1.0,
+            3 => rate.law.waves = wave([1.0, 0.0]),
+            4 => rate.growing = wave([0.0, amplitude]),
+            _ => rate.law.waves = wave([0.0, amplitude]),
+        }
+        Some(rate)
     }
 }
 
@@ -170,6 +199,15 @@ impl<E, F: DifferentiableForce<E>, W: DifferentiableWall<E>> DifferentiableForce
         }
         slopes.t += slopes.x * wdot + slopes.xdot * wddot - self.wall.jerk(at.t);
         Ok(slopes)
+    }
+
+    fn linear_rate(&self, index: usize) -> Option<LinearRate> {
+        let (wall, own) = (self.wall.harmonic()?, self.force.parameters());
+        if let Some(of_wall) = index.checked_sub(own) {
+            return Some(wall.frame_by(of_wall, &self.force.linear()?));
+        }
+        let rate = self.force.linear_rate(index)?;
+        Some(LinearRate { law: wall.frame_of_rate(rate.law)?, ..rate })
     }
 }
 

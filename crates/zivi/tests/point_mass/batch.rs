@@ -2,7 +2,9 @@
 
 use std::convert::Infallible;
 
-use zivi::drive::batch::{simulate_batch, BatchError, Member, Outcome, Save, Task};
+use zivi::drive::batch::{
+    simulate_batch, simulate_batch_to, BatchError, Member, Outcome, Save, Task,
+};
 use zivi::{
     simulate_explicit_euler, simulate_moreau_jean, simulate_switched_rk, simulate_theta_gamma,
     AnyMethod, ConstantForce, ExplicitEuler, FixedSteps, Force, Grid, LinearForce, Monitor,
@@ -197,6 +199,28 @@ fn the_first_member_that_cannot_start_is_named() {
     let refused = simulate_batch(&members, task, Save::Final, 2, &mut Silent);
     let Err(BatchError::Setup(Some(33), error)) = refused else { panic!("{refused:?}") };
     assert!(error.to_string().starts_with("x0 must be"), "{error}");
+}
+
+#[test]
+fn runs_that_end_at_times_of_their_own_are_those_of_batches_up_to_there() {
+    let task = |end| Task { method: SwitchedRk::default().into(), span: (0.0, end), slowest: 1e-3 };
+    let members: Vec<_> = balls(40).into_iter().filter(|it| it.force.0.abs() < 100.0).collect();
+    let ends: Vec<f64> = (0..members.len()).map(|i| 0.3 + 0.17 * i as f64).collect();
+    let both: Vec<_> = members.iter().copied().zip(ends.iter().copied()).collect();
+    for save in [Save::Final, Save::Events, Save::Grazing] {
+        let found = simulate_batch_to(&both, task(1.0), save, 2, &mut Silent).unwrap();
+        for ((member, end), found) in both.iter().zip(&found) {
+            let alone = simulate_batch(&[*member], task(*end), save, 1, &mut Silent).unwrap();
+            assert_eq!(format!("{found:?}"), format!("{:?}", alone[0]));
+        }
+    }
+    let mut early = both.clone();
+    early[3].1 = 0.0;
+    let refused = simulate_batch_to(&early, task(1.0), Save::Final, 2, &mut Silent);
+    assert!(matches!(refused, Err(BatchError::Setup(Some(3), _))), "{refused:?}");
+    let fixed = simulate_batch_to(&both, implicit((0.0, 1.0), 1e-2), Save::Final, 2, &mut Silent);
+    let Err(BatchError::Setup(None, error)) = fixed else { panic!("{fixed:?}") };
+    assert!(error.to_string().starts_with("ends must be for the switched method"), "{error}");
 }
 
 /// Wants to stop at the second look.

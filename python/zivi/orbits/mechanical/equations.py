@@ -37,9 +37,11 @@ def sizes_of(terms: Terms) -> tuple[Array, Array]:
     frame, own = terms.frame, row_sizes(terms)
     length, distance, speed = own[0], own[1], own[-2]
     if frame.impulses is not None:
-        per_push = _per_speed(frame) * speed / frame.impulses.mobilities
-        unknowns = np.column_stack([per_push, np.full(len(per_push), length)]).ravel()
-        return unknowns, np.tile([distance, speed], len(per_push))
+        unknowns, residuals = np.empty((2, len(terms.y)))
+        unknowns[::2] = _per_speed(frame) * speed / frame.impulses.mobilities
+        unknowns[1::2] = length
+        residuals[::2], residuals[1::2] = distance, speed
+        return unknowns, residuals
     flights, n, own = terms.flights, frame.flow.n, own[:-1]
     events = []
     for segment in frame.word:
@@ -61,17 +63,22 @@ def _per_speed(frame: Frame) -> float:
 def row_sizes(terms: Terms) -> Array:
     """Give the sizes of a segment's row ``(t, z, tau)``."""
     n, length, flights = terms.frame.flow.n, abs(terms.length), terms.flights
-    states = np.vstack([terms.x[:, 1:-1], flights.z])
+    x, z = terms.x[:, 1:-1], flights.z
     # where a grazing is the only event all speeds there may vanish
-    rates = np.vstack([flights.first, flights.last])[:, n:]
+    pulls = _largest(flights.first[:, n:], flights.last[:, n:])
     # a section may lie where a motion without events hardly moves
     share = 1.0 if terms.frame.word[0].kind == "P" else 0.1
-    pushed = share * length / (2.0 * math.pi) * float(np.max(np.abs(rates)))
-    speed = max(float(np.max(np.abs(states[:, n:]))), pushed) or 1.0
+    pushed = share * length / (2.0 * math.pi) * pulls
+    speed = max(_largest(x[:, n:], z[:, n:]), pushed) or 1.0
     # one mass is at the wall in all events: its flights are higher
-    part = 0.5 / math.pi / len(terms.x) if isinstance(terms.frame.flow, MassFlow) else 1e-3
-    distance = max(float(np.max(np.abs(states[:, :n]))), part * speed * length) or 1.0
-    return np.concatenate([[length], np.full(n, distance), np.full(n, speed), [length]])
+    part = 0.5 / math.pi / len(x) if isinstance(terms.frame.flow, MassFlow) else 1e-3
+    distance = max(_largest(x[:, :n], z[:, :n]), part * speed * length) or 1.0
+    return np.array([length, *[distance] * n, *[speed] * n, length])
+
+
+def _largest(*several: Array) -> float:
+    """Give the largest absolute value."""
+    return max(float(np.abs(it).max()) for it in several)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -91,7 +98,7 @@ def newton(frame: Frame, y: Array, most: int = 20) -> Solution:
     _, sizes = sizes_of(now)
     if frame.impulses is not None:
         sizes[1::2] *= _per_speed(frame)
-    error = float(np.max(np.abs(now.residual / sizes)))
+    error = float(np.abs(now.residual / sizes).max())
     trace, accuracy = [error], frame.flow.accuracy
     for _ in range(most):
         if error <= max(TOLERANCE, accuracy):
@@ -118,7 +125,7 @@ def _damped(
         except (FlightError, ValueError):
             part *= 0.5
             continue
-        new = float(np.max(np.abs(there.residual / sizes)))
+        new = float(np.abs(there.residual / sizes).max())
         if math.isfinite(new) and (new <= 2.0 * error or new < 1e-3):
             return there, new
         part *= 0.5

@@ -40,7 +40,7 @@ class ImpulseTerms:
         self.frame, self.y, self.length = frame, y, frame.length
         self.kernel: Any = frame.impulses
         times = y[1::2]
-        if not np.all(np.isfinite(y)) or np.ptp(times) > 1e3 * abs(frame.length):
+        if not np.isfinite(y).all() or times.max() - times.min() > 1e3 * abs(frame.length):
             raise FlightError(Status.STEP_SIZE_TOO_SMALL)
         self.accumulations: dict[int, Accumulation] = {}
         self.residual, self.rates, self.jacobian = self._evaluated()
@@ -142,9 +142,8 @@ class MassTerms(ImpulseTerms):
         super().__init__(frame, y)
 
     def _evaluated(self) -> tuple[Array, Array, Array]:
-        self.flights = self.kernel.fly(self.y, name=self.name)
-        self._own, self._before = self.kernel.halves(self.flights)
-        residual = self.kernel.residual(self.y, self.flights)
+        found = self.kernel.equations(self.y, self.name)
+        self.flights, residual, self._own, self._before = found
         return residual, self.flights.z[:, 1], self._own + self._before
 
     def parts(self, kappa: float) -> tuple[Array, Array]:
@@ -154,13 +153,15 @@ class MassTerms(ImpulseTerms):
     def column(self, name: str, longer: float) -> Array:
         """Give the derivative by a parameter, by which the length has one too."""
         flies = name not in ("e", self.name)
-        flights = self.kernel.fly(self.y, name=name) if flies else self.flights
+        flights = self.kernel.equations(self.y, name)[0] if flies else self.flights
         return self.kernel.by_parameter(self.y, flights, name, longer)
 
     def return_map(self, first: int = 0) -> Array:
         """Give the derivative of ``(t, x, u)`` after an impact one word later."""
         maps = impact_maps(self.flights, self.kernel.e)
         product: Array = maps[first]
+        if len(maps) == 1:
+            return product
         with np.errstate(all="ignore"):
             for s in range(first + 1, first + len(maps)):
                 product = maps[s % len(maps)] @ product

@@ -18,7 +18,7 @@ import numpy as np
 
 from zivi.base.check import Array
 from zivi.base.status import Status
-from zivi.orbits.flights import FlightError, fly
+from zivi.orbits.flights import FlightError, fly, sequence_equations
 from zivi.orbits.mechanical.flow import Contacts, Flights, Jump, Scalar
 from zivi.simulation.methods import SwitchedRK
 from zivi.system.mass import ImpactSystem
@@ -46,9 +46,12 @@ class MassFlow:
         rows[:, 0], rows[:, 1:3], rows[:, 3] = t0, z0, t1
         if not ((t1 > t0).all() and np.isfinite(rows).all()):
             raise FlightError(Status.STEP_SIZE_TOO_SMALL)
-        ends, columns = fly(self.system, rows, self.method, name, minima=True)
+        return self.flights(*fly(self.system, rows, self.method, name, minima=True), z0[:, 1], name)
+
+    def flights(self, ends: Array, columns: Array, speeds: Array, name: str | None) -> Flights:
+        """Give flights by their ends and derivatives, from these speeds."""
         rates = ends.copy()
-        rates[:, 0] = z0[:, 1]
+        rates[:, 0] = speeds
         by = None if name is None else columns[:, :, 2]
         return Flights(
             ends[:, :2], columns[:, :, :2], rates[:, 0:3:2], rates[:, 1:4:2], ends[:, 4:], by
@@ -113,34 +116,22 @@ class MassImpulses:
         found[:, 1] = self.e / (1.0 + self.e) * y[::2]
         return found
 
-    def fly(self, y: Array, last: Array | None = None, name: str | None = None) -> Flights:
-        """Fly to each impact; `last` is the impact with which the period begins."""
-        times, states = y[1::2][self.before], self.states(y)[self.before]
-        if last is not None:
-            times[0], states[0] = last[1], self.states(last)[0]
-        times[0] -= self.length
-        return self.flow.fly((), times, states, y[1::2], name)
+    def equations(
+        self, y: Array, name: str | None = None, last: Array | None = None
+    ) -> tuple[Flights, Array, Array, Array]:
+        """Give the flights to the impacts, what must vanish, and its derivative in two halves.
 
-    def residual(self, y: Array, flights: Flights) -> Array:
-        """Give what must vanish."""
-        found = flights.z.copy()
-        found[:, 1] *= 1.0 + self.e
-        found[:, 1] += y[::2]
-        return found.ravel()
-
-    def halves(self, flights: Flights) -> tuple[Array, Array]:
-        """Give the derivative of the residual, and apart that by the last impact, a period ago."""
-        k, scale = len(flights.z), np.array([1.0, 1.0 + self.e])
-        begin = np.empty((k, 2, 2))
-        begin[:, :, 0] = self.e / (1.0 + self.e) * flights.phi[:, :, 1] * scale
-        begin[:, :, 1] = -_by_start(flights) * scale
-        own, before = np.zeros((k, 2, k, 2)), np.zeros((k, 2, k, 2))
-        at = np.arange(k)
-        own[at, 1, at, 0] = 1.0
-        own[at, :, at, 1] = flights.last * scale
-        own[at[1:], :, at[:-1]] = begin[1:]
-        before[0, :, -1] = begin[0]
-        return own.reshape(2 * k, 2 * k), before.reshape(2 * k, 2 * k)
+        The second half is that by the last impact, a period ago; `last` is what it was if it was
+        another one, and `name` a parameter by which the flights are derived.
+        """
+        y = np.ascontiguousarray(y)
+        push, time = (y if last is None else last)[-2:].tolist()
+        found, residual, own, before = sequence_equations(
+            self.flow.system, y, (push, time), self.length, self.flow.method, name
+        )
+        speeds = self.e / (1.0 + self.e) * y[::2][self.before]
+        speeds[0] = self.e / (1.0 + self.e) * push
+        return self.flow.flights(*found, speeds, name), residual, own, before
 
     def by_parameter(self, y: Array, flights: Flights, name: str, longer: float) -> Array:
         """Give the derivative of the residual by a parameter, of which the length has one too."""
@@ -164,8 +155,8 @@ class MassImpulses:
         h /= max(float(np.max(np.abs(own))), float(np.max(np.abs(before)))) or 1.0
         ends: list[Any] = []
         for step in (h, -h):
-            halves = self.halves(self.fly(y + step * own, y[-2:] + step * before))
-            ends.append(w @ (halves[0] + halves[1]))
+            _, _, now, ago = self.equations(y + step * own, last=y[-2:] + step * before)
+            ends.append(w @ (now + ago))
         return np.asarray((ends[0] - ends[1]) / (2.0 * h), np.float64)
 
 

@@ -129,10 +129,17 @@ class Path:
         terms = evaluate(frame, full[:-1], name=self.name if derives else None)
         return terms, terms.residual / self.sizes
 
-    def matrix(self, terms: Terms, column: Array) -> Array:
-        """Give the scaled derivative by unknowns and parameter."""
-        whole = np.column_stack([terms.matrix(), column])
-        return np.asarray(whole * self.scale / self.sizes[:, None], np.float64)
+    def matrix(self, terms: Terms, column: Array, normal: Array | None = None) -> Array:
+        """Give the scaled derivative by unknowns and parameter, with a normal as its last row."""
+        n = len(column)
+        full = np.empty((n + (normal is not None), n + 1))
+        whole = full[:n]
+        whole[:, :-1], whole[:, -1] = terms.matrix(), column
+        whole *= self.scale
+        whole /= self.sizes[:, None]
+        if normal is not None:
+            full[-1] = normal
+        return full
 
     def correct(self, guess: Array, normal: Array, tolerance: float = TOLERANCE) -> Point | None:
         """Solve in the hyperplane through a guess with a normal; None if that fails."""
@@ -141,25 +148,28 @@ class Path:
         for step in range(CORRECTIONS):
             try:
                 terms, residual = self.evaluate(z, derives=column is None)
-                error = float(np.max(np.abs(residual)))
+                error = float(np.abs(residual).max())
                 if column is None or STALE * before < error:
                     # only the convergence depends on it
                     column = self.column(terms)
             except (FlightError, ValueError):
                 return None
-            full = np.vstack([self.matrix(terms, column), normal])
+            full = self.matrix(terms, column, normal)
             # beside a grazing one step may stall before the next ones converge
             stalls = error >= 0.5 * before
             enough = error <= max(tolerance, terms.frame.flow.accuracy)
             if enough or (stalls and stalled and error <= 1e-10):
                 return self._point(z, terms, full, step, error)
             before, stalled = error, stalls
-            right = np.append(residual, normal @ (z - guess))
+            right = np.empty(len(z))
+            right[:-1], right[-1] = residual, normal @ (z - guess)
             try:
                 z = z - np.linalg.solve(full, right)
             except np.linalg.LinAlgError:
                 return None
-            if not np.all(np.isfinite(z)) or np.max(np.abs(z - guess)) > 1.0:
+            # false for NaN, too
+            near = float(np.abs(z - guess).max()) <= 1.0
+            if not near:
                 return None
         return None
 

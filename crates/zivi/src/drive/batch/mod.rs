@@ -130,6 +130,44 @@ pub fn simulate_batch<E, F: Force<Stopped> + Copy + Send + Sync>(
     pool::run(members, threads, monitor, work)
 }
 
+/// The same by the switched method, where each run ends at a time of its own instead of that of the
+/// task.
+///
+/// # Errors
+/// As [`simulate_batch`], and where an end is not after the start.
+pub fn simulate_batch_to<E, F: Force<Stopped> + Copy + Send + Sync>(
+    members: &[(Member<F>, f64)],
+    task: Task,
+    save: Save<'_>,
+    threads: usize,
+    monitor: &mut impl Monitor<E>,
+) -> Result<Vec<Outcome>, BatchError<E>> {
+    let plan = Plan::new(task, save).map_err(|error| BatchError::Setup(None, error))?;
+    if plan.grid.is_some() {
+        let error = SetupError::Setting("ends", f64::NAN, "for the switched method");
+        return Err(BatchError::Setup(None, error));
+    }
+    let start = plan.span.0;
+    for (i, (member, end)) in members.iter().enumerate() {
+        let started = plan.method.check_start(member.initial, member.law);
+        let checked = started.and_then(|()| check_span(start, *end, None));
+        checked.map_err(|error| BatchError::Setup(Some(i), error))?;
+    }
+    let work = pool::Work {
+        width: lanes::WIDTH,
+        chunk: |chunk: &[(Member<F>, f64)], stop: &dyn Fn() -> bool| {
+            let run = |(member, end): &(Member<F>, f64)| {
+                one(member, Plan { span: (start, *end), ..plan }, stop)
+            };
+            chunk.iter().map(run).collect()
+        },
+        lost: |(member, _): &(Member<F>, f64), status| {
+            Outcome::lost(start, member.initial, status, save)
+        },
+    };
+    pool::run(members, threads, monitor, work)
+}
+
 /// Refuses a batch whose results would not fit into memory.
 fn check_memory<E, F: Force<Stopped>>(
     members: &[Member<F>],

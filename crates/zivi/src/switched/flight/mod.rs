@@ -7,7 +7,7 @@ use super::lookahead::Deviation;
 use super::mode::{Flight, Mode};
 use super::path::Curve;
 use super::point::Point;
-use super::settings::{Flights, SwitchedRk};
+use super::settings::SwitchedRk;
 use super::stages::{Counted, Stages};
 use crate::piecewise::steps::Steps;
 use crate::record::failure::Failure;
@@ -68,11 +68,7 @@ impl FreeFlight {
 
     /// Chooses the flights that the settings ask for under this force.
     pub(super) fn adopt<E, F: Force<E>>(&mut self, settings: &SwitchedRk, force: &F) {
-        let law = match settings.flights {
-            Flights::RungeKutta => None,
-            Flights::Auto if !settings.adaptive => None,
-            Flights::Auto | Flights::Series => force.linear(),
-        };
+        let law = settings.law_of(force);
         let same = match (&mut self.series, &law) {
             (Some(series), Some(law)) => series.under(law),
             (series, law) => series.is_none() && law.is_none(),

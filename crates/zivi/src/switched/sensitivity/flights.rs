@@ -9,6 +9,8 @@
 //! goes there.
 
 use super::columns::{ColumnStep, Wrt};
+use super::flown::{Flight, Flown};
+use super::linear_flights::LinearFlights;
 use crate::numeric::step_size::{factor, shorter, FACTORS};
 use crate::record::failure::Failure;
 use crate::switched::point::Point;
@@ -16,38 +18,6 @@ use crate::switched::settings::SwitchedRk;
 use crate::switched::stages::{Counted, Stages};
 use crate::system::slopes::DifferentiableForce;
 use crate::Status;
-
-/// Where a flight starts and when it ends.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Flight {
-    /// Start (s).
-    pub from: f64,
-    /// Distance there (m).
-    pub x: f64,
-    /// Velocity there (m/s).
-    pub xdot: f64,
-    /// End (s).
-    pub to: f64,
-}
-
-/// The end of a flight and its derivatives.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct Flown {
-    /// Distance at the end (m).
-    pub x: f64,
-    /// Velocity at the end (m/s).
-    pub xdot: f64,
-    /// Accelerations at both ends (m/s^2).
-    pub pull: [f64; 2],
-    /// Derivatives of the distance at the end by the initial distance, the initial velocity, and
-    /// the parameters.
-    pub dx: Vec<f64>,
-    /// Those of the velocity.
-    pub dv: Vec<f64>,
-    /// The lowest minimum of the distance between the ends: when (s), and the distance (m), which
-    /// is infinite where there is none.
-    pub lowest: (f64, f64),
-}
 
 /// What is requested of flights.
 #[derive(Clone, Copy, Debug)]
@@ -74,11 +44,37 @@ pub fn fly_apart<E, F: DifferentiableForce<E>>(
     let settings = apart.settings.validated().map_err(|_| Failure::Status(Status::Internal))?;
     let mut wrt = vec![Wrt::X0, Wrt::Xdot0];
     wrt.extend(apart.by.iter().map(|&index| Wrt::Parameter(index)));
+    if let Some(exact) = exact(force, flights, (settings, apart)) {
+        return flights.iter().map(|flight| exact_flight(&exact, *flight, force)).collect();
+    }
     let mut force = Counted::new(force);
     let stages = Stages::new(settings.order.pair(), 1);
     let mut pilot =
         FlightControl { settings, apart, stages, step: ColumnStep::new(&wrt), h: f64::INFINITY };
     flights.iter().map(|flight| pilot.fly(*flight, &mut force)).collect()
+}
+
+/// The flights as power series, where the force is linear and the method takes these.
+fn exact<E, F: DifferentiableForce<E>>(
+    force: &F,
+    flights: &[Flight],
+    (settings, apart): (SwitchedRk, &IndependentFlights<'_>),
+) -> Option<LinearFlights> {
+    let law = settings.law_of(force)?;
+    let rates = apart.by.iter().map(|&index| force.linear_rate(index)).collect::<Option<_>>()?;
+    let longest = flights.iter().fold(0.0_f64, |longest, it| longest.max(it.to - it.from));
+    LinearFlights::new(law, rates, longest, (settings.max_steps, apart.minima))
+}
+
+fn exact_flight<E, F: DifferentiableForce<E>>(
+    exact: &LinearFlights,
+    flight: Flight,
+    force: &mut F,
+) -> Result<Flown, Failure<E>> {
+    let flown = exact.fly(flight)?;
+    let first = force.at(flight.from, flight.x, flight.xdot).map_err(Failure::Raised)?;
+    let last = force.at(flight.to, flown.x, flown.xdot).map_err(Failure::Raised)?;
+    Ok(Flown { pull: [first, last], ..flown })
 }
 
 struct FlightControl<'a> {
@@ -180,7 +176,8 @@ impl FlightControl<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::ConstantForce;
+    use crate::switched::settings::Flights;
+    use crate::{ConstantForce, HarmonicWall, LinearForce, OnMovingWall};
     use std::convert::Infallible;
 
     #[test]
@@ -201,5 +198,99 @@ mod tests {
         let flown: Result<Flown, Failure<Infallible>> = pilot.fly(flight, &mut force);
         assert!((flown.unwrap().x - (0.125 - 0.125 * 0.125)).abs() < 1e-16);
         assert_eq!(pilot.h, 25.0 * 0.125);
+    }
+
+    const OSCILLATOR: LinearForce = LinearForce {
+        stiffness: 1.3,
+        damping: 0.2,
+        gravity: 0.7,
+        amplitude: 1.1,
+        omega: 1.7,
+        phase: 0.4,
+    };
+
+    fn flown<F: DifferentiableForce<Infallible>>(
+        mut force: F,
+        flights: &[Flight],
+        by: &[usize],
+        way: Flights,
+    ) -> Vec<Flown> {
+        let settings =
+            SwitchedRk { rtol: 1e-13, atol: [1e-14; 2], flights: way, ..SwitchedRk::default() };
+        let sizes = vec![1.0; 2 + by.len()];
+        let apart = IndependentFlights { settings, by, sizes: &sizes, minima: true };
+        fly_apart(&mut force, flights, &apart).unwrap()
+    }
+
+    /// Both ways of flight, one after the other.
+    fn check<F: DifferentiableForce<Infallible> + Copy>(force: F) {
+        let by: Vec<usize> = (0..force.parameters()).collect();
+        let flights = [
+            Flight { from: 0.3, x: 0.0, xdot: 1.2, to: 4.9 },
+            Flight { from: -2.0, x: 0.5, xdot: -0.3, to: 11.0 },
+            Flight { from: 7.0, x: 0.1, xdot: 2.0, to: 7.02 },
+        ];
+        let [exact, pair] =
+            [Flights::Auto, Flights::RungeKutta].map(|way| flown(force, &flights, &by, way));
+        assert_ne!(exact, pair);
+        for (exact, pair) in exact.iter().zip(&pair) {
+            let numbers = |it: &Flown| {
+                let own = [it.x, it.xdot, it.pull[0], it.pull[1], it.lowest.0, it.lowest.1];
+                own.into_iter().chain(it.dx.clone()).chain(it.dv.clone()).collect::<Vec<_>>()
+            };
+            for (k, (a, b)) in numbers(exact).into_iter().zip(numbers(pair)).enumerate() {
+                let near = (a - b).abs() < 1e-11 * (1.0 + b.abs());
+                assert!(near || (a == b && k == 5), "{k}: {a} {b}");
+            }
+        }
+    }
+
+    #[test]
+    fn they_are_what_the_pair_finds() {
+        let wall = HarmonicWall { amplitude: 0.4, omega: 2.3, phase: -0.5, offset: 0.2 };
+        for force in [
+            OSCILLATOR,
+            LinearForce { omega: -1.7, ..OSCILLATOR },
+            LinearForce { omega: 0.0, ..OSCILLATOR },
+            LinearForce { amplitude: 0.0, ..OSCILLATOR },
+            LinearForce { stiffness: -0.3, damping: -0.1, ..OSCILLATOR },
+            LinearForce { stiffness: 0.0, damping: 0.0, amplitude: 0.0, ..OSCILLATOR },
+            LinearForce { stiffness: 200.0, damping: 90.0, ..OSCILLATOR },
+        ] {
+            check(force);
+            check(OnMovingWall { force, wall });
+            check(OnMovingWall { force, wall: HarmonicWall { omega: force.omega, ..wall } });
+        }
+        check(ConstantForce(-0.7));
+        check(OnMovingWall { force: ConstantForce(-0.7), wall });
+    }
+
+    #[test]
+    fn resonance_is_exact() {
+        // x'' = -x + a cos(w t), w = a = 1, from rest:
+        //   x = x_a = t sin(t)/2,    x_w'' = -x_w - t sin(t):   x_w = (t^2 cos(t) - t sin(t))/4
+        let force = LinearForce {
+            stiffness: 1.0,
+            damping: 0.0,
+            gravity: 0.0,
+            amplitude: 1.0,
+            omega: 1.0,
+            phase: 0.0,
+        };
+        for to in [0.4, 3.0, 20.0_f64] {
+            let flight = Flight { from: 0.0, x: 0.0, xdot: 0.0, to };
+            let it = &flown(force, &[flight], &[3, 4], Flights::Auto)[0];
+            let (sin, cos) = to.sin_cos();
+            let close =
+                |a: f64, b: f64| assert!((a - b).abs() < 4e-15 * (1.0 + to * to), "{a} {b}");
+            close(it.x, 0.5 * to * sin);
+            close(it.xdot, 0.5 * (sin + to * cos));
+            close(it.dx[0], cos);
+            close(it.dx[1], sin);
+            close(it.dv[0], -sin);
+            close(it.dx[2], 0.5 * to * sin);
+            close(it.dx[3], 0.25 * (to * to * cos - to * sin));
+            close(it.dv[3], 0.25 * (to * cos - to * to * sin - sin));
+        }
     }
 }

@@ -8,6 +8,9 @@
 mod columns;
 mod derivatives;
 mod flights;
+mod flown;
+mod impulses;
+mod linear_flights;
 mod path;
 mod run;
 mod validity;
@@ -15,7 +18,9 @@ mod variational_run;
 
 pub use columns::Wrt;
 pub use derivatives::{Derivatives, EventRates, Question};
-pub use flights::{fly_apart, Flight, Flown, IndependentFlights};
+pub use flights::{fly_apart, IndependentFlights};
+pub use flown::{Flight, Flown};
+pub use impulses::{sequence_equations, ImpactSequence, SequenceEquations};
 pub use run::sensitivity;
 pub(crate) use validity::Validity;
 pub use validity::{Limit, Nearest};

@@ -20,7 +20,7 @@ pub(crate) use reading::Reading;
 pub(crate) use root::first_fall;
 pub(crate) use step::Step;
 pub(crate) use table::Table;
-pub(crate) use terms::{column, Series, Start, TERMS};
+pub(crate) use terms::{column, wave, Series, Start, TERMS};
 
 use std::sync::Arc;
 

@@ -44,7 +44,7 @@ pub(crate) fn column(k: f64, c: f64, x: f64, v: f64, d: &Series) -> Series {
 }
 
 /// `h^2 Re z e^(i W s)` by powers of `s` for `z = 1` and `z = i`.
-pub(super) fn wave(w: f64, h: f64) -> [Series; 2] {
+pub(crate) fn wave(w: f64, h: f64) -> [Series; 2] {
     let (mut cos, mut sin) = ([0.0; TERMS], [0.0; TERMS]);
     let mut term = h * h;
     for n in 0..TERMS {
