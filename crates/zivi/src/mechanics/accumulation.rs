@@ -119,12 +119,12 @@ impl Accumulation {
         Ok(ahead.map(|(landing, set)| Ahead { landing, corner: Some(set) }))
     }
 
-    /// Through the rest of an accumulation, onto the manifold. Its arcs are worked out if it ends
-    /// after `dense_from`.
+    /// Through the rest of an accumulation, onto the manifold. Its impacts are worked out if it ends
+    /// after the first time, the motion between them if it ends after the second.
     pub(super) fn jump<E, D: Dynamics<E>>(
         &mut self,
         Ahead { landing, corner: into }: Ahead,
-        dense_from: f64,
+        from: (f64, f64),
         (e, state): (&[f64], &mut MechanicalState),
         occurrences: &mut Vec<Occurrence>,
         model: &mut Model<'_, D>,
@@ -134,11 +134,11 @@ impl Accumulation {
         let mut at = Mechanism { settings, e, state, aside, model };
         let (piece, set) = match into {
             Some(set) => {
-                let (flights, set) = corner.jump((landing, set), dense_from, &mut at)?;
+                let (flights, set) = corner.jump((landing, set), from.1, &mut at)?;
                 (Piece::Descent(flights), set)
             }
             None => {
-                let (arcs, set) = chain.jump(&landing, dense_from, &mut at)?;
+                let (arcs, set) = chain.jump(&landing, from, &mut at)?;
                 (Piece::Skipped(arcs), set)
             }
         };

@@ -220,12 +220,12 @@ impl ImpactChain {
         Ok(self.obstacle.is_none())
     }
 
-    /// Through the rest of the chain: the arcs that this skips, if they end after `dense_from`, and
-    /// the gaps that are closed then.
+    /// Through the rest of the chain: the arcs that this skips, if they end after the first time, with the
+    /// motion of the system along them if they end after the second, and the gaps that are closed then.
     pub(super) fn jump<E, D: Dynamics<E>>(
         &self,
         landing: &Landing<Vec<f64>>,
-        dense_from: f64,
+        (dense_from, drawn_from): (f64, f64),
         at: &mut Mechanism<'_, '_, D>,
     ) -> Result<(SkippedArcs, GapSet), Failure<E>> {
         let mut mode = self.landed();
@@ -233,6 +233,11 @@ impl ImpactChain {
         if zeno <= dense_from {
             let skipped = SkippedArcs { start: zeno, end: zeno, arcs: None, rows: vec![] };
             return Ok((skipped, at.move_to(landing, mode)?));
+        }
+        if zeno <= drawn_from {
+            let set = at.move_to(landing, mode)?;
+            let now = at.state.now();
+            return Ok((SkippedArcs::undrawn(&self.chain, now.t, now.x.len()), set));
         }
         let (start, z) = (at.state.now().t, at.state.without_speeds(mode)?);
         let speeds = at.state.now().xdot.clone();

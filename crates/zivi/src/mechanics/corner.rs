@@ -157,14 +157,14 @@ impl CornerApproach {
         Ok(Some((resting(t, &z), set)))
     }
 
-    /// Into the corner of a set: what is closed there, and the way, if it ends after `dense_from`.
+    /// Into the corner of a set: what is closed there, and the way, if it ends after `drawn_from`.
     pub(super) fn jump<E, D: Dynamics<E>>(
         &self,
         (landing, set): Corner,
-        dense_from: f64,
+        drawn_from: f64,
         at: &mut Mechanism<'_, '_, D>,
     ) -> Result<(Vec<Flight>, GapSet), Failure<E>> {
-        let entry = match landing.t > dense_from {
+        let entry = match landing.t > drawn_from {
             true => Some(CornerEntry::new(set, at.state)?),
             false => None,
         };

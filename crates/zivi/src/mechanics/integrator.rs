@@ -140,10 +140,10 @@ impl MechanicalIntegrator {
                 return self.unjammed(stopped, model);
             }
             Next::Jump(ahead) if ahead.landing.t <= t_end => {
-                let (dense_from, at) =
-                    (self.motion.steps().dense_from(), (self.impacts.e(), &mut self.state));
+                let (from, at) =
+                    (self.motion.requested_from(), (self.impacts.e(), &mut self.state));
                 let occurrences = &mut self.occurrences;
-                return self.accumulation.jump(ahead, dense_from, at, occurrences, model);
+                return self.accumulation.jump(ahead, from, at, occurrences, model);
             }
             Next::Jump(_) | Next::Step => (),
         }

@@ -66,6 +66,8 @@ pub(super) struct Kinetics {
     diagonal: Vec<f64>,
     known: Vec<u64>,
     evaluation: u64,
+    /// What [`Self::coupling`] has given, by row, where `M` and the normals never change; else NaN.
+    couplings: Vec<f64>,
     /// `D_CC` of some set, then its factor.
     small: Vec<f64>,
     right: Vec<f64>,
@@ -134,6 +136,7 @@ impl Kinetics {
             diagonal: zeros(rows),
             known: vec![0; rows],
             evaluation: 0,
+            couplings: vec![],
             small: zeros(rows * rows),
             right: zeros(rows),
             order: Vec::with_capacity(rows),
@@ -370,8 +373,17 @@ impl Kinetics {
 
     /// `D_ij`, zero where the gaps are orthogonal to rounding.
     pub(super) fn coupling(&mut self, i: usize, j: usize) -> f64 {
+        let at = i * self.b.len() + j;
+        if let Some(known) = self.couplings.get(at).filter(|known| !known.is_nan()) {
+            return *known;
+        }
         let diagonal = [self.d(i, i), self.d(j, j)];
-        self.coupling_beside(i, j, diagonal)
+        let coupling = self.coupling_beside(i, j, diagonal);
+        if self.is_constant {
+            self.couplings.resize(self.b.len() * self.b.len(), f64::NAN);
+            self.couplings[at] = coupling;
+        }
+        coupling
     }
 
     /// The same beside `D_ii` and `D_jj`.
@@ -445,6 +457,27 @@ impl Kinetics {
         // to the last bit as by the factor of a matrix
         let root = d.sqrt();
         Ok(change / root / root)
+    }
+
+    /// Adds what has to act on a gap alone to change its rate by so much, times `M^-1 n`, to a vector.
+    pub(super) fn push(
+        &mut self,
+        gap: usize,
+        change: f64,
+        vector: &mut [f64],
+    ) -> Result<(), Undetermined> {
+        let size = self.alone(gap, change)?;
+        axpy(vector, size, self.known_mobility(gap));
+        Ok(())
+    }
+
+    /// What [`Self::solve`] gives for one gap.
+    pub(super) fn alone(&mut self, gap: usize, right: f64) -> Result<f64, Undetermined> {
+        if let Ok(size) = self.impulse(gap, right) {
+            return Ok(size);
+        }
+        self.solve_dependent(GapSet::of(gap), |_, _| right)?;
+        Ok(self.right[0])
     }
 
     /// Whether impacts on the gaps `hit`, with what friction does in a mode, press the other contacts

@@ -45,6 +45,17 @@ impl SkippedArcs {
         Self { arcs: Some(Box::new(arcs)), ..Self::between(start, zeno, ends) }
     }
 
+    /// Those of so many components that nobody looks along: their impacts alone.
+    pub(super) fn undrawn(chain: &Chain<Vec<f64>, Key>, zeno: f64, size: usize) -> Self {
+        let arcs = chain.tail(zeno, 1.0);
+        Self {
+            start: arcs.start(),
+            end: zeno,
+            arcs: Some(Box::new(arcs)),
+            rows: vec![[0.0; 8]; size],
+        }
+    }
+
     /// The motion in contact between two times.
     pub(super) fn between(start: f64, end: f64, [first, last]: [EndOfArcs; 2]) -> Self {
         let h = end - start;

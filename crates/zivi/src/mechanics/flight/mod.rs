@@ -124,6 +124,11 @@ impl SmoothMotion {
         self.linear.as_ref().map(|linear| linear.period())
     }
 
+    /// From when on arcs are requested that a jump skips, and from when on the motion along them (s).
+    pub(super) fn requested_from(&self) -> (f64, f64) {
+        (self.steps.dense_from(), self.drawn_from)
+    }
+
     /// Whether flights need nothing that is evaluated where they begin: neither forces nor gaps.
     pub(super) fn is_independent(&self) -> bool {
         self.linear.as_ref().is_some_and(|linear| linear.anchors_gaps())

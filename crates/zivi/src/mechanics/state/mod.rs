@@ -313,9 +313,12 @@ impl MechanicalState {
         set: GapSet,
         model: &mut Model<'_, D>,
     ) -> Result<(), Failure<E>> {
+        self.is_known = false;
+        if let Some(gap) = set.only().filter(|&gap| gap < self.layout.m) {
+            return self.project_alone(gap, model);
+        }
         let Self { kinetics, now, layout, .. } = self;
         let Layout { n, m, .. } = *layout;
-        self.is_known = false;
         let mut set = set;
         for iteration in 0..=PROJECTIONS {
             let (q, gaps) = now.x.split_at_mut(n);
@@ -344,6 +347,34 @@ impl MechanicalState {
             if far {
                 kinetics.solve(set, |at, i| if i < m { -at.gap(i) } else { 0.0 })?;
                 kinetics.apply(set, q);
+            }
+        }
+        Ok(())
+    }
+
+    /// The same of a gap alone.
+    fn project_alone<E, D: Dynamics<E>>(
+        &mut self,
+        gap: usize,
+        model: &mut Model<'_, D>,
+    ) -> Result<(), Failure<E>> {
+        let Self { kinetics, now, layout, .. } = self;
+        for iteration in 0..=PROJECTIONS {
+            let (q, gaps) = now.x.split_at_mut(layout.n);
+            let (w, speeds) = now.xdot.split_at_mut(layout.n);
+            kinetics.evaluate_gaps(model, now.t, q, w)?;
+            let (of_gap, of_rate) = kinetics.rounding(gap, q, w);
+            gaps[gap] = 0.0;
+            let (distance, missing) = (kinetics.gap(gap), speeds[gap] - kinetics.rate(gap, w));
+            let (far, fast) = (distance.abs() > of_gap, missing.abs() > of_rate);
+            if !(far || fast) || iteration == PROJECTIONS {
+                break;
+            }
+            if fast {
+                kinetics.push(gap, missing, w)?;
+            }
+            if far {
+                kinetics.push(gap, -distance, q)?;
             }
         }
         Ok(())
@@ -520,6 +551,19 @@ impl MechanicalState {
         z.extend_from_slice(&now.x);
         z.extend_from_slice(&now.xdot);
         let (x, v) = z.split_at_mut(now.x.len());
+        if let Some(gap) = set.only() {
+            for _ in 0..2 {
+                let rate = kinetics.rate(gap, &v[..n]);
+                kinetics.push(gap, -rate, &mut v[..n])?;
+            }
+            without_rounding(&mut v[..n], &now.xdot);
+            let impulse = kinetics.alone(gap, -now.xdot[n + gap])?;
+            for k in 0..rows {
+                v[n + k] += kinetics.coupling(k, gap) * impulse;
+            }
+            (x[n + gap], v[n + gap]) = (0.0, 0.0);
+            return Ok(());
+        }
         // twice: the first leaves rounding of the speeds
         for _ in 0..2 {
             let w = &v[..n];
