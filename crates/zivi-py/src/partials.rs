@@ -232,10 +232,15 @@ struct Task<'a> {
 type Outcome = Result<(MechanicalRun<PyErr>, Derivatives), SetupError>;
 
 impl Task<'_> {
-    fn run(&self, dynamics: &mut impl DifferentiableDynamics<PyErr>, watch: &mut Watch) -> Outcome {
+    /// Compiled once for all kinds of systems: an evaluation takes many times what it takes to find it.
+    fn run(
+        &self,
+        mut dynamics: &mut dyn DifferentiableDynamics<PyErr>,
+        watch: &mut Watch,
+    ) -> Outcome {
         let Self { method, laws, span, start, tstops, dense, question } = self;
         let output = MechanicalOutput { tstops, dense: *dense, ..MechanicalOutput::default() };
-        differentiate(*method, dynamics, laws, *span, *start, output, question, watch)
+        differentiate(*method, &mut dynamics, laws, *span, *start, output, question, watch)
     }
 
     /// Without the interpreter where nothing needs it.

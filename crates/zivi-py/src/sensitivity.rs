@@ -7,6 +7,7 @@ use zivi::record::failure::Failure;
 use zivi::switched::sensitivity::{
     EventRates, Flight, Flown, ImpactSequence, IndependentFlights, Question, Wrt,
 };
+use zivi::system::slopes::DifferentiableForce;
 use zivi::{Output, PointRun};
 
 use crate::arrays::Array;
@@ -89,6 +90,8 @@ pub(crate) fn sensitivity(
     let watch = &mut Watch { progress };
     let result = with_slopes!(py, system.force.get(), span.1 - span.0, |force| {
         let output = Output { tstops, dense, drawn, ..Output::default() };
+        // compiled once for all kinds of forces
+        let force: &mut &mut dyn DifferentiableForce<PyErr> = &mut (force as _);
         zivi::switched::sensitivity::sensitivity(
             method, law, force, span, initial, output, question, watch,
         )
@@ -140,6 +143,7 @@ pub(crate) fn fly_apart(
     let apart = &IndependentFlights { settings, by: &by, sizes: sizes.as_slice()?, minima };
     let longest = flights.iter().fold(0.0_f64, |longest, it| longest.max(it.to - it.from));
     let flown: Result<Vec<Flown>, Failure<PyErr>> = with_slopes!(py, &force, longest, |force| {
+        let force: &mut &mut dyn DifferentiableForce<PyErr> = &mut (force as _);
         zivi::switched::sensitivity::fly_apart(force, &flights, apart)
     });
     let (status, flown) = status_of(flown)?;
@@ -187,6 +191,7 @@ pub(crate) fn sequence_equations(
     let apart = &IndependentFlights { settings, by: &by, sizes: sizes.as_slice()?, minima: true };
     let sequence = ImpactSequence { unknowns, last, length: period, e };
     let found = with_slopes!(py, &force, period, |force| {
+        let force: &mut &mut dyn DifferentiableForce<PyErr> = &mut (force as _);
         zivi::switched::sensitivity::sequence_equations(force, sequence, apart)
     });
     let (status, found) = status_of(found)?;

@@ -7,6 +7,7 @@ use pyo3::exceptions::{PyTypeError, PyValueError};
 use pyo3::prelude::*;
 use zivi::mechanics::{MechanicalOutput, MechanicalRun};
 use zivi::stepping::step_solver::General;
+use zivi::system::dynamics::Dynamics;
 use zivi::{AnyMethod, Grid, Lifted, Method as _, Output, Physical, PointRun, SetupError, Solver};
 
 use crate::dynamics::AnyDynamics;
@@ -114,26 +115,20 @@ fn run_mechanism(
     let (layout, friction) = (system.layout(), system.friction());
     let dynamics = AnyDynamics::of(py, system.model.get(), layout);
     let output = |events| MechanicalOutput { t_eval, tstops, ends, dense, arcs, events };
+    // compiled once for all kinds of systems
+    let run = |mut dynamics: &mut dyn Dynamics<PyErr>, events, watch: &mut Watch| {
+        let mut rubbing = Rubbing { dynamics: &mut dynamics, friction };
+        let system = zivi::Mechanism { dynamics: &mut rubbing, laws };
+        method.run(system, span, start, output(events), watch)
+    };
     Ok(match dynamics {
-        AnyDynamics::Compiled(dynamics) if keep.events.is_empty() => py.detach(|| {
-            let system = zivi::Mechanism { dynamics: &mut Rubbing { dynamics, friction }, laws };
-            method.run(system, span, start, output(Vec::new()), watch)
-        }),
+        AnyDynamics::Compiled(mut dynamics) if keep.events.is_empty() => {
+            py.detach(|| run(&mut dynamics, Vec::new(), watch))
+        }
         // the events need the interpreter
-        dynamics => {
+        mut dynamics => {
             let events = keep.events.iter().map(|it| it.get().of_mechanism(py, layout.n)).collect();
-            match dynamics {
-                AnyDynamics::Compiled(dynamics) => {
-                    let system =
-                        zivi::Mechanism { dynamics: &mut Rubbing { dynamics, friction }, laws };
-                    method.run(system, span, start, output(events), watch)
-                }
-                AnyDynamics::Callable(dynamics) => {
-                    let system =
-                        zivi::Mechanism { dynamics: &mut Rubbing { dynamics, friction }, laws };
-                    method.run(system, span, start, output(events), watch)
-                }
-            }
+            run(&mut dynamics, events, watch)
         }
     })
 }

@@ -163,6 +163,37 @@ pub trait Dynamics<E> {
     }
 }
 
+/// A borrowed system, of a kind that is known only when the program runs (`dyn`), too.
+impl<E, D: Dynamics<E> + ?Sized> Dynamics<E> for &mut D {
+    fn layout(&self) -> Layout {
+        (**self).layout()
+    }
+
+    fn friction(&self) -> &Friction {
+        (**self).friction()
+    }
+
+    fn evaluate(&mut self, t: f64, q: &[f64], w: &[f64], out: &mut [f64]) -> Result<(), E> {
+        (**self).evaluate(t, q, w, out)
+    }
+
+    fn evaluate_again(&mut self, t: f64, q: &[f64], w: &[f64], out: &mut [f64]) -> Result<(), E> {
+        (**self).evaluate_again(t, q, w, out)
+    }
+
+    fn evaluate_gaps(&mut self, t: f64, q: &[f64], w: &[f64], out: &mut [f64]) -> Result<(), E> {
+        (**self).evaluate_gaps(t, q, w, out)
+    }
+
+    fn is_steady(&self) -> bool {
+        (**self).is_steady()
+    }
+
+    fn linear(&self) -> Option<&Arc<LinearSystem>> {
+        (**self).linear()
+    }
+}
+
 /// A system given by a function.
 #[derive(Clone, Copy, Debug)]
 pub struct FunctionDynamics<F> {

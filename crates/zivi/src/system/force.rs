@@ -88,6 +88,33 @@ pub trait Force<E> {
     }
 }
 
+/// A borrowed force, of a kind that is known only when the program runs (`dyn`), too.
+impl<E, F: Force<E> + ?Sized> Force<E> for &mut F {
+    fn at(&mut self, t: f64, x: f64, xdot: f64) -> Result<f64, E> {
+        (**self).at(t, x, xdot)
+    }
+
+    fn dependence(&self) -> Dependence {
+        (**self).dependence()
+    }
+
+    fn dependence_at_rest(&self) -> Dependence {
+        (**self).dependence_at_rest()
+    }
+
+    fn shortest_period(&self) -> Option<f64> {
+        (**self).shortest_period()
+    }
+
+    fn linear(&self) -> Option<LinearLaw> {
+        (**self).linear()
+    }
+
+    fn is_interruption(&self, error: &E) -> bool {
+        (**self).is_interruption(error)
+    }
+}
+
 /// The same force everywhere and always.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ConstantForce(

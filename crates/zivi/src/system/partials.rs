@@ -39,6 +39,24 @@ pub trait DifferentiableDynamics<E>: Dynamics<E> {
     }
 }
 
+impl<E, D: DifferentiableDynamics<E> + ?Sized> DifferentiableDynamics<E> for &mut D {
+    fn parameters(&self) -> usize {
+        (**self).parameters()
+    }
+
+    fn set_extent(&mut self, q: &[f64], w: &[f64]) {
+        (**self).set_extent(q, w);
+    }
+
+    fn partials(&mut self, at: TimedState<'_>, by: &[usize], out: &mut [f64]) -> Result<(), E> {
+        (**self).partials(at, by, out)
+    }
+
+    fn linear_rate(&self, parameter: usize) -> Option<&Arc<LinearSystem>> {
+        (**self).linear_rate(parameter)
+    }
+}
+
 /// The step of a difference relative to the extent of what it moves.
 const STEP: f64 = 5e-4;
 /// `f' = sum_k c_k (f(x + k h) - f(x - k h))/h`, of sixth order.

@@ -64,6 +64,26 @@ pub trait DifferentiableForce<E>: Force<E> {
     }
 }
 
+impl<E, F: DifferentiableForce<E> + ?Sized> DifferentiableForce<E> for &mut F {
+    fn parameters(&self) -> usize {
+        (**self).parameters()
+    }
+
+    fn slopes(
+        &mut self,
+        at: Place,
+        by_time: bool,
+        by: &[usize],
+        out: &mut [f64],
+    ) -> Result<Slopes, E> {
+        (**self).slopes(at, by_time, by, out)
+    }
+
+    fn linear_rate(&self, index: usize) -> Option<LinearRate> {
+        (**self).linear_rate(index)
+    }
+}
+
 impl<E> DifferentiableForce<E> for ConstantForce {
     fn parameters(&self) -> usize {
         1
