@@ -1,6 +1,7 @@
 """What is released: its description, its metadata, the workflow that makes it."""
 
 import re
+import shutil
 import subprocess
 import sys
 import tomllib
@@ -79,6 +80,30 @@ def test_the_workflow_knows_its_files():
 
 
 VERSION = ROOT / "tools" / "version.py"
+
+
+@pytest.mark.skipif(shutil.which("cargo") is None, reason="cargo is not installed")
+@pytest.mark.parametrize(
+    "other", ["zivi-fmu --features loops,avx512", "zivi-host --features avx512"]
+)
+def test_what_is_linked_beside_the_extension_has_its_features(other):
+    """Otherwise the crate zivi is compiled once more for it."""
+
+    def compiled(package):
+        command = "cargo tree --locked --edges normal,no-proc-macro --prefix none --no-dedupe"
+        told = subprocess.run(
+            [*command.split(), "--format", "{p} {f}", "--package", *package.split()],
+            cwd=ROOT, capture_output=True, text=True, check=True,
+        ).stdout  # fmt: skip
+        found = {}
+        for line in told.splitlines():
+            found.setdefault(line.split()[0], set()).add(line)
+        return found
+
+    extension, beside = compiled("zivi-py"), compiled(other)
+    both = (extension.keys() & beside.keys()) - {"zivi-py"}
+    assert both > {"zivi", "zivi-core", "pulp", "num-traits"}
+    assert {it: beside[it] for it in both} == {it: extension[it] for it in both}
 
 
 def test_one_version_everywhere():
