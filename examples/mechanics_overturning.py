@@ -20,6 +20,7 @@ and Makris (2001).
 Run as ``python examples/mechanics_overturning.py [out.png]``.
 """
 
+import functools
 import math
 import sys
 from typing import Any
@@ -99,6 +100,7 @@ def outcome(events: dict[str, Any], falls: bool) -> int:
     return AFTER_IMPACT if FEET.index("right") in upright else WITHOUT_IMPACT
 
 
+@functools.cache
 def chart() -> np.ndarray:
     """Tell what becomes of it over all accelerations (rows) and frequencies (columns)."""
     columns = [outcomes(np.full(len(ACCELERATIONS), it), ACCELERATIONS) for it in FREQUENCIES]

@@ -1,5 +1,6 @@
 """The scripts of the examples as modules."""
 
+import functools
 import importlib.util
 import sys
 from pathlib import Path
@@ -9,8 +10,9 @@ from generated import gallery_page
 ROOT = Path(__file__).parents[1]
 
 
+@functools.cache
 def example(name):
-    """Run a script up to its definitions."""
+    """Run a script up to its definitions, once for all tests of a process."""
     spec = importlib.util.spec_from_file_location(name, ROOT / "examples" / f"{name}.py")
     module = importlib.util.module_from_spec(spec)
     sys.modules[name] = module

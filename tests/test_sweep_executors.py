@@ -60,6 +60,7 @@ def test_10000_points_give_the_same_store(kind, reference, tmp_path):
     assert files(tmp_path / "a") == reference
 
 
+@pytest.mark.xdist_group("cluster")
 @pytest.mark.parametrize("form", ["client", "executor"])
 def test_10000_points_on_a_cluster_give_the_same_store(form, client, reference, tmp_path):
     executor = client if form == "client" else client.get_executor()
@@ -228,6 +229,7 @@ def test_an_executor_of_the_user_that_breaks(tmp_path):
     assert "in this exception's attribute 'study' and in" in e.value.__notes__[0]
 
 
+@pytest.mark.xdist_group("cluster")
 def test_a_dask_worker_that_is_killed(client, tmp_path):
     log, mark = tmp_path / "log", tmp_path / "mark"
     study = zivi.sweep(
@@ -246,6 +248,7 @@ def test_a_dask_worker_that_is_killed(client, tmp_path):
     assert len(calls) - 200 <= 30
 
 
+@pytest.mark.xdist_group("cluster")
 def test_a_point_that_kills_dask_workers_fails_alone(client):
     # so that Dask gives up at once
     client.run_on_scheduler(lambda dask_scheduler: setattr(dask_scheduler, "allowed_failures", 0))

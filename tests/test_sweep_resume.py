@@ -3,6 +3,7 @@
 import importlib
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -234,10 +235,18 @@ def test_the_drawn_seed_is_that_of_the_store(tmp_path):
 # damage
 
 
+@pytest.fixture(scope="module")
+def complete(tmp_path_factory):
+    """A folder in which nothing is missing."""
+    out = tmp_path_factory.mktemp("complete") / "a"
+    zivi.sweep(functions.cheap, POINTS, seed=1, out=out, chunk=16)
+    return out
+
+
 @pytest.fixture
-def store(tmp_path):
-    zivi.sweep(functions.cheap, POINTS, seed=1, out=tmp_path / "a", chunk=16)
-    return tmp_path / "a"
+def store(complete, tmp_path):
+    """A copy to be damaged."""
+    return Path(shutil.copytree(complete, tmp_path / "a"))
 
 
 def cut(file):
