@@ -1,6 +1,7 @@
 """What crosses the border to the extension: typed objects, refused where they do not fit."""
 
 import gc
+import re
 import weakref
 from pathlib import Path
 
@@ -10,6 +11,7 @@ import pytest
 import zivi
 from zivi import _zivi
 
+ROOT = Path(__file__).parents[1]
 ONE = _zivi.Force.constant(-1.0)
 TABLE = _zivi.Wall.harmonic(amplitude=0.1, omega=3.0, phase=0.0, offset=0.0)
 PLASTIC = _zivi.ImpactLaw.newton(0.0, 1.0)
@@ -131,3 +133,28 @@ def test_a_native_force_is_named_in_its_file_and_in_the_list():
     # in an error, and as the force that has a table, too
     others = {"batch.rs", "force/mod.rs"}
     assert named == {"force/native/force.rs", "force/native/mod.rs"} | others
+
+
+@pytest.mark.parametrize(
+    ("file", "trait"),
+    [
+        ("force", "Force"),
+        ("slopes", "DifferentiableForce"),
+        ("dynamics", "Dynamics"),
+        ("partials", "DifferentiableDynamics"),
+    ],
+)
+def test_what_is_borrowed_hands_on_every_function(file, trait):
+    """One that is forgotten would be the one that the trait gives by itself, without a word."""
+    text = (ROOT / "crates" / "zivi" / "src" / "system" / f"{file}.rs").read_text()
+
+    def functions(head):
+        (body,) = re.findall(rf"^{head} \{{\n(.*?)^\}}$", text, re.MULTILINE | re.DOTALL)
+        return re.findall(r"^    fn (\w+)", body, re.MULTILINE)
+
+    own = functions(rf"pub trait {trait}<E>[^{{\n]*")
+    assert len(own) >= 3
+    assert functions(rf"impl<[^\n]*> {trait}<E> for &mut \w") == own
+    if trait == "Dynamics":  # a system with its friction
+        text = (ROOT / "crates" / "zivi-py" / "src" / "friction.rs").read_text()
+        assert functions(r"impl<[^\n]*> Dynamics<E> for Rubbing<'_, D>") == own

@@ -60,6 +60,16 @@ impl<E, D: Dynamics<E>> Dynamics<E> for Rubbing<'_, D> {
         self.dynamics.evaluate(t, q, w, out)
     }
 
+    #[inline]
+    fn evaluate_again(&mut self, t: f64, q: &[f64], w: &[f64], out: &mut [f64]) -> Result<(), E> {
+        self.dynamics.evaluate_again(t, q, w, out)
+    }
+
+    #[inline]
+    fn evaluate_gaps(&mut self, t: f64, q: &[f64], w: &[f64], out: &mut [f64]) -> Result<(), E> {
+        self.dynamics.evaluate_gaps(t, q, w, out)
+    }
+
     fn is_steady(&self) -> bool {
         self.dynamics.is_steady()
     }
