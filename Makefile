@@ -96,15 +96,15 @@ $(VENV)/.packages: constraints.txt pyproject.toml
 	    --constraint constraints.txt maturin
 	@touch $@
 
-# the extension, with what the figures need (without the binary of closed loops as FMUs, which takes
-# as long as the rest), or with what the tests and linters do
+# the extension, with what the figures need (without the C library and the binaries of FMUs), or with
+# what the tests and linters do
 INSTALL = PATH="$(CURDIR)/$(BIN):$$PATH" $(BIN)/python -m pip install --quiet \
     --disable-pip-version-check --constraint constraints.txt --no-build-isolation \
     $(if $(OLDER),--config-settings=build-args=--no-default-features) --editable
 
 $(VENV)/.figures: $(VENV)/.packages $(SOURCES)
 	@sh tools/check-tools.sh '$(PYTHON)'
-	ZIVI_NATIVE='c fmu' $(INSTALL) '.[cli,xarray]'
+	ZIVI_NATIVE=none $(INSTALL) '.[cli,xarray]'
 	@touch $@
 
 $(READY): $(VENV)/.packages $(SOURCES)

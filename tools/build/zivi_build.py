@@ -52,8 +52,13 @@ def _need_cargo() -> None:
 
 
 def _native() -> None:
-    """Build what is beside the extension, of it what `ZIVI_NATIVE` names; all works without it."""
+    """Build what is beside the extension, or of it what `ZIVI_NATIVE` names; all works without.
+
+    With the name `none` nothing is built.
+    """
     script = Path(__file__).resolve().parent.parent / "native.py"
     names = os.environ.get("ZIVI_NATIVE", "").split()
+    if names == ["none"]:
+        return
     if subprocess.run([sys.executable, script, *names], check=False).returncode != 0:
         print("zivi: no C library and no FMU binaries here: see above", file=sys.stderr)

@@ -46,7 +46,7 @@ def prefix() -> Path:
     if not (folder / "include" / "zivi.h").exists():
         raise FileNotFoundError(
             f"no C library in {folder}: this installation was built without it. In the source "
-            "tree, python tools/native.py builds it (make does that too)"
+            "tree, python tools/native.py builds it (make test does that too)"
         )
     return folder
 
