@@ -19,7 +19,7 @@ def chaotic(end=300, **settings):
 @pytest.mark.parametrize("family", FAMILIES)
 def test_runs_that_leave_the_motion_say_so_before_and_no_others(family):
     far = 0
-    for problem in problems(48, 3):
+    for problem in problems(96, 3):
         if problem.family != family:
             continue
         sol = problem.run()

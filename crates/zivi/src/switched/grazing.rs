@@ -106,7 +106,7 @@ impl<'f, E, F: Force<E>> Driver<SwitchedIntegrator, Counted<'f, F>, E> for Grazi
                     self.minimum(integrator, force)?;
                 }
             }
-            Piece::Tail(_) | Piece::Rest { .. } => {}
+            Piece::Tail | Piece::Rest { .. } => {}
         }
         Ok(piece)
     }

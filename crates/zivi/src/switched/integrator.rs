@@ -15,6 +15,7 @@ use crate::record::occurrence::Occurrence;
 use crate::system::evaluation::check_initial;
 use crate::zeno::bounce::{unless_underflowing, Bounce};
 use crate::zeno::chain::Chain;
+use crate::zeno::tail::Tail;
 use crate::{AnyImpactLaw, Force, Impact, Physical, SetupError};
 
 /// The switched Runge-Kutta method as an object that is driven piece by piece.
@@ -53,6 +54,8 @@ pub struct SwitchedIntegrator {
     flight: FreeFlight,
     accumulation: Accumulation,
     lookout: ForceMonitor,
+    /// The last impacts that were jumped over.
+    tail: Option<Tail>,
     nfev: u64,
     impacts: u64,
 }
@@ -73,6 +76,7 @@ impl SwitchedIntegrator {
             flight: FreeFlight::new(&settings),
             accumulation: Accumulation::new(law.limit().unwrap_or(1.0)),
             lookout: ForceMonitor::default(),
+            tail: None,
             nfev: 0,
             impacts: 0,
         })
@@ -325,14 +329,14 @@ impl SwitchedIntegrator {
 
     /// Through the rest of the chain, to rest at `zeno`.
     fn jump(&mut self, zeno: f64) -> Piece {
-        let tail = self.accumulation.tail(zeno, self.sigma);
+        self.tail = Some(self.accumulation.tail(zeno, self.sigma));
         self.now = Point { t: zeno, ..Point::default() };
         self.mode = Mode::REST;
         self.accumulation.clear();
         let steps = self.flight.steps_mut();
         self.lookout.look_as_far_as(steps.next());
         steps.set_next(None);
-        Piece::Tail(tail)
+        Piece::Tail
     }
 
     /// Rest up to the first lift-off, as far as one look at the force goes.
@@ -392,6 +396,11 @@ impl SwitchedIntegrator {
 
     pub(super) fn mode(&self) -> Mode {
         self.mode
+    }
+
+    /// The infinitely many impacts that were jumped over last.
+    pub(super) fn tail(&self) -> Option<&Tail> {
+        self.tail.as_ref()
     }
 
     /// The last impacts.

@@ -1,7 +1,6 @@
 //! What one step of the integrator covers, and how much work it was.
 
 use super::point::Point;
-use crate::zeno::tail::Tail;
 use crate::Impact;
 
 /// How much work was done.
@@ -18,12 +17,12 @@ pub struct Counts {
 }
 
 /// A part of the motion that one step of the integrator covers.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum Piece {
     /// Free flight from a state, up to an impact if there is one.
     Flight { from: Point, sigma: f64, impact: Option<Impact> },
-    /// Infinitely many impacts.
-    Tail(Tail),
+    /// Infinitely many impacts, of which the integrator knows more.
+    Tail,
     /// Rest since a time, up to a lift-off or as far as the force was looked at.
     Rest { from: f64, lifted: bool },
 }

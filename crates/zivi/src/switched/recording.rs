@@ -148,7 +148,10 @@ impl<'f, E, F: Force<E>> SegmentSink<SwitchedIntegrator, Counted<'f, F>, E> for 
     ) -> Result<(), Ending<E>> {
         match piece {
             Piece::Flight { from, sigma, impact } => self.flight(from, sigma, impact, force),
-            Piece::Tail(tail) => self.tail(tail, force),
+            Piece::Tail => match self.method.tail().cloned() {
+                Some(tail) => self.tail(tail, force),
+                None => Ok(()),
+            },
             Piece::Rest { from, lifted } => self.rest(from, lifted),
         }
     }

@@ -40,7 +40,7 @@ impl SwitchedIntegrator {
                 let number = self.counts().impacts;
                 impact.into_iter().for_each(|it| observe(Occurrence::of_mass(it, number)));
             }
-            Piece::Tail(_) => observe(Occurrence::rest_of_mass(self.t())),
+            Piece::Tail => observe(Occurrence::rest_of_mass(self.t())),
             Piece::Rest { from, lifted } => {
                 if !resting {
                     observe(Occurrence::rest_of_mass(from));
@@ -76,10 +76,11 @@ impl SwitchedIntegrator {
                     }
                 }
                 Piece::Flight { .. } => {}
-                Piece::Tail(tail) => {
-                    let mut tail = tail.clone();
-                    force.bend(&mut tail)?;
-                    path.push_tail(&tail);
+                Piece::Tail => {
+                    if let Some(mut tail) = integrator.tail().cloned() {
+                        force.bend(&mut tail)?;
+                        path.push_tail(&tail);
+                    }
                 }
                 Piece::Rest { from, .. } => path.push_rest(*from, integrator.sigma()),
             }

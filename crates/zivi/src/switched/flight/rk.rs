@@ -24,12 +24,21 @@ const RESOLVED: f64 = 0.3;
 /// slower ones the time depends on the position like a root.
 const STEEP: f64 = 0.1;
 
+/// A step that tells an impact without a look at its apex is no longer than the last: it may be as
+/// many times longer otherwise.
+const GREW: f64 = 2.0;
+/// By how much a step that falls onto the wall is longer than the fall under a constant force: what
+/// is beyond the wall counts for nothing, and the polynomials of a shorter step tell an impact.
+const FALL: f64 = 1.2;
+
 /// Steps of a pair.
 #[derive(Clone, Debug)]
 pub(super) struct PairSteps {
     pub(super) steps: Steps<f64>,
     /// The impact within or shortly after the last one, if it is one onto the wall.
     landing: Option<Landing>,
+    /// How many steps had been given up when the flight began.
+    rejected: u64,
 }
 
 /// An impact by the start of the step onto it.
@@ -44,7 +53,7 @@ struct Landing {
 impl PairSteps {
     pub(super) fn new(settings: &SwitchedRk) -> Self {
         let (limits, pair) = (settings.limits(settings.tolerances()), settings.order.pair());
-        Self { steps: Steps::new(limits, pair, 1, None), landing: None }
+        Self { steps: Steps::new(limits, pair, 1, None), landing: None, rejected: 0 }
     }
 
     /// The last step.
@@ -71,7 +80,15 @@ impl PairSteps {
         } else {
             force.at(now.t, now.x, now.xdot)?
         };
-        let longest = obstacle.map_or(f64::INFINITY, |obstacle| obstacle.longest_step(now.t));
+        let mut longest = obstacle.map_or(f64::INFINITY, |obstacle| obstacle.longest_step(now.t));
+        let (_, rejected) = self.steps.counts();
+        if !mode.continues() {
+            self.rejected = rejected;
+        }
+        // where a step was given up there is more to see than a fall
+        if self.steps.limits().adaptive && rejected == self.rejected {
+            longest = fall(now, slope).map_or(longest, |fall| longest.min(FALL * fall));
+        }
         let plan = self.steps.plan((&now, &slope), 0..1, longest, t_end, force)?;
         let shortest = 8.0 * f64::EPSILON * now.t.abs();
         Flying { pair: self, now, slope, mode, t_end, force }.fly(plan, shortest)
@@ -93,6 +110,20 @@ impl PairSteps {
         }
         Ok(Curve::polynomials(from.t, h, sigma, [x, xdot]))
     }
+}
+
+/// How long the fall onto the wall takes from above it under a constant force, if that pulls there.
+#[inline]
+fn fall(now: Point, slope: f64) -> Option<f64> {
+    let (speed, pull) = (now.xdot, -slope);
+    if !(now.x > 0.0 && pull > 0.0) {
+        return None;
+    }
+    let at_wall = (speed * speed + 2.0 * pull * now.x).sqrt();
+    // without cancellation
+    let fall = if speed < 0.0 { 2.0 * now.x / (at_wall - speed) } else { (speed + at_wall) / pull };
+    // of shorter ones rounding of the time is a part
+    (fall > 16.0 * f64::EPSILON * now.t.abs()).then_some(fall)
 }
 
 /// A step under way.
@@ -179,7 +210,7 @@ impl<E, F: Force<E>> SteppedFlight<f64, E> for Flying<'_, '_, F> {
 
     #[inline(always)]
     fn take(&mut self) -> Result<Arrival, Failure<E>> {
-        let PairSteps { steps, landing } = &mut *self.pair;
+        let PairSteps { steps, landing, .. } = &mut *self.pair;
         steps.accept();
         let mut end = steps.last().end;
         if steps.reaches(self.t_end) {
@@ -232,7 +263,7 @@ impl<F> Flying<'_, '_, F> {
             return Ok(None);
         }
         let last = steps.last();
-        if seen.is_none() && !self.mode.experience().is_enough(last.h) {
+        if seen.is_none() && !self.mode.experience().is_enough(GREW * last.h) {
             // between its stages there is room for what a second step sees
             return Ok(None);
         }

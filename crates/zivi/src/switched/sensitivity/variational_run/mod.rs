@@ -232,10 +232,10 @@ impl VariationalRun {
     ) -> Result<Piece, Failure<E>> {
         let t = integrator.t();
         match piece {
-            Piece::Tail(ref tail) => {
+            Piece::Tail => {
                 self.dt.clone_from(&self.zeno);
                 self.came_to_rest(t, true, force)?;
-                if let Some(path) = &mut self.path {
+                if let (Some(path), Some(tail)) = (&mut self.path, integrator.tail()) {
                     path.push_tail(tail.start());
                 }
             }
