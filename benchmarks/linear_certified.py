@@ -28,6 +28,8 @@ SLOW = 1e-3
 DEGREE, DEEPEST = 24, 40
 CLEAR = 1e-12
 """A gap below zero by less, relative to the coordinates, has rounding in it."""
+SAME = 1e-13
+"""A gap that vanishes so shortly before an impact on it (s) is that impact."""
 E_GAPS = (0.7, 0.5)
 
 
@@ -102,9 +104,9 @@ def vanishes(b: np.ndarray, noise: float, depth: int = 0) -> str:
     return "closed" if "closed" in told else "unclear" if "unclear" in told else "open"
 
 
-def followed(number: int) -> tuple[int, float, int, int]:
+def followed(system: int) -> tuple[int, float, int, int]:
     """Return the impacts of a system, the largest gap at one, and what was missed or unclear."""
-    case = draw(number)
+    case = draw(system)
     n, (q, v), A = len(case.start[0]), case.start, case.A
     sol = zivi.simulate(case.system, (0, END), (q, v), zivi.SwitchedRK(rtol=1e-10), t_eval=[])
     t, y = 0.0, np.concatenate([q, v, [1.0, 0.0, 1.0]])
@@ -118,9 +120,13 @@ def followed(number: int) -> tuple[int, float, int, int]:
         h = (until - t) / pieces
         propagator, tests = linalg.expm(A * h), [bernstein(row, A, h) for row in case.rows]
         size = max(1.0, float(np.abs(y[:n]).max()))
-        for _ in range(pieces):
-            told += [vanishes(test @ y, CLEAR * size) for test in tests]
-            y = propagator @ y
+        for piece in range(1, pieces + 1):
+            end = propagator @ y
+            for number, test in enumerate(tests):
+                hit = piece == pieces and number == gap
+                fall = abs(case.rows[gap][:n] @ end[n : 2 * n]) if hit else 0.0
+                told.append(vanishes(test @ y, CLEAR * size + SAME * fall))
+            y = end
         t = until
         y[2 * n : 2 * n + 2] = np.cos(omega * t), np.sin(omega * t)
         if gap < 0:
