@@ -117,7 +117,11 @@ impl CornerApproach {
         settings: &SwitchedRk,
         state: &mut MechanicalState,
     ) -> Result<Option<Corner>, Failure<E>> {
-        let (recent, closed, slow) = (self.log.recent(), state.closed(), slow(settings, state));
+        let (closed, slow) = (state.closed(), slow(settings, state));
+        // an elastic gap as low as those of the last impacts takes part, even if it was not hit by them
+        let since = state.now().t - self.log.impacts.first().map_or(f64::NAN, |first| first.t);
+        let elastic = |&i: &usize| e[i] >= 1.0 && state.gap(i).0 <= STILL * slow * since;
+        let recent = self.log.recent().with(self.log.hit().iter().filter(elastic).collect());
         let near = |&i: &usize| {
             let (x, v) = state.gap(i);
             let low = 2.0 * x * state.kinetics().b(i).abs() <= slow * slow;

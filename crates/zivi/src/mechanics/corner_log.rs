@@ -39,6 +39,8 @@ impl Mark {
 pub(super) struct CornerLog {
     pub(super) impacts: Vec<Mark>,
     pub(super) openings: Vec<Mark>,
+    /// All gaps that were hit, also by impacts that are no more among the last.
+    hit: GapSet,
     /// Impacts between which friction in a joint, or at a contact that stays closed, changes: in a fixed
     /// part of each flight, so that even those of one gap have a ratio of their own.
     kicks: usize,
@@ -48,6 +50,7 @@ impl CornerLog {
     pub(super) fn clear(&mut self) {
         self.impacts.clear();
         self.openings.clear();
+        self.hit = GapSet::EMPTY;
         self.kicks = 0;
     }
 
@@ -68,6 +71,7 @@ impl CornerLog {
     /// Appends an impact.
     pub(super) fn note(&mut self, hit: GapSet, closed: GapSet, opened: GapSet, now: &State) {
         let z = || now.x.iter().chain(&now.xdot).copied().collect();
+        self.hit = self.hit.with(hit);
         append(&mut self.impacts, Mark { hit, with: closed, t: now.t, z: z() });
         if !opened.is_empty() {
             append(&mut self.openings, Mark { hit, with: opened, t: now.t, z: z() });
@@ -77,6 +81,11 @@ impl CornerLog {
     /// The gaps of the last impacts.
     pub(super) fn recent(&self) -> GapSet {
         self.impacts.iter().fold(GapSet::EMPTY, |gaps, mark| gaps.with(mark.hit))
+    }
+
+    /// The gaps of all impacts.
+    pub(super) fn hit(&self) -> GapSet {
+        self.hit
     }
 }
 
