@@ -343,8 +343,8 @@ def test_doublings_of_a_nonlinear_mass_are_those_of_its_simulations():
 
     hardening = zivi.ParametricForce(force, {"a": 1.9, "k": 0.02}, slopes)
     system = zivi.ImpactSystem(hardening, e=0.6)
-    # beside an orbit of two impacts; where it is unstable a run ends near any of several
-    orbit = zivi.periodic_orbit(system, (4.644, (0, 1.578)), period=2 * np.pi)
+    # beside its two impacts: it is unstable, and runs end near any of several
+    orbit = zivi.periodic_orbit(system, [(4.644, 1.578), (5.772, 0.802)], period=2 * np.pi)
     branch = zivi.continue_orbit(orbit, "a", (0.8, 4.0))
     (event,) = branch.of_kind("period_doubling")
     curve = zivi.continue_curve(
