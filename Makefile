@@ -96,20 +96,27 @@ $(VENV)/.packages: constraints.txt pyproject.toml
 	    --constraint constraints.txt maturin
 	@touch $@
 
-# the extension, with what the figures need (without the C library and the binaries of FMUs), or with
-# what the tests and linters do
-INSTALL = PATH="$(CURDIR)/$(BIN):$$PATH" $(BIN)/python -m pip install --quiet \
-    --disable-pip-version-check --constraint constraints.txt --no-build-isolation \
-    $(if $(OLDER),--config-settings=build-args=--no-default-features) --editable
+# the extension, with what the figures need (without the C library and the binaries of FMUs, which
+# they do not), or with what the tests and linters do; packages are fetched while it is compiled
+PIP_INSTALL = $(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt
+define INSTALL
+$(BIN)/python tools/requirements.py $(1) >$(VENV)/requirements.txt
+$(PIP_INSTALL) --requirement $(VENV)/requirements.txt & \
+PATH="$(CURDIR)/$(BIN):$$PATH" $(PIP_INSTALL) --no-build-isolation --no-deps \
+    $(if $(OLDER),--config-settings=build-args=--no-default-features) --editable . \
+    || { wait; exit 1; }; \
+wait $$!
+endef
 
+$(VENV)/.figures: export ZIVI_NATIVE = none
 $(VENV)/.figures: $(VENV)/.packages $(SOURCES)
 	@sh tools/check-tools.sh '$(PYTHON)'
-	ZIVI_NATIVE=none $(INSTALL) '.[cli,xarray]'
+	$(call INSTALL,cli xarray)
 	@touch $@
 
 $(READY): $(VENV)/.packages $(SOURCES)
 	@sh tools/check-tools.sh '$(PYTHON)'
-	$(INSTALL) '.[test,lint]'
+	$(call INSTALL,test lint)
 	@touch $@ $(VENV)/.figures
 
 lint: lint-rust lint-python

@@ -155,3 +155,15 @@ def test_versions_that_differ_are_refused(copy):
 def test_the_workflow_refuses_a_tag_that_is_not_the_version():
     flow = (ROOT / ".github" / "workflows" / "release.yml").read_text()
     assert 'tools/version.py --tag "$GITHUB_REF_NAME"' in flow
+
+
+def test_what_is_fetched_while_the_extension_is_compiled():
+    """What pip would install for the extras: their dependencies, those of extras in them too."""
+    done = subprocess.run(
+        [sys.executable, ROOT / "tools" / "requirements.py", "cli", "xarray"],
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    names = [re.match(r"[\w-]+", line)[0] for line in done.stdout.splitlines()]
+    assert names == ["numpy", "matplotlib", "rich", "typer", "xarray"]
