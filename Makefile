@@ -6,6 +6,7 @@ OUT ?= out/paper
 VENV := .venv
 BIN := $(VENV)/bin
 READY := $(VENV)/.ready
+PIP_INSTALL = $(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt
 # an older compiler cannot build the vector code for AVX-512
 OLDER := $(shell cargo --version 2>/dev/null | sed -n 's/^cargo 1\.\([0-9]*\).*/\1/p' | awk '$$1 < 89')
 SOURCES := $(shell find crates -name '*.rs' -o -name 'Cargo.toml') Cargo.toml Cargo.lock \
@@ -84,21 +85,18 @@ host:
 	'$(PYTHON)' tools/native.py host
 
 mutants: $(READY)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check \
-	    --constraint constraints.txt mutmut
+	$(PIP_INSTALL) mutmut
 	$(BIN)/python tools/mutants --report benchmarks/results/mutants.md $(MUTANTS)
 
 # the virtual environment with pinned packages, and the extension built into it
 $(VENV)/.packages: constraints.txt pyproject.toml
 	@sh tools/check-tools.sh '$(PYTHON)'
 	test -x $(BIN)/python || '$(PYTHON)' -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check \
-	    --constraint constraints.txt maturin
+	$(PIP_INSTALL) maturin
 	@touch $@
 
 # the extension, with what the figures need (without the C library and the binaries of FMUs, which
 # they do not), or with what the tests and linters do; packages are fetched while it is compiled
-PIP_INSTALL = $(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt
 define INSTALL
 $(BIN)/python tools/requirements.py $(1) >$(VENV)/requirements.txt
 $(PIP_INSTALL) --requirement $(VENV)/requirements.txt & \
@@ -164,14 +162,12 @@ docs: $(VENV)/.docs
 
 # zivi is there already: this adds the packages of its extra
 $(VENV)/.docs: $(READY)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check \
-	    --constraint constraints.txt 'zivi[docs]'
+	$(PIP_INSTALL) 'zivi[docs]'
 	@touch $@
 
 # zig links for systems older than this one
 wheel: $(VENV)/.packages
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check \
-	    --constraint constraints.txt maturin ziglang auditwheel
+	$(PIP_INSTALL) maturin ziglang auditwheel
 	PATH="$(CURDIR)/$(BIN):$$PATH" sh tools/wheel.sh $(BIN)/python out/wheels
 
 sdist-test: $(VENV)/.packages

@@ -2,16 +2,12 @@
 
 import ctypes as c
 import importlib.util
-import json
-import subprocess
-import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 import zivi
-from fmu_unit import Archive, Unit
+from fmu_unit import Archive, Unit, simulated_elsewhere
 from mechanical_arms import START, tapping, tracker, turning_mass, two_links
 
 pytestmark = pytest.mark.xdist_group("fmu")
@@ -325,26 +321,8 @@ def test_an_importer_validates_and_simulates_it_without_zivi(tmp_path):
     zivi.fmu.export_loop(
         tmp_path, two_links(), tracker(), (0, 1.2), BESIDE, reference=tapping(), name="Arm"
     )
-    script = """
-import json, sys
-sys.modules["zivi"] = None
-from fmpy import simulate_fmu
-from fmpy.validation import validate_fmu
-told = []
-for path in sys.argv[1:]:
-    problems = validate_fmu(path)
-    rows = simulate_fmu(path, stop_time=1.2, step_size=1e-3, output_interval=1e-3)
-    told.append([list(problems), float(rows["q_a"][-1]), float(rows["force_floor"][-1])])
-print(json.dumps(told))
-"""
-    files = sorted(str(it) for it in Path(tmp_path).glob("*.fmu"))
-    done = subprocess.run(
-        [sys.executable, "-P", "-c", script, *files], capture_output=True, text=True, check=False
-    )
-    assert done.returncode == 0, done.stderr
-    told = json.loads(done.stdout.splitlines()[-1])
     run = native(end=1.2)
-    for problems, a, force in told:
+    for problems, a, force in simulated_elsewhere(tmp_path, 1.2, 1e-3, ("q_a", "force_floor")):
         assert not problems
         assert a == pytest.approx(run.q[-1, 0], abs=1e-9)
         assert force == pytest.approx(10.0, abs=1e-3)

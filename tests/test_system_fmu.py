@@ -2,16 +2,12 @@
 
 import importlib.util
 import itertools
-import json
-import subprocess
-import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 import zivi
-from fmu_unit import Archive, Unit
+from fmu_unit import Archive, Unit, simulated_elsewhere
 from mechanical_arms import two_links
 
 pytestmark = pytest.mark.xdist_group("fmu")
@@ -184,25 +180,7 @@ def test_what_is_asked_for_is_checked(tmp_path, asked, error, words):
 @pytest.mark.skipif(importlib.util.find_spec("fmpy") is None, reason="no fmpy")
 def test_an_importer_validates_and_simulates_it_without_zivi(tmp_path):
     zivi.export_fmu(tmp_path, arm(), y0=START, name="Arm")
-    script = """
-import json, sys
-sys.modules["zivi"] = None
-from fmpy import simulate_fmu
-from fmpy.validation import validate_fmu
-told = []
-for path in sys.argv[1:]:
-    problems = validate_fmu(path)
-    rows = simulate_fmu(path, stop_time=1.2, step_size=1e-2, output_interval=1e-2)
-    told.append([list(problems), float(rows["q_upper"][-1]), float(rows["q_fore"][-1])])
-print(json.dumps(told))
-"""
-    files = sorted(str(it) for it in Path(tmp_path).glob("*.fmu"))
-    done = subprocess.run(
-        [sys.executable, "-P", "-c", script, *files], capture_output=True, text=True, check=False
-    )
-    assert done.returncode == 0, done.stderr
-    told = json.loads(done.stdout.splitlines()[-1])
     run = zivi.simulate(arm(), (0, 1.2), START, CLOSE)
-    for problems, *q in told:
+    for problems, *q in simulated_elsewhere(tmp_path, 1.2, 1e-2, ("q_upper", "q_fore")):
         assert not problems
         assert q == pytest.approx(run.q[-1], abs=1e-7)

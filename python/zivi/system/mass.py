@@ -154,10 +154,7 @@ class ImpactSystem:
         new = object.__new__(type(self))
         new._force, new._e, new._kappa = force, self._e, self._kappa
         new._wall, new._friction = self._wall, self._friction
-        if self._friction is None:
-            new._spec = in_wall_frame(new, force_spec(force))
-            new._impact = self._impact
-            new._core = _zivi.PointMass(new._spec, new._impact)
+        new._prepare()
         return new
 
     def __getstate__(self) -> tuple[Any, ...]:

@@ -218,9 +218,12 @@ fn runs_that_end_at_times_of_their_own_are_those_of_batches_up_to_there() {
     early[3].1 = 0.0;
     let refused = simulate_batch_to(&early, task(1.0), Save::Final, 2, &mut Silent);
     assert!(matches!(refused, Err(BatchError::Setup(Some(3), _))), "{refused:?}");
-    let fixed = simulate_batch_to(&both, implicit((0.0, 1.0), 1e-2), Save::Final, 2, &mut Silent);
-    let Err(BatchError::Setup(None, error)) = fixed else { panic!("{fixed:?}") };
-    assert!(error.to_string().starts_with("ends must be for the switched method"), "{error}");
+    let times = Save::At(&[0.1, 0.9]);
+    for (task, save) in [(implicit((0.0, 1.0), 1e-2), Save::Final), (task(1.0), times)] {
+        let refused = simulate_batch_to(&both, task, save, 2, &mut Silent);
+        let Err(BatchError::Setup(None, error)) = refused else { panic!("{refused:?}") };
+        assert!(error.to_string().starts_with("ends must be for the switched method"), "{error}");
+    }
 }
 
 /// Wants to stop at the second look.

@@ -176,19 +176,11 @@ def _model(
     controls = plant.control_inputs(start[0]).names
     rows = Rows()
     pushed = rows.add("disturbance_", coordinates, "real", "input", "generalised force on {}")
-    forces = rows.add_motion(coordinates, gaps)
+    forces = rows.add_motion(coordinates, gaps), pushed
     rows.add("held_", gaps, "boolean", "output", "whether the controller holds the contact {}")
     rows.add("u_", controls, "real", "output", "control {}")
     rows.add("status", ("",), "integer", "output", "bits of TickStatus")
-    outputs = [it.name for it in rows.all if it.role == "output"]
     systems = {"plant_": plant, "model_": believed}
-    names = rows.add_parameters(coordinates, start, systems)
-    return Model(
-        "loop",
-        name,
-        "",
-        "A mechanical system with its tracker of gaps",
-        tuple(rows.all),
-        dict.fromkeys(forces, tuple(pushed)),
-        dict.fromkeys(outputs, names),
-    )
+    parameters = rows.add_parameters(coordinates, start, systems)
+    text = "A mechanical system with its tracker of gaps"
+    return rows.model("loop", name, text, forces, parameters)

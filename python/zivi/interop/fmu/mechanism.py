@@ -188,21 +188,34 @@ class Rows:
         self.all += [Variable(it, "real", "parameter", value, None, of) for it, value, of in rows]
         return tuple(it for it, _, _ in rows)
 
+    def model(
+        self,
+        key: str,
+        name: str,
+        text: str,
+        forces: tuple[list[str], list[str]],
+        parameters: tuple[str, ...],
+    ) -> Model:
+        """Describe the unit: contact forces depend on what pushes, outputs on all parameters."""
+        of_contacts, pushed = forces
+        outputs = [it.name for it in self.all if it.role == "output"]
+        return Model(
+            key,
+            name,
+            "",
+            text,
+            tuple(self.all),
+            dict.fromkeys(of_contacts, tuple(pushed)),
+            dict.fromkeys(outputs, parameters),
+        )
+
 
 def variables_of(system: Exported, name: str, start: tuple[Array, Array]) -> Model:
     """Describe the unit of a system alone."""
     coordinates, gaps = system.coordinate_names(len(start[0])), system.gap_names
     rows = Rows()
     pushed = rows.add("u_", coordinates, "real", "input", "generalised force on {}")
-    forces = rows.add_motion(coordinates, gaps)
-    outputs = [it.name for it in rows.all if it.role == "output"]
-    names = rows.add_parameters(coordinates, start, {"": system})
-    return Model(
-        "mechanism",
-        name,
-        "",
-        "A mechanical system with impacts",
-        tuple(rows.all),
-        dict.fromkeys(forces, tuple(pushed)),
-        dict.fromkeys(outputs, names),
-    )
+    forces = rows.add_motion(coordinates, gaps), pushed
+    parameters = rows.add_parameters(coordinates, start, {"": system})
+    text = "A mechanical system with impacts"
+    return rows.model("mechanism", name, text, forces, parameters)

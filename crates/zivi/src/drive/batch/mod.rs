@@ -134,7 +134,7 @@ pub fn simulate_batch<E, F: Force<Stopped> + Copy + Send + Sync>(
 /// task.
 ///
 /// # Errors
-/// As [`simulate_batch`], and where an end is not after the start.
+/// As [`simulate_batch`], and where an end is not after the start, or states at times are to be saved.
 pub fn simulate_batch_to<E, F: Force<Stopped> + Copy + Send + Sync>(
     members: &[(Member<F>, f64)],
     task: Task,
@@ -143,8 +143,10 @@ pub fn simulate_batch_to<E, F: Force<Stopped> + Copy + Send + Sync>(
     monitor: &mut impl Monitor<E>,
 ) -> Result<Vec<Outcome>, BatchError<E>> {
     let plan = Plan::new(task, save).map_err(|error| BatchError::Setup(None, error))?;
-    if plan.grid.is_some() {
-        let error = SetupError::Setting("ends", f64::NAN, "for the switched method");
+    // times of samples would be beyond some of the ends
+    if plan.grid.is_some() || matches!(save, Save::At(_)) {
+        let what = "for the switched method without times of samples";
+        let error = SetupError::Setting("ends", f64::NAN, what);
         return Err(BatchError::Setup(None, error));
     }
     let start = plan.span.0;
