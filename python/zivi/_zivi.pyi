@@ -68,6 +68,7 @@ __all__ = [
     "check_impact_map",
     "compiled_model",
     "controls",
+    "correct_sequence",
     "decoupling_force",
     "fly_apart",
     "force_raised",
@@ -724,9 +725,19 @@ def sequence_equations(
     last: tuple[float, float],
     period: float,
     e: float,
-    by: list[int],
-    sizes: _Array,
+    wrt: tuple[int, float] | None,
 ) -> tuple[int, list[_Array]]: ...
+def correct_sequence(
+    at: Callable[[float], tuple[Force, float, float, float]],
+    method: Method,
+    code: int,
+    guess: _Array,
+    normal: _Array,
+    scale: _Array,
+    sizes: _Array,
+    evaluations: int,
+    limits: tuple[float, float, float],
+) -> tuple[int, tuple[_Array, _Array, int, float, list[_Array]] | None]: ...
 def lift(x: _Array, xdot: _Array, sigma: float, kappa: float) -> tuple[_Array, _Array]: ...
 def project(s: _Array, v: _Array, kappa: float) -> tuple[_Array, _Array]: ...
 def force_raised() -> None: ...

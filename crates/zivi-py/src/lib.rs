@@ -86,6 +86,7 @@ fn _zivi(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(sensitivity::sensitivity, module)?)?;
     module.add_function(wrap_pyfunction!(sensitivity::fly_apart, module)?)?;
     module.add_function(wrap_pyfunction!(sensitivity::sequence_equations, module)?)?;
+    module.add_function(wrap_pyfunction!(sensitivity::correct_sequence, module)?)?;
     module.add_class::<force::Force>()?;
     module.add_class::<force::Wall>()?;
     module.add_class::<time_table::TimeTable>()?;

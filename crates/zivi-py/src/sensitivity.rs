@@ -5,10 +5,11 @@ use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use zivi::record::failure::Failure;
 use zivi::switched::sensitivity::{
-    EventRates, Flight, Flown, ImpactSequence, IndependentFlights, Question, Wrt,
+    EventRates, Flight, Flown, Hyperplane, ImpactSequence, IndependentFlights, Limits,
+    NotCorrected, Question, SequenceEquations, Wrt,
 };
 use zivi::system::slopes::DifferentiableForce;
-use zivi::{Output, PointRun};
+use zivi::{Output, PointRun, SwitchedRk};
 
 use crate::arrays::Array;
 use crate::errors::setup_error;
@@ -50,17 +51,16 @@ pub(crate) struct Nearest {
 
 /// `x0`, `xdot0`, `t0` are -1 to -3, parameters of the impact law go down from -4; those of the force
 /// have their numbers.
-fn wrt_of(codes: &[i64]) -> PyResult<Vec<Wrt>> {
-    let one = |&code: &i64| match code {
+fn wrt_of(code: i64) -> PyResult<Wrt> {
+    match code {
         -1 => Ok(Wrt::X0),
         -2 => Ok(Wrt::Xdot0),
         -3 => Ok(Wrt::T0),
-        code @ ..=-4 => Ok(Wrt::Law(code.abs_diff(-4) as usize)),
-        code => usize::try_from(code)
+        ..=-4 => Ok(Wrt::Law(code.abs_diff(-4) as usize)),
+        _ => usize::try_from(code)
             .map(Wrt::Parameter)
             .map_err(|_| PyValueError::new_err(format!("unknown code {code}"))),
-    };
-    codes.iter().map(one).collect()
+    }
 }
 
 /// A run of the switched method with its derivatives.
@@ -84,7 +84,7 @@ pub(crate) fn sensitivity(
 ) -> PyResult<SensitivityRecord> {
     let _running = crate::leaving::running()?;
     let (method, law, initial) = (method.switched()?, system.law, start.inner);
-    let wrt = wrt_of(&wrt)?;
+    let wrt: Vec<Wrt> = wrt.into_iter().map(wrt_of).collect::<PyResult<_>>()?;
     let (sizes, times, tstops) = (sizes.as_slice()?, times.as_slice()?, tstops.as_slice()?);
     let question = &Question { wrt: &wrt, sizes, controlled, times };
     let watch = &mut Watch { progress };
@@ -172,7 +172,8 @@ fn numbers_of(flown: Vec<Flown>) -> Vec<f64> {
 
 /// The equations of a sequence of impacts that repeats, rows `P, t` one after the other, the `last`
 /// one a period ago: the flights as `fly_apart` gives them with their minima, what must vanish, its
-/// derivative and apart from that the one by the last impact, row by row.
+/// derivative, apart from that the one by the last impact, row by row, and the one by a parameter,
+/// of which `wrt` has the code and the magnitude.
 #[pyfunction]
 #[allow(clippy::too_many_arguments)]
 pub(crate) fn sequence_equations(
@@ -183,19 +184,94 @@ pub(crate) fn sequence_equations(
     last: [f64; 2],
     period: f64,
     e: f64,
-    by: Vec<usize>,
-    sizes: PyReadonlyArray1<'_, f64>,
-) -> PyResult<(u8, [Array; 4])> {
+    wrt: Option<(i64, f64)>,
+) -> PyResult<(u8, [Array; 5])> {
     let _running = crate::leaving::running()?;
     let (settings, unknowns) = (method.switched()?, unknowns.as_slice()?);
-    let apart = &IndependentFlights { settings, by: &by, sizes: sizes.as_slice()?, minima: true };
+    let wrt = wrt.map(|(code, size)| Ok::<_, PyErr>((wrt_of(code)?, size))).transpose()?;
     let sequence = ImpactSequence { unknowns, last, length: period, e };
-    let found = with_slopes!(py, &force, period, |force| {
-        let force: &mut &mut dyn DifferentiableForce<PyErr> = &mut (force as _);
-        zivi::switched::sensitivity::sequence_equations(force, sequence, apart)
+    let (status, found) = status_of(evaluated(py, &force, sequence, (settings, wrt)))?;
+    Ok((status, arrays_of(py, found)))
+}
+
+fn arrays_of(py: Python<'_>, found: SequenceEquations) -> [Array; 5] {
+    let SequenceEquations { flights, residual, own, before, by } = found;
+    [numbers_of(flights), residual, own, before, by]
+        .map(|values| PyArray1::from_vec(py, values).unbind())
+}
+
+/// Of `correct_sequence`: scaled unknowns with the parameter, tangent, steps, scaled residual, and
+/// what `sequence_equations` gives.
+type Solution = (Array, Array, usize, f64, [Array; 5]);
+
+/// Seeks the solution of the equations of a sequence and a parameter in a hyperplane, a point and
+/// the normal of which are given, scaled by the magnitudes. `at` tells the force, the period, the
+/// coefficient of restitution and the derivative of the period at a value of the parameter; a
+/// `ValueError` of it is no solution. `limits` are the residual that is sought, the one that is
+/// enough where rounding stalls, and the fall that keeps the derivative by the parameter. Gives how
+/// many times the equations were evaluated, and the solution.
+#[pyfunction]
+#[allow(clippy::too_many_arguments)]
+pub(crate) fn correct_sequence(
+    py: Python<'_>,
+    at: Bound<'_, PyAny>,
+    method: PyRef<'_, Method>,
+    code: i64,
+    guess: PyReadonlyArray1<'_, f64>,
+    normal: PyReadonlyArray1<'_, f64>,
+    scale: PyReadonlyArray1<'_, f64>,
+    sizes: PyReadonlyArray1<'_, f64>,
+    evaluations: usize,
+    limits: [f64; 3],
+) -> PyResult<(usize, Option<Solution>)> {
+    let _running = crate::leaving::running()?;
+    let (settings, wrt) = (method.switched()?, wrt_of(code)?);
+    let (guess, normal, scale) = (guess.as_slice()?, normal.as_slice()?, scale.as_slice()?);
+    let sizes = sizes.as_slice()?;
+    let size = sizes.len() + 1;
+    if size % 2 == 0 || size < 3 || [guess, normal, scale].iter().any(|it| it.len() != size) {
+        return Err(PyValueError::new_err("rows of P, t and a parameter are expected"));
+    }
+    let plane = Hyperplane { guess, normal, scale, sizes };
+    let [tolerance, enough, stale] = limits;
+    let (limits, mut count) = (Limits { evaluations, tolerance, enough, stale }, 0);
+    let found = zivi::switched::sensitivity::correct(plane, limits, |y, value, derives| {
+        count += 1;
+        let told = at.call1((value,)).map_err(Failure::Raised)?;
+        let (force, length, e, longer): (PyRef<'_, Force>, f64, f64, f64) =
+            told.extract().map_err(Failure::Raised)?;
+        let magnitude = if value == 0.0 { 1.0 } else { value.abs() };
+        let wrt = derives.then_some((wrt, magnitude));
+        let sequence =
+            ImpactSequence { unknowns: y, last: [y[y.len() - 2], y[y.len() - 1]], length, e };
+        let equations = evaluated(py, &force, sequence, (settings, wrt))?;
+        let column = equations.by_parameter(longer);
+        Ok((equations, column))
     });
-    let (status, found) = status_of(found)?;
-    let array = |values: Vec<f64>| PyArray1::from_vec(py, values).unbind();
-    let flights = numbers_of(found.flights);
-    Ok((status, [flights, found.residual, found.own, found.before].map(array)))
+    let it = match found {
+        Ok(it) => it,
+        Err(NotCorrected::Flight(Failure::Raised(error)))
+            if !error.is_instance_of::<PyValueError>(py) =>
+        {
+            return Err(error)
+        }
+        Err(_) => return Ok((count, None)),
+    };
+    let [z, tangent] = [it.z, it.tangent].map(|it| PyArray1::from_vec(py, it).unbind());
+    Ok((count, Some((z, tangent, it.steps, it.residual, arrays_of(py, it.equations)))))
+}
+
+fn evaluated(
+    py: Python<'_>,
+    force: &Force,
+    sequence: ImpactSequence<'_>,
+    (settings, wrt): (SwitchedRk, Option<(Wrt, f64)>),
+) -> Result<SequenceEquations, Failure<PyErr>> {
+    let evaluated = || {
+        Ok(with_slopes!(py, force, sequence.length, |force| {
+            let force: &mut &mut dyn DifferentiableForce<PyErr> = &mut (force as _);
+            zivi::switched::sensitivity::sequence_equations(force, sequence, settings, wrt)
+        }))
+    };
+    evaluated().map_err(Failure::Raised)?
 }

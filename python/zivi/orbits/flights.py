@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import TypeAlias
+
 import numpy as np
 
 import zivi._zivi as _zivi
@@ -10,13 +13,16 @@ from zivi.base.compiled import Ear, listening
 from zivi.base.status import Status
 from zivi.simulation.methods import SwitchedRK
 from zivi.system.mass import ImpactSystem
-from zivi.system.parameters import parameter, parameters_of
+from zivi.system.parameters import INITIAL, codes_of, parameter, parameters_of
 
-__all__ = ["PRECISE", "FlightError", "fly", "sequence_equations"]
+__all__ = ["PRECISE", "FlightError", "corrected", "fly", "sequence_equations"]
 
 PRECISE = SwitchedRK(rtol=1e-12, atol=1e-13)
 """The tolerances of orbits, unless others are given."""
 UNIT = np.ones(2)
+
+Equations: TypeAlias = tuple[tuple[Array, Array], Array, Array, Array, Array]
+Corrected: TypeAlias = tuple[Array, Array, int, float, Equations]
 
 
 class FlightError(ArithmeticError):
@@ -47,7 +53,7 @@ def fly(
     with listening((spec,)) as ear:
         status, numbers = _zivi.fly_apart(spec, method._core, rows.ravel(), by, sizes, minima)
     _check(status, ear)
-    return _parted(numbers, len(rows), 2 + len(by))
+    return _parted(numbers, len(rows))
 
 
 def sequence_equations(
@@ -57,21 +63,64 @@ def sequence_equations(
     length: float,
     method: SwitchedRK,
     name: str | None = None,
-) -> tuple[tuple[Array, Array], Array, Array, Array]:
+) -> Equations:
     """Fly to each impact of a sequence ``(P, t)`` from the one before, the first from the last one.
 
     Gives the flights as `fly` does with minima, what must vanish, its derivative by the unknowns
-    and, apart from that, the one by the last impact, a period ago.
+    and, apart from that, the one by the last impact, a period ago; at last the one by a parameter,
+    empty without one.
     """
-    by, sizes = _asked(system, name)
-    spec, e, n = system._spec, system.e, len(unknowns)
+    spec = system._spec
+    wrt = None if name is None else (code_of(system, name), abs(parameter(system, name)) or 1.0)
     with listening((spec,)) as ear:
-        status, (numbers, residual, own, before) = _zivi.sequence_equations(
-            spec, method._core, unknowns, last, length, e, by, sizes
+        status, found = _zivi.sequence_equations(
+            spec, method._core, unknowns, last, length, system.e, wrt
         )
     _check(status, ear)
-    flights = _parted(numbers, n // 2, 2 + len(by))
-    return flights, residual, own.reshape(n, n), before.reshape(n, n)
+    return equations_of(found)
+
+
+def equations_of(found: list[Array]) -> Equations:
+    """Give shape to what the extension gives of the equations of a sequence."""
+    numbers, residual, own, before, by = found
+    n = len(residual)
+    return _parted(numbers, n // 2), residual, own.reshape(n, n), before.reshape(n, n), by
+
+
+def corrected(
+    at: Callable[[float], tuple[_zivi.Force, float, float, float]],
+    system: ImpactSystem,
+    method: SwitchedRK,
+    name: str,
+    plane: tuple[Array, Array],
+    magnitudes: tuple[Array, Array],
+    evaluations: int,
+    limits: tuple[float, float, float],
+) -> tuple[int, Corrected | None]:
+    """Solve the equations of a sequence and a parameter in a hyperplane, a point and a normal.
+
+    `at` gives the force, the length, e and the derivative of the length at a value; magnitudes are
+    those of the unknowns and of the equations; limits the residual that is sought, the one that is
+    enough where rounding stalls, and the fall that keeps the derivative by the parameter. Gives how
+    often the equations were evaluated, and the unknowns, the tangent, the steps, the residual, the
+    equations; None without a solution.
+    """
+    code = code_of(system, name)
+    with listening((system._spec,)) as ear:
+        count, found = _zivi.correct_sequence(
+            at, method._core, code, *plane, *magnitudes, evaluations, limits
+        )
+    if (error := ear.ends(found is not None)) is not None:
+        raise error
+    return count, None if found is None else (*found[:4], equations_of(found[4]))
+
+
+def code_of(system: ImpactSystem, name: str) -> int:
+    """Give the number by which the extension knows a parameter that the equations have."""
+    (code,) = codes_of(system, (name,))
+    if code in INITIAL.values():
+        parameter(system, name)  # which says what there is
+    return code
 
 
 def _asked(system: ImpactSystem, name: str | None) -> tuple[list[int], Array]:
@@ -91,6 +140,6 @@ def _check(status: int, ear: Ear) -> None:
         raise FlightError(Status(status))
 
 
-def _parted(numbers: Array, k: int, n: int) -> tuple[Array, Array]:
-    table = numbers.reshape(k, 6 + 2 * n)
-    return table[:, :6], table[:, 6:].reshape(k, 2, n)
+def _parted(numbers: Array, k: int) -> tuple[Array, Array]:
+    table = numbers.reshape(k, -1)
+    return table[:, :6], table[:, 6:].reshape(k, 2, -1)

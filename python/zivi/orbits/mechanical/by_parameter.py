@@ -22,7 +22,15 @@ from zivi.system.mass import ImpactSystem
 from zivi.system.mechanism import MechanicalSystem
 from zivi.system.parameters import excitation
 
-__all__ = ["by_parameter", "flow_of", "moved_frame", "of_mass"]
+__all__ = [
+    "by_parameter",
+    "flow_of",
+    "frame_of",
+    "moved_frame",
+    "of_mass",
+    "stretch",
+    "trend_of",
+]
 
 STEPS = (1e-5, 2e-3)
 """Of a difference of second order, and of one of sixth, relative to the parameter."""
@@ -46,16 +54,17 @@ def flow_of(system: MechanicalSystem | ImpactSystem, method: SwitchedRK) -> Flow
 
 def moved_frame(frame: Frame, values: Mapping[str, float]) -> Frame:
     """Give the frame of the system with other values of some numbers."""
-    system = with_values(frame.system, values)
+    return frame_of(frame, with_values(frame.system, values))
+
+
+def frame_of(frame: Frame, system: MechanicalSystem | ImpactSystem) -> Frame:
+    """Give the frame of a system that differs by some numbers."""
     flow = flow_of(system, frame.method)
-    if frame.free:
-        return dataclasses.replace(frame, system=system, flow=flow)
-    return dataclasses.replace(
-        frame, system=system, flow=flow, length=frame.length * _stretch(frame, system)
-    )
+    length = frame.length if frame.free else frame.length * stretch(frame, system)
+    return dataclasses.replace(frame, system=system, flow=flow, length=length)
 
 
-def _stretch(frame: Frame, system: MechanicalSystem) -> float:
+def stretch(frame: Frame, system: MechanicalSystem | ImpactSystem) -> float:
     """Give by which factor the period changes."""
     before, after = frequency_of(frame.system), frequency_of(system)
     if before is not None and after is not None:
@@ -126,11 +135,17 @@ def of_mass(terms: Terms, name: str) -> Array:
 
 
 def _longer(frame: Frame, name: str) -> float:
-    """Give the derivative of the length by a parameter: it goes with it, against it, or not."""
+    """Give the derivative of the length by a parameter."""
+    trend = trend_of(frame, name)
+    return trend * frame.length / value_of(frame.system, name) if trend else 0.0
+
+
+def trend_of(frame: Frame, name: str) -> int:
+    """Tell whether the length goes with a parameter, 1, against it, -1, or not, 0."""
     omega, its_name = excitation(frame.system)
     if frame.free or name == "e" or (omega is not None and its_name != name):
-        return 0.0
+        return 0
     if not (value := value_of(frame.system, name)):
-        return 0.0
-    ratio = _stretch(frame, with_values(frame.system, {name: 1.25 * value}))
-    return frame.length / value * (ratio > 1.0) - frame.length / value * (ratio < 1.0)
+        return 0
+    ratio = stretch(frame, with_values(frame.system, {name: 1.25 * value}))
+    return (ratio > 1.0) - (ratio < 1.0)

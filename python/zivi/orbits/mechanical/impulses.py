@@ -23,7 +23,7 @@ from zivi.orbits.flights import FlightError
 from zivi.orbits.mechanical.accumulation import Accumulation
 from zivi.orbits.mechanical.flow import Flights
 from zivi.orbits.mechanical.frame import Frame
-from zivi.orbits.mechanical.mass_flow import MassImpulses, impact_maps
+from zivi.orbits.mechanical.mass_flow import Evaluated, MassImpulses, impact_maps
 from zivi.orbits.mechanical.segments import SegmentTerms, of_segments
 
 __all__ = ["ImpulseTerms", "MassTerms"]
@@ -39,14 +39,14 @@ class ImpulseTerms:
         assert frame.impulses is not None
         self.frame, self.y, self.length = frame, y, frame.length
         self.kernel: Any = frame.impulses
-        times = y[1::2]
-        if not np.isfinite(y).all() or times.max() - times.min() > 1e3 * abs(frame.length):
-            raise FlightError(Status.STEP_SIZE_TOO_SMALL)
         self.accumulations: dict[int, Accumulation] = {}
         self.residual, self.rates, self.jacobian = self._evaluated()
 
     def _evaluated(self) -> tuple[Array, Array, Array]:
         """Give the residual, the speeds before the impacts, the derivative."""
+        times = self.y[1::2]
+        if not np.isfinite(self.y).all() or times.max() - times.min() > 1e3 * abs(self.length):
+            raise FlightError(Status.STEP_SIZE_TOO_SMALL)
         found: tuple[Array, Array, Array] = self.kernel.equations(self.y)
         return found
 
@@ -137,24 +137,27 @@ class MassTerms(ImpulseTerms):
 
     kernel: MassImpulses
 
-    def __init__(self, frame: Frame, y: Array, name: str | None = None) -> None:
-        self.name = None if name == "e" else name
+    def __init__(
+        self, frame: Frame, y: Array, name: str | None = None, found: Evaluated | None = None
+    ) -> None:
+        self.name, self._found = name, found
         super().__init__(frame, y)
 
     def _evaluated(self) -> tuple[Array, Array, Array]:
-        found = self.kernel.equations(self.y, self.name)
-        self.flights, residual, self._own, self._before = found
-        return residual, self.flights.z[:, 1], self._own + self._before
+        found = self._found or self.kernel.equations(self.y, self.name)
+        self._found, self.flights = found, found.flights
+        return found.residual, self.flights.z[:, 1], found.own + found.before
 
     def parts(self, kappa: float) -> tuple[Array, Array]:
         """Give R and S."""
-        return self._own + kappa * self._before, -self._before
+        assert self._found is not None
+        return self._found.own + kappa * self._found.before, -self._found.before
 
     def column(self, name: str, longer: float) -> Array:
         """Give the derivative by a parameter, by which the length has one too."""
-        flies = name not in ("e", self.name)
-        flights = self.kernel.equations(self.y, name)[0] if flies else self.flights
-        return self.kernel.by_parameter(self.y, flights, name, longer)
+        assert self._found is not None
+        found = self._found if name == self.name else self.kernel.equations(self.y, name)
+        return found.by_parameter(longer)
 
     def return_map(self, first: int = 0) -> Array:
         """Give the derivative of ``(t, x, u)`` after an impact one word later."""

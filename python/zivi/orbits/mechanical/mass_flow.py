@@ -12,7 +12,7 @@ A mass that rests needs no equations: its lift-off is known, see `zivi.orbits.re
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -23,7 +23,7 @@ from zivi.orbits.mechanical.flow import Contacts, Flights, Jump, Scalar
 from zivi.simulation.methods import SwitchedRK
 from zivi.system.mass import ImpactSystem
 
-__all__ = ["MassFlow", "MassImpulses", "impact_maps"]
+__all__ = ["Evaluated", "MassFlow", "MassImpulses", "impact_maps"]
 
 STEP = 1e-6
 """Of differences of the Jacobian: only the convergence depends on it."""
@@ -46,13 +46,13 @@ class MassFlow:
         rows[:, 0], rows[:, 1:3], rows[:, 3] = t0, z0, t1
         if not ((t1 > t0).all() and np.isfinite(rows).all()):
             raise FlightError(Status.STEP_SIZE_TOO_SMALL)
-        return self.flights(*fly(self.system, rows, self.method, name, minima=True), z0[:, 1], name)
+        return self.flights(*fly(self.system, rows, self.method, name, minima=True), z0[:, 1])
 
-    def flights(self, ends: Array, columns: Array, speeds: Array, name: str | None) -> Flights:
+    def flights(self, ends: Array, columns: Array, speeds: Array) -> Flights:
         """Give flights by their ends and derivatives, from these speeds."""
         rates = ends.copy()
         rates[:, 0] = speeds
-        by = None if name is None else columns[:, :, 2]
+        by = columns[:, :, 2] if columns.shape[2] > 2 else None
         return Flights(
             ends[:, :2], columns[:, :, :2], rates[:, 0:3:2], rates[:, 1:4:2], ends[:, 4:], by
         )
@@ -92,6 +92,24 @@ class MassFlow:
 RESTS = "a mass that rests is simulated from its lift-off"
 
 
+class Evaluated(NamedTuple):
+    """The equations of impacts at some unknowns."""
+
+    flights: Flights
+    """To the impacts."""
+    residual: Array
+    own: Array
+    """Its derivative by the unknowns."""
+    before: Array
+    """Apart from that, the one by the last impact, a period ago."""
+    by: Array
+    """The one by a parameter at a fixed period, empty without one."""
+
+    def by_parameter(self, longer: float) -> Array:
+        """Give the derivative by a parameter by which the period has one, too."""
+        return np.asarray(self.by - longer * self.before[:, -1], np.float64)
+
+
 class MassImpulses:
     """The equations of impacts in impulses, as `zivi.PeriodicImpulses` of linear systems."""
 
@@ -116,34 +134,32 @@ class MassImpulses:
         found[:, 1] = self.e / (1.0 + self.e) * y[::2]
         return found
 
-    def equations(
-        self, y: Array, name: str | None = None, last: Array | None = None
-    ) -> tuple[Flights, Array, Array, Array]:
-        """Give the flights to the impacts, what must vanish, and its derivative in two halves.
+    def equations(self, y: Array, name: str | None = None, last: Array | None = None) -> Evaluated:
+        """Give the equations; `last` is what the last impact was a period ago if not as in `y`.
 
-        The second half is that by the last impact, a period ago; `last` is what it was if it was
-        another one, and `name` a parameter by which the flights are derived.
+        With the name of a parameter they are derived by that, too.
         """
         y = np.ascontiguousarray(y)
         push, time = (y if last is None else last)[-2:].tolist()
-        found, residual, own, before = sequence_equations(
+        found = sequence_equations(
             self.flow.system, y, (push, time), self.length, self.flow.method, name
         )
+        return self.evaluated(y, push, *found)
+
+    def evaluated(
+        self,
+        y: Array,
+        push: float,
+        flights: tuple[Array, Array],
+        residual: Array,
+        own: Array,
+        before: Array,
+        by: Array,
+    ) -> Evaluated:
+        """Give the equations by what the extension found, the last impulse a period ago `push`."""
         speeds = self.e / (1.0 + self.e) * y[::2][self.before]
         speeds[0] = self.e / (1.0 + self.e) * push
-        return self.flow.flights(*found, speeds, name), residual, own, before
-
-    def by_parameter(self, y: Array, flights: Flights, name: str, longer: float) -> Array:
-        """Give the derivative of the residual by a parameter, of which the length has one too."""
-        moved = np.zeros_like(flights.z) if flights.by is None else flights.by.copy()
-        moved[0] += _by_start(flights)[0] * longer
-        if name == "e":
-            pushes = y[::2][self.before] / (1.0 + self.e) ** 2
-            moved += flights.phi[:, :, 1] * pushes[:, None]
-        moved[:, 1] *= 1.0 + self.e
-        if name == "e":
-            moved[:, 1] += flights.z[:, 1]
-        return np.asarray(moved.ravel(), np.float64)
+        return Evaluated(self.flow.flights(*flights, speeds), residual, own, before, by)
 
     def curvature(self, y: Array, kappa: float, w: Array, v: Array) -> tuple[Array, Array]:
         """Give the gradients of w (A + kappa B) v and of -w B v by the unknowns."""
@@ -155,8 +171,8 @@ class MassImpulses:
         h /= max(float(np.max(np.abs(own))), float(np.max(np.abs(before)))) or 1.0
         ends: list[Any] = []
         for step in (h, -h):
-            _, _, now, ago = self.equations(y + step * own, last=y[-2:] + step * before)
-            ends.append(w @ (now + ago))
+            it = self.equations(y + step * own, last=y[-2:] + step * before)
+            ends.append(w @ (it.own + it.before))
         return np.asarray((ends[0] - ends[1]) / (2.0 * h), np.float64)
 
 

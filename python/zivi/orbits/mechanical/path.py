@@ -11,13 +11,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from zivi.base.check import Array
-from zivi.orbits.flights import FlightError
-from zivi.orbits.mechanical.by_parameter import by_parameter, moved_frame, of_mass
-from zivi.orbits.mechanical.equations import Frame, Terms, evaluate, sizes_of
+from zivi.orbits.flights import FlightError, corrected
+from zivi.orbits.mechanical.by_parameter import (
+    by_parameter,
+    frame_of,
+    moved_frame,
+    of_mass,
+    stretch,
+    trend_of,
+)
+from zivi.orbits.mechanical.equations import Frame, MassTerms, Terms, evaluate, sizes_of
+from zivi.orbits.mechanical.family import with_values
 from zivi.orbits.mechanical.margins import Margins
-from zivi.orbits.mechanical.mass_flow import MassFlow
+from zivi.orbits.mechanical.mass_flow import MassFlow, MassImpulses
 from zivi.orbits.mechanical.multipliers import multipliers_of
 from zivi.orbits.secant import secant
+from zivi.system.mass import ImpactSystem
 
 __all__ = ["Path", "Point", "located", "located_near"]
 
@@ -26,6 +35,8 @@ TOLERANCE = 1e-12
 CLOSE = 1e-12
 """How near two places of an event are, in scaled unknowns, when it is found."""
 MOST_SECANTS = 20
+ENOUGH = 1e-10
+"""A residual at which an iteration that stalls has found what rounding allows."""
 STALE = 0.05
 """Where the residual falls by less, the derivative by the parameter is computed again."""
 
@@ -143,6 +154,8 @@ class Path:
 
     def correct(self, guess: Array, normal: Array, tolerance: float = TOLERANCE) -> Point | None:
         """Solve in the hyperplane through a guess with a normal; None if that fails."""
+        if isinstance(self.frame.impulses, MassImpulses):
+            return self._correct_mass(guess, normal, tolerance)
         z, column = guess.copy(), None
         before, stalled = np.inf, False
         for step in range(CORRECTIONS):
@@ -158,7 +171,7 @@ class Path:
             # beside a grazing one step may stall before the next ones converge
             stalls = error >= 0.5 * before
             enough = error <= max(tolerance, terms.frame.flow.accuracy)
-            if enough or (stalls and stalled and error <= 1e-10):
+            if enough or (stalls and stalled and error <= ENOUGH):
                 return self._point(z, terms, full, step, error)
             before, stalled = error, stalls
             right = np.empty(len(z))
@@ -172,6 +185,38 @@ class Path:
             if not near:
                 return None
         return None
+
+    def _correct_mass(self, guess: Array, normal: Array, tolerance: float) -> Point | None:
+        """Do the same in the extension."""
+        frame, name, trend = self.frame, self.name, self._trend
+        system: ImpactSystem = frame.system
+
+        def at(value: float) -> tuple[Any, float, float, float]:
+            nonlocal system
+            system = with_values(frame.system, {name: value})
+            length = frame.length * stretch(frame, system)
+            longer = trend * length / value if trend else 0.0
+            return system._spec, length, system.e, longer
+
+        tolerance = max(tolerance, frame.flow.accuracy)
+        count, found = corrected(
+            at, frame.system, frame.method, name, (guess, normal),
+            (self.scale, self.sizes), CORRECTIONS, (tolerance, ENOUGH, STALE),
+        )  # fmt: skip
+        self.flights += count * len(frame.word)
+        if found is None:
+            return None
+        z, tangent, steps, error, numbers = found
+        full = z * self.scale
+        frame, y = frame_of(frame, system), full[:-1]
+        assert isinstance(frame.impulses, MassImpulses)
+        evaluated = frame.impulses.evaluated(y, float(y[-2]), *numbers)
+        terms = MassTerms(frame, y, found=evaluated)
+        return Point(z, terms, tangent, float(full[-1]), steps, error)
+
+    @functools.cached_property
+    def _trend(self) -> int:
+        return trend_of(self.frame, self.name)
 
     def _point(self, z: Array, terms: Terms, full: Array, step: int, error: float) -> Point | None:
         right = np.zeros(len(z))

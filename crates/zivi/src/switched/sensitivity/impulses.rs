@@ -8,9 +8,11 @@
 //!
 //! the first of them from the last, a period ago: regular where an impact grazes, `P = 0`.
 
+use super::columns::Wrt;
 use super::flights::{fly_apart, IndependentFlights};
 use super::flown::{Flight, Flown};
 use crate::record::failure::Failure;
+use crate::switched::settings::SwitchedRk;
 use crate::system::slopes::DifferentiableForce;
 use crate::Status;
 
@@ -38,16 +40,30 @@ pub struct SequenceEquations {
     pub own: Vec<f64>,
     /// Apart from that, the derivative by the last impact, a period ago.
     pub before: Vec<f64>,
+    /// The derivative by a parameter at a fixed period, empty where none was asked for.
+    pub by: Vec<f64>,
 }
 
-/// Flies to each impact and derives the equations.
+impl SequenceEquations {
+    /// The derivative by a parameter by which the period has one, too.
+    pub fn by_parameter(&self, longer: f64) -> Vec<f64> {
+        let size = self.residual.len();
+        // the last impact of the period before moves with its length
+        let since = self.before.iter().skip(size.wrapping_sub(1)).step_by(size.max(1));
+        self.by.iter().zip(since).map(|(by, since)| by - longer * since).collect()
+    }
+}
+
+/// Flies to each impact and derives the equations, by [`Wrt::E`]
+/// or by a parameter of the force (with its magnitude) where one is named.
 ///
 /// # Errors
 /// What the force raises, a status where a flight cannot be computed or has no length.
 pub fn sequence_equations<E, F: DifferentiableForce<E>>(
     force: &mut F,
     ImpactSequence { unknowns, last, length, e }: ImpactSequence<'_>,
-    apart: &IndependentFlights<'_>,
+    settings: SwitchedRk,
+    wrt: Option<(Wrt, f64)>,
 ) -> Result<SequenceEquations, Failure<E>> {
     let [part, scale] = [e / (1.0 + e), 1.0 + e];
     let mut start = [last[0], last[1] - length];
@@ -63,6 +79,12 @@ pub fn sequence_equations<E, F: DifferentiableForce<E>>(
         flights.push(flight);
         start = [impact[0], impact[1]];
     }
+    let (number, magnitude) = match wrt {
+        Some((Wrt::Parameter(number), magnitude)) => (Some(number), magnitude),
+        _ => (None, 1.0),
+    };
+    let (by, sizes) = (number.as_slice(), &[1.0, 1.0, magnitude][..2 + number.iter().len()]);
+    let apart = &IndependentFlights { settings, by, sizes, minima: true };
     let flown = fly_apart(force, &flights, apart)?;
     let size = unknowns.len();
     let mut found = SequenceEquations {
@@ -74,9 +96,9 @@ pub fn sequence_equations<E, F: DifferentiableForce<E>>(
     for (k, ((impact, flight), it)) in
         unknowns.chunks_exact(2).zip(&flights).zip(&flown).enumerate()
     {
-        let [first, last] = it.pull;
+        let [first, at_end] = it.pull;
         found.residual.extend([it.x, scale * it.xdot + impact[0]]);
-        let rows = [(&it.dx, it.xdot, 1.0), (&it.dv, last, scale)];
+        let rows = [(&it.dx, it.xdot, 1.0), (&it.dv, at_end, scale)];
         for (i, (by, rate, scale)) in rows.into_iter().enumerate() {
             let row = (2 * k + i) * size;
             found.own[row + 2 * k + 1] = scale * rate;
@@ -87,6 +109,16 @@ pub fn sequence_equations<E, F: DifferentiableForce<E>>(
             to[at + 1] = -scale * (by[0] * flight.xdot + by[1] * first);
         }
         found.own[(2 * k + 1) * size + 2 * k] = 1.0;
+        match wrt {
+            None => (),
+            Some((Wrt::Parameter(_), _)) => found.by.extend([it.dx[2], scale * it.dv[2]]),
+            Some(_) => {
+                // e / (1 + e) of the impulse is the speed of the start
+                let push = if k > 0 { unknowns[2 * k - 2] } else { last[0] };
+                let moved = push / (scale * scale);
+                found.by.extend([it.dx[1] * moved, scale * it.dv[1] * moved + it.xdot]);
+            }
+        }
     }
     found.flights = flown;
     Ok(found)
@@ -97,7 +129,7 @@ mod tests {
     use std::convert::Infallible;
 
     use super::*;
-    use crate::{LinearForce, SwitchedRk};
+    use crate::LinearForce;
 
     const FORCE: LinearForce = LinearForce {
         stiffness: 0.9,
@@ -112,10 +144,40 @@ mod tests {
         unknowns: &[f64],
         last: [f64; 2],
     ) -> Result<SequenceEquations, Failure<Infallible>> {
-        let settings = SwitchedRk::default();
-        let apart = IndependentFlights { settings, by: &[], sizes: &[1.0, 1.0], minima: false };
         let sequence = ImpactSequence { unknowns, last, length: 5.7, e: 0.6 };
-        sequence_equations(&mut FORCE.clone(), sequence, &apart)
+        sequence_equations(&mut FORCE.clone(), sequence, SwitchedRk::default(), None)
+    }
+
+    #[test]
+    fn derivatives_by_parameters_are_those_of_differences() {
+        let (y, last) = ([1.3, 0.4, 0.7, 2.9, 1.1, 4.4], [1.2, 4.3]);
+        // a parameter p, with the period 5.7 + rate (p - p0)
+        let check = |wrt: Wrt, rate: f64, moved: &dyn Fn(f64) -> (LinearForce, f64)| {
+            let at = |h: f64, wrt: Option<(Wrt, f64)>| {
+                let (mut force, e) = moved(h);
+                let sequence = ImpactSequence { unknowns: &y, last, length: 5.7 + rate * h, e };
+                let settings = SwitchedRk::default();
+                let found: Result<_, Failure<Infallible>> =
+                    sequence_equations(&mut force, sequence, settings, wrt);
+                found.unwrap()
+            };
+            let h = 1e-5;
+            let ends = [h, -h].map(|h| at(h, None).residual);
+            let column = at(0.0, Some((wrt, 1.0))).by_parameter(rate);
+            assert_eq!(column.len(), y.len());
+            for ((exact, plus), minus) in column.iter().zip(&ends[0]).zip(&ends[1]) {
+                let difference = (plus - minus) / (2.0 * h);
+                assert!((exact - difference).abs() < 1e-8, "{wrt:?}: {exact} {difference}");
+            }
+        };
+        check(Wrt::E, 0.0, &|h| (FORCE, 0.6 + h));
+        check(Wrt::Parameter(3), 0.0, &|h| {
+            (LinearForce { amplitude: FORCE.amplitude + h, ..FORCE }, 0.6)
+        });
+        check(Wrt::Parameter(4), -5.7 / FORCE.omega, &|h| {
+            (LinearForce { omega: FORCE.omega + h, ..FORCE }, 0.6)
+        });
+        assert!(equations(&y, last).unwrap().by_parameter(1.0).is_empty());
     }
 
     #[test]

@@ -6,6 +6,7 @@
 //! them and a lift-off starts them anew.
 
 mod columns;
+mod correction;
 mod derivatives;
 mod flights;
 mod flown;
@@ -17,6 +18,7 @@ mod validity;
 mod variational_run;
 
 pub use columns::Wrt;
+pub use correction::{correct, Corrected, Hyperplane, Limits, NotCorrected};
 pub use derivatives::{Derivatives, EventRates, Question};
 pub use flights::{fly_apart, IndependentFlights};
 pub use flown::{Flight, Flown};
