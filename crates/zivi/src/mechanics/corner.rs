@@ -28,7 +28,7 @@ use crate::zeno::table::Landing;
 /// Heights and speeds at a corner are zero but for so many tolerances; in a sequence at one instant speeds
 /// are no more than so many times those that are below all tolerances.
 const STILL: f64 = 100.0;
-/// In such a sequence speeds fall over so many impacts of one phase, each to this part or less.
+/// In such a sequence speeds fall over so many impacts of one phase, each to less than this part.
 const FALLS: usize = 4;
 const LEFT: f64 = 0.98;
 
@@ -210,7 +210,7 @@ fn at_one_instant<E, D: Dynamics<E>>(
     at: &mut Mechanism<'_, '_, D>,
 ) -> Result<Option<Landing<Vec<f64>>>, Failure<E>> {
     let (Layout { n, m, p: channels }, t) = (at.state.layout(), at.state.now().t);
-    let end = time_of_corner(marks, fewest).filter(|&end| end >= t && channels == 0);
+    let end = time_of_corner(marks, fewest).filter(|_| channels == 0);
     let Some(end) = end.filter(|_| speeds_fall(marks, p, (n, set))) else { return Ok(None) };
     at.state.complete(at.model)?;
     let (state, slow) = (&*at.state, slow(at.settings, at.state));
@@ -250,3 +250,6 @@ fn depth<E>(set: GapSet, lambda: &[f64], state: &mut MechanicalState) -> Result<
     }
     Ok(depth * widest)
 }
+
+#[cfg(test)]
+mod tests;

@@ -51,7 +51,7 @@ pub(super) struct Impacts {
 }
 
 /// What an impact changed.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Struck {
     pub(super) hit: GapSet,
     /// The gaps that were closed before it.
