@@ -34,7 +34,7 @@ def one_mass(rng, walls=False):
 def test_one_coordinate_is_the_mass(walls):
     """Impacts, Zeno points, lift-offs and the motion: bit for bit above a wall at rest."""
     rng, impacts, zeno = np.random.default_rng(11), 0, 0
-    for case in range(120):
+    for case in range(200):
         mass, linear, height = one_mass(rng, walls)
         start, rate = rng.integers(32, 64) / 64, rng.uniform(-1, 1)
         options = {"t_eval": np.linspace(0, 30, 7)} if case % 3 == 0 else {}
@@ -62,6 +62,31 @@ def test_one_coordinate_is_the_mass(walls):
             assert (one.x[-1], one.xdot[-1]) == (same.q[-1, 0], same.qdot[-1, 0])
     assert impacts > 1000
     assert zeno > 50
+
+
+@pytest.mark.parametrize("kind", ["offset", "waves", "walls"])
+def test_times_of_samples_change_no_bit(kind):
+    """Impacts and the end: no gap is set to what rounding left of the coordinates."""
+    rng, impacts = np.random.default_rng(13), 0
+    for _ in range(40):
+        start = rng.integers(32, 64) / 64
+        if kind == "walls":
+            _, linear, height = one_mass(rng, True)
+            start += height
+        else:
+            omega, amplitude = rng.uniform(0.5, 3), rng.uniform(1, 4)
+            loads = [[rng.uniform(-0.5, 0.5)], zivi.Harmonic([amplitude], omega)]
+            loads += [zivi.Harmonic([0.3 * amplitude], 2.7 * omega)] if kind == "waves" else []
+            gaps, e = [zivi.LinearGap([1.3], 0.1)], rng.uniform(0.2, 0.95)
+            k, c = rng.uniform(0, 6), rng.uniform(0, 0.4)
+            linear = zivi.LinearSystem(1.0, c, k, excitation=loads, gaps=gaps, e=e)
+        asked = [{}, {"t_eval": np.linspace(0, 20, 101)}, {"t_eval": [20], "dense_output": False}]
+        first, *others = (zivi.simulate(linear, (0, 20), ([start], [0.2]), **it) for it in asked)
+        impacts += len(first.resolved_impacts)
+        for sol in others:
+            assert np.array_equal(sol.resolved_impacts, first.resolved_impacts)
+            assert (sol.q[-1], sol.qdot[-1]) == (first.q[-1], first.qdot[-1])
+    assert impacts > 400
 
 
 def test_two_stops_of_one_coordinate_are_those_of_a_mass_between_its_impacts():

@@ -8,6 +8,7 @@ import pytest
 import zivi
 from mechanical_models import model
 from zivi.base import machine_code
+from zivi.simulation.mechanical_batch_result import NUMBERS
 
 pytestmark = pytest.mark.xdist_group("mechanical models")
 
@@ -134,3 +135,37 @@ def test_a_study_of_a_parameter_compiles_nothing(monkeypatch):
     assert np.array_equal(batch.q, dataset["q"])
     events = zivi.sweep(lambda b: (rests(b), rests(b).liftoffs), {"b": widths})
     assert np.array_equal(events.dataset["q"], dataset["q"])
+
+
+def test_numbers_that_are_counted_are_those_of_the_tables():
+    """Skipped impacts, several gaps at once, corners and flags; speeds down to a part."""
+    rng, eye = np.random.default_rng(24), np.eye(3)
+    systems, sums = [], dict.fromkeys(NUMBERS, 0)
+    for _ in range(12):
+        k, e, rows = rng.uniform(20, 200), rng.choice([0.0, 0.5, 0.8], 4), rng.normal(size=(2, 3))
+        opposite = [zivi.LinearGap(sign * eye[0], 0.05) for sign in (1, -1)]
+        # two that are hit at once, and two that are not
+        twins = [zivi.LinearGap(eye[1], 0.1), zivi.LinearGap(eye[1] + [0, 0, 1e-9], 0.1)]
+        gaps = opposite + (twins if len(systems) % 2 else [zivi.LinearGap(n, 0.1) for n in rows])
+        drive = zivi.Harmonic(rng.uniform(5, 20, 3), rng.uniform(2, 9))
+        springs = k * (2 * eye - np.eye(3, k=1) - np.eye(3, k=-1))
+        systems.append(zivi.LinearSystem(eye, 0.5 * eye, springs, excitation=drive, gaps=gaps, e=e))
+    bar = [zivi.LinearGap([1, x]) for x in (-1, 0.7)]
+    bars = [
+        zivi.MechanicalSystem(mass=np.diag([1, 0.3]), force=[-9.81, 0], gaps=bar, e=e)
+        for e in (0.3, 0.6)
+    ]
+    for several, start in ((systems, ([0, 0, 0], [0.1, 0, 0])), (bars, ([1.0, 0.1], [0.0, 0.0]))):
+        for slowest in (1e-3, 0.2, 1.0):
+            alone, tables = (
+                zivi.simulate_batch(several, (0, 6), start, save=save, slowest=slowest)
+                for save in ("final", "events")
+            )
+            assert alone.config | {"save": "events"} == tables.config
+            for name in (*NUMBERS, "t", "q", "qdot", "gaps", "contacts"):
+                one, other = getattr(alone, name), getattr(tables, name)
+                assert np.array_equal(one, other, equal_nan=one.dtype.kind == "f"), name
+            for name in NUMBERS:
+                sums[name] += int(np.nan_to_num(getattr(alone, name)).sum())
+    assert sums["n_impacts"] > 1000
+    assert min(sums[name] for name in ("n_zeno", "n_liftoffs", "n_corners", "n_flags")) > 2, sums

@@ -437,6 +437,7 @@ class Keep:
         ends: bool = False,
         dense: bool = False,
         arcs: bool = False,
+        counts: float | None = None,
     ) -> Self: ...
 
 @overload
@@ -559,6 +560,7 @@ class MechanicalRecord:
     contacts: NDArray[np.bool_]
     speeds: tuple[float, float, float] | None
     occurrences: Occurrences | None
+    totals: tuple[list[int], list[float]] | None
     hits: list[Hits]
     status: int
     message: str

@@ -274,26 +274,64 @@ def paper(
 @app.command()
 def fmu(
     out: Annotated[Path, typer.Option(help="Folder for the FMUs; those of the same names go.")],
+    file: Annotated[
+        Path | None,
+        typer.Argument(
+            help="A tree or mechanism instead: TOML of zivi simulate, MJCF (.xml) or URDF (.urdf)."
+        ),
+    ] = None,
     model: Annotated[
         list[str] | None,
         typer.Option(help="mass, regulator, tracker, loop or observer; may be given repeatedly."),
     ] = None,
     fmi: Annotated[list[int] | None, typer.Option(help="2 or 3; by default both.")] = None,
+    name: Annotated[
+        str | None, typer.Option(help="Of the unit of a file; by default MechanicalSystem.")
+    ] = None,
+    gap: Annotated[
+        list[str] | None,
+        typer.Option(help="Of MJCF, URDF: a joint, or a pair of geoms, 'ball,floor'; repeatedly."),
+    ] = None,
+    e: Annotated[
+        list[float] | None,
+        typer.Option("--e", help="Restitution of these gaps: of all, or repeatedly; default 0."),
+    ] = None,
+    q0: Annotated[
+        list[float] | None,
+        typer.Option(help="Their coordinates at the start, repeatedly; default 0."),
+    ] = None,
+    ignore_friction: Annotated[
+        bool, typer.Option("--ignore-friction", help="Leave out friction of these gaps.")
+    ] = False,
     quiet: Quiet = False,
 ) -> None:
     """Write FMUs: zivi in Simulink and other tools, without Python.
 
-    Exit code 2 for a model or a version that does not exist, or where the binaries are missing.
+    Exit code 2 for a model or a version that does not exist, for a file that cannot be read, or
+    where the binaries are missing.
     """
-    from zivi.files import commands
+    from zivi.files import FileError, commands, mechanism_of
     from zivi.files.messages import say, warn
     from zivi.fmu import export_fmu
 
     paths = []
     with _reported_errors():
         try:
-            paths = export_fmu(out, model or None, fmi or None)
-        except ValueError as error:
+            if file is None:
+                if name or gap or e or q0 or ignore_friction:
+                    raise FileError("zivi: --name, --gap, --e, --q0 are for a FILE")
+                paths = export_fmu(out, model or None, fmi or None)
+            else:
+                if model:
+                    raise FileError("zivi: --model is for zivi's own models, without a FILE")
+                friction = "ignore" if ignore_friction else "refuse"
+                system, y0 = mechanism_of(
+                    file, gaps=gap or (), e=e or (), q0=q0 or (), friction=friction
+                )
+                paths = export_fmu(out, system, fmi or None, y0=y0, name=name)
+        except FileError:
+            raise
+        except (ValueError, TypeError, NotImplementedError) as error:
             warn(f"zivi: {error}")
     if not quiet:
         for path in paths:

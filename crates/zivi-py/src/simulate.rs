@@ -60,7 +60,7 @@ pub(crate) fn simulate(
     }
     if let (Ok(system), Ok(start)) = (system.cast::<Mechanism>(), start.cast::<Configuration>()) {
         let run = run_mechanism(py, system.get(), method, span, start.get(), &keep, watch)?;
-        let record = MechanicalRecord::new(py, run.map_err(setup_error)?)?;
+        let record = MechanicalRecord::counted(py, run.map_err(setup_error)?, keep.counts)?;
         return Ok(Py::new(py, record)?.into_any());
     }
     Err(PyTypeError::new_err(

@@ -148,14 +148,18 @@ pub(crate) struct Keep {
     pub(crate) dense: bool,
     /// Whether at least the arcs of it are kept that jumps skip.
     pub(crate) arcs: bool,
+    /// Whether what happens is counted alone, with the impacts down to this part of the fastest.
+    pub(crate) counts: Option<f64>,
 }
 
 #[pymethods]
 impl Keep {
     #[new]
     #[pyo3(signature = (
-        *, t_eval=None, tstops=None, events=Vec::new(), ends=false, dense=false, arcs=false
+        *, t_eval=None, tstops=None, events=Vec::new(), ends=false, dense=false, arcs=false,
+        counts=None
     ))]
+    #[allow(clippy::too_many_arguments)]
     fn new(
         t_eval: Option<Py<PyArray1<f64>>>,
         tstops: Option<Py<PyArray1<f64>>>,
@@ -163,7 +167,8 @@ impl Keep {
         ends: bool,
         dense: bool,
         arcs: bool,
+        counts: Option<f64>,
     ) -> Self {
-        Self { t_eval, tstops, events, ends, dense, arcs }
+        Self { t_eval, tstops, events, ends, dense, arcs, counts }
     }
 }

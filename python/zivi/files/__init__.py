@@ -4,6 +4,7 @@ reading     ->    runs, sweeps    ->   results     ->   summary, picture
 (keys, TOML)      (prepared)           (netCDF)         (tables, figures)
 """
 
+from zivi.files.mechanisms import mechanism_of
 from zivi.files.results import ResultError, load, save
 from zivi.files.runs import Prepared, prepare_control, prepare_simulate
 from zivi.files.sweeps import PreparedSweep, prepare_sweep
@@ -16,6 +17,7 @@ __all__ = [
     "PreparedSweep",
     "ResultError",
     "load",
+    "mechanism_of",
     "prepare_control",
     "prepare_simulate",
     "prepare_sweep",

@@ -20,8 +20,9 @@ from zivi.files.validation import Mistakes
 from zivi.simulation.mechanical_trajectory import MechanicalTrajectory
 from zivi.simulation.run import simulate
 from zivi.simulation.trajectory import Trajectory
+from zivi.system.mechanism import MechanicalSystem
 
-__all__ = ["Prepared", "Run", "prepare_control", "prepare_simulate"]
+__all__ = ["Prepared", "Run", "plant_of", "prepare_control", "prepare_simulate"]
 
 Run: TypeAlias = Trajectory | ClosedLoop | MechanicalTrajectory
 """What a single run gives."""
@@ -54,18 +55,25 @@ class Prepared:
             return self.call(progress)
 
 
-def prepare_simulate(path: Path) -> Prepared:
-    """Read a file of ``zivi simulate``."""
+def plant_of(path: Path) -> tuple[dict[str, Any], Any, Mistakes]:
+    """Read a file of ``zivi simulate``: its values, the system, and where mistakes of it go."""
     content = read(path, _keys)
     values, mistakes = content.values, content.mistakes
-    plant: Any
+    builds: Callable[[dict[str, Any], Mistakes], Any] = build.system
+    if is_tree(values):
+        builds = build.tree
+    elif is_mechanical(values):
+        builds = build.mechanics
+    return values, builds(values["system"], mistakes), mistakes
+
+
+def prepare_simulate(path: Path) -> Prepared:
+    """Read a file of ``zivi simulate``."""
+    values, plant, mistakes = plant_of(path)
     keys = {name: name for name in ("t_span", "y0", "t_eval", "tstops")} | {"h": "method.h"}
-    if is_tree(values) or is_mechanical(values):
-        build_it = build.tree if is_tree(values) else build.mechanics
-        plant = build_it(values["system"], mistakes)
+    if isinstance(plant, MechanicalSystem):
         keys |= {"q0": "y0", "qdot0": "y0"}
     else:
-        plant = build.system(values["system"], mistakes)
         keys |= PAIRS | build.restitution(values["system"])
     arguments: dict[str, Any] = {"t_eval": _times(values.get("t_eval"), mistakes)}
     if "tstops" in values:

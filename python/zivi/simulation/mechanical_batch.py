@@ -18,9 +18,11 @@ from zivi.simulation.mechanical_run import (
     Asked,
     FixedOrSwitched,
     check_mechanical_method,
+    configuration,
+    record_of,
     run_mechanical,
 )
-from zivi.simulation.mechanical_trajectory import MechanicalTrajectory
+from zivi.simulation.mechanical_trajectory import MechanicalTrajectory, resting
 from zivi.simulation.methods import SwitchedRK
 from zivi.system.mechanism import MechanicalSystem
 
@@ -65,14 +67,22 @@ def mechanical_batch(
     # the motion itself is requested in samples and whole runs only
     dense = times is not None or save == "runs" or not isinstance(method, SwitchedRK)
     ends = save != "runs"
+    is_counted = save == "final" and not dense and not any(system._channels for system in several)
+    counts = slowest if is_counted else None
 
     def asked(system: MechanicalSystem, q: Array, qdot: Array) -> Asked:
         knots = _knots(system, method, span)
-        return Asked(span, q, qdot, None, knots, [], dense, arcs=True, ends=ends)
+        return Asked(span, q, qdot, None, knots, [], dense, arcs=True, ends=ends, counts=counts)
 
     tasks = [(system, asked(system, a, b)) for system, a, b in zip(several, q, qdot, strict=True)]
 
-    def kept(number: int, run: MechanicalTrajectory) -> Kept:
+    def one(number: int, report: Any) -> Kept:
+        system, asked = tasks[number]
+        if is_counted:
+            return _counted(system, method, asked, report, is_first=number == 0)
+        run, error = run_mechanical(system, method, asked, report)
+        if error is not None:
+            raise error
         if samples is not None and times is not None:
             reached = times[times <= run.t[-1]]
             samples[:, number, : len(reached)] = run(reached)
@@ -80,7 +90,7 @@ def mechanical_batch(
         return _kept(run, save)
 
     with ProgressBar(progress) as bar:
-        rows = _computed(tasks, method, threads, kept, bar.report)
+        rows = _computed(one, len(tasks), threads, bar.report)
     config = rows[0].config | {"n_runs": len(rows), "save": save}
     batch = _batch(rows, save, config)
     if samples is None or times is None:
@@ -95,39 +105,27 @@ def _knots(system: MechanicalSystem, method: Any, span: tuple[float, float]) -> 
     return knots if method._takes_tstops else np.empty(0)
 
 
-def _computed(
-    tasks: list[tuple[MechanicalSystem, Asked]],
-    method: FixedOrSwitched,
-    threads: int,
-    kept: Callable[[int, MechanicalTrajectory], Kept],
-    report: Any,
-) -> list[Kept]:
-    """Compute all runs in their order; the first exception ends the rest."""
+def _computed(one: Callable[[int, Any], Kept], count: int, threads: int, report: Any) -> list[Kept]:
+    """Compute so many runs, one by its number; the first exception ends the rest."""
     stopped = threading.Event()
 
     def go_on(*_: int) -> None:
         if stopped.is_set():
             raise KeyboardInterrupt
 
-    def one(number: int) -> Kept:
-        sol, error = run_mechanical(tasks[number][0], method, tasks[number][1], go_on)
-        if error is not None:
-            raise error
-        return kept(number, sol)
-
     # a hundredth of a second that others need not wait for
-    from concurrent.futures import FIRST_COMPLETED, ThreadPoolExecutor, wait
+    from concurrent.futures import FIRST_EXCEPTION, ThreadPoolExecutor, wait
 
     with ThreadPoolExecutor(threads) as pool:
-        futures = [pool.submit(one, number) for number in range(len(tasks))]
+        futures = [pool.submit(one, number, go_on) for number in range(count)]
         left = set(futures)
         try:
             while left:
-                done, left = wait(left, timeout=0.2, return_when=FIRST_COMPLETED)
+                done, left = wait(left, timeout=0.2, return_when=FIRST_EXCEPTION)
                 for future in done:
                     future.result()
                 if report is not None:
-                    report(len(tasks) - len(left), len(tasks))
+                    report(count - len(left), count)
         except BaseException:
             stopped.set()  # those under way end at their next report
             pool.shutdown(wait=False, cancel_futures=True)
@@ -170,6 +168,39 @@ def _states(y0: Any, n_systems: int) -> tuple[Array, Array]:
         raise ValueError(f"qdot0 must have {q.shape[1]} columns as q0, got {qdot.shape[1]}")
     shape = (count, q.shape[1])
     return np.broadcast_to(q, shape).copy(), np.broadcast_to(qdot, shape).copy()
+
+
+def _counted(
+    system: MechanicalSystem,
+    method: FixedOrSwitched,
+    asked: Asked,
+    report: Any,
+    *,
+    is_first: bool,
+) -> Kept:
+    """Run a system of which the end and numbers are kept alone, and of the first how to run it."""
+    record, model = record_of(system, method, asked, report)
+    if record.raised is not None:
+        raise record.raised
+    assert record.totals is not None
+    assert record.speeds is not None
+    (impacts, zeno, liftoffs, corners, flags), (first, last) = record.totals
+    rest = resting(record.speeds, rests=record.contacts[-1].any())
+    numbers = {
+        "n_impacts": impacts,
+        "n_zeno": zeno,
+        "n_liftoffs": liftoffs,
+        "n_corners": corners,
+        "n_flags": flags,
+        "first_impact": first,
+        "last_impact": last,
+        "rest_time": np.nan if rest is None else rest,
+        "status": record.status,
+        "nfev": record.nfev,
+    }
+    end = (record.t[-1], record.q[-1], record.qdot[-1], record.gaps[-1], record.contacts[-1])
+    config = configuration(system, model, method, asked) if is_first else {}
+    return Kept(end, numbers, None, None, config)
 
 
 TABLES = ("impacts", "zeno", "liftoffs", "openings", "corners", "flags")

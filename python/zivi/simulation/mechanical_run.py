@@ -28,6 +28,7 @@ __all__ = [
     "check_mechanical_method",
     "closer_of",
     "configuration",
+    "record_of",
     "run_mechanical",
     "setup_of",
     "state_of",
@@ -60,6 +61,8 @@ class Asked:
         Whether at least the arcs of it are kept that jumps skip, with the impacts on them.
     ends : bool
         Whether without times of samples only the ends are sampled.
+    counts : float or None
+        If what happens at the gaps is counted alone: down to this part of the fastest impact.
     """
 
     span: tuple[float, float]
@@ -71,6 +74,7 @@ class Asked:
     dense: bool
     arcs: bool = False
     ends: bool = False
+    counts: float | None = None
 
 
 def state_of(y0: Any, n: int | None) -> tuple[Array, Array]:
@@ -154,11 +158,25 @@ def run_mechanical(
     system: MechanicalSystem, method: FixedOrSwitched, asked: Asked, report: Any
 ) -> tuple[MechanicalTrajectory, BaseException | None]:
     """Check the start, run, and give the result with the exception that ended it, if one did."""
+    record, model = record_of(system, method, asked, report)
+    setup = setup_of(system, model, method, asked)
+    closer = closer_of(system, method, asked)
+    stepped = not isinstance(method, SwitchedRK)
+    sol = MechanicalTrajectory._from_record(record, system, model, setup, closer, stepped=stepped)
+    if not isinstance(method, SwitchedRK) and asked.t_eval is not None:
+        sol = sol.resample(asked.t_eval[asked.t_eval <= sol.t[-1]])
+    return sol, record.raised
+
+
+def record_of(
+    system: MechanicalSystem, method: FixedOrSwitched, asked: Asked, report: Any
+) -> tuple[_zivi.MechanicalRecord, Model]:
+    """Check the start, run, and give what the extension recorded of it."""
     check_friction(system, method)
     model: Model = system.model(len(asked.q))
     check_start(system, model, asked.span, asked.q, asked.qdot)
     if isinstance(method, MoreauJean) and _coupled(system, model, asked, differing=True):
-        warnings.warn(ENERGY.format(e=system.e.tolist()), RuntimeWarning, stacklevel=4)
+        warnings.warn(ENERGY.format(e=system.e.tolist()), RuntimeWarning, stacklevel=5)
     if isinstance(method, ThetaGamma) and _coupled(system, model, asked):
         raise ValueError(f"the gaps {', '.join(system.gap_names)} are coupled: {COUPLED}")
     keep = _zivi.Keep(
@@ -168,6 +186,7 @@ def run_mechanical(
         ends=asked.ends,
         dense=asked.dense,
         arcs=asked.arcs,
+        counts=asked.counts,
     )
     record = _zivi.simulate(
         mechanism(system, model),
@@ -177,13 +196,7 @@ def run_mechanical(
         keep,
         report,
     )
-    setup = setup_of(system, model, method, asked)
-    closer = closer_of(system, method, asked)
-    stepped = not isinstance(method, SwitchedRK)
-    sol = MechanicalTrajectory._from_record(record, system, model, setup, closer, stepped=stepped)
-    if not isinstance(method, SwitchedRK) and asked.t_eval is not None:
-        sol = sol.resample(asked.t_eval[asked.t_eval <= sol.t[-1]])
-    return sol, record.raised
+    return record, model
 
 
 ENERGY = (

@@ -35,7 +35,7 @@ from zivi.system.mechanism import MechanicalSystem, Model
 if TYPE_CHECKING:
     import pandas
 
-__all__ = ["FIELDS", "MechanicalTrajectory", "table"]
+__all__ = ["FIELDS", "MechanicalTrajectory", "resting", "table"]
 
 
 @dataclasses.dataclass(frozen=True, eq=False, repr=False)
@@ -209,7 +209,8 @@ class MechanicalTrajectory(Rubbing, SampledRun):
         )
         if record.speeds is not None:
             # samples of steps would tell it
-            vars(sol)["rest_time"] = sol._resting(*record.speeds)
+            rests = sol.contacts[-1].any() or (sol.modes[-1:] == 0).any()
+            vars(sol)["rest_time"] = resting(record.speeds, rests=rests)
         return sol
 
     def __call__(self, t: ArrayLike) -> Array:
@@ -296,12 +297,9 @@ class MechanicalTrajectory(Rubbing, SampledRun):
         tables = (*gaps, self.transitions)
         since = max(self.t[0], *(rows["t"].max(initial=-np.inf) for rows in tables))
         speeds = np.abs(self.qdot)
-        return self._resting(since, speeds.max(), speeds[self.t >= since].max(initial=0.0))
-
-    def _resting(self, since: float, fastest: float, fastest_since: float) -> float | None:
+        fastest_since = speeds[self.t >= since].max(initial=0.0)
         rests = self.contacts[-1].any() or (self.modes[-1:] == 0).any()
-        moves = fastest_since > AT_REST * fastest
-        return float(since) if rests and not moves else None
+        return resting((since, speeds.max(), fastest_since), rests=rests)
 
     def __repr__(self) -> str:
         span = f"{self.t[0]:.6g} .. {self.t[-1]:.6g}" if len(self.t) else "no samples"
@@ -330,6 +328,15 @@ class MechanicalTrajectory(Rubbing, SampledRun):
 
     def _table(self) -> Table:
         return labelled.labels_of(self)
+
+
+def resting(speeds: tuple[float, float, float], *, rests: bool) -> float | None:
+    """Give since when nothing moves, if anything is at rest in the end.
+
+    Of when something last happened, the largest speed, and that from then on.
+    """
+    since, fastest, fastest_since = speeds
+    return float(since) if rests and not fastest_since > AT_REST * fastest else None
 
 
 def _tables_of(

@@ -1,5 +1,7 @@
 //! The last impacts of several gaps, and the corner that they approach.
 
+use std::ops::Deref;
+
 use super::equation::State;
 use crate::numeric::richardson::Powers;
 use crate::record::gap_set::GapSet;
@@ -34,11 +36,64 @@ impl Mark {
     }
 }
 
+/// The last events: older ones are given up together.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Marks {
+    all: Vec<Mark>,
+    /// The first that counts.
+    first: usize,
+    /// The gaps that they hit.
+    hit: GapSet,
+    /// Memory of others that were given up.
+    spare: Vec<Vec<f64>>,
+}
+
+impl Deref for Marks {
+    type Target = [Mark];
+
+    fn deref(&self) -> &[Mark] {
+        &self.all[self.first..]
+    }
+}
+
+impl Marks {
+    const MOST: usize = LONGEST * PHASE.1;
+
+    fn clear(&mut self) {
+        self.spare.extend(self.all.drain(..).skip(self.first).map(|mark| mark.z));
+        (self.first, self.hit) = (0, GapSet::EMPTY);
+    }
+
+    fn push(&mut self, hit: GapSet, with: GapSet, now: &State) {
+        let (mut z, lost) = if self.len() < Self::MOST {
+            (self.spare.pop().unwrap_or_default(), hit)
+        } else {
+            let oldest = &mut self.all[self.first];
+            let taken = (std::mem::take(&mut oldest.z), oldest.hit);
+            self.first += 1;
+            if self.first == Self::MOST {
+                self.all.drain(..self.first);
+                self.first = 0;
+            }
+            taken
+        };
+        z.clear();
+        z.reserve_exact(now.x.len() + now.xdot.len());
+        z.extend_from_slice(&now.x);
+        z.extend_from_slice(&now.xdot);
+        self.all.push(Mark { hit, with, t: now.t, z });
+        self.hit = match lost == hit {
+            true => self.hit.with(hit),
+            false => self.iter().fold(GapSet::EMPTY, |gaps, mark| gaps.with(mark.hit)),
+        };
+    }
+}
+
 /// The last impacts, and the last of them that opened contacts.
 #[derive(Clone, Debug, Default)]
 pub(super) struct CornerLog {
-    pub(super) impacts: Vec<Mark>,
-    pub(super) openings: Vec<Mark>,
+    pub(super) impacts: Marks,
+    pub(super) openings: Marks,
     /// All gaps that were hit, also by impacts that are no more among the last.
     hit: GapSet,
     /// Impacts between which friction in a joint, or at a contact that stays closed, changes: in a fixed
@@ -70,30 +125,22 @@ impl CornerLog {
 
     /// Appends an impact.
     pub(super) fn note(&mut self, hit: GapSet, closed: GapSet, opened: GapSet, now: &State) {
-        let z = || now.x.iter().chain(&now.xdot).copied().collect();
         self.hit = self.hit.with(hit);
-        append(&mut self.impacts, Mark { hit, with: closed, t: now.t, z: z() });
+        self.impacts.push(hit, closed, now);
         if !opened.is_empty() {
-            append(&mut self.openings, Mark { hit, with: opened, t: now.t, z: z() });
+            self.openings.push(hit, opened, now);
         }
     }
 
     /// The gaps of the last impacts.
     pub(super) fn recent(&self) -> GapSet {
-        self.impacts.iter().fold(GapSet::EMPTY, |gaps, mark| gaps.with(mark.hit))
+        self.impacts.hit
     }
 
     /// The gaps of all impacts.
     pub(super) fn hit(&self) -> GapSet {
         self.hit
     }
-}
-
-fn append(marks: &mut Vec<Mark>, mark: Mark) {
-    if marks.len() == LONGEST * PHASE.1 {
-        marks.remove(0);
-    }
-    marks.push(mark);
 }
 
 /// The shortest pattern in which at least so many gaps take part: its length and gaps.

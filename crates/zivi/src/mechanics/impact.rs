@@ -144,7 +144,7 @@ impl Impacts {
         model: &mut Model<'_, D>,
     ) -> Result<Struck, Failure<E>> {
         let (t, before, mode) = (state.now().t, state.closed(), state.mode());
-        state.evaluate_gaps(model)?;
+        state.evaluate_walls(model)?;
         let touched = touched(state, hit);
         let set = before.with(hit).with(touched);
         let newton = self.friction.law == FrictionalImpact::Newton;

@@ -10,7 +10,7 @@
 //! friction enters (2) is [`super::friction`].
 
 use crate::numeric::cholesky::{self, Factor};
-use crate::numeric::vector::{axpy, dot};
+use crate::numeric::vector::{axpy, dot, largest};
 use crate::record::contact_mode::ContactMode;
 use crate::record::failure::Failure;
 use crate::record::gap_set::GapSet;
@@ -64,6 +64,8 @@ pub(super) struct Kinetics {
     /// The rows `M^-1 n_i` and `D_ii`, and of which evaluation, counted by `evaluation`, they are.
     mobility: Vec<f64>,
     diagonal: Vec<f64>,
+    /// Their roots, NaN where there is none.
+    roots: Vec<f64>,
     known: Vec<u64>,
     evaluation: u64,
     /// What [`Self::coupling`] has given, by row, where `M` and the normals never change; else NaN.
@@ -134,6 +136,7 @@ impl Kinetics {
             b: zeros(rows),
             mobility: zeros(rows * n),
             diagonal: zeros(rows),
+            roots: zeros(rows),
             known: vec![0; rows],
             evaluation: 0,
             couplings: vec![],
@@ -211,6 +214,34 @@ impl Kinetics {
         model.dynamics.evaluate_gaps(t, q, w, &mut self.values).map_err(Failure::Raised)?;
         check_finite(&self.values[self.layout.gap()])?;
         check_finite(&self.values[self.curvature..])
+    }
+
+    /// The same where that is asked for by time alone: of a linear system the rates and curvatures of the
+    /// gaps. Their values are not known then.
+    pub(super) fn evaluate_walls<E, D: Dynamics<E>>(
+        &mut self,
+        model: &mut Model<'_, D>,
+        t: f64,
+        q: &[f64],
+        w: &[f64],
+    ) -> Result<(), Failure<E>> {
+        let Some(system) = model.dynamics.linear().filter(|_| self.is_constant) else {
+            return self.evaluate_gaps(model, t, q, w);
+        };
+        let t = model.smooth.nearest(t);
+        self.forget_place();
+        for (i, gap) in system.gaps.iter().enumerate() {
+            let [_, rate, acceleration] = gap.motion.at(t);
+            self.values[self.of_time + i] = -rate;
+            self.values[self.curvature + i] = -acceleration;
+        }
+        Ok(())
+    }
+
+    /// Coordinates move: the gaps and forces are those of another place.
+    pub(super) fn forget_place(&mut self) {
+        self.has_forces = false;
+        self.place.clear();
     }
 
     /// Evaluates the forces, where [`Self::evaluate_gaps`] has left them out.
@@ -312,11 +343,7 @@ impl Kinetics {
 
     /// What rounding of the coordinates leaves of `g_i`, and of the velocities of `g_i'`.
     pub(super) fn rounding(&self, i: usize, q: &[f64], w: &[f64]) -> (f64, f64) {
-        let largest = |v: &[f64]| v.iter().fold(0.0_f64, |a, b| a.max(b.abs()));
-        let slope = self.steepness(i);
-        let rate = self.values[self.of_time + i].abs();
-        let scale = 16.0 * f64::EPSILON;
-        (scale * slope * largest(q), scale * (slope * largest(w) + rate))
+        rounding((self.steepness(i), self.values[self.of_time + i]), q, w)
     }
 
     /// What rounding leaves of `b_i`. No part of `n . A` is larger than `|n| |A|` in the metric of
@@ -352,7 +379,9 @@ impl Kinetics {
         let row = &mut self.mobility[i * n..][..n];
         row.copy_from_slice(&self.values[self.gradient + i * n..][..n]);
         self.factor.solve(row);
-        self.diagonal[i] = dot(self.normal(i), self.known_mobility(i));
+        let d = dot(self.normal(i), self.known_mobility(i));
+        self.diagonal[i] = d;
+        self.roots[i] = if d > 0.0 && d < f64::INFINITY { d.sqrt() } else { f64::NAN };
         self.known[i] = self.evaluation;
     }
 
@@ -449,13 +478,14 @@ impl Kinetics {
     }
 
     /// What has to act on a gap alone to change its rate by so much.
+    #[inline]
     pub(super) fn impulse(&mut self, gap: usize, change: f64) -> Result<f64, Undetermined> {
-        let d = self.d(gap, gap);
-        if !(d > 0.0 && d < f64::INFINITY) {
+        self.mobility(gap);
+        let root = self.roots[gap];
+        if root.is_nan() {
             return Err(Undetermined::Contacts);
         }
         // to the last bit as by the factor of a matrix
-        let root = d.sqrt();
         Ok(change / root / root)
     }
 
@@ -599,6 +629,13 @@ impl Kinetics {
     pub(super) fn b(&self, i: usize) -> f64 {
         self.b[i]
     }
+}
+
+/// What rounding of the coordinates leaves of a gap of such a steepness and rate by time, and of the
+/// velocities of its rate.
+pub(super) fn rounding((slope, rate): (f64, f64), q: &[f64], w: &[f64]) -> (f64, f64) {
+    let scale = 16.0 * f64::EPSILON;
+    (scale * slope * largest(q), scale * (slope * largest(w) + rate.abs()))
 }
 
 /// Whether a matrix with a positive diagonal is symmetric, but for rounding.

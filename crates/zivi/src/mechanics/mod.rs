@@ -45,6 +45,7 @@ mod state;
 mod stored;
 mod tail;
 mod theta_gamma;
+mod totals;
 
 pub use crate::record::contact_mode::ContactMode;
 pub use crate::record::gap_set::GapSet;
@@ -57,3 +58,4 @@ pub use periodic_impulses::{ImpulseEquations, Modes};
 pub use run::simulate_mechanical;
 pub use sampled_control::{simulate_mechanical_loop, Sampling, Ticks};
 pub use theta_gamma::simulate_mechanical_theta_gamma;
+pub use totals::Totals;

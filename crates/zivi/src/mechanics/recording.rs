@@ -308,9 +308,13 @@ impl<E> Running<'_, E> {
                 return Ok(());
             }
         }
-        self.method.state_mut().prepare(model)?;
-        // an anchored gap
-        self.arrive();
+        if self.method.motion().is_led() {
+            self.method.state_mut().know(model)?;
+        } else {
+            self.method.state_mut().prepare(model)?;
+            // an anchored gap
+            self.arrive();
+        }
         if self.record.speeds.is_some() && !is_end {
             return Ok(());
         }

@@ -22,10 +22,15 @@ pub(super) fn stride(e: f64, terms: usize, last: usize) -> usize {
 /// [`Tail::distance`] with a first arc of length 1: `4 q sum_i |l_i(q)|` with the polynomials `l_i` of
 /// Lagrange at the points of [`fit`] and zero.
 pub(super) fn rounding(q: &Points, terms: usize) -> f64 {
+    let mut weights = [0.0; TERMS];
+    for (i, weight) in weights.iter_mut().enumerate().take(terms) {
+        let others = (0..terms).filter(|&j| j != i);
+        *weight = 1.0 / others.fold(q[i], |product, j| product * (q[i] - q[j]));
+    }
     let largest = PARTS.map(|at| {
         let of = |i: usize| {
             let others = (0..terms).filter(|&j| j != i);
-            others.fold(at / q[i], |l, j| l * (at - q[j]) / (q[i] - q[j])).abs()
+            others.fold(at * weights[i], |l, j| l * (at - q[j])).abs()
         };
         4.0 * at * (0..terms).map(of).sum::<f64>()
     });

@@ -219,6 +219,11 @@ impl Tail {
         (count, self.time(count as f64))
     }
 
+    /// When its impact `m = 1, 2, ...` is (s).
+    pub(crate) fn time_of(&self, m: usize) -> f64 {
+        self.time(m as f64)
+    }
+
     fn impact(&self, m: usize) -> Impact {
         let m = m as f64;
         let u = self.speed(m);

@@ -78,9 +78,21 @@ impl<D, F> BelievedPlant<'_, D, F> {
     where
         Driven<D, F>: Dynamics<E>,
     {
-        self.driven.release();
-        self.driven.evaluate_again(t, q, w, &mut kinetics.row).map_err(LawError::Raised)?;
+        self.evaluate(t, (q, w), kinetics)?;
         kinetics.renew(w)
+    }
+
+    fn evaluate<E>(
+        &mut self,
+        t: f64,
+        (q, w): (&[f64], &[f64]),
+        kinetics: &mut GapKinetics,
+    ) -> Result<(), LawError<E>>
+    where
+        Driven<D, F>: Dynamics<E>,
+    {
+        self.driven.release();
+        self.driven.evaluate_again(t, q, w, &mut kinetics.row).map_err(LawError::Raised)
     }
 
     /// Moves on by as many periods as there are controls, by one step of order five a period.
@@ -166,7 +178,8 @@ impl<D, F> BelievedPlant<'_, D, F> {
     {
         let mut moved = Vec::with_capacity(closed.len());
         for _ in 0..PROJECTIONS {
-            self.look(t, (q, w), kinetics)?;
+            self.evaluate(t, (q, w), kinetics)?;
+            kinetics.refresh(w)?;
             let gaps = kinetics.gaps().to_vec();
             moved.clear();
             moved.extend(closed.iter().zip(&gaps).map(|(closed, gap)| *closed || *gap < 0.0));
@@ -176,7 +189,8 @@ impl<D, F> BelievedPlant<'_, D, F> {
             kinetics.push(&moved, gaps, q);
         }
         if closed.contains(&true) {
-            self.look(t, (q, w), kinetics)?;
+            self.evaluate(t, (q, w), kinetics)?;
+            kinetics.refresh(w)?;
             let rates = kinetics.rates.clone();
             kinetics.push(closed, rates, w);
         }

@@ -23,6 +23,8 @@ pub struct GapKinetics {
     /// `W`, and `L L^T = W`.
     pub(super) d: Vec<f64>,
     pub(super) d_factor: Vec<f64>,
+    /// Whether no gap moves as the others make it.
+    is_independent: bool,
     /// The same of some of the gaps.
     small: Vec<f64>,
     right: Vec<f64>,
@@ -42,19 +44,20 @@ impl GapKinetics {
             mobility: zeros(m * n),
             d: zeros(m * m),
             d_factor: zeros(m * m),
+            is_independent: true,
             small: Vec::with_capacity(m * m),
             right: Vec::with_capacity(m),
         }
     }
 
-    /// Of one evaluation.
+    /// Of one evaluation. The gaps may depend on each other, as both limits of a joint do.
     ///
     /// # Errors
-    /// [`LawError`].
+    /// [`LawError::Indefinite`].
     pub fn of<E>(layout: Layout, row: &[f64], w: &[f64]) -> Result<Self, LawError<E>> {
         let mut it = Self::new(layout);
         it.row.copy_from_slice(row);
-        it.renew(w).map(|()| it)
+        it.refresh(w).map(|()| it)
     }
 
     /// Those of one gap of a system alone, of the same evaluation.
@@ -69,9 +72,18 @@ impl GapKinetics {
         self.renew(w)
     }
 
-    /// Computes them from the evaluation in `row`.
+    /// Computes them from the evaluation in `row`, of gaps that have to be independent.
     pub(super) fn renew<E>(&mut self, w: &[f64]) -> Result<(), LawError<E>> {
-        let Self { layout, row, rates, mass, mobility, d, d_factor, .. } = self;
+        self.refresh(w)?;
+        match self.is_independent {
+            true => Ok(()),
+            false => Err(LawError::Dependent),
+        }
+    }
+
+    /// The same of any gaps.
+    pub(super) fn refresh<E>(&mut self, w: &[f64]) -> Result<(), LawError<E>> {
+        let Self { layout, row, rates, mass, mobility, d, d_factor, is_independent, .. } = self;
         let Layout { n, m, .. } = *layout;
         mass.copy_from_slice(&row[layout.mass()]);
         // written so that a NaN is one, too
@@ -94,12 +106,8 @@ impl GapKinetics {
             }
         }
         d_factor.copy_from_slice(d);
-        let independent = m == 0 || cholesky::factor(d_factor, m) > REDUNDANT;
-        if independent {
-            Ok(())
-        } else {
-            Err(LawError::Dependent)
-        }
+        *is_independent = m == 0 || cholesky::factor(d_factor, m) > REDUNDANT;
+        Ok(())
     }
 
     pub(super) fn layout(&self) -> Layout {
@@ -137,7 +145,7 @@ impl GapKinetics {
     /// `b <- W_AA^-1 b` for the gaps of a set, in order; others stay.
     pub(super) fn solve_among(&mut self, set: &[bool], b: &mut [f64]) {
         let m = self.layout.m;
-        if set.iter().all(|&it| it) {
+        if self.is_independent && set.iter().all(|&it| it) {
             return cholesky::solve(&self.d_factor, m, b);
         }
         let Self { small, right, d, .. } = self;

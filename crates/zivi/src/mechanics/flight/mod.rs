@@ -134,6 +134,11 @@ impl SmoothMotion {
         self.linear.as_ref().is_some_and(|linear| linear.anchors_gaps())
     }
 
+    /// Whether a gap leads the coordinates, and is not set to what they say.
+    pub(super) fn is_led(&self) -> bool {
+        self.linear.as_ref().is_some_and(|linear| !linear.anchors_gaps())
+    }
+
     /// What pulls back a gap that was hit alone, where flights know it.
     pub(super) fn pull(&self, hit: GapSet, state: &MechanicalState) -> Option<Pull> {
         self.linear.as_ref()?.pull(hit, state)

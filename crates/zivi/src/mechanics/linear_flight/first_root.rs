@@ -5,10 +5,10 @@ use pulp::{Simd, WithSimd};
 use crate::numeric::power_series::{value_and_slope, Series, TERMS};
 use crate::switched::flight::series;
 
-/// A flight shorter than this part of the step falls from its start, if the pull hardly changes.
-const SHORT: f64 = 0.02;
-/// How much it may change, relative to its first value.
-const CHANGE: f64 = 0.2;
+/// How much the slope of what falls steadily may change, relative to its first value.
+const CHANGE: f64 = 0.5;
+/// Up to so many times the fall of the line: beyond `1/(1 - CHANGE)`.
+const REACH: f64 = 2.2;
 /// An arc is looked at up to so many times the length of its parabola.
 const ARC: f64 = 1.5;
 /// Newton iterations of a root.
@@ -30,15 +30,15 @@ impl WithSimd for Search<'_> {
     #[inline(always)]
     fn with_simd<S: Simd>(self, _: S) -> Option<f64> {
         let Self(a) = self;
-        let rest: f64 = a[1..].iter().map(|a| a.abs()).sum();
-        if a[0] > rest {
-            return None;
-        }
         if a[0] < 0.0 {
             return Some(0.0);
         }
-        if let Some(root) = short_fall(a) {
+        if let Some(root) = steady_fall(a) {
             return Some(root);
+        }
+        let rest: f64 = a[1..].iter().map(|a| a.abs()).sum();
+        if a[0] > rest {
+            return None;
         }
         // a short arc is far below what rounding leaves of the whole step
         let arc = ARC * fall_of_parabola(a);
@@ -72,18 +72,16 @@ fn fall_of_parabola(a: &Series) -> f64 {
     }
 }
 
-/// The root of one that falls from its start as a line does, but for little.
+/// The root of one that falls from its start as a line does to within half of its slope: up to
+/// [`REACH`] times where that line comes to zero it falls at least half as fast, and is below zero there.
 #[inline(always)]
-fn short_fall(a: &Series) -> Option<f64> {
+fn steady_fall(a: &Series) -> Option<f64> {
     let first = -a[0] / a[1];
-    if a[1] >= 0.0 || first >= SHORT {
+    if !(a[1] < 0.0 && REACH * first <= 1.0) {
         return None;
     }
-    let (reach, mut power, mut change) = (1.3 * first, 1.0, 0.0);
-    for (k, a) in a.iter().enumerate().skip(2) {
-        power *= reach;
-        change += k as f64 * a.abs() * power;
-    }
+    let sizes: Series = std::array::from_fn(|k| if k < 2 { 0.0 } else { a[k].abs() });
+    let [_, change] = value_and_slope(&sizes, REACH * first);
     (change <= CHANGE * -a[1]).then(|| polished(a, first))
 }
 

@@ -21,7 +21,8 @@ use super::kinetics::Model;
 use super::mode::{Limit, Next};
 use super::path::Curve;
 use super::state::MechanicalState;
-use crate::numeric::power_series::{value, values_and_slopes, Series, TERMS};
+use crate::numeric::power_series::{stretch, value, values_and_slopes, Series, TERMS};
+use crate::numeric::vector::sum_of_products;
 use crate::record::failure::Failure;
 use crate::record::gap_set::GapSet;
 use crate::system::dynamics::Dynamics;
@@ -240,6 +241,15 @@ impl LinearFlight {
         ]
     }
 
+    /// The same without the sizes.
+    fn told_alone(&self, i: usize) -> (f64, f64) {
+        let (n, h, free) = (self.free.n, self.h, &self.free);
+        let (normal, drives) = (free.normal(i), &self.y[2 * n..]);
+        let sum = sum_of_products;
+        let rate = sum(normal, &self.y[n..2 * n]) - sum(&self.wall_rates[i], drives);
+        (sum(normal, &self.y[..n]) - sum(free.wall(i), drives), rate / h)
+    }
+
     /// Whether rounding has opened a closed gap.
     fn has_drifted(&self, state: &MechanicalState) -> bool {
         if state.closed().is_empty() {
@@ -254,11 +264,11 @@ impl LinearFlight {
 
     /// Sets gaps but one to what the coordinates say, where that has enough digits.
     fn anchor(&self, state: &mut MechanicalState, but: Option<usize>) {
+        let (closed, size) = (state.closed(), state.size());
         for i in 0..self.series.len() {
             // one that was just hit is left as it is
-            if !state.closed().has(i) && but != Some(i) && state.gap(i).0 > 0.0 {
-                let [(gap, _), (rate, _)] = self.told(i);
-                state.anchor(i, gap, rate);
+            if !closed.has(i) && but != Some(i) && state.gap(i).0 > 0.0 {
+                state.anchor_beside(size, i, self.told_alone(i));
             }
         }
     }
@@ -274,39 +284,39 @@ impl LinearFlight {
         let (mut first, mut event) = (1.0, None);
         self.lift_off = None;
         // a gap that was just hit is most often the next one
-        let count = self.series.len();
-        let last = (0..count).find(|&i| !state.closed().has(i) && self.series[i][0] == 0.0);
+        let (count, set) = (self.series.len(), state.closed());
+        let last = (0..count).find(|&i| !set.has(i) && self.series[i][0] == 0.0);
         for i in last.into_iter().chain((0..count).filter(|&i| Some(i) != last)) {
-            let closed = state.closed().has(i);
-            let mut a = self.series[i];
-            if reach != 1.0 {
-                let mut power = 1.0;
-                for a in &mut a {
-                    *a *= power;
-                    power *= reach;
-                }
-            }
-            let known = self.lift_off_of(i, state).filter(|_| closed);
+            let closed = set.has(i);
+            let known = if closed { self.lift_off_of(i, state) } else { None };
+            let zeros = if closed { 0 } else { self.zeros_at_start(i, state) };
+            let whole = &self.series[i];
+            let mut part;
+            let a = if reach != 1.0 || closed {
+                part = *whole;
+                stretch(&mut part, reach);
+                part[0] = if closed { part[0].max(0.0) } else { part[0] };
+                &part
+            } else {
+                whole
+            };
             let found = if let Some(at) = known {
                 self.lift_off = at;
                 let s = at.map(|t| (t - state.now().t) / (self.h * reach));
                 s.filter(|&s| s <= 1.0).map(|s| (s.max(0.0), Event::Release(i)))
             } else if closed {
-                let size = self.series[i].iter().fold(0.0_f64, |most, a| most.max(a.abs()));
-                a[0] = a[0].max(0.0);
+                let size = whole.iter().fold(0.0_f64, |most, a| most.max(a.abs()));
                 let none = a.iter().all(|a| a.abs() <= NOISE * size);
                 // bodies in free fall touch without a force
                 if none {
                     None
                 } else {
-                    first_root(&a, 0).map(|s| (s, Event::Release(i)))
+                    first_root(a, 0).map(|s| (s, Event::Release(i)))
                 }
-            } else if event.is_some() && stays_above(&a, first) {
+            } else if event.is_some() && stays_above(a, first) {
                 None
             } else {
-                let zeros = self.zeros_at_start(i, state);
-                a[..zeros].fill(0.0);
-                first_root(&a, zeros).map(|s| (s, Event::Closing(i)))
+                first_root(a, zeros).map(|s| (s, Event::Closing(i)))
             };
             if let Some((s, what)) = found {
                 let comes_first = match event {
@@ -326,19 +336,20 @@ impl LinearFlight {
 
     /// The gaps, and the forces of closed ones, over the step.
     fn read_series(&mut self, motion: &Propagation, state: &MechanicalState) {
+        let set = state.closed();
         for (i, functional) in motion.gaps.iter().enumerate() {
-            let closed = state.closed().has(i);
-            let other = self.opposite[i].filter(|&j| !closed && !state.closed().has(j));
-            let mut a = match other {
+            let closed = set.has(i);
+            let (before, rest) = self.series.split_at_mut(i);
+            let Some(a) = rest.first_mut() else { break };
+            match self.opposite[i].filter(|&j| !closed && !set.has(j)) {
                 // no zero gets a sign
-                Some(j) => self.series[j].map(|a| 0.0 - a),
-                None => functional.series(&self.y),
-            };
+                Some(j) => a.iter_mut().zip(&before[j]).for_each(|(a, b)| *a = 0.0 - b),
+                None => functional.series_to(&self.y, a),
+            }
             if !closed {
                 let (gap, rate) = state.gap(i);
                 (a[0], a[1]) = (gap, self.h * rate);
             }
-            self.series[i] = a;
         }
     }
 

@@ -253,6 +253,13 @@ impl Functional {
         a
     }
 
+    /// The same into a series that is there.
+    #[inline]
+    pub(super) fn series_to(&self, y: &[f64], a: &mut Series) {
+        a.fill(0.0);
+        self.0.add(y, a);
+    }
+
     /// The same by the registers that the caller has.
     #[inline(always)]
     pub(super) fn series_by_columns(&self, y: &[f64]) -> Series {

@@ -5,13 +5,16 @@ mod slip;
 use super::contact_problem::settle;
 use super::equation::{AtEnd, InContact, Stages, State};
 use super::friction::decide;
-use super::kinetics::{without_rounding, Kinetics, Model};
+use super::kinetics::{rounding, without_rounding, Kinetics, Model};
 use super::mode::Contacts;
+use crate::numeric::vector::{dot, largest, sum_of_products};
 use crate::record::contact_mode::ContactMode;
 use crate::record::failure::Failure;
 use crate::record::gap_set::GapSet;
 use crate::system::dynamics::{Dynamics, Layout};
 use crate::system::friction::Friction;
+use crate::system::linear_system::LinearGap;
+use crate::Status;
 
 /// The state of a mechanical system.
 #[derive(Clone, Debug)]
@@ -205,13 +208,13 @@ impl MechanicalState {
         self.kinetics.evaluate(model, self.now.t, &self.now.x[..n], &self.now.xdot[..n])
     }
 
-    /// The same without what only forces need.
-    pub(super) fn evaluate_gaps<E, D: Dynamics<E>>(
+    /// The same without what only forces need, and of a linear system without the values of the gaps.
+    pub(super) fn evaluate_walls<E, D: Dynamics<E>>(
         &mut self,
         model: &mut Model<'_, D>,
     ) -> Result<(), Failure<E>> {
         let n = self.layout.n;
-        self.kinetics.evaluate_gaps(model, self.now.t, &self.now.x[..n], &self.now.xdot[..n])
+        self.kinetics.evaluate_walls(model, self.now.t, &self.now.x[..n], &self.now.xdot[..n])
     }
 
     /// Evaluates the forces, where the system has just been evaluated without them.
@@ -288,8 +291,18 @@ impl MechanicalState {
 
     /// Sets a gap that was integrated to what its function says, where that has enough digits.
     pub(super) fn anchor(&mut self, i: usize, gap: f64, rate: f64) {
+        self.anchor_beside(self.size(), i, (gap, rate));
+    }
+
+    /// The largest coordinate.
+    pub(super) fn size(&self) -> f64 {
+        largest(&self.now.x[..self.layout.n])
+    }
+
+    /// The same, where the largest coordinate is known.
+    #[inline]
+    pub(super) fn anchor_beside(&mut self, size: f64, i: usize, (gap, rate): (f64, f64)) {
         let n = self.layout.n;
-        let size = self.now.x[..n].iter().fold(0.0_f64, |a, b| a.max(b.abs()));
         let clear = gap > ANCHOR * (size + gap) && self.now.x[n + i] > 0.0;
         if clear && !self.closed().has(i) {
             (self.now.x[n + i], self.now.xdot[n + i]) = (gap, rate);
@@ -359,6 +372,10 @@ impl MechanicalState {
         model: &mut Model<'_, D>,
     ) -> Result<(), Failure<E>> {
         let Self { kinetics, now, layout, .. } = self;
+        if let Some(system) = model.dynamics.linear().filter(|_| kinetics.is_constant()) {
+            let motion = system.gaps[gap].motion.at(model.smooth.nearest(now.t));
+            return self.project_linear(gap, (&system.gaps[gap], motion));
+        }
         for iteration in 0..=PROJECTIONS {
             let (q, gaps) = now.x.split_at_mut(layout.n);
             let (w, speeds) = now.xdot.split_at_mut(layout.n);
@@ -366,6 +383,39 @@ impl MechanicalState {
             let (of_gap, of_rate) = kinetics.rounding(gap, q, w);
             gaps[gap] = 0.0;
             let (distance, missing) = (kinetics.gap(gap), speeds[gap] - kinetics.rate(gap, w));
+            let (far, fast) = (distance.abs() > of_gap, missing.abs() > of_rate);
+            if !(far || fast) || iteration == PROJECTIONS {
+                break;
+            }
+            if fast {
+                kinetics.push(gap, missing, w)?;
+            }
+            if far {
+                kinetics.push(gap, -distance, q)?;
+            }
+        }
+        Ok(())
+    }
+
+    /// The same of a linear gap, over a wall with this motion.
+    fn project_linear<E>(
+        &mut self,
+        gap: usize,
+        (it, [place, speed, _]): (&LinearGap, [f64; 3]),
+    ) -> Result<(), Failure<E>> {
+        let Self { kinetics, now, layout, .. } = self;
+        let of_gap = (kinetics.steepness(gap), -speed);
+        kinetics.forget_place();
+        for iteration in 0..=PROJECTIONS {
+            let (q, gaps) = now.x.split_at_mut(layout.n);
+            let (w, speeds) = now.xdot.split_at_mut(layout.n);
+            let (of_gap, of_rate) = rounding(of_gap, q, w);
+            let distance = sum_of_products(&it.normal, q) + it.offset - place;
+            let missing = speeds[gap] - (dot(&it.normal, w) + -speed);
+            if !distance.is_finite() {
+                return Err(Failure::Status(Status::ForceNotFinite));
+            }
+            gaps[gap] = 0.0;
             let (far, fast) = (distance.abs() > of_gap, missing.abs() > of_rate);
             if !(far || fast) || iteration == PROJECTIONS {
                 break;
