@@ -89,6 +89,14 @@ impl Marks {
     }
 }
 
+#[cfg(test)]
+impl From<Vec<Mark>> for Marks {
+    fn from(all: Vec<Mark>) -> Self {
+        let hit = all.iter().fold(GapSet::EMPTY, |gaps, mark| gaps.with(mark.hit));
+        Self { all, hit, ..Self::default() }
+    }
+}
+
 /// The last impacts, and the last of them that opened contacts.
 #[derive(Clone, Debug, Default)]
 pub(super) struct CornerLog {

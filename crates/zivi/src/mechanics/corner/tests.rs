@@ -139,7 +139,7 @@ fn end_of(approach: &CornerApproach, last: &Mark, until: f64) -> Option<f64> {
 
 fn of_marks(impacts: Vec<Mark>, openings: Vec<Mark>) -> CornerApproach {
     let mut approach = CornerApproach::default();
-    (approach.log.impacts, approach.log.openings) = (impacts, openings);
+    (approach.log.impacts, approach.log.openings) = (impacts.into(), openings.into());
     approach
 }
 
