@@ -1,12 +1,14 @@
 """What an evaluation of a model costs, all in: trees of bodies, constant mass matrices, a pile.
 
-    python benchmarks/evaluation_cost.py [arm | chain | pile ...]
+    python benchmarks/evaluation_cost.py [arm | mujoco | chain | pile ...]
 
 Runs by the embedded pair, without dense output: the time of the processor over the evaluations, the
-best of some. The arm has two links above a table; the chain is that of `linear_gain.py` with 20
+best of some. The arm has two links above a table, and is computed by MuJoCo's functions, too, from
+MJCF (where that is installed); the chain is that of `linear_gain.py` with 20
 masses; the pile has 50 discs in the plane between two walls, neighbours of which may touch.
 """
 
+import importlib.util
 import sys
 import time
 from collections.abc import Callable
@@ -15,6 +17,7 @@ import numpy as np
 
 import zivi
 from linear_gain import chain
+from zivi.interop import mujoco as by_mujoco
 from zivi.mechanics import BallGap, Body, JointLimit, PlaneGap
 
 COLUMNS, ROWS, RADIUS = 10, 5, 0.1
@@ -31,6 +34,24 @@ def arm() -> zivi.Tree:
     ]  # fmt: skip
     tip = PlaneGap("fore", point=[0, 0, -0.8], offset=-1.5, radius=0.05, name="table")
     return zivi.Tree(links, gaps=[tip, JointLimit("fore", lower=-2.0)], e=0.5)
+
+
+ARM = """
+<mujoco>
+  <worldbody>
+    <geom name="table" type="plane" size="3 3 .1" pos="0 0 -1.5" condim="1"/>
+    <body name="upper">
+      <joint name="upper" axis="0 1 0" damping=".05"/>
+      <inertial pos="0 0 -.5" mass="1" diaginertia=".083 .083 .083"/>
+      <body name="fore" pos="0 0 -1">
+        <joint name="fore" axis="0 1 0" damping=".05" range="-115 180" limited="true"/>
+        <inertial pos="0 0 -.4" mass=".7" diaginertia=".037 .037 .037"/>
+        <geom name="tip" type="sphere" size=".05" pos="0 0 -.8" mass="0" condim="1"/>
+      </body>
+    </body>
+  </worldbody>
+</mujoco>
+"""
 
 
 def pile() -> tuple[zivi.Tree, np.ndarray]:
@@ -82,6 +103,19 @@ def main(names: list[str]) -> None:
     if not names or "arm" in names:
         links, start = arm(), ([0.9, 0.4], [0.0, 0.0])
         told("arm", lambda: zivi.simulate(links, (0, 8), start, pair, t_eval=[8.0], **ends), 20)
+    if "mujoco" in names or (not names and importlib.util.find_spec("mujoco")):
+        import mujoco
+
+        model = mujoco.MjModel.from_xml_string(ARM)
+        for name, make in (("MuJoCo", by_mujoco.system), ("tree of MJCF", by_mujoco.tree)):
+            links, start = make(model, [("tip", "table"), "fore"], 0.5), ([0.9, 0.4], [0.0, 0.0])
+            told(
+                f"arm, {name}",
+                lambda links=links, start=start: zivi.simulate(
+                    links, (0, 8), start, pair, t_eval=[8.0], **ends
+                ),
+                20,
+            )
     if not names or "chain" in names:
         still = np.zeros(20)
         told(

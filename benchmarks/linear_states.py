@@ -8,9 +8,9 @@ the offsets or of the stiffness moves the exact motion itself.
 """
 
 import numpy as np
-from linear_gain import chain
 
 import zivi
+from linear_gain import chain
 
 RESTS, TIMES = 10, 400
 CASES = [(3, 0.5, 8), (3, 0.8, 8), (3, 1.1, 6), (3, 1.7, 4), (20, 0.8, 6), (20, 1.7, 3)]

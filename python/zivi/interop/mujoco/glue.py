@@ -25,8 +25,12 @@ typedef struct {
 } slot_t;
 typedef struct { long kind, a, b; double pa[3], pb[3], n[3], c; } gap_t;
 typedef struct {
-    void *m; long n, gaps, slots; slot_t *slot; gap_t *gap;
-    void (*position)(void *, void *), (*velocity)(void *, void *), (*actuation)(void *, void *);
+    void *m; long n, gaps, slots, tendons, actuators; slot_t *slot; gap_t *gap;
+    void (*kinematics)(void *, void *), (*com)(void *, void *), (*tendon)(void *, void *);
+    void (*mass)(void *, void *), (*transmission)(void *, void *);
+    void (*com_velocity)(void *, void *), (*passive)(void *, void *);
+    void (*bias)(void *, void *, int, double *);
+    void (*velocity)(void *, void *), (*actuation)(void *, void *);
     void (*full)(void *, void *, double *);
     void (*jac)(void *, void *, double *, double *, double *, int);
     void (*jac_dot)(void *, void *, double *, double *, double *, int);
@@ -104,9 +108,20 @@ int model(double t, const double *q, const double *w, double *out, void *data)
     while (__sync_lock_test_and_set(&s->slot[i].busy, 1)) i = (i + 1) % s->slots;
     slot_t *k = &s->slot[i];
     for (long j = 0; j < n; ++j) { k->qpos[j] = q[j]; k->qvel[j] = w[j]; }
-    s->position(s->m, k->d);
-    s->velocity(s->m, k->d);
-    s->actuation(s->m, k->d);
+    /* parts of mj_fwdPosition and mj_fwdVelocity: the rest of them reads a clock 20 times */
+    s->kinematics(s->m, k->d);
+    s->com(s->m, k->d);
+    if (s->tendons) s->tendon(s->m, k->d);
+    s->mass(s->m, k->d);
+    if (s->actuators) s->transmission(s->m, k->d);
+    if (s->tendons || s->actuators) {
+        s->velocity(s->m, k->d);
+        s->actuation(s->m, k->d);
+    } else {
+        s->com_velocity(s->m, k->d);
+        s->passive(s->m, k->d);
+        s->bias(s->m, k->d, 0, k->bias);
+    }
     s->full(s->m, k->d, out);
     double *force = out + n * n, *gap = force + n, *row = gap + m, *h = row + m * n;
     for (long j = 0; j < n; ++j) {
@@ -123,7 +138,14 @@ int model(double t, const double *q, const double *w, double *out, void *data)
 
 POINTERS = ("qpos", "qvel", "qfrc_passive", "qfrc_bias", "qfrc_actuator", "qfrc_applied")
 FUNCTIONS = (
-    "mj_fwdPosition",
+    "mj_kinematics",
+    "mj_comPos",
+    "mj_tendon",
+    "mj_makeM",
+    "mj_transmission",
+    "mj_comVel",
+    "mj_passive",
+    "mj_rne",
     "mj_fwdVelocity",
     "mj_fwdActuation",
     "mj_fullM",
@@ -152,7 +174,7 @@ class Point(ctypes.Structure):
 class _Model(ctypes.Structure):
     _fields_ = [
         ("m", ctypes.c_void_p),
-        *((name, ctypes.c_long) for name in ("n", "gaps", "slots")),
+        *((name, ctypes.c_long) for name in ("n", "gaps", "slots", "tendons", "actuators")),
         *((name, ctypes.c_void_p) for name in ("slot", "gap", *FUNCTIONS)),
     ]
 
@@ -193,6 +215,8 @@ class Glue:
             model.nv,
             len(points),
             count,
+            model.ntendon,
+            model.nu,
             ctypes.addressof(self._slots),
             ctypes.addressof(self._points),
             *functions,
