@@ -101,16 +101,28 @@ pub(super) fn multiply(matrix: &[f64], x: &[f64], out: &mut [f64]) {
     }
 }
 
+/// Entries that are looked at together, so that it vectorises.
+const LANES: usize = 16;
+
 /// `max |v_i|`; NaN entries are passed over.
 #[inline]
 pub(super) fn norm(v: &[f64]) -> f64 {
-    v.iter().fold(0.0, |worst, v| f64::max(worst, v.abs()))
+    // a comparison that drops NaN
+    let larger = |worst: f64, v: &f64| if v.abs() > worst { v.abs() } else { worst };
+    let whole = v.chunks_exact(LANES);
+    let rest = whole.remainder().iter().fold(0.0, larger);
+    let mut worst = [0.0; LANES];
+    for part in whole {
+        worst.iter_mut().zip(part).for_each(|(worst, v)| *worst = larger(*worst, v));
+    }
+    worst.iter().fold(rest, larger)
 }
 
 /// True when every entry is finite.
 #[inline]
 pub(super) fn is_finite(v: &[f64]) -> bool {
-    v.iter().all(|v| v.is_finite())
+    // without a jump at every entry
+    v.chunks(LANES).all(|part| part.iter().fold(true, |all, v| all & v.is_finite()))
 }
 
 /// `z` moved to the nearest point of `[lower, upper]`.

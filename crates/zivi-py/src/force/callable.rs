@@ -3,6 +3,7 @@
 use numpy::{PyArray1, PyArrayMethods};
 use pyo3::exceptions::{PyException, PyTypeError};
 use pyo3::prelude::*;
+use pyo3::types::PyFloat;
 use zivi::{Dependence, Force};
 
 use crate::leaving;
@@ -23,7 +24,11 @@ impl<'py> PythonForce<'py> {
     }
 
     fn call(&mut self, t: f64, x: f64, xdot: f64) -> PyResult<Bound<'py, PyAny>> {
-        let Some(state) = &mut self.state else { return self.callable.call1((t, x, xdot)) };
+        let (py, callable) = (self.callable.py(), &self.callable);
+        let t = PyFloat::new(py, t);
+        let Some(state) = &mut self.state else {
+            return called(callable, (&t, &PyFloat::new(py, x), Some(&PyFloat::new(py, xdot))));
+        };
         // SAFETY: of an object that is held here
         if unsafe { pyo3::ffi::Py_REFCNT(state.as_ptr()) } > 1 {
             // the function kept it
@@ -34,7 +39,24 @@ impl<'py> PythonForce<'py> {
             *state.uget_mut(0) = x;
             *state.uget_mut(1) = xdot;
         }
-        self.callable.call1((t, &*state))
+        called(callable, (&t, state, None))
+    }
+}
+
+/// Calls with two or three arguments, without the tuple that `Bound::call1` makes of them where the
+/// interface is the stable one.
+fn called<'py>(
+    callable: &Bound<'py, PyAny>,
+    (one, two, three): (&Bound<'py, PyAny>, &Bound<'py, PyAny>, Option<&Bound<'py, PyAny>>),
+) -> PyResult<Bound<'py, PyAny>> {
+    let end = std::ptr::null_mut::<pyo3::ffi::PyObject>();
+    let three = three.map_or(end, |it| it.as_ptr());
+    // SAFETY: objects that live as long as the call, the last of them null; it gives a new one, or
+    // null with an error
+    unsafe {
+        let (one, two, function) = (one.as_ptr(), two.as_ptr(), callable.as_ptr());
+        let value = pyo3::ffi::PyObject_CallFunctionObjArgs(function, one, two, three, end);
+        Bound::from_owned_ptr_or_err(callable.py(), value)
     }
 }
 

@@ -1,6 +1,7 @@
 //! How small the numbers of an affine problem are: whether an absolute tolerance means something.
 
 use numpy::{PyReadonlyArray1, PyReadonlyArray2, PyUntypedArrayMethods};
+use pulp::{Simd, WithSimd};
 use pyo3::prelude::*;
 
 use super::{are_finite, Bound1};
@@ -35,38 +36,66 @@ pub(crate) fn least_size<'py>(
     if !x.iter().all(|it| it.is_finite()) {
         return Ok(f64::INFINITY);
     }
-    let mut moves = vec![0.0; n];
-    let mut values = Vec::with_capacity(n);
-    for (row, q) in rows.chunks_exact(n).zip(q) {
-        let mut sums = [0.0; LANES];
-        for (row, x) in row.chunks(LANES).zip(x.chunks(LANES)) {
-            for (sum, (m, x)) in sums.iter_mut().zip(row.iter().zip(x)) {
-                *sum += m * x;
-            }
-        }
-        let value = (sums.iter().sum::<f64>() + q).abs();
-        for (to, m) in moves.iter_mut().zip(row) {
-            let moved = if *m == 0.0 { 0.0 } else { value / m.abs() };
-            *to = if moved > *to { moved } else { *to };
-        }
-        values.push(value);
+    Ok(pulp::Arch::new().dispatch(Sizes { rows, q, lower: &lower, upper: &upper, x: &x }))
+}
+
+/// The numbers of a problem, and the point of its box where it is looked at.
+struct Sizes<'a> {
+    rows: &'a [f64],
+    q: &'a [f64],
+    lower: &'a [f64],
+    upper: &'a [f64],
+    x: &'a [f64],
+}
+
+impl WithSimd for Sizes<'_> {
+    type Output = f64;
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) -> f64 {
+        self.least()
     }
-    let or_one = |size: f64| if size > 0.0 { size } else { 1.0 };
-    let widths = lower.iter().zip(&upper).map(|(low, high)| or_one(high - low));
-    let unknowns = moves.iter().zip(widths).zip(&x).map(|((moved, width), x)| {
-        let size = or_one(*moved).min(width);
-        size.max(x.abs())
-    });
-    let unknowns: Vec<f64> = unknowns.collect();
-    let changed = rows.chunks_exact(n).zip(values).map(|(row, value)| {
-        let mut most = [value; LANES];
-        for (row, sizes) in row.chunks(LANES).zip(unknowns.chunks(LANES)) {
-            for (most, (m, size)) in most.iter_mut().zip(row.iter().zip(sizes)) {
-                let moved = m.abs() * size.min(1.0);
-                *most = if moved > *most { moved } else { *most };
+}
+
+impl Sizes<'_> {
+    #[inline(always)]
+    fn least(self) -> f64 {
+        let Self { rows, q, lower, upper, x } = self;
+        let n = q.len();
+        let mut moves = vec![0.0; n];
+        let mut values = Vec::with_capacity(n);
+        for (row, q) in rows.chunks_exact(n).zip(q) {
+            let mut sums = [0.0; LANES];
+            for (row, x) in row.chunks(LANES).zip(x.chunks(LANES)) {
+                for (sum, (m, x)) in sums.iter_mut().zip(row.iter().zip(x)) {
+                    *sum += m * x;
+                }
             }
+            let value = (sums.iter().sum::<f64>() + q).abs();
+            for (to, m) in moves.iter_mut().zip(row) {
+                let moved = if *m == 0.0 { 0.0 } else { value / m.abs() };
+                *to = if moved > *to { moved } else { *to };
+            }
+            values.push(value);
         }
-        or_one(most.into_iter().fold(value, f64::max))
-    });
-    Ok(changed.chain(unknowns.iter().copied()).fold(f64::INFINITY, f64::min))
+        let or_one = |size: f64| if size > 0.0 { size } else { 1.0 };
+        let widths = lower.iter().zip(upper).map(|(low, high)| or_one(high - low));
+        let unknowns = moves.iter().zip(widths).zip(x).map(|((moved, width), x)| {
+            let size = or_one(*moved).min(width);
+            size.max(x.abs())
+        });
+        let unknowns: Vec<f64> = unknowns.collect();
+        let mut least = unknowns.iter().copied().fold(f64::INFINITY, f64::min);
+        for (row, value) in rows.chunks_exact(n).zip(values) {
+            let mut most = [value; LANES];
+            for (row, sizes) in row.chunks(LANES).zip(unknowns.chunks(LANES)) {
+                for (most, (m, size)) in most.iter_mut().zip(row.iter().zip(sizes)) {
+                    let moved = m.abs() * size.min(1.0);
+                    *most = if moved > *most { moved } else { *most };
+                }
+            }
+            least = least.min(or_one(most.into_iter().fold(value, f64::max)));
+        }
+        least
+    }
 }

@@ -233,18 +233,19 @@ impl Tile<'_> {
         let blocks = packed.chunks_exact(depth * width);
         for (column, block) in (first..end).step_by(width).zip(blocks) {
             let columns = column..(column + width).min(end);
-            let mut buffer = [[0.0; WIDEST]; N];
             let mut sums = [[simd.splat_f64s(0.0); VECTORS]; N];
-            let whole = columns.len() == width;
+            // a part of a vector goes through a whole one
+            let part = (columns.len() < width).then_some(columns.len());
             for i in 0..N {
-                let row = &rows[i * k..][columns.clone()];
-                let from = if whole {
-                    row
-                } else {
-                    buffer[i][..row.len()].copy_from_slice(row);
-                    &buffer[i][..width]
+                let row = &rows[i * k + column..];
+                sums[i] = match part {
+                    None => loaded::<S>(&row[..width]),
+                    Some(part) => {
+                        let mut whole = [0.0; WIDEST];
+                        whole[..part].copy_from_slice(&row[..part]);
+                        loaded::<S>(&whole[..width])
+                    }
                 };
-                sums[i].copy_from_slice(&S::as_simd_f64s(from).0[..VECTORS]);
             }
             let vectors = S::as_simd_f64s(block).0;
             for (vectors, lower) in vectors.chunks_exact(VECTORS).zip(&lower) {
@@ -256,14 +257,30 @@ impl Tile<'_> {
                 }
             }
             for i in 0..N {
-                let row = &mut rows[i * k..][columns.clone()];
-                let to = if whole { &mut *row } else { &mut buffer[i][..width] };
-                S::as_mut_simd_f64s(to).0[..VECTORS].copy_from_slice(&sums[i]);
-                if !whole {
-                    row.copy_from_slice(&buffer[i][..row.len()]);
+                let row = &mut rows[i * k + column..];
+                match part {
+                    None => stored::<S>(&mut row[..width], sums[i]),
+                    Some(part) => {
+                        let mut whole = [0.0; WIDEST];
+                        stored::<S>(&mut whole[..width], sums[i]);
+                        row[..part].copy_from_slice(&whole[..part]);
+                    }
                 }
             }
         }
+    }
+}
+
+#[inline(always)]
+fn loaded<S: Simd>(from: &[f64]) -> [S::f64s; VECTORS] {
+    let vectors = S::as_simd_f64s(from).0;
+    std::array::from_fn(|v| vectors[v])
+}
+
+#[inline(always)]
+fn stored<S: Simd>(to: &mut [f64], sums: [S::f64s; VECTORS]) {
+    for (to, sum) in S::as_mut_simd_f64s(to).0.iter_mut().zip(sums) {
+        *to = sum;
     }
 }
 
