@@ -157,3 +157,34 @@ pub(super) fn check_span(t0: f64, t1: f64) -> Result<(), SetupError> {
     }
     Ok(())
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::system::friction::Channel;
+
+    #[test]
+    fn friction_has_its_channels_and_a_gap_one_at_most() {
+        let layout = Layout { n: 2, m: 2, p: 2 };
+        let check = |gaps: &[Option<usize>], e_t: f64| {
+            let channels = gaps.iter().map(|&gap| Channel { gap, e_t }).collect();
+            check_friction(layout, &Friction { channels, ..Friction::default() })
+        };
+        for gaps in [[Some(0), Some(1)], [Some(1), None], [None, None]] {
+            for e_t in [0.0, 0.3, 1.0] {
+                assert!(check(&gaps, e_t).is_ok(), "{gaps:?} {e_t}");
+            }
+        }
+        let refused = |gaps: &[Option<usize>], wrong: usize| {
+            let found = check(gaps, 0.0);
+            matches!(found, Err(SetupError::Count("friction", count, _)) if count == wrong)
+        };
+        assert!(refused(&[Some(0)], 1));
+        assert!(refused(&[Some(0), Some(1), None], 3));
+        assert!(refused(&[None, Some(2)], 2));
+        assert!(refused(&[Some(1), Some(1)], 1));
+        for wrong in [-0.1, 1.1, f64::NAN] {
+            assert!(matches!(check(&[Some(0), None], wrong), Err(SetupError::Setting("e_t", ..))));
+        }
+    }
+}

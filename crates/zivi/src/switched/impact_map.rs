@@ -302,3 +302,30 @@ impl<'m> Flight<'m> {
         [column.phase + omega * dt + own, du]
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::LinearForce;
+
+    /// `x = -.9 + .9 cos t + u sin t` under a spring and a load that does not turn while it flies.
+    #[test]
+    fn flights_are_too_short_by_their_length_and_not_by_the_slowness_of_the_wave() {
+        let force = LinearForce {
+            stiffness: 1.0,
+            gravity: 1.0,
+            amplitude: 0.1,
+            omega: 1e-14,
+            damping: 0.0,
+            phase: 0.0,
+        };
+        let map = ImpactMap::new(&force, Restitution::from_e(0.5).unwrap()).unwrap();
+        for u in [1.0_f64, 1e-3, 1e-9] {
+            let next = map.next(0.0, u);
+            let duration = 2.0 * (u / 0.9).atan();
+            assert!((next.u / (0.5 * u) - 1.0).abs() < 1e-12, "{next:?}");
+            assert!((next.duration / duration - 1.0).abs() < 1e-12, "{next:?}");
+        }
+        assert!(map.next(0.0, 1e-16).u.is_nan());
+    }
+}

@@ -26,3 +26,22 @@ pub(crate) fn unless_underflowing(after: f64) -> f64 {
         after
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn speeds_of_arcs_whose_height_underflows_are_none() {
+        let least = f64::MIN_POSITIVE.sqrt();
+        assert_eq!(least * least, f64::MIN_POSITIVE);
+        for after in [0.0, 1e-300, 0.5 * least, least.next_down()] {
+            assert_eq!(unless_underflowing(after), 0.0, "{after:e}");
+        }
+        for after in [least, 1e-150, 1.0] {
+            assert_eq!(unless_underflowing(after), after, "{after:e}");
+        }
+        assert_eq!(restored(0.5, -3.0), 1.5);
+        assert_eq!(restored(0.5, -1.9 * least), 0.0);
+    }
+}

@@ -4,6 +4,7 @@ use std::convert::Infallible;
 
 use zivi::mechanics::sensitivity::{mechanical_sensitivity, Derivatives, MechanicalWrt, Question};
 use zivi::mechanics::{MechanicalOutput, MechanicalRun};
+use zivi::switched::sensitivity::Limit;
 use zivi::system::dynamics::Layout;
 use zivi::system::impact_law::newton_impacts;
 use zivi::system::partials::{parameter_step, DifferencedDynamics, Neighbours, MOVES};
@@ -210,4 +211,41 @@ fn all_references_against_differences() {
         println!("{name}: {error:.1e}");
         assert!(error < 2e-8, "{name}: {error:e}");
     }
+}
+
+/// A ball that is pulled the more the faster it goes along the floor, which drives it on: how fast it
+/// may go until the pull where it comes to rest vanishes.
+#[test]
+fn the_pull_at_a_zeno_point_bounds_derivatives() {
+    const K: f64 = 0.2;
+    let layout = Layout::smooth(2, 1);
+    let function = |_: f64, q: &[f64], w: &[f64], out: &mut [f64]| {
+        let numbers = [1.0, 0.0, 0.0, 1.0, K * w[0], -(2.0 + 0.5 * w[0]), q[1], 0.0, 1.0, 0.0, 0.0];
+        out.copy_from_slice(&numbers);
+        Ok(())
+    };
+    let run = |speed: f64| {
+        let (wrt, sizes) = (&[MechanicalWrt::Qdot0(0)][..], &[1.0][..]);
+        let (run, found) = mechanical_sensitivity(
+            SwitchedRk::with_tol(1e-11),
+            &mut DifferencedDynamics::new(of_function(layout, function), vec![], 6.0),
+            &newton_impacts(&[0.5]).unwrap(),
+            (0.0, 6.0),
+            (&[0.0, 0.0], &[speed, 1.0]),
+            MechanicalOutput::default(),
+            &Question { wrt, sizes, controlled: true, times: &[] },
+            &mut Silent,
+        )
+        .unwrap();
+        let zeno = events_of(&run).iter().find(|it| it.0 == "zeno").unwrap().1;
+        (zeno, 2.0 + 0.5 * speed * (K * zeno).exp(), found)
+    };
+    let (zeno, pull, found) = run(1.0);
+    let h = 1e-3;
+    let slope = (run(1.0 + h).1 - run(1.0 - h).1) / (2.0 * h);
+    println!("{zeno} {pull} {slope} {:?} {:?}", found.nearest, found.radius);
+    let nearest = found.nearest[0].unwrap();
+    assert_eq!(nearest.limit, Limit::Zeno);
+    assert!((nearest.t - zeno).abs() < 1e-9 && (nearest.depth - pull).abs() < 1e-8);
+    assert!((found.radius[0] * slope / pull - 1.0).abs() < 1e-5, "{}", found.radius[0]);
 }

@@ -424,6 +424,9 @@ mod tests {
     use std::convert::Infallible;
 
     use super::*;
+    use crate::mechanics::mode::Contacts;
+    use crate::system::dynamics::Layout;
+    use crate::system::friction::Friction;
     use crate::system::linear_dynamics::LinearDynamics;
     use crate::system::linear_system::{GapMotion, LinearGap, LinearSystem, LoadWave};
     use crate::HarmonicWall;
@@ -466,5 +469,56 @@ mod tests {
         near(rate.0, 3.0 * v[0] - 2.0 * v[1] + 2.0 * sin);
         // both parts of a wave count, whichever is zero
         assert!(rate.1 >= 3.0 * v[0] + 2.0 * v[1] + 2.0 * sin.abs() - 1e-14);
+    }
+
+    #[test]
+    fn a_closed_gap_has_drifted_with_a_height_or_a_speed_that_is_more_than_rounding() {
+        let mut flight = flight();
+        let (h, t, q, v) = (flight.h, 0.9, -1.2, 0.8);
+        let (sin, cos) = (5.0_f64 * t + 0.6).sin_cos();
+        let mut state = MechanicalState::new(Layout::smooth(2, 1), Friction::none());
+        let mut has_drifted = |height: f64, speed: f64, closed: GapSet| {
+            let q = [(height + 2.0 * q - 0.7 + 0.2 + 0.4 * cos) / 3.0, q];
+            let v = [(speed + 2.0 * v - 2.0 * sin) / 3.0, v];
+            flight.y[..4].copy_from_slice(&[q[0], q[1], h * v[0], h * v[1]]);
+            let LinearFlight { free, y, .. } = &mut *flight;
+            free.drives.write(t, h, &mut y[4..]);
+            state.enter(Contacts { mode: closed.into(), ..Contacts::default() });
+            flight.has_drifted(&state)
+        };
+        let closed = GapSet::of(0);
+        assert!(!has_drifted(0.0, 0.0, closed));
+        for sign in [-1.0, 1.0] {
+            assert!(has_drifted(sign * 1e-12, 0.0, closed));
+            assert!(has_drifted(0.0, sign * 1e-12, closed));
+            assert!(!has_drifted(sign * 1e-12, sign * 1e-12, GapSet::EMPTY));
+        }
+    }
+
+    #[test]
+    fn the_terms_of_an_acceleration_count_whatever_their_signs() {
+        let flight = flight();
+        let (h, q, v) = (flight.h, [0.3, -1.2], [0.5, 0.8]);
+        let mut y = vec![0.0; flight.free.size()];
+        y[..4].copy_from_slice(&[q[0], q[1], h * v[0], h * v[1]]);
+        flight.free.drives.write(0.0, h, &mut y[4..]);
+        // M^-1 = [1, -.3; -.3, 2]/1.91
+        let inverse = [[1.0, -0.3], [-0.3, 2.0]].map(|row| row.map(|entry: f64| entry / 1.91));
+        let (stiffness, damping) = ([[1.0, 0.2], [0.2, 3.0]], [[0.1, 0.0], [0.0, 0.1]]);
+        let (load, wave, normal) = ([0.5, -0.5], [1.0, 0.0], [3.0, -2.0_f64]);
+        let mut exact = 0.0;
+        for i in 0..2 {
+            let by = |of: [f64; 2]| inverse[i][0] * of[0] + inverse[i][1] * of[1];
+            let mut terms = by(load).abs() + by(wave).abs();
+            for j in 0..2 {
+                terms += (by([stiffness[0][j], stiffness[1][j]]) * q[j]).abs();
+                terms += (by([damping[0][j], damping[1][j]]) * v[j]).abs();
+            }
+            exact += 0.5 * h * h * normal[i].abs() * terms;
+        }
+        let found = |t: f64| flight.free.acceleration_terms(0, (t, h), &y);
+        assert!((found(0.0) / exact - 1.0).abs() < 1e-14, "{} {exact}", found(0.0));
+        // later the phase of the wave has rounding
+        assert!(found(1e3) > 2.0 * exact);
     }
 }

@@ -215,6 +215,7 @@ mod tests {
             let along = [0.0, 1.0 / scale[1], found[2] * found[1].tan() / scale[2]];
             let length = along.iter().map(|it| it * it).sum::<f64>().sqrt();
             let side = (normal[1] * along[1] + normal[2] * along[2]).signum();
+            assert_eq!(it.tangent.len(), 3);
             for (tangent, along) in it.tangent.iter().zip(along) {
                 assert!((tangent - side * along / length).abs() < 0.05, "{it:?}");
             }

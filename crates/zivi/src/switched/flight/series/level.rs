@@ -127,6 +127,24 @@ mod tests {
     use super::*;
 
     #[test]
+    fn a_step_is_clear_that_ends_above_a_billionth_of_the_way() {
+        let law = Law { stiffness: 0.0, damping: 0.0, omega: [0.0; 2] };
+        let table = Table::new(law, 1.0);
+        let level = Level::first(&Columns(table.columns()), law, table.h(), [0.0; 2]);
+        // from 1 m down by 1 m, all but a part
+        let is_clear = |left: f64, length: f64| {
+            let start = Start { x: 1.0, v: -(1.0 - left) / length, ..Start::default() };
+            level.is_clear::<0>(&start, length)
+        };
+        for length in [0.25, 1.0] {
+            assert!(is_clear(2.1e-9, length) && is_clear(0.5, length));
+            for left in [1.9e-9, 1e-10, 0.0, -1.0] {
+                assert!(!is_clear(left, length), "{left:e}");
+            }
+        }
+    }
+
+    #[test]
     fn a_free_mass_is_accelerated_by_its_waves_alone() {
         let omega = [0.4, 0.0];
         let law = Law { stiffness: 0.0, damping: 0.0, omega };

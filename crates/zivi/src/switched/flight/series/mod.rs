@@ -392,6 +392,9 @@ mod tests {
                 Reach { t_end: length * f64::from(period), look: f64::MAX, steps: usize::MAX };
             let known = flight.clone().again::<1>(now, 0, reach);
             assert_eq!(known.is_some(), period > 2, "{period}");
+            // one that begins at the wall is looked at by its series
+            let wall = Point { x: 0.0, ..now };
+            assert!(flight.clone().again::<1>(wall, 1, reach).is_none(), "{period}");
             let exact = SeriesFlight::new(law).unwrap().fly(now, 0, reach).end;
             if let Some(Arrival { end, lands, .. }) = known {
                 assert!(!lands && end.t == reach.t_end);
