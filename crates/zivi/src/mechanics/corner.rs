@@ -106,6 +106,11 @@ impl CornerApproach {
                 return Ok(Some((landing, set)));
             }
         }
+        // without a slow gap there is none, whatever the forces are
+        let (state, slow) = (&*at.state, slow(at.settings, at.state));
+        if !state.open_gaps().any(|i| state.gap(i).1.abs() <= slow) {
+            return Ok(None);
+        }
         at.state.complete(at.model)?;
         self.here(e, at.settings, at.state)
     }

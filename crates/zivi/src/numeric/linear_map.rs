@@ -97,6 +97,28 @@ impl LinearMap {
         }
     }
 
+    /// The first numbers of the product of a matrix that has full columns alone.
+    #[inline(always)]
+    pub(crate) fn first_of_product<const FEW: usize>(
+        &self,
+        rows: usize,
+        x: &[f64],
+    ) -> Option<[f64; FEW]> {
+        let mut out = [0.0; FEW];
+        if !self.diagonals.is_empty() || rows < FEW {
+            return None;
+        }
+        let blocks = self.entries.chunks_exact(TOGETHER * rows);
+        for (columns, block) in self.full.chunks_exact(TOGETHER).zip(blocks) {
+            let [x0, x1, x2, x3] = [0, 1, 2, 3].map(|k| x[columns[k]]);
+            let [c0, c1, c2, c3] = [0, 1, 2, 3].map(|k| &block[k * rows..][..FEW]);
+            for (i, out) in out.iter_mut().enumerate() {
+                *out += (c0[i] * x0 + c1[i] * x1) + (c2[i] * x2 + c3[i] * x3);
+            }
+        }
+        Some(out)
+    }
+
     #[inline(always)]
     fn add_full<const ROWS: usize>(&self, x: &[f64], out: &mut [f64]) {
         let blocks = self.entries.chunks_exact(TOGETHER * ROWS);

@@ -65,17 +65,18 @@ pub(crate) fn slopes(a: &Series, s: f64) -> [f64; 3] {
     [joined(p, s), first, second]
 }
 
-/// The values of a series and of its derivative.
+/// The values of a series, or of a whole number of fours of its terms, and of its derivative.
 #[inline(always)]
-pub(crate) fn value_and_slope(a: &Series, s: f64) -> [f64; 2] {
+pub(crate) fn value_and_slope<const N: usize>(a: &[f64; N], s: f64) -> [f64; 2] {
     let s2 = s * s;
     let (s3, s4) = (s2 * s, s2 * s2);
     let of = |k: usize| -> Lanes { std::array::from_fn(|i| a[LANES * k + i]) };
     let next = |sum: Lanes, add: Lanes| -> Lanes { std::array::from_fn(|i| sum[i] * s4 + add[i]) };
-    let mut p = of(ROUNDS - 1);
+    let rounds = N / LANES;
+    let mut p = of(rounds - 1);
     let mut d = p;
-    p = next(p, of(ROUNDS - 2));
-    for k in (0..ROUNDS - 2).rev() {
+    p = next(p, of(rounds - 2));
+    for k in (0..rounds - 2).rev() {
         d = next(d, p);
         p = next(p, of(k));
     }

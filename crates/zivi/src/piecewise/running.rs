@@ -198,6 +198,9 @@ impl<'a, E, M: Piecewise, R: Record<M>> Running<'a, E, M, R> {
 
     /// Events by the jump at the end of what is recorded.
     pub(crate) fn jumped(&mut self) -> Result<(), Ending<E, M::Point>> {
+        if self.seeker.is_idle() {
+            return Ok(());
+        }
         let (t, after) = &self.end;
         unless_terminal(self.seeker.across(*t, after))
     }

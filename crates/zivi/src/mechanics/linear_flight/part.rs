@@ -12,6 +12,10 @@ use crate::record::gap_set::GapSet;
 /// What is smaller than this part of a sum is rounding of it.
 const NEGLIGIBLE: f64 = 1e-18;
 
+/// Up to this part of a step so many terms are enough: those beyond are below `.2^12/12! = 9e-18`.
+const SHORT: f64 = 0.1;
+const FEW: usize = 12;
+
 /// The terms of the series of `q` in the part of the step, one after the other, if they are wanted.
 type Terms<'a> = Option<&'a mut Vec<f64>>;
 
@@ -99,8 +103,18 @@ impl WithSimd for Reading<'_> {
             terms.resize(n * TERMS, 0.0);
         }
         for (i, coordinate) in coordinates.iter().enumerate() {
+            // whether its terms are wanted or not
+            let few = if part <= SHORT { coordinate.first_terms::<FEW>(y) } else { None };
+            if let Some(a) = &few {
+                [out[i], out[n + i]] = value_and_slope(a, part);
+            }
+            if few.is_some() && terms.is_none() {
+                continue;
+            }
             let a = coordinate.series_by_columns(y);
-            [out[i], out[n + i]] = value_and_slope(&a, part);
+            if few.is_none() {
+                [out[i], out[n + i]] = value_and_slope(&a, part);
+            }
             let Some(terms) = &mut terms else { continue };
             let mut power = 1.0;
             for (k, a) in a.iter().enumerate() {

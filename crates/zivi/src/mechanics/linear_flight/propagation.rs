@@ -253,6 +253,12 @@ impl Functional {
         a
     }
 
+    /// The first terms, by the registers that the caller has, where that is quick.
+    #[inline(always)]
+    pub(super) fn first_terms<const FEW: usize>(&self, y: &[f64]) -> Option<[f64; FEW]> {
+        self.0.first_of_product(TERMS, y)
+    }
+
     /// The same into a series that is there.
     #[inline]
     pub(super) fn series_to(&self, y: &[f64], a: &mut Series) {
