@@ -6,6 +6,7 @@ set -eu
 python=$1
 out=$2
 rm -rf "$out" && mkdir -p "$out"
+export CARGO_PROFILE_RELEASE_LTO=fat
 "$python" tools/native.py
 if [ "$(uname -s)" = Linux ]; then
     "$python" -m maturin build --release --zig --compatibility "${COMPATIBILITY:-manylinux_2_28}" --out "$out"

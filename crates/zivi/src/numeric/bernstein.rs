@@ -119,19 +119,26 @@ impl<const M: usize> Polynomial<M> {
     /// `a_0 + a_1 theta + ...` with `M` coefficients.
     #[inline(always)]
     pub(crate) fn from_powers(a: [f64; M]) -> Self {
+        const { assert!(M % 4 == 0) }
         // c_j = sum_i binom(j, i)/binom(M - 1, i) a_i, by repeated sums
         let mut c = a;
         for (c, weight) in c.iter_mut().zip(Self::WEIGHTS) {
             *c *= weight;
         }
-        // backwards, as a processor does several of them at once then
-        c.reverse();
-        for level in 1..M {
-            for j in 0..M - level {
-                c[j] += c[j + 1];
+        // four sums at once: the last of each is all that the next coefficient needs of them
+        for k in (0..M).step_by(4) {
+            let (first, rest) = c[k..].split_at_mut(4);
+            let once = [first[0] + first[1], first[1] + first[2], first[2] + first[3]];
+            let twice = [once[0] + once[1], once[1] + once[2]];
+            let thrice = twice[0] + twice[1];
+            let mut last = [first[3], once[2], twice[1], thrice];
+            [first[1], first[2], first[3]] = [once[0], twice[0], thrice];
+            for c in rest {
+                for last in &mut last {
+                    (*last, *c) = (*c, *last + *c);
+                }
             }
         }
-        c.reverse();
         Self { n: M - 1, c }
     }
 
