@@ -75,7 +75,8 @@ impl Evaluated<PyErr> for AnyForce<'_> {
     }
 }
 
-/// One call for every kind of force; the lock is released where no interpreter is needed.
+/// One call for every kind of force without the interpreter, for which the lock is released, and one
+/// for all others, which take longer to evaluate than to tell apart.
 macro_rules! with_force {
     ($py:expr, $given:expr, |$force:ident| $run:expr) => {{
         let mut any = $given.on($py);
@@ -83,10 +84,10 @@ macro_rules! with_force {
             Some(native) => {
                 $crate::force::with_native!(native, |$force| $py.detach(|| $run))
             }
-            None => match &mut any {
-                $crate::force::AnyForce::Callable($force) => $run,
-                $force => $run,
-            },
+            None => {
+                let $force = &mut any;
+                $run
+            }
         }
     }};
 }

@@ -90,6 +90,12 @@ pub(crate) fn parts(whole: f64, longest: f64) -> usize {
     (ROUNDING * whole / longest).ceil() as usize
 }
 
+/// Sorts events by their time. Not a part of what calls it: that is compiled for every kind of
+/// motion, and sorting is long.
+fn in_order_of_time(found: &mut [(f64, usize)]) {
+    found.sort_by(|a, b| a.0.total_cmp(&b.0));
+}
+
 /// The motion cannot tell when it crosses a level.
 pub(crate) fn unknown(_: Level) -> Option<Vec<f64>> {
     None
@@ -151,7 +157,7 @@ impl<'a, E, P: Recorded> EventLocator<'a, E, P> {
                 None => event.by_looks(part, self.longest, value, at, note)?,
             }
         }
-        found.sort_by(|a, b| a.0.total_cmp(&b.0));
+        in_order_of_time(&mut found);
         Ok(self.record(&found, |t, to| part.at(t, to)))
     }
 
