@@ -119,7 +119,7 @@ impl<const M: usize> Polynomial<M> {
     /// `a_0 + a_1 theta + ...` with `M` coefficients.
     #[inline(always)]
     pub(crate) fn from_powers(a: [f64; M]) -> Self {
-        const { assert!(M % 4 == 0) }
+        const { assert!(M.is_multiple_of(4)) }
         // c_j = sum_i binom(j, i)/binom(M - 1, i) a_i, by repeated sums
         let mut c = a;
         for (c, weight) in c.iter_mut().zip(Self::WEIGHTS) {
