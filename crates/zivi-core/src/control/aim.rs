@@ -257,6 +257,7 @@ fn averaged((n, mean): (u32, Real), value: Real, most: u32) -> (u32, Real) {
 }
 
 #[cfg(test)]
+#[allow(clippy::unwrap_used)]
 mod tests {
     use super::*;
 
@@ -304,6 +305,32 @@ mod tests {
         }
         assert_eq!(law.state.push.0, 50);
         assert!((law.state.push.1 - 2.0).abs() < 1e-3, "{}", law.state.push.1);
+    }
+
+    #[test]
+    fn a_plan_meets_the_body_with_the_speed_that_throws_it_as_high_as_requested() {
+        let mut law = aim(false);
+        (law.state.gamma, law.state.push, law.settings.place) = (1.7, (1, 0.3), 0.05);
+        // .3 m above the racket, both on their ways
+        let now = Sight { t: 2.0, gap: 0.3, rate: -0.5, x: 0.4, v: 0.2, pull: -10.0, ..BEFORE };
+        let (h, late, height) = (law.settings.h, 2e-3, 0.8);
+        let mean = law.acceleration(&now, late, &mut |_| Ok::<_, ()>(height)).unwrap();
+        let [first, j] = law.state.plan;
+        assert_eq!(mean, first);
+        let a = mean - 0.5 * h * j;
+        // the body falls to .05 m; what is unknown has pushed the racket over the delay
+        let v = -sqrt(0.2 * 0.2 + 2.0 * 10.0 * 0.35);
+        let left = (0.2 - v) / 10.0;
+        let (z, w) = (0.1 + 0.5 * 0.3 * late * late, 0.7 + 0.3 * late);
+        let end = z + left * (w + left * (a / 2.0 + left * j / 6.0));
+        assert!((end - 0.05).abs() < 1e-5, "{end}");
+        let met = w + left * (a + left * j / 2.0);
+        let leaves = v - law.state.gamma * (v - met);
+        assert!((leaves * leaves / 20.0 - height).abs() < 1e-4, "{leaves}");
+        // played on over the last periods
+        law.settings.h = 0.3 * left;
+        let last = law.acceleration(&now, late, &mut |_| Ok::<_, ()>(height)).unwrap();
+        assert!((last - (mean + law.settings.h * j)).abs() < 1e-5);
     }
 
     #[test]

@@ -292,4 +292,17 @@ mod tests {
         let column = jacobian.iter().skip(1).step_by(3);
         assert!(column.into_iter().all(|&entry| entry == 0.0));
     }
+
+    #[test]
+    fn steps_go_into_the_wider_room_first() {
+        let step = libm::cbrt(1e-15);
+        for (rooms, steps) in [
+            ([1e-12, -1.0], [-step, 0.5e-12]),
+            ([1.0, -1e-12], [step, -0.5e-12]),
+            ([2.0, -2.0], [step, -step]),
+            ([f64::INFINITY, 0.0], [step, 0.0]),
+        ] {
+            assert_eq!(steps_into(0.3, rooms, 1e-15), steps, "{rooms:?}");
+        }
+    }
 }

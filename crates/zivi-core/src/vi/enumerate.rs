@@ -189,3 +189,32 @@ fn damped_step(
     at.evaluate_trial()?;
     Ok(None)
 }
+
+#[cfg(test)]
+#[allow(clippy::indexing_slicing)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn all_patterns_come_once() {
+        for n in 0..=4 {
+            let (mut pattern, mut seen) = ([Place::Inside; MOST], [0; 81]);
+            loop {
+                let number = pattern.iter().take(n).fold(0, |number, place| {
+                    let digit = match place {
+                        Place::Inside => 0,
+                        Place::Lower => 1,
+                        Place::Upper => 2,
+                    };
+                    3 * number + digit
+                });
+                seen[number] += 1;
+                if !advance(&mut pattern, n) {
+                    break;
+                }
+            }
+            let all = 3_usize.pow(n as u32);
+            assert!(seen[..all].iter().all(|&count| count == 1), "{n} {seen:?}");
+        }
+    }
+}
