@@ -60,6 +60,9 @@ impl Marks {
     const MOST: usize = LONGEST * PHASE.1;
 
     fn clear(&mut self) {
+        if self.all.is_empty() {
+            return;
+        }
         self.spare.extend(self.all.drain(..).skip(self.first).map(|mark| mark.z));
         (self.first, self.hit) = (0, GapSet::EMPTY);
     }

@@ -12,9 +12,9 @@ use crate::record::gap_set::GapSet;
 /// What is smaller than this part of a sum is rounding of it.
 const NEGLIGIBLE: f64 = 1e-18;
 
-/// Up to this part of a step so many terms are enough: those beyond are below `.2^12/12! = 9e-18`.
-const SHORT: f64 = 0.1;
-const FEW: usize = 12;
+/// Up to these parts of a step 12 and 16 terms are enough: those beyond are below `.2^12/12! = 9e-18` and
+/// `.5^16/16! = 7e-19`.
+const SHORT: [f64; 2] = [0.1, 0.25];
 
 /// The terms of the series of `q` in the part of the step, one after the other, if they are wanted.
 type Terms<'a> = Option<&'a mut Vec<f64>>;
@@ -104,17 +104,19 @@ impl WithSimd for Reading<'_> {
         }
         for (i, coordinate) in coordinates.iter().enumerate() {
             // whether its terms are wanted or not
-            let few = if part <= SHORT { coordinate.first_terms::<FEW>(y) } else { None };
-            if let Some(a) = &few {
-                [out[i], out[n + i]] = value_and_slope(a, part);
-            }
-            if few.is_some() && terms.is_none() {
+            let few = if part <= SHORT[0] {
+                of_few::<12>(coordinate, y, part)
+            } else if part <= SHORT[1] {
+                of_few::<16>(coordinate, y, part)
+            } else {
+                None
+            };
+            if let Some(few) = few.filter(|_| terms.is_none()) {
+                [out[i], out[n + i]] = few;
                 continue;
             }
             let a = coordinate.series_by_columns(y);
-            if few.is_none() {
-                [out[i], out[n + i]] = value_and_slope(&a, part);
-            }
+            [out[i], out[n + i]] = few.unwrap_or_else(|| value_and_slope(&a, part));
             let Some(terms) = &mut terms else { continue };
             let mut power = 1.0;
             for (k, a) in a.iter().enumerate() {
@@ -123,6 +125,12 @@ impl WithSimd for Reading<'_> {
             }
         }
     }
+}
+
+/// A coordinate and its rate by the first terms, where these are quick to compute alone.
+#[inline(always)]
+fn of_few<const FEW: usize>(coordinate: &Functional, y: &[f64], part: f64) -> Option<[f64; 2]> {
+    coordinate.first_terms::<FEW>(y).map(|a| value_and_slope(&a, part))
 }
 
 /// The sum of the terms `y_(k+1) = part/(k + 1) Y y_k`.
