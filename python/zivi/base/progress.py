@@ -38,7 +38,7 @@ class ProgressBar:
         self._wanted = _can_be_written() and (
             (sys.stderr.isatty() and have("rich")) if show is None else show
         )
-        self._started = time.monotonic()
+        self._started = time.monotonic() if self._wanted else 0.0
         self._bar: rich.progress.Progress | None = None
         self._task: rich.progress.TaskID | None = None
 

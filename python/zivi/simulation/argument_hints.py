@@ -50,7 +50,7 @@ def _settings(kind: type[Any]) -> set[str]:
 
 def check_method(method: Any) -> None:
     """Refuse what is no method with its settings."""
-    if not isinstance(method, type) and hasattr(method, "_core"):
+    if isinstance(method, Settings) or (not isinstance(method, type) and hasattr(method, "_core")):
         return
     example = "e.g. zivi.SwitchedRK(rtol=1e-6) or zivi.ThetaGamma(h=1e-3)"
     raise TypeError(f"method must be one of zivi's methods, {example}, got {argument_text(method)}")

@@ -81,6 +81,22 @@ pub trait Force<E> {
         None
     }
 
+    /// What depends on time alone, for [`Force::excited`], where the force is made of that and the
+    /// state: a step may ask for several states at one time.
+    #[inline]
+    fn excitation(&self, _t: f64) -> Option<f64> {
+        None
+    }
+
+    /// `f(t, x, x')` by the excitation at that time, to the last bit what [`Force::at`] gives.
+    ///
+    /// # Errors
+    /// As [`Force::at`].
+    #[inline]
+    fn excited(&mut self, _excitation: f64, t: f64, x: f64, xdot: f64) -> Result<f64, E> {
+        self.at(t, x, xdot)
+    }
+
     /// Whether an error has nothing to do with the state (an interruption): behind the wall the
     /// force is then not asked again at the wall.
     fn is_interruption(&self, _error: &E) -> bool {
@@ -108,6 +124,14 @@ impl<E, F: Force<E> + ?Sized> Force<E> for &mut F {
 
     fn linear(&self) -> Option<LinearLaw> {
         (**self).linear()
+    }
+
+    fn excitation(&self, t: f64) -> Option<f64> {
+        (**self).excitation(t)
+    }
+
+    fn excited(&mut self, excitation: f64, t: f64, x: f64, xdot: f64) -> Result<f64, E> {
+        (**self).excited(excitation, t, x, xdot)
     }
 
     fn is_interruption(&self, error: &E) -> bool {
@@ -153,15 +177,38 @@ pub struct LinearForce {
     pub phase: f64,
 }
 
-impl<E> Force<E> for LinearForce {
+impl LinearForce {
+    /// The excitation at a time.
     #[inline]
-    fn at(&mut self, t: f64, x: f64, xdot: f64) -> Result<f64, E> {
-        let excitation = if self.amplitude == 0.0 {
+    fn wave(&self, t: f64) -> f64 {
+        if self.amplitude == 0.0 {
             0.0
         } else {
             self.amplitude * (self.omega * t + self.phase).cos()
-        };
-        Ok(-self.stiffness * x - self.damping * xdot - self.gravity + excitation)
+        }
+    }
+
+    /// The force by the excitation.
+    #[inline]
+    fn by(&self, excitation: f64, x: f64, xdot: f64) -> f64 {
+        -self.stiffness * x - self.damping * xdot - self.gravity + excitation
+    }
+}
+
+impl<E> Force<E> for LinearForce {
+    #[inline]
+    fn at(&mut self, t: f64, x: f64, xdot: f64) -> Result<f64, E> {
+        Ok(self.by(self.wave(t), x, xdot))
+    }
+
+    #[inline]
+    fn excitation(&self, t: f64) -> Option<f64> {
+        Some(self.wave(t))
+    }
+
+    #[inline]
+    fn excited(&mut self, excitation: f64, _: f64, x: f64, xdot: f64) -> Result<f64, E> {
+        Ok(self.by(excitation, x, xdot))
     }
 
     fn dependence(&self) -> Dependence {

@@ -130,6 +130,24 @@ macro_rules! natives {
                 }
             }
 
+            fn excitation(&self, t: f64) -> Option<f64> {
+                match self {
+                    $(
+                        Self::$fixed(force) => Force::<E>::excitation(force, t),
+                        Self::$moving(force) => Force::<E>::excitation(force, t),
+                    )*
+                }
+            }
+
+            fn excited(&mut self, excitation: f64, t: f64, x: f64, xdot: f64) -> Result<f64, E> {
+                match self {
+                    $(
+                        Self::$fixed(force) => force.excited(excitation, t, x, xdot),
+                        Self::$moving(force) => force.excited(excitation, t, x, xdot),
+                    )*
+                }
+            }
+
             fn linear(&self) -> Option<LinearLaw> {
                 match self {
                     $(

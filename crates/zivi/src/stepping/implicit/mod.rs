@@ -46,6 +46,38 @@ struct ImplicitStep<'a> {
     t: f64,
 }
 
+/// A force that is asked for several states at one time.
+struct AtOneTime<'a, F> {
+    force: &'a mut F,
+    /// Its excitation there.
+    excitation: Option<f64>,
+}
+
+impl<'a, F> AtOneTime<'a, F> {
+    #[inline]
+    fn new<E>(force: &'a mut F, t: f64) -> Self
+    where
+        F: Force<E>,
+    {
+        let excitation = force.excitation(t);
+        Self { force, excitation }
+    }
+}
+
+impl<E, F: Force<E>> Force<E> for AtOneTime<'_, F> {
+    #[inline]
+    fn at(&mut self, t: f64, x: f64, xdot: f64) -> Result<f64, E> {
+        match self.excitation {
+            Some(excitation) => self.force.excited(excitation, t, x, xdot),
+            None => self.force.at(t, x, xdot),
+        }
+    }
+
+    fn is_interruption(&self, error: &E) -> bool {
+        self.force.is_interruption(error)
+    }
+}
+
 type Found<E> = Result<(f64, StepSolution), Failure<E>>;
 
 const NOT_CONVERGED: Status = Status::ForceNotConverged;
@@ -76,6 +108,7 @@ impl ImplicitForce {
             None => self.evaluate(force, start.t, project(start.z, step.restitution()))?,
         };
         self.last = Some(first);
+        let force = &mut AtOneTime::new(force, sought.t);
         let mut opening = Opening::from(first, self.slope);
         let found = match self.at_once(&sought, solver, force, &mut opening) {
             Ok(Some(found)) => return Ok(found),
@@ -238,5 +271,79 @@ impl ImplicitStep<'_> {
         let [scale_s, scale_v] = self.step.vi_scales(self.start.z, f, lambda);
         let r = self.step.restitution().r(end.lambda_s, end.lambda_v);
         Physical { x: 8.0 * f64::EPSILON * scale_s, xdot: 8.0 * f64::EPSILON * r * scale_v }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::cell::Cell;
+    use std::convert::Infallible;
+
+    use super::*;
+    use crate::system::force::FunctionForce;
+    use crate::{simulate_theta_gamma, Grid, LinearForce, Silent, ThetaGamma};
+    use zivi_core::Restitution;
+
+    const FORCE: LinearForce = LinearForce {
+        stiffness: 2.0,
+        damping: 0.3,
+        gravity: 1.0,
+        amplitude: 1.7,
+        omega: 2.1,
+        phase: 0.4,
+    };
+
+    /// Counts how often the excitation and the force by it are asked for.
+    struct Counting<'a>(&'a Cell<[u64; 2]>);
+
+    impl Force<Infallible> for Counting<'_> {
+        fn at(&mut self, t: f64, x: f64, xdot: f64) -> Result<f64, Infallible> {
+            FORCE.clone().at(t, x, xdot)
+        }
+
+        fn excitation(&self, t: f64) -> Option<f64> {
+            let [waves, forces] = self.0.get();
+            self.0.set([waves + 1, forces]);
+            Force::<Infallible>::excitation(&FORCE, t)
+        }
+
+        fn excited(
+            &mut self,
+            excitation: f64,
+            t: f64,
+            x: f64,
+            xdot: f64,
+        ) -> Result<f64, Infallible> {
+            let [waves, forces] = self.0.get();
+            self.0.set([waves, forces + 1]);
+            FORCE.clone().excited(excitation, t, x, xdot)
+        }
+    }
+
+    #[test]
+    fn a_step_asks_for_the_excitation_once_and_moves_as_without_it() {
+        for theta in [1.0, 0.5] {
+            let method = ThetaGamma { theta, ..ThetaGamma::default() };
+            let grid = Grid::new(0.0, 5.0, 1e-2).unwrap();
+            let ball = Physical { x: 1.0, xdot: 0.0 };
+            let law = Restitution::from_e(0.5).unwrap();
+            let counts = Cell::new([0; 2]);
+            let kept = &mut Counting(&counts);
+            let kept = simulate_theta_gamma(method, law, kept, grid, ball, &mut Silent).unwrap();
+            let LinearForce { stiffness, damping, gravity, amplitude, omega, phase } = FORCE;
+            let mut whole = FunctionForce(|t: f64, x: f64, xdot: f64| {
+                let excitation = amplitude * (omega * t + phase).cos();
+                Ok::<_, Infallible>(-stiffness * x - damping * xdot - gravity + excitation)
+            });
+            let whole = simulate_theta_gamma(method, law, &mut whole, grid, ball, &mut Silent);
+            let whole = whole.unwrap();
+            assert!(whole.trajectory.events.impacts.len() > 2);
+            assert_eq!(kept.trajectory.columns, whole.trajectory.columns);
+            assert_eq!(kept.trajectory.nfev, whole.trajectory.nfev);
+            let [waves, forces] = counts.get();
+            assert_eq!(waves, 500);
+            // all but that of the start, which is at another time
+            assert_eq!(forces + 1, kept.trajectory.nfev);
+        }
     }
 }
