@@ -112,9 +112,7 @@ def rows_of_events(name: str, times: Array, closed: bool = True) -> Rows:
 
 def check_slowest(part: Any) -> float:
     """Read the argument ``slowest``."""
-    if part is SLOWEST:
-        return SLOWEST
-    value = finite("slowest", part)
+    value: float = part if part is SLOWEST else finite("slowest", part)
     if not 0.0 < value <= 1.0:
         raise ValueError(f"slowest must be > 0 and <= 1, a part of the fastest impact, got {part}")
     return value
