@@ -126,3 +126,28 @@ fn limits_of(kinetics: &GapKinetics, i: usize, noise: &Noise) -> [f64; 2] {
     let by_noise = noise.of_contacts();
     [0, 1].map(|k| EXACT[k].max(size * by_noise[k]))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::system::dynamics::Layout;
+
+    #[test]
+    fn a_contact_is_let_go_after_five_measurements_in_a_row_that_are_beyond() {
+        let kinetics = GapKinetics::new(Layout::smooth(1, 1));
+        let mut latch = Latch::open(1);
+        let mut look = |gap: f64| {
+            let (seen, within) = ((&[gap][..], &[0.0][..]), Some([1e-3, 1e-3]));
+            let lost = latch.look(&kinetics, seen, &[true], within, &Noise::default(), None);
+            (lost, latch.held[0], latch.beyond[0])
+        };
+        assert_eq!(look(5e-4), (false, true, 0));
+        // one that is near again begins anew
+        for k in (1..5).chain(0..=0).chain(1..5) {
+            let gap = if k == 0 { 5e-4 } else { 2e-3 };
+            assert_eq!(look(gap), (false, true, k));
+        }
+        let (lost, held, _) = look(2e-3);
+        assert!(lost && !held);
+    }
+}
