@@ -97,6 +97,24 @@ def test_one_long_step_passes_impacts_accumulations_and_rest(tmp_path, fmi):
     unit.free()
 
 
+@BOTH
+def test_a_bar_rests_on_three_feet(tmp_path, fmi):
+    lift = zivi.mechanics.Body("z", kind="slide", axis=[0, 0, 1], mass=1.0)
+    bar = zivi.mechanics.Body("bar", "z", axis=[0, 1, 0], mass=2.0, inertia=0.3, damping=0.01)
+    places = {"left": -1.0, "middle": 0.5, "right": 1.0}
+    feet = [zivi.mechanics.PlaneGap("bar", point=[x, 0, 0], name=it) for it, x in places.items()]
+    start = ([1.0, 0.1], [0.0, 0.0])
+    unit = unit_of(tmp_path, fmi, zivi.Tree([lift, bar], gaps=feet, e=0.5), start).start()
+    assert unit.step(0.0, 4.0) == 0, unit.told
+    state = [unit.get(it) for it in ("q_z", "q_bar", "qdot_z", "qdot_bar")]
+    assert state == pytest.approx([0.0] * 4, abs=1e-30)
+    # no force is negative between (1/2, 0, 1/2) and (1/3, 2/3, 0) of the weight: the middle
+    forces = [unit.get(f"force_{it}") for it in places]
+    weight = 3 * 9.81
+    assert forces == pytest.approx(np.array([5, 4, 3]) / 12 * weight, rel=1e-12)
+    unit.free()
+
+
 def test_a_symbolic_system_is_compiled_into_the_archive(tmp_path):
     system, start = two_links(), ([0.5, -1.2], [0.1, -0.1])
     unit = unit_of(tmp_path, 3, system, start).start(m1=1.2)

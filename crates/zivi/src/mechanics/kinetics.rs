@@ -21,6 +21,8 @@ use crate::Status;
 
 mod redundant;
 
+pub(crate) use redundant::balance;
+
 /// A system whose evaluations are counted, between times where it is smooth.
 pub(super) struct Model<'a, D> {
     pub(super) dynamics: &'a mut D,

@@ -51,6 +51,7 @@ pub use crate::record::contact_mode::ContactMode;
 pub use crate::record::gap_set::GapSet;
 pub use crate::record::occurrence::{FlagKind, Occurrence};
 pub use crate::record::point::MotionPoint;
+pub(crate) use kinetics::balance;
 pub use moreau_jean::simulate_mechanical_moreau_jean;
 pub use output::{MechanicalOutput, MechanicalRun, MechanicalSamples, Speeds};
 pub use path::MechanicalPath;

@@ -1,7 +1,9 @@
 //! A state of a mechanical system by its gaps.
 
 use super::law_error::LawError;
+use crate::mechanics::balance;
 use crate::numeric::cholesky;
+use crate::numeric::singular::Singular;
 use crate::numeric::vector::dot;
 use crate::system::dynamics::Layout;
 
@@ -142,7 +144,8 @@ impl GapKinetics {
         self.row[self.layout.mass()].chunks_exact(n).map(|row| dot(row, v)).collect()
     }
 
-    /// `b <- W_AA^-1 b` for the gaps of a set, in order; others stay.
+    /// `b <- W_AA^-1 b` for the gaps of a set, in order; others stay. Where gaps of it depend on each
+    /// other, one of all solutions, for one that follows from the others that of [`balance`].
     pub(super) fn solve_among(&mut self, set: &[bool], b: &mut [f64]) {
         let m = self.layout.m;
         if self.is_independent && set.iter().all(|&it| it) {
@@ -155,8 +158,19 @@ impl GapKinetics {
             small.extend((0..m).filter(|&j| set[j]).map(|j| d[i * m + j]));
             right.push(b[i]);
         }
-        cholesky::factor(small, right.len());
-        cholesky::solve(small, right.len(), right);
+        let size = right.len();
+        let mut factors = small.clone();
+        match cholesky::factor(&mut factors, size) > REDUNDANT {
+            true => cholesky::solve(&factors, size, right),
+            false => {
+                let found = Singular::new(small, size, size);
+                let rank = found.rank(REDUNDANT);
+                *right = found.solve(right, rank);
+                if size == rank + 1 {
+                    balance(right, found.null_space(rank));
+                }
+            }
+        }
         (0..m).filter(|&i| set[i]).zip(&*right).for_each(|(i, x)| b[i] = *x);
     }
 
@@ -199,5 +213,35 @@ mod tests {
         row[layout.rate()].copy_from_slice(&[5.0]);
         let kinetics = GapKinetics::of::<()>(layout, &row, &[3.0, -1.0]).unwrap();
         assert_eq!(kinetics.rates, [6.0]);
+    }
+
+    /// A bar of mass 2 and inertia 1 that its weight presses to feet at these places, by height and angle.
+    fn bar(feet: &[f64]) -> GapKinetics {
+        let layout = Layout::smooth(2, feet.len());
+        let mut row = vec![0.0; layout.len()];
+        row[layout.mass()].copy_from_slice(&[2.0, 0.0, 0.0, 1.0]);
+        row[layout.force()].copy_from_slice(&[-20.0, 0.0]);
+        let gradients: Vec<f64> = feet.iter().flat_map(|&at| [1.0, at]).collect();
+        row[layout.gradient()].copy_from_slice(&gradients);
+        GapKinetics::of::<()>(layout, &row, &[0.0, 0.0]).unwrap()
+    }
+
+    #[test]
+    fn contact_forces_bear_the_weight_also_where_they_are_not_determined() {
+        let close = |found: Vec<f64>, exact: &[f64]| {
+            let apart = found.iter().zip(exact).map(|(a, b)| (a - b).abs());
+            assert!(found.len() == exact.len() && apart.fold(0.0, f64::max) < 1e-12, "{found:?}");
+        };
+        // moments about the middle: 3 f = f'
+        close(bar(&[-3.0, 1.0]).contact_forces(&[true, true]), &[5.0, 15.0]);
+        close(bar(&[-3.0, 0.0]).contact_forces(&[false, true]), &[0.0, 20.0]);
+        // (5, 0, 15) and (0, 15, 5) - without a negative force - are the ends of all that are possible;
+        // and so for (0, 20, 0) and (10, 0, 10)
+        let mut three = bar(&[-3.0, -1.0 / 3.0, 1.0]);
+        close(three.contact_forces(&[true; 3]), &[2.5, 7.5, 10.0]);
+        close(three.contact_forces(&[true, false, true]), &[5.0, 0.0, 15.0]);
+        close(bar(&[-1.0, 0.0, 1.0]).contact_forces(&[true; 3]), &[5.0, 10.0, 5.0]);
+        // two that are not determined: the least
+        close(bar(&[-1.0, -1.0, 1.0, 1.0]).contact_forces(&[true; 4]), &[5.0; 4]);
     }
 }

@@ -12,6 +12,24 @@ const NONE: f64 = 1e-9;
 /// Rows that follow from others have an acceleration of this part of its terms at most.
 const CONSISTENT: f64 = 1e-7;
 
+/// Of the solutions `x + alpha nu` that in the middle of those without a negative part; if they have no
+/// end, the least.
+pub(crate) fn balance(x: &mut [f64], null: &[f64]) {
+    let largest = null.iter().fold(0.0_f64, |a, b| a.max(b.abs()));
+    let (mut least, mut most) = (f64::NEG_INFINITY, f64::INFINITY);
+    for (x, nu) in x.iter().zip(null).filter(|(_, nu)| nu.abs() > NONE * largest) {
+        match *nu > 0.0 {
+            true => least = least.max(-x / nu),
+            false => most = most.min(-x / nu),
+        }
+    }
+    let alpha = match least.is_finite() && most.is_finite() {
+        true => 0.5 * (least + most),
+        false => -dot(x, null) / dot(null, null),
+    };
+    x.iter_mut().zip(null).for_each(|(x, nu)| *x += alpha * nu);
+}
+
 impl Kinetics {
     /// `x = D_CC^-1 r` with the right sides by row where one row follows from the others: of all
     /// solutions that in the middle of those without a negative part; if they have no end, the least. `nu`
@@ -34,19 +52,7 @@ impl Kinetics {
         self.solve_regular(basis, right)?;
         let part = &self.right[..basis.len()];
         let mut x: Vec<f64> = set.iter().map(|i| place(i).map_or(0.0, |at| part[at])).collect();
-        let largest = null.iter().fold(0.0_f64, |a, b| a.max(b.abs()));
-        let (mut least, mut most) = (f64::NEG_INFINITY, f64::INFINITY);
-        for (x, nu) in x.iter().zip(&null).filter(|(_, nu)| nu.abs() > NONE * largest) {
-            match *nu > 0.0 {
-                true => least = least.max(-x / nu),
-                false => most = most.min(-x / nu),
-            }
-        }
-        let alpha = match least.is_finite() && most.is_finite() {
-            true => 0.5 * (least + most),
-            false => -dot(&x, &null) / dot(&null, &null),
-        };
-        x.iter_mut().zip(&null).for_each(|(x, nu)| *x += alpha * nu);
+        balance(&mut x, &null);
         self.right[..x.len()].copy_from_slice(&x);
         Ok(null)
     }
