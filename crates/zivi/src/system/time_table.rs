@@ -193,6 +193,11 @@ impl TimeTable {
         }
     }
 
+    /// How many coefficients its polynomials have.
+    pub(crate) fn order(&self) -> usize {
+        self.order
+    }
+
     fn polynomial(&self, interval: usize, column: usize) -> &[f64] {
         &self.coefficients[(interval * self.width + column) * self.order..][..self.order]
     }

@@ -4,7 +4,7 @@
 //! 1' = 0      (cos, sin)' = W (-sin, cos)      (c_0, c_1, c_2, c_3)' = (c_1, 2 c_2, 3 c_3, 0)      W = w h
 //! ```
 //!
-//! in the time `s = (t - t_0)/h` since the start of a step: a constant, a wave, a cubic of a table.
+//! in the time `s = (t - t_0)/h` since the start of a step: a constant, a wave, a polynomial of a table.
 
 use std::sync::Arc;
 
@@ -22,15 +22,12 @@ pub(super) enum Drive {
 /// What the rounding of a phase counts beside that of other numbers.
 const TURNED: f64 = 1.0 / 64.0;
 
-/// Coefficients of a cubic.
-const CUBIC: usize = 4;
-
 impl Drive {
     pub(super) fn size(&self) -> usize {
         match self {
             Self::One => 1,
             Self::Wave { .. } => 2,
-            Self::Column { .. } => CUBIC,
+            Self::Column { table, .. } => table.order(),
         }
     }
 }
@@ -144,8 +141,8 @@ impl Drives {
                     (d[0], d[1]) = (-turn * d[1], turn * d[0]);
                 }
                 Drive::Column { .. } => {
-                    for k in 0..CUBIC {
-                        let next = if k + 1 < CUBIC { d[k + 1] } else { 0.0 };
+                    for k in 0..d.len() {
+                        let next = d.get(k + 1).copied().unwrap_or(0.0);
                         d[k] = factor * (k + 1) as f64 * next;
                     }
                 }
@@ -163,7 +160,7 @@ impl Drives {
                 Drive::One => r[0] = 0.0,
                 Drive::Wave { omega, .. } => (r[0], r[1]) = (omega * h * r[1], -omega * h * r[0]),
                 Drive::Column { .. } => {
-                    for k in (0..CUBIC).rev() {
+                    for k in (0..r.len()).rev() {
                         r[k] = if k > 0 { k as f64 * r[k - 1] } else { 0.0 };
                     }
                 }
@@ -179,7 +176,7 @@ mod tests {
 
     #[test]
     fn the_weights_of_a_derivative_are_those_of_a_difference() {
-        let table = TimeTable::new(vec![0.0, 2.0], vec![0.3, -0.7, 1.1, 0.4], (CUBIC, 1), None);
+        let table = TimeTable::new(vec![0.0, 2.0], vec![0.3, -0.7, 1.1, 0.4], (4, 1), None);
         let table = Arc::new(table.unwrap());
         let mut drives = Drives { all: vec![Drive::One], size: 1 };
         drives.add(Drive::Wave { omega: 3.0, phase: 0.4 });
