@@ -222,6 +222,50 @@ mod tests {
         }
     }
 
+    /// Corrects by residuals that come one after the other; the steps, and whether each evaluation
+    /// asked for the derivative.
+    fn scripted(residuals: &[f64], limits: Limits) -> (Option<usize>, Vec<bool>) {
+        let (mut count, mut asked) = (0, Vec::new());
+        let plane = Hyperplane {
+            guess: &[0.0; 3],
+            normal: &[0.0, 0.0, 1.0],
+            scale: &[1.0; 3],
+            sizes: &[1.0; 2],
+        };
+        let found = correct(plane, limits, |_, _, derives| {
+            count += usize::from(!derives || asked.is_empty());
+            asked.push(derives);
+            let found = SequenceEquations {
+                flights: Vec::new(),
+                residual: vec![residuals[count - 1], 0.0],
+                own: vec![1.0, 0.0, 0.0, 1.0],
+                before: vec![0.0; 4],
+                by: Vec::new(),
+            };
+            Ok::<_, Failure<Infallible>>((found, vec![0.0; 2]))
+        });
+        (found.ok().map(|it| it.steps), asked)
+    }
+
+    #[test]
+    fn the_derivative_by_the_parameter_is_renewed_where_the_residual_falls_slowly() {
+        let limits = Limits { stale: 0.3, ..LIMITS };
+        let slow = [true, false, true, false];
+        assert_eq!(scripted(&[0.1, 0.05, 1e-13], limits), (Some(2), slow.to_vec()));
+        let fast = [true, false, false];
+        assert_eq!(scripted(&[0.1, 0.02, 1e-13], limits), (Some(2), fast.to_vec()));
+    }
+
+    #[test]
+    fn what_rounding_allows_is_enough_after_two_steps_that_stall() {
+        let steps = |residuals: &[f64]| scripted(residuals, LIMITS).0;
+        assert_eq!(steps(&[4e-11, 3e-11, 2e-11]), Some(2));
+        assert_eq!(steps(&[4e-11, 1e-11, 8e-12, 7e-12]), Some(3));
+        // not yet, or never
+        assert_eq!(steps(&[4e-9, 3e-9, 2e-9, 1.5e-9, 1e-12]), Some(4));
+        assert_eq!(steps(&[3e-9; 10]), None);
+    }
+
     #[test]
     fn what_cannot_be_corrected_is_told() {
         let (scale, sizes, guess) = ([6.0, 6.0, 0.6], [3.0, 2.0], [1.1, 0.1, 2.0]);
