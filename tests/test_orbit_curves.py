@@ -97,6 +97,7 @@ def test_events_are_located_to_rounding():
     ):
         assert found is not None
         assert abs(found.value / exact - 1) < 1e-12
+        assert found.tangent @ one.tangent > 0
     assert located(own, one, nearer, doubling) is None
 
 
