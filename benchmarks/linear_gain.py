@@ -17,17 +17,19 @@ import zivi
 HERTZ = (0.8, 1.7, 3.1)
 
 
-def chain(n: int, hertz: float) -> zivi.LinearSystem:
-    """Return the chain, driven at a frequency."""
+def chain(
+    n: int, hertz: float, load: float = 1.0, offset: float = 1.0, stiffness: float = 1.0
+) -> zivi.LinearSystem:
+    """Return the chain, driven at a frequency; with numbers that are so many times as large."""
     spring = (2 * np.pi) ** 2 / (2 - 2 * np.cos(np.pi / 2 / (n + 0.5)))
     K = spring * (2 * np.eye(n) - np.eye(n, k=1) - np.eye(n, k=-1))
     K[-1, -1] = spring
     last = np.eye(n)[-1]
-    gaps = [zivi.LinearGap(-last, 0.02, name="right"), zivi.LinearGap(last, 0.02, name="left")]
-    drive = zivi.Harmonic(30 * last, 2 * np.pi * hertz)
-    return zivi.LinearSystem(
-        np.eye(n), 0.04 / (2 * np.pi) * K, K, excitation=drive, gaps=gaps, e=0.6
-    )
+    sides = {"right": -last, "left": last}
+    gaps = [zivi.LinearGap(side, 0.02 * offset, name=name) for name, side in sides.items()]
+    drive = zivi.Harmonic(30 * load * last, 2 * np.pi * hertz)
+    C = 0.04 / (2 * np.pi) * K
+    return zivi.LinearSystem(np.eye(n), C, stiffness * K, excitation=drive, gaps=gaps, e=0.6)
 
 
 def milliseconds(system: zivi.LinearSystem, method: zivi.SwitchedRK, runs: int) -> float:

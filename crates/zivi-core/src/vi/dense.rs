@@ -206,18 +206,7 @@ fn swap_rows(matrix: &mut [f64], k: usize, i: usize, j: usize) {
 }
 
 /// Solves `A x = b` in place from the factors of [`factor`].
-///
-/// ```
-/// use zivi_core::vi::{factor, substitute};
-///
-/// let (mut matrix, mut permutation, mut x) = ([0.0, 2.0, 4.0, 1.0], [0; 2], [2.0, 9.0]);
-/// let mut poll = || Ok::<(), core::convert::Infallible>(());
-/// let Ok(ratio) = factor(&mut matrix, 2, &mut permutation, &mut poll);
-/// assert_eq!(ratio, 0.5);
-/// substitute(&matrix, 2, &permutation, &mut x);
-/// assert_eq!(x, [2.0, 1.0]);
-/// ```
-pub fn solve(factors: &[f64], k: usize, permutation: &[usize], b: &mut [f64]) {
+pub(super) fn solve(factors: &[f64], k: usize, permutation: &[usize], b: &mut [f64]) {
     for (i, &p) in permutation.iter().enumerate().take(k) {
         if p != i && p < b.len() {
             b.swap(i, p);

@@ -40,7 +40,7 @@ mod status;
 mod validate;
 mod workspace;
 
-pub use dense::{factor, solve as substitute};
+pub use dense::factor;
 pub use difference::{Differenced, Scheme};
 pub use interruption::{EvaluationError, Interruption};
 pub use lemke_howson::{lemke_howson, lemke_howson_len};

@@ -87,16 +87,20 @@ impl Marks {
         self.all.push(Mark { hit, with, t: now.t, z });
         self.hit = match lost == hit {
             true => self.hit.with(hit),
-            false => self.iter().fold(GapSet::EMPTY, |gaps, mark| gaps.with(mark.hit)),
+            false => gaps_of(self),
         };
     }
+}
+
+/// The gaps that events hit.
+fn gaps_of(marks: &[Mark]) -> GapSet {
+    marks.iter().fold(GapSet::EMPTY, |gaps, mark| gaps.with(mark.hit))
 }
 
 #[cfg(test)]
 impl From<Vec<Mark>> for Marks {
     fn from(all: Vec<Mark>) -> Self {
-        let hit = all.iter().fold(GapSet::EMPTY, |gaps, mark| gaps.with(mark.hit));
-        Self { all, hit, ..Self::default() }
+        Self { hit: gaps_of(&all), all, ..Self::default() }
     }
 }
 

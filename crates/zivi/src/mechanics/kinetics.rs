@@ -10,7 +10,7 @@
 //! friction enters (2) is [`super::friction`].
 
 use crate::numeric::cholesky::{self, Factor};
-use crate::numeric::vector::{axpy, dot, largest};
+use crate::numeric::vector::{axpy, dot, largest, sum_of_products};
 use crate::record::contact_mode::ContactMode;
 use crate::record::failure::Failure;
 use crate::record::gap_set::GapSet;
@@ -240,8 +240,27 @@ impl Kinetics {
         Ok(())
     }
 
+    /// The same of one gap, the value of which is known then.
+    pub(super) fn evaluate_gap<E, D: Dynamics<E>>(
+        &mut self,
+        model: &mut Model<'_, D>,
+        i: usize,
+        (t, q, w): (f64, &[f64], &[f64]),
+    ) -> Result<(), Failure<E>> {
+        let Some(system) = model.dynamics.linear().filter(|_| self.is_constant) else {
+            return self.evaluate_gaps(model, t, q, w);
+        };
+        let gap = &system.gaps[i];
+        let [place, rate, _] = gap.motion.at(model.smooth.nearest(t));
+        self.forget_place();
+        self.values[self.of_time + i] = -rate;
+        let value = &mut self.values[self.layout.gap()][i];
+        *value = sum_of_products(&gap.normal, q) + gap.offset - place;
+        check_finite(std::slice::from_ref(value))
+    }
+
     /// Coordinates move: the gaps and forces are those of another place.
-    pub(super) fn forget_place(&mut self) {
+    fn forget_place(&mut self) {
         self.has_forces = false;
         self.place.clear();
     }
@@ -345,7 +364,9 @@ impl Kinetics {
 
     /// What rounding of the coordinates leaves of `g_i`, and of the velocities of `g_i'`.
     pub(super) fn rounding(&self, i: usize, q: &[f64], w: &[f64]) -> (f64, f64) {
-        rounding((self.steepness(i), self.values[self.of_time + i]), q, w)
+        let (slope, rate) = (self.steepness(i), self.values[self.of_time + i].abs());
+        let scale = 16.0 * f64::EPSILON;
+        (scale * slope * largest(q), scale * (slope * largest(w) + rate))
     }
 
     /// What rounding leaves of `b_i`. No part of `n . A` is larger than `|n| |A|` in the metric of
@@ -631,13 +652,6 @@ impl Kinetics {
     pub(super) fn b(&self, i: usize) -> f64 {
         self.b[i]
     }
-}
-
-/// What rounding of the coordinates leaves of a gap of such a steepness and rate by time, and of the
-/// velocities of its rate.
-pub(super) fn rounding((slope, rate): (f64, f64), q: &[f64], w: &[f64]) -> (f64, f64) {
-    let scale = 16.0 * f64::EPSILON;
-    (scale * slope * largest(q), scale * (slope * largest(w) + rate.abs()))
 }
 
 /// Whether a matrix with a positive diagonal is symmetric, but for rounding.

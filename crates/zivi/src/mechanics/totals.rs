@@ -8,7 +8,7 @@ use crate::record::occurrence::Occurrence;
 const MOST: usize = 1_000_000;
 
 /// How often what happened at the gaps.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Totals {
     /// Impacts, those of several gaps at one instant as one.
     pub impacts: usize,
@@ -32,9 +32,7 @@ impl<E> MechanicalRun<E> {
     #[must_use]
     pub fn totals(&self, slowest: f64) -> Totals {
         let [first_impact, last_impact] = [f64::INFINITY, f64::NEG_INFINITY];
-        let counts = [0; 5];
-        let [impacts, zeno, liftoffs, corners, flags] = counts;
-        let mut all = Totals { impacts, first_impact, last_impact, zeno, liftoffs, corners, flags };
+        let mut all = Totals { first_impact, last_impact, ..Totals::default() };
         let fastest = self.occurrences.iter().fold(0.0_f64, |most, it| match it {
             Occurrence::Impact { before, .. } => most.max(-before),
             _ => most,

@@ -89,10 +89,10 @@ impl LinearMap {
         }
         // of a size that the compiler knows the loops are unrolled
         match out.len() {
-            1 => self.add_full::<1>(x, out),
-            2 => self.add_full::<2>(x, out),
-            3 => self.add_full::<3>(x, out),
-            4 => self.add_full::<4>(x, out),
+            1 => self.add_first::<1>(1, x, out),
+            2 => self.add_first::<2>(2, x, out),
+            3 => self.add_first::<3>(3, x, out),
+            4 => self.add_first::<4>(4, x, out),
             _ => self.add_full_columns(x, out),
         }
     }
@@ -104,29 +104,23 @@ impl LinearMap {
         rows: usize,
         x: &[f64],
     ) -> Option<[f64; FEW]> {
-        let mut out = [0.0; FEW];
         if !self.diagonals.is_empty() || rows < FEW {
             return None;
         }
+        let mut out = [0.0; FEW];
+        self.add_first::<FEW>(rows, x, &mut out);
+        Some(out)
+    }
+
+    /// Adds the part of full columns, the first rows of so many.
+    #[inline(always)]
+    fn add_first<const FEW: usize>(&self, rows: usize, x: &[f64], out: &mut [f64]) {
         let blocks = self.entries.chunks_exact(TOGETHER * rows);
         for (columns, block) in self.full.chunks_exact(TOGETHER).zip(blocks) {
             let [x0, x1, x2, x3] = [0, 1, 2, 3].map(|k| x[columns[k]]);
             let [c0, c1, c2, c3] = [0, 1, 2, 3].map(|k| &block[k * rows..][..FEW]);
-            for (i, out) in out.iter_mut().enumerate() {
+            for (i, out) in out.iter_mut().enumerate().take(FEW) {
                 *out += (c0[i] * x0 + c1[i] * x1) + (c2[i] * x2 + c3[i] * x3);
-            }
-        }
-        Some(out)
-    }
-
-    #[inline(always)]
-    fn add_full<const ROWS: usize>(&self, x: &[f64], out: &mut [f64]) {
-        let blocks = self.entries.chunks_exact(TOGETHER * ROWS);
-        for (columns, block) in self.full.chunks_exact(TOGETHER).zip(blocks) {
-            let [x0, x1, x2, x3] = [0, 1, 2, 3].map(|k| x[columns[k]]);
-            for (i, out) in out.iter_mut().enumerate().take(ROWS) {
-                let at = |column: usize| block[column * ROWS + i];
-                *out += (at(0) * x0 + at(1) * x1) + (at(2) * x2 + at(3) * x3);
             }
         }
     }

@@ -243,7 +243,6 @@ fn the_pull_at_a_zeno_point_bounds_derivatives() {
     let (zeno, pull, found) = run(1.0);
     let h = 1e-3;
     let slope = (run(1.0 + h).1 - run(1.0 - h).1) / (2.0 * h);
-    println!("{zeno} {pull} {slope} {:?} {:?}", found.nearest, found.radius);
     let nearest = found.nearest[0].unwrap();
     assert_eq!(nearest.limit, Limit::Zeno);
     assert!((nearest.t - zeno).abs() < 1e-9 && (nearest.depth - pull).abs() < 1e-8);

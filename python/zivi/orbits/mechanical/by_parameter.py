@@ -26,9 +26,9 @@ __all__ = [
     "by_parameter",
     "flow_of",
     "frame_of",
+    "length_of",
     "moved_frame",
     "of_mass",
-    "stretch",
     "trend_of",
 ]
 
@@ -60,11 +60,15 @@ def moved_frame(frame: Frame, values: Mapping[str, float]) -> Frame:
 def frame_of(frame: Frame, system: MechanicalSystem | ImpactSystem) -> Frame:
     """Give the frame of a system that differs by some numbers."""
     flow = flow_of(system, frame.method)
-    length = frame.length if frame.free else frame.length * stretch(frame, system)
-    return dataclasses.replace(frame, system=system, flow=flow, length=length)
+    return dataclasses.replace(frame, system=system, flow=flow, length=length_of(frame, system))
 
 
-def stretch(frame: Frame, system: MechanicalSystem | ImpactSystem) -> float:
+def length_of(frame: Frame, system: MechanicalSystem | ImpactSystem) -> float:
+    """Give the length of the period of such a system."""
+    return frame.length if frame.free else frame.length * _stretch(frame, system)
+
+
+def _stretch(frame: Frame, system: MechanicalSystem | ImpactSystem) -> float:
     """Give by which factor the period changes."""
     before, after = frequency_of(frame.system), frequency_of(system)
     if before is not None and after is not None:
@@ -147,5 +151,5 @@ def trend_of(frame: Frame, name: str) -> int:
         return 0
     if not (value := value_of(frame.system, name)):
         return 0
-    ratio = stretch(frame, with_values(frame.system, {name: 1.25 * value}))
+    ratio = _stretch(frame, with_values(frame.system, {name: 1.25 * value}))
     return (ratio > 1.0) - (ratio < 1.0)

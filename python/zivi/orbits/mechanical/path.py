@@ -15,9 +15,9 @@ from zivi.orbits.flights import FlightError, corrected
 from zivi.orbits.mechanical.by_parameter import (
     by_parameter,
     frame_of,
+    length_of,
     moved_frame,
     of_mass,
-    stretch,
     trend_of,
 )
 from zivi.orbits.mechanical.equations import Frame, MassTerms, Terms, evaluate, sizes_of
@@ -194,7 +194,7 @@ class Path:
         def at(value: float) -> tuple[Any, float, float, float]:
             nonlocal system
             system = with_values(frame.system, {name: value})
-            length = frame.length * stretch(frame, system)
+            length = length_of(frame, system)
             longer = trend * length / value if trend else 0.0
             return system._spec, length, system.e, longer
 

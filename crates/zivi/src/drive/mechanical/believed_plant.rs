@@ -78,11 +78,12 @@ impl<D, F> BelievedPlant<'_, D, F> {
     where
         Driven<D, F>: Dynamics<E>,
     {
-        self.evaluate(t, (q, w), kinetics)?;
-        kinetics.renew(w)
+        self.look_at_any(t, (q, w), kinetics)?;
+        kinetics.check_independent()
     }
 
-    fn evaluate<E>(
+    /// The same of gaps that may depend on each other.
+    fn look_at_any<E>(
         &mut self,
         t: f64,
         (q, w): (&[f64], &[f64]),
@@ -92,7 +93,8 @@ impl<D, F> BelievedPlant<'_, D, F> {
         Driven<D, F>: Dynamics<E>,
     {
         self.driven.release();
-        self.driven.evaluate_again(t, q, w, &mut kinetics.row).map_err(LawError::Raised)
+        self.driven.evaluate_again(t, q, w, &mut kinetics.row).map_err(LawError::Raised)?;
+        kinetics.renew(w)
     }
 
     /// Moves on by as many periods as there are controls, by one step of order five a period.
@@ -178,8 +180,7 @@ impl<D, F> BelievedPlant<'_, D, F> {
     {
         let mut moved = Vec::with_capacity(closed.len());
         for _ in 0..PROJECTIONS {
-            self.evaluate(t, (q, w), kinetics)?;
-            kinetics.refresh(w)?;
+            self.look_at_any(t, (q, w), kinetics)?;
             let gaps = kinetics.gaps().to_vec();
             moved.clear();
             moved.extend(closed.iter().zip(&gaps).map(|(closed, gap)| *closed || *gap < 0.0));
@@ -189,8 +190,7 @@ impl<D, F> BelievedPlant<'_, D, F> {
             kinetics.push(&moved, gaps, q);
         }
         if closed.contains(&true) {
-            self.evaluate(t, (q, w), kinetics)?;
-            kinetics.refresh(w)?;
+            self.look_at_any(t, (q, w), kinetics)?;
             let rates = kinetics.rates.clone();
             kinetics.push(closed, rates, w);
         }

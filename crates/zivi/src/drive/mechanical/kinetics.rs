@@ -25,7 +25,7 @@ pub struct GapKinetics {
     /// `W`, and `L L^T = W`.
     pub(super) d: Vec<f64>,
     pub(super) d_factor: Vec<f64>,
-    /// Whether no gap moves as the others make it.
+    /// Whether the gaps are independent of each other.
     is_independent: bool,
     /// The same of some of the gaps.
     small: Vec<f64>,
@@ -59,7 +59,7 @@ impl GapKinetics {
     pub fn of<E>(layout: Layout, row: &[f64], w: &[f64]) -> Result<Self, LawError<E>> {
         let mut it = Self::new(layout);
         it.row.copy_from_slice(row);
-        it.refresh(w).map(|()| it)
+        it.renew(w).map(|()| it)
     }
 
     /// Those of one gap of a system alone, of the same evaluation.
@@ -71,20 +71,20 @@ impl GapKinetics {
         self.row[own.gradient()].copy_from_slice(of.normal(gap));
         self.row[own.curvature()].copy_from_slice(&of.curvatures()[gap..=gap]);
         self.row[own.rate()].copy_from_slice(&of.row[all.rate()][gap..=gap]);
-        self.renew(w)
+        self.renew(w)?;
+        self.check_independent()
     }
 
-    /// Computes them from the evaluation in `row`, of gaps that have to be independent.
-    pub(super) fn renew<E>(&mut self, w: &[f64]) -> Result<(), LawError<E>> {
-        self.refresh(w)?;
+    /// Refuses gaps that depend on each other.
+    pub(super) fn check_independent<E>(&self) -> Result<(), LawError<E>> {
         match self.is_independent {
             true => Ok(()),
             false => Err(LawError::Dependent),
         }
     }
 
-    /// The same of any gaps.
-    pub(super) fn refresh<E>(&mut self, w: &[f64]) -> Result<(), LawError<E>> {
+    /// Computes them from the evaluation in `row`.
+    pub(super) fn renew<E>(&mut self, w: &[f64]) -> Result<(), LawError<E>> {
         let Self { layout, row, rates, mass, mobility, d, d_factor, is_independent, .. } = self;
         let Layout { n, m, .. } = *layout;
         mass.copy_from_slice(&row[layout.mass()]);
@@ -152,26 +152,24 @@ impl GapKinetics {
             return cholesky::solve(&self.d_factor, m, b);
         }
         let Self { small, right, d, .. } = self;
+        let chosen = || (0..m).filter(|&i| set[i]);
+        let block = || chosen().flat_map(|i| chosen().map(move |j| i * m + j)).map(|at| d[at]);
         small.clear();
+        small.extend(block());
         right.clear();
-        for i in (0..m).filter(|&i| set[i]) {
-            small.extend((0..m).filter(|&j| set[j]).map(|j| d[i * m + j]));
-            right.push(b[i]);
-        }
+        right.extend(chosen().map(|i| b[i]));
         let size = right.len();
-        let mut factors = small.clone();
-        match cholesky::factor(&mut factors, size) > REDUNDANT {
-            true => cholesky::solve(&factors, size, right),
-            false => {
-                let found = Singular::new(small, size, size);
-                let rank = found.rank(REDUNDANT);
-                *right = found.solve(right, rank);
-                if size == rank + 1 {
-                    balance(right, found.null_space(rank));
-                }
+        if cholesky::factor(small, size) > REDUNDANT {
+            cholesky::solve(small, size, right);
+        } else {
+            let found = Singular::new(&block().collect::<Vec<f64>>(), size, size);
+            let rank = found.rank(REDUNDANT);
+            *right = found.solve(right, rank);
+            if size == rank + 1 {
+                balance(right, found.null_space(rank));
             }
         }
-        (0..m).filter(|&i| set[i]).zip(&*right).for_each(|(i, x)| b[i] = *x);
+        chosen().zip(&*right).for_each(|(i, x)| b[i] = *x);
     }
 
     /// The forces of closed contacts that keep their gaps closed under the forces of the evaluation, 0

@@ -249,7 +249,7 @@ impl Functional {
     #[inline]
     pub(super) fn series(&self, y: &[f64]) -> Series {
         let mut a = [0.0; TERMS];
-        self.0.add(y, &mut a);
+        self.series_to(y, &mut a);
         a
     }
 

@@ -5,16 +5,14 @@ mod slip;
 use super::contact_problem::settle;
 use super::equation::{AtEnd, InContact, Stages, State};
 use super::friction::decide;
-use super::kinetics::{rounding, without_rounding, Kinetics, Model};
+use super::kinetics::{without_rounding, Kinetics, Model};
 use super::mode::Contacts;
-use crate::numeric::vector::{dot, largest, sum_of_products};
+use crate::numeric::vector::largest;
 use crate::record::contact_mode::ContactMode;
 use crate::record::failure::Failure;
 use crate::record::gap_set::GapSet;
 use crate::system::dynamics::{Dynamics, Layout};
 use crate::system::friction::Friction;
-use crate::system::linear_system::LinearGap;
-use crate::Status;
 
 /// The state of a mechanical system.
 #[derive(Clone, Debug)]
@@ -372,50 +370,13 @@ impl MechanicalState {
         model: &mut Model<'_, D>,
     ) -> Result<(), Failure<E>> {
         let Self { kinetics, now, layout, .. } = self;
-        if let Some(system) = model.dynamics.linear().filter(|_| kinetics.is_constant()) {
-            let motion = system.gaps[gap].motion.at(model.smooth.nearest(now.t));
-            return self.project_linear(gap, (&system.gaps[gap], motion));
-        }
         for iteration in 0..=PROJECTIONS {
             let (q, gaps) = now.x.split_at_mut(layout.n);
             let (w, speeds) = now.xdot.split_at_mut(layout.n);
-            kinetics.evaluate_gaps(model, now.t, q, w)?;
+            kinetics.evaluate_gap(model, gap, (now.t, q, w))?;
             let (of_gap, of_rate) = kinetics.rounding(gap, q, w);
             gaps[gap] = 0.0;
             let (distance, missing) = (kinetics.gap(gap), speeds[gap] - kinetics.rate(gap, w));
-            let (far, fast) = (distance.abs() > of_gap, missing.abs() > of_rate);
-            if !(far || fast) || iteration == PROJECTIONS {
-                break;
-            }
-            if fast {
-                kinetics.push(gap, missing, w)?;
-            }
-            if far {
-                kinetics.push(gap, -distance, q)?;
-            }
-        }
-        Ok(())
-    }
-
-    /// The same of a linear gap, over a wall with this motion.
-    fn project_linear<E>(
-        &mut self,
-        gap: usize,
-        (it, [place, speed, _]): (&LinearGap, [f64; 3]),
-    ) -> Result<(), Failure<E>> {
-        let Self { kinetics, now, layout, .. } = self;
-        let of_gap = (kinetics.steepness(gap), -speed);
-        kinetics.forget_place();
-        for iteration in 0..=PROJECTIONS {
-            let (q, gaps) = now.x.split_at_mut(layout.n);
-            let (w, speeds) = now.xdot.split_at_mut(layout.n);
-            let (of_gap, of_rate) = rounding(of_gap, q, w);
-            let distance = sum_of_products(&it.normal, q) + it.offset - place;
-            let missing = speeds[gap] - (dot(&it.normal, w) + -speed);
-            if !distance.is_finite() {
-                return Err(Failure::Status(Status::ForceNotFinite));
-            }
-            gaps[gap] = 0.0;
             let (far, fast) = (distance.abs() > of_gap, missing.abs() > of_rate);
             if !(far || fast) || iteration == PROJECTIONS {
                 break;

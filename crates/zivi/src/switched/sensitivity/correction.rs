@@ -5,9 +5,8 @@
 //! F(y, p) = 0,        n . (z - z_guess) = 0,        z = (y, p) in scaled unknowns
 //! ```
 
-use zivi_core::vi::{factor, substitute};
-
 use super::impulses::SequenceEquations;
+use crate::numeric::elimination::Elimination;
 use crate::record::failure::Failure;
 
 /// Where a solution is sought: unknowns and parameter scaled, as one vector.
@@ -72,7 +71,6 @@ pub fn correct<E>(
 ) -> Result<Corrected, NotCorrected<E>> {
     let Hyperplane { guess, normal, scale, sizes } = plane;
     let (n, mut z) = (sizes.len(), guess.to_vec());
-    let mut border = Border::new(plane);
     let (mut column, mut before, mut stalled) = (Vec::new(), f64::INFINITY, false);
     for steps in 0..limits.evaluations {
         let full: Vec<f64> = z.iter().zip(scale).map(|(z, scale)| z * scale).collect();
@@ -90,16 +88,17 @@ pub fn correct<E>(
             // only the convergence depends on it
             column = at(true)?.1;
         }
-        border.factor(&found, &column).ok_or(NotCorrected::Diverged)?;
+        let factors = bordered(plane, &found, &column).ok_or(NotCorrected::Diverged)?;
         // beside a grazing one step may stall before the next ones converge
         let stalls = residual >= 0.5 * before;
         if residual <= limits.tolerance || (stalls && stalled && residual <= limits.enough) {
-            let tangent = border.tangent().ok_or(NotCorrected::Diverged)?;
+            let tangent = tangent(&factors, n).ok_or(NotCorrected::Diverged)?;
             return Ok(Corrected { z, tangent, steps, residual, equations: found });
         }
         (before, stalled) = (residual, stalls);
         let away = z.iter().zip(guess).zip(normal).map(|((z, guess), by)| by * (z - guess)).sum();
-        let step = border.solved(scaled(), away);
+        let right: Vec<f64> = scaled().chain([away]).collect();
+        let step = factors.solve(&right);
         z.iter_mut().zip(step).for_each(|(z, step)| *z -= step);
         // false for NaN, too
         if !z.iter().zip(guess).all(|(z, guess)| (z - guess).abs() <= 1.0) {
@@ -109,49 +108,32 @@ pub fn correct<E>(
     Err(NotCorrected::Diverged)
 }
 
-/// The derivative of the scaled equations, with the normal as its last row.
-struct Border<'a> {
-    plane: Hyperplane<'a>,
-    factors: Vec<f64>,
-    permutation: Vec<usize>,
+/// The derivative of the scaled equations, with the normal as its last row; None if it is singular.
+fn bordered(
+    Hyperplane { normal, scale, sizes, .. }: Hyperplane<'_>,
+    found: &SequenceEquations,
+    column: &[f64],
+) -> Option<Elimination> {
+    let n = sizes.len();
+    let mut matrix = Vec::with_capacity((n + 1) * (n + 1));
+    for (i, size) in sizes.iter().enumerate() {
+        let row = found.own[i * n..][..n].iter().zip(&found.before[i * n..][..n]);
+        let whole = row.map(|(own, before)| own + before).chain([column[i]]);
+        matrix.extend(whole.zip(scale).map(|(by, scale)| by * scale / size));
+    }
+    matrix.extend(normal);
+    let factors = Elimination::new(matrix, n + 1, 0.0);
+    (factors.rank() == n + 1).then_some(factors)
 }
 
-impl<'a> Border<'a> {
-    fn new(plane: Hyperplane<'a>) -> Self {
-        let size = plane.guess.len();
-        Self { plane, factors: Vec::with_capacity(size * size), permutation: vec![0; size] }
-    }
-
-    /// Overwrites it by its factors; None if it is singular.
-    fn factor(&mut self, found: &SequenceEquations, column: &[f64]) -> Option<()> {
-        let Hyperplane { normal, scale, sizes, .. } = self.plane;
-        let n = sizes.len();
-        self.factors.clear();
-        for (i, size) in sizes.iter().enumerate() {
-            let row = found.own[i * n..][..n].iter().zip(&found.before[i * n..][..n]);
-            let whole = row.map(|(own, before)| own + before).chain([column[i]]);
-            self.factors.extend(whole.zip(scale).map(|(by, scale)| by * scale / size));
-        }
-        self.factors.extend(normal);
-        let mut poll = || Ok::<(), std::convert::Infallible>(());
-        let Ok(ratio) = factor(&mut self.factors, n + 1, &mut self.permutation, &mut poll);
-        (ratio > 0.0).then_some(())
-    }
-
-    fn solved(&self, rows: impl Iterator<Item = f64>, last: f64) -> Vec<f64> {
-        let mut right: Vec<f64> = rows.chain([last]).collect();
-        substitute(&self.factors, right.len(), &self.permutation, &mut right);
-        right
-    }
-
-    /// The unit vector along which the equations do not change; None if it is not finite.
-    fn tangent(&self) -> Option<Vec<f64>> {
-        let zeros = std::iter::repeat_n(0.0, self.plane.sizes.len());
-        let mut along = self.solved(zeros, 1.0);
-        let length = along.iter().map(|it| it * it).sum::<f64>().sqrt();
-        along.iter_mut().for_each(|it| *it /= length);
-        along.iter().all(|it| it.is_finite()).then_some(along)
-    }
+/// The unit vector along which the equations do not change; None if it is not finite.
+fn tangent(bordered: &Elimination, n: usize) -> Option<Vec<f64>> {
+    let mut right = vec![0.0; n];
+    right.push(1.0);
+    let mut along = bordered.solve(&right);
+    let length = along.iter().map(|it| it * it).sum::<f64>().sqrt();
+    along.iter_mut().for_each(|it| *it /= length);
+    along.iter().all(|it| it.is_finite()).then_some(along)
 }
 
 #[cfg(test)]
