@@ -6,7 +6,7 @@ from typer.testing import CliRunner
 
 import zivi
 from fmu_unit import Archive, Unit
-from tree_models import ARM
+from tree_models import ARM, URDF
 from zivi.cli import app
 from zivi.files import commands
 
@@ -57,6 +57,17 @@ def test_a_model_of_mujoco_is_a_unit(tmp_path):
     tree = zivi.Tree.from_mjcf(file, gaps=["elbow", ("tip", "table")], e=0.5)
     steps_as(tree, [0.0, 0.5], out / "MechanicalSystem2.fmu", tmp_path / "unpacked")
     assert not run(file, "--out", out, "--quiet")
+
+
+def test_a_model_of_urdf_is_read(tmp_path):
+    pytest.importorskip("mujoco")
+    file = tmp_path / "two.urdf"
+    file.write_text(URDF)
+    system, start = zivi.files.mechanism_of(file, gaps=["first"], e=[0.4], q0=[0.1, 0.2])
+    assert start == ([0.1, 0.2], [0.0, 0.0])
+    assert system.gap_names == ("first.lower", "first.upper")
+    assert system.e.tolist() == [0.4, 0.4]
+    assert system.parameters["tool.mass"] == 0.4
 
 
 def test_what_is_wrong_is_named(tmp_path):

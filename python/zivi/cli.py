@@ -319,7 +319,9 @@ def fmu(
         try:
             if file is None:
                 if name or gap or e or q0 or ignore_friction:
-                    raise FileError("zivi: --name, --gap, --e, --q0 are for a FILE")
+                    raise FileError(
+                        "zivi: --name, --gap, --e, --q0, --ignore-friction are for a FILE"
+                    )
                 paths = export_fmu(out, model or None, fmi or None)
             else:
                 if model:
