@@ -174,18 +174,19 @@ def test_ctrl_c_at_1500_unknowns():
     began = []
 
     def interrupt(*_):
-        began.append(time.process_time())
+        began.append(time.thread_time())
         raise KeyboardInterrupt
 
     before = signal.signal(signal.SIGALRM, interrupt)
     signal.setitimer(signal.ITIMER_REAL, 1.5)
-    called = time.process_time()
+    called = time.thread_time()
     try:
         with pytest.raises(KeyboardInterrupt):
             zivi.solve_lcp(big, q)
     finally:
         signal.setitimer(signal.ITIMER_REAL, 0)
         signal.signal(signal.SIGALRM, before)
-    # the handler runs where the solver looks: what it has used by then is what it was given
+    # the handler runs where the solver looks: what it has used by then is what it was given, beside
+    # what other threads still do of the tests before
     assert began[0] - called < 2.5
-    assert time.process_time() - began[0] < 0.5
+    assert time.thread_time() - began[0] < 0.5
