@@ -416,3 +416,26 @@ def test_friction_of_a_joint_presses_a_contact_of_the_implicit_step():
     assert sol.friction_forces[late, 0] == pytest.approx(-limit, abs=1e-12)
     assert sol.q[:, 1] == pytest.approx(0.0, abs=1e-12)
     assert sol.qdot[-1, 0] == pytest.approx(2.0, abs=1e-9)
+
+
+def test_a_batch_of_masses_with_friction_runs_them_as_mechanical_systems():
+    masses = [
+        zivi.ImpactSystem(
+            zivi.LinearForce(stiffness=10, amplitude=6, omega=3, gravity=1),
+            e=0.5,
+            friction=zivi.DryFriction(limit=limit),
+        )
+        for limit in (0.5, 1.5, 20.0)
+    ]
+    batch = zivi.simulate_batch(masses, (0, 3), (0.4, 0.1))
+    assert isinstance(batch, zivi.simulation.MechanicalBatch)
+    one = zivi.simulate_batch(masses[0], (0, 3), [(0.4, 0.1), (0.2, 0.0)], t_eval=[1.0, 2.0])
+    for i, mass in enumerate(masses):
+        sol = zivi.simulate(mass, (0, 3), (0.4, 0.1))
+        assert (batch.q[i], batch.qdot[i]) == (sol.q[-1], sol.qdot[-1])
+        assert batch.n_impacts[i] == len(sol.impacts)
+    assert np.flatnonzero(batch.qdot[:, 0] == 0.0).tolist() == [2]  # which sticks
+    sol = zivi.simulate(masses[0], (0, 3), (0.2, 0.0), t_eval=[1.0, 2.0])
+    assert np.array_equal(one.sample_q[1], sol.q)
+    with pytest.raises(TypeError, match=r"systems must all be zivi\.ImpactSystem with friction"):
+        zivi.simulate_batch([masses[0], zivi.ImpactSystem(-9.81, e=0.5)], (0, 1), (1, 0))

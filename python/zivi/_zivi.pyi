@@ -1126,6 +1126,7 @@ def simulate_batch(
     at: _Array | None = None,
     steps: NDArray[np.intp] | None = None,
     ends: list[float] | None = None,
+    tstops: list[_Array] | None = None,
     progress: Any = None,
 ) -> BatchRecord: ...
 

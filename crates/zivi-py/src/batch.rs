@@ -1,6 +1,6 @@
 //! Batches from Python: many runs on all cores, without the interpreter.
 
-use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray2};
+use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::exceptions::{PyMemoryError, PyValueError};
 use pyo3::prelude::*;
 use zivi::drive::batch::{
@@ -74,13 +74,13 @@ pub(crate) fn row_restitution(
     from_both(restitutions[[row, 0]], restitutions[[row, 1]])
 }
 
-/// Many runs. `forces` and `laws` have an entry for each run, or one for all. What is saved are the
-/// states `at` given times, the samples of `steps`, or what `save` says. With `ends` each run of the
-/// switched method ends at its own.
+/// Many runs. `forces`, `laws` and `tstops` have an entry for each run, or one for all. What is saved
+/// are the states `at` given times, the samples of `steps`, or what `save` says. With `ends` each run
+/// of the switched method ends at its own.
 #[pyfunction]
 #[pyo3(signature = (
     forces, laws, states, method, *, span, save, slowest, threads, at=None, steps=None,
-    ends=None, progress=None
+    ends=None, tstops=None, progress=None
 ))]
 #[allow(clippy::too_many_arguments)]
 pub(crate) fn simulate_batch(
@@ -96,18 +96,21 @@ pub(crate) fn simulate_batch(
     at: Option<Vec<f64>>,
     steps: Option<Vec<usize>>,
     ends: Option<Vec<f64>>,
+    tstops: Option<Vec<PyReadonlyArray1<'_, f64>>>,
     progress: Option<Py<PyAny>>,
 ) -> PyResult<BatchRecord> {
     let _running = crate::leaving::running()?;
     let task = Task { method: method.inner, span, slowest };
     let save = saving(save, at.as_deref(), steps.as_deref())?;
     let forces = natives(py, &forces)?;
+    let tstops = tstops.iter().flatten().map(|it| it.as_slice()).collect::<Result<Vec<_>, _>>()?;
     let mut members = Vec::with_capacity(states.as_array().nrows());
     for (i, state) in states.as_array().rows().into_iter().enumerate() {
         members.push(Member {
             law: laws[if laws.len() == 1 { 0 } else { i }].get().inner,
             force: forces[if forces.len() == 1 { 0 } else { i }],
             initial: Physical { x: state[0], xdot: state[1] },
+            tstops: tstops.get(if tstops.len() == 1 { 0 } else { i }).copied().unwrap_or_default(),
         });
     }
     let watch = &mut Watch { progress };

@@ -25,6 +25,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
             law: restitution.into(),
             force: ConstantForce(-9.81),
             initial: Physical { x: 1.0 + 1e-4 * i as f64, xdot: 6.0 },
+            tstops: &[],
         })
         .collect();
     for _ in 0..repetitions {

@@ -15,7 +15,14 @@ from zivi.base.compiled import listening, tell
 from zivi.base.habits import hinted
 from zivi.base.progress import ProgressBar
 from zivi.simulation.argument_hints import check_method
-from zivi.simulation.batch_arguments import check_threads, every_of, states_for, systems_of
+from zivi.simulation.batch_arguments import (
+    check_threads,
+    every_of,
+    states_for,
+    stops_of,
+    systems_of,
+    with_friction,
+)
 from zivi.simulation.batch_result import MAX_DESCRIBED, Batch
 from zivi.simulation.batch_samples import sampled, sampling_of
 from zivi.simulation.describe import describe, describe_system
@@ -44,6 +51,7 @@ def simulate_batch(
     slowest: float = ...,
     threads: int | None = ...,
     progress: bool | None = ...,
+    tstops: ArrayLike | None = ...,
 ) -> MechanicalBatch: ...
 
 
@@ -59,6 +67,7 @@ def simulate_batch(
     slowest: float = ...,
     threads: int | None = ...,
     progress: bool | None = ...,
+    tstops: ArrayLike | None = ...,
 ) -> Batch: ...
 
 
@@ -74,6 +83,7 @@ def simulate_batch(
     slowest: float = SLOWEST,
     threads: int | None = None,
     progress: bool | None = None,
+    tstops: ArrayLike | None = None,
 ) -> Batch | MechanicalBatch:
     """Simulate many independent runs, on all cores and without the interpreter.
 
@@ -84,12 +94,13 @@ def simulate_batch(
     ----------
     systems : ImpactSystem or sequence of ImpactSystem, or of MechanicalSystem
         One for all runs, or one for each. Forces must not need the interpreter: numbers,
-        `LinearForce` and compiled callables do not. A `MechanicalSystem` may; those of
-        `zivi.symbolic`, which do not, run side by side.
+        `LinearForce` (with or without a `Table`) and compiled callables do not. A
+        `MechanicalSystem` may; those of `zivi.symbolic`, which do not, run side by side. An
+        `ImpactSystem` with friction runs as a `MechanicalSystem`.
     t_span : (float, float)
         Start and end (s), the same for all.
     y0 : array_like
-        Initial states, shape (n, 2), or (2,) for all systems. Of mechanical systems
+        Initial states, shape (n, 2), or (2,) for all systems. Of a `MechanicalSystem`
         ``(q0, qdot0)``, each with a row for each run or one for all.
     method : SwitchedRK, ThetaGamma, MoreauJean or ExplicitEuler
         The method, by default and for mechanical systems `SwitchedRK`. Under constant forces
@@ -114,6 +125,8 @@ def simulate_batch(
     progress : bool, optional
         Show a progress bar on standard error once it lasts longer than a second. By default only
         on a terminal.
+    tstops : array_like, optional
+        With `SwitchedRK`: times where the forces of all runs jump (s), as in `simulate`.
 
     Returns
     -------
@@ -139,10 +152,21 @@ def simulate_batch(
     """
     span, slowest = pair("t_span", t_span, "(t0, t1)"), check_slowest(slowest)
     first = next(iter(systems), None) if isinstance(systems, Sequence) else systems
+    if isinstance(first, ImpactSystem) and first.friction is not None:
+        first, systems, y0 = with_friction(systems, y0)
     if isinstance(first, MechanicalSystem):
-        workers = check_threads(threads)
-        times = None if t_eval is None else times_within(t_eval, span)
-        return mechanical_batch(systems, span, y0, method, times, save, slowest, workers, progress)
+        return mechanical_batch(
+            systems,
+            span,
+            y0,
+            method,
+            None if t_eval is None else times_within(t_eval, span),
+            save,
+            slowest,
+            check_threads(threads),
+            progress,
+            tstops,
+        )
     several = systems_of(systems)
     states = states_for(y0, len(several))
     check_method(method)
@@ -151,6 +175,7 @@ def simulate_batch(
         raise ValueError(f"save={every} needs a method of fixed steps, got {method!r}")
     sampling = sampling_of(t_eval, save, span, method, len(states))
     workers = check_threads(threads)
+    stops = stops_of(several, tstops, method, span)
     specs = [system._spec for system in several]
     with ProgressBar(progress) as bar, listening(specs, threads=True) as ear:
         record = _zivi.simulate_batch(
@@ -164,6 +189,7 @@ def simulate_batch(
             threads=workers,
             at=sampling.at,
             steps=sampling.steps,
+            tstops=stops,
             progress=bar.report,
         )
     tell(ear, record.status)

@@ -11,10 +11,12 @@ from numpy.typing import ArrayLike
 
 import zivi._zivi as _zivi
 from zivi.base.check import Array, integer, real_array
-from zivi.simulation.run import times_within
+from zivi.simulation.methods import Method
+from zivi.simulation.run import stop_times, times_within
 from zivi.system.mass import ImpactSystem
+from zivi.system.mass_with_friction import mechanism_of
 from zivi.system.mechanism import MechanicalSystem
-from zivi.system.table import refuse_tables
+from zivi.system.table import Table
 
 __all__ = [
     "check_native",
@@ -23,9 +25,11 @@ __all__ = [
     "room_for",
     "states_for",
     "states_of",
+    "stops_of",
     "systems_of",
     "threads_for",
     "times_of",
+    "with_friction",
 ]
 
 MAX_THREADS = 1024
@@ -41,7 +45,11 @@ def systems_of(systems: Any) -> list[ImpactSystem]:
         if not isinstance(system, ImpactSystem):
             kind = type(system).__name__
             raise TypeError(f"systems must be zivi.ImpactSystem, got {kind} (number {i})")
-        refuse_tables(system, f"system {i} of a batch")
+        if isinstance(system.wall, Table):
+            raise TypeError(
+                f"the wall of system {i} must not be a zivi.Table in a batch, got {system.wall!r}: "
+                "zivi.simulate takes it, and a zivi.LinearGap(motion=) in a batch of LinearSystems"
+            )
         check_native(system._spec, f"the force of system {i}")
     if not several:
         raise ValueError("systems must hold at least one system")
@@ -68,6 +76,33 @@ def check_threads(threads: int | None) -> int:
 def threads_for(systems: Iterable[MechanicalSystem], threads: int) -> int:
     """Return the number of threads on which the systems may be evaluated."""
     return threads if all(system.reentrant for system in systems) else 1
+
+
+def stops_of(
+    systems: Sequence[ImpactSystem] | Sequence[MechanicalSystem],
+    tstops: ArrayLike | None,
+    method: Method,
+    span: tuple[float, float],
+) -> list[Array]:
+    """Give the declared breaks of each system; those of many under one table are one array."""
+    known: dict[bytes, Array] = {}
+    several = (stop_times(tstops, method, system, span) for system in systems)
+    return [known.setdefault(stops.tobytes(), stops) for stops in several]
+
+
+def with_friction(
+    systems: ImpactSystem | Sequence[ImpactSystem], y0: Any
+) -> tuple[MechanicalSystem, list[MechanicalSystem], list[Array]]:
+    """Give masses with friction as mechanical systems, the first alone too, and their states."""
+    several = [systems] if isinstance(systems, ImpactSystem) else list(systems)
+    for i, system in enumerate(several):
+        if not isinstance(system, ImpactSystem) or system.friction is None:
+            raise TypeError(
+                "systems must all be zivi.ImpactSystem with friction, as the first is, got "
+                f"{system!r} (number {i})"
+            )
+    mechanisms = [mechanism_of(system) for system in several]
+    return mechanisms[0], mechanisms, np.split(states_for(y0, len(several)), 2, axis=1)
 
 
 def states_of(name: str, value: ArrayLike) -> Array:

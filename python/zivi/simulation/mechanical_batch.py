@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from zivi.base.check import Array, real_array
 from zivi.base.progress import ProgressBar
-from zivi.simulation.batch_arguments import room_for, threads_for
+from zivi.simulation.batch_arguments import room_for, stops_of, threads_for
 from zivi.simulation.mechanical_batch_result import NUMBERS, MechanicalBatch
 from zivi.simulation.mechanical_run import (
     Asked,
@@ -53,6 +53,7 @@ def mechanical_batch(
     slowest: float,
     threads: int,
     progress: bool | None,
+    tstops: Any,
 ) -> MechanicalBatch:
     """Run many mechanical systems; see `zivi.simulate_batch`."""
     if save not in SAVES:
@@ -61,8 +62,10 @@ def mechanical_batch(
     several = _systems(systems)
     threads = threads_for(several, threads)
     check_mechanical_method(method)
+    stops = stops_of(several, tstops, method, span)
     q, qdot = _states(y0, len(several))
-    several = several * len(q) if len(several) == 1 else several
+    if len(several) == 1:
+        several, stops = several * len(q), stops * len(q)
     samples = None if times is None else room_for(2, len(q), len(times), q.shape[1])
     # the motion itself is requested in samples and whole runs only
     dense = times is not None or save == "runs" or not isinstance(method, SwitchedRK)
@@ -70,11 +73,10 @@ def mechanical_batch(
     is_counted = save == "final" and not dense and not any(system._channels for system in several)
     counts = slowest if is_counted else None
 
-    def asked(system: MechanicalSystem, q: Array, qdot: Array) -> Asked:
-        knots = _knots(system, method, span)
-        return Asked(span, q, qdot, None, knots, [], dense, arcs=True, ends=ends, counts=counts)
+    def asked(q: Array, qdot: Array, stops: Array) -> Asked:
+        return Asked(span, q, qdot, None, stops, [], dense, arcs=True, ends=ends, counts=counts)
 
-    tasks = [(system, asked(system, a, b)) for system, a, b in zip(several, q, qdot, strict=True)]
+    tasks = list(zip(several, map(asked, q, qdot, stops), strict=True))
 
     def one(number: int, report: Any) -> Kept:
         system, asked = tasks[number]
@@ -97,12 +99,6 @@ def mechanical_batch(
         return batch
     config["t_eval"] = times.tolist()
     return dataclasses.replace(batch, sample_t=times, sample_q=samples[0], sample_qdot=samples[1])
-
-
-def _knots(system: MechanicalSystem, method: Any, span: tuple[float, float]) -> Array:
-    """Give the knots of the tables of a system, where the method steps onto them."""
-    knots = system._breaks(span)
-    return knots if method._takes_tstops else np.empty(0)
 
 
 def _computed(one: Callable[[int, Any], Kept], count: int, threads: int, report: Any) -> list[Kept]:

@@ -93,7 +93,7 @@ class LinearForce(NativeForce):
         :math:`\varphi` (rad).
     excitation : Table, optional
         A further excitation as a table of time (m/s^2), added to the wave. Only `simulate`,
-        `sensitivity` and closed loops take it.
+        `simulate_batch`, `sensitivity` and closed loops take it.
 
     Raises
     ------

@@ -56,7 +56,7 @@ class ImpactSystem:
         the other frame.
     friction : DryFriction, optional
         Dry friction in a guide, a force per unit mass; the wall must be at rest. Such a system is
-        for `simulate`, which runs it as a `MechanicalSystem` of one coordinate
+        for `simulate` and `simulate_batch`, which run it as a `MechanicalSystem` of one coordinate
         and gives a `MechanicalTrajectory`.
 
     Attributes
@@ -134,7 +134,9 @@ class ImpactSystem:
 
     def __getattr__(self, name: str) -> Any:
         if name in ("_core", "_impact", "_spec") and self._friction is not None:
-            raise NotImplementedError("an ImpactSystem with friction is for zivi.simulate only")
+            raise NotImplementedError(
+                "an ImpactSystem with friction is for zivi.simulate and zivi.simulate_batch"
+            )
         raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
 
     def _prepare(self) -> None:

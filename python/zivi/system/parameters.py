@@ -43,11 +43,12 @@ def check_differentiable(system: Any) -> None:
 
 def check_smooth(system: Any) -> None:
     """Refuse a system with dry friction: derivatives through stick and slip are not there yet."""
-    friction = system.channel_names if isinstance(system, MechanicalSystem) else system.friction
-    if friction:
+    mechanical = isinstance(system, MechanicalSystem)
+    if system.channel_names if mechanical else system.friction:
+        more = "; diagrams and basins take a zivi.MechanicalSystem with friction"
         raise NotImplementedError(
             "derivatives of runs with dry friction are not there yet: difference runs of "
-            "zivi.simulate with tight tolerances"
+            f"zivi.simulate with tight tolerances{'' if mechanical else more}"
         )
 
 

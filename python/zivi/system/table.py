@@ -337,8 +337,8 @@ def refuse_tables(system: Any, what: str) -> None:
     for given in (getattr(system.force, "excitation", None), system.wall):
         if isinstance(given, Table):
             raise TypeError(
-                f"{what} takes no zivi.Table, got {given!r}: only zivi.simulate and "
-                "zivi.sensitivity of an ImpactSystem do"
+                f"{what} takes no zivi.Table, got {given!r}: only zivi.simulate, "
+                "zivi.simulate_batch and zivi.sensitivity of an ImpactSystem do"
             )
 
 

@@ -73,12 +73,12 @@ pub(crate) fn simulate_watching<E, F: Force<E>>(
     settings: SwitchedRk,
     law: AnyImpactLaw,
     force: &mut F,
-    span: (f64, f64),
+    (span, tstops): ((f64, f64), &[f64]),
     initial: Physical,
     monitor: &mut impl Monitor<E>,
 ) -> Result<(SwitchedRun<E>, bool), SetupError> {
     let mut grazing = Grazing::default();
-    let output = Output::default();
+    let output = Output { tstops, ..Output::default() };
     let run = simulate_with(&mut grazing, settings, law, force, span, initial, output, monitor)?;
     Ok((run, is_undecided(grazing.shallowest, grazing.highest, &settings)))
 }
@@ -126,9 +126,15 @@ mod tests {
         });
         let start = Physical { x: x0, xdot: 0.0 };
         let (settings, law) = (SwitchedRk::with_tol(1e-9), Restitution::from_e(0.5).unwrap());
-        let (run, found) =
-            simulate_watching(settings, law.into(), &mut force, (0.0, 2.5), start, &mut Silent)
-                .unwrap();
+        let (run, found) = simulate_watching(
+            settings,
+            law.into(),
+            &mut force,
+            ((0.0, 2.5), &[]),
+            start,
+            &mut Silent,
+        )
+        .unwrap();
         assert_eq!(run.trajectory.status, crate::Status::Completed);
         found
     }

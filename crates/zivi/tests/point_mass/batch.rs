@@ -24,7 +24,7 @@ impl Draws {
 }
 
 /// Balls with all kinds of walls, forces (also upward, none, absurd) and states (also at rest).
-fn balls(n: usize) -> Vec<Member<ConstantForce>> {
+fn balls(n: usize) -> Vec<Member<'static, ConstantForce>> {
     let mut draws = Draws(7);
     (0..n)
         .map(|i| {
@@ -42,6 +42,7 @@ fn balls(n: usize) -> Vec<Member<ConstantForce>> {
                 law: restitution.into(),
                 force: ConstantForce(force),
                 initial: Physical { x, xdot },
+                tstops: &[],
             }
         })
         .collect()
@@ -60,8 +61,8 @@ fn implicit(span: (f64, f64), h: f64) -> Task {
 }
 
 /// A run by the function of its method, not by the entry that batches use.
-fn alone<F: Force<Infallible> + Copy>(member: &Member<F>, task: Task) -> Run<Infallible> {
-    let Member { law, mut force, initial } = *member;
+fn alone<F: Force<Infallible> + Copy>(member: &Member<'_, F>, task: Task) -> Run<Infallible> {
+    let Member { law, mut force, initial, tstops } = *member;
     let restitution = law.constant().unwrap();
     let (force, Task { method, span, .. }) = (&mut force, task);
     let grid = |h: f64| Grid::new(span.0, span.1, h).unwrap();
@@ -76,7 +77,7 @@ fn alone<F: Force<Infallible> + Copy>(member: &Member<F>, task: Task) -> Run<Inf
             simulate_moreau_jean(scheme, restitution, force, grid(h), initial, &mut Silent)
         }
         AnyMethod::SwitchedRk(method) => {
-            let output = Output::default();
+            let output = Output { tstops, ..Output::default() };
             simulate_switched_rk(method, restitution, force, span, initial, output, &mut Silent)
                 .map(|run| Run { trajectory: run.trajectory, raised: run.raised })
         }
@@ -155,7 +156,12 @@ fn every_method_and_force_gives_what_it_gives_alone() {
         phase: 0.3,
     };
     let restitution = Restitution::from_e(0.6).unwrap();
-    let member = |x| Member { law: restitution.into(), force, initial: Physical { x, xdot: 0.5 } };
+    let member = |x| Member {
+        law: restitution.into(),
+        force,
+        initial: Physical { x, xdot: 0.5 },
+        tstops: &[],
+    };
     let members: Vec<_> = (0..40).map(|i| member(0.05 * f64::from(i))).collect();
     let span = (0.0, 3.0);
     let tasks = [
@@ -282,6 +288,7 @@ fn a_fault_costs_no_other_run_its_result() {
     let member = |i: u32| Member {
         law: restitution.into(),
         initial,
+        tstops: &[],
         force: Faulty(if i % 7 == 3 { 1.0 } else { -f64::from(i) - 1.0 }),
     };
     let members: Vec<_> = (0..70).map(member).collect();
@@ -332,7 +339,12 @@ fn statistics_are_those_of_the_samples_and_the_impacts() {
         phase: 0.3,
     };
     let restitution = Restitution::from_e(0.7).unwrap();
-    let member = |x| Member { law: restitution.into(), force, initial: Physical { x, xdot: 0.5 } };
+    let member = |x| Member {
+        law: restitution.into(),
+        force,
+        initial: Physical { x, xdot: 0.5 },
+        tstops: &[],
+    };
     let far = member(80.0);
     let members: Vec<_> = (1..9).map(|k| member(0.02 * f64::from(k))).chain([far]).collect();
     let (span, h) = ((0.0, 3.0), 1e-3);

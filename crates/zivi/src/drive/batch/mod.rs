@@ -67,13 +67,15 @@ impl<'a> Plan<'a> {
 
 /// One run of a batch.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Member<F> {
+pub struct Member<'a, F> {
     /// What an impact does.
     pub law: AnyImpactLaw,
     /// The force.
     pub force: F,
     /// The initial state.
     pub initial: Physical,
+    /// Increasing times at which the force is not smooth (s): steps of the switched method end there.
+    pub tstops: &'a [f64],
 }
 
 /// The batch is to end: what a force of a batch may raise.
@@ -101,7 +103,7 @@ pub enum BatchError<E> {
 ///
 /// let law = Restitution::from_kappa(0.41)?.into();
 /// let initial = |x| Physical { x, xdot: 6.0 };
-/// let ball = |x| Member { law, force: ConstantForce(-9.81), initial: initial(x) };
+/// let ball = |x| Member { law, force: ConstantForce(-9.81), initial: initial(x), tstops: &[] };
 /// let balls: Vec<_> = (0..100).map(|i| ball(0.01 * f64::from(i))).collect();
 /// let method = FixedSteps { h: 1e-3, scheme: ThetaGamma::implicit_euler() }.into();
 /// let task = Task { method, span: (0.0, 4.0), slowest: 1e-3 };
@@ -110,7 +112,7 @@ pub enum BatchError<E> {
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 pub fn simulate_batch<E, F: Force<Stopped> + Copy + Send + Sync>(
-    members: &[Member<F>],
+    members: &[Member<'_, F>],
     task: Task,
     save: Save<'_>,
     threads: usize,
@@ -124,8 +126,10 @@ pub fn simulate_batch<E, F: Force<Stopped> + Copy + Send + Sync>(
     check_memory(members, plan, threads)?;
     let work = pool::Work {
         width: lanes::WIDTH,
-        chunk: |chunk: &[Member<F>], stop: &dyn Fn() -> bool| several(chunk, plan, stop),
-        lost: |member: &Member<F>, status| Outcome::lost(plan.span.0, member.initial, status, save),
+        chunk: |chunk: &[Member<'_, F>], stop: &dyn Fn() -> bool| several(chunk, plan, stop),
+        lost: |member: &Member<'_, F>, status| {
+            Outcome::lost(plan.span.0, member.initial, status, save)
+        },
     };
     pool::run(members, threads, monitor, work)
 }
@@ -136,7 +140,7 @@ pub fn simulate_batch<E, F: Force<Stopped> + Copy + Send + Sync>(
 /// # Errors
 /// As [`simulate_batch`], and where an end is not after the start, or states at times are to be saved.
 pub fn simulate_batch_to<E, F: Force<Stopped> + Copy + Send + Sync>(
-    members: &[(Member<F>, f64)],
+    members: &[(Member<'_, F>, f64)],
     task: Task,
     save: Save<'_>,
     threads: usize,
@@ -157,13 +161,13 @@ pub fn simulate_batch_to<E, F: Force<Stopped> + Copy + Send + Sync>(
     }
     let work = pool::Work {
         width: lanes::WIDTH,
-        chunk: |chunk: &[(Member<F>, f64)], stop: &dyn Fn() -> bool| {
-            let run = |(member, end): &(Member<F>, f64)| {
+        chunk: |chunk: &[(Member<'_, F>, f64)], stop: &dyn Fn() -> bool| {
+            let run = |(member, end): &(Member<'_, F>, f64)| {
                 one(member, Plan { span: (start, *end), ..plan }, stop)
             };
             chunk.iter().map(run).collect()
         },
-        lost: |(member, _): &(Member<F>, f64), status| {
+        lost: |(member, _): &(Member<'_, F>, f64), status| {
             Outcome::lost(start, member.initial, status, save)
         },
     };
@@ -172,7 +176,7 @@ pub fn simulate_batch_to<E, F: Force<Stopped> + Copy + Send + Sync>(
 
 /// Refuses a batch whose results would not fit into memory.
 fn check_memory<E, F: Force<Stopped>>(
-    members: &[Member<F>],
+    members: &[Member<'_, F>],
     plan: Plan<'_>,
     threads: usize,
 ) -> Result<(), BatchError<E>> {
@@ -228,14 +232,14 @@ impl Need {
 }
 
 /// Whether a member can be moved side by side with others.
-fn side_by_side<F: Force<Stopped>>(member: &Member<F>, method: AnyMethod) -> bool {
+fn side_by_side<F: Force<Stopped>>(member: &Member<'_, F>, method: AnyMethod) -> bool {
     matches!(method, AnyMethod::ThetaGamma(it) if it.scheme.solver == Solver::Exact)
         && member.force.dependence() == Dependence::Constant
 }
 
 /// The runs of a chunk.
 fn several<F: Force<Stopped> + Copy>(
-    chunk: &[Member<F>],
+    chunk: &[Member<'_, F>],
     plan: Plan<'_>,
     stop: &dyn Fn() -> bool,
 ) -> Result<Vec<Outcome>, SetupError> {
@@ -244,7 +248,7 @@ fn several<F: Force<Stopped> + Copy>(
         if let (AnyMethod::ThetaGamma(it), Some(grid)) = (plan.method, plan.grid) {
             let ThetaGamma { theta, gamma, .. } = it.scheme;
             let mut masses = Vec::with_capacity(chunk.len());
-            for &Member { law, mut force, initial } in chunk {
+            for &Member { law, mut force, initial, .. } in chunk {
                 let restitution = newton(&law)?;
                 let step = ThetaGammaStep::new(grid.h(), theta, gamma, restitution)?;
                 // a constant has nothing to raise
@@ -279,21 +283,22 @@ impl Monitor<Stopped> for Unobserved<'_> {
 
 /// One run by the loop of its method.
 fn one<F: Force<Stopped> + Copy>(
-    member: &Member<F>,
+    member: &Member<'_, F>,
     Plan { method, span, save, slowest, .. }: Plan<'_>,
     stop: &dyn Fn() -> bool,
 ) -> Result<Outcome, SetupError> {
-    let Member { law, mut force, initial } = *member;
+    let Member { law, mut force, initial, tstops } = *member;
     let every = save.every();
     let keep = if let Save::Steps(_) = save { Keep::All } else { Keep::Every(every) };
     let watch = &mut Unobserved { keep, stop };
     let t_eval = if let Save::At(times) = save { Some(times) } else { None };
-    let output = Output { t_eval, ..Output::default() };
+    let output = Output { t_eval, tstops, ..Output::default() };
     let system = PointMass { force: &mut force, law };
     let (PointRun { trajectory, end, motion, .. }, grazing) = match (method, save) {
         (AnyMethod::SwitchedRk(method), Save::Grazing) => {
             let force = system.force;
-            let (run, grazes) = simulate_watching(method, law, force, span, initial, watch)?;
+            let (run, grazes) =
+                simulate_watching(method, law, force, (span, tstops), initial, watch)?;
             (PointRun::switched(run, &law), grazes)
         }
         _ => (method.run(system, span, initial, output, watch)?, false),
