@@ -177,3 +177,64 @@ def test_absolute_tolerances_are_one_number_or_two(bad):
 def test_the_normal_of_a_gap_is_named():
     with pytest.raises((TypeError, ValueError), match="normal"):
         zivi.LinearGap([1.0, "a"])
+
+
+def two_coordinates(**parts):
+    given = {"mass": np.eye(2), "force": [0.0, -9.81], "gaps": [zivi.LinearGap([0, 1.0])]}
+    return zivi.MechanicalSystem(**{**given, "e": 0.5, **parts})
+
+
+WRONG_ARGUMENTS = {
+    r"value of gap 'floor' must be a function of \(t, q\), got a lambda\(q\)": lambda: zivi.Gap(
+        lambda q: q[1], [0, 1.0], name="floor"
+    ),
+    r"gradient of gap must be a function of \(t, q\), got a lambda\(t, q, qdot\)": lambda: zivi.Gap(
+        lambda t, q: q[1], lambda t, q, qdot: [0, 1.0]
+    ),
+    r"mass must be a function of \(t, q\), got a lambda\(q\)": lambda: two_coordinates(
+        mass=lambda q: np.eye(2)
+    ),
+    r"force must be a function of \(t, q, qdot\), got a lambda\(t, y\)": lambda: two_coordinates(
+        force=lambda t, y: y
+    ),
+    r"force must be a function of \(t, q, qdot, u\), got a lambda\(t, q, qdot\)": (
+        lambda: two_coordinates(force=lambda t, q, qdot: q, inputs=zivi.Table([0, 1], [0, 1]))
+    ),
+    r"events\[1\] must be a function of \(t, q, qdot\), got a lambda\(t, y\)": (
+        lambda: zivi.simulate(
+            two_coordinates(),
+            (0, 1),
+            ([0, 1], [0, 0]),
+            events=[lambda *state: 1.0, lambda t, y: 1.0],
+        )
+    ),
+    r"velocity must be a function of \(t\), got a lambda\(\)": lambda: zivi.MovingWall(
+        lambda t: 1.0, lambda: 0.0, lambda t: 0.0
+    ),
+    r"mu of gap must be a function of \(speed\), got a lambda\(\)": lambda: zivi.Gap(
+        lambda t, q: q[1], [0, 1.0], tangent=[1, 0], mu=lambda: 0.3
+    ),
+    r"limit of friction must be a function of \(t, q, qdot\), got a lambda\(t\)": (
+        lambda: zivi.DryFriction(limit=lambda t: 1.0)
+    ),
+    r"f must be a function of \(t, x, xdot, k, b\), got a lambda\(t, x, xdot, k\)": (
+        lambda: zivi.ParametricForce(lambda t, x, xdot, k: 1.0, {"k": 1.0, "b": 2.0})
+    ),
+    r"jacobian must be a function of \(t, x, xdot, k\), got a lambda\(t\)": (
+        lambda: zivi.ParametricForce(lambda t, x, xdot, k: 1.0, {"k": 1.0}, jacobian=lambda t: 0.0)
+    ),
+}
+
+
+@pytest.mark.parametrize("message", WRONG_ARGUMENTS)
+def test_functions_of_other_arguments_are_refused_before_anything_calls_them(message):
+    with pytest.raises(TypeError, match=message):
+        WRONG_ARGUMENTS[message]()
+
+
+def test_functions_with_more_arguments_that_have_defaults_are_taken():
+    def force(t, q, qdot, k=2.0, *, b=1.0):
+        return -k * q - b * qdot
+
+    for one in (force, lambda *state: -state[1], np.vectorize(lambda t, q, qdot: -q)):
+        assert two_coordinates(force=one).gap_names == ("gap0",)

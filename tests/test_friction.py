@@ -165,14 +165,18 @@ def test_the_parts_stand_in_their_places():
         assert np.array_equal(getattr(here, name), getattr(plain, name))
 
 
-def test_a_mass_with_friction_is_for_runs_only():
+def test_a_mass_with_friction_is_for_runs_and_batches_only():
     friction = zivi.DryFriction(limit=1.0)
     ball = zivi.ImpactSystem(-9.81, e=0.5, friction=friction)
     assert "friction=DryFriction(direction=1.0, limit=1.0)" in repr(ball)
     with pytest.raises(NotImplementedError, match="dry friction"):
         zivi.sensitivity(ball, (0, 1), (1, 0))
-    with pytest.raises(NotImplementedError, match=r"zivi\.simulate"):
-        zivi.simulate_batch(ball, (0, 1), [(1, 0)])
+    with pytest.raises(NotImplementedError, match="diagrams and basins take a zivi"):
+        zivi.bifurcation_diagram(ball, "force", [-9.81], period=1.0)
+    with pytest.raises(NotImplementedError, match=r"zivi\.simulate and zivi\.simulate_batch"):
+        zivi.simulate_closed_loop_batch(
+            ball, zivi.TwistingRegulator(30, 17, h=1e-3, e=0.5), (0, 1), [(1, 0)]
+        )
     rubbing = block(floor(tangent=[1, 0], mu=0.3))
     with pytest.raises(ValueError, match="gap 'floor' must be without friction for ThetaGamma"):
         zivi.simulate(rubbing, (0, 1), ([0, 1], [1, 0]), method=zivi.ThetaGamma(h=1e-3))

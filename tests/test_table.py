@@ -241,7 +241,7 @@ def test_compiled_forces_take_the_inputs_as_functions_do():
         driven(signature(lambda *_: None), inputs=table)
     # without a time it is the matrix of the inputs of a controller
     with pytest.raises(ValueError, match="inputs must be for as many coordinates"):
-        driven(inputs=[1.0, 2.0])
+        driven(lambda t, q, qdot: -q, inputs=[1.0, 2.0])
 
 
 CUBIC = np.polynomial.Polynomial([0.1, -0.2, 0.3, -0.05])

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-__all__ = ["OfState", "compiled_by_numba", "of_three", "reads_time"]
+__all__ = ["OfState", "check_arguments", "compiled_by_numba", "of_three", "reads_time"]
 
 
 class OfState:
@@ -51,6 +51,13 @@ def of_three(name: str, function: Any, *, more_than_y: bool) -> Callable[..., An
         f"{name} must be a function of (t, x, xdot), or of (t, y) with y = [x, xdot], "
         f"got {_shown(function)}"
     )
+
+
+def check_arguments(name: str, function: Any, arguments: str) -> None:
+    """Refuse a function that does not take as many arguments by position as are named."""
+    counts, given = _counts(function), arguments.count(",") + 1
+    if counts is not None and not counts[0] <= given <= counts[1]:
+        raise TypeError(f"{name} must be a function of ({arguments}), got {_shown(function)}")
 
 
 def _counts(function: Any) -> tuple[float, float] | None:

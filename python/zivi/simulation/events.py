@@ -10,7 +10,7 @@ import numpy as np
 
 import zivi._zivi as _zivi
 from zivi.base.check import finite
-from zivi.base.functions import of_three
+from zivi.base.functions import check_arguments, of_three
 from zivi.base.habits import hinted
 
 __all__ = ["MECHANICAL", "Level", "event", "events_of"]
@@ -145,6 +145,8 @@ def _event(k: int, function: Any, form: str) -> _zivi.Event:
     # no numpy.sign, which takes neither a bool nor an integer beyond 64 bits
     sign = int(direction > 0) - int(direction < 0)  # type: ignore[operator]
     of_mass = form != MECHANICAL
+    if not of_mass:
+        check_arguments(f"events[{k}]", function, "t, q, qdot")
     exact = of_mass and isinstance(function, Level)
     levels = (function.x, function.xdot) if exact else (None, None)
     return _zivi.Event(

@@ -10,6 +10,7 @@ import numpy as np
 
 import zivi._zivi as _zivi
 from zivi.base.check import Array, real_array
+from zivi.base.functions import check_arguments
 
 __all__ = ["ControlInputs", "control_inputs", "every_coordinate"]
 
@@ -65,6 +66,7 @@ def control_inputs(given: Any) -> ControlInputs:
             raise ValueError("inputs must give columns of one length, one for each control")
         return ControlInputs(names, _finite(np.column_stack(columns)))
     if callable(given):
+        check_arguments("inputs", given, "q")
         return ControlInputs((), given)
     matrix = real_array("inputs", given)
     matrix = matrix.reshape(-1, 1) if matrix.ndim < 2 else matrix

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from zivi.base.check import finite
+from zivi.base.functions import check_arguments
 from zivi.base.habits import hinted
 from zivi.system.model_parts import Compiled, Part, differenced, number_part, part
 from zivi.system.wall import HarmonicWall, MovingWall
@@ -235,6 +236,8 @@ def slip_of_gap(
     elif k is None:
         k = differenced(row, rate)
     by_speed = mu if callable(mu) else None
+    if by_speed is not None:
+        check_arguments(f"mu of {called}", mu, "speed")
     kinetic = np.asarray(finite(f"mu of {called}", mu(0.0) if by_speed else mu))
     most = kinetic if mu_static is None else np.asarray(finite(f"mu_static of {called}", mu_static))
     _check_limits(f"mu of {called}", kinetic, f"mu_static of {called}", most)

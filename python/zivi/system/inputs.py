@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from zivi.base.check import Array
+from zivi.base.functions import check_arguments
 from zivi.system.model_parts import Compiled, Part, compiled_part
 from zivi.system.table import Table
 
@@ -46,6 +47,7 @@ def driven(force: Any, inputs: Any) -> Part:
             f"force must be a function (t, q, qdot, u) of the inputs, or compiled {C_FORM}, "
             f"got {type(force).__name__}"
         )
+    check_arguments("force", force, "t, q, qdot, u")
     core, size = inputs._core, inputs.width or 1
 
     def evaluated(t: float, q: Array, qdot: Array) -> Any:

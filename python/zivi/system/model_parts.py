@@ -11,6 +11,7 @@ import numpy as np
 
 import zivi._zivi as _zivi
 from zivi.base.check import Array, real_array
+from zivi.base.functions import check_arguments
 
 __all__ = ["Compiled", "Part", "differenced", "evaluated", "number_part", "part"]
 
@@ -53,6 +54,7 @@ def part(name: str, given: Any, arguments: str) -> Part:
     if (compiled := compiled_part(name, given)) is not None:
         return compiled
     if callable(given):
+        check_arguments(name, given, arguments)
         return given  # type: ignore[no-any-return]
     try:
         array = real_array(name, given)

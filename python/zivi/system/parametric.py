@@ -10,7 +10,7 @@ from typing import Any
 
 import zivi._zivi as _zivi
 from zivi.base.check import finite
-from zivi.base.functions import reads_time
+from zivi.base.functions import check_arguments, reads_time
 
 __all__ = ["ParametricForce"]
 
@@ -76,6 +76,11 @@ class ParametricForce:
                 )
             values[name] = finite(f"parameters[{name!r}]", value)
         object.__setattr__(self, "parameters", values)
+        arguments = ", ".join(("t", "x", "xdot", *values))
+        if callable(self.f) and getattr(self.f, "ctypes", None) is None:
+            check_arguments("f", self.f, arguments)
+        if self.jacobian is not None:
+            check_arguments("jacobian", self.jacobian, arguments)
 
     def __call__(self, t: float, x: float, xdot: float) -> float:
         """Evaluate the force (m/s^2) with the values of the parameters."""

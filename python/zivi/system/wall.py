@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 
 import zivi._zivi as _zivi
 from zivi.base.check import Array, finite, real_array
+from zivi.base.functions import check_arguments
 from zivi.base.habits import hinted
 
 __all__ = ["HarmonicWall", "MovingWall"]
@@ -115,6 +116,7 @@ class MovingWall:
             function = getattr(self, field.name)
             if not callable(function):
                 raise TypeError(f"{field.name} must be a function of time, got {function!r}")
+            check_arguments(field.name, function, "t")
 
     def __call__(self, t: ArrayLike) -> tuple[Array, Array, Array]:
         """Position (m), velocity (m/s) and acceleration (m/s^2) of the wall at `t` (s)."""

@@ -94,11 +94,11 @@ def export_fmu(
     """
     if isinstance(model, SymbolicSystem | Tree):
         return _mechanism(out, model, fmi, y0, "MechanicalSystem" if name is None else name)
+    models = [MODELS[key] for key in _chosen_models(model)]
     if y0 is not None or name is not None:
         given = "y0" if name is None else "name"
         raise TypeError(f"{given} is for a mechanical system, not for zivi's own models")
     folder = Path(out)
-    models = [MODELS[key] for key in _chosen_models(model)]
     versions = chosen_versions(fmi)
     binaries = binaries_of("fmu")
     return [write_archive(folder, it, version, binaries) for it in models for version in versions]
