@@ -263,13 +263,13 @@ class Table:
     def _breaks(self, span: tuple[float, float]) -> Array:
         """Give the times within a span at which the table is not smooth."""
         if self.extend != "periodic":
-            return self.times[(self.times >= span[0]) & (self.times <= span[1])]
+            return self.times[slice(*_within(self.times, span))]
         first, knots = self.times[0], self.times[:-1]
         period = self.times[-1] - first
         low, high = (math.floor((t - first) / period) for t in span)
         periods = np.arange(low - 1, high + 2, dtype=np.float64) * period
         all_of_them = np.unique(knots + periods[:, None])
-        return cast("Array", all_of_them[(all_of_them >= span[0]) & (all_of_them <= span[1])])
+        return cast("Array", all_of_them[slice(*_within(all_of_them, span))])
 
     def __repr__(self) -> str:
         width = "" if self.width is None else f" of {self.width} values"
@@ -329,7 +329,14 @@ def declared_breaks(
         if isinstance(wall, Table):
             wall._check_motion(span)
             breaks.append(wall._breaks(span))
+    if len(breaks) == 1:
+        return breaks[0]
     return np.unique(np.concatenate(breaks)) if breaks else np.empty(0)
+
+
+def _within(times: Array, span: tuple[float, float]) -> tuple[int, int]:
+    """Give where increasing times enter and leave a span, whose ends are in it."""
+    return int(times.searchsorted(span[0])), int(times.searchsorted(span[1], side="right"))
 
 
 def refuse_tables(system: Any, what: str) -> None:
