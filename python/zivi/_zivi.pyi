@@ -74,8 +74,8 @@ __all__ = [
     "force_raised",
     "forget_runs",
     "grid_times",
+    "is_off_scale",
     "is_sound",
-    "least_size",
     "lemke_howson",
     "lift",
     "map_of_impacts",
@@ -1190,13 +1190,14 @@ def solve_avi(
     time_limit: float | None = None,
     observe: Callable[[int, float, int, str], object] | None = None,
 ) -> ViRecord: ...
-def least_size(
+def is_off_scale(
     matrix: _Array,
     q: _Array,
     lower: _Array | float,
     upper: _Array | float,
     x0: _Array | None,
-) -> float: ...
+    limit: float,
+) -> bool: ...
 def lemke_howson(
     a: _Array, b: _Array, limit: int, time_limit: float | None = None
 ) -> tuple[_Array, _Array, int] | None: ...

@@ -126,7 +126,7 @@ fn _zivi(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<vi::ViRecord>()?;
     module.add_function(wrap_pyfunction!(vi::solve_vi, module)?)?;
     module.add_function(wrap_pyfunction!(vi::solve_avi, module)?)?;
-    module.add_function(wrap_pyfunction!(vi::least_size, module)?)?;
+    module.add_function(wrap_pyfunction!(vi::is_off_scale, module)?)?;
     module.add_function(wrap_pyfunction!(vi::natural_residual, module)?)?;
     module.add_function(wrap_pyfunction!(ordering::minimum_degree, module)?)?;
     module.add_function(wrap_pyfunction!(vi::lemke_howson, module)?)?;

@@ -7,6 +7,7 @@ mod scale;
 mod settings;
 
 use numpy::{PyArray1, PyReadonlyArray1, PyReadonlyArray2};
+use pulp::{Simd, WithSimd};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
@@ -18,7 +19,7 @@ use zivi_core::vi::{
 use callbacks::{Callbacks, Watched, WithJacobian};
 pub(crate) use games::lemke_howson;
 use interrupts::{Interruptible, Interrupts};
-pub(crate) use scale::least_size;
+pub(crate) use scale::is_off_scale;
 use settings::GivenSettings;
 
 /// Code of a solve that its time limit ended; those of the solver itself are smaller.
@@ -188,8 +189,19 @@ pub(crate) fn solve_vi<'py>(
 /// Whether all are numbers: looked at several at once, as a search for the first that is none
 /// cannot be.
 fn are_finite(values: &[f64]) -> bool {
-    const MANY: usize = 64;
-    values.chunks(MANY).all(|some| some.iter().fold(true, |all, it| all & it.is_finite()))
+    pulp::Arch::new().dispatch(AreFinite(values))
+}
+
+struct AreFinite<'a>(&'a [f64]);
+
+impl WithSimd for AreFinite<'_> {
+    type Output = bool;
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) -> bool {
+        const MANY: usize = 64;
+        self.0.chunks(MANY).all(|some| some.iter().fold(true, |all, it| all & it.is_finite()))
+    }
 }
 
 /// Solves the affine VI with `F(x) = matrix x + q`.

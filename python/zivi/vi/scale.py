@@ -13,7 +13,7 @@ import zivi._zivi as _zivi
 from zivi.base.arrays import Array
 from zivi.vi.types import VIResult
 
-__all__ = ["Affine", "Watched", "is_off_scale", "least_is_off_scale", "polished", "solve_scaled"]
+__all__ = ["Affine", "Watched", "dense_is_off_scale", "is_off_scale", "polished", "solve_scaled"]
 
 TOL = 1e-9
 """Default tolerance, and that of a small problem relative to its values at the start."""
@@ -108,11 +108,11 @@ def is_off_scale(a: Affine) -> bool:
     return bool(rows.min() < _SMALL or columns.min() < _SMALL)
 
 
-def least_is_off_scale(
+def dense_is_off_scale(
     M: Array, q: Array, box: tuple[Array | float, Array | float], x0: Array | None
 ) -> bool:
     """`is_off_scale` of a dense problem before anything of it is made; False where it is none."""
-    return _zivi.least_size(M, q, *box, x0) < _SMALL
+    return _zivi.is_off_scale(M, q, *box, x0, _SMALL)
 
 
 def _units(a: Affine) -> tuple[Array, Array]:

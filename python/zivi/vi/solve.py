@@ -34,8 +34,8 @@ from zivi.vi.jacobian import (
 from zivi.vi.scale import (
     Affine,
     Watched,
+    dense_is_off_scale,
     is_off_scale,
-    least_is_off_scale,
     polished,
     solve_scaled,
 )
@@ -329,7 +329,7 @@ def solve_avi(
         if is_adaptive and is_off_scale(inside := dataclasses.replace(problem, x0=begin)):
             return solve_scaled(inside, solve)
         return solve(problem)
-    if is_adaptive and least_is_off_scale(given, constant, box, start):
+    if is_adaptive and dense_is_off_scale(given, constant, box, start):
         low, high = (np.broadcast_to(it, n).astype(float) for it in box)
         begin = np.clip(np.zeros(n) if start is None else start, low, high)
         return solve_scaled(Affine(given, constant, low, high, begin), solve)

@@ -12,10 +12,13 @@
 
 use super::dense;
 use super::iterate::{Iterate, Outcome};
+use super::natural::natural_residual;
 use super::pivotal::AffineVi;
 
 /// Rounds without fewer changes than ever before, after which it is given up.
 const PATIENCE: usize = 4;
+/// Pivot ratio from which on a matrix is regular whatever the sizes of its rows.
+const REGULAR: f64 = 1e-6;
 /// Multiple of `1 + |q|` by which a slack may have the wrong sign.
 const ROUNDING: f64 = 1e-13;
 
@@ -25,20 +28,27 @@ const AT_UPPER: usize = 2;
 
 /// `work.step <-` the solution of `avi` from the bounds that zero is on; false where none was
 /// found within `limit` pivots' worth of work.
-pub(super) fn solve(at: &mut Iterate<'_, '_>, shift: f64, limit: usize) -> Outcome<bool> {
+pub(super) fn solve(at: &mut Iterate<'_, '_>, limit: usize) -> Outcome<bool> {
     begin(at);
+    at.inside_is_regular = false;
     let (mut fewest, mut since, before) = (usize::MAX, 0, at.budget.spent());
     while since < PATIENCE && at.budget.spent() - before < limit {
-        if !solve_inside(at, shift)? {
+        let Some(ratio) = solve_inside(at)? else {
             return Ok(false);
-        }
-        let changes = change_active_set(at, shift);
+        };
+        let changes = change_active_set(at);
         if changes == 0 {
+            at.inside_is_regular = ratio >= REGULAR;
             return Ok(true);
         }
         (fewest, since) = if changes < fewest { (changes, 0) } else { (fewest, since + 1) };
     }
     Ok(false)
+}
+
+/// Whether component `i` is not at a bound.
+pub(super) fn is_inside(held: &[usize], i: usize) -> bool {
+    held.get(i) == Some(&INSIDE)
 }
 
 /// Active is what is on a bound, and pushed against it by `F`.
@@ -58,8 +68,8 @@ fn begin(at: &mut Iterate<'_, '_>) {
     }
 }
 
-/// `work.step` for the active set; false where `M_II` is singular.
-fn solve_inside(at: &mut Iterate<'_, '_>, shift: f64) -> Outcome<bool> {
+/// `work.step` for the active set, and the ratio of the pivots; `None` where `M_II` is singular.
+fn solve_inside(at: &mut Iterate<'_, '_>) -> Outcome<Option<f64>> {
     let n = at.n();
     let work = &mut *at.work;
     let pivotal = &mut work.pivotal;
@@ -71,21 +81,21 @@ fn solve_inside(at: &mut Iterate<'_, '_>, shift: f64) -> Outcome<bool> {
         };
     }
     let held = &*pivotal.held;
-    let size = dense::list(n, |i| held.get(i) == Some(&INSIDE), pivotal.members);
+    let size = dense::list(n, |i| is_inside(held, i), pivotal.members);
+    let is_zero = work.step.iter().all(|step| *step == 0.0);
     let members = pivotal.members.get(..size).unwrap_or(&[]);
     let rows = pivotal.inverse.chunks_exact_mut(size.max(1));
-    for (k, (&i, inner)) in members.iter().zip(rows).enumerate() {
+    for ((&i, inner), constant) in members.iter().zip(rows).zip(pivotal.values.iter_mut()) {
         let row = dense::row(work.jacobian, n, i);
-        let constant = -dense::at(work.f, i) - dense::dot(row, work.step);
-        dense::put(pivotal.values, k, constant);
+        let carried = if is_zero { 0.0 } else { dense::dot(row, work.step) };
+        *constant = -dense::at(work.f, i) - carried;
         dense::pick(inner, row, members);
-        let diagonal = dense::at(inner, k) + shift;
-        dense::put(inner, k, diagonal);
     }
     at.budget.spend_on_factors(size);
     let matrix = pivotal.inverse.get_mut(..size * size).unwrap_or(&mut []);
-    if at.problem.factor(matrix, size, pivotal.members)? <= 0.0 {
-        return Ok(false);
+    let ratio = at.problem.factor(matrix, size, pivotal.members)?;
+    if ratio <= 0.0 {
+        return Ok(None);
     }
     let inside = pivotal.values.get_mut(..size).unwrap_or(&mut []);
     dense::solve(matrix, size, pivotal.members, inside);
@@ -93,18 +103,31 @@ fn solve_inside(at: &mut Iterate<'_, '_>, shift: f64) -> Outcome<bool> {
     for ((step, _), value) in steps.filter(|(_, &held)| held == INSIDE).zip(inside.iter()) {
         *step = *value;
     }
-    Ok(dense::is_finite(work.step))
+    Ok(dense::is_finite(work.step).then_some(ratio))
+}
+
+/// The natural residual of the step where it was found.
+pub(super) fn residual(at: &mut Iterate<'_, '_>) -> f64 {
+    let work = &mut *at.work;
+    let (lower, upper) = (&*work.lower, &*work.upper);
+    let avi = AffineVi { matrix: work.jacobian, shift: 0.0, q: work.f, lower, upper };
+    // at the bounds F is known
+    let held = &*work.pivotal.held;
+    avi.map_where(|i| is_inside(held, i), work.step, work.pivotal.residual);
+    natural_residual(work.step, work.pivotal.residual, work.lower, work.upper)
 }
 
 /// Moves what is outside the box to its bounds and frees what is pushed off them; the number of
 /// components that changed.
-fn change_active_set(at: &mut Iterate<'_, '_>, shift: f64) -> usize {
+fn change_active_set(at: &mut Iterate<'_, '_>) -> usize {
     let work = &mut *at.work;
     let wrong = ROUNDING * (1.0 + dense::norm(work.f));
     let mut changes = 0;
-    let avi =
-        AffineVi { matrix: work.jacobian, shift, q: work.f, lower: work.lower, upper: work.upper };
-    avi.map(work.step, work.pivotal.residual);
+    let (lower, upper) = (&*work.lower, &*work.upper);
+    let avi = AffineVi { matrix: work.jacobian, shift: 0.0, q: work.f, lower, upper };
+    // inside F is what was solved for
+    let held = &*work.pivotal.held;
+    avi.map_where(|i| !is_inside(held, i), work.step, work.pivotal.residual);
     for (i, &d) in work.step.iter().enumerate() {
         let (lower, upper) = avi.bounds(i);
         let f = dense::at(work.pivotal.residual, i);

@@ -33,8 +33,10 @@ pub(super) struct Iterate<'a, 'w> {
     /// Largest residual of a solution: `tol`, or `rtol` times the residual of the start.
     pub(super) tol: f64,
     pub(super) stage: Stage,
-    /// `work.jacobian` was filled in this stage.
+    /// `work.jacobian` was filled in this stage, or is that of an affine `F`.
     pub(super) jacobian_is_known: bool,
+    /// `work.jacobian` is regular on the rows that the active set holds inside, by the pivots there.
+    pub(super) inside_is_regular: bool,
     /// The smoothing Newton method was tried before the paths.
     pub(super) was_smoothed: bool,
     /// It was tried to prove that there is no solution.
@@ -74,6 +76,7 @@ impl<'a, 'w> Iterate<'a, 'w> {
             tol: settings.tol,
             stage: Stage::JosephyNewton,
             jacobian_is_known: false,
+            inside_is_regular: false,
             was_smoothed: false,
             proof_was_sought: false,
             rows_await_scaling: settings.row_scale == RowScale::Jacobian,
@@ -164,7 +167,7 @@ impl<'a, 'w> Iterate<'a, 'w> {
     /// False where they are finite nowhere tried.
     pub(super) fn begin(&mut self) -> Outcome<bool> {
         dense::copy(self.work.point, self.work.trial);
-        self.jacobian_is_known = false;
+        self.jacobian_is_known &= self.problem.is_affine();
         for push in PUSHES {
             self.push_from_bounds(push);
             self.residual = f64::NAN;
@@ -225,6 +228,7 @@ impl<'a, 'w> Iterate<'a, 'w> {
             *scale = if size > 0.0 && size.is_finite() { 1.0 / size } else { 1.0 };
         }
         self.rows_await_scaling = false;
+        self.jacobian_is_known = false;
         self.best_residual = f64::INFINITY;
         dense::copy(self.work.trial, self.z);
         let merit = self.merit_of_trial()?;

@@ -36,18 +36,24 @@ impl Iterate<'_, '_> {
     }
 
     /// The scaled Jacobian at `work.trial`, where `F` is `work.trial_f`; entries that are not
-    /// finite by differences. False where these are not finite either.
+    /// finite by differences. False where these are not finite either. That of an affine `F` is
+    /// evaluated once.
     pub(super) fn jacobian_at_trial(&mut self) -> Outcome<bool> {
         let n = self.n();
         self.problem.poll()?;
+        if self.jacobian_is_known && self.problem.is_affine() {
+            return Ok(true);
+        }
         let work = &mut *self.work;
         self.counts.jacobian += 1;
-        self.jacobian_is_known = true;
+        self.inside_is_regular = false;
         self.problem.jacobian(work.trial, work.jacobian)?;
-        for (row, scale) in work.jacobian.chunks_exact_mut(n).zip(work.scale.iter()) {
+        let rows = work.jacobian.chunks_exact_mut(n).zip(work.scale.iter());
+        for (row, scale) in rows.filter(|(_, scale)| **scale != 1.0) {
             row.iter_mut().for_each(|entry| *entry *= scale);
         }
-        Ok(dense::is_finite(work.jacobian) || self.mend_jacobian()?)
+        self.jacobian_is_known = dense::is_finite(work.jacobian) || self.mend_jacobian()?;
+        Ok(self.jacobian_is_known)
     }
 
     /// `J_ij <- (F_i(z + h e_j) - F_i(z)) / h` for the entries that are not finite, towards the

@@ -96,23 +96,16 @@ pub(super) fn josephy_newton(at: &mut Iterate<'_, '_>, plan: Plan) -> Outcome<St
 
 /// `work.step <- z_N - z`, from the first method and regularisation whose affine solution holds.
 fn newton_point(at: &mut Iterate<'_, '_>, plan: Plan, proximal: f64) -> Outcome<PathEnd> {
-    let scale = 1.0 + dense::norm(at.work.jacobian);
     let first = Method::Path(plan.start);
     let second = Method::Path(match plan.start {
         Start::Regular => Start::Ray,
         Start::Ray => Start::Regular,
     });
-    let shift = proximal * scale;
-    let [slight, strong] = REGULARISED.map(|weight| shift + weight * scale);
-    let attempts = [
-        (Method::ActiveSet, shift),
-        (first, shift),
-        (second, shift),
-        (first, slight),
-        (first, strong),
-    ];
+    let [slight, strong] = REGULARISED;
+    let attempts =
+        [(Method::ActiveSet, 0.0), (first, 0.0), (second, 0.0), (first, slight), (first, strong)];
     let (mut end, mut has_failed) = (PathEnd::Singular, false);
-    for (method, shift) in attempts.into_iter().skip(usize::from(!plan.active_set)) {
+    for (method, weight) in attempts.into_iter().skip(usize::from(!plan.active_set)) {
         if at.budget.is_spent() {
             return Ok(PathEnd::PivotLimit);
         }
@@ -124,12 +117,21 @@ fn newton_point(at: &mut Iterate<'_, '_>, plan: Plan, proximal: f64) -> Outcome<
             return Ok(PathEnd::Solved);
         }
         has_failed |= is_path;
-        end = affine_step(at, method, shift)?;
+        end = affine_step(at, method, shift_by(at, proximal, weight))?;
         if end == PathEnd::Solution {
             break;
         }
     }
     Ok(end)
+}
+
+/// The weights relative to `1 + |J|`.
+fn shift_by(at: &Iterate<'_, '_>, proximal: f64, weight: f64) -> f64 {
+    if proximal == 0.0 && weight == 0.0 {
+        return 0.0;
+    }
+    let scale = 1.0 + dense::norm(at.work.jacobian);
+    proximal * scale + weight * scale
 }
 
 /// Looks for a proof that an affine problem has no solution, once in a solve.
@@ -178,26 +180,29 @@ fn affine_step(at: &mut Iterate<'_, '_>, method: Method, shift: f64) -> Outcome<
     }
     let end = match method {
         Method::Path(start) => follow_path(at, start, shift)?,
-        Method::ActiveSet if active_set::solve(at, shift, at.pivots_left())? => PathEnd::Solution,
+        Method::ActiveSet if active_set::solve(at, at.pivots_left())? => PathEnd::Solution,
         Method::ActiveSet => PathEnd::Singular,
     };
     if end != PathEnd::Solution {
         return Ok(end);
     }
-    let work = &mut *at.work;
-    let avi =
-        AffineVi { matrix: work.jacobian, shift, q: work.f, lower: work.lower, upper: work.upper };
-    let trusted = TRUSTED * (1.0 + dense::norm(work.f));
-    Ok(if avi.residual(work.step, work.trial_f) <= trusted {
-        PathEnd::Solution
-    } else {
-        PathEnd::Singular
-    })
+    let residual = match method {
+        Method::ActiveSet => active_set::residual(at),
+        Method::Path(_) => {
+            let work = &mut *at.work;
+            let (lower, upper) = (&*work.lower, &*work.upper);
+            let avi = AffineVi { matrix: work.jacobian, shift, q: work.f, lower, upper };
+            avi.residual(work.step, work.trial_f)
+        }
+    };
+    let trusted = TRUSTED * (1.0 + dense::norm(at.work.f));
+    Ok(if residual <= trusted { PathEnd::Solution } else { PathEnd::Singular })
 }
 
 /// Pivots from `d = 0`.
 fn follow_path(at: &mut Iterate<'_, '_>, start: Start, shift: f64) -> Outcome<PathEnd> {
     let limit = at.pivots_left();
+    at.inside_is_regular = false;
     let work = &mut *at.work;
     let avi =
         AffineVi { matrix: work.jacobian, shift, q: work.f, lower: work.lower, upper: work.upper };

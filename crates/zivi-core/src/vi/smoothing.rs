@@ -258,7 +258,7 @@ fn active_step(at: &mut Iterate<'_, '_>) -> Outcome<bool> {
     for (((lower, upper), z), (l, u)) in reach.zip(at.lower.iter().zip(at.upper)) {
         (*lower, *upper) = (l - z, u - z);
     }
-    if !active_set::solve(at, 0.0, at.pivots_left())? {
+    if !active_set::solve(at, at.pivots_left())? {
         return Ok(false);
     }
     advance(at, 1.0);

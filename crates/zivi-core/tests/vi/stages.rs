@@ -3,7 +3,7 @@
 
 use crate::support::{residual, solve, Maps};
 use zivi_core::vi::{
-    Affine, EvaluationError, InvalidInput, Problem, RowScale, Settings, Stage, Status,
+    Affine, EvaluationError, Interruption, InvalidInput, Problem, RowScale, Settings, Stage, Status,
 };
 
 const INF: f64 = f64::INFINITY;
@@ -119,6 +119,93 @@ fn a_continuum_is_told_from_an_isolated_solution() {
     };
     assert_eq!(run(&[1.0, 1.0, 1.0, 1.0], &[-0.5, -0.5]), Status::SolvedNotIsolated);
     assert_eq!(run(&[1.0, 1.0, 0.0, 1.0], &[-0.5, -0.5]), Status::Solved);
+}
+
+/// An affine problem of many unknowns that counts what is done with its matrix.
+struct Counted<'a> {
+    affine: Affine<'a>,
+    jacobians: usize,
+    factors: usize,
+}
+
+impl Problem for Counted<'_> {
+    fn map(&mut self, z: &[f64], f: &mut [f64]) -> Result<(), EvaluationError> {
+        self.affine.map(z, f)
+    }
+
+    fn jacobian(&mut self, z: &[f64], jacobian: &mut [f64]) -> Result<(), EvaluationError> {
+        self.jacobians += 1;
+        self.affine.jacobian(z, jacobian)
+    }
+
+    fn factor(
+        &mut self,
+        matrix: &mut [f64],
+        k: usize,
+        permutation: &mut [usize],
+    ) -> Result<f64, Interruption> {
+        self.factors += 1;
+        self.affine.factor(matrix, k, permutation)
+    }
+
+    fn is_affine(&self) -> bool {
+        true
+    }
+}
+
+/// The status of a complementarity problem of 20 unknowns, of which 10 are `1` and the others `0`
+/// but for what the leading `2 x 2` block and its constants change; how many matrices were factored.
+fn with_block(block: [f64; 4], constants: [f64; 2]) -> (Status, usize) {
+    const N: usize = 20;
+    let (mut matrix, mut q) = ([0.0; N * N], [1.0; N]);
+    (0..N).for_each(|i| matrix[i * N + i] = 1.0);
+    q[..10].fill(-1.0);
+    matrix[..2].copy_from_slice(&block[..2]);
+    matrix[N..N + 2].copy_from_slice(&block[2..]);
+    q[..2].copy_from_slice(&constants);
+    let affine = Affine { matrix: &matrix, q: &q };
+    let mut problem = Counted { affine, jacobians: 0, factors: 0 };
+    let (mut z, settings) = ([0.0; N], Settings::default());
+    let report = solve(&mut problem, &[0.0; N], &[INF; N], &mut z, &settings).unwrap();
+    assert_eq!((report.stage, report.counts.jacobian), (Stage::JosephyNewton, 1));
+    assert_eq!(problem.jacobians, 1);
+    (report.status, problem.factors)
+}
+
+#[test]
+fn the_factors_that_found_a_solution_tell_whether_it_is_isolated() {
+    // regular: nothing is factored again
+    assert_eq!(with_block([1.0, 0.5, 0.0, 1.0], [-1.0, -1.0]), (Status::Solved, 1));
+    // a row of small numbers is looked at more closely
+    assert_eq!(with_block([1e-9, 0.0, 0.0, 1.0], [-1e-9, -1.0]), (Status::Solved, 2));
+    let nearly = [1.0, 1.0, 1.0, 1.0 + 1e-13];
+    assert_eq!(with_block(nearly, [-2.0, -2.0]), (Status::SolvedNotIsolated, 2));
+    // the second unknown stays at its bound with F = 0: it counts as inside
+    assert_eq!(with_block([1.0, 0.5, -1.0, 1.0], [-1.0, 1.0]), (Status::Solved, 2));
+    assert_eq!(with_block([1.0, 1.0, -1.0, -1.0], [-1.0, 1.0]), (Status::SolvedNotIsolated, 2));
+}
+
+#[test]
+fn the_matrix_of_an_affine_problem_is_read_once() {
+    // without the stages that pivot: some iterations from a start that is far away
+    let (matrix, q) = ([4.0, 1.0, 2.0, -1.0, 3.0, 1.0, 0.0, -2.0, 2.0], [-3.0, 4.0, -200.0]);
+    let of = |row_scale| Settings {
+        josephy_newton: false,
+        semismooth: true,
+        proximal: true,
+        row_scale,
+        ..ONLY_S0
+    };
+    for (row_scale, times) in [(RowScale::Unit, 1), (RowScale::Jacobian, 2)] {
+        let affine = Affine { matrix: &matrix, q: &q };
+        let mut problem = Counted { affine, jacobians: 0, factors: 0 };
+        let (mut z, settings) = ([9.0, -3.0, 0.0], of(row_scale));
+        let bounds = ([-INF, -3.0, 0.0], [INF, 20.0, INF]);
+        let report = solve(&mut problem, &bounds.0, &bounds.1, &mut z, &settings).unwrap();
+        assert_eq!((report.status, problem.jacobians), (Status::Solved, times), "{report:?}");
+        assert!(report.counts.iterations > 2 && report.counts.jacobian == times);
+        assert!(residual(&mut problem, &bounds.0, &bounds.1, &z) < 4e-9, "rows of up to 4");
+    }
 }
 
 #[test]

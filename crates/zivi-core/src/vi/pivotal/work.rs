@@ -55,9 +55,21 @@ impl AffineVi<'_> {
 
     /// `F = (M + shift I) z + q`.
     pub(in super::super) fn map(&self, z: &[f64], f: &mut [f64]) {
-        dense::multiply(self.matrix, z, f);
-        for (f, (z, q)) in f.iter_mut().zip(z.iter().zip(self.q)) {
-            *f += self.shift * z + q;
+        self.map_where(|_| true, z, f);
+    }
+
+    /// The components of `F` that are asked for.
+    pub(in super::super) fn map_where(
+        &self,
+        asked: impl Fn(usize) -> bool,
+        z: &[f64],
+        f: &mut [f64],
+    ) {
+        let rows = dense::rows(self.matrix, self.n()).zip(z.iter().zip(self.q));
+        for ((i, f), (row, (zi, q))) in f.iter_mut().enumerate().zip(rows) {
+            if asked(i) {
+                *f = dense::dot(row, z) + (self.shift * zi + q);
+            }
         }
     }
 
