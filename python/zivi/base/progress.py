@@ -31,16 +31,18 @@ class ProgressBar:
         What is done.
     """
 
+    # of a bar that is not open: short runs are called by the million
+    _started = 0.0
+    _bar: rich.progress.Progress | None = None
+    _task: rich.progress.TaskID | None = None
+
     def __init__(self, show: bool | None, title: str = "simulate") -> None:
         if show:
             needed("rich", "progress bars")
         self._title = title
-        self._wanted = _can_be_written() and (
-            (sys.stderr.isatty() and have("rich")) if show is None else show
-        )
-        self._started = time.monotonic() if self._wanted else 0.0
-        self._bar: rich.progress.Progress | None = None
-        self._task: rich.progress.TaskID | None = None
+        self._wanted = _can_be_written() and (_is_terminal() if show is None else show)
+        if self._wanted:
+            self._started = time.monotonic()
 
     @property
     def report(self) -> Report | None:
@@ -71,6 +73,20 @@ class ProgressBar:
 def _can_be_written() -> bool:
     """Whether there is a standard error: services have none, and it may be closed."""
     return sys.stderr is not None and not getattr(sys.stderr, "closed", False)
+
+
+_seen: tuple[object, bool] = (None, False)
+"""The last standard error that was asked, and its answer: the system takes a while to give it."""
+
+
+def _is_terminal() -> bool:
+    """Whether standard error is a terminal that a bar can be drawn on."""
+    global _seen
+    stream, terminal = _seen
+    if stream is not sys.stderr:
+        terminal = sys.stderr.isatty()
+        _seen = (sys.stderr, terminal)
+    return terminal and have("rich")
 
 
 def _open_bar(title: str, of: int) -> tuple[rich.progress.Progress, rich.progress.TaskID]:

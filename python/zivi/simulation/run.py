@@ -35,6 +35,8 @@ from zivi.system.mechanism import MechanicalSystem
 __all__ = ["simulate"]
 
 DEFAULT_METHOD = SwitchedRK()
+THE_MOTION, THE_STEPS = _zivi.Keep(dense=True), _zivi.Keep(dense=False)
+"""What most runs keep, made once."""
 
 Event: TypeAlias = Callable[..., float]
 """``g(t, x, xdot)`` or ``g(t, y)``, with attributes ``terminal`` and ``direction``."""
@@ -175,7 +177,8 @@ def simulate(
     >>> round(float(sol.y_events[0][1, 0]), 9)  # the first apex after an impact, e^2 high
     0.25
     """
-    refuse("simulate", misplaced)
+    if misplaced:
+        refuse("simulate", misplaced)
     if isinstance(system, ImpactSystem) and system.friction is not None:
         system = mechanism_of(system)
     if isinstance(system, MechanicalSystem):
@@ -202,12 +205,10 @@ def simulate(
     stops = stop_times(tstops, method, system, span)
     watched = events_of(events)
     with ProgressBar(progress) as bar, listening([system._spec]) as ear:
-        keep = _zivi.Keep(
-            t_eval=times,
-            tstops=stops,
-            events=watched,
-            dense=dense_output,
-        )
+        if times is None and stops is NO_STOPS and not watched:
+            keep = THE_MOTION if dense_output else THE_STEPS
+        else:
+            keep = _zivi.Keep(t_eval=times, tstops=stops, events=watched, dense=dense_output)
         start = _zivi.State(*state)
         record = _zivi.simulate(system._core, method._core, span, start, keep, bar.report)
     drawn = samples == "motion" and times is None

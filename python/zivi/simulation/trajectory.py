@@ -199,13 +199,12 @@ class Trajectory(MassRun):
         sol = object.__new__(cls)
         # what a record knows is made of it when it is asked for: most runs are asked for little,
         # and short ones are called by the million
-        vars(sol).update(
-            status=STATUSES[record.status],
-            n_rejected=record.n_rejected,
-            _record=record,
-            _drawn=drawn,
-            _asked=(system, method, span, state, stops),
-        )
+        own = vars(sol)
+        own["status"] = STATUSES[record.status]
+        own["n_rejected"] = record.n_rejected
+        own["_record"] = record
+        own["_drawn"] = drawn
+        own["_asked"] = (system, method, span, state, stops)
         return sol
 
     if not TYPE_CHECKING:  # which would take any name for granted
