@@ -40,11 +40,20 @@ impl Drop for Running {
 }
 
 /// Whether to go on; needs no lock.
+#[inline]
 pub(crate) fn look() -> PyResult<()> {
-    if LEAVING.load(Ordering::SeqCst) && !ENDS.get() {
-        return Err(PySystemExit::new_err("the interpreter ends"));
+    if LEAVING.load(Ordering::SeqCst) {
+        return look_while_leaving();
     }
     Ok(())
+}
+
+#[cold]
+fn look_while_leaving() -> PyResult<()> {
+    if ENDS.get() {
+        return Ok(());
+    }
+    Err(PySystemExit::new_err("the interpreter ends"))
 }
 
 /// Asks the runs of other threads to stop and waits until they have; False if some have not.

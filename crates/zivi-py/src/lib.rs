@@ -35,6 +35,7 @@ mod tracking;
 mod transform;
 mod tree;
 mod user_events;
+mod vectorcall;
 mod vi;
 mod watch;
 

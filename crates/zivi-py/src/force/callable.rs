@@ -7,10 +7,11 @@ use pyo3::types::PyFloat;
 use zivi::{Dependence, Force};
 
 use crate::leaving;
+use crate::vectorcall::Function;
 
 /// A Python callable; the interpreter lock is held for the whole run.
 pub(crate) struct PythonForce<'py> {
-    callable: Bound<'py, PyAny>,
+    function: Function<'py>,
     /// Where the state is, if it is handed on as an array.
     state: Option<Bound<'py, PyArray1<f64>>>,
     reads_time: bool,
@@ -20,14 +21,16 @@ impl<'py> PythonForce<'py> {
     /// Called with time and state, or with an array of the state if `of_array`.
     pub(super) fn new(callable: Bound<'py, PyAny>, of_array: bool, reads_time: bool) -> Self {
         let state = of_array.then(|| PyArray1::zeros(callable.py(), 2, false));
-        Self { callable, state, reads_time }
+        Self { function: Function::new(callable), state, reads_time }
     }
 
+    #[inline(always)]
     fn call(&mut self, t: f64, x: f64, xdot: f64) -> PyResult<Bound<'py, PyAny>> {
-        let (py, callable) = (self.callable.py(), &self.callable);
+        let py = self.function.py();
         let t = PyFloat::new(py, t);
         let Some(state) = &mut self.state else {
-            return called(callable, (&t, &PyFloat::new(py, x), Some(&PyFloat::new(py, xdot))));
+            let (x, xdot) = (PyFloat::new(py, x), PyFloat::new(py, xdot));
+            return self.function.call(&t, &x, Some(&xdot));
         };
         // SAFETY: of an object that is held here
         if unsafe { pyo3::ffi::Py_REFCNT(state.as_ptr()) } > 1 {
@@ -39,42 +42,30 @@ impl<'py> PythonForce<'py> {
             *state.uget_mut(0) = x;
             *state.uget_mut(1) = xdot;
         }
-        called(callable, (&t, state, None))
+        self.function.call(&t, state, None)
     }
 }
 
-/// Calls with two or three arguments, without the tuple that `Bound::call1` makes of them where the
-/// interface is the stable one.
-fn called<'py>(
-    callable: &Bound<'py, PyAny>,
-    (one, two, three): (&Bound<'py, PyAny>, &Bound<'py, PyAny>, Option<&Bound<'py, PyAny>>),
-) -> PyResult<Bound<'py, PyAny>> {
-    let end = std::ptr::null_mut::<pyo3::ffi::PyObject>();
-    let three = three.map_or(end, |it| it.as_ptr());
-    // SAFETY: objects that live as long as the call, the last of them null; it gives a new one, or
-    // null with an error
-    unsafe {
-        let (one, two, function) = (one.as_ptr(), two.as_ptr(), callable.as_ptr());
-        let value = pyo3::ffi::PyObject_CallFunctionObjArgs(function, one, two, three, end);
-        Bound::from_owned_ptr_or_err(callable.py(), value)
-    }
+/// The error of a function that returned no number.
+#[cold]
+fn no_number(value: &Bound<'_, PyAny>, error: PyErr) -> PyErr {
+    let kind = value.get_type();
+    let alone = match value.len() {
+        Ok(2) => ": the acceleration alone, not [xdot, acceleration]",
+        _ => "",
+    };
+    let message = format!("force(t, x, xdot) must return a float, got {kind}{alone}");
+    let named = PyTypeError::new_err(message);
+    named.set_cause(value.py(), Some(error));
+    named
 }
 
 impl Force<PyErr> for PythonForce<'_> {
+    #[inline]
     fn at(&mut self, t: f64, x: f64, xdot: f64) -> PyResult<f64> {
         let value = self.call(t, x, xdot)?;
         leaving::look()?;
-        value.extract().map_err(|error| {
-            let kind = value.get_type();
-            let alone = match value.len() {
-                Ok(2) => ": the acceleration alone, not [xdot, acceleration]",
-                _ => "",
-            };
-            let message = format!("force(t, x, xdot) must return a float, got {kind}{alone}");
-            let named = PyTypeError::new_err(message);
-            named.set_cause(value.py(), Some(error));
-            named
-        })
+        value.extract().map_err(|error| no_number(&value, error))
     }
 
     fn dependence_at_rest(&self) -> Dependence {
@@ -90,6 +81,6 @@ impl Force<PyErr> for PythonForce<'_> {
     }
 
     fn is_interruption(&self, error: &PyErr) -> bool {
-        !error.is_instance_of::<PyException>(self.callable.py())
+        !error.is_instance_of::<PyException>(self.function.py())
     }
 }

@@ -44,16 +44,36 @@ impl Bernstein {
     }
 
     /// `y + theta (f_0 + (1 - theta) (f_1 + theta (f_2 + (1 - theta) (f_3 + ...))))`.
-    pub(crate) fn from_nested(y: f64, f: [f64; 7]) -> Self {
-        let mut p = Self::new(&[f[6]]);
-        for i in (0..6).rev() {
-            p = if i % 2 == 0 { p.times_one_minus_theta() } else { p.times_theta() };
-            p.add(f[i]);
-        }
-        p = p.times_theta();
-        p.add(y);
-        p
+    pub(crate) fn from_nested(y: f64, [f0, f1, f2, f3, f4, f5, f6]: [f64; 7]) -> Self {
+        let mut c = [0.0; MOST_DEGREE + 1];
+        c[0] = f6;
+        times_theta_plus::<1>(&mut c, f5);
+        times_one_minus_theta_plus::<2>(&mut c, f4);
+        times_theta_plus::<3>(&mut c, f3);
+        times_one_minus_theta_plus::<4>(&mut c, f2);
+        times_theta_plus::<5>(&mut c, f1);
+        times_one_minus_theta_plus::<6>(&mut c, f0);
+        times_theta_plus::<7>(&mut c, y);
+        Self { n: MOST_DEGREE, c }
     }
+}
+
+/// `theta p + constant`, of degree `N`.
+#[inline(always)]
+fn times_theta_plus<const N: usize>(c: &mut [f64; MOST_DEGREE + 1], constant: f64) {
+    for j in (1..=N).rev() {
+        c[j] = j as f64 / N as f64 * c[j - 1] + constant;
+    }
+    c[0] = 0.0 + constant;
+}
+
+/// `(1 - theta) p + constant`, of degree `N`.
+#[inline(always)]
+fn times_one_minus_theta_plus<const N: usize>(c: &mut [f64; MOST_DEGREE + 1], constant: f64) {
+    for (j, c) in c.iter_mut().enumerate().take(N) {
+        *c = (N - j) as f64 / N as f64 * *c + constant;
+    }
+    c[N] = 0.0 + constant;
 }
 
 impl<const M: usize> Polynomial<M> {
@@ -314,9 +334,19 @@ pub(crate) fn evaluate(coefficients: &[f64], theta: f64) -> f64 {
 }
 
 fn value<const M: usize>(coefficients: &[f64], theta: f64) -> f64 {
+    const ALL: usize = MOST_DEGREE + 1;
     let n = coefficients.len();
-    if n > MOST_DEGREE + 1 {
+    if n > ALL {
         return nested(coefficients, theta);
+    }
+    if let Ok(mut c) = <[f64; ALL]>::try_from(coefficients) {
+        // most are of this degree
+        for level in 1..ALL {
+            for j in 0..ALL - level {
+                c[j] += theta * (c[j + 1] - c[j]);
+            }
+        }
+        return c[0];
     }
     let mut c = [0.0; M];
     c[..n].copy_from_slice(coefficients);

@@ -129,7 +129,10 @@ impl<Q: Coordinates> Stages<Q> {
         for (one, place) in [at.x, at.xdot, slope].into_iter().zip(work) {
             one.give_back(place);
         }
-        done
+        match done {
+            Ok(()) => Ok(()), // nothing of an error is copied
+            failed => failed,
+        }
     }
 
     /// Evaluates the accelerations at the end of the step, which is the next stage.

@@ -53,12 +53,26 @@ impl<'a, F> Counted<'a, F> {
         let t = self.smooth.nearest(t);
         let state = Physical { x, xdot };
         match evaluate(self.force, t, state) {
-            Err(failure) if ends_at_the_wall(self.force, state, &failure) => {
-                self.count += 1;
-                evaluate(self.force, t, Physical { x: 0.0, ..state })
-            }
-            value => value,
+            Ok(value) => Ok(value),
+            Err(failure) => self.at_the_wall_instead(t, state, failure),
         }
+    }
+
+    #[cold]
+    fn at_the_wall_instead<E>(
+        &mut self,
+        t: f64,
+        state: Physical,
+        failure: Failure<E>,
+    ) -> Result<f64, Failure<E>>
+    where
+        F: Force<E>,
+    {
+        if !ends_at_the_wall(self.force, state, &failure) {
+            return Err(failure);
+        }
+        self.count += 1;
+        evaluate(self.force, t, Physical { x: 0.0, ..state })
     }
 
     /// The force on the mass at rest at the wall.

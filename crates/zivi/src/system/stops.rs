@@ -23,7 +23,12 @@ impl Smooth {
     /// The time at which the system is evaluated instead of `t`.
     #[inline(always)]
     pub(crate) fn nearest(self, t: f64) -> f64 {
-        t.max(self.from).min(self.to)
+        let t = if t < self.from { self.from } else { t };
+        if t > self.to {
+            self.to
+        } else {
+            t
+        }
     }
 
     /// Its ends.
