@@ -5,7 +5,6 @@ import dataclasses
 import json
 import os
 import re
-import signal
 import subprocess
 import sys
 import textwrap
@@ -316,10 +315,15 @@ def test_to_xarray_round_trip(save, tmp_path):
 
 
 def test_events_of_many_runs_take_no_time():
-    begun = time.monotonic()
-    batch = run(y0=np.tile((0.1, 0.0), (20_000, 1)), method=zivi.ThetaGamma(1e-2), save="events")
-    assert len(batch.events) == 20_000
-    assert time.monotonic() - begun < 10.0
+    def took(n):
+        begun = time.process_time()  # a busy machine does not count
+        batch = run(y0=np.tile((0.1, 0.0), (n, 1)), method=zivi.ThetaGamma(1e-2), save="events")
+        assert len(batch.events) == n
+        return time.process_time() - begun
+
+    # four times the runs: sixteen times the time if each looked through the events of all
+    few, many = min(took(5_000) for _ in range(3)), min(took(20_000) for _ in range(3))
+    assert many < 8 * few, (few, many)
 
 
 MEMORY = """
@@ -354,17 +358,27 @@ def test_memory_does_not_grow_with_the_steps():
 
 
 INTERRUPTED = """
-    import signal
+    import os, signal, threading, time
     import numpy as np
     import zivi
 
     signal.signal(signal.SIGINT, signal.default_int_handler)  # a background shell ignores it
     states = np.tile((1.0, 0.0), (20_000, 1))
-    print("started", flush=True)
+    sent = []
+
+    def interrupt():
+        # of the processor, of which a busy machine gives less: the runs are under way
+        while time.process_time() < begun + 0.5:
+            time.sleep(0.01)
+        sent.append(time.process_time())
+        os.kill(os.getpid(), signal.SIGINT)
+
+    begun = time.process_time()
+    threading.Thread(target=interrupt, daemon=True).start()
     try:
         zivi.simulate_batch({system}, (0, 1000), states, method={method}, threads=2)
     except KeyboardInterrupt:
-        print("stopped", flush=True)
+        print("stopped after", time.process_time() - sent[0], flush=True)
 """
 
 
@@ -384,22 +398,13 @@ INTERRUPTED = """
 )
 def test_interrupt(system, method):
     program = textwrap.dedent(INTERRUPTED).format(system=system, method=method)
-    with subprocess.Popen(
-        [sys.executable, "-c", program], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
-    ) as process:
-        try:
-            line = process.stdout.readline()
-            assert line == "started\n", line + process.stderr.read()
-            time.sleep(0.5)
-            assert process.poll() is None
-            process.send_signal(signal.SIGINT)
-            sent = time.monotonic()
-            output, errors = process.communicate(timeout=30)
-            took = time.monotonic() - sent
-        finally:
-            process.kill()
-    assert (process.returncode, output) == (0, "stopped\n"), errors
-    assert took < 3.0, f"{took:.2f} s"
+    done = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, check=False, timeout=120
+    )
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.startswith("stopped after "), done.stdout + done.stderr
+    # of both threads together
+    assert float(done.stdout.split()[2]) < 1.0, done.stdout
 
 
 def test_the_page():
