@@ -11,8 +11,16 @@
  *
  * All three are computed for every ball, and selected: no branch, so that a compiler vectorises
  * over the balls. The division is not within the selection, which a compiler that minds traps
- * would otherwise mask. C99, no dependencies.
+ * would otherwise mask. C99, no dependencies but cos.
+ *
+ * batch_driven does the same under f = -k x - c x' - g + a cos(w t) <= 0, taken at the end of the
+ * step. There x' = R v + h f and x = s + h x', so that the force of a free step is
+ *
+ *   f = (a cos(w t) - g - k s - (k h + c) R v)/(1 + c h + k h^2)
+ *
+ * with R of the start; the steps over the apex and onto the wall take it, too.
  */
+#include <math.h>
 #include <stddef.h>
 
 /* Balls that are moved together: their states stay in the first-level cache. */
@@ -45,9 +53,46 @@ static void block(const batch_problem *p, size_t balls, double *restrict s, doub
     }
 }
 
+typedef struct {
+    double h, kappa, gravity, stiffness, damping, amplitude, omega;
+    size_t balls, steps;
+} driven_problem;
+
+static void driven_block(const driven_problem *p, size_t balls, double *restrict s,
+                         double *restrict v)
+{
+    const double h = p->h, kappa = p->kappa, out = 1.0 - kappa, in = 1.0 + kappa;
+    const double per_out = 1.0 / out, per_in = 1.0 / in, h_out = h * out, h_in = h * in;
+    const double k = p->stiffness, by_v = k * h + p->damping;
+    const double per_slope = 1.0 / (1.0 + h * by_v);
+    for (size_t n = 0; n < p->steps; n++) {
+        const double wave = p->amplitude * cos(p->omega * (double)(n + 1) * h);
+        for (size_t i = 0; i < balls; i++) {
+            const double r = v[i] < 0.0 ? in : out;
+            const double f = (wave - p->gravity - k * s[i] - by_v * (r * v[i])) * per_slope;
+            const double b = -h * f, fastest = b / kappa;
+            const double rises = max(v[i] - b * per_out, 0.0), falls = min(v[i] - b * per_in, 0.0);
+            const double s_free = s[i] + (h_out * rises + h_in * falls);
+            const double v_over = v[i] + b * per_out, s_over = s[i] + h_out * v_over;
+            const double v_onto = s[i] * (fastest - v[i]), below = h * fastest + s[i];
+            const int free = s_free > 0.0, over = s_over < 0.0;
+            const double v_next = free ? rises + falls : over ? -v_over : v_onto;
+            v[i] = v_next / (free ? 1.0 : over ? 1.0 : below);
+            s[i] = free ? s_free : over ? -s_over : 0.0;
+        }
+    }
+}
+
 /* Moves the balls from (s, v), s >= 0, over the steps. */
 void batch_run(const batch_problem *p, double *s, double *v)
 {
     for (size_t i = 0; i < p->balls; i += BLOCK)
         block(p, p->balls - i < BLOCK ? p->balls - i : BLOCK, s + i, v + i);
+}
+
+/* The same under linear forces, from t = 0. */
+void batch_driven(const driven_problem *p, double *s, double *v)
+{
+    for (size_t i = 0; i < p->balls; i += BLOCK)
+        driven_block(p, p->balls - i < BLOCK ? p->balls - i : BLOCK, s + i, v + i);
 }

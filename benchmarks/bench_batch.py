@@ -43,6 +43,19 @@ def _times(times: dict[str, batch.Times], builds: list[batch.CBatch]) -> str:
     return table(("ns per ball and step", *times), rows)
 
 
+def _driven(found: batch.DrivenTimes) -> str:
+    def row(title: str, values: dict[str, float]) -> tuple[str, ...]:
+        return title, *(f"{values[it]:.1f}" if it in values else "" for it in batch.DRIVEN)
+
+    rows = [
+        row("zivi.simulate_batch, one thread", found.zivi),
+        row(f"batch.c, {batch.PLAIN}", found.c),
+        row("ratio", found.ratio),
+        row("zivi, every ball with a frequency of its own", found.own_waves),
+    ]
+    return table(("ns per ball and step", *batch.DRIVEN), rows)
+
+
 def _memory(cases: list[memory.Case]) -> str:
     rows = [
         (
@@ -71,6 +84,8 @@ def measure() -> str:
         for name, scene in batch.SCENES.items():
             _say(f"timing batches, {name}")
             times[name] = batch.times(builds, single, scene)
+        _say("timing linear forces")
+        driven = batch.driven(next(it for it in builds if it.flags == batch.PLAIN))
         _say("timing threads")
         scaling = batch.scaling(builds[0])
     _say("measuring the memory of batches")
@@ -110,6 +125,18 @@ Both compute the same: {agreement.same} of {batch.BALLS} balls come to rest in t
 and there (at most {agreement.steps_apart} steps apart), positions at 0.5 and 1.2 s differ by at
 most {agreement.position:.0e} m. Eight of the balls end as `zivi.simulate` ends them, to the
 last bit, and one and two threads give the same bits.
+
+## Under linear forces
+
+Gravity of 9.81 m/s^2 with a wave of 5 m/s^2 and 7 rad/s, with a spring of 20 1/s^2 and a damper of
+0.3 1/s, and with both; h = 6e-4 s, the balls move all the time. The C loop solves the linear
+equation of a free step in closed form, zivi takes the trials of `zivi.simulate`, whose bits it has;
+where balls share frequency and phase they share the cosine. At 0.5 s positions differ by at most
+{driven.apart:.0e} m (the step over an apex is another one).
+
+{_driven(driven)}
+
+`MoreauJean(h)` under the constant force, run by run: {driven.moreau:.1f} ns.
 
 ## Threads
 

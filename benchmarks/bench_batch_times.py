@@ -52,6 +52,30 @@ class Problem(ctypes.Structure):
     )
 
 
+class DrivenProblem(ctypes.Structure):
+    """`driven_problem` of `batch.c`."""
+
+    _fields_ = (
+        *(
+            (name, ctypes.c_double)
+            for name in ("h", "kappa", "gravity", "stiffness", "damping", "amplitude", "omega")
+        ),
+        ("balls", ctypes.c_size_t),
+        ("steps", ctypes.c_size_t),
+    )
+
+
+DRIVEN = {
+    "a wave": {"gravity": 9.81, "amplitude": 5.0, "omega": 7.0},
+    "spring and damper": {"gravity": 9.81, "stiffness": 20.0, "damping": 0.3},
+    "both": {
+        **{"gravity": 9.81, "stiffness": 20.0, "damping": 0.3},
+        **{"amplitude": 5.0, "omega": 7.0},
+    },
+}
+"""Linear forces, by name: their coefficients."""
+
+
 @dataclasses.dataclass(frozen=True)
 class CBatch:
     """One build of `batch.c`."""
@@ -69,6 +93,14 @@ class CBatch:
             ctypes.byref(posed), s.ctypes.data_as(pointer), v.ctypes.data_as(pointer)
         )
 
+    def driven(self, s: States, v: States, h: float, steps: int, force: dict[str, float]) -> None:
+        """Move the balls from `(s, v)` under a linear force, in place."""
+        posed = DrivenProblem(h=h, kappa=cball.KAPPA, balls=len(s), steps=steps, **force)
+        pointer = ctypes.POINTER(ctypes.c_double)
+        self.library.batch_driven(
+            ctypes.byref(posed), s.ctypes.data_as(pointer), v.ctypes.data_as(pointer)
+        )
+
 
 def build(directory: Path) -> list[CBatch]:
     """Compile `batch.c` with each set of `FLAGS` into `directory`."""
@@ -79,7 +111,7 @@ def build(directory: Path) -> list[CBatch]:
     for number, (name, flags) in enumerate(FLAGS.items()):
         target = directory / f"batch{number}.so"
         checks = ("-std=c99", "-Wall", "-Wextra", "-Wpedantic", "-fopt-info-vec")
-        command = (cc, *checks, *flags, "-shared", "-fPIC", "-o", target, SOURCE)
+        command = (cc, *checks, *flags, "-shared", "-fPIC", "-o", target, SOURCE, "-lm")
         done = subprocess.run(command, check=True, capture_output=True, text=True)
         said = "loop vectorized" in done.stderr + done.stdout
         builds.append(CBatch(name, ctypes.CDLL(str(target)), said))
@@ -99,13 +131,21 @@ def lifted(states: States) -> tuple[States, States]:
     return states[:, 0].copy(), states[:, 1] / (1.0 - cball.KAPPA)
 
 
-def simulate(states: States, h: float, threads: int = 1, save: str | int = "final") -> zivi.Batch:
+def simulate(
+    states: States,
+    h: float,
+    threads: int = 1,
+    save: str | int = "final",
+    *,
+    systems: zivi.ImpactSystem | list[zivi.ImpactSystem] | None = None,
+    method: zivi.ThetaGamma | zivi.MoreauJean | None = None,
+) -> zivi.Batch:
     """Run the balls for `STEPS` steps."""
     return zivi.simulate_batch(
-        zivi.ImpactSystem(cball.FORCE, kappa=cball.KAPPA),
+        systems or zivi.ImpactSystem(cball.FORCE, kappa=cball.KAPPA),
         (0.0, STEPS * h),
         states,
-        method=zivi.ThetaGamma(h),
+        method=method or zivi.ThetaGamma(h),
         save=save,
         threads=threads,
         progress=False,
@@ -224,6 +264,67 @@ def _c_run(build: CBatch, states: States, h: float) -> None:
 def _one_by_one(single: cball.CBall, states: States, h: float) -> None:
     for s, v in zip(*lifted(states), strict=True):
         single.loop(cball.Problem(0.0, STEPS * h, h, cball.KAPPA, cball.FORCE, s, v, STEPS))
+
+
+@dataclasses.dataclass(frozen=True)
+class DrivenTimes:
+    """Figures under linear forces, ns per ball and step, by their names."""
+
+    zivi: dict[str, float]
+    own_waves: dict[str, float]
+    """Where every ball has a frequency of its own."""
+    c: dict[str, float]
+    ratio: dict[str, float]
+    """Time of zivi to that of the C loop."""
+    moreau: float
+    """Moreau-Jean time stepping under a constant force."""
+    apart: float
+    """Largest difference of the positions from those of the C loop (m) at 0.5 s."""
+
+
+def driven(build: CBatch) -> DrivenTimes:
+    """Time balls under linear forces, each kind beside the C loop, in turn."""
+    h, states = 6e-4, starts()
+    omegas = np.linspace(6.0, 8.0, len(states))
+    contenders: dict[str, timing.Contender] = {}
+    apart = 0.0
+    for name, numbers in DRIVEN.items():
+        system = _driven_system(numbers)
+        contenders[f"zivi|{name}"] = partial(simulate, states, h, systems=system), timing.nothing
+        contenders[f"c|{name}"] = partial(_c_driven, build, states, h, numbers), timing.nothing
+        if "omega" in numbers:
+            own = [_driven_system({**numbers, "omega": omega}) for omega in omegas]
+            contenders[f"own|{name}"] = partial(simulate, states, h, systems=own), timing.nothing
+        ours = simulate(states, 1.25e-4, systems=system)
+        s, v = lifted(states)
+        build.driven(s, v, 1.25e-4, STEPS, numbers)
+        apart = max(apart, float(np.abs(ours.x - s).max()))
+    # the same discretisation, but for the force of the step over the apex
+    assert apart < 1e-3, apart
+    moreau = zivi.MoreauJean(h)
+    contenders["moreau"] = partial(simulate, states, h, method=moreau), timing.nothing
+    took = timing.interleaved(contenders, REPETITIONS)
+    found = timing.medians(took, BALLS * STEPS)
+
+    def of(kind: str) -> dict[str, float]:
+        return {it: found[f"{kind}|{it}"] for it in DRIVEN if f"{kind}|{it}" in found}
+
+    return DrivenTimes(
+        zivi=of("zivi"),
+        own_waves=of("own"),
+        c=of("c"),
+        ratio={name: timing.ratio(took, f"zivi|{name}", f"c|{name}") for name in DRIVEN},
+        moreau=found["moreau"],
+        apart=apart,
+    )
+
+
+def _driven_system(numbers: dict[str, float]) -> zivi.ImpactSystem:
+    return zivi.ImpactSystem(zivi.LinearForce(**numbers), kappa=cball.KAPPA)
+
+
+def _c_driven(build: CBatch, states: States, h: float, force: dict[str, float]) -> None:
+    build.driven(*lifted(states), h, STEPS, force)
 
 
 @dataclasses.dataclass(frozen=True)

@@ -3,7 +3,7 @@
 pub mod ballistic;
 pub mod explicit;
 pub mod fixed_step;
-mod implicit;
+pub(crate) mod implicit;
 pub mod moreau_jean;
 pub mod scheme;
 pub mod sign_solver;

@@ -186,12 +186,26 @@ pub(crate) struct Stepper<S> {
     solver: S,
     /// The value of a force that depends on nothing, once it is known.
     constant: Option<f64>,
-    implicit: ImplicitForce,
+    /// What a force that depends on the state carries from step to step.
+    pub(crate) implicit: ImplicitForce,
 }
 
 impl<S: StepSolver> Stepper<S> {
     pub(crate) fn new(step: ThetaGammaStep, solver: S) -> Self {
         Self { step, solver, constant: None, implicit: ImplicitForce::default() }
+    }
+
+    /// Evaluates a force that depends on nothing, before the first step.
+    pub(crate) fn evaluate_constant<E, F: Force<E>>(&mut self, force: &mut F, t: f64) {
+        if force.dependence() == Dependence::Constant {
+            // where it has no value the first step says so
+            self.constant = self.implicit.evaluate(force, t, Physical::default()).ok();
+        }
+    }
+
+    /// The value of a force that depends on nothing, once it is known.
+    pub(crate) fn constant(&self) -> Option<f64> {
+        self.constant
     }
 
     /// The step under a force that does not depend on where it ends.

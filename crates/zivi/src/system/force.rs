@@ -81,6 +81,11 @@ pub trait Force<E> {
         None
     }
 
+    /// The force as a [`LinearForce`] of the same values, to the last bit, where it is that.
+    fn as_linear_force(&self) -> Option<LinearForce> {
+        None
+    }
+
     /// What depends on time alone, for [`Force::excited`], where the force is made of that and the
     /// state: a step may ask for several states at one time.
     #[inline]
@@ -124,6 +129,10 @@ impl<E, F: Force<E> + ?Sized> Force<E> for &mut F {
 
     fn linear(&self) -> Option<LinearLaw> {
         (**self).linear()
+    }
+
+    fn as_linear_force(&self) -> Option<LinearForce> {
+        (**self).as_linear_force()
     }
 
     fn excitation(&self, t: f64) -> Option<f64> {
@@ -230,6 +239,10 @@ impl<E> Force<E> for LinearForce {
     fn shortest_period(&self) -> Option<f64> {
         let varies = self.amplitude != 0.0 && self.omega != 0.0;
         Some(if varies { std::f64::consts::TAU / self.omega.abs() } else { f64::INFINITY })
+    }
+
+    fn as_linear_force(&self) -> Option<LinearForce> {
+        Some(*self)
     }
 
     #[inline]

@@ -1,15 +1,16 @@
 //! A mass in a batch moves as it moves alone, to the last bit, whatever the number of threads.
 
 use std::convert::Infallible;
+use std::sync::atomic::{AtomicU64, Ordering};
 
 use zivi::drive::batch::{
     simulate_batch, simulate_batch_to, BatchError, Member, Outcome, Save, Task,
 };
 use zivi::{
     simulate_explicit_euler, simulate_moreau_jean, simulate_switched_rk, simulate_theta_gamma,
-    AnyMethod, ConstantForce, ExplicitEuler, FixedSteps, Force, Grid, LinearForce, Monitor,
-    MoreauJean, Output, Physical, Quantity, Restitution, Run, Silent, Status, Summary, SwitchedRk,
-    ThetaGamma,
+    AnyMethod, ConstantForce, Dependence, ExplicitEuler, FixedSteps, Force, Grid, LinearForce,
+    Monitor, MoreauJean, Output, Physical, Quantity, Restitution, Run, Silent, Status, Summary,
+    SwitchedRk, ThetaGamma,
 };
 
 /// A generator whose draws are the same everywhere.
@@ -95,6 +96,7 @@ fn assert_same(outcome: &Outcome, run: &Run<Infallible>, save: Save, which: usiz
     let expected = Summary::of(&trajectory.columns);
     let found = outcome.summary;
     assert_eq!(outcome.status, trajectory.status, "{which}");
+    assert_eq!(outcome.nfev, trajectory.nfev, "{which}");
     assert_eq!(
         bits(&[found.t, found.x, found.xdot]),
         bits(&[expected.t, expected.x, expected.xdot]),
@@ -141,6 +143,203 @@ fn balls_move_as_they_move_alone() {
                     assert_same(end, &alone(member, task), save, i);
                 }
             }
+        }
+    }
+}
+
+/// Linear forces of all kinds: of time alone or with springs and dampers, pressing, pulling and
+/// both in turn, with waves of their own or of all.
+fn driven(draws: &mut Draws, n: usize) -> Vec<Member<'static, LinearForce>> {
+    let of_all = [draws.between(0.0, 30.0), draws.between(-4.0, 4.0)];
+    let shares = draws.between(0.0, 1.0) < 0.5;
+    let kind = draws.between(0.0, 5.0) as usize;
+    (0..n)
+        .map(|_| {
+            let mut pick = |choices: [f64; 4]| choices[draws.between(0.0, 4.0) as usize];
+            let [a, b, c, d] = [0; 4].map(|_| pick([0.0, 0.3, 0.7, 1.0]));
+            let sprung = f64::from(u8::from(kind != 0));
+            let [omega, phase] = if shares { of_all } else { [30.0 * (a - 0.5), 4.0 * b] };
+            let force = LinearForce {
+                stiffness: sprung * pick([0.0, 50.0 * c, 1e4 * d, -5.0 * c]),
+                damping: sprung * pick([0.0, 2.0 * d, 50.0 * c, -0.3 * d]),
+                gravity: pick([0.0, 9.81, 10.0 * c, -2.0 * d]),
+                amplitude: if kind == 1 { 0.0 } else { pick([0.0, d, 20.0 * c, 9.81]) },
+                omega,
+                phase,
+            };
+            let restitution = Restitution::from_e(match pick([0.0, 0.0, 1.0, 2.0]) {
+                0.0 => draws.between(0.05, 1.0),
+                1.0 => 10.0_f64.powf(draws.between(-12.0, -1.0)),
+                _ => 1.0,
+            });
+            let size = |draws: &mut Draws, most: f64| match draws.between(0.0, 4.0) as usize {
+                0 => 0.0,
+                1 => 10.0_f64.powf(draws.between(-9.0, 0.0)),
+                _ => draws.between(0.0, most),
+            };
+            let x = size(draws, 2.0);
+            let xdot = size(draws, 5.0) * if draws.between(0.0, 1.0) < 0.5 { 1.0 } else { -1.0 };
+            Member {
+                law: restitution.unwrap().into(),
+                force,
+                initial: Physical { x, xdot },
+                tstops: &[],
+            }
+        })
+        .collect()
+}
+
+const WEIGHTS: [(f64, f64); 6] =
+    [(1.0, 1.0), (0.5, 0.5), (0.7, 0.8), (0.5, 1.0), (1.0, 0.3), (0.2, 1.0)];
+
+#[test]
+fn masses_under_linear_forces_move_as_they_move_alone() {
+    let mut draws = Draws(11);
+    let (mut rests, mut lift_offs) = (0, 0);
+    for round in 0..48 {
+        // all, but a few, of the lanes; some; more than there are
+        let n = [1, 7, 61, 64, 65, 130][round % 6];
+        let members = driven(&mut draws, n);
+        let (theta, gamma) = WEIGHTS[(round / 3) % 6];
+        let method = ThetaGamma { theta, gamma, ..ThetaGamma::implicit_euler() };
+        let h = 10.0_f64.powf(draws.between(-3.3, -1.7));
+        let start = draws.between(-3.0, 3.0);
+        // the last step is a shorter one in half of them
+        let end = start + h * (draws.between(1.0, 900.0).floor() + [0.0, 0.37][round % 2]);
+        let task = steps(method, (start, end), h);
+        let save = SAVES[round % 5];
+        let ends = simulate_batch(&members, task, save, 1 + round % 3, &mut Silent).unwrap();
+        for (i, (member, end)) in members.iter().zip(&ends).enumerate() {
+            assert_same(end, &alone(member, task), save, i);
+            rests += end.counts[1];
+            lift_offs += end.counts[2];
+        }
+    }
+    assert!(rests > 200 && lift_offs > 200, "{rests} {lift_offs}");
+}
+
+#[test]
+fn a_step_from_near_a_switch_is_that_of_a_mass_alone() {
+    let mut draws = Draws(5);
+    let offsets = [0.0, 1e-16, 1e-14, 1e-13, 1e-12, 1e-11, 1e-9, 1e-3, 0.3, 1.0];
+    for (theta, gamma) in WEIGHTS {
+        for sprung in [0.0, 1.0] {
+            let h = 10.0_f64.powf(draws.between(-3.0, -1.0));
+            let members: Vec<_> = (0..4000)
+                .map(|i| {
+                    let e = if i % 3 == 0 { 1e-8 } else { draws.between(0.02, 1.0) };
+                    let restitution = Restitution::from_e(e).unwrap();
+                    let offset = |draws: &mut Draws| {
+                        let sign = if draws.between(0.0, 1.0) < 0.5 { 1.0 } else { -1.0 };
+                        1.0 + sign * offsets[draws.between(0.0, 10.0) as usize]
+                    };
+                    let f = draws.between(-5.0, 5.0);
+                    let way = if draws.between(0.0, 1.0) < 0.5 { 1.0 } else { -1.0 };
+                    // an apex ends the step, or the mass is fast
+                    let r = restitution.r(1.0, [1.0, -1.0][i % 2]);
+                    let v = match i % 5 {
+                        0 => draws.between(0.0, 5.0),
+                        1 => 0.0,
+                        _ => gamma * h * f.abs() / r,
+                    };
+                    let v = way * v * offset(&mut draws);
+                    // the wall ends it, is reached somewhere else or does not matter
+                    let reach = h * restitution.r(1.0, v.signum()) * v.abs();
+                    let drop = [theta, 1.0, theta * gamma, gamma * (theta - gamma).abs(), 2.0]
+                        [draws.between(0.0, 5.0) as usize]
+                        * h
+                        * h
+                        * f.abs();
+                    let x = match i % 7 {
+                        0 => draws.between(0.0, 2.0),
+                        1 => reach,
+                        2 => drop,
+                        3 => (reach - drop).abs(),
+                        _ => reach + drop,
+                    };
+                    let x = x * offset(&mut draws);
+                    let stiffness = sprung * draws.between(-10.0, 50.0);
+                    let gravity = -f - stiffness * x;
+                    let force = LinearForce { stiffness, gravity, damping: sprung, ..NO_FORCE };
+                    // a wave: without a spring the force depends on time
+                    let force = LinearForce { amplitude: 1e-300, ..force };
+                    let xdot = restitution.r(1.0, v.signum()) * v;
+                    Member {
+                        law: restitution.into(),
+                        force,
+                        initial: Physical { x, xdot },
+                        tstops: &[],
+                    }
+                })
+                .collect();
+            let method = ThetaGamma { theta, gamma, ..ThetaGamma::implicit_euler() };
+            let task = steps(method, (0.0, 3.0 * h), h);
+            let ends = simulate_batch(&members, task, Save::Every(1), 1, &mut Silent).unwrap();
+            for (i, (member, end)) in members.iter().zip(&ends).enumerate() {
+                assert_same(end, &alone(member, task), Save::Every(1), i);
+            }
+        }
+    }
+}
+
+const NO_FORCE: LinearForce = LinearForce {
+    stiffness: 0.0,
+    damping: 0.0,
+    gravity: 0.0,
+    amplitude: 0.0,
+    omega: 0.0,
+    phase: 0.0,
+};
+
+/// Evaluations of [`Counted`] forces.
+static EVALUATIONS: AtomicU64 = AtomicU64::new(0);
+
+/// A linear force that counts where it is evaluated for a mass of its own.
+#[derive(Clone, Copy)]
+struct Counted(LinearForce);
+
+impl<E> Force<E> for Counted {
+    fn at(&mut self, t: f64, x: f64, xdot: f64) -> Result<f64, E> {
+        EVALUATIONS.fetch_add(1, Ordering::Relaxed);
+        self.0.at(t, x, xdot)
+    }
+
+    fn dependence(&self) -> Dependence {
+        Force::<E>::dependence(&self.0)
+    }
+
+    fn as_linear_force(&self) -> Option<LinearForce> {
+        Some(self.0)
+    }
+}
+
+#[test]
+fn most_steps_are_taken_side_by_side() {
+    let wave = |gravity| LinearForce { gravity, amplitude: 5.0, omega: 7.0, ..NO_FORCE };
+    let spring = LinearForce { stiffness: 20.0, damping: 0.3, gravity: 9.81, ..NO_FORCE };
+    let sprung = LinearForce { amplitude: 5.0, omega: 7.0, gravity: 1.0, ..spring };
+    // pressing, both in turn, pulling; the last one rests most of the time
+    let forces =
+        [wave(9.81), wave(1.0), wave(-6.0), spring, sprung, LinearForce { gravity: 8.0, ..sprung }];
+    let restitution = Restitution::from_e(0.3).unwrap();
+    let start = |i: u32| Physical { x: 0.5 + 0.01 * f64::from(i), xdot: 1.0 };
+    for force in forces {
+        let member = |i| Member {
+            law: restitution.into(),
+            force: Counted(force),
+            initial: start(i),
+            tstops: &[],
+        };
+        let members: Vec<_> = (0..20).map(member).collect();
+        // other members of the scheme do not rest
+        for (theta, gamma, end) in [(1.0, 1.0, 4.0), (0.5, 0.8, 0.6)] {
+            let method = ThetaGamma { theta, gamma, ..ThetaGamma::implicit_euler() };
+            let task = steps(method, (0.0, end), 1e-3);
+            EVALUATIONS.store(0, Ordering::Relaxed);
+            let ends = simulate_batch(&members, task, Save::Final, 1, &mut Silent).unwrap();
+            let alone = EVALUATIONS.load(Ordering::Relaxed);
+            let all: u64 = ends.iter().map(|end| end.nfev).sum();
+            assert!(alone < all / 20, "{force:?}: {alone} of {all}");
         }
     }
 }

@@ -148,6 +148,13 @@ macro_rules! natives {
                 }
             }
 
+            fn as_linear_force(&self) -> Option<LinearForce> {
+                match self {
+                    $(Self::$fixed(force) => Force::<E>::as_linear_force(force),)*
+                    _ => None,
+                }
+            }
+
             fn linear(&self) -> Option<LinearLaw> {
                 match self {
                     $(

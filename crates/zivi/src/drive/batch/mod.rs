@@ -231,10 +231,10 @@ impl Need {
     }
 }
 
-/// Whether a member can be moved side by side with others.
+/// Whether a member can be moved side by side with others whose force has the same dependence.
 fn side_by_side<F: Force<Stopped>>(member: &Member<'_, F>, method: AnyMethod) -> bool {
     matches!(method, AnyMethod::ThetaGamma(it) if it.scheme.solver == Solver::Exact)
-        && member.force.dependence() == Dependence::Constant
+        && member.law.constant().is_some_and(|wall| lanes::takes(&member.force, wall))
 }
 
 /// The runs of a chunk.
@@ -243,22 +243,32 @@ fn several<F: Force<Stopped> + Copy>(
     plan: Plan<'_>,
     stop: &dyn Fn() -> bool,
 ) -> Result<Vec<Outcome>, SetupError> {
-    let several = !matches!(plan.save, Save::Steps(_));
-    if several && chunk.iter().all(|it| side_by_side(it, plan.method)) {
-        if let (AnyMethod::ThetaGamma(it), Some(grid)) = (plan.method, plan.grid) {
-            let ThetaGamma { theta, gamma, .. } = it.scheme;
-            let mut masses = Vec::with_capacity(chunk.len());
-            for &Member { law, mut force, initial, .. } in chunk {
-                let restitution = newton(&law)?;
-                let step = ThetaGammaStep::new(grid.h(), theta, gamma, restitution)?;
-                // a constant has nothing to raise
-                let force = force.at(grid.t(0), 0.0, 0.0).unwrap_or(f64::NAN);
-                masses.push(lanes::Falling { step, force, initial });
+    let mut outcomes: Vec<Option<Outcome>> = vec![None; chunk.len()];
+    if let (AnyMethod::ThetaGamma(it), Some(grid), false) =
+        (plan.method, plan.grid, matches!(plan.save, Save::Steps(_)))
+    {
+        let ThetaGamma { theta, gamma, .. } = it.scheme;
+        for dependence in [Dependence::Constant, Dependence::Time, Dependence::State] {
+            let (mut places, mut masses) = (Vec::new(), Vec::new());
+            for (place, member) in chunk.iter().enumerate() {
+                let Member { law, force, initial, .. } = *member;
+                if force.dependence() == dependence && side_by_side(member, plan.method) {
+                    let step = ThetaGammaStep::new(grid.h(), theta, gamma, newton(&law)?)?;
+                    places.push(place);
+                    masses.push(lanes::Mass { step, force, initial });
+                }
             }
-            return lanes::run(&masses, grid, (plan.save, plan.slowest), stop);
+            if !masses.is_empty() {
+                let save = (plan.save, plan.slowest);
+                let ends = lanes::run(&masses, dependence, grid, save, stop)?;
+                for (place, end) in places.into_iter().zip(ends) {
+                    outcomes[place] = Some(end);
+                }
+            }
         }
     }
-    chunk.iter().map(|member| one(member, plan, stop)).collect()
+    let all = chunk.iter().zip(outcomes);
+    all.map(|(member, end)| end.map_or_else(|| one(member, plan, stop), Ok)).collect()
 }
 
 /// Looks whether to stop, and keeps what is to be saved.

@@ -21,7 +21,7 @@ use opening::{Opening, Shown};
 use search::{Search, DEFAULT_SLOPE};
 
 /// The mismatch that is accepted, relative to the force of the step or of the one before.
-const TOLERANCE: f64 = 1e-12;
+pub(crate) const TOLERANCE: f64 = 1e-12;
 /// Trial forces along the selected solutions.
 const SELECTED_TRIALS: usize = 20;
 /// Trial forces along one sign pattern.
@@ -33,9 +33,9 @@ const SLOW: usize = 3;
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct ImplicitForce {
     /// The force of the last step: the first trial of the next.
-    last: Option<f64>,
+    pub(crate) last: Option<f64>,
     /// Slope of the mismatch at the last solution, about -1 for small steps.
-    slope: f64,
+    pub(crate) slope: f64,
     pub(crate) nfev: u64,
 }
 

@@ -1,0 +1,166 @@
+//! Many masses side by side, one step of the theta-gamma scheme at a time: kernels that the
+//! compiler vectorises.
+//!
+//! Nearly all steps of a run are free flight or rest. They are the same arithmetic for every mass
+//! and are done side by side, without a branch; the few others (an apex, an impact, the arrival at
+//! rest, lift-off) go one by one through the [`Stepper`](crate::stepping::theta_gamma::Stepper) of runs alone. The arithmetic is that of
+//! such a run, operation by operation: a mass in a batch moves as it moves alone, to the last bit.
+//!
+//! Which steps are taken side by side: those whose only solution is the one with the present signs,
+//! with room to spare. Seen from the side of the mass, with `u` the larger of `|v|` and 0 if the
+//! mass moves away,
+//!
+//! ```text
+//! s > h (1 + kappa) u + h^2 |f|                      no sign of s can change
+//! v f > 0  or  |v| > gamma h |f|/(1 - kappa)         no sign of v can change
+//! ```
+//!
+//! Under `f <= 0` these imply what [`zivi_core::ThetaGammaStep::everyday`] asks for. Under `f > 0`, where there
+//! may be several solutions, they exclude the eight other patterns, each by more than its tolerance:
+//! the rule of [`zivi_core::step::selection`] has nothing to choose.
+
+mod alone;
+mod flight;
+mod law;
+mod linear;
+mod pulled;
+mod waves;
+
+use pulp::{Simd, WithSimd};
+use zivi_core::Restitution;
+
+use crate::stepping::fixed_step::{lift, FixedStep};
+use crate::{Dependence, Force, Grid, SetupError};
+
+pub(super) use self::alone::Mass;
+use self::alone::OneByOne;
+use self::flight::Lanes;
+pub(super) use self::flight::WIDTH;
+use self::law::Law;
+use self::linear::Linear;
+use self::pulled::Pulled;
+use super::outcome::Outcome;
+use super::{Save, Stopped};
+
+/// Walls with a smaller `1 - kappa` leave the patterns too little room between each other.
+const LEAST_R: f64 = 1e-9;
+
+/// Whether a mass can be moved side by side with others.
+pub(super) fn takes<F: Force<Stopped>>(force: &F, restitution: Restitution) -> bool {
+    let known = force.dependence() != Dependence::State || force.as_linear_force().is_some();
+    known && restitution.r(1.0, 1.0) >= LEAST_R
+}
+
+/// Moves up to [`WIDTH`] masses over `grid`, whose forces all have this dependence.
+pub(super) fn run<F: Force<Stopped> + Copy>(
+    masses: &[Mass<F>],
+    dependence: Dependence,
+    grid: Grid,
+    save: (Save<'_>, f64),
+    stop: &dyn Fn() -> bool,
+) -> Result<Vec<Outcome>, SetupError> {
+    match dependence {
+        Dependence::Constant => moved(masses, Pulled::<false>::of(masses), grid, save, stop),
+        Dependence::Time => moved(masses, Pulled::<true>::of(masses), grid, save, stop),
+        Dependence::State => moved(masses, Linear::of(masses), grid, save, stop),
+    }
+}
+
+fn moved<F: Force<Stopped> + Copy, L: Law<F>>(
+    masses: &[Mass<F>],
+    mut law: L,
+    grid: Grid,
+    (save, slowest): (Save<'_>, f64),
+    stop: &dyn Fn() -> bool,
+) -> Result<Vec<Outcome>, SetupError> {
+    let steps: Vec<_> = masses.iter().map(|mass| mass.step).collect();
+    let mut lanes = Lanes::of(&steps);
+    let mut runs = Vec::with_capacity(masses.len());
+    for (i, &mass) in masses.iter().enumerate() {
+        let z = lift(mass.initial, mass.step.restitution())?;
+        let run = OneByOne::start(mass, z, grid, save)?;
+        lanes.place(i, z, run.sigma, run.is_busy(z));
+        law.place(i, &run);
+        runs.push(run);
+    }
+    let arch = pulp::Arch::new();
+    let extremes = save == Save::Statistics;
+    let (n, every) = (grid.n_steps(), save.every());
+    let mut k = 0;
+    while k < n && !stop() {
+        // a piece is up to the next sample, and short enough to be stopped
+        let to_sample = if every > 0 { every - k % every } else { PIECE };
+        let until = (k + to_sample.min(PIECE)).min(n - 1).max(k + 1);
+        if k + 1 == n {
+            lanes.h = grid.last_h();
+            for run in &mut runs {
+                FixedStep::<Stopped, F>::resize(&mut run.stepper, grid.last_h());
+            }
+        }
+        let (lanes, law, runs) = (&mut lanes, &mut law, &mut runs);
+        arch.dispatch(Steps { lanes, law, runs, grid, range: (k, until), extremes });
+        k = until;
+        if every > 0 && k % every == 0 {
+            for (i, run) in runs.iter_mut().enumerate() {
+                run.sample(lanes.at(i, run.sigma));
+            }
+        }
+    }
+    let finish = |(i, run): (usize, OneByOne<F>)| {
+        // the step that failed had its evaluation, too
+        let steps = run.ended.map_or(k, |ended| ended + 1);
+        let nfev = law.nfev(i, &run, steps as u64);
+        run.finish(&lanes, i, (grid, k), nfev, (save, slowest))
+    };
+    Ok(runs.into_iter().enumerate().map(finish).collect())
+}
+
+/// Steps between two checks whether to stop.
+const PIECE: usize = 1 << 14;
+
+/// The steps of a range, compiled for what the machine can do.
+struct Steps<'a, F, L> {
+    lanes: &'a mut Lanes,
+    law: &'a mut L,
+    runs: &'a mut [OneByOne<F>],
+    grid: Grid,
+    range: (usize, usize),
+    extremes: bool,
+}
+
+impl<F: Force<Stopped>, L: Law<F>> WithSimd for Steps<'_, F, L> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) {
+        let Self { lanes, law, runs, grid, range: (k, until), extremes } = self;
+        let mut hard = [0.0; WIDTH];
+        let mut moving = lanes.any_busy();
+        if extremes && k == 0 {
+            lanes.note_extremes(simd);
+        }
+        for k in k..until {
+            if !moving {
+                break;
+            }
+            let t = grid.t(k);
+            law.begin(t + lanes.theta * lanes.h, runs);
+            if law.everyday(simd, lanes, &mut hard) {
+                for (i, run) in runs.iter_mut().enumerate() {
+                    if hard[i] != 0.0 {
+                        let z = lanes.at(i, run.sigma);
+                        law.tell(i, run);
+                        let end = run.step(z, k, (t, grid.t(k + 1)));
+                        let z = end.unwrap_or(z);
+                        lanes.place(i, z, run.sigma, run.is_busy(z));
+                        law.place(i, run);
+                        moving = lanes.busy[i] != 0.0 || lanes.any_busy();
+                    }
+                }
+            }
+            if extremes {
+                lanes.note_extremes(simd);
+            }
+        }
+    }
+}
