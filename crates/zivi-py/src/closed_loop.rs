@@ -3,14 +3,14 @@
 use std::cell::Cell;
 
 use numpy::ndarray::ArrayView1;
-use numpy::{PyArray1, PyReadonlyArray1, PyReadonlyArray2};
+use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::exceptions::PyTypeError;
 use pyo3::prelude::*;
 use pyo3::types::IntoPyDict;
 use zivi::drive::closed_loop::{
     observe_closed_loop, Controller, Forces, Loop, LoopOptions, LoopPath, LoopRun, Motion,
     Reference, ReferencePeriod, ReferencePoint, ReferenceWithWall, Samples, Sensor, Tick,
-    TickError,
+    TickError, SIGNS,
 };
 use zivi::{
     AnyMethod, Branch, FixedSteps, Force, Grid, Lifted, Physical, Restitution, SetupError,
@@ -316,8 +316,10 @@ type Array = Py<PyArray1<f64>>;
 /// The columns, events and outcome of a closed loop.
 #[pyclass(frozen, get_all, module = "zivi._zivi")]
 pub(crate) struct LoopRecord {
-    /// An array for each of `t, x, xdot, x_ref, xdot_ref, u` and the six signs.
+    /// An array for each of `t, x, xdot, x_ref, xdot_ref, u`.
     columns: Vec<Array>,
+    /// A row of six for each sample.
+    signs: Py<PyArray2<f64>>,
     /// `x, xdot, d` of the observer; empty arrays without one.
     estimates: Vec<Array>,
     ticks: Py<PyArray1<u8>>,
@@ -341,7 +343,8 @@ pub(crate) struct LoopRecord {
 
 impl LoopRecord {
     fn new(py: Python<'_>, run: LoopRun<PyErr>, restitution: Restitution) -> PyResult<Self> {
-        let LoopRun { columns, estimates, ticks, events, path, hits, status, nfev, raised } = run;
+        let LoopRun { columns, signs, estimates, ticks, events, path, hits, status, nfev, raised } =
+            run;
         let array = |values: Vec<f64>| PyArray1::from_vec(py, values).unbind();
         let (own_force, path, lifted) = match path {
             None => (None, None, None),
@@ -354,6 +357,10 @@ impl LoopRecord {
             }
         };
         Ok(Self {
+            signs: {
+                let shape = [signs.len(), SIGNS];
+                PyArray1::from_vec(py, signs.into_flattened()).reshape(shape)?.unbind()
+            },
             columns: columns.into_iter().map(array).collect(),
             estimates: estimates.into_iter().map(array).collect(),
             ticks: PyArray1::from_vec(py, ticks).unbind(),

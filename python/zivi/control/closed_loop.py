@@ -406,14 +406,14 @@ def simulate_closed_loop(
 
 
 def _run(record: _zivi.LoopRecord, config: dict[str, Any], slowest: float) -> ClosedLoop:
-    t, *sampled = record.columns[: 1 + len(QUANTITIES)]
+    t, *sampled = record.columns
     samples: dict[str, Any] = dict(zip(QUANTITIES, sampled, strict=True))
     impacts, wall = impacts_of(record), (config["e"], config["kappa"])
     path = path_of(record, impacts, wall)
     return ClosedLoop(
         t=t,
         **samples,
-        signs=np.column_stack(record.columns[1 + len(QUANTITIES) :]),
+        signs=record.signs,
         tick_status=record.ticks,
         resolved_impacts=impacts,
         zeno_times=record.zeno_times,

@@ -23,11 +23,10 @@ LISTED = 1000
 
 def sides(times: Array, impacts: Array) -> Array:
     """Give the branch at `times`, which increase: 1, and the other after each impact."""
-    side = np.ones(len(times))
-    # the few impacts among the many times: each turns all that come after it
-    turned = np.bincount(np.searchsorted(times, impacts, side="left"), minlength=len(times) + 1)
-    side[np.cumsum(turned[:-1]) % 2 == 1] = -1.0
-    return side
+    ends = np.concatenate(([0], np.searchsorted(times, impacts), [len(times)]))
+    branches = np.ones(len(impacts) + 1)
+    branches[1::2] = -1.0
+    return np.repeat(branches, np.diff(ends))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -108,7 +107,7 @@ def on_side(x: Array, xdot: Array, side: Array, kappa: float) -> tuple[Array, Ar
 
 def path_of(record: _zivi.LoopRecord, impacts: NDArray[np.void], wall: tuple[float, float]) -> Any:
     """Give the motion of the plant between its samples, None if it was not kept."""
-    t, x, xdot, _, _, u = record.columns[:6]
+    t, x, xdot, _, _, u = record.columns
     if record.own_force is not None:
         side, net = sides(t, impacts["t"]), record.own_force + u
         return BallisticPath(t, x, xdot, net, side, wall, _full(t, impacts))

@@ -91,7 +91,7 @@ pub(crate) fn run_copy<R>(
         ($($class:ident, $name:literal, $settings:expr;)*) => {
             $(if let Ok(object) = object.cast::<$class>() {
                 let mut copy = object.borrow().any();
-                let done = run(&mut copy);
+                let done = run(copy.dynamic());
                 object.borrow_mut().restore(&copy);
                 return Some(done);
             })*

@@ -7,7 +7,7 @@ use super::outcome::{samples, thinned};
 use super::{pool, BatchError, Need, Stopped};
 use crate::drive::closed_loop::{
     observe_closed_loop, AnyController, Forces, Loop, LoopOptions, LoopRun, Motion, ReferencePoint,
-    ReferenceWithWall, Samples, Sensor, LOOP_COLUMNS, REFUSED,
+    ReferenceWithWall, Samples, Sensor, LOOP_COLUMNS, REFUSED, SIGNS,
 };
 use crate::system::evaluation::check_initial;
 use crate::{Force, Grid, Impact, Monitor, SetupError, Status};
@@ -115,7 +115,7 @@ fn check_memory<E, F>(
     let most = |every| members.iter().map(|member| samples(every, member.grid)).max().unwrap_or(0);
     // while it is computed, a loop keeps all of its samples
     let (saved, recorded) = (most(settings.every), most(1));
-    let record = recorded.saturating_mul(LOOP_COLUMNS * size_of::<f64>() + 1);
+    let record = recorded.saturating_mul((LOOP_COLUMNS + SIGNS) * size_of::<f64>() + 1);
     let kept = saved.saturating_mul(SAVED * size_of::<f64>());
     let of_run = size_of::<LoopOutcome>().saturating_add(kept);
     Need { runs: members.len(), samples: saved, of_run, record }.check(recorded, threads)
@@ -156,7 +156,8 @@ fn one<F: Force<Stopped> + Copy>(
         .map(|(it, restitution)| ReferenceWithWall { reference: it, restitution: *restitution });
     let options = LoopOptions { reference, ..LoopOptions::default() };
     let monitor = &mut Unobserved(stop);
-    let run = observe_closed_loop(&mut controller, surroundings, forces, options, monitor)?;
+    let controller = controller.dynamic();
+    let run = observe_closed_loop(controller, surroundings, forces, options, monitor)?;
     LoopOutcome::of(&run, settings)
 }
 
@@ -177,7 +178,7 @@ impl LoopOutcome {
     }
 
     fn of(run: &LoopRun<Stopped>, settings: LoopSettings) -> Result<Self, SetupError> {
-        let [t, x, xdot, x_ref, xdot_ref, u, ..] = &run.columns;
+        let [t, x, xdot, x_ref, xdot_ref, u] = &run.columns;
         let last = [t, x, xdot, x_ref, xdot_ref].map(|it| it.last().copied().unwrap_or(f64::NAN));
         // the last sample repeats the control of the one before
         let held = &u[..u.len().saturating_sub(1)];

@@ -286,6 +286,13 @@ macro_rules! controllers {
                 }
             }
 
+            /// The controller itself, to be asked often.
+            pub fn dynamic<E>(&mut self) -> &mut (dyn Controller<E> + Send) {
+                match self {
+                    $(AnyController::$name(it) => it,)*
+                }
+            }
+
             fn inner<E>(&self) -> &dyn Controller<E> {
                 match self {
                     $(AnyController::$name(it) => it,)*

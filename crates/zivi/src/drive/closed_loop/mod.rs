@@ -396,9 +396,9 @@ where
         // the control of the next sample may end a rest: it counts once it has lasted a period
         let latest = self.latest_rest();
         events.rest_time = events.rest_time.filter(|rest| *rest <= latest);
-        let LoopRecord { columns, estimates, ticks } = self.record;
+        let LoopRecord { columns, signs, estimates, ticks } = self.record;
         let path = self.dense.then(|| self.plant.path());
         let hits = self.events.into_hits();
-        LoopRun { columns, estimates, ticks, events, path, hits, status, nfev, raised }
+        LoopRun { columns, signs, estimates, ticks, events, path, hits, status, nfev, raised }
     }
 }

@@ -7,8 +7,8 @@ use super::controller::{Controller, SIGNS};
 use super::path::LoopPath;
 use crate::{Events, LocatedEvent, SetupError, Status};
 
-/// Columns of the record: `t, x, xdot, x_ref, xdot_ref, u` and the signs.
-pub const LOOP_COLUMNS: usize = 6 + SIGNS;
+/// Columns of the record: `t, x, xdot, x_ref, xdot_ref, u`.
+pub const LOOP_COLUMNS: usize = 6;
 
 /// Columns of an observer's estimates.
 pub const ESTIMATES: usize = 3;
@@ -16,9 +16,11 @@ pub const ESTIMATES: usize = 3;
 /// A closed loop as far as it went: states at the samples, and what is held from there on.
 #[derive(Clone, Debug)]
 pub struct LoopRun<E> {
-    /// `t, x, xdot, x_ref, xdot_ref, u, ls, lv, lsr, lvr, les, lev` (NaN where a controller has
-    /// none); the control and the signs of a row hold from its time on, the last row repeats them.
+    /// `t, x, xdot, x_ref, xdot_ref, u` (NaN where a controller has none); the control of a row
+    /// holds from its time on, the last row repeats it.
     pub columns: [Vec<f64>; LOOP_COLUMNS],
+    /// `ls, lv, lsr, lvr, les, lev`, in rows of the same meaning.
+    pub signs: Vec<[f64; SIGNS]>,
     /// What the observer thought at the samples, `x, xdot, d`; empty without one.
     pub estimates: [Vec<f64>; ESTIMATES],
     /// At each sample, as bits: 1 clamped, 2 saturated, 4 refused.
@@ -47,6 +49,7 @@ pub const REFUSED: u8 = 4;
 /// Fills the columns.
 pub(super) struct LoopRecord {
     pub(super) columns: [Vec<f64>; LOOP_COLUMNS],
+    pub(super) signs: Vec<[f64; SIGNS]>,
     pub(super) estimates: [Vec<f64>; ESTIMATES],
     pub(super) ticks: Vec<u8>,
 }
@@ -67,9 +70,10 @@ impl LoopRecord {
                 column.try_reserve_exact(rows).map_err(refused)?;
             }
         }
-        let mut ticks = Vec::new();
+        let (mut signs, mut ticks) = (Vec::new(), Vec::new());
+        signs.try_reserve_exact(rows).map_err(refused)?;
         ticks.try_reserve_exact(rows).map_err(refused)?;
-        Ok(Self { columns, estimates, ticks })
+        Ok(Self { columns, signs, estimates, ticks })
     }
 
     /// What is thought of the mass at the sample that was pushed last.
@@ -91,11 +95,11 @@ impl LoopRecord {
     ) {
         let none = Physical { x: f64::NAN, xdot: f64::NAN };
         let reference = reference.unwrap_or(none);
-        let [a, b, c, d, e, f] = controller.signs();
-        let row = [t, state.x, state.xdot, reference.x, reference.xdot, u, a, b, c, d, e, f];
+        let row = [t, state.x, state.xdot, reference.x, reference.xdot, u];
         for (column, value) in self.columns.iter_mut().zip(&row) {
             column.push(*value);
         }
+        self.signs.push(controller.signs());
         self.ticks.push(tick);
     }
 }
