@@ -94,7 +94,7 @@ def test_reports_count_up_to_all_steps(monkeypatch):
             return lambda done, of: seen.append((done, of))
 
     monkeypatch.setattr(sys.modules["zivi.simulation.run"], "ProgressBar", Recorder)
-    run(300_000)
+    run(300_000, progress=True)
     done = [k for k, _ in seen]
     assert done == sorted(set(done))
     assert seen[-1] == (300_000, 300_000)

@@ -468,7 +468,7 @@ def test_progress_is_told_as_parts_of_the_span(monkeypatch):
 
     plain = simulate(TABLE, 0.5, (0, 5000), (0.2, 0), progress=False)
     monkeypatch.setattr(sys.modules["zivi.simulation.run"], "ProgressBar", Recorder)
-    told = simulate(TABLE, 0.5, (0, 5000), (0.2, 0))
+    told = simulate(TABLE, 0.5, (0, 5000), (0.2, 0), progress=True)
     np.testing.assert_array_equal(told.x, plain.x)
     assert told.nfev == plain.nfev
     assert len(seen) > 3

@@ -40,7 +40,7 @@ class ProgressBar:
         if show:
             needed("rich", "progress bars")
         self._title = title
-        self._wanted = _can_be_written() and (_is_terminal() if show is None else show)
+        self._wanted = is_shown(show)
         if self._wanted:
             self._started = time.monotonic()
 
@@ -70,18 +70,18 @@ class ProgressBar:
             self._bar.stop()
 
 
-def _can_be_written() -> bool:
-    """Whether there is a standard error: services have none, and it may be closed."""
-    return sys.stderr is not None and not getattr(sys.stderr, "closed", False)
-
-
 _seen: tuple[object, bool] = (None, False)
 """The last standard error that was asked, and its answer: the system takes a while to give it."""
 
 
-def _is_terminal() -> bool:
-    """Whether standard error is a terminal that a bar can be drawn on."""
+def is_shown(show: bool | None) -> bool:
+    """Whether there is a bar if a run lasts: by default on a terminal that one can be drawn on."""
     global _seen
+    # services have no standard error, and it may be closed
+    if sys.stderr is None or getattr(sys.stderr, "closed", False):
+        return False
+    if show is not None:
+        return bool(show)
     stream, terminal = _seen
     if stream is not sys.stderr:
         terminal = sys.stderr.isatty()

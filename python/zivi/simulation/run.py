@@ -10,9 +10,9 @@ from numpy.typing import ArrayLike
 
 import zivi._zivi as _zivi
 from zivi.base.check import real, real_array
-from zivi.base.compiled import listening, listening_always
+from zivi.base.compiled import Ear, listening, listening_always
 from zivi.base.habits import hinted
-from zivi.base.progress import ProgressBar
+from zivi.base.progress import ProgressBar, is_shown
 from zivi.base.status import Status
 from zivi.simulation.argument_hints import check_method, refuse
 from zivi.simulation.events import MECHANICAL, events_of
@@ -204,19 +204,23 @@ def simulate(
     times = None if t_eval is None else times_within(t_eval, span)
     stops = stop_times(tstops, method, system, span)
     watched = events_of(events)
-    with ProgressBar(progress) as bar, listening([system._spec]) as ear:
-        if times is None and stops is NO_STOPS and not watched:
-            keep = THE_MOTION if dense_output else THE_STEPS
-        else:
-            keep = _zivi.Keep(t_eval=times, tstops=stops, events=watched, dense=dense_output)
-        start = _zivi.State(*state)
-        record = _zivi.simulate(system._core, method._core, span, start, keep, bar.report)
+    if times is None and stops is NO_STOPS and not watched:
+        keep = THE_MOTION if dense_output else THE_STEPS
+    else:
+        keep = _zivi.Keep(t_eval=times, tstops=stops, events=watched, dense=dense_output)
+    run = (system._core, method._core, span, _zivi.State(*state), keep)
+    ear: Ear | None = None
+    if is_shown(progress) or system._spec.is_compiled:
+        with ProgressBar(progress) as bar, listening([system._spec]) as ear:
+            record = _zivi.simulate(*run, bar.report)
+    else:  # as most are: nobody looks on, and nothing can be heard
+        record = _zivi.simulate(*run)
     drawn = samples == "motion" and times is None
     sol = Trajectory._from_record(record, system, method, span, state, stops, drawn=drawn)
     if slowest != SLOWEST:
         vars(sol)["slowest"] = slowest
     error = record.raised
-    if error is None and (error := ear.ends(sol.success)):
+    if error is None and ear is not None and (error := ear.ends(sol.success)):
         sol = as_raised(sol)
     if record.path is None:  # a method of fixed steps: its steps are all there is
         if sol.status is Status.TERMINATED_BY_EVENT:
