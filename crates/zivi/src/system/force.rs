@@ -81,6 +81,14 @@ pub trait Force<E> {
         None
     }
 
+    /// Whether another one has the same values, where that is certain: masses of a batch share them.
+    fn is_same(&self, _other: &Self) -> bool
+    where
+        Self: Sized,
+    {
+        false
+    }
+
     /// The force as a [`LinearForce`] of the same values, to the last bit, where it is that.
     fn as_linear_force(&self) -> Option<LinearForce> {
         None
@@ -167,6 +175,10 @@ impl<E> Force<E> for ConstantForce {
     fn linear(&self) -> Option<LinearLaw> {
         Some(LinearLaw { gravity: -self.0, ..LinearLaw::default() })
     }
+
+    fn is_same(&self, other: &Self) -> bool {
+        self == other
+    }
 }
 
 /// `f = -stiffness x - damping x' - gravity + amplitude cos(omega t + phase)`.
@@ -239,6 +251,10 @@ impl<E> Force<E> for LinearForce {
     fn shortest_period(&self) -> Option<f64> {
         let varies = self.amplitude != 0.0 && self.omega != 0.0;
         Some(if varies { std::f64::consts::TAU / self.omega.abs() } else { f64::INFINITY })
+    }
+
+    fn is_same(&self, other: &Self) -> bool {
+        self == other
     }
 
     fn as_linear_force(&self) -> Option<LinearForce> {

@@ -128,6 +128,11 @@ impl<E, F: Force<E>, W: WallMotion<E>> Force<E> for OnMovingWall<F, W> {
         }
     }
 
+    fn is_same(&self, other: &Self) -> bool {
+        let walls = self.wall.harmonic().zip(other.wall.harmonic());
+        walls.is_some_and(|(one, two)| one == two) && self.force.is_same(&other.force)
+    }
+
     fn linear(&self) -> Option<LinearLaw> {
         self.wall.harmonic()?.frame(self.force.linear()?)
     }

@@ -249,6 +249,10 @@ impl<E> Force<E> for TableForce<'_> {
     fn dependence_at_rest(&self) -> Dependence {
         Dependence::Time
     }
+
+    fn is_same(&self, other: &Self) -> bool {
+        self.linear == other.linear && std::ptr::eq(self.table, other.table)
+    }
 }
 
 impl<E> DifferentiableForce<E> for TableForce<'_> {

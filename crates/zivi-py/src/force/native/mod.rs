@@ -148,6 +148,16 @@ macro_rules! natives {
                 }
             }
 
+            fn is_same(&self, other: &Self) -> bool {
+                match (self, other) {
+                    $(
+                        (Self::$fixed(one), Self::$fixed(two)) => Force::<E>::is_same(one, two),
+                        (Self::$moving(one), Self::$moving(two)) => Force::<E>::is_same(one, two),
+                    )*
+                    _ => false,
+                }
+            }
+
             fn as_linear_force(&self) -> Option<LinearForce> {
                 match self {
                     $(Self::$fixed(force) => Force::<E>::as_linear_force(force),)*

@@ -30,6 +30,8 @@ pub(super) struct Lanes {
     /// Largest `|s|` and `|x'|` so far.
     pub(super) x_max: Lane,
     pub(super) speed_max: Lane,
+    /// How many masses there are.
+    n: usize,
     /// The step, the same for all.
     pub(super) h: f64,
     pub(super) theta: f64,
@@ -48,6 +50,7 @@ impl Lanes {
             turn: zero,
             x_max: zero,
             speed_max: zero,
+            n: steps.len(),
             h: 0.0,
             theta: 1.0,
         };
@@ -69,6 +72,12 @@ impl Lanes {
         self.busy.iter().any(|&busy| busy != 0.0)
     }
 
+    /// How many vectors of the machine they take.
+    #[inline(always)]
+    pub(super) fn vectors<S: Simd>(&self, _: S) -> usize {
+        self.n.div_ceil(S::F64_LANES).min(WIDTH / S::F64_LANES)
+    }
+
     /// The state of a mass that is on this branch.
     pub(super) fn at(&self, i: usize, sigma: f64) -> Lifted {
         // adding 0.0 turns the -0.0 of a mirrored zero into 0.0
@@ -84,12 +93,12 @@ impl Lanes {
 
     #[inline(always)]
     pub(super) fn note_extremes<S: Simd>(&mut self, simd: S) {
-        let zero = simd.splat_f64s(0.0);
+        let (zero, n) = (simd.splat_f64s(0.0), self.vectors(simd));
         let (s, v) = (vectors(simd, &self.s), vectors(simd, &self.v));
         let [outward, inward] = self.r.each_ref().map(|lane| vectors(simd, lane));
         let x_max = vectors_mut(simd, &mut self.x_max);
         let speed_max = vectors_mut(simd, &mut self.speed_max);
-        for i in 0..s.len() {
+        for i in 0..n {
             let away = simd.greater_than_f64s(v[i], zero);
             let r = simd.select_f64s(away, outward[i], inward[i]);
             x_max[i] = simd.max_f64s(x_max[i], s[i]);
@@ -105,8 +114,7 @@ pub(super) struct Common<S: Simd> {
     pub(super) h: S::f64s,
     /// `theta h`.
     pub(super) drop: S::f64s,
-    /// `h` and 1, with the margin.
-    pub(super) reach: S::f64s,
+    /// 1 less the margin.
     pub(super) near: S::f64s,
     pub(super) huge: S::f64s,
     pub(super) zero: S::f64s,
@@ -119,7 +127,6 @@ impl<S: Simd> Common<S> {
             simd,
             h: simd.splat_f64s(h),
             drop: simd.splat_f64s(theta * h),
-            reach: simd.splat_f64s((1.0 + MARGIN) * h),
             near: simd.splat_f64s(1.0 - MARGIN),
             huge: simd.splat_f64s(HUGE),
             zero: simd.splat_f64s(0.0),
@@ -177,7 +184,7 @@ impl<S: Simd> Flight<S> {
         let Self { of: Common { simd, .. }, .. } = *self;
         let nearer = simd.min_f64s(self.travel, self.of.zero);
         let room = simd.add_f64s(simd.mul_f64s(self.of.near, self.s), nearer);
-        let keeps_s = simd.greater_than_f64s(room, simd.mul_f64s(self.of.reach, size));
+        let keeps_s = simd.greater_than_f64s(room, simd.mul_f64s(self.of.h, size));
         let turning = simd.mul_f64s(self.turn, size);
         let keeps_v = simd.or_m64s(
             simd.greater_than_f64s(along, self.of.zero),

@@ -61,11 +61,10 @@ struct Sprung<S: Simd> {
     excitation: S::f64s,
 }
 
-/// A trial: `h f`, the end of the step, the force there, and the mismatch.
+/// A trial: `h f`, the end of the step, and the mismatch of the force there.
 struct Trial<S: Simd> {
     push: S::f64s,
     end: (S::f64s, S::f64s),
-    value: S::f64s,
     mismatch: S::f64s,
 }
 
@@ -80,7 +79,7 @@ impl<S: Simd> Sprung<S> {
         let damper = simd.mul_f64s(self.damping, simd.mul_f64s(r, self.at_theta(end.1, v)));
         let value = simd.sub_f64s(simd.neg_f64s(spring), damper);
         let value = simd.add_f64s(simd.sub_f64s(value, self.gravity), self.excitation);
-        Trial { push, end, value, mismatch: simd.sub_f64s(value, f) }
+        Trial { push, end, mismatch: simd.sub_f64s(value, f) }
     }
 
     #[inline(always)]
@@ -119,7 +118,7 @@ impl<F: Force<Stopped>> Law<F> for Linear {
 
     #[inline(always)]
     fn everyday<S: Simd>(&mut self, simd: S, lanes: &mut Lanes, hard: &mut Lane) -> bool {
-        let of = Common::of(simd, lanes);
+        let (of, n) = (Common::of(simd, lanes), lanes.vectors(simd));
         let theta = [simd.splat_f64s(lanes.theta), simd.splat_f64s(1.0 - lanes.theta)];
         let (one, two) = (simd.splat_f64s(1.0), simd.splat_f64s(2.0));
         let mut any = of.zero;
@@ -133,7 +132,7 @@ impl<F: Force<Stopped>> Law<F> for Linear {
         let excitation = vectors(simd, &self.waves.excitation);
         let (last, nfev) = (vectors_mut(simd, &mut self.last), vectors_mut(simd, &mut self.nfev));
         let (busy, hard) = (vectors(simd, busy), vectors_mut(simd, hard));
-        for i in 0..s.len() {
+        for i in 0..n {
             let (r, inverse_r) = ([r_out[i], r_in[i]], [inverse_out[i], inverse_in[i]]);
             let flight = Flight::from(of, (s[i], v[i]), r, inverse_r, turn[i]);
             let masses = Sprung {
@@ -152,12 +151,9 @@ impl<F: Force<Stopped>> Law<F> for Linear {
             let two_trials = masses.tried(second);
             let size = simd.abs_f64s(first);
             let at_once = masses.is_within(one_trial.mismatch, size);
-            let least = simd.min_f64s(simd.abs_f64s(two_trials.value), simd.abs_f64s(second));
-            // a second trial that is the first one is none; it cannot run away, as no slope is below 1e-3
-            let then = simd.and_m64s(
-                masses.is_within(two_trials.mismatch, simd.max_f64s(least, size)),
-                simd.not_m64s(simd.equal_f64s(second, first)),
-            );
+            // of the scales by which a run alone judges it the smaller one; and it is within reach of the
+            // search, as no slope is below 1e-3
+            let then = masses.is_within(two_trials.mismatch, size);
             let found = simd.or_m64s(at_once, then);
             let end = (
                 simd.select_f64s(at_once, one_trial.end.0, two_trials.end.0),

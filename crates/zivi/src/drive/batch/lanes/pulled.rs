@@ -16,8 +16,8 @@ enum Source {
     Constant,
     /// Waves, from which gravity is taken away.
     Waves(Box<(Waves, Lane)>),
-    /// Each force is evaluated.
-    Each,
+    /// Forces are evaluated, those that are the same once: the first that is the same as each.
+    Evaluated(Vec<usize>),
 }
 
 /// `CHANGES`: whether the forces do.
@@ -35,7 +35,11 @@ impl<const CHANGES: bool> Pulled<CHANGES> {
         } else if linear().count() == masses.len() {
             Source::Waves(Box::new((Waves::of(linear()), [f64::NAN; WIDTH])))
         } else {
-            Source::Each
+            let first = |(i, mass): (usize, &Mass<F>)| {
+                let same = |other: &Mass<F>| mass.force.is_same(&other.force);
+                masses[..i].iter().position(same).unwrap_or(i)
+            };
+            Source::Evaluated(masses.iter().enumerate().map(first).collect())
         };
         Self { source, pull: [f64::NAN; WIDTH] }
     }
@@ -50,7 +54,7 @@ impl<F: Force<Stopped>, const CHANGES: bool> Law<F> for Pulled<CHANGES> {
                 let gravity = run.force.as_linear_force().map_or(f64::NAN, |it| it.gravity);
                 waves.1[i] = if run.ended.is_none() { gravity } else { f64::NAN };
             }
-            Source::Each => (),
+            Source::Evaluated(_) => (),
         }
         if run.ended.is_some() {
             self.pull[i] = f64::NAN;
@@ -71,10 +75,16 @@ impl<F: Force<Stopped>, const CHANGES: bool> Law<F> for Pulled<CHANGES> {
                     *pull = wave - *gravity;
                 }
             }
-            Source::Each => {
-                for (pull, run) in self.pull.iter_mut().zip(runs) {
+            Source::Evaluated(first) => {
+                for (i, run) in runs.iter_mut().enumerate() {
                     if run.ended.is_none() {
-                        *pull = run.force.at(t, 0.0, 0.0).unwrap_or(f64::NAN);
+                        let known = self.pull[first[i]];
+                        let shared = first[i] < i && !known.is_nan();
+                        self.pull[i] = if shared {
+                            known
+                        } else {
+                            run.force.at(t, 0.0, 0.0).unwrap_or(f64::NAN)
+                        };
                     }
                 }
             }
@@ -83,7 +93,7 @@ impl<F: Force<Stopped>, const CHANGES: bool> Law<F> for Pulled<CHANGES> {
 
     #[inline(always)]
     fn everyday<S: Simd>(&mut self, simd: S, lanes: &mut Lanes, hard: &mut Lane) -> bool {
-        let of = Common::of(simd, lanes);
+        let (of, n) = (Common::of(simd, lanes), lanes.vectors(simd));
         let mut any = of.zero;
         let Lanes { s, v, busy, r, inverse_r, turn, .. } = lanes;
         let (s, v) = (vectors_mut(simd, s), vectors_mut(simd, v));
@@ -91,7 +101,7 @@ impl<F: Force<Stopped>, const CHANGES: bool> Law<F> for Pulled<CHANGES> {
         let [inverse_out, inverse_in] = inverse_r.each_ref().map(|lane| vectors(simd, lane));
         let (turn, pull) = (vectors(simd, turn), vectors(simd, &self.pull));
         let (busy, hard) = (vectors(simd, busy), vectors_mut(simd, hard));
-        for i in 0..s.len() {
+        for i in 0..n {
             let (r, inverse_r) = ([r_out[i], r_in[i]], [inverse_out[i], inverse_in[i]]);
             let flight = Flight::from(of, (s[i], v[i]), r, inverse_r, turn[i]);
             let push = simd.mul_f64s(of.h, pull[i]);
