@@ -3,6 +3,9 @@
 import ctypes
 import functools
 import math
+import subprocess
+import sys
+import textwrap
 import threading
 import time
 import traceback
@@ -69,6 +72,64 @@ def test_the_same_law_gives_the_same_run(form, method):
     np.testing.assert_allclose(sol.s, reference.s, atol=1e-10)
     np.testing.assert_allclose(sol.v, reference.v, atol=1e-10)
     assert len(sol.resolved_impacts) == len(reference.resolved_impacts)
+
+
+class Law:
+    def __call__(self, t, x, xdot):
+        return law(t, x, xdot)
+
+    def bound(self, t, x, xdot):
+        return law(t, x, xdot)
+
+    @classmethod
+    def of_class(cls, t, x, xdot):
+        return law(t, x, xdot)
+
+
+CALLED = {
+    "object": Law(),
+    "bound method": Law().bound,
+    "class method": Law.of_class,
+    "partial": functools.partial(lambda _, t, x, xdot: law(t, x, xdot), None),
+    "in C": functools.lru_cache(law),
+    "f(t, y)": lambda t, y: law(t, y[0], y[1]),
+}
+
+
+@pytest.mark.parametrize("kind", CALLED)
+def test_whatever_can_be_called_is_called_with_the_same_numbers(kind):
+    sol, plain = run(CALLED[kind], zivi.SwitchedRK()), run(law, zivi.SwitchedRK())
+    np.testing.assert_array_equal(sol.x, plain.x)
+    assert sol.nfev == plain.nfev
+
+
+def test_an_interpreter_that_does_not_tell_how_it_calls_gives_the_same_run():
+    program = """
+        import ctypes, math
+        if {hidden}:
+            ctypes.pythonapi = None
+        import zivi
+        for force in (
+            lambda t, x, xdot: -9.81 + 14.0 * math.cos(6.0 * t),
+            lambda t, y: -9.81 + 14.0 * math.cos(6.0 * t) - y[1],
+        ):
+            sol = zivi.simulate(zivi.ImpactSystem(force, e=0.6), (0, 5), (1, 0))
+            print(sol.nfev, sol.x[-1].hex())
+        try:
+            zivi.simulate(zivi.ImpactSystem(lambda t, x, xdot: 1 / 0, e=0.6), (0, 5), (1, 0))
+        except ZeroDivisionError:
+            print("raised")
+    """
+
+    def told(hidden):
+        text = textwrap.dedent(program).format(hidden=hidden)
+        done = subprocess.run(
+            [sys.executable, "-c", text], capture_output=True, text=True, check=True
+        )
+        return done.stdout
+
+    assert told(hidden=True) == told(hidden=False)
+    assert told(hidden=True).endswith("raised\n")
 
 
 def test_a_number_is_a_constant_force():
