@@ -18,6 +18,7 @@ pub(crate) use crate::numeric::power_series::{derivative, value, value_and_slope
 pub(crate) use law::Linear;
 pub(crate) use reading::Reading;
 pub(crate) use root::first_fall;
+use step::Ahead;
 pub(crate) use step::Step;
 pub(crate) use table::Table;
 pub(crate) use terms::{column, wave, Series, Start, TERMS};
@@ -28,6 +29,7 @@ use crate::numeric::power_series::stretch;
 use crate::switched::point::Point;
 use crate::LinearLaw;
 use period::Period;
+use sign_test::SignTest;
 
 /// Flights under one linear force.
 #[derive(Clone, Debug)]
@@ -163,9 +165,23 @@ impl SeriesFlight {
         let (table, h, mut from) = (&**table, table.h(), now);
         let mut start = Start { x: now.x, v, force: linear.constant, waves: clock.waves };
         let last = reach.t_end.min(reach.look);
-        for steps in 1.. {
+        let mut steps = 1;
+        loop {
             let left = ((reach.t_end - from.t) - from.late) / h;
-            let step = Step::with_waves::<W>(table, &start, known, left, true);
+            let ahead = Ahead::of::<W>(table, &start, known, left);
+            if let Some(Ahead { sign: SignTest::Clear, ends: [x, v] }) = ahead {
+                let end = from.after(h, x, v / h);
+                // false for NaN, too
+                let goes_on = x > 0.0 && x + end.xdot.abs() < f64::INFINITY;
+                if goes_on && end.t <= last && steps < reach.steps {
+                    clock.step::<W>((end.t, end.late), linear, table);
+                    (start.x, start.v, start.waves) = (x, v, clock.waves);
+                    (from, known, steps) = (end, 0, steps + 1);
+                    continue;
+                }
+            }
+            let sign = ahead.map(|ahead| ahead.sign);
+            let step = Step::with_waves::<W>(table, &start, known, left, true, sign);
             let end = from.after(step.length * h, step.x, step.v / h);
             // false for NaN, too
             let goes_on = step.x > 0.0 && step.x + end.xdot.abs() < f64::INFINITY;
@@ -173,7 +189,7 @@ impl SeriesFlight {
             if goes_on && !there {
                 *clock = clock.after::<W>(step.length, (end.t, end.late), linear, table);
                 start = Start { x: step.x, v: step.v, waves: clock.waves, ..start };
-                (from, known) = (end, 0);
+                (from, known, steps) = (end, 0, steps + 1);
                 continue;
             }
             *piece = Flown { from, start, known, step };
@@ -184,7 +200,6 @@ impl SeriesFlight {
             let end = self.arrive::<W>(from, &step, end, reach.t_end);
             return Arrival { from, end, lands: step.lands, steps };
         }
-        unreachable!("a count of steps has no end")
     }
 
     /// The velocity, times the length of a step.

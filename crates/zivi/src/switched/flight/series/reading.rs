@@ -45,11 +45,22 @@ impl Reading {
         linear: &Linear,
         table: &Table,
     ) -> Self {
-        if length == 1.0 && self.turned < TURNED {
-            let (waves, turned) = (table.turned::<W>(self.waves), self.turned + 1);
-            return Self { waves, turned, ..*self };
+        if length != 1.0 {
+            return self.read(length, at, linear, table);
         }
-        self.read(length, at, linear, table)
+        let mut next = *self;
+        next.step::<W>(at, linear, table);
+        next
+    }
+
+    /// The same in place, after one step.
+    #[inline(always)]
+    pub(super) fn step<const W: usize>(&mut self, at: (f64, f64), linear: &Linear, table: &Table) {
+        if self.turned < TURNED {
+            (self.waves, self.turned) = (table.turned::<W>(self.waves), self.turned + 1);
+        } else {
+            *self = self.read(1.0, at, linear, table);
+        }
     }
 
     #[cold]

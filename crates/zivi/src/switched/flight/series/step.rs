@@ -35,12 +35,14 @@ impl Step {
     /// The next step of a flight with one wave, however long.
     #[inline]
     pub(crate) fn next(table: &Table, start: &Start, known: usize, far: bool) -> Self {
-        Self::with_waves::<1>(table, start, known, f64::INFINITY, far)
+        let left = f64::INFINITY;
+        let sign = Ahead::of::<1>(table, start, known, left).map(|ahead| ahead.sign);
+        Self::with_waves::<1>(table, start, known, left, far, sign)
     }
 
     /// The next step of a flight, at most `left` long: many at once where they stay far from the
     /// wall and `far` allows it, else one, or the part of one up to the wall. The first `known`
-    /// derivatives of the position are zero at its start.
+    /// derivatives of the position are zero at its start. `sign` is what [`Ahead::of`] says of it.
     #[inline(always)]
     pub(super) fn with_waves<const W: usize>(
         table: &Table,
@@ -48,13 +50,16 @@ impl Step {
         known: usize,
         left: f64,
         far: bool,
+        sign: Option<SignTest>,
     ) -> Self {
         let mut doublings = None;
         let jump = |doublings: &mut Option<usize>| {
             *doublings = if far { table.far::<W>(start, left) } else { None };
             doublings.map(|j| (f64::from(1u32 << j), table.ends::<W>(start, j), false))
         };
-        let (length, [x, v], root) = if let Some(end) = of_parabola(table, start, known, left) {
+        let (length, [x, v], root) = if let Some(sign) = sign {
+            judged::<W>(table, start, known, left, sign)
+        } else if let Some(end) = of_parabola(table, start, known, left) {
             end
         } else if known > 1 {
             searched(table, start, known, left)
@@ -88,7 +93,49 @@ fn single<const W: usize>(table: &Table, start: &Start, known: usize, left: f64)
             return (at, [0.0, slope], true);
         }
     }
-    let guess = match table.screened::<W>(start, known) {
+    judged::<W>(table, start, known, left, table.screened::<W>(start, known))
+}
+
+/// A whole step of an ordinary flight: where it ends if nothing is in the way, and whether something
+/// is.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Ahead {
+    pub(super) ends: [f64; 2],
+    pub(super) sign: SignTest,
+}
+
+impl Ahead {
+    /// Where that is all there is to ask: a step is shorter than what is left, starts at the wall at
+    /// most, with an arc that is not short, and no bound is low enough for more than a step.
+    #[inline(always)]
+    pub(super) fn of<const W: usize>(
+        table: &Table,
+        start: &Start,
+        known: usize,
+        left: f64,
+    ) -> Option<Self> {
+        if !(left > OVER && known < 2) || table.leaps() {
+            return None;
+        }
+        let ends = table.ends::<W>(start, 0);
+        if table.is_clear_between::<W>(start, known, ends) {
+            return Some(Self { ends, sign: SignTest::Clear });
+        }
+        let is_short = known == 1 && table.is_short::<W>(start);
+        (!is_short).then(|| Self { ends, sign: table.screened::<W>(start, known) })
+    }
+}
+
+/// Of one step of which its Bernstein coefficients say that.
+#[inline(always)]
+fn judged<const W: usize>(
+    table: &Table,
+    start: &Start,
+    known: usize,
+    left: f64,
+    sign: SignTest,
+) -> End {
+    let guess = match sign {
         SignTest::Clear if left > 1.0 => return (1.0, table.ends::<W>(start, 0), false),
         SignTest::Clear => return (left, part_of::<W>(table, start, left), false),
         SignTest::Open => return searched(table, start, known, left),
@@ -210,7 +257,8 @@ mod tests {
             let waves = [[r(), r()], [0.0; 2]];
             let start = Start { x, v, force: r() - 0.5, waves };
             let left = if r() > 0.0 { 0.5 + 0.5 * r() } else { 5.0 };
-            let step = Step::with_waves::<1>(&table, &start, known, left, true);
+            let sign = Ahead::of::<1>(&table, &start, known, left).map(|ahead| ahead.sign);
+            let step = Step::with_waves::<1>(&table, &start, known, left, true, sign);
             assert!(step.length > 0.0 && step.length <= left);
             counts[usize::from(step.lands)] += 1;
             let whole = step.doublings.map_or(step.length, |j| f64::from(1 << j));
@@ -245,6 +293,30 @@ mod tests {
             let counts = check(law, seed);
             assert!(counts.iter().all(|&count| count > 300), "{law:?} {counts:?}");
         }
+    }
+
+    #[test]
+    fn what_is_ahead_is_a_whole_step_and_nothing_else() {
+        let law = Law { stiffness: 1.0, damping: 0.1, omega: [0.9, 0.0] };
+        let table = Table::new(law, f64::INFINITY);
+        let ahead = |start: Start, known, left| Ahead::of::<1>(&table, &start, known, left);
+        let high = Start { x: 1.0, v: 0.1, force: 1.0, ..Start::default() };
+        let ends = table.ends::<1>(&high, 0);
+        let clear = Some(Ahead { ends, sign: SignTest::Clear });
+        assert_eq!(ahead(high, 0, 1.1), clear);
+        // what is left is less, or a step but for rounding
+        assert_eq!(ahead(high, 0, 0.9), None);
+        assert_eq!(ahead(high, 0, 1.0 + 1e-10), None);
+        let from_wall = Start { x: 0.0, ..high };
+        assert!(ahead(from_wall, 1, 1.1).is_some_and(|ahead| ahead.sign == SignTest::Clear));
+        assert_eq!(ahead(from_wall, 2, 1.1), None);
+        // down onto the wall, and a short arc
+        let down = Start { v: -1.5, force: -1.0, ..high };
+        assert!(ahead(down, 0, 1.1).is_some_and(|it| matches!(it.sign, SignTest::One(_))));
+        assert_eq!(ahead(Start { v: 1e-3, force: -1.0, ..from_wall }, 1, 1.1), None);
+        // where a bound is low enough for many steps that is tried first
+        let free = Table::new(Law { stiffness: 0.0, ..law }, 0.1);
+        assert!(free.leaps() && Ahead::of::<1>(&free, &high, 0, 1.1).is_none());
     }
 
     #[test]
@@ -288,7 +360,7 @@ mod tests {
         for u in [1e-3, 1e-7, 1e-11] {
             let v = u * table.h();
             let start = Start { x: 0.0, v, force: -1.0, ..Start::default() };
-            let step = Step::with_waves::<0>(&table, &start, 1, 10.0, true);
+            let step = Step::with_waves::<0>(&table, &start, 1, 10.0, true, None);
             // x = -1 + cos t + u sin t: zero at 2 atan u with the velocity -u
             let exact = 2.0 * u.atan();
             assert!((step.length * table.h() / exact - 1.0).abs() < 1e-15, "{u}");

@@ -22,10 +22,15 @@ use std::sync::Arc;
 use super::columns::{Bound, Columns, COLUMNS};
 use super::level::{Level, LEVELS};
 use super::sign_test::{Screen, SignTest};
+use crate::numeric::bernstein::Polynomial;
+use crate::numeric::power_series::derivative;
 
 /// Length of a step times the fastest rate of the motion: beyond the last coefficient there is
 /// `1.75^24/24! = 1e-18`, and 24 times that in the velocity.
 const STEP: f64 = 1.75;
+
+/// Rounding of the ends of a step, relative to their terms: far more than there is.
+const ROUNDING: f64 = 1e-13;
 
 /// Tables that a thread keeps, of some 7 kB each.
 const SHARED: usize = 16;
@@ -43,6 +48,8 @@ pub(crate) struct Table {
     screens: [Screen; 2],
     /// Of `sum (n - 1) |a_n|` beyond the first [`SHORT`].
     beyond: Bound,
+    /// Of `|x''''|/384` over a step: how far the cubic with its ends is from the motion.
+    off_cubic: Bound,
     /// Turns of the first wave in a step, as a sum.
     turns: [f64; 2],
     /// Whether the bounds of a step are low enough for one to be clear by them.
@@ -89,10 +96,18 @@ impl Table {
             let weighted = |n, a: f64| if n < SHORT as f64 { 0.0 } else { (n - 1.0) * a.abs() };
             sum_by(&series.0[c], weighted)
         });
+        let off_cubic = Bound::sizes(|c| {
+            let a = &series.0[c];
+            let fourth = (0..4).fold(*a, |a, _| derivative(&a));
+            // the coefficients enclose it
+            let fourth = Polynomial::<TERMS>::from_powers(fourth);
+            let largest = fourth.coefficients().iter().fold(0.0, |most, b| b.abs().max(most));
+            largest / 384.0 + ROUNDING * sum_by(a, |n, a| (n + 1.0) * a.abs())
+        });
         let high = f64::from(turns[0] as f32);
         let turns = [high, turns[0] - high];
         let leaps = levels[0].leaps();
-        Self { law, h, n_waves, series, screens, beyond, turns, leaps, levels }
+        Self { law, h, n_waves, series, screens, beyond, off_cubic, turns, leaps, levels }
     }
 
     /// The table of a law, one of those of the last flights on this thread if it is among them.
@@ -189,6 +204,39 @@ impl Table {
         self.screens[known & 1].of::<W>(start)
     }
 
+    /// Whether a step that ends there, and whose first `known` derivatives, at most one, are zero at
+    /// its start, certainly stays above the wall: by the cubic `p` with these ends,
+    ///
+    /// ```text
+    /// |x - p| <= s^2 (1 - s)^2 max |x''''|/24 <= max |x''''|/384,    s max |x''''|/162,
+    /// ```
+    ///
+    /// and the Bernstein coefficients of `p`, or of `p/s`.
+    #[inline(always)]
+    pub(super) fn is_clear_between<const W: usize>(
+        &self,
+        start: &Start,
+        known: usize,
+        [x, v]: [f64; 2],
+    ) -> bool {
+        const THIRD: f64 = 1.0 / 3.0;
+        let (off, last) = (self.off_cubic.of::<W>(start), x - THIRD * v);
+        // false for NaN, too
+        if known == 0 {
+            let first = start.x + THIRD * start.v;
+            (start.x > off) & (first > off) & (last > off) & (x > off)
+        } else {
+            let off = 384.0 / 162.0 * off;
+            (start.v > off) & (1.5 * last > off) & (x > off)
+        }
+    }
+
+    /// Whether a bound may be low enough for a step to be clear by it; that of a parabola may.
+    #[inline(always)]
+    pub(super) fn leaps(&self) -> bool {
+        self.leaps
+    }
+
     /// Whether so much of a step certainly stays above the wall.
     #[inline(always)]
     pub(super) fn is_clear<const W: usize>(&self, start: &Start, part: f64) -> bool {
@@ -261,6 +309,72 @@ mod tests {
             let f = START.force - 2.0 * x - 0.3 * xdot + wave(0) + wave(1);
             // the second derivative has the remainder of 22 terms
             assert!((bend - f).abs() < 2e-13, "{s}: {:e}", bend - f);
+        }
+    }
+
+    /// Numbers that look random, between -1 and 1.
+    fn random(draw: &mut u64) -> f64 {
+        *draw = draw.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
+        (*draw >> 11) as f64 / (1_u64 << 52) as f64 - 1.0
+    }
+
+    #[test]
+    fn a_motion_is_as_near_to_the_cubic_with_its_ends_as_the_bound_says() {
+        let (table, mut draw) = (Table::new(LAW, f64::INFINITY), 5);
+        let (mut nearest, mut of_rate) = (0.0_f64, 0.0_f64);
+        for k in 0..600 {
+            let mut r = || random(&mut draw);
+            let mut start = Start { x: r(), v: r(), force: r(), waves: [[r(), r()], [r(), r()]] };
+            // at times from a position or a speed alone
+            match k % 3 {
+                0 => start = Start { x: start.x, ..Start::default() },
+                1 => start = Start { v: start.v, ..Start::default() },
+                _ => (),
+            }
+            let (a, [x1, v1]) = (table.series(&start), table.ends::<2>(&start, 0));
+            let (x0, v0, off) = (start.x, start.v, table.off_cubic.of::<2>(&start));
+            for k in 1..40 {
+                let s = f64::from(k) / 40.0;
+                let rest = 1.0 - s;
+                let cubic = rest * rest * (x0 * (1.0 + 2.0 * s) + v0 * s)
+                    + s * s * (x1 * (1.0 + 2.0 * rest) - v1 * rest);
+                let apart = (a.iter().rev().fold(0.0, |sum, a| sum * s + a) - cubic).abs();
+                assert!(apart <= off && apart / s <= off * (384.0 / 162.0), "{start:?} {s}");
+                nearest = nearest.max(apart / off);
+                of_rate = of_rate.max(apart / s / off / (384.0 / 162.0));
+            }
+        }
+        // and not far less
+        assert!(nearest > 0.5 && of_rate > 0.5, "{nearest} {of_rate}");
+    }
+
+    #[test]
+    fn a_step_is_clear_if_the_cubic_is_by_more_than_the_bound() {
+        let mut table = Table::new(LAW, f64::INFINITY);
+        // 1/100 whatever else the step starts from
+        table.off_cubic = Bound([0.0, 0.0, 0.01, 0.0, 0.0]);
+        let clear = |known, [x0, v0, x1, v1]: [f64; 4]| {
+            let start = Start { x: x0, v: v0, force: -1.0, ..Start::default() };
+            table.is_clear_between::<2>(&start, known, [x1, v1])
+        };
+        // coefficients x0, x0 + v0/3, x1 - v1/3, x1
+        let ends = [1.0, 0.0, 1.0, 0.0];
+        assert!(clear(0, ends));
+        for (low, high) in [(0.009, false), (0.011, true)] {
+            assert_eq!(clear(0, [low, 3.0, 1.0, 0.0]), high, "{low}");
+            assert_eq!(clear(0, [1.0, 3.0 * (low - 1.0), 1.0, 0.0]), high, "{low}");
+            assert_eq!(clear(0, [1.0, 0.0, 1.0, 3.0 * (1.0 - low)]), high, "{low}");
+            assert_eq!(clear(0, [1.0, 0.0, low, -3.0]), high, "{low}");
+            // from the wall v0, 3/2 (x1 - v1/3), x1, beyond 64/27 of the bound
+            let low = low * 64.0 / 27.0;
+            assert_eq!(clear(1, [0.0, low, 1.0, 0.0]), high, "{low}");
+            assert_eq!(clear(1, [0.0, 1.0, 1.0, 3.0 * (1.0 - low / 1.5)]), high, "{low}");
+            assert_eq!(clear(1, [0.0, 1.0, low, -3.0]), high, "{low}");
+        }
+        for k in 0..4 {
+            let mut none = ends;
+            none[k] = f64::NAN;
+            assert!(!clear(0, none), "{k}");
         }
     }
 
