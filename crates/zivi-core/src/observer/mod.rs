@@ -131,10 +131,12 @@ impl ImpactObserver {
         force: Real,
         u: Real,
     ) -> Result<Estimate, SettingError> {
-        let mut next = *self;
-        let found = next.advance(dt, measured, force, u)?;
-        *self = next;
-        Ok(found)
+        let before = self.state;
+        let found = self.advance(dt, measured, force, u);
+        if found.is_err() {
+            self.state = before;
+        }
+        found
     }
 
     /// The same without a copy: where it fails the observer is of no further use.
