@@ -10,9 +10,9 @@ pub(in super::super) const WIDTH: usize = 64;
 pub(super) type Lane = [f64; WIDTH];
 
 /// Relative distance from a switch from which on a step is everyday without a closer look.
-const MARGIN: f64 = 100.0 * SIGN_TOLERANCE;
+pub(super) const MARGIN: f64 = 100.0 * SIGN_TOLERANCE;
 /// States beyond it are looked at one by one: the square of a speed is a number there.
-const HUGE: f64 = 1e140;
+pub(super) const HUGE: f64 = 1e140;
 
 /// What the kernels work on: states seen from the side of the wall where the mass is. The signs
 /// `lambda_s` are all `+1` from there.
@@ -172,6 +172,14 @@ impl<S: Simd> Flight<S> {
         (simd.add_f64s(self.s, simd.add_f64s(self.travel, drop)), simd.add_f64s(self.v, kick))
     }
 
+    /// How far they stay from the wall without a force, less a margin.
+    #[inline(always)]
+    pub(super) fn room(&self) -> S::f64s {
+        let simd = self.of.simd;
+        // only for a comparison with room to spare: it may be fused
+        simd.mul_add_e_f64s(self.of.near, self.s, simd.min_f64s(self.travel, self.of.zero))
+    }
+
     /// Whether they stay under every `push` of at most this size, the least `v push` of which is
     /// `along`, and that is the only solution.
     #[inline(always)]
@@ -182,9 +190,7 @@ impl<S: Simd> Flight<S> {
         (s, v): (S::f64s, S::f64s),
     ) -> S::m64s {
         let Self { of: Common { simd, .. }, .. } = *self;
-        let nearer = simd.min_f64s(self.travel, self.of.zero);
-        let room = simd.add_f64s(simd.mul_f64s(self.of.near, self.s), nearer);
-        let keeps_s = simd.greater_than_f64s(room, simd.mul_f64s(self.of.h, size));
+        let keeps_s = simd.greater_than_f64s(self.room(), simd.mul_f64s(self.of.h, size));
         let turning = simd.mul_f64s(self.turn, size);
         let keeps_v = simd.or_m64s(
             simd.greater_than_f64s(along, self.of.zero),

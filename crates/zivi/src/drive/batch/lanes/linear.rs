@@ -97,7 +97,7 @@ impl<S: Simd> Sprung<S> {
 }
 
 impl<F: Force<Stopped>> Law<F> for Linear {
-    fn place(&mut self, i: usize, run: &OneByOne<F>) {
+    fn place(&mut self, i: usize, run: &OneByOne<F>, _: &Lanes) {
         let ImplicitForce { last, slope, .. } = run.stepper.implicit;
         (self.last[i], self.slope[i]) = (last.unwrap_or(f64::NAN), slope);
         if run.ended.is_some() {
@@ -117,8 +117,8 @@ impl<F: Force<Stopped>> Law<F> for Linear {
     }
 
     #[inline(always)]
-    fn everyday<S: Simd>(&mut self, simd: S, lanes: &mut Lanes, hard: &mut Lane) -> bool {
-        let (of, n) = (Common::of(simd, lanes), lanes.vectors(simd));
+    fn everyday<S: Simd>(&mut self, simd: S, lanes: &mut Lanes, n: usize, hard: &mut Lane) -> bool {
+        let of = Common::of(simd, lanes);
         let theta = [simd.splat_f64s(lanes.theta), simd.splat_f64s(1.0 - lanes.theta)];
         let (one, two) = (simd.splat_f64s(1.0), simd.splat_f64s(2.0));
         let mut any = of.zero;

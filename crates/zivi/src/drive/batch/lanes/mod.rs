@@ -20,6 +20,7 @@
 //! the rule of [`zivi_core::step::selection`] has nothing to choose.
 
 mod alone;
+mod constant;
 mod flight;
 mod law;
 mod linear;
@@ -34,6 +35,7 @@ use crate::{Dependence, Force, Grid, SetupError};
 
 pub(super) use self::alone::Mass;
 use self::alone::OneByOne;
+use self::constant::Constant;
 use self::flight::Lanes;
 pub(super) use self::flight::WIDTH;
 use self::law::Law;
@@ -60,8 +62,8 @@ pub(super) fn run<F: Force<Stopped> + Copy>(
     stop: &dyn Fn() -> bool,
 ) -> Result<Vec<Outcome>, SetupError> {
     match dependence {
-        Dependence::Constant => moved(masses, Pulled::<false>::of(masses), grid, save, stop),
-        Dependence::Time => moved(masses, Pulled::<true>::of(masses), grid, save, stop),
+        Dependence::Constant => moved(masses, Constant::over(grid.n_steps()), grid, save, stop),
+        Dependence::Time => moved(masses, Pulled::of(masses), grid, save, stop),
         Dependence::State => moved(masses, Linear::of(masses), grid, save, stop),
     }
 }
@@ -80,7 +82,7 @@ fn moved<F: Force<Stopped> + Copy, L: Law<F>>(
         let z = lift(mass.initial, mass.step.restitution())?;
         let run = OneByOne::start(mass, z, grid, save)?;
         lanes.place(i, z, run.sigma, run.is_busy(z));
-        law.place(i, &run);
+        law.place(i, &run, &lanes);
         runs.push(run);
     }
     let arch = pulp::Arch::new();
@@ -93,8 +95,10 @@ fn moved<F: Force<Stopped> + Copy, L: Law<F>>(
         let until = (k + to_sample.min(PIECE)).min(n - 1).max(k + 1);
         if k + 1 == n {
             lanes.h = grid.last_h();
-            for run in &mut runs {
+            for (i, run) in runs.iter_mut().enumerate() {
                 FixedStep::<Stopped, F>::resize(&mut run.stepper, grid.last_h());
+                law.tell(i, run);
+                law.place(i, run, &lanes);
             }
         }
         let (lanes, law, runs) = (&mut lanes, &mut law, &mut runs);
@@ -135,6 +139,7 @@ impl<F: Force<Stopped>, L: Law<F>> WithSimd for Steps<'_, F, L> {
     fn with_simd<S: Simd>(self, simd: S) {
         let Self { lanes, law, runs, grid, range: (k, until), extremes } = self;
         let mut hard = [0.0; WIDTH];
+        let (n, all) = (lanes.vectors(simd), WIDTH / S::F64_LANES);
         let mut moving = lanes.any_busy();
         if extremes && k == 0 {
             lanes.note_extremes(simd);
@@ -145,7 +150,13 @@ impl<F: Force<Stopped>, L: Law<F>> WithSimd for Steps<'_, F, L> {
             }
             let t = grid.t(k);
             law.begin(t + lanes.theta * lanes.h, runs);
-            if law.everyday(simd, lanes, &mut hard) {
+            // loops of a size that the compiler knows are faster
+            let any_hard = if n == all {
+                law.everyday(simd, lanes, all, &mut hard)
+            } else {
+                law.everyday(simd, lanes, n, &mut hard)
+            };
+            if any_hard {
                 for (i, run) in runs.iter_mut().enumerate() {
                     if hard[i] != 0.0 {
                         let z = lanes.at(i, run.sigma);
@@ -153,7 +164,7 @@ impl<F: Force<Stopped>, L: Law<F>> WithSimd for Steps<'_, F, L> {
                         let end = run.step(z, k, (t, grid.t(k + 1)));
                         let z = end.unwrap_or(z);
                         lanes.place(i, z, run.sigma, run.is_busy(z));
-                        law.place(i, run);
+                        law.place(i, run, lanes);
                         moving = lanes.busy[i] != 0.0 || lanes.any_busy();
                     }
                 }

@@ -1,4 +1,4 @@
-//! Masses under forces that are known before a step: constants, and those of time alone.
+//! Masses under forces of time alone, which are known before a step.
 
 use pulp::Simd;
 
@@ -12,27 +12,22 @@ use crate::drive::batch::Stopped;
 
 /// Where the forces of a step come from.
 enum Source {
-    /// They stay what they are.
-    Constant,
     /// Waves, from which gravity is taken away.
     Waves(Box<(Waves, Lane)>),
     /// Forces are evaluated, those that are the same once: the first that is the same as each.
     Evaluated(Vec<usize>),
 }
 
-/// `CHANGES`: whether the forces do.
-pub(super) struct Pulled<const CHANGES: bool> {
+pub(super) struct Pulled {
     source: Source,
     /// The forces; none (NaN) where nothing moves any more or a step has to be taken alone.
     pull: Lane,
 }
 
-impl<const CHANGES: bool> Pulled<CHANGES> {
+impl Pulled {
     pub(super) fn of<F: Force<Stopped>>(masses: &[Mass<F>]) -> Self {
         let linear = || masses.iter().filter_map(|mass| mass.force.as_linear_force());
-        let source = if !CHANGES {
-            Source::Constant
-        } else if linear().count() == masses.len() {
+        let source = if linear().count() == masses.len() {
             Source::Waves(Box::new((Waves::of(linear()), [f64::NAN; WIDTH])))
         } else {
             let first = |(i, mass): (usize, &Mass<F>)| {
@@ -45,16 +40,11 @@ impl<const CHANGES: bool> Pulled<CHANGES> {
     }
 }
 
-impl<F: Force<Stopped>, const CHANGES: bool> Law<F> for Pulled<CHANGES> {
-    fn place(&mut self, i: usize, run: &OneByOne<F>) {
-        match &mut self.source {
-            // evaluated by the first step
-            Source::Constant => self.pull[i] = run.stepper.constant().unwrap_or(f64::NAN),
-            Source::Waves(waves) => {
-                let gravity = run.force.as_linear_force().map_or(f64::NAN, |it| it.gravity);
-                waves.1[i] = if run.ended.is_none() { gravity } else { f64::NAN };
-            }
-            Source::Evaluated(_) => (),
+impl<F: Force<Stopped>> Law<F> for Pulled {
+    fn place(&mut self, i: usize, run: &OneByOne<F>, _: &Lanes) {
+        if let Source::Waves(waves) = &mut self.source {
+            let gravity = run.force.as_linear_force().map_or(f64::NAN, |it| it.gravity);
+            waves.1[i] = if run.ended.is_none() { gravity } else { f64::NAN };
         }
         if run.ended.is_some() {
             self.pull[i] = f64::NAN;
@@ -66,7 +56,6 @@ impl<F: Force<Stopped>, const CHANGES: bool> Law<F> for Pulled<CHANGES> {
     #[inline(always)]
     fn begin(&mut self, t: f64, runs: &mut [OneByOne<F>]) {
         match &mut self.source {
-            Source::Constant => (),
             Source::Waves(waves) => {
                 let (waves, gravity) = &mut **waves;
                 waves.go_to(t);
@@ -92,8 +81,8 @@ impl<F: Force<Stopped>, const CHANGES: bool> Law<F> for Pulled<CHANGES> {
     }
 
     #[inline(always)]
-    fn everyday<S: Simd>(&mut self, simd: S, lanes: &mut Lanes, hard: &mut Lane) -> bool {
-        let (of, n) = (Common::of(simd, lanes), lanes.vectors(simd));
+    fn everyday<S: Simd>(&mut self, simd: S, lanes: &mut Lanes, n: usize, hard: &mut Lane) -> bool {
+        let of = Common::of(simd, lanes);
         let mut any = of.zero;
         let Lanes { s, v, busy, r, inverse_r, turn, .. } = lanes;
         let (s, v) = (vectors_mut(simd, s), vectors_mut(simd, v));
@@ -110,15 +99,10 @@ impl<F: Force<Stopped>, const CHANGES: bool> Law<F> for Pulled<CHANGES> {
             let flies = flight.stays(simd.abs_f64s(push), along, end);
             s[i] = simd.select_f64s(flies, end.0, flight.s);
             v[i] = simd.select_f64s(flies, end.1, flight.v);
-            // under a constant what rests is not busy
-            let taken = if CHANGES {
-                let pressed = simd.less_than_or_equal_f64s(push, of.zero);
-                let bounded = simd.greater_than_f64s(push, simd.neg_f64s(of.huge));
-                let rests = simd.and_m64s(flight.is_at_origin(), simd.and_m64s(pressed, bounded));
-                simd.or_m64s(flies, rests)
-            } else {
-                flies
-            };
+            let pressed = simd.less_than_or_equal_f64s(push, of.zero);
+            let bounded = simd.greater_than_f64s(push, simd.neg_f64s(of.huge));
+            let rests = simd.and_m64s(flight.is_at_origin(), simd.and_m64s(pressed, bounded));
+            let taken = simd.or_m64s(flies, rests);
             hard[i] = simd.select_f64s(taken, of.zero, busy[i]);
             any = simd.or_f64s(any, hard[i]);
         }
@@ -126,9 +110,6 @@ impl<F: Force<Stopped>, const CHANGES: bool> Law<F> for Pulled<CHANGES> {
     }
 
     fn nfev(&self, _: usize, _: &OneByOne<F>, steps: u64) -> u64 {
-        match self.source {
-            Source::Constant => 1,
-            _ => steps,
-        }
+        steps
     }
 }
