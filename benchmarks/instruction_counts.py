@@ -49,6 +49,9 @@ CASES = {
     "fixed step, recorded": Case("zivi", "step_cost", "recorded {}", 2000, 12000),
     "runs of a mass by the pair": Case("zivi", "switched_cost", "{}", 1, 3),
     "period of an oscillator by series": Case("zivi", "flight_cost", "oscillator {}", 200, 1200),
+    "the same, times and positions that draw it": Case(
+        "zivi", "flight_cost", "positions {}", 200, 1200
+    ),
     "the same, drawn": Case("zivi", "flight_cost", "drawn {}", 200, 1200),
     "sampled loop, a period": Case("zivi", "flight_cost", "sampled {}", 2000, 12000),
     "sensitivity, two columns": Case("zivi", "sensitivity_cost", "2 {}", 2, 12),

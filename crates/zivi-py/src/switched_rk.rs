@@ -32,8 +32,9 @@ impl MotionPath {
         times: &PyReadonlyArray1<'py, f64>,
         of: impl Fn(zivi::PathPoint) -> (f64, f64),
     ) -> Arrays<'py> {
+        let mut reader = self.motion.path.as_ref().map(DensePath::reader);
         let at = |&t: &f64| {
-            let point = self.motion.path.as_ref().and_then(|path| path.at(t));
+            let point = reader.as_mut().and_then(|reader| reader.at(t));
             point.map_or((f64::NAN, f64::NAN), &of)
         };
         let (first, second): (Vec<f64>, Vec<f64>) = times.as_array().iter().map(at).unzip();

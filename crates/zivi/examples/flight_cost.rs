@@ -9,8 +9,8 @@ use std::hint::black_box;
 use std::time::Instant;
 
 use zivi::{
-    simulate_switched_rk, Flights, ImpactMap, LinearForce, Output, Physical, Restitution, Silent,
-    SwitchedIntegrator, SwitchedRk,
+    simulate_switched_rk, Flights, ImpactMap, LinearForce, Output, Physical, Quantity, Restitution,
+    Silent, SwitchedIntegrator, SwitchedRk,
 };
 
 type Failed = Box<dyn std::error::Error>;
@@ -51,7 +51,11 @@ enum Sampling {
     Impacts,
     /// The ends of steps, too.
     Steps,
-    /// The motion as a function of time, and samples that draw it.
+    /// The motion as a function of time, too.
+    Dense,
+    /// The positions that draw it, too.
+    Positions,
+    /// All quantities of the samples that draw it, too.
     Drawn,
 }
 
@@ -67,11 +71,17 @@ fn run(
     let settings = SwitchedRk { flights, max_steps: usize::MAX, ..SwitchedRk::with_tol(1e-6) };
     let start = Physical { x: 1.0, xdot: 0.0 };
     let t_eval = (sampling == Sampling::Impacts).then_some(&[][..]);
-    let dense = sampling == Sampling::Drawn;
-    let output = Output::<Infallible> { t_eval, dense, drawn: dense, ..Output::default() };
+    let dense = !matches!(sampling, Sampling::Impacts | Sampling::Steps);
+    let drawn = sampling == Sampling::Drawn;
+    let output = Output::<Infallible> { t_eval, dense, drawn, ..Output::default() };
     let restitution = Restitution::from_e(e)?;
     let run =
         simulate_switched_rk(settings, restitution, &mut force, span, start, output, &mut Silent)?;
+    if let (Some(path), Sampling::Positions) = (&run.path, sampling) {
+        let steps = Quantity::ALL.map(|it| run.trajectory.columns.of(it));
+        let samples = path.plot_samples([steps[0], steps[1]]).ok_or("no memory")?;
+        black_box(samples.column(Quantity::X, path, steps, restitution));
+    }
     Ok(black_box(run).trajectory.events.impacts.len() as f64)
 }
 
@@ -126,6 +136,9 @@ fn main() -> Result<(), Failed> {
         "oscillator-rk" => run(OSCILLATOR, 0.8, Flights::RungeKutta, n, Sampling::Impacts),
         "steps" => run(OSCILLATOR, 0.8, Flights::Series, n, Sampling::Steps),
         "steps-rk" => run(OSCILLATOR, 0.8, Flights::RungeKutta, n, Sampling::Steps),
+        "dense" => run(OSCILLATOR, 0.8, Flights::Series, n, Sampling::Dense),
+        "positions" => run(OSCILLATOR, 0.8, Flights::Series, n, Sampling::Positions),
+        "positions-rk" => run(OSCILLATOR, 0.8, Flights::RungeKutta, n, Sampling::Positions),
         "drawn" => run(OSCILLATOR, 0.8, Flights::Series, n, Sampling::Drawn),
         "drawn-rk" => run(OSCILLATOR, 0.8, Flights::RungeKutta, n, Sampling::Drawn),
         "table" => run(TABLE, 0.85, Flights::Series, n, Sampling::Impacts),

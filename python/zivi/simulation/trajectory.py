@@ -214,10 +214,12 @@ class Trajectory(MassRun):
             record = own.get("_record")
             if record is None:
                 return super().__getattr__(name)
-            if name in SAMPLED:
-                drawn = own["_drawn"]
-                columns, count = record.drawn() if drawn else (record.columns, record.n_samples)
-                own.update(zip(SAMPLED, columns[:, :count], strict=True))
+            if name in LIFTED and own["_drawn"]:
+                own.update(zip(LIFTED, record.drawn_lifted(), strict=True))
+            elif name in ROWS and own["_drawn"]:
+                own[name] = record.drawn(ROWS[name])
+            elif name in ROWS:
+                own.update(zip(ROWS, record.columns[:, : record.n_samples], strict=True))
             elif name in OF_RECORD:
                 own[name] = OF_RECORD[name](record)
             elif name in OF_ARGUMENTS:
@@ -301,8 +303,10 @@ STATUSES = {int(status): status for status in Status}
 """A call of the class takes longer."""
 UNREAD = ("_record", "_drawn", "_asked")
 """What a run has of which its attributes are made."""
-SAMPLED = ("t", *QUANTITIES)
-"""What a run samples, in the order of the record's rows."""
+ROWS = {name: row for row, name in enumerate(("t", *QUANTITIES))}
+"""What a run samples, and where it is in the record."""
+LIFTED = ("s", "v", "lambda_s", "lambda_v")
+"""What follows from the state at a sample."""
 
 
 def _path_of(

@@ -184,6 +184,26 @@ impl<const M: usize> Polynomial<M> {
         value::<M>(self.coefficients(), theta)
     }
 
+    /// The values at several places at once, with the bits of [`Polynomial::at`] at each.
+    #[inline(always)]
+    pub(crate) fn values<const L: usize>(&self, theta: &[f64; L]) -> [f64; L] {
+        if self.n > MOST_DEGREE {
+            return theta.map(|theta| self.at(theta));
+        }
+        let mut c = [[0.0; L]; MOST_DEGREE + 1];
+        for (c, &own) in c.iter_mut().zip(self.coefficients()) {
+            *c = [own; L];
+        }
+        for level in 1..=self.n {
+            for j in 0..=self.n - level {
+                for l in 0..L {
+                    c[j][l] += theta[l] * (c[j + 1][l] - c[j][l]);
+                }
+            }
+        }
+        c[0]
+    }
+
     /// The derivative at `theta`.
     pub(crate) fn slope(&self, theta: f64) -> f64 {
         let mut d = [0.0; M];

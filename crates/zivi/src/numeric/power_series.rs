@@ -32,6 +32,23 @@ pub(crate) fn value(a: &Series, s: f64) -> f64 {
     (sums[0] + s * sums[1]) + s2 * (sums[2] + s * sums[3])
 }
 
+/// The values at several places at once, with the bits of [`value`] at each.
+#[inline(always)]
+pub(crate) fn values<const L: usize>(a: &Series, s: &[f64; L]) -> [f64; L] {
+    let s2: [f64; L] = std::array::from_fn(|l| s[l] * s[l]);
+    let s4: [f64; L] = std::array::from_fn(|l| s2[l] * s2[l]);
+    let mut sums = [[0.0; L]; LANES];
+    for k in (0..ROUNDS).rev() {
+        for (i, sums) in sums.iter_mut().enumerate() {
+            for l in 0..L {
+                sums[l] = sums[l] * s4[l] + a[LANES * k + i];
+            }
+        }
+    }
+    let [p0, p1, p2, p3] = sums;
+    std::array::from_fn(|l| (p0[l] + s[l] * p1[l]) + s2[l] * (p2[l] + s[l] * p3[l]))
+}
+
 /// The values of a series and of its first two derivatives.
 ///
 /// With `p_i(s^4)` the interleaved ones, `p = sum_i s^i p_i`,
@@ -158,6 +175,7 @@ mod tests {
                 assert!((found - plain(a)).abs() < 4e-16 * size, "{s}");
             }
             assert_eq!(value(&a, s), found[0]);
+            assert_eq!(values(&a, &[s, 0.3])[0], found[0]);
             assert!((of_few(&a, s)[1] - found[1]).abs() < 1e-13);
         }
     }

@@ -1,9 +1,11 @@
 //! The whole motion as a function of time: polynomials in flight, tails, rest.
 
 use std::collections::TryReserveError;
+use std::sync::Arc;
 
-use super::flight::series::{derivative, value, Series, TERMS};
-use crate::numeric::bernstein::{evaluate, Bernstein, Polynomial, MOST_DEGREE};
+use super::flight::series::{derivative, value, FlightPart, Series, Table, TERMS};
+use crate::numeric::bernstein::{Bernstein, Polynomial, MOST_DEGREE};
+use crate::numeric::power_series::values;
 use crate::record::reserve::Reserve;
 use crate::record::user_events::Level;
 use crate::zeno::tail::Tail;
@@ -15,12 +17,12 @@ pub(super) struct Curve {
     pub(super) start: f64,
     pub(super) h: f64,
     pub(super) sigma: f64,
-    form: Form,
+    pub(super) form: Form,
 }
 
 /// Position and velocity by the part `theta` of a step.
 #[derive(Clone, Copy, Debug, PartialEq)]
-enum Form {
+pub(super) enum Form {
     /// Polynomials of both.
     Both([Bernstein; 2]),
     /// Powers of `theta` for the position, the velocity at the start; whether it ends at the wall.
@@ -44,6 +46,13 @@ impl Curve {
         Self { start, h, sigma, form: Form::Powers(a, xdot, lands) }
     }
 
+    /// By what a step under a linear force starts from.
+    #[inline(always)]
+    pub(super) fn of_part(start: f64, sigma: f64, part: &FlightPart, table: &Table) -> Self {
+        let step = (start, part.length * table.h());
+        Self::powers(step, sigma, part.powers(table), part.xdot, part.lands)
+    }
+
     /// When the step ends.
     pub(super) fn end(&self) -> f64 {
         self.start + self.h
@@ -51,13 +60,53 @@ impl Curve {
 
     #[inline]
     pub(super) fn at(&self, t: f64) -> PathPoint {
-        self.moving().at(t)
+        self.with(&self.later(), t)
+    }
+
+    #[inline(always)]
+    fn with(&self, later: &Series, t: f64) -> PathPoint {
+        let Curve { start, h, sigma, form } = self;
+        let theta = theta(t, *start, *h);
+        let (x, xdot) = match form {
+            Form::Both([x, xdot]) => (x.at(theta), xdot.at(theta)),
+            Form::Powers(a, xdot, _) => (value(a, theta), xdot + value(later, theta) / h),
+        };
+        PathPoint { x: x.max(0.0), xdot, sigma: *sigma }
     }
 
     /// The motion, for one time after the other.
     #[inline(always)]
-    pub(super) fn moving(&self) -> Moving<'_> {
-        let later = match &self.form {
+    pub(super) fn moving(&self) -> Moving {
+        Moving { curve: *self, later: self.later() }
+    }
+
+    /// Positions at several times at once, with the bits of [`Curve::at`] at each.
+    #[inline(always)]
+    pub(super) fn positions<const L: usize>(&self, t: &[f64; L]) -> [f64; L] {
+        let theta = t.map(|t| theta(t, self.start, self.h));
+        let x = match &self.form {
+            Form::Both([x, _]) => x.values(&theta),
+            Form::Powers(a, ..) => values(a, &theta),
+        };
+        x.map(|x| x.max(0.0))
+    }
+
+    /// The same of velocities.
+    #[inline(always)]
+    pub(super) fn velocities<const L: usize>(&self, t: &[f64; L]) -> [f64; L] {
+        let theta = t.map(|t| theta(t, self.start, self.h));
+        match &self.form {
+            Form::Both([_, xdot]) => xdot.values(&theta),
+            Form::Powers(_, xdot, _) => {
+                values(&self.later(), &theta).map(|later| xdot + later / self.h)
+            }
+        }
+    }
+
+    /// The powers of the velocity beyond that at the start, times the length of the step.
+    #[inline(always)]
+    fn later(&self) -> Series {
+        match &self.form {
             Form::Both(_) => [0.0; TERMS],
             Form::Powers(a, ..) => {
                 // exactly the state at the start
@@ -65,8 +114,17 @@ impl Curve {
                 later[0] = 0.0;
                 later
             }
-        };
-        Moving { curve: self, later }
+        }
+    }
+
+    /// Without the powers that are rounding.
+    #[inline(always)]
+    fn without_rounding(mut self) -> Self {
+        if let Form::Powers(a, ..) = &mut self.form {
+            let terms = significant(a);
+            a[terms..].fill(0.0);
+        }
+        self
     }
 
     /// Whether it ends at the wall.
@@ -97,21 +155,6 @@ impl Curve {
         }
     }
 
-    /// The way from the start and the velocity in Bernstein form, the velocity by differences of
-    /// the way where it is not known apart from that: for a drawing.
-    #[inline(always)]
-    pub(super) fn outline(&self) -> (f64, [Polynomial<TERMS>; 2]) {
-        match &self.form {
-            Form::Both(_) => (0.0, [self.position(), self.velocity()]),
-            Form::Powers(a, ..) => {
-                let mut way = *a;
-                way[0] = 0.0;
-                let way = Polynomial::from_powers(way);
-                (a[0], [way, way.derivative().times(1.0 / self.h)])
-            }
-        }
-    }
-
     /// When a level is crossed, up to `end`.
     pub(super) fn crossings(&self, level: Level, end: f64) -> Vec<f64> {
         let all = match level {
@@ -123,26 +166,21 @@ impl Curve {
 }
 
 /// A curve, and the powers of its velocity beyond that at the start.
-pub(super) struct Moving<'a> {
-    curve: &'a Curve,
+#[derive(Clone, Debug)]
+pub(super) struct Moving {
+    curve: Curve,
     later: Series,
 }
 
-impl Moving<'_> {
+impl Moving {
     #[inline(always)]
-    pub(super) fn at(&self, t: f64) -> PathPoint {
-        let Curve { start, h, sigma, form } = self.curve;
-        let theta = theta(t, *start, *h);
-        let (x, xdot) = match form {
-            Form::Both([x, xdot]) => (x.at(theta), xdot.at(theta)),
-            Form::Powers(a, xdot, _) => (value(a, theta), xdot + value(&self.later, theta) / h),
-        };
-        PathPoint { x: x.max(0.0), xdot, sigma: *sigma }
+    fn at(&self, t: f64) -> PathPoint {
+        self.curve.with(&self.later, t)
     }
 }
 
 #[inline(always)]
-fn theta(t: f64, start: f64, h: f64) -> f64 {
+pub(super) fn theta(t: f64, start: f64, h: f64) -> f64 {
     ((t - start) / h).clamp(0.0, 1.0)
 }
 
@@ -163,9 +201,17 @@ pub(super) enum Kind {
         h: f64,
         lands: bool,
     },
+    /// A step under a linear force: that of this number.
+    Linear(usize),
     /// The tail of this number.
     Tail(usize),
     Rest,
+}
+
+impl Kind {
+    pub(super) fn is_flight(self) -> bool {
+        !matches!(self, Kind::Tail(_) | Kind::Rest)
+    }
 }
 
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -175,17 +221,40 @@ pub(super) struct Segment {
     pub(super) kind: Kind,
 }
 
+/// A step under a linear force by what it starts from, and the number of its table.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct LinearStep {
+    part: FlightPart,
+    table: usize,
+}
+
+/// Tables that a path keeps: where a law changes again and again, power series take less.
+const MOST_TABLES: usize = 8;
+
 /// How many of the coefficients are more than rounding: the rest of them is none of it.
+#[inline(always)]
 fn significant(a: &Series) -> usize {
     const NOTHING: f64 = 1e-18;
-    let whole: f64 = a.iter().map(|a| a.abs()).sum();
-    a.iter().rposition(|a| a.abs() > NOTHING * whole).map_or(2, |last| (last + 1).max(2))
+    const LANES: usize = 4;
+    let mut sums = [0.0; LANES];
+    for a in a.chunks_exact(LANES) {
+        sums = std::array::from_fn(|i| sums[i] + a[i].abs());
+    }
+    let whole: f64 = sums.iter().sum();
+    let mut terms = TERMS;
+    while terms > 2 {
+        if a[terms - 1].abs() > NOTHING * whole {
+            break;
+        }
+        terms -= 1;
+    }
+    terms
 }
 
 /// The motion at any time of a run, across impacts, Zeno points, rest and lift-off.
 ///
-/// A step of order 8 takes 18 numbers of memory, one of order 5 takes 12, a power series at most 24. Within the tails the
-/// impacts are evaluated when they are requested.
+/// A step of order 8 takes 18 numbers of memory, one of order 5 takes 12, one under a linear force
+/// what it starts from. Within the tails the impacts are evaluated when they are requested.
 ///
 /// ```
 /// use zivi::{simulate_switched_rk, ConstantForce, Output, Physical, Restitution, Silent, SwitchedRk};
@@ -209,6 +278,8 @@ fn significant(a: &Series) -> usize {
 pub struct DensePath {
     pub(super) segments: Vec<Segment>,
     pub(super) coefficients: Vec<f64>,
+    pub(super) linear: Vec<LinearStep>,
+    pub(super) tables: Vec<Arc<Table>>,
     pub(super) tails: Vec<Tail>,
     pub(super) end: Option<(f64, PathPoint)>,
 }
@@ -218,7 +289,41 @@ impl DensePath {
     pub(super) fn make_room(&mut self, reserve: &mut Reserve) -> Result<(), TryReserveError> {
         reserve.room(&mut self.segments, 1, 0)?;
         reserve.room(&mut self.coefficients, TERMS.max(2 * (MOST_DEGREE + 1)), 0)?;
+        reserve.room(&mut self.linear, 1, 0)?;
         reserve.room(&mut self.tails, 1, 0)
+    }
+
+    /// Adds a step under a linear force.
+    #[inline]
+    pub(super) fn push_part(
+        &mut self,
+        start: f64,
+        sigma: f64,
+        (part, table): (FlightPart, &Arc<Table>),
+    ) {
+        let known = self.tables.iter().rposition(|it| Arc::ptr_eq(it, table));
+        let number = known.unwrap_or(self.tables.len());
+        if number == MOST_TABLES {
+            return self.push_flight(&Curve::of_part(start, sigma, &part, table));
+        }
+        if known.is_none() {
+            self.tables.push(Arc::clone(table));
+        }
+        let kind = Kind::Linear(self.linear.len());
+        self.linear.push(LinearStep { part, table: number });
+        self.push(start, sigma, kind);
+    }
+
+    /// The same path without tables.
+    pub(super) fn in_powers(&self) -> Self {
+        let mut all = Self { tails: self.tails.clone(), end: self.end, ..Self::default() };
+        for segment in &self.segments {
+            match self.curve(segment) {
+                Some(curve) => all.push_flight(&curve),
+                None => all.segments.push(*segment),
+            }
+        }
+        all
     }
 
     pub(super) fn push_flight(&mut self, curve: &Curve) {
@@ -264,6 +369,8 @@ impl DensePath {
     pub(super) fn clear(&mut self) {
         self.segments.clear();
         self.coefficients.clear();
+        self.linear.clear();
+        self.tables.clear();
         self.tails.clear();
         self.end = None;
     }
@@ -302,24 +409,65 @@ impl DensePath {
         self.segments.is_empty()
     }
 
+    /// The position and the velocity, times the length of the step, with which a segment starts,
+    /// and half of its second derivative there, by the part of the step.
+    #[inline(always)]
+    pub(super) fn first_powers(&self, segment: &Segment) -> Option<[f64; 3]> {
+        match segment.kind {
+            Kind::Flight { first, degree, .. } => {
+                let n = degree as f64;
+                let c = &self.coefficients[first..][..degree + 1];
+                let at = |k: usize| c.get(k).copied().unwrap_or(c[0]);
+                let bend = 0.5 * n * (n - 1.0) * (at(0) - 2.0 * at(1) + at(2));
+                Some([at(0), n * (at(1) - at(0)), bend])
+            }
+            Kind::Series { first, terms, h, .. } => {
+                let a = &self.coefficients[first..][..terms];
+                Some([a[0], h * a[1], a.get(2).copied().unwrap_or(0.0)])
+            }
+            Kind::Linear(number) => {
+                let LinearStep { part, table } = &self.linear[number];
+                Some(part.first_powers(&self.tables[*table]))
+            }
+            Kind::Tail(_) | Kind::Rest => None,
+        }
+    }
+
+    /// How long the step of a segment in flight is (s).
+    #[inline(always)]
+    pub(super) fn length_of(&self, segment: &Segment) -> f64 {
+        match segment.kind {
+            Kind::Flight { h, .. } | Kind::Series { h, .. } => h,
+            Kind::Linear(number) => {
+                let LinearStep { part, table } = &self.linear[number];
+                part.length * self.tables[*table].h()
+            }
+            Kind::Tail(_) | Kind::Rest => f64::INFINITY,
+        }
+    }
+
     /// The motion of a segment in flight.
-    #[inline]
+    #[inline(always)]
     pub(super) fn curve(&self, segment: &Segment) -> Option<Curve> {
-        let (form, h) = match segment.kind {
+        let Segment { start, sigma, kind } = *segment;
+        match kind {
             Kind::Flight { first, degree, h } => {
                 let both = &self.coefficients[first..][..2 * degree + 2];
                 let (x, xdot) = both.split_at(degree + 1);
-                (Form::Both([Bernstein::new(x), Bernstein::new(xdot)]), h)
+                let both = [Bernstein::new(x), Bernstein::new(xdot)];
+                Some(Curve::polynomials(start, h, sigma, both))
             }
             Kind::Series { first, terms, h, lands } => {
                 let mut a = [0.0; TERMS];
                 a[..terms].copy_from_slice(&self.coefficients[first..][..terms]);
-                let (step, xdot) = ((segment.start, h), a[1]);
-                return Some(Curve::powers(step, segment.sigma, a, xdot, lands));
+                Some(Curve::powers((start, h), sigma, a, a[1], lands))
             }
-            Kind::Tail(_) | Kind::Rest => return None,
-        };
-        Some(Curve { start: segment.start, h, sigma: segment.sigma, form })
+            Kind::Linear(number) => {
+                let LinearStep { part, table } = &self.linear[number];
+                Some(Curve::of_part(start, sigma, part, &self.tables[*table]).without_rounding())
+            }
+            Kind::Tail(_) | Kind::Rest => None,
+        }
     }
 
     /// The state at `t`, and after the impact if there is one at `t`; `None` outside of the span.
@@ -333,17 +481,90 @@ impl DensePath {
         if after == 0 || t.is_nan() || t > end {
             return None;
         }
-        let segment = self.segments[after - 1];
-        let Segment { start, sigma, kind } = segment;
-        Some(match kind {
-            Kind::Rest => PathPoint { x: 0.0, xdot: 0.0, sigma },
+        let segment = &self.segments[after - 1];
+        Some(match segment.kind {
+            Kind::Rest => PathPoint { x: 0.0, xdot: 0.0, sigma: segment.sigma },
             Kind::Tail(number) => self.tails[number].at(t),
-            Kind::Flight { first, degree, h } => {
-                let theta = theta(t, start, h);
-                let (x, xdot) = self.coefficients[first..][..2 * degree + 2].split_at(degree + 1);
-                PathPoint { x: evaluate(x, theta).max(0.0), xdot: evaluate(xdot, theta), sigma }
-            }
-            Kind::Series { .. } => self.curve(&segment)?.at(t),
+            _ => self.curve(segment)?.at(t),
         })
+    }
+
+    /// States at one time after the other, in whatever order: fastest if the times increase.
+    #[must_use]
+    pub fn reader(&self) -> PathReader<'_> {
+        PathReader { path: self, span: (0.0, 0.0), piece: Held::Rest(1.0) }
+    }
+}
+
+/// Reads a [`DensePath`]: what it made of the last step that it read is kept.
+///
+/// ```
+/// use zivi::{
+///     simulate_switched_rk, ConstantForce, Output, Physical, Restitution, Silent, SwitchedRk,
+/// };
+///
+/// let ball = Physical { x: 1.0, xdot: 0.0 };
+/// let output = Output { dense: true, ..Output::default() };
+/// let run = simulate_switched_rk(
+///     SwitchedRk::default(), Restitution::from_e(0.5)?, &mut ConstantForce(-2.0), (0.0, 4.0),
+///     ball, output, &mut Silent,
+/// )?;
+/// let path = run.path.unwrap();
+/// let mut reader = path.reader();
+/// for t in [0.25, 0.5, 1.25] {
+///     assert_eq!(reader.at(t), path.at(t));
+/// }
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+#[derive(Clone, Debug)]
+pub struct PathReader<'a> {
+    path: &'a DensePath,
+    /// From when to when the piece is what happens, the end left out.
+    span: (f64, f64),
+    piece: Held<'a>,
+}
+
+/// What happens in a segment.
+#[allow(clippy::large_enum_variant)] // there is one of a reader, and a box would be made a step
+#[derive(Clone, Debug)]
+enum Held<'a> {
+    Flight(Moving),
+    Tail(&'a Tail),
+    Rest(f64),
+}
+
+impl PathReader<'_> {
+    /// The state at `t`, as [`DensePath::at`].
+    pub fn at(&mut self, t: f64) -> Option<PathPoint> {
+        let (end, last) = self.path.end?;
+        if t == end {
+            return Some(last);
+        }
+        if !(t >= self.span.0 && t < self.span.1) {
+            if t.is_nan() || t > end {
+                return None;
+            }
+            self.hold(t, end)?;
+        }
+        Some(match &self.piece {
+            Held::Flight(moving) => moving.at(t),
+            Held::Tail(tail) => tail.at(t),
+            Held::Rest(sigma) => PathPoint { x: 0.0, xdot: 0.0, sigma: *sigma },
+        })
+    }
+
+    /// Goes to the segment of a time.
+    fn hold(&mut self, t: f64, end: f64) -> Option<()> {
+        let path = self.path;
+        let after = path.segments.partition_point(|segment| segment.start <= t);
+        let segment = path.segments.get(after.checked_sub(1)?)?;
+        let until = path.segments.get(after).map_or(end, |next| next.start);
+        self.span = (segment.start, until);
+        self.piece = match (segment.kind, path.curve(segment)) {
+            (Kind::Tail(number), _) => Held::Tail(&path.tails[number]),
+            (_, Some(curve)) => Held::Flight(curve.moving()),
+            _ => Held::Rest(segment.sigma),
+        };
+        Some(())
     }
 }

@@ -2,11 +2,11 @@
 
 use std::collections::TryReserveError;
 
+use super::flight::series::{FlightPart, Start};
 use super::integrator::SwitchedIntegrator;
 use super::output::{Output, SwitchedRun};
 use super::path::{Curve, DensePath};
 use super::piece::{Counts, Piece};
-use super::plot_samples::between_steps;
 use super::point::Point;
 use super::samples::Samples;
 use super::stages::Counted;
@@ -184,13 +184,27 @@ impl<E> Running<'_, E> {
             // at the end of a step onto the wall, exactly the state before the impact
             let contact = impact.map(|it| PathPoint { x: 0.0, xdot: it.xdot_before, sigma });
             let last = self.method.flight().curves() - 1;
+            // what no event and no wanted time looks into is kept by what it starts from
+            let unseen = self.seeker.is_idle() && self.wanted.is_by_steps();
             for k in 0..=last {
-                let curve = self.method.flight().curve(k, sigma, force)?;
                 if k > 0 {
                     // one of many steps at once, which are looked at one by one
-                    self.end = (curve.start, curve.at(curve.start));
+                    if let Some((start, FlightPart { start: Start { x, .. }, xdot, .. }, _)) =
+                        self.method.flight().part(k)
+                    {
+                        self.end = (start, PathPoint { x: x.max(0.0), xdot, sigma });
+                    }
                     self.make_room()?;
                     self.method.flight().steps_mut().spend()?;
+                }
+                let Self { method, record: MassRecord { path, .. }, .. } = self;
+                let kept = path.as_mut().is_some_and(|it| method.flight().keep(k, sigma, it));
+                if kept && unseen {
+                    continue;
+                }
+                let curve = method.flight().curve(k, sigma, force)?;
+                if let Some(path) = path.as_mut().filter(|_| !kept) {
+                    path.push_flight(&curve);
                 }
                 let ends = if k == last { (end, contact) } else { (curve.end(), None) };
                 self.along(&curve, ends)?;
@@ -209,9 +223,6 @@ impl<E> Running<'_, E> {
         curve: &Curve,
         (end, contact): (f64, Option<PathPoint>),
     ) -> Result<(), Ending<E>> {
-        if let Some(path) = &mut self.record.path {
-            path.push_flight(curve);
-        }
         let at = |t: f64| match contact {
             Some(contact) if t >= end => contact,
             _ => curve.at(t),
@@ -337,22 +348,18 @@ impl<E> Running<'_, E> {
     ) -> Result<SwitchedRun<E>, SetupError> {
         let (status, raised) = self.close(ending);
         let (t, end) = self.end;
-        let Self { method, seeker, wanted, record, mut reserve, .. } = self;
+        let Self { method, seeker, wanted, record, reserve, .. } = self;
         let MassRecord { mut samples, mut path, drawn, reader, tails } = record;
-        let mut between = None;
         if wanted.is_missing_at(t, samples.last()) {
             samples.push(t, end);
         }
         if let Some(path) = &mut path {
             path.finish(t, end);
-            if drawn {
-                // without the memory for them the samples at the steps are all
-                between = between_steps(path).ok().filter(|rows| samples.fits(rows, &mut reserve));
-            }
         }
         drop(reserve);
         let transform = method.law().transform();
-        let columns = samples.into_columns(between.as_deref(), transform, advise)?;
+        let drawn = path.as_ref().filter(|_| drawn);
+        let columns = samples.into_columns(drawn, transform, advise)?;
         let (events, summary) = (reader.events, None);
         let trajectory =
             Trajectory { columns, summary, events, failed_steps: Vec::new(), status, nfev };

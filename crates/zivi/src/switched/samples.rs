@@ -1,12 +1,13 @@
-//! The samples of a run: at the ends of steps, or at given times.
+//! The samples of a run: at the ends of steps, at given times, or so that they draw the motion.
 
+use pulp::{Simd, WithSimd};
 use zivi_core::{sgn, transform, Branch, Restitution};
 
 use std::collections::TryReserveError;
 
-use super::path::DensePath;
-use super::plot_samples::{between_steps, Row};
-use crate::record::columns::{Columns, QUANTITIES};
+use super::path::{Curve, DensePath};
+use super::plot_samples::{row, PlotSamples, Row, Run, Source, LANES};
+use crate::record::columns::{Columns, Quantity, QUANTITIES};
 use crate::record::reserve::Reserve;
 use crate::record::trajectory::SetupError;
 use crate::{PathPoint, Physical};
@@ -33,91 +34,277 @@ impl Samples {
     }
 
     pub(super) fn push(&mut self, t: f64, point: PathPoint) {
-        self.rows.push([t, point.x, point.xdot, point.sigma]);
+        self.rows.push(row(t, point));
     }
 
-    /// Whether there is memory for so many more, and for the arrays that are made of all of them.
-    pub(super) fn fits(&mut self, more: &[Row], reserve: &mut Reserve) -> bool {
-        self.make_room(more.len(), reserve).is_ok()
-    }
-
-    /// All samples, and those `between` them if they are to draw the motion, both in the order of
-    /// time; `advise` learns where their memory is.
+    /// All samples in the order of time, with those between them that draw the motion where that is
+    /// given and there is memory for them; `advise` learns where their memory is.
     pub(super) fn into_columns(
         self,
-        between: Option<&[Row]>,
+        drawn: Option<&DensePath>,
         restitution: Restitution,
         advise: impl FnOnce(*const f64, usize),
     ) -> Result<Columns, SetupError> {
         let rows = &self.rows;
+        let failed = |_| SetupError::Memory(rows.len());
+        let drawn = drawn.and_then(|path| {
+            let [t, x] = [0, 1].map(|k| rows.iter().map(|row| row[k]).collect::<Vec<f64>>());
+            Some((path, PlotSamples::of(path, [&t, &x]).ok()?))
+        });
         let sample = |k: usize| quantities(&rows[k], restitution);
-        merged((rows.len(), |k| rows[k][0], sample), between, restitution, advise)
-            .map_err(|_| SetupError::Memory(rows.len()))
-    }
-}
-
-impl DensePath {
-    /// The samples at the `steps` of a run, and more between them, so that lines through all of them
-    /// draw its motion; `None` without the memory for them. `advise` learns where that is.
-    #[must_use]
-    pub fn drawn(
-        &self,
-        steps: [&[f64]; QUANTITIES],
-        restitution: Restitution,
-        advise: impl FnOnce(*const f64, usize),
-    ) -> Option<Columns> {
-        let between = between_steps(self).ok()?;
-        let count = steps.iter().map(|column| column.len()).min().unwrap_or(0);
-        let sample = |k: usize| steps.map(|column| column[k]);
-        merged((count, |k| steps[0][k], sample), Some(&between), restitution, advise).ok()
-    }
-}
-
-/// So many samples, by their times and quantities, and those between them: where there is one
-/// already it stays.
-fn merged(
-    (count, time, sample): (usize, impl Fn(usize) -> f64, impl Fn(usize) -> [f64; QUANTITIES]),
-    between: Option<&[Row]>,
-    restitution: Restitution,
-    advise: impl FnOnce(*const f64, usize),
-) -> Result<Columns, TryReserveError> {
-    let more = between.unwrap_or_default();
-    let mut columns = Columns::with_room((count + more.len()).max(1), advise)?;
-    if between.is_none() {
-        let mut to = columns.extend(count);
-        for k in 0..count {
+        if let Some((path, plotted)) = drawn {
+            return plotted.columns(path, sample, restitution, advise).map_err(failed);
+        }
+        let mut columns = Columns::with_room(rows.len().max(1), advise).map_err(failed)?;
+        let mut to = columns.extend(rows.len());
+        for k in 0..rows.len() {
             for (to, value) in to.iter_mut().zip(sample(k)) {
                 to[k] = value;
             }
         }
-        return Ok(columns);
+        Ok(columns)
     }
-    let mut more = more.iter().peekable();
-    let mut last = f64::NAN;
-    for k in 0..count {
-        let t = time(k);
-        while let Some(row) = more.next_if(|row| row[0] < t) {
-            if row[0] != last {
-                columns.push(quantities(row, restitution));
-                last = row[0];
+}
+
+impl DensePath {
+    /// Samples at the ends of the steps of a run, of which these are the times and positions, and
+    /// more between them, so that lines through all of them draw its motion; `None` without the
+    /// memory for them.
+    ///
+    /// ```
+    /// use zivi::{
+    ///     simulate_switched_rk, ConstantForce, Output, Physical, Quantity, Restitution, Silent,
+    ///     SwitchedRk,
+    /// };
+    ///
+    /// let (ball, restitution) = (Physical { x: 1.0, xdot: 0.0 }, Restitution::from_e(0.5)?);
+    /// let output = Output { dense: true, ..Output::default() };
+    /// let run = simulate_switched_rk(
+    ///     SwitchedRk::default(), restitution, &mut ConstantForce(-2.0), (0.0, 4.0), ball, output,
+    ///     &mut Silent,
+    /// )?;
+    /// let (path, columns) = (run.path.unwrap(), run.trajectory.columns);
+    /// let steps = Quantity::ALL.map(|it| columns.of(it));
+    /// let samples = path.plot_samples([steps[0], steps[1]]).unwrap();
+    /// let x = samples.column(Quantity::X, &path, steps, restitution).unwrap();
+    /// assert!(x.len() > 2 * columns.len());
+    /// # Ok::<(), Box<dyn std::error::Error>>(())
+    /// ```
+    #[must_use]
+    pub fn plot_samples(&self, steps: [&[f64]; 2]) -> Option<PlotSamples> {
+        PlotSamples::of(self, steps).ok()
+    }
+}
+
+impl PlotSamples {
+    /// One quantity at all samples of a path, given all of them at the ends of its steps; `None`
+    /// without the memory for it.
+    #[must_use]
+    pub fn column(
+        &self,
+        quantity: Quantity,
+        path: &DensePath,
+        steps: [&[f64]; QUANTITIES],
+        restitution: Restitution,
+    ) -> Option<Vec<f64>> {
+        match quantity {
+            Quantity::T => return copied(&self.t),
+            Quantity::X if !self.x.is_empty() => return copied(&self.x),
+            _ => (),
+        }
+        let [column] = self.some([quantity], path, steps, restitution)?;
+        Some(column)
+    }
+
+    /// `s`, `v` and both multipliers at all samples, as [`PlotSamples::column`].
+    #[must_use]
+    pub fn lifted(
+        &self,
+        path: &DensePath,
+        steps: [&[f64]; QUANTITIES],
+        restitution: Restitution,
+    ) -> Option<[Vec<f64>; LIFTED.len()]> {
+        self.some(LIFTED, path, steps, restitution)
+    }
+
+    fn some<const N: usize>(
+        &self,
+        which: [Quantity; N],
+        path: &DensePath,
+        steps: [&[f64]; QUANTITIES],
+        restitution: Restitution,
+    ) -> Option<[Vec<f64>; N]> {
+        let mut columns = [const { Vec::new() }; N];
+        for column in &mut columns {
+            column.try_reserve_exact(self.t.len()).ok()?;
+        }
+        pulp::Arch::new().dispatch(Filled { of: self, which, path, steps, restitution, columns })
+    }
+
+    /// All quantities at all samples.
+    fn columns(
+        &self,
+        path: &DensePath,
+        sample: impl Fn(usize) -> [f64; QUANTITIES],
+        restitution: Restitution,
+        advise: impl FnOnce(*const f64, usize),
+    ) -> Result<Columns, TryReserveError> {
+        let columns = Columns::with_room(self.t.len().max(1), advise)?;
+        Ok(pulp::Arch::new().dispatch(AllFilled { of: self, path, sample, restitution, columns }))
+    }
+
+    /// The runs, each with its times.
+    #[inline(always)]
+    fn runs(&self) -> impl Iterator<Item = (Run, &[f64])> {
+        let mut t = &self.t[..];
+        self.runs.iter().map(move |&run| {
+            let (own, rest) = t.split_at(run.count);
+            t = rest;
+            (run, own)
+        })
+    }
+}
+
+/// A copy, if there is memory for it.
+fn copied(of: &[f64]) -> Option<Vec<f64>> {
+    let mut all = Vec::new();
+    all.try_reserve_exact(of.len()).ok()?;
+    all.extend_from_slice(of);
+    Some(all)
+}
+
+/// What is made of the state at a sample.
+const LIFTED: [Quantity; 4] = [Quantity::S, Quantity::V, Quantity::LambdaS, Quantity::LambdaV];
+
+/// [`PlotSamples::some`], compiled for the vectors that the machine has.
+struct Filled<'a, const N: usize> {
+    of: &'a PlotSamples,
+    which: [Quantity; N],
+    path: &'a DensePath,
+    steps: [&'a [f64]; QUANTITIES],
+    restitution: Restitution,
+    columns: [Vec<f64>; N],
+}
+
+impl<const N: usize> WithSimd for Filled<'_, N> {
+    type Output = Option<[Vec<f64>; N]>;
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) -> Self::Output {
+        let Self { of, which, path, steps, restitution, mut columns } = self;
+        for (Run { source, count }, t) in of.runs() {
+            match source {
+                Source::Steps(first) => {
+                    for (column, it) in columns.iter_mut().zip(which) {
+                        let known = steps[it as usize].get(first..first + count)?;
+                        column.extend_from_slice(known);
+                    }
+                }
+                Source::Rows(first) => {
+                    for row in of.rows.get(first..first + count)? {
+                        let all = quantities(row, restitution);
+                        for (column, it) in columns.iter_mut().zip(which) {
+                            column.push(all[it as usize]);
+                        }
+                    }
+                }
+                Source::Flight(number) => {
+                    let curve = path.curve(path.segments.get(number)?)?;
+                    for t in t.chunks(LANES) {
+                        let values = of_curve(&curve, t, which, restitution);
+                        for (column, values) in columns.iter_mut().zip(values) {
+                            column.extend_from_slice(&values[..t.len()]);
+                        }
+                    }
+                }
             }
         }
-        if t != last {
-            columns.push(sample(k));
-            last = t;
+        Some(columns)
+    }
+}
+
+/// Some quantities of a curve at up to [`LANES`] times.
+#[inline(always)]
+fn of_curve<const N: usize>(
+    curve: &Curve,
+    t: &[f64],
+    which: [Quantity; N],
+    restitution: Restitution,
+) -> [[f64; LANES]; N] {
+    let at = lanes(t);
+    if let [only] = which[..] {
+        match only {
+            Quantity::X => return [curve.positions(&at); N],
+            Quantity::Xdot => return [curve.velocities(&at); N],
+            _ => (),
         }
     }
-    for row in more {
-        if row[0] != last {
-            columns.push(quantities(row, restitution));
-            last = row[0];
+    let (x, xdot) = (curve.positions(&at), curve.velocities(&at));
+    let mut values = [[0.0; LANES]; N];
+    for l in 0..LANES {
+        let all = quantities(&[at[l], x[l], xdot[l], curve.sigma], restitution);
+        for (values, it) in values.iter_mut().zip(which) {
+            values[l] = all[it as usize];
         }
     }
-    Ok(columns)
+    values
+}
+
+/// [`PlotSamples::columns`], compiled in the same way.
+struct AllFilled<'a, F> {
+    of: &'a PlotSamples,
+    path: &'a DensePath,
+    sample: F,
+    restitution: Restitution,
+    columns: Columns,
+}
+
+impl<F: Fn(usize) -> [f64; QUANTITIES]> WithSimd for AllFilled<'_, F> {
+    type Output = Columns;
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) -> Columns {
+        let Self { of, path, sample, restitution, mut columns } = self;
+        for (Run { source, count }, t) in of.runs() {
+            match source {
+                Source::Steps(first) => {
+                    (first..first + count).for_each(|k| columns.push(sample(k)));
+                }
+                Source::Rows(first) => {
+                    let rows = of.rows[first..][..count].iter();
+                    rows.for_each(|row| columns.push(quantities(row, restitution)));
+                }
+                Source::Flight(number) => {
+                    let Some(curve) = path.curve(&path.segments[number]) else { continue };
+                    for t in t.chunks(LANES) {
+                        let rows = states(&curve, t).take(t.len());
+                        rows.for_each(|row| columns.push(quantities(&row, restitution)));
+                    }
+                }
+            }
+        }
+        columns
+    }
+}
+
+/// So many times, and the last ones again.
+#[inline(always)]
+fn lanes(t: &[f64]) -> [f64; LANES] {
+    let mut at = [t.last().copied().unwrap_or_default(); LANES];
+    at[..t.len()].copy_from_slice(t);
+    at
+}
+
+/// The states of a curve at up to [`LANES`] times.
+#[inline(always)]
+fn states(curve: &Curve, t: &[f64]) -> impl Iterator<Item = Row> {
+    let (at, sigma) = (lanes(t), curve.sigma);
+    let both = curve.positions(&at).into_iter().zip(curve.velocities(&at));
+    at.into_iter().zip(both).map(move |(t, (x, xdot))| [t, x, xdot, sigma])
 }
 
 /// A sample with `s`, `v` and the multipliers of its branch.
-#[inline]
+#[inline(always)]
 fn quantities(&[t, x, xdot, sigma]: &Row, restitution: Restitution) -> [f64; QUANTITIES] {
     let branch = if sigma > 0.0 { Branch::Positive } else { Branch::Negative };
     let state = Physical { x, xdot };
@@ -159,14 +346,17 @@ mod tests {
             };
             let (at_once, steps) = (run(true).trajectory.columns, run(false));
             let known = Quantity::ALL.map(|it| steps.trajectory.columns.of(it));
-            let later = steps.path.unwrap().drawn(known, restitution, |_, _| ()).unwrap();
-            assert!(later.len() > known[0].len() + 20, "{}", later.len());
+            let path = steps.path.unwrap();
+            let plotted = path.plot_samples([known[0], known[1]]).unwrap();
+            let later = |it| plotted.column(it, &path, known, restitution).unwrap();
+            assert!(plotted.len() > known[0].len() + 20, "{}", plotted.len());
             for quantity in Quantity::ALL {
-                let bits = |it: &Columns| it.of(quantity).iter().map(|it| it.to_bits()).collect();
-                let (all, expected): (Vec<u64>, Vec<u64>) = (bits(&later), bits(&at_once));
-                assert_eq!(all, expected, "{quantity:?}");
+                let bits = |it: &[f64]| it.iter().map(|it| it.to_bits()).collect::<Vec<u64>>();
+                assert_eq!(bits(&later(quantity)), bits(at_once.of(quantity)), "{quantity:?}");
             }
-            let t = later.of(Quantity::T);
+            let lifted = plotted.lifted(&path, known, restitution).unwrap();
+            assert_eq!(lifted, LIFTED.map(later));
+            let t = later(Quantity::T);
             assert!(t.windows(2).all(|pair| pair[0] < pair[1]));
             assert!(known[0].iter().all(|step| t.contains(step)));
         }

@@ -74,6 +74,10 @@ fn read_tails(from: &mut Reader<'_>, n: usize) -> Option<Vec<Tail>> {
 
 impl DensePath {
     fn write(&self, out: &mut Writer) {
+        if !self.linear.is_empty() {
+            // tables are not written
+            return self.in_powers().write(out);
+        }
         let (t, end) = self.end.unwrap_or((f64::NAN, PathPoint { x: 0.0, xdot: 0.0, sigma: 1.0 }));
         for count in [self.segments.len(), self.coefficients.len(), self.tails.len()] {
             out.count(count);
@@ -87,6 +91,7 @@ impl DensePath {
                 Kind::Flight { first, degree, h } => (2.0, first, degree, h),
                 Kind::Series { first, terms, h, lands: false } => (3.0, first, terms, h),
                 Kind::Series { first, terms, h, lands: true } => (4.0, first, terms, h),
+                Kind::Linear(_) => unreachable!("a path in powers has no tables"),
             };
             out.numbers(&[*start, *sigma, code, first as f64, degree as f64, h]);
         }
@@ -103,7 +108,7 @@ impl DensePath {
         let coefficients = from.take(coefficients)?.to_vec();
         let tails = read_tails(from, tails)?;
         let end = ended.then_some((t, PathPoint { x, xdot, sigma }));
-        let path = Self { segments, coefficients, tails, end };
+        let path = Self { segments, coefficients, tails, end, ..Self::default() };
         path.fits_together().then_some(path)
     }
 
@@ -129,6 +134,7 @@ impl DensePath {
         is_sigma(segment.sigma)
             && match segment.kind {
                 Kind::Rest => true,
+                Kind::Linear(number) => number < self.linear.len(),
                 Kind::Tail(number) => number < self.tails.len(),
                 Kind::Flight { first, degree, h } => {
                     // `first` is below 2^53: no overflow
@@ -222,7 +228,19 @@ mod tests {
                 for tails in [Vec::new(), dense.tails.clone()] {
                     let motion =
                         Motion { path: path.clone(), tails, restitution: dense.restitution };
-                    assert_eq!(Motion::from_numbers(&motion.to_numbers()), Ok(motion));
+                    let again = Motion::from_numbers(&motion.to_numbers()).unwrap();
+                    let bits = |motion: &Motion| {
+                        motion.to_numbers().into_iter().map(f64::to_bits).collect::<Vec<u64>>()
+                    };
+                    assert_eq!(bits(&again), bits(&motion));
+                    let in_powers = motion.path.as_ref().map(DensePath::in_powers);
+                    assert_eq!(again, Motion { path: in_powers, ..motion.clone() });
+                    let at = |motion: &Motion| {
+                        let times = (0..=300).map(|k| 0.01 * f64::from(k));
+                        let at = |t| motion.path.as_ref().and_then(|path| path.at(t));
+                        times.map(at).collect::<Vec<_>>()
+                    };
+                    assert_eq!(at(&again), at(&motion));
                 }
             }
         }

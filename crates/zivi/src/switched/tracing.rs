@@ -72,7 +72,9 @@ impl SwitchedIntegrator {
                             integrator.flight().steps_mut().spend()?;
                         }
                         path.make_room(reserve)?;
-                        path.push_flight(&integrator.flight().curve(k, *sigma, force)?);
+                        if !integrator.flight().keep(k, *sigma, path) {
+                            path.push_flight(&integrator.flight().curve(k, *sigma, force)?);
+                        }
                     }
                 }
                 Piece::Flight { .. } => {}

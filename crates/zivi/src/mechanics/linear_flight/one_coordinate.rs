@@ -11,7 +11,7 @@ use std::convert::Infallible;
 
 use crate::mechanics::state::MechanicalState;
 use crate::numeric::power_series::Series;
-use crate::switched::flight::series::{Linear, Reach, SeriesFlight};
+use crate::switched::flight::series::{FlightPart, Linear, Reach, SeriesFlight};
 use crate::switched::flight::Arrival;
 use crate::switched::point::Point;
 use crate::system::linear_system::{GapMotion, LinearGap, LinearSystem};
@@ -155,12 +155,12 @@ impl OneCoordinate {
                 (0, arrival.end, arrival.lands)
             }
         };
-        let length = flight.part(step).1 .1;
+        let length = flight.part(step).1.length * flight.h();
         if step + 1 == flight.parts() {
             return (end, length, lands);
         }
-        let (a, (t, _), xdot, _) = flight.part(step + 1);
-        let next = Point { x: a[0], xdot, ..from.after(t - from.t, 0.0, 0.0) };
+        let (t, FlightPart { start, xdot, .. }) = flight.part(step + 1);
+        let next = Point { x: start.x, xdot, ..from.after(t - from.t, 0.0, 0.0) };
         self.ahead = Some(Ahead { step: step + 1, from: next, end });
         (next, length, false)
     }
@@ -173,7 +173,7 @@ impl OneCoordinate {
             _ if gap == self.lead => flight.parts() - 1,
             _ => 0,
         };
-        [flight.powers(step), flight.part(step).0]
+        flight.series(step)
     }
 
     /// By gap the end of the last step: the gap and its rate.

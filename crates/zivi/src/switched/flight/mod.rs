@@ -3,9 +3,11 @@
 mod rk;
 pub(crate) mod series;
 
+use std::sync::Arc;
+
 use super::lookahead::Deviation;
 use super::mode::{Flight, Mode};
-use super::path::Curve;
+use super::path::{Curve, DensePath};
 use super::point::Point;
 use super::settings::SwitchedRk;
 use super::stages::{Counted, Stages};
@@ -13,7 +15,7 @@ use crate::piecewise::steps::Steps;
 use crate::record::failure::Failure;
 use crate::{Force, Status};
 use rk::PairSteps;
-use series::{Linear, Reach, SeriesFlight};
+use series::{FlightPart, Linear, Reach, SeriesFlight, Table};
 
 pub(crate) use series::Arrival;
 
@@ -130,9 +132,27 @@ impl FreeFlight {
         sigma: f64,
         force: &mut Counted<'_, F>,
     ) -> Result<Curve, Failure<E>> {
-        let Some(series) = &self.series else { return self.pair.curve(sigma, force) };
-        let (a, step, xdot, lands) = series.part(k);
-        Ok(Curve::powers(step, sigma, a, xdot, lands))
+        match self.part(k) {
+            Some((t, part, table)) => Ok(Curve::of_part(t, sigma, &part, table)),
+            None => self.pair.curve(sigma, force),
+        }
+    }
+
+    /// Adds one of them to a path by what it starts from; whether that says all of it.
+    #[inline]
+    pub(super) fn keep(&self, k: usize, sigma: f64, path: &mut DensePath) -> bool {
+        let part = self.part(k);
+        if let Some((start, part, table)) = part {
+            path.push_part(start, sigma, (part, table));
+        }
+        part.is_some()
+    }
+
+    /// One of them by when it starts and from what, which says all of it under a linear force.
+    pub(super) fn part(&self, k: usize) -> Option<(f64, FlightPart, &Arc<Table>)> {
+        let series = self.series.as_ref()?;
+        let (t, part) = series.part(k);
+        Some((t, part, series.table()))
     }
 }
 

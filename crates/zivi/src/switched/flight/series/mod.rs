@@ -21,6 +21,7 @@ pub(crate) use root::first_fall;
 use step::Ahead;
 pub(crate) use step::Step;
 pub(crate) use table::Table;
+use terms::WAVES;
 pub(crate) use terms::{column, wave, Series, Start, TERMS};
 
 use std::sync::Arc;
@@ -81,6 +82,39 @@ struct Flown {
     /// How many derivatives of the position were zero there.
     known: usize,
     step: Step,
+}
+
+/// A part of a flight by what it starts from: a third of the numbers of its power series, which
+/// follows from them.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(crate) struct FlightPart {
+    pub(crate) start: Start,
+    /// How many derivatives of the position are zero there.
+    pub(crate) known: usize,
+    /// Its length, in steps of the table.
+    pub(crate) length: f64,
+    /// The velocity at its start (m/s).
+    pub(crate) xdot: f64,
+    /// Whether it ends at the wall.
+    pub(crate) lands: bool,
+}
+
+impl FlightPart {
+    /// The position by powers of the part of its length.
+    #[inline(always)]
+    pub(crate) fn powers(&self, table: &Table) -> Series {
+        let mut a = table.series(&self.start);
+        a[..self.known].fill(0.0);
+        stretch(&mut a, self.length);
+        a
+    }
+
+    /// The first of them, up to rounding.
+    #[inline(always)]
+    pub(crate) fn first_powers(&self, table: &Table) -> [f64; 3] {
+        let [x, v, bend] = table.first::<WAVES, 3>(&self.start);
+        [x, v * self.length, bend * self.length * self.length]
+    }
 }
 
 impl SeriesFlight {
@@ -283,36 +317,29 @@ impl SeriesFlight {
         self.piece.step.doublings.map_or(1, |j| 1 << j)
     }
 
-    /// The power series of a part of the last piece in steps of full length.
-    pub(crate) fn powers(&self, k: usize) -> Series {
-        self.start_of(k).1
+    /// The power series of a part of the last piece in steps of full length, and over its length.
+    pub(crate) fn series(&self, k: usize) -> [Series; 2] {
+        let (_, part) = self.part(k);
+        [FlightPart { length: 1.0, ..part }, part].map(|part| part.powers(&self.table))
     }
 
-    /// The power series of a part of the last piece, where it starts and its length (s), the
-    /// velocity there, and whether it ends at the wall.
-    pub(crate) fn part(&self, k: usize) -> (Series, (f64, f64), f64, bool) {
-        let Flown { from, step, .. } = self.piece;
-        let (start, mut a) = self.start_of(k);
-        let xdot = if k == 0 { from.xdot } else { start.v / self.h() };
-        if step.doublings.is_some() {
-            let from = from.after(k as f64 * self.h(), 0.0, 0.0);
-            return (a, (from.t, self.h()), xdot, false);
-        }
-        stretch(&mut a, step.length);
-        (a, (from.t, step.length * self.h()), xdot, step.lands)
-    }
-
-    /// Where a part of the last piece starts, and the power series from there.
-    fn start_of(&self, k: usize) -> (Start, Series) {
-        let Flown { start, known, step, .. } = self.piece;
+    /// When a part of the last piece starts, and what it starts from.
+    pub(crate) fn part(&self, k: usize) -> (f64, FlightPart) {
+        let Flown { from, start, known, step } = self.piece;
         let Some(j) = step.doublings else {
-            let mut a = self.table.series(&start);
-            a[..known].fill(0.0);
-            return (start, a);
+            let (length, xdot, lands) = (step.length, from.xdot, step.lands);
+            return (from.t, FlightPart { start, known, length, xdot, lands });
         };
         let at = (0..j).filter(|bit| k >> bit & 1 == 1);
         let start = at.fold(start, |start, bit| self.table.jump(&start, bit));
-        (start, self.table.series(&start))
+        let xdot = if k == 0 { from.xdot } else { start.v / self.h() };
+        let from = from.after(k as f64 * self.h(), 0.0, 0.0);
+        (from.t, FlightPart { start, known: 0, length: 1.0, xdot, lands: false })
+    }
+
+    /// The table of the law.
+    pub(crate) fn table(&self) -> &Arc<Table> {
+        &self.table
     }
 
     /// The clock at the next lift-off from rest, up to `t_end`, where that is known in closed form.
@@ -429,9 +456,10 @@ mod tests {
         let reach = Reach { t_end: 10.0, look: f64::MAX, steps: 1 };
         for _ in 0..100 {
             let Arrival { from, end, lands, .. } = flight.fly(now, 0, reach);
-            let (_, (start, length), xdot, at_wall) = flight.part(flight.parts() - 1);
-            assert!((start + length - end.t).abs() < 1e-15 && at_wall == lands);
-            assert!((xdot + start.sin()).abs() < 1e-15);
+            let (start, part) = flight.part(flight.parts() - 1);
+            let length = part.length * flight.h();
+            assert!((start + length - end.t).abs() < 1e-15 && part.lands == lands);
+            assert!((part.xdot + start.sin()).abs() < 1e-15);
             if lands {
                 assert!((end.t - std::f64::consts::FRAC_PI_3).abs() < 1e-15);
                 assert!((end.xdot + 0.75_f64.sqrt()).abs() < 1e-15);

@@ -170,6 +170,7 @@ impl Table {
     }
 
     /// The position over the step, as a power series.
+    #[inline(always)]
     pub(crate) fn series(&self, start: &Start) -> Series {
         match self.n_waves {
             0 => self.first::<0, TERMS>(start),
