@@ -9,6 +9,7 @@ use super::flight::{vectors, vectors_mut, Common, Lane, Lanes, HUGE, MARGIN, WID
 use super::law::Law;
 use crate::drive::batch::Stopped;
 
+#[repr(C, align(64))] // lanes begin where vectors of the machine do
 pub(super) struct Constant {
     /// `h (1 - kappa)` and `h (1 + kappa)`.
     reach: [Lane; 2],

@@ -16,6 +16,7 @@ pub(super) const HUGE: f64 = 1e140;
 
 /// What the kernels work on: states seen from the side of the wall where the mass is. The signs
 /// `lambda_s` are all `+1` from there.
+#[repr(C, align(64))] // lanes begin where vectors of the machine do
 pub(super) struct Lanes {
     /// `|s|` and `v sgn s`.
     pub(super) s: Lane,

@@ -15,8 +15,8 @@ use super::law::Law;
 use super::waves::Waves;
 use crate::drive::batch::Stopped;
 
+#[repr(C, align(64))] // lanes begin where vectors of the machine do
 pub(super) struct Linear {
-    waves: Waves,
     stiffness: Lane,
     damping: Lane,
     /// Not a number where a mass does not move any more.
@@ -26,6 +26,7 @@ pub(super) struct Linear {
     slope: Lane,
     /// Evaluations of the force side by side.
     nfev: Lane,
+    waves: Waves,
 }
 
 impl Linear {

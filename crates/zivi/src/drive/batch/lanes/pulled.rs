@@ -18,10 +18,11 @@ enum Source {
     Evaluated(Vec<usize>),
 }
 
+#[repr(C, align(64))] // lanes begin where vectors of the machine do
 pub(super) struct Pulled {
-    source: Source,
     /// The forces; none (NaN) where nothing moves any more or a step has to be taken alone.
     pull: Lane,
+    source: Source,
 }
 
 impl Pulled {

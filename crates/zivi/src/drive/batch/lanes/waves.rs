@@ -5,13 +5,14 @@ use crate::LinearForce;
 use super::flight::{Lane, WIDTH};
 
 /// Excitations; masses whose waves have the same frequency and phase share a cosine.
+#[repr(C, align(64))] // lanes begin where vectors of the machine do
 pub(super) struct Waves {
     amplitude: Lane,
+    /// At the time that was asked for last.
+    pub(super) excitation: Lane,
     /// Angular frequencies and phases, and which of them a mass has.
     angles: Vec<[f64; 2]>,
     which: [usize; WIDTH],
-    /// At the time that was asked for last.
-    pub(super) excitation: Lane,
 }
 
 impl Waves {
