@@ -950,6 +950,52 @@ mod tests {
         assert!(steps[0].len() > 40_000 && impacts > 10_000);
         assert!((added as f64) < 2.0 * BUDGET + 3.0 * impacts as f64, "{added}");
         assert!((added as f64) > 0.3 * BUDGET, "{added}");
+        // the end of the run as well as its beginning
+        let first = samples.t.partition_point(|&t| t < 30_000.0) as f64;
+        assert!((first / samples.len() as f64 - 0.5).abs() < 0.03, "{first}");
         assert!(samples.t.windows(2).all(|pair| pair[0] < pair[1]));
+    }
+
+    #[test]
+    fn a_parabola_is_met_where_it_is_zero_and_else_in_the_middle() {
+        // 1 - theta - theta^2, and one that bends the other way
+        assert!((of_parabola(1.0, -1.0, -1.0) - 0.5 * (5.0_f64.sqrt() - 1.0)).abs() < 1e-15);
+        // (1 - 2 theta)(1 - theta/4)
+        assert!((of_parabola(1.0, -2.25, -0.75) - 0.5).abs() < 1e-15);
+        assert_eq!(of_parabola(1.0, 1.0, 4.0), 0.5);
+        assert_eq!(joined([0.0, 1.0], [-1.0, 0.5]), [-1.0, 1.0]);
+        assert_eq!(Source::Rows(3).after(2), Source::Rows(5));
+        assert_eq!(Source::Steps(3).after(2), Source::Steps(5));
+    }
+
+    /// `3 cos(1.75 theta + phase)`, over a step of half a second.
+    #[test]
+    fn bounds_are_little_more_than_what_they_bound() {
+        const RATE: f64 = 1.75;
+        for phase in (0..20).map(|k| 0.3 * f64::from(k)) {
+            let (mut a, mut term) = ([0.0; TERMS], 3.0);
+            for (n, a) in a.iter_mut().enumerate() {
+                *a = term * (phase + n as f64 * std::f64::consts::FRAC_PI_2).cos();
+                term *= RATE / (n as f64 + 1.0);
+            }
+            let curve = Curve::powers((1.0, 0.5), 1.0, a, a[1] / 0.5, false);
+            let mut apexes = Vec::new();
+            let Form::Powers(a, ..) = &curve.form else { panic!("no powers") };
+            let outline = of_powers(pulp::Scalar::new(), &curve, a, &mut apexes);
+            let grid = || (0..=1000).map(|k| phase + RATE * f64::from(k) / 1000.0);
+            let largest = |of: fn(f64) -> f64| grid().map(|it| of(it).abs()).fold(0.0, f64::max);
+            let bend = 3.0 * RATE * RATE * largest(f64::cos);
+            let jerk = 3.0 * RATE * RATE * RATE * largest(f64::sin) / 0.5;
+            for (bound, true_one) in outline.bends.into_iter().zip([bend, jerk]) {
+                assert!(
+                    (0.995..1.1001).contains(&(bound / true_one)),
+                    "{phase} {bound} {true_one}"
+                );
+            }
+            assert!(apexes.iter().all(|apex| {
+                let turns = (phase + RATE * (apex - 1.0) / 0.5) / std::f64::consts::TAU;
+                (turns - turns.round()).abs() < 1e-10
+            }));
+        }
     }
 }
