@@ -26,9 +26,7 @@ const FLATNESS: f64 = 1.0 / 200.0;
 const LOW: f64 = 0.05;
 /// Most parts of a step.
 const MOST_PARTS: f64 = 64.0;
-/// Parts of an arc in a tail, and how many arcs of one are drawn: those higher than this part of
-/// the highest.
-const ARC_PARTS: usize = 6;
+/// How many arcs of a tail are drawn: those higher than this part of the highest.
 const ARCS: usize = 64;
 const FINEST: f64 = 1e-3;
 /// Samples that are nearer to one another than so many units in the last place of the time are one.
@@ -214,6 +212,12 @@ fn planned<S: Simd>(
         drawn += parts;
         let span = (segment.start, end);
         let mut count = divide(span, parts, &mut times);
+        if before.is_some() && merged.all.t.last() != Some(&segment.start) {
+            // one step of the method is several of these
+            times.copy_within(..count, 1);
+            times[0] = segment.start;
+            count += 1;
+        }
         for &apex in &apexes[of_apexes..of_apexes + outline.apexes] {
             count = insert(apex, span, (&mut times, count));
         }
@@ -691,14 +695,17 @@ fn draw_tail(
         if arc.start >= end || height < FINEST * scale.x {
             break;
         }
-        rows.try_reserve(ARC_PARTS + 2)?;
+        // a line is off by the height over the square of them; the apex is in the middle
+        let flat = FLATNESS * larger(height, LOW * scale.x);
+        let parts = 2.0 * (0.5 * (height / flat).sqrt()).ceil();
+        rows.try_reserve(parts as usize + 2)?;
         let mut push = |t: f64| rows.push(row(t, arc.at(t)));
         if arc.start > tail.start() {
             push(arc.start);
         }
         let mut last = arc.start;
-        for k in 1..ARC_PARTS {
-            let t = arc.start + k as f64 / ARC_PARTS as f64 * (arc.end - arc.start);
+        for k in 1..parts as usize {
+            let t = arc.start + k as f64 / parts * (arc.end - arc.start);
             if arc.start < t && t < arc.end.min(end) {
                 push(t);
                 last = t;
@@ -730,7 +737,7 @@ mod tests {
 
     /// `x'' = -2`, `e = 1/2`: arcs of the heights 1/16, 1/64, ..., from 1 s on.
     #[test]
-    fn a_tail_is_drawn_at_sixths_of_its_arcs_down_to_the_finest_and_up_to_its_end() {
+    fn a_tail_is_drawn_by_flat_lines_down_to_the_finest_arcs_and_up_to_its_end() {
         let mut chain = Chain::<f64>::new((), 0.5, 0, 4);
         for (t, u) in [(0.0, 1.0), (1.0, 0.5)] {
             assert!(chain.note(Bounce { t, u, g: 2.0 }, &[], &[]).is_ok());
@@ -745,15 +752,27 @@ mod tests {
             let inside = |it: &&Row| it[1] > 1e-9;
             rows.iter().filter(inside).map(|it| it[0]).collect::<Vec<f64>>()
         };
-        // the heights of two, and of three, are above a thousandth
-        let sixths =
-            |start: f64, length: f64| (1..6).map(move |k| start + f64::from(k) / 6.0 * length);
-        let two: Vec<f64> = sixths(1.0, 0.5).chain(sixths(1.5, 0.25)).collect();
-        for (found, exact) in drawn(2.0, 1e3 / 65.0).iter().zip(&two) {
-            assert!((found - exact).abs() < 1e-15, "{found} {exact}");
+        // lines between equal parts of a second derivative of 2 are off by a quarter of their square
+        for (highest, parts) in [(20.0, vec![4]), (15.0, vec![6, 4]), (1.0, vec![16, 8, 4])] {
+            let (mut exact, mut start, mut length) = (Vec::new(), 1.0, 0.5);
+            for n in parts {
+                let part = length / f64::from(n);
+                exact.extend((1..n).map(|k| start + f64::from(k) * part));
+                let height = 0.25 * length * length;
+                let flat = FLATNESS * height.max(LOW * highest);
+                assert!(0.25 * part * part <= flat, "{highest} {n}");
+                // with two parts less they are not
+                let fewer = length / (f64::from(n) - 2.0);
+                assert!(0.25 * fewer * fewer > flat, "{highest} {n}");
+                (start, length) = (start + length, 0.5 * length);
+            }
+            let found = drawn(2.0, highest);
+            assert_eq!(found.len(), exact.len(), "{highest} {found:?}");
+            for (found, exact) in found.iter().zip(&exact) {
+                assert!((found - exact).abs() < 1e-15, "{found} {exact}");
+            }
         }
-        assert_eq!([20.0, 15.0, 3.0].map(|x| drawn(2.0, x).len()), [5, 10, 15]);
-        assert_eq!(drawn(1.3, 3.0), drawn(2.0, 3.0)[..3]);
+        assert_eq!(drawn(1.3, 1.0), drawn(2.0, 1.0)[..9]);
     }
 
     const SPRING: LinearForce = LinearForce {
@@ -831,7 +850,7 @@ mod tests {
             let high = arcs.iter().map(|arc| arc.2[0]).fold(0.0, f64::max);
             for pair in samples.t.windows(2) {
                 let Some((curve, end)) =
-                    curves.iter().find(|(it, end)| it.start <= pair[0] && pair[1] <= *end)
+                    curves.iter().find(|(it, end)| it.start <= pair[0] && pair[0] < *end)
                 else {
                     continue;
                 };
