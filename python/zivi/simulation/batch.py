@@ -189,7 +189,7 @@ def simulate_batch(
             threads=workers,
             at=sampling.at,
             steps=sampling.steps,
-            tstops=stops,
+            tstops=stops if any(map(len, stops)) else None,
             progress=bar.report,
         )
     tell(ear, record.status)
