@@ -150,7 +150,9 @@ def test_what_is_borrowed_hands_on_every_function(file, trait):
 
     def functions(head):
         (body,) = re.findall(rf"^{head} \{{\n(.*?)^\}}$", text, re.MULTILINE | re.DOTALL)
-        return re.findall(r"^    fn (\w+)", body, re.MULTILINE)
+        heads = re.findall(r"^    fn (\w+)([^{;]*)", body, re.MULTILINE)
+        # what compares two of one type is not there for one that is known at run time only
+        return [name for name, more in heads if "Self: Sized" not in more]
 
     own = functions(rf"pub trait {trait}<E>[^{{\n]*")
     assert len(own) >= 3
