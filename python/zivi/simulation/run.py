@@ -143,10 +143,10 @@ def simulate(
     samples : {"motion", "steps"}
         What `SwitchedRK` samples without `t_eval`. ``"motion"``: the ends of steps, the last
         moment before and the state after each impact, apexes, and so many points between them
-        that lines draw the motion: off by about 0.5 % of the height of a flight, or of a
-        twentieth of the highest, at most; of an accumulation arcs down to 0.1 % of the highest,
-        at most 64. ``"steps"``: the ends of steps and the states after impacts only, as without
-        `dense_output`.
+        that lines draw the motion: off by about 0.5 %, and by less than 1 %, of the height of a
+        flight or of a twentieth of the highest; of an accumulation arcs down to 0.1 % of the
+        highest, at most 64. ``"steps"``: the ends of steps and the states after impacts only, as
+        without `dense_output`.
     slowest : float
         The slowest impacts that are listed in ``impacts``, as a part of the fastest one, > 0: also
         those that a jump to rest skips.
