@@ -286,3 +286,13 @@ fn bounds_are_little_more_than_what_they_bound() {
         }));
     }
 }
+
+#[test]
+fn a_run_is_as_fast_as_the_fastest_of_its_steps_begins() {
+    for (_, path, _) in runs() {
+        let speeds = curves(&path).into_iter().map(|(curve, _)| curve.at(curve.start).xdot.abs());
+        let fastest = speeds.fold(0.0, f64::max);
+        let found = Scale::of(&path).xdot;
+        assert!((found - fastest).abs() < 1e-12 * fastest, "{found} {fastest}");
+    }
+}
