@@ -153,7 +153,8 @@ def simulate_batch(
     span, slowest = pair("t_span", t_span, "(t0, t1)"), check_slowest(slowest)
     first = next(iter(systems), None) if isinstance(systems, Sequence) else systems
     if isinstance(first, ImpactSystem) and first.friction is not None:
-        first, systems, y0 = with_friction(systems, y0)
+        systems, y0 = with_friction(systems, y0)
+        first = systems[0]
     if isinstance(first, MechanicalSystem):
         return mechanical_batch(
             systems,

@@ -92,8 +92,8 @@ def stops_of(
 
 def with_friction(
     systems: ImpactSystem | Sequence[ImpactSystem], y0: Any
-) -> tuple[MechanicalSystem, list[MechanicalSystem], list[Array]]:
-    """Give masses with friction as mechanical systems, the first alone too, and their states."""
+) -> tuple[list[MechanicalSystem], list[Array]]:
+    """Give masses with friction as mechanical systems, and their states."""
     several = [systems] if isinstance(systems, ImpactSystem) else list(systems)
     for i, system in enumerate(several):
         if not isinstance(system, ImpactSystem) or system.friction is None:
@@ -101,8 +101,8 @@ def with_friction(
                 "systems must all be zivi.ImpactSystem with friction, as the first is, got "
                 f"{system!r} (number {i})"
             )
-    mechanisms = [mechanism_of(system) for system in several]
-    return mechanisms[0], mechanisms, np.split(states_for(y0, len(several)), 2, axis=1)
+    states = states_for(y0, len(several))
+    return [mechanism_of(system) for system in several], np.split(states, 2, axis=1)
 
 
 def states_of(name: str, value: ArrayLike) -> Array:

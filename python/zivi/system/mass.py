@@ -56,8 +56,8 @@ class ImpactSystem:
         the other frame.
     friction : DryFriction, optional
         Dry friction in a guide, a force per unit mass; the wall must be at rest. Such a system is
-        for `simulate` and `simulate_batch`, as a `MechanicalSystem` of one coordinate
-        that gives a `MechanicalTrajectory`.
+        for `simulate` and `simulate_batch`, which run it as a `MechanicalSystem` of one
+        coordinate: they give a `MechanicalTrajectory` and a `MechanicalBatch`.
 
     Attributes
     ----------

@@ -4,8 +4,7 @@ use pulp::Simd;
 
 use super::scale::{larger, largest, range, smaller};
 use crate::numeric::bernstein::Bernstein;
-use crate::numeric::power_series::slopes;
-use crate::switched::flight::series::{derivative, value, Series, TERMS};
+use crate::switched::flight::series::{derivative, polished, value, Series, TERMS};
 use crate::switched::path::{Curve, Form};
 
 /// What a drawing needs to know of a flight.
@@ -117,6 +116,8 @@ pub(super) fn of_powers<S: Simd>(
     apexes: &mut Vec<f64>,
 ) -> Outline {
     const MORE: f64 = 1.1;
+    /// A step by Halley's formula towards an apex that is so short is the last.
+    const LAST: f64 = 1e-4;
     let [x1, v1, b1, j1, x2, v2, b2, j2] = asked_of(simd, a);
     let [x0, v0, b0, j0] = [a[0], a[1], 2.0 * a[2], 6.0 * a[3]];
     let bend = MORE * larger(larger(b0.abs(), b1.abs()), b2.abs());
@@ -127,7 +128,8 @@ pub(super) fn of_powers<S: Simd>(
         // a velocity whose slope changes its sign once has one root between ends of other signs
         let once = is_one_sign([b0, b1, b2]) || is_one_sign([j0, j1, j2]);
         if once && v0 > 0.0 && v2 < 0.0 {
-            let theta = apex(a, of_parabola(v0, b0, v2));
+            let guess = of_parabola(v0, b0, v2);
+            let theta = polished(&derivative(a), guess, |step, _| step.abs() < LAST);
             apexes.push(curve.start + theta * curve.h);
             x[1] = larger(value(a, theta), x[1]);
         } else if !(once && v0 < 0.0 && v2 > 0.0 || is_one_sign([b0, b1, b2]) && v0 * v2 > 0.0) {
@@ -140,39 +142,6 @@ pub(super) fn of_powers<S: Simd>(
     }
     let xdot = [least / curve.h, most / curve.h];
     Outline { x, xdot, bends: [bend, jerk / curve.h], apexes: 0 }
-}
-
-/// Where the velocity of a series changes its sign, which falls all over the step, from near there.
-#[inline(always)]
-fn apex(a: &Series, mut theta: f64) -> f64 {
-    /// A step by Halley's formula that is so short is the last: the next would be its cube.
-    const LAST: f64 = 1e-4;
-    const MOST_STEPS: usize = 60;
-    let xdot = derivative(a);
-    let (mut low, mut high) = (0.0, 1.0);
-    for _ in 0..MOST_STEPS {
-        let [value, first, second] = slopes(&xdot, theta);
-        if value > 0.0 {
-            low = theta;
-        } else {
-            high = theta;
-        }
-        let step = 2.0 * value * first / (value * second - 2.0 * first * first);
-        let next = theta + step;
-        if next > low && next < high {
-            theta = next;
-            if step.abs() < LAST {
-                break;
-            }
-        } else {
-            let middle = 0.5 * (low + high);
-            if !(middle > low && middle < high) {
-                break;
-            }
-            theta = middle;
-        }
-    }
-    theta
 }
 
 /// The root in `(0, 1)` of the parabola with two values at its ends, of opposite signs, and a slope

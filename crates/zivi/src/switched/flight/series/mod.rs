@@ -17,7 +17,7 @@ mod terms;
 pub(crate) use crate::numeric::power_series::{derivative, value, value_and_slope};
 pub(crate) use law::Linear;
 pub(crate) use reading::Reading;
-pub(crate) use root::first_fall;
+pub(crate) use root::{first_fall, polished};
 use step::Ahead;
 pub(crate) use step::Step;
 pub(crate) use table::Table;

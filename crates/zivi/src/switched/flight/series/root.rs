@@ -47,7 +47,7 @@ pub(crate) fn first_root(a: &Series, known: usize) -> Option<Root> {
 pub(crate) fn first_fall(q: &Series) -> Option<f64> {
     match screened(q) {
         SignTest::Clear => None,
-        SignTest::One(guess) => Some(polished(q, guess)),
+        SignTest::One(guess) => Some(polished(q, guess, is_near)),
         SignTest::Open => subdivided(q),
     }
 }
@@ -56,13 +56,20 @@ pub(crate) fn first_fall(q: &Series) -> Option<f64> {
 /// guess.
 #[inline(always)]
 pub(super) fn only_root(a: &Series, guess: f64) -> Root {
-    let at = polished(a, guess);
+    let at = polished(a, guess, is_near);
     Root { at, slope: value_and_slope(a, at)[1] }
 }
 
-/// The abscissa of such a root.
+/// Whether a step to there is so short, relative to the abscissa, that it is the last.
 #[inline(always)]
-fn polished(q: &Series, guess: f64) -> f64 {
+fn is_near(step: f64, s: f64) -> bool {
+    step.abs() <= LAST * s
+}
+
+/// The abscissa of such a root; `is_last` tells of a step and where it starts whether it is the last:
+/// the next would be its cube.
+#[inline(always)]
+pub(crate) fn polished(q: &Series, guess: f64, is_last: impl Fn(f64, f64) -> bool) -> f64 {
     let (mut low, mut high, mut s) = (0.0, 1.0, guess);
     for _ in 0..MOST_STEPS {
         let [value, first, second] = slopes(q, s);
@@ -74,7 +81,7 @@ fn polished(q: &Series, guess: f64) -> f64 {
         // Halley's formula
         let step = 2.0 * value * first / (value * second - 2.0 * first * first);
         let next = s + step;
-        if step.abs() <= LAST * s && next >= low && next <= high {
+        if is_last(step, s) && next >= low && next <= high {
             return next;
         }
         s = if next > low && next < high { next } else { 0.5 * (low + high) };
@@ -190,7 +197,7 @@ mod tests {
         let mut q = [0.0; TERMS];
         // -1/4 - r - 2 r^2 - 8 r^3 with r = s - 1/2
         (q[0], q[1], q[2], q[3]) = (0.75, -5.0, 10.0, -8.0);
-        let root = polished(&q, 0.5);
+        let root = polished(&q, 0.5, is_near);
         let (mut low, mut high) = (0.0, 0.5);
         while high - low > 1e-15 {
             let s: f64 = 0.5 * (low + high);
