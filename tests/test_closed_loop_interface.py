@@ -1,10 +1,13 @@
 """The sampled loop as it is called: foreign controllers, errors, data, plots, interrupts."""
 
 import contextlib
+import copy
+import dataclasses
 import inspect
 import io
 import json
 import os
+import pickle
 import textwrap
 
 import matplotlib as mpl
@@ -65,6 +68,19 @@ def test_a_run_is_the_ticks_one_by_one():
         assert (tracker.x_ref, tracker.xdot_ref) == (run.x_ref[k], run.xdot_ref[k])
         assert tracker.step(run.x[k], run.xdot[k], -9.81, -19.81) == run.u[k]
         np.testing.assert_array_equal(tracker.signs, run.signs[k])
+
+
+def test_signs_that_nobody_asked_for_go_along():
+    """They are unpacked when they are read; copies and pickles have them either way."""
+    read, unread = loop(t_span=(0, 3)), loop(t_span=(0, 3))
+    signs = read.signs
+    assert read.signs is signs
+    assert len(np.unique(signs)) > 10
+    for again in (copy.copy(unread), copy.deepcopy(unread), pickle.loads(pickle.dumps(unread))):
+        np.testing.assert_array_equal(again.signs, signs)
+    np.testing.assert_array_equal(dataclasses.replace(unread, n_refused=1).signs, signs)
+    with pytest.raises(AttributeError, match="no attribute 'sign'"):
+        _ = unread.sign
 
 
 @pytest.mark.parametrize("paper", [False, True], ids=["sampled", "paper's loop"])

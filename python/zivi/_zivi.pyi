@@ -32,6 +32,7 @@ __all__ = [
     "LiftedSamples",
     "LoopBatchRecord",
     "LoopRecord",
+    "LoopSigns",
     "MechanicalLoopRecord",
     "MechanicalPath",
     "MechanicalRecord",
@@ -943,7 +944,7 @@ class LoopRecord:
     @property
     def columns(self) -> list[_Array]: ...
     @property
-    def signs(self) -> _Array: ...
+    def signs(self) -> LoopSigns: ...
     @property
     def estimates(self) -> list[_Array]: ...
     @property
@@ -972,6 +973,10 @@ class LoopRecord:
     def nfev(self) -> int: ...
     @property
     def raised(self) -> BaseException | None: ...
+
+@final
+class LoopSigns:
+    def rows(self) -> _Array: ...
 
 @final
 class LiftedSamples:

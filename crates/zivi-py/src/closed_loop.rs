@@ -9,8 +9,8 @@ use pyo3::prelude::*;
 use pyo3::types::IntoPyDict;
 use zivi::drive::closed_loop::{
     observe_closed_loop, Controller, Forces, Loop, LoopOptions, LoopPath, LoopRun, Motion,
-    Reference, ReferencePeriod, ReferencePoint, ReferenceWithWall, Samples, Sensor, Tick,
-    TickError, SIGNS,
+    Reference, ReferencePeriod, ReferencePoint, ReferenceWithWall, Samples, Sensor, SignRecord,
+    Tick, TickError, SIGNS,
 };
 use zivi::{
     AnyMethod, Branch, FixedSteps, Force, Grid, Lifted, Physical, Restitution, SetupError,
@@ -318,8 +318,7 @@ type Array = Py<PyArray1<f64>>;
 pub(crate) struct LoopRecord {
     /// An array for each of `t, x, xdot, x_ref, xdot_ref, u`.
     columns: Vec<Array>,
-    /// A row of six for each sample.
-    signs: Py<PyArray2<f64>>,
+    signs: Py<LoopSigns>,
     /// `x, xdot, d` of the observer; empty arrays without one.
     estimates: Vec<Array>,
     ticks: Py<PyArray1<u8>>,
@@ -357,10 +356,7 @@ impl LoopRecord {
             }
         };
         Ok(Self {
-            signs: {
-                let shape = [signs.len(), SIGNS];
-                PyArray1::from_vec(py, signs.into_flattened()).reshape(shape)?.unbind()
-            },
+            signs: Py::new(py, LoopSigns(signs))?,
             columns: columns.into_iter().map(array).collect(),
             estimates: estimates.into_iter().map(array).collect(),
             ticks: PyArray1::from_vec(py, ticks).unbind(),
@@ -377,6 +373,22 @@ impl LoopRecord {
             nfev,
             raised: raised.map(|error| error.into_value(py).into_any()),
         })
+    }
+}
+
+/// The signs of all ticks, until they are asked for.
+#[pyclass(frozen, module = "zivi._zivi")]
+pub(crate) struct LoopSigns(SignRecord);
+
+#[pymethods]
+impl LoopSigns {
+    /// A row of six for each sample.
+    fn rows(&self, py: Python<'_>) -> PyResult<Py<PyArray2<f64>>> {
+        let mut numbers: Vec<f64> = Vec::new();
+        let refused = |_| setup_error(SetupError::Memory(self.0.len()));
+        numbers.try_reserve_exact(self.0.len() * SIGNS).map_err(refused)?;
+        numbers.extend(self.0.iter().flatten());
+        Ok(PyArray1::from_vec(py, numbers).reshape([self.0.len(), SIGNS])?.unbind())
     }
 }
 

@@ -121,6 +121,7 @@ fn _zivi(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<observer::Observer>()?;
     module.add_class::<closed_loop::LoopRecord>()?;
     module.add_class::<closed_loop::LiftedSamples>()?;
+    module.add_class::<closed_loop::LoopSigns>()?;
     module.add_class::<ballistic::Ballistic>()?;
     module.add_function(wrap_pyfunction!(closed_loop::simulate_closed_loop, module)?)?;
     module.add_function(wrap_pyfunction!(ballistic::ballistic_motion, module)?)?;

@@ -413,7 +413,7 @@ def _run(record: _zivi.LoopRecord, config: dict[str, Any], slowest: float) -> Cl
     return ClosedLoop(
         t=t,
         **samples,
-        signs=record.signs,
+        signs=record.signs,  # type: ignore[arg-type]  # an array as soon as it is asked for
         tick_status=record.ticks,
         resolved_impacts=impacts,
         zeno_times=record.zeno_times,

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from zivi import _zivi
 from zivi.base.check import Array, MaybeNone
 from zivi.base.status import Status
 from zivi.base.table import Field, Table
@@ -130,6 +131,24 @@ class ClosedLoop(MassRun):
     slowest: float = SLOWEST
     _ticks: dict[str, Array] | None = None
     """What was held from each sample on, of a run that is reported at other times."""
+
+    def __post_init__(self) -> None:
+        own = vars(self)
+        if isinstance(own["signs"], _zivi.LoopSigns):
+            own["_packed"] = own.pop("signs")
+
+    if not TYPE_CHECKING:  # which would take any name for granted
+
+        def __getattr__(self, name):
+            packed = vars(self).get("_packed") if name == "signs" else None
+            if packed is None:
+                return super().__getattr__(name)
+            # six numbers a sample, which most runs are not asked for
+            return vars(self).setdefault("signs", packed.rows())
+
+    def __getstate__(self) -> dict[str, Any]:
+        signs = self.signs
+        return {k: it for k, it in vars(self).items() if k != "_packed"} | {"signs": signs}
 
     @functools.cached_property
     def _lifted(self) -> tuple[Array, Array]:

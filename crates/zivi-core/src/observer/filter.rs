@@ -89,7 +89,10 @@ impl ObserverSettings {
         it.covariance.bound_d(dmax * dmax);
         // a sensor that is worse than the motion has its own word
         let sensor = if measured.is_some() { 4.0 * of_v } else { 0.0 };
-        it.covariance.bound_v(self.fastest(it.estimate.state, it.covariance.xx, a) + sensor);
+        // which is the least that the bound can be
+        if it.covariance.vv > sensor {
+            it.covariance.bound_v(self.fastest(it.estimate.state, it.covariance.xx, a) + sensor);
+        }
         rests
     }
 

@@ -54,9 +54,17 @@ impl Memory {
 
     /// `dt` later, under the acceleration `a`.
     pub(super) fn pass(&mut self, dt: Real, a: Real) {
-        for (y, age) in self.y.iter_mut().zip(&mut self.age).take(self.count as usize) {
+        let older = |(y, age): (&mut Real, &mut Real)| {
             *y -= a * dt * (*age + 0.5 * dt);
             *age += dt;
+        };
+        let count = self.count as usize;
+        let all = self.y.iter_mut().zip(&mut self.age);
+        // as nearly always: several at once
+        if count == REMEMBERED {
+            all.for_each(older);
+        } else {
+            all.take(count).for_each(older);
         }
     }
 

@@ -15,6 +15,7 @@ mod predicting;
 mod record;
 mod reference;
 mod sensor;
+mod sign_record;
 mod solved;
 
 use std::collections::VecDeque;
@@ -31,6 +32,7 @@ pub use predicting::{Predictable, Predicting, UnderWay};
 pub use record::{LoopRun, ESTIMATES, LOOP_COLUMNS, REFUSED};
 pub use reference::{Reference, ReferencePeriod, ReferencePoint, ReferenceWithWall, Samples};
 pub use sensor::Sensor;
+pub use sign_record::SignRecord;
 pub use solved::Solved;
 
 use crate::record::failure::Failure;
@@ -116,7 +118,8 @@ pub fn observe_closed_loop<E, F: Force<E>>(
     let Loop { restitution, grid, initial, motion, .. } = surroundings;
     check_initial(initial)?;
     let Forces { plant: force, model, reference } = forces;
-    let (t0, models) = (grid.t(0), Models { model, reference });
+    let (t0, models) =
+        (grid.t(0), Models { model: Told::new(model), reference: Told::new(reference) });
     let keep = match (output.dense, output.events.is_empty()) {
         (true, _) => Keeps::Everything,
         (false, false) => Keeps::Period,
@@ -144,8 +147,33 @@ pub fn observe_closed_loop<E, F: Force<E>>(
 
 /// What the controller is told of the forces.
 struct Models<'a, F> {
-    model: &'a mut F,
-    reference: &'a mut F,
+    model: Told<'a, F>,
+    reference: Told<'a, F>,
+}
+
+/// A force that the controller is told the values of.
+struct Told<'a, F> {
+    force: &'a mut F,
+    /// Its value, once it is known, of one that has no other.
+    constant: Option<f64>,
+}
+
+impl<'a, F> Told<'a, F> {
+    fn new(force: &'a mut F) -> Self {
+        Self { force, constant: None }
+    }
+
+    fn at<E>(&mut self, t: f64, state: Physical) -> Result<f64, Failure<E>>
+    where
+        F: Force<E>,
+    {
+        if let Some(value) = self.constant {
+            return Ok(value);
+        }
+        let value = finite_force(self.force, t, state)?;
+        self.constant = (self.force.dependence() == Dependence::Constant).then_some(value);
+        Ok(value)
+    }
 }
 
 fn run<E, F: Force<E>>(
@@ -239,7 +267,7 @@ where
         }
         let (course, reference) = self.reference(t)?;
         let tick = self.tick(t, reference, course)?;
-        self.record.push((t, self.state, reference), self.u, &*self.controller, tick);
+        self.record.push((t, self.state, reference), self.u, &*self.controller, tick)?;
         self.record.note(self.observer.as_ref());
         let h = if self.k + 1 == n { grid.last_h() } else { grid.h() };
         let period = Period { t, t_next: grid.t(self.k + 1), h };
@@ -261,7 +289,7 @@ where
         let Some(from) = self.controller.reference_ahead() else { return Ok(()) };
         let (mut at, grid, due) = (from, self.surroundings.grid, self.controller.due());
         for k in 0..due {
-            let force = finite_force(self.models.reference, grid.t(0) + k as f64 * grid.h(), at)?;
+            let force = self.models.reference.at(grid.t(0) + k as f64 * grid.h(), at)?;
             // a force that is too large is refused by the tick
             if self.controller.bring_ahead(force).is_err() {
                 break;
@@ -316,13 +344,18 @@ where
             Ok(estimate) => estimate,
             Err(error) => return Ok(Err(error.into())),
         };
-        self.known = finite_force(self.models.model, t, measured)?;
+        self.known = self.models.model.at(t, measured)?;
         let force = self.known + d;
         let force_ref = match reference {
-            Some(_) if course.is_none() && self.controller.takes_force_ref() => {
-                let (ahead, h) = (self.controller.reference_ahead(), self.surroundings.grid.h());
-                let then = t + self.controller.delay() as f64 * h;
-                finite_force(self.models.reference, then, ahead.or(reference).unwrap_or_default())?
+            Some(here) if course.is_none() && self.controller.takes_force_ref() => {
+                let (then, ahead) = match self.controller.delay() {
+                    0 => (t, None),
+                    late => (
+                        t + late as f64 * self.surroundings.grid.h(),
+                        self.controller.reference_ahead(),
+                    ),
+                };
+                self.models.reference.at(then, ahead.unwrap_or(here))?
             }
             _ => 0.0,
         };
@@ -349,18 +382,18 @@ where
         reference: Option<Physical>,
         course: Option<ReferencePeriod>,
     ) -> Result<u8, Failure<E>> {
-        let bits = match self.ask(t, reference, course)? {
-            Ok(u) => {
-                self.pending.push_back(u);
-                self.controller.status().bits()
-            }
-            Err(TickError::Refused(_)) => {
-                self.pending.push_back(self.pending.back().copied().unwrap_or(self.u));
-                REFUSED
-            }
+        let (sent, bits) = match self.ask(t, reference, course)? {
+            Ok(u) => (u, self.controller.status().bits()),
+            Err(TickError::Refused(_)) => (*self.pending.back().unwrap_or(&self.u), REFUSED),
             Err(TickError::Raised(error)) => return Err(Failure::Raised(error)),
         };
-        self.u = self.pending.pop_front().unwrap_or(self.u);
+        self.u = match self.pending.pop_front() {
+            Some(due) => {
+                self.pending.push_back(sent);
+                due
+            }
+            None => sent,
+        };
         Ok(bits)
     }
 
@@ -383,10 +416,12 @@ where
             let given = self.guide.as_mut().map(|guide| guide.state(self.k, t).ok());
             let reference = given.unwrap_or_else(|| self.controller.reference());
             let last = (t, self.state, reference);
-            self.record.push(last, self.u, &*self.controller, 0);
+            let pushed = self.record.push(last, self.u, &*self.controller, 0);
             // the estimate at the end of the last period; a measurement that is refused leaves it
             let _ = self.observe();
-            self.record.note(self.observer.as_ref());
+            if pushed.is_ok() {
+                self.record.note(self.observer.as_ref());
+            }
         }
         let (status, raised) = match ending {
             Failure::Status(status) => (status, None),

@@ -3,8 +3,10 @@
 use zivi_core::observer::{Estimate, ImpactObserver};
 use zivi_core::Physical;
 
-use super::controller::{Controller, SIGNS};
+use super::controller::Controller;
 use super::path::LoopPath;
+use super::sign_record::SignRecord;
+use crate::record::failure::Failure;
 use crate::{Events, LocatedEvent, SetupError, Status};
 
 /// Columns of the record: `t, x, xdot, x_ref, xdot_ref, u`.
@@ -19,8 +21,8 @@ pub struct LoopRun<E> {
     /// `t, x, xdot, x_ref, xdot_ref, u` (NaN where a controller has none); the control of a row
     /// holds from its time on, the last row repeats it.
     pub columns: [Vec<f64>; LOOP_COLUMNS],
-    /// `ls, lv, lsr, lvr, les, lev`, in rows of the same meaning.
-    pub signs: Vec<[f64; SIGNS]>,
+    /// The signs of the ticks, in rows of the same meaning.
+    pub signs: SignRecord,
     /// What the observer thought at the samples, `x, xdot, d`; empty without one.
     pub estimates: [Vec<f64>; ESTIMATES],
     /// At each sample, as bits: 1 clamped, 2 saturated, 4 refused.
@@ -49,7 +51,7 @@ pub const REFUSED: u8 = 4;
 /// Fills the columns.
 pub(super) struct LoopRecord {
     pub(super) columns: [Vec<f64>; LOOP_COLUMNS],
-    pub(super) signs: Vec<[f64; SIGNS]>,
+    pub(super) signs: SignRecord,
     pub(super) estimates: [Vec<f64>; ESTIMATES],
     pub(super) ticks: Vec<u8>,
 }
@@ -70,8 +72,8 @@ impl LoopRecord {
                 column.try_reserve_exact(rows).map_err(refused)?;
             }
         }
-        let (mut signs, mut ticks) = (Vec::new(), Vec::new());
-        signs.try_reserve_exact(rows).map_err(refused)?;
+        let signs = SignRecord::with_room(rows).map_err(refused)?;
+        let mut ticks = Vec::new();
         ticks.try_reserve_exact(rows).map_err(refused)?;
         Ok(Self { columns, signs, estimates, ticks })
     }
@@ -86,20 +88,24 @@ impl LoopRecord {
     }
 
     /// A sample: the states at `t` and what is held from there on.
+    ///
+    /// # Errors
+    /// There is no memory for its signs; the record is as it was.
     pub(super) fn push<E>(
         &mut self,
         (t, state, reference): (f64, Physical, Option<Physical>),
         u: f64,
         controller: &(impl Controller<E> + ?Sized),
         tick: u8,
-    ) {
+    ) -> Result<(), Failure<E>> {
+        self.signs.push(controller.signs())?;
         let none = Physical { x: f64::NAN, xdot: f64::NAN };
         let reference = reference.unwrap_or(none);
         let row = [t, state.x, state.xdot, reference.x, reference.xdot, u];
         for (column, value) in self.columns.iter_mut().zip(&row) {
             column.push(*value);
         }
-        self.signs.push(controller.signs());
         self.ticks.push(tick);
+        Ok(())
     }
 }
