@@ -14,14 +14,16 @@ impl<const N: usize> Columns<N> {
     #[inline(always)]
     pub(super) fn of<const W: usize, const FIRST: usize>(&self, start: &Start) -> [f64; FIRST] {
         let (Start { x, v, force, waves }, by) = (*start, &self.0);
-        std::array::from_fn(|n| {
-            let mut sum = x * by[0][n] + v * by[1][n] + force * by[2][n];
+        // a loop is compiled for the vectors of whoever calls, a closure is not
+        let mut all = [0.0; FIRST];
+        for (n, sum) in all.iter_mut().enumerate() {
+            *sum = x * by[0][n] + v * by[1][n] + force * by[2][n];
             for m in 0..W {
                 let [re, im] = waves[m];
-                sum += re * by[3 + 2 * m][n] + im * by[4 + 2 * m][n];
+                *sum += re * by[3 + 2 * m][n] + im * by[4 + 2 * m][n];
             }
-            sum
-        })
+        }
+        all
     }
 }
 

@@ -18,8 +18,8 @@ pub(crate) use crate::numeric::power_series::{derivative, value, value_and_slope
 pub(crate) use law::Linear;
 pub(crate) use reading::Reading;
 pub(crate) use root::{first_fall, polished};
-use step::Ahead;
 pub(crate) use step::Step;
+use step::{Ahead, Outlook};
 pub(crate) use table::Table;
 use terms::WAVES;
 pub(crate) use terms::{column, wave, Series, Start, TERMS};
@@ -30,7 +30,6 @@ use crate::numeric::power_series::stretch;
 use crate::switched::point::Point;
 use crate::LinearLaw;
 use period::Period;
-use sign_test::SignTest;
 
 /// Flights under one linear force.
 #[derive(Clone, Debug)]
@@ -203,7 +202,7 @@ impl SeriesFlight {
         loop {
             let left = ((reach.t_end - from.t) - from.late) / h;
             let ahead = Ahead::of::<W>(table, &start, known, left);
-            if let Some(Ahead { sign: SignTest::Clear, ends: [x, v] }) = ahead {
+            if let Some(Ahead { outlook: Outlook::Clear, ends: [x, v] }) = ahead {
                 let end = from.after(h, x, v / h);
                 // false for NaN, too
                 let goes_on = x > 0.0 && x + end.xdot.abs() < f64::INFINITY;
@@ -214,8 +213,8 @@ impl SeriesFlight {
                     continue;
                 }
             }
-            let sign = ahead.map(|ahead| ahead.sign);
-            let step = Step::with_waves::<W>(table, &start, known, left, true, sign);
+            let outlook = ahead.map(|ahead| ahead.outlook);
+            let step = Step::with_waves::<W>(table, &start, known, left, true, outlook);
             let end = from.after(step.length * h, step.x, step.v / h);
             // false for NaN, too
             let goes_on = step.x > 0.0 && step.x + end.xdot.abs() < f64::INFINITY;

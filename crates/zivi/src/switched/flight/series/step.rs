@@ -1,5 +1,7 @@
 //! A step of a flight: as far as nothing can happen, or up to the wall.
 
+use pulp::{Simd, WithSimd};
+
 use super::root::{first_root, of_short_arc, only_root, Root};
 use super::sign_test::SignTest;
 use super::table::{Table, PART, SHORT};
@@ -36,13 +38,13 @@ impl Step {
     #[inline]
     pub(crate) fn next(table: &Table, start: &Start, known: usize, far: bool) -> Self {
         let left = f64::INFINITY;
-        let sign = Ahead::of::<1>(table, start, known, left).map(|ahead| ahead.sign);
-        Self::with_waves::<1>(table, start, known, left, far, sign)
+        let outlook = Ahead::of::<1>(table, start, known, left).map(|ahead| ahead.outlook);
+        Self::with_waves::<1>(table, start, known, left, far, outlook)
     }
 
     /// The next step of a flight, at most `left` long: many at once where they stay far from the
     /// wall and `far` allows it, else one, or the part of one up to the wall. The first `known`
-    /// derivatives of the position are zero at its start. `sign` is what [`Ahead::of`] says of it.
+    /// derivatives of the position are zero at its start. `outlook` is what [`Ahead::of`] says of it.
     #[inline(always)]
     pub(super) fn with_waves<const W: usize>(
         table: &Table,
@@ -50,15 +52,15 @@ impl Step {
         known: usize,
         left: f64,
         far: bool,
-        sign: Option<SignTest>,
+        outlook: Option<Outlook>,
     ) -> Self {
         let mut doublings = None;
         let jump = |doublings: &mut Option<usize>| {
             *doublings = if far { table.far::<W>(start, left) } else { None };
             doublings.map(|j| (f64::from(1u32 << j), table.ends::<W>(start, j), false))
         };
-        let (length, [x, v], root) = if let Some(sign) = sign {
-            judged::<W>(table, start, known, left, sign)
+        let (length, [x, v], root) = if let Some(outlook) = outlook {
+            judged::<W>(table, start, known, left, outlook)
         } else if let Some(end) = of_parabola(table, start, known, left) {
             end
         } else if known > 1 {
@@ -93,7 +95,7 @@ fn single<const W: usize>(table: &Table, start: &Start, known: usize, left: f64)
             return (at, [0.0, slope], true);
         }
     }
-    judged::<W>(table, start, known, left, table.screened::<W>(start, known))
+    judged::<W>(table, start, known, left, Outlook::of::<W>(table, start, known))
 }
 
 /// A whole step of an ordinary flight: where it ends if nothing is in the way, and whether something
@@ -101,7 +103,7 @@ fn single<const W: usize>(table: &Table, start: &Start, known: usize, left: f64)
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Ahead {
     pub(super) ends: [f64; 2],
-    pub(super) sign: SignTest,
+    pub(super) outlook: Outlook,
 }
 
 impl Ahead {
@@ -119,38 +121,92 @@ impl Ahead {
         }
         let ends = table.ends::<W>(start, 0);
         if table.is_clear_between::<W>(start, known, ends) {
-            return Some(Self { ends, sign: SignTest::Clear });
+            return Some(Self { ends, outlook: Outlook::Clear });
         }
         let is_short = known == 1 && table.is_short::<W>(start);
-        (!is_short).then(|| Self { ends, sign: table.screened::<W>(start, known) })
+        (!is_short).then(|| Self { ends, outlook: Outlook::of::<W>(table, start, known) })
     }
 }
 
-/// Of one step of which its Bernstein coefficients say that.
+/// What a whole step comes to.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum Outlook {
+    /// It stays above the wall.
+    Clear,
+    /// It meets the wall once, here.
+    Wall(Root),
+    Open,
+}
+
+impl Outlook {
+    /// By the Bernstein coefficients of the step.
+    #[inline(always)]
+    fn of<const W: usize>(table: &Table, start: &Start, known: usize) -> Self {
+        pulp::Arch::new().dispatch(Looked::<W> { table, start, known })
+    }
+}
+
+/// [`Outlook::of`], compiled for the vectors that the machine has.
+struct Looked<'a, const W: usize> {
+    table: &'a Table,
+    start: &'a Start,
+    known: usize,
+}
+
+impl<const W: usize> WithSimd for Looked<'_, W> {
+    type Output = Outlook;
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) -> Outlook {
+        let Self { table, start, known } = self;
+        match table.screened::<W>(start, known) {
+            SignTest::Clear => Outlook::Clear,
+            SignTest::One(guess) => {
+                let Root { at, slope } = only_root(&series_of::<W>(table, start, known), guess);
+                Outlook::Wall(Root { at, slope: slope.min(0.0) })
+            }
+            SignTest::Open => Outlook::Open,
+        }
+    }
+}
+
+/// The series of a step, at most the first of whose derivatives is zero at its start.
+#[inline(always)]
+fn series_of<const W: usize>(table: &Table, start: &Start, known: usize) -> Series {
+    let mut a = table.first::<W, TERMS>(start);
+    if known == 1 {
+        a[0] = 0.0;
+    }
+    a
+}
+
+/// Of one step of which that is known.
 #[inline(always)]
 fn judged<const W: usize>(
     table: &Table,
     start: &Start,
     known: usize,
     left: f64,
-    sign: SignTest,
+    outlook: Outlook,
 ) -> End {
-    let guess = match sign {
-        SignTest::Clear if left > 1.0 => return (1.0, table.ends::<W>(start, 0), false),
-        SignTest::Clear => return (left, part_of::<W>(table, start, left), false),
-        SignTest::Open => return searched(table, start, known, left),
-        SignTest::One(guess) => guess,
-    };
-    let mut a = table.first::<W, TERMS>(start);
-    if known == 1 {
-        a[0] = 0.0;
+    match outlook {
+        Outlook::Clear if left > 1.0 => (1.0, table.ends::<W>(start, 0), false),
+        Outlook::Clear => (left, part_of::<W>(table, start, left), false),
+        Outlook::Open => searched(table, start, known, left),
+        Outlook::Wall(Root { at, slope }) if at <= left => (at, [0.0, slope], true),
+        Outlook::Wall(_) => (left, short_of_the_wall::<W>(table, start, known, left), false),
     }
-    let Root { at, slope } = only_root(&a, guess);
-    if at <= left {
-        (at, [0.0, slope.min(0.0)], true)
-    } else {
-        (left, value_and_slope(&a, left), false)
-    }
+}
+
+/// Position and velocity after a part of a step that ends before the wall.
+#[cold]
+fn short_of_the_wall<const W: usize>(
+    table: &Table,
+    start: &Start,
+    known: usize,
+    left: f64,
+) -> [f64; 2] {
+    value_and_slope(&series_of::<W>(table, start, known), left)
 }
 
 /// Position and velocity after a part of a step.
@@ -257,8 +313,8 @@ mod tests {
             let waves = [[r(), r()], [0.0; 2]];
             let start = Start { x, v, force: r() - 0.5, waves };
             let left = if r() > 0.0 { 0.5 + 0.5 * r() } else { 5.0 };
-            let sign = Ahead::of::<1>(&table, &start, known, left).map(|ahead| ahead.sign);
-            let step = Step::with_waves::<1>(&table, &start, known, left, true, sign);
+            let outlook = Ahead::of::<1>(&table, &start, known, left).map(|ahead| ahead.outlook);
+            let step = Step::with_waves::<1>(&table, &start, known, left, true, outlook);
             assert!(step.length > 0.0 && step.length <= left);
             counts[usize::from(step.lands)] += 1;
             let whole = step.doublings.map_or(step.length, |j| f64::from(1 << j));
@@ -302,17 +358,17 @@ mod tests {
         let ahead = |start: Start, known, left| Ahead::of::<1>(&table, &start, known, left);
         let high = Start { x: 1.0, v: 0.1, force: 1.0, ..Start::default() };
         let ends = table.ends::<1>(&high, 0);
-        let clear = Some(Ahead { ends, sign: SignTest::Clear });
+        let clear = Some(Ahead { ends, outlook: Outlook::Clear });
         assert_eq!(ahead(high, 0, 1.1), clear);
         // what is left is less, or a step but for rounding
         assert_eq!(ahead(high, 0, 0.9), None);
         assert_eq!(ahead(high, 0, 1.0 + 1e-10), None);
         let from_wall = Start { x: 0.0, ..high };
-        assert!(ahead(from_wall, 1, 1.1).is_some_and(|ahead| ahead.sign == SignTest::Clear));
+        assert!(ahead(from_wall, 1, 1.1).is_some_and(|ahead| ahead.outlook == Outlook::Clear));
         assert_eq!(ahead(from_wall, 2, 1.1), None);
         // down onto the wall, and a short arc
         let down = Start { v: -1.5, force: -1.0, ..high };
-        assert!(ahead(down, 0, 1.1).is_some_and(|it| matches!(it.sign, SignTest::One(_))));
+        assert!(ahead(down, 0, 1.1).is_some_and(|it| matches!(it.outlook, Outlook::Wall(_))));
         assert_eq!(ahead(Start { v: 1e-3, force: -1.0, ..from_wall }, 1, 1.1), None);
         // where a bound is low enough for many steps that is tried first
         let free = Table::new(Law { stiffness: 0.0, ..law }, 0.1);
