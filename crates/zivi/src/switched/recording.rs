@@ -181,33 +181,12 @@ impl<E> Running<'_, E> {
     ) -> Result<(), Ending<E>> {
         let end = self.method.t();
         if end > self.dense_from() && end > from.t {
-            // at the end of a step onto the wall, exactly the state before the impact
-            let contact = impact.map(|it| PathPoint { x: 0.0, xdot: it.xdot_before, sigma });
-            let last = self.method.flight().curves() - 1;
             // what no event and no wanted time looks into is kept by what it starts from
             let unseen = self.seeker.is_idle() && self.wanted.is_by_steps();
-            for k in 0..=last {
-                if k > 0 {
-                    // one of many steps at once, which are looked at one by one
-                    if let Some((start, FlightPart { start: Start { x, .. }, xdot, .. }, _)) =
-                        self.method.flight().part(k)
-                    {
-                        self.end = (start, PathPoint { x: x.max(0.0), xdot, sigma });
-                    }
-                    self.make_room()?;
-                    self.method.flight().steps_mut().spend()?;
-                }
-                let Self { method, record: MassRecord { path, .. }, .. } = self;
-                let kept = path.as_mut().is_some_and(|it| method.flight().keep(k, sigma, it));
-                if kept && unseen {
-                    continue;
-                }
-                let curve = method.flight().curve(k, sigma, force)?;
-                if let Some(path) = path.as_mut().filter(|_| !kept) {
-                    path.push_flight(&curve);
-                }
-                let ends = if k == last { (end, contact) } else { (curve.end(), None) };
-                self.along(&curve, ends)?;
+            let Self { method, record: MassRecord { path, .. }, .. } = self;
+            let path = path.as_mut().filter(|_| unseen);
+            if !path.is_some_and(|path| method.flight().keep_alone(sigma, path)) {
+                self.follow(unseen, sigma, impact, force)?;
             }
         }
         self.arrive();
@@ -215,6 +194,45 @@ impl<E> Running<'_, E> {
         let Some(impact) = impact else { return Ok(()) };
         self.record.reader.note(Occurrence::of_mass(impact, self.method.counts().impacts));
         self.jumped()
+    }
+
+    /// The curves of a piece, one by one.
+    #[inline(never)]
+    fn follow<F: Force<E>>(
+        &mut self,
+        unseen: bool,
+        sigma: f64,
+        impact: Option<Impact>,
+        force: &mut Counted<'_, F>,
+    ) -> Result<(), Ending<E>> {
+        let end = self.method.t();
+        // at the end of a step onto the wall, exactly the state before the impact
+        let contact = impact.map(|it| PathPoint { x: 0.0, xdot: it.xdot_before, sigma });
+        let last = self.method.flight().curves() - 1;
+        for k in 0..=last {
+            if k > 0 {
+                // one of many steps at once, which are looked at one by one
+                if let Some((start, FlightPart { start: Start { x, .. }, xdot, .. }, _)) =
+                    self.method.flight().part(k)
+                {
+                    self.end = (start, PathPoint { x: x.max(0.0), xdot, sigma });
+                }
+                self.make_room()?;
+                self.method.flight().steps_mut().spend()?;
+            }
+            let Self { method, record: MassRecord { path, .. }, .. } = self;
+            let kept = path.as_mut().is_some_and(|it| method.flight().keep(k, sigma, it));
+            if kept && unseen {
+                continue;
+            }
+            let curve = method.flight().curve(k, sigma, force)?;
+            if let Some(path) = path.as_mut().filter(|_| !kept) {
+                path.push_flight(&curve);
+            }
+            let ends = if k == last { (end, contact) } else { (curve.end(), None) };
+            self.along(&curve, ends)?;
+        }
+        Ok(())
     }
 
     /// What there is along a curve up to where it ends, with the state there at a contact.

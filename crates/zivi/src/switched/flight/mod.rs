@@ -148,6 +148,15 @@ impl FreeFlight {
         part.is_some()
     }
 
+    /// The same of a piece that is one of them under a linear force.
+    #[inline(always)]
+    pub(super) fn keep_alone(&self, sigma: f64, path: &mut DensePath) -> bool {
+        let Some(series) = &self.series else { return false };
+        let Some((start, part)) = series.alone() else { return false };
+        path.push_part(start, sigma, (part, series.table()));
+        true
+    }
+
     /// One of them by when it starts and from what, which says all of it under a linear force.
     pub(super) fn part(&self, k: usize) -> Option<(f64, FlightPart, &Arc<Table>)> {
         let series = self.series.as_ref()?;

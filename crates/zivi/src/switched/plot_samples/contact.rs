@@ -6,9 +6,10 @@ use crate::switched::path::Curve;
 /// Moments before an impact that are looked at, each twice as far from it as the one before.
 const MOMENTS: usize = 10;
 
-/// The last moment before an impact at the end of a step that can be told from it: above the wall.
-#[inline(always)]
-pub(super) fn before_contact(curve: &Curve, end: f64) -> Option<f64> {
+/// The last moment before an impact at the end of a step that can be told from it, above the wall,
+/// and how far.
+#[cold]
+pub(super) fn before_contact(curve: &Curve, end: f64) -> Option<(f64, f64)> {
     let moments = moments(end);
     let mut first = 0;
     while first < MOMENTS {
@@ -18,7 +19,7 @@ pub(super) fn before_contact(curve: &Curve, end: f64) -> Option<f64> {
         let x = curve.positions(&t);
         for k in 0..count {
             if x[k] > 0.0 {
-                return Some(t[k]);
+                return Some((t[k], x[k]));
             }
         }
         first += LANES;

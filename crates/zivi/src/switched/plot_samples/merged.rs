@@ -2,7 +2,9 @@
 
 use std::collections::TryReserveError;
 
-use super::{PlotSamples, Source, BUDGET};
+use super::contact::before_contact;
+use super::{PlotSamples, Source, BUDGET, LANES, MOST};
+use crate::switched::path::Curve;
 
 /// Samples at the ends of steps and those between them, in the order of time: where there is one
 /// already it stays.
@@ -65,6 +67,39 @@ impl<'a> Merged<'a> {
                 self.all.note(Source::Steps(self.next), 1);
             }
             self.next += 1;
+        }
+    }
+
+    /// Adds those of a curve at the first of these times, so many, for which there is room, and for
+    /// [`LANES`] more.
+    #[inline(always)]
+    pub(super) fn push(&mut self, curve: &Curve, times: &[f64; MOST], count: usize) {
+        let PlotSamples { t, x, .. } = &mut self.all;
+        let all = t.len() + count;
+        for times in times.chunks_exact(LANES).take(count.div_ceil(LANES)) {
+            let mut at = [0.0; LANES];
+            at.copy_from_slice(times);
+            t.extend_from_slice(&at);
+            x.extend_from_slice(&curve.positions(&at));
+        }
+        t.truncate(all);
+        x.truncate(all);
+    }
+
+    /// Moves the last sample, just before an impact, back to where it can be told from it, if it
+    /// cannot: one of those from this one on, or none.
+    #[inline(always)]
+    pub(super) fn last_before(&mut self, curve: &Curve, end: f64, first: usize) {
+        if self.all.x.last().is_none_or(|&x| x > 0.0) {
+            return;
+        }
+        let PlotSamples { t, x, .. } = &mut self.all;
+        (t.pop(), x.pop());
+        if let Some((contact, above)) = before_contact(curve, end) {
+            if t.len() == first || t.last().is_some_and(|&last| last < contact) {
+                t.push(contact);
+                x.push(above);
+            }
         }
     }
 

@@ -25,7 +25,6 @@ use super::path::{Curve, DensePath, Kind, Segment};
 use crate::record::columns::QUANTITIES;
 use crate::PathPoint;
 
-use contact::before_contact;
 use merged::Merged;
 use outline::Outline;
 use scale::{joined, Scale};
@@ -163,7 +162,7 @@ fn planned<S: Simd>(
     let (mut merged, mut apexes) = (Merged::new(steps, path.segments.len()), Vec::new());
     merged.make_room(0, 0)?;
     let (mut wanted, mut drawn, mut before) = (0.0, 0.0, None);
-    let (mut times, mut x) = ([0.0; MOST], [0.0; MOST]);
+    let mut times = [0.0; MOST];
     let (mut of_block, mut of_apexes) = (0, 0);
     let mut block = Vec::<(Curve, Outline)>::new();
     block.try_reserve_exact(BLOCK)?;
@@ -228,22 +227,17 @@ fn planned<S: Simd>(
             count = insert(apex, span, (&mut times, count));
         }
         of_apexes += outline.apexes;
-        if let Some(contact) = if lands { before_contact(curve, end) } else { None } {
-            if count == 0 || times[count - 1] < contact {
-                times[count] = contact;
-                count += 1;
-            }
+        let contact = end.next_down();
+        let looks = lands && (count == 0 || times[count - 1] < contact);
+        if looks {
+            times[count] = contact;
+            count += 1;
         }
-        for (t, x) in
-            times.chunks_exact(LANES).zip(x.chunks_exact_mut(LANES)).take(count.div_ceil(LANES))
-        {
-            let mut at = [0.0; LANES];
-            at.copy_from_slice(t);
-            x.copy_from_slice(&curve.positions(&at));
+        merged.make_room(count + LANES, number)?;
+        merged.push(curve, &times, count);
+        if looks {
+            merged.last_before(curve, end, first);
         }
-        merged.make_room(count, number)?;
-        merged.all.t.extend_from_slice(&times[..count]);
-        merged.all.x.extend_from_slice(&x[..count]);
         merged.close(Source::Flight(number), first)?;
         before = Some(*outline).filter(|_| !lands);
     }

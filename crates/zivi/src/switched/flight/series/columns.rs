@@ -13,17 +13,24 @@ impl<const N: usize> Columns<N> {
     /// The first of them for a start with `W` waves.
     #[inline(always)]
     pub(super) fn of<const W: usize, const FIRST: usize>(&self, start: &Start) -> [f64; FIRST] {
-        let (Start { x, v, force, waves }, by) = (*start, &self.0);
         // a loop is compiled for the vectors of whoever calls, a closure is not
         let mut all = [0.0; FIRST];
         for (n, sum) in all.iter_mut().enumerate() {
-            *sum = x * by[0][n] + v * by[1][n] + force * by[2][n];
-            for m in 0..W {
-                let [re, im] = waves[m];
-                *sum += re * by[3 + 2 * m][n] + im * by[4 + 2 * m][n];
-            }
+            *sum = self.one::<W>(start, n);
         }
         all
+    }
+
+    /// One of them.
+    #[inline(always)]
+    pub(super) fn one<const W: usize>(&self, start: &Start, n: usize) -> f64 {
+        let (Start { x, v, force, waves }, by) = (*start, &self.0);
+        let mut sum = x * by[0][n] + v * by[1][n] + force * by[2][n];
+        for m in 0..W {
+            let [re, im] = waves[m];
+            sum += re * by[3 + 2 * m][n] + im * by[4 + 2 * m][n];
+        }
+        sum
     }
 }
 

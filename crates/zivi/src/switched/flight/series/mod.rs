@@ -21,7 +21,6 @@ pub(crate) use root::{first_fall, polished};
 pub(crate) use step::Step;
 use step::{Ahead, Outlook};
 pub(crate) use table::Table;
-use terms::WAVES;
 pub(crate) use terms::{column, wave, Series, Start, TERMS};
 
 use std::sync::Arc;
@@ -111,8 +110,8 @@ impl FlightPart {
     /// The first of them, up to rounding.
     #[inline(always)]
     pub(crate) fn first_powers(&self, table: &Table) -> [f64; 3] {
-        let [x, v, bend] = table.first::<WAVES, 3>(&self.start);
-        [x, v * self.length, bend * self.length * self.length]
+        let Start { x, v, .. } = self.start;
+        [x, v * self.length, table.bend(&self.start) * self.length * self.length]
     }
 }
 
@@ -322,13 +321,22 @@ impl SeriesFlight {
         [FlightPart { length: 1.0, ..part }, part].map(|part| part.powers(&self.table))
     }
 
+    /// The last piece, if it is one step.
+    #[inline(always)]
+    pub(crate) fn alone(&self) -> Option<(f64, FlightPart)> {
+        let Flown { from, start, known, step } = &self.piece;
+        let (length, xdot, lands) = (step.length, from.xdot, step.lands);
+        let part = FlightPart { start: *start, known: *known, length, xdot, lands };
+        step.doublings.is_none().then_some((from.t, part))
+    }
+
     /// When a part of the last piece starts, and what it starts from.
     pub(crate) fn part(&self, k: usize) -> (f64, FlightPart) {
-        let Flown { from, start, known, step } = self.piece;
-        let Some(j) = step.doublings else {
-            let (length, xdot, lands) = (step.length, from.xdot, step.lands);
-            return (from.t, FlightPart { start, known, length, xdot, lands });
-        };
+        if let Some(alone) = self.alone() {
+            return alone;
+        }
+        let Flown { from, start, step, .. } = self.piece;
+        let j = step.doublings.unwrap_or(0);
         let at = (0..j).filter(|bit| k >> bit & 1 == 1);
         let start = at.fold(start, |start, bit| self.table.jump(&start, bit));
         let xdot = if k == 0 { from.xdot } else { start.v / self.h() };

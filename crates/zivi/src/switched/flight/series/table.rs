@@ -185,6 +185,12 @@ impl Table {
         self.series.of::<W, N>(start)
     }
 
+    /// Half of the second derivative at the start, by the length of a step.
+    #[inline(always)]
+    pub(super) fn bend(&self, start: &Start) -> f64 {
+        self.series.one::<WAVES>(start, 2)
+    }
+
     /// Whether the parabola from the wall is back there within [`PART`].
     #[inline(always)]
     pub(super) fn is_short<const W: usize>(&self, start: &Start) -> bool {
