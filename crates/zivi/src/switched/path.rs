@@ -30,6 +30,10 @@ pub(super) enum Form {
 }
 
 impl Curve {
+    /// None yet.
+    pub(super) const NONE: Self =
+        Self { start: 0.0, h: 1.0, sigma: 1.0, form: Form::Powers([0.0; TERMS], 0.0, false) };
+
     pub(super) fn polynomials(start: f64, h: f64, sigma: f64, both: [Bernstein; 2]) -> Self {
         Self { start, h, sigma, form: Form::Both(both) }
     }
@@ -121,8 +125,7 @@ impl Curve {
     #[inline(always)]
     fn without_rounding(mut self) -> Self {
         if let Form::Powers(a, ..) = &mut self.form {
-            let terms = significant(a);
-            a[terms..].fill(0.0);
+            without_rounding(a);
         }
         self
     }
@@ -230,6 +233,13 @@ pub(super) struct LinearStep {
 
 /// Tables that a path keeps: where a law changes again and again, power series take less.
 const MOST_TABLES: usize = 8;
+
+/// The coefficients that are rounding become zero.
+#[inline(always)]
+fn without_rounding(a: &mut Series) {
+    let terms = significant(a);
+    a[terms..].fill(0.0);
+}
 
 /// How many of the coefficients are more than rounding: the rest of them is none of it.
 #[inline(always)]
@@ -444,6 +454,25 @@ impl DensePath {
             }
             Kind::Tail(_) | Kind::Rest => f64::INFINITY,
         }
+    }
+
+    /// Writes the motion of a segment in flight to a curve; whether it is one.
+    #[inline(always)]
+    pub(super) fn write_curve(&self, segment: &Segment, to: &mut Curve) -> bool {
+        let Kind::Linear(number) = segment.kind else {
+            let curve = self.curve(segment);
+            curve.iter().for_each(|curve| to.clone_from(curve));
+            return curve.is_some();
+        };
+        let LinearStep { part, table } = &self.linear[number];
+        let table = &self.tables[*table];
+        (to.start, to.h, to.sigma) = (segment.start, part.length * table.h(), segment.sigma);
+        to.form = Form::Powers(part.powers(table), part.xdot, part.lands);
+        if let Form::Powers(a, ..) = &mut to.form {
+            a[1] = to.h * part.xdot;
+            without_rounding(a);
+        }
+        true
     }
 
     /// The motion of a segment in flight.

@@ -94,7 +94,8 @@ impl<'a> Merged<'a> {
             return;
         }
         let PlotSamples { t, x, .. } = &mut self.all;
-        (t.pop(), x.pop());
+        t.pop();
+        x.pop();
         if let Some((contact, above)) = before_contact(curve, end) {
             if t.len() == first || t.last().is_some_and(|&last| last < contact) {
                 t.push(contact);

@@ -21,7 +21,7 @@ use std::collections::TryReserveError;
 use pulp::{Simd, WithSimd};
 
 use super::flight::series::TERMS;
-use super::path::{Curve, DensePath, Kind, Segment};
+use super::path::{Curve, DensePath, Kind};
 use crate::record::columns::QUANTITIES;
 use crate::PathPoint;
 
@@ -164,19 +164,20 @@ fn planned<S: Simd>(
     let (mut wanted, mut drawn, mut before) = (0.0, 0.0, None);
     let mut times = [0.0; MOST];
     let (mut of_block, mut of_apexes) = (0, 0);
-    let mut block = Vec::<(Curve, Outline)>::new();
-    block.try_reserve_exact(BLOCK)?;
-    for (number, (segment, end)) in segments(path).enumerate() {
+    let (mut block, mut curves) = ([const { (Curve::NONE, Outline::NONE) }; BLOCK], 0);
+    let last = path.end.map_or(f64::NEG_INFINITY, |(t, _)| t);
+    for (number, segment) in path.segments.iter().enumerate() {
+        let end = path.segments.get(number + 1).map_or(last, |next| next.start);
         if number % BLOCK == 0 {
             // one loop for each of both: a processor works on several steps at once
             let those = &path.segments[number..path.segments.len().min(number + BLOCK)];
-            block.clear();
-            for curve in those.iter().filter_map(|segment| path.curve(segment)) {
-                block.push((curve, Outline::default()));
+            curves = 0;
+            for segment in those {
+                curves += usize::from(path.write_curve(segment, &mut block[curves].0));
             }
             apexes.clear();
             apexes.try_reserve(TERMS * BLOCK)?;
-            for (curve, outline) in &mut block {
+            for (curve, outline) in &mut block[..curves] {
                 *outline = Outline::of(simd, curve, &mut apexes);
             }
             (of_block, of_apexes) = (0, 0);
@@ -192,8 +193,8 @@ fn planned<S: Simd>(
             x.extend(rows[row..].iter().map(|row| row[1]));
             merged.close(Source::Rows(row), first)?;
         }
-        let Some((curve, outline)) = block.get(of_block).filter(|_| segment.kind.is_flight())
-        else {
+        let flown = block[..curves].get(of_block).filter(|_| segment.kind.is_flight());
+        let Some((curve, outline)) = flown else {
             before = None;
             continue;
         };
@@ -245,13 +246,6 @@ fn planned<S: Simd>(
         return Ok(Err(BUDGET / wanted));
     }
     merged.finish().map(Ok)
-}
-
-/// The segments and where they end.
-fn segments(path: &DensePath) -> impl Iterator<Item = (Segment, f64)> + '_ {
-    let last = path.end.map_or(f64::NEG_INFINITY, |(t, _)| t);
-    let starts = path.segments.iter().skip(1).map(|segment| segment.start);
-    path.segments.iter().copied().zip(starts.chain(Some(last)))
 }
 
 pub(in crate::switched) fn row(t: f64, PathPoint { x, xdot, sigma }: PathPoint) -> Row {

@@ -8,7 +8,7 @@ use crate::switched::flight::series::{derivative, polished, value, Series, TERMS
 use crate::switched::path::{Curve, Form};
 
 /// What a drawing needs to know of a flight.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Copy, Debug)]
 pub(super) struct Outline {
     /// Least and largest values.
     pub(super) x: [f64; 2],
@@ -20,6 +20,9 @@ pub(super) struct Outline {
 }
 
 impl Outline {
+    /// None yet.
+    pub(super) const NONE: Self = Self { x: [0.0; 2], xdot: [0.0; 2], bends: [0.0; 2], apexes: 0 };
+
     /// That of a curve, where the velocity changes its sign downwards being noted.
     #[inline(always)]
     pub(super) fn of<S: Simd>(simd: S, curve: &Curve, apexes: &mut Vec<f64>) -> Self {

@@ -111,7 +111,9 @@ fn arcs(path: &DensePath, curves: &[(Curve, f64)]) -> Vec<(f64, f64, [f64; 2])> 
 }
 
 fn curves(path: &DensePath) -> Vec<(Curve, f64)> {
-    segments(path).filter_map(|(it, end)| Some((path.curve(&it)?, end))).collect()
+    let last = path.end.unwrap().0;
+    let ends = path.segments.iter().skip(1).map(|segment| segment.start).chain([last]);
+    path.segments.iter().zip(ends).filter_map(|(it, end)| Some((path.curve(it)?, end))).collect()
 }
 
 #[test]

@@ -11,7 +11,8 @@ pub(super) fn divide((start, end): (f64, f64), parts: f64, times: &mut [f64; MOS
     let length = end - start;
     // false for NaN, too
     let told_apart = length > SAME * parts * ulp(end);
-    let (count, part) = if told_apart { (parts as usize - 1, length / parts) } else { (0, 0.0) };
+    let (count, part) = if told_apart { (parts as i32 - 1, length / parts) } else { (0, 0.0) };
+    let count = count.max(0) as usize;
     for (k, times) in times.chunks_exact_mut(LANES).enumerate().take(count.div_ceil(LANES)) {
         for (l, t) in times.iter_mut().enumerate() {
             *t = start + (LANES * k + l + 1) as f64 * part;
