@@ -21,4 +21,4 @@ sol = zivi.simulate(zivi.ImpactSystem(fun, e=0.5), (0, 3), (1, 0), events=half_w
 print(sol.status.name, sol.t_events[0].round(6), sol.y_events[0].round(6))
 
 # It prints:
-# TERMINATED_BY_EVENT [0.327314] [[ 0.5     -2.91123]]
+# TERMINATED_BY_EVENT [0.327314] [[ 0.5      -2.911226]]

@@ -184,6 +184,12 @@ impl<const M: usize> Polynomial<M> {
         value::<M>(self.coefficients(), theta)
     }
 
+    /// The integral from 0 to `theta`: that of a Bernstein form is the mean of its coefficients.
+    pub(crate) fn integral(&self, theta: f64) -> f64 {
+        let (part, _) = self.split(theta);
+        theta * part.coefficients().iter().sum::<f64>() / (self.n + 1) as f64
+    }
+
     /// The values at several places at once, with the bits of [`Polynomial::at`] at each.
     #[inline(always)]
     pub(crate) fn values<const L: usize>(&self, theta: &[f64; L]) -> [f64; L] {

@@ -26,6 +26,11 @@ pub(crate) trait Equation<Q, X> {
 
     /// Told once `a` has been asked for at the end of a step.
     fn is_at_end(&mut self, _at: &State<Q>) {}
+
+    /// Whether `a` is known not to depend on time: no pulse of it can hide between two looks.
+    fn is_autonomous(&self) -> bool {
+        false
+    }
 }
 
 impl<Q, X, A: Equation<Q, X>> Equation<Q, X> for &mut A {
@@ -37,6 +42,10 @@ impl<Q, X, A: Equation<Q, X>> Equation<Q, X> for &mut A {
     #[inline(always)]
     fn is_at_end(&mut self, at: &State<Q>) {
         (**self).is_at_end(at);
+    }
+
+    fn is_autonomous(&self) -> bool {
+        (**self).is_autonomous()
     }
 }
 

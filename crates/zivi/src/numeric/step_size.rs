@@ -116,5 +116,6 @@ pub(crate) fn first_step<Q: Coordinates, X>(
     let change = norm(&|c| (euler * slope[c], there[c] - slope[c])) / euler;
     let fastest = rate.max(change);
     let step = if fastest > 1e-15 { (1e-2 / fastest).powf(1.0 / q) } else { left };
-    Ok(step.min(100.0 * euler).min(left))
+    let longest = if equation.is_autonomous() { left } else { left.min(100.0 * euler) };
+    Ok(step.min(longest))
 }

@@ -188,7 +188,10 @@ impl<Q: Coordinates> Steps<Q> {
             None => {
                 let control = (tolerances, self.last.order_of_error());
                 let harmless = |why: &Failure<E>| matches!(why, Failure::Status(_));
-                first_step(now, slope, left, control, equation, harmless)?
+                let first = first_step(now, slope, left, control, equation, harmless)?;
+                // where a short one would be followed by a long one, two of a length see more
+                let two = equation.is_autonomous() && longest <= (1.0 + FACTORS.1) * first;
+                first.max(if two { 0.5 * longest } else { 0.0 })
             }
         };
         let wanted = first.min(*max_step);

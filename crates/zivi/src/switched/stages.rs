@@ -154,6 +154,10 @@ impl<E, F: Force<E>> Equation<f64, Failure<E>> for Counted<'_, F> {
         *into = self.at(at.t, at.x, at.xdot)?;
         Ok(())
     }
+
+    fn is_autonomous(&self) -> bool {
+        self.shortest_period::<E>() == Some(f64::INFINITY)
+    }
 }
 
 impl Stages {

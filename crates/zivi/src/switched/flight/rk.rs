@@ -20,6 +20,15 @@ use crate::{Dependence, Force, Status};
 const DEFECT: f64 = 100.0;
 /// The same up to which they tell an impact as well as a step onto it.
 const RESOLVED: f64 = 0.3;
+/// The same up to which they do once the residual is integrated.
+const NEARLY_RESOLVED: f64 = 30.0;
+/// Gauss's four nodes and weights on `[0, 1]`.
+const GAUSS: [(f64, f64); 4] = [
+    (0.069_431_844_202_973_71, 0.173_927_422_568_726_93),
+    (0.330_009_478_207_571_87, 0.326_072_577_431_273_07),
+    (0.669_990_521_792_428_1, 0.326_072_577_431_273_07),
+    (0.930_568_155_797_026_3, 0.173_927_422_568_726_93),
+];
 /// The speed of an impact that they tell, relative to the largest at the ends of the step: of
 /// slower ones the time depends on the position like a root.
 const STEEP: f64 = 0.1;
@@ -168,7 +177,9 @@ impl<E, F: Force<E>> SteppedFlight<f64, E> for Flying<'_, '_, F> {
             return Ok(StepDecision::Shorten(factor, Status::StepSizeTooSmall));
         }
         if let Some(theta) = contact {
-            return Ok(StepDecision::Stop(theta, self.told_by_polynomials(theta, seen)?));
+            let told = self.told_by_polynomials(theta, seen)?;
+            let (theta, xdot) = told.map_or((theta, None), |(theta, xdot)| (theta, Some(xdot)));
+            return Ok(StepDecision::Stop(theta, xdot));
         }
         if self.pair.steps.last().end.t > self.pair.steps.dense_from() {
             // with its polynomials, or not at all
@@ -245,14 +256,14 @@ impl<F> Flying<'_, '_, F> {
         self.defect(&polynomials, apex).map(Some)
     }
 
-    /// The velocity before the impact after the part `theta` of the step, if its polynomials tell
-    /// it to the tolerances: by their last terms, and by what was `seen` at the apex, or halfway to
-    /// the impact.
+    /// After which part of the step there is an impact, near `theta`, and the velocity before it, if
+    /// the polynomials of the step tell that to the tolerances: by their last terms, and by what was
+    /// `seen` at the apex, or halfway to the impact. Where they nearly do they are corrected.
     fn told_by_polynomials<E>(
         &mut self,
         theta: f64,
         seen: Option<f64>,
-    ) -> Result<Option<f64>, Failure<E>>
+    ) -> Result<Option<(f64, f64)>, Failure<E>>
     where
         F: Force<E>,
     {
@@ -263,8 +274,9 @@ impl<F> Flying<'_, '_, F> {
             return Ok(None);
         }
         let last = steps.last();
-        if seen.is_none() && !self.mode.experience().is_enough(GREW * last.h) {
-            // between its stages there is room for what a second step sees
+        let autonomous = Equation::<f64, Failure<E>>::is_autonomous(self.force);
+        if !autonomous && seen.is_none() && !self.mode.experience().is_enough(GREW * last.h) {
+            // between its stages there is room for a pulse that a second step sees
             return Ok(None);
         }
         let polynomials = last.polynomials_of(0);
@@ -273,14 +285,57 @@ impl<F> Flying<'_, '_, F> {
         let [of_x, of_xdot] = polynomials.each_ref().map(|it| [it.last_term(), 0.0]);
         let last_terms = StepError { x: of_x, xdot: of_xdot, double: false };
         let scales = last.scales(0, &steps.limits().tolerances);
-        if !steep || last_terms.norm(scales) > RESOLVED {
+        if !steep {
             return Ok(None);
         }
-        let defect = match seen {
-            Some(defect) => defect,
-            None => self.defect(&polynomials, 0.5 * theta)?,
-        };
-        Ok((defect <= RESOLVED).then_some(xdot))
+        let last_term = last_terms.norm(scales);
+        if last_term <= RESOLVED {
+            let defect = match seen {
+                Some(defect) => defect,
+                None => self.defect(&polynomials, 0.5 * theta)?,
+            };
+            return Ok((defect <= RESOLVED).then_some((theta, xdot)));
+        }
+        if autonomous && last_term <= NEARLY_RESOLVED {
+            return self.corrected(&polynomials[1], (theta, xdot), scales);
+        }
+        Ok(None)
+    }
+
+    /// The impact near the part `theta` of the step, with the velocity `xdot` there by the
+    /// polynomial `p` of the velocity, once the residual of the equation of motion is integrated:
+    ///
+    /// ```text
+    /// r = f(t, x_0 + int p, p) - p'     dx' = int r dt     dx = x_0 + int p dt + int (t - tau) r dtau      (1)
+    /// ```
+    ///
+    /// by Gauss's formula, which is exact for the first terms that the polynomials do not have. That
+    /// the force differs at the corrected state, by `f_x dx + f_x' dx'`, is left. None where the
+    /// correction is larger than the tolerances, or leads out of the step.
+    fn corrected<E>(
+        &mut self,
+        p: &Bernstein,
+        (theta, xdot): (f64, f64),
+        scales: [f64; 2],
+    ) -> Result<Option<(f64, f64)>, Failure<E>>
+    where
+        F: Force<E>,
+    {
+        let (from, h) = (self.now, self.pair.steps.last().h);
+        let length = theta * h;
+        let [mut dx, mut dxdot] = [from.x + h * p.integral(theta), 0.0];
+        for (node, weight) in GAUSS {
+            let (at, weight) = (theta * node, length * weight);
+            let there = from.after(at * h, from.x + h * p.integral(at), p.at(at));
+            let residual = self.force.at(there.t, there.x, there.xdot)? - p.slope(at) / h;
+            dxdot += weight * residual;
+            dx += weight * (1.0 - node) * length * residual;
+        }
+        let correction = StepError { x: [dx, 0.0], xdot: [dxdot, 0.0], double: false };
+        let late = -dx / (xdot + dxdot);
+        let impact = (theta + late / h, xdot + dxdot + late * p.slope(theta) / h);
+        let within = impact.0 > 0.0 && impact.0 <= 1.0 && impact.1 < 0.0;
+        Ok((within && correction.norm(scales) <= 1.0).then_some(impact))
     }
 
     /// How far the polynomials of the step are from the equation of motion after a part of it,
