@@ -425,6 +425,102 @@ mod tests {
         }
     }
 
+    /// A flight under a pull of `gravity` and a wave.
+    fn shaken(gravity: f64, wave: Wave) -> SeriesFlight {
+        let waves = [wave, Wave::default()];
+        SeriesFlight::new(LinearLaw { stiffness: 1.0, damping: 0.1, gravity, waves }).unwrap()
+    }
+
+    fn at_rest(t: f64) -> Point {
+        Point { t, late: 0.0, x: 0.0, xdot: 0.0 }
+    }
+
+    /// When a force that depends on time alone becomes positive: at once, or on its next rise within
+    /// a period, by small steps and halving.
+    fn rises(force: impl Fn(f64) -> f64, t0: f64, period: f64) -> Option<f64> {
+        const STEPS: u32 = 20_000;
+        if force(t0) > 0.0 {
+            return Some(t0);
+        }
+        let time = |k: u32| t0 + period * f64::from(k) / f64::from(STEPS);
+        let k = (1..=STEPS).find(|k| force(time(*k)) > 0.0)?;
+        let (mut below, mut above) = (time(k - 1), time(k));
+        for _ in 0..60 {
+            let middle = 0.5 * (below + above);
+            *if force(middle) > 0.0 { &mut above } else { &mut below } = middle;
+        }
+        Some(above)
+    }
+
+    #[test]
+    fn a_mass_at_rest_lifts_off_when_the_force_becomes_positive() {
+        let mut seen = [0; 3];
+        for k in 1..=240_u32 {
+            // spread evenly, in no order
+            let part = |step: f64| (f64::from(k) * step).fract();
+            let (gravity, size, turn) =
+                (3.0 * part(0.618) - 0.5, 0.01 + 3.0 * part(0.755), part(0.57));
+            let (sin, cos) = (std::f64::consts::TAU * turn).sin_cos();
+            let omega = [0.9, 7.0, -2.3][k as usize % 3];
+            let wave = Wave { amplitude: [size * cos, size * sin], omega, phase: 4.0 * part(0.43) };
+            let force = |t: f64| {
+                let (sin, cos) = (omega * t + wave.phase).sin_cos();
+                wave.amplitude[0] * cos - wave.amplitude[1] * sin - gravity
+            };
+            let (t0, period) = (10.0 * part(0.31), std::f64::consts::TAU / omega.abs());
+            let truth = rises(force, t0, period);
+            let mut flight = shaken(gravity, wave);
+            let found = flight.clone().lift_off(at_rest(t0), f64::MAX);
+            let (Some(Some(t)), Some(then)) = (found, truth) else {
+                assert_eq!((found, truth), (Some(None), None), "{k}");
+                seen[0] += 1;
+                continue;
+            };
+            assert!((t - then).abs() < 1e-7 * period, "{k}: {t}, {then}");
+            assert!(t == then || force(t).abs() < 1e-13 * (size + gravity.abs()) * (1.0 + t));
+            assert_eq!(t == t0, force(t0) > 0.0, "{k}");
+            seen[1 + usize::from(t > t0)] += 1;
+            // not beyond the end of the run
+            assert_eq!(flight.clone().lift_off(at_rest(t0), t), Some(Some(t)));
+            if t > t0 {
+                assert_eq!(flight.clone().lift_off(at_rest(t0), 0.5 * (t0 + t)), Some(None));
+            }
+            // the clock stands there, where the mass still is
+            assert_eq!(flight.lift_off(at_rest(t0), f64::MAX), Some(Some(t)));
+            let stands = flight.at_wall(at_rest(t)).unwrap();
+            assert!((stands - force(t)).abs() < 1e-13 * (size + gravity.abs()) * (1.0 + t));
+            let again = flight.lift_off(at_rest(t), f64::MAX).flatten().unwrap();
+            assert!(again >= t && again - t < 1e-13 * period, "{k}: {t}, {again}");
+        }
+        assert!(seen.iter().all(|count| *count > 40), "{seen:?}");
+    }
+
+    #[test]
+    fn a_force_that_only_touches_zero_lifts_nothing_off() {
+        let wave = |amplitude| Wave { amplitude, omega: 2.0, phase: 0.0 };
+        // as strong as the pull, and at its largest
+        for t0 in [0.0, 1.0] {
+            let found = shaken(1.0, wave([1.0, 0.0])).lift_off(at_rest(t0), f64::MAX);
+            assert_eq!(found, Some(None), "{t0}");
+        }
+        // -1 + cos 2t -+ sin 2t is 0 and falls, or rises
+        let falls = shaken(1.0, wave([1.0, 1.0])).lift_off(at_rest(0.0), f64::MAX);
+        let Some(Some(t)) = falls else { panic!("{falls:?}") };
+        assert!((t - 0.75 * std::f64::consts::PI).abs() < 1e-15, "{t}");
+        let rises = shaken(1.0, wave([1.0, -1.0])).lift_off(at_rest(0.0), f64::MAX);
+        assert_eq!(rises, Some(Some(0.0)));
+    }
+
+    #[test]
+    fn lift_offs_under_two_waves_or_none_are_not_known_in_closed_form() {
+        let wave = |omega| Wave { amplitude: [2.0, 0.0], omega, phase: 0.0 };
+        let law = |waves| LinearLaw { gravity: 1.0, waves, ..LinearLaw::default() };
+        for waves in [[wave(1.0), wave(2.0)], [Wave::default(); 2]] {
+            let mut flight = SeriesFlight::new(law(waves)).unwrap();
+            assert_eq!(flight.lift_off(at_rest(0.0), f64::MAX), None);
+        }
+    }
+
     #[test]
     fn flights_of_one_length_are_known_after_two() {
         let wave = Wave { amplitude: [0.2, 0.0], omega: 0.9, phase: 0.3 };
