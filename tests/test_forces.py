@@ -366,3 +366,25 @@ def test_a_force_may_keep_its_array():
     assert all(it[0] == 1.0 + at[0] for it, at in zip(kept, seen, strict=True))
     alone = zivi.simulate(zivi.ImpactSystem(WITHOUT_TIME[1], e=0.5), (0, 2), (1, 0))
     np.testing.assert_array_equal(run.x, alone.x)
+
+
+def test_a_compiled_function_without_the_time_is_known_as_such():
+    """Fewer evaluations, as of the same function in the interpreter, and the same motion."""
+    numba = pytest.importorskip("numba")
+
+    def plain(t, x, xdot):
+        return -9.81 - 2.0 * x - 0.3 * xdot
+
+    def timed(t, x, xdot):
+        return -9.81 - 2.0 * x - 0.3 * xdot + 0.0 * t
+
+    def of(force):
+        return zivi.simulate(zivi.ImpactSystem(force, e=0.5), (0, 4), (1, 0), samples="steps")
+
+    compiled, slower = of(numba.njit(plain)), of(numba.njit(timed))
+    assert compiled.nfev == of(plain).nfev < slower.nfev == of(timed).nfev
+    np.testing.assert_allclose(compiled.zeno_times, slower.zeno_times, rtol=1e-7)
+    rate = zivi.ParametricForce(
+        numba.njit(lambda t, x, xdot, k: -9.81 - k * x - 0.3 * xdot), {"k": 2.0}
+    )
+    assert of(rate).nfev == compiled.nfev

@@ -242,7 +242,13 @@ class Force:
     @staticmethod
     def with_table(numbers: list[float], table: TimeTable) -> Force: ...
     @staticmethod
-    def compiled(address: int, *, parameters: list[float] = ..., owner: object) -> Force: ...
+    def compiled(
+        address: int,
+        *,
+        parameters: list[float] = ...,
+        owner: object,
+        reads_time: bool = True,
+    ) -> Force: ...
     @staticmethod
     def low_level(callable: Any, argument: str) -> Force: ...
     @staticmethod

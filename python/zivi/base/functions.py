@@ -13,7 +13,14 @@ from typing import Any
 
 import numpy as np
 
-__all__ = ["OfState", "check_arguments", "compiled_by_numba", "of_three", "reads_time"]
+__all__ = [
+    "OfState",
+    "check_arguments",
+    "compiled_by_numba",
+    "is_jitted",
+    "of_three",
+    "reads_time",
+]
 
 
 class OfState:
@@ -81,6 +88,8 @@ def _counts(function: Any) -> tuple[float, float] | None:
 
 def reads_time(function: Any) -> bool:
     """Whether a function may use its first argument: not if its code never names it."""
+    if is_jitted(function):
+        function = function.py_func
     if type(function) is not types.FunctionType or hasattr(function, "__wrapped__"):
         return True
     return _names_first(function.__code__)
@@ -108,16 +117,21 @@ def _shown(function: Any) -> str:
     return f"{'a lambda' if name == '<lambda>' else name}{inspect.signature(function)}"
 
 
+def is_jitted(function: Any) -> bool:
+    """Whether a function is one of ``@numba.njit``."""
+    numba = sys.modules.get("numba")  # nothing of numba's can be here before
+    return numba is not None and numba.extending.is_jitted(function)
+
+
 def compiled_by_numba(function: Any, name: str) -> Any:
     """Compile a function of ``@numba.njit`` to a C function, once; None for anything else.
 
     The function keeps what is compiled: whoever holds the one holds the other.
     """
-    numba = sys.modules.get("numba")  # nothing of numba's can be here before
-    if numba is None or not numba.extending.is_jitted(function):
+    if not is_jitted(function):
         return None
     known = function.__dict__.get(COMPILED)
-    return known or function.__dict__.setdefault(COMPILED, _cfunc(numba, function, name))
+    return known or function.__dict__.setdefault(COMPILED, _cfunc(function, name))
 
 
 COMPILED = "_zivi_compiled"
@@ -126,7 +140,9 @@ COMPILED = "_zivi_compiled"
 DOUBLES = "float64(float64, float64, float64)"
 
 
-def _cfunc(numba: Any, function: Any, name: str) -> Any:
+def _cfunc(function: Any, name: str) -> Any:
+    import numba
+
     if isinstance(of_three(name, function.py_func, more_than_y=False), OfState):
 
         def law(t: float, x: float, xdot: float) -> Any:

@@ -167,9 +167,9 @@ def force_spec(force: Any, name: str = "force") -> _zivi.Force:
     if hasattr(force, "address") and isinstance(getattr(force, "ctypes", None), _CFunction):
         return _zivi.Force.compiled(_ctypes_address(force.ctypes, name), owner=force)
     if callable(force):
-        if (code := compiled_by_numba(force, name)) is not None:
-            return _zivi.Force.compiled(code.address, owner=code)
         timed = reads_time(force)
+        if (code := compiled_by_numba(force, name)) is not None:
+            return _zivi.Force.compiled(code.address, owner=code, reads_time=timed)
         if isinstance(of_three(name, force, more_than_y=False), OfState):
             return _zivi.Force.callable(force, of_array=True, reads_time=timed)
         return _zivi.Force.callable(force, reads_time=timed)

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import ctypes
 import dataclasses
-import sys
 from collections.abc import Callable, Mapping
 from typing import Any
 
 import zivi._zivi as _zivi
 from zivi.base.check import finite
-from zivi.base.functions import check_arguments, reads_time
+from zivi.base.functions import check_arguments, is_jitted, reads_time
 
 __all__ = ["ParametricForce"]
 
@@ -139,21 +138,22 @@ class ParametricForce:
 
     def _spec(self) -> _zivi.Force:
         """Give what the extension takes."""
-        values = list(self.parameters.values())
+        values, timed = list(self.parameters.values()), reads_time(self.f)
         if (compiled := self._compiled()) is not None:
             address, owner = compiled
-            plain = _zivi.Force.compiled(address, parameters=values, owner=owner)
+            plain = _zivi.Force.compiled(address, parameters=values, owner=owner, reads_time=timed)
         else:
-            plain = _zivi.Force.callable(self, reads_time=reads_time(self.f))
+            plain = _zivi.Force.callable(self, reads_time=timed)
         return _zivi.Force.parametric(plain, self._function(), values, self.jacobian)
 
 
 def _compiled_by_numba(function: Any, n: int) -> Any:
-    numba = sys.modules.get("numba")  # nothing of numba's can be here before
-    if numba is None or not numba.extending.is_jitted(function):
+    if not is_jitted(function):
         return None
     known = function.__dict__.get("_zivi_parametric")
     if known is None:
+        import numba
+
         numbers = ", ".join(f"p{k}" for k in range(3 + n))
         scope: dict[str, Any] = {"function": function}
         exec(f"def law({numbers}):\n    return function({numbers})", scope)

@@ -91,10 +91,15 @@ impl Force {
     /// A function at an address, called with time, state and the values of its parameters. The
     /// owner of its code lives as long as this.
     #[staticmethod]
-    #[pyo3(signature = (address, *, parameters=Vec::new(), owner))]
-    fn compiled(address: usize, parameters: Vec<f64>, owner: Py<PyAny>) -> PyResult<Self> {
-        let force = AnyNative::Compiled(CompiledForce::new(address, None, &parameters)?);
-        Ok(Self::of(Native { force, owner: Some(owner) }))
+    #[pyo3(signature = (address, *, parameters=Vec::new(), owner, reads_time=true))]
+    fn compiled(
+        address: usize,
+        parameters: Vec<f64>,
+        owner: Py<PyAny>,
+        reads_time: bool,
+    ) -> PyResult<Self> {
+        let force = CompiledForce::new(address, None, &parameters)?.reading_time(reads_time);
+        Ok(Self::of(Native { force: AnyNative::Compiled(force), owner: Some(owner) }))
     }
 
     /// The function of a `scipy.LowLevelCallable`, which the error for a wrong signature names.

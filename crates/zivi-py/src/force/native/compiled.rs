@@ -8,7 +8,7 @@ use pyo3::exceptions::{PyTypeError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::PyTuple;
 use zivi::system::slopes::{Differenced, Parametrised};
-use zivi::Force;
+use zivi::{Dependence, Force};
 
 use super::force::NativeForce;
 use crate::capsule::Capsule;
@@ -78,6 +78,7 @@ pub(crate) struct CompiledForce {
     n: usize,
     /// The exceptions that were there when this was last looked at.
     seen: usize,
+    reads_time: bool,
 }
 
 impl CompiledForce {
@@ -89,7 +90,12 @@ impl CompiledForce {
             )));
         };
         values.copy_from_slice(given);
-        Ok(Self { address, data, parameters, n, seen: 0 })
+        Ok(Self { address, data, parameters, n, seen: 0, reads_time: true })
+    }
+
+    /// The same, of which it is known whether it uses the time.
+    pub(crate) fn reading_time(self, reads_time: bool) -> Self {
+        Self { reads_time, ..self }
     }
 
     /// The value that the function returns.
@@ -166,6 +172,18 @@ impl<E> Force<E> for CompiledForce {
         // the counter is one for all threads: a look at it costs next to nothing
         let quiet = RAISED.load(Ordering::Relaxed) == self.seen;
         Ok(if quiet { value } else { self.unless_raised(value) })
+    }
+
+    fn dependence_at_rest(&self) -> Dependence {
+        if self.reads_time {
+            Dependence::State
+        } else {
+            Dependence::Constant
+        }
+    }
+
+    fn shortest_period(&self) -> Option<f64> {
+        (!self.reads_time).then_some(f64::INFINITY)
     }
 }
 
