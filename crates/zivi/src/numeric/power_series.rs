@@ -144,6 +144,34 @@ pub(crate) fn derivative(a: &Series) -> Series {
     d
 }
 
+/// The sums of the sizes of every fourth coefficient, from each of the first four on.
+#[inline(always)]
+pub(crate) fn sizes(a: &Series) -> [f64; LANES] {
+    let mut sums = [0.0; LANES];
+    for a in a.chunks_exact(LANES) {
+        sums = std::array::from_fn(|i| sums[i] + a[i].abs());
+    }
+    sums
+}
+
+/// [`stretch`] where the second coefficient of what comes out is known better, and its [`sizes`]:
+/// in one go, since what has just been written one by one is not soon read by vectors.
+#[inline(always)]
+pub(crate) fn stretch_and_size(a: &mut Series, part: f64, second: f64) -> [f64; LANES] {
+    if part == 1.0 {
+        a[1] = second;
+        return sizes(a);
+    }
+    let (mut power, mut sums) = (1.0, [0.0; LANES]);
+    for (n, a) in a.iter_mut().enumerate() {
+        let stretched = if n == 1 { second } else { *a * power };
+        *a = stretched;
+        sums[n % LANES] += stretched.abs();
+        power *= part;
+    }
+    sums
+}
+
 /// The series of a part of what it was one of.
 #[inline]
 pub(crate) fn stretch(a: &mut Series, part: f64) {

@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use super::flight::series::{derivative, value, FlightPart, Series, Table, TERMS};
 use crate::numeric::bernstein::{Bernstein, Polynomial, MOST_DEGREE};
-use crate::numeric::power_series::values;
+use crate::numeric::power_series::{sizes, values};
 use crate::record::reserve::Reserve;
 use crate::record::user_events::Level;
 use crate::zeno::tail::Tail;
@@ -121,15 +121,6 @@ impl Curve {
         }
     }
 
-    /// Without the powers that are rounding.
-    #[inline(always)]
-    fn without_rounding(mut self) -> Self {
-        if let Form::Powers(a, ..) = &mut self.form {
-            without_rounding(a);
-        }
-        self
-    }
-
     /// Whether it ends at the wall.
     pub(super) fn lands(&self) -> bool {
         match &self.form {
@@ -234,23 +225,12 @@ pub(super) struct LinearStep {
 /// Tables that a path keeps: where a law changes again and again, power series take less.
 const MOST_TABLES: usize = 8;
 
-/// The coefficients that are rounding become zero.
+/// How many of the coefficients are more than rounding, given the sums of their sizes: the rest of
+/// them is none of it.
 #[inline(always)]
-fn without_rounding(a: &mut Series) {
-    let terms = significant(a);
-    a[terms..].fill(0.0);
-}
-
-/// How many of the coefficients are more than rounding: the rest of them is none of it.
-#[inline(always)]
-fn significant(a: &Series) -> usize {
+fn significant(a: &Series, sizes: [f64; 4]) -> usize {
     const NOTHING: f64 = 1e-18;
-    const LANES: usize = 4;
-    let mut sums = [0.0; LANES];
-    for a in a.chunks_exact(LANES) {
-        sums = std::array::from_fn(|i| sums[i] + a[i].abs());
-    }
-    let whole: f64 = sums.iter().sum();
+    let whole: f64 = sizes.iter().sum();
     let mut terms = TERMS;
     while terms > 2 {
         if a[terms - 1].abs() > NOTHING * whole {
@@ -345,7 +325,7 @@ impl DensePath {
                 Kind::Flight { first, degree: x.coefficients().len() - 1, h }
             }
             Form::Powers(a, xdot, lands) => {
-                let terms = significant(a);
+                let terms = significant(a, sizes(a));
                 self.coefficients.extend_from_slice(&a[..terms]);
                 self.coefficients[first + 1] = *xdot;
                 Kind::Series { first, terms, h, lands: *lands }
@@ -466,11 +446,16 @@ impl DensePath {
         };
         let LinearStep { part, table } = &self.linear[number];
         let table = &self.tables[*table];
-        (to.start, to.h, to.sigma) = (segment.start, part.length * table.h(), segment.sigma);
-        to.form = Form::Powers(part.powers(table), part.xdot, part.lands);
-        if let Form::Powers(a, ..) = &mut to.form {
-            a[1] = to.h * part.xdot;
-            without_rounding(a);
+        let h = part.length * table.h();
+        (to.start, to.h, to.sigma) = (segment.start, h, segment.sigma);
+        if let Form::Both(_) = to.form {
+            to.form = Curve::NONE.form;
+        }
+        if let Form::Powers(a, xdot, lands) = &mut to.form {
+            (*xdot, *lands) = (part.xdot, part.lands);
+            let sizes = part.write_powers(table, h * part.xdot, a);
+            let terms = significant(a, sizes);
+            a[terms..].fill(0.0);
         }
         true
     }
@@ -491,9 +476,10 @@ impl DensePath {
                 a[..terms].copy_from_slice(&self.coefficients[first..][..terms]);
                 Some(Curve::powers((start, h), sigma, a, a[1], lands))
             }
-            Kind::Linear(number) => {
-                let LinearStep { part, table } = &self.linear[number];
-                Some(Curve::of_part(start, sigma, part, &self.tables[*table]).without_rounding())
+            Kind::Linear(_) => {
+                let mut curve = Curve::NONE;
+                self.write_curve(segment, &mut curve);
+                Some(curve)
             }
             Kind::Tail(_) | Kind::Rest => None,
         }

@@ -7,6 +7,7 @@
 //! short for the fastest wave that it consists of. Times and positions are found in one go, all
 //! other quantities when they are asked for.
 
+mod apexes;
 mod contact;
 mod merged;
 mod outline;
@@ -25,6 +26,7 @@ use super::path::{Curve, DensePath, Kind};
 use crate::record::columns::QUANTITIES;
 use crate::PathPoint;
 
+use apexes::Guesses;
 use merged::Merged;
 use outline::Outline;
 use scale::{joined, Scale};
@@ -43,6 +45,8 @@ const MOST_PARTS: f64 = 64.0;
 const BUDGET: f64 = 1e5;
 /// Samples of a step: those that divide it, those at apexes and one before an impact.
 const MOST: usize = MOST_PARTS as usize + TERMS;
+/// Steps whose outlines are made one after the other.
+const BLOCK: usize = 8;
 /// Times that are evaluated at once.
 pub(super) const LANES: usize = 8;
 
@@ -156,10 +160,9 @@ fn planned<S: Simd>(
     simd: S,
     Planned { path, steps, share }: Planned<'_>,
 ) -> Result<Result<PlotSamples, f64>, TryReserveError> {
-    /// Steps whose outlines are made one after the other.
-    const BLOCK: usize = 8;
     let scale = Scale::of(path);
     let (mut merged, mut apexes) = (Merged::new(steps, path.segments.len()), Vec::new());
+    let mut guesses = Guesses::NONE;
     merged.make_room(0, 0)?;
     let (mut wanted, mut drawn, mut before) = (0.0, 0.0, None);
     let mut times = [0.0; MOST];
@@ -177,9 +180,17 @@ fn planned<S: Simd>(
             }
             apexes.clear();
             apexes.try_reserve(TERMS * BLOCK)?;
-            for (curve, outline) in &mut block[..curves] {
-                *outline = Outline::of(simd, curve, &mut apexes);
+            for (k, (curve, outline)) in block[..curves].iter_mut().enumerate() {
+                let known = apexes.len();
+                let guess;
+                (*outline, guess) = Outline::of(simd, curve, &mut apexes);
+                if let Some((a, theta)) = guess {
+                    guesses.push((k, apexes.len()), a, theta);
+                    apexes.push(curve.start);
+                }
+                outline.apexes = apexes.len() - known;
             }
+            guesses.polish(simd, &mut block, &mut apexes);
             (of_block, of_apexes) = (0, 0);
         }
         merged.pass(segment.start);

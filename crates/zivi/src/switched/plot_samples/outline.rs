@@ -4,7 +4,7 @@ use pulp::Simd;
 
 use super::scale::{larger, largest, range, smaller};
 use crate::numeric::bernstein::Bernstein;
-use crate::switched::flight::series::{derivative, polished, value, Series, TERMS};
+use crate::switched::flight::series::{Series, TERMS};
 use crate::switched::path::{Curve, Form};
 
 /// What a drawing needs to know of a flight.
@@ -23,15 +23,21 @@ impl Outline {
     /// None yet.
     pub(super) const NONE: Self = Self { x: [0.0; 2], xdot: [0.0; 2], bends: [0.0; 2], apexes: 0 };
 
-    /// That of a curve, where the velocity changes its sign downwards being noted.
+    /// That of a curve, where the velocity changes its sign downwards being noted, or near where it
+    /// does so, if it does so once.
     #[inline(always)]
-    pub(super) fn of<S: Simd>(simd: S, curve: &Curve, apexes: &mut Vec<f64>) -> Self {
-        let known = apexes.len();
-        let outline = match &curve.form {
-            Form::Both(both) => of_polynomials(curve, both, apexes),
-            Form::Powers(a, ..) => of_powers(simd, curve, a, apexes),
-        };
-        Self { apexes: apexes.len() - known, ..outline }
+    pub(super) fn of<'a, S: Simd>(
+        simd: S,
+        curve: &'a Curve,
+        apexes: &mut Vec<f64>,
+    ) -> (Self, Option<(&'a Series, f64)>) {
+        match &curve.form {
+            Form::Both(both) => (of_polynomials(curve, both, apexes), None),
+            Form::Powers(a, ..) => {
+                let (outline, guess) = of_powers(simd, curve, a, apexes);
+                (outline, guess.map(|guess| (a, guess)))
+            }
+        }
     }
 }
 
@@ -117,10 +123,9 @@ pub(super) fn of_powers<S: Simd>(
     curve: &Curve,
     a: &Series,
     apexes: &mut Vec<f64>,
-) -> Outline {
+) -> (Outline, Option<f64>) {
     const MORE: f64 = 1.1;
-    /// A step by Halley's formula towards an apex that is so short is the last.
-    const LAST: f64 = 1e-4;
+    let mut guess = None;
     let [x1, v1, b1, j1, x2, v2, b2, j2] = asked_of(simd, a);
     let [x0, v0, b0, j0] = [a[0], a[1], 2.0 * a[2], 6.0 * a[3]];
     let bend = MORE * larger(larger(b0.abs(), b1.abs()), b2.abs());
@@ -131,10 +136,7 @@ pub(super) fn of_powers<S: Simd>(
         // a velocity whose slope changes its sign once has one root between ends of other signs
         let once = is_one_sign([b0, b1, b2]) || is_one_sign([j0, j1, j2]);
         if once && v0 > 0.0 && v2 < 0.0 {
-            let guess = of_parabola(v0, b0, v2);
-            let theta = polished(&derivative(a), guess, |step, _| step.abs() < LAST);
-            apexes.push(curve.start + theta * curve.h);
-            x[1] = larger(value(a, theta), x[1]);
+            guess = Some(of_parabola(v0, b0, v2));
         } else if !(once && v0 < 0.0 && v2 > 0.0 || is_one_sign([b0, b1, b2]) && v0 * v2 > 0.0) {
             let known = apexes.len();
             all_apexes(curve, apexes);
@@ -144,7 +146,7 @@ pub(super) fn of_powers<S: Simd>(
         }
     }
     let xdot = [least / curve.h, most / curve.h];
-    Outline { x, xdot, bends: [bend, jerk / curve.h], apexes: 0 }
+    (Outline { x, xdot, bends: [bend, jerk / curve.h], apexes: 0 }, guess)
 }
 
 /// The root in `(0, 1)` of the parabola with two values at its ends, of opposite signs, and a slope

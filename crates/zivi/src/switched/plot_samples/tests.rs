@@ -274,7 +274,13 @@ fn bounds_are_little_more_than_what_they_bound() {
         let curve = Curve::powers((1.0, 0.5), 1.0, a, a[1] / 0.5, false);
         let mut apexes = Vec::new();
         let Form::Powers(a, ..) = &curve.form else { panic!("no powers") };
-        let outline = of_powers(pulp::Scalar::new(), &curve, a, &mut apexes);
+        let (outline, guess) = of_powers(pulp::Scalar::new(), &curve, a, &mut apexes);
+        if let Some(theta) = guess {
+            apexes.push(0.0);
+            let mut guesses = Guesses::NONE;
+            guesses.push((0, apexes.len() - 1), a, theta);
+            guesses.polish(pulp::Scalar::new(), &mut [(curve, outline)], &mut apexes);
+        }
         let grid = || (0..=1000).map(|k| phase + RATE * f64::from(k) / 1000.0);
         let largest = |of: fn(f64) -> f64| grid().map(|it| of(it).abs()).fold(0.0, f64::max);
         let bend = 3.0 * RATE * RATE * largest(f64::cos);

@@ -25,7 +25,7 @@ pub(crate) use terms::{column, wave, Series, Start, TERMS};
 
 use std::sync::Arc;
 
-use crate::numeric::power_series::stretch;
+use crate::numeric::power_series::{stretch, stretch_and_size};
 use crate::switched::point::Point;
 use crate::LinearLaw;
 use period::Period;
@@ -105,6 +105,14 @@ impl FlightPart {
         a[..self.known].fill(0.0);
         stretch(&mut a, self.length);
         a
+    }
+
+    /// Writes them, the second as `second`, and gives the sums of their [sizes](crate::numeric::power_series::sizes).
+    #[inline(always)]
+    pub(crate) fn write_powers(&self, table: &Table, second: f64, to: &mut Series) -> [f64; 4] {
+        *to = table.series(&self.start);
+        to[..self.known].fill(0.0);
+        stretch_and_size(to, self.length, second)
     }
 
     /// The first of them, up to rounding.
