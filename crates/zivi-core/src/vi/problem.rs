@@ -92,6 +92,10 @@ pub struct Affine<'a> {
 
 impl Problem for Affine<'_> {
     fn map(&mut self, z: &[f64], f: &mut [f64]) -> Result<(), EvaluationError> {
+        if z.iter().all(|z| *z == 0.0) {
+            dense::copy(f, self.q); // most starts
+            return Ok(());
+        }
         for ((f, row), q) in f.iter_mut().zip(dense::rows(self.matrix, z.len())).zip(self.q) {
             *f = dense::dot(row, z) + q;
         }

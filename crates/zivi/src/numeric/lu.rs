@@ -55,7 +55,7 @@ impl Problem for ByBlocks<'_> {
 /// Matrices with fewer rows are factored row by row.
 const LEAST: usize = 48;
 /// Columns that are factored before the others follow.
-const BLOCK: usize = 32;
+const BLOCK: usize = 16;
 /// Rows of a tile, and vectors in one of its rows: as many sums as registers hold.
 const ROWS: usize = 6;
 const VECTORS: usize = 2;
@@ -116,14 +116,23 @@ impl WithSimd for Panel<'_> {
     fn with_simd<S: Simd>(self, _: S) -> Self::Output {
         let Self(Block { matrix, k, first, last }, permutation, packed) = self;
         let (mut least, mut most, width) = (f64::INFINITY, 0.0_f64, last - first);
+        // rows below the last that is not zero here stay as they are
+        let is_zero = |row: &[f64]| row[first..last].iter().all(|it| *it == 0.0);
+        let mut rows = matrix[first * k..].chunks_exact(k);
+        let height = rows.rposition(|row| !is_zero(row)).map_or(0, |it| it + 1).max(width);
+        // column by column, so that vectors are long
         packed.clear();
-        matrix[first * k..].chunks_exact(k).for_each(|row| packed.extend(&row[first..last]));
+        packed.resize(width * height, 0.0);
+        for (i, row) in matrix[first * k..].chunks_exact(k).take(height).enumerate() {
+            let column = packed.iter_mut().skip(i).step_by(height);
+            column.zip(&row[first..last]).for_each(|(to, entry)| *to = *entry);
+        }
         for step in 0..width {
             let (mut pivot, mut size) = (step, -1.0);
-            for (i, row) in packed.chunks_exact(width).enumerate().skip(step) {
-                let candidate = row[step].abs();
-                if candidate > size {
-                    (pivot, size) = (i, candidate);
+            let column = &packed[step * height..][..height];
+            for (i, entry) in column.iter().enumerate().skip(step) {
+                if entry.abs() > size {
+                    (pivot, size) = (i, entry.abs());
                 }
             }
             permutation[first + step] = first + pivot;
@@ -131,20 +140,21 @@ impl WithSimd for Panel<'_> {
                 return None;
             }
             (least, most) = (least.min(size), most.max(size));
-            swap_rows(packed, width, step, pivot);
+            packed.chunks_exact_mut(height).for_each(|column| column.swap(step, pivot));
             swap_rows(matrix, k, first + step, first + pivot);
-            let (above, below) = packed.split_at_mut((step + 1) * width);
-            let (by, tail) = above[step * width + step..].split_first()?;
-            for row in below.chunks_exact_mut(width) {
-                let lead = row[step] / by;
-                row[step] = lead;
-                if lead != 0.0 {
-                    subtract(&mut row[step + 1..], lead, tail);
+            let (done, ahead) = packed.split_at_mut((step + 1) * height);
+            let (by, below) = done[step * height + step..].split_first_mut()?;
+            below.iter_mut().for_each(|entry| *entry /= *by);
+            for column in ahead.chunks_exact_mut(height) {
+                let (by, column) = column[step..].split_first_mut()?;
+                if *by != 0.0 {
+                    subtract(column, *by, below);
                 }
             }
         }
-        for (row, done) in matrix[first * k..].chunks_exact_mut(k).zip(packed.chunks_exact(width)) {
-            row[first..last].copy_from_slice(done);
+        for (i, row) in matrix[first * k..].chunks_exact_mut(k).take(height).enumerate() {
+            let column = packed.iter().skip(i).step_by(height);
+            row[first..last].iter_mut().zip(column).for_each(|(entry, done)| *entry = *done);
         }
         Some((least, most))
     }
