@@ -412,3 +412,75 @@ def test_units_from_1e_minus_8_to_1e8():
         res = zivi.solve_lcp(rows[:, None] * M * columns, rows * q)
         assert res.success
         np.testing.assert_allclose(res.x * columns, x, atol=1e-6)
+
+
+def excess_contacts(rng, n, dofs):
+    """``G W G'`` of contacts in excess, and ``A`` with ``M = A'A``, ``q = -A'b``."""
+    G = rng.normal(size=(n, dofs)) * (rng.random((n, dofs)) < 0.4)
+    A = (G * np.sqrt(rng.uniform(0.5, 2.0, dofs))).T
+    b = rng.normal(size=dofs)
+    return A.T @ A, -A.T @ b, A, b
+
+
+@pytest.mark.parametrize(("n", "dofs"), [(30, 10), (80, 40), (200, 100), (200, 30)])
+def test_more_contacts_than_degrees_of_freedom(n, dofs):
+    """The impulses are those of non-negative least squares, where they do not depend on which."""
+    others = []
+    for seed in range(3):
+        M, q, A, b = excess_contacts(np.random.default_rng((n, dofs, seed)), n, dofs)
+        res = zivi.solve_lcp(M, q)
+        assert res.success
+        F = M @ res.x + q
+        assert np.max(np.abs(np.minimum(res.x, F))) <= 1e-9
+        least, _ = scipy.optimize.nnls(A, b, maxiter=100 * n)
+        assert A @ res.x == pytest.approx(A @ least, abs=1e-6)
+        assert (res.stage, res.n_pivots) == ("S0", 0)
+        other = zivi.solve_lcp(M, q, options={"proximal": False})
+        assert A @ other.x == pytest.approx(A @ res.x, abs=1e-6)
+        others.append(other.stage)
+    # without the proximal steps the active set alone does not do
+    assert "SM" in others
+
+
+def test_singular_monotone_problems_on_boxes():
+    """Not symmetric, of low rank, on all kinds of bounds, from any start: what all solutions share
+    of a monotone problem is ``(M + M') x``."""
+    solved = 0
+    for seed in range(40):
+        rng = np.random.default_rng(seed)
+        n, rank = int(rng.integers(20, 70)), int(rng.integers(3, 15))
+        A, B = rng.normal(size=(2, rank, n))
+        M = (A.T @ A + A.T @ B - B.T @ A) / n
+        lower = np.where(rng.random(n) < 0.2, -INF, -rng.random(n))
+        upper = np.where(rng.random(n) < 0.4, INF, rng.random(n))
+        kind = rng.random(n)
+        low, high = np.isfinite(lower) & (kind < 0.4), np.isfinite(upper) & (kind > 0.7)
+        inside = np.clip(rng.normal(size=n), lower, upper)
+        x = np.where(low, lower, np.where(high, upper, inside))
+        push = rng.random(n)
+        F = np.where(x == lower, push, np.where(x == upper, -push, 0))
+        q = F - M @ x
+        for start in (None, rng.normal(size=n)):
+            res = zivi.solve_avi(M, q, lower, upper, start)
+            assert res.success
+            natural = np.maximum(res.x - upper, np.minimum(res.x - lower, M @ res.x + q))
+            assert np.max(np.abs(natural)) <= 1e-9
+            assert (M + M.T) @ res.x == pytest.approx((M + M.T) @ x, abs=1e-5)
+            solved += res.stage == "S0" and not res.n_pivots
+    assert solved >= 72
+
+
+@pytest.mark.parametrize("n", [40, 200])
+def test_singular_monotone_problems_without_a_solution(n):
+    """``M y = 0`` and ``q'y < 0`` for a ``y >= 0``: the proximal steps drift along it."""
+    for seed in range(3):
+        rng = np.random.default_rng((n, seed))
+        y = np.where(rng.random(n) < 0.3, rng.random(n), 0)
+        A = rng.normal(size=(n // 4, n))
+        A -= np.outer(A @ y, y) / (y @ y)
+        q = rng.normal(size=n)
+        q -= y * (q @ y + 0.1) / (y @ y)
+        res = zivi.solve_lcp(A.T @ A / n, q)
+        assert res.status is zivi.VIStatus.INFEASIBLE
+        # told before the smoothing Newton method has begun
+        assert res.n_iter <= 30

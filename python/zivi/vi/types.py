@@ -69,7 +69,8 @@ class VIOptions:
     ray_start_first : bool
         Try the ray start of the pivotal solver before the start at the iterate.
     josephy_newton, smoothing, semismooth, proximal : bool
-        Stages S0, SM, S1 and S2.
+        Stages S0, SM, S1 and S2. With `proximal` S0 also takes proximal steps where the active set
+        of an affine problem cycles: singular monotone ones.
     restarts : int
         Number of restarts from random points with fixed seeds, 0 to 8.
     enumerate_up_to : int

@@ -11,7 +11,7 @@
 //! few rounds whatever the number of unknowns; elsewhere it may cycle, and is given up.
 
 use super::dense;
-use super::iterate::{Iterate, Outcome};
+use super::iterate::{self, Iterate, Outcome};
 use super::natural::natural_residual;
 use super::pivotal::AffineVi;
 
@@ -26,19 +26,39 @@ const INSIDE: usize = 0;
 const AT_LOWER: usize = 1;
 const AT_UPPER: usize = 2;
 
+/// `trial <-` the solution of the linearised problem with `weight` times `work.weights` added to the
+/// diagonal; false where none was found.
+pub(super) fn advance(at: &mut Iterate<'_, '_>, weight: f64) -> Outcome<bool> {
+    reach(at);
+    let found = solve(at, weight, at.pivots_left())?;
+    if found {
+        iterate::advance(at, 1.0);
+    }
+    Ok(found)
+}
+
+/// The box as it is seen from the iterate.
+pub(super) fn reach(at: &mut Iterate<'_, '_>) {
+    let work = &mut *at.work;
+    let reach = work.lower.iter_mut().zip(work.upper.iter_mut()).zip(at.z.iter());
+    for (((lower, upper), z), (l, u)) in reach.zip(at.lower.iter().zip(at.upper)) {
+        (*lower, *upper) = (l - z, u - z);
+    }
+}
+
 /// `work.step <-` the solution of `avi` from the bounds that zero is on; false where none was
 /// found within `limit` pivots' worth of work.
-pub(super) fn solve(at: &mut Iterate<'_, '_>, limit: usize) -> Outcome<bool> {
+pub(super) fn solve(at: &mut Iterate<'_, '_>, weight: f64, limit: usize) -> Outcome<bool> {
     begin(at);
     at.inside_is_regular = false;
     let (mut fewest, mut since, before) = (usize::MAX, 0, at.budget.spent());
     while since < PATIENCE && at.budget.spent() - before < limit {
-        let Some(ratio) = solve_inside(at)? else {
+        let Some(ratio) = solve_inside(at, weight)? else {
             return Ok(false);
         };
-        let changes = change_active_set(at);
+        let changes = change_active_set(at, weight);
         if changes == 0 {
-            at.inside_is_regular = ratio >= REGULAR;
+            at.inside_is_regular = weight == 0.0 && ratio >= REGULAR;
             return Ok(true);
         }
         (fewest, since) = if changes < fewest { (changes, 0) } else { (fewest, since + 1) };
@@ -69,7 +89,7 @@ fn begin(at: &mut Iterate<'_, '_>) {
 }
 
 /// `work.step` for the active set, and the ratio of the pivots; `None` where `M_II` is singular.
-fn solve_inside(at: &mut Iterate<'_, '_>) -> Outcome<Option<f64>> {
+fn solve_inside(at: &mut Iterate<'_, '_>, weight: f64) -> Outcome<Option<f64>> {
     let n = at.n();
     let work = &mut *at.work;
     let pivotal = &mut work.pivotal;
@@ -85,11 +105,16 @@ fn solve_inside(at: &mut Iterate<'_, '_>) -> Outcome<Option<f64>> {
     let is_zero = work.step.iter().all(|step| *step == 0.0);
     let members = pivotal.members.get(..size).unwrap_or(&[]);
     let rows = pivotal.inverse.chunks_exact_mut(size.max(1));
-    for ((&i, inner), constant) in members.iter().zip(rows).zip(pivotal.values.iter_mut()) {
+    for (k, ((&i, inner), constant)) in
+        members.iter().zip(rows).zip(pivotal.values.iter_mut()).enumerate()
+    {
         let row = dense::row(work.jacobian, n, i);
         let carried = if is_zero { 0.0 } else { dense::dot(row, work.step) };
         *constant = -dense::at(work.f, i) - carried;
         dense::pick(inner, row, members);
+        if let (true, Some(diagonal)) = (weight > 0.0, inner.get_mut(k)) {
+            *diagonal += weight * dense::at(work.weights, i);
+        }
     }
     at.budget.spend_on_factors(size);
     let matrix = pivotal.inverse.get_mut(..size * size).unwrap_or(&mut []);
@@ -119,7 +144,7 @@ pub(super) fn residual(at: &mut Iterate<'_, '_>) -> f64 {
 
 /// Moves what is outside the box to its bounds and frees what is pushed off them; the number of
 /// components that changed.
-fn change_active_set(at: &mut Iterate<'_, '_>) -> usize {
+fn change_active_set(at: &mut Iterate<'_, '_>, weight: f64) -> usize {
     let work = &mut *at.work;
     let wrong = ROUNDING * (1.0 + dense::norm(work.f));
     let mut changes = 0;
@@ -130,7 +155,10 @@ fn change_active_set(at: &mut Iterate<'_, '_>) -> usize {
     avi.map_where(|i| !is_inside(held, i), work.step, work.pivotal.residual);
     for (i, &d) in work.step.iter().enumerate() {
         let (lower, upper) = avi.bounds(i);
-        let f = dense::at(work.pivotal.residual, i);
+        let mut f = dense::at(work.pivotal.residual, i);
+        if weight > 0.0 {
+            f += weight * dense::at(work.weights, i) * d;
+        }
         let place = match work.pivotal.held.get(i) {
             _ if lower == upper => continue,
             Some(&AT_LOWER) if f < -wrong => INSIDE,

@@ -43,6 +43,11 @@ impl Budget {
         self.stage_end.saturating_sub(self.spent)
     }
 
+    /// Pivots left to it and all stages behind it.
+    pub(super) fn left_to_all(&self) -> usize {
+        self.total.saturating_sub(self.spent)
+    }
+
     pub(super) fn is_spent(&self) -> bool {
         self.spent >= self.stage_end
     }
@@ -77,7 +82,7 @@ mod tests {
         budget.open_stage(1, 3);
         assert_eq!(budget.left(), 20);
         budget.spend_on_factors(13);
-        assert_eq!(budget.left(), 17);
+        assert_eq!((budget.left(), budget.left_to_all()), (17, 57));
         budget.open_stage(1, 1);
         assert_eq!(budget.left(), 57);
         budget.spend(57);

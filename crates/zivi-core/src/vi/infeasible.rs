@@ -25,9 +25,6 @@ const FAR: f64 = 1e8;
 /// after `limit` pivots. The iterate must be linearised, `F` affine; overwrites what the pivotal
 /// solver works in, `work.step` and `work.neighbour`.
 pub(super) fn is_infeasible(at: &mut Iterate<'_, '_>, limit: usize) -> Outcome<bool> {
-    if two_rows_exclude_each_other(at)? {
-        return Ok(true);
-    }
     begin(at);
     let mut random = Random::new(1);
     let mut has_moved = true;
@@ -53,8 +50,8 @@ pub(super) fn is_infeasible(at: &mut Iterate<'_, '_>, limit: usize) -> Outcome<b
 }
 
 /// Whether two rows exclude each other: `F_i + t F_k` has the wrong sign everywhere. Most pairs are
-/// refuted by a few columns with an infinite bound, which leave no `t`.
-fn two_rows_exclude_each_other(at: &mut Iterate<'_, '_>) -> Outcome<bool> {
+/// refuted by a few columns with an infinite bound, which leave no `t`. As [`is_infeasible`].
+pub(super) fn two_rows_exclude_each_other(at: &mut Iterate<'_, '_>) -> Outcome<bool> {
     let n = at.n();
     for i in 0..n {
         if dense::is_time_to_poll(i, at.n()) {

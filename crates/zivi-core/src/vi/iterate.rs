@@ -37,6 +37,8 @@ pub(super) struct Iterate<'a, 'w> {
     pub(super) jacobian_is_known: bool,
     /// `work.jacobian` is regular on the rows that the active set holds inside, by the pivots there.
     pub(super) inside_is_regular: bool,
+    /// The proximal point method was tried before the paths.
+    pub(super) was_proximal: bool,
     /// The smoothing Newton method was tried before the paths.
     pub(super) was_smoothed: bool,
     /// It was tried to prove that there is no solution.
@@ -77,6 +79,7 @@ impl<'a, 'w> Iterate<'a, 'w> {
             stage: Stage::JosephyNewton,
             jacobian_is_known: false,
             inside_is_regular: false,
+            was_proximal: false,
             was_smoothed: false,
             proof_was_sought: false,
             rows_await_scaling: settings.row_scale == RowScale::Jacobian,

@@ -31,6 +31,7 @@ pub mod natural;
 mod newton;
 mod pivotal;
 mod problem;
+mod proximal;
 mod random;
 mod settings;
 mod smoothing;

@@ -12,10 +12,11 @@
 use super::active_set;
 use super::dense;
 use super::descent;
-use super::infeasible::is_infeasible;
+use super::infeasible::{is_infeasible, two_rows_exclude_each_other};
 use super::iterate::advance;
 use super::iterate::{Iterate, Outcome};
 use super::pivotal::{follow, AffineVi, PathEnd};
+use super::proximal::{proximal_newton, ProximalEnd};
 use super::settings::Start;
 use super::settings::{Stage, MEMORY};
 use super::smoothing::smoothing_newton;
@@ -110,11 +111,12 @@ fn newton_point(at: &mut Iterate<'_, '_>, plan: Plan, proximal: f64) -> Outcome<
             return Ok(PathEnd::PivotLimit);
         }
         let is_path = matches!(method, Method::Path(_));
-        if is_path && (at.n() >= WORTH_A_PROOF || has_failed) && proves_infeasible(at)? {
-            return Ok(PathEnd::Infeasible);
-        }
-        if is_path && plan.active_set && smoothing_solves(at)? {
-            return Ok(PathEnd::Solved);
+        if is_path {
+            let proof_is_worth_it = at.n() >= WORTH_A_PROOF || has_failed;
+            match before_paths(at, plan, proof_is_worth_it)? {
+                PathEnd::Singular => {}
+                end => return Ok(end),
+            }
         }
         has_failed |= is_path;
         end = affine_step(at, method, shift_by(at, proximal, weight))?;
@@ -134,20 +136,47 @@ fn shift_by(at: &Iterate<'_, '_>, proximal: f64, weight: f64) -> f64 {
     proximal * scale + weight * scale
 }
 
-/// Looks for a proof that an affine problem has no solution, once in a solve.
-fn proves_infeasible(at: &mut Iterate<'_, '_>) -> Outcome<bool> {
-    if !at.problem.is_affine() || at.proof_was_sought {
-        return Ok(false);
+/// What is tried of an affine problem before its first path, once in a solve: the whole of it is
+/// solved, or proved to have no solution, or [`PathEnd::Singular`].
+fn before_paths(at: &mut Iterate<'_, '_>, plan: Plan, proof: bool) -> Outcome<PathEnd> {
+    if !at.problem.is_affine() {
+        return Ok(PathEnd::Singular);
     }
-    at.proof_was_sought = true;
-    let limit = (PROOF_PIVOTS * at.n() + 50).min(at.budget.left());
+    let proof = proof && !at.proof_was_sought;
+    at.proof_was_sought |= proof;
+    if proof && two_rows_exclude_each_other(at)? {
+        return Ok(PathEnd::Infeasible);
+    }
+    let drifts = match plan.active_set {
+        true => match proximal_end(at)? {
+            ProximalEnd::Solved => return Ok(PathEnd::Solved),
+            end => end == ProximalEnd::Drifts,
+        },
+        false => false,
+    };
+    // the search for a proof costs more than what solves most problems that have a solution
+    if proof && drifts && proves_infeasible(at)? {
+        return Ok(PathEnd::Infeasible);
+    }
+    if plan.active_set && smoothing_solves(at)? {
+        return Ok(PathEnd::Solved);
+    }
+    if proof && !drifts && proves_infeasible(at)? {
+        return Ok(PathEnd::Infeasible);
+    }
+    Ok(PathEnd::Singular)
+}
+
+/// Looks for a proof that there is no solution.
+fn proves_infeasible(at: &mut Iterate<'_, '_>) -> Outcome<bool> {
+    let limit = (PROOF_PIVOTS * at.n() + 50).min(at.budget.left_to_all());
     is_infeasible(at, limit)
 }
 
 /// Before the first path of an affine problem: the smoothing Newton method, which takes a few
 /// factorisations where it succeeds. Else the iterate is what it was.
 fn smoothing_solves(at: &mut Iterate<'_, '_>) -> Outcome<bool> {
-    if !at.problem.is_affine() || !at.settings.smoothing || at.was_smoothed {
+    if !at.settings.smoothing || at.was_smoothed {
         return Ok(false);
     }
     at.was_smoothed = true;
@@ -157,11 +186,32 @@ fn smoothing_solves(at: &mut Iterate<'_, '_>) -> Outcome<bool> {
         return Ok(true);
     }
     at.stage = stage;
+    return_to_neighbour(at)?;
+    Ok(false)
+}
+
+/// Before it the proximal point method, which takes a few factorisations of the rows inside where
+/// the problem is monotone, whatever its rank. Unless it is solved the iterate is what it was.
+fn proximal_end(at: &mut Iterate<'_, '_>) -> Outcome<ProximalEnd> {
+    if !at.settings.proximal || at.was_proximal {
+        return Ok(ProximalEnd::GivenUp);
+    }
+    at.was_proximal = true;
+    dense::copy(at.work.neighbour, at.z);
+    let end = proximal_newton(at)?;
+    if end != ProximalEnd::Solved {
+        return_to_neighbour(at)?;
+    }
+    Ok(end)
+}
+
+/// Makes the point that was kept the iterate again.
+fn return_to_neighbour(at: &mut Iterate<'_, '_>) -> Outcome<()> {
     dense::copy(at.work.trial, at.work.neighbour);
     let merit = at.merit_of_trial()?;
     at.accept(merit);
     at.linearise()?;
-    Ok(false)
+    Ok(())
 }
 
 /// How an affine VI is solved.
@@ -173,14 +223,10 @@ enum Method {
 
 /// Solves one affine VI in `d = z_N - z` and checks its residual.
 fn affine_step(at: &mut Iterate<'_, '_>, method: Method, shift: f64) -> Outcome<PathEnd> {
-    let work = &mut *at.work;
-    let reach = work.lower.iter_mut().zip(work.upper.iter_mut()).zip(at.z.iter());
-    for (((lower, upper), z), (l, u)) in reach.zip(at.lower.iter().zip(at.upper)) {
-        (*lower, *upper) = (l - z, u - z);
-    }
+    active_set::reach(at);
     let end = match method {
         Method::Path(start) => follow_path(at, start, shift)?,
-        Method::ActiveSet if active_set::solve(at, at.pivots_left())? => PathEnd::Solution,
+        Method::ActiveSet if active_set::solve(at, 0.0, at.pivots_left())? => PathEnd::Solution,
         Method::ActiveSet => PathEnd::Singular,
     };
     if end != PathEnd::Solution {

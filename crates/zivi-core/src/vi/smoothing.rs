@@ -14,7 +14,7 @@
 use super::active_set;
 use super::dense;
 use super::fischer;
-use super::iterate::{advance, Iterate, Outcome};
+use super::iterate::{Iterate, Outcome};
 use super::natural::natural_component;
 use super::status::Status;
 
@@ -241,7 +241,7 @@ fn cross_over(at: &mut Iterate<'_, '_>) -> Outcome<bool> {
         if at.is_solved() {
             return Ok(true);
         }
-        if !at.linearise()? || !active_step(at)? {
+        if !at.linearise()? || !active_set::advance(at, 0.0)? {
             break;
         }
     }
@@ -249,18 +249,4 @@ fn cross_over(at: &mut Iterate<'_, '_>) -> Outcome<bool> {
     at.evaluate_trial()?;
     accept(at);
     Ok(false)
-}
-
-/// `trial <-` the solution of the linearised problem by its active set; false where there is none.
-fn active_step(at: &mut Iterate<'_, '_>) -> Outcome<bool> {
-    let work = &mut *at.work;
-    let reach = work.lower.iter_mut().zip(work.upper.iter_mut()).zip(at.z.iter());
-    for (((lower, upper), z), (l, u)) in reach.zip(at.lower.iter().zip(at.upper)) {
-        (*lower, *upper) = (l - z, u - z);
-    }
-    if !active_set::solve(at, at.pivots_left())? {
-        return Ok(false);
-    }
-    advance(at, 1.0);
-    Ok(true)
 }

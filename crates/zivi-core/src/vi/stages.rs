@@ -1,7 +1,7 @@
 //! The solver: stages of increasing patience, each checked by the recomputed residual.
 //!
 //! ```text
-//! S0      Josephy-Newton, nonmonotone, from z0
+//! S0      Josephy-Newton, nonmonotone, from z0; affine problems by the active set and proximal steps
 //! SM      smoothing Newton, from z0
 //! S1      semismooth Newton, monotone, from z0
 //! S2      proximal Josephy-Newton, ray start first, monotone, from z0

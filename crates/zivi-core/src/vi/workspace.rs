@@ -3,7 +3,7 @@
 use super::pivotal::PivotalWorkspace;
 
 /// Vectors of length `n` beside the two `n x n` matrices.
-const VECTORS: usize = 23;
+const VECTORS: usize = 24;
 
 /// Lengths of the two slices a solve with `n` unknowns works in: reals and indices.
 ///
@@ -38,6 +38,7 @@ pub struct Workspace<'a> {
     pub(super) best: &'a mut [f64],
     pub(super) point: &'a mut [f64],
     pub(super) neighbour: &'a mut [f64],
+    pub(super) weights: &'a mut [f64],
 }
 
 impl<'a> Workspace<'a> {
@@ -78,6 +79,7 @@ impl<'a> Workspace<'a> {
             best: vector()?,
             point: vector()?,
             neighbour: vector()?,
+            weights: vector()?,
         })
     }
 }

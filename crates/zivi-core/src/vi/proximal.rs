@@ -1,0 +1,115 @@
+//! The proximal point method for affine problems whose active set cycles: singular monotone ones.
+//!
+//! ```text
+//! 0 in M z+ + q + mu W (z+ - z) + N_[l,u](z+),    W = diag |M_ii|,   mu = 0.1, 0.01, ...
+//! ```
+//!
+//! Each step is solved by Newton's method on the active set from that of the last, and is regular
+//! where `M` is monotone, whatever its rank; the steps then tend to a solution, wherever there is one
+//! (Rockafellar, *SIAM J. Control Optim.* 14 (1976) 877-898). Contacts in excess of the degrees of
+//! freedom, `M = G W G'`, are such problems.
+
+use super::active_set;
+use super::dense;
+use super::iterate::{Iterate, Outcome};
+
+/// Weight of the first step and the least.
+const FIRST: f64 = 0.1;
+const LEAST: f64 = 1e-8;
+/// What it falls by from step to step.
+const FALL: f64 = 0.1;
+/// The same once an active set has cycled, and what it grows by where one does: before the first
+/// step, and after it.
+const SLOW_FALL: f64 = 0.5;
+const FIRST_GROWTH: f64 = 10.0;
+const GROWTH: f64 = 3.0;
+/// Diagonal entries that are smaller, relative to their row, are replaced by its largest.
+const SMALL: f64 = 1e-3;
+/// Steps in a row without a residual half as large as any before, after which it is given up.
+const PATIENCE: usize = 4;
+/// Most steps, those whose active set cycles included.
+const STEPS: usize = 40;
+/// Active sets that may cycle: before the first step, and in all.
+const AT_FIRST: usize = 1;
+const IN_ALL: usize = 8;
+/// `(z+ - z).(F(z+) - F(z))` below this, relative to its terms, is none of a monotone problem.
+const NEGATIVE: f64 = -1e-9;
+
+/// How the steps ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum ProximalEnd {
+    /// At a solution.
+    Solved,
+    /// Each was made, but they do not come nearer: so they go where there is no solution.
+    Drifts,
+    /// Nowhere: active sets cycle, or the problem is not monotone.
+    GivenUp,
+}
+
+/// Steps until the problem is solved, or they are given up. The iterate must be linearised, `F` affine.
+pub(super) fn proximal_newton(at: &mut Iterate<'_, '_>) -> Outcome<ProximalEnd> {
+    weigh(at);
+    let (mut weight, mut fall, mut best) = (FIRST, FALL, f64::INFINITY);
+    let (mut cycles, mut since) = (0, 0);
+    for _ in 0..STEPS {
+        if at.out_of_iterations() || at.budget.is_spent() {
+            return Ok(ProximalEnd::GivenUp);
+        }
+        if !active_set::advance(at, weight)? {
+            cycles += 1;
+            if cycles > if best.is_finite() { IN_ALL } else { AT_FIRST } {
+                return Ok(ProximalEnd::GivenUp);
+            }
+            weight *= if best.is_finite() { GROWTH } else { FIRST_GROWTH };
+            (fall, since) = (SLOW_FALL, 0);
+            continue;
+        }
+        let merit = at.merit_of_trial()?;
+        // later steps may be long, and tell rounding
+        let is_first = !best.is_finite();
+        if !merit.is_finite() || is_first && !step_is_monotone(at) {
+            return Ok(ProximalEnd::GivenUp);
+        }
+        at.accept(merit);
+        at.counts.iterations += 1;
+        at.report()?;
+        if at.is_solved() {
+            return Ok(ProximalEnd::Solved);
+        }
+        (best, since) = if at.residual < 0.5 * best { (at.residual, 0) } else { (best, since + 1) };
+        if since >= PATIENCE {
+            return Ok(ProximalEnd::Drifts);
+        }
+        weight = f64::max(fall * weight, LEAST);
+    }
+    Ok(ProximalEnd::GivenUp)
+}
+
+/// Whether `F` does not fall along the step to the trial, which has been evaluated.
+fn step_is_monotone(at: &Iterate<'_, '_>) -> bool {
+    let work = &*at.work;
+    let moves = work.trial.iter().zip(at.z.iter()).map(|(there, here)| there - here);
+    let changes = work.trial_f.iter().zip(work.f.iter()).map(|(there, here)| there - here);
+    let (mut sum, mut size) = (0.0, 0.0);
+    for ((d, change), scale) in moves.zip(changes).zip(work.scale.iter()) {
+        let term = d * change / scale;
+        sum += term;
+        size += term.abs();
+    }
+    sum >= NEGATIVE * size
+}
+
+/// `work.weights <- W`, the largest entry of a row where its diagonal is next to nothing.
+fn weigh(at: &mut Iterate<'_, '_>) {
+    let n = at.n();
+    let work = &mut *at.work;
+    let rows = dense::rows(work.jacobian, n).enumerate();
+    for (weight, (i, row)) in work.weights.iter_mut().zip(rows) {
+        let (diagonal, largest) = (dense::at(row, i).abs(), dense::norm(row));
+        *weight = match diagonal > SMALL * largest {
+            true => diagonal,
+            false if largest > 0.0 => largest,
+            false => 1.0,
+        };
+    }
+}
