@@ -59,6 +59,18 @@ def run(force, method=METHOD, t1=5.0):
     return zivi.simulate(zivi.ImpactSystem(force, e=0.6), (0, t1), (1, 0), method=method)
 
 
+def test_the_wave_is_off_by_less_than_a_unit_in_the_last_place():
+    mpmath = pytest.importorskip("mpmath")
+    wave = zivi.LinearForce(amplitude=1.0, omega=1.0)
+    rng = np.random.default_rng(7)
+    near = rng.integers(-(10**6), 10**6, 2000) * np.pi / 2
+    far = rng.choice([-1, 1], 2000) * 10.0 ** rng.uniform(-9, 12, 2000)
+    with mpmath.workdps(60):
+        for t in [*near.tolist(), *far.tolist(), *rng.uniform(-9, 9, 4000).tolist()]:
+            exact = mpmath.cos(t)
+            assert abs(wave(t, 0.0, 0.0) - exact) < np.spacing(abs(float(exact))), t
+
+
 @pytest.mark.parametrize("form", FORMS)
 @pytest.mark.parametrize("method", [METHOD, zivi.ExplicitEuler(h=0.001)], ids=repr)
 def test_the_same_law_gives_the_same_run(form, method):

@@ -37,6 +37,8 @@
 )]
 
 pub mod control;
+#[cfg(not(feature = "single"))]
+pub mod cosine;
 pub mod flight;
 pub mod observer;
 pub mod real;

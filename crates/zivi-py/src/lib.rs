@@ -68,6 +68,7 @@ fn _zivi(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(leaving::forget_runs, module)?)?;
     module.add_class::<record::RunRecord>()?;
     module.add_class::<transform::Restitution>()?;
+    module.add_function(wrap_pyfunction!(force::cosine, module)?)?;
     module.add_function(wrap_pyfunction!(transform::lift, module)?)?;
     module.add_function(wrap_pyfunction!(transform::project, module)?)?;
     module.add_function(wrap_pyfunction!(simulate::solve_steps, module)?)?;

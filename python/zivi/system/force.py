@@ -5,7 +5,6 @@ from __future__ import annotations
 import ctypes
 import dataclasses
 import functools
-import math
 import numbers
 import sys
 from collections.abc import Callable
@@ -126,7 +125,7 @@ class LinearForce(NativeForce):
 
     def __call__(self, t: float, x: float, xdot: float) -> float:
         """Evaluate the force (m/s^2) at time `t` (s), distance `x` (m), velocity `xdot` (m/s)."""
-        excitation = self.amplitude * math.cos(self.omega * t + self.phase)
+        excitation = self.amplitude * _zivi.cosine(self.omega * t + self.phase)
         if self.excitation is not None:
             excitation += self.excitation._at(t)[0]
         return -self.stiffness * x - self.damping * xdot - self.gravity + excitation

@@ -245,3 +245,9 @@ impl Kind for Moving {
         visit.call(&self.wall)
     }
 }
+
+/// The cosine of waves, as the core evaluates it.
+#[pyfunction]
+pub(crate) fn cosine(x: f64) -> f64 {
+    zivi_core::cosine::cos(x)
+}

@@ -1,5 +1,7 @@
 //! Forces per unit mass, `f(t, x, x')` in m/s^2.
 
+use zivi_core::cosine;
+
 /// What a force depends on: it tells the integrator how much of the step is implicit.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Dependence {
@@ -205,7 +207,7 @@ impl LinearForce {
         if self.amplitude == 0.0 {
             0.0
         } else {
-            self.amplitude * (self.omega * t + self.phase).cos()
+            self.amplitude * cosine::cos(self.omega * t + self.phase)
         }
     }
 

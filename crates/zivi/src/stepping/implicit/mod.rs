@@ -282,7 +282,7 @@ mod tests {
     use super::*;
     use crate::system::force::FunctionForce;
     use crate::{simulate_theta_gamma, Grid, LinearForce, Silent, ThetaGamma};
-    use zivi_core::Restitution;
+    use zivi_core::{cosine, Restitution};
 
     const FORCE: LinearForce = LinearForce {
         stiffness: 2.0,
@@ -332,7 +332,7 @@ mod tests {
             let kept = simulate_theta_gamma(method, law, kept, grid, ball, &mut Silent).unwrap();
             let LinearForce { stiffness, damping, gravity, amplitude, omega, phase } = FORCE;
             let mut whole = FunctionForce(|t: f64, x: f64, xdot: f64| {
-                let excitation = amplitude * (omega * t + phase).cos();
+                let excitation = amplitude * cosine::cos(omega * t + phase);
                 Ok::<_, Infallible>(-stiffness * x - damping * xdot - gravity + excitation)
             });
             let whole = simulate_theta_gamma(method, law, &mut whole, grid, ball, &mut Silent);
