@@ -36,8 +36,9 @@ use crate::record::values::Values as ReferencePoint;
 use crate::stepping::fixed_step::{tell, watched};
 use crate::stepping::scheme::Scheme;
 use crate::system::evaluation::check_initial;
-use crate::{Force, Grid, Impact, Monitor, Occurrence, Status};
-use step::{Step, Stepper};
+use crate::{Events, Force, Grid, Impact, Monitor, Occurrence, Status};
+use step::Step;
+pub(crate) use step::{Stepper, TOLERANCE};
 
 /// Settings of the method; the step size is the grid's.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -157,27 +158,62 @@ fn walk<E, F: Force<E>>(
     let room = grid.n_steps().checked_div(every).map_or(1, |it| it + 1);
     let columns = Columns::with_room(room, |start, len| monitor.record_allocated(start, len))
         .map_err(|_| SetupError::Memory(grid.n_steps()))?;
-    let scheme = Stepper::new(theta, restitution.e());
-    let at_rest = initial.is_at_origin();
-    let (reader, reserve) = (Reader::starting(grid.t(0), at_rest), Reserve::default());
-    let log = ContactLog { reader, sigma: 1.0, at_rest, reserve };
+    let mover = Mover::new(theta, restitution.e(), (grid.t(0), initial));
     let (k, state) = (0, initial);
-    let mut walk = MoreauWalk { scheme, restitution, grid, columns, thinned, log, k, state };
+    let mut walk = MoreauWalk { mover, restitution, grid, columns, thinned, k, state };
     walk.record();
     let ending =
         watched(grid.n_steps(), monitor, |until, monitor| walk.go_to(until, force, monitor));
     Ok(walk.finish(ending))
 }
 
+/// Steps, and reads off each what happens.
+pub(crate) struct Mover {
+    pub(crate) scheme: Stepper,
+    pub(crate) log: ContactLog,
+}
+
+impl Mover {
+    pub(crate) fn new(theta: f64, e: f64, (t, initial): (f64, Physical)) -> Self {
+        Self { scheme: Stepper::new(theta, e), log: ContactLog::start(t, initial.is_at_origin()) }
+    }
+
+    /// The step of size `h` from `start`, between these times.
+    #[inline]
+    pub(crate) fn step<E>(
+        &mut self,
+        start: Physical,
+        (t, t_end): (f64, f64),
+        h: f64,
+        force: &mut impl Force<E>,
+    ) -> Result<Physical, Failure<E>> {
+        let step = self.scheme.step(start, (t, t_end), h, force)?;
+        if !(step.end.x.is_finite() && step.end.xdot.is_finite()) {
+            return Err(Failure::Status(Status::StateNotFinite));
+        }
+        self.log.step((t, start.xdot), (t_end, step))?;
+        Ok(step.end)
+    }
+}
+
 /// Reads impacts, rest and lift-off off the impulses.
-struct ContactLog {
+pub(crate) struct ContactLog {
     reader: Reader,
     sigma: f64,
-    at_rest: bool,
+    pub(crate) at_rest: bool,
     reserve: Reserve,
 }
 
 impl ContactLog {
+    fn start(t: f64, at_rest: bool) -> Self {
+        let (reader, reserve) = (Reader::starting(t, at_rest), Reserve::default());
+        Self { reader, sigma: 1.0, at_rest, reserve }
+    }
+
+    pub(crate) fn finish(self) -> Events {
+        self.reader.events
+    }
+
     /// An error if there is no memory left to note what happened.
     #[inline(always)]
     fn step(
@@ -246,12 +282,11 @@ impl Thinned {
 
 /// A run under way: `k` steps are done, the last of them ended in `state`.
 struct MoreauWalk {
-    scheme: Stepper,
+    mover: Mover,
     restitution: Restitution,
     grid: Grid,
     columns: Columns,
     thinned: Option<Thinned>,
-    log: ContactLog,
     k: usize,
     state: Physical,
 }
@@ -274,13 +309,9 @@ impl MoreauWalk {
             let last = self.k + 1 == self.grid.n_steps();
             let h = if last { self.grid.last_h() } else { self.grid.h() };
             let (t, t_end) = (self.grid.t(self.k), self.grid.t(self.k + 1));
-            let step = self.scheme.step(self.state, (t, t_end), h, force)?;
-            if !(step.end.x.is_finite() && step.end.xdot.is_finite()) {
-                return Err(Failure::Status(Status::StateNotFinite));
-            }
             let from = follows.then(|| self.knot());
-            self.log.step((t, self.state.xdot), (t_end, step))?;
-            (self.k, self.state) = (self.k + 1, step.end);
+            let end = self.mover.step(self.state, (t, t_end), h, force)?;
+            (self.k, self.state) = (self.k + 1, end);
             self.record();
             if let Some(from) = from {
                 tell(monitor, from, self.knot(), Interpolation::Physical)?;
@@ -292,16 +323,16 @@ impl MoreauWalk {
     /// The steps of a flight or of rest under a constant force, as long as nothing happens and no
     /// sample is kept: the same arithmetic, with all that changes in registers.
     fn easy_steps(&mut self, until: usize) {
-        let (Some(thinned), Some(f)) = (&self.thinned, self.scheme.fixed) else {
+        let (Some(thinned), Some(f)) = (&self.thinned, self.mover.scheme.fixed) else {
             return;
         };
         let end = until.min(self.grid.n_steps() - 1);
         let end = end.min(self.k.saturating_add(thinned.skipped_after(self.k)));
         let (h, mut k, mut state) = (self.grid.h(), self.k, self.state);
         let Summary { mut x_max, mut speed_max, .. } = thinned.summary;
-        let at_rest = self.log.at_rest;
+        let at_rest = self.mover.log.at_rest;
         while k < end {
-            let step = self.scheme.under(f, state, h);
+            let step = self.mover.scheme.under(f, state, h);
             let Physical { x, xdot } = step.end;
             if (step.impulse > 0.0) != at_rest || !(x.is_finite() && xdot.is_finite()) {
                 break;
@@ -326,15 +357,15 @@ impl MoreauWalk {
     /// whose sign changes with each step.
     #[inline(never)]
     fn repeats(&self, f: f64, state: Physical, h: f64) -> bool {
-        let one = self.scheme.under(f, state, h);
-        let two = self.scheme.under(f, one.end, h);
+        let one = self.mover.scheme.under(f, state, h);
+        let two = self.mover.scheme.under(f, one.end, h);
         let bits = |it: Physical| [it.x.to_bits(), it.xdot.to_bits()];
         one.impulse > 0.0 && two.impulse > 0.0 && bits(two.end) == bits(state)
     }
 
     /// Where the run is.
     fn knot(&self) -> StepEnd {
-        let branch = if self.log.sigma > 0.0 { Branch::Positive } else { Branch::Negative };
+        let branch = if self.mover.log.sigma > 0.0 { Branch::Positive } else { Branch::Negative };
         let z = transform::lift(self.state, branch, self.restitution);
         // no negative zeros
         let z = Lifted { s: z.s + 0.0, v: z.v + 0.0 };
@@ -349,9 +380,9 @@ impl MoreauWalk {
             }
         }
         let StepEnd { t, state: Physical { x, xdot }, z } = self.knot();
-        let sigma = self.log.sigma;
+        let sigma = self.mover.log.sigma;
         let (lambda_s, lambda_v) =
-            if self.log.at_rest { (0.0, 0.0) } else { (sigma, sigma * sgn(xdot)) };
+            if self.mover.log.at_rest { (0.0, 0.0) } else { (sigma, sigma * sgn(xdot)) };
         self.columns.push([t, x, xdot, z.s, z.v, lambda_s, lambda_v + 0.0, f64::NAN]);
     }
 
@@ -363,10 +394,10 @@ impl MoreauWalk {
         let trajectory = Trajectory {
             columns: self.columns,
             summary: self.thinned.map(|it| it.summary),
-            events: self.log.reader.events,
+            events: self.mover.log.finish(),
             failed_steps: Vec::new(),
             status,
-            nfev: self.scheme.nfev,
+            nfev: self.mover.scheme.nfev,
         };
         Run { trajectory, raised }
     }

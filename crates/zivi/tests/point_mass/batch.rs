@@ -197,21 +197,22 @@ fn driven(draws: &mut Draws, n: usize) -> Vec<Member<'static, LinearForce>> {
 const WEIGHTS: [(f64, f64); 6] =
     [(1.0, 1.0), (0.5, 0.5), (0.7, 0.8), (0.5, 1.0), (1.0, 0.3), (0.2, 1.0)];
 
-#[test]
-fn masses_under_linear_forces_move_as_they_move_alone() {
-    let mut draws = Draws(11);
+/// Runs members under linear forces, 48 batches of all sizes and all that is saved; the numbers of
+/// rests and lift-offs.
+fn driven_are_as_alone<S>(mut draws: Draws, scheme: impl Fn(usize) -> S) -> [u64; 2]
+where
+    AnyMethod: From<FixedSteps<S>>,
+{
     let (mut rests, mut lift_offs) = (0, 0);
     for round in 0..48 {
         // all, but a few, of the lanes; some; more than there are
         let n = [1, 7, 61, 64, 65, 130][round % 6];
         let members = driven(&mut draws, n);
-        let (theta, gamma) = WEIGHTS[(round / 3) % 6];
-        let method = ThetaGamma { theta, gamma, ..ThetaGamma::implicit_euler() };
         let h = 10.0_f64.powf(draws.between(-3.3, -1.7));
         let start = draws.between(-3.0, 3.0);
         // the last step is a shorter one in half of them
         let end = start + h * (draws.between(1.0, 900.0).floor() + [0.0, 0.37][round % 2]);
-        let task = steps(method, (start, end), h);
+        let task = steps(scheme(round / 3), (start, end), h);
         let save = SAVES[round % 5];
         let ends = simulate_batch(&members, task, save, 1 + round % 3, &mut Silent).unwrap();
         for (i, (member, end)) in members.iter().zip(&ends).enumerate() {
@@ -220,7 +221,24 @@ fn masses_under_linear_forces_move_as_they_move_alone() {
             lift_offs += end.counts[2];
         }
     }
-    assert!(rests > 200 && lift_offs > 200, "{rests} {lift_offs}");
+    [rests, lift_offs]
+}
+
+#[test]
+fn masses_under_linear_forces_move_as_they_move_alone() {
+    let happened = driven_are_as_alone(Draws(11), |it| {
+        let (theta, gamma) = WEIGHTS[it % 6];
+        ThetaGamma { theta, gamma, ..ThetaGamma::implicit_euler() }
+    });
+    assert!(happened.iter().all(|&it| it > 200), "{happened:?}");
+}
+
+#[test]
+fn masses_under_linear_forces_move_as_alone_by_moreau_jean() {
+    let happened = driven_are_as_alone(Draws(13), |it| MoreauJean {
+        theta: [0.5, 1.0, 0.7, 0.0, 0.5, 0.2][it % 6],
+    });
+    assert!(happened.iter().all(|&it| it > 100), "{happened:?}");
 }
 
 #[test]
@@ -318,14 +336,17 @@ fn linear_forces_that_overflow_end_as_they_end_alone() {
         member(LinearForce { damping: 1.0, ..fast }, 1.0),
         member(LinearForce { amplitude: 1e-3, gravity: 9.81, ..NO_FORCE }, 1.0),
     ];
-    let task = implicit((0.0, 30.0), 1e-2);
-    for save in SAVES {
-        let ends = simulate_batch(&members, task, save, 1, &mut Silent).unwrap();
-        for (i, (member, end)) in members.iter().zip(&ends).enumerate() {
-            assert_same(end, &alone(member, task), save, i);
+    let span = (0.0, 30.0);
+    let moreau = steps(MoreauJean::default(), span, 1e-2);
+    for task in [implicit(span, 1e-2), moreau] {
+        for save in SAVES {
+            let ends = simulate_batch(&members, task, save, 1, &mut Silent).unwrap();
+            for (i, (member, end)) in members.iter().zip(&ends).enumerate() {
+                assert_same(end, &alone(member, task), save, i);
+            }
+            let failed = |end: &&Outcome| end.status != Status::Completed;
+            assert_eq!(ends.iter().filter(failed).count(), 8, "{task:?}");
         }
-        let failed = |end: &&Outcome| end.status != Status::Completed;
-        assert_eq!(ends.iter().filter(failed).count(), 8);
     }
 }
 
@@ -431,9 +452,12 @@ fn most_steps_are_taken_side_by_side() {
         let member = |i| Member { law: restitution.into(), force, initial: start(i), tstops: &[] };
         let members: Vec<_> = (0..20).map(member).collect();
         // other members of the scheme do not rest
-        for (theta, gamma, end) in [(1.0, 1.0, 4.0), (0.5, 0.8, 0.6)] {
+        let tasks = [(1.0, 1.0, 4.0), (0.5, 0.8, 0.6)].map(|(theta, gamma, end)| {
             let method = ThetaGamma { theta, gamma, ..ThetaGamma::implicit_euler() };
-            let task = steps(method, (0.0, end), 1e-3);
+            steps(method, (0.0, end), 1e-3)
+        });
+        let moreau = steps(MoreauJean::default(), (0.0, 4.0), 1e-3);
+        for task in tasks.into_iter().chain([moreau]) {
             count.store(0, Ordering::Relaxed);
             let ends = simulate_batch(&members, task, Save::Final, 1, &mut Silent).unwrap();
             let alone = count.load(Ordering::Relaxed);

@@ -22,8 +22,8 @@ use crate::method::{newton, AnyMethod, Method, PointMass, PointRun, Settings};
 use crate::switched::check_span;
 use crate::switched::grazing::simulate_watching;
 use crate::{
-    AnyImpactLaw, Dependence, Force, Grid, Keep, Monitor, Output, SetupError, Solver, Summary,
-    ThetaGamma, Trajectory, QUANTITIES,
+    AnyImpactLaw, Dependence, FixedSteps, Force, Grid, Keep, Monitor, MoreauJean, Output,
+    SetupError, Solver, Summary, ThetaGamma, Trajectory, QUANTITIES,
 };
 
 /// A method and the span of the runs, the same for all.
@@ -233,8 +233,13 @@ impl Need {
 
 /// Whether a member can be moved side by side with others whose force has the same dependence.
 fn side_by_side<F: Force<Stopped>>(member: &Member<'_, F>, method: AnyMethod) -> bool {
-    matches!(method, AnyMethod::ThetaGamma(it) if it.scheme.solver == Solver::Exact)
-        && member.law.constant().is_some_and(|wall| lanes::takes(&member.force, wall))
+    member.law.constant().is_some_and(|wall| match method {
+        AnyMethod::ThetaGamma(it) => {
+            it.scheme.solver == Solver::Exact && lanes::takes(&member.force, wall)
+        }
+        AnyMethod::MoreauJean(it) => lanes::moreau::takes(&member.force, it.scheme.theta),
+        _ => false,
+    })
 }
 
 /// The runs of a chunk.
@@ -244,23 +249,15 @@ fn several<F: Force<Stopped> + Copy>(
     stop: &dyn Fn() -> bool,
 ) -> Result<Vec<Outcome>, SetupError> {
     let mut outcomes: Vec<Option<Outcome>> = vec![None; chunk.len()];
-    if let (AnyMethod::ThetaGamma(it), Some(grid), false) =
-        (plan.method, plan.grid, matches!(plan.save, Save::Steps(_)))
-    {
-        let ThetaGamma { theta, gamma, .. } = it.scheme;
+    if let (Some(grid), false) = (plan.grid, matches!(plan.save, Save::Steps(_))) {
         for dependence in [Dependence::Constant, Dependence::Time, Dependence::State] {
-            let (mut places, mut masses) = (Vec::new(), Vec::new());
-            for (place, member) in chunk.iter().enumerate() {
-                let Member { law, force, initial, .. } = *member;
-                if force.dependence() == dependence && side_by_side(member, plan.method) {
-                    let step = ThetaGammaStep::new(grid.h(), theta, gamma, newton(&law)?)?;
-                    places.push(place);
-                    masses.push(lanes::Mass { step, force, initial });
-                }
-            }
-            if !masses.is_empty() {
-                let save = (plan.save, plan.slowest);
-                let ends = lanes::run(&masses, dependence, grid, save, stop)?;
+            let among = |member: &Member<'_, F>| {
+                member.force.dependence() == dependence && side_by_side(member, plan.method)
+            };
+            let places: Vec<usize> = (0..chunk.len()).filter(|&it| among(&chunk[it])).collect();
+            if !places.is_empty() {
+                let members: Vec<_> = places.iter().map(|&place| &chunk[place]).collect();
+                let ends = alike(&members, dependence, (plan, grid), stop)?;
                 for (place, end) in places.into_iter().zip(ends) {
                     outcomes[place] = Some(end);
                 }
@@ -269,6 +266,34 @@ fn several<F: Force<Stopped> + Copy>(
     }
     let all = chunk.iter().zip(outcomes);
     all.map(|(member, end)| end.map_or_else(|| one(member, plan, stop), Ok)).collect()
+}
+
+/// The runs of members that are moved side by side.
+fn alike<F: Force<Stopped> + Copy>(
+    members: &[&Member<'_, F>],
+    dependence: Dependence,
+    (plan, grid): (Plan<'_>, Grid),
+    stop: &dyn Fn() -> bool,
+) -> Result<Vec<Outcome>, SetupError> {
+    let save = (plan.save, plan.slowest);
+    match plan.method {
+        AnyMethod::ThetaGamma(FixedSteps { scheme: ThetaGamma { theta, gamma, .. }, .. }) => {
+            let mass = |&&Member { law, force, initial, .. }: &&Member<'_, F>| {
+                let step = ThetaGammaStep::new(grid.h(), theta, gamma, newton(&law)?)?;
+                Ok(lanes::Mass { step, force, initial })
+            };
+            let masses = members.iter().map(mass).collect::<Result<Vec<_>, SetupError>>()?;
+            lanes::run(&masses, dependence, grid, save, stop)
+        }
+        AnyMethod::MoreauJean(FixedSteps { scheme: MoreauJean { theta }, .. }) => {
+            let mass = |&&Member { law, force, initial, .. }: &&Member<'_, F>| {
+                Ok(lanes::moreau::Mass { e: newton(&law)?.e(), force, initial })
+            };
+            let masses = members.iter().map(mass).collect::<Result<Vec<_>, SetupError>>()?;
+            lanes::moreau::run(&masses, theta, grid, save, stop)
+        }
+        _ => members.iter().map(|it| one(it, plan, stop)).collect(),
+    }
 }
 
 /// Looks whether to stop, and keeps what is to be saved.

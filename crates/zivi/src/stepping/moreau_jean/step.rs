@@ -18,22 +18,22 @@ pub(super) struct Step {
 }
 
 /// The scheme with what it carries from step to step.
-pub(super) struct Stepper {
+pub(crate) struct Stepper {
     theta: f64,
     e: f64,
     /// The force at the start of the step.
-    here: Option<f64>,
+    pub(crate) here: Option<f64>,
     /// The value of a force that depends on nothing, once it is known.
     pub(super) fixed: Option<f64>,
     /// Slope of the mismatch at the last solution.
-    slope: f64,
+    pub(crate) slope: f64,
     /// The largest force so far.
-    largest: f64,
-    pub(super) nfev: u64,
+    pub(crate) largest: f64,
+    pub(crate) nfev: u64,
 }
 
 /// The mismatch of the force at the end of a step that is accepted, relative to the force.
-const TOLERANCE: f64 = 1e-12;
+pub(crate) const TOLERANCE: f64 = 1e-12;
 /// Trial forces in a step.
 const TRIALS: usize = 60;
 /// From this trial on a mismatch at the rounding of the force is accepted too.

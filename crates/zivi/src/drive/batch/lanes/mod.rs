@@ -24,6 +24,7 @@ mod constant;
 mod flight;
 mod law;
 mod linear;
+pub(super) mod moreau;
 mod pulled;
 mod waves;
 
