@@ -28,10 +28,10 @@ const SMALL: f64 = 1e-3;
 /// Steps in a row without a residual half as large as any before, after which it is given up.
 const PATIENCE: usize = 4;
 /// Most steps, those whose active set cycles included.
-const STEPS: usize = 40;
-/// Active sets that may cycle: before the first step, and in all.
+const STEPS: usize = 100;
+/// Active sets that may cycle: before the first step, and between two such residuals.
 const AT_FIRST: usize = 1;
-const IN_ALL: usize = 8;
+const BETWEEN: usize = 4;
 /// `(z+ - z).(F(z+) - F(z))` below this, relative to its terms, is none of a monotone problem.
 const NEGATIVE: f64 = -1e-9;
 
@@ -57,7 +57,7 @@ pub(super) fn proximal_newton(at: &mut Iterate<'_, '_>) -> Outcome<ProximalEnd> 
         }
         if !active_set::advance(at, weight)? {
             cycles += 1;
-            if cycles > if best.is_finite() { IN_ALL } else { AT_FIRST } {
+            if cycles > if best.is_finite() { BETWEEN } else { AT_FIRST } {
                 return Ok(ProximalEnd::GivenUp);
             }
             weight *= if best.is_finite() { GROWTH } else { FIRST_GROWTH };
@@ -76,7 +76,10 @@ pub(super) fn proximal_newton(at: &mut Iterate<'_, '_>) -> Outcome<ProximalEnd> 
         if at.is_solved() {
             return Ok(ProximalEnd::Solved);
         }
-        (best, since) = if at.residual < 0.5 * best { (at.residual, 0) } else { (best, since + 1) };
+        since += 1;
+        if at.residual < 0.5 * best {
+            (best, since, cycles) = (at.residual, 0, 0);
+        }
         if since >= PATIENCE {
             return Ok(ProximalEnd::Drifts);
         }
