@@ -8,7 +8,7 @@ import xarray
 
 import zivi
 from zivi import _zivi, files
-from zivi.files import document, keys, results, summary
+from zivi.files import document, expressions, keys, kinds, results, summary, tables
 from zivi.mechanics import Body, PlaneGap
 
 pytest.importorskip("h5netcdf")
@@ -68,6 +68,13 @@ def test_pictures_of_studies_have_the_numbers_of_the_study():
     assert len(figure.axes) == 2
     plt.close(figure)
     figure, ax = plt.subplots()
+    picture._lines(grid, "a", ax)
+    assert [list(line.get_ydata()) for line in ax.lines] == [[1.0, 2.0, 3.0], [2.0, 4.0, 6.0]]
+    assert all(list(line.get_xdata()) == [1.0, 2.0, 3.0] for line in ax.lines)
+    assert [text.get_text() for text in ax.get_legend().texts] == ["kind = x", "kind = yy"]
+    assert (ax.get_xlabel(), ax.get_ylabel()) == ("size", "a")
+    plt.close(figure)
+    figure, ax = plt.subplots()
     picture._points(listed, "a", ax)
     (dots,) = ax.collections
     np.testing.assert_array_equal(dots.get_offsets(), [[1.0, 2.0], [2.0, 2.0]])
@@ -89,6 +96,31 @@ def test_keys_of_settings_have_the_bounds_of_the_core():
     assert document._tagged(keys.SIMULATE, "method") is document.OBJECTS["method"][1]
     with pytest.raises(TypeError, match="t_span has no variants"):
         document._tagged(keys.SIMULATE, "t_span")
+
+
+def test_keys_below_a_variant_are_listed_with_it():
+    """However deep: in a table, in one that may be a value, in lists, under the user's names."""
+    word = kinds.Choice(("x", "y"))
+
+    def key(name, kind=word):
+        return tables.Key(name, kind, "one")
+
+    inner = tables.Table((key("deep"),))
+    box = (
+        key("plain", inner),
+        key("either", kinds.Either(word, inner)),
+        key("each", expressions.Each(inner, "tables")),
+        key("open", tables.Open(inner, "names")),
+    )
+    shape = tables.Tagged("kind", {"box": (key("all"), *box), "ball": (key("all"), key("r"))})
+    listed = [(row.path, row.variant) for row in tables.rows((key("shape", shape),))]
+    below = ["plain", "plain.deep", "either", "either.deep", "each", "each.deep"]
+    below += ["open", "open.NAME", "open.NAME.deep"]
+    assert listed == [
+        *[(name, "") for name in ("shape", "shape.kind", "shape.all")],
+        *[(f"shape.{name}", "box") for name in below],
+        ("shape.r", "ball"),
+    ]
 
 
 def test_another_suffix_is_refused_with_those_that_are_known(tmp_path):
