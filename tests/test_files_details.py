@@ -121,6 +121,11 @@ def test_keys_below_a_variant_are_listed_with_it():
         *[(f"shape.{name}", "box") for name in below],
         ("shape.r", "ball"),
     ]
+    # the tag is required, or has a default that is written as in a file
+    for default, told in ((None, None), ("ball", '"ball"')):
+        either = tables.Tagged("kind", {"box": (), "ball": ()}, default=default)
+        _, tag = tables.rows((key("shape", either),))
+        assert (tag.path, tag.key.default) == ("shape.kind", told)
 
 
 def test_another_suffix_is_refused_with_those_that_are_known(tmp_path):
