@@ -304,3 +304,38 @@ fn a_run_is_as_fast_as_the_fastest_of_its_steps_begins() {
         assert!((found - fastest).abs() < 1e-12 * fastest, "{found} {fastest}");
     }
 }
+
+#[test]
+fn the_last_sample_before_an_impact_goes_back_to_where_it_is_above_the_wall() {
+    let (mut stayed, mut moved) = (0, 0);
+    for k in 1..400 {
+        // down onto the wall, so slowly that rounding decides
+        let (bend, start) = (0.37 * f64::from(k), 0.1 * f64::from(k % 7));
+        let mut a = [0.0; TERMS];
+        (a[0], a[2], a[3]) = (bend, 0.3 * bend, 0.3 * bend);
+        let h = 0.3 + 0.01 * f64::from(k % 11);
+        a[1] = -(a[0] + a[2] + a[3]);
+        let curve = Curve::powers((start, h), 1.0, a, a[1] / h, true);
+        let end = start + h;
+        let mut merged = Merged::new([&[], &[]], 1);
+        merged.make_room(2 + LANES, 0).unwrap();
+        let mut times = [0.0; MOST];
+        (times[0], times[1]) = (start + 0.5 * h, end.next_down());
+        merged.push(&curve, &times, 2);
+        merged.last_before(&curve, end, 0);
+        let ulp = end - end.next_down();
+        let moments = (0..10).map(|k| end - f64::from(1 << k) * ulp);
+        let last = moments.into_iter().find(|&t| curve.at(t).x > 0.0).unwrap();
+        assert_eq!(merged.all.t, [times[0], last], "{k}");
+        assert_eq!(merged.all.x, merged.all.t.iter().map(|&t| curve.at(t).x).collect::<Vec<_>>());
+        *if last == times[1] { &mut stayed } else { &mut moved } += 1;
+        // one that is not later than the sample before is none
+        times[0] = end.next_down().next_down();
+        let mut merged = Merged::new([&[], &[]], 1);
+        merged.make_room(2 + LANES, 0).unwrap();
+        merged.push(&curve, &times, 2);
+        merged.last_before(&curve, end, 0);
+        assert_eq!(merged.all.t.len(), 1 + usize::from(last > times[0]), "{k}");
+    }
+    assert!(stayed > 100 && moved > 20, "{stayed} {moved}");
+}
