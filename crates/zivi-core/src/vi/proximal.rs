@@ -116,3 +116,71 @@ fn weigh(at: &mut Iterate<'_, '_>) {
         };
     }
 }
+
+#[cfg(test)]
+#[allow(clippy::indexing_slicing, clippy::unwrap_used)]
+mod tests {
+    extern crate std;
+    use super::super::problem::Affine;
+    use super::super::settings::{RowScale, Settings};
+    use super::super::workspace::{workspace_len, Workspace};
+    use super::*;
+    use std::vec;
+    use std::vec::Vec;
+
+    /// How the steps from zero end, where, and how many there were.
+    fn end(
+        matrix: &[f64],
+        q: &[f64],
+        (lower, upper): (f64, f64),
+        row_scale: RowScale<'_>,
+    ) -> (ProximalEnd, Vec<f64>, usize) {
+        let n = q.len();
+        let (reals, indices) = workspace_len(n);
+        let (mut reals, mut indices) = (vec![f64::NAN; reals], vec![usize::MAX; indices]);
+        let mut work = Workspace::new(n, &mut reals, &mut indices).unwrap();
+        let (lower, upper, mut z) = (vec![lower; n], vec![upper; n], vec![0.0; n]);
+        let settings = Settings { row_scale, ..Settings::default() };
+        let mut problem = Affine { matrix, q };
+        let bounds = (&lower[..], &upper[..]);
+        let mut at = Iterate::new(&mut problem, &settings, bounds, &mut work, &mut z);
+        dense::copy(at.work.trial, at.z);
+        assert!(at.begin().unwrap());
+        let end = proximal_newton(&mut at).unwrap();
+        let steps = at.counts.iterations;
+        (end, z, steps)
+    }
+
+    const HALF: (f64, f64) = (0.0, f64::INFINITY);
+
+    #[test]
+    fn singular_monotone_problems_are_solved_or_told_to_have_no_solution() {
+        // x + y = 1: of all solutions that between the axes
+        let (how, z, steps) = end(&[1.0, 1.0, 1.0, 1.0], &[-1.0, -1.0], HALF, RowScale::Unit);
+        assert_eq!(how, ProximalEnd::Solved);
+        assert!(z.iter().all(|z| (z - 0.5).abs() < 1e-9), "{z:?}");
+        assert!((2..8).contains(&steps), "{steps}");
+        // F = +-(x - y) - 1: both grow for ever
+        let (how, _, steps) = end(&[1.0, -1.0, -1.0, 1.0], &[-1.0, -1.0], HALF, RowScale::Unit);
+        assert_eq!((how, steps), (ProximalEnd::Drifts, 1 + PATIENCE));
+        // zeros on the diagonal: a saddle, x = 2, y = 1; and a row without any slope
+        let skew = [0.0, 1.0, 0.0, -1.0, 0.0, 0.0, 0.0, 0.0, 0.0];
+        let (how, z, _) = end(&skew, &[-1.0, 2.0, 3.0], HALF, RowScale::Unit);
+        assert_eq!(how, ProximalEnd::Solved);
+        assert!((z[0] - 2.0).abs() < 1e-8 && (z[1] - 1.0).abs() < 1e-8 && z[2] == 0.0, "{z:?}");
+    }
+
+    #[test]
+    fn a_first_step_along_which_f_falls_is_none_of_a_monotone_problem() {
+        let (how, z, steps) = end(&[-1.0], &[0.5], (-1.0, 1.0), RowScale::Unit);
+        assert_eq!((how, z, steps), (ProximalEnd::GivenUp, vec![0.0], 0));
+        // F grows along this one, whatever scales its rows: with them it would seem to fall
+        let matrix = [1.0, 0.0, -1.8, 1.0];
+        let scale = [1.0, 100.0];
+        for row_scale in [RowScale::Unit, RowScale::Given(&scale)] {
+            let (how, z, _) = end(&matrix, &[-1.0, 0.9], (-9.0, 9.0), row_scale);
+            assert_eq!(how, ProximalEnd::Solved);
+            assert!((z[0] - 1.0).abs() < 1e-8 && (z[1] - 0.9).abs() < 1e-8, "{z:?}");
+        }
+    }
+}
