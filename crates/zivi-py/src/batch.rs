@@ -115,7 +115,11 @@ pub(crate) fn simulate_batch(
     }
     let watch = &mut Watch { progress };
     let outcomes = match ends {
-        None => py.detach(|| run_batch(&members, task, save, threads, watch)),
+        None => {
+            let outcomes = py.detach(|| run_batch(&members, task, save, threads, watch));
+            drop(members); // no room for them beside the arrays
+            outcomes
+        }
         Some(ends) if ends.len() != members.len() => {
             return Err(PyValueError::new_err(format!(
                 "{} ends of {} runs",

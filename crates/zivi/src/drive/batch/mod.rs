@@ -264,8 +264,12 @@ fn several<F: Force<Stopped> + Copy>(
             }
         }
     }
-    let all = chunk.iter().zip(outcomes);
-    all.map(|(member, end)| end.map_or_else(|| one(member, plan, stop), Ok)).collect()
+    for (end, member) in outcomes.iter_mut().zip(chunk) {
+        if end.is_none() {
+            *end = Some(one(member, plan, stop)?);
+        }
+    }
+    Ok(outcomes.into_iter().map_while(|it| it).collect())
 }
 
 /// The runs of members that are moved side by side.

@@ -152,12 +152,16 @@ impl Outcome {
 
     /// `slowest` is the part of the fastest impact down to which impacts are counted.
     pub(super) fn new(
-        (events, tails): (Events, &[Tail]),
+        (mut events, tails): (Events, &[Tail]),
         saved: Saved,
         summary: Summary,
         (status, nfev): (Status, u64),
         (save, slowest): (Save<'_>, f64),
     ) -> Self {
+        // what is kept of many runs takes no more room than it needs
+        events.impacts.shrink_to_fit();
+        events.zeno_times.shrink_to_fit();
+        events.liftoff_times.shrink_to_fit();
         let time = |impact: Option<&Impact>| impact.map_or(f64::NAN, |impact| impact.t);
         let hardest = |so_far: f64, impact: &Impact| so_far.max(-impact.xdot_before);
         let count = |it: usize| it as u64;

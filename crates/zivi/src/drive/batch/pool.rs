@@ -2,10 +2,12 @@
 //!
 //! An item whose work panics, or for which there is no memory, costs no other its result.
 
+use std::iter::{Enumerate, Zip};
 use std::num::NonZeroUsize;
 use std::panic::{catch_unwind, AssertUnwindSafe};
+use std::slice::{Chunks, ChunksMut};
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
-use std::sync::{Mutex, PoisonError};
+use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::thread::{Builder, Thread};
 use std::time::Duration;
 
@@ -15,18 +17,18 @@ use crate::{Monitor, SetupError, Status};
 /// Between two looks of the monitor.
 const PERIOD: Duration = Duration::from_millis(30);
 
-/// The results of the chunk of this number.
-type Finished<R> = (usize, Result<Vec<R>, SetupError>);
+/// Chunks that nobody has taken yet, numbered, with the places of their results.
+type Waiting<'a, T, R> = Enumerate<Zip<Chunks<'a, T>, ChunksMut<'a, Option<R>>>>;
 
 /// What several threads share.
-struct Shared<R> {
-    next: AtomicUsize,
+struct Shared<'a, T, R> {
+    waiting: Mutex<Waiting<'a, T, R>>,
     done: AtomicUsize,
     stop: AtomicBool,
     /// Threads that still work.
     working: AtomicUsize,
-    /// Results of chunks, in the order in which they were finished.
-    finished: Mutex<Vec<Finished<R>>>,
+    /// The first chunk that failed as a whole.
+    failed: Mutex<Option<(usize, SetupError)>>,
 }
 
 /// A thread at work: when it ends, however it ends, it is counted out and the caller is woken.
@@ -69,12 +71,15 @@ pub(super) fn run<E, T: Sync, R: Send>(
     let threads = threads.max(1);
     work.width = work.width.min(items.len().div_ceil(threads)).max(1);
     let wanted = threads.min(items.len().div_ceil(work.width));
+    // results are written where they stay: there is one of each at any time
+    let mut results: Vec<Option<R>> = items.iter().map(|_| None).collect();
+    let chunks = items.chunks(work.width).zip(results.chunks_mut(work.width));
     let shared = Shared {
-        next: AtomicUsize::new(0),
+        waiting: Mutex::new(chunks.enumerate()),
         done: AtomicUsize::new(0),
         stop: AtomicBool::new(false),
         working: AtomicUsize::new(0),
-        finished: Mutex::new(Vec::new()),
+        failed: Mutex::new(None),
     };
     let caller = std::thread::current();
     let (raised, started) = std::thread::scope(|scope| {
@@ -85,7 +90,7 @@ pub(super) fn run<E, T: Sync, R: Send>(
             let (shared, work) = (&shared, &work);
             let thread = Builder::new().spawn_scoped(scope, move || {
                 let _at_work = at_work;
-                take_chunks(items, shared, work);
+                take_chunks(shared, work);
             });
             // fewer threads give the same results
             if thread.is_err() {
@@ -95,20 +100,22 @@ pub(super) fn run<E, T: Sync, R: Send>(
         }
         (watch(&shared, items.len(), monitor), started)
     });
-    match raised {
-        Some(error) => Err(BatchError::Raised(error)),
-        None if started < wanted.min(1) => {
-            Err(BatchError::Setup(None, SetupError::Threads(threads)))
-        }
-        None => {
-            let finished = shared.finished.into_inner();
-            collected(finished.unwrap_or_else(PoisonError::into_inner))
-        }
+    let failed = shared.failed.into_inner().unwrap_or_else(PoisonError::into_inner);
+    match (raised, failed) {
+        (Some(error), _) => Err(BatchError::Raised(error)),
+        _ if started < wanted.min(1) => Err(BatchError::Setup(None, SetupError::Threads(threads))),
+        (None, Some((_, error))) => Err(BatchError::Setup(None, error)),
+        // all are there; collected in place
+        (None, None) => Ok(results.into_iter().map_while(|it| it).collect()),
     }
 }
 
 /// Looks after the threads until they are done; what the monitor raised.
-fn watch<E, R>(shared: &Shared<R>, of: usize, monitor: &mut impl Monitor<E>) -> Option<E> {
+fn watch<E, T, R>(
+    shared: &Shared<'_, T, R>,
+    of: usize,
+    monitor: &mut impl Monitor<E>,
+) -> Option<E> {
     let mut raised = None;
     while shared.working.load(Ordering::Acquire) > 0 {
         std::thread::park_timeout(PERIOD);
@@ -122,8 +129,7 @@ fn watch<E, R>(shared: &Shared<R>, of: usize, monitor: &mut impl Monitor<E>) -> 
 }
 
 fn take_chunks<T, R>(
-    items: &[T],
-    shared: &Shared<R>,
+    shared: &Shared<'_, T, R>,
     work: &Work<
         impl Fn(&[T], &dyn Fn() -> bool) -> Result<Vec<R>, SetupError>,
         impl Fn(&T, Status) -> R,
@@ -131,15 +137,29 @@ fn take_chunks<T, R>(
 ) {
     let stop = || shared.stop.load(Ordering::Relaxed);
     while !stop() {
-        let number = shared.next.fetch_add(1, Ordering::Relaxed);
-        let Some(chunk) = items.chunks(work.width).nth(number) else { break };
-        let result = guarded(chunk, &stop, work);
-        if result.is_err() {
-            shared.stop.store(true, Ordering::Relaxed);
+        let next = lock(&shared.waiting).next();
+        let Some((number, (chunk, places))) = next else { break };
+        match guarded(chunk, &stop, work) {
+            Ok(results) => {
+                for (place, result) in places.iter_mut().zip(results) {
+                    *place = Some(result);
+                }
+            }
+            Err(error) => {
+                shared.stop.store(true, Ordering::Relaxed);
+                let mut failed = lock(&shared.failed);
+                if failed.as_ref().is_none_or(|(first, _)| number < *first) {
+                    *failed = Some((number, error));
+                }
+            }
         }
         shared.done.fetch_add(chunk.len(), Ordering::Relaxed);
-        shared.finished.lock().unwrap_or_else(PoisonError::into_inner).push((number, result));
     }
+}
+
+/// What a mutex guards; nothing panics while it is locked.
+fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 /// The results of a chunk; where it fails as a whole, those of its items one by one.
@@ -163,15 +183,6 @@ fn guarded<T, R>(
     let mut all = Vec::with_capacity(chunk.len());
     for item in chunk.chunks(1) {
         all.extend(guarded(item, stop, work)?);
-    }
-    Ok(all)
-}
-
-fn collected<E, R>(mut finished: Vec<Finished<R>>) -> Result<Vec<R>, BatchError<E>> {
-    finished.sort_by_key(|(number, _)| *number);
-    let mut all = Vec::new();
-    for (_, result) in finished {
-        all.extend(result.map_err(|error| BatchError::Setup(None, error))?);
     }
     Ok(all)
 }
