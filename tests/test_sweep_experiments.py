@@ -43,6 +43,11 @@ def test_the_period_doubles_where_the_formula_says(e):
     assert study.impacts.values.tolist() == [16.0] * 4
 
 
+def test_no_period_is_longer_than_what_is_looked_for():
+    found = [EXPERIMENTS["table_period"](Gamma=1.56, longest=k)["period"] for k in (1, 2)]
+    np.testing.assert_array_equal(found, [np.nan, 2.0])
+
+
 def test_a_table_that_is_too_slow_carries_the_ball():
     found = EXPERIMENTS["table_period"](Gamma=0.9)
     assert found["speed"] == 0.0
