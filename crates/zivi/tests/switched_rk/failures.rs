@@ -176,7 +176,7 @@ fn a_budget_of_steps_ends_the_run_and_can_be_resumed() {
     let settings = SwitchedRk { max_steps: 40, ..small };
     let stopped = run(settings, &mut ConstantForce(-9.81), 1.0);
     assert_eq!(stopped.trajectory.status, Status::StepBudget);
-    assert!((last_time(&stopped) - 0.37).abs() < 0.03);
+    assert!((last_time(&stopped) - 0.4).abs() < 1e-12);
     assert_valid(&stopped);
     let mut integrator = SwitchedIntegrator::new(settings, restitution()).unwrap();
     integrator.start(0.0, START).unwrap();
