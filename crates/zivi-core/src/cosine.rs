@@ -128,9 +128,10 @@ mod tests {
     use super::*;
 
     /// Arguments and their cosines to 60 digits, rounded: near zeros, at the ends of the intervals
-    /// of the polynomials, the one at which a million drawn arguments are off the most, far away.
+    /// of the polynomials, the one at which a million drawn arguments are off the most, far away, and
+    /// where what is lost of the parts of `pi/2` counts.
     #[allow(clippy::approx_constant)] // not near them, but these
-    const KNOWN: [[f64; 2]; 16] = [
+    const KNOWN: [[f64; 2]; 18] = [
         [45.553093477052, -6.189806365883577e-19],
         [321307.9594422229, -4.429600834596129e-17],
         [1.5707963267948966, 6.123233995736766e-17],
@@ -147,6 +148,8 @@ mod tests {
         [-12345.678, 0.7101193587160628],
         [1.6e6, 0.8407644482056118],
         [-1599999.9, 0.7825142071137967],
+        [1593889.116963569, -0.491114277325929],
+        [1536390.9232447632, 0.24895810982572777],
     ];
 
     fn is_next_to(found: f64, known: f64) -> bool {

@@ -135,12 +135,21 @@ mod tests {
         (lower, upper): (f64, f64),
         row_scale: RowScale<'_>,
     ) -> (ProximalEnd, Vec<f64>, usize) {
+        steps_from_zero(matrix, q, (lower, upper), Settings { row_scale, ..Settings::default() })
+    }
+
+    /// The same with any settings.
+    fn steps_from_zero(
+        matrix: &[f64],
+        q: &[f64],
+        (lower, upper): (f64, f64),
+        settings: Settings<'_>,
+    ) -> (ProximalEnd, Vec<f64>, usize) {
         let n = q.len();
         let (reals, indices) = workspace_len(n);
         let (mut reals, mut indices) = (vec![f64::NAN; reals], vec![usize::MAX; indices]);
         let mut work = Workspace::new(n, &mut reals, &mut indices).unwrap();
         let (lower, upper, mut z) = (vec![lower; n], vec![upper; n], vec![0.0; n]);
-        let settings = Settings { row_scale, ..Settings::default() };
         let mut problem = Affine { matrix, q };
         let bounds = (&lower[..], &upper[..]);
         let mut at = Iterate::new(&mut problem, &settings, bounds, &mut work, &mut z);
@@ -181,6 +190,37 @@ mod tests {
             let (how, z, _) = end(&matrix, &[-1.0, 0.9], (-9.0, 9.0), row_scale);
             assert_eq!(how, ProximalEnd::Solved);
             assert!((z[0] - 1.0).abs() < 1e-8 && (z[1] - 0.9).abs() < 1e-8, "{z:?}");
+        }
+    }
+
+    #[test]
+    fn the_first_step_is_that_of_the_formula() {
+        // weights: the diagonal, or the largest of a row that has next to none on it
+        for (row, weight) in [([2.0, 5.0], 2.0), ([1e-5, 5.0], 5.0)] {
+            let ([a, b], c) = (row, 3.0);
+            let settings = Settings { max_iterations: 1, ..Settings::default() };
+            let all = (f64::NEG_INFINITY, f64::INFINITY);
+            let (how, z, steps) = steps_from_zero(&[a, b, -b, c], &[-1.0, -2.0], all, settings);
+            assert_eq!((how, steps), (ProximalEnd::GivenUp, 1));
+            // (M + mu W) z = (1, 2)
+            let (a, c) = (a + FIRST * weight, c + FIRST * c);
+            let determinant = a * c + b * b;
+            let exact = [(c - 2.0 * b) / determinant, (b + 2.0 * a) / determinant];
+            assert!(z.iter().zip(exact).all(|(z, exact)| (z - exact).abs() < 1e-14), "{z:?}");
+        }
+    }
+
+    #[test]
+    fn units_change_no_step() {
+        let skew = [0.0, 1.0, 0.5, -1.0, 0.0, 0.25, -0.5, -0.25, 0.0];
+        let q = [-1.0, 2.0, 0.125];
+        let plain = end(&skew, &q, HALF, RowScale::Unit);
+        assert_eq!(plain.0, ProximalEnd::Solved);
+        for unit in [1.0 / 1024.0, 1024.0] {
+            let scale = [1.0 / unit; 3];
+            let found =
+                end(&skew.map(|m| m * unit), &q.map(|q| q * unit), HALF, RowScale::Given(&scale));
+            assert_eq!(found, plain);
         }
     }
 }

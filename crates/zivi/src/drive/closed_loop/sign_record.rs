@@ -123,9 +123,20 @@ mod tests {
         for signs in &given {
             record.push(*signs).expect("room");
         }
-        assert_eq!(record.len(), given.len());
+        assert!(record.len() == given.len() && !record.is_empty());
         let bits = |signs: [f64; SIGNS]| signs.map(f64::to_bits);
         let found: Vec<_> = record.iter().map(bits).collect();
         assert_eq!(found, given.into_iter().map(bits).collect::<Vec<_>>());
+    }
+
+    #[test]
+    fn only_what_is_new_takes_more_than_its_code() {
+        let mut record = SignRecord::with_room(1000).expect("room");
+        for n in 0..1000 {
+            let sign = if n % 3 == 0 { -1.0 } else { 1.0 };
+            record.push([sign, 0.25, -sign, f64::NAN, sign, 0.0]).expect("room");
+        }
+        // the last of each place is zero at first
+        assert!(record.others.len() == 2 && record.codes.capacity() == 1000);
     }
 }
