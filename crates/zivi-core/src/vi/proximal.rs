@@ -196,7 +196,7 @@ mod tests {
     #[test]
     fn the_first_step_is_that_of_the_formula() {
         // weights: the diagonal, or the largest of a row that has next to none on it
-        for (row, weight) in [([2.0, 5.0], 2.0), ([1e-5, 5.0], 5.0)] {
+        for (row, weight) in [([2.0, 5.0], 2.0), ([1e-3, 5.0], 5.0)] {
             let ([a, b], c) = (row, 3.0);
             let settings = Settings { max_iterations: 1, ..Settings::default() };
             let all = (f64::NEG_INFINITY, f64::INFINITY);
@@ -221,6 +221,28 @@ mod tests {
             let found =
                 end(&skew.map(|m| m * unit), &q.map(|q| q * unit), HALF, RowScale::Given(&scale));
             assert_eq!(found, plain);
+        }
+    }
+
+    #[test]
+    fn a_row_without_slopes_is_held_where_it_is() {
+        let (how, z, _) = end(&[1.0, 0.0, 0.0, 0.0], &[-0.5, 0.0], (-1.0, 1.0), RowScale::Unit);
+        assert_eq!(how, ProximalEnd::Solved);
+        assert!((z[0] - 0.5).abs() < 1e-8 && z[1] == 0.0, "{z:?}");
+    }
+
+    #[test]
+    fn rounding_makes_no_problem_one_that_is_not_monotone() {
+        // skew: (z+ - z).(F(z+) - F(z)) is zero but for rounding, of either sign
+        for k in 0..60 {
+            let [a, b, c] = [0.3, 0.7, 1.1].map(|m| m + 0.1 * f64::from(k));
+            let skew = [0.0, a, b, c, -a, 0.0, c, -b, -b, -c, 0.0, a, -c, b, -a, 0.0];
+            let q = [0.3, -0.7, 0.9, 0.1];
+            let (how, z, _) = end(&skew, &q, (-99.0, 99.0), RowScale::Unit);
+            assert_eq!(how, ProximalEnd::Solved, "{k}");
+            for (row, q) in dense::rows(&skew, 4).zip(q) {
+                assert!((dense::dot(row, &z) + q).abs() < 1e-7);
+            }
         }
     }
 }
