@@ -4,7 +4,7 @@ use numpy::{PyArray1, PyArrayMethods};
 use pyo3::exceptions::{PyException, PyTypeError};
 use pyo3::prelude::*;
 use pyo3::types::PyFloat;
-use zivi::{Dependence, Force};
+use zivi::Force;
 
 use crate::leaving;
 use crate::vectorcall::Function;
@@ -66,14 +66,6 @@ impl Force<PyErr> for PythonForce<'_> {
         let value = self.call(t, x, xdot)?;
         leaving::look()?;
         value.extract().map_err(|error| no_number(&value, error))
-    }
-
-    fn dependence_at_rest(&self) -> Dependence {
-        if self.reads_time {
-            Dependence::State
-        } else {
-            Dependence::Constant
-        }
     }
 
     fn shortest_period(&self) -> Option<f64> {

@@ -69,7 +69,10 @@ pub trait Force<E> {
 
     /// What the force `f(t, 0, 0)` on the mass at rest at the wall depends on.
     fn dependence_at_rest(&self) -> Dependence {
-        self.dependence()
+        match self.shortest_period() {
+            Some(f64::INFINITY) => Dependence::Constant,
+            _ => self.dependence(),
+        }
     }
 
     /// The shortest period in how it depends on time (s), where that is known, infinite where it

@@ -8,7 +8,7 @@ use pyo3::exceptions::{PyTypeError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::PyTuple;
 use zivi::system::slopes::{Differenced, Parametrised};
-use zivi::{Dependence, Force};
+use zivi::Force;
 
 use super::force::NativeForce;
 use crate::capsule::Capsule;
@@ -172,14 +172,6 @@ impl<E> Force<E> for CompiledForce {
         // the counter is one for all threads: a look at it costs next to nothing
         let quiet = RAISED.load(Ordering::Relaxed) == self.seen;
         Ok(if quiet { value } else { self.unless_raised(value) })
-    }
-
-    fn dependence_at_rest(&self) -> Dependence {
-        if self.reads_time {
-            Dependence::State
-        } else {
-            Dependence::Constant
-        }
     }
 
     fn shortest_period(&self) -> Option<f64> {
