@@ -52,6 +52,7 @@ def _driven(found: batch.DrivenTimes) -> str:
         row(f"batch.c, {batch.PLAIN}", found.c),
         row("ratio", found.ratio),
         row("zivi, every ball with a frequency of its own", found.own_waves),
+        row("zivi, `MoreauJean(h)`", found.moreau),
     ]
     return table(("ns per ball and step", *batch.DRIVEN), rows)
 
@@ -136,7 +137,7 @@ where balls share frequency and phase they share the cosine. At 0.5 s positions 
 
 {_driven(driven)}
 
-`MoreauJean(h)` under the constant force, run by run: {driven.moreau:.1f} ns.
+`MoreauJean(h)` under the constant force, run by run: {driven.moreau_constant:.1f} ns.
 
 ## Threads
 

@@ -84,15 +84,15 @@ def test_impacts_are_those_of_the_closed_form(force, tolerance):
     for given in (force, timed(force)):
         run = simulate(given, tolerance)
         found = run.impacts
-        assert abs(found["t"][0] - times[0]) < 0.02 * tolerance + 1e-14
-        assert abs(found["speed_before"][0] + speeds[0]) < 0.2 * tolerance + 1e-13
-        assert np.abs(found["t"][:4] - times).max() < 0.7 * tolerance
-        assert np.abs(found["speed_before"][:4] + speeds).max() < 3.0 * tolerance
+        assert abs(found["t"][0] - times[0]) < 0.01 * tolerance + 1e-14
+        assert abs(found["speed_before"][0] + speeds[0]) < 0.15 * tolerance + 1e-13
+        assert np.abs(found["t"][:4] - times).max() < 0.2 * tolerance
+        assert np.abs(found["speed_before"][:4] + speeds).max() < 0.5 * tolerance
         # on the way to the first impact, too
         inside = np.linspace(0.0, times[0], 23)[:-1]
         law = flight(*FORCES[force], 1.0, 0.0)
         exact = np.array([law(t) for t in inside]).T
-        assert np.abs(run(inside)[:2] - exact).max() < 20.0 * tolerance
+        assert np.abs(run(inside)[:2] - exact).max() < 5.0 * tolerance
 
 
 @pytest.mark.parametrize("force", FORCES)
@@ -102,7 +102,7 @@ def test_they_take_fewer_evaluations_than_forces_that_may_depend_on_time(force):
             simulate(it, tolerance, samples="steps", dense_output=False)
             for it in (force, timed(force))
         )
-        assert knows.nfev < does_not.nfev - 50
+        assert knows.nfev < does_not.nfev - 80
 
 
 def by_hand(force, tolerance):

@@ -433,10 +433,10 @@ def test_more_contacts_than_degrees_of_freedom(n, dofs):
         F = M @ res.x + q
         assert np.max(np.abs(np.minimum(res.x, F))) <= 1e-9
         least, _ = scipy.optimize.nnls(A, b, maxiter=100 * n)
-        assert A @ res.x == pytest.approx(A @ least, abs=1e-6)
+        assert A @ res.x == pytest.approx(A @ least, abs=5e-8)
         assert (res.stage, res.n_pivots) == ("S0", 0)
         other = zivi.solve_lcp(M, q, options={"proximal": False})
-        assert A @ other.x == pytest.approx(A @ res.x, abs=1e-6)
+        assert A @ other.x == pytest.approx(A @ res.x, abs=5e-8)
         others.append(other.stage)
     # without the proximal steps the active set alone does not do
     assert "SM" in others
@@ -465,9 +465,9 @@ def test_singular_monotone_problems_on_boxes():
             assert res.success
             natural = np.maximum(res.x - upper, np.minimum(res.x - lower, M @ res.x + q))
             assert np.max(np.abs(natural)) <= 1e-9
-            assert (M + M.T) @ res.x == pytest.approx((M + M.T) @ x, abs=1e-5)
+            assert (M + M.T) @ res.x == pytest.approx((M + M.T) @ x, abs=2e-7)
             solved += res.stage == "S0" and not res.n_pivots
-    assert solved >= 72
+    assert solved >= 78
 
 
 @pytest.mark.parametrize("n", [40, 200])

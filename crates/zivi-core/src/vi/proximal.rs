@@ -133,16 +133,6 @@ mod tests {
         matrix: &[f64],
         q: &[f64],
         (lower, upper): (f64, f64),
-        row_scale: RowScale<'_>,
-    ) -> (ProximalEnd, Vec<f64>, usize) {
-        steps_from_zero(matrix, q, (lower, upper), Settings { row_scale, ..Settings::default() })
-    }
-
-    /// The same with any settings.
-    fn steps_from_zero(
-        matrix: &[f64],
-        q: &[f64],
-        (lower, upper): (f64, f64),
         settings: Settings<'_>,
     ) -> (ProximalEnd, Vec<f64>, usize) {
         let n = q.len();
@@ -165,29 +155,31 @@ mod tests {
     #[test]
     fn singular_monotone_problems_are_solved_or_told_to_have_no_solution() {
         // x + y = 1: of all solutions that between the axes
-        let (how, z, steps) = end(&[1.0, 1.0, 1.0, 1.0], &[-1.0, -1.0], HALF, RowScale::Unit);
+        let (how, z, steps) = end(&[1.0, 1.0, 1.0, 1.0], &[-1.0, -1.0], HALF, Settings::default());
         assert_eq!(how, ProximalEnd::Solved);
         assert!(z.iter().all(|z| (z - 0.5).abs() < 1e-9), "{z:?}");
         assert!((2..8).contains(&steps), "{steps}");
         // F = +-(x - y) - 1: both grow for ever
-        let (how, _, steps) = end(&[1.0, -1.0, -1.0, 1.0], &[-1.0, -1.0], HALF, RowScale::Unit);
+        let (how, _, steps) =
+            end(&[1.0, -1.0, -1.0, 1.0], &[-1.0, -1.0], HALF, Settings::default());
         assert_eq!((how, steps), (ProximalEnd::Drifts, 1 + PATIENCE));
         // zeros on the diagonal: a saddle, x = 2, y = 1; and a row without any slope
         let skew = [0.0, 1.0, 0.0, -1.0, 0.0, 0.0, 0.0, 0.0, 0.0];
-        let (how, z, _) = end(&skew, &[-1.0, 2.0, 3.0], HALF, RowScale::Unit);
+        let (how, z, _) = end(&skew, &[-1.0, 2.0, 3.0], HALF, Settings::default());
         assert_eq!(how, ProximalEnd::Solved);
         assert!((z[0] - 2.0).abs() < 1e-8 && (z[1] - 1.0).abs() < 1e-8 && z[2] == 0.0, "{z:?}");
     }
 
     #[test]
     fn a_first_step_along_which_f_falls_is_none_of_a_monotone_problem() {
-        let (how, z, steps) = end(&[-1.0], &[0.5], (-1.0, 1.0), RowScale::Unit);
+        let (how, z, steps) = end(&[-1.0], &[0.5], (-1.0, 1.0), Settings::default());
         assert_eq!((how, z, steps), (ProximalEnd::GivenUp, vec![0.0], 0));
         // F grows along this one, whatever scales its rows: with them it would seem to fall
         let matrix = [1.0, 0.0, -1.8, 1.0];
         let scale = [1.0, 100.0];
         for row_scale in [RowScale::Unit, RowScale::Given(&scale)] {
-            let (how, z, _) = end(&matrix, &[-1.0, 0.9], (-9.0, 9.0), row_scale);
+            let settings = Settings { row_scale, ..Settings::default() };
+            let (how, z, _) = end(&matrix, &[-1.0, 0.9], (-9.0, 9.0), settings);
             assert_eq!(how, ProximalEnd::Solved);
             assert!((z[0] - 1.0).abs() < 1e-8 && (z[1] - 0.9).abs() < 1e-8, "{z:?}");
         }
@@ -200,7 +192,7 @@ mod tests {
             let ([a, b], c) = (row, 3.0);
             let settings = Settings { max_iterations: 1, ..Settings::default() };
             let all = (f64::NEG_INFINITY, f64::INFINITY);
-            let (how, z, steps) = steps_from_zero(&[a, b, -b, c], &[-1.0, -2.0], all, settings);
+            let (how, z, steps) = end(&[a, b, -b, c], &[-1.0, -2.0], all, settings);
             assert_eq!((how, steps), (ProximalEnd::GivenUp, 1));
             // (M + mu W) z = (1, 2)
             let (a, c) = (a + FIRST * weight, c + FIRST * c);
@@ -214,19 +206,20 @@ mod tests {
     fn units_change_no_step() {
         let skew = [0.0, 1.0, 0.5, -1.0, 0.0, 0.25, -0.5, -0.25, 0.0];
         let q = [-1.0, 2.0, 0.125];
-        let plain = end(&skew, &q, HALF, RowScale::Unit);
+        let plain = end(&skew, &q, HALF, Settings::default());
         assert_eq!(plain.0, ProximalEnd::Solved);
         for unit in [1.0 / 1024.0, 1024.0] {
             let scale = [1.0 / unit; 3];
-            let found =
-                end(&skew.map(|m| m * unit), &q.map(|q| q * unit), HALF, RowScale::Given(&scale));
+            let settings = Settings { row_scale: RowScale::Given(&scale), ..Settings::default() };
+            let found = end(&skew.map(|m| m * unit), &q.map(|q| q * unit), HALF, settings);
             assert_eq!(found, plain);
         }
     }
 
     #[test]
     fn a_row_without_slopes_is_held_where_it_is() {
-        let (how, z, _) = end(&[1.0, 0.0, 0.0, 0.0], &[-0.5, 0.0], (-1.0, 1.0), RowScale::Unit);
+        let (how, z, _) =
+            end(&[1.0, 0.0, 0.0, 0.0], &[-0.5, 0.0], (-1.0, 1.0), Settings::default());
         assert_eq!(how, ProximalEnd::Solved);
         assert!((z[0] - 0.5).abs() < 1e-8 && z[1] == 0.0, "{z:?}");
     }
@@ -238,7 +231,7 @@ mod tests {
             let [a, b, c] = [0.3, 0.7, 1.1].map(|m| m + 0.1 * f64::from(k));
             let skew = [0.0, a, b, c, -a, 0.0, c, -b, -b, -c, 0.0, a, -c, b, -a, 0.0];
             let q = [0.3, -0.7, 0.9, 0.1];
-            let (how, z, _) = end(&skew, &q, (-99.0, 99.0), RowScale::Unit);
+            let (how, z, _) = end(&skew, &q, (-99.0, 99.0), Settings::default());
             assert_eq!(how, ProximalEnd::Solved, "{k}");
             for (row, q) in dense::rows(&skew, 4).zip(q) {
                 assert!((dense::dot(row, &z) + q).abs() < 1e-7);

@@ -1,6 +1,6 @@
 //! Power series on `[0, 1]` that converge as that of an exponential of 2, and their values.
 
-use pulp::{Simd, WithSimd};
+use pulp::{Scalar, Simd, WithSimd};
 
 /// Coefficients: what is left out is `2^24/24! = 3e-17`.
 pub(crate) const TERMS: usize = 24;
@@ -9,14 +9,21 @@ pub(crate) const TERMS: usize = 24;
 pub(crate) type Series = [f64; TERMS];
 
 /// Series are summed as four interleaved ones in `s^4`, which a processor does side by side.
-const LANES: usize = 4;
+pub(crate) const LANES: usize = 4;
 const ROUNDS: usize = TERMS / LANES;
 type Lanes = [f64; LANES];
 
 /// `sum_i s^i p_i`.
 #[inline(always)]
 fn joined(p: Lanes, s: f64) -> f64 {
-    (p[0] + s * p[1]) + s * s * (p[2] + s * p[3])
+    all_joined(Scalar::new(), p, s)
+}
+
+/// The same of several series, each at its own place.
+#[inline(always)]
+fn all_joined<S: Simd>(simd: S, [p0, p1, p2, p3]: [S::f64s; LANES], s: S::f64s) -> S::f64s {
+    let line = |a, b| simd.add_f64s(a, simd.mul_f64s(s, b));
+    simd.add_f64s(line(p0, p1), simd.mul_f64s(simd.mul_f64s(s, s), line(p2, p3)))
 }
 
 /// The value of a series.
@@ -50,6 +57,12 @@ pub(crate) fn values<const L: usize>(a: &Series, s: &[f64; L]) -> [f64; L] {
 }
 
 /// The values of a series and of its first two derivatives.
+#[inline(always)]
+pub(crate) fn slopes(a: &Series, s: f64) -> [f64; 3] {
+    all_slopes(Scalar::new(), |k| std::array::from_fn(|i| a[LANES * k + i]), s)
+}
+
+/// The same of several series, each at its own place; `of` gives four coefficients of each.
 ///
 /// With `p_i(s^4)` the interleaved ones, `p = sum_i s^i p_i`,
 ///
@@ -58,12 +71,20 @@ pub(crate) fn values<const L: usize>(a: &Series, s: &[f64; L]) -> [f64; L] {
 /// p'' = sum_i (i (i-1) s^(i-2) p_i + (8 i + 12) s^(i+2) p_i' + 16 s^(i+6) p_i'').
 /// ```
 #[inline(always)]
-pub(crate) fn slopes(a: &Series, s: f64) -> [f64; 3] {
-    let s2 = s * s;
-    let (s3, s4) = (s2 * s, s2 * s2);
+pub(crate) fn all_slopes<S: Simd>(
+    simd: S,
+    of: impl Fn(usize) -> [S::f64s; LANES],
+    s: S::f64s,
+) -> [S::f64s; 3] {
+    let mul = |a, b| simd.mul_f64s(a, b);
+    let add = |a, b| simd.add_f64s(a, b);
+    let times = |factor: f64, a| mul(simd.splat_f64s(factor), a);
+    let s2 = mul(s, s);
+    let (s3, s4) = (mul(s2, s), mul(s2, s2));
     // values, first derivatives and half of the second ones, in place
-    let of = |k: usize| -> Lanes { std::array::from_fn(|i| a[LANES * k + i]) };
-    let next = |sum: Lanes, add: Lanes| -> Lanes { std::array::from_fn(|i| sum[i] * s4 + add[i]) };
+    let next = |sum: [S::f64s; LANES], plus: [S::f64s; LANES]| -> [S::f64s; LANES] {
+        std::array::from_fn(|i| add(mul(sum[i], s4), plus[i]))
+    };
     let mut p = of(ROUNDS - 1);
     let mut d = p;
     p = next(p, of(ROUNDS - 2));
@@ -75,11 +96,26 @@ pub(crate) fn slopes(a: &Series, s: f64) -> [f64; 3] {
         d = next(d, p);
         p = next(p, of(k));
     }
-    let first = (p[1] + s * (2.0 * p[2] + 3.0 * s * p[3])) + 4.0 * s3 * joined(d, s);
-    let outer = [12.0 * d[0], 20.0 * d[1], 28.0 * d[2], 36.0 * d[3]];
-    let second =
-        (2.0 * p[2] + 6.0 * s * p[3]) + s2 * joined(outer, s) + 32.0 * s2 * s4 * joined(e, s);
-    [joined(p, s), first, second]
+    let outer = [times(12.0, d[0]), times(20.0, d[1]), times(28.0, d[2]), times(36.0, d[3])];
+    let (twice, thrice) = (times(2.0, p[2]), mul(times(3.0, s), p[3]));
+    let of_d = mul(times(4.0, s3), all_joined(simd, d, s));
+    let first = add(add(p[1], mul(s, add(twice, thrice))), of_d);
+    let of_e = mul(mul(times(32.0, s2), s4), all_joined(simd, e, s));
+    let of_p = add(twice, mul(times(6.0, s), p[3]));
+    let second = add(add(of_p, mul(s2, all_joined(simd, outer, s))), of_e);
+    [all_joined(simd, p, s), first, second]
+}
+
+/// The values of several series, each at its own place, with the bits of [`value`].
+#[inline(always)]
+pub(crate) fn all_values<S: Simd>(simd: S, a: &[S::f64s; TERMS], s: S::f64s) -> S::f64s {
+    let s2 = simd.mul_f64s(s, s);
+    let s4 = simd.mul_f64s(s2, s2);
+    let mut sums: [S::f64s; LANES] = std::array::from_fn(|i| a[TERMS - LANES + i]);
+    for k in (0..ROUNDS - 1).rev() {
+        sums = std::array::from_fn(|i| simd.add_f64s(simd.mul_f64s(sums[i], s4), a[LANES * k + i]));
+    }
+    all_joined(simd, sums, s)
 }
 
 /// The values of a series, or of a whole number of fours of its terms, and of its derivative.

@@ -285,28 +285,28 @@ impl<F> Flying<'_, '_, F> {
         let [of_x, of_xdot] = polynomials.each_ref().map(|it| [it.last_term(), 0.0]);
         let last_terms = StepError { x: of_x, xdot: of_xdot, double: false };
         let scales = last.scales(0, &steps.limits().tolerances);
-        if !steep {
+        let last_term = last_terms.norm(scales);
+        // false for NaN, too
+        let nearly = last_term <= if autonomous { NEARLY_RESOLVED } else { RESOLVED };
+        if !(steep && nearly) {
             return Ok(None);
         }
-        let last_term = last_terms.norm(scales);
-        if last_term <= RESOLVED {
-            let defect = match seen {
-                Some(defect) => defect,
-                None => self.defect(&polynomials, 0.5 * theta)?,
-            };
-            return Ok((defect <= RESOLVED).then_some((theta, xdot)));
-        }
-        if autonomous && last_term <= NEARLY_RESOLVED {
+        if last_term > RESOLVED {
             return self.corrected(&polynomials[1], (theta, xdot), scales);
         }
-        Ok(None)
+        let defect = match seen {
+            Some(defect) => defect,
+            None => self.defect(&polynomials, 0.5 * theta)?,
+        };
+        Ok((defect <= RESOLVED).then_some((theta, xdot)))
     }
 
     /// The impact near the part `theta` of the step, with the velocity `xdot` there by the
     /// polynomial `p` of the velocity, once the residual of the equation of motion is integrated:
     ///
     /// ```text
-    /// r = f(t, x_0 + int p, p) - p'     dx' = int r dt     dx = x_0 + int p dt + int (t - tau) r dtau      (1)
+    /// r = f(t, x_0 + int p, p) - p'
+    /// dx' = int r dtau                  dx = x_0 + int p dtau + int (t - tau) r dtau            (1)
     /// ```
     ///
     /// by Gauss's formula, which is exact for the first terms that the polynomials do not have. That

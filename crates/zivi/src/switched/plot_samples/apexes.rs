@@ -5,14 +5,12 @@ use pulp::Simd;
 use super::outline::Outline;
 use super::scale::larger;
 use super::BLOCK;
+use crate::numeric::power_series::{all_slopes, all_values, LANES};
 use crate::switched::flight::series::{derivative, polished, value, Series, TERMS};
 use crate::switched::path::{Curve, Form};
 
 /// A step by Halley's formula towards an apex that is so short is the last.
 const LAST: f64 = 1e-4;
-/// Series are summed as so many interleaved ones, as one by one.
-const PARTS: usize = 4;
-const ROUNDS: usize = TERMS / PARTS;
 
 /// Flights whose velocity has one root downwards: their powers, and near where that is.
 pub(super) struct Guesses {
@@ -63,7 +61,7 @@ impl Guesses {
             to(&mut later_above, value);
             to(&mut later_length, step);
             to(&mut theta, s);
-            to(&mut x, height(simd, &a, s));
+            to(&mut x, all_values(simd, &a, s));
         }
         for k in 0..self.count {
             let ((curve, apex), s) = (self.of[k], self.theta[k]);
@@ -96,70 +94,19 @@ fn alone(curve: &Curve, guess: f64) -> (f64, f64) {
 /// leads.
 #[inline(always)]
 fn halley<S: Simd>(simd: S, a: &[S::f64s; TERMS], s: S::f64s) -> [S::f64s; 3] {
-    let [value, first, second] = slopes(simd, a, s);
     let times = |factor: f64, a| simd.mul_f64s(simd.splat_f64s(factor), a);
+    let of = |k: usize| -> [S::f64s; LANES] {
+        std::array::from_fn(|i| match LANES * k + i + 1 {
+            TERMS => simd.splat_f64s(0.0),
+            n => times(n as f64, a[n]),
+        })
+    };
+    let [value, first, second] = all_slopes(simd, of, s);
     let above = simd.mul_f64s(times(2.0, value), first);
     let below =
         simd.sub_f64s(simd.mul_f64s(value, second), simd.mul_f64s(times(2.0, first), first));
     let step = simd.div_f64s(above, below);
     [value, simd.abs_f64s(step), simd.add_f64s(s, step)]
-}
-
-/// The values of the derivatives of series and of their first two derivatives.
-#[inline(always)]
-fn slopes<S: Simd>(simd: S, a: &[S::f64s; TERMS], s: S::f64s) -> [S::f64s; 3] {
-    let mul = |a, b| simd.mul_f64s(a, b);
-    let add = |a, b| simd.add_f64s(a, b);
-    let times = |factor: f64, a| mul(simd.splat_f64s(factor), a);
-    let s2 = mul(s, s);
-    let (s3, s4) = (mul(s2, s), mul(s2, s2));
-    let of = |k: usize| -> [S::f64s; PARTS] {
-        std::array::from_fn(|i| match PARTS * k + i + 1 {
-            TERMS => simd.splat_f64s(0.0),
-            n => times(n as f64, a[n]),
-        })
-    };
-    let next = |sum: [S::f64s; PARTS], plus: [S::f64s; PARTS]| -> [S::f64s; PARTS] {
-        std::array::from_fn(|i| add(mul(sum[i], s4), plus[i]))
-    };
-    let mut p = of(ROUNDS - 1);
-    let mut d = p;
-    p = next(p, of(ROUNDS - 2));
-    let mut e = d;
-    d = next(d, p);
-    p = next(p, of(ROUNDS - 3));
-    for k in (0..ROUNDS - 3).rev() {
-        e = next(e, d);
-        d = next(d, p);
-        p = next(p, of(k));
-    }
-    let outer = [times(12.0, d[0]), times(20.0, d[1]), times(28.0, d[2]), times(36.0, d[3])];
-    let (twice, thrice) = (times(2.0, p[2]), mul(times(3.0, s), p[3]));
-    let first = add(add(p[1], mul(s, add(twice, thrice))), mul(times(4.0, s3), joined(simd, d, s)));
-    let second = add(
-        add(add(twice, mul(times(6.0, s), p[3])), mul(s2, joined(simd, outer, s))),
-        mul(mul(times(32.0, s2), s4), joined(simd, e, s)),
-    );
-    [joined(simd, p, s), first, second]
-}
-
-/// The values of series.
-#[inline(always)]
-fn height<S: Simd>(simd: S, a: &[S::f64s; TERMS], s: S::f64s) -> S::f64s {
-    let s2 = simd.mul_f64s(s, s);
-    let s4 = simd.mul_f64s(s2, s2);
-    let mut sums: [S::f64s; PARTS] = std::array::from_fn(|i| a[TERMS - PARTS + i]);
-    for k in (0..ROUNDS - 1).rev() {
-        sums = std::array::from_fn(|i| simd.add_f64s(simd.mul_f64s(sums[i], s4), a[PARTS * k + i]));
-    }
-    joined(simd, sums, s)
-}
-
-/// `sum_i s^i p_i`.
-#[inline(always)]
-fn joined<S: Simd>(simd: S, [p0, p1, p2, p3]: [S::f64s; PARTS], s: S::f64s) -> S::f64s {
-    let line = |a, b| simd.add_f64s(a, simd.mul_f64s(s, b));
-    simd.add_f64s(line(p0, p1), simd.mul_f64s(simd.mul_f64s(s, s), line(p2, p3)))
 }
 
 #[cfg(test)]

@@ -120,8 +120,8 @@ struct Lanes {
     stiffness: Lane,
     damping: Lane,
     gravity: Lane,
-    /// The force at the start of a step (no number before the first and after the last), the slope of its mismatch, and
-    /// the largest so far.
+    /// The force at the start of a step (no number before the first and after the last), the slope
+    /// of its mismatch, and the largest so far.
     here: Lane,
     slope: Lane,
     largest: Lane,

@@ -107,7 +107,8 @@ impl FlightPart {
         a
     }
 
-    /// Writes them, the second as `second`, and gives the sums of their [sizes](crate::numeric::power_series::sizes).
+    /// Writes them, the second as `second`, and gives the sums of their sizes, as
+    /// [`stretch_and_size`] does.
     #[inline(always)]
     pub(crate) fn write_powers(&self, table: &Table, second: f64, to: &mut Series) -> [f64; 4] {
         *to = table.series(&self.start);
