@@ -43,6 +43,28 @@ def noted(x, log, pause=0.0):
     return 2.0 * x
 
 
+class Stop(BaseException):
+    """Cannot be read back from its pickle: it lacks the second argument."""
+
+    def __init__(self, where, why):
+        super().__init__(f"{why} at {where}")
+
+
+def stopping(x, kind, log):
+    """End the study at point 20."""
+    logged(log, x)
+    if x == 20:
+        raise KeyboardInterrupt if kind == "Ctrl-C" else Stop(x, "enough")
+    return 2.0 * x
+
+
+def stopping_many(x, kind, log):
+    logged(log, len(x))
+    if 20 in x:
+        raise KeyboardInterrupt if kind == "Ctrl-C" else Stop(20, "enough")
+    return 2.0 * x
+
+
 def deadly_once(x, mark, log):
     """Kill the process that computes point 37, the first time."""
     logged(log, x)

@@ -4,6 +4,7 @@ import concurrent.futures
 import hashlib
 import subprocess
 import sys
+import threading
 import time
 from concurrent.futures.process import BrokenProcessPool
 from pathlib import Path
@@ -149,6 +150,62 @@ def test_a_chunk_of_slow_points_is_shared(monkeypatch):
     assert executor.tasks > 5
     assert executor.most > 1
     assert study.value.values.tolist() == list(range(40))
+
+
+@pytest.mark.parametrize("vectorized", [False, True])
+@pytest.mark.parametrize(
+    ("executor", "kind", "raised"),
+    [
+        (None, "Ctrl-C", KeyboardInterrupt),
+        (None, "Stop", functions.Stop),
+        ("threads", "Stop", functions.Stop),
+        ("processes", "Stop", BaseException),
+        pytest.param(
+            "cluster", "Ctrl-C", KeyboardInterrupt, marks=pytest.mark.xdist_group("cluster")
+        ),
+    ],
+)
+def test_an_exception_that_is_no_error_ends_every_executor_alike(
+    executor, kind, raised, vectorized, tmp_path, request
+):
+    """What the task computed before is kept, and nothing is computed again."""
+    if executor == "cluster":
+        executor = request.getfixturevalue("client")
+    log = tmp_path / "log"
+    with pytest.raises(raised) as stop:
+        zivi.sweep(
+            functions.stopping_many if vectorized else functions.stopping,
+            {"x": range(100)},
+            out=tmp_path / "a",
+            vectorized=vectorized,
+            chunk=10 if vectorized else 50,
+            executor=executor,
+            workers=1 if isinstance(executor, str) else None,
+            in_flight=1,
+            fixed={"kind": kind, "log": str(log)},
+        )
+    assert ("enough at 20" in str(stop.value)) == (kind == "Stop")
+    assert stop.value.study.status.tolist() == [1] * 20 + [0] * 80
+    assert stop.value.study.value[:20].values.tolist() == [2.0 * x for x in range(20)]
+    assert len(functions.lines(log)) == (3 if vectorized else 21)
+
+
+def test_threads_that_are_at_work_when_a_point_ends_the_study_keep_what_they_have():
+    began, raised = threading.Event(), threading.Event()
+
+    def first(x):
+        if x == 0:
+            assert began.wait(60)
+            raised.set()
+            raise KeyboardInterrupt
+        began.set()
+        assert raised.wait(60)
+        return x
+
+    with pytest.raises(KeyboardInterrupt) as stop:
+        zivi.sweep(first, {"x": range(200)}, executor="threads", workers=2, chunk=100)
+    assert stop.value.study.status[:100].tolist() == [0] * 100
+    assert stop.value.study.status[100] == 1
 
 
 def test_a_function_that_cannot_be_sent():

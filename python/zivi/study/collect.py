@@ -119,7 +119,7 @@ class Collector:
             self._parts.append((np.array(self._numbers, np.int64), rows))
             self._rows, self._numbers = [], []
 
-    def piece(self, rest: NDArray[np.int64], interrupted: bool) -> Piece:
+    def piece(self, rest: NDArray[np.int64], raised: BaseException | None = None) -> Piece:
         """Give all that there is; the points of what came later are larger."""
         self._stack()
         names = self.schema.shapes if self.schema and self._parts else ()
@@ -130,6 +130,6 @@ class Collector:
             events=joined(self._events),
             failed=self.failed,
             rest=rest,
-            interrupted=interrupted,
+            raised=raised,
             seconds=self.seconds,
         )

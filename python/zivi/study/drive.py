@@ -92,6 +92,7 @@ class Driver:
         self._size = self._given or min(FIRST, math.ceil(total / SHARES))
         self._events: np.dtype[Any] | None = None
         self._breaks = 0
+        self._raised: BaseException | None = None
         self.computed = 0
         self.first_failure: str | None = None
         self.n_failed = 0
@@ -104,7 +105,7 @@ class Driver:
         before = count(self._store, *(set(StudyStatus) - set(self._wanted)))
         self._fresh = self._tasks(0)
         try:
-            while self._hand_out():
+            while self._raised is None and self._hand_out():
                 done, _ = concurrent.futures.wait(
                     self._running, SLICE, return_when=concurrent.futures.FIRST_COMPLETED
                 )
@@ -113,6 +114,8 @@ class Driver:
                 self._collect(done)
                 if bar.report is not None:
                     bar.report(before + self.computed, total)
+            if self._raised is not None:
+                raise self._raised
         except BaseException:
             self._save_what_is_there()
             raise
@@ -267,8 +270,7 @@ class Driver:
         if piece.failed:
             self.n_failed += len(piece.failed)
             self.first_failure = self.first_failure or next(iter(piece.failed.values()))
-        if piece.interrupted and self._pool.inline:
-            raise KeyboardInterrupt
+        self._raised = self._raised or piece.raised
         if len(piece.rest):
             rest = Task(piece.rest)
             # so that a task of slow points is shared

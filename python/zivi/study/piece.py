@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from typing import TypeAlias
+import pickle
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from zivi.base.check import Array
+from zivi.study.messages import message_of
 from zivi.study.outcome import Events
 
 __all__ = ["EventTable", "Piece", "Schema", "check_same_schema", "joined"]
@@ -64,8 +66,9 @@ class Piece:
         Numbers of the points that failed, and why.
     rest : ndarray of int
         Numbers of the points that were not computed.
-    interrupted : bool
-        Whether Ctrl-C reached the task.
+    raised : BaseException or None
+        What ended the task and shall end the study: Ctrl-C or another exception that is not an
+        `Exception`.
     seconds : float
         How long it took.
     """
@@ -76,11 +79,21 @@ class Piece:
     events: EventTable | None
     failed: dict[int, str]
     rest: NDArray[np.int64]
-    interrupted: bool = False
+    raised: BaseException | None = None
     seconds: float = 0.0
 
     def __len__(self) -> int:
         return len(self.done) + len(self.failed)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return what can be sent between processes: an exception that cannot only as its text."""
+        state = dict(self.__dict__)
+        if self.raised is not None:
+            try:
+                pickle.loads(pickle.dumps(self.raised))
+            except Exception:
+                state["raised"] = BaseException(message_of(self.raised))
+        return state
 
     def within(self, span: range) -> Piece:
         """Give what it has of consecutive points."""

@@ -135,9 +135,11 @@ def sweep(
         If no point could be computed, if workers die again and again, or if another run writes to
         the folder.
     KeyboardInterrupt, concurrent.futures.BrokenExecutor, OSError
-        If the run is stopped. As with `RuntimeError`, what is done is stored; the exception's
-        attribute ``study`` gives it. An OSError without it, before anything is computed, if the
-        folder has a study whose head is damaged or has arrays that zivi does not write.
+        If the run is stopped, also by a point that raises an exception that is not an `Exception`
+        (`SystemExit` is a failed point). As with `RuntimeError`, what is done is stored; the
+        exception's attribute ``study`` gives it. An OSError without it, before anything is
+        computed, if the folder has a study whose head is damaged or has arrays that zivi does not
+        write.
 
     Examples
     --------

@@ -84,14 +84,14 @@ def _compute_each(
     rows = zip(points.tolist(), *plain, strict=True)
     for number, (point, *values) in enumerate(rows):
         if number and (_must_stop() or found.seconds > SLICE):
-            return found.piece(points[number:], interrupted=False)
+            return found.piece(points[number:])
         try:
             found.add(point, job.call(point, tuple(values)))
-        except KeyboardInterrupt:
-            return found.piece(points[number:], interrupted=True)
-        except (Exception, SystemExit) as error:
+        except BaseException as error:
+            if not isinstance(error, (Exception, SystemExit)):
+                return found.piece(points[number:], error)
             found.failed[point] = message_of(error)
-    return found.piece(points[:0], interrupted=False)
+    return found.piece(points[:0])
 
 
 def _compute_many(
@@ -103,21 +103,21 @@ def _compute_many(
     while todo:
         part = todo.pop()
         if calls and (_must_stop() or found.seconds > SLICE):
-            return found.piece(points[part.start :], interrupted=False)
+            return found.piece(points[part.start :])
         calls += 1
         try:
             # copies, since a function may write to what it gets
             own = {name: column[part].copy() for name, column in columns.items()}
             found.add_many(points[part], job.call_many(points[part], own))
-        except KeyboardInterrupt:
-            return found.piece(points[part.start :], interrupted=True)
-        except (Exception, SystemExit) as error:
+        except BaseException as error:
+            if not isinstance(error, (Exception, SystemExit)):
+                return found.piece(points[part.start :], error)
             if part.stop - part.start == 1:
                 found.failed[int(points[part.start])] = message_of(error)
                 continue
             middle = (part.start + part.stop) // 2
             todo += [slice(middle, part.stop), slice(part.start, middle)]
-    return found.piece(points[:0], interrupted=False)
+    return found.piece(points[:0])
 
 
 def _must_stop() -> bool:
