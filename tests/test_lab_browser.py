@@ -12,7 +12,9 @@ import pytest
 
 from lab_server import PROGRAM, serving
 from zivi.lab.figures import curves
+from zivi.lab.link import KINDS
 from zivi.lab.presets import PRESETS
+from zivi.lab.ranges import ranges
 from zivi.lab.runs import compute
 from zivi.lab.settings import Ball, Regulator, Tracker
 
@@ -131,6 +133,27 @@ def test_it_loads_with_its_tabs_and_draws_the_defaults(lab):
         soon(lab.shows, kind())
 
 
+def test_every_control_survives_every_round_trip_through_the_tabs(lab):
+    tabs = ("Belt", "Ball", "Tracker", "Belt", "Regulator", "Ball", "Regulator", "Tracker", "Ball")
+    for tab in tabs:
+        lab.choose(tab)
+        kind = KINDS[tab]
+        soon(lab.shows, kind())
+        fields = lab.page.locator("marimo-slider").locator("input:visible")
+        wanted = sum("switch" not in it and "options" not in it for it in ranges(kind).values())
+        assert fields.count() == wanted, tab
+    lab.slider("e, restitution").press("ArrowRight")
+    soon(lab.shows, Ball(e=0.51))
+
+
+def test_a_number_beyond_the_range_is_taken_to_its_end_and_said(lab):
+    field = lab.field("gravity (m/s²), -5 to 20")
+    field.fill("500")
+    field.press("Enter")
+    soon(lab.shows, Ball(gravity=20.0))
+    lab.page.get_by_text("gravity (m/s²): 20 is an end of its range, -5 to 20").wait_for()
+
+
 def test_a_slider_moves_the_curves_by_key_and_while_it_is_dragged(lab):
     before = lab.lines()
     thumb = lab.slider("e, restitution")
@@ -181,12 +204,20 @@ def test_a_preset_and_back_to_it_while_the_other_tabs_keep_theirs(lab):
     soon(lab.shows, preset)
     lab.slider("disturbance").press("ArrowRight")
     soon(lab.shows, dataclasses.replace(preset, disturbance=0.1))
+    soon(lambda: preset_of(lab) == "chattering, changed")
     lab.choose("Ball")
     soon(lab.shows, Ball(e=0.51))
     lab.choose("Tracker")
     soon(lab.shows, dataclasses.replace(preset, disturbance=0.1))
+    assert preset_of(lab) == "chattering, changed"
     lab.page.get_by_role("button", name="Reset", exact=True).click()
     soon(lab.shows, preset)
+    soon(lambda: preset_of(lab) == "chattering")
+
+
+def preset_of(lab):
+    select = lab.page.locator("select:visible").first
+    return select.evaluate("it => it.selectedOptions[0].textContent")
 
 
 def test_switches(lab):
@@ -289,3 +320,10 @@ def test_everything_can_be_read_at_every_width(lab, width, height):
         assert lab.page.evaluate("document.querySelector('#App').scrollWidth") <= width
         tabs = lab.page.get_by_role("tab", name="Ball")
         tabs.click(timeout=5e3)  # nothing lies over it
+    if columns < 3:
+        lab.page.locator("button:visible").first.click()  # the sidebar lies over a narrow page
+    soon(lambda: lab.page.locator("select:visible").count() > 0)
+    title = lab.page.get_by_text("zivi lab", exact=True).locator("visible=true").first
+    soon(lambda: title.bounding_box() is not None)
+    below = title.bounding_box()["y"] + title.bounding_box()["height"]
+    assert lab.page.locator("select:visible").first.bounding_box()["y"] - below < 40.0

@@ -1,5 +1,6 @@
 """What the lab says and shows beside its plots: presets, links, sentences, the motion."""
 
+import dataclasses
 import re
 import xml.etree.ElementTree
 
@@ -10,7 +11,8 @@ import zivi
 from zivi.lab.animation import A_SECOND, film
 from zivi.lab.link import query, settings_of
 from zivi.lab.messages import sentence
-from zivi.lab.presets import PRESETS
+from zivi.lab.presets import PRESETS, name_of
+from zivi.lab.ranges import ends
 from zivi.lab.runs import compute
 from zivi.lab.settings import Ball, Belt, Regulator, Tracker
 
@@ -33,6 +35,21 @@ def test_there_are_the_presets_that_were_promised(kind):
     wanted = {"first look", "chattering"} | ({"the paper"} if kind is not Belt else set())
     wanted |= {"noise"} if kind in (Regulator, Tracker) else set()
     assert wanted <= set(PRESETS[kind])
+
+
+@pytest.mark.parametrize(("kind", "name"), EVERY, ids=lambda it: getattr(it, "__name__", it))
+def test_a_preset_is_called_by_its_name(kind, name):
+    assert name_of(PRESETS[kind][name]) == name
+    assert name_of(dataclasses.replace(kind(), x0=1.2345)) == "first look"
+
+
+def test_a_slider_at_an_end_of_its_range_is_told_unless_the_preset_is_there():
+    assert ends(Regulator(), Regulator()) == []
+    told = ends(Regulator(noise_x=0.1, h=1e-4, landing=False), Regulator())
+    assert [it.partition(";")[0] for it in told] == [
+        "h, sampling period (s): 0.0001 is an end of its range, 0.0001 to 0.05",
+        "noise of x (m): 0.1 is an end of its range, 0 to 0.1",
+    ]
 
 
 def test_chattering_is_that_of_explicit_signs():

@@ -8,7 +8,7 @@ from typing import Any
 import marimo as mo
 
 from zivi.lab.presets import PRESETS
-from zivi.lab.ranges import SECTIONS, ranges
+from zivi.lab.ranges import SECTIONS, between, ranges
 from zivi.lab.settings import Settings
 
 __all__ = ["SHOWN", "chosen", "laid_out", "panel", "presets"]
@@ -55,7 +55,10 @@ def _element(given: dict[str, Any], value: Any) -> Any:
         return mo.ui.switch(value, label=given["label"], on_change=given["on_change"])
     if "options" in given:
         return mo.ui.dropdown(**given, value=value, full_width=True)
-    return mo.ui.slider(**given, value=value, include_input=True, full_width=True)
+    label = f"{given['label']}, {between(given)}"
+    return mo.ui.slider(
+        **given | {"label": label}, value=value, include_input=True, full_width=True
+    )
 
 
 def chosen(kind: type[Settings], elements: dict[str, Any]) -> Settings:
@@ -63,15 +66,17 @@ def chosen(kind: type[Settings], elements: dict[str, Any]) -> Settings:
     return kind(**{name: elements[name].value for name in ranges(kind)})
 
 
-def presets(kind: type[Settings], name: str, take: Moved) -> tuple[Any, Any]:
+def presets(kind: type[Settings], name: str, changed: bool, take: Moved) -> tuple[Any, Any]:
     """Make the list of presets of a tab, and the button that goes back to the one chosen.
 
     Parameters
     ----------
     kind : type
-        `Ball`, `Regulator` or `Tracker`.
+        `Ball`, `Regulator`, `Tracker` or `Belt`.
     name : str
-        The preset that the list shows.
+        The preset that was chosen last.
+    changed : bool
+        Whether the settings differ from it, which the list shows instead of its name.
     take : callable
         What is called with the name of a preset.
 
@@ -79,11 +84,15 @@ def presets(kind: type[Settings], name: str, take: Moved) -> tuple[Any, Any]:
     -------
     tuple of marimo elements
     """
-    options = list(PRESETS[kind])
+    names = {it: it for it in PRESETS[kind]} | ({f"{name}, changed": name} if changed else {})
     choice = mo.ui.dropdown(
-        options, value=name, label="preset", on_change=take, allow_select_none=False
+        names,
+        value=f"{name}, changed" if changed else name,
+        label="preset",
+        on_change=take,
+        allow_select_none=False,
     )
-    return choice, mo.ui.button(label="Reset", on_change=lambda _: take(choice.value))
+    return choice, mo.ui.button(label="Reset", on_change=lambda _: take(name))
 
 
 def laid_out(kind: type[Settings], elements: dict[str, Any], above: tuple[Any, Any]) -> Any:
@@ -95,4 +104,8 @@ def laid_out(kind: type[Settings], elements: dict[str, Any], above: tuple[Any, A
     for title, group in SECTIONS[kind].items():
         rows.append(mo.Html(f'<div style="font-weight: bold; margin-top: 0.5em">{title}</div>'))
         rows += [elements[name] for name in group]
-    return mo.vstack([*rows, elements[SHOWN]], gap=0.3)
+    # nested one section deeper than the tab before: otherwise the page reuses its sliders, and one
+    # that changes from listed steps to even ones fails (marimo 0.25)
+    depth = 1 + list(SECTIONS).index(kind)
+    inside = mo.vstack([*rows, elements[SHOWN]], gap=0.3)
+    return mo.Html("<section>" * depth + str(inside.text) + "</section>" * depth)

@@ -26,10 +26,24 @@ def _(link, mo, presets):
     starts, set_starts = mo.state(
         {kind: first if kind is type(first) else kind() for kind in link.KINDS.values()}
     )
-    names = {kind: next(iter(presets.PRESETS[kind])) for kind in link.KINDS.values()}
+    # the preset of each tab, and the tabs whose settings differ from it
+    names = {kind: presets.name_of(start) for kind, start in starts().items()}
+    changed, set_changed = mo.state(frozenset())
     panels, before = {}, {}
     tabs  # noqa: B018 the output of the cell
-    return before, columns, moves, names, panels, set_moves, set_starts, starts, tabs
+    return (
+        before,
+        changed,
+        columns,
+        moves,
+        names,
+        panels,
+        set_changed,
+        set_moves,
+        set_starts,
+        starts,
+        tabs,
+    )
 
 
 @app.cell(hide_code=True)
@@ -46,25 +60,44 @@ def _(controls, panels, set_moves, starts):
 
 
 @app.cell(hide_code=True)
-def _(controls, link, made, mo, names, panels, presets, set_starts, tabs):
+def _(link, tabs):
     kind = link.KINDS[tabs.value]
+    return (kind,)
 
+
+@app.cell(hide_code=True)
+def _(changed, controls, kind, made, mo, names, panels, presets, set_starts):
     def take(name):
         names[kind] = name
         now = {it: controls.chosen(it, panels[it]) for it in made}
         set_starts(now | {kind: presets.PRESETS[kind][name]})
 
-    choice, reset = controls.presets(kind, names[kind], take)
+    choice, reset = controls.presets(kind, names[kind], kind in changed(), take)
     mo.sidebar(controls.laid_out(kind, panels[kind], (choice, reset)), width="21rem")
-    return (kind,)
+    return
 
 
 @app.cell(hide_code=True)
-def _(before, columns, controls, kind, made, moves, panels, view):
+def _(
+    before,
+    changed,
+    columns,
+    controls,
+    kind,
+    made,
+    moves,
+    names,
+    panels,
+    presets,
+    set_changed,
+    view,
+):
     made, moves()  # this cell runs again when a control has moved, or controls were made
-    view.shown(
-        controls.chosen(kind, panels[kind]), panels[kind][controls.SHOWN].value, columns, before
-    )
+    asks = controls.chosen(kind, panels[kind])
+    preset = presets.PRESETS[kind][names[kind]]
+    if (asks != preset) != (kind in changed()):
+        set_changed(changed() ^ {kind})
+    view.shown(asks, preset, panels[kind][controls.SHOWN].value, columns, before)
     return
 
 

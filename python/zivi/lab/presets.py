@@ -6,7 +6,7 @@ from dataclasses import replace
 
 from zivi.lab.settings import Ball, Belt, Regulator, Settings, Tracker
 
-__all__ = ["PRESETS"]
+__all__ = ["PRESETS", "name_of"]
 
 _BALL = Ball(e=0.42, h=1e-3, x0=1.0, xdot0=6.0, t_end=4.0)
 _TRACKER = Tracker(h=1e-3, force_ref=-19.81, t_end=2.0)
@@ -51,3 +51,9 @@ PRESETS: dict[type[Settings], dict[str, Settings]] = {
     },
 }
 """By tab and name; the first is what the page begins with: the defaults."""
+
+
+def name_of(settings: Settings) -> str:
+    """Return the name of the preset with these settings; without one, that of the defaults."""
+    presets = PRESETS[type(settings)]
+    return next((name for name, it in presets.items() if it == settings), next(iter(presets)))

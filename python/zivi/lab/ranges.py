@@ -7,7 +7,7 @@ from typing import Any
 
 from zivi.lab.settings import Ball, Belt, Regulator, Settings, Tracker
 
-__all__ = ["SECTIONS", "nearest", "ranges"]
+__all__ = ["SECTIONS", "between", "ends", "nearest", "ranges"]
 
 PERIODS = [1e-4, 2e-4, 5e-4, 1e-3, 2e-3, 5e-3, 1e-2, 2e-2, 5e-2]
 NOISE = [0.0, 1e-6, 1e-5, 1e-4, 1e-3, 1e-2, 1e-1]
@@ -119,6 +119,42 @@ def ranges(kind: type[Settings]) -> dict[str, dict[str, Any]]:
         and a ``label``. A value within them is possible; only gains are refused with mu2 >= mu1.
     """
     return {name: given for group in SECTIONS[kind].values() for name, given in group.items()}
+
+
+def between(given: dict[str, Any]) -> str:
+    """Return the range of a slider as text, such as ``0.01 to 1``."""
+    low, high = _ends(given)
+    return f"{low:g} to {high:g}"
+
+
+def _ends(given: dict[str, Any]) -> tuple[float, float]:
+    if "steps" in given:
+        return given["steps"][0], given["steps"][-1]
+    return given["start"], given["stop"]
+
+
+def ends(settings: Settings, before: Settings) -> list[str]:
+    """Return a sentence for each slider that has moved to an end of its range.
+
+    Parameters
+    ----------
+    settings : Ball, Regulator, Tracker or Belt
+        What the page shows.
+    before : Ball, Regulator, Tracker or Belt
+        The preset that the settings began with.
+
+    Examples
+    --------
+    >>> ends(Ball(e=1.0), Ball())
+    ['e, restitution: 1 is an end of its range, 0.01 to 1; numbers outside it are set to the end.']
+    """
+    return [
+        f"{given['label']}: {value:g} is an end of its range, {between(given)}; "
+        "numbers outside it are set to the end."
+        for name, given in ranges(type(settings)).items()
+        if "switch" not in given and "options" not in given
+        if (value := getattr(settings, name)) in _ends(given) and value != getattr(before, name)
+    ]
 
 
 def nearest(given: dict[str, Any], text: str) -> Any:

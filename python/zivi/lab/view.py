@@ -13,6 +13,7 @@ from zivi.lab.facts import facts, warnings
 from zivi.lab.figures import figure
 from zivi.lab.link import query
 from zivi.lab.messages import sentence
+from zivi.lab.ranges import ends
 from zivi.lab.runs import compute
 from zivi.lab.script import script
 from zivi.lab.settings import Settings
@@ -21,7 +22,11 @@ __all__ = ["shown"]
 
 
 def shown(
-    settings: Settings, part: tuple[float, float], columns: int, before: dict[type, Any]
+    settings: Settings,
+    preset: Settings,
+    part: tuple[float, float],
+    columns: int,
+    before: dict[type, Any],
 ) -> Any:
     """Show what the controls of a tab ask for.
 
@@ -29,6 +34,8 @@ def shown(
     ----------
     settings : Ball, Regulator, Tracker or Belt
         The settings of a tab.
+    preset : Ball, Regulator, Tracker or Belt
+        The preset that they began with.
     part : (float, float)
         Beginning and end of what is shown (% of the run).
     columns : {3, 2, 1}
@@ -54,7 +61,8 @@ def shown(
     took = f"<small>computed and drawn in {(time.perf_counter() - start) * 1e3:.0f} ms</small>"
     below = mo.hstack([mo.Html(took), _link(settings)], justify="start", gap=2, wrap=True)
     notes = [_message(text) for text in warnings(runs)]
-    seen = mo.Html(f"<p>{html.escape(sentence(runs))}</p>")
+    said = " ".join([sentence(runs), *ends(settings, preset)])
+    seen = mo.Html(f"<p>{html.escape(said)}</p>")
     more = mo.accordion({"The motion": mo.Html(film(runs)), CODE: _code(settings)})
     before[type(settings)] = mo.vstack([*notes, seen, drawn, table, below, more])
     return before[type(settings)]
