@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from browser_cases import COLUMNS, SIGNS, cases, differences
+from browser_cases import COLUMNS, REGULATOR, SIGNS, cases, differences, native
 
 ROOT = Path(__file__).parents[1]
 PAGE = ROOT / "docs" / "_static" / "browser"
@@ -27,6 +27,18 @@ def test_the_binary_has_its_hash_and_is_what_a_page_from_a_disk_holds():
     encoded = re.search(r'ZIVI_WASM = "(.*)"', (PAGE / "binary.js").read_text())
     assert base64.b64decode(encoded.group(1)) == binary
     assert len(binary) < 30_000
+
+
+def test_no_label_takes_an_output_and_every_input_has_one():
+    text = (PAGE / "index.html").read_text()
+    labels = re.findall(r"<label.*?</label>", text, re.DOTALL)
+    assert not [it for it in labels if "<output" in it]
+    for control in re.findall(r'<(?:input|select)[^>]* id="(\w+)"', text):
+        wrapped = any(f'id="{control}"' in it for it in labels)
+        assert wrapped or f'<label for="{control}">' in text, control
+    script = (PAGE / "page.js").read_text()
+    assert "htmlFor: input.id" in script
+    assert script.count('"aria-valuetext"') == 2
 
 
 @pytest.mark.skipif(NODE is None, reason="no node on the path (apt-get install nodejs)")
@@ -108,7 +120,9 @@ def test_the_page_shows_what_the_library_computes(page):
     assert facts(page)["exactly at rest from"] == ["2.444 s", "not within 3 s"]
     assert facts(page)["exact Zeno point"][0] == "2.46585 s"
     page.get_by_role("tab", name="Regulator").click()
-    assert facts(page)["exactly at rest from"][0] == "1.767 s"
+    run = native("regulator", REGULATOR, False, 2500)
+    moving = np.flatnonzero((run["x"] != 0.0) | (run["xdot"] != 0.0))
+    assert facts(page)["exactly at rest from"][0] == f"{run['t'][moving[-1] + 1]:.6g} s"
     page.get_by_role("tab", name="Tracker").click()
     assert facts(page)["the reference's Zeno point, exact"][0] == "1.29304 s"
     page.select_option("#preset", "In the air")
@@ -141,6 +155,45 @@ def test_sliders_link_and_film(page):
     assert page.locator("#play").inner_text() == "Play"
     page.locator("#zoom").check()
     assert page.evaluate("state.time >= shown()[0]")
+    assert page.wrong == []
+
+
+NAMED = """() => Array.from(document.querySelectorAll("input, select"), it => [
+    it.id || it.name, it.labels.length, it.getAttribute("aria-valuetext")])"""
+
+
+@pytest.mark.browser
+def test_every_control_has_a_name_and_a_value_with_its_unit_and_tabs_have_keys(page):
+    for system in ("ball", "regulator", "tracker"):
+        visit(page, f"#{system}")
+        found = page.evaluate(NAMED)
+        assert [name for name, labels, _ in found if labels != 1] == []
+        sliders = [text for name, _, text in found if name.startswith("slider-") or name == "time"]
+        assert len(sliders) > 5
+        assert None not in sliders
+    slider = page.get_by_role("slider", name="step h")
+    assert slider.get_attribute("aria-valuetext") == "0.001 s"
+    page.get_by_role("tab", name="Tracker").focus()
+    for key, name in {"ArrowRight": "Ball", "ArrowLeft": "Tracker", "Home": "Ball"}.items():
+        page.keyboard.press(key)
+        chosen = page.get_by_role("tab", name=name)
+        assert chosen.get_attribute("aria-selected") == "true"
+        assert chosen.evaluate("it => it === document.activeElement")
+    assert page.wrong == []
+
+
+@pytest.mark.browser
+def test_changes_of_the_control_have_their_unit_and_rounding_is_zero(page):
+    visit(page, "#tracker")
+    for key in ("End", "Home"):
+        for slider in page.locator("#sliders input").all():
+            slider.press(key)
+            changes = facts(page)["changes of u per second, last tenth"]
+            speeds = facts(page)["largest |x'|, last tenth"]
+            assert all(text.endswith(" m/s\u00b2 per s") for text in changes)
+            for text in (*changes, *speeds):
+                number = float(text.split()[0])
+                assert number == 0.0 or number > 1e-10, text
     assert page.wrong == []
 
 

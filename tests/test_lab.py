@@ -108,7 +108,7 @@ def test_explicit_signs_chatter_and_implicit_ones_do_not():
     # in free flight with the reference
     flight = Tracker(h=1e-3, force=-9.81, force_ref=-9.81, x0=3, xdot0=9, x_ref0=3, xdot_ref0=9)
     implicit, explicit = facts(compute(flight), (0.2, 0.8))
-    title = "Σ|Δu| a second"
+    title = "Σ|Δu| a second (m/s² per s)"
     assert float(implicit[title]) < 1e-3
     assert float(explicit[title]) > 1e3
 

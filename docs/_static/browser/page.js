@@ -56,11 +56,27 @@ function buildTabs() {
   document.querySelector("nav").replaceChildren(
     ...Object.entries(SYSTEMS).map(([name, it]) => {
       const tab = element("button", { type: "button", onclick: () => choose(name) }, it.name);
+      const selected = name === state.system;
+      tab.id = `tab-${name}`;
+      tab.tabIndex = selected ? 0 : -1;
       tab.setAttribute("role", "tab");
-      tab.setAttribute("aria-selected", String(name === state.system));
+      tab.setAttribute("aria-controls", "panel");
+      tab.setAttribute("aria-selected", String(selected));
+      if (selected) at("panel").setAttribute("aria-labelledby", tab.id);
       return tab;
     }),
   );
+}
+
+/** Arrow keys, Home and End choose a tab, as in every list of tabs. */
+function moveTab(event) {
+  const names = Object.keys(SYSTEMS);
+  const here = names.indexOf(state.system);
+  const to = { ArrowRight: here + 1, ArrowLeft: here - 1, Home: 0, End: -1 }[event.key];
+  if (to === undefined) return;
+  event.preventDefault();
+  choose(names.at(to % names.length));
+  at(`tab-${state.system}`).focus();
 }
 
 function buildControls() {
@@ -88,7 +104,7 @@ function buildControls() {
 }
 
 function buildSlider(slider) {
-  const input = element("input", { type: "range", name: slider.key });
+  const input = element("input", { type: "range", name: slider.key, id: `slider-${slider.key}` });
   const places = slider.values
     ? { min: 0, max: slider.values.length - 1, step: 1 }
     : { min: slider.min, max: slider.max, step: slider.step };
@@ -97,8 +113,11 @@ function buildSlider(slider) {
     const value = slider.values ? slider.values[input.valueAsNumber] : input.valueAsNumber;
     change(slider.key, value);
   };
-  return element("label", { className: "slider" },
-    element("span", {}, slider.label), element("output", {}), input);
+  // the name of the slider is its label, its value the text with the unit; nothing is said twice
+  const output = element("output", {});
+  output.setAttribute("aria-hidden", "true");
+  return element("div", { className: "slider" },
+    element("label", { htmlFor: input.id }, slider.label), output, input);
 }
 
 function showSettings() {
@@ -107,7 +126,9 @@ function showSettings() {
     const value = state.settings[slider.key];
     if (slider.below) input.max = highest(slider, state.settings);
     input.value = slider.values ? slider.values.indexOf(value) : value;
-    input.previousSibling.textContent = `${Number(value.toPrecision(4))} ${slider.unit}`;
+    const text = `${Number(value.toPrecision(4))} ${slider.unit}`.trim();
+    input.previousSibling.textContent = text;
+    input.setAttribute("aria-valuetext", text);
   }
   const same = Object.entries(system().presets).find(([, preset]) =>
     Object.entries(preset).every(([key, value]) => state.settings[key] === value));
@@ -223,21 +244,34 @@ function drawFilm() {
   drawStage(at("stage"), masses, top);
   at("now").textContent = `${state.time.toFixed(3)} s`;
   at("time").value = Math.round((1000 * state.time) / end());
+  at("time").setAttribute("aria-valuetext", at("now").textContent);
 }
 
 function seconds(value) {
   return value === null ? `not within ${Number(end().toPrecision(3))} s` : `${Number(value.toPrecision(6))} s`;
 }
 
-function variation(values) {
+const largest = (values) => values.reduce((a, b) => Math.max(a, Math.abs(b)), 0);
+
+/** Below this part of what it is computed from, a number is rounding and counts as 0. */
+const ROUNDING = 16 * Number.EPSILON;
+
+function variation({ u: values, x, xdot }) {
   const first = Math.floor(0.9 * (values.length - 1));
+  const { h } = state.settings;
+  // a control is solved for from a position and a velocity one step ahead
+  const least = ROUNDING * (largest(values) + largest(xdot) / h + largest(x) / (h * h));
   let sum = 0;
-  for (let k = first + 1; k < values.length; k += 1) sum += Math.abs(values[k] - values[k - 1]);
-  return sum / ((values.length - 1 - first) * state.settings.h);
+  for (let k = first + 1; k < values.length; k += 1) {
+    const change = Math.abs(values[k] - values[k - 1]);
+    if (change > least) sum += change;
+  }
+  return sum / ((values.length - 1 - first) * h);
 }
 
 function fastest(run) {
-  return run.xdot.subarray(Math.floor(0.9 * run.n)).reduce((a, b) => Math.max(a, Math.abs(b)), 0);
+  const found = largest(run.xdot.subarray(Math.floor(0.9 * run.n)));
+  return found > ROUNDING * largest(run.xdot) ? found : 0;
 }
 
 const short = (value) => (value === 0 ? "0" : value.toPrecision(3));
@@ -251,7 +285,7 @@ function showFacts() {
     both("largest |x'|, last tenth", (run) => `${short(fastest(run))} m/s`),
   ];
   if (state.system !== "ball") {
-    rows.push(both("changes of u per second, last tenth", (run) => `${short(variation(run.u))} m/s\u00b2`));
+    rows.push(both("changes of u per second, last tenth", (run) => `${short(variation(run))} m/s\u00b2 per s`));
   }
   if (system().exact) {
     const [name, value] = system().exact(state.settings);
@@ -313,6 +347,7 @@ async function begin() {
     draw();
   };
   at("play").onclick = play;
+  document.querySelector("nav").onkeydown = moveTab;
   at("time").oninput = () => {
     stop();
     state.time = (at("time").valueAsNumber / 1000) * end();

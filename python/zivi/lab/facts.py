@@ -75,7 +75,7 @@ def _control(run: Trajectory | ClosedLoop, window: tuple[float, float] | None) -
     row = {
         "u (m/s²)": f"{u.min():.4g} .. {u.max():.4g}",
         "Σ|Δu| (m/s²)": f"{variation:.4g}",
-        "Σ|Δu| a second": f"{variation / (end - start):.3g}",
+        "Σ|Δu| a second (m/s² per s)": f"{variation / (end - start):.3g}",
     }
     if not np.all(np.isnan(run.x_ref)):
         row["largest |x - x_r| (m)"] = f"{float(np.abs(run.error[part]).max()):.2g}"
