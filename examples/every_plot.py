@@ -47,6 +47,7 @@ def runs() -> list[tuple[str, Any, dict[str, Any]]]:
         ("lifted", ball, {}),
         ("multipliers", steps, {}),
         ("phase_plane", ball, {"coordinates": "physical"}),
+        ("impacts", section, {}),
         ("position", loop, {}),
         ("control", loop, {}),
         ("signs", loop, {}),
@@ -87,7 +88,7 @@ def main(out: str) -> None:
     import matplotlib.pyplot as plt
 
     panels = [*runs(), *orbits()]
-    figure, axes = plt.subplots(5, 4, figsize=(17, 17), layout="constrained")
+    figure, axes = plt.subplots(7, 3, figsize=(13, 23), layout="constrained")
     for ax, (name, result, settings) in zip(axes.ravel(), panels, strict=True):
         getattr(zivi.plot, name)(result, ax=ax, **settings)
         ax.set_title(f"plot.{name}", fontsize="medium")

@@ -285,8 +285,7 @@ def __getattr__(name: str) -> object:
         return sys.modules[f"zivi.{name}"]
     if not name.startswith("_") and name in (known := _listed()):
         return known[name]
-    hint = f": {_habits.MODULE[name]}" if name in _habits.MODULE else ""
-    raise AttributeError(f"module 'zivi' has no attribute {name!r}{hint}")
+    raise _habits.module_error("zivi", name, __dir__(), _habits.MODULE)
 
 
 def _listed() -> dict[str, type]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-__all__ = ["ARGUMENTS", "RESTITUTION"]
+__all__ = ["ARGUMENTS", "CALLS", "RESTITUTION"]
 
 RESTITUTION = "the coefficient of restitution is e"
 _PARAMETERS = "give the function its parameters yourself, e.g. by functools.partial"
@@ -258,6 +258,59 @@ ARGUMENTS: Mapping[str, Mapping[str, str]] = {
         "parallel": "it is executor='processes'",
         "args": "arguments that are the same at all points are fixed={...}",
         "kwargs": "arguments that are the same at all points are fixed={...}",
+        "*": "parameters are one dictionary, the second argument: {'*': [...]}",
+    },
+    "sample": {
+        "method": "it is the first argument, sampler",
+        "size": "it is n",
+        "n_samples": "it is n",
+        "*": "bounds are one dictionary, the third argument: {'*': (low, high)}",
     },
 }
 """Arguments of others by what takes them here."""
+
+CALLS: Mapping[str, str] = {
+    "ImpactSystem": "zivi.ImpactSystem(-9.81, e=0.5)",
+    "LinearForce": "zivi.LinearForce(stiffness=4.0, damping=0.1, gravity=9.81)",
+    "HarmonicWall": "zivi.HarmonicWall(amplitude=0.1, omega=10.0)",
+    "MechanicalSystem": "zivi.MechanicalSystem(mass=M, force=F, gaps=[zivi.LinearGap([1.0])], "
+    "e=0.5)",
+    "LinearSystem": "zivi.LinearSystem(M, C, K, gaps=[zivi.LinearGap([1.0])], e=0.5)",
+    "LinearGap": "zivi.LinearGap([0.0, 1.0])",
+    "Gap": "zivi.Gap(g, gradient) with functions of (t, q)",
+    "DryFriction": "zivi.DryFriction(limit=1.0)",
+    "Harmonic": "zivi.Harmonic([1.0], omega=2.0)",
+    "Table": "zivi.Table(times, values)",
+    "method": "zivi.SwitchedRK(rtol=1e-6)",
+    "ThetaGamma": "zivi.ThetaGamma(h=1e-3)",
+    "MoreauJean": "zivi.MoreauJean(h=1e-3)",
+    "ExplicitEuler": "zivi.ExplicitEuler(h=1e-3)",
+    "Level": "zivi.Level(x=0.5)",
+    "event": "@zivi.event(terminal=True) above the function",
+    "simulate": "zivi.simulate(system, (0, 1), (x0, xdot0))",
+    "simulate_batch": "zivi.simulate_batch(system, (0, 1), [(x0, xdot0), ...])",
+    "simulate_closed_loop_batch": "zivi.simulate_closed_loop_batch(system, controller, (0, 1), "
+    "[(x0, xdot0), ...])",
+    "simulate_closed_loop": "zivi.simulate_closed_loop(system, controller, (0, 1), (x0, xdot0))",
+    "controller": "zivi.TwistingTracker(mu1, mu2, h=1e-3, e=0.5)",
+    "TwistingRegulator": "zivi.TwistingRegulator(mu1, mu2, h=1e-3, e=0.5)",
+    "ExplicitTwisting": "zivi.ExplicitTwisting(mu1, mu2, h=1e-3, e=0.5)",
+    "design": "zivi.design_tracker(1.0, start=(x0, xdot0))",
+    "design_regulator": "zivi.design_regulator(1.0, start=(x0, xdot0))",
+    "observer": "zivi.ImpactObserver(e, h)",
+    "solve_vi": "zivi.solve_vi(F, lower, upper, x0)",
+    "solve_avi": "zivi.solve_avi(M, q, lower, upper)",
+    "solve_ncp": "zivi.solve_ncp(F, x0)",
+    "solve_lcp": "zivi.solve_lcp(M, q)",
+    "sensitivity": 'zivi.sensitivity(system, (0, 1), (x0, xdot0), ["x0", "e"])',
+    "periodic_orbit": "zivi.periodic_orbit(system, (0, (x0, xdot0)))",
+    "continue_orbit": 'zivi.continue_orbit(orbit, "amplitude", (1.0, 1.8))',
+    "settled": 'zivi.bifurcation_diagram(system, "amplitude", values)',
+    "basins": "zivi.basins(system, x0s, v0s)",
+    "lyapunov_exponents": "zivi.lyapunov_exponents(system, t_span, y0)",
+    "sweep": "zivi.sweep(function, {'e': [0.1, 0.2]})",
+    "sample": "zivi.sample('sobol', 64, {'e': (0.1, 0.9)})",
+    "symbolic": 'zivi.symbolic.system("a", T="m*adot**2/2", V="m*g*a", parameters={...})',
+    "animate": "zivi.plot.animate(sol)",
+}
+"""A call that is right, for each function whose arguments may be missing or too many."""

@@ -2,9 +2,10 @@
 
 import importlib
 import sys
-import types
 from collections.abc import Mapping
 from typing import Any
+
+from zivi.base.habits import CallableHint, hint_calls
 
 __all__ = ["FORMER", "hand_on", "of_zivi", "with_resolved_impacts"]
 
@@ -53,7 +54,7 @@ FORMER = {
 """The modules that users may have imported from, or that pickles name: then, now."""
 
 
-class _Former(types.ModuleType):
+class _Former(CallableHint):
     """A module under its former name, imported when something of it is asked for."""
 
     def __init__(self, name: str, now: str) -> None:
@@ -65,10 +66,6 @@ class _Former(types.ModuleType):
             raise AttributeError(f"module {self.__name__!r} has no attribute {name!r}")
         return getattr(importlib.import_module(self._now), name)
 
-    def __reduce__(self) -> tuple[Any, ...]:
-        # cloudpickle takes along the modules that a function names, this one among them
-        return importlib.import_module, (self.__name__,)
-
 
 def hand_on(names: Mapping[str, str] = FORMER) -> None:
     """Let `import` and pickles find modules under their former names."""
@@ -79,8 +76,10 @@ def hand_on(names: Mapping[str, str] = FORMER) -> None:
 def of_zivi(names: Mapping[str, Any]) -> None:
     """Say of public classes that they are of `zivi`, where users find them.
 
-    Pickles and stored studies do not name the rooms of this package.
+    Pickles and stored studies do not name the rooms of this package. Whoever calls the module of
+    these names gets a hint.
     """
+    hint_calls(names["__name__"])
     for public in list(names.values()):
         if isinstance(public, type) and public.__module__.startswith("zivi."):
             public.__module__ = "zivi"

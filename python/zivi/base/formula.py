@@ -8,13 +8,14 @@ from __future__ import annotations
 
 import ast
 import dataclasses
-import difflib
 import keyword
 import math
 import re
 import unicodedata
 from collections.abc import Callable, Iterable
 from typing import TypeGuard
+
+from zivi.base.habits import closest
 
 __all__ = [
     "CONSTANTS",
@@ -93,10 +94,8 @@ def normal(name: str) -> str:
 
 def meant(name: str, known: Iterable[str]) -> str:
     """Ask for the known name that is nearest to another; nothing if none is near."""
-    # capitals count less than letters
-    lower = {it.lower(): it for it in known}
-    close = difflib.get_close_matches(name.lower(), lower, n=1)
-    return f"did you mean {lower[close[0]]}?" if close else ""
+    close = closest(name, known)
+    return f"did you mean {close}?" if close else ""
 
 
 def parse(text: str, declared: Iterable[str] = ()) -> ast.expr:

@@ -41,6 +41,7 @@ def of_three(name: str, function: Any, *, more_than_y: bool) -> Callable[..., An
     one, or the third of ``(t, x, xdot)``, is not for us to guess.
     """
     counts = _counts(function)
+    _check_order(name, function, "(t, x, xdot), or of (t, y) with y = [x, xdot]")
     if counts is None:  # a builtin that does not tell
         return function  # type: ignore[no-any-return]
     required, most = counts
@@ -65,6 +66,29 @@ def check_arguments(name: str, function: Any, arguments: str) -> None:
     counts, given = _counts(function), arguments.count(",") + 1
     if counts is not None and not counts[0] <= given <= counts[1]:
         raise TypeError(f"{name} must be a function of ({arguments}), got {_shown(function)}")
+    if arguments.startswith("t, "):
+        _check_order(name, function, f"({arguments})")
+
+
+POSITIONS = frozenset({"x", "q", "pos", "position", "y"})
+VELOCITIES = frozenset(
+    {"xdot", "qdot", "x_dot", "q_dot", "v", "vel", "velocity", "xd", "qd", "dx", "dq", "dxdt"}
+)
+
+
+def _check_order(name: str, function: Any, arguments: str) -> None:
+    """Refuse a function whose arguments have the right names in another order, as odeint's."""
+    if type(function) is not types.FunctionType:
+        return
+    code = function.__code__
+    names = code.co_varnames[: code.co_argcount]
+    late = any(it in ("t", "time") for it in names[1:])
+    without = len(names) > 1 and names[0] in POSITIONS and names[1] in VELOCITIES
+    if (late and names[0] not in ("t", "time", "self", "_t", "_time", "_")) or without:
+        raise TypeError(
+            f"{name} must be a function of {arguments}, got {_shown(function)}; "
+            "time is its first argument"
+        )
 
 
 def _counts(function: Any) -> tuple[float, float] | None:

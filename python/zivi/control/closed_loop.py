@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 import zivi._zivi as _zivi
 from zivi.base.check import Array, real
 from zivi.base.compiled import listening
+from zivi.base.habits import hinted
 from zivi.base.progress import ProgressBar
 from zivi.base.status import Status
 from zivi.control.joint_observer import JointObserver
@@ -152,6 +153,7 @@ def simulate_closed_loop(
 ) -> MechanicalClosedLoop: ...
 
 
+@hinted("simulate_closed_loop")
 def simulate_closed_loop(
     system: Any,
     controller: Any,

@@ -6,6 +6,7 @@ import dataclasses
 from collections.abc import Mapping, Sequence
 
 from zivi.base.check import Array
+from zivi.base.habits import closest
 from zivi.system.impact_law import ImpactLaw, NewtonImpact, law_parameters
 
 __all__ = ["Column", "columns_of"]
@@ -106,12 +107,11 @@ def _unknown(
     names = ["q0", "qdot0", *(f"q0.{own}" for own in coordinates)]
     names += [*(f"qdot0.{own}" for own in coordinates), "t0"]
     names += [known for known in _of_laws(laws) if not known.endswith("]")]
-    hint = (
-        ""
-        if parameters
-        else (
+    close = closest(name, [*names, *parameters])
+    hint = f"; did you mean {close!r}?" if close else ""
+    if not (parameters or close):
+        hint = (
             "; this system has no parameters: zivi.symbolic.system(..., parameters={...}) or "
             "zivi.ParametricSystem(build, {...}) give them names"
         )
-    )
     return f"{name!r} is no parameter here: {', '.join([*names, *parameters])}{hint}"

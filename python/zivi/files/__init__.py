@@ -4,6 +4,7 @@ reading     ->    runs, sweeps    ->   results     ->   summary, picture
 (keys, TOML)      (prepared)           (netCDF)         (tables, figures)
 """
 
+from zivi.base.habits import hint_calls
 from zivi.files.mechanisms import mechanism_of
 from zivi.files.results import ResultError, load, save
 from zivi.files.runs import Prepared, prepare_control, prepare_simulate
@@ -24,3 +25,5 @@ __all__ = [
     "save",
     "tree_text",
 ]
+
+hint_calls(__name__)

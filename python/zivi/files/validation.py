@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import contextlib
-import difflib
 import json
 import re
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
+
+from zivi.base.habits import closest
 
 __all__ = ["FileError", "Mistakes", "got_value", "joined", "suggestion"]
 
@@ -89,9 +90,6 @@ def got_value(value: Any) -> str:
 def suggestion(name: str, known: Iterable[str]) -> str:
     """Say which name was probably meant, and all that there are."""
     names = list(known)
-    # capitals count less than letters
-    lower = {it.lower(): it for it in names}
-    close = difflib.get_close_matches(name.lower(), lower, n=1, cutoff=0.5)
-    close = [lower[it] for it in close]
-    meant = f"; did you mean {close[0]!r}?" if close else ";"
+    close = closest(name, names, 0.5)
+    meant = f"; did you mean {close!r}?" if close else ";"
     return f"{meant} allowed: {', '.join(names) if names else 'nothing'}"

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from zivi.base.habits import hint_calls
 from zivi.interop.fmu.export import export_fmu
 from zivi.interop.fmu.loop import export_loop
 
 __all__ = ["export_fmu", "export_loop"]
+
+hint_calls(__name__)

@@ -4,6 +4,7 @@
 ``jax``; nothing here is imported with `zivi`.
 """
 
+from zivi.base.habits import hint_calls
 from zivi.interop.gradient import RunFunction, RunPoint, run_function
 from zivi.interop.jax import jax_function
 from zivi.interop.juggler import juggler
@@ -29,3 +30,5 @@ __all__ = [
     "solution_function",
     "state_vector",
 ]
+
+hint_calls(__name__)

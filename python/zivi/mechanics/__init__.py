@@ -1,5 +1,6 @@
 """Mechanical systems with several coordinates and gaps: names for `zivi.system` and its runs."""
 
+from zivi.base.habits import hint_calls
 from zivi.system.gap import Gap, LinearGap
 from zivi.system.gap_coordinates import GapCoordinates, gap_coordinates
 from zivi.system.layout import Evaluation
@@ -19,3 +20,5 @@ __all__ = [
     "PlaneGap",
     "gap_coordinates",
 ]
+
+hint_calls(__name__)

@@ -7,7 +7,8 @@ colour. Further keywords go to `matplotlib.axes.Axes.plot`.
 
 from typing import TYPE_CHECKING
 
-from zivi.base.habits import PLOT
+from zivi.base.former import of_zivi
+from zivi.base.habits import PLOT, module_error
 from zivi.plot.animation import animate
 from zivi.plot.charts import chart, curve
 from zivi.plot.curves import (
@@ -19,6 +20,7 @@ from zivi.plot.curves import (
     signs,
     velocity,
 )
+from zivi.plot.impacts import impacts
 from zivi.plot.look import BLUE, GREEN, ORANGE, PURPLE
 from zivi.plot.mechanics import configuration, coordinates, gaps, modes, reactions, slips
 from zivi.plot.orbits import basins, branch, diagram
@@ -42,6 +44,7 @@ __all__ = [
     "curve",
     "diagram",
     "gaps",
+    "impacts",
     "lifted",
     "map",
     "modes",
@@ -60,5 +63,7 @@ __all__ = [
 if not TYPE_CHECKING:  # which would take any name for granted
 
     def __getattr__(name):
-        hint = f": {PLOT[name]}" if name in PLOT else ""
-        raise AttributeError(f"module 'zivi.plot' has no attribute {name!r}{hint}")
+        raise module_error("zivi.plot", name, __all__, PLOT)
+
+
+of_zivi(globals())

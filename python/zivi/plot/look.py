@@ -28,15 +28,41 @@ Frame: TypeAlias = Literal["wall", "fixed"]
 def axes_of(ax: Axes | None) -> Axes:
     """Give the axes to draw into: those given, or those of a new figure."""
     if ax is not None:
-        return ax
+        return _checked(ax)
     plt = needed("matplotlib.pyplot", "plots")
     axes: Axes = plt.subplots(layout="constrained")[1]
     return axes
 
 
+def _checked(ax: Axes) -> Axes:
+    """Refuse what is no axes of Matplotlib, and say how to get them from it."""
+    if hasattr(ax, "plot") and hasattr(ax, "set_xlabel"):
+        return ax
+    given: Any = ax
+    if hasattr(ax, "gca"):  # a figure, or pyplot
+        advice = f"; write ax={'figure' if hasattr(ax, 'add_subplot') else 'plt'}.gca()"
+    elif isinstance(given, np.ndarray | list):
+        advice = "; write one of them, ax=axes[0]"
+    elif isinstance(given, tuple):
+        advice = "; write ax=ax after figure, ax = plt.subplots()"
+    elif isinstance(given, str):
+        advice = "; settings of the line have names, color='r', ls='--'"
+    else:
+        advice = ""
+    array = isinstance(given, np.ndarray)
+    got = f"an array of shape {given.shape}" if array else f"{given!r:.60}"
+    raise TypeError(f"ax must be a matplotlib.axes.Axes, got {got}{advice}")
+
+
 def figure_of(figure: Figure | None, width: float, height: float) -> Figure:
     """Give the figure to draw into: the one given, or a new one of a size (inches)."""
     if figure is not None:
+        if not hasattr(figure, "add_gridspec"):
+            axes = "; one plot into given axes is zivi.plot.position(sol, ax)"
+            advice = axes if hasattr(figure, "figure") else ""
+            raise TypeError(
+                f"figure must be a matplotlib.figure.Figure, got {figure!r:.60}{advice}"
+            )
         return figure
     made: Figure = needed("matplotlib.pyplot", "plots").figure(
         figsize=(width, height), layout="constrained"

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 import zivi._zivi as _zivi
 from zivi.base.check import Array
 from zivi.base.table import Field
-from zivi.simulation.impacts import FIELDS, Rows, table
+from zivi.simulation.impacts import FIELDS, EventTable, Rows, table
 
 if TYPE_CHECKING:
     from zivi.system.friction import Channel
@@ -188,7 +188,7 @@ class Rubbing:
             for channel in range(len(self._friction.gaps)):
                 spans = self._spans(channel)
                 rows += [(start, end, channel) for start, end, mode in spans if mode == 0]
-        return np.array(sorted(rows), dtype=list(STICK.items())).view(np.recarray)
+        return np.array(sorted(rows), dtype=list(STICK.items())).view(EventTable)
 
     def _spans(self, channel: int) -> list[tuple[float, float, int]]:
         """Give start, end and mode of what a channel does: until the next, or its gap opens."""

@@ -3,19 +3,21 @@
 from __future__ import annotations
 
 import functools
-from typing import Any, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 import zivi._zivi as _zivi
 from zivi.base.check import Array, finite, integer
+from zivi.base.habits import field_error
 from zivi.simulation.dense import LostPath
 
 __all__ = [
     "FIELDS",
     "IMPACT",
     "SLOWEST",
+    "EventTable",
     "Rows",
     "check_bounds",
     "check_slowest",
@@ -28,6 +30,24 @@ __all__ = [
     "skipped_impacts",
     "table",
 ]
+
+
+class EventTable(np.recarray):
+    """A record array of events; a field that it does not have is answered by a hint."""
+
+    if not TYPE_CHECKING:  # which would take any name for granted
+
+        def __getitem__(self, key):
+            if isinstance(key, str) and key not in (self.dtype.fields or ()):  # or their titles
+                raise field_error("impacts", key, self.dtype.names or ())
+            return super().__getitem__(key)
+
+        def __getattr__(self, name):
+            if name.startswith("_"):
+                raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
+            error = field_error("impacts", name, self.dtype.names or ())
+            raise AttributeError(str(error), name=name)
+
 
 Rows: TypeAlias = "np.recarray[Any, Any]"
 """A table of events: a record array."""
@@ -74,7 +94,7 @@ def table(fields: dict[str, str], m: int, columns: dict[str, Any]) -> Rows:
     rows = np.empty(count, kind)
     for name in fields:
         rows[name] = columns[name]
-    return rows.view(np.recarray)
+    return rows.view(EventTable)
 
 
 @functools.lru_cache
@@ -86,7 +106,7 @@ def _kind(fields: tuple[tuple[str, str], ...], m: int) -> np.dtype[np.void]:
 @functools.lru_cache
 def _nothing(kind: np.dtype[np.void]) -> Rows:
     """Give a table without rows: one for all, there is nothing in it to be changed."""
-    return np.empty(0, kind).view(np.recarray)
+    return np.empty(0, kind).view(EventTable)
 
 
 def impacts_of(record: _zivi.RunRecord | _zivi.LoopRecord) -> NDArray[np.void]:
@@ -101,7 +121,7 @@ def rows_of_impacts(impacts: NDArray[np.void]) -> Rows:
     rows["speed_before"], rows["speed_after"] = impacts["xdot_before"], impacts["xdot_after"]
     rows["impulse"] = rows["speed_after"] - rows["speed_before"]
     rows["group"] = np.arange(1, len(rows) + 1)
-    return rows.view(np.recarray)
+    return rows.view(EventTable)
 
 
 def rows_of_events(name: str, times: Array, closed: bool = True) -> Rows:

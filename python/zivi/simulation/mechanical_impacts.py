@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from zivi.base.check import Array
-from zivi.simulation.impacts import Rows, check_bounds, skipped_fast, skipped_impacts
+from zivi.simulation.impacts import EventTable, Rows, check_bounds, skipped_fast, skipped_impacts
 
 __all__ = ["down_to", "listed"]
 
@@ -79,7 +79,7 @@ def _numbered(rows: Any) -> Rows:
     else:  # two groups at one time, one in between the other
         _, start, number = np.unique(groups, return_index=True, return_inverse=True)
         rows["group"] = 1 + np.argsort(np.argsort(start))[number]
-    whole: Rows = rows.view(np.recarray)
+    whole: Rows = rows.view(EventTable)
     return whole
 
 

@@ -326,7 +326,9 @@ def times_within(t_eval: ArrayLike, span: tuple[float, float]) -> np.ndarray:
     """Return increasing times within a span."""
     times = real_array("t_eval", t_eval)
     if times.ndim != 1:
-        raise ValueError(f"t_eval must be one-dimensional, got shape {times.shape}")
+        got = f"shape {times.shape}" if times.ndim else f"the number {times:.6g}"
+        advice = "" if times.ndim else "; write t_eval=numpy.linspace(t0, t1, n)"
+        raise ValueError(f"t_eval must be one-dimensional, got {got}{advice}")
     inside = not len(times) or span[0] <= times[0] <= times[-1] <= span[1]
     if not (inside and (times[1:] >= times[:-1]).all()):
         raise ValueError(f"t_eval must be increasing and within t_span = {span}")

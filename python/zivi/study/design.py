@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from zivi.base.check import integer, real
+from zivi.base.habits import hinted
 
 __all__ = ["MOST_POINTS", "RESERVED", "Design", "design_of", "grid", "points", "sample"]
 
@@ -130,6 +131,7 @@ def points(**columns: ArrayLike) -> Design:
     return _listed("list", columns)
 
 
+@hinted("sample")
 def sample(
     sampler: Any,
     n: int,

@@ -5,6 +5,7 @@
 
 from zivi.base.former import hand_on
 from zivi.base.formula import FormulaError
+from zivi.base.habits import hint_calls
 from zivi.system.symbolic.system import SymbolicSystem, system
 
 __all__ = ["FormulaError", "SymbolicSystem", "system"]
@@ -12,3 +13,5 @@ __all__ = ["FormulaError", "SymbolicSystem", "system"]
 hand_on(
     {f"symbolic.{name}": f"system.symbolic.{name}" for name in ("derive", "functions", "system")}
 )
+
+hint_calls(__name__)

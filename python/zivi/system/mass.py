@@ -9,7 +9,8 @@ import numpy as np
 
 import zivi._zivi as _zivi
 from zivi.base.check import Array, MaybeNone
-from zivi.base.habits import hinted
+from zivi.base.functions import OfState, of_three
+from zivi.base.habits import attribute_error, hinted
 from zivi.system.force import Force, LinearForce, force_spec
 from zivi.system.friction import DryFriction
 from zivi.system.impact_law import ImpactLaw, NewtonImpact
@@ -21,6 +22,10 @@ __all__ = ["Force", "ImpactSystem", "LinearForce", "check_system", "force_spec"]
 
 WRAPPED = "zivi.simulate(zivi.ImpactSystem(force, e=0.5), t_span, y0)"
 """How a force becomes a run."""
+
+
+CALLED = "f(t, x, xdot), three numbers"
+"""How a force of three arguments is called."""
 
 
 @hinted("ImpactSystem")
@@ -137,7 +142,13 @@ class ImpactSystem:
             raise NotImplementedError(
                 "an ImpactSystem with friction is for zivi.simulate and zivi.simulate_batch"
             )
-        raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
+        raise attribute_error("system", self, name)
+
+    @property
+    def _call_form(self) -> str:
+        """How a force that is a function is called, for errors that it raises."""
+        of_y = isinstance(of_three("force", self._force, more_than_y=False), OfState)
+        return f"force is called as {'f(t, y), y = [x, xdot]' if of_y else CALLED}"
 
     def _prepare(self) -> None:
         if self._friction is not None:

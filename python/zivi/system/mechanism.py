@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 import zivi._zivi as _zivi
 from zivi.base.check import Array, finite, real_array, switch
-from zivi.base.habits import hinted
+from zivi.base.habits import attribute_error, hinted
 from zivi.system.assemble import Evaluate, assembled
 from zivi.system.callbacks import glued
 from zivi.system.control_inputs import ControlInputs, control_inputs, every_coordinate
@@ -217,6 +217,13 @@ class MechanicalSystem:
         self._reentrant = switch("reentrant", reentrant)
         self._n = self._known_size()
         self._coordinates = coordinates_of(coordinates, self._n)
+
+    if not TYPE_CHECKING:  # which would take any name for granted
+
+        def __getattr__(self, name):
+            raise attribute_error("mechanism", self, name)
+
+    _call_form = "force is called as F(t, q, qdot), a number and two arrays"
 
     def _known_size(self) -> int | None:
         """Find the number of coordinates, if an array tells it; all must tell the same."""

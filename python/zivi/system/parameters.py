@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 from typing import Any
 
+from zivi.base.habits import closest
 from zivi.system.force import NativeForce
 from zivi.system.impact_law import ImpactLaw, NewtonImpact, law_parameters
 from zivi.system.mass import ImpactSystem, check_system
@@ -152,7 +153,14 @@ def excitation(system: ImpactSystem) -> tuple[float | None, str | None]:
 def _unknown(system: ImpactSystem, name: str, *, start: bool = True) -> str:
     names = names_of(system) if start else [*of_law(system), *parameters_of(system)]
     hint = ""
-    if not of_force(system.force):
+    if close := closest(name, names):
+        hint = f"; did you mean {close!r}?"
+    elif isinstance(system.force, int | float):
+        hint = (
+            "; a constant force is the one parameter force: zivi.LinearForce(gravity=9.81, ...) "
+            "has gravity, stiffness, damping"
+        )
+    elif not of_force(system.force):
         hint = (
             "; a plain callable has no parameters: give them names with "
             "zivi.ParametricForce(f, parameters={...})"

@@ -92,6 +92,10 @@ def export_fmu(
     ...     [path.name for path in zivi.export_fmu(folder, tree, y0=([0.3], [0]), name="Rod")]
     ['Rod2.fmu', 'Rod3.fmu']
     """
+    if not isinstance(out, str | os.PathLike):
+        raise TypeError(
+            f"out must be a path, got {type(out).__name__}; write zivi.export_fmu(folder, model)"
+        )
     if isinstance(model, SymbolicSystem | Tree):
         return _mechanism(out, model, fmi, y0, "MechanicalSystem" if name is None else name)
     models = [MODELS[key] for key in _chosen_models(model)]
