@@ -71,7 +71,11 @@ def public_things():
     """Every public class and function, by its full name."""
     found = {f"zivi.{name}": getattr(zivi, name) for name in NAMES}
     found |= {f"zivi.plot.{name}": getattr(zivi.plot, name) for name in zivi.plot.__all__}
-    return {name: thing for name, thing in found.items() if callable(thing) and not inspect.ismodule(thing)}
+    return {
+        name: thing
+        for name, thing in found.items()
+        if callable(thing) and not inspect.ismodule(thing)
+    }
 
 
 PUBLIC = public_things()

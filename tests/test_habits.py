@@ -34,6 +34,7 @@ CALLS = {
     "periodic_orbit": (zivi.periodic_orbit, (BALL,)),
     "continue_orbit": (zivi.continue_orbit, (None, "amplitude", (0, 1))),
     "sweep": (zivi.sweep, (len, {"x": [1]})),
+    "at": (MASS.at, (0.0, [1.0], [0.0])),
     "sample": (zivi.sample, ("sobol", 2, {"x": (0, 1)})),
     "Gap": (zivi.Gap, (len,)),
     "DryFriction": (zivi.DryFriction, ()),
@@ -306,6 +307,8 @@ BALL.gravity | it belongs to the force
 BALL.Force | did you mean 'force'?
 MASS.simulate | it is zivi.simulate(system, t_span, (q0, qdot0))
 MASS.M | it is at(t, q, qdot).mass
+MASS.at(e=0.5) | at evaluates a state; another system is replace(e=...)
+zivi.LinearSystem([[1.0]], None, [[1.0]]).at(e=0.5) | another system is replace(e=...)
 MASS.gap | did you mean 'gaps'?
 """
 """Mistakes that were typed, and what the error says in its words or in a note."""

@@ -260,6 +260,7 @@ ARGUMENTS: Mapping[str, Mapping[str, str]] = {
         "kwargs": "arguments that are the same at all points are fixed={...}",
         "*": "parameters are one dictionary, the second argument: {'*': [...]}",
     },
+    "at": {"*": "at evaluates a state; another system is replace(*=...)"},
     "sample": {
         "method": "it is the first argument, sampler",
         "size": "it is n",
@@ -309,6 +310,7 @@ CALLS: Mapping[str, str] = {
     "basins": "zivi.basins(system, x0s, v0s)",
     "lyapunov_exponents": "zivi.lyapunov_exponents(system, t_span, y0)",
     "sweep": "zivi.sweep(function, {'e': [0.1, 0.2]})",
+    "at": "zivi.MechanicalSystem.at(t, q, qdot)",
     "sample": "zivi.sample('sobol', 64, {'e': (0.1, 0.9)})",
     "symbolic": 'zivi.symbolic.system("a", T="m*adot**2/2", V="m*g*a", parameters={...})',
     "animate": "zivi.plot.animate(sol)",

@@ -78,7 +78,7 @@ class MechanicalRun:
                 parameters[column.name] = value
         system = self.system
         if parameters:
-            system = system.replace(**parameters)  # type: ignore[attr-defined]
+            system = system.replace(**parameters)
         if tuple(laws) != self.system.laws:
             system = _with_laws(system, tuple(laws))
         return system, (start, self.span[1]), state

@@ -17,7 +17,7 @@ from zivi.system.gap import Gap, LinearGap
 from zivi.system.impact_law import GivenRestitutions, written
 from zivi.system.layout import Layout
 from zivi.system.loads import Excitation, Harmonic, parts_of, projected
-from zivi.system.mechanism import MechanicalSystem, Model
+from zivi.system.mechanism import MechanicalSystem, Model, check_names
 from zivi.system.table import Table, declared_breaks
 from zivi.system.wall import MovingWall
 
@@ -206,6 +206,7 @@ class LinearSystem(MechanicalSystem):
     @overload
     def at(self, *, omega: ArrayLike) -> Any: ...
 
+    @hinted("at")
     def at(self, t: Any = None, q: Any = None, qdot: Any = None, *, omega: Any = None) -> Any:
         """Give the same system excited at another frequency, or evaluate it.
 
@@ -236,6 +237,56 @@ class LinearSystem(MechanicalSystem):
         if values.ndim == 0:
             return self._at_frequency(finite("omega", float(values)))
         return [self._at_frequency(finite("omega", float(it))) for it in values.ravel()]
+
+    def replace(self, **changes: Any) -> LinearSystem:
+        """Return the same system with other arguments.
+
+        Parameters
+        ----------
+        **changes
+            ``M``, ``C``, ``K``, ``excitation``, ``gaps``, ``e``, ``coordinates``, as `LinearSystem`
+            takes them; of a system of modes they are those of the modal amplitudes, as its
+            attributes are. Or ``omega``, the angular frequency of its `Harmonic` loads (rad/s), as
+            for `at`.
+
+        Returns
+        -------
+        LinearSystem
+            A new system; this one does not change.
+
+        Raises
+        ------
+        KeyError
+            For another name.
+        ValueError, TypeError
+            As for `LinearSystem` and `at`.
+
+        Examples
+        --------
+        >>> load = zivi.Harmonic([1.0], omega=2.0)
+        >>> system = zivi.LinearSystem([[1.0]], [[0.1]], [[4.0]], excitation=load)
+        >>> system.replace(K=[[9.0]], omega=3.0).excitation[0].omega
+        3.0
+        """
+        matrices = ("M", "C", "K")
+        known = (*matrices, "excitation", "gaps", "e", "coordinates", "omega")
+        check_names(changes, known)
+        n, state = len(self.M), self.__getstate__()
+        given = [
+            np.zeros((n, n)) if changes.get(name, it) is None else changes.get(name, it)
+            for name, it in zip(matrices, state["matrices"], strict=True)
+        ]
+        state["matrices"] = tuple(
+            _square(name, it, n) for name, it in zip(matrices, given, strict=True)
+        )
+        if "excitation" in changes:
+            state["parts"] = parts_of(changes["excitation"], n)
+        if "gaps" in changes:
+            state["gaps"] = _linear_gaps(changes["gaps"])
+        state |= {name: changes[name] for name in ("e", "coordinates") if name in changes}
+        new = object.__new__(type(self))
+        new.__setstate__(state)
+        return new if "omega" not in changes else new.at(omega=finite("omega", changes["omega"]))
 
     def _at_frequency(self, omega: float) -> LinearSystem:
         return self._with(

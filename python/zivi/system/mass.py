@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import functools
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
 import zivi._zivi as _zivi
 from zivi.base.check import Array, MaybeNone
+from zivi.base.extras import late
 from zivi.base.functions import OfState, of_three
 from zivi.base.habits import attribute_error, hinted
 from zivi.system.force import Force, LinearForce, force_spec
@@ -24,6 +25,8 @@ WRAPPED = "zivi.simulate(zivi.ImpactSystem(force, e=0.5), t_span, y0)"
 """How a force becomes a run."""
 
 
+ARGUMENTS = ("force", "e", "kappa", "wall", "friction")
+"""The arguments of a system, which `replace` takes too."""
 CALLED = "f(t, x, xdot), three numbers"
 """How a force of three arguments is called."""
 
@@ -168,6 +171,61 @@ class ImpactSystem:
         new._force, new._e, new._kappa = force, self._e, self._kappa
         new._wall, new._friction = self._wall, self._friction
         new._prepare()
+        return new
+
+    def replace(self, **changes: Any) -> Self:
+        """Return the same system with other arguments or other values of its parameters.
+
+        Parameters
+        ----------
+        **changes
+            Arguments of `ImpactSystem` by name, or parameters of the force, the wall and the impact
+            law as `zivi.sensitivity` names them: ``gravity=3.7``, ``**{"wall.amplitude": 0.1}``.
+            What is not named stays.
+
+        Returns
+        -------
+        ImpactSystem
+            A new system; this one does not change.
+
+        Raises
+        ------
+        KeyError
+            For a name that is neither.
+        ValueError, TypeError
+            As for `ImpactSystem`.
+
+        Examples
+        --------
+        >>> ball = zivi.ImpactSystem(zivi.LinearForce(gravity=9.81), e=0.5)
+        >>> ball.replace(e=0.8, gravity=1.62).force.gravity
+        1.62
+        """
+        own = {name: changes.pop(name) for name in ARGUMENTS if name in changes}
+        system = self._with(**own) if own else self
+        with_value = late("zivi.system.parameters", "with_value")
+        for name, value in changes.items():
+            try:
+                late("zivi.system.parameters", "parameter")(system, name)
+            except ValueError as error:
+                raise KeyError(str(error)) from None
+            system = with_value(system, name, value)
+        return system
+
+    def _with(self, **given: Any) -> Self:
+        """Give the same system with other arguments; e and kappa keep their bits."""
+        law = {name: given[name] for name in ("e", "kappa") if name in given}
+        new = object.__new__(type(self))
+        ImpactSystem.__init__(
+            new,
+            given.get("force", self._force),
+            wall=given.get("wall", self._wall),
+            friction=given.get("friction", self._friction),
+            **(law or {"e": self._e}),
+        )
+        if not law and new._kappa != self._kappa:
+            new._kappa = self._kappa
+            new._prepare()
         return new
 
     def __getstate__(self) -> tuple[Any, ...]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -50,7 +50,7 @@ from zivi.system.table import Table, declared_breaks
 if TYPE_CHECKING:
     from zivi.base.machine_code import Native
 
-__all__ = ["MAX_SIZE", "MechanicalSystem", "Model", "check_mass"]
+__all__ = ["MAX_SIZE", "MechanicalSystem", "Model", "check_mass", "check_names"]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -81,6 +81,21 @@ class Model:
             return spec.evaluate(t, q, qdot, size)
 
         return cls(layout, spec, evaluate)
+
+
+ARGUMENTS = (
+    *("mass", "force", "gaps", "e", "coordinates", "inputs", "friction", "impact_law", "paradox"),
+    "reentrant",
+)
+"""The arguments of a system, which `replace` takes too."""
+
+
+def check_names(changes: Mapping[str, Any], known: Iterable[str]) -> None:
+    """Refuse names of what a system does not have."""
+    known = tuple(known)
+    for name in changes:
+        if name not in known:
+            raise KeyError(f"{name!r} is no parameter: there are {', '.join(known)}")
 
 
 @hinted("MechanicalSystem")
@@ -390,6 +405,7 @@ class MechanicalSystem:
         """Give what the extension takes for the partial derivatives of a model."""
         return Partials()
 
+    @hinted("at")
     def at(self, t: float, q: ArrayLike, qdot: ArrayLike) -> Evaluation:
         """Evaluate the system.
 
@@ -417,6 +433,38 @@ class MechanicalSystem:
         if state[1].shape != state[0].shape:
             raise ValueError(f"qdot must have shape {state[0].shape}, got {state[1].shape}")
         return model.layout.read(model.evaluate(finite("t", t), *state))
+
+    def replace(self, **changes: Any) -> MechanicalSystem:
+        """Return the same system with other arguments.
+
+        Parameters
+        ----------
+        **changes
+            Arguments of `MechanicalSystem` by name; what is not named stays.
+
+        Returns
+        -------
+        MechanicalSystem
+            A new system; this one does not change.
+
+        Raises
+        ------
+        KeyError
+            For a name that is no argument.
+        ValueError, TypeError
+            As for `MechanicalSystem`.
+
+        Examples
+        --------
+        >>> floor = zivi.LinearGap([1.0])
+        >>> ball = zivi.MechanicalSystem(mass=1.0, force=[-9.81], gaps=[floor], e=0.5)
+        >>> ball.replace(e=0.8).e
+        array([0.8])
+        """
+        check_names(changes, ARGUMENTS)
+        new = object.__new__(type(self))
+        new.__setstate__(self.__getstate__() | changes)
+        return new
 
     def __repr__(self) -> str:
         told = (

@@ -7,7 +7,7 @@ from typing import Any
 
 from zivi.base.habits import closest
 from zivi.system.force import NativeForce
-from zivi.system.impact_law import ImpactLaw, NewtonImpact, law_parameters
+from zivi.system.impact_law import NewtonImpact, law_parameters
 from zivi.system.mass import ImpactSystem, check_system
 from zivi.system.mechanism import MechanicalSystem
 from zivi.system.parametric import ParametricForce
@@ -116,23 +116,19 @@ def with_value(system: ImpactSystem, name: str, value: float) -> ImpactSystem:
     force, wall = system.force, system.wall
     if isinstance(force, NativeForce) and name in force._numbers():
         return system._under(force._moved(name, value))
-    e: float | ImpactLaw = system.law
     parameter(system, name)
-    if isinstance(e, NewtonImpact):
-        e = system.e
     if name == "e":
-        e = value
-    elif name.startswith("law."):
-        assert isinstance(e, ImpactLaw)
-        e = dataclasses.replace(e, **{name.removeprefix("law."): value})
-    elif name.startswith("wall."):
+        return system._with(e=value)
+    if name.startswith("law."):
+        law: Any = system.law
+        return system._with(e=dataclasses.replace(law, **{name.removeprefix("law."): value}))
+    if name.startswith("wall."):
         assert isinstance(wall, HarmonicWall)
-        wall = dataclasses.replace(wall, **{name.removeprefix("wall."): value})
-    elif isinstance(force, ParametricForce):
-        force = force.replace(**{name: value})
-    else:
-        force = value
-    return ImpactSystem(force, e=e, wall=wall)
+        moved = dataclasses.replace(wall, **{name.removeprefix("wall."): value})
+        return system._with(wall=moved)
+    if isinstance(force, ParametricForce):
+        return system._with(force=force.replace(**{name: value}))
+    return system._with(force=value)
 
 
 def excitation(system: ImpactSystem) -> tuple[float | None, str | None]:

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import Any
+from typing import Any, cast
 
 import zivi._zivi as _zivi
 from zivi.base.check import finite
-from zivi.system.mechanism import MechanicalSystem, Model
+from zivi.system.impact_law import GivenRestitutions
+from zivi.system.mechanism import MechanicalSystem, Model, check_names
 from zivi.system.partials import Partials
 
 __all__ = ["ParametricSystem"]
@@ -54,6 +55,8 @@ class ParametricSystem(MechanicalSystem):
     array([ 0.      , -0.225762])
     """
 
+    _chosen_e: GivenRestitutions | None = None
+
     def __init__(
         self, build: Callable[..., MechanicalSystem], parameters: Mapping[str, float]
     ) -> None:
@@ -78,18 +81,21 @@ class ParametricSystem(MechanicalSystem):
         system = self._build(**(self._parameters | dict(moved)))
         if not isinstance(system, MechanicalSystem):
             raise TypeError(f"build must give a zivi.MechanicalSystem, got {type(system).__name__}")
-        return system
+        return system if self._chosen_e is None else system.replace(e=self._chosen_e)
 
     @property
     def parameters(self) -> dict[str, float]:
         """Names and values."""
         return dict(self._parameters)
 
-    def replace(self, **parameters: float) -> ParametricSystem:
+    def replace(self, e: GivenRestitutions | None = None, **parameters: float) -> ParametricSystem:
         """Give the same system with other values of some parameters.
 
         Parameters
         ----------
+        e : float or sequence, optional
+            Other coefficients of restitution than those that `build` gives; the parameter ``e``
+            where there is one.
         **parameters
             New values by name.
 
@@ -103,11 +109,14 @@ class ParametricSystem(MechanicalSystem):
         KeyError
             For a name that is no parameter.
         """
-        for name in parameters:
-            if name not in self._parameters:
-                known = ", ".join(self._parameters)
-                raise KeyError(f"{name!r} is no parameter: there are {known}")
-        return ParametricSystem(self._build, self._parameters | parameters)
+        if e is not None and "e" in self._parameters:
+            parameters["e"], e = cast(float, e), None
+        check_names(parameters, self._parameters)
+        new = object.__new__(type(self))
+        values = self._parameters | parameters
+        chosen = self._chosen_e if e is None else e
+        new.__setstate__({"build": self._build, "parameters": values, "e": chosen})
+        return new
 
     def model(self, n: int) -> Model:
         """Give what the extension integrates."""
@@ -139,7 +148,9 @@ class ParametricSystem(MechanicalSystem):
         return f"ParametricSystem({self._built!r}, parameters={self._parameters!r})"
 
     def __getstate__(self) -> dict[str, Any]:
-        return {"build": self._build, "parameters": self._parameters}
+        chosen = {} if self._chosen_e is None else {"e": self._chosen_e}
+        return {"build": self._build, "parameters": self._parameters, **chosen}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        ParametricSystem.__init__(self, **state)
+        self._chosen_e = state.get("e")
+        ParametricSystem.__init__(self, state["build"], state["parameters"])

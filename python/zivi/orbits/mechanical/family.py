@@ -100,7 +100,7 @@ def with_values(system: System, values: Mapping[str, float]) -> System:
     own = _parameters(system)
     given = {name: value for name, value in values.items() if name in own}
     if given:
-        new = system.replace(**given)  # type: ignore[attr-defined]
+        new = system.replace(**given)
         if isinstance(system, ParametricSystem) and np.any(system.e != system._built.e):
             new = _with_e(new, system.e)
     known = values_of(system) if len(given) < len(values) else {}
