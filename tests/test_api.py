@@ -173,6 +173,7 @@ def test_the_promised_results():
         "friction",
         "kappa",
         "law",
+        "replace",
         "wall",
     ]
 

@@ -5,6 +5,7 @@ import json
 import operator
 import pickle
 import re
+import warnings
 
 import numpy as np
 import pytest
@@ -335,6 +336,57 @@ def test_a_force_that_takes_a_number_for_an_array_is_told_what_it_gets():
         with pytest.raises(TypeError, match="subscriptable") as told:
             zivi.simulate(system, SPAN, ([1.0], [0.0]) if system is several else START)
         assert note in " ".join(told.value.__notes__)
+
+
+UP = "write a negative number, as in zivi.ImpactSystem"
+FLOOR_ONLY = {"mass": np.eye(2), "gaps": [zivi.LinearGap([0, 1], name="floor")]}
+START_OF_TWO = ([0.0, 1.0], [0.0, -1.0])
+
+
+@pytest.mark.parametrize(
+    "force", [9.81, 9, np.float64(9.81), zivi.LinearForce(gravity=-9.81, omega=3.0)]
+)
+def test_a_mass_that_flies_off_for_ever_is_warned_of(force):
+    with pytest.warns(zivi.ModelWarning, match=UP) as told:
+        sol = zivi.simulate(zivi.ImpactSystem(force, e=0.5), (0, 2), (1, -5))
+    assert told[0].filename == __file__
+    assert sol.x[-1] > 1.0
+    with warnings.catch_warnings(action="error"):  # still on its way to the wall
+        zivi.simulate(zivi.ImpactSystem(force, e=0.5), (0, 0.1), (1, -5))
+
+
+def test_a_gap_that_opens_for_ever_is_warned_of():
+    up = zivi.MechanicalSystem(force=[1.0, 9.81], **FLOOR_ONLY)
+    with pytest.warns(zivi.ModelWarning, match="force opens the gap floor for ever") as told:
+        zivi.simulate(up, (0, 2), START_OF_TWO)
+    assert told[0].filename == __file__
+
+
+TENT = [*FLOOR_ONLY["gaps"], zivi.LinearGap([0, -1], 2.0)]
+RETURN = {
+    "down": zivi.ImpactSystem(-9.81, e=0.5),
+    "none": zivi.ImpactSystem(0.0, e=0.5),
+    "spring": zivi.ImpactSystem(zivi.LinearForce(gravity=-1.0, stiffness=1.0), e=0.5),
+    "wave": zivi.ImpactSystem(zivi.LinearForce(gravity=-1.0, amplitude=2.0), e=0.5),
+    "wall": zivi.ImpactSystem(1.0, e=0.5, wall=zivi.Table([0, 1], [0, 1], kind="cubic")),
+    "ceiling": zivi.MechanicalSystem(force=[0.0, 9.81], **FLOOR_ONLY | {"gaps": TENT}),
+    "along": zivi.MechanicalSystem(force=[9.81, -1.0], **FLOOR_ONLY),
+}
+
+
+@pytest.mark.parametrize("name", RETURN)
+def test_no_other_mass_is(name):
+    several = isinstance(RETURN[name], zivi.MechanicalSystem)
+    start = START_OF_TWO if several else (1, 0.1)
+    with warnings.catch_warnings(action="error"):
+        assert zivi.simulate(RETURN[name], (0, 0.9), start).success
+
+
+def test_an_end_of_the_user_s_is_no_flight():
+    gone = zivi.Level(x=1.5, terminal=True)
+    with warnings.catch_warnings(action="error"):
+        sol = zivi.simulate(zivi.ImpactSystem(9.81, e=0.5), (0, 9), (1, 0), events=gone)
+    assert sol.status is zivi.Status.TERMINATED_BY_EVENT
 
 
 def test_examples_of_calls_name_what_is_there():

@@ -295,7 +295,6 @@ CALLS: Mapping[str, str] = {
     "simulate_closed_loop": "zivi.simulate_closed_loop(system, controller, (0, 1), (x0, xdot0))",
     "controller": "zivi.TwistingTracker(mu1, mu2, h=1e-3, e=0.5)",
     "TwistingRegulator": "zivi.TwistingRegulator(mu1, mu2, h=1e-3, e=0.5)",
-    "ExplicitTwisting": "zivi.ExplicitTwisting(mu1, mu2, h=1e-3, e=0.5)",
     "design": "zivi.design_tracker(1.0, start=(x0, xdot0))",
     "design_regulator": "zivi.design_regulator(1.0, start=(x0, xdot0))",
     "observer": "zivi.ImpactObserver(e, h)",

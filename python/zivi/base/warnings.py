@@ -1,13 +1,29 @@
-"""What zivi warns of, by name."""
+"""What zivi warns of, by name, at the line of the user's that called it."""
 
 from __future__ import annotations
 
-__all__ = ["ModelWarning"]
+import sys
+import warnings
+from pathlib import Path
+
+__all__ = ["ModelWarning", "warn"]
 
 
 class ModelWarning(UserWarning):
-    """What a controller believes of the plant is not what the plant is.
+    """What a controller believes of the plant is not what the plant is, or a mass flies off.
 
-    Give the controller no `e` and it takes the plant's; where the difference is meant, to see what
-    it does, ``warnings.simplefilter("ignore", zivi.ModelWarning)``.
+    Give the controller no `e` and it takes the plant's; a constant force that points away from the
+    wall has the wrong sign. Where it is meant, to see what it does,
+    ``warnings.simplefilter("ignore", zivi.ModelWarning)``.
     """
+
+
+PACKAGE = str(Path(__file__).parents[1])
+
+
+def warn(text: str, category: type[Warning] = ModelWarning) -> None:
+    """Warn at the nearest line that is not of this package."""
+    level, frame = 2, sys._getframe(1)
+    while frame.f_back is not None and frame.f_code.co_filename.startswith(PACKAGE):
+        level, frame = level + 1, frame.f_back
+    warnings.warn(text, category, stacklevel=level)

@@ -6,7 +6,6 @@ import contextlib
 import inspect
 import math
 import numbers
-import warnings
 import weakref
 from collections.abc import Sequence
 from typing import Any
@@ -15,7 +14,7 @@ import numpy as np
 
 import zivi._zivi as _zivi
 from zivi.base.check import Array, real
-from zivi.base.warnings import ModelWarning
+from zivi.base.warnings import warn
 from zivi.control.observer import ImpactObserver
 from zivi.control.twisting import CONTROLLERS
 from zivi.simulation.argument_hints import argument_text
@@ -82,17 +81,15 @@ def period_of(controller: Any) -> float:
     return real("controller.h", controller.h)
 
 
-def on_wall(controller: Any, system: ImpactSystem, stacklevel: int = 3) -> Any:
+def on_wall(controller: Any, system: ImpactSystem) -> Any:
     """Give a controller without `e` the plant's, and warn of one that believes in another."""
     if isinstance(controller, CONTROLLERS):
         controller = controller._on(system.kappa)
     believed = getattr(controller, "e", system.e)
     if isinstance(believed, numbers.Real) and abs(float(believed) - system.e) > SAME_E:
-        warnings.warn(
+        warn(
             f"the controller believes in e = {believed:.6g}, the plant has e = {system.e:.6g}: "
-            "without e it takes the plant's",
-            ModelWarning,
-            stacklevel=stacklevel,
+            "without e it takes the plant's"
         )
     return controller
 
@@ -110,14 +107,13 @@ def check_delay(delay: Any) -> int:
     return int(delay)
 
 
-def check_predicted(own: int, delay: int, stacklevel: int = 3) -> None:
+def check_predicted(own: int, delay: int) -> None:
     """Warn of a controller that predicts over another delay than the loop's."""
     if own and own != delay:
-        text = f"the controller predicts over delay = {own}, the loop has delay = {delay}"
-        warnings.warn(text, ModelWarning, stacklevel=stacklevel)
+        warn(f"the controller predicts over delay = {own}, the loop has delay = {delay}")
 
 
-def check_ahead(controller: Any, delay: int, noise: float = 0.0, stacklevel: int = 3) -> None:
+def check_ahead(controller: Any, delay: int, noise: float = 0.0) -> None:
     """Warn of a landing that does not look as far ahead as its control is late.
 
     Under noise of the velocity the brake of a late loop, ``v' = -v(t - d h)/(N h)``, swings over
@@ -127,7 +123,7 @@ def check_ahead(controller: Any, delay: int, noise: float = 0.0, stacklevel: int
     own = getattr(it, "delay", 0) if isinstance(controller, CONTROLLERS) else 0
     text = ""
     if own:
-        return check_predicted(own, delay, stacklevel + 1)
+        return check_predicted(own, delay)
     if not (delay and isinstance(controller, CONTROLLERS) and getattr(it, "landing", False)):
         return
     elif it.ahead < 1 + delay:
@@ -138,7 +134,7 @@ def check_ahead(controller: Any, delay: int, noise: float = 0.0, stacklevel: int
             f"e = {it.e:.6g}: give it quiet (5 deviations of the velocity), or ahead={calm(delay)}"
         )
     if text:
-        warnings.warn(text, ModelWarning, stacklevel=stacklevel)
+        warn(text)
 
 
 NEAR_ELASTIC = 0.9

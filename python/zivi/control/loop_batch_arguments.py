@@ -74,7 +74,7 @@ def on_walls(controllers: list[Any], plants: list[ImpactSystem], n: int) -> list
     differ = len(plants) > 1 and any(it._settings["kappa"] is None for it in ours)
     count = n if differ else len(controllers)
     # one warning for all of a kind: the warnings of one place are shown once
-    return [on_wall(entry(controllers, i), entry(plants, i), stacklevel=4) for i in range(count)]
+    return [on_wall(entry(controllers, i), entry(plants, i)) for i in range(count)]
 
 
 def references_of(

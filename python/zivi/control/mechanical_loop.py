@@ -139,7 +139,7 @@ def simulate_mechanical(
     own = controller
     controller = copied(controller)
     ahead = int(getattr(controller, "delay", 0))
-    check_predicted(ahead, periods, stacklevel=4)
+    check_predicted(ahead, periods)
     asked_at = times_ahead(times, h, ahead, reference)
     tasks = tuple(getattr(controller, "tasks", ()))
     given = reference_of(reference, asked_at, system.gap_names, q, tasks)

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import warnings
 from typing import Any, TypeAlias
 
+from zivi.base.warnings import ModelWarning
 from zivi.control.closed_loop import ClosedLoop, Controller, simulate_closed_loop
 from zivi.control.observer import ImpactObserver
 from zivi.control.twisting import ExplicitTwisting, TwistingRegulator, TwistingTracker
@@ -75,10 +77,12 @@ def _ball(ball: Ball) -> dict[str, Trajectory]:
         "high_order": SwitchedRK(),
     }
     span, start = (0.0, ball.t_end), (ball.x0, ball.xdot0)
-    return {
-        name: simulate(system, span, start, method=method, progress=False)
-        for name, method in methods.items()
-    }
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ModelWarning)  # a ball that flies off is seen to do so
+        return {
+            name: simulate(system, span, start, method=method, progress=False)
+            for name, method in methods.items()
+        }
 
 
 def _regulators(given: Regulator) -> dict[str, Controller]:

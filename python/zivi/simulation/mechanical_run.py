@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 import functools
 import math
-import warnings
 from collections.abc import Callable
 from typing import Any, TypeAlias
 
@@ -13,6 +12,7 @@ import numpy as np
 
 import zivi._zivi as _zivi
 from zivi.base.check import Array, real_array
+from zivi.base.warnings import warn
 from zivi.simulation.describe import describe_restitutions
 from zivi.simulation.mechanical_trajectory import MechanicalTrajectory
 from zivi.simulation.methods import FixedSteps, MoreauJean, Settings, SwitchedRK, ThetaGamma
@@ -176,7 +176,7 @@ def record_of(
     model: Model = system.model(len(asked.q))
     check_start(system, model, asked.span, asked.q, asked.qdot)
     if isinstance(method, MoreauJean) and _coupled(system, model, asked, differing=True):
-        warnings.warn(ENERGY.format(e=system.e.tolist()), RuntimeWarning, stacklevel=5)
+        warn(ENERGY.format(e=system.e.tolist()), RuntimeWarning)
     if isinstance(method, ThetaGamma) and _coupled(system, model, asked):
         raise ValueError(f"the gaps {', '.join(system.gap_names)} are coupled: {COUPLED}")
     keep = _zivi.Keep(

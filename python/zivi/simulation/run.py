@@ -25,6 +25,7 @@ from zivi.simulation.mechanical_run import (
 )
 from zivi.simulation.mechanical_trajectory import MechanicalTrajectory
 from zivi.simulation.methods import Method, SwitchedRK
+from zivi.simulation.outward import warn_of_flight, warn_of_flight_from_gap
 from zivi.simulation.partial import as_raised, with_partial
 from zivi.simulation.steps import ended_by_event, restrict
 from zivi.simulation.trajectory import NO_STOPS, Trajectory
@@ -229,6 +230,7 @@ def simulate(
         if times is not None:
             sol = restrict(sol, times)
     if error is None:
+        warn_of_flight(system, sol)
         return sol
     # the exception knows this frame, and gets to know the run: through the record, which knows the
     # exception, all would never be freed
@@ -274,6 +276,7 @@ def _mechanical(
     if error is None and (error := ear.ends(sol.success)):
         sol = as_raised(sol)
     if error is None:
+        warn_of_flight_from_gap(system, sol)
         return sol
     try:
         raise with_partial(error, sol)
