@@ -1,9 +1,11 @@
 """The interpreter ends cleanly while runs go on in daemon threads."""
 
 import os
+import re
 import subprocess
 import sys
 import textwrap
+from pathlib import Path
 
 import pytest
 
@@ -157,6 +159,38 @@ def test_a_fork_does_not_wait_for_the_runs_of_threads_that_it_has_not():
         print(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]))
     """
     assert told(program) == "0\n"
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="no fork")
+def test_a_fork_opens_the_locks_that_other_threads_hold():
+    """Nobody would: neither a child that compiles a model nor one that listens to a force ended."""
+    program = """
+        import os, threading, warnings
+        from zivi.base import compiled, machine_code
+        warnings.simplefilter("ignore")
+        held, forked = threading.Event(), threading.Event()
+        def hold():
+            with compiled._lock, machine_code._lock:
+                held.set()
+                forked.wait()
+        thread = threading.Thread(target=hold, daemon=True)
+        thread.start()
+        held.wait()
+        child = os.fork()
+        if child == 0:
+            locks = [module._lock._lock for module in (compiled, machine_code)]
+            os._exit(0 if all(lock.acquire(blocking=False) for lock in locks) else 3)
+        forked.set()
+        print(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]))
+    """
+    assert told(program) == "0\n"
+
+
+def test_every_lock_of_the_package_survives_a_fork():
+    sources = Path(zivi.__file__).parent.rglob("*.py")
+    raw = [it.name for it in sources if re.search(r"threading\.R?Lock\(", it.read_text("utf-8"))]
+    assert raw == ["locks.py"]
 
 
 def test_runs_in_a_run_and_none_at_all():

@@ -307,6 +307,23 @@ def test_budgets_end_a_run():
         assert 0 < sol.t[-1] < 30
 
 
+@pytest.mark.parametrize("at", [1, 40])
+def test_impacts_without_loss_have_a_budget_in_both_representations(at):
+    method = zivi.SwitchedRK(max_impacts=at + 2)
+    for system, start in [
+        (zivi.ImpactSystem(-9.81, e=1), (1, 0)),
+        (zivi.ImpactSystem(DRAGGED, e=1), (1, 0)),
+        (
+            zivi.MechanicalSystem(mass=1, force=[-9.81], gaps=[zivi.LinearGap([1.0])], e=1),
+            ([1.0], [0.0]),
+        ),
+    ]:
+        sol = zivi.simulate(system, (0, 1e9), start, method)
+        assert sol.status is zivi.Status.ZENO_BUDGET
+        assert len(sol.resolved_impacts) == at + 3
+        assert "e = 1" in sol.message
+
+
 def test_forces_that_no_step_can_follow():
     noise = np.random.default_rng(1)
     for force, status in [

@@ -1,6 +1,7 @@
 """What a run reports: lengths, dense output, times asked for, the end of the span."""
 
 import copy
+import ctypes
 import dataclasses
 import gc
 import pickle
@@ -268,6 +269,26 @@ def test_an_exception_and_its_run_do_not_keep_each_other():
     del raised
     gc.collect()
     assert known() is None
+
+
+@pytest.mark.parametrize("method", [zivi.SwitchedRK(), zivi.ThetaGamma(1e-2)], ids=repr)
+def test_a_run_that_raised_is_read_when_it_is_requested(method):
+    """After Ctrl-C nothing is made of the samples: a long run would take longer than itself."""
+
+    def fails(t, x, v):
+        if t > 0.2:
+            raise Exceptional
+        return -9.81
+
+    for force in (fails, ctypes.CFUNCTYPE(*4 * [ctypes.c_double])(fails)):
+        with pytest.raises(Exceptional) as raised:
+            zivi.simulate(zivi.ImpactSystem(force, e=0.5), (0, 1), (1, 0), method)
+        sol = raised.value.trajectory
+        read = set(vars(sol)) - {"_record", "_drawn", "_asked"}
+        assert read <= {"status", "message", "n_rejected"}
+        assert f"at t = {sol.t[-1]:.9g} s" in raised.value.__notes__[0]
+        assert sol.status is zivi.Status.RAISED
+        assert len(sol.x) == len(sol.residual) == len(sol.t) > 1
 
 
 class Exceptional(Exception):  # noqa: N818 - the name of an exception of a user

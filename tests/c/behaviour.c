@@ -362,6 +362,44 @@ static void observers(void)
     EXPECT(zivi_observer_reset(&it) == ZIVI_E_STATE);
 }
 
+/* Numbers that are finite and too large, limits without 0, references that are missing. */
+static void extremes(void)
+{
+    zivi_predictor it, before;
+    zivi_predictor_config config;
+    zivi_tracker tracker;
+    zivi_tracker_config tracking = tracker_config();
+    zivi_regulator regulator;
+    zivi_regulator_config regulating = regulator_config();
+    zivi_given_reference rest = {0.0, 0.0, 1.0};
+    double u = NAN;
+    EXPECT(zivi_predictor_defaults(&config) == ZIVI_OK);
+    config.h = 0.02, config.e = 0.67, config.delay = 59;
+    EXPECT(zivi_predictor_init(&it, &config) == ZIVI_OK);
+    before = it;
+    EXPECT(zivi_predictor_step(&it, 0.39, -1.4e160, 0.0) == ZIVI_E_OVERFLOW);
+    EXPECT(memcmp(&it, &before, sizeof it) == 0);
+    EXPECT(zivi_predictor_step(&it, 0.39, -1.4, 0.0) == ZIVI_OK && it.x < 1.0);
+    /* before the first sample the control is within the limits, too */
+    tracking.u_min = regulating.u_min = 2.0, tracking.u_max = regulating.u_max = 5.0;
+    EXPECT(zivi_tracker_init(&tracker, &tracking) == ZIVI_OK && tracker.u == 2.0);
+    EXPECT(zivi_tracker_step_over(&tracker, 1e-3, NAN, 0.0, 0.0, -9.81, &u) == ZIVI_OK);
+    EXPECT(u == 2.0 && zivi_tracker_reset(&tracker, 0.0, 0.0) == ZIVI_OK && tracker.u == 2.0);
+    u = NAN;
+    EXPECT(zivi_tracker_step(&tracker, NAN, 0.0, 0.0, -9.81, &u) == ZIVI_E_X && u == 2.0);
+    tracker.u = 3.0; /* of a tick */
+    u = NAN;
+    EXPECT(zivi_tracker_step_to(&tracker, 0.0, 0.0, 0.0, NULL, &rest, NAN, &u) == ZIVI_E_NULL);
+    EXPECT(u == 3.0);
+    u = NAN;
+    EXPECT(zivi_tracker_step_to_over(&tracker, 1e-3, 0.0, 0.0, 0.0, &rest, NULL, NAN, &u) == ZIVI_E_NULL);
+    EXPECT(u == 3.0);
+    EXPECT(zivi_regulator_init(&regulator, &regulating) == ZIVI_OK && regulator.u == 2.0);
+    EXPECT(zivi_regulator_step_over(&regulator, 1e-3, NAN, 0.0, 0.0, &u) == ZIVI_OK && u == 2.0);
+    regulator.u = 0.0;
+    EXPECT(zivi_regulator_reset(&regulator) == ZIVI_OK && regulator.u == 2.0);
+}
+
 static void words(void)
 {
     EXPECT(strcmp(zivi_message(ZIVI_OK), "ok") == 0);
@@ -380,6 +418,7 @@ int main(void)
     other_periods();
     independence();
     observers();
+    extremes();
     words();
     printf("behaviour: %s\n", failures == 0 ? "as promised" : "NOT as promised");
     return failures == 0 ? 0 : 1;

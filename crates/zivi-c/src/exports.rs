@@ -17,6 +17,7 @@ use zivi_core::observer::Measurement;
 
 use crate::call::{lasting, object, ticked, tracked};
 use crate::code::{ZIVI_E_NULL, ZIVI_OK};
+use crate::seal::Sealed;
 use crate::{
     GivenReference, Mass, MassConfig, Observer, ObserverConfig, Predictor, PredictorConfig,
     Regulator, RegulatorConfig, Tracker, TrackerConfig, ZIVI_ABI_VERSION,
@@ -265,7 +266,8 @@ pub unsafe extern "C" fn zivi_tracker_step_to(
 ) -> i32 {
     // SAFETY: see the module
     let (Some(now), Some(next)) = (unsafe { (constant(now), constant(next)) }) else {
-        return ZIVI_E_NULL;
+        // SAFETY: see the module
+        return unsafe { ticked(tracker, u, |it| it.intact().err().unwrap_or(ZIVI_E_NULL)) };
     };
     // SAFETY: see the module
     unsafe { tracked(tracker, (x, xdot), force, acceleration, Some((now, next)), u) }
@@ -314,7 +316,8 @@ pub unsafe extern "C" fn zivi_tracker_step_to_over(
 ) -> i32 {
     // SAFETY: see the module
     let (Some(now), Some(next)) = (unsafe { (constant(now), constant(next)) }) else {
-        return ZIVI_E_NULL;
+        // SAFETY: see the module
+        return unsafe { ticked(tracker, u, |it| it.intact().err().unwrap_or(ZIVI_E_NULL)) };
     };
     let mut held = 0.0;
     // SAFETY: see the module

@@ -4,8 +4,8 @@ use zivi_core::control::predictor::MOST_DELAY;
 use zivi_core::{flight, Physical, Real};
 
 use crate::code::{
-    Code, ZIVI_CLAMPED, ZIVI_E_DELAY, ZIVI_E_FORCE, ZIVI_E_H, ZIVI_E_U, ZIVI_E_X, ZIVI_E_XDOT,
-    ZIVI_OK,
+    Code, ZIVI_CLAMPED, ZIVI_E_DELAY, ZIVI_E_FORCE, ZIVI_E_H, ZIVI_E_OVERFLOW, ZIVI_E_U, ZIVI_E_X,
+    ZIVI_E_XDOT, ZIVI_OK,
 };
 use crate::config::{self, Given, ZIVI_GIVEN_DEPTH};
 use crate::seal::{Sealed, Word};
@@ -157,6 +157,9 @@ impl Predictor {
             let place = (self.first.wrapping_add(k)) as usize % MOST_DELAY;
             let u = self.sent.get(place).copied().unwrap_or(0.0);
             at = flight::after(at, force + u, self.e, self.h);
+        }
+        if !(at.x.is_finite() && at.xdot.is_finite()) {
+            return ZIVI_E_OVERFLOW;
         }
         (self.x, self.xdot) = (at.x, at.xdot);
         if x < 0.0 {

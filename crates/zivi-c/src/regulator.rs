@@ -133,7 +133,8 @@ impl Regulator {
         let (e, kappa, depth) = (restitution.e(), restitution.kappa(), port.depth());
         let (u_min, u_max) = port.actuator();
         let none = Self::default();
-        *self = Self { mu1, mu2, h, e, kappa, quiet, depth, u_min, u_max, ahead, ..none };
+        let u = port.clipped(0.0);
+        *self = Self { mu1, mu2, h, e, kappa, quiet, depth, u_min, u_max, ahead, u, ..none };
         self.seal = self.seal_of_settings();
         Ok(())
     }
@@ -143,7 +144,8 @@ impl Regulator {
         if let Err(code) = self.intact() {
             return code;
         }
-        (self.u, self.lambda_s, self.lambda_v) = (0.0, 0.0, 0.0);
+        let port = Port::trusted(self.depth, (self.u_min, self.u_max));
+        (self.u, self.lambda_s, self.lambda_v) = (port.clipped(0.0), 0.0, 0.0);
         (self.ticks, self.status) = (0, 0);
         ZIVI_OK
     }

@@ -268,6 +268,7 @@ impl Tracker {
             ahead,
             shift,
             side: 1.0,
+            u: port.clipped(0.0),
             ..Self::default()
         };
         self.seal = self.seal_of_settings();
@@ -287,6 +288,7 @@ impl Tracker {
         let mut core = self.core();
         core.reset(reference).map_err(code::of)?;
         self.remember(&core);
+        self.u = Port::trusted(self.depth, (self.u_min, self.u_max)).clipped(0.0);
         self.ticks = 0;
         Ok(())
     }

@@ -20,7 +20,7 @@ use zivi_core::control::Waypoint;
 use zivi_core::observer::ImpactObserver;
 
 use crate::control::run_copy;
-use crate::errors::setup_error;
+use crate::errors::{setup_error, Raised};
 use crate::force::{AnyForce, AnyNative, Force as GivenForce};
 use crate::method::Method;
 use crate::observer::Observer;
@@ -337,7 +337,7 @@ pub(crate) struct LoopRecord {
     status: u8,
     message: &'static str,
     nfev: u64,
-    raised: Option<Py<PyAny>>,
+    raised: Raised,
 }
 
 impl LoopRecord {
@@ -371,7 +371,7 @@ impl LoopRecord {
             status: status as u8,
             message: status.message(),
             nfev,
-            raised: raised.map(|error| error.into_value(py).into_any()),
+            raised: Raised::new(raised),
         })
     }
 }

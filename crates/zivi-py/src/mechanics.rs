@@ -6,6 +6,7 @@ use pyo3::prelude::*;
 use zivi::mechanics::{GapSet, MechanicalRun, Occurrence, Totals};
 use zivi::system::dynamics::Layout;
 
+use crate::errors::Raised;
 use crate::friction::FrictionRecord;
 use crate::motion::MechanicalPath;
 use crate::user_events::Hits;
@@ -36,7 +37,7 @@ pub(crate) struct MechanicalRecord {
     n_steps: u64,
     n_rejected: u64,
     n_impacts: u64,
-    raised: Option<Py<PyAny>>,
+    raised: Raised,
     path: Option<Py<MechanicalPath>>,
     /// What friction did, where there is any.
     friction: Option<Py<FrictionRecord>>,
@@ -114,7 +115,7 @@ impl MechanicalRecord {
             n_steps: run.counts.accepted,
             n_rejected: run.counts.rejected,
             n_impacts: run.counts.impacts,
-            raised: run.raised.map(|error| error.into_value(py).into_any()),
+            raised: Raised::new(run.raised),
             path,
             friction: friction.map(|it| Py::new(py, it)).transpose()?,
         })

@@ -7,6 +7,7 @@ use pyo3::prelude::*;
 use std::sync::{Mutex, OnceLock};
 use zivi::{DensePath, Motion, PlotSamples, PointRun, Quantity, Restitution, Status, QUANTITIES};
 
+use crate::errors::Raised;
 use crate::switched_rk::MotionPath;
 use crate::user_events::Hits;
 
@@ -52,7 +53,7 @@ pub(crate) struct RunRecord {
     #[pyo3(get)]
     nfev: u64,
     #[pyo3(get)]
-    raised: Option<Py<PyAny>>,
+    raised: Raised,
 }
 
 #[pymethods]
@@ -146,7 +147,7 @@ impl RunRecord {
             status: status as u8,
             message: status.message(),
             nfev,
-            raised: raised.map(|error| error.into_value(py).into_any()),
+            raised: Raised::new(raised),
         })
     }
 }

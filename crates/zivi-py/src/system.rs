@@ -171,4 +171,8 @@ impl Keep {
     ) -> Self {
         Self { t_eval, tstops, events, ends, dense, arcs, counts }
     }
+
+    fn __traverse__(&self, visit: PyVisit<'_>) -> Result<(), PyTraverseError> {
+        self.events.iter().try_for_each(|it| visit.call(it))
+    }
 }

@@ -4,6 +4,7 @@ use std::slice::from_ref;
 
 use numpy::{PyArray1, PyArrayMethods};
 use pyo3::exceptions::PyTypeError;
+use pyo3::gc::{PyTraverseError, PyVisit};
 use pyo3::prelude::*;
 use zivi::{Direction, Level, LocatedEvent, MotionPoint, PathPoint, UserEvent};
 
@@ -38,6 +39,10 @@ impl Event {
         level_xdot: Option<f64>,
     ) -> Self {
         Self { function, direction, terminal, level_x, level_xdot }
+    }
+
+    fn __traverse__(&self, visit: PyVisit<'_>) -> Result<(), PyTraverseError> {
+        visit.call(&self.function)
     }
 }
 

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import zivi._zivi as _zivi
+from zivi.base.locks import ForkLock
 from zivi.base.status import Status
 
 __all__ = ["Ear", "listening", "listening_always", "tell"]
@@ -51,7 +52,7 @@ class Ear:
         return None if success and isinstance(self.error, Exception) else self.error
 
 
-_lock = threading.Lock()
+_lock = ForkLock()
 _ears: list[Ear] = []
 _before: Any = None
 """The hook before ours, while there are ears."""

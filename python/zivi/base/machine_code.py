@@ -15,13 +15,13 @@ import subprocess
 import sys
 import sysconfig
 import tempfile
-import threading
 import warnings
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 from zivi.base.extras import have
+from zivi.base.locks import ForkLock
 
 __all__ = ["COMPILERS", "Native", "compiled", "shared_library"]
 
@@ -56,7 +56,7 @@ class Native:
         return SIGNATURE(self.address)
 
 
-_lock = threading.Lock()
+_lock = ForkLock()
 _known: dict[tuple[str, str], Native] = {}
 
 

@@ -49,7 +49,7 @@ class Status(NamedStatus):
     RAISED = 5
     """The force raised an exception or the run was interrupted."""
     ZENO_BUDGET = 6
-    """An accumulation had more impacts than ``max_impacts``, or no pull to the wall behind it."""
+    """More impacts than ``max_impacts`` in one accumulation or at ``e = 1``, or no pull."""
     STEP_BUDGET = 7
     """The run took more steps than ``max_steps``."""
     STEP_SIZE_TOO_SMALL = 8

@@ -393,18 +393,18 @@ def simulate_closed_loop(
     run, raised = _run(record, config, part), record.raised
     if reference is not None:
         run = _with_reference(run, reference)
-    # an exception holds this frame: it must not hold the record that holds the exception
-    del record
     if raised is None and (raised := ear.ends(run.success)):
         run = as_raised(run)
-    del ear
     if run.status is Status.TERMINATED_BY_EVENT:
         run = ended_by_event(run, h)
     if times is not None:
         run = restrict(run, times)
-    if raised is not None:
+    if raised is None:
+        return run
+    try:
         raise with_partial(raised, run)
-    return run
+    finally:
+        del raised, ear
 
 
 def _run(record: _zivi.LoopRecord, config: dict[str, Any], slowest: float) -> ClosedLoop:

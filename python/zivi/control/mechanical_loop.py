@@ -183,12 +183,14 @@ def simulate_mechanical(
     run = loop_of(record, given, system, plant, config, (inputs, times))
     vars(run)["slowest"] = part
     raised = record.run.raised
-    del record
     if raised is None and (raised := ear.ends(run.success)):
         run = as_raised(run)
-    if raised is not None:
+    if raised is None:
+        return run
+    try:
         raise with_partial(raised, run)
-    return run
+    finally:
+        del raised, ear
 
 
 def check_method(method: Any) -> tuple[SwitchedRK, bool]:

@@ -193,9 +193,12 @@ class _Problem:
         error = record.run.raised
         if error is None and (error := ear.ends(sol.success)):
             sol = as_raised(sol)
-        if error is not None:
+        if error is None:
+            return self._result(record, sol)
+        try:
             raise with_partial(error, sol)
-        return self._result(record, sol)
+        finally:
+            del error, ear
 
     def _result(
         self, record: _zivi.MechanicalSensitivityRecord, sol: MechanicalTrajectory

@@ -101,10 +101,12 @@ class _Problem:
         error = run.raised
         if error is None and (error := ear.ends(sol.success)):
             sol = as_raised(sol)
-        if error is not None:
-            sol._settle()
+        if error is None:
+            return self._result(record, sol)
+        try:
             raise with_partial(error, sol)
-        return self._result(record, sol)
+        finally:
+            del error, ear
 
     def _result(self, record: _zivi.SensitivityRecord, sol: Trajectory) -> Sensitivity:
         m = len(self.wrt)

@@ -176,8 +176,8 @@ def _counted(
 ) -> Kept:
     """Run a system of which the end and numbers are kept alone, and of the first how to run it."""
     record, model = record_of(system, method, asked, report)
-    if record.raised is not None:
-        raise record.raised
+    if (error := record.raised) is not None:
+        raise error
     assert record.totals is not None
     assert record.speeds is not None
     (impacts, zeno, liftoffs, corners, flags), (first, last) = record.totals

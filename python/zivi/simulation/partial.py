@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import dataclasses
 from typing import TypeVar
 
 import zivi._zivi as _zivi
@@ -16,15 +15,16 @@ AnyRun = TypeVar("AnyRun", bound=SampledRun)
 
 
 def as_raised(run: AnyRun) -> AnyRun:
-    """Give a run the status of one that an exception ended."""
+    """Copy a run with the status of one that an exception ended; unread fields stay unread."""
+    copied = object.__new__(type(run))
     message = _zivi.STATUS_MESSAGES[Status.RAISED]
-    return dataclasses.replace(run, status=Status.RAISED, message=message)
+    vars(copied).update(vars(run), status=Status.RAISED, message=message)
+    return copied
 
 
 def with_partial(error: BaseException, sol: SampledRun) -> BaseException:
     """Attach what was computed to the exception that ended a run."""
-    path = getattr(sol, "_path", None)
-    _, end = (path and path.span) or (None, sol.t[-1] if len(sol.t) else None)
+    end = sol._end()
     where = "before its first sample" if end is None else f"at t = {end:.9g} s"
     error.add_note(
         f"zivi: the run stopped {where}; "

@@ -232,10 +232,6 @@ def simulate(
     if error is None:
         warn_of_flight(system, sol)
         return sol
-    # the exception knows this frame, and gets to know the run: through the record, which knows the
-    # exception, all would never be freed
-    sol._settle()
-    del record
     try:
         raise with_partial(error, sol)
     finally:

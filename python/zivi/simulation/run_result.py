@@ -88,6 +88,12 @@ class SampledRun(Hinted, Tabulated):
             raise ValueError("sol(t) needs a run with dense_output=True")
         return path
 
+    def _end(self) -> float | None:
+        """Return the time up to which the motion was computed (s); None before the first sample."""
+        path = self._path
+        _, end = (path and path.span) or (None, self.t[-1] if len(self.t) else None)
+        return end
+
     def _extent(self) -> tuple[float, float]:
         """Give the times between which the motion is known."""
         return self._known().span or (np.nan, np.nan)

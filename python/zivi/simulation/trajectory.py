@@ -234,11 +234,14 @@ class Trajectory(MassRun):
             getattr(self, field.name)
         return {name: it for name, it in vars(self).items() if name not in UNREAD}
 
-    def _settle(self) -> None:
-        """Read all that is not read yet, and let the record go."""
-        self._read_all()
-        for name in UNREAD:
-            vars(self).pop(name, None)
+    def _end(self) -> float | None:
+        record: _zivi.RunRecord | None = vars(self).get("_record")
+        if record is None:
+            return super()._end()
+        # neither samples nor the motion are made of a long record for that
+        _, end = (record.path and record.path.span) or (None, None)
+        n = record.n_samples
+        return float(record.columns[0, n - 1]) if end is None and n else end
 
     def _resampled(self, times: Array) -> Trajectory:
         x, xdot = self(times)

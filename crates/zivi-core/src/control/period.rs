@@ -4,7 +4,7 @@ use super::reference_state::{advanced, Advance, ReferenceState};
 use super::regulation::RegulationStep;
 use super::tracking::TrackingStep;
 use super::{
-    ExplicitTwisting, TickStatus, TrackerState, TwistingRegulator, TwistingTracker, Waypoint,
+    ExplicitTwisting, Port, TickStatus, TrackerState, TwistingRegulator, TwistingTracker, Waypoint,
 };
 use crate::setting::{is_positive, require};
 use crate::{Real, SettingError, ThetaGammaStep};
@@ -12,6 +12,7 @@ use crate::{Real, SettingError, ThetaGammaStep};
 /// The reference over a period whose sample is missing: it moves on, the control is held.
 fn missed(
     reference: &ThetaGammaStep,
+    port: &Port,
     state: TrackerState,
     force_ref: Real,
 ) -> Result<(ReferenceState, TrackerState), SettingError> {
@@ -19,7 +20,13 @@ fn missed(
         advanced(reference, state.followed(), force_ref)?;
     let [lambda_s, lambda_v, _, _, lambda_es, lambda_ev] = state.signs;
     let signs = [lambda_s, lambda_v, lambda_sr, lambda_vr, lambda_es, lambda_ev];
-    Ok((next, TrackerState { signs, status: TickStatus::default(), iterations: 0, ..state }))
+    Ok((next, TrackerState { signs, ..held(port, state) }))
+}
+
+/// Without a sample: the control of before, within the limits of the actuator also before the first.
+fn held(port: &Port, state: TrackerState) -> TrackerState {
+    let (u, status) = (port.clipped(state.u), TickStatus::default());
+    TrackerState { u, status, iterations: 0, ..state }
 }
 
 /// `Ok` if `dt` is the length of a period.
@@ -47,7 +54,7 @@ impl TwistingTracker {
     /// # Errors
     /// [`SettingError`] for a force that is not finite or too large; nothing has changed then.
     pub fn miss(&mut self, force_ref: Real) -> Result<Real, SettingError> {
-        let (next, state) = missed(&self.reference, self.state, force_ref)?;
+        let (next, state) = missed(&self.reference, self.port(), self.state, force_ref)?;
         self.hold(next, state);
         Ok(state.u)
     }
@@ -58,7 +65,7 @@ impl TwistingTracker {
     /// [`SettingError`] for a waypoint that is not finite or behind the wall.
     pub fn miss_to(&mut self, next: Waypoint) -> Result<Real, SettingError> {
         let next = ReferenceState::at(next, self.reference.restitution())?;
-        let state = TrackerState { status: TickStatus::default(), iterations: 0, ..self.state };
+        let state = held(self.port(), self.state);
         self.hold(next, state);
         Ok(state.u)
     }
@@ -86,7 +93,7 @@ impl ExplicitTwisting {
     /// # Errors
     /// The same.
     pub fn miss(&mut self, force_ref: Real) -> Result<Real, SettingError> {
-        let (next, state) = missed(&self.reference, self.state, force_ref)?;
+        let (next, state) = missed(&self.reference, self.port(), self.state, force_ref)?;
         let ReferenceState { z, side } = next.folded();
         self.state = TrackerState { reference: z, side, ..state };
         Ok(state.u)
@@ -109,6 +116,7 @@ impl TwistingRegulator {
     /// A sample is missing: the control is held.
     pub fn miss(&mut self) -> Real {
         self.state.status = TickStatus::default();
+        self.state.u = self.port().clipped(self.state.u);
         self.state.u
     }
 }

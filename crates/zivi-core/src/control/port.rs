@@ -118,9 +118,20 @@ impl Port {
             wanted,
             "finite: the sample is too large to compute with",
         )?;
-        let above = if wanted < self.low { self.low } else { wanted };
-        let u = if above > self.high { self.high } else { above };
+        let u = self.clipped(wanted);
         Ok((u, u != wanted))
+    }
+
+    /// What the actuator can do that is nearest to a control.
+    #[inline]
+    #[must_use]
+    pub fn clipped(&self, u: Real) -> Real {
+        let above = if u < self.low { self.low } else { u };
+        if above > self.high {
+            self.high
+        } else {
+            above
+        }
     }
 }
 

@@ -103,7 +103,7 @@ impl Status {
             }
             Status::ZenoBudget => {
                 "The impacts of one chain exceeded max_impacts before their accumulation was known \
-                 to the tolerance, or many impacts below the tolerance follow each other at a wall \
+                 to the tolerance or without one (e = 1), or many impacts below the tolerance follow each other at a wall \
                  where the force is zero; the trajectory ends at the last impact. Increase \
                  max_impacts, or loosen rtol and atol."
             }

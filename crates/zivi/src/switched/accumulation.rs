@@ -22,13 +22,15 @@ pub(super) struct Accumulation {
     /// Where the force last kept the mass from jumping to the end of it.
     obstacle: Option<Deviation>,
     stalling: StallingImpacts,
+    /// Impacts without loss (`e = 1`) since the last rest: no chain has them.
+    elastic: usize,
 }
 
 impl Accumulation {
     /// Of impacts with this restitution.
     pub(super) fn new(e: f64) -> Self {
         let stalling = StallingImpacts::default();
-        Self { chain: Chain::new((), e, 0, COLUMNS), obstacle: None, stalling }
+        Self { chain: Chain::new((), e, 0, COLUMNS), obstacle: None, stalling, elastic: 0 }
     }
 
     /// A run starts at a time.
@@ -51,20 +53,27 @@ impl Accumulation {
     #[inline]
     pub(super) fn clear(&mut self) {
         self.chain.clear();
+        self.elastic = 0;
+    }
+
+    /// Counts an impact without loss.
+    #[inline]
+    pub(super) fn note_elastic(&mut self) {
+        self.elastic += 1;
     }
 
     /// From here on the force is another one.
     #[inline]
     pub(super) fn forget_force(&mut self) {
         self.obstacle = None;
-        self.chain.clear();
+        self.clear();
     }
 
     /// An error where there were too many impacts without an end.
     #[inline]
     pub(super) fn check_budget<E>(&mut self, most: usize) -> Result<(), Failure<E>> {
-        if self.chain.bounces().len() > most {
-            self.chain.clear();
+        if self.chain.bounces().len().max(self.elastic) > most {
+            self.clear();
             return Err(Failure::Status(Status::ZenoBudget));
         }
         Ok(())

@@ -269,6 +269,8 @@ impl SwitchedIntegrator {
             if self.accumulation.note_alone(bounce, e, &self.settings)? {
                 self.now.xdot = 0.0;
             }
+        } else {
+            self.accumulation.note_elastic();
         }
         self.mode = zeno.map_or(Mode::FLIGHT, |zeno| Mode::Flight(Flight::Jump { zeno }));
         Ok(())

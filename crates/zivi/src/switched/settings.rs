@@ -117,8 +117,8 @@ pub struct SwitchedRk {
     /// Steps, taken and rejected, after which [`crate::Status::StepBudget`] ends the run, at least
     /// 1 (default 1 000 000).
     pub max_steps: usize,
-    /// Impacts at falling speeds in one chain after which [`crate::Status::ZenoBudget`] ends the
-    /// run, at least 3 (default 1 000 000). A chain is followed to at most
+    /// Impacts at falling speeds in one chain, or without loss (`e = 1`) since the last rest, after
+    /// which [`crate::Status::ZenoBudget`] ends the run, at least 3 (default 1 000 000). A chain is followed to at most
     /// `30 / ln(1/e)` impacts, 30 000 for `e = 0.999`, and in practice to far fewer.
     pub max_impacts: usize,
     /// Whether steps are adapted to the tolerances (the default). If not, every step is
@@ -206,7 +206,7 @@ impl SwitchedRk {
     /// Budget of impacts.
     pub const MAX_IMPACTS: Setting = Setting {
         name: "max_impacts",
-        meaning: "impacts of an accumulation after which it ends",
+        meaning: "impacts without a rest between them, after which the run ends",
         unit: "1",
         values: Values::Counts(3, usize::MAX),
         range: "at least 3",

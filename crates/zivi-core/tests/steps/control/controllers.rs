@@ -7,6 +7,20 @@ use zivi_core::control::{
 };
 use zivi_core::{Physical, Restitution, SettingError};
 
+/// A sample that is missing before the first one: the actuator cannot give 0.
+#[test]
+fn a_missing_sample_holds_a_control_within_the_limits() {
+    let port = Port::default().with_actuator(2.0, 5.0).expect("admissible");
+    for it in Controller::of_the_paper(port) {
+        let held = match it {
+            Controller::Regulator(mut it) => it.miss(),
+            Controller::Tracker(mut it) => it.miss(-9.81).expect("admissible"),
+            Controller::Explicit(mut it) => it.miss(-9.81).expect("admissible"),
+        };
+        assert_eq!(held, 2.0);
+    }
+}
+
 /// What a tick is given.
 #[derive(Clone, Copy, Debug)]
 struct Sample {
