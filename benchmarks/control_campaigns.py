@@ -52,7 +52,7 @@ def batch(runs: int) -> None:
         (0, 1.5),
         starts,
         noise=(1e-5, 1e-3),
-        seeds=seeds,
+        seed=seeds,
         parameters={"m2": masses},
         **asked,
     )

@@ -745,7 +745,9 @@ int32_t zivi_f32_observer_reset(struct zivi_f32_observer *observer);
 
 // Takes the measurement `x` (m), `xdot` (m/s, NaN where it is not measured). `force` is the known
 // force, `u` the control that acted over the period that ends now (m/s^2). The estimates are in
-// `observer->x`, `->xdot` and `->d`, the unknown force, to be added to the known one.
+// `observer->x`, `->xdot` and `->d`, the unknown force, to be added to the known one; they mean
+// nothing before `observer->started`. A measurement that is missing has NaN for `x`: the motion is
+// followed, nothing is corrected, `xdot` is ignored.
 //
 // Where a measurement is refused by a code < 0, nothing has changed.
 int32_t zivi_f32_observer_step(struct zivi_f32_observer *observer,
@@ -754,8 +756,7 @@ int32_t zivi_f32_observer_step(struct zivi_f32_observer *observer,
                            float force,
                            float u);
 
-// The same `dt` (s) after the last call, where that is not `h`. A measurement that is missing has NaN
-// for `x`: the motion is followed, nothing is corrected, `xdot` is ignored.
+// The same `dt` (s) after the last call, where that is not `h`.
 int32_t zivi_f32_observer_step_after(struct zivi_f32_observer *observer,
                                  float dt,
                                  float x,

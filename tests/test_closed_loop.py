@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
 
+import control_loops
 import zivi
 from control_loops import PAPER, PLANT, Scripted, assert_equal_runs, follow, loop
 from control_oracle import EPS
@@ -176,9 +177,15 @@ def test_quantisation_rounds_what_is_measured():
 def test_refused_samples_hold_the_control_and_are_counted(kind):
     """Noise at the wall: half of the samples lie behind it, with depth 0 they are refused."""
     options = {"t_span": (0, 0.5), "y0": (0, 0), "y_ref0": (0, 0), "noise": (1e-4, 0), "seed": 1}
-    run = loop(kind(**PAPER, depth=0.0), **options)
+    with pytest.warns(zivi.ModelWarning, match="of 500 control .* were rejected") as told:
+        run = loop(kind(**PAPER, depth=0.0), **options)
+    assert told[0].filename == control_loops.__file__  # which calls simulate_closed_loop
     refused = (run.tick_status & zivi.TickStatus.REFUSED) != 0
-    assert run.n_refused == np.count_nonzero(refused)
+    assert (run.n_refused, run.n_updates) == (np.count_nonzero(refused), 500)
+    told = f"{run.n_refused} of 500 control updates rejected, 0 saturated"
+    assert run.success
+    assert run.message == f"The end of t_span was reached. {told}."
+    assert f", {told}: completed>" in repr(run)
     assert 150 < run.n_refused < 350
     assert not refused[-1]
     k = np.flatnonzero(refused)
@@ -192,6 +199,7 @@ def test_refused_samples_hold_the_control_and_are_counted(kind):
     np.testing.assert_array_equal(clamped.tick_status == zivi.TickStatus.CLAMPED, refused)
 
 
+@pytest.mark.filterwarnings("ignore:.*control updates:zivi.ModelWarning")
 def test_what_is_refused_first_gives_no_control():
     run = loop(zivi.TwistingTracker(**PAPER, depth=0.0), noise=(1e300, 0), seed=4, t_span=(0, 0.1))
     first = np.flatnonzero((run.tick_status & zivi.TickStatus.REFUSED) == 0)[0]
@@ -204,9 +212,11 @@ def test_what_is_refused_first_gives_no_control():
 
 
 def test_saturation_is_marked():
-    run = loop(zivi.TwistingTracker(**PAPER, u_limits=(-20.0, 15.0)), t_span=(0, 2))
+    with pytest.warns(zivi.ModelWarning, match="control updates of TwistingTracker were saturated"):
+        run = loop(zivi.TwistingTracker(**PAPER, u_limits=(-20.0, 15.0)), t_span=(0, 2))
+    assert f"0 of 2000 control updates rejected, {run.n_saturated} saturated" in run.message
     cut = (run.tick_status & zivi.TickStatus.SATURATED) != 0
-    assert np.count_nonzero(cut) > 100
+    assert np.count_nonzero(cut) == run.n_saturated > 200
     assert set(run.u[cut]) == {-20.0, 15.0}
     assert np.all((run.u[~cut] > -20) & (run.u[~cut] < 15))
     free = loop(t_span=(0, 2))
@@ -214,6 +224,7 @@ def test_saturation_is_marked():
     assert np.all(free.tick_status == 0)
 
 
+@pytest.mark.filterwarnings("ignore:.*control updates:zivi.ModelWarning")
 @settings(max_examples=30)
 @given(
     mu1=st.floats(1, 60),

@@ -78,7 +78,7 @@ def test_signs_that_nobody_asked_for_go_along():
     assert len(np.unique(signs)) > 10
     for again in (copy.copy(unread), copy.deepcopy(unread), pickle.loads(pickle.dumps(unread))):
         np.testing.assert_array_equal(again.signs, signs)
-    np.testing.assert_array_equal(dataclasses.replace(unread, n_refused=1).signs, signs)
+    np.testing.assert_array_equal(dataclasses.replace(unread, nfev=1).signs, signs)
     with pytest.raises(AttributeError, match="no attribute 'sign'"):
         _ = unread.sign
 
@@ -229,13 +229,56 @@ def test_what_a_controller_raises_arrives_with_the_run(answer, error, method):
 
 
 @pytest.mark.parametrize("answer", [NAN, INF, -INF])
-def test_a_control_that_is_no_number_ends_the_run(answer):
-    run = loop(later(answer))
-    assert not run.success
-    assert run.status is zivi.Status.STATE_NOT_FINITE
-    assert len(run.t) == 6
-    assert np.all(np.isfinite(run.x))
-    assert np.all(np.isfinite(run.resolved_impacts["t"]))
+def test_a_control_that_is_not_finite_is_rejected_and_the_last_one_held(answer):
+    with pytest.warns(zivi.ModelWarning, match="control updates of Failing were rejected"):
+        run = loop(later(answer))
+    n = len(run.t) - 1
+    assert (run.status, run.success) == (zivi.Status.CONTROL_REJECTED, False)
+    assert run.tick_status.tolist() == [0] * 5 + [4] * (n - 5) + [0]
+    assert np.all(run.u == run.u[4])
+    assert run.message.endswith(f" {n - 5} of {n} control updates rejected, 0 saturated.")
+
+
+@pytest.mark.parametrize("mechanical", [False, True], ids=["mass", "mechanism"])
+@pytest.mark.parametrize(
+    ("rejected", "status"),
+    [
+        (range(300, 390), "COMPLETED"),
+        (range(361, 400), "COMPLETED"),
+        (range(360, 400), "CONTROL_REJECTED"),
+        (range(361, 399), "COMPLETED"),
+        ([], "COMPLETED"),
+    ],
+)
+def test_a_loop_fails_whose_last_tenth_of_updates_is_rejected(mechanical, rejected, status):
+    """The same rule for one mass and for mechanisms."""
+
+    class Partly:
+        h, k = 2.0**-10, -1
+
+        def step(self, *sample):
+            self.k += 1
+            return NAN if self.k in rejected else 1.0
+
+    ball = zivi.MechanicalSystem(mass=1.0, force=[-9.81], inputs=[[1.0]])
+    plant = ball if mechanical else zivi.ImpactSystem(-9.81, e=0.5)
+    start = ([9.0], [0.0]) if mechanical else (9.0, 0.0)
+    expected = pytest.warns(zivi.ModelWarning) if len(rejected) > 40 else contextlib.nullcontext()
+    with expected:
+        run = zivi.simulate_closed_loop(plant, Partly(), (0, 400 * Partly.h), start)
+        batch = zivi.simulate_closed_loop_batch(plant, Partly(), (0, 400 * Partly.h), start)
+    assert run.status.name == zivi.Status(int(batch.status[0])).name == status
+    counts = (400, len(rejected), 0)
+    assert (run.n_updates, run.n_refused, run.n_saturated) == counts
+    assert (batch.n_updates[0], batch.n_refused[0], batch.n_saturated[0]) == counts
+    assert repr(run).endswith(f": {status.lower()}>")
+    told = f"{len(rejected)} of 400 control updates rejected"
+    assert all(
+        (told in text) == bool(len(rejected)) for text in (run.message, repr(run), repr(batch))
+    )
+    again = pickle.loads(pickle.dumps(run))
+    assert again.updates == run.updates
+    assert run.to_xarray().attrs["n_refused"] == len(rejected)
 
 
 @pytest.mark.parametrize("name", ["force_model", "force_ref"])

@@ -86,6 +86,7 @@ def test_the_law_is_that_of_gap_coordinates_and_the_plain_null_space_is_far_wors
     assert errors[1] > 5 * errors[0]
 
 
+@pytest.mark.filterwarnings("ignore:.*control updates:zivi.ModelWarning")
 @pytest.mark.parametrize("name", LOOPS)
 def test_loops_are_those_of_the_law_as_it_once_was_in_numpy(name):
     """The numbers are those of version 0.2.0, whose law was NumPy."""
@@ -149,7 +150,12 @@ def test_a_contact_that_is_pressed_too_little_is_told_lost():
 
 def test_limits_of_the_torques_are_kept_and_the_arm_still_rests():
     limits = np.array([[-14.0, 14.0], [-5.0, 5.0]])
-    run = follow(tracker(u_limits=limits))
+    with pytest.warns(zivi.ModelWarning, match="control updates of GapTracker were saturated"):
+        run = follow(tracker(u_limits=limits))
+    assert run.n_saturated == np.count_nonzero(run.tick_status & zivi.TickStatus.SATURATED)
+    assert f"0 of {run.n_updates} control updates rejected, {run.n_saturated} saturated" in repr(
+        run
+    )
     assert np.all((run.u >= limits[:, 0]) & (run.u <= limits[:, 1]))
     assert np.any(run.tick_status & zivi.TickStatus.SATURATED)
     assert is_pressed(run, 10.0, 1e-2)

@@ -147,7 +147,8 @@ def test_a_refused_sample_holds_the_control():
     start = state_vector(tracker())
     first = block.dynamics(0.0, start, [6.0, 5.0, GRAVITY, -19.81])
     held = block.output(H, first, [-1.0, 0.0, GRAVITY, -19.81])
-    second = block.dynamics(H, first, [-1.0, 0.0, GRAVITY, -19.81])
+    with pytest.warns(zivi.ModelWarning, match=r"'controller' rejected a sample at t = 0\.0"):
+        second = block.dynamics(H, first, [-1.0, 0.0, GRAVITY, -19.81])
     status = block.find_state("status")
     assert held[0] == first[block.find_state("held")] == -33.5
     assert zivi.TickStatus(int(second[status])) is zivi.TickStatus.REFUSED

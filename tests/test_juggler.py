@@ -31,6 +31,7 @@ def test_the_motion_is_that_of_a_closed_loop():
         count += info["impacts"]
         assert reward <= 0
         assert info["u"] == pytest.approx(u)
+        assert info["saturated"] == (abs(u / 5.0) > 1.0)
         assert not terminated
     assert truncated
 

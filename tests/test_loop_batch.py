@@ -235,8 +235,31 @@ def test_loops_with_noise_are_what_they_are_alone(threads):
             same(batch, i, run)
             samples = len(run.x[::7])
             np.testing.assert_array_equal(batch.sample_u[i, :samples], run.u[::7])
+            if batch.sample_t is not None:
+                np.testing.assert_array_equal(batch.sample_t[:samples], run.t[::7])
+            assert (batch.sample_t is None) == (len({it.h for it in chosen}) > 1)
             assert np.all(np.isnan(batch.sample_x[i, samples:]))
         assert batch.config["seed"] == seeds[: len(chosen)]
+
+
+def test_a_reference_that_nobody_placed_and_that_flies_off_is_warned_of():
+    """Its force is that on the plant, unless another is given."""
+    tracker = zivi.TwistingTracker(30, 17, h=1e-2, e=0.5)
+    outward = [(1.0, {}), (-9.81, {"force_ref": 2.0}), (-9.81, {"force_model": 2.0})]
+    outward += [(zivi.LinearForce(gravity=-2.0, amplitude=1.0, omega=3.0), {})]
+    stays = [(-1.0, {}), (1.0, {"force_ref": -1.0}), (1.0, {"y_ref0": (1, 0)})]
+    stays += [(zivi.LinearForce(gravity=-2.0, stiffness=1.0), {})]
+    stays += [
+        (zivi.LinearForce(gravity=-2.0, amplitude=3.0), {}),
+        (1.0, {"reference": np.ones((2, 11))}),
+    ]
+    for loop in (zivi.simulate_closed_loop, zivi.simulate_closed_loop_batch):
+        for force, more in outward:
+            with pytest.warns(zivi.ModelWarning, match="flies off.*y_ref0= and force_ref=") as told:
+                loop(zivi.ImpactSystem(force, e=0.5), tracker, (0, 0.1), (0.1, 0), **more)
+            assert told[0].filename == __file__
+        for force, more in stays:
+            loop(zivi.ImpactSystem(force, e=0.5), tracker, (0, 0.1), (0.1, 0), **more)
 
 
 def test_the_numbers_of_both_kinds_of_batch_are_the_same():

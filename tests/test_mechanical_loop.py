@@ -1,6 +1,7 @@
 """Closed loops of mechanical systems: inputs, sampling, what users' controllers may do, results."""
 
 import pickle
+import re
 
 import numpy as np
 import pytest
@@ -138,18 +139,42 @@ def test_controls_act_late_and_measurements_are_noisy_and_rounded():
     assert seen.q == wanted.tolist()
 
 
-def test_what_is_no_control_is_refused_and_the_last_one_held():
+def test_a_control_that_is_not_finite_is_rejected_and_the_last_one_held():
     class Strange(Constant):
         k = 0
 
         def step(self, t, q, qdot):
             self.k += 1
-            return {2: [np.nan], 3: [1.0, 2.0], 4: "x"}.get(self.k, [float(self.k)])
+            return {2: [np.nan], 3: [np.inf], 4: [-np.inf]}.get(self.k, [float(self.k)])
 
-    run = zivi.simulate_closed_loop(ball(), Strange(), (0, 0.06), ([1.0], [0]))
+    with pytest.warns(zivi.ModelWarning, match="3 of 6 control updates of Strange were rejected"):
+        run = zivi.simulate_closed_loop(ball(), Strange(), (0, 0.06), ([1.0], [0]))
     assert run.u[:6, 0].tolist() == [1, 1, 1, 1, 5, 6]
-    assert run.tick_status[:6].tolist() == [0, 4, 4, 4, 0, 0]
+    assert run.tick_status.tolist() == [0, 4, 4, 4, 0, 0, 0]
     assert run.n_refused == 3
+
+
+@pytest.mark.parametrize(
+    "value", [[5.0], [1.0, 2.0, 3.0], [[1.0, 2.0]], 5.0, None, "x", [None, 1.0, [2]]]
+)
+def test_another_number_of_controls_is_an_error_at_the_first_tick(value):
+    """Two inputs; one mass raises as early."""
+    two = zivi.MechanicalSystem(mass=np.eye(2), force=[0, -9.81], inputs=np.eye(2))
+    calls = []
+
+    class Wrong:
+        h = 1e-2
+
+        def step(self, *sample):
+            calls.append(sample)
+            return value
+
+    message = re.escape(f"controller.step must return 2 controls (u0, u1), got {value!r}")
+    with pytest.raises(TypeError, match=message):
+        zivi.simulate_closed_loop(two, Wrong(), (0, 1), ([0, 1], [0, 0]))
+    with pytest.raises(TypeError, match=message):
+        zivi.simulate_closed_loop_batch(two, Wrong(), (0, 1), ([0, 1], [0, 0]), threads=1)
+    assert len(calls) == 2
 
 
 def test_an_exception_of_a_controller_keeps_the_part_that_was_computed():

@@ -96,6 +96,40 @@ def test_missing_velocities_are_those_of_a_sensor_of_positions():
         np.testing.assert_array_equal(getattr(one, name), getattr(other, name))
 
 
+def test_positions_that_are_nan_are_missing_samples():
+    """The same by `step(None)`, by `step` of NaN and in recorded data; nothing before the first."""
+    sol, x = bouncing(end=0.7)
+    missing = np.random.default_rng(3).random(len(x)) < 0.3
+    missing[:3], missing[3] = True, False
+    none, nan = observer(0.6), observer(0.6)
+    by_hand = []
+    for k in range(len(x)):
+        xdot = sol.xdot[k] if k % 2 else None
+        by_hand.append(none.step(None if missing[k] else x[k], xdot, F))
+        not_a_number = np.nan if xdot is None else xdot
+        again = nan.step(np.nan if missing[k] else x[k], not_a_number, F)
+        np.testing.assert_array_equal(again, by_hand[-1])
+    assert none.state == nan.state
+    assert np.isnan(by_hand[:3]).all()
+    assert np.isfinite(by_hand[3:]).all()
+    recorded = np.where(missing, np.nan, x)
+    xdots = np.where(np.arange(len(x)) % 2, sol.xdot, np.nan)
+    seen = observer(0.6).observe(sol.t, recorded, xdots, force=F)
+    np.testing.assert_allclose(np.transpose(by_hand), (seen.x, seen.xdot, seen.d), atol=1e-9)
+    np.testing.assert_array_equal(seen.missing, missing)
+    assert np.isnan(seen.std[:3]).all()
+    assert f"{missing.sum()} missing" in repr(seen)
+    # the motion goes on meanwhile: a flight of 0.1 s without measurements
+    late = observer(0.6)
+    for k in range(200):
+        late.step(x[k], sol.xdot[k], F)
+    spread = late.covariance[0, 0]
+    for _ in range(100):
+        found = late.step(np.nan, None, F)
+    assert abs(found[0] - sol.x[299]) < 2e-3
+    assert late.covariance[0, 0] > spread
+
+
 def test_ticks_are_those_of_observe():
     sol, x = bouncing(end=0.7)
     it = observer(0.6)
@@ -149,6 +183,7 @@ def test_the_loop_is_quieter_with_an_observer():
     assert long.rest_time is not None
 
 
+@pytest.mark.filterwarnings("ignore:.*control updates:zivi.ModelWarning")
 @pytest.mark.parametrize("delay", [0, 2])
 def test_the_loop_ticks_the_observer_as_by_hand(delay):
     """With the control that acted, after limits and delay; the model's force and d at its state."""
@@ -215,7 +250,7 @@ def test_bad_use_is_refused():
     it.step(1.0, 0.0, F, 0.0)
     before = it.state
     for arguments, name in (
-        ((np.nan, 0, F, 0), "x"),
+        ((np.inf, 0, F, 0), "x"),
         ((1, np.inf, F, 0), "xdot"),
         ((1, 0, np.nan, 0), "force"),
         ((1, 0, F, np.nan), "u"),
@@ -230,7 +265,7 @@ def test_bad_use_is_refused():
     with pytest.raises(ValueError, match="force must be a number or have shape"):
         it.observe([0, 1], [1, 1], force=[1, 2, 3])
     with pytest.raises(ValueError, match="measurement 1: x must be"):
-        it.observe([0, 1], [1, np.nan])
+        it.observe([0, 1], [1, np.inf])
     with pytest.raises(TypeError, match=r"observer must be a zivi.ImpactObserver, got"):
         follow(3)
     with pytest.raises(ValueError, match=r"observer\.h must be the controller's h = 0\.001"):

@@ -183,7 +183,7 @@ def test_a_batch_of_loops_is_the_single_ones():
     masses, starts = np.array([0.1, 0.2, 0.4]), ([0.4, 0.0], [0.5, 0.0])
     asked = {"method": zivi.RKPeriod(), "noise": (1e-6, 1e-3)}
     many = zivi.simulate_closed_loop_batch(
-        compiled(), ctl, (0, 1.2), starts, parameters={"m": masses}, seeds=[1, 2, 3], **asked
+        compiled(), ctl, (0, 1.2), starts, parameters={"m": masses}, seed=[1, 2, 3], **asked
     )
     for i, m in enumerate(masses):
         one = zivi.simulate_closed_loop(

@@ -337,7 +337,7 @@ static void observers(void)
     EXPECT(zivi_observer_step(&it, 1.0, 0.0, -9.81, 0.0) == ZIVI_OK);
     before = it;
     for (k = 0; k < 3; k++) {
-        EXPECT(zivi_observer_step(&it, bad[k], 0.0, 0.0, 0.0) == ZIVI_E_X);
+        EXPECT(k == 0 || zivi_observer_step(&it, bad[k], 0.0, 0.0, 0.0) == ZIVI_E_X);
         EXPECT(k == 0 || zivi_observer_step(&it, 1.0, bad[k], 0.0, 0.0) == ZIVI_E_XDOT);
         EXPECT(zivi_observer_step(&it, 1.0, 0.0, bad[k], 0.0) == ZIVI_E_FORCE);
         EXPECT(zivi_observer_step(&it, 1.0, 0.0, 0.0, bad[k]) == ZIVI_E_U);
@@ -353,6 +353,10 @@ static void observers(void)
     EXPECT(memcmp(&it, &before, sizeof it) == 0);
     EXPECT(zivi_observer_step_after(&it, 0.1, NAN, 7.0, -9.81, 0.0) == ZIVI_OK);
     EXPECT(it.x < before.x - 0.04 && it.p_xx > before.p_xx && it.seen == before.seen);
+    before = it;
+    EXPECT(zivi_observer_step(&it, NAN, 7.0, -9.81, 0.0) == ZIVI_OK && it.x < before.x);
+    EXPECT(zivi_observer_step_after(&before, it.config.h, NAN, NAN, -9.81, 0.0) == ZIVI_OK);
+    EXPECT(memcmp(&it, &before, sizeof it) == 0);
     EXPECT(zivi_observer_reset(&it) == ZIVI_OK && it.started == 0 && it.seen == 0);
     config.learn_e = 1;
     EXPECT(zivi_observer_init(&it, &config) == ZIVI_OK && it.e == config.e && it.p_ee > 0.0);

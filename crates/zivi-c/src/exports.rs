@@ -373,7 +373,9 @@ pub unsafe extern "C" fn zivi_observer_reset(observer: *mut Observer) -> i32 {
 
 /// Takes the measurement `x` (m), `xdot` (m/s, NaN where it is not measured). `force` is the known
 /// force, `u` the control that acted over the period that ends now (m/s^2). The estimates are in
-/// `observer->x`, `->xdot` and `->d`, the unknown force, to be added to the known one.
+/// `observer->x`, `->xdot` and `->d`, the unknown force, to be added to the known one; they mean
+/// nothing before `observer->started`. A measurement that is missing has NaN for `x`: the motion is
+/// followed, nothing is corrected, `xdot` is ignored.
 ///
 /// Where a measurement is refused by a code < 0, nothing has changed.
 #[no_mangle]
@@ -389,8 +391,7 @@ pub unsafe extern "C" fn zivi_observer_step(
     unsafe { object(observer) }.map_or(ZIVI_E_NULL, |it| it.step(x, xdot, force, u))
 }
 
-/// The same `dt` (s) after the last call, where that is not `h`. A measurement that is missing has NaN
-/// for `x`: the motion is followed, nothing is corrected, `xdot` is ignored.
+/// The same `dt` (s) after the last call, where that is not `h`.
 #[no_mangle]
 #[cfg_attr(feature = "single", export_name = "zivi_f32_observer_step_after")]
 pub unsafe extern "C" fn zivi_observer_step_after(
@@ -401,8 +402,7 @@ pub unsafe extern "C" fn zivi_observer_step_after(
     force: Real,
     u: Real,
 ) -> i32 {
-    let velocity = (!xdot.is_nan()).then_some(xdot);
-    let measured = (!x.is_nan()).then_some(Measurement { x, xdot: velocity });
+    let measured = Measurement { x, xdot: Some(xdot) };
     // SAFETY: see the module
     unsafe { object(observer) }.map_or(ZIVI_E_NULL, |it| it.step_after(dt, measured, force, u))
 }

@@ -180,26 +180,19 @@ impl Observer {
         ZIVI_OK
     }
 
-    /// Takes a measurement; `xdot` is NaN where it is not measured. `force` is the known force and
-    /// `u` the control that acted over the period that ends now.
+    /// Takes a measurement; `x` is NaN where it is missing, `xdot` where it is not measured. `force`
+    /// is the known force and `u` the control that acted over the period that ends now.
     pub fn step(&mut self, x: Real, xdot: Real, force: Real, u: Real) -> Code {
-        let measured = Measurement { x, xdot: (!xdot.is_nan()).then_some(xdot) };
-        self.step_after(self.config.h, Some(measured), force, u)
+        self.step_after(self.config.h, Measurement { x, xdot: Some(xdot) }, force, u)
     }
 
-    /// The same `dt` (s) after the last one; `None` is a measurement that is missing.
-    pub fn step_after(
-        &mut self,
-        dt: Real,
-        measured: Option<Measurement>,
-        force: Real,
-        u: Real,
-    ) -> Code {
+    /// The same `dt` (s) after the last one.
+    pub fn step_after(&mut self, dt: Real, measured: Measurement, force: Real, u: Real) -> Code {
         if let Err(code) = self.intact() {
             return code;
         }
         let mut state = self.state();
-        match self.settings().advance(&mut state, dt, measured, force, u) {
+        match self.settings().advance(&mut state, dt, Some(measured), force, u) {
             Ok(()) => {
                 self.remember(&state);
                 ZIVI_OK

@@ -12,6 +12,7 @@ use zivi::drive::closed_loop::{
     Reference, ReferencePeriod, ReferencePoint, ReferenceWithWall, Samples, Sensor, SignRecord,
     Tick, TickError, SIGNS,
 };
+use zivi::drive::Updates;
 use zivi::{
     AnyMethod, Branch, FixedSteps, Force, Grid, Lifted, Physical, Restitution, SetupError,
     ThetaGamma, UserEvent,
@@ -311,6 +312,12 @@ pub(crate) fn simulate_closed_loop(
     LoopRecord::new(py, run.map_err(setup_error)?, start.restitution)
 }
 
+/// Control updates: all, rejected, saturated, unsolved, lost contacts.
+pub(crate) fn numbers_of(updates: Updates) -> [u64; 5] {
+    let Updates { total, rejected, saturated, unsolved, lost, .. } = updates;
+    [total, rejected, saturated, unsolved, lost]
+}
+
 type Array = Py<PyArray1<f64>>;
 
 /// The columns, events and outcome of a closed loop.
@@ -322,6 +329,8 @@ pub(crate) struct LoopRecord {
     /// `x, xdot, d` of the observer; empty arrays without one.
     estimates: Vec<Array>,
     ticks: Py<PyArray1<u8>>,
+    /// Control updates: all, rejected, saturated, unsolved, lost contacts.
+    updates: [u64; 5],
     /// A row for each: time, velocity before and velocity after.
     impacts: Array,
     zeno_times: Array,
@@ -342,8 +351,8 @@ pub(crate) struct LoopRecord {
 
 impl LoopRecord {
     fn new(py: Python<'_>, run: LoopRun<PyErr>, restitution: Restitution) -> PyResult<Self> {
-        let LoopRun { columns, signs, estimates, ticks, events, path, hits, status, nfev, raised } =
-            run;
+        let LoopRun { columns, signs, estimates, ticks, updates, .. } = run;
+        let LoopRun { events, path, hits, status, nfev, raised, .. } = run;
         let array = |values: Vec<f64>| PyArray1::from_vec(py, values).unbind();
         let (own_force, path, lifted) = match path {
             None => (None, None, None),
@@ -360,6 +369,7 @@ impl LoopRecord {
             columns: columns.into_iter().map(array).collect(),
             estimates: estimates.into_iter().map(array).collect(),
             ticks: PyArray1::from_vec(py, ticks).unbind(),
+            updates: numbers_of(updates),
             impacts: rows_of(py, &events.impacts),
             zeno_times: array(events.zeno_times),
             liftoff_times: array(events.liftoff_times),

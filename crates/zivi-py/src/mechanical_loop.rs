@@ -8,12 +8,14 @@ use zivi::drive::mechanical::{
     one_step_each, BelievedPlant, MechanicalController, MechanicalSensor, Observing, SampledLoop,
     Striking, Tasks, TickRecord, Tracking,
 };
+use zivi::drive::Updates;
 use zivi::mechanics::{MechanicalRun, Sampling, Ticks};
 use zivi::system::driven::Driven;
 use zivi::system::dynamics::{Dynamics, Layout};
 use zivi::{AnyImpactLaw, AnyMethod, SetupError, SwitchedRk};
 
 use crate::arrays::{vector, Matrix};
+use crate::closed_loop::numbers_of;
 use crate::control::believed::{law_error, Believed};
 use crate::control::gap_tracker::{pressed, GapTracker};
 use crate::control::mechanical_reference::Reference;
@@ -32,6 +34,8 @@ pub(crate) struct MechanicalLoopRecord {
     u: Matrix<f64>,
     /// Bits of the status of each tick.
     tick_status: Py<PyArray1<u8>>,
+    /// Control updates: all, rejected, saturated, unsolved, lost contacts.
+    updates: [u64; 5],
     latched: Matrix<bool>,
     /// What the controller was told.
     q_est: Matrix<f64>,
@@ -41,7 +45,7 @@ pub(crate) struct MechanicalLoopRecord {
 impl MechanicalLoopRecord {
     fn new(
         py: Python<'_>,
-        (run, u): (MechanicalRun<PyErr>, Vec<f64>),
+        (mut run, u): (MechanicalRun<PyErr>, Vec<f64>),
         ticks: TickRecord,
         r: usize,
     ) -> PyResult<Self> {
@@ -49,10 +53,13 @@ impl MechanicalLoopRecord {
         let u = PyArray1::from_vec(py, u).reshape([run.samples.t.len(), r])?.unbind();
         let [q, w] = ticks.told.map(|it| PyArray1::from_vec(py, it).reshape([count, n]));
         let latched = PyArray1::from_vec(py, ticks.latched).reshape([count, m])?.unbind();
+        let updates = Updates::of(&ticks.status);
+        run.status = updates.ending(run.status);
         Ok(Self {
             run: Py::new(py, MechanicalRecord::new(py, run)?)?,
             u,
             tick_status: PyArray1::from_vec(py, ticks.status).unbind(),
+            updates: numbers_of(updates),
             latched,
             q_est: q?.unbind(),
             qdot_est: w?.unbind(),
@@ -111,6 +118,8 @@ pub(crate) struct CalledLoop {
     /// Who has `status`, and `latched`, if there is any.
     status: Option<Py<PyAny>>,
     latched: Option<Py<PyAny>>,
+    /// What it must give, in words.
+    expected: String,
 }
 
 #[pymethods]
@@ -121,13 +130,24 @@ impl CalledLoop {
         counts: bool,
         status: Option<Py<PyAny>>,
         latched: Option<Py<PyAny>>,
+        expected: String,
     ) -> Self {
-        Self { step, counts, status, latched }
+        Self { step, counts, status, latched, expected }
     }
 
     fn __traverse__(&self, visit: PyVisit<'_>) -> Result<(), PyTraverseError> {
         visit.call(&self.step)?;
         [&self.status, &self.latched].into_iter().flatten().try_for_each(|it| visit.call(it))
+    }
+}
+
+impl CalledLoop {
+    /// What it gave is not what a control is.
+    fn wrong(&self, value: &Bound<'_, PyAny>) -> PyErr {
+        let name = if self.counts { "step_to" } else { "step" };
+        let given = value.repr().map_or_else(|_| String::from("?"), |it| it.to_string());
+        let expected = &self.expected;
+        PyTypeError::new_err(format!("controller.{name} must return {expected}, got {given}"))
     }
 }
 
@@ -174,9 +194,8 @@ impl MechanicalController<PyErr> for Called<'_, '_> {
         };
         if !copied(&value, u) {
             match array_of(&value, "float64")? {
-                Some(array) if copied(&array, u) => {}
-                // refused
-                _ => u.fill(f64::NAN),
+                Some(array) if !value.is_none() && copied(&array, u) => {}
+                _ => return Err(given.wrong(&value)),
             }
         }
         match &given.status {

@@ -66,10 +66,10 @@ impl Observer {
     /// Parameters
     /// ----------
     /// x : float or None
-    ///     Measured distance from the wall (m); noise may make it negative. None: the measurement is
-    ///     missing, the motion is followed and nothing is corrected.
+    ///     Measured distance from the wall (m); noise may make it negative. None or NaN: the
+    ///     measurement is missing, the motion is followed and nothing is corrected.
     /// xdot : float, optional
-    ///     Measured velocity (m/s); None, or with ``position_only``, it is not known.
+    ///     Measured velocity (m/s); None, NaN, or with ``position_only``, it is not known.
     /// force : float
     ///     Known force on the mass over the period that ends with this measurement (m/s^2).
     /// u : float
@@ -81,12 +81,13 @@ impl Observer {
     /// Returns
     /// -------
     /// (float, float, float)
-    ///     Position (m), velocity (m/s) and unknown force (m/s^2).
+    ///     Position (m), velocity (m/s) and unknown force (m/s^2); NaN before the first measurement.
     ///
     /// Raises
     /// ------
     /// ValueError
-    ///     For a number that is not finite; nothing has changed then.
+    ///     For an infinite measurement, or another number that is not finite; nothing has changed
+    ///     then.
     #[pyo3(signature = (x, xdot=None, force=0.0, u=0.0, *, dt=None))]
     fn step(
         &mut self,
@@ -99,7 +100,10 @@ impl Observer {
         let measured = x.map(|x| Measurement { x, xdot });
         let dt = dt.unwrap_or(self.inner.settings().h());
         let found = self.inner.tick_after(dt, measured, force, u).map_err(refused)?;
-        Ok((found.state.x, found.state.xdot, found.d))
+        match self.inner.remembered().started {
+            true => Ok((found.state.x, found.state.xdot, found.d)),
+            false => Ok((f64::NAN, f64::NAN, f64::NAN)),
+        }
     }
 
     /// Forget all measurements.
@@ -108,7 +112,7 @@ impl Observer {
     }
 
     /// Estimates at recorded measurements, from a fresh start; nothing of this one changes. Forces
-    /// and controls are held from their times on. A velocity that is NaN was not measured.
+    /// and controls are held from their times on. What is NaN was not measured.
     fn _observe<'py>(
         &self,
         py: Python<'py>,
@@ -123,7 +127,7 @@ impl Observer {
         let mut columns: [Vec<f64>; 8] = Default::default();
         let mut out = Vec::with_capacity(t.len());
         for (k, (now, x)) in t.iter().zip(x).enumerate() {
-            let xdot = xdot.get(k).copied().filter(|it| !it.is_nan());
+            let xdot = xdot.get(k).copied();
             let before = it.state().refused;
             let measured = Measurement { x: *x, xdot };
             match k.checked_sub(1) {
@@ -131,10 +135,12 @@ impl Observer {
                 Some(last) => it.tick_after(now - t[last], Some(measured), held[last], 0.0),
             }
             .map_err(|error| PyValueError::new_err(format!("measurement {k}: {error}")))?;
-            let ObserverState { estimate: Estimate { state, d }, e, covariance, refused, .. } =
-                it.state();
-            let Covariance { xx, vv, dd, ee, .. } = covariance;
-            let row = [state.x, state.xdot, d, e, xx.sqrt(), vv.sqrt(), dd.sqrt(), ee.sqrt()];
+            let ObserverState { started, estimate, e, covariance, refused, .. } = it.state();
+            let (Estimate { state, d }, Covariance { xx, vv, dd, ee, .. }) = (estimate, covariance);
+            let mut row = [state.x, state.xdot, d, e, xx.sqrt(), vv.sqrt(), dd.sqrt(), ee.sqrt()];
+            if !started {
+                row = [f64::NAN; 8];
+            }
             for (column, value) in columns.iter_mut().zip(row) {
                 column.push(value);
             }

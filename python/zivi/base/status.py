@@ -78,6 +78,9 @@ class Status(NamedStatus):
     """More than one force of sticking contacts is not determined by the motion."""
     MODE_CHATTER = 20
     """Friction changed its mode again and again at one instant."""
+    CONTROL_REJECTED = 21
+    """A loop reached the end of ``t_span``, but its control updates were rejected: all of them, or
+    all of the last tenth."""
 
 
 class StudyStatus(NamedStatus):

@@ -10,10 +10,11 @@ __all__ = ["ModelWarning", "warn"]
 
 
 class ModelWarning(UserWarning):
-    """What a controller believes of the plant is not what the plant is, or a mass flies off.
+    """A model, or a closed loop, is not what it seems to be meant to be.
 
-    Give the controller no `e` and it takes the plant's; a constant force that points away from the
-    wall has the wrong sign. Where it is meant, to see what it does,
+    A controller believes in another plant than there is, more than a tenth of its updates were
+    rejected or saturated, or a constant force takes a mass away for ever. Give the controller no `e`
+    and it takes the plant's. Where it is meant, to see what it does,
     ``warnings.simplefilter("ignore", zivi.ModelWarning)``.
     """
 

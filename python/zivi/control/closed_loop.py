@@ -24,6 +24,7 @@ from zivi.control.loop_arguments import (
     check_method,
     check_not_negative,
     check_observer,
+    check_stays,
     described,
     described_observer,
     forces_of,
@@ -49,7 +50,8 @@ from zivi.control.loop_samples import ended_by_event, restrict
 from zivi.control.mechanical_loop import MechanicalController, RKPeriod, simulate_mechanical
 from zivi.control.mechanical_loop_run import MechanicalClosedLoop
 from zivi.control.observer import ImpactObserver
-from zivi.control.twisting import CONTROLLERS, TickStatus
+from zivi.control.twisting import CONTROLLERS
+from zivi.control.updates import Updates
 from zivi.simulation.argument_hints import refuse
 from zivi.simulation.describe import describe, describe_system
 from zivi.simulation.events import events_of
@@ -279,7 +281,9 @@ def simulate_closed_loop(
     -----
     ModelWarning
         If the controller believes in another `e` than the plant's, or its landing does not look as
-        far ahead as its control is late.
+        far ahead as its control is late; if a constant force pulls a reference off the wall
+        that `y_ref0` does not place; and if more than a tenth of the control updates were
+        rejected, or saturated.
 
     Examples
     --------
@@ -303,7 +307,7 @@ def simulate_closed_loop(
         for name, it in of_one.items():
             if it is not None:
                 raise TypeError(f"{name} is for a zivi.ImpactSystem, not for a MechanicalSystem")
-        return simulate_mechanical(
+        moved = simulate_mechanical(
             system,
             controller,
             t_span,
@@ -320,6 +324,8 @@ def simulate_closed_loop(
             slowest=slowest,
             progress=progress,
         )
+        moved.updates.warn(moved.config["controller"]["name"])
+        return moved
     if disturbance is not None:
         raise TypeError("disturbance is for a zivi.MechanicalSystem: here system.force is true")
     part = check_slowest(slowest)
@@ -333,6 +339,7 @@ def simulate_closed_loop(
     check_observer(observer, h)
     check_interface(controller, interface, specs[-1], y_ref0=y_ref0, force_ref=force_ref)
     check_reference(controller, reference, y_ref0=y_ref0, force_ref=force_ref)
+    check_stays(controller, not (y_ref0 is None and reference is None), forces["force_ref"])
     told = None if reference is None else spec_of(reference, span, h)
     kappa_ref = real("kappa_ref", getattr(controller, "kappa_ref", system.kappa))
     restitution_ref = _zivi.Restitution(kappa=kappa_ref)
@@ -400,6 +407,7 @@ def simulate_closed_loop(
     if times is not None:
         run = restrict(run, times)
     if raised is None:
+        run.updates.warn(config["controller"]["name"])
         return run
     try:
         raise with_partial(raised, run)
@@ -411,7 +419,7 @@ def _run(record: _zivi.LoopRecord, config: dict[str, Any], slowest: float) -> Cl
     t, *sampled = record.columns
     samples: dict[str, Any] = dict(zip(QUANTITIES, sampled, strict=True))
     impacts, wall = impacts_of(record), (config["e"], config["kappa"])
-    path = path_of(record, impacts, wall)
+    path, updates = path_of(record, impacts, wall), Updates(*record.updates)
     return ClosedLoop(
         t=t,
         **samples,
@@ -422,12 +430,12 @@ def _run(record: _zivi.LoopRecord, config: dict[str, Any], slowest: float) -> Cl
         liftoff_times=record.liftoff_times,
         rest_time=record.rest_time,
         status=Status(record.status),
-        message=record.message,
+        message=updates.added_to(record.message),
         nfev=record.nfev,
         config=config,
         **_estimates(record.estimates),
         slowest=slowest,
-        n_refused=int(np.count_nonzero(record.ticks & TickStatus.REFUSED)),
+        updates=updates,
         t_events=[hits.t for hits in record.hits],
         y_events=[np.hstack([hits.q, hits.qdot]) for hits in record.hits],
         _path=path,

@@ -20,6 +20,7 @@ from zivi.control.twisting import CONTROLLERS
 from zivi.simulation.argument_hints import argument_text
 from zivi.simulation.methods import SwitchedRK, ThetaGamma
 from zivi.simulation.run import pair
+from zivi.system.force import LinearForce
 from zivi.system.mass import ImpactSystem, force_spec, in_wall_frame
 
 __all__ = [
@@ -31,6 +32,7 @@ __all__ = [
     "check_not_negative",
     "check_observer",
     "check_seed",
+    "check_stays",
     "described",
     "described_observer",
     "forces_of",
@@ -92,6 +94,21 @@ def on_wall(controller: Any, system: ImpactSystem) -> Any:
             "without e it takes the plant's"
         )
     return controller
+
+
+def check_stays(controller: Any, placed: bool, force_ref: Any) -> None:
+    """Warn of a reference that was not placed and that its force pulls off the wall for ever."""
+    pull = force_ref
+    if isinstance(force_ref, LinearForce):
+        held = force_ref.stiffness != 0.0 or force_ref.excitation is not None
+        pull = None if held else -force_ref.gravity - abs(force_ref.amplitude)
+    outward = isinstance(pull, numbers.Real) and float(pull) > 0.0
+    follows = isinstance(controller, CONTROLLERS) and hasattr(controller, "x_ref")
+    if outward and follows and not placed:
+        warn(
+            f"the reference flies off: the force on it pulls away from the wall ({pull:.6g} m/s^2 "
+            "and more); give reference=, or y_ref0= and force_ref="
+        )
 
 
 SAME_E = 1e-12

@@ -13,6 +13,7 @@ from zivi.base.check import finite
 from zivi.base.compiled import listening, tell
 from zivi.base.habits import hinted
 from zivi.base.progress import ProgressBar
+from zivi.base.warnings import warn
 from zivi.control.closed_loop import ClosedLoop, Controller, simulate_closed_loop
 from zivi.control.joint_observer import JointObserver
 from zivi.control.loop_arguments import (
@@ -21,6 +22,7 @@ from zivi.control.loop_arguments import (
     check_follows,
     check_method,
     check_not_negative,
+    check_stays,
     described,
     described_observer,
     motion_of,
@@ -53,6 +55,7 @@ from zivi.control.mechanical_loop import MechanicalController, RKPeriod
 from zivi.control.mechanical_loop_batch import MechanicalLoopBatch, simulate_mechanical_batch
 from zivi.control.observer import ImpactObserver
 from zivi.control.twisting import CONTROLLERS
+from zivi.control.updates import warn_of_batch
 from zivi.simulation.batch_arguments import (
     check_threads,
     every_of,
@@ -109,7 +112,6 @@ def simulate_closed_loop_batch(
     method: SwitchedRK | RKPeriod | None = ...,
     noise: ArrayLike = ...,
     seed: int | Sequence[int] | None = ...,
-    seeds: int | Sequence[int] | None = ...,
     quantization: float | Sequence[float] = ...,
     delay: int = ...,
     observer: JointObserver | None = ...,
@@ -204,13 +206,14 @@ def simulate_closed_loop_batch(
     **mechanical
         Of a `MechanicalSystem`, with `y0` of shapes ``((N, n), (N, n))`` or ``(N, 2, n)``:
         ``parameters``, a dict of names and values of the plant's parameters, one for all loops or
-        N; ``seeds``, as `seed`; ``disturbance``. Then ``save="runs"`` keeps the loops. Their ticks
+        N; ``disturbance``. Then ``save="runs"`` keeps the loops. Their ticks
         need the interpreter and take turns.
 
     Returns
     -------
     ClosedLoopBatch or MechanicalLoopBatch
-        An entry for each loop.
+        An entry for each loop. As in all batches ``x`` is the state at the end of each, and
+        ``sample_x`` its samples.
 
     Raises
     ------
@@ -218,6 +221,12 @@ def simulate_closed_loop_batch(
         For an argument out of range, before anything is computed.
     KeyboardInterrupt
         On Ctrl-C; nothing is kept then.
+
+    Warns
+    -----
+    ModelWarning
+        If more than a tenth of the control updates of a loop were rejected, or saturated, and as
+        `simulate_closed_loop`.
 
     Examples
     --------
@@ -231,6 +240,9 @@ def simulate_closed_loop_batch(
     >>> float(batch.settling_time[1])  # the paper's gains
     1.211
     """
+    if "seeds" in mechanical:
+        warn("seeds= is deprecated; use seed=", DeprecationWarning)
+        seed = mechanical.pop("seeds")
     if isinstance(systems, MechanicalSystem):
         kept = {"reference": reference, "method": method, "noise": noise, "save": save}
         kept |= {"delay": delay, "observer": observer, "quantization": quantization}
@@ -239,13 +251,14 @@ def simulate_closed_loop_batch(
         for name, it in (of_one | {"t_eval": t_eval}).items():
             if it is not None:
                 raise TypeError(f"{name} is for a zivi.ImpactSystem, not for a MechanicalSystem")
-        seeds = mechanical.pop("seeds", seed)
         strange = sorted(set(mechanical) - {"parameters", "disturbance"})
         if strange:
             raise TypeError(f"{strange[0]} is no argument of loops of a mechanical system")
-        return simulate_mechanical_batch(
-            systems, controllers, t_span, y0, seeds=seeds, **kept, **mechanical
+        loops = simulate_mechanical_batch(
+            systems, controllers, t_span, y0, seeds=seed, **kept, **mechanical
         )
+        warn_of_batch(loops)
+        return loops
     if mechanical:
         raise TypeError(f"{min(mechanical)} is for a zivi.MechanicalSystem")
     span, slowest = pair("t_span", t_span, "(t0, t1)"), check_slowest(slowest)
@@ -279,6 +292,9 @@ def simulate_closed_loop_batch(
     for controller in ticking:
         check_method(method, controller.h)
         check_ahead(controller, check_delay(delay), max(it[1] for it in deviations))
+    own = plants[0].force if force_model is None else force_model
+    given_place = not (y_ref0 is None and reference is None)
+    check_stays(ticking[0], given_place, own if force_ref is None else force_ref)
     if not (finite("within", within) > 0.0):
         raise ValueError(f"within must be > 0 (m), got {within}")
     asked = {"force_ref": force_ref, "force_model": force_model, "method": method, "delay": delay}
@@ -362,7 +378,12 @@ def simulate_closed_loop_batch(
         "controllers": [described(it) for it in ticking[:MAX_DESCRIBED]],
         "n_controllers": len(ticking),
     }
+    if every and len({controller.h for controller in ticking}) == 1:
+        width = found["sample_x"].shape[1]
+        found["sample_t"] = _zivi.grid_times(*span, float(ticking[0].h), every)[:width]
     if rows is not None:
         found |= {"sample_t": times}
         found |= dict(zip((f"sample_{it}" for it in QUANTITIES), rows, strict=True))
-    return ClosedLoopBatch(**found, config=config)
+    batch = ClosedLoopBatch(**found, config=config)
+    warn_of_batch(batch)
+    return batch

@@ -102,7 +102,10 @@ def numbers_of(run: ClosedLoop, within: float, every: int) -> dict[str, Any]:
         "u_variation": _sum(np.abs(np.diff(held))),
         "rest_time": np.nan if run.rest_time is None else run.rest_time,
         "n_impacts": len(run.impacts),
+        "n_updates": run.n_updates,
         "n_refused": run.n_refused,
+        "n_saturated": run.n_saturated,
+        "n_unsolved": run.updates.unsolved,
         "status": int(run.status),
         "saved": [getattr(run, name)[::every] for name in SAVED] if every else None,
     }
@@ -119,8 +122,8 @@ def _rms(values: Array) -> float:
 
 def columns_of(found: Sequence[dict[str, Any]], every: int) -> dict[str, Any]:
     """Put the numbers of the loops into arrays, and the samples into rows, filled up with NaN."""
-    kinds = {"n_impacts": np.uint64, "n_refused": np.uint64, "status": np.uint8}
     names = [name for name in found[0] if name != "saved"]
+    kinds = {name: np.uint64 for name in names if name.startswith("n_")} | {"status": np.uint8}
     columns: dict[str, Any] = {
         name: np.array([it[name] for it in found], dtype=kinds.get(name, np.float64))
         for name in names
@@ -140,8 +143,8 @@ def _rows(several: list[Array]) -> Array:
 def columns_of_record(record: _zivi.LoopBatchRecord, sampled: bool) -> dict[str, Any]:
     """Name the columns of a batch in Rust."""
     names = (
-        "settling_time error_max error_rms u_max u_rms u_variation rest_time n_impacts n_refused "
-        "status"
+        "settling_time error_max error_rms u_max u_rms u_variation rest_time n_impacts n_updates "
+        "n_refused n_saturated n_unsolved status"
     )
     columns = {name: getattr(record, name) for name in names.split()}
     last = dict(zip(("t", "x", "xdot", "x_ref", "xdot_ref"), record.last.T, strict=True))

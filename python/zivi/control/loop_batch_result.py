@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from zivi.base.check import Array, MaybeNone
 from zivi.base.table import Field, Table
+from zivi.control.updates import batch_text
 from zivi.simulation.batch_result import Runs
 
 __all__ = ["NUMBERS", "ClosedLoopBatch"]
@@ -32,7 +33,10 @@ NUMBERS: dict[str, Field] = {
     "u_variation": ("run", "m/s^2", "total variation of the control"),
     "rest_time": ("run", "s", "time from which the plant rests, NaN if it does not"),
     "n_impacts": ("run", "1", "number of impacts"),
-    "n_refused": ("run", "1", "number of samples that were refused"),
+    "n_updates": ("run", "1", "number of control updates"),
+    "n_refused": ("run", "1", "number of control updates that were rejected"),
+    "n_saturated": ("run", "1", "number of control updates that were saturated"),
+    "n_unsolved": ("run", "1", "number of control updates without signs of the general solver"),
     "status": ("run", "1", "how the run ended, a zivi.Status"),
 }
 """Dimensions, unit and meaning of what a batch has for each loop."""
@@ -51,6 +55,9 @@ SAMPLED: dict[str, Field] = {
 class ClosedLoopBatch(Runs):
     """Results of a batch of closed loops: an entry for each.
 
+    As in all batches a plain name is the value at the end of each run, ``sample_`` its samples:
+    ``x`` of a batch is ``x[-1]`` of a `ClosedLoop`, ``sample_x`` is ``x``.
+
     Attributes
     ----------
     t, x, xdot : ndarray
@@ -67,16 +74,21 @@ class ClosedLoopBatch(Runs):
     rest_time : ndarray
         Time from which the plant rests until the end, for a whole period at least (s), NaN if it
         does not.
-    n_impacts, n_refused : ndarray of int
-        Numbers of impacts and of refused samples.
+    n_impacts : ndarray of int
+        Numbers of impacts.
+    n_updates, n_refused, n_saturated, n_unsolved : ndarray of int
+        Numbers of control updates, of those that were rejected, of those whose control was cut to
+        its limits, and of those for which the general solver found no signs.
     status : ndarray of uint8
         How each run ended, the numbers of `Status`.
     sample_x, sample_x_ref, sample_u : ndarray or None
         With ``save=k``: positions (m), reference positions (m) and controls (m/s^2) of the first
         and every so many samples after it, a row for each loop. With ``t_eval`` those at its times,
         NaN after the end of a loop that stopped early.
-    sample_t, sample_xdot : ndarray or None
-        With ``t_eval``: its times (s), and the velocities there (m/s).
+    sample_t : ndarray or None
+        Times of the samples (s), None where the controllers differ in `h`.
+    sample_xdot : ndarray or None
+        With ``t_eval``: the velocities there (m/s).
     config : dict
         Settings of the batch, as plain values: systems, controllers and states of the first 100.
     """
@@ -94,7 +106,10 @@ class ClosedLoopBatch(Runs):
     u_variation: Array
     rest_time: Array
     n_impacts: NDArray[np.uint64]
+    n_updates: NDArray[np.uint64]
     n_refused: NDArray[np.uint64]
+    n_saturated: NDArray[np.uint64]
+    n_unsolved: NDArray[np.uint64]
     status: NDArray[np.uint8]
     sample_x: Array | MaybeNone
     sample_x_ref: Array | MaybeNone
@@ -104,6 +119,9 @@ class ClosedLoopBatch(Runs):
     sample_xdot: Array | MaybeNone = None
 
     _called = "loops"
+
+    def _counted(self) -> str:
+        return batch_text(self)
 
     def _table(self) -> Table:
         """Tell the numbers over ``run``, samples over ``sample``."""

@@ -14,6 +14,7 @@ from zivi.base.check import Array, MaybeNone
 from zivi.base.status import Status
 from zivi.base.table import Field, Table
 from zivi.control.loop_path import Reference, on_side, sides
+from zivi.control.updates import NONE, Updated, Updates, with_updates
 from zivi.simulation.dense import Path
 from zivi.simulation.impacts import SLOWEST
 from zivi.simulation.run_result import EVENT_COORDS, EVENT_FIELDS, MassRun
@@ -46,7 +47,7 @@ SIGNS = ("lambda_s", "lambda_v", "lambda_sr", "lambda_vr", "lambda_es", "lambda_
 
 
 @dataclasses.dataclass(frozen=True, eq=False, repr=False)
-class ClosedLoop(MassRun):
+class ClosedLoop(Updated, MassRun):
     """Samples and events of one closed loop.
 
     Calling it, ``run(t)``, gives ``(x, xdot)`` between the samples. ``impacts``, ``zeno`` and
@@ -89,8 +90,10 @@ class ClosedLoop(MassRun):
         For each event of the user the times at which it happened (s).
     y_events : list of ndarray
         The states ``(x, xdot)`` of the plant there, each of shape (n, 2).
-    n_refused : int
-        Samples that the controller refused; the last control was held.
+    updates : Updates
+        Counts of the control updates: all, rejected, saturated; ``n_updates``, ``n_refused`` and
+        ``n_saturated`` are the same. Where a sample or a control is rejected the last control is
+        held.
     x_est, xdot_est, d_est : ndarray or None
         What the observer thought of position (m), velocity (m/s) and unknown force (m/s^2) at the
         samples; None without one.
@@ -119,7 +122,7 @@ class ClosedLoop(MassRun):
     message: str
     nfev: int
     config: dict[str, Any]
-    n_refused: int = 0
+    updates: Updates = NONE
     t_events: list[Array] = dataclasses.field(default_factory=list)
     y_events: list[Array] = dataclasses.field(default_factory=list)
     x_est: Array | MaybeNone = None
@@ -149,6 +152,9 @@ class ClosedLoop(MassRun):
     def __getstate__(self) -> dict[str, Any]:
         signs = self.signs
         return {k: it for k, it in vars(self).items() if k != "_packed"} | {"signs": signs}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        super().__setstate__(with_updates(state))
 
     @functools.cached_property
     def _lifted(self) -> tuple[Array, Array]:
@@ -214,10 +220,11 @@ class ClosedLoop(MassRun):
     def __repr__(self) -> str:
         name = self.config["controller"]["name"]
         span = f"{self.t[0]:.6g} .. {self.t[-1]:.6g} s" if len(self.t) else "no samples"
-        return f"<ClosedLoop {name}, {span}, {self._events_text()}: {self.status.name.lower()}>"
+        what = f"{self._events_text()}{self._failed_text()}"
+        return f"<ClosedLoop {name}, {span}, {what}: {self.status.name.lower()}>"
 
     def _facts(self) -> dict[str, str]:
-        work = f"{len(self.t)} samples, {self.n_refused} refused, {self.nfev} evaluations"
+        work = f"{len(self.t)} samples{self._failed_text()}, {self.nfev} evaluations"
         return {**self._wall_facts(), "controller": self.config["controller"]["name"], "work": work}
 
     def _table(self) -> Table:
@@ -228,5 +235,5 @@ class ClosedLoop(MassRun):
             {**QUANTITIES, **TICKS, **seen, **EVENT_FIELDS},
             coords,
             self._event_values() | {"sign": list(SIGNS)},
-            self._outcome() | {"n_refused": self.n_refused},
+            self._outcome() | self.updates.attrs(),
         )

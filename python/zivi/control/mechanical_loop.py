@@ -29,6 +29,7 @@ from zivi.control.mechanical_reference import MechanicalReference, reference_of
 from zivi.control.model_based import ModelBased, check_believes
 from zivi.control.striker import Striker
 from zivi.control.twisting import CONTROLLERS
+from zivi.control.updates import Updates
 from zivi.simulation.describe import describe
 from zivi.simulation.impacts import SLOWEST, check_slowest
 from zivi.simulation.mechanical_run import (
@@ -77,7 +78,8 @@ class MechanicalController(Protocol):
     - ``status``, a `TickStatus`, and ``latched``, of shape (m,), are recorded.
     - One with ``copy()`` and ``reset()`` runs as a copy from where it is.
 
-    Where it gives NaN or another shape the last controls are held, and the tick is ``REFUSED``.
+    Where it gives NaN or infinity the last controls are held, and the tick is ``REFUSED``. Another
+    number of controls is a `TypeError`.
 
     Examples
     --------
@@ -148,7 +150,7 @@ def simulate_mechanical(
     tell_sensor(controller, sensor, watching)
     plant = model if disturbance is None else disturbed(model, disturbance, len(q))
     native = type(controller) in (GapTracker, Striker)
-    loop = controller.in_loop(len(q), given) if native else called(controller, given)
+    loop = controller.in_loop(len(q), given) if native else called(controller, given, inputs.names)
     with ProgressBar(progress) as bar, listening_always() as ear:
         stops = np.unique(np.concatenate([times[1:-1], system._breaks(span)]))
         record = _zivi.simulate_mechanical_loop(
@@ -324,18 +326,22 @@ def tell_sensor(controller: Any, sensor: Sensor, watching: Any) -> None:
         controller.sensed(watching.deviations, sensor.steps)
 
 
-def called(controller: Any, reference: MechanicalReference | None) -> _zivi.CalledLoop:
+def called(
+    controller: Any, reference: MechanicalReference | None, names: Sequence[str]
+) -> _zivi.CalledLoop:
     """Give what a loop runs for a controller of the interpreter."""
     has = {it: controller if hasattr(controller, it) else None for it in ("status", "latched")}
+    several = "" if len(names) == 1 else "s"
+    expected = f"{len(names)} control{several} ({', '.join(names)})"
     if reference is None:
-        return _zivi.CalledLoop(controller.step, False, has["status"], has["latched"])
+        return _zivi.CalledLoop(controller.step, False, has["status"], has["latched"], expected)
     ahead = int(getattr(controller, "delay", 0))
 
     def step(k: int, t: float, q: Array, qdot: Array) -> Any:
         now, after = (reference.sample(k + ahead + it) for it in (0, 1))
         return controller.step_to(t, q, qdot, now, after)
 
-    return _zivi.CalledLoop(step, True, has["status"], has["latched"])
+    return _zivi.CalledLoop(step, True, has["status"], has["latched"], expected)
 
 
 def loop_of(
@@ -355,6 +361,8 @@ def loop_of(
     )
     count = len(run.t)
     last = np.minimum(np.arange(count), len(record.tick_status) - 1)
+    bits, updates = np.zeros(count, np.uint8), Updates(*record.updates)
+    bits[: updates.total] = record.tick_status[:count]
     unknown = np.full_like(run.q, np.nan)
     error = np.full_like(run.gaps, np.nan)
     if given is not None:
@@ -365,7 +373,9 @@ def loop_of(
         u=record.u,
         error_gaps=error,
         latched=record.latched[last],
-        tick_status=record.tick_status[last],
+        tick_status=bits,
+        updates=updates,
+        message=updates.added_to(run.message),
         q_ref=unknown,
         q_est=record.q_est[last],
         qdot_est=record.qdot_est[last],

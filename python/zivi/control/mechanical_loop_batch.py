@@ -14,12 +14,12 @@ import zivi._zivi as _zivi
 from zivi.base.check import Array, by_name, real_array
 from zivi.base.progress import ProgressBar
 from zivi.base.table import Field, Table
-from zivi.control.component import TickStatus
 from zivi.control.loop_arguments import described, period_of
 from zivi.control.loop_batch_alone import noises_of, seeds_of
 from zivi.control.mechanical_loop import simulate_mechanical, times_ahead
 from zivi.control.mechanical_loop_run import MechanicalClosedLoop
 from zivi.control.mechanical_reference import reference_of
+from zivi.control.updates import batch_text
 from zivi.simulation.batch_arguments import check_threads, threads_for
 from zivi.simulation.batch_result import Runs
 from zivi.simulation.mechanical_trajectory import MechanicalTrajectory
@@ -42,7 +42,9 @@ FIELDS: dict[str, Field] = {
     "u_variation": (("run", "control"), "", "total variation of the control"),
     "rest_time": ("run", "", "time from which nothing moves, NaN if something does"),
     "n_impacts": ("run", "1", "number of impacts"),
-    "n_refused": ("run", "1", "number of samples that were refused"),
+    "n_updates": ("run", "1", "number of control updates"),
+    "n_refused": ("run", "1", "number of control updates that were rejected"),
+    "n_saturated": ("run", "1", "number of control updates that were saturated"),
     "n_lost": ("run", "1", "number of samples at which a held contact was lost"),
     "status": ("run", "1", "how the run ended, a zivi.Status"),
 }
@@ -75,9 +77,11 @@ class MechanicalLoopBatch(Runs):
         Largest control and total variation of each control, shape (N, r).
     rest_time : ndarray
         Time from which nothing moves until the end, NaN if something does.
-    n_impacts, n_refused, n_lost : ndarray of int
-        Numbers of impacts, of samples that were refused, and of those at which a contact that the
-        controller held was lost.
+    n_impacts : ndarray of int
+        Numbers of impacts.
+    n_updates, n_refused, n_saturated, n_lost : ndarray of int
+        Numbers of control updates, of those that were rejected, of those whose control was cut to
+        its limits, and of those at which a contact that the controller held was lost.
     status : ndarray of uint8
         How each run ended, the numbers of `Status`.
     runs : list of MechanicalClosedLoop or None
@@ -99,13 +103,18 @@ class MechanicalLoopBatch(Runs):
     u_variation: Array
     rest_time: Array
     n_impacts: NDArray[np.int64]
+    n_updates: NDArray[np.int64]
     n_refused: NDArray[np.int64]
+    n_saturated: NDArray[np.int64]
     n_lost: NDArray[np.int64]
     status: NDArray[np.uint8]
     runs: list[MechanicalClosedLoop] | None
     config: dict[str, Any]
 
     _called = "loops"
+
+    def _counted(self) -> str:
+        return batch_text(self)
 
     def _table(self) -> Table:
         values = {"run": np.arange(len(self))}
@@ -140,7 +149,7 @@ def simulate_mechanical_batch(
     deviations = noises_of(noise)
     noisy = any(it != (0.0, 0.0) for it in deviations)
     given = [] if seeds is None else np.atleast_1d(seeds).tolist()
-    lists = {"starts": states, "parameters": plants, "noise": deviations, "seeds": given}
+    lists = {"starts": states, "parameters": plants, "noise": deviations, "seed": given}
     n = common_length(lists)
     numbers = seeds_of(seeds, n) if noisy or seeds is not None else []
     span, h = pair("t_span", t_span, "(t0, t1)"), period_of(controller)
@@ -189,7 +198,7 @@ def simulate_mechanical_batch(
         "coordinates": list(system.coordinate_names(len(q0))),
         "gaps": list(system.gap_names),
         "controls": list(system.control_inputs(q0).names),
-        "seeds": numbers,
+        "seed": numbers,
         "parameters": {name: np.asarray(it).tolist() for name, it in (parameters or {}).items()},
     }
     whole: Any = runs if save == "runs" else None
@@ -262,7 +271,9 @@ def numbers_of(run: MechanicalClosedLoop) -> dict[str, Any]:
         "u_variation": np.abs(np.diff(held, axis=0)).sum(axis=0),
         "rest_time": np.nan if run.rest_time is None else run.rest_time,
         "n_impacts": len(np.unique(run.impacts["group"])),
+        "n_updates": run.n_updates,
         "n_refused": run.n_refused,
-        "n_lost": int(np.count_nonzero(run.tick_status & int(TickStatus.LATCH_LOST))),
+        "n_saturated": run.n_saturated,
+        "n_lost": run.updates.lost,
         "status": np.uint8(int(run.status)),
     }

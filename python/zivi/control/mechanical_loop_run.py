@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from zivi.base.check import Array
 from zivi.base.table import Field, Table
+from zivi.control.updates import NONE, Updated, Updates, with_updates
 from zivi.simulation import mechanical_labelled as labelled
 from zivi.simulation.mechanical_trajectory import MechanicalTrajectory
 
@@ -32,7 +33,7 @@ LOOP_COORDS: dict[str, Field] = {"control": ("control", "", "name of the control
 
 
 @dataclasses.dataclass(frozen=True, eq=False, repr=False)
-class MechanicalClosedLoop(MechanicalTrajectory):
+class MechanicalClosedLoop(Updated, MechanicalTrajectory):
     """Samples and events of one closed loop of a mechanical system.
 
     All that a `MechanicalTrajectory` has, at the samples of the controller: there also the contact
@@ -47,7 +48,11 @@ class MechanicalClosedLoop(MechanicalTrajectory):
     latched : ndarray of bool
         Which contacts the controller holds, shape (k, m).
     tick_status : ndarray of uint8
-        What was done at the samples, as bits of `TickStatus`.
+        What was done at the samples, as bits of `TickStatus`; 0 at the last one, which has none.
+    updates : Updates
+        Counts of the control updates: all, rejected, saturated, with a lost contact; ``n_updates``,
+        ``n_refused`` and ``n_saturated`` are the same. Where a sample or a control is rejected the
+        last controls are held.
     q_ref : ndarray
         Coordinates of the reference, shape (k, n); NaN without one.
     q_est, qdot_est : ndarray
@@ -66,13 +71,12 @@ class MechanicalClosedLoop(MechanicalTrajectory):
     q_est: Array = dataclasses.field(default_factory=lambda: np.empty((0, 0)))
     qdot_est: Array = dataclasses.field(default_factory=lambda: np.empty((0, 0)))
     control_names: tuple[str, ...] = ()
+    updates: Updates = NONE
     _ticks: dict[str, Array] | None = None
     """What was held from each sample on, of a run that is reported at other times."""
 
-    @property
-    def n_refused(self) -> int:
-        """Samples that the controller refused, or at which it gave no controls."""
-        return int(np.count_nonzero(self.tick_status & 4))
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        super().__setstate__(with_updates(state))
 
     def _resampled(self, times: Array) -> MechanicalClosedLoop:
         names = ("t", *LOOP_FIELDS)
@@ -89,7 +93,8 @@ class MechanicalClosedLoop(MechanicalTrajectory):
     def __repr__(self) -> str:
         name = self.config["controller"]["name"]
         inner = super().__repr__()[len("<MechanicalTrajectory ") :]
-        return f"<MechanicalClosedLoop {name}, {inner}"
+        events, _, ended = inner.rpartition(": ")
+        return f"<MechanicalClosedLoop {name}, {events}{self._failed_text()}: {ended}"
 
     def _facts(self) -> dict[str, str]:
         held = self.latched[-1] if len(self.t) else []
@@ -98,7 +103,7 @@ class MechanicalClosedLoop(MechanicalTrajectory):
             **super()._facts(),
             "controller": self.config["controller"]["name"],
             "held at the end": ", ".join(names) or "none",
-            "refused": str(self.n_refused),
+            "control updates": f"{self.n_updates}{self._failed_text()}",
         }
 
     def _as_frame(self) -> pandas.DataFrame:
@@ -116,5 +121,6 @@ class MechanicalClosedLoop(MechanicalTrajectory):
             title="Closed loop of a mechanical system with impacts",
             fields={**table.fields, **LOOP_FIELDS},
             coords={**table.coords, **LOOP_COORDS},
+            attrs={**table.attrs, **self.updates.attrs()},
             values={**table.values, "control": np.array(self.control_names, dtype=object)},
         )

@@ -35,6 +35,8 @@ class Observed(Tabulated):
         Standard deviations of `x`, `xdot` and `d`, as the observer thinks.
     refused : ndarray of bool
         Measurements that were too far off to be taken.
+    missing : ndarray of bool
+        Times without a measurement: the position is NaN there.
     e, std_e : ndarray
         Coefficient of restitution and its standard deviation: those that are believed where it is
         not learnt.
@@ -48,6 +50,7 @@ class Observed(Tabulated):
     refused: NDArray[np.bool_]
     e: Array
     std_e: Array
+    missing: NDArray[np.bool_]
 
     def _table(self) -> Table:
         """Tell the estimates over ``time``."""
@@ -56,8 +59,8 @@ class Observed(Tabulated):
         return Table("Estimates of an observer", FIELDS, coords, values)
 
     def __repr__(self) -> str:
-        n = np.count_nonzero(self.refused)
-        return f"<Observed {len(self.t)} measurements, {n} refused>"
+        refused, missing = np.count_nonzero(self.refused), np.count_nonzero(self.missing)
+        return f"<Observed {len(self.t)} measurements, {refused} refused, {missing} missing>"
 
 
 FIELDS: dict[str, Field] = {
@@ -68,6 +71,7 @@ FIELDS: dict[str, Field] = {
     "refused": ("time", "", "whether the measurement was refused"),
     "e": ("time", "1", "coefficient of restitution"),
     "std_e": ("time", "1", "its standard deviation"),
+    "missing": ("time", "", "whether the measurement was missing"),
 }
 """Dimensions, unit and meaning of what is in the dataset."""
 VERSION = 2
@@ -267,7 +271,7 @@ class ImpactObserver(_zivi.Observer, Component):
         t : array_like, shape (n,)
             Increasing times (s), of any distance; `q_d` is per `h`.
         x_measured : array_like, shape (n,)
-            Measured positions (m).
+            Measured positions (m), NaN where a measurement is missing.
         xdot_measured : array_like, shape (n,), optional
             Measured velocities (m/s), NaN where there is none.
         force, u : float or array_like, shape (n,)
@@ -277,7 +281,7 @@ class ImpactObserver(_zivi.Observer, Component):
         Returns
         -------
         Observed
-            The estimates.
+            The estimates, NaN before the first measurement.
 
         Examples
         --------
@@ -305,9 +309,10 @@ class ImpactObserver(_zivi.Observer, Component):
                 )
         controls = _sampled_force("force", force, len(times)) + _sampled_force("u", u, len(times))
         estimates, deviations, refused = self._observe(times, x, xdot, controls)
+        missing = np.isnan(x)
         x, xdot, d, e = estimates
         *others, of_e = deviations
-        return Observed(times, x, xdot, d, np.column_stack(others), refused, e, of_e)
+        return Observed(times, x, xdot, d, np.column_stack(others), refused, e, of_e, missing)
 
 
 def _deviations(noise: Any, position_only: bool) -> tuple[float, float]:

@@ -15,6 +15,7 @@ from zivi.base.status import Status
 from zivi.control import loop_run
 from zivi.control.loop_path import BallisticPath, SampledReference
 from zivi.control.loop_run import ClosedLoop
+from zivi.control.updates import Updates
 from zivi.files.mechanical import holds_mechanical, mechanical_run
 from zivi.simulation.dense import LinearPath, LostPath, PenetratingPath
 from zivi.simulation.impacts import IMPACT, SLOWEST
@@ -99,7 +100,7 @@ def _closed_loop(dataset: xarray.Dataset) -> ClosedLoop:
         **_common(dataset),
         **sampled,
         config=config,
-        n_refused=int(dataset.attrs["n_refused"]),
+        updates=Updates.of_attrs(dataset.attrs, sampled["tick_status"]),
         t_events=times,
         y_events=states,
         _path=_loop_path(dataset, (config["e"], config["kappa"])),

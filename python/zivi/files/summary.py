@@ -75,7 +75,8 @@ def _loop_rows(run: ClosedLoop) -> list[tuple[str, str]]:
     rows = [
         ("last position" if np.isnan(error) else "final error", told),
         ("control", _span(run.u, "m/s^2")),
-        ("samples", f"{len(run.t)}, {run.n_refused} refused"),
+        ("samples", f"{len(run.t)}"),
+        ("control updates", f"{run.n_updates}{run._failed_text()}"),
     ]
     if run.config["seed"] is not None:
         rows.append(("seed of the noise", str(run.config["seed"])))

@@ -55,8 +55,9 @@ def juggler(
     gymnasium.Env
         Action: one number in [-1, 1], the control as a part of `u_max`. Observation: ``x / height``
         and ``xdot`` as a part of the speed of a fall from there. Reward: minus the relative error
-        of the energy, at best 0. ``info``: time ``t`` (s), control ``u`` (m/s^2) and number of
-        ``impacts`` of the step. ``reset(options={"y0": (x, xdot)})`` starts from a state, else a
+        of the energy, at best 0. ``info``: time ``t`` (s), control ``u`` (m/s^2), number of
+        ``impacts`` of the step, and whether the control is ``saturated``: an action beyond -1 or 1
+        is cut. ``reset(options={"y0": (x, xdot)})`` starts from a state, else a
         random one. An action that is not finite is refused. It pickles.
 
     Raises
@@ -128,7 +129,7 @@ def _juggler() -> type[Any]:
             if x < 0.0:
                 raise ValueError(f"y0 must have x >= 0, got {x}")
             self._state, self._k = (x, xdot), 0
-            return self._observed(), {"t": 0.0, "u": 0.0, "impacts": 0}
+            return self._observed(), {"t": 0.0, "u": 0.0, "impacts": 0, "saturated": False}
 
         def step(self, action: Any) -> tuple[Any, float, bool, bool, Any]:
             number = np.ravel(action)
@@ -141,6 +142,7 @@ def _juggler() -> type[Any]:
             self._state, self._k = (x, xdot), self._k + 1
             energy = (0.5 * xdot * xdot + GRAVITY * x) / (GRAVITY * self._height)
             info = {"t": self._k * self._h, "u": u, "impacts": int(impacts)}
+            info["saturated"] = bool(abs(number[0]) > 1.0)
             return self._observed(), -abs(energy - 1.0), False, self._k >= self._steps, info
 
     return Juggler

@@ -9,6 +9,7 @@ of their signals, with each other and with any discrete-time system of the same 
 from __future__ import annotations
 
 import numbers
+import warnings
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -16,6 +17,7 @@ import numpy as np
 
 from zivi.base.check import Array, real
 from zivi.base.extras import needed
+from zivi.base.warnings import ModelWarning
 from zivi.control.closed_loop import Controller, simulate_closed_loop
 from zivi.control.loop_arguments import interface_of, period_of
 from zivi.control.loop_batch_alone import copied
@@ -121,7 +123,8 @@ def controller_block(controller: Controller, *, name: str = "controller") -> Any
         Inputs ``x``, ``xdot``, ``force`` (the model's force at the sample) and, of a tracker,
         ``force_ref``. Outputs ``u`` and, of a tracker, ``x_ref`` and ``xdot_ref``. The last state,
         ``status``, holds the bits of `zivi.TickStatus` of the tick before: where a sample was
-        ``REFUSED`` the last control is held and the reference waits. The block of a controller of
+        ``REFUSED`` the last control is held, the reference waits, and a `ModelWarning` says so.
+        The block of a controller of
         the user has no states; it has the input ``force_ref`` and the outputs ``x_ref``,
         ``xdot_ref`` as far as the controller has them, and the inputs ``x_ref``, ``xdot_ref``
         where it has no reference and its ``step`` takes them by these names.
@@ -150,7 +153,14 @@ def controller_block(controller: Controller, *, name: str = "controller") -> Any
         _put(twin, state)
         refused = _tick(twin, sample)
         after = state_vector(twin)
-        after[-1] = TickStatus.REFUSED if refused else after[-1]
+        if refused is not None:
+            after[-1] = TickStatus.REFUSED
+            warnings.warn(
+                f"block {name!r} rejected a sample at t = {t:.9g} s and holds its last control, "
+                f"its state 'status' tells where: {refused}",
+                ModelWarning,
+                stacklevel=2,
+            )
         return after
 
     def output(t: float, state: Array, sample: Array, params: Any) -> Array:
@@ -313,6 +323,10 @@ def _moved(
     u: float,
     method: ThetaGamma | SwitchedRK | None,
 ) -> Array:
+    if not np.isfinite(u):
+        raise RuntimeError(
+            f"the plant cannot move on from t = {t:.9g} s: u must be finite, got {u}"
+        )
     run = simulate_closed_loop(
         system,
         _Held(h, u),
@@ -351,13 +365,13 @@ def _put(controller: Any, state: Array) -> None:
         ) from None
 
 
-def _tick(controller: Any, sample: Array) -> bool:
-    """Tick, and tell whether the sample was refused: then nothing has changed."""
+def _tick(controller: Any, sample: Array) -> ValueError | None:
+    """Tick; where the sample is refused nothing has changed, and this is why."""
     try:
         controller.step(*map(float, sample))
-    except ValueError:
-        return True
-    return False
+    except ValueError as error:
+        return error
+    return None
 
 
 def _period(name: str, h: Any) -> float:

@@ -86,12 +86,8 @@ def _control(run: Trajectory | ClosedLoop, window: tuple[float, float] | None) -
 
 
 def warnings(runs: Runs) -> list[str]:
-    """Say what did not go as asked: runs that ended early, samples that were refused."""
+    """Say what did not go as asked: runs that ended early, control updates that failed."""
     said = [f"{NAMES[name]}: {run.message}" for name, run in runs.items() if not run.success]
-    refused: dict[str, Any] = {name: getattr(run, "n_refused", 0) for name, run in runs.items()}
-    said += [
-        f"{NAMES[name]}: {count} samples lay too deep behind the wall and were refused"
-        for name, count in refused.items()
-        if count
-    ]
+    counts = {name: str(getattr(run, "updates", "")) for name, run in runs.items()}
+    said += [f"{NAMES[name]}: {count}" for name, count in counts.items() if count]
     return said

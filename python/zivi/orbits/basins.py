@@ -94,7 +94,8 @@ class Basins(Tabulated):
     def __repr__(self) -> str:
         pairs = zip(self.attractors, self.shares, strict=True)
         told = ", ".join(f"{it.kind} x{it.multiple}: {share:.1%}" for it, share in pairs)
-        return f"<Basins of {self.label.size} cells: {told}>"
+        unsure = f", {unsure} cells graze" if (unsure := np.count_nonzero(self.grazing)) else ""
+        return f"<Basins of {self.label.size} cells: {told}{unsure}>"
 
     def _table(self) -> Table:
         """Tell the numbers of the attractors over states, these over ``attractor``."""

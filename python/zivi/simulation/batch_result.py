@@ -64,12 +64,23 @@ class Runs(Tabulated):
     def __repr__(self) -> str:
         done, rests = int(np.sum(self.success)), int(np.sum(~np.isnan(self.rest_time)))
         counted = f"{len(self)} {self._called}: {done} completed, {rests} at rest"
+        for number, count in zip(*np.unique(self.status, return_counts=True), strict=True):
+            if number != Status.COMPLETED:
+                counted += f", {count} {Status(int(number)).name.lower()}"
+        if more := self._counted():
+            counted += f"; {more}"
         return f"<{type(self).__name__} of {counted}>"
+
+    def _counted(self) -> str:
+        """Say what else failed in the runs, nothing if nothing did."""
+        return ""
 
 
 @dataclasses.dataclass(frozen=True, eq=False, repr=False)
 class Batch(Runs):
     """Results of a batch: an entry for each run.
+
+    In all batches a plain name is the value at the end of each run, ``sample_`` its samples.
 
     Attributes
     ----------

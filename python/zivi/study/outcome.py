@@ -42,6 +42,7 @@ RUN_UNITS = {
     "nfev": "1",
     "n_steps": "1",
     "n_refused": "1",
+    "n_saturated": "1",
     "run_status": "1",
 }
 """What is kept of a `Trajectory` or a `ClosedLoop`, with its unit; x, u, ... are the last ones."""
@@ -99,7 +100,7 @@ def _summary(run: MassRun) -> Values:
         "nfev": run.nfev,
         "run_status": int(run.status),
     }
-    for name in ("n_steps", "n_refused"):
+    for name in ("n_steps", "n_refused", "n_saturated"):
         if hasattr(run, name):
             counts[name] = getattr(run, name)
     rest = np.nan if run.rest_time is None else run.rest_time

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from zivi.base.extras import have, needed
-from zivi.base.status import StudyStatus
+from zivi.base.status import Status, StudyStatus
 from zivi.study.design import Design
 from zivi.study.folder import FolderStore
 from zivi.study.parquet import DamagedError
@@ -109,6 +109,11 @@ class Study:
         for state in (StudyStatus.FAILED, StudyStatus.MISSING):
             if number := np.count_nonzero(status == state):
                 counts.append(f"{number} {state.name.lower()}")
+        if "run_status" in self.dataset:
+            ends = self.dataset["run_status"].values.ravel()
+            ended = ~np.isin(ends, (Status.COMPLETED, Status.TERMINATED_BY_EVENT)) & ~np.isnan(ends)
+            if number := np.count_nonzero(ended):
+                counts.append(f"{number} with a run that failed")
         where = "" if self.path is None else f" in {self.path}"
         results = ", ".join(str(name) for name in self.dataset.data_vars)
         return f"<Study{where}: {', '.join(counts)}; {results}>"

@@ -38,9 +38,9 @@ use crate::{Physical, Real, SettingError};
 /// A measurement: the position, and the velocity if there is one.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Measurement {
-    /// Distance from the wall (m); noise may make it negative.
+    /// Distance from the wall (m); noise may make it negative, NaN is a missing measurement.
     pub x: Real,
-    /// Velocity (m/s).
+    /// Velocity (m/s); `None` or NaN where it is not measured.
     pub xdot: Option<Real>,
 }
 
@@ -119,8 +119,8 @@ impl ImpactObserver {
         self.tick_after(self.settings.h, Some(measured), force, u)
     }
 
-    /// The same `dt` (s) after the last one, where `q_d` is per `h`; `None` is a measurement that is
-    /// missing: the motion is followed, nothing is corrected.
+    /// The same `dt` (s) after the last one, where `q_d` is per `h`. `None`, or a position that is
+    /// NaN, is a measurement that is missing: the motion is followed, nothing is corrected.
     ///
     /// # Errors
     /// As [`ImpactObserver::tick`], and for a `dt` that is not positive.
@@ -212,7 +212,10 @@ impl ObserverSettings {
         force: Real,
         u: Real,
     ) -> Result<(), SettingError> {
-        let velocity = measured.and_then(|it| it.xdot).filter(|_| !self.position_only);
+        // NaN is not measured
+        let measured = measured.filter(|it| !it.x.is_nan());
+        let velocity = measured.and_then(|it| it.xdot);
+        let velocity = velocity.filter(|it| !(self.position_only || it.is_nan()));
         let measured = measured.map(|it| Measurement { xdot: velocity, ..it });
         let x = measured.map_or(0.0, |it| it.x);
         let xdot = velocity.unwrap_or(0.0);

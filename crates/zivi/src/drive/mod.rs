@@ -3,3 +3,6 @@
 pub mod batch;
 pub mod closed_loop;
 pub mod mechanical;
+mod updates;
+
+pub use updates::{Updates, LATCH_LOST, REFUSED, SATURATED, UNSOLVED};

@@ -47,11 +47,13 @@ pub enum Status {
     RedundantStick = 19,
     /// Friction changed its mode again and again at one instant.
     ModeChatter = 20,
+    /// The controller's updates were rejected, all of them or all in the end.
+    ControlRejected = 21,
 }
 
 impl Status {
     /// Every status, in the order of their numbers.
-    pub const ALL: [Status; 21] = [
+    pub const ALL: [Status; 22] = [
         Status::Completed,
         Status::ForceNotFinite,
         Status::StateNotFinite,
@@ -73,6 +75,7 @@ impl Status {
         Status::PainleveSingular,
         Status::RedundantStick,
         Status::ModeChatter,
+        Status::ControlRejected,
     ];
 
     /// What happened, and what to try.
@@ -170,6 +173,12 @@ impl Status {
                 "Friction changed between sticking and slipping again and again at one instant; the \
                  trajectory ends there. Check that the forces are smooth there, and please report \
                  the case."
+            }
+            Status::ControlRejected => {
+                "The end of t_span was reached, but the updates of the controller were rejected, all \
+                 of them or all of the last tenth: the plant moved under a control that was held. \
+                 Look at tick_status for the first one, and at the samples and forces there: \
+                 controls must be finite, and measurements within depth of the wall."
             }
         }
     }

@@ -182,7 +182,7 @@ fn what_is_refused_changes_nothing() {
     let before = it.state();
     let bad = f64::NAN;
     for (measured, force, u, dt, name) in [
-        (Measurement { x: bad, ..good }, 0.0, 0.0, 1e-3, "x"),
+        (Measurement { x: f64::INFINITY, ..good }, 0.0, 0.0, 1e-3, "x"),
         (Measurement { xdot: Some(f64::INFINITY), ..good }, 0.0, 0.0, 1e-3, "xdot"),
         (good, bad, 0.0, 1e-3, "force"),
         (good, 0.0, bad, 1e-3, "u"),
@@ -191,6 +191,25 @@ fn what_is_refused_changes_nothing() {
     ] {
         let error = it.tick_after(dt, Some(measured), force, u).expect_err("refused");
         assert_eq!((error.name, it.state()), (name, before));
+    }
+}
+
+#[test]
+fn what_is_nan_is_not_measured() {
+    let mut it = observer(0.5, 1e-3, 1e-3);
+    let good = Measurement { x: 1.0, xdot: Some(0.5) };
+    it.tick(good, -9.81, 0.0).expect("finite");
+    let mut other = it;
+    let nan = f64::NAN;
+    let pairs = [
+        (Some(Measurement { x: nan, ..good }), None),
+        (Some(Measurement { x: nan, xdot: Some(nan) }), None),
+        (Some(Measurement { xdot: Some(nan), ..good }), Some(Measurement { xdot: None, ..good })),
+    ];
+    for (one, same) in pairs {
+        let found = it.tick_after(1e-3, one, -9.81, 0.0).expect("missing");
+        assert_eq!(found, other.tick_after(1e-3, same, -9.81, 0.0).expect("missing"));
+        assert_eq!(it.state(), other.state());
     }
 }
 

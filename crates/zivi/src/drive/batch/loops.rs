@@ -7,8 +7,9 @@ use super::outcome::{samples, thinned};
 use super::{pool, BatchError, Need, Stopped};
 use crate::drive::closed_loop::{
     observe_closed_loop, AnyController, Forces, Loop, LoopOptions, LoopRun, Motion, ReferencePoint,
-    ReferenceWithWall, Samples, Sensor, LOOP_COLUMNS, REFUSED, SIGNS,
+    ReferenceWithWall, Samples, Sensor, LOOP_COLUMNS, SIGNS,
 };
+use crate::drive::Updates;
 use crate::system::evaluation::check_initial;
 use crate::{Force, Grid, Impact, Monitor, SetupError, Status};
 
@@ -71,8 +72,8 @@ pub struct LoopOutcome {
     pub u_variation: f64,
     /// Number of impacts, down to [`LoopSettings::slowest`].
     pub n_impacts: u64,
-    /// Samples that were refused.
-    pub n_refused: u64,
+    /// What happened at the control updates.
+    pub updates: Updates,
     /// Time from which the plant rests until the end (s), NaN if it does not.
     pub rest_time: f64,
     /// How it ended.
@@ -193,7 +194,7 @@ impl LoopOutcome {
             u_rms: rms(held.iter().copied()),
             u_variation: held.windows(2).map(|pair| (pair[1] - pair[0]).abs()).sum(),
             n_impacts: counted(&run.events.impacts, settings.slowest),
-            n_refused: run.ticks.iter().filter(|bits| **bits & REFUSED != 0).count() as u64,
+            updates: run.updates,
             rest_time: run.events.rest_time.unwrap_or(f64::NAN),
             status: Some(run.status),
             saved: [every(x)?, every(x_ref)?, every(u)?],

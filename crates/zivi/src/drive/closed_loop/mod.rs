@@ -35,6 +35,7 @@ pub use sensor::Sensor;
 pub use sign_record::SignRecord;
 pub use solved::Solved;
 
+use super::updates::Updates;
 use crate::record::failure::Failure;
 use crate::stepping::fixed_step::watched;
 use crate::system::evaluation::check_initial;
@@ -383,8 +384,10 @@ where
         course: Option<ReferencePeriod>,
     ) -> Result<u8, Failure<E>> {
         let (sent, bits) = match self.ask(t, reference, course)? {
-            Ok(u) => (u, self.controller.status().bits()),
-            Err(TickError::Refused(_)) => (*self.pending.back().unwrap_or(&self.u), REFUSED),
+            Ok(u) if u.is_finite() => (u, self.controller.status().bits()),
+            Ok(_) | Err(TickError::Refused(_)) => {
+                (*self.pending.back().unwrap_or(&self.u), REFUSED)
+            }
             Err(TickError::Raised(error)) => return Err(Failure::Raised(error)),
         };
         self.u = match self.pending.pop_front() {
@@ -409,6 +412,7 @@ where
     }
 
     fn finish(mut self, ending: Failure<E>) -> LoopRun<E> {
+        let updates = Updates::of(&self.record.ticks);
         // the last sample, unless the run ended within the period that starts there
         if self.record.ticks.len() == self.k {
             let t = self.surroundings.grid.t(self.k);
@@ -424,7 +428,7 @@ where
             }
         }
         let (status, raised) = match ending {
-            Failure::Status(status) => (status, None),
+            Failure::Status(status) => (updates.ending(status), None),
             Failure::Raised(error) => (Status::Raised, Some(error)),
         };
         let (mut events, nfev) = (self.plant.events(), self.plant.nfev());
@@ -434,6 +438,18 @@ where
         let LoopRecord { columns, signs, estimates, ticks } = self.record;
         let path = self.dense.then(|| self.plant.path());
         let hits = self.events.into_hits();
-        LoopRun { columns, signs, estimates, ticks, events, path, hits, status, nfev, raised }
+        LoopRun {
+            columns,
+            signs,
+            estimates,
+            ticks,
+            updates,
+            events,
+            path,
+            hits,
+            status,
+            nfev,
+            raised,
+        }
     }
 }

@@ -6,6 +6,8 @@ use zivi_core::Physical;
 use super::controller::Controller;
 use super::path::LoopPath;
 use super::sign_record::SignRecord;
+use crate::drive::Updates;
+pub use crate::drive::REFUSED;
 use crate::record::failure::Failure;
 use crate::{Events, LocatedEvent, SetupError, Status};
 
@@ -27,6 +29,8 @@ pub struct LoopRun<E> {
     pub estimates: [Vec<f64>; ESTIMATES],
     /// At each sample, as bits: 1 clamped, 2 saturated, 4 refused.
     pub ticks: Vec<u8>,
+    /// What happened at them, in numbers.
+    pub updates: Updates,
     /// What happened at the wall; a rest until the end has lasted a whole period.
     pub events: Events,
     /// The motion between the samples, if [`super::LoopOptions::dense`] asked for it.
@@ -44,9 +48,6 @@ pub struct LoopRun<E> {
 
 /// Samples up to which a record is made: 16 GB. An operating system may promise more than it has.
 const MOST_SAMPLES: usize = 160_000_000;
-
-/// The bit that marks a refused sample.
-pub const REFUSED: u8 = 4;
 
 /// Fills the columns.
 pub(super) struct LoopRecord {

@@ -94,11 +94,11 @@ type Ends<'a> = [ReferenceSample<'a>; 2];
 
 impl GapTracker {
     /// The controls were cut to their limits.
-    pub const SATURATED: u8 = 2;
+    pub const SATURATED: u8 = crate::drive::SATURATED;
     /// The sample was refused, and the last controls held.
-    pub const REFUSED: u8 = 4;
+    pub const REFUSED: u8 = crate::drive::REFUSED;
     /// A contact that was held opened.
-    pub const LATCH_LOST: u8 = 16;
+    pub const LATCH_LOST: u8 = crate::drive::LATCH_LOST;
 
     /// One that has measured nothing yet.
     #[must_use]
