@@ -13,8 +13,8 @@ class ModelWarning(UserWarning):
     """A model, or a closed loop, is not what it seems to be meant to be.
 
     A controller believes in another plant than there is, more than a tenth of its updates were
-    rejected or saturated, or a constant force takes a mass away for ever. Give the controller no `e`
-    and it takes the plant's. Where it is meant, to see what it does,
+    rejected or saturated, or a constant force takes a mass away for ever. Give the controller no
+    `e` and it takes the plant's. Where it is meant, to see what it does,
     ``warnings.simplefilter("ignore", zivi.ModelWarning)``.
     """
 
