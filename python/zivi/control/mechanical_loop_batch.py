@@ -230,8 +230,6 @@ def plants_of(
         raise TypeError(f"systems must be one MechanicalSystem, got {type(system).__name__}")
     if not parameters:
         return [system]
-    if not hasattr(system, "replace"):
-        raise TypeError("parameters= needs a system with named parameters, zivi.symbolic.system")
     columns = {
         name: np.atleast_1d(real_array(f"parameters[{name!r}]", it))
         for name, it in parameters.items()
