@@ -7,7 +7,7 @@ use super::linear_flight::{Pull, PullAlongArcs};
 use super::mechanism::{scales, Mechanism};
 use super::mode::Key;
 use super::state::MechanicalState;
-use super::tail::SkippedArcs;
+use super::tail::{through, FrictionWork, SkippedArcs, StoppedSlip, FRICTION_TERMS};
 use crate::record::contact_mode::ContactMode;
 use crate::record::failure::Failure;
 use crate::record::gap_set::GapSet;
@@ -231,7 +231,7 @@ impl ImpactChain {
         let mut mode = self.landed();
         let zeno = landing.t.max(at.state.now().t);
         if zeno <= dense_from {
-            let skipped = SkippedArcs { start: zeno, end: zeno, arcs: None, rows: vec![] };
+            let skipped = SkippedArcs::of_rows(zeno, zeno, vec![]);
             return Ok((skipped, at.move_to(landing, mode)?));
         }
         if zeno <= drawn_from {
@@ -241,16 +241,93 @@ impl ImpactChain {
         }
         let (start, z) = (at.state.now().t, at.state.without_speeds(mode)?);
         let speeds = at.state.now().xdot.clone();
+        let stopped = self.stopped();
         let mut first = at.end_of_arcs(start, &z, mode)?;
         first.way = self.way(mode, &speeds, at.aside)?;
+        let from = slip_ways(stopped, mode, at.aside)?;
         let set = at.move_to(landing, mode)?;
         mode.closed = set;
         let mut last = at.end_here(mode)?;
         last.way = self.way(mode, &speeds, at.aside)?;
+        let to = slip_ways(stopped, mode, at.aside)?;
         let zeno = at.state.now().t;
-        let mut arcs = SkippedArcs::of_chain(&self.chain, zeno, [first, last]);
+        let mut arcs = SkippedArcs::of_chain(&self.chain, zeno, [first.clone(), last.clone()]);
+        if at.aside.layout.p > 0 {
+            let slip = |ways| StoppedSlip { ways, accelerations: Default::default() };
+            arcs.slips = from.into_iter().zip(to).map(|(from, to)| slip([from, to])).collect();
+            // the slips move the system along the arcs, and that the forces on it
+            for _ in 0..=usize::from(!stopped.is_empty()) {
+                self.rub(&mut arcs, &speeds, at)?;
+                arcs.end_at(&first, &last);
+            }
+        }
         self.bend(&mut arcs, at)?;
         Ok((arcs, set))
+    }
+
+    /// The channels that slip in flight, and that every impact stops.
+    fn stopped(&self) -> GapSet {
+        let Key { flight, landed, .. } = self.chain.key();
+        landed.stick.without(flight.stick).without(flight.slipping())
+    }
+
+    /// Gives the arcs of a jump what friction does along them, after an impact at the given rates of the
+    /// state.
+    fn rub<E, D: Dynamics<E>>(
+        &self,
+        arcs: &mut SkippedArcs,
+        rates: &[f64],
+        at: &mut Mechanism<'_, '_, D>,
+    ) -> Result<(), Failure<E>> {
+        let (Key { hit, flight, landed }, stopped) = (self.chain.key(), self.stopped());
+        let (Some(tail), Some(last)) = (&arcs.arcs, self.chain.bounces().last()) else {
+            return Ok(());
+        };
+        let (Layout { n, m, p }, kinetics) = (at.aside.layout, &mut *at.aside);
+        let stride = tail.stride();
+        let known = |&i: &usize| tail.arc(i).is_some();
+        let numbers = (0..FRICTION_TERMS).map(|i| i * stride).take_while(known);
+        let (mut q, mut powers) = (vec![], [vec![], vec![]]);
+        let (mut impacts, mut accelerations) = (vec![], vec![[vec![], vec![]]; stopped.len()]);
+        let [mut x, mut v] = [(); 2].map(|()| vec![0.0; arcs.rows.len()]);
+        let mut after = v.clone();
+        for number in numbers {
+            let Some(arc) = tail.arc(number) else { break };
+            q.push(tail.power(number));
+            for (end, (t, part, speed)) in
+                [(arc.start, 0.0, arc.u), (arc.end, 1.0, arc.incoming)].into_iter().enumerate()
+            {
+                arcs.combine(t, (0.0, speed), &mut x, &mut v);
+                arcs.rub(t, Some((number, part)), &mut x, &mut v);
+                kinetics.evaluate(at.model, t, &x[..n], &v[..n])?;
+                kinetics.contact(flight)?;
+                for (to, channel) in accelerations.iter_mut().zip(stopped.iter()) {
+                    to[end].push(kinetics.acceleration[n + m + channel]);
+                }
+                powers[end].push(kinetics.friction_power(&v[n..]));
+            }
+            // the impact at the end of the arc
+            let (t, speed) = (arc.end, tail.speed_of(number + 1));
+            arcs.combine(t, (0.0, speed), &mut x, &mut after);
+            arcs.rub(t, Some((number + 1, 0.0)), &mut x, &mut after);
+            let slips = v[n + m..][..p].to_vec();
+            let change = |row: usize| match row.checked_sub(m) {
+                None if hit.has(row) => (speed - arc.incoming) * rates[n + row] / last.u,
+                Some(channel) if stopped.has(channel) => -slips[channel],
+                _ => 0.0,
+            };
+            let pulls = kinetics.friction_impulses(landed, change)?;
+            let mean = |channel: usize| 0.5 * (v[n + m + channel] + after[n + m + channel]);
+            let work: f64 = (0..p).map(|channel| -pulls[channel] * mean(channel)).sum();
+            impacts.push(work / q[q.len() - 1]);
+        }
+        for (slip, values) in arcs.slips.iter_mut().zip(&accelerations) {
+            slip.accelerations = [0, 1].map(|end| through(&q, &values[end]));
+        }
+        let before = rates.last().copied().unwrap_or_default();
+        let powers = powers.map(|values| through(&q, &values));
+        arcs.work = Some(FrictionWork { before, powers, impacts: through(&q, &impacts) });
+        Ok(())
     }
 
     /// Gives the arcs of a jump the accelerations of the bouncing gap at their ends.
@@ -282,6 +359,17 @@ impl ImpactChain {
         let part = |row: usize| if bouncing.has(row) { rates[n + row] / last.u } else { 0.0 };
         Ok(aside.displacement(mode, part)?)
     }
+}
+
+/// How a unit of slip in each channel of a set moves coordinates and rows by the impulses of a mode.
+fn slip_ways<E>(
+    channels: GapSet,
+    mode: ContactMode,
+    aside: &mut Kinetics,
+) -> Result<Vec<Vec<f64>>, Failure<E>> {
+    let unit = |row: usize| move |it: usize| f64::from(u8::from(it == row));
+    let way = |channel| aside.displacement(mode, unit(aside.row(channel)));
+    Ok(channels.iter().map(way).collect::<Result<_, _>>()?)
 }
 
 /// The acceleration of the bouncing gap along the arcs of a jump, as the force of a scalar motion.

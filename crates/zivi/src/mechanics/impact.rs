@@ -48,6 +48,8 @@ pub(super) struct Impacts {
     /// When the last one was, or the start.
     last: f64,
     count: u64,
+    /// The gaps that were hit, and the closed ones, where these were last noted to share an impact.
+    shared: (GapSet, GapSet),
 }
 
 /// What an impact changed.
@@ -102,7 +104,8 @@ impl Impacts {
     pub(super) fn new(laws: &[AnyImpactLaw], friction: &Friction, rtol: f64) -> Self {
         let (laws, friction) = (laws.to_vec(), friction.clone());
         let e = laws.iter().map(|law| law.ratio(0.0)).collect();
-        Self { laws, e, friction, rtol, last: f64::NEG_INFINITY, count: 0 }
+        let shared = (GapSet::EMPTY, GapSet::EMPTY);
+        Self { laws, e, friction, rtol, last: f64::NEG_INFINITY, count: 0, shared }
     }
 
     /// A run starts at a time.
@@ -400,13 +403,14 @@ impl Impacts {
 
     /// Coupled gaps that are hit together, or might be hit in another order.
     fn note_flags(
-        &self,
+        &mut self,
         hit: GapSet,
         state: &mut MechanicalState,
         occurrences: &mut Vec<Occurrence>,
     ) {
         let t = state.now().t;
         flag_together(hit, state, occurrences);
+        self.note_shared(hit, state, occurrences);
         let flight = t - self.last;
         let near = (UNCERTAIN * self.rtol).min(1.0 / LONGER) * flight;
         for j in state.open_gaps().filter(|&j| !hit.has(j)) {
@@ -418,6 +422,34 @@ impl Impacts {
                 let (kind, gaps) = (FlagKind::OrderUncertain, hit.with(GapSet::of(j)));
                 occurrences.push(Occurrence::Flag { kind, t, gaps, size: later });
             }
+        }
+    }
+
+    /// Closed gaps that an impact on others presses: had they been open by ever so little, they would be hit
+    /// after it. Noted once for impacts that are alike.
+    fn note_shared(
+        &mut self,
+        hit: GapSet,
+        state: &mut MechanicalState,
+        occurrences: &mut Vec<Occurrence>,
+    ) {
+        let (closed, t) = (state.closed().without(hit), state.now().t);
+        if closed.is_empty() || self.shared == (hit, closed) {
+            return;
+        }
+        self.shared = (hit, closed);
+        let (kinetics, mut strongest) = (state.parts().0, 0.0_f64);
+        let mut pressed = GapSet::EMPTY;
+        for (i, j) in hit.iter().flat_map(|i| closed.iter().map(move |j| (i, j))) {
+            let cosine = kinetics.cosine(i, j);
+            if cosine < -COUPLED {
+                pressed = pressed.with(GapSet::of(j));
+                strongest = strongest.max(-cosine);
+            }
+        }
+        if !pressed.is_empty() {
+            let (kind, gaps) = (FlagKind::Simultaneous, hit.with(pressed));
+            occurrences.push(Occurrence::Flag { kind, t, gaps, size: strongest });
         }
     }
 }

@@ -5,15 +5,16 @@
 //! path     [ n, m, p, segments, coefficients, skipped arcs,  the segments,  the coefficients,
 //!            the skipped arcs,  t, closed, x, v of the end, if there is one ]
 //! segment  [ start, mode, kind (0 motion, 1 skipped), first, degree, h ]
-//! arcs     [ start, end, whether a tail follows,  the tail,  8 numbers of each component ]
+//! arcs     [ start, end, whether a tail follows,  the tail,  8 numbers of each component,
+//!            how many slips that impacts stop, 2 numbers of each component and 6 of each of them,
+//!            whether friction works, 10 numbers of that ]
+//! mode     [ closed, slipping up, slipping down, sticking (numbers of 32 gaps each, two at least) ]
 //! ```
 //!
-//! mode     [ closed, slipping up, slipping down, sticking (numbers of 32 gaps each, two at least) ]
-//!
-//! Before format 5 there was no friction, nor `p`, before format 4 tails had no accelerations.
+//! Before format 6 arcs had neither slips nor work. Before format 5 there was no friction, nor `p`, before format 4 tails had no accelerations.
 
 use super::path::{Kind, MechanicalPath, Segment, MOST_SEGMENT_DEGREE};
-use super::tail::SkippedArcs;
+use super::tail::{FrictionWork, SkippedArcs, StoppedSlip};
 use crate::record::contact_mode::ContactMode;
 use crate::record::gap_set::GapSet;
 use crate::record::point::MotionPoint;
@@ -59,11 +60,21 @@ impl MechanicalPath {
             });
         }
         out.numbers(&self.coefficients);
-        for SkippedArcs { start, end, arcs, rows } in &self.skipped {
+        for SkippedArcs { start, end, arcs, rows, slips, work } in &self.skipped {
             out.numbers(&[*start, *end]);
             out.flag(arcs.is_some());
             arcs.iter().for_each(|tail| out.numbers(&tail.to_numbers()));
             out.numbers(rows.iter().flatten());
+            out.count(slips.len());
+            for StoppedSlip { ways, accelerations } in slips {
+                out.numbers(ways.iter().flatten());
+                out.numbers(accelerations.iter().flatten());
+            }
+            out.flag(work.is_some());
+            if let Some(FrictionWork { before, powers, impacts }) = work {
+                out.number(*before);
+                out.numbers(powers.iter().flatten().chain(impacts));
+            }
         }
         if let Some((t, point)) = &self.end {
             out.number(*t);
@@ -111,7 +122,12 @@ impl MechanicalPath {
                 false => None,
                 true => Some(Box::new(Tail::read(from)?)),
             };
-            path.skipped.push(SkippedArcs { start, end, arcs, rows: from.rows(size)? });
+            let bare = SkippedArcs::of_rows(start, end, from.rows(size)?);
+            let mut it = SkippedArcs { arcs, ..bare };
+            if from.format() >= 6.0 {
+                read_friction(from, size, &mut it)?;
+            }
+            path.skipped.push(it);
         }
         if !from.is_empty() {
             let [t] = from.row()?;
@@ -122,6 +138,21 @@ impl MechanicalPath {
         let ordered = path.segments.windows(2).all(|pair| pair[0].start < pair[1].start);
         ordered.then_some(path)
     }
+}
+
+/// What friction does along arcs.
+fn read_friction(from: &mut Reader<'_>, size: usize, to: &mut SkippedArcs) -> Option<()> {
+    let [slips] = from.counts()?;
+    for _ in 0..slips {
+        let ways = [from.take(size)?.to_vec(), from.take(size)?.to_vec()];
+        to.slips.push(StoppedSlip { ways, accelerations: [from.row()?, from.row()?] });
+    }
+    if from.flag()? {
+        let [before] = from.row()?;
+        let (powers, impacts) = ([from.row()?, from.row()?], from.row()?);
+        to.work = Some(FrictionWork { before, powers, impacts });
+    }
+    Some(())
 }
 
 fn segment_of(

@@ -6,16 +6,16 @@
 //! ```
 //!
 //! `length` is how many numbers there are in all. Counts are below 2^53 and exact. Whoever changes
-//! what the numbers mean raises [`FORMAT`]. All formats before are read as well: 3 and 4 have the same header,
+//! what the numbers mean raises [`FORMAT`]. All formats before are read as well: 3 to 5 have the same header,
 //! before that each kind had formats of its own, after which its numbers followed at once.
 
 use std::fmt;
 
 /// The meaning of the numbers, and of the other contents of files.
-pub const FORMAT: u32 = 5;
+pub const FORMAT: u32 = 6;
 
 /// The formats before with the same header.
-const SAME_HEADER: [f64; 2] = [3.0, 4.0];
+const SAME_HEADER: [f64; 3] = [3.0, 4.0, 5.0];
 
 /// Whose motion is stored.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

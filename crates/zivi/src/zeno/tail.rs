@@ -108,7 +108,7 @@ impl Tail {
         &mut self,
         mut force: impl FnMut(f64, f64) -> Result<f64, E>,
     ) -> Result<(), E> {
-        let stride = (libm::log(APART) / libm::log(self.e)).round().max(1.0) as usize;
+        let stride = self.stride();
         let Some(terms) = (1..=ASKED).rev().find(|n| self.arc((n - 1) * stride).is_some()) else {
             return Ok(());
         };
@@ -136,6 +136,11 @@ impl Tail {
             self.bends = bends;
         }
         Ok(())
+    }
+
+    /// How many arcs apart the speed falls by [`APART`], one at least.
+    pub(crate) fn stride(&self) -> usize {
+        (libm::log(APART) / libm::log(self.e)).round().max(1.0) as usize
     }
 
     /// How far the positions are from those of another tail of the same chain at most, relative to
@@ -169,14 +174,19 @@ impl Tail {
         }
     }
 
-    /// `T(m + 1) - T(m) = sum_k C_k q^k (1 - e^k)` with `q = e^m` and `1 - e^k = (1 - e) (1 + e + ...)`.
+    /// `T(m + 1) - T(m) = sum_k C_k q^k (1 - e^k)` with `q = e^m`.
     fn flight_at(&self, q: f64) -> f64 {
+        series(&self.flight_terms(), q)
+    }
+
+    /// `C_k (1 - e^k)`, with `1 - e^k = (1 - e) (1 + e + ...)`.
+    fn flight_terms(&self) -> [f64; TERMS] {
         let (mut falls, mut sum) = (self.c, 0.0);
         for fall in &mut falls {
             sum = 1.0 + self.e * sum;
             *fall *= (1.0 - self.e) * sum;
         }
-        series(&falls, q)
+        falls
     }
 
     fn speed(&self, m: f64) -> f64 {
@@ -224,6 +234,11 @@ impl Tail {
         self.time(m as f64)
     }
 
+    /// The speed after its impact `m = 1, 2, ...` (m/s).
+    pub(crate) fn speed_of(&self, m: usize) -> f64 {
+        self.speed(m as f64)
+    }
+
     fn impact(&self, m: usize) -> Impact {
         let m = m as f64;
         let u = self.speed(m);
@@ -250,12 +265,42 @@ impl Tail {
 
     /// The arc on which `t` lies, if there is one that can be told from its ends.
     pub(crate) fn arc_at(&self, t: f64) -> Option<TailArc> {
+        self.numbered_arc_at(t).map(|(_, arc)| arc)
+    }
+
+    /// The same, and its number.
+    pub(crate) fn numbered_arc_at(&self, t: f64) -> Option<(usize, TailArc)> {
         let (left, whole) = (self.zeno - t, self.zeno - self.start);
         if !(left > 0.0 && left <= whole) {
             return None;
         }
         let is_over = |m: usize| self.arc(m).is_some_and(|arc| arc.end <= t);
-        self.arc(self.first_not(left / whole, is_over))
+        let m = self.first_not(left / whole, is_over);
+        self.arc(m).map(|arc| (m, arc))
+    }
+
+    /// `e^m`.
+    pub(crate) fn power(&self, m: usize) -> f64 {
+        libm::pow(self.e, m as f64)
+    }
+
+    /// The sum over the arcs before `m`, over all where there is none, of a polynomial in `e^i` times a power
+    /// of the length of the arc `i`.
+    pub(crate) fn sum_over_arcs(&self, of: &[f64], power: usize, m: Option<usize>) -> f64 {
+        let lengths = self.flight_terms();
+        let mut product = of.to_vec();
+        for _ in 0..power {
+            let mut next = vec![0.0; product.len() + TERMS];
+            for (i, a) in product.iter().enumerate() {
+                lengths.iter().enumerate().for_each(|(k, c)| next[i + k + 1] += a * c);
+            }
+            product = next;
+        }
+        // sum_i e^(ik) = (1 - e^(mk))/(1 - e^k)
+        let log = libm::log(self.e);
+        let up_to = |k: f64| m.map_or(1.0, |m| -libm::expm1(m as f64 * k * log));
+        let geometric = |k: usize| up_to(k as f64) / -libm::expm1(k as f64 * log);
+        product.iter().enumerate().skip(1).rev().map(|(k, a)| a * geometric(k)).sum()
     }
 
     /// The first `m` that is not over, of an order; the leading term of (1) gives it up to a few,

@@ -60,7 +60,7 @@ impl PullAlongArcs {
             }
         }
         let (start, end) = (arcs.start, arcs.end);
-        let along = SkippedArcs { start, end, arcs: None, rows: rows.to_vec() };
+        let along = SkippedArcs::of_rows(start, end, rows.to_vec());
         Ok(Self { system, smooth, along, loads, walls, values: vec![0.0; n] })
     }
 
@@ -137,7 +137,7 @@ mod tests {
             row.iter_mut().enumerate().for_each(|(k, row)| *row = (1.3 * (8 * c + k) as f64).sin());
             row
         });
-        let arcs = SkippedArcs { start: 0.5, end: 0.9, arcs: None, rows: along.collect() };
+        let arcs = SkippedArcs::of_rows(0.5, 0.9, along.collect());
         for set in [GapSet::EMPTY, GapSet::of(0), GapSet::of(0).with(GapSet::of(1))] {
             let mut kinetics = Kinetics::new(Layout::smooth(n, 3), Friction::none());
             let mut dynamics = LinearDynamics::new(system.clone());
