@@ -1,10 +1,13 @@
 """Dry friction against references of 26 digits: lists of events and channels, times, states."""
 
+import pickle
+
 import numpy as np
 import pytest
 
 import zivi
 from friction_problems import CASES, reference
+from sticking_tails import Bouncing
 
 SETTINGS = [(8, 1e-6), (8, 1e-9), (8, 1e-11), (5, 1e-9)]
 MODES = {1: "slip+", -1: "slip-", 0: "stick"}
@@ -56,3 +59,29 @@ def test_the_motion_is_that_of_the_reference(name, order, tol):
     assert np.flatnonzero(sol.contacts[-1]).tolist() == end["closed"]
     for channel, sigma in end["sigma"].items():
         assert sol.modes[-1, int(channel)] == sigma
+
+
+@pytest.mark.parametrize("slider", ["none", "joint", "floor"])
+def test_tails_that_stick_or_slip_are_the_closed_form(slider):
+    for seed in range(10):
+        rng = np.random.default_rng([7, seed])
+        tol, mass = 10 ** rng.uniform(-11, -6), Bouncing.drawn(rng, slider)
+        sol, times, size, zeno = mass.run(tol, np.sort(rng.random(200)))
+        assert sol.success
+        found, (q, w, work) = sol.resample(times), mass.at(times)
+        assert np.abs(found.q - q).max() <= 20 * tol * size
+        assert np.abs(found.qdot - w).max() <= 20 * tol * size / zeno
+        assert np.abs(found.dissipated - work).max() <= 20 * tol * work.max()
+
+
+def test_a_tail_that_sticks_is_stored_and_sampled_by_its_bits():
+    mass = Bouncing.drawn(np.random.default_rng([7, 2]), "none")
+    sol, times, *_ = mass.run(1e-9, np.linspace(0, 0.999, 100))
+    start = (sol.q[0], sol.qdot[0])
+    config = zivi.SwitchedRK(**{k: v for k, v in sol.config["method"].items() if k != "name"})
+    sampled = zivi.simulate(mass.system(), (0, sol.t[-1]), start, config, t_eval=times)
+    assert np.array_equal(sampled.q, sol(times)[0])
+    assert np.array_equal(sampled.qdot, sol(times)[1])
+    again = pickle.loads(pickle.dumps(sol))
+    assert np.array_equal(again(times), sol(times))
+    assert np.array_equal(again.resample(times).dissipated, sampled.dissipated)

@@ -12,6 +12,7 @@ import pytest
 import zivi
 from mechanical_models import model, multi_case, ndof_case
 from zivi.simulation.reactions import multipliers
+from zivi.system.start import check_start
 
 pytestmark = pytest.mark.xdist_group("mechanical models")
 
@@ -640,6 +641,87 @@ def test_derivatives_are_compared_with_differences_at_the_first_start_of_a_syste
         runs.append(len(calls) - sol.nfev)
     assert runs[0] > 20 > runs[1] + 10
     assert runs[1] == runs[2]
+
+
+def moving_surface(rng, wrong=None):
+    """A particle at a moving parabola, circle or plane in drawn units of length and time.
+
+    One derivative is `wrong` by a drawn factor. Gives the system, the start and the span.
+    """
+    length, time = 10.0 ** rng.choice([0, 3, 6], size=2)
+    omega, size = 10 ** rng.uniform(-1, 3) / time, 10 ** rng.uniform(-6, -1) * length
+    bend, phase, t0 = (
+        10 ** rng.uniform(-2, 2) / length,
+        rng.uniform(0, 6),
+        rng.choice([0, 3]) * time,
+    )
+    factor = rng.choice([0.0, 2.0, -1.0, 1.01])
+
+    def of(part, value):
+        return factor * value if part == wrong else value
+
+    def wall(t):
+        swing = size * np.exp(1j * (omega * t + phase))
+        return swing.real, -omega * swing.imag, -(omega**2) * swing.real
+
+    shape = rng.choice(["parabola", "circle", "plane"] if wrong != "gradient" else ["parabola"])
+    high = 2 * size + 1e-3 * length
+    if shape == "plane":
+        if wrong is None and rng.random() < 0.5:
+            motion = zivi.HarmonicWall(size, omega, phase)
+        else:
+            rate, pull = (lambda t: of("rate", wall(t)[1])), (lambda t: of("curvature", wall(t)[2]))
+            motion = zivi.MovingWall(lambda t: wall(t)[0], rate, pull)
+        gap, q = zivi.LinearGap([0.0, 1.0], motion=motion), np.array([0.0, high])
+    elif shape == "parabola":
+        gap = zivi.Gap(
+            lambda t, q: q[1] - bend * q[0] ** 2 / 2 - wall(t)[0],
+            lambda t, q: np.array([of("gradient", -bend * q[0]), 1.0]),
+            lambda t, q, w: of("curvature", -bend * w[0] ** 2 - wall(t)[2]),
+            lambda t, q: of("rate", -wall(t)[1]),
+        )
+        x = 10 ** rng.uniform(-3, 0) * length
+        q = np.array([x, bend * x * x / 2 + high])
+    else:
+        gap = zivi.Gap(
+            lambda t, q: math.hypot(*q) - 1 / bend - wall(t)[0],
+            lambda t, q: q / math.hypot(*q),
+            lambda t, q, w: of(
+                "curvature", (q[0] * w[1] - q[1] * w[0]) ** 2 / math.hypot(*q) ** 3 - wall(t)[2]
+            ),
+            lambda t, q: of("rate", -wall(t)[1]),
+        )
+        q = np.array([0.6, 0.8]) * (1 / bend + high)
+    mass = 10 ** rng.uniform(-3, 3)
+    system = zivi.MechanicalSystem(mass=mass * np.eye(2), force=[0.0, 0.0], gaps=[gap], e=0.5)
+    return system, q, (t0, t0 + 1e-3 * time)
+
+
+def test_right_derivatives_are_accepted_in_all_units_and_wrong_ones_refused():
+    rng = np.random.default_rng(1)
+    for _ in range(60):
+        system, q, span = moving_surface(rng)
+        check_start(system, system.model(2), span, q, np.zeros(2))
+    for part in ["gradient", "curvature", "rate"] * 15:
+        system, q, span = moving_surface(rng, part)
+        with pytest.raises(ValueError, match="is not the derivative of the gap at the start"):
+            check_start(system, system.model(2), span, q, np.zeros(2))
+
+
+def test_a_wall_of_ours_that_vibrates_fast_is_simulated():
+    wall = zivi.LinearGap([1.0], motion=zivi.HarmonicWall(1e-6, 1e5, 0.3))
+    ball = zivi.MechanicalSystem(mass=1.0, force=[-9.81], gaps=[wall], e=0.5)
+    assert zivi.simulate(ball, (0, 1e-3), ([1e-5], [0.0])).success
+    slow = zivi.Gap(
+        lambda t, q: q[0] - 1e-6 * math.cos(1e5 * t),
+        [1.0],
+        rate=lambda t, q: 0.1 * math.sin(1e5 * t),
+    )
+    ball = zivi.MechanicalSystem(mass=1.0, force=[-9.81], gaps=[slow], e=0.5)
+    with pytest.raises(
+        ValueError, match=r"curvature of gap 'gap0' \(differenced: give it\) is not"
+    ):
+        zivi.simulate(ball, (0, 1e-3), ([1e-5], [0.0]))
 
 
 def test_every_start_has_its_mass_and_every_span_its_rates_checked():

@@ -45,6 +45,25 @@ def test_states_at_given_times_are_those_of_single_runs(method):
     assert float(dataset.sample_q.sel(run=1, coordinate="th").isel(time=0)) == 0.1
 
 
+def test_samples_of_linear_systems_are_those_of_batches_and_of_dense_output():
+    for seed in range(24):
+        rng = np.random.default_rng([3, seed])
+        n = int(rng.integers(1, 4))
+        mass, stiffness = (a @ a.T + np.eye(n) for a in rng.normal(size=(2, n, n)))
+        load = zivi.Harmonic(rng.normal(size=n), 2.0)
+        wall = zivi.LinearGap(np.eye(n)[0], 0.3)
+        parts = (mass, 0.05 * stiffness, stiffness)
+        system = zivi.LinearSystem(*parts, excitation=load, gaps=[wall], e=0.6)
+        start, times = (rng.random(n), rng.normal(size=n)), np.linspace(0, 10, 57)
+        one = zivi.simulate(system, (0, 10), start, t_eval=times)
+        batch = zivi.simulate_batch(system, (0, 10), start, t_eval=times)
+        q, qdot = zivi.simulate(system, (0, 10), start)(times)
+        for same in (q, batch.sample_q[0], one(times)[0]):
+            assert np.array_equal(one.q, same)
+        for same in (qdot, batch.sample_qdot[0], one(times)[1]):
+            assert np.array_equal(one.qdot, same)
+
+
 def test_what_a_run_did_not_reach_is_nan():
     feet = [zivi.LinearGap([1, x], name=f"foot {x}") for x in (-1, -0.5, 0.5, 1)]
     bar = zivi.MechanicalSystem(mass=np.diag([1.0, 0.3]), force=[-9.81, 0], gaps=feet, e=0.5)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import zivi
+from continued_runs import differences
 
 
 def tilting_floor(level, rate):
@@ -64,3 +65,42 @@ def test_a_plastic_wall_holds_what_nothing_pulls_off(mass):
         sol = zivi.simulate(system, (0, 2), ([0, 0], [speed, 0.3]))
         assert (len(sol.zeno), len(sol.liftoffs)) == (1, 0)
         assert sol.contacts[-1, 0]
+
+
+@pytest.mark.parametrize("first", range(0, 100, 25))
+def test_continued_runs_have_the_lists_of_the_whole(first):
+    for seed in range(first, first + 25):
+        assert not differences(seed), seed
+
+
+def test_a_contact_that_the_force_opens_at_once_is_listed_of_mass_and_mechanism():
+    gap = zivi.LinearGap([1.0])
+    still = zivi.Harmonic([1.0], 2.0)
+    systems = [
+        (zivi.ImpactSystem(1.0, e=0.5), (0.0, 0.0)),
+        (zivi.MechanicalSystem(mass=1.0, force=[1.0], gaps=[gap], e=0.5), ([0.0], [0.0])),
+        (
+            zivi.LinearSystem([[1.0]], None, [[0.0]], excitation=still, gaps=[gap], e=0.5),
+            ([0.0], [0.0]),
+        ),
+    ]
+    for system, start in systems:
+        sol = zivi.simulate(system, (0.5, 0.6), start)
+        assert sol.liftoffs["t"].tolist() == [0.5]
+        assert len(sol.zeno) == 0
+    q = zivi.sensitivity(systems[1][0], (0.5, 0.6), ([0.0], [0.0]), wrt=("t0", "q0"))
+    assert q.liftoff_times.tolist() == [[1.0, 0.0]]
+
+
+@pytest.mark.parametrize(
+    ("apart", "speeds", "flags"),
+    [(0.0, (-1 / 3, 2 / 3, 2 / 3), [0.5]), (1e-6, (0, 0, 1), [])],
+)
+def test_an_impact_that_balls_share_which_touch_is_flagged(apart, speeds, flags):
+    gaps = [zivi.LinearGap([-1, 1, 0]), zivi.LinearGap([0, -1, 1])]
+    cradle = zivi.MechanicalSystem(mass=np.eye(3), force=[0, 0, 0], gaps=gaps, e=1.0)
+    sol = zivi.simulate(cradle, (0, 2), ([-1, 0, apart], [1, 0, 0]))
+    assert sol.qdot[-1] == pytest.approx(speeds, abs=1e-12)
+    assert [row["kind"] for row in sol.flags] == ["simultaneous"] * len(flags)
+    assert sol.flags["size"] == pytest.approx(flags)
+    assert sol.flags["gaps"].all()

@@ -75,7 +75,8 @@ class MechanicalTrajectory(Rubbing, SampledRun):
         Points where several gaps came to rest together: ``t``, ``gaps`` (m flags).
     flags : recarray
         What the result hangs on: ``kind``, ``t``, ``gaps`` (m flags), ``size``. "simultaneous":
-        coupled gaps were hit at once, a little earlier or later gives another motion.
+        coupled gaps were hit at once, or one was hit while others touched without a force; a
+        little earlier or later gives another motion, and the size is their kinetic cosine.
         "order_uncertain": which of them came first is within the tolerance. With friction also
         "energy_gain": an impact raised the energy, by so much; "impact_not_unique": other impulses
         solve it too; "undetermined_forces": the contact forces are not unique, the motion is;

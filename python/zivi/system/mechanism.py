@@ -141,8 +141,8 @@ class MechanicalSystem:
     impact_law : {"newton", "poisson", "stronge"}
         What `e` means in an impact with friction: the ratio of speeds, of impulses or of energies.
         With "newton" an impact may gain energy where normal and tangential direction are coupled
-        strongly and `e` is large; it is flagged then. "poisson" and "stronge" never do;
-        "stronge" is for one contact at a time.
+        strongly and `e` is large; it is flagged then. "poisson" does not where all gaps of the
+        impact have the same `e`; "stronge", which is for one contact at a time, never does.
     paradox : {"stop", "impact"}
         What happens where no finite force keeps a sliding contact (Painleve): the run ends, or an
         impact without collision stops the sliding, which is flagged.

@@ -513,7 +513,7 @@ mod tests {
         let mut state = MechanicalState::new(layout, &friction);
         let mut aside = Kinetics::new(layout, &friction);
         let mut model = Model::new(&mut bowl);
-        state.start(0.0, start, &mut model).unwrap();
+        state.start(0.0, start, [0.0; 2], &mut model).unwrap();
         let (gap, channel) = (GapSet::of(0), GapSet::of(0));
         let landed = match slip {
             0.0 => ContactMode { closed: gap, stick: channel, ..ContactMode::default() },
@@ -570,7 +570,7 @@ mod tests {
             let mut state = MechanicalState::new(layout, friction);
             let mut aside = Kinetics::new(layout, friction);
             let mut model = Model::new(&mut masses);
-            state.start(0.0, (&[0.0, 0.0], &u), &mut model).unwrap();
+            state.start(0.0, (&[0.0, 0.0], &u), [0.0; 2], &mut model).unwrap();
             let both = GapSet::of(0).with(GapSet::of(1));
             let landed = ContactMode { closed: both, ..ContactMode::default() };
             let key = Key { hit: both, flight: ContactMode::default(), landed };

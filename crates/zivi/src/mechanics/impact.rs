@@ -425,8 +425,8 @@ impl Impacts {
         }
     }
 
-    /// Closed gaps that an impact on others presses: had they been open by ever so little, they would be hit
-    /// after it. Noted once for impacts that are alike.
+    /// Gaps that touch without a force, and that an impact on others presses: had they been open by ever so
+    /// little, they would be hit after it. Noted once for impacts that are alike.
     fn note_shared(
         &mut self,
         hit: GapSet,
@@ -438,9 +438,12 @@ impl Impacts {
             return;
         }
         self.shared = (hit, closed);
+        let forces = state.lambda().to_vec();
         let (kinetics, mut strongest) = (state.parts().0, 0.0_f64);
+        let mut is_loose = |j: &usize| forces[*j] * kinetics.d(*j, *j) <= kinetics.noise(*j);
+        let loose: GapSet = closed.iter().filter(&mut is_loose).collect();
         let mut pressed = GapSet::EMPTY;
-        for (i, j) in hit.iter().flat_map(|i| closed.iter().map(move |j| (i, j))) {
+        for (i, j) in hit.iter().flat_map(|i| loose.iter().map(move |j| (i, j))) {
             let cosine = kinetics.cosine(i, j);
             if cosine < -COUPLED {
                 pressed = pressed.with(GapSet::of(j));

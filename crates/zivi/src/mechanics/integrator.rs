@@ -95,7 +95,7 @@ impl MechanicalIntegrator {
         model: &mut Model<'_, D>,
     ) -> Result<Option<f64>, Failure<E>> {
         self.impacts.start(t);
-        let begun = match self.state.start(t, at, model) {
+        let begun = match self.state.start(t, at, self.settings.rounding(), model) {
             // an impact on no gap: one without a collision
             Err(Failure::Status(Status::InconsistentContact))
                 if self.impacts.continues_where_jammed() =>
@@ -111,6 +111,7 @@ impl MechanicalIntegrator {
             // friction of closed gaps and joints begins here
             Start::At(_) => {
                 self.state.note_transitions(ContactMode::default(), &mut self.occurrences);
+                note_lifted(t, self.state.left(), &mut self.occurrences);
             }
         }
         Ok(None)

@@ -178,8 +178,8 @@ impl<D> Mechanism<'_, '_, D> {
         D: Dynamics<E>,
     {
         let t = landing.t.max(self.state.now().t);
-        let rounding = self.settings.atol.map(|atol| f64::EPSILON * atol);
-        let closed = self.state.move_to((t, landing.state()), mode.into(), rounding, self.model)?;
+        let (to, rounding) = ((t, landing.state()), self.settings.rounding());
+        let closed = self.state.move_to(to, mode.into(), rounding, self.model)?;
         let size = self.state.now().x.len();
         let slow = slow(self.settings, self.state);
         self.state.take_slips(Some((&landing.errors()[size..], slow)));

@@ -1,5 +1,6 @@
 //! The motion of a system as a function of time.
 
+use std::cell::OnceCell;
 use std::collections::TryReserveError;
 
 use super::equation::{Stages, State};
@@ -47,8 +48,12 @@ pub(super) struct Curve {
     pub(super) start: f64,
     pub(super) h: f64,
     pub(super) rows: Vec<[Bernstein; 2]>,
-    /// Instead of them the coefficients of power series of the positions in `(t - start)/h`.
+    /// Instead of them the coefficients of power series of the positions in `(t - start)/h`,
     powers: Vec<f64>,
+    /// the state at the start, if that is known better,
+    first: Vec<[f64; 2]>,
+    /// and the polynomials of these: a sample has the bits of the path.
+    of_powers: OnceCell<Vec<[Polynomial<TERMS>; 2]>>,
 }
 
 impl Curve {
@@ -69,24 +74,37 @@ impl Curve {
     }
 
     pub(super) fn of_rows(start: f64, h: f64, rows: Vec<[Bernstein; 2]>) -> Self {
-        Self { start, h, rows, powers: Vec::new() }
+        Self { start, h, rows, powers: Vec::new(), first: Vec::new(), of_powers: OnceCell::new() }
     }
 
     /// Power series of all positions, one after the other.
     pub(super) fn of_powers(start: f64, h: f64, powers: Vec<f64>) -> Self {
-        Self { start, h, rows: Vec::new(), powers }
+        Self { start, h, rows: Vec::new(), powers, first: Vec::new(), of_powers: OnceCell::new() }
     }
 
-    /// The power series of the positions, and of the velocities.
-    fn series(&self) -> impl Iterator<Item = [Series; 2]> + '_ {
-        self.powers.chunks_exact(TERMS).map(|powers| {
-            let (mut x, mut v) = ([0.0; TERMS], [0.0; TERMS]);
+    /// Begins at a state to the last bit.
+    pub(super) fn begin_at(&mut self, MotionPoint { x, v, .. }: &MotionPoint) {
+        if !self.powers.is_empty() {
+            self.first = x.iter().zip(v).map(|(x, v)| [*x, *v]).collect();
+        }
+    }
+
+    /// The polynomials of the power series, of the positions and of the velocities.
+    fn series(&self) -> &[[Polynomial<TERMS>; 2]] {
+        let polynomials = |(c, powers): (usize, &[f64])| {
+            let [mut x, mut v]: [Series; 2] = [[0.0; TERMS]; 2];
             x.copy_from_slice(powers);
             for (k, v) in v.iter_mut().enumerate().take(TERMS - 1) {
                 *v = (k + 1) as f64 * x[k + 1] / self.h;
             }
-            [x, v]
-        })
+            let [x, v] = [x, v].map(Polynomial::from_powers);
+            match self.first.get(c) {
+                Some(&[of_x, of_v]) => [x.starting_at(of_x), v.starting_at(of_v)],
+                None => [x, v],
+            }
+        };
+        let rows = || self.powers.chunks_exact(TERMS).enumerate().map(polynomials).collect();
+        self.of_powers.get_or_init(rows)
     }
 
     pub(super) fn at(&self, t: f64, x: &mut [f64], v: &mut [f64]) {
@@ -94,9 +112,8 @@ impl Curve {
         for (c, [of_x, of_v]) in self.rows.iter().enumerate() {
             (x[c], v[c]) = (of_x.at(theta), of_v.at(theta));
         }
-        let value = |a: &Series| a.iter().rev().fold(0.0, |sum, a| sum * theta + a);
-        for (c, [of_x, of_v]) in self.series().enumerate() {
-            (x[c], v[c]) = (value(&of_x), value(&of_v));
+        for (c, [of_x, of_v]) in self.series().iter().enumerate() {
+            (x[c], v[c]) = (of_x.at(theta), of_v.at(theta));
         }
     }
 }
@@ -122,9 +139,8 @@ impl MechanicalPath {
             degree = p.coefficients().len() - 1;
             self.coefficients.extend_from_slice(p.coefficients());
         }
-        for powers in curve.series().flatten() {
+        for p in curve.series().iter().flatten() {
             degree = TERMS - 1;
-            let p = Polynomial::<TERMS>::from_powers(powers);
             self.coefficients.extend_from_slice(p.coefficients());
         }
         let kind = Kind::Motion { first, degree, h: curve.h };

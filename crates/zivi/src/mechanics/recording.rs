@@ -164,7 +164,8 @@ impl<E> Running<'_, E> {
         let end = self.method.state().now().t;
         if end > self.drawn_from() && end > from {
             let motion = self.method.motion();
-            let curve = motion.curve(self.method.state().now());
+            let mut curve = motion.curve(self.method.state().now());
+            curve.begin_at(&self.end.1);
             self.follow(&curve, (from, end), mode, model)?;
         }
         self.arrive();

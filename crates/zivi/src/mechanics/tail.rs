@@ -189,7 +189,8 @@ impl SkippedArcs {
 
     /// Adds what friction does after a part of an arc, after all of them where there is none.
     pub(super) fn rub(&self, t: f64, arc: Option<(usize, f64)>, x: &mut [f64], v: &mut [f64]) {
-        let Some(tail) = self.arcs.as_ref().filter(|_| !self.slips.is_empty() || self.work.is_some())
+        let Some(tail) =
+            self.arcs.as_ref().filter(|_| !self.slips.is_empty() || self.work.is_some())
         else {
             return;
         };

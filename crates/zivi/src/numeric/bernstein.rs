@@ -263,6 +263,12 @@ impl<const M: usize> Polynomial<M> {
         (left, right)
     }
 
+    /// With the value at zero set.
+    pub(crate) fn starting_at(mut self, first: f64) -> Self {
+        self.c[0] = first;
+        self
+    }
+
     /// With the values at the ends set.
     pub(crate) fn with_ends(mut self, first: f64, last: f64) -> Self {
         (self.c[0], self.c[self.n]) = (first, last);

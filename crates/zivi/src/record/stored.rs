@@ -223,7 +223,7 @@ mod tests {
     fn what_was_written_is_read() {
         for kind in Kind::ALL {
             let numbers = written(kind);
-            assert_eq!(numbers, [5.0, kind.number(), 7.0, 2.0, 1.0, 0.5, -7.0]);
+            assert_eq!(numbers, [6.0, kind.number(), 7.0, 2.0, 1.0, 0.5, -7.0]);
             assert_eq!(read(kind, &numbers), Ok(vec![0.5, -7.0]));
             for form in SAME_HEADER {
                 let before = [&[form], &numbers[1..]].concat();
@@ -260,9 +260,9 @@ mod tests {
             numbers[k] = value;
             assert_eq!(read(Kind::Point, &numbers), Err(MotionError::Damaged), "{k}: {value}");
         }
-        let later = [6.0, 1.0, 3.0];
-        assert_eq!(read(Kind::Point, &later), Err(MotionError::Format(6.0)));
-        let message = "the stored motion has format 6, this zivi reads 5";
-        assert_eq!(MotionError::Format(6.0).to_string(), message);
+        let later = [7.0, 1.0, 3.0];
+        assert_eq!(read(Kind::Point, &later), Err(MotionError::Format(7.0)));
+        let message = "the stored motion has format 7, this zivi reads 6";
+        assert_eq!(MotionError::Format(7.0).to_string(), message);
     }
 }

@@ -136,6 +136,11 @@ impl Default for SwitchedRk {
 }
 
 impl SwitchedRk {
+    /// What rounding leaves of a position and a velocity of the size of the absolute tolerances.
+    pub(crate) fn rounding(&self) -> [f64; 2] {
+        self.atol.map(|atol| f64::EPSILON * atol)
+    }
+
     /// What each setting is unless told otherwise.
     pub const DEFAULT: Self = Self {
         rtol: 1e-6,

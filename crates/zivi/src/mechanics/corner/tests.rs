@@ -74,7 +74,7 @@ fn ask<D: Dynamics<Infallible>, T>(
     let mut state = MechanicalState::new(layout, &friction);
     let mut aside = Kinetics::new(layout, &friction);
     let mut model = Model::new(&mut system);
-    state.start(t, (q, w), &mut model).unwrap();
+    state.start(t, (q, w), [0.0; 2], &mut model).unwrap();
     state.fly_off();
     let (state, aside, model) = (&mut state, &mut aside, &mut model);
     question(&mut Mechanism { settings: &settings, e, state, aside, model })

@@ -7,7 +7,8 @@
 //!           up to g' = 0 with the work W, then until -e^2 W is given back; one contact
 //! ```
 //!
-//! Neither can raise the energy. Poisson's impulses come in two steps, Stronge's as a path along which
+//! Stronge's cannot raise the energy. Nor can Poisson's with one `e`: with `|P|^2 = P . D P` and as `P_N >= e
+//! P_C,N` in Coulomb's law, `E+ - E- <= -1/2 |P_C|^2 - 1/2 |P|^2 + e P_C . D P <= 0`. Poisson's impulses come in two steps, Stronge's as a path along which
 //! the slip may stop or turn inside of the impact.
 
 use super::contact::MOST_PATTERNS;

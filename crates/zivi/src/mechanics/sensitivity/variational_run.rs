@@ -86,6 +86,10 @@ impl<'a> VariationalRun<'a> {
         let (Layout { n, m, .. }, now) = (self.columns.layout, machine.state().now());
         let size = n + m;
         self.set_extent(machine, model)?;
+        // what opens at the start does so whatever the parameters are
+        let is_t0 = |it: &MechanicalWrt| f64::from(u8::from(matches!(it, MechanicalWrt::T0)));
+        let opened: Vec<f64> = self.columns.wrt.iter().map(is_t0).collect();
+        self.note_events(machine, 0, |_| None, |_| Some(opened.clone()), &[]);
         self.columns.visit(model, now, machine.state().closed())?;
         self.note_height(machine);
         let acceleration = self.columns.local.kinetics.acceleration.clone();

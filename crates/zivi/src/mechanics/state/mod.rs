@@ -64,11 +64,13 @@ impl MechanicalState {
         }
     }
 
-    /// Starts where the gaps are open, or closed to rounding.
+    /// Starts where the gaps are open, or closed to rounding: that of the coordinates and velocities, or of
+    /// their units.
     pub(super) fn start<E, D: Dynamics<E>>(
         &mut self,
         t: f64,
         (q, w): (&[f64], &[f64]),
+        [of_x, of_v]: [f64; 2],
         model: &mut Model<'_, D>,
     ) -> Result<Start, Failure<E>> {
         let Layout { n, m, .. } = self.layout;
@@ -87,7 +89,7 @@ impl MechanicalState {
                 return Ok(Start::Overlap(gap));
             }
             let zero = |value: f64, noise: f64| if value.abs() <= noise { 0.0 } else { value };
-            let (x, v) = (zero(gap, 8.0 * of_gap), zero(rate, 4.0 * of_rate));
+            let (x, v) = (zero(gap, 8.0 * of_gap + of_x), zero(rate, 4.0 * of_rate + of_v));
             (self.now.x[n + i], self.now.xdot[n + i]) = (x, v);
             if x == 0.0 && v <= 0.0 {
                 let set = if v < 0.0 { &mut hit } else { &mut touching };
@@ -96,7 +98,7 @@ impl MechanicalState {
         }
         for row in m..self.layout.rows() {
             let (rate, noise) = (self.kinetics.rate(row, w), self.kinetics.rounding(row, q, w).1);
-            self.now.xdot[n + row] = if rate.abs() <= 4.0 * noise { 0.0 } else { rate };
+            self.now.xdot[n + row] = if rate.abs() <= 4.0 * noise + of_v { 0.0 } else { rate };
         }
         self.contacts = Contacts { mode: touching.into(), ..Contacts::default() };
         if hit.is_empty() && !(touching.is_empty() && self.layout.p == 0) {
