@@ -1,43 +1,77 @@
-"""A program that runs for long, and Ctrl-C."""
+"""Ctrl-C while a call is at work, work that is counted, and waiting: no test measures seconds."""
 
+import contextlib
+import faulthandler
 import signal
-import subprocess
 import sys
+import threading
 import time
 
-
-def stops_within_a_second(program):
-    """Give what the program counted; it must stop within a second of Ctrl-C."""
-    times = []
-    for _ in range(3):  # a busy machine may hold one of them up, not all
-        counted, took = interrupted(program)
-        if took < 1.0:
-            return counted
-        times.append(took)
-    raise AssertionError(f"stopped after {times} s")
+HANGS = 300
+"""Seconds after which what has not ended is taken to hang."""
 
 
-def interrupted(program):
-    """Send SIGINT to `program` once it runs: what it counted, and how long it took to stop (s).
+def wait_for(condition):
+    """Wait for what another thread or process does."""
+    end = time.monotonic() + HANGS
+    while not condition():
+        assert time.monotonic() < end, "it hangs"
+        time.sleep(0.005)
 
-    The program prints "started", and "stopped after N" when it was interrupted.
+
+@contextlib.contextmanager
+def ctrl_c(when=lambda: True, *, by="timer", answers=3):
+    """Press Ctrl-C in a call that is at work: one that answers signals at one place.
+
+    Signals come all the time, of a timer or of a "thread", which needs the interpreter for each.
+    They are answered once and elsewhere by what looks for them when it has ended.
     """
-    with subprocess.Popen(
-        [sys.executable, "-c", program],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-    ) as process:
-        try:
-            line = process.stdout.readline()
-            assert line == "started\n", line + process.stderr.read()
-            time.sleep(0.4)
-            process.send_signal(signal.SIGINT)
-            sent = time.monotonic()
-            output, errors = process.communicate(timeout=20)
-            took = time.monotonic() - sent
-        finally:
-            process.kill()
-    assert process.returncode == 0, errors
-    assert output.startswith("stopped after"), output + errors
-    return int(output.split()[2]), took
+    places, ended = [], threading.Event()
+    main, number = threading.main_thread().ident, signal.SIGALRM
+
+    def answer(_, frame):
+        if ended.is_set() or not when():
+            return
+        place = frame.f_code, frame.f_lasti
+        places[:] = [*(it for it in places if it == place), place]
+        if len(places) == answers:
+            ended.set()
+            raise KeyboardInterrupt
+
+    def send():
+        while not ended.wait(1e-3):
+            signal.pthread_kill(main, number)
+
+    faulthandler.dump_traceback_later(HANGS, exit=True)
+    before = signal.signal(number, answer)
+    sender = threading.Thread(target=send)
+    try:
+        if by == "thread":
+            sender.start()
+        else:
+            signal.setitimer(signal.ITIMER_REAL, 1e-3, 1e-3)
+        yield
+    finally:
+        ended.set()
+        signal.setitimer(signal.ITIMER_REAL, 0)
+        if by == "thread":
+            sender.join()
+        signal.signal(number, before)
+        faulthandler.cancel_dump_traceback_later()
+
+
+def calls_in(work):
+    """Count the functions that `work` calls, of Python and of C."""
+    count = 0
+
+    def note(_, event, __):
+        nonlocal count
+        count += event in ("call", "c_call")
+
+    before = sys.getprofile()
+    sys.setprofile(note)
+    try:
+        work()
+    finally:
+        sys.setprofile(before)
+    return count

@@ -6,8 +6,6 @@ import math
 import subprocess
 import sys
 import textwrap
-import threading
-import time
 import traceback
 
 import numpy as np
@@ -272,47 +270,20 @@ def test_a_callable_of_another_signature_is_refused():
 def test_a_discontinuous_force_gets_an_answer_or_a_status(friction, h):
     """Coulomb friction jumps where the velocity passes zero: a step may have no solution."""
 
+    calls = []
+
     def force(t, x, xdot):
+        calls.append(t)
         return -9.81 - friction * np.sign(xdot)
 
-    started = time.monotonic()
     sol = run(force, zivi.ThetaGamma(h=h))
-    assert time.monotonic() - started < 5
+    assert len(calls) < 100 * (1 + 5.0 / h)
     assert sol.status in (zivi.Status.COMPLETED, zivi.Status.FORCE_NOT_CONVERGED)
     assert sol.success == (sol.t[-1] == 5.0)
     assert np.all(np.isfinite(sol.s))
     if friction < 9.81:
         assert sol.t[-1] > 0.1
         assert np.all(np.diff(0.5 * sol.xdot**2 + 9.81 * sol.x) < 1e-9)
-
-
-@pytest.mark.slow
-@pytest.mark.xdist_group("interrupt")
-@pytest.mark.parametrize("force", [LINEAR, -9.81, "numba"])
-def test_the_interpreter_is_free_during_compiled_runs(force):
-    """Another thread counts on while a run of a few tenths of a second computes."""
-    force = numba_cfunc() if force == "numba" else force
-    steps = 2_000_000
-    method = zivi.ThetaGamma(h=5.0 / steps)
-    ticks, running = [], threading.Event()
-
-    def count():
-        while not running.is_set():
-            ticks.append(time.monotonic())
-            time.sleep(0.002)
-
-    thread = threading.Thread(target=count)
-    thread.start()
-    started = time.monotonic()
-    run(force, method)
-    ended = time.monotonic()
-    running.set()
-    thread.join()
-    # the middle half of the time: neither the start nor the copy of the results
-    quarter = (ended - started) / 4
-    inside = [t for t in ticks if started + quarter < t < ended - quarter]
-    assert len(inside) > 2 * quarter / 0.05
-    assert len(inside) >= 2
 
 
 def clocked(t, x, xdot):

@@ -1,6 +1,6 @@
 """Small cases of the solvers of VIs: single stages, limits, what is read and what is refused."""
 
-import time
+import threading
 from types import SimpleNamespace
 
 import numpy as np
@@ -11,6 +11,7 @@ from scipy.sparse.linalg import splu
 
 import zivi
 import zivi._zivi as _zivi
+from interrupting import HANGS
 from zivi.vi.coloured import ColouredDifferences, colours_of, pattern_of
 from zivi.vi.factorisation import Factoriser, Factors, Keep, in_thread
 from zivi.vi.farkas import _proves, is_infeasible
@@ -378,7 +379,7 @@ def test_a_thread_keeps_what_it_made_until_it_is_told():
     assert keep.thread.is_alive()
     keep.set()
     keep.settle()
-    keep.thread.join(10)
+    keep.thread.join(HANGS)
     assert not keep.thread.is_alive()
     assert in_thread(lambda: 8, lambda: None) == 8
     with pytest.raises(ZeroDivisionError):
@@ -387,12 +388,13 @@ def test_a_thread_keeps_what_it_made_until_it_is_told():
     def over():
         raise TimeoutError
 
-    keep = Keep()
+    keep, gate = Keep(), threading.Event()
     for until in (keep, None):
         with pytest.raises(TimeoutError):
-            in_thread(lambda: time.sleep(0.2), over, until)
+            in_thread(gate.wait, over, until)
+    gate.set()
     assert keep.is_set()
-    keep.thread.join(10)
+    keep.thread.join(HANGS)
     assert not keep.thread.is_alive()
 
 

@@ -1,7 +1,5 @@
 """solve_vi and solve_avi: what F may do, how a solve is watched, where slopes come from."""
 
-import time
-
 import numpy as np
 import pytest
 import scipy.sparse
@@ -221,12 +219,10 @@ def test_a_time_limit_keeps_the_best_point(affine):
     n = 250
     M = rng.normal(size=(n, n))
     q = rng.uniform(1, 2, n) - M @ rng.uniform(1, 2, n)  # feasible
-    began = time.perf_counter()
     if affine:
         res = zivi.solve_lcp(M, q, time_limit=0.1)
     else:
         res = zivi.solve_ncp(lambda x: M @ x + q, np.zeros(n), jac=M, time_limit=0.1)
-    assert time.perf_counter() - began < 3
     assert res.status is zivi.VIStatus.TIME_LIMIT
     assert "time limit" in res.message
     np.testing.assert_allclose(res.F, M @ res.x + q)
