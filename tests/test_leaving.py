@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 import zivi
+from interrupting import HANGS
 
 RUNS = {
     "a Python force": """
@@ -52,40 +53,40 @@ RUNS = {
     """,
 }
 PROGRAM = """
-import sys, threading, time
+import threading, time
 import zivi
-{setup}
-begun = threading.Event()
-failed = []
-def work():
-    begun.set()
+failed, begun = [], []
+def work(setup, started):
+    own = dict(zivi=zivi)
+    exec(setup, own)
+    started.set()
     while True:
         try:
-            run()
+            own["run"]()
         except Exception as error:  # noqa
             failed.append(error)
             raise
-for _ in range({threads}):
-    threading.Thread(target=work, daemon=True).start()
-begun.wait()
-time.sleep({pause})
+for setup in {setups!r}:
+    begun.append(threading.Event())
+    threading.Thread(target=work, args=(setup, begun[-1]), daemon=True).start()
+for it in begun:
+    it.wait()
+for _ in range({turns}):
+    time.sleep(0)
 assert not failed, failed
 """
 
 
-def ends(name, threads=2, pause=0.05, python=sys.executable):
-    program = PROGRAM.format(setup=textwrap.dedent(RUNS[name]), threads=threads, pause=pause)
-    done = subprocess.run(
-        [python, "-c", program], capture_output=True, text=True, check=False, timeout=60
-    )
-    return done.returncode, done.stderr
-
-
 @pytest.mark.slow
-@pytest.mark.parametrize("name", RUNS)
-def test_a_daemon_thread_does_not_abort_the_exit(name):
-    for pause in (0.02, 0.1):
-        assert ends(name, pause=pause) == (0, "")
+@pytest.mark.parametrize("turns", [0, 1000])
+@pytest.mark.parametrize("part", [0, 1])
+def test_daemon_threads_do_not_abort_the_exit(part, turns):
+    setups = [textwrap.dedent(RUNS[name]) for name in [*RUNS][part::2]]
+    program = PROGRAM.format(setups=setups, turns=turns)
+    done = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, check=False, timeout=HANGS
+    )
+    assert (done.returncode, done.stderr) == (0, "")
 
 
 def told(program):
@@ -94,7 +95,7 @@ def told(program):
         capture_output=True,
         text=True,
         check=True,
-        timeout=60,
+        timeout=HANGS,
     ).stdout
 
 
@@ -116,31 +117,28 @@ def test_the_thread_that_ends_the_interpreter_may_still_run():
 @pytest.mark.slow
 def test_a_force_that_does_not_return_is_not_waited_for_for_ever():
     program = """
-        import os, threading, time, zivi, zivi._zivi
+        import os, threading, zivi, zivi._zivi
         called, returned = threading.Event(), threading.Event()
         def force(t, x, xdot):
             called.set()
-            time.sleep(100)
+            threading.Event().wait()
             returned.set()
             return -9.81
         system = zivi.ImpactSystem(force, e=0.5)
         go = lambda: zivi.simulate(system, (0, 1), (1, 0))
         threading.Thread(target=go, daemon=True).start()
         called.wait()
-        start = time.monotonic()
-        stopped = zivi._zivi.stop_runs(0.2)
-        # far below the hundred seconds of the force, and above what a busy machine adds
-        print(stopped, returned.is_set(), 0.2 <= time.monotonic() - start < 20, flush=True)
+        print(zivi._zivi.stop_runs(0.2), returned.is_set(), flush=True)
         os._exit(0)
     """
-    assert told(program) == "False False True\n"
+    assert told(program) == "False False\n"
 
 
 @pytest.mark.slow
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="no fork")
 def test_a_fork_does_not_wait_for_the_runs_of_threads_that_it_has_not():
     program = """
-        import os, threading, time, warnings, zivi
+        import os, threading, warnings, zivi
         warnings.simplefilter("ignore")
         called, forked = threading.Event(), threading.Event()
         def force(t, x, xdot):

@@ -4,12 +4,12 @@ import ctypes
 import math
 import pickle
 import threading
-import time
 
 import numpy as np
 import pytest
 
 import zivi
+from interrupting import wait_for
 from mechanical_models import model, multi_case, ndof_case
 from zivi.simulation.reactions import multipliers
 from zivi.system.start import check_start
@@ -735,8 +735,8 @@ def test_every_start_has_its_mass_and_every_span_its_rates_checked():
         zivi.simulate(ball, (0, 1.0), ([1.0], [0]))
 
 
-def concurrent_calls(threads, **more):
-    """How many threads are in a compiled force at once, at most, in a batch."""
+def concurrent_calls(threads, *, awaited=1, **more):
+    """How many threads are in a compiled force at once, at most, in a batch: the first waits."""
     doubles, lock = ctypes.POINTER(ctypes.c_double), threading.Lock()
     inside, most = 0, 0
 
@@ -746,7 +746,7 @@ def concurrent_calls(threads, **more):
         with lock:
             inside += 1
             most = max(most, inside)
-        time.sleep(1e-3)
+        wait_for(lambda: most >= awaited)
         out[0] = -9.81
         with lock:
             inside -= 1
@@ -758,7 +758,7 @@ def concurrent_calls(threads, **more):
 
 
 def test_parts_that_are_not_reentrant_are_called_by_one_thread():
-    assert concurrent_calls(4) > 1
+    assert concurrent_calls(4, awaited=2) > 1
     assert concurrent_calls(4, reentrant=False) == 1
     system = zivi.MechanicalSystem(mass=1.0, force=[0.0], reentrant=False)
     assert "reentrant=False" in repr(system)

@@ -115,14 +115,14 @@ def test_what_does_not_end_is_not_solved(monkeypatch, tmp_path):
     # answers for one state, then hangs; each further run hangs at once
     script.write_text(
         f"#!{sys.executable}\n"
-        "import pathlib, struct, sys, time\n"
+        "import pathlib, signal, struct, sys\n"
         "seen = pathlib.Path(__file__).with_suffix('.seen')\n"
         "sys.stdin.buffer.read()\n"
         "if not seen.exists():\n"
         "    seen.touch()\n"
         "    sys.stdout.buffer.write(struct.pack('3d', 1, -1, 7))\n"
         "    sys.stdout.flush()\n"
-        "time.sleep(60)\n"
+        "signal.pause()\n"
     )
     script.chmod(0o755)
     monkeypatch.setattr(siconos, "TIMEOUT", 0.5)

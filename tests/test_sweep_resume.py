@@ -17,6 +17,7 @@ import xarray as xr
 
 import sweep_functions as functions
 import zivi
+from interrupting import wait_for
 from test_sweep_executors import files
 from zivi.study.folder import FolderStore
 
@@ -44,13 +45,6 @@ def start(out, log, executor):
         tests=tests, out=str(out), log=str(log), executor=executor, workers=workers
     )
     return subprocess.Popen([sys.executable, "-c", program], start_new_session=True)
-
-
-def wait_for(condition, seconds=30):
-    end = time.monotonic() + seconds
-    while not condition():
-        assert time.monotonic() < end
-        time.sleep(0.005)
 
 
 @pytest.mark.skipif(os.name != "posix", reason="sends SIGKILL")

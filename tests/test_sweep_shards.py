@@ -19,6 +19,7 @@ import xarray as xr
 
 import sweep_functions as functions
 import zivi
+from interrupting import calls_in, wait_for
 from test_sweep_executors import files
 from zivi.study.folder import FolderStore
 from zivi.study.layout import Layout
@@ -131,9 +132,8 @@ def test_a_million_points_are_few_files_that_open_at_once(tmp_path):
     points = {"e": np.linspace(0, 1, 1000), "h": np.linspace(0, 1, 1000)}
     zivi.sweep(many, points, vectorized=True, out=tmp_path / "a")
     assert len(tree(tmp_path / "a")) < 100
-    start = time.monotonic()
+    assert calls_in(lambda: zivi.open_study(tmp_path / "a")) < 50_000
     study = zivi.open_study(tmp_path / "a")
-    assert time.monotonic() - start < 1.0
     assert float(study.r13[999, 500]) == points["e"][999] + 13 * points["h"][500]
     assert study.complete
     array = zarr.open_array(tmp_path / "a" / "r0", mode="r")
@@ -278,10 +278,7 @@ def test_a_run_that_is_killed_keeps_what_it_saved_as_it_went(executor, tmp_path)
         workers=None if executor is None else 2,
     )
     with subprocess.Popen([sys.executable, "-c", program], start_new_session=True) as process:
-        end = time.monotonic() + 30
-        while sum(map(int, functions.lines(log))) < 3000:
-            assert time.monotonic() < end
-            time.sleep(0.01)
+        wait_for(lambda: sum(map(int, functions.lines(log))) >= 3000)
         process.kill()
     assert process.returncode == -signal.SIGKILL
     found = zivi.open_study(out, verify=True)

@@ -9,7 +9,6 @@ import os
 import pickle
 import shutil
 import threading
-import time
 import warnings
 from pathlib import Path
 
@@ -19,6 +18,7 @@ import xarray as xr
 
 import sweep_functions as functions
 import zivi
+from interrupting import calls_in
 from test_sweep_executors import files
 from zivi.study.head import read_head
 
@@ -279,13 +279,15 @@ def test_what_is_not_there_takes_no_time_however_many_points_a_store_claims(
     told = head.attributes | {"config": json.dumps(claimed)}
     dataclasses.replace(head, identity=claimed, attributes=told).write(tmp_path / "a")
     (tmp_path / "a" / "x" / "c" / "0").unlink()
-    start = time.monotonic()
-    with (
-        pytest.raises(OSError, match="too many for the memory"),
-        pytest.warns(UserWarning, match="is damaged"),
-    ):
-        zivi.open_study(tmp_path / "a")
-    assert time.monotonic() - start < 5.0
+
+    def opened():
+        with (
+            pytest.raises(OSError, match="too many for the memory"),
+            pytest.warns(UserWarning, match="is damaged"),
+        ):
+            zivi.open_study(tmp_path / "a")
+
+    assert calls_in(opened) < 100_000
 
 
 def test_a_study_of_too_many_points_is_refused(tmp_path):
@@ -303,12 +305,10 @@ def test_the_largest_study_can_be_interrupted(tmp_path):
         return x
 
     points = {"x": np.arange(1e5), "y": np.arange(1e4)}
-    start = time.monotonic()
     with pytest.raises(KeyboardInterrupt) as stop:
         zivi.sweep(pressed, points, out=tmp_path / "a")
     assert "1 of 1000000000 points are known" in stop.value.__notes__[-1]
     assert float(stop.value.study.value[0, 0]) == 0.0
-    assert time.monotonic() - start < 20.0
 
 
 # writes that fail
