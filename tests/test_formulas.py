@@ -77,9 +77,7 @@ def test_a_tower_of_powers_of_numbers_takes_no_time():
     def make():
         systems.append(zivi.symbolic.system("x", T="xdot**2/2", Q=[f"x*{tower}"], gaps=["x"]))
 
-    n = calls_in(make)
-    print(n)
-    assert n < 1_000_000
+    assert calls_in(make) < 1_000_000
     (system,) = systems
     exact = functools.reduce(lambda exponent, _: one**exponent, range(16), one)
     assert system.at(0.0, [1.0], [0.0]).force == pytest.approx([exact], rel=1e-14)
@@ -161,9 +159,7 @@ def test_what_is_no_formula_or_too_large_is_refused_at_once(text, told):
         with pytest.raises(FormulaError, match=told):
             derived(V=text)
 
-    n = calls_in(refused)
-    print(n)
-    assert n < 1_000_000
+    assert calls_in(refused) < 500_000
 
 
 @pytest.mark.parametrize("raised", [TypeError, ValueError, AttributeError, RecursionError])
@@ -362,6 +358,5 @@ def test_random_formulas_are_taken_or_refused_in_bounded_time():
     for n in range(120):
         drawn = random.Random(f"test-{n}")
         text, where = fuzz_formulas.draw(drawn), drawn.choice(fuzz_formulas.WHERE)
-        k = calls_in(lambda: tried(text, where))
-        print(k)
+        assert calls_in(functools.partial(tried, text, where)) < 5_000_000, text
     assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss < 4e6

@@ -371,5 +371,4 @@ def test_a_ball_costs_less_than_half_a_call_beside_the_batch(tmp_path):
 
     calls(10)
     few, many = calls(1_000), calls(51_000)
-    print(few, many)
     assert many - few < 50_000 / 2
