@@ -357,6 +357,8 @@ def test_what_is_no_toml(written, tmp_path, prepare):
     refused(prepare, (tmp_path / "folder").relative_to(tmp_path), "cannot be read: Is a directory")
     refused(prepare, path.with_name("nothing.toml"), "there is no such file")
     refused(prepare, written("a = " + "[" * 100_000), "cannot be read: too deeply nested")
+    for key in ("a" + ".a" * 100_000, "'a'" + " . 'a'" * 60, "b = {a" + ".a" * 50):
+        refused(prepare, written(f"[b]\n{key} = 1\n"), "a key must have at most 50 parts (line 2)")
 
 
 def test_a_long_value_is_cut(written):

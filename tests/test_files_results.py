@@ -252,7 +252,7 @@ def test_what_is_drawn_is_what_the_run_draws(tmp_path):
 
 
 def test_nothing_is_overwritten(tmp_path):
-    file = tmp_path / "deep" / "run.nc"
+    file = tmp_path / "run.nc"
     save(ball(), file)
     before = file.read_bytes()
     with pytest.raises(FileExistsError, match=r"run\.nc is there already"):
@@ -362,3 +362,18 @@ def test_without_the_library(tmp_path, monkeypatch):
 def test_a_file_of_another_kind_is_refused_with_the_kinds_that_are_known():
     with pytest.raises(ValueError, match=r"results must end in one of .*\.nc.*\.csv"):
         check_suffix("results", Path("run.txt"))
+
+
+def test_no_folder_is_made_unasked(tmp_path):
+    run = zivi.simulate(zivi.ImpactSystem(-9.81, e=0.5), (0, 1), (1, 0))
+    for name in ("x.nc", "x.csv"):
+        with pytest.raises(FileNotFoundError, match=r"there is no folder .*deep.*; make it first"):
+            save(run, tmp_path / "deep" / name)
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_table_is_not_called_damaged(tmp_path):
+    run = zivi.simulate(zivi.ImpactSystem(-9.81, e=0.5), (0, 1), (1, 0))
+    save(run, tmp_path / "x.csv")
+    with pytest.raises(ResultError, match=r"is a table, for reading elsewhere; save .* \.nc"):
+        load(tmp_path / "x.csv")

@@ -735,6 +735,28 @@ def test_every_start_has_its_mass_and_every_span_its_rates_checked():
         zivi.simulate(ball, (0, 1.0), ([1.0], [0]))
 
 
+@pytest.mark.parametrize(
+    ("name", "given"),
+    [
+        ("mass", {"mass": np.broadcast_to(1.0, (10**6, 10**6))}),
+        ("mass", {"mass": np.eye(257).tolist()}),
+        ("force", {"mass": lambda t, q: np.eye(2), "force": np.zeros(257)}),
+        (
+            "gradient of gap 'gap0'",
+            {
+                "mass": lambda t, q: q,
+                "gaps": [zivi.LinearGap(np.ones(257))],
+                "force": lambda t, q, w: q,
+            },
+        ),
+    ],
+)
+def test_too_many_coordinates_are_refused_at_once(name, given):
+    told = f"{name} must be for at most 256 coordinates, got shape"
+    with pytest.raises(ValueError, match=told):
+        zivi.MechanicalSystem(**{"force": [0.0]} | given)
+
+
 def concurrent_calls(threads, *, awaited=1, **more):
     """How many threads are in a compiled force at once, at most, in a batch: the first waits."""
     doubles, lock = ctypes.POINTER(ctypes.c_double), threading.Lock()

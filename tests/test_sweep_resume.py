@@ -334,3 +334,25 @@ def test_the_head_tells_the_study(store):
     assert config["function"] == "sweep_functions.cheap"
     assert config["seed"] == attrs["seed"] == 1
     assert config["zivi"] == zivi.__version__
+
+
+@pytest.mark.parametrize("name", ["area", "area/c", "events", "status/zarr.json", "pair/c/5"])
+def test_a_link_within_a_study_is_refused(name, store, tmp_path):
+    """What is behind it is not the study's: nothing of it is changed."""
+    behind = tmp_path / "behind"
+    (store / name).rename(behind)
+    (store / name).symlink_to(behind)
+    if (store / "area/c/5").exists():
+        shutil.rmtree(store / "area/c/5")  # so that something is written
+    before = files(behind) if behind.is_dir() else behind.read_bytes()
+    with pytest.raises(OSError, match=f"{name} is a symbolic link"):
+        zivi.sweep(functions.cheap, POINTS, seed=1, out=store, chunk=16)
+    if name != "pair/c/5":
+        with pytest.raises(OSError, match=f"{name} is a symbolic link"):
+            zivi.open_study(store)
+    assert before == (files(behind) if behind.is_dir() else behind.read_bytes())
+    linked = tmp_path / "linked"
+    linked.symlink_to(store)  # the folder itself may be one
+    (store / name).unlink()
+    behind.rename(store / name)
+    assert zivi.sweep(functions.cheap, POINTS, seed=1, out=linked, chunk=16).status.all()

@@ -202,3 +202,15 @@ def test_an_importer_validates_and_simulates_it_without_zivi(tmp_path):
     for problems, *q in simulated_elsewhere(tmp_path, 1.2, 1e-2, ("q_upper", "q_fore")):
         assert not problems
         assert q == pytest.approx(run.q[-1], abs=1e-7)
+
+
+def test_a_step_that_is_too_long_is_refused(tmp_path):
+    """A pendulum turns 1e15 times."""
+    pendulum = zivi.symbolic.system("x", T="xdot**2/2", V="-cos(x)", gaps=["x + 9"])
+    for fmi, system, start in ((2, pendulum, ([1.0], [0.0])), (3, arm(), START)):
+        unit = unit_of(tmp_path, fmi, system, start).start()
+        assert unit.step(0.0, 1e16) == 3
+        assert "more than 1e5 steps" in unit.told[-1][1]
+        assert unit.get("time") == 0.0
+        assert unit.step(0.0, 1.0) == 0
+        unit.free()

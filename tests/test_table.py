@@ -96,6 +96,27 @@ class TestValues:
             zivi.Table.from_csv(tmp_path / "named.csv", columns="c")
 
     @pytest.mark.parametrize(
+        ("text", "settings", "told"),
+        [
+            ("t;a\n0;1\n1;2\n", {}, r"got '0;1' in line 2; use delimiter=';'$"),
+            ("0;1\n1;2\n", {}, r"got '1;2' in line 2; use delimiter=';'$"),
+            ("0\t1\n1\t2\n", {}, r"in line 2; use delimiter='\\t'$"),
+            ("t;a\n0,5;1\n1;2\n", {"delimiter": ";"}, r"got '0,5' in line 2; write decimal po"),
+            ("0,1\n\n1,2,3\n", {}, "got 3 columns instead of 2 in line 3$"),
+            ("t,a\n0,1\n1,x\n", {}, "must hold numbers parted by ',', got 'x' in line 3$"),
+        ],
+    )
+    def test_what_keeps_a_file_from_being_read_is_said(self, text, settings, told, tmp_path):
+        (tmp_path / "a.csv").write_text(text)
+        with pytest.raises(ValueError, match=told):
+            zivi.Table.from_csv(tmp_path / "a.csv", **settings)
+
+    @pytest.mark.parametrize("kind", ["linear", "cubic", "monotone"])
+    def test_values_whose_slopes_are_too_large_are_told(self, kind):
+        with pytest.raises(ValueError, match=r"slopes .* up to 1e\+308 .* 0\.5 s; use"):
+            zivi.Table([0.0, 0.5, 2.0, 3.0], [1e308, -1e308, 1e308, 0.0], kind)
+
+    @pytest.mark.parametrize(
         ("arguments", "told"),
         [
             (([0, 1, 1], [0, 0, 0]), "times must increase"),

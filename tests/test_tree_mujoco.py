@@ -300,3 +300,58 @@ def test_a_tree_that_was_read_needs_no_mujoco():
     assert runs[0].status == 0
     assert runs[0].q.tobytes() == runs[1].q.tobytes()
     assert len(runs[0].impacts) > 3
+
+
+HOSTILE = {
+    "nrow x ncol <= 10000000, got 10000000000": model(
+        more='<asset><hfield name="h" nrow="100000" ncol="100000" size="1 1 1 1"/></asset>'
+    ),
+    "width x height <= 100000000": model(
+        more='<asset><texture name="t" type="2d" width="100000" height="100000"/></asset>'
+    ),
+    "more at <replicate>; lower its count": model(
+        more="<worldbody>"
+        + 3 * '<replicate count="100" offset="1 0 0">'
+        + '<geom size="1"/>'
+        + 3 * "</replicate>"
+        + "</worldbody>"
+    ),
+    "more at <composite>": model(
+        more='<worldbody><composite type="cable" count="100000000 1 1"/></worldbody>'
+    ),
+    "nuser_body <= 10000, got 100000000": model(more='<size nuser_body="100000000"/>'),
+    "itself.xml must not include itself": '<mujoco><include file="itself.xml"/></mujoco>',
+    "must be a text in UTF-8, got the byte 0xe9": "<mujoco model='\udce9'/>",
+}
+
+
+@pytest.mark.parametrize("words", sorted(HOSTILE))
+def test_a_model_that_is_too_large_is_refused_before_mujoco_reads_it(words, tmp_path, monkeypatch):
+    import mujoco
+
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.delattr(mujoco, "MjSpec")
+    for name, text in (
+        ("itself.xml", HOSTILE[words]),
+        ("including.xml", '<mujoco><!-- <a> --><include file="itself.xml"/></mujoco>'),
+    ):
+        with open(name, "w", errors="surrogateescape", encoding="utf-8") as file:
+            file.write(text)
+    for name in ("itself.xml", "including.xml"):
+        with pytest.raises(ValueError, match=words):
+            zivi.Tree.from_mjcf(name)
+
+
+def test_copies_within_bounds_and_what_is_commented_out_are_read():
+    text = model(
+        inside='<!-- <replicate count="100000000"> -- --><replicate count="3" offset="1 0 0">'
+        '<geom size=".1" mass="2"/></replicate>'
+    )
+    assert zivi.Tree.from_mjcf(text).parameters["b.mass"] == Reference(text).m.body_mass[1]
+
+
+def test_a_warning_of_mujoco_is_one_of_ours_and_leaves_no_file(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    with pytest.warns(zivi.ModelWarning, match="from_mjcf: MuJoCo warns: XML contains a 'NaN'"):
+        zivi.Tree.from_mjcf(model().replace('mass="1"', 'mass="nan"'))
+    assert not list(tmp_path.iterdir())

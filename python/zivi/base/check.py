@@ -23,6 +23,7 @@ __all__ = [
     "real",
     "real_array",
     "switch",
+    "unmasked",
 ]
 
 Array = NDArray[np.float64]
@@ -51,6 +52,7 @@ def real_array(name: str, value: object) -> Array:
     A copy: what the caller, or a function that the caller gave, writes into `value` later changes
     nothing.
     """
+    unmasked(name, value)
     try:
         array = np.asarray(value)
     except ValueError as error:  # ragged
@@ -58,6 +60,15 @@ def real_array(name: str, value: object) -> Array:
     if array.dtype.kind not in "biuf":
         raise TypeError(f"{name} must hold real numbers, got dtype {array.dtype}")
     return array.astype(np.float64, order="C", copy=True)
+
+
+def unmasked(name: str, value: object) -> None:
+    """Raise a ValueError for masked entries: NumPy would use the numbers behind the mask."""
+    if isinstance(mask := getattr(value, "_mask", None), np.ndarray) and mask.any():
+        raise ValueError(
+            f"{name} must have no masked entries, got {np.count_nonzero(mask)} of {mask.size}; "
+            "use .compressed() or .filled(value)"
+        )
 
 
 def finite(name: str, value: object) -> float:

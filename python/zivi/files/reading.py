@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import re
 import tomllib
 from collections.abc import Callable
 from pathlib import Path
@@ -17,6 +18,10 @@ Keys: TypeAlias = tuple[Key, ...]
 
 LARGEST = 50_000_000
 """Bytes of a file that is read."""
+DEEPEST = 50
+"""Parts of a key, parted by dots: tomllib takes a time that grows with their square."""
+PART = r"""(?:[\w-]++|"[^"\n]*+"|'[^'\n]*+')[ \t]*+"""
+DEEP = re.compile(rf"(?<![\w-])(?:{PART}\.[ \t]*+){{{DEEPEST}}}")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -57,7 +62,11 @@ def _parsed(path: Path) -> dict[str, Any]:
         if path.stat().st_size > LARGEST:
             raise FileError(f"{path}: is larger than {LARGEST // 10**6} MB")
         # a byte order mark is no content, and lines may end as they do elsewhere
-        return tomllib.loads(path.read_text("utf-8-sig"))
+        text = path.read_text("utf-8-sig")
+        if deep := DEEP.search(text):
+            line = text.count("\n", 0, deep.start()) + 1
+            raise FileError(f"{path}: a key must have at most {DEEPEST} parts (line {line})")
+        return tomllib.loads(text)
     except FileNotFoundError:
         raise FileError(f"{path}: there is no such file") from None
     except tomllib.TOMLDecodeError as error:  # it tells line and column

@@ -29,6 +29,7 @@ __all__ = [
     "ResultError",
     "load",
     "open_result",
+    "require_folder",
     "require_library",
     "require_regular",
     "restored",
@@ -77,9 +78,9 @@ def save(run: Tabulated, path: str | PathLike[str], *, overwrite: bool = False) 
     run : Trajectory, ClosedLoop, MechanicalTrajectory or another result with ``to_xarray``
         The run, or a batch, derivatives, an orbit, a branch, a diagram, basins, estimates.
     path : path
-        The file; its folder is made if it is not there. Its suffix says what is written: that of
-        netCDF (``.nc``, ``.nc4``, ``.cdf``, ``.h5``, ``.hdf5`` or none), or ``.csv``: the table of
-        ``to_pandas``.
+        The file, in a folder that is there. Its suffix says what is written: that of netCDF
+        (``.nc``, ``.nc4``, ``.cdf``, ``.h5``, ``.hdf5`` or none), or ``.csv``: the table of
+        ``to_pandas``, for other programs. `load` reads netCDF only: save that, too.
     overwrite : bool
         Whether a file that is there may be replaced.
 
@@ -89,6 +90,8 @@ def save(run: Tabulated, path: str | PathLike[str], *, overwrite: bool = False) 
         For what is no result of zivi.
     ValueError
         For another suffix.
+    FileNotFoundError
+        If the folder is not there.
     FileExistsError
         If the file is there, or something that is no file.
     ImportError
@@ -111,7 +114,7 @@ def save(run: Tabulated, path: str | PathLike[str], *, overwrite: bool = False) 
     if path.suffix.lower() != TABLE:
         require_library()
     _refuse(path, overwrite)
-    path.parent.mkdir(parents=True, exist_ok=True)
+    require_folder(path)
     draft = path.with_name(f".{path.name}.{uuid.uuid4().hex[:8]}")
     try:
         if path.suffix.lower() == TABLE:
@@ -129,6 +132,12 @@ def _refuse(path: Path, overwrite: bool) -> None:
     if path.exists() and not overwrite:
         raise FileExistsError(f"{path} is there already")
     require_regular(path)
+
+
+def require_folder(path: Path) -> None:
+    """Raise a FileNotFoundError if a file cannot be made for want of its folder."""
+    if not path.parent.is_dir():
+        raise FileNotFoundError(f"{path}: there is no folder {path.parent}; make it first")
 
 
 def require_regular(path: Path) -> None:
@@ -152,6 +161,8 @@ def _seal(file: Path) -> None:
 def _check_seal(file: Path) -> None:
     """Raise if a file is not, to the last bit, what was written."""
     content = file.read_bytes()
+    if file.suffix.lower() == TABLE:
+        raise ResultError(f"{file}: is a table, for reading elsewhere; save the run as .nc too")
     if not content.startswith(HDF5):
         raise ResultError(f"{file}: is no netCDF file, or damaged")
     body, mark, digest = content[:-LENGTH], content[-LENGTH:-64], content[-64:]

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from zivi.base.check import integer, real
+from zivi.base.check import integer, real, unmasked
 from zivi.base.habits import hinted
 
 __all__ = ["MOST_POINTS", "RESERVED", "Design", "design_of", "grid", "points", "sample"]
@@ -21,6 +21,8 @@ RESERVED = ("point", "status", "message", "n_events", "events")
 """Names that a store needs for itself."""
 MOST_POINTS = 10**9
 """Points of the largest study: their states alone fill a gigabyte."""
+LONGEST_NAME = 200
+"""Bytes of a name: file systems take 255."""
 ENGINES = {"sobol": "Sobol", "halton": "Halton", "lhs": "LatinHypercube"}
 
 
@@ -248,12 +250,18 @@ def name_of(what: str, name: Any) -> str:
         raise TypeError(f"the name of a {what} must be a string, got {name!r}")
     if not name.isidentifier() or keyword.iskeyword(name):
         raise ValueError(f"the name of a {what} must be a Python name, got {name!r}")
+    if len(name.encode()) > LONGEST_NAME:
+        raise ValueError(
+            f"the name of a {what} must have at most {LONGEST_NAME} bytes, as names of folders, "
+            f"got {len(name.encode())}: {name[:20]}..."
+        )
     if name in RESERVED:
         raise ValueError(f"a {what} cannot be named {name!r}: the store uses {', '.join(RESERVED)}")
     return name
 
 
 def _column(name: str, values: ArrayLike) -> NDArray[Any]:
+    unmasked(name, values)
     try:
         column = np.asarray(values)
     except ValueError as error:  # ragged

@@ -29,7 +29,7 @@ from zivi.study.layout import Layout
 from zivi.study.lock import locked
 from zivi.study.parquet import DamagedError, read_events, write_events
 from zivi.study.piece import EventTable, Schema
-from zivi.study.replacement import write_bytes, written
+from zivi.study.replacement import no_link, write_bytes, written
 from zivi.study.store import Labels
 
 __all__ = ["FolderStore"]
@@ -50,6 +50,9 @@ class FolderStore:
         zarr = needed("zarr", "studies in a folder")
         self.path = path
         self.head = read_head(path)
+        for name in (*self.head.documents(), EVENTS):
+            for it in (path / name, path / name / "c", path / name / "zarr.json"):
+                no_link(it)
         self._lock = locked(path / EVENTS / "zarr.json") if write else None
         try:
             # read again: the last to write may have added to it

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from zivi.base.check import Array
+from zivi.base.check import Array, unmasked
 from zivi.simulation.batch_result import Runs
 from zivi.study.outcome import Events, events_of
 
@@ -67,6 +67,7 @@ def _values_of(returned: Any, n: int) -> Many:
 
 
 def _rows(name: str, given: Any, n: int) -> Array:
+    unmasked(name, given)
     array = np.asarray(given)
     if array.dtype.kind not in "biuf":
         raise TypeError(

@@ -9,7 +9,7 @@ from typing import Any, Protocol, TypeAlias, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
-from zivi.base.check import Array
+from zivi.base.check import Array, unmasked
 from zivi.simulation.mechanical_trajectory import MechanicalTrajectory
 from zivi.simulation.run_result import MassRun
 from zivi.study.design import name_of
@@ -78,6 +78,7 @@ def _value(name: str, value: Any) -> float | Array:
         return float(value)
     if value is None:
         return np.nan
+    unmasked(name, value)
     array = np.asarray(value)
     if array.dtype.kind not in "biuf":
         raise TypeError(

@@ -9,17 +9,29 @@ import uuid
 from collections.abc import Callable
 from pathlib import Path
 
-__all__ = ["write_bytes", "write_whole", "written"]
+__all__ = ["no_link", "write_bytes", "write_whole", "written"]
 
 
 def written(top: Path, file: Path, write: Callable[[], None]) -> None:
     """Write a file below a folder; what is in its place and no file is moved aside, not removed."""
+    for it in file.parents:
+        if it != top and it.is_relative_to(top):
+            no_link(it)
     try:
         write()
     except OSError:
         if not _made_room(top, file):
             raise
         write()
+
+
+def no_link(place: Path) -> None:
+    """Raise an OSError for a symbolic link: what is behind it is not the study's."""
+    if place.is_symlink():
+        raise OSError(
+            f"{place} is a symbolic link, which zivi neither reads nor writes through; put what it "
+            "points to in its place"
+        )
 
 
 def write_bytes(top: Path, file: Path, data: bytes) -> None:

@@ -38,6 +38,7 @@ from zivi.system.layout import Evaluation, Layout
 from zivi.system.mechanism_checks import (
     MAX_SIZE,
     check_mass,
+    check_size,
     coordinates_of,
     gaps_of,
     matrix_of,
@@ -207,6 +208,8 @@ class MechanicalSystem:
         paradox: str = "stop",
         reentrant: bool = True,
     ) -> None:
+        for name, given in (("mass", mass), ("force", force)):
+            check_size(name, given)  # before it is copied
         self._given = {"mass": mass, "force": force}
         self._given_inputs = inputs
         if inputs is not None and not isinstance(inputs, Table):
@@ -253,7 +256,10 @@ class MechanicalSystem:
         ]
         if self._controls is not None:
             told.append(("inputs", self._controls.matrix))
-        sizes = [(name, len(array)) for name, array in told if isinstance(array, np.ndarray)]
+        arrays = [(name, array) for name, array in told if isinstance(array, np.ndarray)]
+        for name, array in arrays:
+            check_size(name, array)
+        sizes = [(name, len(array)) for name, array in arrays]
         for name, size in sizes:
             if size != sizes[0][1]:
                 of, first = sizes[0]

@@ -10,7 +10,15 @@ import numpy as np
 from zivi.base.check import Array
 from zivi.system.gap import Gap
 
-__all__ = ["MAX_SIZE", "check_mass", "coordinates_of", "gaps_of", "matrix_of", "names_of"]
+__all__ = [
+    "MAX_SIZE",
+    "check_mass",
+    "check_size",
+    "coordinates_of",
+    "gaps_of",
+    "matrix_of",
+    "names_of",
+]
 
 MAX_SIZE = 256
 """Most coordinates, and most gaps with the channels of friction."""
@@ -30,8 +38,16 @@ def gaps_of(gaps: Any) -> tuple[Gap, ...]:
     return several
 
 
+def check_size(name: str, given: Any) -> None:
+    """Raise a ValueError for an array of more coordinates than a system may have."""
+    shape = getattr(given, "shape", ())
+    if isinstance(shape, tuple) and max(shape, default=0) > MAX_SIZE:
+        raise ValueError(f"{name} must be for at most {MAX_SIZE} coordinates, got shape {shape}")
+
+
 def matrix_of(mass: Array) -> Array:
     """Check a constant mass matrix."""
+    check_size("mass", mass)
     matrix = mass.reshape(1, 1) if mass.size == 1 else mass
     if matrix.ndim != 2 or matrix.shape[0] != matrix.shape[1] or not matrix.size:
         raise ValueError(f"mass must have shape (n, n) with n >= 1, got {mass.shape}")

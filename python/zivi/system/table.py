@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 import zivi._zivi as _zivi
 from zivi.base.check import Array, finite, real_array
 from zivi.base.habits import hinted
-from zivi.system.table_columns import column, is_number, of_pandas
+from zivi.system.table_columns import column, is_number, mistake_in, of_pandas
 
 __all__ = ["Table", "TableMotion", "declared_breaks", "motion_of", "refuse_tables"]
 
@@ -123,7 +123,18 @@ class Table:
                     f"got {self.values[0].tolist()} and {self.values[-1].tolist()}"
                 )
             columns[-1] = columns[0]
-        powers = _powers(self.times, columns, self.kind, periodic)
+        try:
+            with np.errstate(all="ignore"):
+                powers = _powers(self.times, columns, self.kind, periodic)
+            fits = bool(np.all(np.isfinite(powers)))
+        except ValueError:  # of SciPy, for slopes that are not finite
+            fits = False
+        if not fits:
+            raise ValueError(
+                "values must have finite slopes between the times, got values up to "
+                f"{np.max(np.abs(columns)):.3g} at times as close as "
+                f"{np.min(np.diff(self.times)):.3g} s; use other units"
+            )
         order, _, width = powers.shape
         flat = np.ascontiguousarray(powers.transpose(1, 2, 0)).ravel()
         ends = None if periodic else (columns[0].copy(), columns[-1].copy())
@@ -158,7 +169,8 @@ class Table:
         Raises
         ------
         ValueError
-            If a column is not there or an entry is no number.
+            If a column is not there or an entry is no number; it names the line and, where another
+            one parts the columns, the delimiter.
 
         Examples
         --------
@@ -172,9 +184,12 @@ class Table:
             first = [it.strip() for it in next(csv.reader(file, delimiter=delimiter), [])]
         header = not all(is_number(it) for it in first)
         names: list[str] = first if header else []
-        data = np.loadtxt(
-            path, delimiter=delimiter, skiprows=int(header), ndmin=2, encoding="utf-8-sig"
-        )
+        try:
+            data = np.loadtxt(
+                path, delimiter=delimiter, skiprows=int(header), ndmin=2, encoding="utf-8-sig"
+            )
+        except ValueError as error:
+            raise ValueError(f"{path} {mistake_in(path, delimiter, error)}") from None
         at = column("time", time, names, data.shape[1])
         if columns is None:
             rest = [k for k in range(data.shape[1]) if k != at]

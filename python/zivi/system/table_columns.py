@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from os import PathLike
 from typing import Any
 
 __all__ = ["column", "is_number", "of_pandas"]
@@ -29,6 +30,28 @@ def is_number(text: str) -> bool:
     except ValueError:
         return False
     return True
+
+
+def mistake_in(path: str | PathLike[str], delimiter: str, error: ValueError) -> str:
+    """Return what keeps a file from being read as a table: the first line that is none."""
+    with open(path, newline="", encoding="utf-8-sig") as file:
+        lines = [(k, line.strip()) for k, line in enumerate(file, 1) if line.strip()]
+    first = len(lines[0][1].split(delimiter)) if lines else 0
+    for k, line in lines:
+        entries = [it.strip() for it in line.split(delimiter)]
+        wrong = next((it for it in entries if not is_number(it)), None)
+        if (wrong is None or k == lines[0][0]) and len(entries) == first:
+            continue
+        others = [it for it in (";", "\t", ",", " ") if it != delimiter and it in line]
+        if others and len(entries) == 1:
+            remedy = f"; use delimiter={others[0]!r}"
+        elif wrong and is_number(wrong.replace(",", ".")):
+            remedy = "; write decimal points, not commas"
+        else:
+            remedy = ""
+        got = f"{wrong[:40]!r}" if wrong else f"{len(entries)} columns instead of {first}"
+        return f"must hold numbers parted by {delimiter!r}, got {got} in line {k}{remedy}"
+    return f"must hold numbers parted by {delimiter!r}: {error}"
 
 
 def column(name: str, given: Any, names: list[str], count: int) -> int:

@@ -47,7 +47,9 @@ pub(crate) fn message(code: i32) -> &'static CStr {
         code::INDEFINITE => c"mass must be positive definite",
         code::UNREACHED => c"the controls do not reach all gaps",
         code::REFUSED => c"the tracker of a gap refuses its reference or its settings",
-        code::MOTION => c"the motion over the step could not be computed",
+        code::MOTION => {
+            c"the motion over the step could not be computed, or needs more than 1e5 steps"
+        }
         _ => c"a fault in zivi",
     }
 }
@@ -71,6 +73,8 @@ fn guarded<T>(run: impl FnOnce() -> Result<T, i32>) -> Result<T, i32> {
 /// Tolerances of the motion of a system alone: those of the periods of a loop.
 const RTOL: f64 = 1e-9;
 const ATOL: f64 = 1e-12;
+/// Steps of the integrator in one communication step.
+const MOST_STEPS: usize = 100_000;
 
 /// A system under the controls of a loop.
 type Controlled<'a> = Driven<Evaluated<'a>, Matrix<'a>>;
@@ -235,7 +239,12 @@ impl Loop {
         let (n, forced) = (self.layout.n, self.forced(&[], state));
         let mut driven = self.plant.driven(self.layout, forced.len(), state, true);
         driven.hold(&forced);
-        let settings = SwitchedRk { rtol: RTOL, atol: [ATOL; 2], ..SwitchedRk::DEFAULT };
+        let settings = SwitchedRk {
+            rtol: RTOL,
+            atol: [ATOL; 2],
+            max_steps: MOST_STEPS,
+            ..SwitchedRk::DEFAULT
+        };
         let (start, end) = (moving.t0, moving.t0 + length);
         let output = MechanicalOutput { ends: true, ..MechanicalOutput::default() };
         let (laws, y0) = (&self.plant.laws, (moving.q.as_slice(), moving.w.as_slice()));

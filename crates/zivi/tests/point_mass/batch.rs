@@ -571,13 +571,11 @@ impl Monitor<&'static str> for Impatient {
 
 #[test]
 fn a_batch_can_be_stopped() {
-    // a minute of work, were it not stopped
+    // hours of work, were it not stopped
     let members = balls(10_000);
-    let task = implicit((0.0, 1e3), 1e-4);
-    let begun = std::time::Instant::now();
+    let task = implicit((0.0, 1e5), 1e-4);
     let ended = simulate_batch(&members, task, Save::Final, 2, &mut Impatient(0));
     assert_eq!(ended, Err(BatchError::Raised("enough")));
-    assert!(begun.elapsed().as_secs_f64() < 5.0);
 }
 
 #[test]
@@ -630,10 +628,9 @@ fn a_fault_costs_no_other_run_its_result() {
 
 #[test]
 fn what_cannot_fit_into_memory_is_refused_before_anything_is_computed() {
-    // beyond what any system promises
+    // beyond what any system promises, and years of work
     let members = vec![balls(1)[0]; 100_000];
     let (span, h) = ((0.0, 1e3), 1e-6);
-    let begun = std::time::Instant::now();
     let refused = |method, save| match simulate_batch(&members, method, save, 1 << 20, &mut Silent)
     {
         Err(BatchError::Setup(None, error)) => error.to_string(),
@@ -646,7 +643,6 @@ fn what_cannot_fit_into_memory_is_refused_before_anything_is_computed() {
     // a record of one run for each thread
     let text = refused(steps(MoreauJean::default(), span, h), Save::Final);
     assert!(text.contains("the record of 1000000001 steps"), "{text}");
-    assert!(begun.elapsed().as_secs_f64() < 1.0);
 }
 
 #[test]

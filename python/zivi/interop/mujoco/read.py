@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import warnings
 from collections.abc import Sequence
 from typing import Any
 
@@ -10,9 +11,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from zivi.base.extras import needed
+from zivi.base.warnings import ModelWarning
 from zivi.interop.mujoco.actuators import Drive, drives
 from zivi.interop.mujoco.geoms import gaps_of, rotation_of
 from zivi.interop.mujoco.refuse import name_of, refuse_for_tree
+from zivi.interop.mujoco.sizes import check_sizes, read_text
 from zivi.system.impact_law import GivenRestitutions
 from zivi.system.tree.body import Body
 from zivi.system.tree.system import Tree
@@ -65,14 +68,23 @@ def _compiled(path: Any, caller: str) -> Any:
     text = os.fspath(path)
     if not isinstance(text, str):
         raise TypeError(f"path of {caller} must be a path or a text, got {path!r}")
-    if text.lstrip().startswith("<"):
-        spec = mujoco.MjSpec.from_string(text)
-    else:
-        if not os.path.exists(text):
-            raise FileNotFoundError(f"{caller}: there is no file {text!r}")
-        spec = mujoco.MjSpec.from_file(text)
-    spec.compiler.fusestatic = False
-    return spec.compile()
+    is_text = text.lstrip().startswith("<")
+    if not is_text and not os.path.exists(text):
+        raise FileNotFoundError(f"{caller}: there is no file {text!r}")
+    check_sizes(text if is_text else read_text(text), "" if is_text else os.path.dirname(text))
+    said: list[str] = []
+    before = mujoco.get_mju_user_warning()
+    mujoco.set_mju_user_warning(said.append)  # else MuJoCo leaves a file MUJOCO_LOG.TXT
+    try:
+        read = mujoco.MjSpec.from_string if is_text else mujoco.MjSpec.from_file
+        spec = read(text)
+        spec.compiler.fusestatic = False
+        model = spec.compile()
+    finally:
+        mujoco.set_mju_user_warning(before)
+    for words in dict.fromkeys(said):
+        warnings.warn(f"{caller}: MuJoCo warns: {words.strip()}", ModelWarning, stacklevel=2)
+    return model
 
 
 def parts_of(model: Any, gaps: Any, ctrl: Any, friction: str) -> dict[str, Any]:
