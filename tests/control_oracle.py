@@ -91,25 +91,28 @@ class Tracking:
         scales = [size_s, size_v, size_sr, size_vr, size_s + size_sr, size_v + size_vr]
         return off_the_signs(signs, rows, np.maximum(scales, 1e-300))
 
-    def solutions(self, target):
-        """All `(place, s+, v+, u)` of the plant for a known `(sr+, vr+, A)`, for `s != 0`."""
+    def solutions(self, target, lvr):
+        """All `(place, s+, v+, u)` of the plant for a known `(sr+, vr+, A)`, for `s != 0`.
+
+        Off the wall `lv` is free where `v+ = 0`: then it is that of the reference.
+        """
         return [
-            *self._off_the_wall(1.0, target),
-            *self._off_the_wall(-1.0, target),
+            *self._off_the_wall(1.0, target, lvr),
+            *self._off_the_wall(-1.0, target, lvr),
             *self._on_the_wall(target),
         ]
 
-    def selected(self, target):
+    def selected(self, target, lvr):
         """The solution of the selection rule: same side, other side, wall nearest to `vr+`."""
         side = 1.0 if self.z[0] >= 0 else -1.0
-        found = self.solutions(target)
+        found = self.solutions(target, lvr)
         for place in (side, -side):
             there = [solution for solution in found if solution[0] == place]
             if there:
                 return there[0]
         return min(found, key=lambda solution: abs(solution[2] - target[1]))
 
-    def _off_the_wall(self, g, target):
+    def _off_the_wall(self, g, target, lvr):
         """`ls = g`: then `v+ = v + h C`, and `lv` matters only through `R v+`."""
         (s, v), h, (sr, vr, a) = self.z, self.h, target
 
@@ -141,7 +144,7 @@ class Tracking:
                     position = s + h * travel(y)
                     fits = les * (position - sr) >= 0 and lev * (y - vr) >= 0
                 if fits and g * position >= 0:
-                    u = self.r(g, sgn(y)) * g * c - self.f
+                    u = self.r(g, sgn(y) if y else lvr) * g * c - self.f
                     yield g, position, y, u
 
     def _on_the_wall(self, target):

@@ -84,7 +84,7 @@ def test_ticks_agree_with_enumeration(branch, near):
     signs.
     """
     rng = np.random.default_rng(2)
-    several = walls = 0
+    several = walls = free = 0
     for _ in range(1000):
         controller, sample, problem = draw(rng, branch, near)
         u = controller.step(*sample)
@@ -94,8 +94,9 @@ def test_ticks_agree_with_enumeration(branch, near):
             continue
         _, _, a = problem.reference(lsr, lvr)
         target = sr, vr if abs(lvr) == 1 else 0.0, a
-        found = problem.solutions(target)
-        place, s_found, v_found, u_found = problem.selected(target)
+        found = problem.solutions(target, lvr)
+        place, s_found, v_found, u_found = problem.selected(target, lvr)
+        free += v_found == 0 and place != 0
         several += len(found) > 1
         walls += place == 0
         # the cubic's roots lose half the digits where two of them meet, and u divides by h
@@ -105,6 +106,7 @@ def test_ticks_agree_with_enumeration(branch, near):
         assert abs(u - u_found) <= 1e-5 * (problem.mu1 + problem.mu2 + abs(a) + abs(problem.f))
     assert several >= (30 if near else 2)
     assert walls >= (30 if near else 2)
+    assert free >= (3 if near else 0)
 
 
 @pytest.mark.parametrize("near", [False, True], ids=["wide", "near"])

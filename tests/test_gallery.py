@@ -252,7 +252,9 @@ def settling_by_the_oracle(mu1, mu2, missing, end):
             -19.81,
         )
         push = (following[1] - reference[1]) / h
-        *_, u = tick.selected((*following, push))
+        # in flight, where v_r+ = 0: R_r = F_r/A
+        lvr = np.sign(following[1]) or (1 + 19.81 / push) / kappa
+        *_, u = tick.selected((*following, push), lvr)
         ball.hold(u - 9.81, (k + 1) * h)
         reference = control_oracle.lifted(*control_oracle.projected(*following, kappa), kappa)
     return last

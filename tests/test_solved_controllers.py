@@ -58,7 +58,7 @@ def test_the_trackers_control_is_the_same(solver, branch):
             problem = Tracking(H, KAPPA, KAPPA, 30, 17, (float(s), float(v)), z_ref, F, F_REF)
             assert problem.residuals(other.signs).max() <= 1e-11
             lsr, lvr = exact.signs[2:4]
-            if len(problem.solutions(problem.reference(lsr, lvr))) == 1:
+            if len(problem.solutions(problem.reference(lsr, lvr), lvr)) == 1:
                 same += 1
                 assert found[1] == pytest.approx(found[0], abs=1e-6)
     assert same >= 100

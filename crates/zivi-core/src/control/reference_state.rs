@@ -93,9 +93,20 @@ pub struct Planned {
     /// The signs of the reference's step.
     pub(super) signs: [Real; 2],
     pub(super) target: Target,
+    /// The multiplier of `sgn v_r+` at the end that is followed.
+    pub(super) lambda_vr: Real,
     /// What acts on the reference (m/s^2).
     #[cfg_attr(feature = "single", allow(dead_code, reason = "only the VI asks for it"))]
     pub(super) force_ref: Real,
+}
+
+/// The reference after a period with the signs of its step; what the plant has to follow over the
+/// horizon, and the multiplier of `sgn v_r+` there.
+pub(super) struct Outlook {
+    pub(super) next: ReferenceState,
+    pub(super) signs: [Real; 2],
+    pub(super) target: Target,
+    pub(super) lambda_vr: Real,
 }
 
 /// The end of a step of the reference, its signs, and its acceleration (m/s^2).

@@ -9,7 +9,8 @@ use super::inclusion::TrackingInclusion;
 use super::landing::{checked_press, Descent};
 use super::port::checked_force;
 use super::reference_state::{
-    advanced, target_over, Advance, Planned, ReferencePeriod, ReferenceSource, ReferenceState,
+    advanced, target_over, Advance, Outlook, Planned, ReferencePeriod, ReferenceSource,
+    ReferenceState,
 };
 use super::tracker_state::{TrackerSettings, TrackerState};
 use super::tracking::{Target, Tracking, TrackingStep};
@@ -225,10 +226,21 @@ impl TwistingTracker {
         let (state, clamped) = self.port.sense(measured)?;
         checked_force("force", force)?;
         let course = course(self)?;
-        let (next, signs, target) = self.outlook(&course)?;
+        let Outlook { next, signs, target, lambda_vr } = self.outlook(&course)?;
         let (now, measured) = (course.now, Physical { xdot: state.xdot - course.back, ..state });
         let force_ref = course.force;
-        Ok(Planned { state, measured, clamped, force, now, next, signs, target, force_ref })
+        Ok(Planned {
+            state,
+            measured,
+            clamped,
+            force,
+            now,
+            next,
+            signs,
+            target,
+            lambda_vr,
+            force_ref,
+        })
     }
 
     /// A period of its own reference, under this force (m/s^2).
@@ -251,20 +263,20 @@ impl TwistingTracker {
     fn outlook(
         &self,
         &ReferencePeriod { now, force, next, .. }: &ReferencePeriod,
-    ) -> Result<(ReferenceState, [Real; 2], Target), SettingError> {
+    ) -> Result<Outlook, SettingError> {
         let restitution = self.reference.restitution();
         let beyond = self.step.h > self.reference.h();
         if let (Some(next), true) = (next, beyond) {
             let (target, signs) = target_over(self.step.h, restitution, now, force)?;
-            return Ok((next, signs, target));
+            return Ok(Outlook { next, signs, target, lambda_vr: signs[1] });
         }
         let Advance { next: reached, signs, acceleration } = advanced(&self.reference, now, force)?;
-        let target = if beyond {
-            target_over(self.step.h, restitution, now, force)?.0
+        let (target, [_, lambda_vr]) = if beyond {
+            target_over(self.step.h, restitution, now, force)?
         } else {
-            Target { end: reached.z, acceleration }
+            (Target { end: reached.z, acceleration }, signs)
         };
-        Ok((next.unwrap_or(reached), signs, target))
+        Ok(Outlook { next: next.unwrap_or(reached), signs, target, lambda_vr })
     }
 
     /// The second half of a tick: the control for this sample and this period of the reference; and
@@ -274,8 +286,8 @@ impl TwistingTracker {
     /// [`SettingError`] where the control is not finite; nothing has changed then.
     #[inline]
     pub fn follow(&mut self, planned: &Planned) -> Result<Real, SettingError> {
-        let Planned { force, target, .. } = *planned;
-        self.followed_by(planned, |step, z| (step.solve(z, force, target), false))
+        let Planned { force, target, lambda_vr, .. } = *planned;
+        self.followed_by(planned, |step, z| (step.solve_near(z, force, target, lambda_vr), false))
     }
 
     /// The same with the six signs of the step, the VI (24), as `solve` finds them; where it finds
@@ -289,7 +301,7 @@ impl TwistingTracker {
         planned: &Planned,
         solve: impl FnOnce(&TrackingInclusion<'_>) -> Option<[Real; 6]>,
     ) -> Result<Real, SettingError> {
-        let Planned { force: f, target, now, force_ref: f_ref, .. } = *planned;
+        let Planned { force: f, target, lambda_vr, now, force_ref: f_ref, .. } = *planned;
         let (restitution_ref, reference) = (self.reference.restitution(), now.z);
         self.followed_by(planned, |step, z| {
             let inclusion = TrackingInclusion { step, restitution_ref, z, reference, f, f_ref };
@@ -297,7 +309,7 @@ impl TwistingTracker {
                 Some([ls, lv, _, _, les, lev]) => {
                     (step.of_signs(z, f, target, [ls, lv, les, lev]), false)
                 }
-                None => (step.solve(z, f, target), true),
+                None => (step.solve_near(z, f, target, lambda_vr), true),
             }
         })
     }

@@ -23,6 +23,10 @@
 //! **The selection rule.** There can be up to five solutions, also for `F = 0`. Taken is the one on
 //! the side of `s`; else the one on the other side; else, of those on the wall, the one whose `v+`
 //! is nearest to `v_r+`. No decision has a tolerance.
+//!
+//! Away from the wall, where `v+ = 0`, every `lv` in `[-1, 1]` solves the step: neither `v+` nor
+//! `s+ = s` depend on it, only `R` and with it the control does. Taken is that of the reference
+//! ([`TrackingStep::solve_near`]): on the reference the control is then `F_r - F`.
 
 use super::cubic::Cubic;
 use super::monotone::{balance, cut, Switch};
@@ -110,6 +114,20 @@ impl TrackingStep {
         let frame = Frame { step: *self, z: mirrored(z), target, f };
         let (candidate, place) = frame.accepted();
         frame.tracking(candidate, place).seen_from(side)
+    }
+
+    /// The same with the multiplier of `sgn v+` nearest to that of `sgn v_r+`, where it is free.
+    #[inline]
+    #[must_use]
+    pub fn solve_near(&self, z: Lifted, f: Real, target: Target, lambda_vr: Real) -> Tracking {
+        let found = self.solve(z, f, target);
+        if found.end.v != 0.0 || found.place == Place::Wall {
+            return found;
+        }
+        let Tracking { lambda_s, lambda_es, lambda_ev, .. } = found;
+        let Tracking { u, .. } =
+            self.of_signs(z, f, target, [lambda_s, lambda_vr, lambda_es, lambda_ev]);
+        Tracking { lambda_v: lambda_vr, u, ..found }
     }
 
     /// The end of the step and the control (20) of these `ls, lv, les, lev`.
