@@ -169,3 +169,19 @@ def test_a_curved_box_is_that_of_small_angles_while_it_slides(k):
     sol = zivi.simulate(system, (0, 1), (np.zeros(3), [1.2, 0, 0]), TIGHT)
     assert sol.success, sol.message
     assert sol.q[-1] == pytest.approx([1.2**2 / (0.6 * G), 0, 0], abs=1e-11)
+
+
+def test_a_block_that_hits_a_rough_wall_with_both_feet_down_stays_upright():
+    """Its feet take part in the impact though no force of theirs is undetermined."""
+    gaps = [
+        zivi.LinearGap([0, 1, x], tangent=[1, 0, 0.3], mu=0.117, name=f"foot{x}")
+        for x in (-0.3, 0.3)
+    ]
+    gaps.append(zivi.LinearGap([-1, 0, 0], 0.1, tangent=[0, -1, 0.3], mu=0.117, name="wall"))
+    block = zivi.MechanicalSystem(mass=np.diag([1, 1, 0.05]), force=[2, -G, 0], gaps=gaps, e=0.0)
+    sol = zivi.simulate(block, (0, 1), (np.zeros(3), [1.28, 0, 0]), TIGHT)
+    assert sol.success, sol.message
+    push = 2 - 0.117 * G
+    speed = math.sqrt(1.28**2 + 2 * push * 0.1)
+    assert sol.impacts["t"][-1] == pytest.approx((speed - 1.28) / push, abs=1e-12)
+    assert sol.q[-1] == pytest.approx([0.1, 0, 0], abs=1e-12)
