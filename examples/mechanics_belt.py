@@ -90,16 +90,19 @@ def draw(path: str, sol: zivi.MechanicalTrajectory) -> None:
     import matplotlib.pyplot as plt
 
     figure, axes = plt.subplots(2, 2, layout="constrained", figsize=(9.6, 5.2))
-    zivi.plot.coordinates(sol, axes[0, 0])
-    zivi.plot.modes(sol, axes[1, 0])
-    zivi.plot.configuration(sol, axes[0, 1])
-    axes[0, 1].set(xlabel="$x$", ylabel="$x'$")
+    zivi.plot.coordinates(sol, axes[0, 0], units="m").set_title("belt speed 0.2 m/s, no damping")
+    zivi.plot.modes(sol, axes[1, 0]).set_title("stick and slip: $w$ is the speed on the belt")
+    zivi.plot.configuration(sol, axes[0, 1], units="m").set_title("the same in the phase plane")
     for speed in np.linspace(0.05, 0.8, 16):
         late = run(float(speed), DAMPING, 100.0).resample(np.linspace(70, 100, 301)).q
         ends = [late.min(), late.max()]
         axes[1, 1].plot([speed, speed], ends, ".", color=zivi.plot.BLUE, ms=3)
     axes[1, 1].axvline(by_hand(), color="0.6", lw=0.8)
-    axes[1, 1].set(xlabel="belt speed $v$", ylabel="extremes of $x$")
+    axes[1, 1].set(
+        xlabel="belt speed $v$ (m/s)",
+        ylabel="extremes of $x$ (m)",
+        title="damped: stick-slip up to 0.44 m/s",
+    )
     figure.savefig(path, dpi=160)
 
 

@@ -261,6 +261,77 @@ def test_fixed_steps_are_drawn_at_their_steps():
     np.testing.assert_array_equal(np.interp(steps.t, t, q), steps.q[:, 0])
 
 
+CORNER = zivi.MechanicalSystem(
+    mass=np.eye(2),
+    force=[2.0, -9.81],
+    gaps=[
+        zivi.LinearGap([0, 1], name="floor"),
+        zivi.LinearGap([-1, 0], 0.8, name="right"),
+        zivi.LinearGap([1, 0], 0.3, name="left"),
+    ],
+    e=[0.5, 0.6, 0.6],
+    coordinates=["x", "y"],
+)
+ROD = zivi.mechanics.Body("rod", mass=1, axis=[0, 1, 0], com=[0, 0, -1], inertia=0.1)
+SLED = zivi.mechanics.Body("sled", mass=1, axis=[1, 0, 0], kind="slide", position=[1, 0, 0])
+
+
+def test_gaps_mark_impacts_and_opposite_ones_are_two_walls():
+    sol = zivi.simulate(CORNER, (0, 2.5), ([0, 0.5], [1.5, 0]))
+    ax = zivi.plot.gaps(sol, units="m")
+    drawn = {line.get_label(): line for line in ax.lines}
+    assert ax.get_ylabel() == "gaps $g_i$ (m)"
+    named = [text.get_text() for text in ax.get_legend().get_texts()]
+    assert named == ["floor", "right", "left closed", "impact", "accumulation"]
+    # right + left = 0.8 + 0.3
+    assert drawn["left closed"].get_ydata() == pytest.approx([1.1, 1.1])
+    marks = [line for line in ax.lines if line.get_marker() == "|"]
+    seen = np.concatenate([line.get_xdata() for line in marks])
+    np.testing.assert_array_equal(np.sort(seen), np.sort(sol.impacts["t"]))
+    plane = zivi.plot.configuration(sol).lines[1]
+    at = sol(np.unique(sol.impacts["t"]))[0]
+    np.testing.assert_allclose(plane.get_xydata(), at, atol=1e-12)
+    (ticks,) = [line for line in zivi.plot.coordinates(sol).lines if line.get_marker() == "|"]
+    np.testing.assert_array_equal(ticks.get_xdata(), np.unique(sol.impacts["t"]))
+
+
+def test_units_are_those_of_joints_or_as_given():
+    gaps = [zivi.mechanics.JointLimit(joint, lower=-1.0) for joint in ("rod", "sled")]
+    sol = zivi.simulate(zivi.Tree([ROD, SLED], gaps=gaps, e=0.5), (0, 1), ([0.5, 0], [0, 0]))
+    coordinates, gaps, plane = zivi.plot.overview(sol).axes
+    for ax in (coordinates, gaps):
+        assert "(" not in ax.get_ylabel()
+        units = [text.get_text().split(" (")[1] for text in ax.get_legend().get_texts()[:2]]
+        assert units == ["rad)", "m)"]
+    assert (plane.get_xlabel(), plane.get_ylabel()) == ("rod (rad)", "sled (m)")
+    alone = zivi.simulate(OSCILLATOR, (0, 1), ([0.2], [0.0]))
+    (name,) = alone.coordinate_names
+    assert zivi.plot.coordinates(alone).get_ylabel() == name
+    labelled = zivi.plot.configuration(alone, units={name: "m"})
+    assert labelled.get_ylabel() == f"velocity of {name} (m/s)"
+    assert zivi.plot.reactions(alone, units="m").get_ylabel().endswith("(N)")
+    with pytest.raises(TypeError, match="units must be a string or a dict by name, got 3"):
+        zivi.plot.gaps(alone, units=3)
+
+
+def test_a_histogram_counts_every_impact_once(sol):
+    bars = zivi.plot.impacts(sol, bins=7).patches
+    assert sum(bar.get_height() for bar in bars) == len(sol.impacts)
+    run = zivi.simulate(CORNER, (0, 2.5), ([0, 0.5], [1.5, 0]))
+    ax = zivi.plot.impacts(run)
+    assert ax.get_xscale() == "log"
+    for number, bars in zip((0, 1), ax.containers, strict=True):  # the left wall is not hit
+        own = -run.impacts["speed_before"][run.impacts["gap"] == number]
+        assert sum(bar.get_height() for bar in bars) == len(own)
+        low, high = (f(it.get_x() for it in bars if it.get_height()) for f in (min, max))
+        assert low <= own.min()
+        assert high <= own.max() <= 1.001 * (high + max(it.get_width() for it in bars))
+    still = zivi.simulate(CORNER, (0, 0.1), ([0, 0.5], [0, 0]))
+    assert zivi.plot.impacts(still).texts[0].get_text() == "no impacts"
+    with pytest.raises(ValueError, match="bins must be >= 1, got 0"):
+        zivi.plot.impacts(sol, bins=0)
+
+
 class Spring:
     h = 1e-2
 

@@ -95,7 +95,7 @@ class MechanicalScene:
         high = float(np.max(self._curve[1], initial=0.0))
         margin = 0.05 * high or 1.0
         ax.set(xlim=(self._times[0], self._times[-1]), ylim=(-margin, high + margin))
-        ax.set(xlabel="time $t$ (s)", ylabel="gaps (SI)")
+        ax.set(xlabel="time $t$ (s)", ylabel="gaps $g_i$")
         ax.axhline(0.0, color=WALL, lw=1)
         colours = [PALETTE[k % len(PALETTE)] for k in range(len(names))] or [BLUE]
         self._curves = [

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+import itertools
+from collections.abc import Iterable, Mapping, Sequence
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
@@ -10,8 +12,6 @@ from zivi.plot.look import PALETTE, WALL, axes_of, legend
 from zivi.plot.mechanical_curve import broken, drawn
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from matplotlib.axes import Axes
 
     from zivi.base.check import Array
@@ -44,8 +44,13 @@ def check_mechanical(plot: str, run: Any) -> None:
         )
 
 
-def gaps(sol: MechanicalTrajectory, ax: Axes | None = None, **line: Any) -> Axes:
-    """Plot the gaps over time, with a mark at each accumulation and each lift-off.
+def gaps(
+    sol: MechanicalTrajectory, ax: Axes | None = None, *, units: Units = None, **line: Any
+) -> Axes:
+    """Plot the gaps over time, with marks at impacts, accumulations and lift-offs.
+
+    Of two opposite gaps, whose sum is constant, the first is drawn between two walls: the second
+    is the distance from the dashed one.
 
     Parameters
     ----------
@@ -53,6 +58,9 @@ def gaps(sol: MechanicalTrajectory, ax: Axes | None = None, **line: Any) -> Axes
         The run.
     ax : matplotlib.axes.Axes, optional
         Where to draw.
+    units : str or dict, optional
+        Unit of all, such as ``"m"``, or units by name. By default those of a `Tree`; a system of
+        functions and matrices does not know its units.
     **line
         Passed to `matplotlib.axes.Axes.plot`.
 
@@ -61,41 +69,104 @@ def gaps(sol: MechanicalTrajectory, ax: Axes | None = None, **line: Any) -> Axes
     matplotlib.axes.Axes
     """
     check_mechanical("gaps", sol)
-    ax = axes_of(ax)
-    _lines(ax, *drawn(sol, "gaps"), sol.gap_names, line)
-    for events, mark in ((sol.zeno, "v"), (sol.liftoffs, "^")):
-        for event in events:
-            ax.plot(event["t"], 0.0, mark, color=_colour(int(event["gap"])), ms=5, clip_on=False)
+    ax, names = axes_of(ax), sol.gap_names
+    given = units_of(sol, "gaps", units)
+    t, values = drawn(sol, "gaps")
+    walls = _opposite(values)
+    shown = [k for k in range(len(names)) if k not in walls]
+    _lines(ax, t, values, names, given, line, shown)
+    for k, height in walls.items():
+        wall: dict[str, Any] = {"color": _colour(k), "ls": "--", "lw": 0.8, "zorder": 0}
+        ax.axhline(height, label=f"{names[k]} closed", **wall)
+    for what, (events, mark) in _events_of(sol).items():
+        for k in np.unique(events["gap"]):
+            times = events["t"][events["gap"] == k]
+            at = np.full(len(times), walls.get(int(k), 0.0))
+            look: dict[str, Any] = {
+                "color": _colour(int(k)),
+                "ms": 5,
+                "clip_on": False,
+                "ls": "none",
+            }
+            ax.plot(times, at, marker=mark, label=what, **look)
+            what = "_"  # named once
     ax.axhline(0.0, color=WALL, lw=0.8, zorder=0)
-    ax.set(xlabel="time $t$ (s)", ylabel="gaps $g_i$ (SI)")
+    _labelled(ax, "gaps $g_i$", names, given)
     return ax
 
 
-def reactions(sol: MechanicalTrajectory, ax: Axes | None = None, **line: Any) -> Axes:
+def _opposite(values: Array) -> dict[int, float]:
+    """Find gaps that are the rest of a constant distance: the height of their walls."""
+    walls: dict[int, float] = {}
+    taken: set[int] = set()
+    for i, j in itertools.combinations(range(values.shape[1]), 2):
+        total = values[:, i] + values[:, j]
+        near = np.ptp(total) <= SAME * np.max(total, initial=0.0) if len(total) else False
+        if near and np.ptp(values[:, i]) > 0.0 and not {i, j} & taken:
+            walls[j] = float(np.mean(total))
+            taken |= {i, j}
+    return walls
+
+
+SAME = 1e-9
+"""Relative variation of the sum of two gaps that is rounding."""
+
+
+def _events_of(sol: MechanicalTrajectory) -> dict[str, tuple[Any, str]]:
+    return {
+        "impact": (sol.impacts, "|"),
+        "accumulation": (sol.zeno, "v"),
+        "lift-off": (sol.liftoffs, "^"),
+    }
+
+
+def reactions(
+    sol: MechanicalTrajectory, ax: Axes | None = None, *, units: Units = None, **line: Any
+) -> Axes:
     """Plot the reactions over time; impulses, which are infinite forces, are not in them.
 
-    Parameters and return value as for `gaps`.
+    Parameters and return value as for `gaps`; `units` are those of the gaps: of metres the
+    reactions are in newtons.
     """
     check_mechanical("reactions", sol)
-    ax = axes_of(ax)
-    _lines(ax, *drawn(sol, "reactions"), sol.gap_names, line)
-    ax.set(xlabel="time $t$ (s)", ylabel=r"reactions $\lambda_i$ (SI)")
+    ax, names = axes_of(ax), sol.gap_names
+    forces = [FORCES.get(it, "") for it in units_of(sol, "gaps", units)]
+    _lines(ax, *drawn(sol, "reactions"), names, forces, line)
+    _labelled(ax, r"reactions $\lambda_i$", names, forces, one="reaction")
     return ax
 
 
-def coordinates(sol: MechanicalTrajectory, ax: Axes | None = None, **line: Any) -> Axes:
-    """Plot the coordinates over time, of a closed loop beside its reference.
+FORCES = {"m": "N", "rad": "N m"}
+"""The unit of a force by that of what it moves."""
 
-    Parameters and return value as for `gaps`.
+
+def coordinates(
+    sol: MechanicalTrajectory, ax: Axes | None = None, *, units: Units = None, **line: Any
+) -> Axes:
+    """Plot the coordinates over time, with marks at impacts; of a loop beside its reference.
+
+    Parameters and return value as for `gaps`; `units` are those of the coordinates.
     """
     check_mechanical("coordinates", sol)
-    ax = axes_of(ax)
-    _lines(ax, *drawn(sol, "q"), sol.coordinate_names, line)
+    ax, names = axes_of(ax), sol.coordinate_names
+    given = units_of(sol, "coordinates", units)
+    _lines(ax, *drawn(sol, "q"), names, given, line)
     reference = getattr(sol, "q_ref", None)
     for k, values in enumerate([] if reference is None else reference.T):
         if not np.all(np.isnan(values)):
             ax.plot(sol.t, values, color=_colour(k), ls="--", lw=0.8)
-    ax.set(xlabel="time $t$ (s)", ylabel="coordinates $q_i$ (SI)")
+    times = np.unique(sol.impacts["t"])
+    if len(times):
+        look: dict[str, Any] = {
+            "color": WALL,
+            "marker": "|",
+            "ls": "none",
+            "ms": 6,
+            "clip_on": False,
+        }
+        bottom = ax.get_xaxis_transform()
+        ax.plot(times, np.zeros(len(times)), transform=bottom, label="impact", **look)
+    _labelled(ax, "coordinates $q_i$", names, given)
     return ax
 
 
@@ -104,41 +175,64 @@ def configuration(
     ax: Axes | None = None,
     *,
     over: Sequence[int] | Sequence[str] | None = None,
+    units: Units = None,
     **line: Any,
 ) -> Axes:
-    """Plot one coordinate over another; of a single coordinate its velocity over it.
+    """Plot one coordinate over another, with dots at impacts; of a single one its velocity.
 
-    Parameters and return value as for `gaps`; `over` are two coordinates, numbers or names, by
-    default the first two.
+    Parameters and return value as for `coordinates`; `over` are two coordinates, numbers or names,
+    by default the first two.
     """
     check_mechanical("configuration", sol)
     ax = axes_of(ax)
     names = sol.coordinate_names
+    given = units_of(sol, "coordinates", units)
+    look = {"color": _colour(len(ax.lines))} | line
     if over is None and len(names) == 1:
-        _, phase = broken(sol, *drawn(sol, "phase"))
-        ax.plot(*phase.T, **({"color": _colour(len(ax.lines))} | line))
-        ax.set(xlabel=names[0], ylabel=f"velocity of {names[0]}")
+        times, phase = drawn(sol, "phase")
+        ax.plot(*broken(sol, times, phase)[1].T, **look)
+        _dots(ax, sol, times, *phase.T)
+        speed = f"velocity of {names[0]}"
+        ax.set(
+            xlabel=with_unit(names[0], given[0]),
+            ylabel=with_unit(speed, given[0] and f"{given[0]}/s"),
+        )
         return ax
     chosen = [_number(names, item) for item in (over if over is not None else (0, 1))]
     if len(chosen) != 2:
         raise ValueError(f"over must be two coordinates, got {over!r}")
     first, second = chosen
-    q = drawn(sol, "q")[1]
-    ax.plot(q[:, first], q[:, second], **({"color": _colour(len(ax.lines))} | line))
-    ax.set(xlabel=names[first], ylabel=names[second])
+    times, q = drawn(sol, "q")
+    ax.plot(q[:, first], q[:, second], **look)
+    _dots(ax, sol, times, q[:, first], q[:, second])
+    ax.set(
+        xlabel=with_unit(names[first], given[first]),
+        ylabel=with_unit(names[second], given[second]),
+    )
     return ax
 
 
-def slips(sol: MechanicalTrajectory, ax: Axes | None = None, **line: Any) -> Axes:
+def _dots(ax: Axes, sol: MechanicalTrajectory, times: Array, x: Array, y: Array) -> None:
+    """Mark the points of a curve at impacts, which are among its times if it follows the motion."""
+    at = np.isin(times, sol.impacts["t"])
+    if np.any(at):
+        ax.plot(x[at], y[at], ".", color="black", ms=3, label="impact", zorder=3)
+        legend(ax)
+
+
+def slips(
+    sol: MechanicalTrajectory, ax: Axes | None = None, *, units: Units = None, **line: Any
+) -> Axes:
     """Plot the slip speeds of dry friction over time.
 
-    Parameters and return value as for `gaps`.
+    Parameters and return value as for `gaps`; `units` are those of the slip speeds.
     """
     check_mechanical("slips", sol)
-    ax = axes_of(ax)
-    _lines(ax, *broken(sol, *drawn(sol, "slips")), sol.channel_names, line)
+    ax, names = axes_of(ax), sol.channel_names
+    given = units_of(sol, "channels", units)
+    _lines(ax, *broken(sol, *drawn(sol, "slips")), names, given, line)
     ax.axhline(0.0, color=WALL, lw=0.8, zorder=0)
-    ax.set(xlabel="time $t$ (s)", ylabel="slip speeds $w_c$ (SI)")
+    _labelled(ax, "slip speeds $w_c$", names, given, one="slip speed")
     return ax
 
 
@@ -165,7 +259,7 @@ def modes(sol: MechanicalTrajectory, ax: Axes | None = None, **bar: Any) -> Axes
     if not sol.channel_names:
         raise ValueError("zivi.plot.modes draws dry friction, the run has none")
     ax = axes_of(ax)
-    names = {0: "stick", 1: "slip +", -1: "slip -"}
+    names = {0: "stick", 1: "slip, $w > 0$", -1: "slip, $w < 0$"}
     drawn_before: set[int] = set()
     for channel in range(len(sol.channel_names)):
         for mode in names:
@@ -188,9 +282,44 @@ MODE_COLOURS = {0: 0, 1: 1, -1: 2}
 
 def controls(run: MechanicalClosedLoop, ax: Axes, line: dict[str, Any]) -> Axes:
     """Plot the controls of a closed loop of a mechanical system, held from sample to sample."""
-    _lines(ax, run.t, run.u, run.control_names, {"drawstyle": "steps-post"} | line)
-    ax.set(xlabel="time $t$ (s)", ylabel="controls $u_j$ (SI)")
+    names = run.control_names
+    _lines(ax, run.t, run.u, names, [""] * len(names), {"drawstyle": "steps-post"} | line)
+    _labelled(ax, "controls $u_j$", names, [""] * len(names))
     return ax
+
+
+Units: TypeAlias = "str | Mapping[str, str] | None"
+"""The unit of all, or units by name."""
+
+
+def units_of(sol: MechanicalTrajectory, kind: str, units: Units) -> list[str]:
+    """Give the units of coordinates, gaps or channels, empty where they are not known."""
+    owners = {"coordinates": "coordinate_names", "gaps": "gap_names", "channels": "channel_names"}
+    names = getattr(sol, owners[kind])
+    if isinstance(units, str):
+        return [units] * len(names)
+    if units is not None and not isinstance(units, Mapping):
+        raise TypeError(f"units must be a string or a dict by name, got {units!r}")
+    config: Any = getattr(sol, "config", None) or {}
+    known = config.get("units", {}).get(kind, [""] * len(names))
+    return [(units or {}).get(name, own) for name, own in zip(names, known, strict=True)]
+
+
+def with_unit(text: str, unit: str) -> str:
+    """Write a quantity and its unit, if that is known."""
+    return f"{text} ({unit})" if unit else text
+
+
+def _labelled(
+    ax: Axes, what: str, names: Sequence[str], units: Sequence[str], one: str = ""
+) -> None:
+    """Name the axes, with the unit that all have, and what is drawn."""
+    if len(names) == 1:
+        what = f"{one} {names[0]}".lstrip()
+    unit = units[0] if len(set(units)) == 1 else ""
+    ax.set(xlabel="time $t$ (s)", ylabel=with_unit(what, unit))
+    if 0 < len(names) <= MOST_NAMED:
+        legend(ax)
 
 
 MOST_NAMED = 16
@@ -206,12 +335,19 @@ def _number(names: tuple[str, ...], item: int | str) -> int:
 
 
 def _lines(
-    ax: Axes, t: Array, columns: Array, names: tuple[str, ...], line: dict[str, Any]
+    ax: Axes,
+    t: Array,
+    columns: Array,
+    names: Sequence[str],
+    units: Sequence[str],
+    line: dict[str, Any],
+    shown: Iterable[int] | None = None,
 ) -> None:
-    for k, (values, name) in enumerate(zip(columns.T, names, strict=True)):
-        ax.plot(t, values, **({"color": _colour(k), "label": name} | line))
-    if 0 < len(names) <= MOST_NAMED:
-        legend(ax)
+    """Draw columns over time; units that differ stand with the names."""
+    differ = len(set(units)) > 1
+    for k in range(len(names)) if shown is None else shown:
+        label = with_unit(names[k], units[k]) if differ else names[k]
+        ax.plot(t, columns[:, k], **({"color": _colour(k), "label": label} | line))
 
 
 def _colour(k: int) -> str:

@@ -10,6 +10,7 @@ import numpy as np
 from zivi.plot.curves import control, lifted, phase_plane, position, signs, velocity
 from zivi.plot.look import figure_of
 from zivi.plot.mechanics import (
+    Units,
     configuration,
     coordinates,
     gaps,
@@ -33,7 +34,10 @@ if TYPE_CHECKING:
 
 
 def overview(
-    run: Trajectory | ClosedLoop | MechanicalTrajectory, figure: Figure | None = None
+    run: Trajectory | ClosedLoop | MechanicalTrajectory,
+    figure: Figure | None = None,
+    *,
+    units: Units = None,
 ) -> Figure:
     """Plot a run as a whole.
 
@@ -50,6 +54,8 @@ def overview(
         The run.
     figure : matplotlib.figure.Figure, optional
         Where to draw; a new figure by default.
+    units : str or dict, optional
+        Of a mechanical system the unit of all coordinates and gaps, or units by name.
 
     Returns
     -------
@@ -62,7 +68,7 @@ def overview(
     4
     """
     if is_mechanical(run):
-        drawings = _of_mechanical(cast("MechanicalTrajectory", run))
+        drawings = _of_mechanical(cast("MechanicalTrajectory", run), units)
     else:
         check_run("overview", run)
         plane = partial(phase_plane, coordinates="physical")
@@ -73,22 +79,27 @@ def overview(
     figure = figure_of(figure, 9.0, 6.0)
     first = None
     for place, draw in zip(_places(figure, len(drawings)), drawings, strict=True):
-        over_time = not isinstance(draw, partial)
+        over_time = getattr(draw, "func", draw) not in PLANES
         ax = figure.add_subplot(place, sharex=first if over_time else None)
         first = first or ax
         draw(run, ax=ax)
     return figure
 
 
-def _of_mechanical(run: MechanicalTrajectory) -> list[Callable[..., Axes]]:
-    """Choose what is not empty; a `partial` is not over time."""
-    drawings: list[Callable[..., Axes]] = [coordinates]
-    drawings += [gaps] if run.gap_names else []
+def _of_mechanical(run: MechanicalTrajectory, units: Units) -> list[Callable[..., Axes]]:
+    """Choose what is not empty."""
+    drawings: list[Callable[..., Axes]] = [partial(coordinates, units=units)]
+    drawings += [partial(gaps, units=units)] if run.gap_names else []
     if run.channel_names:
         drawings += [modes] if run.gap_names else [slips, modes]
     elif run.contacts.any():
-        drawings += [reactions]
-    return [*drawings, control if hasattr(run, "control_names") else partial(configuration)]
+        drawings += [partial(reactions, units=units)]
+    plane = partial(configuration, units=units)
+    return [*drawings, control if hasattr(run, "control_names") else plane]
+
+
+PLANES = (phase_plane, configuration)
+"""What is not drawn over time."""
 
 
 def _places(figure: Figure, number: int) -> list[SubplotSpec]:

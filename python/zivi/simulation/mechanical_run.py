@@ -260,6 +260,8 @@ def _configuration(
         "qdot0": asked.qdot.tolist(),
         "method": {"name": type(method).__name__, **method._values()},
     }
+    if (units := system._units()) is not None:
+        config["units"] = units
     if system._channels:
         config["friction"] = list(system.channel_names)
         config |= {"impact_law": system.impact_law, "paradox": system.paradox}

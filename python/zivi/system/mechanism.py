@@ -394,6 +394,10 @@ class MechanicalSystem:
             and all(slip.is_steady() for slip in self._slips())
         )
 
+    def _units(self) -> dict[str, list[str]] | None:
+        """Give the units of coordinates and gaps, where the system knows them."""
+        return None
+
     def control_inputs(self, q: ArrayLike) -> ControlInputs:
         """Give how controls act: names of the controls, and the matrix ``at(q)``, shape (n, r).
 

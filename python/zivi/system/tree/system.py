@@ -300,6 +300,15 @@ class Tree(MechanicalSystem):
 
         return Model(Layout(n, self.m), _zivi.Model.tree(core), evaluate)
 
+    def _units(self) -> dict[str, list[str]]:
+        kinds = {"hinge": "rad", "slide": "m"}
+        of_joint = {body.joint: kinds[body.kind] for body in self._structure.moving}
+        sides = [getattr(side.gap, "joint", "") for side in self._structure.sides()]
+        return {
+            "coordinates": list(of_joint.values()),
+            "gaps": [of_joint.get(joint, "m") for joint in sides],
+        }
+
     def _core_tree(self) -> _zivi.Tree:
         structure = self._structure
         sides = [(side.kind, *side.joints) for side in structure.sides()]
