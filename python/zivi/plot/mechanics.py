@@ -180,8 +180,8 @@ def configuration(
 ) -> Axes:
     """Plot one coordinate over another, with dots at impacts; of a single one its velocity.
 
-    Parameters and return value as for `coordinates`; `over` are two coordinates, numbers or names,
-    by default the first two.
+    Parameters and return value as for `gaps`; `units` are those of the coordinates, `over` are two
+    of them, numbers or names, by default the first two.
     """
     check_mechanical("configuration", sol)
     ax = axes_of(ax)
