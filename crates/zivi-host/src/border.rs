@@ -10,6 +10,8 @@ use zivi_c::code::{ZIVI_E_NULL, ZIVI_E_SIZE};
 pub const ZIVI_E_INVALID: i32 = -50;
 /// A fault in zivi; `zivi_last_error` has its words.
 pub const ZIVI_E_PANIC: i32 = -51;
+/// There is no memory for what was asked for; nothing was computed.
+pub const ZIVI_E_MEMORY: i32 = -52;
 
 thread_local! {
     static WORDS: RefCell<CString> = RefCell::default();
@@ -26,6 +28,11 @@ impl Refused {
 
     pub(crate) fn null() -> Self {
         Self { code: ZIVI_E_NULL, words: Self::NULL.to_owned() }
+    }
+
+    pub(crate) fn memory(what: &str, n: usize) -> Self {
+        let words = format!("{what} must be small enough for memory, got {n}");
+        Self { code: ZIVI_E_MEMORY, words }
     }
 
     pub(crate) fn size() -> Self {
@@ -85,6 +92,18 @@ pub(crate) unsafe fn array<'a>(pointer: *const f64, length: usize) -> Result<&'a
     }
     // SAFETY: the caller says that it has so many elements
     Ok(unsafe { std::slice::from_raw_parts(pointer, length) })
+}
+
+/// A list of so many equal numbers, if they fit into memory; `what` and `n` are what the caller gave.
+pub(crate) fn filled<T: Copy>(
+    value: T,
+    length: usize,
+    (what, n): (&str, usize),
+) -> Result<Vec<T>, Refused> {
+    let mut list = Vec::new();
+    list.try_reserve_exact(length).map_err(|_| Refused::memory(what, n))?;
+    list.resize(length, value);
+    Ok(list)
 }
 
 /// A structure states its size.

@@ -14,7 +14,7 @@ mod mechanics;
 mod simulation;
 mod vi;
 
-pub use border::{zivi_last_error, ZIVI_E_INVALID, ZIVI_E_PANIC};
+pub use border::{zivi_last_error, ZIVI_E_INVALID, ZIVI_E_MEMORY, ZIVI_E_PANIC};
 pub use mechanics::{
     zivi_mechanical_column, zivi_mechanical_free, zivi_mechanical_samples, zivi_mechanical_status,
     zivi_simulate_mechanical, Evaluation, MechanicalHandle, Mechanics,

@@ -8,7 +8,7 @@ use zivi::{
     Physical, Quantity, Restitution, Status, SwitchedRk, ThetaGamma, Trajectory,
 };
 
-use crate::border::{array, checked_size, guarded, read, written, Raised, Refused};
+use crate::border::{array, checked_size, filled, guarded, read, written, Raised, Refused};
 
 /// A force per unit mass: writes `f(t, x, xdot)` (m/s^2) to `*force`; not 0 ends the run, which
 /// keeps what was computed. `user` is the pointer of the system.
@@ -147,12 +147,12 @@ pub unsafe extern "C" fn zivi_simulate(
             )?,
             None => how.run(&mut ConstantForce(system.force), restitution, (t0, t1), start)?,
         };
-        let impacts = trajectory.events.impacts.iter().map(|it| Impact {
-            t: it.t,
-            xdot_before: it.xdot_before,
-            xdot_after: it.xdot_after,
-        });
-        let impacts = impacts.collect();
+        let found = &trajectory.events.impacts;
+        let none = Impact { t: 0.0, xdot_before: 0.0, xdot_after: 0.0 };
+        let mut impacts = filled(none, found.len(), ("the number of impacts", found.len()))?;
+        for (to, it) in impacts.iter_mut().zip(found) {
+            *to = Impact { t: it.t, xdot_before: it.xdot_before, xdot_after: it.xdot_after };
+        }
         let status = trajectory.status as i32;
         *run = Box::into_raw(Box::new(RunHandle { trajectory, impacts }));
         Ok(status)

@@ -9,7 +9,7 @@ use zivi_core::vi::{
     Workspace,
 };
 
-use crate::border::{array, checked_size, guarded, read, written, Refused};
+use crate::border::{array, checked_size, filled, guarded, read, written, Refused};
 use zivi::numeric::lu::ByBlocks;
 
 /// Writes `F(z)`, `n` numbers, into `f`; not 0 ends the solve, which keeps its best point.
@@ -108,7 +108,7 @@ pub unsafe extern "C" fn zivi_solve_vi(
                 unsafe { given.solve(&mut problem, z)? }
             }
             None => {
-                let mut work = vec![0.0; 4 * n];
+                let mut work = filled(0.0, 4 * n, ("n", n))?;
                 let differenced = Differenced::new(map, &given.lower, &given.upper, &mut work);
                 let mut problem = differenced.ok_or(InvalidInput::Workspace)?;
                 // SAFETY: the caller's array
@@ -199,6 +199,13 @@ unsafe fn told(outcome: &Report, evaluations: u64, report: *mut ViReport) -> i32
     status
 }
 
+/// A copy of an array of `n` numbers.
+fn copied(of: &[f64]) -> Result<Vec<f64>, Refused> {
+    let mut list = filled(0.0, of.len(), ("n", of.len()))?;
+    list.copy_from_slice(of);
+    Ok(list)
+}
+
 /// A problem with bounds for all components.
 struct Given<'a> {
     problem: &'a ViProblem,
@@ -212,15 +219,16 @@ impl Given<'_> {
         let problem = unsafe { read(problem)? };
         checked_size::<ViProblem>(problem.size)?;
         let n = problem.n;
-        if n > 100_000 {
-            return Err(Refused::from(format!("n must be at most 100000, got {n}")));
+        // whose matrices no machine holds, and whose lengths are numbers
+        if n > 1 << 24 {
+            return Err(Refused::memory("n", n));
         }
         let bounds = |given: *const f64, other: f64| -> Result<Vec<f64>, Refused> {
             if given.is_null() {
-                return Ok(vec![other; n]);
+                return filled(other, n, ("n", n));
             }
             // SAFETY: the caller's array
-            Ok(unsafe { array(given, n)? }.to_vec())
+            copied(unsafe { array(given, n)? })
         };
         let lower = bounds(problem.lower, f64::NEG_INFINITY)?;
         let upper = bounds(problem.upper, f64::INFINITY)?;
@@ -231,14 +239,15 @@ impl Given<'_> {
         let n = self.problem.n;
         vi::validate_bounds(n, &self.lower, &self.upper)?;
         // SAFETY: the caller's array
-        let mut point = unsafe { array(z, n)? }.to_vec();
+        let mut point = copied(unsafe { array(z, n)? })?;
         let tol = match self.problem.tol {
             0.0 => Settings::default().tol,
             tol => tol,
         };
         let settings = Settings { tol, ..Settings::default() };
         let (reals, indices) = vi::workspace_len(n);
-        let (mut reals, mut indices) = (vec![0.0; reals], vec![0; indices]);
+        let (mut reals, mut indices) =
+            (filled(0.0, reals, ("n", n))?, filled(0, indices, ("n", n))?);
         let work = Workspace::new(n, &mut reals, &mut indices);
         let mut work = work.ok_or(InvalidInput::Workspace)?;
         let bounds = (&self.lower[..], &self.upper[..]);

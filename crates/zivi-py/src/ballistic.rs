@@ -1,11 +1,11 @@
 //! Exact motion under constant forces, from Python.
 
-use numpy::{PyArray1, PyReadonlyArray2};
+use numpy::PyReadonlyArray2;
 use pyo3::prelude::*;
 use zivi::stepping::ballistic;
 use zivi::{Events, Physical};
 
-use crate::arrays::Array;
+use crate::arrays::{array, list, Array};
 use crate::transform::Restitution;
 
 /// Where motions are after a while.
@@ -23,24 +23,19 @@ pub(crate) fn ballistic_motion(
     py: Python<'_>,
     rows: PyReadonlyArray2<'_, f64>,
     restitution: PyRef<'_, Restitution>,
-) -> Ballistic {
+) -> PyResult<Ballistic> {
     let rows = rows.as_array();
-    let motions: Vec<(Physical, usize)> = rows
-        .rows()
-        .into_iter()
-        .map(|row| {
-            let (state, mut events) = (Physical { x: row[0], xdot: row[1] }, Events::default());
-            let span = (0.0, row[3]);
-            let end = ballistic::advance(state, row[2], restitution.inner, span, &mut events);
-            (end, events.impacts.len())
-        })
-        .collect();
-    let column = |of: fn(&(Physical, usize)) -> f64| -> Array {
-        PyArray1::from_iter(py, motions.iter().map(of)).unbind()
-    };
-    Ballistic {
-        x: column(|it| it.0.x),
-        xdot: column(|it| it.0.xdot),
-        n_impacts: column(|it| it.1 as f64),
-    }
+    let motions = rows.rows().into_iter().map(|row| {
+        let (state, mut events) = (Physical { x: row[0], xdot: row[1] }, Events::default());
+        let span = (0.0, row[3]);
+        let end = ballistic::advance(state, row[2], restitution.inner, span, &mut events);
+        (end, events.impacts.len())
+    });
+    let motions = list(motions)?;
+    let column = |of: fn(&(Physical, usize)) -> f64| array(py, motions.iter().map(of));
+    Ok(Ballistic {
+        x: column(|it| it.0.x)?,
+        xdot: column(|it| it.0.xdot)?,
+        n_impacts: column(|it| it.1 as f64)?,
+    })
 }

@@ -1,13 +1,14 @@
 //! Batches from Python: many runs on all cores, without the interpreter.
 
 use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2};
-use pyo3::exceptions::{PyMemoryError, PyValueError};
+use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use zivi::drive::batch::{
     simulate_batch as run_batch, simulate_batch_to, BatchError, Member, Outcome, Save, Task,
 };
 use zivi::{Events, Grid, Physical, Restitution};
 
+use crate::arrays::{array, list, with_room};
 use crate::errors::setup_error;
 use crate::force::{AnyNative, Force};
 use crate::impact_law::ImpactLaw;
@@ -64,6 +65,9 @@ pub(crate) fn natives(py: Python<'_>, forces: &[Py<Force>]) -> PyResult<Vec<AnyN
     forces.iter().enumerate().map(native).collect()
 }
 
+/// Members that are made between two looks at signals.
+pub(crate) const BETWEEN_LOOKS: usize = 1 << 16;
+
 /// The wall of run `i`, from a row `e, kappa` for each run or one for all.
 pub(crate) fn row_restitution(
     restitutions: &PyReadonlyArray2<'_, f64>,
@@ -104,8 +108,11 @@ pub(crate) fn simulate_batch(
     let save = saving(save, at.as_deref(), steps.as_deref())?;
     let forces = natives(py, &forces)?;
     let tstops = tstops.iter().flatten().map(|it| it.as_slice()).collect::<Result<Vec<_>, _>>()?;
-    let mut members = Vec::with_capacity(states.as_array().nrows());
+    let mut members = with_room(states.as_array().nrows())?;
     for (i, state) in states.as_array().rows().into_iter().enumerate() {
+        if i % BETWEEN_LOOKS == 0 {
+            py.check_signals()?;
+        }
         members.push(Member {
             law: laws[if laws.len() == 1 { 0 } else { i }].get().inner,
             force: forces[if forces.len() == 1 { 0 } else { i }],
@@ -128,7 +135,7 @@ pub(crate) fn simulate_batch(
             )));
         }
         Some(ends) => {
-            let members: Vec<_> = members.into_iter().zip(ends).collect();
+            let members = list(members.into_iter().zip(ends))?;
             py.detach(|| simulate_batch_to(&members, task, save, threads, watch))
         }
     };
@@ -172,38 +179,39 @@ pub(crate) struct BatchRecord {
 
 impl BatchRecord {
     fn new(py: Python<'_>, ends: Vec<Outcome>) -> PyResult<Self> {
-        let column = |of: fn(&Outcome) -> f64| -> Array {
-            PyArray1::from_vec(py, ends.iter().map(of).collect()).unbind()
-        };
+        let column = |of: fn(&Outcome) -> f64| array(py, ends.iter().map(of));
         let none = Events::default();
         let kept = ends.iter().any(|end| end.events.is_some());
         let lists = || ends.iter().filter(|_| kept).map(|end| end.events.as_ref().unwrap_or(&none));
+        let impacts = ends.iter().filter(|_| kept).map(|it| rows_of(py, &it.impacts));
+        let resolved = lists().map(|it| rows_of(py, &it.impacts));
         let times = |of: fn(&Events) -> &[f64]| -> PyResult<Times> {
             lists().map(|it| array(py, of(it).iter().copied())).collect()
         };
         Ok(Self {
-            t: column(|end| end.summary.t),
-            x: column(|end| end.summary.x),
-            xdot: column(|end| end.summary.xdot),
-            x_max: column(|end| end.summary.x_max),
-            speed_max: column(|end| end.summary.speed_max),
-            first_impact: column(|end| end.first_impact),
-            last_impact: column(|end| end.last_impact),
-            last_resolved: column(|end| end.last_resolved),
-            hardest_impact: column(|end| end.hardest_impact),
-            rest_time: column(|end| end.rest_time),
-            grazing: PyArray1::from_iter(py, ends.iter().map(|end| end.grazing)).unbind(),
-            status: PyArray1::from_iter(py, ends.iter().map(|end| end.status as u8)).unbind(),
-            nfev: PyArray1::from_iter(py, ends.iter().map(|end| end.nfev)).unbind(),
-            counts: PyArray1::from_iter(py, ends.iter().flat_map(|end| end.counts))
+            t: column(|end| end.summary.t)?,
+            x: column(|end| end.summary.x)?,
+            xdot: column(|end| end.summary.xdot)?,
+            x_max: column(|end| end.summary.x_max)?,
+            speed_max: column(|end| end.summary.speed_max)?,
+            first_impact: column(|end| end.first_impact)?,
+            last_impact: column(|end| end.last_impact)?,
+            last_resolved: column(|end| end.last_resolved)?,
+            hardest_impact: column(|end| end.hardest_impact)?,
+            rest_time: column(|end| end.rest_time)?,
+            grazing: array(py, ends.iter().map(|end| end.grazing))?,
+            status: array(py, ends.iter().map(|end| end.status as u8))?,
+            nfev: array(py, ends.iter().map(|end| end.nfev))?,
+            counts: array(py, ends.iter().flat_map(|end| end.counts))?
+                .into_bound(py)
                 .reshape([ends.len(), 4])?
                 .unbind(),
             samples_x: rows(py, ends.iter().map(|end| end.saved.x.as_slice()))?,
             samples_xdot: rows(py, ends.iter().map(|end| end.saved.xdot.as_slice()))?,
             samples_s: rows(py, ends.iter().map(|end| end.saved.s.as_slice()))?,
             samples_v: rows(py, ends.iter().map(|end| end.saved.v.as_slice()))?,
-            impacts: ends.iter().filter(|_| kept).map(|it| rows_of(py, &it.impacts)).collect(),
-            resolved_impacts: lists().map(|it| rows_of(py, &it.impacts)).collect(),
+            impacts: impacts.collect::<PyResult<_>>()?,
+            resolved_impacts: resolved.collect::<PyResult<_>>()?,
             zeno_times: times(|it| &it.zeno_times)?,
             liftoff_times: times(|it| &it.liftoff_times)?,
         })
@@ -217,27 +225,12 @@ pub(crate) fn rows<'a>(
 ) -> PyResult<Py<PyArray2<f64>>> {
     let (n, longest) =
         rows.clone().fold((0, 0), |(n, longest), row| (n + 1, longest.max(row.len())));
-    let mut filled: Vec<f64> = with_room(longest.saturating_mul(n))?;
+    let mut filled = with_room(longest.saturating_mul(n))?;
     for row in rows {
         filled.extend_from_slice(row);
         filled.extend(std::iter::repeat_n(f64::NAN, longest - row.len()));
     }
     Ok(PyArray1::from_vec(py, filled).reshape([n, longest])?.unbind())
-}
-
-/// An array of values, an exception if there is no memory for it.
-fn array(py: Python<'_>, values: impl ExactSizeIterator<Item = f64>) -> PyResult<Array> {
-    let mut list = with_room(values.len())?;
-    list.extend(values);
-    Ok(PyArray1::from_vec(py, list).unbind())
-}
-
-fn with_room(n: usize) -> PyResult<Vec<f64>> {
-    let mut list = Vec::new();
-    list.try_reserve_exact(n).map_err(|_| {
-        PyMemoryError::new_err(format!("an array of {n} numbers of the result does not fit"))
-    })?;
-    Ok(list)
 }
 
 /// The number of threads that the machine runs at once.

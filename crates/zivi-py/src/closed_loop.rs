@@ -20,6 +20,7 @@ use zivi::{
 use zivi_core::control::Waypoint;
 use zivi_core::observer::ImpactObserver;
 
+use crate::arrays::{array, list};
 use crate::control::run_copy;
 use crate::errors::{setup_error, Raised};
 use crate::force::{AnyForce, AnyNative, Force as GivenForce};
@@ -134,7 +135,7 @@ impl<'py> Source<'py> {
     pub(crate) fn new(given: Bound<'py, PyAny>) -> PyResult<Self> {
         match given.extract::<PyReadonlyArray2<'_, f64>>() {
             Ok(rows) => {
-                Ok(Self::Samples(rows.as_array().rows().into_iter().map(given_of_row).collect()))
+                Ok(Self::Samples(list(rows.as_array().rows().into_iter().map(given_of_row))?))
             }
             Err(_) => Ok(Self::Function(given)),
         }
@@ -361,7 +362,7 @@ impl LoopRecord {
                 (None, Some(Py::new(py, MotionPath::of_loop(path, restitution))?), None)
             }
             Some(LoopPath::Lifted(states)) => {
-                (None, None, Some(Py::new(py, LiftedSamples::new(py, &states))?))
+                (None, None, Some(Py::new(py, LiftedSamples::new(py, &states)?)?))
             }
         };
         Ok(Self {
@@ -370,7 +371,7 @@ impl LoopRecord {
             estimates: estimates.into_iter().map(array).collect(),
             ticks: PyArray1::from_vec(py, ticks).unbind(),
             updates: numbers_of(updates),
-            impacts: rows_of(py, &events.impacts),
+            impacts: rows_of(py, &events.impacts)?,
             zeno_times: array(events.zeno_times),
             liftoff_times: array(events.liftoff_times),
             rest_time: events.rest_time,
@@ -410,8 +411,8 @@ pub(crate) struct LiftedSamples {
 }
 
 impl LiftedSamples {
-    fn new(py: Python<'_>, states: &[Lifted]) -> Self {
-        let column = |of: fn(&Lifted) -> f64| PyArray1::from_iter(py, states.iter().map(of));
-        Self { s: column(|z| z.s).unbind(), v: column(|z| z.v).unbind() }
+    fn new(py: Python<'_>, states: &[Lifted]) -> PyResult<Self> {
+        let column = |of: fn(&Lifted) -> f64| array(py, states.iter().map(of));
+        Ok(Self { s: column(|z| z.s)?, v: column(|z| z.v)? })
     }
 }

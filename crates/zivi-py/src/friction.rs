@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use numpy::{PyArray1, PyArrayMethods};
+use numpy::PyArrayMethods;
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use zivi::mechanics::{MechanicalRun, Occurrence};
@@ -11,7 +11,7 @@ use zivi::system::dynamics::{Dynamics, Layout};
 use zivi::system::friction::{Channel, Friction as Given, FrictionalImpact};
 use zivi::system::linear_system::LinearSystem;
 
-use crate::arrays::{columns, Matrix, Vector};
+use crate::arrays::{array, columns, Matrix, Vector};
 
 /// The channels of friction of a system, those of gaps first, and how impacts go on.
 #[pyclass(frozen, module = "zivi._zivi")]
@@ -115,7 +115,7 @@ impl FrictionRecord {
                     Occurrence::$kind { $field, .. } => Some(*$field $(as $to)?),
                     _ => None,
                 });
-                PyArray1::from_vec(py, picked.collect()).unbind()
+                array(py, picked)?
             }};
         }
         Ok(Some(Self {
@@ -146,12 +146,11 @@ pub(crate) fn slips_of(py: Python<'_>, layout: Layout, x: &[f64], v: &[f64]) -> 
     let (size, from) = (layout.size(), layout.n + layout.m);
     let picked = |values: &[f64]| columns(py, values, size, from, layout.p);
     let work = v.chunks_exact(size).map(|row| row[size - 1]);
-    Ok((picked(v)?, picked(x)?, PyArray1::from_vec(py, work.collect()).unbind()))
+    Ok((picked(v)?, picked(x)?, array(py, work)?))
 }
 
 /// What each channel does in each mode.
 pub(crate) fn modes_of(py: Python<'_>, modes: &[ContactMode], p: usize) -> PyResult<Matrix<i8>> {
-    let all: Vec<i8> =
-        modes.iter().flat_map(|mode| (0..p).map(|channel| mode.number(channel))).collect();
-    Ok(PyArray1::from_vec(py, all).reshape([modes.len(), p])?.unbind())
+    let all = modes.iter().flat_map(|mode| (0..p).map(|channel| mode.number(channel)));
+    Ok(array(py, all)?.into_bound(py).reshape([modes.len(), p])?.unbind())
 }

@@ -1,11 +1,12 @@
 //! Impact laws from Python.
 
-use numpy::{PyArray1, PyReadonlyArray1};
+use numpy::PyReadonlyArray1;
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use zivi::AnyImpactLaw;
 
+use crate::arrays::{array, Array};
 use crate::errors::setup_error;
 use crate::method::Setting;
 use crate::transform::from_both;
@@ -34,21 +35,13 @@ impl ImpactLaw {
     }
 
     /// Speeds after impacts at speeds.
-    fn after<'py>(
-        &self,
-        py: Python<'py>,
-        v: PyReadonlyArray1<'py, f64>,
-    ) -> Bound<'py, PyArray1<f64>> {
-        PyArray1::from_iter(py, v.as_array().iter().map(|&v| self.inner.after(v)))
+    fn after<'py>(&self, py: Python<'py>, v: PyReadonlyArray1<'py, f64>) -> PyResult<Array> {
+        array(py, v.as_array().iter().map(|&v| self.inner.after(v)))
     }
 
     /// Their derivatives by the speeds before.
-    fn slope<'py>(
-        &self,
-        py: Python<'py>,
-        v: PyReadonlyArray1<'py, f64>,
-    ) -> Bound<'py, PyArray1<f64>> {
-        PyArray1::from_iter(py, v.as_array().iter().map(|&v| self.inner.slope(v)))
+    fn slope<'py>(&self, py: Python<'py>, v: PyReadonlyArray1<'py, f64>) -> PyResult<Array> {
+        array(py, v.as_array().iter().map(|&v| self.inner.slope(v)))
     }
 
     /// The coefficient in the limit of slow impacts.

@@ -1,11 +1,12 @@
 //! Maps from impact to impact, from Python.
 
-use numpy::{PyArray1, PyArray2, PyArray3, PyArrayMethods, PyReadonlyArray2};
+use numpy::{PyArray2, PyArray3, PyArrayMethods, PyReadonlyArray2};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use zivi::drive::batch::{map_impacts, orbits};
 use zivi::{ImpactMap, MapParameter};
 
+use crate::arrays::{array, list};
 use crate::batch::{natives, refused};
 use crate::errors::setup_error;
 use crate::system::PointMass;
@@ -37,8 +38,8 @@ fn parameter(name: &str) -> PyResult<MapParameter> {
     })
 }
 
-fn starts_of(given: &PyReadonlyArray2<'_, f64>) -> Vec<[f64; 2]> {
-    given.as_array().rows().into_iter().map(|row| [row[0], row[1]]).collect()
+fn starts_of(given: &PyReadonlyArray2<'_, f64>) -> PyResult<Vec<[f64; 2]>> {
+    list(given.as_array().rows().into_iter().map(|row| [row[0], row[1]]))
 }
 
 /// Refuses a system that has no such map.
@@ -65,16 +66,16 @@ pub(crate) fn map_of_impacts<'py>(
     let _running = crate::leaving::running()?;
     let map = map_of(py, &system)?;
     let by = parameters.iter().map(|name| parameter(name)).collect::<PyResult<Vec<_>>>()?;
-    let (starts, watch) = (starts_of(&starts), &mut Watch { progress });
+    let (starts, watch) = (starts_of(&starts)?, &mut Watch { progress });
     let all = py.detach(|| map_impacts(&map, &starts, &by, threads, watch)).map_err(refused)?;
     let n = all.len();
     let next = all.iter().flat_map(|it| [it.next.phase, it.next.u, it.next.duration]);
     let jacobian = all.iter().flat_map(|it| it.jacobian.into_iter().flatten());
     let of_parameters = all.iter().flat_map(|it| it.by.iter().flatten().copied());
     Ok((
-        PyArray1::from_iter(py, next).reshape([n, 3])?,
-        PyArray1::from_iter(py, jacobian).reshape([n, 2, 2])?,
-        PyArray1::from_iter(py, of_parameters).reshape([n, by.len(), 2])?,
+        array(py, next)?.into_bound(py).reshape([n, 3])?,
+        array(py, jacobian)?.into_bound(py).reshape([n, 2, 2])?,
+        array(py, of_parameters)?.into_bound(py).reshape([n, by.len(), 2])?,
     ))
 }
 
@@ -94,8 +95,8 @@ pub(crate) fn orbits_of_impacts<'py>(
 ) -> PyResult<Bound<'py, PyArray3<f64>>> {
     let _running = crate::leaving::running()?;
     let maps = systems.iter().map(|it| map_of(py, it)).collect::<PyResult<Vec<_>>>()?;
-    let (starts, watch) = (starts_of(&starts), &mut Watch { progress });
+    let (starts, watch) = (starts_of(&starts)?, &mut Watch { progress });
     let all = py.detach(|| orbits(&maps, &starts, (skip, n), threads, watch)).map_err(refused)?;
     let values = all.iter().flatten().flatten().copied();
-    PyArray1::from_iter(py, values).reshape([all.len(), n, 2])
+    array(py, values)?.into_bound(py).reshape([all.len(), n, 2])
 }

@@ -9,7 +9,8 @@ use zivi::drive::batch::{
 use zivi::drive::closed_loop::{AnyController, ReferencePoint};
 use zivi::{Physical, Status};
 
-use crate::batch::{natives, refused, row_restitution, rows};
+use crate::arrays::{array, list, with_room};
+use crate::batch::{natives, refused, row_restitution, rows, BETWEEN_LOOKS};
 use crate::closed_loop::{given_of_row, motion_of};
 use crate::control::of_ours;
 use crate::force::Force;
@@ -70,12 +71,15 @@ pub(crate) fn simulate_closed_loop_batch(
         .iter()
         .map(|(rows, kappa)| {
             let rows: Vec<ReferencePoint> =
-                rows.as_array().rows().into_iter().map(given_of_row).collect();
+                list(rows.as_array().rows().into_iter().map(given_of_row))?;
             Ok((rows, restitution_of(*kappa)?))
         })
         .collect::<PyResult<Vec<_>>>()?;
-    let mut members = Vec::with_capacity(states.as_array().nrows());
+    let mut members = with_room(states.as_array().nrows())?;
     for (i, state) in states.as_array().rows().into_iter().enumerate() {
+        if i % BETWEEN_LOOKS == 0 {
+            py.check_signals()?;
+        }
         let which = |n: usize| if n == 1 { 0 } else { i };
         let controller = &controllers[which(controllers.len())];
         members.push(LoopMember {
@@ -128,29 +132,25 @@ pub(crate) struct LoopBatchRecord {
 
 impl LoopBatchRecord {
     fn new(py: Python<'_>, ends: &[LoopOutcome]) -> PyResult<Self> {
-        let column = |of: fn(&LoopOutcome) -> f64| -> Array {
-            PyArray1::from_vec(py, ends.iter().map(of).collect()).unbind()
-        };
-        let count = |of: fn(&LoopOutcome) -> u64| {
-            PyArray1::from_vec(py, ends.iter().map(of).collect()).unbind()
-        };
+        let column = |of: fn(&LoopOutcome) -> f64| array(py, ends.iter().map(of));
+        let count = |of: fn(&LoopOutcome) -> u64| array(py, ends.iter().map(of));
         let number = |it: &LoopOutcome| it.status.unwrap_or(Status::Raised) as u8;
-        let last: Vec<f64> = ends.iter().flat_map(|it| it.last).collect();
+        let last = list(ends.iter().flat_map(|it| it.last))?;
         Ok(Self {
             last: PyArray1::from_vec(py, last).reshape([ends.len(), 5])?.unbind(),
-            settling_time: column(|it| it.settling_time),
-            error_max: column(|it| it.error_max),
-            error_rms: column(|it| it.error_rms),
-            u_max: column(|it| it.u_max),
-            u_rms: column(|it| it.u_rms),
-            u_variation: column(|it| it.u_variation),
-            rest_time: column(|it| it.rest_time),
-            n_impacts: count(|it| it.n_impacts),
-            n_updates: count(|it| it.updates.total),
-            n_refused: count(|it| it.updates.rejected),
-            n_saturated: count(|it| it.updates.saturated),
-            n_unsolved: count(|it| it.updates.unsolved),
-            status: PyArray1::from_iter(py, ends.iter().map(number)).unbind(),
+            settling_time: column(|it| it.settling_time)?,
+            error_max: column(|it| it.error_max)?,
+            error_rms: column(|it| it.error_rms)?,
+            u_max: column(|it| it.u_max)?,
+            u_rms: column(|it| it.u_rms)?,
+            u_variation: column(|it| it.u_variation)?,
+            rest_time: column(|it| it.rest_time)?,
+            n_impacts: count(|it| it.n_impacts)?,
+            n_updates: count(|it| it.updates.total)?,
+            n_refused: count(|it| it.updates.rejected)?,
+            n_saturated: count(|it| it.updates.saturated)?,
+            n_unsolved: count(|it| it.updates.unsolved)?,
+            status: array(py, ends.iter().map(number))?,
             samples_x: rows(py, ends.iter().map(|it| it.saved[0].as_slice()))?,
             samples_x_ref: rows(py, ends.iter().map(|it| it.saved[1].as_slice()))?,
             samples_u: rows(py, ends.iter().map(|it| it.saved[2].as_slice()))?,

@@ -14,7 +14,7 @@ use zivi::system::driven::Driven;
 use zivi::system::dynamics::{Dynamics, Layout};
 use zivi::{AnyImpactLaw, AnyMethod, SetupError, SwitchedRk};
 
-use crate::arrays::{vector, Matrix};
+use crate::arrays::{list, vector, Matrix};
 use crate::closed_loop::numbers_of;
 use crate::control::believed::{law_error, Believed};
 use crate::control::gap_tracker::{pressed, GapTracker};
@@ -317,10 +317,10 @@ pub(crate) fn simulate_mechanical_loop(
     let AnyMethod::SwitchedRk(settings) = method.inner else {
         return Err(PyValueError::new_err("a mechanical loop is integrated by SwitchedRK"));
     };
-    let (times, stops) = (vector(&times), vector(&stops));
+    let (times, stops) = (vector(&times)?, vector(&stops)?);
     let settings = if one_step { one_step_each(settings, &times) } else { settings };
     let noise: Vec<f64> =
-        noise.map(|it| it.as_array().iter().copied().collect()).unwrap_or_default();
+        noise.map(|it| list(it.as_array().iter().copied())).transpose()?.unwrap_or_default();
     let (system, inputs, r) = (&*system, &*inputs, inputs.r);
     let course = Course {
         settings,

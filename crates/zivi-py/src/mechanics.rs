@@ -1,6 +1,6 @@
 //! Mechanical systems from Python: the record of a run.
 
-use crate::arrays::{columns, members, Matrix, Vector};
+use crate::arrays::{array, columns, list, members, Matrix, Vector};
 use numpy::{PyArray1, PyArrayMethods};
 use pyo3::prelude::*;
 use zivi::mechanics::{GapSet, MechanicalRun, Occurrence, Totals};
@@ -88,7 +88,7 @@ impl MechanicalRecord {
         let (Layout { n, m, .. }, size) = (run.layout, run.layout.size());
         let samples = &run.samples;
         let picked = |values: &[f64], from, width| columns(py, values, size, from, width);
-        let closed: Vec<GapSet> = samples.modes.iter().map(|mode| mode.closed).collect();
+        let closed = list(samples.modes.iter().map(|mode| mode.closed))?;
         let friction = FrictionRecord::of(py, &run)?;
         let reactions = match run.layout.rows() {
             0 => PyArray1::from_vec(py, Vec::new()).reshape([samples.t.len(), 0])?.unbind(),
@@ -98,7 +98,7 @@ impl MechanicalRecord {
         let hits = Hits::of(py, &run.hits, n)?;
         let path = run.path.map(|path| Py::new(py, MechanicalPath { path })).transpose()?;
         Ok(Self {
-            t: PyArray1::from_slice(py, &samples.t).unbind(),
+            t: array(py, samples.t.iter().copied())?,
             q: picked(&samples.x, 0, n)?,
             qdot: picked(&samples.v, 0, n)?,
             gaps: picked(&samples.x, n, m)?,
@@ -128,14 +128,11 @@ impl Occurrences {
         if all.is_empty() {
             return Ok(None);
         }
-        let floats = |of: &dyn Fn(&Occurrence) -> Option<f64>| {
-            PyArray1::from_vec(py, all.iter().filter_map(of).collect()).unbind()
-        };
-        let integers = |of: &dyn Fn(&Occurrence) -> Option<i64>| {
-            PyArray1::from_vec(py, all.iter().filter_map(of).collect()).unbind()
-        };
+        let floats = |of: &dyn Fn(&Occurrence) -> Option<f64>| array(py, all.iter().filter_map(of));
+        let integers =
+            |of: &dyn Fn(&Occurrence) -> Option<i64>| array(py, all.iter().filter_map(of));
         let sets = |of: &dyn Fn(&Occurrence) -> Option<GapSet>| {
-            let sets: Vec<GapSet> = all.iter().filter_map(of).collect();
+            let sets = list(all.iter().filter_map(of))?;
             members(py, &sets, m)
         };
         /// One field of one kind of occurrence.
@@ -151,29 +148,29 @@ impl Occurrences {
             Occurrence::Flag { kind, .. } => Some(kind.name()),
             _ => None,
         });
-        let flag_kind = kinds.collect();
+        let flag_kind = list(kinds)?;
         Py::new(
             py,
             Self {
-                impact_t: floats(field!(Impact, t)),
-                impact_gap: integers(field!(Impact, gap as i64)),
-                impact_speed_before: floats(field!(Impact, before)),
-                impact_speed_after: floats(field!(Impact, after)),
-                impact_impulse: floats(field!(Impact, impulse)),
-                impact_group: integers(field!(Impact, group as i64)),
-                zeno_t: floats(field!(Zeno, t)),
-                zeno_gap: integers(field!(Zeno, gap as i64)),
+                impact_t: floats(field!(Impact, t))?,
+                impact_gap: integers(field!(Impact, gap as i64))?,
+                impact_speed_before: floats(field!(Impact, before))?,
+                impact_speed_after: floats(field!(Impact, after))?,
+                impact_impulse: floats(field!(Impact, impulse))?,
+                impact_group: integers(field!(Impact, group as i64))?,
+                zeno_t: floats(field!(Zeno, t))?,
+                zeno_gap: integers(field!(Zeno, gap as i64))?,
                 zeno_closed: sets(field!(Zeno, closed))?,
-                liftoff_t: floats(field!(LiftOff, t)),
-                liftoff_gap: integers(field!(LiftOff, gap as i64)),
-                opened_t: floats(field!(Opened, t)),
-                opened_gap: integers(field!(Opened, gap as i64)),
-                corner_t: floats(field!(Corner, t)),
+                liftoff_t: floats(field!(LiftOff, t))?,
+                liftoff_gap: integers(field!(LiftOff, gap as i64))?,
+                opened_t: floats(field!(Opened, t))?,
+                opened_gap: integers(field!(Opened, gap as i64))?,
+                corner_t: floats(field!(Corner, t))?,
                 corner_gaps: sets(field!(Corner, gaps))?,
                 flag_kind,
-                flag_t: floats(field!(Flag, t)),
+                flag_t: floats(field!(Flag, t))?,
                 flag_gaps: sets(field!(Flag, gaps))?,
-                flag_size: floats(field!(Flag, size)),
+                flag_size: floats(field!(Flag, size))?,
             },
         )
         .map(Some)

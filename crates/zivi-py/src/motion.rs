@@ -1,12 +1,12 @@
 //! The motion of a mechanical system between the samples of a run.
 
-use numpy::{PyArray1, PyReadonlyArray1};
+use numpy::{PyArray1, PyReadonlyArray1, PyUntypedArrayMethods};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
-use zivi::mechanics::{GapSet, MechanicalPath as Path};
+use zivi::mechanics::MechanicalPath as Path;
 use zivi::record::contact_mode::ContactMode;
 
-use crate::arrays::{columns, members, Matrix, Vector};
+use crate::arrays::{array, columns, list, members, stored, vector, Array, Matrix, Vector};
 use crate::friction::{modes_of, slips_of};
 
 /// What restores an object, and its arguments.
@@ -18,8 +18,10 @@ type Motion = (Matrix<f64>, Matrix<f64>, Matrix<f64>, Matrix<f64>, Matrix<bool>)
 type Rubbed = (Matrix<f64>, Matrix<f64>, Vector<f64>, Matrix<i8>);
 
 /// As many columns of impacts.
-type FourArrays<'py> = (Column<'py>, Column<'py>, Column<'py>, Column<'py>);
-type Column<'py> = Bound<'py, PyArray1<f64>>;
+type FourArrays = (Array, Array, Array, Array);
+
+/// Positions, rates and modes.
+type Points = (Vec<f64>, Vec<f64>, Vec<ContactMode>);
 
 /// The motion of a mechanical system as a function of time.
 #[pyclass(frozen, module = "zivi._zivi")]
@@ -29,24 +31,19 @@ pub(crate) struct MechanicalPath {
 
 impl MechanicalPath {
     /// Positions, rates and modes at the times, one after the other.
-    fn points(&self, times: &PyReadonlyArray1<'_, f64>) -> (Vec<f64>, Vec<f64>, Vec<ContactMode>) {
-        let size = self.path.layout().size();
-        let (mut x, mut v, mut modes) = (Vec::new(), Vec::new(), Vec::new());
-        for &t in times.as_array() {
-            match self.path.at(t) {
-                Some(point) => {
-                    x.extend(point.x);
-                    v.extend(point.v);
-                    modes.push(point.mode);
-                }
-                None => {
-                    x.resize(x.len() + size, f64::NAN);
-                    v.resize(v.len() + size, f64::NAN);
-                    modes.push(ContactMode::default());
-                }
+    fn points(&self, times: &PyReadonlyArray1<'_, f64>) -> PyResult<Points> {
+        let (size, n) = (self.path.layout().size(), times.len());
+        let unknown = || list(std::iter::repeat_n(f64::NAN, n * size));
+        let (mut x, mut v) = (unknown()?, unknown()?);
+        let mut modes = list(std::iter::repeat_n(ContactMode::default(), n))?;
+        for (k, &t) in times.as_array().iter().enumerate() {
+            if let Some(point) = self.path.at(t) {
+                x[k * size..][..size].copy_from_slice(&point.x);
+                v[k * size..][..size].copy_from_slice(&point.v);
+                modes[k] = point.mode;
             }
         }
-        (x, v, modes)
+        Ok((x, v, modes))
     }
 }
 
@@ -60,9 +57,9 @@ impl MechanicalPath {
 
     /// `(q, qdot, gaps, gap_rates, contacts)` at the times, NaN outside of the span.
     fn at(&self, py: Python<'_>, times: PyReadonlyArray1<'_, f64>) -> PyResult<Motion> {
-        let (layout, (x, v, modes)) = (self.path.layout(), self.points(&times));
+        let (layout, (x, v, modes)) = (self.path.layout(), self.points(&times)?);
         let (n, m) = (layout.n, layout.m);
-        let closed: Vec<GapSet> = modes.iter().map(|mode| mode.closed).collect();
+        let closed = list(modes.iter().map(|mode| mode.closed))?;
         let of = |values: &[f64], from, width| columns(py, values, layout.size(), from, width);
         let (q, qdot) = (of(&x, 0, n)?, of(&v, 0, n)?);
         Ok((q, qdot, of(&x, n, m)?, of(&v, n, m)?, members(py, &closed, m)?))
@@ -70,7 +67,7 @@ impl MechanicalPath {
 
     /// `(slips, slip_distances, dissipated, modes)` at the times, NaN outside of the span.
     fn friction_at(&self, py: Python<'_>, times: PyReadonlyArray1<'_, f64>) -> PyResult<Rubbed> {
-        let (layout, (x, v, modes)) = (self.path.layout(), self.points(&times));
+        let (layout, (x, v, modes)) = (self.path.layout(), self.points(&times)?);
         if layout.p == 0 {
             return Err(PyValueError::new_err("the motion has no friction"));
         }
@@ -80,33 +77,31 @@ impl MechanicalPath {
 
     /// Time, speed before and speed after of the impacts that jumps to Zeno points skipped, down
     /// to a speed after them and at most so many of each, and the times of these Zeno points.
-    fn skipped_impacts<'py>(&self, py: Python<'py>, speed: f64, at_most: usize) -> FourArrays<'py> {
-        let found: Vec<_> = self.path.skipped_impacts(speed, at_most).collect();
-        let column = |of: fn(&(zivi::Impact, f64)) -> f64| -> Column<'py> {
-            PyArray1::from_vec(py, found.iter().map(of).collect())
-        };
-        (
-            column(|(it, _)| it.t),
-            column(|(it, _)| it.xdot_before),
-            column(|(it, _)| it.xdot_after),
-            column(|(_, zeno)| *zeno),
-        )
+    fn skipped_impacts(&self, py: Python<'_>, speed: f64, at_most: usize) -> PyResult<FourArrays> {
+        let found = list(self.path.skipped_impacts(speed, at_most))?;
+        let column = |of: fn(&(zivi::Impact, f64)) -> f64| array(py, found.iter().map(of));
+        Ok((
+            column(|(it, _)| it.t)?,
+            column(|(it, _)| it.xdot_before)?,
+            column(|(it, _)| it.xdot_after)?,
+            column(|(_, zeno)| *zeno)?,
+        ))
     }
 
     /// All that it consists of, as plain numbers.
-    fn numbers<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
-        PyArray1::from_vec(py, self.path.to_numbers())
+    fn numbers<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray1<f64>>> {
+        stored(py, self.path.to_numbers())
     }
 
     /// What `numbers` came from; a ValueError for numbers that are none of a motion.
     #[staticmethod]
     fn restored(numbers: PyReadonlyArray1<'_, f64>) -> PyResult<Self> {
-        let numbers: Vec<f64> = numbers.as_array().iter().copied().collect();
+        let numbers = vector(&numbers)?;
         let path = Path::from_numbers(&numbers);
         Ok(Self { path: path.map_err(|error| PyValueError::new_err(error.to_string()))? })
     }
 
     fn __reduce__<'py>(&self, py: Python<'py>) -> PyResult<Reduced<'py>> {
-        Ok((py.get_type::<Self>().getattr("restored")?, (self.numbers(py),)))
+        Ok((py.get_type::<Self>().getattr("restored")?, (self.numbers(py)?,)))
     }
 }

@@ -1,5 +1,6 @@
 //! The observer as a Python class.
 
+use crate::arrays::with_room;
 use numpy::{PyArray1, PyReadonlyArray1};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
@@ -125,7 +126,10 @@ impl Observer {
         it.reset();
         let (t, x, xdot, held) = (t.as_slice()?, x.as_slice()?, xdot.as_slice()?, held.as_slice()?);
         let mut columns: [Vec<f64>; 8] = Default::default();
-        let mut out = Vec::with_capacity(t.len());
+        for column in &mut columns {
+            *column = with_room(t.len())?;
+        }
+        let mut out = with_room(t.len())?;
         for (k, (now, x)) in t.iter().zip(x).enumerate() {
             let xdot = xdot.get(k).copied();
             let before = it.state().refused;

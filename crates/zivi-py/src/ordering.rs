@@ -1,5 +1,6 @@
 //! The order in which a sparse matrix is factorised, found with the interpreter's lock released.
 
+use crate::arrays::list;
 use numpy::{PyArray1, PyReadonlyArray1};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
@@ -26,7 +27,8 @@ pub(crate) fn minimum_degree<'py>(
     starts: PyReadonlyArray1<'py, i32>,
     rows: PyReadonlyArray1<'py, i32>,
 ) -> PyResult<Bound<'py, PyArray1<i32>>> {
-    let (starts, rows) = (starts.as_array().to_vec(), rows.as_array().to_vec());
+    let (starts, rows) =
+        (list(starts.as_array().iter().copied())?, list(rows.as_array().iter().copied())?);
     if !is_pattern(&starts, &rows) {
         return Err(PyValueError::new_err("starts and rows must be those of a square matrix"));
     }

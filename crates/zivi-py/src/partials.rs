@@ -318,7 +318,7 @@ pub(crate) fn mechanical_sensitivity(
     let _running = crate::leaving::running()?;
     let (method, laws) = (method.switched()?, &system.laws[..]);
     let (q, qdot) = (start.q.clone(), start.qdot.clone());
-    let (sizes, times, tstops) = (vector(&sizes), vector(&times), vector(&tstops));
+    let (sizes, times, tstops) = (vector(&sizes)?, vector(&times)?, vector(&tstops)?);
     let wrt: Vec<MechanicalWrt> = wrt.iter().map(wrt_of).collect();
     let layout = Layout::smooth(system.n, system.m);
     let question = Question { wrt: &wrt, sizes: &sizes, controlled, times: &times };

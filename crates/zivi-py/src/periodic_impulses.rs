@@ -5,15 +5,15 @@ use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use zivi::mechanics::Modes;
 
-use crate::arrays::{vector, Array, Matrix};
+use crate::arrays::{list, vector, Array, Matrix};
 
-fn flat(array: &PyReadonlyArrayDyn<'_, f64>) -> Vec<f64> {
-    array.as_array().iter().copied().collect()
+fn flat(array: &PyReadonlyArrayDyn<'_, f64>) -> PyResult<Vec<f64>> {
+    list(array.as_array().iter().copied())
 }
 
 /// The last axis of an array has real and imaginary parts.
-fn pairs(array: &PyReadonlyArrayDyn<'_, f64>) -> Vec<(f64, f64)> {
-    flat(array).chunks_exact(2).map(|it| (it[0], it[1])).collect()
+fn pairs(array: &PyReadonlyArrayDyn<'_, f64>) -> PyResult<Vec<(f64, f64)>> {
+    list(flat(array)?.chunks_exact(2).map(|it| (it[0], it[1])))
 }
 
 fn square(py: Python<'_>, values: Vec<f64>, size: usize) -> PyResult<Matrix<f64>> {
@@ -29,7 +29,7 @@ pub(crate) struct PeriodicImpulses {
 
 impl PeriodicImpulses {
     fn unknowns(&self, y: &PyReadonlyArray1<'_, f64>) -> PyResult<Vec<f64>> {
-        let y = vector(y);
+        let y = vector(y)?;
         if y.len() == 2 * self.gaps.len() {
             return Ok(y);
         }
@@ -59,16 +59,16 @@ impl PeriodicImpulses {
     ) -> PyResult<Self> {
         let modes = Modes {
             period,
-            rates: pairs(&rates),
-            kernels: pairs(&kernels),
-            vectors: pairs(&vectors),
-            inputs: pairs(&inputs),
-            pushes: flat(&pushes),
-            forced_gaps: flat(&forced_gaps),
-            forced_states: flat(&forced_states),
-            omegas: flat(&omegas),
-            mobilities: flat(&mobilities),
-            e: flat(&e),
+            rates: pairs(&rates)?,
+            kernels: pairs(&kernels)?,
+            vectors: pairs(&vectors)?,
+            inputs: pairs(&inputs)?,
+            pushes: flat(&pushes)?,
+            forced_gaps: flat(&forced_gaps)?,
+            forced_states: flat(&forced_states)?,
+            omegas: flat(&omegas)?,
+            mobilities: flat(&mobilities)?,
+            e: flat(&e)?,
         };
         modes.check(&gaps).map_err(PyValueError::new_err)?;
         Ok(Self { modes, gaps })

@@ -1,6 +1,6 @@
 //! The record of a run as Python sees it: NumPy arrays that own its memory.
 
-use crate::arrays::Array;
+use crate::arrays::{list, zeros, Array};
 use numpy::{PyArray1, PyArray2, PyArrayMethods};
 use pyo3::exceptions::{PyMemoryError, PyValueError};
 use pyo3::prelude::*;
@@ -65,7 +65,7 @@ impl RunRecord {
         let quantity = quantity.ok_or_else(|| PyValueError::new_err("no such row"))?;
         self.with_plotted(py, |known, steps| {
             let Some((plotted, path, restitution)) = known else {
-                return Some([steps[row].to_vec()]);
+                return list(steps[row].iter().copied()).ok().map(|it| [it]);
             };
             let taken = match (quantity, self.positions.lock()) {
                 (Quantity::X, Ok(mut positions)) => positions.take(),
@@ -83,7 +83,10 @@ impl RunRecord {
     fn drawn_lifted(&self, py: Python<'_>) -> PyResult<[Array; 4]> {
         self.with_plotted(py, |known, steps| match known {
             Some((plotted, path, restitution)) => plotted.lifted(path, steps, restitution),
-            None => Some([3, 4, 5, 6].map(|row| steps[row].to_vec())),
+            None => {
+                let copied = |row: usize| list(steps[row].iter().copied()).ok();
+                Some([copied(3)?, copied(4)?, copied(5)?, copied(6)?])
+            }
         })
     }
 }
@@ -135,11 +138,11 @@ impl RunRecord {
             n_samples,
             plotted: OnceLock::new(),
             positions: Mutex::new(None),
-            impacts: rows_of(py, &events.impacts),
+            impacts: rows_of(py, &events.impacts)?,
             zeno_times: array(events.zeno_times),
             liftoff_times: array(events.liftoff_times),
             rest_time: events.rest_time,
-            failed_steps: PyArray1::from_iter(py, failed_steps).unbind(),
+            failed_steps: crate::arrays::array(py, failed_steps)?,
             hits: Hits::of(py, &hits, 1)?,
             n_steps: counts.accepted,
             n_rejected: counts.rejected,
@@ -153,9 +156,12 @@ impl RunRecord {
 }
 
 /// The impacts in rows of time, velocity before and velocity after.
-pub(crate) fn rows_of(py: Python<'_>, impacts: &[zivi::Impact]) -> Array {
-    let rows = impacts.iter().flat_map(|it| [it.t, it.xdot_before, it.xdot_after]);
-    PyArray1::from_vec(py, rows.collect()).unbind()
+pub(crate) fn rows_of(py: Python<'_>, impacts: &[zivi::Impact]) -> PyResult<Array> {
+    let mut rows = zeros(3 * impacts.len())?;
+    for (row, it) in rows.chunks_exact_mut(3).zip(impacts) {
+        row.copy_from_slice(&[it.t, it.xdot_before, it.xdot_after]);
+    }
+    Ok(PyArray1::from_vec(py, rows).unbind())
 }
 
 /// The message of every status, in the order of their numbers.

@@ -10,6 +10,7 @@ use zivi::stepping::step_solver::General;
 use zivi::system::dynamics::Dynamics;
 use zivi::{AnyMethod, Grid, Lifted, Method as _, Output, Physical, PointRun, SetupError, Solver};
 
+use crate::arrays::with_room;
 use crate::dynamics::AnyDynamics;
 use crate::force::with_force;
 use crate::friction::Rubbing;
@@ -157,8 +158,8 @@ pub(crate) fn solve_steps<'py>(
         (_, false) => General::newton_without_fall_backs(),
     };
     let (s, v, f) = (s.as_array(), v.as_array(), f.as_array());
-    let mut multipliers = [Vec::with_capacity(s.len()), Vec::with_capacity(s.len())];
-    let mut solved = Vec::with_capacity(s.len());
+    let mut multipliers = [with_room(s.len())?, with_room(s.len())?];
+    let mut solved = with_room(s.len())?;
     for ((&s, &v), &f) in s.iter().zip(v).zip(f) {
         general.start_from([zivi_core::sgn(s), zivi_core::sgn(v)]);
         solved.push(general.solve_inclusion(&step, Lifted { s, v }, f));

@@ -1,10 +1,12 @@
 //! The motion of a mass between the samples of a run.
 
-use numpy::{PyArray1, PyReadonlyArray1};
+use numpy::{PyArray1, PyReadonlyArray1, PyUntypedArrayMethods};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use zivi::{DensePath, Motion, Physical};
 use zivi_core::{transform, Branch};
+
+use crate::arrays::{array, list, stored, vector, zeros, Array};
 
 /// The motion between the samples of a run.
 #[pyclass(frozen, module = "zivi._zivi")]
@@ -15,8 +17,6 @@ pub(crate) struct MotionPath {
 type Arrays<'py> = (Bound<'py, PyArray1<f64>>, Bound<'py, PyArray1<f64>>);
 /// What restores an object, and its arguments.
 type Reduced<'py> = (Bound<'py, PyAny>, (Bound<'py, PyArray1<f64>>,));
-type ThreeArrays<'py> =
-    (Bound<'py, PyArray1<f64>>, Bound<'py, PyArray1<f64>>, Bound<'py, PyArray1<f64>>);
 
 impl MotionPath {
     /// The motion of the plant of a closed loop.
@@ -31,34 +31,38 @@ impl MotionPath {
         py: Python<'py>,
         times: &PyReadonlyArray1<'py, f64>,
         of: impl Fn(zivi::PathPoint) -> (f64, f64),
-    ) -> Arrays<'py> {
+    ) -> PyResult<Arrays<'py>> {
         let mut reader = self.motion.path.as_ref().map(DensePath::reader);
-        let at = |&t: &f64| {
+        let mut at = |&t: &f64| {
             let point = reader.as_mut().and_then(|reader| reader.at(t));
             point.map_or((f64::NAN, f64::NAN), &of)
         };
-        let (first, second): (Vec<f64>, Vec<f64>) = times.as_array().iter().map(at).unzip();
-        (PyArray1::from_vec(py, first), PyArray1::from_vec(py, second))
+        let mut both = [zeros(times.len())?, zeros(times.len())?];
+        for (k, t) in times.as_array().iter().enumerate() {
+            (both[0][k], both[1][k]) = at(t);
+        }
+        let [first, second] = both.map(|it| PyArray1::from_vec(py, it));
+        Ok((first, second))
     }
 }
 
 #[pymethods]
 impl MotionPath {
     /// All that it consists of, as plain numbers.
-    fn numbers<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
-        PyArray1::from_vec(py, self.motion.to_numbers())
+    fn numbers<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray1<f64>>> {
+        stored(py, self.motion.to_numbers())
     }
 
     /// What `numbers` came from; a ValueError for numbers that are none of a motion.
     #[staticmethod]
     fn restored(numbers: PyReadonlyArray1<'_, f64>) -> PyResult<Self> {
-        let numbers: Vec<f64> = numbers.as_array().iter().copied().collect();
+        let numbers = vector(&numbers)?;
         let motion = Motion::from_numbers(&numbers);
         Ok(Self { motion: motion.map_err(|error| PyValueError::new_err(error.to_string()))? })
     }
 
     fn __reduce__<'py>(&self, py: Python<'py>) -> PyResult<Reduced<'py>> {
-        Ok((py.get_type::<Self>().getattr("restored")?, (self.numbers(py),)))
+        Ok((py.get_type::<Self>().getattr("restored")?, (self.numbers(py)?,)))
     }
 
     /// Whether the motion between the samples is known.
@@ -74,18 +78,25 @@ impl MotionPath {
     }
 
     /// Where a step, a tail or a rest begins, in order.
-    fn starts<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
-        let path = self.motion.path.iter();
-        PyArray1::from_iter(py, path.flat_map(DensePath::starts))
+    fn starts(&self, py: Python<'_>) -> PyResult<Array> {
+        array(py, self.motion.path.iter().flat_map(DensePath::starts))
     }
 
     /// `(x, xdot)` at the times.
-    fn physical<'py>(&self, py: Python<'py>, times: PyReadonlyArray1<'py, f64>) -> Arrays<'py> {
+    fn physical<'py>(
+        &self,
+        py: Python<'py>,
+        times: PyReadonlyArray1<'py, f64>,
+    ) -> PyResult<Arrays<'py>> {
         self.sample(py, &times, |point| (point.x, point.xdot))
     }
 
     /// `(s, v)` at the times.
-    fn lifted<'py>(&self, py: Python<'py>, times: PyReadonlyArray1<'py, f64>) -> Arrays<'py> {
+    fn lifted<'py>(
+        &self,
+        py: Python<'py>,
+        times: PyReadonlyArray1<'py, f64>,
+    ) -> PyResult<Arrays<'py>> {
         self.sample(py, &times, |zivi::PathPoint { x, xdot, sigma }| {
             let branch = if sigma > 0.0 { Branch::Positive } else { Branch::Negative };
             let z = transform::lift(Physical { x, xdot }, branch, self.motion.restitution);
@@ -95,21 +106,16 @@ impl MotionPath {
 
     /// Times and velocities before and after of the impacts that jumps to rest skipped, down to
     /// a speed after them, at most so many of each accumulation.
-    fn skipped_impacts<'py>(
+    fn skipped_impacts(
         &self,
-        py: Python<'py>,
+        py: Python<'_>,
         speed: f64,
         at_most: usize,
-    ) -> ThreeArrays<'py> {
-        let impacts: Vec<zivi::Impact> = self
-            .motion
-            .tails
-            .iter()
-            .flat_map(|tail| tail.impacts_down_to(speed, at_most))
-            .collect();
-        let column =
-            |of: fn(&zivi::Impact) -> f64| PyArray1::from_vec(py, impacts.iter().map(of).collect());
-        (column(|it| it.t), column(|it| it.xdot_before), column(|it| it.xdot_after))
+    ) -> PyResult<(Array, Array, Array)> {
+        let tails = self.motion.tails.iter();
+        let impacts = list(tails.flat_map(|tail| tail.impacts_down_to(speed, at_most)))?;
+        let column = |of: fn(&zivi::Impact) -> f64| array(py, impacts.iter().map(of));
+        Ok((column(|it| it.t)?, column(|it| it.xdot_before)?, column(|it| it.xdot_after)?))
     }
 
     /// Start and end of the accumulations that were extrapolated.

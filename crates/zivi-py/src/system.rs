@@ -108,7 +108,7 @@ impl Mechanism {
         let laws = match e {
             Restitutions::Laws(laws) => laws.iter().map(|law| law.inner).collect(),
             Restitutions::Newton(e) => {
-                newton_impacts(&vector(&e)).map_err(|error| setup_error(error.into()))?
+                newton_impacts(&vector(&e)?).map_err(|error| setup_error(error.into()))?
             }
         };
         Ok(Self { model, n, m, laws, friction })
@@ -129,8 +129,8 @@ pub(crate) struct Configuration {
 #[pymethods]
 impl Configuration {
     #[new]
-    fn new(q: PyReadonlyArray1<'_, f64>, qdot: PyReadonlyArray1<'_, f64>) -> Self {
-        Self { q: vector(&q), qdot: vector(&qdot) }
+    fn new(q: PyReadonlyArray1<'_, f64>, qdot: PyReadonlyArray1<'_, f64>) -> PyResult<Self> {
+        Ok(Self { q: vector(&q)?, qdot: vector(&qdot)? })
     }
 }
 

@@ -7,7 +7,7 @@ use numpy::{PyArray1, PyArrayMethods, PyReadonlyArray1};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
-use crate::arrays::vector;
+use crate::arrays::{array, vector};
 
 /// Piecewise polynomials of time.
 #[pyclass(frozen, module = "zivi._zivi")]
@@ -31,9 +31,10 @@ impl TimeTable {
         width: usize,
         ends: Option<(PyReadonlyArray1<'_, f64>, PyReadonlyArray1<'_, f64>)>,
     ) -> PyResult<Self> {
-        let ends = ends.map(|(first, last)| [vector(&first), vector(&last)]);
+        let ends = ends.map(|(first, last)| Ok::<_, PyErr>([vector(&first)?, vector(&last)?]));
+        let ends = ends.transpose()?;
         let sizes = (order, width);
-        let inner = zivi::TimeTable::new(vector(&knots), vector(&coefficients), sizes, ends);
+        let inner = zivi::TimeTable::new(vector(&knots)?, vector(&coefficients)?, sizes, ends);
         let wrong = || PyValueError::new_err("knots, coefficients and ends do not fit together");
         Ok(Self { inner: Arc::new(inner.ok_or_else(wrong)?) })
     }
@@ -49,11 +50,11 @@ impl TimeTable {
         if derivative > 2 {
             return Err(PyValueError::new_err("derivative must be 0, 1 or 2"));
         }
-        let (times, width) = (vector(&times), self.inner.width());
+        let (times, width) = (vector(&times)?, self.inner.width());
         let all = times
             .iter()
             .flat_map(|&t| (0..width).map(move |column| self.inner.motion(t, column)[derivative]));
-        Ok(PyArray1::from_vec(py, all.collect()))
+        Ok(array(py, all)?.into_bound(py))
     }
 
     /// The first column and its two derivatives at a time.

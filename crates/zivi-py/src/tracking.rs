@@ -10,6 +10,7 @@ use zivi_core::control::tracking::{Target, TrackingStep};
 use zivi_core::control::Gains;
 use zivi_core::ThetaGammaStep;
 
+use crate::arrays::{list, with_room};
 use crate::errors::setup_error;
 use crate::method::step_solver;
 use crate::transform::restitution_of;
@@ -58,12 +59,10 @@ impl Scheme {
 /// The rows of a two-dimensional array.
 fn rows<const N: usize>(name: &str, array: &PyReadonlyArray2<'_, f64>) -> PyResult<Vec<[f64; N]>> {
     let array = array.as_array();
-    let row = |k: usize| -> Option<[f64; N]> {
-        let row = array.row(k);
-        (row.len() == N).then(|| std::array::from_fn(|j| row[j]))
-    };
-    let all: Option<Vec<_>> = (0..array.nrows()).map(row).collect();
-    all.ok_or_else(|| PyValueError::new_err(format!("{name} must have {N} columns")))
+    if array.ncols() != N {
+        return Err(PyValueError::new_err(format!("{name} must have {N} columns")));
+    }
+    list((0..array.nrows()).map(|k| std::array::from_fn(|j| array[[k, j]])))
 }
 
 /// Signs of many steps of the tracker (NaN where there are none), and whether the solver calls them
@@ -101,8 +100,8 @@ pub(crate) fn solve_tracking_steps<'py>(
     if states.len() != starts.len() {
         return Err(PyValueError::new_err("states and starts must be equally many"));
     }
-    let mut signs = Vec::with_capacity(SIGNS * states.len());
-    let mut solved = Vec::with_capacity(states.len());
+    let mut signs = with_room(SIGNS * states.len())?;
+    let mut solved = with_room(states.len())?;
     let mut general = match (step_solver(solver, linearisations)?, fall_backs) {
         (Solver::Exact, _) => None,
         (Solver::Outer { linearisations }, _) => Some(SignSolver::outer(linearisations)),

@@ -1,5 +1,6 @@
 //! Restitution and transform on arrays.
 
+use crate::arrays::zeros;
 use numpy::{PyArray1, PyReadonlyArray1};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
@@ -69,10 +70,13 @@ fn map_pairs<'py>(
     py: Python<'py>,
     (first, second): (PyReadonlyArray1<'py, f64>, PyReadonlyArray1<'py, f64>),
     map: impl Fn(f64, f64) -> (f64, f64),
-) -> Pair<'py> {
+) -> PyResult<Pair<'py>> {
     let (first, second) = (first.as_array(), second.as_array());
-    let (a, b): (Vec<f64>, Vec<f64>) = first.iter().zip(second).map(|(&a, &b)| map(a, b)).unzip();
-    (PyArray1::from_vec(py, a), PyArray1::from_vec(py, b))
+    let (mut a, mut b) = (zeros(first.len())?, zeros(first.len())?);
+    for (k, (first, second)) in first.iter().zip(second).enumerate() {
+        (a[k], b[k]) = map(*first, *second);
+    }
+    Ok((PyArray1::from_vec(py, a), PyArray1::from_vec(py, b)))
 }
 
 /// `(s, v)` of physical states on the branch `sigma`.
@@ -86,10 +90,10 @@ pub(crate) fn lift<'py>(
 ) -> PyResult<Pair<'py>> {
     let restitution = restitution_of(kappa)?;
     let branch = if sigma < 0.0 { Branch::Negative } else { Branch::Positive };
-    Ok(map_pairs(py, (x, xdot), |x, xdot| {
+    map_pairs(py, (x, xdot), |x, xdot| {
         let z = transform::lift(Physical { x, xdot }, branch, restitution);
         (z.s, z.v)
-    }))
+    })
 }
 
 /// `(x, xdot)` of lifted states.
@@ -101,8 +105,8 @@ pub(crate) fn project<'py>(
     kappa: f64,
 ) -> PyResult<Pair<'py>> {
     let restitution = restitution_of(kappa)?;
-    Ok(map_pairs(py, (s, v), |s, v| {
+    map_pairs(py, (s, v), |s, v| {
         let physical = transform::project(Lifted { s, v }, restitution);
         (physical.x, physical.xdot)
-    }))
+    })
 }

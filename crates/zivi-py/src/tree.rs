@@ -48,8 +48,8 @@ impl Tree {
             .map(|(parent, slide)| Joint { parent: joint(parent), kind: kind(slide) })
             .collect();
         let gaps: Option<Vec<TreeGap>> = gaps.iter().map(gap_of).collect();
-        let tree = gaps
-            .and_then(|gaps| tree::Tree { joints, gaps, numbers: vector(&numbers) }.validated());
+        let numbers = vector(&numbers)?;
+        let tree = gaps.and_then(|gaps| tree::Tree { joints, gaps, numbers }.validated());
         let tree = tree.ok_or_else(|| PyValueError::new_err("the parts do not fit together"))?;
         Ok(Self { inner: Arc::new(tree) })
     }
@@ -62,7 +62,7 @@ impl Tree {
         q: PyReadonlyArray1<'_, f64>,
         qdot: PyReadonlyArray1<'_, f64>,
     ) -> PyResult<Vector<f64>> {
-        let (q, w, n) = (vector(&q), vector(&qdot), self.inner.joints.len());
+        let (q, w, n) = (vector(&q)?, vector(&qdot)?, self.inner.joints.len());
         if [q.len(), w.len()] != [n; 2] {
             return Err(PyValueError::new_err(format!("q and qdot must have {n} entries")));
         }

@@ -8,8 +8,7 @@ use pyo3::gc::{PyTraverseError, PyVisit};
 use pyo3::prelude::*;
 use zivi::{Direction, Level, LocatedEvent, MotionPoint, PathPoint, UserEvent};
 
-use crate::arrays::Array;
-use crate::arrays::Matrix;
+use crate::arrays::{array, Array, Matrix};
 use crate::dynamics::fill;
 
 /// An event of the user: where a function of time and state changes its sign.
@@ -139,11 +138,10 @@ impl Hits {
     ) -> PyResult<Vec<Py<Self>>> {
         let one = |hits: &Vec<LocatedEvent<S>>| {
             let rows = |of: fn(&S) -> &[f64]| -> PyResult<Matrix<f64>> {
-                let all: Vec<f64> =
-                    hits.iter().flat_map(|it| of(&it.at)[..n].iter().copied()).collect();
-                Ok(PyArray1::from_vec(py, all).reshape([hits.len(), n])?.unbind())
+                let all = hits.iter().flat_map(|it| of(&it.at)[..n].iter().copied());
+                Ok(array(py, all)?.into_bound(py).reshape([hits.len(), n])?.unbind())
             };
-            let t = PyArray1::from_iter(py, hits.iter().map(|it| it.t)).unbind();
+            let t = array(py, hits.iter().map(|it| it.t))?;
             Py::new(py, Self { t, q: rows(S::q)?, qdot: rows(S::qdot)? })
         };
         events.iter().map(one).collect()

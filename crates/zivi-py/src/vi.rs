@@ -8,7 +8,7 @@ mod settings;
 
 use numpy::{PyArray1, PyReadonlyArray1, PyReadonlyArray2};
 use pulp::{Simd, WithSimd};
-use pyo3::exceptions::PyValueError;
+use pyo3::exceptions::{PyMemoryError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use zivi::numeric::lu::ByBlocks;
@@ -16,6 +16,7 @@ use zivi_core::vi::{
     self, Affine, Differenced, InvalidInput, Problem, Report, Scheme, Settings, Status, Workspace,
 };
 
+use crate::arrays::{list, vector, zeros};
 use callbacks::{Callbacks, Watched, WithJacobian};
 pub(crate) use games::lemke_howson;
 use interrupts::{Interruptible, Interrupts};
@@ -52,6 +53,20 @@ fn invalid(error: InvalidInput) -> PyErr {
     PyValueError::new_err(error.to_string())
 }
 
+/// Memory of a solve of `n` unknowns, which grows with `n^2`.
+fn workspace_of(n: usize) -> PyResult<(Vec<f64>, Vec<usize>)> {
+    // beyond all numbers where it overflows
+    let (reals, indices) = if n < 1 << 24 { vi::workspace_len(n) } else { (usize::MAX, n) };
+    let found = zeros(reals).and_then(|reals| Ok((reals, list(std::iter::repeat_n(0, indices))?)));
+    found.map_err(|_| {
+        PyMemoryError::new_err(format!(
+            "n must be small enough for dense matrices, got {n} unknowns, whose {:.1} GB do not fit \
+             into memory; give a sparse matrix, or a jac that returns one (scipy.sparse)",
+            reals as f64 * 8e-9
+        ))
+    })
+}
+
 /// Vectors of one solve, owned here.
 struct Vectors {
     lower: Vec<f64>,
@@ -67,18 +82,22 @@ pub(crate) enum Bound1<'py> {
 }
 
 impl Bound1<'_> {
-    fn to_vec(&self, n: usize) -> Vec<f64> {
+    fn to_vec(&self, n: usize) -> PyResult<Vec<f64>> {
         match self {
-            Self::Common(value) => vec![*value; n],
-            Self::Each(values) => values.as_array().to_vec(),
+            Self::Common(value) => list(std::iter::repeat_n(*value, n)),
+            Self::Each(values) => vector(values),
         }
     }
 }
 
 impl Vectors {
-    fn new(lower: &Bound1<'_>, upper: &Bound1<'_>, x0: &PyReadonlyArray1<'_, f64>) -> Self {
-        let z = x0.as_array().to_vec();
-        Self { lower: lower.to_vec(z.len()), upper: upper.to_vec(z.len()), z }
+    fn new(
+        lower: &Bound1<'_>,
+        upper: &Bound1<'_>,
+        x0: &PyReadonlyArray1<'_, f64>,
+    ) -> PyResult<Self> {
+        let z = vector(x0)?;
+        Ok(Self { lower: lower.to_vec(z.len())?, upper: upper.to_vec(z.len())?, z })
     }
 
     /// Solves in memory of its own; `F` at the end comes with the report.
@@ -86,17 +105,18 @@ impl Vectors {
         &mut self,
         problem: &mut dyn Problem,
         settings: &Settings<'_>,
-    ) -> Result<(Report, Vec<f64>), InvalidInput> {
+    ) -> PyResult<(Report, Vec<f64>)> {
         let n = self.z.len();
-        vi::validate_bounds(n, &self.lower, &self.upper)?;
-        let (reals, indices) = vi::workspace_len(n);
-        let (mut reals, mut indices) = (vec![0.0; reals], vec![0; indices]);
-        let mut work =
-            Workspace::new(n, &mut reals, &mut indices).ok_or(InvalidInput::Workspace)?;
+        vi::validate_bounds(n, &self.lower, &self.upper).map_err(invalid)?;
+        let (mut reals, mut indices) = workspace_of(n)?;
+        let mut f = zeros(n)?;
+        let work = Workspace::new(n, &mut reals, &mut indices).ok_or(InvalidInput::Workspace);
+        let mut work = work.map_err(invalid)?;
         let bounds = (&self.lower[..], &self.upper[..]);
         let problem = &mut ByBlocks(problem);
-        let report = vi::solve(problem, bounds, &mut self.z, settings, &mut work)?;
-        Ok((report, work.map().to_vec()))
+        let report = vi::solve(problem, bounds, &mut self.z, settings, &mut work);
+        f.copy_from_slice(work.map());
+        Ok((report.map_err(invalid)?, f))
     }
 
     fn record(
@@ -151,7 +171,7 @@ pub(crate) fn solve_vi<'py>(
     observe: Option<Py<PyAny>>,
 ) -> PyResult<ViRecord> {
     let _running = crate::leaving::running()?;
-    let mut vectors = Vectors::new(&lower, &upper, &x0);
+    let mut vectors = Vectors::new(&lower, &upper, &x0)?;
     let given = GivenSettings::from_dict(settings)?;
     let interrupts = Interrupts::new(time_limit, observe);
     let callbacks = Callbacks::new(py, f, convert);
@@ -166,11 +186,12 @@ pub(crate) fn solve_vi<'py>(
             vectors.solve(&mut Watched::new(problem, &callbacks, &interrupts), &given.get())
         }
         Some(scheme) => {
-            let (lower, upper) = (vectors.lower.clone(), vectors.upper.clone());
-            let mut work = vec![0.0; 4 * lower.len()];
+            let n = vectors.z.len();
+            let (lower, upper) = (lower.to_vec(n)?, upper.to_vec(n)?);
+            let mut work = zeros(4 * n)?;
             let map = |z: &[f64], out: &mut [f64]| callbacks.map(z, out);
             Differenced::new(map, &lower, &upper, &mut work)
-                .ok_or(InvalidInput::Workspace)
+                .ok_or_else(|| invalid(InvalidInput::Workspace))
                 .map(|it| it.with_scheme(scheme).with_rounding(&callbacks.rounding))
                 .and_then(|problem| {
                     vectors.solve(&mut Watched::new(problem, &callbacks, &interrupts), &given.get())
@@ -180,7 +201,7 @@ pub(crate) fn solve_vi<'py>(
     if let Some(error) = callbacks.raised.take().or_else(|| interrupts.raised()) {
         return Err(error);
     }
-    let end = solved.map_err(invalid)?;
+    let end = solved?;
     let mut record = vectors.record(py, end, callbacks.nfev.get(), &interrupts);
     record.message.push_str(&callbacks.undefined());
     Ok(record)
@@ -231,8 +252,8 @@ pub(crate) fn solve_avi<'py>(
     if let Some(i) = q.iter().position(|entry| !entry.is_finite()) {
         return Err(PyValueError::new_err(format!("q[{i}] must be finite, got {}", q[i])));
     }
-    let z = x0.map_or_else(|| vec![0.0; n], |x0| x0.as_array().to_vec());
-    let mut vectors = Vectors { lower: lower.to_vec(n), upper: upper.to_vec(n), z };
+    let z = x0.map_or_else(|| zeros(n), |x0| vector(&x0))?;
+    let mut vectors = Vectors { lower: lower.to_vec(n)?, upper: upper.to_vec(n)?, z };
     let given = GivenSettings::from_dict(settings)?;
     let interrupts = Interrupts::new(time_limit, observe);
     let affine = Affine { matrix, q };
@@ -241,7 +262,7 @@ pub(crate) fn solve_avi<'py>(
     if let Some(error) = problem.interrupts.raised() {
         return Err(error);
     }
-    let end = solved.map_err(invalid)?;
+    let end = solved?;
     let nfev = end.0.counts.f;
     Ok(vectors.record(py, end, nfev, &problem.interrupts))
 }
@@ -255,8 +276,8 @@ pub(crate) fn natural_residual<'py>(
     upper: Bound1<'py>,
 ) -> PyResult<f64> {
     let _running = crate::leaving::running()?;
-    let vectors = Vectors::new(&lower, &upper, &x);
+    let vectors = Vectors::new(&lower, &upper, &x)?;
     vi::validate_bounds(vectors.z.len(), &vectors.lower, &vectors.upper).map_err(invalid)?;
-    let f = f.as_array().to_vec();
+    let f = vector(&f)?;
     Ok(vi::natural_residual(&vectors.z, &f, &vectors.lower, &vectors.upper))
 }

@@ -236,6 +236,8 @@ class _Problem:
         k, n = len(self.columns), self.model.layout.n
         order = np.argsort(times, kind="stable")
         record = self.record(self.span, np.ascontiguousarray(times[order]), dense=False)
+        if (error := record.run.raised) is not None:
+            raise error
         columns = np.empty((2, n, k, len(times)))
         found = record.samples.reshape(-1, 2, k, n).transpose(1, 3, 2, 0)
         columns[..., order] = found

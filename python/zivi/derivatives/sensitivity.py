@@ -135,6 +135,8 @@ class _Problem:
         """Give derivatives at times, of shape (2, m, n)."""
         m = len(self.wrt)
         record = self.record(self.span, times, dense=False)
+        if (error := record.run.raised) is not None:
+            raise error
         columns = record.samples.reshape(len(times), 2, m).transpose(1, 2, 0).copy()
         for k in np.flatnonzero(np.isnan(columns).any(axis=(0, 1))):
             # where the impacts accumulate the run goes from one to the next, up to there

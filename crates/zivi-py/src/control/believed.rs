@@ -77,7 +77,7 @@ impl Believed {
         qdot: PyReadonlyArray1<'_, f64>,
         controls: PyReadonlyArray2<'_, f64>,
     ) -> PyResult<Moved> {
-        let (q, w) = (vector(&q), vector(&qdot));
+        let (q, w) = (vector(&q)?, vector(&qdot)?);
         let controls: Vec<f64> = controls.as_array().iter().copied().collect();
         let moved = self.with(py, |plant| plant.moved(t, (&q, &w), &controls))?;
         let law::Moved { q, w, closed, .. } = moved.map_err(law_error)?;
@@ -94,7 +94,7 @@ impl Believed {
         qdot: PyReadonlyArray1<'_, f64>,
         closed: PyReadonlyArray1<'_, bool>,
     ) -> PyResult<(Array, Array)> {
-        let (mut q, mut w) = (vector(&q), vector(&qdot));
+        let (mut q, mut w) = (vector(&q)?, vector(&qdot)?);
         let closed: Vec<bool> = closed.as_array().iter().copied().collect();
         let done = self.with(py, |plant| {
             let mut kinetics = GapKinetics::new(plant.layout::<PyErr>());
@@ -131,7 +131,7 @@ pub(crate) fn controls<'py>(
     let matrix = matrix.as_array();
     let mut u = vec![0.0; matrix.ncols()];
     let matrix: Vec<f64> = matrix.iter().copied().collect();
-    let (a, wanted) = (vector(&a), vector(&wanted));
+    let (a, wanted) = (vector(&a)?, vector(&wanted)?);
     if matrix.len() != n * u.len() || wanted.len() != n {
         return Err(PyValueError::new_err("the parts do not fit together"));
     }
@@ -152,7 +152,7 @@ pub(crate) fn decoupling_force<'py>(
 ) -> PyResult<Bound<'py, PyArray1<f64>>> {
     let (n, m) = (wanted.as_array().len(), a.as_array().len());
     let kinetics = kinetics_of((n, m), &mass, &wanted, &gradients, &curvatures)?;
-    let force = law::decoupling_force(&kinetics, &vector(&a), &vector(&wanted));
+    let force = law::decoupling_force(&kinetics, &vector(&a)?, &vector(&wanted)?);
     Ok(PyArray1::from_vec(py, force))
 }
 
@@ -165,10 +165,10 @@ fn kinetics_of(
 ) -> PyResult<GapKinetics> {
     let layout = Layout::smooth(n, m);
     let mut row: Vec<f64> = mass.as_array().iter().copied().collect();
-    row.extend(vector(force));
+    row.extend(vector(force)?);
     row.extend(vec![0.0; m]);
     row.extend(gradients.as_array().iter());
-    row.extend(vector(curvatures));
+    row.extend(vector(curvatures)?);
     row.extend(vec![0.0; m]);
     if row.len() != layout.len() {
         return Err(PyValueError::new_err("the parts do not fit together"));

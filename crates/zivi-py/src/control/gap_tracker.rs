@@ -108,7 +108,7 @@ impl GapTracker {
     ) -> PyResult<Bound<'py, PyArray1<f64>>> {
         let Self { law, pressing } = self;
         let layout = believed.mechanism.get().layout();
-        let (q, w) = (vector(&q), vector(&qdot));
+        let (q, w) = (vector(&q)?, vector(&qdot)?);
         if q.len() != layout.n || w.len() != layout.n {
             let text = format!("q and qdot must have shape ({},)", layout.n);
             return Err(PyValueError::new_err(text));

@@ -6,7 +6,7 @@ use pyo3::prelude::*;
 use zivi::drive::mechanical::{MechanicalReference, ReferenceSample};
 use zivi::system::dynamics::Layout;
 
-use crate::arrays::vector;
+use crate::arrays::{list, vector};
 
 /// A reference at all samples.
 #[pyclass(frozen, module = "zivi._zivi")]
@@ -16,8 +16,8 @@ pub(crate) struct Reference {
 
 type Rows<'py> = PyReadonlyArray2<'py, f64>;
 
-fn rows(of: &Rows<'_>) -> Vec<f64> {
-    of.as_array().iter().copied().collect()
+fn rows(of: &Rows<'_>) -> PyResult<Vec<f64>> {
+    list(of.as_array().iter().copied())
 }
 
 #[pymethods]
@@ -38,15 +38,15 @@ impl Reference {
         tasks: Rows<'_>,
     ) -> PyResult<Self> {
         let inner = MechanicalReference {
-            q: rows(&q),
-            w: rows(&qdot),
-            turning: rows(&qddot),
-            gaps: rows(&gaps),
-            rates: rows(&gap_rates),
-            accelerations: rows(&accelerations),
-            sides: rows(&sides),
-            contacts: contacts.as_array().iter().copied().collect(),
-            tasks: rows(&tasks),
+            q: rows(&q)?,
+            w: rows(&qdot)?,
+            turning: rows(&qddot)?,
+            gaps: rows(&gaps)?,
+            rates: rows(&gap_rates)?,
+            accelerations: rows(&accelerations)?,
+            sides: rows(&sides)?,
+            contacts: list(contacts.as_array().iter().copied())?,
+            tasks: rows(&tasks)?,
         };
         let of_q = [&inner.w, &inner.turning].iter().all(|it| it.len() == inner.q.len());
         let parts = [&inner.rates, &inner.accelerations, &inner.sides];
@@ -87,16 +87,16 @@ pub(super) struct Sample {
 impl Sample {
     pub(super) fn of(told: &Told<'_>, Layout { n, m, .. }: Layout, count: usize) -> PyResult<Self> {
         let (q, w, sides, contacts, gaps, rates, accelerations, turning, tasks) = told;
-        let optional = |of: &Option<PyReadonlyArray1<'_, f64>>| of.as_ref().map(vector);
+        let optional = |of: &Option<PyReadonlyArray1<'_, f64>>| of.as_ref().map(vector).transpose();
         let sample = Self {
-            q: vector(q),
-            w: vector(w),
-            sides: vector(sides),
-            contacts: contacts.as_array().iter().copied().collect(),
-            gaps: optional(gaps).zip(optional(rates)),
-            accelerations: optional(accelerations),
-            turning: optional(turning),
-            tasks: optional(tasks),
+            q: vector(q)?,
+            w: vector(w)?,
+            sides: vector(sides)?,
+            contacts: list(contacts.as_array().iter().copied())?,
+            gaps: optional(gaps)?.zip(optional(rates)?),
+            accelerations: optional(accelerations)?,
+            turning: optional(turning)?,
+            tasks: optional(tasks)?,
         };
         let is = |of: &Option<Vec<f64>>, size| of.as_ref().is_none_or(|it| it.len() == size);
         let gaps = sample.gaps.as_ref().is_none_or(|(x, v)| x.len() == m && v.len() == m);

@@ -131,7 +131,7 @@ impl Striker {
     ) -> PyResult<Bound<'py, PyArray1<f64>>> {
         let Self { law, target } = self;
         let layout = believed.mechanism.get().layout();
-        let (q, w) = (vector(&q), vector(&qdot));
+        let (q, w) = (vector(&q)?, vector(&qdot)?);
         let body = law.settings.body.unwrap_or(0);
         if q.len() != layout.n || w.len() != layout.n || body >= layout.n {
             let text = format!("q must have shape ({},), got ({},)", layout.n, q.len());

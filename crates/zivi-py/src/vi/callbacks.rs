@@ -9,6 +9,7 @@ use pyo3::prelude::*;
 use zivi_core::vi::{EvaluationError, Interruption, Problem, Progress};
 
 use super::interrupts::Interrupts;
+use crate::arrays::array;
 
 /// Calls Python; what it raises is kept for the caller and stops the solver, but for the errors
 /// by which a function says that it is not defined at a point: after the first call they count as
@@ -47,7 +48,7 @@ impl<'py> Callbacks<'py> {
 
     pub(super) fn map(&self, z: &[f64], out: &mut [f64]) -> Result<(), EvaluationError> {
         self.nfev.set(self.nfev.get() + 1);
-        let called = self.f.call1((PyArray1::from_slice(self.py, z),));
+        let called = self.at(z).and_then(|z| self.f.call1((z,)));
         let Some(value) = self.defined(called, self.nfev.get())? else {
             out.fill(f64::NAN);
             return Ok(());
@@ -58,6 +59,11 @@ impl<'py> Callbacks<'py> {
             }
         }
         self.keep(self.convert_values(value, out))
+    }
+
+    /// A point as what is called gets it.
+    fn at(&self, z: &[f64]) -> PyResult<Bound<'py, PyArray1<f64>>> {
+        Ok(array(self.py, z.iter().copied())?.into_bound(self.py))
     }
 
     /// Values of another type or shape.
@@ -75,7 +81,7 @@ impl<'py> Callbacks<'py> {
         out: &mut [f64],
     ) -> Result<(), EvaluationError> {
         self.njev.set(self.njev.get() + 1);
-        let called = jac.call1((PyArray1::from_slice(self.py, z),));
+        let called = self.at(z).and_then(|z| jac.call1((z,)));
         let Some(value) = self.defined(called, self.njev.get())? else {
             out.fill(f64::NAN);
             return Ok(());

@@ -5,7 +5,7 @@ use pyo3::prelude::*;
 use zivi_core::vi;
 
 use super::interrupts::Interrupts;
-use crate::arrays::Array;
+use crate::arrays::{list, zeros, Array};
 
 /// Unscaled strategies at an equilibrium of a game with positive payoffs of equal shape, and the
 /// pivots; `None` where none was found within the limit of pivots, or of time (s).
@@ -19,10 +19,11 @@ pub(crate) fn lemke_howson(
     time_limit: Option<f64>,
 ) -> PyResult<Option<(Array, Array, usize)>> {
     let (m, n) = a.as_array().dim();
-    let [a, b]: [Vec<f64>; 2] = [&a, &b].map(|it| it.as_array().iter().copied().collect());
+    let payoffs = |of: PyReadonlyArray2<'_, f64>| list(of.as_array().iter().copied());
+    let (a, b) = (payoffs(a)?, payoffs(b)?);
     let (reals, indices) = vi::lemke_howson_len(m, n);
-    let (mut reals, mut indices) = (vec![0.0; reals], vec![0; indices]);
-    let (mut x, mut y) = (vec![0.0; m], vec![0.0; n]);
+    let (mut reals, mut indices) = (zeros(reals)?, list(std::iter::repeat_n(0, indices))?);
+    let (mut x, mut y) = (zeros(m)?, zeros(n)?);
     let interrupts = Interrupts::new(time_limit, None);
     let (found, x, y, interrupts) = py.detach(move || {
         let work = (&mut reals[..], &mut indices[..]);

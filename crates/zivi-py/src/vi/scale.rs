@@ -5,6 +5,7 @@ use pulp::{Simd, WithSimd};
 use pyo3::prelude::*;
 
 use super::{are_finite, Bound1};
+use crate::arrays::{list, vector, zeros};
 
 /// Sums that a processor has at once.
 const LANES: usize = 8;
@@ -28,13 +29,13 @@ pub(crate) fn is_off_scale<'py>(
     limit: f64,
 ) -> PyResult<bool> {
     let (n, rows, q) = (matrix.shape()[0], matrix.as_slice()?, q.as_slice()?);
-    let (lower, upper) = (lower.to_vec(n), upper.to_vec(n));
+    let (lower, upper) = (lower.to_vec(n)?, upper.to_vec(n)?);
     if !lower.iter().zip(&upper).all(|(low, high)| low <= high) {
         return Ok(false);
     }
-    let start = x0.map_or_else(|| vec![0.0; n], |x0| x0.as_array().to_vec());
+    let start = x0.map_or_else(|| zeros(n), |x0| vector(&x0))?;
     let bounds = lower.iter().zip(&upper);
-    let x: Vec<f64> = start.iter().zip(bounds).map(|(x, (l, u))| x.clamp(*l, *u)).collect();
+    let x = list(start.iter().zip(bounds).map(|(x, (l, u))| x.clamp(*l, *u)))?;
     let sizes = Sizes { rows, q, lower: &lower, upper: &upper, x: &x };
     let values = pulp::Arch::new().dispatch(Values(&sizes));
     if sizes.are_safe(&values, SAFE * limit) {

@@ -1,5 +1,6 @@
 //! The settings of a solve, from Python.
 
+use crate::arrays::vector;
 use numpy::PyReadonlyArray1;
 use pyo3::exceptions::PyTypeError;
 use pyo3::prelude::*;
@@ -43,7 +44,7 @@ impl GivenSettings {
                 "scale_by_jacobian" => settings.row_scale = RowScale::Jacobian,
                 "row_scale" => {
                     let scale: PyReadonlyArray1<'_, f64> = value.extract()?;
-                    row_scale = Some(scale.as_array().to_vec());
+                    row_scale = Some(vector(&scale)?);
                 }
                 _ => return Err(PyTypeError::new_err(format!("unknown setting {key:?}"))),
             }

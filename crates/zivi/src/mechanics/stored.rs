@@ -45,7 +45,7 @@ fn read_mode(from: &mut Reader<'_>, rows: usize, without_friction: bool) -> Opti
 impl MechanicalPath {
     /// All that it consists of.
     #[must_use]
-    pub fn to_numbers(&self) -> Vec<f64> {
+    pub fn to_numbers(&self) -> Option<Vec<f64>> {
         let mut out = Writer::new(Stored::Mechanism);
         let Layout { n, m, p } = self.layout;
         for count in [n, m, p, self.segments.len(), self.coefficients.len(), self.skipped.len()] {

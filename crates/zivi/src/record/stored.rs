@@ -79,19 +79,24 @@ impl std::error::Error for MotionError {}
 /// Numbers behind the header of their kind.
 pub(crate) struct Writer {
     numbers: Vec<f64>,
+    /// Whether there was no memory for more.
+    full: bool,
 }
 
 impl Writer {
     pub(crate) fn new(kind: Kind) -> Self {
-        Self { numbers: vec![f64::from(FORMAT), kind.number(), 0.0] }
+        Self { numbers: vec![f64::from(FORMAT), kind.number(), 0.0], full: false }
     }
 
     pub(crate) fn number(&mut self, number: f64) {
-        self.numbers.push(number);
+        self.full |= self.numbers.try_reserve(1).is_err();
+        if !self.full {
+            self.numbers.push(number);
+        }
     }
 
     pub(crate) fn numbers<'a>(&mut self, numbers: impl IntoIterator<Item = &'a f64>) {
-        self.numbers.extend(numbers);
+        numbers.into_iter().for_each(|number| self.number(*number));
     }
 
     pub(crate) fn count(&mut self, count: usize) {
@@ -102,9 +107,10 @@ impl Writer {
         self.number(f64::from(u8::from(flag)));
     }
 
-    pub(crate) fn finish(mut self) -> Vec<f64> {
+    /// The numbers; `None` where they did not fit into memory.
+    pub(crate) fn finish(mut self) -> Option<Vec<f64>> {
         self.numbers[2] = self.numbers.len() as f64;
-        self.numbers
+        (!self.full).then_some(self.numbers)
     }
 }
 

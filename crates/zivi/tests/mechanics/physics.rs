@@ -309,7 +309,8 @@ fn a_motion_is_the_same_when_it_is_dense_sampled_and_stored() {
     let output = MechanicalOutput { t_eval: Some(&times), ..Default::default() };
     let exact = problem.run_with(SwitchedRk::with_tol(1e-13), output).samples;
     let path = run.path.unwrap();
-    let stored = zivi::mechanics::MechanicalPath::from_numbers(&path.to_numbers()).unwrap();
+    let stored =
+        zivi::mechanics::MechanicalPath::from_numbers(&path.to_numbers().unwrap()).unwrap();
     assert_eq!(stored, path);
     let impacts: Vec<f64> = fine
         .occurrences

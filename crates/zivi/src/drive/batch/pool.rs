@@ -72,7 +72,11 @@ pub(super) fn run<E, T: Sync, R: Send>(
     work.width = work.width.min(items.len().div_ceil(threads)).max(1);
     let wanted = threads.min(items.len().div_ceil(work.width));
     // results are written where they stay: there is one of each at any time
-    let mut results: Vec<Option<R>> = items.iter().map(|_| None).collect();
+    let mut results: Vec<Option<R>> = Vec::new();
+    let (runs, bytes) = (items.len(), size_of::<R>() as f64 * items.len() as f64);
+    let none = SetupError::BatchMemory { runs, samples: 0, bytes };
+    results.try_reserve_exact(runs).map_err(|_| BatchError::Setup(None, none))?;
+    results.extend(items.iter().map(|_| None));
     let chunks = items.chunks(work.width).zip(results.chunks_mut(work.width));
     let shared = Shared {
         waiting: Mutex::new(chunks.enumerate()),

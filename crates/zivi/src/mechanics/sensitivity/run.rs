@@ -70,6 +70,8 @@ pub fn mechanical_sensitivity<E, D: DifferentiableDynamics<E>>(
     let begun = started(machine.start(t0, (q, w), &mut model))?;
     let mut follower =
         VariationalRun::new((wrt, sizes), controlled, times, t1, (layout, settings.order.pair()));
+    let room = times.len().saturating_mul(2 * layout.n * sizes.len());
+    follower.samples.try_reserve_exact(room).map_err(|_| SetupError::Memory(times.len()))?;
     let begun = begun.and_then(|()| follower.begin(&machine, &mut model));
     let mut running = running(machine, t1, output);
     let ending = match begun {

@@ -11,7 +11,7 @@ use crate::switched::stages::Counted;
 use crate::switched::SwitchedIntegrator;
 use crate::system::slopes::DifferentiableForce;
 use crate::system::stops::Stops;
-use crate::{AnyImpactLaw, Monitor, Physical};
+use crate::{AnyImpactLaw, Monitor, Physical, Status};
 
 /// Simulates as [`crate::simulate_switched_rk`], with the derivatives of the run.
 ///
@@ -63,20 +63,31 @@ pub fn sensitivity<E, F: DifferentiableForce<E>>(
     };
     let nfev = force.count();
     follower.ends(run.method.now());
-    let run = run.finish(ending, nfev, |start, len| monitor.record_allocated(start, len))?;
-    let derivatives = gather(follower, settings, times);
-    Ok((run, derivatives))
-}
-
-fn gather(mut follower: VariationalRun, settings: SwitchedRk, times: &[f64]) -> Derivatives {
+    let mut run = run.finish(ending, nfev, |start, len| monitor.record_allocated(start, len))?;
     let mut samples = Vec::new();
-    for &t in times {
-        if let Some(path) = &follower.path {
+    let room = times.len().saturating_mul(2 * wrt.len());
+    samples.try_reserve_exact(room).map_err(|_| SetupError::Memory(times.len()))?;
+    if let Some(path) = &follower.path {
+        for (k, &t) in times.iter().enumerate() {
+            if k % BETWEEN_POLLS == 0 {
+                if let Err(raised) = monitor.poll(k, times.len()) {
+                    run.raised = Some(raised);
+                    run.trajectory.status = Status::Raised;
+                    break;
+                }
+            }
             let at = path.at(t);
             samples.extend_from_slice(&at.x);
             samples.extend_from_slice(&at.v);
         }
     }
+    Ok((run, gather(follower, settings, samples)))
+}
+
+/// Samples of derivatives between two looks at what may interrupt them.
+const BETWEEN_POLLS: usize = 1 << 12;
+
+fn gather(mut follower: VariationalRun, settings: SwitchedRk, samples: Vec<f64>) -> Derivatives {
     let grazing = follower.validity.is_undecided(&settings, follower.highest);
     let end = std::mem::take(&mut follower.step.end);
     Derivatives {

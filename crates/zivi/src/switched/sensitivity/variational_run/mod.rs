@@ -21,7 +21,7 @@ use crate::switched::point::Point;
 use crate::switched::stages::Counted;
 use crate::system::slopes::{DifferentiableForce, Place};
 use crate::zeno::rates::{ChainRates, Rate};
-use crate::{AnyImpactLaw, Impact};
+use crate::{AnyImpactLaw, Impact, Status};
 
 /// The columns of a run under way.
 pub(in crate::switched) struct VariationalRun {
@@ -138,8 +138,12 @@ impl VariationalRun {
             (*x, *xdot) = (-u * dt[column], du[column] - after * dt[column]);
         }
         self.note_neighbours(t);
-        self.events.impact_dt.extend_from_slice(&self.dt);
-        self.events.impact_du.extend_from_slice(&self.du);
+        for (list, row) in
+            [(&mut self.events.impact_dt, &self.dt), (&mut self.events.impact_du, &self.du)]
+        {
+            list.try_reserve(row.len()).map_err(|_| Failure::Status(Status::OutOfMemory))?;
+            list.extend_from_slice(row);
+        }
         Ok(())
     }
 
