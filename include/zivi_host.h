@@ -22,6 +22,9 @@
 // A fault in zivi; `zivi_last_error` has its words.
 #define ZIVI_E_PANIC -51
 
+// There is no memory for what was asked for; nothing was computed.
+#define ZIVI_E_MEMORY -52
+
 // A run of a mechanical system.
 typedef struct zivi_mechanical_run zivi_mechanical_run;
 

@@ -1,8 +1,11 @@
 """Where memory ends: an error before anything is computed, or a run that keeps what it has."""
 
+import os
+import shutil
 import subprocess
 import sys
 import textwrap
+from pathlib import Path
 
 import pytest
 
@@ -69,6 +72,120 @@ def test_a_batch_of_closed_loops_that_cannot_be_kept():
 def test_the_record_of_one_run_that_does_not_fit():
     call = "zivi.simulate(ball, (0, 1), (1, 0), zivi.ThetaGamma(1e-8))"
     assert "the record of 100000000 steps does not fit" in limited(REFUSED.format(call=call))
+
+
+@pytest.mark.parametrize(
+    ("call", "told"),
+    [
+        ("zivi.solve_vi(lambda x: x - 1, *np.zeros((3, 300_000)))", "300000 unknowns"),
+        ("zivi.solve_ncp(lambda x: x - 1, np.zeros(100_000))", "100000 unknowns"),
+        ("zivi.simulate(ball, (0, 1), (1, 0))(np.linspace(0, 1, 5 * 10**7))", "50000000 numbers"),
+    ],
+)
+def test_what_a_user_asks_for_and_does_not_fit_is_a_memory_error(call, told):
+    message = limited(REFUSED.format(call=call))
+    assert told in message
+    assert ("sparse" in message) == ("unknowns" in told)
+
+
+ENTRIES = """
+    N = 1 << 14
+    times, many = np.linspace(0, 1, N), np.ones((N, 2))
+    elastic = zivi.ImpactSystem(-9.81, e=1.0)
+    steps = zivi.SwitchedRK(max_steps=10**9)
+    gaps = [zivi.LinearGap([1.0])]
+    mech = zivi.MechanicalSystem(mass=1.0, force=[-9.81], gaps=gaps, e=0.5)
+    bouncing = zivi.MechanicalSystem(mass=1.0, force=[-9.81], gaps=gaps, e=1.0)
+    rubbing = zivi.MechanicalSystem(
+        mass=1.0, force=[-9.81], gaps=gaps, e=0.5, friction=[zivi.DryFriction(limit=1.0)]
+    )
+    linear = zivi.LinearSystem([[1.0]], [[0.1]], [[1.0]], gaps=[zivi.LinearGap([1.0], -0.5)], e=0.5)
+    start = [1.0], [0.0]
+    sol, moved = zivi.simulate(ball, (0, 1), (1, 0)), zivi.simulate(mech, (0, 1), start)
+    slow = zivi.simulate(zivi.ImpactSystem(-9.81, e=0.9999), (0, 1e4), (1, 0))
+    derived = zivi.sensitivity(ball, (0, 1), (1, 0))
+    n = 100
+    tracker = zivi.TwistingTracker(30, 17, h=1 / N, e=0.5)
+    coarse = zivi.TwistingTracker(30, 17, h=1e-2, e=0.5)
+    loop = zivi.simulate_closed_loop(ball, coarse, (0, 1), (0.2, 0), y_ref0=(0.2, 0))
+
+    def read(sol):
+        sol.x, sol.s, sol.residual, sol.impacts
+
+    def ticked():
+        run = zivi.simulate_closed_loop(ball, tracker, (0, 1), (0.2, 0), y_ref0=(0.2, 0))
+        run.signs
+
+    CALLS = {
+        "samples": lambda: read(zivi.simulate(ball, (0, 1), (1, 0), t_eval=times)),
+        "impacts": lambda: read(zivi.simulate(elastic, (0, 0.1), (1e-9, 0), steps)),
+        "fixed steps": lambda: read(zivi.simulate(ball, (0, 1), (1, 0), zivi.ThetaGamma(1 / N))),
+        "moreau": lambda: read(zivi.simulate(elastic, (0, 1), (1, 0), zivi.MoreauJean(1 / N))),
+        "call": lambda: sol(times),
+        "lifted": lambda: sol._path.lifted(times),
+        "resample": lambda: sol.resample(times),
+        "skipped": lambda: slow.impacts_down_to(1e-300, limit=10**4),
+        "mechanical samples": lambda: zivi.simulate(mech, (0, 1), start, t_eval=times),
+        "mechanical call": lambda: moved(times),
+        "mechanical resample": lambda: moved.resample(times),
+        "mechanical impacts": lambda: zivi.simulate(
+            bouncing, (0, 0.05), ([1e-9], [0.0]), steps
+        )._path.numbers(),
+        "friction": lambda: zivi.simulate(rubbing, (0, 1), start, t_eval=times),
+        "linear": lambda: zivi.simulate(linear, (0, 1), start, t_eval=times),
+        "batch": lambda: zivi.simulate_batch(ball, (0, 1e-3), many, method=zivi.ThetaGamma(1e-3)),
+        "batch of events": lambda: zivi.simulate_batch(ball, (0, 1e-3), many, save="events"),
+        "batch of samples": lambda: zivi.simulate_batch(
+            ball, (0, 1), many[:16], method=zivi.ThetaGamma(1e-3), save=1
+        ),
+        "sensitivity": lambda: derived.at(times),
+        "table": lambda: zivi.Table(times, np.sin(times))(times),
+        "box VI": lambda: zivi.solve_vi(lambda x: x - 1, *np.zeros((3, n))),
+        "NCP": lambda: zivi.solve_ncp(lambda x: x - 1, np.zeros(n), jac=lambda x: np.eye(n)),
+        "LCP": lambda: zivi.solve_lcp(np.eye(n), -np.ones(n)),
+        "loop": ticked,
+        "loop, call": lambda: loop(times),
+        "loops": lambda: zivi.simulate_closed_loop_batch(
+            ball, coarse, (0, 1), many[:200], save=1
+        ),
+        "observer": lambda: zivi.ImpactObserver(0.5, 1 / N).observe(times, times),
+    }
+    import ctypes, warnings
+    warnings.simplefilter("ignore")
+    malloc = ctypes.CDLL(None)
+    malloc.fail_request.argtypes = [ctypes.c_size_t, ctypes.c_long]
+    for name, call in CALLS.items():
+        call()  # what is made once
+        for k in range(1, 60):
+            print(name, k, flush=True)
+            malloc.fail_request(LARGE, k)
+            try:
+                call()
+            except MemoryError as error:
+                assert "memory" in (said := str(error)) or "allocate" in said or not said, error
+            left = malloc.requests_left()
+            malloc.fail_request(LARGE, 0)
+            if left > 0:  # there are no more
+                assert k > 1, name
+                break
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(shutil.which("cc") is None, reason="needs a C compiler")
+def test_every_large_allocation_may_fail(tmp_path):
+    """One after the other in every entry: a MemoryError or a run that keeps what it has."""
+    library = tmp_path / "failing.so"
+    source = Path(__file__).parent / "c" / "failing_malloc.c"
+    subprocess.run(["cc", "-O1", "-shared", "-fPIC", "-o", library, source], check=True)
+    program = textwrap.dedent(LIMITED) + f"LARGE = {1 << 16}\n" + textwrap.dedent(ENTRIES)
+    done = subprocess.run(
+        [sys.executable, "-c", program],
+        capture_output=True,
+        text=True,
+        env=os.environ | {"LD_PRELOAD": str(library)},
+    )
+    assert done.returncode == 0, done.stdout[-60:] + done.stderr[-2000:]
 
 
 RUNS = {
