@@ -27,16 +27,23 @@ pub(crate) fn with_room<T>(n: usize) -> PyResult<Vec<T>> {
 pub(crate) fn list<T>(values: impl IntoIterator<Item = T>) -> PyResult<Vec<T>> {
     let values = values.into_iter();
     let (least, most) = values.size_hint();
-    let mut list = with_room(least)?;
-    if most == Some(least) {
-        list.extend(values);
-        return Ok(list);
+    if most != Some(least) {
+        return try_list(values.map(Ok));
     }
+    let mut list = with_room(least)?;
+    list.extend(values);
+    Ok(list)
+}
+
+/// The same of values each of which may fail.
+pub(crate) fn try_list<T>(values: impl IntoIterator<Item = PyResult<T>>) -> PyResult<Vec<T>> {
+    let values = values.into_iter();
+    let mut list = with_room(values.size_hint().0)?;
     for value in values {
         if list.len() == list.capacity() {
             list.try_reserve(1).map_err(|_| no_room(2 * list.len()))?;
         }
-        list.push(value);
+        list.push(value?);
     }
     Ok(list)
 }

@@ -8,7 +8,7 @@ use zivi::drive::batch::{
 };
 use zivi::{Events, Grid, Physical, Restitution};
 
-use crate::arrays::{array, list, with_room};
+use crate::arrays::{array, list, try_list, with_room};
 use crate::errors::setup_error;
 use crate::force::{AnyNative, Force};
 use crate::impact_law::ImpactLaw;
@@ -62,7 +62,7 @@ pub(crate) fn natives(py: Python<'_>, forces: &[Py<Force>]) -> PyResult<Vec<AnyN
         };
         force.get().on(py).native().ok_or_else(refuse)
     };
-    forces.iter().enumerate().map(native).collect()
+    try_list(forces.iter().enumerate().map(native))
 }
 
 /// Members that are made between two looks at signals.
@@ -186,7 +186,7 @@ impl BatchRecord {
         let impacts = ends.iter().filter(|_| kept).map(|it| rows_of(py, &it.impacts));
         let resolved = lists().map(|it| rows_of(py, &it.impacts));
         let times = |of: fn(&Events) -> &[f64]| -> PyResult<Times> {
-            lists().map(|it| array(py, of(it).iter().copied())).collect()
+            try_list(lists().map(|it| array(py, of(it).iter().copied())))
         };
         Ok(Self {
             t: column(|end| end.summary.t)?,
@@ -210,8 +210,8 @@ impl BatchRecord {
             samples_xdot: rows(py, ends.iter().map(|end| end.saved.xdot.as_slice()))?,
             samples_s: rows(py, ends.iter().map(|end| end.saved.s.as_slice()))?,
             samples_v: rows(py, ends.iter().map(|end| end.saved.v.as_slice()))?,
-            impacts: impacts.collect::<PyResult<_>>()?,
-            resolved_impacts: resolved.collect::<PyResult<_>>()?,
+            impacts: try_list(impacts)?,
+            resolved_impacts: try_list(resolved)?,
             zeno_times: times(|it| &it.zeno_times)?,
             liftoff_times: times(|it| &it.liftoff_times)?,
         })

@@ -79,7 +79,7 @@ def listening_always(*, threads: bool = False) -> contextlib.AbstractContextMana
 
 def tell(ear: Ear, status: NDArray[np.uint8]) -> None:
     """Warn of what was raised in runs of a batch that it ended; raise what is no `Exception`."""
-    ended = int(np.count_nonzero(status == Status.FORCE_NOT_FINITE))
+    ended = int(np.count_nonzero(status == int(Status.FORCE_NOT_FINITE)))
     if not isinstance(error := ear.ends(not ended), Exception | None):
         raise error
     if error is not None:
