@@ -215,7 +215,7 @@ mod tests {
         writer.count(2);
         writer.flag(true);
         writer.numbers(&[0.5, -7.0]);
-        writer.finish()
+        writer.finish().unwrap()
     }
 
     fn read(kind: Kind, numbers: &[f64]) -> Result<Vec<f64>, MotionError> {

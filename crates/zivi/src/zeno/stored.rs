@@ -58,7 +58,7 @@ mod tests {
     fn read(format: f64, numbers: &[f64]) -> Result<Tail, MotionError> {
         let mut out = Writer::new(Kind::Point);
         out.numbers(numbers);
-        let mut all = out.finish();
+        let mut all = out.finish().unwrap();
         all[0] = format;
         Reader::read(Kind::Point, &all, Tail::read)
     }
