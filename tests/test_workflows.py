@@ -64,3 +64,26 @@ def test_the_page_without_python_loads_nothing_from_elsewhere():
 def test_tests_of_a_group_stay_with_one_worker(request):
     if os.environ.get("PYTEST_XDIST_WORKER") and request.config.getoption("loadgroup", False):
         assert request.node.nodeid.endswith("@groups")
+
+
+SLEEPERS = [
+    "interrupting",
+    "sweep_functions",
+    "test_cli_files",
+    "test_lab_browser",
+    "test_lab_command",
+    "test_lab_updates",
+    "test_leaving",
+    "test_sweep_resume",
+    "test_sweep_shards",
+]
+"""What waits for others, and asserts nothing by a clock but that it does not hang."""
+
+
+def test_no_test_measures_seconds():
+    clock = "(perf_counter|monotonic|process_time)"
+    measured = re.compile(rf"time\.sleep\(|assert .*{clock}|{clock}\(\) - ")
+    files = (ROOT / "tests").glob("*.py")
+    found = {it.stem for it in files if measured.search(it.read_text("utf-8"))}
+    # a ratio of processor times: how the cost of batches grows, which no count tells
+    assert found - {*SLEEPERS} <= {"test_batch"}
