@@ -22,6 +22,13 @@ def table(amplitude: float = 1.3, e: float = 0.5, omega: float = 1.0) -> zivi.Im
     return zivi.ImpactSystem(force, e=e)
 
 
+_FORCE = zivi.LinearForce(
+    gravity=1.0, amplitude=2.7530122232, omega=2.9276547718, phase=0.2315667206
+)
+THREE = zivi.ImpactSystem(_FORCE, e=0.3833978916), TURN / _FORCE.omega, (0.11277758, 0.603272351)
+"""A ball that rests once in three periods, its period and a state."""
+
+
 def frame(multiple: int = 1, **other: Any) -> Frame:
     return Frame(multiple, None, PRECISE, **other)
 

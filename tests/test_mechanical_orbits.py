@@ -21,8 +21,10 @@ from orbit_systems import (
     vdp2,
 )
 from zivi import LinearGap
+from zivi.orbits.flights import PRECISE
 from zivi.orbits.mechanical.by_parameter import flow_of
 from zivi.orbits.mechanical.frame import Frame
+from zivi.orbits.mechanical.run_word import recent
 from zivi.orbits.mechanical.segments import of_segments
 from zivi.orbits.mechanical.word import parsed
 
@@ -385,3 +387,55 @@ def test_a_motion_without_events_has_its_least_period():
     orbit = zivi.periodic_orbit(system, (["P"], [[0.0, 0.0, 0.0]]), 6)
     assert (orbit.kind, orbit.multiple) == ("flight", 1)
     assert orbit.period == pytest.approx(2 * np.pi / 0.8)
+
+
+@pytest.mark.parametrize("multiple", [None, 3])
+def test_a_rest_in_three_periods_is_found_wherever_the_run_ends(multiple):
+    soft = zivi.LinearSystem(
+        [[1.0]],
+        [[0.02]],
+        [[0.0245]],
+        excitation=zivi.Harmonic([3.2624], 1.0),
+        gaps=[LinearGap([1.0], -1 / 0.0245, name="floor")],
+        e=0.4379,
+    )
+    turn = 2 * np.pi
+    # the first two end within an accumulation
+    for periods in (12, 12.3, 13, 14, 14.6):
+        run = zivi.simulate(soft, (0, periods * turn), ([1 / 0.0245 + 1], [0.0]))
+        orbit = zivi.periodic_orbit(soft, run, multiple)
+        assert (orbit.success, orbit.multiple) == (True, 3)
+        assert sorted(orbit.word) == ["L floor", "Z floor"]
+        for own, seen in (
+            (orbit.zeno_times, run.zeno["t"]),
+            (orbit.liftoff_times, run.liftoffs["t"]),
+        ):
+            turns = (own[0] - seen[-1]) / turn
+            assert abs(turns - round(turns)) < 1e-8
+
+
+def test_a_rest_of_a_motion_that_nothing_excites_is_found_wherever_the_run_ends():
+    def force(t, q, v):
+        x, y = q
+        return np.array([(1 - x * x) * v[0] - x, 0.8 * (x - y) - 0.1 * v[1] - 1.0])
+
+    gap = LinearGap([0, 1], name="floor")
+    lifted = zivi.MechanicalSystem(mass=np.diag([1, 0.6]), force=force, gaps=[gap], e=0.5)
+    run = zivi.simulate(lifted, (0, 38), ([2.0, 0], [0, 0]), dense_output=False)
+    length = float(np.diff(run.zeno["t"])[-1])
+    first, zeno = 35.2, float(run.zeno["t"][-1])
+    for end in (first + 0.3, zeno - 0.1, zeno - 1e-3):
+        run = zivi.simulate(lifted, (0, end), ([2.0, 0], [0, 0]))
+        frame, _, count, _ = recent(lifted, run, None, np.nan, True, PRECISE)
+        assert sorted(it.kind for it in frame.word) == ["L", "Z"]
+        assert count == 1
+        assert abs(frame.length - length) < 1e-4
+
+
+def test_an_orbit_that_a_run_does_not_show_says_what_it_shows():
+    system = chain2(F=1.9)
+    run = zivi.simulate(system, (0, 20), (np.zeros(2), np.zeros(2)))
+    orbit = zivi.periodic_orbit(system, run, 1)
+    assert not orbit.success
+    assert "The last period of the run holds " in orbit.message
+    assert orbit.message.endswith(" events; give multiple=, or a longer run.")

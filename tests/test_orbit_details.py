@@ -85,8 +85,7 @@ def test_a_guess_of_a_free_motion_has_one_period():
     force = zivi.LinearForce(stiffness=1.0, gravity=-3.0)
     run = zivi.simulate(zivi.ImpactSystem(force, e=0.5), (0, 30), (4, 0))
     guess = free._from_run(run)
-    assert guess.multiple == 1
-    assert not guess.resting
+    assert (guess.multiple, guess.rest) == (1, None)
 
 
 def test_a_crossing_is_found_in_few_corrections():

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from types import SimpleNamespace
 from typing import Any
@@ -10,9 +11,10 @@ import numpy as np
 import pytest
 
 import zivi
-from orbit_tables import TURN, table
+from orbit_tables import THREE, TURN, table
 from zivi.orbits import attractor, cells, lyapunov, rest, rest_branch
 from zivi.orbits.attractor import Attractor, Settled
+from zivi.orbits.flights import PRECISE
 from zivi.orbits.rest_appears import _is_chain
 from zivi.simulation.methods import SwitchedRK
 
@@ -56,21 +58,46 @@ def test_kinds_of_what_runs_settle_on():
 
 
 def test_motions_that_rest_again_and_again():
-    rows = [(0.5, 2.0), (1.0, 1.0), (7.0, 2.0), (7.5, 1.0)]
+    rows = [(0.5, 2.0), (1.0, 1.0), (0.5 + TURN, 2.0), (7.5, 1.0)]
     lifts = np.array([0.2, 0.2 + TURN])
     found = classed(settled(rows, zeno_times=np.array([1.5, 8.0]), liftoff_times=lifts))
     assert (found.kind, found.multiple) == ("resting", 1)
-    np.testing.assert_allclose(found.impacts, [[(7.0 / TURN) % 1, 2.0]])
+    np.testing.assert_allclose(found.impacts, [[0.5 / TURN, 2.0]])
     # lift-offs two periods apart; after the last no impact was seen
     lifts = np.array([0.2, 0.2 + 2 * TURN])
     found = classed(settled(rows, zeno_times=np.array([8.0]), liftoff_times=lifts))
     assert found.multiple == 2
     np.testing.assert_allclose(found.impacts, [[0.5 / TURN, 2.0]])
-    once = classed(settled(rows, zeno_times=np.array([8.0]), liftoff_times=lifts[:1]))
-    assert once.multiple == 1
-    np.testing.assert_allclose(once.impacts, [[0.5 / TURN, 2.0]])
-    close = classed(settled(rows, rests=True, liftoff_times=np.array([0.2, 0.3])))
-    assert close.multiple == 1
+    # three rests in two periods: the motion begins at the smallest phase, whichever comes first
+    rows = [(1.5, 1.0), (4.0, 2.0), (1.5 + TURN, 3.0)]
+    rows += [(t + 2 * TURN, u) for t, u in rows]
+    lifts = np.array([1.0, 3.0, 1.3 + TURN])
+    lifts = np.append(lifts, lifts + 2 * TURN)
+    for late in (0.0, 2.0, 4.0):
+        seen = [it for it in rows if it[0] > late]
+        own = settled(seen, zeno_times=lifts - 0.1, liftoff_times=lifts[lifts > late])
+        found = classed(own, 4)
+        assert (found.kind, found.multiple) == ("resting", 2)
+        np.testing.assert_allclose(found.impacts, [[1.5 / TURN, 1.0]])
+    # nothing lifts it off in the eight periods that were noted
+    assert classed(settled(rows, rests=True, liftoff_times=np.array([0.2, 0.3]))).kind == "rest"
+
+
+@pytest.mark.parametrize("keep", [3, 5])
+def test_fewer_periods_than_a_resting_motion_takes_twice(keep):
+    system, period, state = THREE
+    kinds = []
+    for transient in (100, 101, 102):
+        (it,) = attractor.settle([system], np.array([state]), [period], transient, keep, PRECISE)
+        kinds.append(attractor.classify(system, it, period, keep))
+    assert [(it.kind, it.multiple) for it in kinds] == [("resting", 3)] * 3
+    assert all(it.is_same(kinds[0], 1e-9) for it in kinds)
+    # a run that left the rest for another motion
+    (it,) = attractor.settle([system], np.array([state]), [period], 100, 8, PRECISE)
+    early = dataclasses.replace(
+        it, zeno_times=it.zeno_times[:1], liftoff_times=it.liftoff_times[:1]
+    )
+    assert attractor.classify(system, early, period, 8).kind != "resting"
 
 
 def test_which_motions_are_the_same():
@@ -127,7 +154,7 @@ def test_shares_and_borders_of_basins():
     np.testing.assert_array_equal(found.border, border)
     np.testing.assert_array_equal(found.grazing, grazing)
     np.testing.assert_allclose(found.shares, [10 / 12, 2 / 12])
-    assert repr(found) == "<Basins of 12 cells: rest x0: 83.3%, impacting x2: 16.7%>"
+    assert repr(found) == "<Basins of 12 cells: rest x0: 83.3%, impacting x2: 16.7%, 1 cells graze>"
     data = found.to_xarray()
     assert data.label.dims == data.border.dims == data.grazing.dims == ("xdot0", "x0")
     np.testing.assert_array_equal(data.label, label)

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import zivi
-from orbit_tables import TURN, frame, table
+from orbit_tables import THREE, TURN, frame, table
 from zivi.orbits import attractor, free, start
 from zivi.orbits.find import is_free
 from zivi.orbits.flights import PRECISE
@@ -52,9 +52,16 @@ def test_after_how_many_periods_impacts_repeat(m):
     assert start._repeats(coarse, rows[-1, 0] + 3, TURN) == m
 
 
-def test_impacts_that_repeat_nowhere_count_as_one_period():
+def test_impacts_that_repeat_nowhere():
     rows = np.column_stack([TURN * np.arange(30) + 0.3, np.arange(1.0, 31) ** 2])
-    assert start._repeats(rows, rows[-1, 0] + 3, TURN) == 1
+    assert start._repeats(rows, rows[-1, 0] + 3, TURN) is None
+    assert start._repeats(rows[:0], 9.0, TURN) is None
+    shown = from_run(run_like(rows, rows[-1, 0] + 3), None)
+    assert shown.multiple == 1
+    assert shown.shown == (
+        "The last period of the run holds 1 impact, and nothing repeats to a hundredth; "
+        "give multiple=, or a longer run."
+    )
     # speeds relative to the fastest, also where there are none
     still = np.column_stack([TURN * np.arange(6.0), np.zeros(6)])
     assert start._repeats(still, 5 * TURN + 3, TURN) == 1
@@ -76,43 +83,114 @@ def run_like(impacts: Any, end: float, zeno: Any = (), rest_time: float | None =
     )
 
 
+def from_run(run: Any, multiple: int | None) -> start.Guess:
+    return start.from_run(table(), run, multiple, TURN, PRECISE)
+
+
 def test_what_the_end_of_a_run_shows():
     times = TURN * np.arange(40) + 0.3
     rows = np.column_stack([times, 1.0 + np.arange(40) % 2])
     end = times[-1] + 3.0
-    guess = start.from_run(run_like(rows, end), None, TURN)
-    assert (guess.multiple, guess.resting, len(guess.y)) == (2, False, 2)
+    guess = from_run(run_like(rows, end), None)
+    assert (guess.multiple, guess.rest, len(guess.y)) == (2, None, 2)
+    assert guess.shown.startswith("The last 2 periods of the run hold 2 impacts; give multiple=")
     # the last flight ends with the run and is not a whole one: seen from the one before it
     np.testing.assert_array_equal(guess.y, rows[-3:-1])
-    assert len(start.from_run(run_like(rows, end), 3, TURN).y) == 3
-    # a Zeno point within the last two periods (of the motion) is a rest, an older one is not
-    for zeno, multiple, rests in (
-        (end - 1.9 * TURN, None, True),
-        (end - 2.1 * TURN, None, False),
-        (end - 2.1 * TURN, 2, True),
+    assert len(from_run(run_like(rows, end), 3).y) == 3
+    # a Zeno point within 64 periods may be of a motion that rests again, an older one is not
+    for zeno, rests in (
+        (end - 1.9 * TURN, True),
+        (end - 63.9 * TURN, True),
+        (end - 65 * TURN, False),
     ):
-        guess = start.from_run(run_like(rows, end, [3.0, zeno]), multiple, TURN)
-        assert guess.resting is rests
-        if rests:
-            assert (guess.phase, guess.multiple, guess.y.shape) == (zeno, multiple or 1, (0, 2))
-    guess = start.from_run(run_like(rows, end, rest_time=4.0), 7, TURN)
-    assert (guess.resting, guess.phase, guess.multiple) == (True, end, 1)
+        guess = from_run(run_like(rows, end, [-999.0, zeno]), None)
+        assert guess.rest == (zeno if rests else None)
+        assert (guess.multiple, guess.end) == (2, end)
+        np.testing.assert_array_equal(guess.y, rows[-3:-1])
+    guess = from_run(run_like(rows, end, rest_time=4.0), 7)
+    assert (guess.rest, guess.multiple, guess.y.shape) == (end, 1, (0, 2))
 
 
 def test_a_run_without_recent_impacts_is_a_flight():
     # the state at the end, at its phase
     for impacts in ([], [(1.0, 2.0)]):
-        guess = start.from_run(run_like(impacts, 5 * TURN + 0.7), None, TURN)
-        assert (guess.resting, guess.multiple) == (False, 1)
+        guess = from_run(run_like(impacts, 5 * TURN + 0.7), 1)
+        assert (guess.rest, guess.multiple) == (None, 1)
         np.testing.assert_array_equal(guess.y, [0.25, -0.5])
         assert abs(guess.start - 0.7) < 1e-12
+        assert guess.shown.startswith("The last period of the run holds no impacts;")
     # four periods are looked at, or as many as are asked for; a long flight takes several
-    guess = start.from_run(run_like([(1.5 * TURN, 2.0)], 5 * TURN), None, TURN)
+    guess = from_run(run_like([(1.5 * TURN, 2.0)], 5 * TURN), None)
     assert (guess.y.shape, guess.multiple) == ((1, 2), 2)
-    assert start.from_run(run_like([(0.9 * TURN, 2.0)], 5 * TURN), None, TURN).y.shape == (2,)
-    guess = start.from_run(run_like([(1.5 * TURN, 2.0)], 5 * TURN), 3, TURN)
+    guess = from_run(run_like([(1.5 * TURN, 2.0)], 5 * TURN), 3)
     assert (guess.y.shape, guess.multiple) == ((2,), 3)
-    assert start.from_run(run_like([(1.5 * TURN, 2.0)], 5 * TURN), 4, TURN).y.shape == (1, 2)
+    assert from_run(run_like([(1.5 * TURN, 2.0)], 5 * TURN), 4).y.shape == (1, 2)
+    # a further run has impacts, and rests at its end
+    guess = from_run(run_like([(0.9 * TURN, 2.0)], 5 * TURN), None)
+    assert guess.rest == pytest.approx((5 + 128) * TURN)
+
+
+@pytest.mark.parametrize("multiple", [None, 3])
+def test_a_motion_that_rests_once_in_three_periods_is_found_wherever_the_run_ends(multiple):
+    system, period, state = THREE
+    for periods in (40, 41, 42, 40.3, 40.6, 41.1):
+        run = zivi.simulate(system, (0, periods * period), state)
+        orbit = zivi.periodic_orbit(system, run, multiple)
+        assert (orbit.success, orbit.kind, orbit.multiple) == (True, "resting", 3)
+        lifts = run.liftoffs["t"]
+        np.testing.assert_allclose(np.diff(lifts[-3:]), 3 * period, rtol=1e-12)
+        turns = (orbit.liftoff_time - lifts[-1]) / period
+        assert abs(turns - round(turns)) < 1e-9
+
+
+def test_an_orbit_with_two_rests_begins_with_one_of_them_wherever_the_run_ends():
+    # the wall lifts the ball off twice in a period of the force
+    force = zivi.LinearForce(gravity=1.0, amplitude=0.1)
+    system = zivi.ImpactSystem(force, e=0.05, wall=zivi.HarmonicWall(1.15 / 4, 2.0))
+    for turns in (4, 4.25, 4.5, 4.9):
+        run = zivi.simulate(system, (0, turns * TURN), (0.5, 0))
+        orbit = zivi.periodic_orbit(system, run, period=TURN)
+        assert (orbit.kind, orbit.multiple) == ("resting", 1)
+        first, second = np.sort(run.liftoffs["t"][-2:] % TURN)
+        assert abs(orbit.liftoff_time - first) < 1e-9 < second - first
+        again = zivi.simulate(system, (first, first + TURN), (0.0, 0.0)).impacts["xdot_after"]
+        np.testing.assert_allclose(orbit.impacts["u"][0], again[0])
+        np.testing.assert_allclose(np.max(orbit.impacts["u"]), np.max(again))
+
+
+def test_a_run_that_rested_and_left_for_another_motion_shows_that():
+    # the table that rests at e = 0.5 is one where the ball bounces from a fast start
+    fast = zivi.simulate(table(), (0, 20 * TURN), (0.05, 2.0))
+    rested = zivi.simulate(table(), (0, 3 * TURN), (0.5, 0.0))
+    both = run_like(
+        np.column_stack([fast.impacts["t"], fast.impacts["xdot_after"]]), fast.t[-1],
+        rested.zeno["t"][:1],
+    )  # fmt: skip
+    guess = from_run(both, None)
+    assert guess.rest == rested.zeno["t"][0]
+    assert guess.rest + TURN < guess.end
+    assert guess.multiple == 1 == len(guess.y)
+
+
+def test_flights_of_many_periods_and_between_impacts():
+    force = zivi.LinearForce(gravity=-0.2, stiffness=0.04, damping=0.2, amplitude=1.0)
+    swing = zivi.ImpactSystem(force, e=0.5)
+    run = zivi.simulate(swing, (0, 30 * TURN), (9, 0))
+    flight = zivi.periodic_orbit(swing, run, period=TURN / 3)
+    assert (flight.success, flight.kind, flight.multiple) == (True, "flight", 3)
+    for part in range(6):
+        run = zivi.simulate(table(), (0, (90 + part / 6) * TURN), (0.05, 2.0))
+        orbit = zivi.periodic_orbit(table(), run, period=TURN / 6)
+        assert (orbit.success, orbit.kind, orbit.multiple) == (True, "impacting", 6)
+        assert len(orbit.impacts) == 1
+
+
+def test_an_orbit_that_a_run_does_not_show_says_what_it_shows():
+    run = zivi.simulate(table(2.9, 0.8), (0, 50.3 * TURN), (0.1, 1.0))
+    orbit = zivi.periodic_orbit(table(2.9, 0.8), run, 1)
+    assert not orbit.success
+    assert "The last period of the run holds " in orbit.message
+    assert orbit.message.endswith("; give multiple=, or a longer run.")
 
 
 def test_rows_of_arrays():
@@ -146,11 +224,11 @@ def test_guesses_of_rows_count_periods():
 def test_guesses_of_orbits_and_states():
     resting = zivi.periodic_orbit(table(), (0.0, (0.5, 0.0)))
     guess = start.guess_of(table(), resting, None, TURN, PRECISE)
-    assert (guess.resting, guess.multiple) == (True, 1)
-    assert guess.phase == resting.liftoff_time - 0.5 * resting.margin
+    assert (guess.rest, guess.multiple) == (resting.liftoff_time - 0.5 * resting.margin, 1)
+    assert not len(guess.y)
     impacting = zivi.periodic_orbit(table(), [(0.6, 2.1)])
     guess = start.guess_of(table(), impacting, None, TURN, PRECISE)
-    assert (guess.resting, guess.multiple, guess.start) == (False, 1, 0.0)
+    assert (guess.rest, guess.multiple, guess.start) == (None, 1, 0.0)
     np.testing.assert_array_equal(guess.y, impacting._y)
     assert start.guess_of(table(), impacting, 4, TURN, PRECISE).multiple == 4
     # a state with a multiple: the impacts of one period of the motion
@@ -158,12 +236,12 @@ def test_guesses_of_orbits_and_states():
     run = zivi.simulate(table(), (0.5, 0.5 + 2 * TURN), (0.05, 2.0), PRECISE)
     np.testing.assert_array_equal(guess.y[:, 0], run.impacts["t"])
     np.testing.assert_array_equal(guess.y[:, 1], run.impacts["xdot_after"])
-    assert (guess.multiple, guess.resting) == (2, False)
+    assert (guess.multiple, guess.rest) == (2, None)
     rests = start.guess_of(table(), (0.0, (0.5, 0.0)), 1, TURN, PRECISE)
-    assert (rests.resting, rests.multiple, rests.y.shape) == (True, 1, (0, 2))
-    assert 0 < rests.phase < TURN
+    assert (rests.multiple, rests.y.shape) == (1, (0, 2))
+    assert 0 < rests.rest < TURN
     high = start.guess_of(table(), (0.25, (900.0, 0.0)), 3, TURN, PRECISE)
-    assert (high.start, high.multiple, high.resting) == (0.25, 3, False)
+    assert (high.start, high.multiple, high.rest) == (0.25, 3, None)
     np.testing.assert_array_equal(high.y, [900.0, 0.0])
 
 
@@ -261,7 +339,7 @@ def test_guesses_of_free_motions():
     swing = zivi.ImpactSystem(zivi.LinearForce(stiffness=1, damping=-0.1, gravity=-1), e=0.8)
     orbit = zivi.periodic_orbit(swing, (0.0, (0.5, 0.0)))
     guess = free.free_guess(swing, orbit, PRECISE)
-    assert (guess.multiple, guess.resting) == (1, False)
+    assert (guess.multiple, guess.rest) == (1, None)
     np.testing.assert_array_equal(guess.y, orbit._y)
     u = orbit.impacts["u"][0]
     guess = free.free_guess(swing, [(7.0, u)], PRECISE)
@@ -273,7 +351,7 @@ def test_guesses_of_free_motions():
     )
     drop = zivi.ImpactSystem(zivi.LinearForce(gravity=1.0), e=0.5)
     rests = free.free_guess(drop, (0.0, (0.5, 0.0)), PRECISE)
-    assert (rests.resting, rests.multiple, rests.phase) == (True, 1, 10.0)
+    assert (rests.rest, rests.multiple) == (10.0, 1)
     assert rests.y.shape == (0, 2)
     assert free._flight(drop, -3.0) == pytest.approx(6.0)
     assert free._flight(drop, 200.0) == pytest.approx(400.0)

@@ -16,9 +16,11 @@ from zivi.base.check import Array
 from zivi.base.compiled import listening, tell
 from zivi.base.progress import ProgressBar
 from zivi.base.status import Status
+from zivi.derivatives.result import OrbitStatus
 from zivi.orbits.flights import PRECISE, FlightError
 from zivi.orbits.mechanical.equations import newton
 from zivi.orbits.mechanical.find import NEAR, least
+from zivi.orbits.rest import cycle_of, earliest, resting_orbit
 from zivi.orbits.sequence import Frame, as_rows, as_word
 from zivi.simulation.batch_arguments import check_threads
 from zivi.simulation.impacts import SLOWEST
@@ -123,7 +125,9 @@ def classify(
     if not settled.success:
         return Attractor("failed", 0, none)
     if len(settled.zeno_times) or settled.rests:
-        return _rested(settled, period, none)
+        rested = _rested(system, settled, period, keep)
+        if rested is not None:
+            return rested
     rows = settled.impacts
     if not len(rows):
         return Attractor("flight", 1, none)
@@ -166,17 +170,33 @@ def _apart(rows: Array, period: float, multiple: int, parts: int) -> float:
     return max(float(time) / period, float(speed) / (float(np.max(np.abs(rows[:, 1]))) or 1.0))
 
 
-def _rested(settled: Settled, period: float, none: Array) -> Attractor:
-    lifts = settled.liftoff_times
-    if not len(lifts):
-        return Attractor("rest", 0, none)
-    multiple = round(float(lifts[-1] - lifts[-2]) / period) if len(lifts) > 1 else 1
-    first = settled.impacts[settled.impacts[:, 0] > lifts[-1]]
-    if not len(first) and len(lifts) > 1:
-        first = settled.impacts[settled.impacts[:, 0] > lifts[-2]]
-    rows = first[:1] / [period, 1.0]
-    rows[:, 0] %= 1.0
-    return Attractor("resting", max(multiple, 1), rows)
+def _rested(system: ImpactSystem, settled: Settled, period: float, keep: int) -> Attractor | None:
+    """Say how a run repeats that rested; None where it left that rest for another motion."""
+    lifts, zenos, impacts = settled.liftoff_times, settled.zeno_times, settled.impacts
+    end = keep * period
+    since = float(max((*zenos[-1:], *lifts[-1:]), default=0.0))
+    # the force is known at all phases: what it does not lift off in a period rests for good
+    if settled.rests and end - since >= period:
+        return Attractor("rest", 0, np.empty((0, 2)))
+    cycle = cycle_of(lifts, period)
+    if cycle is not None:
+        first, last = cycle
+        lift = lifts[first + earliest(lifts[first:last], period)]
+        multiple, first_impact = round((lifts[last] - lifts[first]) / period), impacts[:, 0] > lift
+        rows = impacts[first_impact][:1]
+    else:
+        # fewer periods were noted than it takes
+        rest = end if settled.rests else float(zenos[-1])
+        orbit = resting_orbit(system, Frame(1, period, PRECISE), rest)
+        if orbit.status is OrbitStatus.RESTS:
+            return Attractor("rest", 0, np.empty((0, 2)))
+        if not orbit.success or rest + orbit.multiple * period < end:
+            return None
+        rows, multiple = (
+            np.column_stack([orbit.impacts["t"], orbit.impacts["u"]])[:1],
+            orbit.multiple,
+        )
+    return Attractor("resting", multiple, np.column_stack([rows[:, 0] / period % 1.0, rows[:, 1]]))
 
 
 def quiet(rows: Array, end: float) -> float:

@@ -147,16 +147,24 @@ def periodic_orbit(
 
         guess = free_guess(system, start, method)
         # at rest any period is one
-        frame = Frame(1, 1.0 if guess.resting else None, method, free=not guess.resting)
+        rests = guess.rest is not None
+        frame = Frame(1, 1.0 if rests else None, method, free=not rests)
     else:
         guess = guess_of(system, start, multiple, known, method)
         own = None if period is None else known
         frame = Frame(guess.multiple, own, method, guess.start)
-    if guess.resting:
+    if guess.rest is not None:
         from zivi.orbits.rest import resting_orbit
 
-        return resting_orbit(system, frame, guess.phase)
-    return solve(system, frame, guess.y, max_iter)
+        orbit = resting_orbit(system, frame, guess.rest)
+        # a run that goes on without this rest has left it for another motion
+        back = guess.rest + orbit.multiple * orbit.period * (1.0 + 1e-6)
+        if not len(guess.y) or (orbit.status is not OrbitStatus.NOT_CONVERGED and back > guess.end):
+            return orbit
+    orbit = solve(system, frame, guess.y, max_iter)
+    if orbit.success or not guess.shown:
+        return orbit
+    return dataclasses.replace(orbit, message=f"{orbit.message} {guess.shown}")
 
 
 def is_free(system: ImpactSystem, period: float | str | None, multiple: int | None) -> bool:

@@ -9,10 +9,11 @@ import numpy as np
 from zivi.base.check import Array, real
 from zivi.base.status import Status
 from zivi.orbits.flights import FlightError, fly
+from zivi.orbits.mechanical.run_word import MOST_MULTIPLE, TOLERANCES
 from zivi.orbits.orbit import PeriodicOrbit
 from zivi.orbits.rest import force_at_rest
 from zivi.orbits.sequence import unknowns_of
-from zivi.orbits.start import MOST_MULTIPLE, TOLERANCES, Guess, rows_of
+from zivi.orbits.start import NOTHING, Guess, rows_of
 from zivi.simulation.methods import SwitchedRK
 from zivi.simulation.run import pair, simulate
 from zivi.simulation.trajectory import Trajectory
@@ -46,7 +47,7 @@ def is_autonomous(system: ImpactSystem) -> bool:
 def free_guess(system: ImpactSystem, start: Any, method: SwitchedRK) -> Guess:
     """Give the guess that a start is."""
     if isinstance(start, PeriodicOrbit):
-        return Guess(start._y, 1, resting=start.kind == "resting")
+        return Guess(start._y, 1, 0.0 if start.kind == "resting" else None)
     if isinstance(start, Trajectory):
         return _from_run(start)
     if isinstance(start, tuple) and len(start) == 2 and np.ndim(start[0]) == 0:
@@ -73,7 +74,7 @@ def _flight(system: ImpactSystem, speed: float) -> float:
 def _from_run(run: Trajectory) -> Guess:
     """Give what the end of a run shows."""
     if run.rest_time is not None:
-        return Guess(np.empty((0, 2)), 1, resting=True, phase=float(run.t[-1]))
+        return Guess(NOTHING, 1, float(run.t[-1]))
     impacts = np.column_stack([run.resolved_impacts["t"], run.resolved_impacts["xdot_after"]])
     if len(impacts) < 2:
         return Guess(_cycle(run), 1)

@@ -16,9 +16,11 @@ from zivi.orbits.sequence import Frame
 from zivi.simulation.run import simulate
 from zivi.system.mass import ImpactSystem
 
-__all__ = ["chatter_exponent", "force_at_rest", "highest_pull", "resting_orbit", "rises"]
+__all__ = [
+    "chatter_exponent", "cycle_of", "force_at_rest", "highest_pull", "resting_orbit", "rises",
+]  # fmt: skip
 
-MOST_PERIODS = 32
+MOST_PERIODS = 64
 LOOKS = 256
 
 
@@ -75,59 +77,69 @@ def _called(system: ImpactSystem, t: float, x: float, xdot: float) -> float:
     return float(function(t, x, xdot))
 
 
-def resting_orbit(
-    system: ImpactSystem, frame: Frame, phase: float, most: int = MOST_PERIODS
-) -> PeriodicOrbit:
-    """Simulate the motion that lifts off first after a time, until it rests and lifts off again.
+def cycle_of(lifts: Array, period: float) -> tuple[int, int] | None:
+    """Give the first two lift-offs with the same phase, None if there are none.
 
-    At most so many periods are simulated: first two, then all, where there are more.
+    The motion after a lift-off is a function of its phase, so it repeats from there on.
     """
-    period = frame.period_of(system)
+    turns = (lifts - lifts[:, None]) / period
+    whole = np.rint(turns)
+    same = (np.abs(turns - whole) < 1e-8) & (whole >= 1.0)
+    ends = np.flatnonzero(same.any(axis=0))
+    return (int(np.flatnonzero(same[:, ends[0]])[-1]), int(ends[0])) if len(ends) else None
+
+
+def earliest(lifts: Array, period: float) -> int:
+    """Give the lift-off of the smallest phase, with which a cycle of several begins."""
+    return int(np.argmin((lifts / period + 1e-9) % 1.0))
+
+
+def resting_orbit(
+    system: ImpactSystem, frame: Frame, phase: float, most: int | None = None
+) -> PeriodicOrbit:
+    """Simulate the motion that lifts off first after a time, until it does so at the same phase.
+
+    At most so many periods are simulated, at first two, and the motion must come back to that
+    lift-off. By default it may do so from another one on, within `MOST_PERIODS`, and the orbit
+    begins with its lift-off of the smallest phase.
+    """
+    period, longest = frame.period_of(system), most or MOST_PERIODS
+    nothing, empty = OrbitStatus.NOT_CONVERGED, np.empty(0, ORBIT_IMPACT)
     starts = rises(system, period, phase)
     if not starts:
         resting = force_at_rest(system, phase) <= 0.0
         why = "The mass rests and never lifts off." if resting else "The mass never stays at rest."
-        status = OrbitStatus.RESTS if resting else OrbitStatus.NOT_CONVERGED
-        return _orbit(system, frame, None, None, np.empty(0, ORBIT_IMPACT), status, why)
-    begin = starts[0]
-    for periods in sorted({min(2, most), most}):
-        run = simulate(
-            system, (begin, begin + periods * period), (0.0, 0.0), frame.method, dense_output=False
-        )
+        status = OrbitStatus.RESTS if resting else nothing
+        return _orbit(system, frame, None, None, empty, status, why)
+    for periods in sorted({min(it, longest) for it in (2, 8, longest)}):
+        span = (starts[0], starts[0] + periods * period)
+        run = simulate(system, span, (0.0, 0.0), frame.method, dense_output=False)
         lifts, zenos = run.liftoff_times, run.zeno_times
+        cycle = cycle_of(lifts, period)
+        if cycle is not None and len(zenos):
+            break
+    if cycle is None or not len(zenos) or (most is not None and cycle[0]):
+        why = f"The motion after the lift-off does not rest again within {longest} periods."
         if len(lifts) > 1 and len(zenos):
-            break
-    if not len(lifts) or not len(zenos) or len(lifts) < 2:
-        why = f"The motion after the lift-off does not rest again within {most} periods."
-        empty = np.empty(0, ORBIT_IMPACT)
-        return _orbit(system, frame, None, None, empty, OrbitStatus.NOT_CONVERGED, why)
-    return _first_return(system, frame, run.resolved_impacts, lifts, zenos)
-
-
-def _first_return(
-    system: ImpactSystem, frame: Frame, impacts: NDArray[np.void], lifts: Array, zenos: Array
-) -> PeriodicOrbit:
-    """Make the orbit that ends with the first lift-off at the phase of the first."""
-    period = frame.period_of(system)
-    for lift in lifts[1:]:
-        turns = (lift - lifts[0]) / period
-        if abs(turns - round(turns)) < 1e-8:
-            break
-    else:
-        why = "No later lift-off has the phase of the first."
-        empty = np.empty(0, ORBIT_IMPACT)
-        return _orbit(system, frame, None, None, empty, OrbitStatus.NOT_CONVERGED, why)
-    own = impacts[impacts["t"] < lift]
-    listed = np.empty(len(own), ORBIT_IMPACT)
-    listed["t"], listed["u"] = own["t"], own["xdot_after"]
-    listed["xdot_before"], listed["xdot_after"] = own["xdot_before"], own["xdot_after"]
-    zeno = float(zenos[zenos < lift][-1])
-    shift = float(lifts[0] % period - lifts[0])
-    listed["t"] += shift
-    new = Frame(round(turns), frame.period, frame.method, frame.start)
+            why = f"The motion lifts off at no phase a second time within {longest} periods."
+        return _orbit(system, frame, None, None, empty, nothing, why)
+    first, end = cycle
+    multiple = round((lifts[end] - lifts[first]) / period)
+    if most is None and (other := earliest(lifts[first:end], period)):
+        lift = float(lifts[first + other])
+        rest = 0.5 * (float(zenos[zenos < lift][-1]) + lift)
+        return resting_orbit(system, frame, rest, multiple + 1)
+    own = run.resolved_impacts
+    own = own[(own["t"] > lifts[first]) & (own["t"] < lifts[end])]
+    shift = float(lifts[first] % period - lifts[first])
+    impacts = np.empty(len(own), ORBIT_IMPACT)
+    impacts["t"], impacts["u"] = own["t"] + shift, own["xdot_after"]
+    impacts["xdot_before"], impacts["xdot_after"] = own["xdot_before"], own["xdot_after"]
+    zeno, lifted = float(zenos[zenos < lifts[end]][-1]), float(lifts[first])
+    new = Frame(multiple, frame.period, frame.method, frame.start)
     why = "The motion rests and lifts off again at the same phase."
-    lifted, rests = float(lifts[0]) + shift, zeno + shift
-    return _orbit(system, new, lifted, rests, listed, OrbitStatus.COMPLETED, why)
+    completed = OrbitStatus.COMPLETED
+    return _orbit(system, new, lifted + shift, zeno + shift, impacts, completed, why)
 
 
 def _orbit(

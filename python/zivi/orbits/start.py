@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 
 from zivi.base.check import Array, real, real_array
 from zivi.orbits.attractor import quiet
+from zivi.orbits.mechanical.run_word import MOST_MULTIPLE, TOLERANCES, repeating, shown
 from zivi.orbits.orbit import PeriodicOrbit
 from zivi.simulation.methods import SwitchedRK
 from zivi.simulation.run import pair, simulate
@@ -19,8 +20,7 @@ from zivi.system.mass import ImpactSystem
 
 __all__ = ["Guess", "guess_of"]
 
-MOST_MULTIPLE = 64
-TOLERANCES = (1e-6, 1e-4, 1e-2)
+NOTHING = np.empty((0, 2))
 SETTLING = 200
 """Periods that are simulated from a state when nothing says how the motion repeats."""
 
@@ -31,11 +31,14 @@ class Guess:
 
     y: Array
     multiple: int
-    resting: bool = False
-    phase: float = 0.0
-    """A time before its lift-off."""
+    rest: float | None = None
+    """A time at rest: the motion after the next lift-off may rest again."""
     start: float = 0.0
     """Where an orbit without impacts is looked at."""
+    end: float = -math.inf
+    """Where the run ends that shows it."""
+    shown: str = ""
+    """What the run shows, for messages."""
 
 
 def guess_of(
@@ -45,10 +48,10 @@ def guess_of(
     if isinstance(start, PeriodicOrbit):
         if start.kind == "resting":
             phase = (start.liftoff_time or 0.0) - 0.5 * min(start.margin or period, period)
-            return Guess(start._y, multiple or start.multiple, resting=True, phase=phase)
+            return Guess(NOTHING, multiple or start.multiple, phase)
         return Guess(start._y, multiple or start.multiple, start=start._frame.start)
     if isinstance(start, Trajectory):
-        return from_run(start, multiple, period)
+        return from_run(system, start, multiple, period, method)
     if isinstance(start, tuple) and len(start) == 2 and np.ndim(start[0]) == 0:
         return _from_state(system, start, multiple, period, method)
     rows = rows_of(start)
@@ -64,45 +67,61 @@ def _from_state(
     method: SwitchedRK,
 ) -> Guess:
     t0, state = real("start[0]", start[0]), pair("start[1]", start[1], "(x0, xdot0)")
-    if multiple is not None:
-        # a guess of the orbit itself: the impacts of its period
-        length = multiple * period
-        run = simulate(system, (t0, t0 + length), state, method, dense_output=False)
-        if len(run.zeno_times):
-            return Guess(np.empty((0, 2)), multiple, resting=True, phase=float(run.zeno_times[-1]))
-        if not len(run.resolved_impacts):
-            return Guess(np.array(state), multiple, start=t0)
-        return Guess(
-            np.column_stack([run.resolved_impacts["t"], run.resolved_impacts["xdot_after"]]),
-            multiple,
-        )
-    run = simulate(system, (t0, t0 + SETTLING * period), state, method, dense_output=False)
-    return from_run(run, None, period)
-
-
-def from_run(run: Trajectory, multiple: int | None, period: float) -> Guess:
-    """Give what the end of a run shows."""
-    end = float(run.t[-1])
-    recent = end - 2.0 * (multiple or 1) * period
-    if len(run.zeno_times) and run.zeno_times[-1] > recent:
-        return Guess(np.empty((0, 2)), multiple or 1, resting=True, phase=float(run.zeno_times[-1]))
-    if run.rest_time is not None:
-        return Guess(np.empty((0, 2)), 1, resting=True, phase=end)
-    impacts = np.column_stack([run.resolved_impacts["t"], run.resolved_impacts["xdot_after"]])
-    impacts = impacts[impacts[:, 0] > end - 2 * MOST_MULTIPLE * period]
-    last = impacts[impacts[:, 0] > end - (multiple or 4) * period]
-    if not len(last):
-        state = np.array([run.x[-1], run.xdot[-1]])
-        # far from t = 0 the phase of the excitation loses digits
-        return Guess(state, multiple or 1, start=end % period)
+    span = (t0, t0 + (multiple or SETTLING) * period)
+    run = simulate(system, span, state, method, dense_output=False)
     if multiple is None:
-        multiple = _repeats(impacts, end, period)
+        return from_run(system, run, None, period, method)
+    # a guess of the orbit itself: the impacts of its period
+    if len(run.zeno_times):
+        return Guess(NOTHING, multiple, float(run.zeno_times[-1]))
+    impacts = _impacts(run)
+    return Guess(impacts if len(impacts) else np.array(state), multiple, start=t0)
+
+
+def _impacts(run: Trajectory) -> Array:
+    return np.column_stack([run.resolved_impacts["t"], run.resolved_impacts["xdot_after"]])
+
+
+def from_run(
+    system: ImpactSystem,
+    run: Trajectory,
+    multiple: int | None,
+    period: float,
+    method: SwitchedRK,
+    *,
+    further: bool = True,
+) -> Guess:
+    """Give what the end of a run shows; where it has no impacts, what a further run shows."""
+    end, rest = float(run.t[-1]), None
+    if run.rest_time is not None:
+        return Guess(NOTHING, 1, end)
+    if len(run.zeno_times) and run.zeno_times[-1] > end - MOST_MULTIPLE * period:
+        rest = float(run.zeno_times[-1])
+    impacts = _impacts(run)
+    impacts = impacts[impacts[:, 0] > end - 2 * MOST_MULTIPLE * period]
+    repeats = multiple or _repeats(impacts, end, period)
+    # a motion with impacts has one in as many periods as it takes to repeat
+    if not np.any(impacts[:, 0] > end - (repeats or 4) * period):
+        state = np.array([run.x[-1], run.xdot[-1]])
+        if further and multiple is None:
+            times = end + period * np.arange(2 * MOST_MULTIPLE + 1)
+            span = (end, float(times[-1]))
+            more = simulate(system, span, tuple(state), method, t_eval=times)
+            if len(more.resolved_impacts):
+                return from_run(system, more, None, period, method, further=False)
+            states = np.column_stack([more.x, more.xdot])
+            multiple = repeating(states) if more.success else None
+        multiple = multiple or 1
+        # far from t = 0 the phase of the excitation loses digits
+        return Guess(state, multiple, rest, end % period, end, shown(multiple, 0))
+    multiple = repeats or 1
     rows = _window(impacts, end, multiple * period)
     while not len(rows):
         # a flight of more than the periods that were taken
         multiple += 1
         rows = _window(impacts, end, multiple * period)
-    return Guess(rows, multiple)
+    told = shown(multiple, len(rows), repeats=repeats is not None)
+    return Guess(rows, multiple, rest, end=end, shown=told)
 
 
 def _window(impacts: Array, end: float, length: float, before: float = 0.0) -> Array:
@@ -112,8 +131,10 @@ def _window(impacts: Array, end: float, length: float, before: float = 0.0) -> A
     return impacts[inside]
 
 
-def _repeats(impacts: Array, end: float, period: float) -> int:
-    """Give after how many periods the impacts repeat, as well as they do."""
+def _repeats(impacts: Array, end: float, period: float) -> int | None:
+    """Give after how many periods the impacts repeat; None if they do not."""
+    if not len(impacts):
+        return None
     scale = float(np.max(np.abs(impacts[:, 1]))) or 1.0
     for tolerance in TOLERANCES:
         for m in range(1, MOST_MULTIPLE + 1):
@@ -124,7 +145,7 @@ def _repeats(impacts: Array, end: float, period: float) -> int:
             shift = np.abs(now - before - [length, 0.0]) / [period, scale]
             if np.max(shift) <= tolerance:
                 return m
-    return 1
+    return None
 
 
 def rows_of(start: ArrayLike) -> Array:

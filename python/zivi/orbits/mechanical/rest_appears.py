@@ -83,7 +83,7 @@ def _resting(path: Path, edge: Point, first: int, value: float) -> tuple[Path, P
     n, span = frame.flow.n, (t, t + RETURNS * frame.length)
     try:
         run = simulate(frame.system, span, (z[:n], z[n:]), frame.method)
-        new, x, _ = recent(frame.system, run, 1, frame.length, False, frame.method)
+        new, x, *_ = recent(frame.system, run, 1, frame.length, False, frame.method)
         gap = frame.word[first].gap
         rests, before_it = (
             sum(it.kind == "Z" and it.gap == gap for it in word) for word in (new.word, frame.word)

@@ -11,14 +11,14 @@ from zivi.orbits.mechanical.accumulation import after_event
 from zivi.orbits.mechanical.by_parameter import flow_of
 from zivi.orbits.mechanical.equations import Frame
 from zivi.orbits.mechanical.flow import Flow, uncoupled
-from zivi.orbits.mechanical.word import MOST_LETTERS, Segment
+from zivi.orbits.mechanical.word import Segment
 from zivi.simulation.mechanical_trajectory import MechanicalTrajectory
 from zivi.simulation.methods import SwitchedRK
 from zivi.system.mechanism import MechanicalSystem
 
-__all__ = ["NotDifferentiable", "recent"]
+__all__ = ["MOST_MULTIPLE", "TOLERANCES", "NotDifferentiable", "recent", "repeating", "shown"]
 
-MOST_MULTIPLE = 64
+MOST_MULTIPLE, MOST_EVENTS = 64, 256
 TOLERANCES = (1e-6, 1e-4, 1e-2)
 ROUNDING = 1e-12
 """How near two events are that are one, relative to the time."""
@@ -50,8 +50,8 @@ def recent(
     period: float,
     free: bool,
     method: SwitchedRK,
-) -> tuple[Frame, Array, int]:
-    """Give the frame and the unknowns of the last period of the motion of a run.
+) -> tuple[Frame, Array, int, str]:
+    """Give the frame and the unknowns of the last period of the motion of a run, and tell it.
 
     Raises
     ------
@@ -64,20 +64,20 @@ def recent(
         raise ValueError(f"start: the run ended early: {run.message}")
     flow = flow_of(system, method)
     events = _events(system, flow, run)
+    count, repeats = 1, multiple
     if free:
         length, end = _free_length(run, events)
-        count = 1
     else:
         span = float(run.t[-1] - run.t[0])
         if span < (multiple or 1) * period * (1.0 - 1e-9):
             raise ValueError(f"start: the run must last a period, {period:.6g}, got {span:.6g}")
-        count = multiple or _repeats(run, events, period)
+        repeats = multiple or _repeats(run, events, period)
+        count = repeats or 1
         length, end = count * period, _quiet(run, events, count * period)
-        while multiple is None and length < 4.0 * period and (count + 1) * period <= span:
+        # a flight of more than a period, or a motion without events
+        near = repeats is None and any(it.t > end - 4.0 * period for it in events)
+        while near and length < 4.0 * period and (count + 1) * period <= span:
             if any(end - length < it.t <= end for it in events):
-                break
-            # a flight of more than a period, or a motion without events
-            if not any(it.t > end - 4.0 * period for it in events):
                 break
             count += 1
             length, end = count * period, _quiet(run, events, count * period)
@@ -85,18 +85,19 @@ def recent(
     several = next((it.t for it in inside if it.kind == "C"), None)
     if several is not None:
         why = f"Several gaps are hit, or come to rest, at once, at t = {several:.9g} s."
-        frame, x, _ = _smooth(system, flow, run, length, end, free, method, count)
+        frame, x = _smooth(system, flow, run, length, end, free, method)
         x[0, 0] = x[0, -1]
         raise NotDifferentiable(f"{why} The motion has no derivatives there.", frame, x, count)
-    if len(inside) > MOST_LETTERS:
-        raise ValueError(f"start: a word has at most {MOST_LETTERS} events, got {len(inside)}")
+    if len(inside) > MOST_EVENTS:
+        raise ValueError(f"start: a word has at most {MOST_EVENTS} events, got {len(inside)}")
+    told = "" if free else shown(count, len(inside), "event", repeats=bool(repeats))
     if not inside:
-        return _smooth(system, flow, run, length, end, free, method, count)
+        return *_smooth(system, flow, run, length, end, free, method), count, told
     shift = 0.0 if free else _floor(float(inside[0].t) / period) * period
     frame, x = _unknowns(system, flow, run, inside, length, free, method)
     # far from t = 0 times have fewer digits
     x[:, [0, -1]] -= shift
-    return frame, x, count
+    return frame, x, count, told
 
 
 def _floor(number: float) -> float:
@@ -171,48 +172,64 @@ def _accumulated(found: list[Happened], zeno: float, gap: int, e: float) -> list
 
 
 def _busy(run: MechanicalTrajectory, events: list[Happened]) -> list[tuple[float, float]]:
-    """Give the spans of time that a window must not cut: events and accumulations."""
-    spans = [(it.t, it.t) for it in events]
+    """Give the spans of time of accumulations, which a window must not cut."""
+    spans = []
     for row in run.zeno:
         begins = [it.t for it in events if it.kind == "Z" and it.gap == row["gap"]]
         begin = [t for t in begins if t < row["t"]]
         if begin:
             spans.append((begin[-1], float(row["t"])))
-    return sorted(spans)
+    return spans
 
 
-def _quiet(run: MechanicalTrajectory, events: list[Happened], length: float) -> float:
+def _quiet(
+    run: MechanicalTrajectory, events: list[Happened], length: float, *, repeats: bool = True
+) -> float:
     """Give the middle of the longest pause shortly before the end of a run."""
     end = float(run.t[-1])
     begin = max(end - length, float(run.t[0]) + length)
-    marks, free = _busy(run, events), []
-    last = -np.inf
-    for start, stop in [*marks, (end, end)]:
-        if start > last and start > begin:
-            free.append((max(last, begin), start))
+    busy = _busy(run, events)
+    if repeats:  # an accumulation that the run does not complete is known from a length before
+        busy += [(start + length, stop + length) for start, stop in busy]
+    pauses, last = [], begin
+    for start, stop in sorted([*busy, *((it.t, it.t) for it in events), (end, end)]):
+        if start > last:
+            pauses.append((last, min(start, end)))
         last = max(last, stop)
-    if not free:
-        return end
-    low, high = max(free, key=lambda it: it[1] - it[0])
+    low, high = max(pauses, key=lambda it: it[1] - it[0], default=(end, end))
     return 0.5 * (low + high)
 
 
-def _repeats(run: MechanicalTrajectory, events: list[Happened], period: float) -> int:
-    """Give after how many periods the state repeats, as well as it does."""
-    end, begin = _quiet(run, events, period), float(run.t[0])
+def _repeats(run: MechanicalTrajectory, events: list[Happened], period: float) -> int | None:
+    """Give after how many periods the state repeats; None if it does not."""
+    end, begin = _quiet(run, events, period, repeats=False), float(run.t[0])
     most = min(MOST_MULTIPLE, int((end - begin) / period))
-    if most < 1:
-        return 1
-    times = end - period * np.arange(most + 1)
-    states = run(times).transpose(1, 0, 2).reshape(most + 1, -1)
-    size = np.maximum(np.max(np.abs(run.q), axis=0), 1e-300), np.max(np.abs(run.qdot), axis=0)
-    scale = np.append(*(np.full(len(it), float(np.max(it)) or 1.0) for it in size))
+    times = np.maximum(end - period * np.arange(most + 1), begin)
+    return repeating(run(times).transpose(1, 0, 2).reshape(most + 1, -1), run.q, run.qdot)
+
+
+def repeating(states: Array, *parts: Array) -> int | None:
+    """Give after how many periods states, a row each, repeat; None if they do not.
+
+    Positions and velocities are compared with the largest of a run, or of the states.
+    """
+    parts = parts or tuple(np.hsplit(states, 2))
+    sizes = [float(np.max(np.abs(part))) or 1.0 for part in parts]
+    scale = np.repeat(sizes, states.shape[1] // 2)
     apart = np.max(np.abs(states[1:] - states[0]) / scale, axis=1)
     for tolerance in TOLERANCES:
         near = np.flatnonzero(apart <= tolerance)
         if len(near):
             return int(near[0]) + 1
-    return 1
+    return None
+
+
+def shown(multiple: int, events: int, what: str = "impact", *, repeats: bool = True) -> str:
+    """Say what the end of a run holds, for an orbit that was not found from it."""
+    last, hold = ("period", "holds") if multiple == 1 else (f"{multiple} periods", "hold")
+    many = f"{events or 'no'} {what}{'s' * (events != 1)}"
+    told = "" if repeats else ", and nothing repeats to a hundredth"
+    return f"The last {last} of the run {hold} {many}{told}; give multiple=, or a longer run."
 
 
 def _free_length(run: MechanicalTrajectory, events: list[Happened]) -> tuple[float, float]:
@@ -230,16 +247,18 @@ def _free_length(run: MechanicalTrajectory, events: list[Happened]) -> tuple[flo
         exact = times[tops] + v[tops] / (v[tops] - v[tops + 1]) * h
         return float(exact[-1] - exact[-2]), float(exact[-1])
     times = np.array([it.t for it in own])
-    kinds = [(it.kind, it.gap) for it in own]
-    quiet = 0.5 * (times[1:] + times[:-1])
-    states = run(quiet).transpose(1, 0, 2).reshape(len(quiet), -1)
+    kinds = np.array([(ord(it.kind), it.gap) for it in own])
+    states = run(0.5 * (times[1:] + times[:-1])).transpose(1, 0, 2).reshape(len(own) - 1, -1)
     scale = float(np.max(np.abs(states))) or 1.0
-    last = len(quiet) - 1
     for tolerance in TOLERANCES:
-        for k in range(1, last + 1):
-            same = kinds[last] == kinds[last - k]
-            if same and np.max(np.abs(states[last] - states[last - k])) <= tolerance * scale:
-                return float(times[last] - times[last - k]), float(quiet[last])
+        # the last events may be of an accumulation that the run does not complete
+        for last in range(len(own) - 2, 0, -1):
+            same = np.all(kinds[:last] == kinds[last], axis=1)
+            apart = np.max(np.abs(states[:last] - states[last]), axis=1)
+            (near,) = np.nonzero(same & (apart <= tolerance * scale))
+            if len(near):
+                length = float(times[last] - times[near[-1]])
+                return length, _quiet(run, events, length)
     raise ValueError("start: the run does not repeat itself to a hundredth")
 
 
@@ -251,8 +270,7 @@ def _smooth(
     end: float,
     free: bool,
     method: SwitchedRK,
-    count: int,
-) -> tuple[Frame, Array, int]:
+) -> tuple[Frame, Array]:
     """Give the unknowns of a motion without events: one segment, with the letter P."""
     contacts = _closed(run, end)
     z = run(end).ravel()
@@ -264,7 +282,7 @@ def _smooth(
         t = section = float(end % length)
     x = np.concatenate([[t - length], z, [t]])[None]
     word = (Segment(contacts, "P", -1, contacts),)
-    return Frame(system, flow, word, method, length, free, None, section), x, count
+    return Frame(system, flow, word, method, length, free, None, section), x
 
 
 def _closed(run: MechanicalTrajectory, t: float) -> tuple[int, ...]:

@@ -59,13 +59,16 @@ def mechanical_orbit(
     if isinstance(start, MechanicalOrbit):
         return _from_orbit(system, start, multiple, length, free, symmetry, method, max_iter)
     try:
-        frame, x, multiple = _guess(system, start, multiple, length, free, method)
+        frame, x, multiple, told = _guess(system, start, multiple, length, free, method)
     except NotDifferentiable as it:
         y, status = it.frame.joined(it.x, it.frame.length), OrbitStatus.NOT_DIFFERENTIABLE
         return failed(it.frame, y, it.count, str(it), status)
     if symmetry is not None:
         frame, x = _half(frame, x, turn_of(symmetry, flow.n))
-    return solve(frame, frame.joined(x, frame.length), multiple, max_iter)
+    orbit = solve(frame, frame.joined(x, frame.length), multiple, max_iter)
+    if orbit.success or not told:
+        return orbit
+    return dataclasses.replace(orbit, message=f"{orbit.message} {told}")
 
 
 def _refuse_laws(system: MechanicalSystem) -> None:
@@ -112,7 +115,8 @@ def _guess(
     period: float,
     free: bool,
     method: SwitchedRK,
-) -> tuple[Frame, Array, int]:
+) -> tuple[Frame, Array, int, str]:
+    """Give the frame, the unknowns, the multiple, and of a run what it shows."""
     if isinstance(start, MechanicalTrajectory):
         return recent(system, start, multiple, period, free, method)
     if isinstance(start, tuple) and len(start) == 2 and np.ndim(start[0]) == 0:
@@ -124,7 +128,7 @@ def _guess(
         span = SETTLING * (10.0 if free else period)
         run = simulate(system, (t0, t0 + span), state, LOOSE)
         return recent(system, run, multiple, period, free, method)
-    return _from_word(system, start, multiple, period, free, method)
+    return *_from_word(system, start, multiple, period, free, method), ""
 
 
 def _from_word(

@@ -85,7 +85,7 @@ def _thrown_off(branch: MechanicalBranch, event: MechanicalEvent) -> MechanicalO
             frame.system, (t, t + RETURNS * length), (path[0, :n], path[0, n:]), frame.method
         )
         try:
-            guess, x, multiple = recent(
+            guess, x, multiple, _ = recent(
                 frame.system, run, orbit.multiple, length / orbit.multiple, frame.free, frame.method
             )
         except (NotDifferentiable, FlightError, ValueError):
