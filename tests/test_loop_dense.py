@@ -171,7 +171,7 @@ def test_impacts_beyond_those_that_a_period_lists():
     np.testing.assert_allclose(all_of_them["xdot_after"], speed * e**n, rtol=1e-9)
     times = speed / 9.81 * (1 + 2 * e * (1 - e ** (n - 1)) / (1 - e))
     np.testing.assert_allclose(all_of_them["t"], times, rtol=1e-9)
-    assert len(all_of_them) == np.count_nonzero(speed * e ** np.arange(1, 20_000) >= 1e-6)
+    assert len(all_of_them) == np.count_nonzero(speed * e ** np.arange(20_000) >= 1e-6)
 
 
 @pytest.mark.parametrize("name", METHODS)

@@ -120,6 +120,7 @@ def test_thousands_of_random_forces():
         assert sol.success, problem
         expected = fast_impacts(story.impacts)
         impacts = sol.impacts_down_to(SLOWEST)
+        impacts = impacts[impacts["xdot_after"] >= SLOWEST]
         found = (len(impacts), len(sol.zeno_times), len(sol.liftoff_times))
         assert found == (len(expected), len(story.zeno), len(story.lift)), problem
         assert (sol.rest_time is not None) == story.at_rest, problem

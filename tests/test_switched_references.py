@@ -91,7 +91,7 @@ def test_impacts(name, order, tol):
         force, (case["t0"], case["t_end"]), (case["x0"], case["xdot0"]), slow=1e-13
     )
     for speed in (1e-1, 1e-4, 1e-12):
-        expected = sum(after >= speed for _, _, after in story.impacts)
+        expected = sum(before >= speed for _, before, _ in story.impacts)
         assert len(sol.impacts_down_to(speed)) == expected, speed
     if not case["zeno"]:
         assert len(sol.resolved_impacts) == case["n_impacts"]

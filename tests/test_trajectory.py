@@ -165,12 +165,23 @@ def test_overflow_ends_the_run_and_keeps_it():
     assert all(np.all(np.isfinite(getattr(sol, name))) for name in COLUMNS)
 
 
-def test_impacts_down_to_a_speed_after_them(sol):
-    """Each impact halves the speed: 1.5 times the third speed after is below the third before."""
-    after = sol.resolved_impacts["xdot_after"]
-    for speed, number in ((after[2], 3), (1.5 * after[2], 2), (2 * after[0], 0)):
+def test_transformed_samples_have_names_that_say_so(sol):
+    assert sol.transformed.v is sol.v
+    assert sol.transformed.s is sol.s
+    assert sol.transformed.lambda_s is sol.lambda_s
+    assert sol.transformed.lambda_v is sol.lambda_v
+
+
+def test_impacts_down_to_a_speed_before_them(sol):
+    """Each impact halves the speed: 1.5 times the third speed before is below the second."""
+    before = -sol.resolved_impacts["xdot_before"]
+    for speed, number in ((before[2], 3), (1.5 * before[2], 2), (2 * before[0], 0)):
         found = sol.impacts_down_to(speed)
         np.testing.assert_array_equal(found["t"], sol.resolved_impacts["t"][:number])
+    part = sol.slowest * before.max()
+    np.testing.assert_array_equal(sol.impacts_down_to(part), sol.impacts)
+    plastic = zivi.simulate(zivi.ImpactSystem(-9.81, e=0.0), (0, 1), (1, 0))
+    assert len(plastic.impacts_down_to(1e-14)) == 1
     for speed in (0.0, -1.0, np.nan):
         with pytest.raises(ValueError, match="speed must be"):
             sol.impacts_down_to(speed)

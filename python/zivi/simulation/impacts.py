@@ -26,8 +26,8 @@ __all__ = [
     "listed",
     "rows_of_events",
     "rows_of_impacts",
+    "skipped_before",
     "skipped_fast",
-    "skipped_impacts",
     "table",
 ]
 
@@ -164,23 +164,28 @@ def listed(known: NDArray[np.void], path: Any, part: float) -> NDArray[np.void]:
 
 
 def skipped_fast(path: Any, speed: float) -> tuple[Array, ...] | None:
-    """Give the skipped impacts with at least a speed before them."""
+    """Give the skipped impacts with at least a speed before them, if the run has kept them."""
     if isinstance(path, LostPath) or not speed > 0.0:
         return None
+    return skipped_before(path, speed, MOST_LISTED)
+
+
+def skipped_before(path: Any, speed: float, limit: int) -> tuple[Array, ...] | None:
+    """Give the skipped impacts with at least a speed before them, at most so many of each jump."""
     first = skipped_impacts(path, 0.0, 1)
     if first is None:
         return None
     # Newton's law: the speeds after them are e times those before
     least = np.min(first[2] / -first[1]) * (1.0 - 1e-9) * speed
-    found = skipped_impacts(path, float(least), MOST_LISTED)
+    found = skipped_impacts(path, float(least), limit)
     return None if found is None else tuple(column[-found[1] >= speed] for column in found)
 
 
 def down_to(known: NDArray[np.void], path: Any, speed: float, limit: int) -> NDArray[np.void]:
-    """Add the impacts to `known` that the path of a run skipped, down to a speed after them."""
+    """Add the impacts to `known` that the path of a run skipped, down to a speed before them."""
     check_bounds(speed, limit)
-    fast = known[known["xdot_after"] >= speed]
-    columns = skipped_impacts(path, speed, limit)
+    fast = known[-known["xdot_before"] >= speed]
+    columns = skipped_before(path, speed, limit)
     return fast if columns is None else _merged(fast, columns)
 
 

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from zivi.base.check import Array
-from zivi.simulation.impacts import EventTable, Rows, check_bounds, skipped_fast, skipped_impacts
+from zivi.simulation.impacts import EventTable, Rows, check_bounds, skipped_fast, skipped_before
 
 __all__ = ["down_to", "listed"]
 
@@ -20,10 +20,10 @@ def listed(known: Rows, zeno: Rows, path: Any, part: float) -> Rows:
 
 
 def down_to(known: Rows, zeno: Rows, path: Any, speed: float, limit: int) -> Rows:
-    """List the impacts with at least a speed after them."""
+    """List the impacts with at least a speed before them."""
     check_bounds(speed, limit)
-    fast = _groups_with(known["speed_after"] >= speed, known)
-    return _with_skipped(fast, known, zeno, skipped_impacts(path, speed, limit))
+    fast = _groups_with(-known["speed_before"] >= speed, known)
+    return _with_skipped(fast, known, zeno, skipped_before(path, speed, limit))
 
 
 def _groups_with(chosen: Any, known: Any) -> Any:

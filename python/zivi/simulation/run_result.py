@@ -164,7 +164,7 @@ class SampledRun(Hinted, Tabulated):
         Parameters
         ----------
         speed : float
-            Smallest speed after the impact, > 0 (m/s).
+            Smallest speed before the impact, > 0 (m/s), the speed that `slowest` counts.
         limit : int
             At most so many impacts of each accumulation, >= 1.
 
@@ -183,7 +183,7 @@ class SampledRun(Hinted, Tabulated):
         >>> ball = zivi.ImpactSystem(-9.81, e=0.5)
         >>> sol = zivi.simulate(ball, (0, 3), (1, 0))
         >>> len(sol.impacts), len(sol.impacts_down_to(1e-6))
-        (10, 22)
+        (10, 23)
         """
         return self._down_to(speed, limit)
 

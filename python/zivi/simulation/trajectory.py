@@ -53,6 +53,24 @@ NO_STOPS = np.empty(0)
 NO_STOPS.flags.writeable = False
 
 
+@dataclasses.dataclass(frozen=True, eq=False)
+class Transformed:
+    """The samples of a run in the coordinates of Zhuravlev and Ivanov, in which impacts are smooth.
+
+    Attributes
+    ----------
+    s, v : ndarray
+        Transformed position (m) and velocity (m/s), ``x = |s|``. `v` is not the velocity `xdot`.
+    lambda_s, lambda_v : ndarray
+        Multipliers in ``sgn s`` and ``sgn v`` of the step that ends at the sample.
+    """
+
+    s: Array
+    v: Array
+    lambda_s: Array
+    lambda_v: Array
+
+
 @dataclasses.dataclass(frozen=True, eq=False, repr=False)
 class Trajectory(MassRun):
     """Samples and events of one run.
@@ -69,7 +87,8 @@ class Trajectory(MassRun):
     x, xdot : ndarray
         Distance from the wall (m) and velocity (m/s); at the wall, the velocity after an impact.
     s, v : ndarray
-        Transformed position (m) and velocity (m/s), ``x = |s|``.
+        Transformed position (m) and velocity (m/s), ``x = |s|``: those of `transformed`, whose
+        names say so. The velocity of the mass is `xdot`.
     lambda_s, lambda_v : ndarray
         Multipliers in ``sgn s`` and ``sgn v`` of the step that ends at the sample; for the first
         sample the signs of the initial state.
@@ -247,6 +266,19 @@ class Trajectory(MassRun):
         x, xdot = self(times)
         steps: dict[str, Any] = between_steps(self, times)
         return dataclasses.replace(self, t=times, x=x, xdot=xdot, **steps)
+
+    @property
+    def transformed(self) -> Transformed:
+        """The samples in transformed coordinates: ``s``, ``v``, ``lambda_s`` and ``lambda_v``.
+
+        Examples
+        --------
+        >>> ball = zivi.ImpactSystem(-9.81, e=0.5)
+        >>> sol = zivi.simulate(ball, (0, 0.1), (1, 0), method=zivi.ThetaGamma(h=1e-3))
+        >>> round(float(sol.xdot[-1] / sol.transformed.v[-1]), 6)  # 1 + kappa, with kappa = 1/3
+        1.333333
+        """
+        return Transformed(*(getattr(self, name) for name in LIFTED))
 
     def fixed(self, t: ArrayLike | None = None) -> tuple[Array, Array]:
         """Give the motion in the fixed frame, where a moving wall moves.
