@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from zivi.base.check import Array
-from zivi.simulation.impacts import EventTable, Rows, check_bounds, skipped_fast, skipped_before
+from zivi.simulation.impacts import EventTable, Rows, check_bounds, skipped_before, skipped_fast
 
 __all__ = ["down_to", "listed"]
 
