@@ -1,5 +1,6 @@
 """The commands on files: results, tables, exit codes, what is never overwritten."""
 
+import io
 import json
 import os
 import re
@@ -14,12 +15,13 @@ import numpy as np
 import psutil
 import pytest
 import xarray
+from rich.console import Console
 from typer.testing import CliRunner
 
 import zivi
 from zivi import files
 from zivi.cli import app
-from zivi.files import commands
+from zivi.files import commands, summary
 
 for module in ("h5netcdf", "zarr"):
     pytest.importorskip(module)
@@ -343,7 +345,7 @@ def test_show_what_is_wrong(place, monkeypatch):
     monkeypatch.setattr(sys, "platform", "linux")
     told = run("show", "simulate.nc", "--out", "a.xyz", code=2).stderr
     assert told == "a.xyz: must end in .png, .svg, .pdf\n"
-    assert "there is no display" in run("show", "control.nc", "--window", code=2).stderr
+    assert "there is no display" in run("show", "simulate.nc", "--window", code=2).stderr
 
 
 def test_a_damaged_study_is_shown_as_far_as_it_can_be_read(place):
@@ -356,6 +358,82 @@ def test_a_damaged_study_is_shown_as_far_as_it_can_be_read(place):
     assert re.search(r"missing\W+1", result.stdout)
     run("sweep", "sweep.toml", "-q")
     assert zivi.open_study("sweep.zarr", verify=True).complete
+
+
+def test_a_file_for_another_command_is_rejected_in_one_line(place):
+    kinds = {"simulate": "simulate", "control": "control", "sweep": "sweep"}
+    for command in kinds:
+        for kind in kinds:
+            if kind == command:
+                continue
+            told = run(command, f"{kind}.toml", code=2).stderr
+            assert told == f"{kind}.toml: is a file for zivi {kind}, not for zivi {command}\n"
+
+
+def test_the_input_is_looked_at_before_the_picture_that_is_there(place):
+    Path("simulate.png").write_text("")
+    told = run("show", "simulate.toml", code=2).stderr
+    assert told.startswith("zivi: simulate.toml: is no netCDF file")
+    assert "zivi simulate" in told
+    assert run("show", "no.nc", code=2).stderr == "zivi: no.nc: there is no such file\n"
+
+
+@pytest.mark.parametrize(("name", "meant"), [("restitution", "e"), ("eps", "e")])
+def test_names_of_other_tools_are_understood(place, name, meant):
+    change("simulate.toml", "[system]", f"[system]\n{name} = 0.41")
+    assert f"is no key; did you mean '{meant}'?" in run("simulate", "simulate.toml", code=2).stderr
+
+
+@pytest.mark.parametrize("width", [30, 24])
+def test_values_wrap_on_a_narrow_terminal(place, monkeypatch, width):
+    monkeypatch.setenv("COLUMNS", str(width))
+    lines = run("simulate", "simulate.toml").stdout.splitlines()[1:-1]
+    assert all(len(line) <= width for line in lines)
+    values = "".join(line.strip("\u2502").split("\u2502")[-1].strip() for line in lines)
+    assert "completed:" in values
+    assert f"{files.load('simulate.nc').rest_time:.9g}" in values
+
+
+def test_json(place):
+    told = json.loads(run("simulate", "simulate.toml", "--json").stdout)
+    sol = files.load("simulate.nc")
+    assert told["result"] == "simulate.nc"
+    assert (told["exit_code"], told["kind"], told["status"]) == (0, "Trajectory", "completed")
+    assert (told["t_end"], told["rest_time"], told["nfev"]) == (sol.t[-1], sol.rest_time, sol.nfev)
+    shown = json.loads(run("show", "simulate.nc", "--json").stdout)
+    assert shown.pop("picture") == "simulate.png"
+    assert shown == told
+    told = json.loads(run("control", "control.toml", "--json").stdout)
+    assert told["kind"] == "ClosedLoop"
+    told = json.loads(run("sweep", "sweep.toml", "--json").stdout)
+    study = zivi.open_study("sweep.zarr")
+    assert (told["points"], told["completed"]) == (len(study.status), len(study.status))
+    for name, range_ in told["results"].items():
+        values = study.dataset[name].values
+        assert (range_["min"], range_["max"]) == (np.nanmin(values), np.nanmax(values))
+    shown = json.loads(run("show", "sweep.zarr", "--json").stdout)
+    assert shown.pop("picture") == "sweep.png"
+    assert shown == told
+
+
+def test_a_status_stands_out_in_colour_and_only_on_a_terminal(place):
+    assert "\x1b" not in run("simulate", "simulate.toml").stdout
+    sol = files.load("simulate.nc")
+    lost = zivi.simulate(
+        zivi.ImpactSystem(-9.81, e=0.5), (0, 9), (1, 0), zivi.SwitchedRK(max_impacts=2)
+    )
+    for shown, colour in ((sol, "\x1b[32m"), (lost, "\x1b[1;31m")):
+        console = Console(
+            force_terminal=True, color_system="standard", file=io.StringIO(), width=90
+        )
+        console.print(summary.of_run(shown))
+        assert f"{colour}{shown.status.name.lower()}: " in console.file.getvalue()
+
+
+def test_completion_names_the_commands(monkeypatch):
+    words = {"_ZIVI_COMPLETE": "complete_bash", "COMP_WORDS": "zivi s", "COMP_CWORD": "1"}
+    told = CliRunner().invoke(app, prog_name="zivi", env=words).stdout
+    assert told.split() == ["simulate", "sweep", "show"]
 
 
 def test_help():

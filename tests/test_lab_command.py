@@ -19,12 +19,14 @@ pytestmark = [pytest.mark.slow, pytest.mark.xdist_group("lab")]
 run = CliRunner().invoke
 
 
-@pytest.mark.parametrize("module", ["marimo", "plotly", "uvicorn"])
-def test_a_missing_extra_is_one_line(module, monkeypatch):
-    monkeypatch.setitem(sys.modules, module, None)
+@pytest.mark.parametrize("modules", [["plotly"], ["marimo", "uvicorn"]])
+def test_missing_extras_are_named_in_one_line(modules, monkeypatch):
+    for module in modules:
+        monkeypatch.setitem(sys.modules, module, None)
     result = run(app, ["lab", "--no-browser", "--port", "0"])
     assert result.exit_code == 2
-    assert result.stderr == f"zivi: the page needs {module}: pip install 'zivi[lab]'\n"
+    named = ", ".join(modules)
+    assert result.stderr == f"zivi: the page needs {named}: pip install 'zivi[lab]'\n"
 
 
 def test_help_names_the_options():

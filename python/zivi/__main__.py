@@ -2,16 +2,15 @@
 
 import sys
 
-from zivi.base.extras import needed
+from zivi.base.extras import have
 
 
 def main() -> None:
     """Run the command line; one line and exit code 2 where a library or standard output fails."""
-    try:
-        for library in ("typer", "rich"):
-            needed(library, "the commands of zivi")
-    except ImportError as error:
-        sys.exit(_report(error))
+    missing = [library for library in ("typer", "rich") if not have(library)]
+    if missing:
+        need = f"the commands of zivi need {', '.join(missing)}: pip install 'zivi[cli]'"
+        sys.exit(_report(ImportError(need)))
     from zivi.cli import app
 
     try:

@@ -19,7 +19,6 @@ from zivi.lab.command import lab
 app = typer.Typer(
     help="Mechanical systems with impacts, straight through the Zeno point.",
     no_args_is_help=True,
-    add_completion=False,
     rich_markup_mode=None,  # plain help: rich takes longer to import than all else
 )
 
@@ -29,6 +28,7 @@ Out = Annotated[
 ]
 Force = Annotated[bool, typer.Option("--force", help="Replace a result that is there.")]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="No progress, no table.")]
+Json = Annotated[bool, typer.Option("--json", help="Print the summary as one line of JSON.")]
 
 
 def _version(wanted: bool) -> None:
@@ -112,6 +112,7 @@ def simulate(
     out: Out = None,
     force: Force = False,
     quiet: Quiet = False,
+    as_json: Json = False,
     example: Annotated[
         bool,
         typer.Option("--example", callback=_example("simulate"), is_eager=True, help=Example),
@@ -149,7 +150,9 @@ def simulate(
     from zivi.files import commands, prepare_simulate
 
     with _reported_errors():
-        code = commands.single(prepare_simulate, file, out, force=force, quiet=quiet)
+        code = commands.single(
+            prepare_simulate, file, out, force=force, quiet=quiet, as_json=as_json
+        )
     raise typer.Exit(code)
 
 
@@ -159,6 +162,7 @@ def control(
     out: Out = None,
     force: Force = False,
     quiet: Quiet = False,
+    as_json: Json = False,
     example: Annotated[
         bool,
         typer.Option("--example", callback=_example("control"), is_eager=True, help=Example),
@@ -175,7 +179,9 @@ def control(
     from zivi.files import commands, prepare_control
 
     with _reported_errors():
-        code = commands.single(prepare_control, file, out, force=force, quiet=quiet)
+        code = commands.single(
+            prepare_control, file, out, force=force, quiet=quiet, as_json=as_json
+        )
     raise typer.Exit(code)
 
 
@@ -191,6 +197,7 @@ def sweep(
         bool, typer.Option("--retry-failed", help="Compute failed points again.")
     ] = False,
     quiet: Quiet = False,
+    as_json: Json = False,
     example: Annotated[
         bool,
         typer.Option("--example", callback=_example("sweep"), is_eager=True, help=Example),
@@ -214,7 +221,13 @@ def sweep(
 
     with _reported_errors():
         code = commands.study(
-            file, out, force=force, resume=resume, retry_failed=retry_failed, quiet=quiet
+            file,
+            out,
+            force=force,
+            resume=resume,
+            retry_failed=retry_failed,
+            quiet=quiet,
+            as_json=as_json,
         )
     raise typer.Exit(code)
 
@@ -228,6 +241,7 @@ def show(
     force: Annotated[bool, typer.Option("--force", help="Replace a picture.")] = False,
     window: Annotated[bool, typer.Option("--window", help="Open a window instead.")] = False,
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="No table.")] = False,
+    as_json: Json = False,
 ) -> None:
     """Draw a result and sum it up; exit code 2 if it cannot be read."""
     from zivi.files import commands
@@ -237,7 +251,9 @@ def show(
 
         mpl.use("Agg")
     with _reported_errors():
-        code = commands.picture(result, out, force=force, window=window, quiet=quiet)
+        code = commands.picture(
+            result, out, force=force, window=window, quiet=quiet, as_json=as_json
+        )
     raise typer.Exit(code)
 
 

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from zivi.base.status import StudyStatus
 from zivi.files import show, summary
-from zivi.files.messages import say, show_table, warn
+from zivi.files.messages import say, show_record, show_table, warn
 from zivi.files.results import check_suffix, require_library, require_regular, save
 from zivi.files.runs import Prepared, Run
 from zivi.files.sweeps import prepare_sweep
@@ -54,7 +54,13 @@ def _beside(file: Path, suffix: str) -> Path:
 
 
 def single(
-    prepare: Callable[[Path], Prepared], file: Path, out: Path | None, *, force: bool, quiet: bool
+    prepare: Callable[[Path], Prepared],
+    file: Path,
+    out: Path | None,
+    *,
+    force: bool,
+    quiet: bool,
+    as_json: bool = False,
 ) -> int:
     """Compute and keep one run."""
     require_library()
@@ -67,7 +73,9 @@ def single(
     run, code = _computed(prepared, quiet)
     if not _saved(run, path, force):
         return WRONG
-    if not quiet:
+    if as_json:
+        show_record({"result": str(path), "exit_code": code, **summary.record_of_run(run)})
+    elif not quiet:
         show_table(summary.of_run(run))
         say(f"{path}: {summary.opening(path, study=False)}")
     if code:
@@ -104,6 +112,7 @@ def study(
     resume: bool,
     retry_failed: bool,
     quiet: bool,
+    as_json: bool = False,
 ) -> int:
     """Compute and keep a study, or what of it is missing."""
     prepared = prepare_sweep(file)
@@ -125,10 +134,13 @@ def study(
         found, code = partial, INTERRUPTED if stopped else EARLY
         if isinstance(error, OSError):
             code = WRONG
-    if not quiet:
+    code = code or (0 if (found.status == StudyStatus.COMPLETED).all() else EARLY)
+    if as_json:
+        show_record({"result": str(path), "exit_code": code, **summary.record_of_study(found)})
+    elif not quiet:
         show_table(summary.of_study(found))
         say(f"{path}: {summary.opening(path, study=True)}")
-    return code or (0 if (found.status == StudyStatus.COMPLETED).all() else EARLY)
+    return code
 
 
 def _with_hint(error: FileError) -> FileError:
@@ -148,8 +160,17 @@ def _remove(path: Path) -> None:
     shutil.rmtree(old)
 
 
-def picture(result: Path, out: Path | None, *, force: bool, window: bool, quiet: bool) -> int:
+def picture(
+    result: Path,
+    out: Path | None,
+    *,
+    force: bool,
+    window: bool,
+    quiet: bool,
+    as_json: bool = False,
+) -> int:
     """Sum up and draw a result."""
+    show.check(result)
     if out is not None and out.suffix.lower() not in PICTURES:
         raise FileError(f"{out}: must end in {', '.join(PICTURES)}")
     path = None if window else output(out, result, ".png", replace=force)
@@ -157,14 +178,18 @@ def picture(result: Path, out: Path | None, *, force: bool, window: bool, quiet:
         raise FileError("zivi show: there is no display for --window; --out writes a picture")
     with warnings.catch_warnings(record=True) as noted:
         warnings.simplefilter("always", UserWarning)
-        table, figure = show.shown(result)
+        table, figure, record = show.shown(result)
     for warning in noted:
         warn(f"zivi: {warning.message}")
-    if not quiet:
+    if not quiet and not as_json:
         show_table(table)
     if path is None:
         show.open_window()
     else:
         show.write_picture(figure, path)
-        say(f"picture: {path}")
+        if not as_json:
+            say(f"picture: {path}")
+    if as_json:
+        drawn = {"result": str(result), "picture": None if path is None else str(path)}
+        show_record({**drawn, "exit_code": 0, **record})
     return 0

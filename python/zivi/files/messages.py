@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import contextlib
+import json
 import os
 import sys
+from typing import Any
 
 import typer
 from rich.console import Console
 from rich.table import Table
 
-__all__ = ["say", "show_table", "warn"]
+__all__ = ["say", "show_record", "show_table", "warn"]
 
 
 def say(text: str, *, end: str = "\n") -> None:
@@ -45,6 +47,11 @@ def show_table(table: Table) -> None:
     with console.capture() as drawn:
         console.print(table)
     say(drawn.get(), end="")
+
+
+def show_record(record: dict[str, Any]) -> None:
+    """Print plain values as one line of JSON."""
+    say(json.dumps(record, allow_nan=False, ensure_ascii=False))
 
 
 def warn(text: str) -> None:

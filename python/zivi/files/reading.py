@@ -12,7 +12,7 @@ from typing import Any, TypeAlias
 from zivi.files.tables import Key, read_keys
 from zivi.files.validation import FileError, Mistakes
 
-__all__ = ["Content", "read"]
+__all__ = ["Content", "command_of", "read"]
 
 Keys: TypeAlias = tuple[Key, ...]
 
@@ -40,7 +40,9 @@ class Content:
     mistakes: Mistakes
 
 
-def read(path: Path, keys: Keys | Callable[[dict[str, Any]], Keys]) -> Content:
+def read(
+    path: Path, keys: Keys | Callable[[dict[str, Any]], Keys], command: str | None = None
+) -> Content:
     """Read a file; a `FileError` tells all that is wrong with it.
 
     Parameters
@@ -49,12 +51,31 @@ def read(path: Path, keys: Keys | Callable[[dict[str, Any]], Keys]) -> Content:
         The file.
     keys : tuple of Key, or callable
         Its keys, or what gives them for what the file holds.
+    command : str, optional
+        The command that reads it; a file for another one is rejected in one line.
     """
     mistakes = Mistakes(path)
     content = _parsed(path)
+    meant = command_of(content)
+    if command is not None and meant not in (command, None):
+        raise FileError(f"{path}: is a file for zivi {meant}, not for zivi {command}")
     values = read_keys(keys(content) if callable(keys) else keys, content, "", mistakes)
     mistakes.stop()
     return Content(values, mistakes)
+
+
+def command_of(content: dict[str, Any]) -> str | None:
+    """Return the command whose files have the keys of a file, None if several do or none."""
+    found = [
+        command
+        for command, key in {"simulate": "system", "sweep": "experiment"}.items()
+        if key in content
+    ]
+    if len(found) != 1:
+        return None
+    if "controller" in content:
+        return "control" if found == ["simulate"] else None
+    return found[0]
 
 
 def _parsed(path: Path) -> dict[str, Any]:

@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "ResultError",
+    "check_kind",
     "load",
     "open_result",
     "require_folder",
@@ -158,13 +159,24 @@ def _seal(file: Path) -> None:
         os.fsync(opened.fileno())
 
 
+def check_kind(file: Path) -> None:
+    """Raise an OSError if there is no file, or none that begins as a netCDF file does."""
+    if not file.is_file():
+        raise FileNotFoundError(f"{file}: there is no such file")
+    if file.suffix.lower() == TABLE:
+        raise ResultError(f"{file}: is a table, for reading elsewhere; save the run as .nc too")
+    with file.open("rb") as opened:
+        if opened.read(len(HDF5)) == HDF5:
+            return
+    hint = ""
+    if file.suffix.lower() == ".toml":
+        hint = "; zivi simulate, control or sweep computes a result of such a file"
+    raise ResultError(f"{file}: is no netCDF file, or damaged{hint}")
+
+
 def _check_seal(file: Path) -> None:
     """Raise if a file is not, to the last bit, what was written."""
     content = file.read_bytes()
-    if file.suffix.lower() == TABLE:
-        raise ResultError(f"{file}: is a table, for reading elsewhere; save the run as .nc too")
-    if not content.startswith(HDF5):
-        raise ResultError(f"{file}: is no netCDF file, or damaged")
     body, mark, digest = content[:-LENGTH], content[-LENGTH:-64], content[-64:]
     if mark != SEAL:
         raise ResultError(
@@ -234,8 +246,7 @@ def open_result(path: str | PathLike[str]) -> xarray.Dataset:
     import xarray
 
     path = Path(path)
-    if not path.is_file():
-        raise FileNotFoundError(f"{path}: there is no such file")
+    check_kind(path)
     _check_seal(path)
     try:
         with xarray.open_dataset(path, engine=ENGINE) as opened:

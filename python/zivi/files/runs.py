@@ -57,7 +57,7 @@ class Prepared:
 
 def plant_of(path: Path) -> tuple[dict[str, Any], Any, Mistakes]:
     """Read a file of ``zivi simulate``: its values, the system, and where mistakes of it go."""
-    content = read(path, _keys)
+    content = read(path, _keys, "simulate")
     values, mistakes = content.values, content.mistakes
     builds: Callable[[dict[str, Any], Mistakes], Any] = build.system
     if is_tree(values):
@@ -110,7 +110,7 @@ FORCES = ("force_ref", "force_model")
 
 def prepare_control(path: Path) -> Prepared:
     """Read a file of ``zivi control``."""
-    content = read(path, CONTROL)
+    content = read(path, CONTROL, "control")
     values, mistakes = content.values, content.mistakes
     plant = build.system(values["system"], mistakes)
     wall = build.restitution(values["system"])

@@ -5,11 +5,11 @@ from __future__ import annotations
 import os
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from zivi.files import picture, summary
 from zivi.files.restore import drawn, run_of
-from zivi.files.results import open_result, restored
+from zivi.files.results import check_kind, open_result, restored
 from zivi.files.validation import FileError
 from zivi.study import open_study
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from rich.table import Table
 
-__all__ = ["has_display", "is_study", "open_window", "shown", "write_picture"]
+__all__ = ["check", "has_display", "is_study", "open_window", "shown", "write_picture"]
 
 
 def is_study(path: Path) -> bool:
@@ -25,7 +25,13 @@ def is_study(path: Path) -> bool:
     return path.is_dir()
 
 
-def shown(path: Path) -> tuple[Table, Figure]:
+def check(path: Path) -> None:
+    """Raise an OSError for what is no result, before anything else is looked at."""
+    if not is_study(path):
+        check_kind(path)
+
+
+def shown(path: Path) -> tuple[Table, Figure, dict[str, Any]]:
     """Sum up and draw a result; a `FileError` or an OSError if it cannot be read."""
     try:
         return _shown(path)
@@ -38,13 +44,13 @@ def shown(path: Path) -> tuple[Table, Figure]:
         raise FileError(f"{path}: cannot be shown ({reason:.200})") from error
 
 
-def _shown(path: Path) -> tuple[Table, Figure]:
+def _shown(path: Path) -> tuple[Table, Figure, dict[str, Any]]:
     if is_study(path):
         study = open_study(path, verify=True)
-        return summary.of_study(study), picture.of_study(study)
+        return summary.of_study(study), picture.of_study(study), summary.record_of_study(study)
     dataset = open_result(path)
     run, curve = restored(path, dataset, run_of), restored(path, dataset, drawn)
-    return summary.of_run(run), picture.of_run(curve)
+    return summary.of_run(run), picture.of_run(curve), summary.record_of_run(run)
 
 
 def has_display() -> bool:

@@ -5,9 +5,11 @@ from __future__ import annotations
 import inspect
 from collections.abc import Iterable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from rich.table import Table
+from rich.text import Text
 
 from zivi.base.check import Array
 from zivi.base.status import StudyStatus
@@ -18,8 +20,10 @@ from zivi.simulation.mechanical_trajectory import MechanicalTrajectory
 from zivi.simulation.trajectory import Trajectory
 from zivi.study import EXPERIMENTS, Study
 
-__all__ = ["experiments", "of_run", "of_study", "opening"]
+__all__ = ["experiments", "of_run", "of_study", "opening", "record_of_run", "record_of_study"]
 
+NARROWEST = 6
+"""Characters of a column at least."""
 SHOWN = 3
 """Failed points that are shown."""
 
@@ -31,22 +35,52 @@ def opening(path: Path, study: bool) -> str:
 
 def _table(title: str, rows: Iterable[tuple[str, str]]) -> Table:
     table = Table(title=title, show_header=False, title_justify="left")
-    table.add_column(no_wrap=True)
-    table.add_column(overflow="fold")
+    # both columns wrap where the terminal is narrow
+    table.add_column(overflow="fold", min_width=NARROWEST)
+    table.add_column(overflow="fold", min_width=NARROWEST)
     for name, value in rows:
-        table.add_row(name, value)
+        table.add_row(name, Text(value, style=_style(name, value)))
     return table
+
+
+def _style(name: str, value: str) -> str:
+    """Return the colour of a value, which a terminal shows: of a status, and of what is amiss."""
+    if name == "status":
+        return "green" if value.startswith("completed") else "bold red"
+    return "bold red" if name in ("failed", "missing") and value != "0" else ""
+
+
+def record_of_run(run: Trajectory | ClosedLoop | MechanicalTrajectory) -> dict[str, Any]:
+    """Sum up one run as plain values: numbers where there are some, and the rows of `of_run`."""
+    return {
+        "kind": type(run).__name__,
+        "status": run.status.name.lower(),
+        "success": run.success,
+        "message": run.message,
+        "t_start": float(run.t[0]) if len(run.t) else None,
+        "t_end": float(run.t[-1]) if len(run.t) else None,
+        "samples": len(run.t),
+        "impacts": len(run.impacts),
+        "rest_time": getattr(run, "rest_time", None),
+        "nfev": run.nfev,
+        "summary": dict(_rows(run)),
+    }
 
 
 def of_run(run: Trajectory | ClosedLoop | MechanicalTrajectory) -> Table:
     """Sum up one run."""
+    titles = {"ClosedLoop": "Closed loop", "MechanicalTrajectory": "Mechanical system"}
+    return _table(titles.get(type(run).__name__, "Trajectory"), _rows(run))
+
+
+def _rows(run: Trajectory | ClosedLoop | MechanicalTrajectory) -> list[tuple[str, str]]:
     if isinstance(run, MechanicalTrajectory):
-        return _table("Mechanical system", list(rows_of(run).items()))
+        return list(rows_of(run).items())
     rows = [("status", f"{run.status.name.lower()}: {run.message}"), ("time", _span(run.t, "s"))]
     rows += _wall_rows(run)
     rows += _loop_rows(run) if isinstance(run, ClosedLoop) else _step_rows(run)
     rows.append(("evaluations of the force", str(run.nfev)))
-    return _table("Closed loop" if isinstance(run, ClosedLoop) else "Trajectory", rows)
+    return rows
 
 
 def _wall_rows(run: Trajectory | ClosedLoop) -> list[tuple[str, str]]:
@@ -93,6 +127,31 @@ def _times(times: Array) -> str:
     shown = ", ".join(f"{time:.9g}" for time in times[:SHOWN])
     more = ", ..." if len(times) > SHOWN else ""
     return f"{len(times)}" + (f", at {shown}{more} s" if shown else "")
+
+
+def record_of_study(study: Study) -> dict[str, Any]:
+    """Sum up a study as plain values."""
+    status = study.status
+    counts = {state.name.lower(): int(np.count_nonzero(status == state)) for state in StudyStatus}
+    results = {}
+    for name, variable in study.dataset.data_vars.items():
+        if variable.dtype.kind == "f":
+            found = variable.values[np.isfinite(variable.values)]
+            ends = [float(found.min()), float(found.max())] if len(found) else [None, None]
+            unit = str(variable.attrs.get("units", "1"))
+            results[str(name)] = {"min": ends[0], "max": ends[1], "unit": unit}
+    failed = study.failed if counts["failed"] else None
+    return {
+        "kind": "Study",
+        "title": str(study.dataset.attrs.get("title", "Study")),
+        "points": len(status),
+        **counts,
+        "parameters": [str(name) for name in study.dataset.coords],
+        "results": results,
+        "messages": {}
+        if failed is None
+        else {str(number): str(point["message"]) for number, point in failed.iterrows()},
+    }
 
 
 def of_study(study: Study) -> Table:

@@ -58,7 +58,7 @@ def parameters_of(experiment: str) -> dict[str, inspect.Parameter]:
 
 def prepare_sweep(path: Path) -> PreparedSweep:
     """Read a file of ``zivi sweep``."""
-    content = read(path, SWEEP)
+    content = read(path, SWEEP, "sweep")
     values, mistakes = content.values, content.mistakes
     known = parameters_of(values["experiment"])
     fixed = values.get("fixed", {})

@@ -19,6 +19,15 @@ LONGEST = 60
 """Characters of a wrong value that are shown."""
 
 
+MEANT = dict.fromkeys(("restitution", "coefficient_of_restitution", "cor", "epsilon", "eps"), "e")
+MEANT |= dict.fromkeys(("dt", "step", "step_size", "timestep"), "h")
+MEANT |= dict.fromkeys(("frequency", "freq", "w"), "omega")
+MEANT |= dict.fromkeys(("time", "span", "t_end", "duration"), "t_span")
+MEANT |= dict.fromkeys(("start", "initial", "x0", "state"), "y0")
+MEANT |= {"g": "gravity", "k": "stiffness", "c": "damping", "a": "amplitude", "tol": "rtol"}
+"""Keys by names that other tools have for them."""
+
+
 class FileError(ValueError):
     """A file that cannot be used; the text names it and everything that is wrong with it."""
 
@@ -90,6 +99,7 @@ def got_value(value: Any) -> str:
 def suggestion(name: str, known: Iterable[str]) -> str:
     """Say which name was probably meant, and all that there are."""
     names = list(known)
-    close = closest(name, names, 0.5)
+    known_as = MEANT.get(name.lower())
+    close = known_as if known_as in names else closest(name, names, 0.5)
     meant = f"; did you mean {close!r}?" if close else ";"
     return f"{meant} allowed: {', '.join(names) if names else 'nothing'}"

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-import importlib
 import secrets
 from typing import Annotated
 
 import typer
+
+from zivi.base.extras import have
 
 __all__ = ["lab"]
 
@@ -35,11 +36,9 @@ def lab(
     printed: it holds a token that is new every time. Exit code 2 if it cannot be served; Ctrl-C
     ends it.
     """
-    for module in NEEDED:
-        try:
-            importlib.import_module(module)
-        except ImportError:
-            raise _failed(f"the page needs {module}: pip install 'zivi[lab]'") from None
+    missing = [module for module in NEEDED if not have(module)]
+    if missing:
+        raise _failed(f"the page needs {', '.join(missing)}: pip install 'zivi[lab]'")
     from zivi.lab.gate import LOOPBACK
     from zivi.lab.server import address, listen, serve
 
