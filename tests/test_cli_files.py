@@ -420,7 +420,7 @@ def test_a_status_stands_out_in_colour_and_only_on_a_terminal(place):
     assert "\x1b" not in run("simulate", "simulate.toml").stdout
     sol = files.load("simulate.nc")
     lost = zivi.simulate(
-        zivi.ImpactSystem(-9.81, e=0.5), (0, 9), (1, 0), zivi.SwitchedRK(max_impacts=2)
+        zivi.ImpactSystem(-9.81, e=0.5), (0, 9), (1, 0), zivi.SwitchedRK(max_steps=2)
     )
     for shown, colour in ((sol, "\x1b[32m"), (lost, "\x1b[1;31m")):
         console = Console(

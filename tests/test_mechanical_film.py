@@ -2,11 +2,12 @@
 
 import numpy as np
 import pytest
+from PIL import Image
 
 import zivi
 from example_scripts import example
 
-pytest.importorskip("matplotlib")
+plt = pytest.importorskip("matplotlib.pyplot")
 
 PENDULUM = zivi.MechanicalSystem(
     mass=0.25,
@@ -116,3 +117,34 @@ class Unwritten:
 
     def save(self, path, writer, dpi):
         assert writer == "pillow"
+
+
+@pytest.mark.parametrize("fps", [25, 30, 12])
+def test_a_gif_lasts_as_long_as_the_motion(sol, tmp_path, fps):
+    film = zivi.plot.animate(sol, fps=fps, figure=plt.figure(figsize=(2, 1)))
+    film.save(tmp_path / "film.gif", dpi=20)
+    with Image.open(tmp_path / "film.gif") as written:
+        lasting = 0.0
+        for number in range(written.n_frames):
+            written.seek(number)
+            lasting += written.info["duration"] / 1e3
+    # each of the pictures, the first at t = 0, lasts 1/fps
+    assert lasting == pytest.approx((1 + np.ceil(fps * 1.0)) / fps, abs=0.0051)
+
+
+def test_floor_and_wall_are_drawn_where_the_gaps_close():
+    gaps = [zivi.LinearGap([0, 1], 0.5), zivi.LinearGap([-2, 0], 3.0)]
+    system = zivi.MechanicalSystem(mass=np.eye(2), force=[0, -9.81], gaps=gaps, e=0.8)
+    run = zivi.simulate(system, (0, 1), ([0, 1], [3, 0]))
+    _, floor, wall, *_ = played(zivi.plot.animate(run, fps=5), 3)
+    assert floor.get_ydata() == pytest.approx([-0.5, -0.5])
+    assert wall.get_xdata() == pytest.approx([1.5, 1.5])
+    left = floor.figure.axes[0]
+    assert min(floor.get_xdata()) < left.get_xlim()[0] < left.get_xlim()[1] < max(floor.get_xdata())
+    system = zivi.MechanicalSystem(
+        mass=np.eye(3), force=-np.ones(3), gaps=[zivi.LinearGap([0, 2, 0], -1.0)], e=0.5
+    )
+    run = zivi.simulate(system, (0, 1), ([1, 2, 3], [0, 0, 0]))
+    floor = played(zivi.plot.animate(run, fps=5), 3)[3]
+    assert floor.get_data()[1] == pytest.approx([0.5, 0.5])
+    assert np.mean(floor.get_data()[0]) == 1.0

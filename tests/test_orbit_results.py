@@ -45,7 +45,7 @@ def test_what_an_impacting_orbit_tells():
     assert (orbit.margin, orbit.zeno_time, orbit.liftoff_time) == (None, None, None)
     told = ", ".join(f"{it:.4g}" for it in orbit.multipliers)
     assert repr(orbit) == (
-        f"<PeriodicOrbit impacting, 1 impacts in 1 periods, multipliers {told}: completed>"
+        f"<PeriodicOrbit impacting, 1 impact in 1 period, multipliers {told}: completed>"
     )
     data = orbit.to_xarray()
     for name, value in (("t", t), ("u", U), ("xdot_before", -2 * U)):

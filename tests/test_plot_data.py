@@ -70,9 +70,14 @@ def test_the_control_and_the_signs_are_held_from_sample_to_sample(tracking, regu
         known = [signs for signs in run.signs.T if not np.all(np.isnan(signs))]
         lines = zivi.plot.signs(run).lines
         assert len(lines) == len(known)
-        for line, signs in zip(lines, known, strict=True):
+        ticks = lines[0].axes.get_yticks()
+        for k, (line, signs) in enumerate(zip(lines, known, strict=True)):
             assert line.get_drawstyle() == "steps-post"
-            np.testing.assert_array_equal(line.get_ydata(), signs)
+            # a row of its own from -1 to 1, as its ticks say
+            top, bottom = ticks[2 * k : 2 * k + 2]
+            np.testing.assert_allclose(line.get_ydata(), (top + bottom) / 2 + signs, atol=1e-14)
+            assert top - bottom == pytest.approx(2.0)
+            assert k == 0 or top < ticks[2 * k - 1] - 0.5
     assert len(lines) < 6
     late = dataclasses.replace(tracking, signs=tracking.signs.copy())
     late.signs[0] = np.nan  # a sample that was refused

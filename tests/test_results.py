@@ -281,3 +281,21 @@ def test_a_mass_on_others_takes_its_part_of_skipped_impacts():
     ground = run.impacts[run.impacts["gap"] == 1]
     np.testing.assert_allclose(ground["impulse"], own["impulse"][-len(ground) :], rtol=1e-9)
     np.testing.assert_array_equal(ground["group"], own["group"][-len(ground) :])
+
+
+def test_studies_and_solved_problems_are_shown_and_converted_as_all_results():
+    study = zivi.sweep("ball_rest_time", {"e": [0.3, 0.5]}, progress=False)
+    assert study.to_xarray() is study.dataset
+    page = study._repr_html_()
+    assert "zivi.Study" in page
+    assert "<th style='text-align:left'>completed</th><td style='text-align:left'>2</td>" in page
+    assert study.dataset._repr_html_()[:20] in page
+    solved = zivi.solve_vi(lambda x: x - 1.0, np.zeros(2), np.full(2, 5.0), np.zeros(2))
+    page = solved._repr_html_()
+    assert f"{solved.status.name.lower()}: {solved.message}" in page
+    assert "1, 1" in page
+
+
+def test_runs_tell_their_end_in_the_same_rows():
+    for name in ("Trajectory", "ClosedLoop", "MechanicalTrajectory", "MechanicalClosedLoop"):
+        assert list(RUNS[name]()._facts())[:2] == ["status", "time"]

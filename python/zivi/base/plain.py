@@ -1,4 +1,4 @@
-"""Configurations as JSON that every reader takes: infinity and NaN, which JSON lacks, are null."""
+"""Plain text: counts of things, and configurations as JSON without infinity and NaN."""
 
 from __future__ import annotations
 
@@ -7,7 +7,18 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-__all__ = ["text_of"]
+__all__ = ["counted", "text_of"]
+
+
+def counted(number: int, thing: str) -> str:
+    """Return a count and what it counts, in the plural unless it is one.
+
+    Examples
+    --------
+    >>> counted(1, "impact"), counted(2, "impact")
+    ('1 impact', '2 impacts')
+    """
+    return f"{number} {thing}" + ("" if number == 1 else "s")
 
 
 def text_of(value: Any) -> str:

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from zivi.base.check import Array, MaybeNone, finite
+from zivi.base.plain import counted
 from zivi.base.table import Field, Table, Tabulated
 from zivi.derivatives.sensitivity import OrbitStatus, sensitivity
 from zivi.orbits.mechanical.equations import evaluate
@@ -234,6 +235,7 @@ class PeriodicOrbit(Tabulated):
     def __repr__(self) -> str:
         multipliers = ", ".join(f"{value:.4g}" for value in self.multipliers)
         return (
-            f"<PeriodicOrbit {self.kind}, {len(self.impacts)} impacts in {self.multiple} periods, "
+            f"<PeriodicOrbit {self.kind}, {counted(len(self.impacts), 'impact')} in "
+            f"{counted(self.multiple, 'period')}, "
             f"multipliers {multipliers}: {self.status.name.lower()}>"
         )

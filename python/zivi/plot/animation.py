@@ -37,7 +37,7 @@ def animate(
     bodies: Lines | None = None,
     walls: Lines | None = None,
     speed: float = 1.0,
-    fps: float = 30.0,
+    fps: float = 25.0,
     figure: Figure | None = None,
 ) -> FuncAnimation:
     """Animate a run: the mass above its wall, and its position as it is drawn over time.
@@ -52,7 +52,8 @@ def animate(
     bodies, walls : callable, optional
         How a mechanical system looks, and what it hits: functions of the time and the coordinates
         that return a list of lines, each ``(x, y)``, numbers or arrays of points. By default two
-        coordinates are those of a point, others are points side by side, and there are no walls.
+        coordinates are those of a point, others are points side by side, and walls are where gaps
+        that are linear in the coordinates close.
     speed : float
         Seconds of the motion in a second of the film, > 0.
     fps : float

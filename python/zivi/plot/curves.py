@@ -212,30 +212,41 @@ def control(run: ClosedLoop | MechanicalClosedLoop, ax: Axes | None = None, **li
 
 
 SIGN_LINES = {
-    r"$\lambda_s$": (BLUE, "-"),
-    r"$\lambda_v$": (ORANGE, "--"),
-    r"$\lambda_{s_r}$": (GREEN, "-"),
-    r"$\lambda_{v_r}$": (PURPLE, "--"),
-    r"$\lambda_{e_s}$": ("black", "-"),
-    r"$\lambda_{e_v}$": ("gray", "--"),
+    r"$\lambda_s$": BLUE,
+    r"$\lambda_v$": ORANGE,
+    r"$\lambda_{s_r}$": GREEN,
+    r"$\lambda_{v_r}$": PURPLE,
+    r"$\lambda_{e_s}$": "black",
+    r"$\lambda_{e_v}$": "gray",
 }
-"""Name, colour and style of the six signs."""
+"""Name and colour of the six signs."""
+SIGN_ROW = 2.6
+"""Distance of the rows of two signs."""
 
 
 def signs(run: ClosedLoop, ax: Axes | None = None, **line: Any) -> Axes:
-    """Plot the multipliers of the controller's ticks, those that it has.
+    """Plot the multipliers of the controller's ticks, those that it has, one below the other.
 
-    Parameters and return value as for `control`.
+    Each has a row of its own, named at the left, from -1 to 1 about a thin line at 0. Parameters
+    and return value as for `control`.
     """
     check_run("signs", run, needs="signs", of="ClosedLoop")
     ax = axes_of(ax)
-    for values, (label, (color, style)) in zip(run.signs.T, SIGN_LINES.items(), strict=True):
-        if not np.all(np.isnan(values)):
-            look = {"color": color, "ls": style, "label": label} | line
-            ax.step(run.t, values, where="post", **look)
-    ax.set(xlabel="time $t$ (s)", ylabel="multiplier (1)", ylim=(-1.15, 1.15))
-    if ax.lines:
-        legend(ax)
+    known = [
+        (values, label, color)
+        for values, (label, color) in zip(run.signs.T, SIGN_LINES.items(), strict=True)
+        if not np.all(np.isnan(values))
+    ]
+    heights = [-SIGN_ROW * k for k in range(len(known))]
+    for (values, label, color), height in zip(known, heights, strict=True):
+        ax.axhspan(height - 1.0, height + 1.0, color=WALL, alpha=0.12, lw=0.0, zorder=0)
+        ax.step(run.t, height + values, where="post", **{"color": color, "label": label} | line)
+    if known:
+        rows = [f"{label}  {value}" for _, label, _ in known for value in ("+1", "-1")]
+        places = [height + value for height in heights for value in (1.0, -1.0)]
+        ax.set_yticks(places, rows, fontsize="small")
+        ax.set_ylim(heights[-1] - 1.25, 1.25)
     else:
         ax.text(0.5, 0.5, "a controller without signs", ha="center", transform=ax.transAxes)
+    ax.set(xlabel="time $t$ (s)", ylabel="multiplier (1)")
     return ax

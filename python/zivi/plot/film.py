@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import io
+import itertools
 import tempfile
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
 import matplotlib as mpl
 import numpy as np
-from matplotlib.animation import FuncAnimation, HTMLWriter
+from matplotlib.animation import FuncAnimation, HTMLWriter, PillowWriter
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from PIL import Image
 
@@ -43,6 +44,18 @@ class Film(FuncAnimation):
         self._scene, self._pictures, self._fps = scene, frames, fps
         super().__init__(scene.figure, scene.show, frames=frames, interval=1000.0 / fps, blit=False)
 
+    def save(self, filename: Any, writer: Any = None, *given: Any, **more: Any) -> None:
+        """Write the film, as `matplotlib.animation.Animation.save`.
+
+        A picture of a GIF lasts a whole number of hundredths of a second: they are chosen so that
+        the film lasts as long as the motion.
+        """
+        if writer in (None, "pillow") and str(filename).lower().endswith(".gif"):
+            made: Any = _Gif  # it is typed for whole numbers
+            writer = made(fps=(given[0] if given else more.pop("fps", None)) or self._fps)
+            given = (None, *given[1:])
+        super().save(filename, writer, *given, **more)
+
     def to_jshtml(
         self, fps: int | None = None, embed_frames: bool = True, default_mode: str | None = None
     ) -> str:
@@ -62,6 +75,20 @@ class Film(FuncAnimation):
                     pictures.number = number
                     writer.grab_frame()
             return path.read_text()
+
+
+class _Gif(PillowWriter):
+    """Writes GIFs whose pictures last, summed, as long as they should."""
+
+    _frames: list[Any]
+
+    def finish(self) -> None:
+        """Write all pictures, each with its duration (ms)."""
+        first, *others = self._frames
+        ends = [round(100.0 * k / self.fps) for k in range(len(self._frames) + 1)]
+        durations = [10 * (after - before) for before, after in itertools.pairwise(ends)]
+        settings = {"save_all": True, "append_images": others, "duration": durations, "loop": 0}
+        first.save(self.outfile, **settings)
 
 
 class _Pictures:

@@ -52,6 +52,8 @@ class MechanicalScene:
         self._given = bodies is not None
         left, right = figure.subplots(1, 2, width_ratios=(1, 1.5))
         self._bodies = self._lines("bodies", bodies or points)
+        if walls is None and bodies is None:
+            walls = linear_walls(run)
         self._walls = [] if walls is None else self._lines("walls", walls)
         self._draw_bodies(left)
         self._draw_gaps(right, run.gap_names)
@@ -138,6 +140,50 @@ def points(t: float, q: Array) -> list[tuple[Any, Any]]:
     if len(q) == 2:
         return [(q[0], q[1])]
     return [(float(k), value) for k, value in enumerate(q)]
+
+
+ENDS = np.array([-1.0, 1.0])
+FAR = 1e3
+"""Length of a wall in the plane, as a multiple of the distance of all positions."""
+
+
+def linear_walls(run: MechanicalTrajectory) -> Lines | None:
+    """Return where gaps close that are linear in the coordinates, None if that is not known.
+
+    In the plane of two coordinates these are lines, else a gap of one coordinate is a short line
+    below its point. Gaps with gradients that change, or of several coordinates, are left out.
+    """
+    model = run._model
+    if model is None or not len(run.t) or not run.gap_names:
+        return None
+
+    def at(t: float, q: Array) -> tuple[Array, Array]:
+        here = model.layout.read(model.evaluate(t, q, np.zeros_like(q)))
+        return here.gaps, here.gradients
+
+    q, few = run.q, np.linspace(0, len(run.t) - 1, 9).astype(int)
+    gradients = np.array([at(float(run.t[k]), q[k])[1] for k in few])
+    same = np.all(np.ptp(gradients, axis=0) == 0.0, axis=1)
+    alone = np.count_nonzero(gradients[0], axis=1) == 1
+    plane = q.shape[1] == 2
+    chosen = np.flatnonzero(same & (np.any(gradients[0] != 0.0, axis=1) if plane else alone))
+    reach = FAR * (float(np.ptp(q)) or 1.0)
+
+    def walls(t: float, now: Array) -> list[tuple[Any, Any]]:
+        values, normals = at(t, now)
+        lines = []
+        for i in chosen:
+            n = normals[i]
+            foot = now - values[i] * n / (n @ n)
+            if plane:
+                along = reach * np.array([-n[1], n[0]]) / np.linalg.norm(n)
+                lines.append(((foot[0] + along[0] * ENDS), (foot[1] + along[1] * ENDS)))
+            else:
+                k = int(np.flatnonzero(n)[0])
+                lines.append((k + 0.3 * ENDS, np.full(2, foot[k])))
+        return lines
+
+    return walls
 
 
 def point_label(names: Sequence[str], axis: int) -> str:

@@ -190,7 +190,10 @@ def _quantity(orbit: Any, y: str) -> Array:
 
 
 def branch_multipliers(b: Branch, ax: Axes | None = None, **line: Any) -> Axes:
-    """Plot the multipliers of a branch in the complex plane, with the unit circle."""
+    """Plot the multipliers of a branch in the complex plane, with the unit circle.
+
+    The arrows point from the first orbit of the branch to the last.
+    """
     ax = axes_of(ax)
     circle = np.linspace(0.0, 2.0 * np.pi, 200)
     ax.plot(np.cos(circle), np.sin(circle), color="0.5", lw=0.8)
@@ -198,9 +201,29 @@ def branch_multipliers(b: Branch, ax: Axes | None = None, **line: Any) -> Axes:
     values = np.where(np.abs(b.multipliers) < 3.0, b.multipliers, np.nan)
     for column, colour in zip(values.T, (BLUE, ORANGE), strict=True):
         look: dict[str, Any] = {"color": colour, "marker": ".", "ms": 3.0, "lw": 0.8}
-        ax.plot(column.real, column.imag, **look | line)
+        (drawn,) = ax.plot(column.real, column.imag, **look | line)
+        _point(ax, column, drawn.get_color())
     ax.set(xlabel="real part of the multiplier (1)", ylabel="imaginary part (1)", aspect="equal")
     return ax
+
+
+def _point(ax: Axes, column: Any, colour: Any) -> None:
+    """Draw an arrow along a line, at the middle of its length, in the direction of the branch."""
+    points = column[np.isfinite(column)]
+    lengths = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(points)))])
+    if len(points) < 2 or lengths[-1] == 0.0:
+        return
+    k = min(int(np.searchsorted(lengths, 0.5 * lengths[-1])), len(points) - 1)
+    k = max(k, 1)
+    # a step is too short to show a direction: as long as a twentieth of the line
+    first = int(np.searchsorted(lengths, lengths[k] - 0.05 * lengths[-1], side="right")) - 1
+    start, end = points[max(first, 0)], points[k]
+    ax.annotate(
+        "",
+        (end.real, end.imag),
+        (start.real, start.imag),
+        arrowprops={"arrowstyle": "-|>", "color": colour, "mutation_scale": 14, "shrinkB": 0.0},
+    )
 
 
 def diagram(

@@ -51,7 +51,7 @@ def rows_of(sol: Any) -> dict[str, str]:
     closed = [name for name, shut in zip(sol.gap_names, last, strict=False) if shut]
     return {
         "status": f"{sol.status.name.lower()}: {sol.message}",
-        "span": f"{sol.t[0]:.6g} to {sol.t[-1]:.6g}" if len(sol.t) else "no samples",
+        "time": f"{sol.t[0]:.6g} to {sol.t[-1]:.6g} s" if len(sol.t) else "no samples",
         "coordinates": ", ".join(sol.coordinate_names),
         "impacts": ", ".join(_counts(sol)) + " resolved",
         "Zeno points": times(sol.zeno),

@@ -13,6 +13,7 @@ from zivi.base.check import Array, integer, real_array
 from zivi.base.extras import late
 from zivi.base.former import with_resolved_impacts
 from zivi.base.habits import Hinted
+from zivi.base.plain import counted
 from zivi.base.status import Status
 from zivi.base.table import Field, Tabulated
 from zivi.simulation.dense import LostPath, Path
@@ -362,7 +363,7 @@ class MassRun(SampledRun):
         fast = np.max(np.abs(self.impacts["speed_before"]), initial=0.0)
         rest = "no" if self.rest_time is None else f"from {self.rest_time:.9g} s"
         return {
-            "ended": f"{self.status.name.lower()}: {self.message}",
+            "status": f"{self.status.name.lower()}: {self.message}",
             "time": f"{self.t[0]:.6g} to {self.t[-1]:.6g} s" if len(self.t) else "no samples",
             "impacts": f"{len(self.impacts)}, the fastest at {fast:.6g} m/s",
             "Zeno points": ", ".join(f"{t:.9g} s" for t in self.zeno_times[:5]) or "none",
@@ -371,7 +372,7 @@ class MassRun(SampledRun):
 
     def _events_text(self) -> str:
         """Tell impacts, accumulations and rest in a few words."""
-        wall = f"{len(self.impacts)} impacts"
+        wall = counted(len(self.impacts), "impact")
         if len(self.zeno_times):
             more = ", ..." if len(self.zeno_times) > 1 else ""
             wall += f" that accumulate at {self.zeno_times[0]:.6g}{more} s"

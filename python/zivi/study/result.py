@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from zivi.base.extras import have, needed
 from zivi.base.status import Status, StudyStatus
+from zivi.base.table import page
 from zivi.study.design import Design
 from zivi.study.folder import FolderStore
 from zivi.study.parquet import DamagedError
@@ -101,6 +102,18 @@ class Study:
         if name.startswith("_") or name == "dataset":
             raise AttributeError(name)
         return getattr(self.dataset, name)
+
+    def to_xarray(self) -> xarray.Dataset:
+        """Return the dataset, as every result of zivi does."""
+        return self.dataset
+
+    def _repr_html_(self) -> str:
+        """Show the counts of points and the dataset, in a notebook."""
+        status = self.status
+        rows = {state.name.lower(): str(np.count_nonzero(status == state)) for state in StudyStatus}
+        where = {} if self.path is None else {"folder": str(self.path)}
+        told = {"points": str(len(status)), **rows, **where}
+        return page("zivi.Study", told) + str(self.dataset._repr_html_())
 
     def __repr__(self) -> str:
         status = self.status

@@ -10,7 +10,9 @@ from numpy.typing import ArrayLike
 import zivi._zivi as _zivi
 from zivi.base.arrays import Array, count, vector
 from zivi.base.habits import attribute_error
+from zivi.base.plain import counted
 from zivi.base.status import NamedStatus
+from zivi.base.table import page
 
 __all__ = ["VIOptions", "VIProgress", "VIResult", "VIStatus", "result_of"]
 
@@ -216,6 +218,20 @@ class VIResult:
     def nit(self) -> int:
         """Number of iterations."""
         return self.n_iter
+
+    def _repr_html_(self) -> str:
+        """Show how the solve ended, in a notebook."""
+        work = f"{counted(self.n_iter, 'iteration')}, {counted(self.nfev, 'evaluation')} of F"
+        return page(
+            "zivi.VIResult",
+            {
+                "status": f"{self.status.name.lower()}: {self.message}",
+                "residual": f"{self.residual:.3g}",
+                "x": ", ".join(f"{it:.6g}" for it in self.x[:6])
+                + (f", ... ({len(self.x)})" if len(self.x) > 6 else ""),
+                "work": f"{work}, stage {self.stage}",
+            },
+        )
 
     def keys(self) -> list[str]:
         """Return the names of the entries."""
