@@ -12,7 +12,7 @@ G = 9.81
 
 
 def rows(table):
-    names, values = (list(column.cells) for column in table.columns)
+    names, values = ([str(it) for it in column.cells] for column in table.columns)
     return dict(zip(names, values, strict=True))
 
 
