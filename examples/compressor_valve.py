@@ -104,17 +104,15 @@ def landing(valve: Valve) -> Landing:
     """Run a cycle and measure it."""
     sol = valve.cycle()
     first = sol.impacts[0]
-    before = sol.impacts["xdot_before"]
-    if valve.e > 0:
-        before = sol.impacts_down_to(1e-9)["xdot_before"]
+    impacts = sol.impacts_down_to(1e-9)
     return Landing(
         opens=float(sol.liftoff_times[0]),
         lands=float(first["t"]),
         shut=float(sol.rest_time),
         lift=float(sol(np.linspace(0, T_END, 3001))[0].max()),
         speed=float(-first["xdot_before"]),
-        bounces=len(sol.impacts_down_to(AUDIBLE)),
-        energy=float((1 - valve.e**2) / 2 * np.sum(before**2)),
+        bounces=int(np.sum(impacts["xdot_after"] >= AUDIBLE)),
+        energy=float((1 - valve.e**2) / 2 * np.sum(impacts["xdot_before"] ** 2)),
     )
 
 

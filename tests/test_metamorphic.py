@@ -17,25 +17,8 @@ RUNS = int(os.environ.get("ZIVI_METAMORPHIC_RUNS", "200"))
 SEED = int(os.environ.get("ZIVI_METAMORPHIC_SEED", "1"))
 
 
-OPEN = {
-    "motion": ("mechanisms", "linear_systems", "guides", "corners"),
-    "equations": ("mechanisms", "linear_systems", "friction", "guides", "corners"),
-    "surfaces": ("rod2", "rock", "corner", "arm"),
-}
-"""What the library does not do yet; guides and corners take long until it does."""
-
-
-def without_open(names, kind):
-    """Give parameters of which those that are open may fail."""
-    late = {
-        name: pytest.mark.xfail(reason="open", run=name not in ("guides", "corners"))
-        for name in OPEN[kind]
-    }
-    return [pytest.param(name, marks=late.get(name, ())) for name in names]
-
-
 @pytest.mark.slow
-@pytest.mark.parametrize("name", without_open(m.FAMILIES, "motion"))
+@pytest.mark.parametrize("name", m.FAMILIES)
 def test_units_coordinates_and_spans_do_not_change_a_motion(name):
     """Also no representation; of all runs at most 2 in 100 hang on 1e-8 of their start."""
     wrong, unsteady = m.campaign(name, runs_of(name), SEED)
@@ -83,7 +66,7 @@ def faults_of_run(model, rng):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", without_open(m.FAMILIES, "equations"))
+@pytest.mark.parametrize("name", m.FAMILIES)
 def test_runs_obey_the_equations_of_motion(name):
     """At random times and in all samples: balance, Coulomb, complementarity, energy."""
     faults = []
@@ -95,7 +78,7 @@ def test_runs_obey_the_equations_of_motion(name):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("family", without_open(draws.SYSTEMS, "surfaces"))
+@pytest.mark.parametrize("family", draws.SYSTEMS)
 def test_curved_and_moving_surfaces_obey_the_equations_of_motion(family):
     rng = np.random.default_rng(SEED)
     for _ in range(max(2, RUNS // 100)):

@@ -120,6 +120,13 @@ def test_derivatives_end_where_it_begins():
     assert found.trajectory.status is zivi.Status.REDUNDANT_CONTACTS
 
 
-def test_a_fourth_foot_is_one_too_many():
-    sol = zivi.simulate(bar((-1.0, -0.4, 0.4, 1.0)), (0, 1), ([0, 0], [0, 0]), METHOD)
-    assert sol.status is zivi.Status.REDUNDANT_CONTACTS
+@pytest.mark.parametrize("count", [4, 9, 40])
+def test_many_feet_bear_the_weight_as_springs_do(count):
+    """Beside the middle by b: the forces of equal springs, a + c x, while none of them pulls."""
+    feet = np.linspace(-1.0, 1.0, count)
+    load = bar(feet, force=(-G, -0.2 * G))
+    sol = zivi.simulate(load, (0, 1), ([0, 0], [0, 0]), METHOD)
+    assert sol.success, sol.message
+    springs = G / count + 0.2 * G * feet / (feet @ feet)
+    assert sol.reactions[-1] == pytest.approx(springs, rel=1e-12)
+    assert sol.resample([0.5]).reactions[0] == pytest.approx(springs, rel=1e-12)

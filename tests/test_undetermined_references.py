@@ -13,8 +13,6 @@ import pytest
 import zivi
 from metamorphic import Foot
 
-pytestmark = pytest.mark.xfail(reason="open", strict=False)
-
 CASES = json.loads((Path(__file__).parent / "data" / "element_references.json").read_text())
 G, TIGHT = 9.81, zivi.SwitchedRK(rtol=1e-11, atol=1e-12)
 

@@ -68,6 +68,7 @@ __all__ = [
     "ballistic_motion",
     "check_impact_map",
     "compiled_model",
+    "contact_forces",
     "controls",
     "correct_sequence",
     "cosine",
@@ -521,6 +522,13 @@ class MotionPath:
 
 def compiled_model(callable: Any, argument: str) -> CompiledFunction: ...
 def is_sound(row: _Array, n: int, m: int) -> bool: ...
+def contact_forces(
+    row: _Array,
+    n: int,
+    gap_of: Sequence[int | None],
+    closed: Sequence[bool],
+    modes: Sequence[int],
+) -> _Array | None: ...
 
 @final
 class MechanicalPath:

@@ -8,7 +8,9 @@ use pyo3::exceptions::{PyRuntimeError, PyTypeError, PyValueError};
 use pyo3::gc::{PyTraverseError, PyVisit};
 use pyo3::prelude::*;
 use pyo3::types::PyTuple;
+use zivi::mechanics::{ContactMode, GapSet};
 use zivi::system::dynamics::{Dynamics, Layout};
+use zivi::system::friction::{Channel, Friction};
 use zivi::system::linear_dynamics::LinearDynamics;
 use zivi::system::linear_system::{GapMotion, LinearGap, LinearSystem, LoadWave};
 use zivi::system::tree::{self, TreeDynamics};
@@ -410,4 +412,36 @@ pub(crate) fn is_sound(row: PyReadonlyArray1<'_, f64>, n: usize, m: usize) -> Py
     Ok(row.iter().all(|it| it.is_finite())
         && gaps.iter().all(|&gap| gap >= 0.0)
         && gradients.all(|gradient| gradient.iter().any(|&it| it != 0.0)))
+}
+
+/// Contact forces by gap, then forces of friction by channel, at an evaluation of a system of `n` coordinates:
+/// `gap_of` are the gaps of its channels, `closed` its closed gaps, `modes` the numbers of what its
+/// channels do. None where no forces keep the gaps closed.
+#[pyfunction]
+pub(crate) fn contact_forces<'py>(
+    py: Python<'py>,
+    row: PyReadonlyArray1<'_, f64>,
+    n: usize,
+    gap_of: Vec<Option<usize>>,
+    closed: Vec<bool>,
+    modes: Vec<i8>,
+) -> PyResult<Option<Bound<'py, PyArray1<f64>>>> {
+    let layout = Layout { n, m: closed.len(), p: gap_of.len() };
+    let row = row.as_slice()?;
+    if row.len() != layout.len() || modes.len() != layout.p || layout.rows() > GapSet::MOST {
+        return Err(PyValueError::new_err(
+            "row, closed and modes must have the sizes of one system",
+        ));
+    }
+    let channels = gap_of.into_iter().map(|gap| Channel { gap, e_t: 0.0 }).collect();
+    let friction = Friction { channels, ..Friction::default() };
+    let closed: GapSet = (0..layout.m).filter(|&gap| closed[gap]).collect();
+    let acts = |(mode, (channel, number)): (ContactMode, (usize, i8))| match number {
+        2 => mode,
+        sign => mode.with_channel(channel, f64::from(sign)),
+    };
+    let each = modes.into_iter().enumerate();
+    let mode = each.fold(ContactMode::from(closed), |mode, it| acts((mode, it)));
+    let found = py.detach(|| zivi::mechanics::contact_forces((layout, &friction), row, mode));
+    Ok(found.ok().map(|forces| PyArray1::from_vec(py, forces)))
 }

@@ -118,6 +118,7 @@ fn _zivi(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(partials::mechanical_sensitivity, module)?)?;
     module.add_function(wrap_pyfunction!(dynamics::compiled_model, module)?)?;
     module.add_function(wrap_pyfunction!(dynamics::is_sound, module)?)?;
+    module.add_function(wrap_pyfunction!(dynamics::contact_forces, module)?)?;
     control::add_classes(module)?;
     module.add_class::<observer::Observer>()?;
     module.add_class::<closed_loop::LoopRecord>()?;

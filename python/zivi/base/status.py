@@ -61,7 +61,7 @@ class Status(NamedStatus):
     INTERNAL = 11
     """A fault in zivi itself; only in batches, whose other runs are kept."""
     REDUNDANT_CONTACTS = 12
-    """The closed gaps of a mechanical system do not determine their forces."""
+    """Closed gaps of a mechanical system depend on each other, and no forces keep all of them closed."""
     IMPACT_NOT_SOLVED = 13
     """The impulses of an impact on several gaps were not found; with friction there may be none."""
     CONTACT_NOT_SOLVED = 14
@@ -75,12 +75,14 @@ class Status(NamedStatus):
     PAINLEVE_SINGULAR = 18
     """A sliding contact reached the border of Painlevé's paradox."""
     REDUNDANT_STICK = 19
-    """More than one force of sticking contacts is not determined by the motion."""
+    """No longer returned: undetermined forces no longer end a run."""
     MODE_CHATTER = 20
     """Friction changed its mode again and again at one instant."""
     CONTROL_REJECTED = 21
     """A loop reached the end of ``t_span``, but its control updates were rejected: all of them, or
     all of the last tenth."""
+    NO_PROGRESS = 22
+    """1000 steps of a mechanical system without an event covered less than 1e-9 of the span."""
 
 
 class StudyStatus(NamedStatus):

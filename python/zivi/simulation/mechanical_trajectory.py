@@ -26,7 +26,7 @@ from zivi.simulation.impacts import FIELDS, SLOWEST, Rows, table
 from zivi.simulation.linear_motion import LinearMotion
 from zivi.simulation.mechanical_impacts import down_to, listed
 from zivi.simulation.mechanical_messages import ending
-from zivi.simulation.reactions import forces_at, reactions_at
+from zivi.simulation.reactions import forces_at
 from zivi.simulation.run_result import SampledRun, Setup
 from zivi.simulation.trust import Closer, trust_note, trusted
 from zivi.system.friction import Channel
@@ -80,6 +80,7 @@ class MechanicalTrajectory(Rubbing, SampledRun):
         "order_uncertain": which of them came first is within the tolerance. With friction also
         "energy_gain": an impact raised the energy, by so much; "impact_not_unique": other impulses
         solve it too; "undetermined_forces": the contact forces are not unique, the motion is;
+        "undetermined_motion": the motion depends on how contacts share a load;
         "slip_graze": a slip speed touched zero; "forced_landing": an accumulation was ended at the
         smallest speed; "impact_without_collision": a jammed contact went on by one.
     status : Status
@@ -256,7 +257,7 @@ class MechanicalTrajectory(Rubbing, SampledRun):
                 friction_forces=rubbing,
             )
         else:
-            reactions, friction = reactions_at(self._model, times, q, qdot, contacts), None
+            (reactions, _), friction = forces_at(self._model, (), (times, q, qdot), contacts), None
         return dataclasses.replace(
             self,
             t=times,

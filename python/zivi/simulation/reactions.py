@@ -5,56 +5,12 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+import zivi._zivi as _zivi
 from zivi.base.check import Array
 from zivi.system.friction import Channel
-from zivi.system.layout import Evaluation
 from zivi.system.mechanism import Model
 
-__all__ = ["forces_at", "multipliers", "reactions_at"]
-
-SINGULAR = 1e-9
-"""Singular values below this part of the largest are zero."""
-
-
-def multipliers(here: Evaluation, closed: NDArray[np.bool_]) -> Array:
-    r"""Give the multipliers that keep gaps closed.
-
-    .. math:: \lambda_A = -W_{AA}^{-1} (N_A M^{-1} F + h_A), \qquad W = N M^{-1} N^T
-
-    Parameters
-    ----------
-    here : Evaluation
-        The system.
-    closed : ndarray of bool
-        The set A.
-
-    Returns
-    -------
-    ndarray
-        Shape (m,), 0 where a gap is open.
-    """
-    found = np.zeros(len(closed))
-    if np.any(closed):
-        normals = here.gradients[closed]
-        inverse = np.linalg.solve(here.mass, np.column_stack([here.force, normals.T]))
-        free = normals @ inverse[:, 0] + here.curvatures[closed]
-        found[closed] = -np.linalg.solve(normals @ inverse[:, 1:], free)
-    return found
-
-
-def reactions_at(
-    model: Model | None, t: Array, q: Array, qdot: Array, contacts: NDArray[np.bool_]
-) -> Array:
-    """Give the multipliers at several states, NaN where the model is needed and not known."""
-    found = np.zeros(contacts.shape)
-    q, qdot = (np.ascontiguousarray(it) for it in (q, qdot))  # compiled parts take rows
-    for k in np.flatnonzero(np.any(contacts, axis=1)):
-        if model is None:
-            found[k, contacts[k]] = np.nan
-        else:
-            here = model.layout.read(model.evaluate(float(t[k]), q[k], qdot[k]))
-            found[k] = multipliers(here, contacts[k])
-    return found
+__all__ = ["forces_at"]
 
 
 def forces_at(
@@ -62,29 +18,9 @@ def forces_at(
     channels: tuple[Channel, ...],
     states: tuple[Array, Array, Array],
     contacts: NDArray[np.bool_],
-    modes: NDArray[np.int8],
+    modes: NDArray[np.int8] | None = None,
 ) -> tuple[Array, Array]:
-    """Give contact forces and forces of friction at several ``(t, q, qdot)``, as `reactions_at`."""
-    t, q, qdot = states
-    reactions, friction = np.zeros(contacts.shape), np.zeros(modes.shape)
-    q, qdot = (np.ascontiguousarray(it) for it in (q, qdot))
-    for k in range(len(t)):
-        if model is None:
-            reactions[k, contacts[k]] = np.nan
-            friction[k, modes[k] != 2] = np.nan
-        else:
-            here = model.layout.read(model.evaluate(float(t[k]), q[k], qdot[k]))
-            reactions[k], friction[k] = rubbing(here, channels, contacts[k], modes[k])
-    return reactions, friction
-
-
-def rubbing(
-    here: Evaluation,
-    channels: tuple[Channel, ...],
-    closed: NDArray[np.bool_],
-    modes: NDArray[np.int8],
-) -> tuple[Array, Array]:
-    r"""Give contact forces and forces of friction of a mode.
+    r"""Compute contact forces and forces of friction at several states.
 
     .. math::
 
@@ -92,53 +28,41 @@ def rubbing(
         R = (N_A; B_S), \quad K = R M^{-1} (N_A - \mu \sigma B; B_S)^T
 
     with the sticking channels :math:`S`; the forces of joints that slip are in
-    :math:`\tilde F`.
+    :math:`\tilde F`. Forces that the motion does not determine are the least within their limits.
 
     Parameters
     ----------
-    here : Evaluation
-        The system.
+    model : Model or None
+        The system, None if it is not known.
     channels : tuple of Channel
-        Which gaps the channels belong to.
-    closed : ndarray of bool
-        The set A.
-    modes : ndarray of int8
-        What the channels do.
+        The channels of friction.
+    states : (ndarray, ndarray, ndarray)
+        ``(t, q, qdot)``, of shapes (k,), (k, n), (k, n).
+    contacts : ndarray of bool
+        The closed gaps, of shape (k, m).
+    modes : ndarray of int8, optional
+        What the channels do, of shape (k, p).
 
     Returns
     -------
     (ndarray, ndarray)
-        Shapes (m,) and (p,).
+        Shapes (k, m) and (k, p); zero where there is no contact, NaN where the model is not known or no
+        forces keep the gaps closed.
     """
-    number = {int(gap): place for place, gap in enumerate(np.flatnonzero(closed))}
-    force, columns = here.force.copy(), here.gradients[closed].copy()
-    friction = np.zeros(len(channels))
-    for c, channel in enumerate(channels):
-        sigma = int(modes[c])
-        if abs(sigma) == 1 and channel.gap is None:
-            friction[c] = -here.limits[c] * sigma
-            force += friction[c] * here.tangents[c]
-        elif abs(sigma) == 1:
-            assert channel.gap is not None
-            columns[number[channel.gap]] -= here.limits[c] * sigma * here.tangents[c]
-    stick = modes == 0
-    rows = np.concatenate([here.gradients[closed], here.tangents[stick]])
-    columns = np.concatenate([columns, here.tangents[stick]])
-    inverse = np.linalg.solve(here.mass, np.column_stack([force, columns.T]))
-    free = np.concatenate([here.curvatures[closed], here.slip_curvatures[stick]])
-    found = _solved(rows @ inverse[:, 1:], -(rows @ inverse[:, 0] + free))
-    pressed, held = found[: len(number)], found[len(number) :]
-    friction[stick] = held
-    for c, channel in enumerate(channels):
-        if abs(int(modes[c])) == 1 and channel.gap is not None:
-            friction[c] = -here.limits[c] * modes[c] * pressed[number[channel.gap]]
-    reactions = np.zeros(len(closed))
-    reactions[closed] = pressed
+    t, q, qdot = (np.ascontiguousarray(it) for it in states)  # compiled parts take rows
+    if modes is None:
+        modes = np.full((len(t), 0), 2, dtype=np.int8)
+    reactions, friction = np.zeros(contacts.shape), np.zeros(modes.shape)
+    gap_of = [channel.gap for channel in channels]
+    for k in np.flatnonzero(contacts.any(axis=1) | (modes != 2).any(axis=1)):
+        found = None
+        if model is not None:
+            row = model.evaluate(float(t[k]), q[k], qdot[k])
+            closed, does = contacts[k].tolist(), modes[k].tolist()
+            found = _zivi.contact_forces(row, q.shape[1], gap_of, closed, does)
+        if found is None:
+            reactions[k, contacts[k]] = np.nan
+            friction[k, modes[k] != 2] = np.nan
+        else:
+            reactions[k], friction[k] = np.split(found, [contacts.shape[1]])
     return reactions, friction
-
-
-def _solved(matrix: Array, right: Array) -> Array:
-    """Solve for the forces; those that are not determined are the smallest."""
-    if not len(right):
-        return right
-    return np.asarray(np.linalg.lstsq(matrix, right, rcond=SINGULAR)[0], dtype=np.float64)

@@ -137,7 +137,7 @@ impl ImpactChain {
         self.rates.extend_from_slice(v);
         aside.append_accelerations(&mut self.rates);
         if let Some(power) = self.rates.get_mut(v.len() + n + aside.layout.rows()) {
-            *power = aside.friction_power(&v[n..]);
+            *power = aside.friction_power(key.landed, &v[n..]);
         }
         let bounce = Bounce { t, u, g };
         self.chain.turn_to(key, e);
@@ -304,7 +304,7 @@ impl ImpactChain {
                 for (to, channel) in accelerations.iter_mut().zip(stopped.iter()) {
                     to[end].push(kinetics.acceleration[n + m + channel]);
                 }
-                powers[end].push(kinetics.friction_power(&v[n..]));
+                powers[end].push(kinetics.friction_power(flight, &v[n..]));
             }
             // the impact at the end of the arc
             let (t, speed) = (arc.end, tail.speed_of(number + 1));

@@ -13,7 +13,6 @@ pub(super) fn settle<E>(kinetics: &mut Kinetics, touching: GapSet) -> Result<Con
     if touching.is_empty() {
         return Ok(Contacts::default());
     }
-    kinetics.solve(touching, |_, _| 0.0)?;
     let (matrix, b) = problem(kinetics, touching, |at, i| at.b(i));
     let solution = lcp::solve(&matrix, &b).ok_or(Failure::Status(Status::ContactNotSolved))?;
     let k = b.len();

@@ -53,7 +53,7 @@ impl<E, D: Dynamics<E>> Equation<Vec<f64>, Failure<E>> for InContact<'_, '_, D> 
         self.kinetics.contact(self.mode)?;
         into.copy_from_slice(&self.kinetics.acceleration);
         if let Some(power) = into.get_mut(n + self.kinetics.layout.rows()) {
-            *power = self.kinetics.friction_power(&at.xdot[n..]);
+            *power = self.kinetics.friction_power(self.mode, &at.xdot[n..]);
         }
         Ok(())
     }
@@ -61,7 +61,7 @@ impl<E, D: Dynamics<E>> Equation<Vec<f64>, Failure<E>> for InContact<'_, '_, D> 
     fn is_at_end(&mut self, at: &State) {
         let (Some(end), kinetics) = (&mut self.at_end, &mut self.kinetics) else { return };
         end.lambda.copy_from_slice(&kinetics.lambda);
-        if self.mode.is_frictionless() && kinetics.undetermined.is_none() {
+        if self.mode.is_frictionless() && kinetics.undetermined.is_empty() {
             end.levels.clear();
             end.levels.extend(self.mode.closed.iter().map(|gap| end.lambda[gap]));
         } else {

@@ -17,6 +17,7 @@ use super::kinetics::Model;
 use super::lcp;
 use super::mode::Key;
 use super::state::MechanicalState;
+use crate::numeric::vector::largest;
 use crate::record::contact_mode::ContactMode;
 use crate::record::failure::Failure;
 use crate::record::gap_set::GapSet;
@@ -156,8 +157,6 @@ impl Impacts {
             state.complete(model)?;
         } else if let Some(gap) = set.only().filter(|&gap| hit.has(gap) && state.layout().p == 0) {
             return self.strike_alone(gap, state, occurrences, model);
-        } else {
-            state.parts().0.solve(set, |_, _| 0.0)?;
         }
         self.note_flags(hit, state, occurrences);
         self.count += 1;
@@ -324,7 +323,7 @@ impl Impacts {
                 rates[k] = restored(e[k], before[k]);
             }
             kinetics.solve(positive, |_, i| restored(e[i], before[i]) - before[i])?;
-            let part = kinetics.solved();
+            let part = kinetics.least_impulses(positive)?;
             let of = |i: usize| positive.iter().position(|it| it == i).map_or(0.0, |at| part[at]);
             solution.z = set.iter().map(of).collect();
         }
@@ -354,7 +353,12 @@ impl Impacts {
         let work = |row: usize| -0.5 * found.impulses[row] * (before[row] + found.rates[row]);
         now.xdot[n + rows] += (kinetics.layout.m..rows).map(work).sum::<f64>();
         let impulses = set.iter().map(|gap| found.impulses[gap]).collect();
-        let positive = set.iter().filter(|&gap| found.impulses[gap] > 0.0).collect();
+        // impulses of rounding are none, whatever the coordinates
+        let sizes: Vec<f64> =
+            set.iter().map(|gap| found.impulses[gap] * kinetics.d(gap, gap).sqrt()).collect();
+        let least = STILL * largest(&sizes);
+        let positive =
+            set.iter().zip(&sizes).filter(|(_, &size)| size > least).map(|it| it.0).collect();
         let exchanged = Exchanged { positive, before, impulses, pattern: found.pattern };
         let energy: f64 =
             exchanged.before[..].iter().zip(&found.impulses).map(|(v, p)| (v * p).abs()).sum();

@@ -39,6 +39,9 @@ pub(super) struct MechanicalIntegrator {
     undetermined: ContactMode,
     /// Events since the time last advanced by a step.
     stalled: u32,
+    /// When the run started; when the last event was, and steps since then.
+    started: f64,
+    smooth: (f64, u32),
 }
 
 /// What a step changes, kept to give it up.
@@ -61,6 +64,9 @@ impl Saved {
 const MOST_AT_ONCE: u32 = 20_000;
 /// Changes of friction at one instant after which it is called undecided.
 const MOST_CHANGES: u32 = 100;
+/// Steps without an event after which a motion that has covered less than this part of the span is given up.
+const MOST_IDLE: u32 = 1000;
+const IDLE: f64 = 1e-9;
 /// A slip that ends with so little to spare, relative to the root of the tolerance, may not have.
 const GRAZE: f64 = 10.0;
 /// Occurrences that a piece of the motion has, at most, by gap.
@@ -83,6 +89,8 @@ impl MechanicalIntegrator {
             occurrences: Vec::new(),
             undetermined: ContactMode::default(),
             stalled: 0,
+            started: 0.0,
+            smooth: (0.0, 0),
         }
     }
 
@@ -95,6 +103,7 @@ impl MechanicalIntegrator {
         model: &mut Model<'_, D>,
     ) -> Result<Option<f64>, Failure<E>> {
         self.impacts.start(t);
+        self.started = t;
         let begun = match self.state.start(t, at, self.settings.rounding(), model) {
             // an impact on no gap: one without a collision
             Err(Failure::Status(Status::InconsistentContact))
@@ -153,27 +162,61 @@ impl MechanicalIntegrator {
         if !through.is_empty() {
             return self.strike(through, model);
         }
-        if let Some(period) = self.motion.linear_period(model) {
+        let t = self.state.now().t;
+        let linear = self.motion.linear_period(model);
+        if let Some(period) = linear {
             self.accumulation.set_period(period);
         } else {
             self.state.prepare(model)?;
-            self.note_undetermined();
+            self.note_undetermined(t);
         }
-        let t = self.state.now().t;
         let obstacle = self.accumulation.obstacle();
         self.next = self.motion.fly(t_end, &mut self.state, obstacle, model)?;
+        if linear.is_some() && !self.motion.is_linear() {
+            self.note_undetermined(t);
+        }
         if self.state.now().t > t {
             self.stalled = 0;
         }
+        self.check_progress(t, t_end)?;
         Ok(Piece::Motion)
     }
 
-    /// Notes where the motion does not determine the forces, once in a mode.
-    fn note_undetermined(&mut self) {
+    /// Ends a motion whose steps without an event do not get on.
+    fn check_progress<E>(&mut self, t: f64, t_end: f64) -> Result<(), Failure<E>> {
+        let (from, steps) = &mut self.smooth;
+        if *steps == 0 {
+            *from = t;
+        }
+        *steps = if self.next == Next::Step { *steps + 1 } else { 0 };
+        if *steps < MOST_IDLE {
+            return Ok(());
+        }
+        *steps = 0;
+        match self.state.now().t - *from < IDLE * (t_end - self.started) {
+            true => Err(Failure::Status(Status::NoProgress)),
+            false => Ok(()),
+        }
+    }
+
+    /// Notes where the motion does not determine the forces, or is not determined itself, once in a mode.
+    fn note_undetermined(&mut self, t: f64) {
         let mode = self.state.mode();
-        if let Some(size) = self.state.undetermined().filter(|_| mode != self.undetermined) {
-            let (kind, t, gaps) = (FlagKind::UndeterminedForces, self.state.now().t, mode.closed);
+        if mode == self.undetermined {
+            return;
+        }
+        let gaps = mode.closed;
+        let forces = self.state.undetermined();
+        if let Some(size) = forces {
+            let kind = FlagKind::UndeterminedForces;
             self.occurrences.push(Occurrence::Flag { kind, t, gaps, size });
+        }
+        let moves = self.state.is_shared_motion();
+        if moves {
+            let (kind, size) = (FlagKind::UndeterminedMotion, 0.0);
+            self.occurrences.push(Occurrence::Flag { kind, t, gaps, size });
+        }
+        if moves || forces.is_some() {
             self.undetermined = mode;
         }
     }

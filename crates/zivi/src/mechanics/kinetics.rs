@@ -14,14 +14,12 @@ use crate::numeric::vector::{axpy, dot, largest, sum_of_products};
 use crate::record::contact_mode::ContactMode;
 use crate::record::failure::Failure;
 use crate::record::gap_set::GapSet;
-use crate::system::dynamics::{Dynamics, Layout};
+use crate::system::dynamics::{Dynamics, FunctionDynamics, Layout};
 use crate::system::friction::Friction;
 use crate::system::stops::Smooth;
 use crate::Status;
 
 mod redundant;
-
-pub(crate) use redundant::balance;
 
 /// A system whose evaluations are counted, between times where it is smooth.
 pub(super) struct Model<'a, D> {
@@ -37,6 +35,36 @@ impl<'a, D> Model<'a, D> {
     }
 }
 
+/// Contact forces by gap, then those of friction by channel, in a mode: of those that the motion does not
+/// determine the least within their limits. `row` is an evaluation of the system, as [`Layout`] has it.
+///
+/// # Errors
+///
+/// The status of why there are none.
+pub fn contact_forces(
+    (layout, friction): (Layout, &Friction),
+    row: &[f64],
+    mode: ContactMode,
+) -> Result<Vec<f64>, Status> {
+    let function = |_: f64, _: &[f64], _: &[f64], out: &mut [f64]| {
+        out.copy_from_slice(row);
+        Ok::<(), std::convert::Infallible>(())
+    };
+    let mut system = FunctionDynamics { layout, function };
+    let mut kinetics = Kinetics::new(layout, friction);
+    let still = vec![0.0; layout.n];
+    let evaluated = kinetics.evaluate(&mut Model::new(&mut system), 0.0, &still, &still);
+    let found = evaluated.and_then(|()| Ok(kinetics.contact(mode)?));
+    match found {
+        Ok(()) => {
+            kinetics.share_least(mode);
+            Ok(kinetics.lambda)
+        }
+        Err(Failure::Status(why)) => Err(why),
+        Err(Failure::Raised(never)) => match never {},
+    }
+}
+
 /// What is known of the mechanics at one state.
 #[derive(Clone, Debug)]
 pub(super) struct Kinetics {
@@ -44,7 +72,7 @@ pub(super) struct Kinetics {
     /// Gaps of the channels, and channels of the gaps.
     gap_of: Vec<Option<usize>>,
     channel_of: Vec<Option<usize>>,
-    values: Vec<f64>,
+    pub(super) values: Vec<f64>,
     /// Where the gradients begin in them, and the curvatures.
     gradient: usize,
     curvature: usize,
@@ -67,7 +95,7 @@ pub(super) struct Kinetics {
     mobility: Vec<f64>,
     diagonal: Vec<f64>,
     /// Their roots, NaN where there is none.
-    roots: Vec<f64>,
+    pub(super) roots: Vec<f64>,
     known: Vec<u64>,
     evaluation: u64,
     /// What [`Self::coupling`] has given, by row, where `M` and the normals never change; else NaN.
@@ -81,8 +109,10 @@ pub(super) struct Kinetics {
     pub(super) lambda: Vec<f64>,
     /// `q''`, then `g''` and `w'`, then with friction a place for its power.
     pub(super) acceleration: Vec<f64>,
-    /// By row, how contact forces may change that the motion does not determine.
-    pub(super) undetermined: Option<Vec<f64>>,
+    /// Directions by row in which contact forces may change while the motion stays as it is.
+    pub(super) undetermined: Vec<Vec<f64>>,
+    /// Whether the motion depends on how contacts share their forces.
+    pub(super) is_shared_motion: bool,
 }
 
 /// Left of a diagonal entry of `D_CC` by the other gaps: below this they determine it.
@@ -147,7 +177,8 @@ impl Kinetics {
             order: Vec::with_capacity(rows),
             lambda: zeros(rows),
             acceleration: zeros(layout.size()),
-            undetermined: None,
+            undetermined: Vec::new(),
+            is_shared_motion: false,
         }
     }
 
@@ -456,8 +487,8 @@ impl Kinetics {
         self.d(i, j) / (self.d(i, i) * self.d(j, j)).sqrt()
     }
 
-    /// `x = D_CC^-1 r` with the right sides by row; where one contact follows from the others, one of
-    /// all solutions, if it follows for the right sides, too.
+    /// `x = D_CC^-1 r` with the right sides by row; where contacts follow from others, one of all
+    /// solutions, if there are any.
     pub(super) fn solve(
         &mut self,
         set: GapSet,
@@ -465,7 +496,7 @@ impl Kinetics {
     ) -> Result<(), Undetermined> {
         match self.solve_regular(set, &right) {
             Ok(()) => Ok(()),
-            Err(_) => self.solve_dependent(set, right).map(drop),
+            Err(_) => self.solve_dependent(set, right),
         }
     }
 
@@ -543,10 +574,12 @@ impl Kinetics {
         let (set, rate) = (mode.closed, |row: usize| f64::from(u8::from(hit.has(row))));
         let impulses: Vec<(usize, f64)> = if mode.is_frictionless() {
             self.solve(set, |_, i| rate(i))?;
-            set.iter().zip(self.right.iter().copied()).collect()
+            set.iter().zip(self.least_impulses(set)?).collect()
         } else {
             let edges = self.edges(mode)?;
-            edges.rows().iter().copied().zip(edges.solve(rate)).take(set.len()).collect()
+            let most = |channel: usize| self.friction_limits(channel).0;
+            let impulses = self.impulses(mode, (&edges, edges.solve(rate)), &most, &|_| false);
+            set.iter().map(|gap| (gap, impulses[gap])).collect()
         };
         let mut size = |(i, impulse): (usize, f64)| impulse * self.d(i, i).sqrt();
         let sizes: Vec<f64> = impulses.into_iter().map(&mut size).collect();
@@ -557,9 +590,9 @@ impl Kinetics {
     /// The same, and an error where the motion does not determine the forces.
     pub(super) fn determined_contact(&mut self, closed: GapSet) -> Result<(), Undetermined> {
         self.contact(closed)?;
-        match self.undetermined {
-            Some(_) => Err(Undetermined::Contacts),
-            None => Ok(()),
+        match self.undetermined.is_empty() {
+            false => Err(Undetermined::Contacts),
+            true => Ok(()),
         }
     }
 
@@ -610,7 +643,8 @@ impl Kinetics {
             return self.frictional_contact(mode);
         }
         let set = mode.closed;
-        self.undetermined = None;
+        self.undetermined.clear();
+        self.is_shared_motion = false;
         self.lambda.fill(0.0);
         self.acceleration[..n].copy_from_slice(&self.free);
         self.acceleration[n..n + self.b.len()].copy_from_slice(&self.b);
@@ -666,10 +700,8 @@ fn is_symmetric(a: &[f64], n: usize) -> bool {
 /// Why the equations of contact have no unique solution.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Undetermined {
-    /// The force of a contact follows from the others.
+    /// Contacts follow from others, and ask for another motion than those.
     Contacts,
-    /// More than one force of sticking contacts.
-    Stick,
     /// The border of Painlevé's paradox.
     Painleve,
 }
@@ -678,7 +710,6 @@ impl<E> From<Undetermined> for Failure<E> {
     fn from(why: Undetermined) -> Self {
         Failure::Status(match why {
             Undetermined::Contacts => Status::RedundantContacts,
-            Undetermined::Stick => Status::RedundantStick,
             Undetermined::Painleve => Status::PainleveSingular,
         })
     }

@@ -3,10 +3,9 @@
 //! `D` is symmetric positive definite: there is one solution; if it is singular, `D z + q` is the same for
 //! all of them. Few gaps: every pattern of positive
 //! unknowns, the one that fits best. More: patterns that exchange all unknowns of the wrong sign at once,
-//! and where these do not end the solver of `zivi_core::vi`.
+//! and where these do not end the least accelerations that keep all gaps open (Gauss's principle).
 
-use zivi_core::vi::{self, Affine, Settings, Workspace};
-
+use super::shares::Shares;
 use crate::numeric::cholesky;
 use crate::record::gap_set::GapSet;
 
@@ -32,7 +31,7 @@ pub(super) fn solve(d: &[f64], q: &[f64]) -> Option<Solution> {
     if q.len() <= FEW {
         by_patterns(d, q)
     } else {
-        by_exchanges(d, q).or_else(|| by_pivots(d, q))
+        by_exchanges(d, q).or_else(|| by_distance(d, q))
     }
 }
 
@@ -106,29 +105,40 @@ fn by_exchanges(d: &[f64], q: &[f64]) -> Option<Solution> {
     None
 }
 
-fn by_pivots(d: &[f64], q: &[f64]) -> Option<Solution> {
+/// As the point nearest to the origin, in the metric of the masses, of those that obey `S x + q >= 0` with
+/// `D = S S^T`: `x = S^T z`, of which there is one also where `D` is singular.
+fn by_distance(d: &[f64], q: &[f64]) -> Option<Solution> {
     let k = q.len();
-    let scale = q.iter().fold(0.0_f64, |a, b| a.max(b.abs()));
-    if scale == 0.0 {
-        return Some(Solution { z: vec![0.0; k], positive: GapSet::EMPTY });
-    }
-    let scaled: Vec<f64> = q.iter().map(|q| q / scale).collect();
-    let (reals, indices) = vi::workspace_len(k);
-    let (mut reals, mut indices) = (vec![0.0; reals], vec![0; indices]);
-    let mut work = Workspace::new(k, &mut reals, &mut indices)?;
-    let (lower, upper) = (vec![0.0; k], vec![f64::INFINITY; k]);
-    let settings = Settings { tol: 1e-12, test_isolation: false, ..Settings::default() };
+    let (s, rank) = root(d, k);
+    let mut shares = Shares::new(rank);
+    (0..k).for_each(|i| shares.push(q[i], s[i * k..][..rank].iter().copied()));
+    let (_, forces) = shares.least()?;
     let mut z = vec![0.0; k];
-    let mut problem = Affine { matrix: d, q: &scaled };
-    let report = vi::solve(&mut problem, (&lower, &upper), &mut z, &settings, &mut work).ok()?;
-    if !report.status.is_success() {
-        return None;
-    }
-    // which unknowns are positive decides; their values follow exactly
-    let map = |i: usize| (0..k).map(|j| d[i * k + j] * z[j]).sum::<f64>() + scaled[i];
-    let positive: GapSet = (0..k).filter(|&i| z[i] * d[i * k + i] > map(i)).collect();
-    let z = on_pattern(d, q, positive)?;
+    forces.into_iter().for_each(|(i, force)| z[i] = force);
+    let positive: GapSet = (0..k).filter(|&i| z[i] > 0.0).collect();
+    let z = on_pattern(d, q, positive).unwrap_or(z);
     (violation(d, q, &z, positive) <= MISFIT).then_some(Solution { z, positive })
+}
+
+/// `D = S S^T` by pivots on the diagonal, row by row of `k` numbers, and how many columns `S` has.
+fn root(d: &[f64], k: usize) -> (Vec<f64>, usize) {
+    let mut s = vec![0.0; k * k];
+    let mut left: Vec<f64> = (0..k).map(|i| d[i * k + i]).collect();
+    for column in 0..k {
+        let part = |i: usize| left[i] / d[i * k + i];
+        let Some(pivot) = (0..k).max_by(|&i, &j| part(i).total_cmp(&part(j))) else { break };
+        if part(pivot).is_nan() || part(pivot) <= SINGULAR {
+            return (s, column);
+        }
+        let length = left[pivot].sqrt();
+        for i in 0..k {
+            let done: f64 = (0..column).map(|c| s[i * k + c] * s[pivot * k + c]).sum();
+            s[i * k + column] = (d[i * k + pivot] - done) / length;
+            left[i] -= s[i * k + column] * s[i * k + column];
+        }
+        left[pivot] = 0.0;
+    }
+    (s, k)
 }
 
 #[cfg(test)]
@@ -159,14 +169,14 @@ mod tests {
                     })
                     .collect();
                 let q: Vec<f64> = (0..k).map(|i| wave(i, 2.9 + f64::from(case))).collect();
-                let (one, two) = (by_patterns(&d, &q).unwrap(), by_pivots(&d, &q).unwrap());
+                let (one, two) = (by_patterns(&d, &q).unwrap(), by_distance(&d, &q).unwrap());
                 assert!(residual(&d, &q, &one.z) < 1e-12 && residual(&d, &q, &two.z) < 1e-12);
                 assert_eq!(one.positive, two.positive, "{k} {case}");
                 let exchanged = by_exchanges(&d, &q);
                 assert!(exchanged.is_none_or(|it| it == one), "{k} {case}");
                 // of speeds near the end of an accumulation, too
                 let slow: Vec<f64> = q.iter().map(|q| 1e-15 * q).collect();
-                let three = by_pivots(&d, &slow).unwrap();
+                let three = by_distance(&d, &slow).unwrap();
                 assert!(residual(&d, &slow, &three.z) < 1e-27, "{k} {case}");
                 assert_eq!(one.positive, three.positive, "{k} {case}");
             }
@@ -185,7 +195,7 @@ mod tests {
             };
             let d: Vec<f64> = (0..k * k).map(entry).collect();
             let q: Vec<f64> = (0..k).map(|i| wave(i, 2.9 + f64::from(case))).collect();
-            let (one, two) = (by_exchanges(&d, &q), by_pivots(&d, &q).unwrap());
+            let (one, two) = (by_exchanges(&d, &q), by_distance(&d, &q).unwrap());
             ended += usize::from(one.is_some());
             if let Some(one) = one {
                 assert!(residual(&d, &q, &one.z) < 1e-11 && one == two, "{case}");

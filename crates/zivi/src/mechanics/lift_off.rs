@@ -8,9 +8,10 @@
 use super::along_step::{AlongStep, Rows};
 use super::contact_probes::ContactProbes;
 use super::contact_problem::settle;
-use super::friction::decide;
+use super::friction::{decide, Level};
 use super::kinetics::{Kinetics, Model};
 use super::mode::{Contacts, Limit};
+use super::shares::Shares;
 use super::state::MechanicalState;
 use crate::numeric::bernstein::{Bernstein, MOST_DEGREE};
 use crate::record::failure::Failure;
@@ -54,8 +55,10 @@ pub(super) enum Release {
 /// Values of a contact force at the nodes, then at the checks.
 type Values = [f64; MOST_DEGREE + 3];
 
-/// A contact force over a step.
+/// A limit of the mode over a step: a contact force, or one of the sums of which the margin is the least.
 struct Fit {
+    /// The number of the limit.
+    number: usize,
     p: Bernstein,
     scale: f64,
     misfit: f64,
@@ -64,13 +67,13 @@ struct Fit {
 }
 
 impl Fit {
-    fn new(values: &Values, noise: f64) -> Self {
+    fn new(number: usize, values: &Values, noise: f64) -> Self {
         let scale = values.iter().fold(0.0_f64, |a, b| a.max(b.abs()));
         let p = through(values);
         let misfit = (0..CHECKS.len())
             .map(|k| (p.at(CHECKS[k]) - values[NODES.len() + k]).abs())
             .fold(0.0, f64::max);
-        Self { p, scale, misfit, noise }
+        Self { number, p, scale, misfit, noise }
     }
 
     /// Whether a force at `theta` is what the polynomial says.
@@ -87,9 +90,9 @@ pub(super) fn first_release<E, D: Dynamics<E>>(
     probes: Option<&mut ContactProbes>,
 ) -> Result<Release, Failure<E>> {
     let rows = along.rows(along.aside.coordinates());
-    let fits = fits_along(&rows, along)?;
+    let Some(fits) = fits_along(&rows, along)? else { return Ok(Release::Unclear) };
     let mut first: Option<(f64, usize)> = None;
-    for (i, fit) in fits.iter().enumerate() {
+    for fit in &fits {
         if fit.misfit > MISFIT.0 * fit.scale + fit.noise {
             return Ok(Release::Unclear);
         }
@@ -99,7 +102,7 @@ pub(super) fn first_release<E, D: Dynamics<E>>(
         }
         match fit.p.first_negative() {
             Some(theta) if first.is_none_or(|(before, _)| theta < before) => {
-                first = Some((theta, i));
+                first = Some((theta, fit.number));
             }
             None if fit.misfit > MISFIT.1 * fit.scale + fit.noise => {
                 return Ok(Release::Unclear);
@@ -113,7 +116,7 @@ pub(super) fn first_release<E, D: Dynamics<E>>(
             return Ok(Release::Varies(length));
         }
     }
-    Ok(first.map_or(Release::None, |(theta, i)| Release::At(theta, i)))
+    Ok(first.map_or(Release::None, |(theta, number)| Release::At(theta, number)))
 }
 
 /// The limits of the mode along a step. A force below what rounding leaves of it is none, as that
@@ -121,9 +124,10 @@ pub(super) fn first_release<E, D: Dynamics<E>>(
 fn fits_along<E, D: Dynamics<E>>(
     rows: &Rows,
     along: &mut AlongStep<'_, '_, D>,
-) -> Result<Vec<Fit>, Failure<E>> {
+) -> Result<Option<Vec<Fit>>, Failure<E>> {
     let mode = along.mode;
     let (mut forces, mut noise) = (Vec::new(), Vec::new());
+    let mut shares: Vec<Shares> = Vec::new();
     let mut first: Vec<f64> = Vec::new();
     for (k, theta) in NODES.into_iter().chain(CHECKS).enumerate() {
         along.evaluate(rows, theta)?;
@@ -132,6 +136,7 @@ fn fits_along<E, D: Dynamics<E>>(
             along.turns |= k > 0 && directions != first;
             first = directions;
         }
+        shares.extend(along.aside.shares(mode));
         let levels = along.aside.limits(mode);
         forces.resize(levels.len(), [0.0; MOST_DEGREE + 3]);
         noise.resize(levels.len(), 0.0_f64);
@@ -141,7 +146,41 @@ fn fits_along<E, D: Dynamics<E>>(
             noise[row] = noise[row].max(level.noise);
         }
     }
-    Ok(forces.iter().zip(noise).map(|(values, noise)| Fit::new(values, noise)).collect())
+    let mut fits: Vec<Fit> = Vec::new();
+    if !shares.is_empty() {
+        // the margin comes first among the limits
+        let Some(of_margin) = margin_along(&shares, noise[0]) else { return Ok(None) };
+        fits.extend(of_margin);
+    }
+    let smooth = forces.iter().zip(noise).enumerate().skip(usize::from(!shares.is_empty()));
+    fits.extend(smooth.map(|(row, (values, noise))| Fit::new(row, values, noise)));
+    Ok(Some(fits))
+}
+
+/// The margin of undetermined forces along a step: where other sums `y . a` become the least it has a kink, so
+/// each that is the least at a node is followed by itself. None if other forces are undetermined within the
+/// step than at its ends.
+fn margin_along(shares: &[Shares], noise: f64) -> Option<Vec<Fit>> {
+    if shares.len() != NODES.len() + CHECKS.len() {
+        return None;
+    }
+    let mut vertices: Vec<Vec<usize>> = Vec::new();
+    for at in shares {
+        let mut vertex: Vec<usize> = at.margin().support.iter().map(|it| it.0).collect();
+        vertex.sort_unstable();
+        if !vertex.is_empty() && !vertices.contains(&vertex) {
+            vertices.push(vertex);
+        }
+    }
+    let along = |vertex: &Vec<usize>| {
+        let mut values = [0.0; MOST_DEGREE + 3];
+        for (value, at) in values.iter_mut().zip(shares) {
+            let sum = at.combined(vertex)?;
+            *value = if sum.abs() <= noise { 0.0 } else { sum };
+        }
+        Some(Fit::new(0, &values, noise))
+    };
+    vertices.iter().map(along).collect()
 }
 
 /// Probes a step up to a part of it: the length of one that ends before the forces or the
@@ -180,7 +219,13 @@ fn conforms<E, D: Dynamics<E>>(
         return Ok(false);
     }
     let levels = along.aside.limits(along.mode);
-    Ok(fits.iter().zip(levels).all(|(fit, level)| fit.conforms(level.value, theta)))
+    // of several fits of the margin the least is meant
+    let conforms = |(number, level): (usize, &Level)| {
+        let fits = fits.iter().filter(|fit| fit.number == number);
+        let least = fits.min_by(|one, other| one.p.at(theta).total_cmp(&other.p.at(theta)));
+        least.is_none_or(|fit| fit.conforms(level.value, theta))
+    };
+    Ok(levels.iter().enumerate().all(conforms))
 }
 
 /// Opens the contacts that open where a limit of the mode is reached, in a step of length `h`: these.
@@ -220,7 +265,7 @@ pub(super) fn open<E, D: Dynamics<E>>(
     let held = match limit {
         Limit::Stick(channel, _) => mode.stick.without(GapSet::of(channel)),
         Limit::Force(_) => mode.stick,
-        Limit::Pair | Limit::Regularity => GapSet::EMPTY,
+        Limit::Margin | Limit::Regularity => GapSet::EMPTY,
     };
     let mut contacts = decide(aside, closed, &slips, held)?;
     if contacts.mode == mode && again {
@@ -254,7 +299,7 @@ fn force(limit: Limit, mut contacts: Contacts, aside: &Kinetics) -> Contacts {
             contacts.mode = contacts.mode.with_channel(channel, -sign);
             contacts.released = contacts.released.with(GapSet::of(channel));
         }
-        Limit::Pair | Limit::Regularity => (),
+        Limit::Margin | Limit::Regularity => (),
     }
     contacts
 }

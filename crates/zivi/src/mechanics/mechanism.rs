@@ -143,13 +143,13 @@ impl<D> Mechanism<'_, '_, D> {
     where
         D: Dynamics<E>,
     {
-        let (n, size) = (self.aside.coordinates(), z.len() / 2);
+        let (mode, n, size) = (mode.into(), self.aside.coordinates(), z.len() / 2);
         let (x, v) = z.split_at(size);
         self.aside.evaluate(self.model, t, &x[..n], &v[..n])?;
         self.aside.contact(mode)?;
         let mut acceleration = self.aside.accelerations();
         if let Some(power) = acceleration.get_mut(n + self.aside.layout.rows()) {
-            *power = self.aside.friction_power(&v[n..]);
+            *power = self.aside.friction_power(mode, &v[n..]);
         }
         Ok(EndOfArcs { x: x.to_vec(), v: v.to_vec(), acceleration, way: vec![0.0; size] })
     }
@@ -193,6 +193,6 @@ fn holds(at: &mut Kinetics, mode: ContactMode) -> bool {
     mode.is_frictionless()
         || at.limits(mode).iter().all(|level| match level.limit {
             Limit::Force(_) => true,
-            Limit::Stick(..) | Limit::Pair | Limit::Regularity => level.value > 0.0,
+            Limit::Stick(..) | Limit::Margin | Limit::Regularity => level.value > 0.0,
         })
 }

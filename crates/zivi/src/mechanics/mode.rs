@@ -26,8 +26,8 @@ pub(super) enum Limit {
     Force(usize),
     /// The force of a channel that sticks, in this direction.
     Stick(usize, f64),
-    /// The difference of two that one undetermined force shifts.
-    Pair,
+    /// The margin that all inequalities leave undetermined forces.
+    Margin,
     /// The determinant of `K`.
     Regularity,
 }

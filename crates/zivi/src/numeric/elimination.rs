@@ -85,17 +85,18 @@ impl Elimination {
         self.unordered(&y)
     }
 
-    /// A vector with `A x = 0`, if exactly one direction is not determined.
-    pub(crate) fn null_vector(&self) -> Option<Vec<f64>> {
+    /// The vectors with `A x = 0`: for each unknown that the others leave free the one in which it is 1
+    /// and the other free ones are 0.
+    pub(crate) fn null_space(&self) -> Vec<Vec<f64>> {
         let (n, r) = (self.n, self.rank);
-        if r + 1 != n {
-            return None;
-        }
-        let mut y: Vec<f64> = (0..n).map(|i| -self.lu[i * n + r]).collect();
-        y[r] = 0.0;
-        self.back(&mut y);
-        y[r] = 1.0;
-        Some(self.unordered(&y))
+        let null = |free: usize| {
+            let mut y: Vec<f64> =
+                (0..n).map(|i| if i < r { -self.lu[i * n + free] } else { 0.0 }).collect();
+            self.back(&mut y);
+            y[free] = 1.0;
+            self.unordered(&y)
+        };
+        (r..n).map(null).collect()
     }
 
     /// `U y = y` of the first rows.
@@ -133,7 +134,7 @@ mod tests {
         // by the first row
         let exact = -2.0 * (1.0 * 2.0 + 0.5) - 1.0 * (0.25 + 3.0);
         assert!(it.rank() == 3 && (it.determinant() - exact).abs() < 1e-13, "{it:?}");
-        assert_eq!(it.null_vector(), None);
+        assert!(it.null_space().is_empty());
         assert_eq!(Elimination::new(Vec::new(), 0, 1e-9).determinant(), 1.0);
     }
 
@@ -146,9 +147,15 @@ mod tests {
         let x = it.solve(&[1.0, -2.0, -1.0]);
         let left = times(&a, &x);
         assert!(left.iter().zip([1.0, -2.0, -1.0]).all(|(l, r)| (l - r).abs() < 1e-14), "{left:?}");
-        let none = it.null_vector().unwrap();
-        assert!(times(&a, &none).iter().all(|y| y.abs() < 1e-14) && none.contains(&1.0));
-        assert_eq!(Elimination::new(vec![0.0; 4], 2, 1e-9).null_vector(), None);
+        let none = it.null_space();
+        assert!(none.len() == 1 && none[0].contains(&1.0));
+        assert!(times(&a, &none[0]).iter().all(|y| y.abs() < 1e-14));
+        // x + 2 y - z = 0 leaves two unknowns free
+        let plane = Elimination::new([[1.0, 2.0, -1.0]; 3].as_flattened().to_vec(), 3, 1e-9);
+        let free = plane.null_space();
+        assert!(free.len() == 2 && free[0] != free[1]);
+        assert!(free.iter().all(|x| (x[0] + 2.0 * x[1] - x[2]).abs() < 1e-15 && x.contains(&1.0)));
+        assert_eq!(Elimination::new(vec![0.0; 4], 2, 1e-9).null_space().len(), 2);
         assert_eq!(Elimination::new(vec![f64::NAN, 1.0, 1.0, 1.0], 2, 1e-9).rank(), 0);
     }
 }

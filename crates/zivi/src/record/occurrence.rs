@@ -163,6 +163,9 @@ pub enum FlagKind {
     ImpactNotUnique,
     /// The forces of contact are not unique, the motion is; the size is how far they may vary.
     UndeterminedForces,
+    /// The motion depends on how contacts share their forces: gaps carry a load before joints do, with the
+    /// least forces that press, and what can stick sticks.
+    UndeterminedMotion,
     /// A slip speed touched zero: whether it sticks is not decided by the data.
     SlipGraze,
     /// No motion in contact obeyed the law of friction: an impact that no collision made.
@@ -181,6 +184,7 @@ impl FlagKind {
             FlagKind::EnergyGain => "energy_gain",
             FlagKind::ImpactNotUnique => "impact_not_unique",
             FlagKind::UndeterminedForces => "undetermined_forces",
+            FlagKind::UndeterminedMotion => "undetermined_motion",
             FlagKind::SlipGraze => "slip_graze",
             FlagKind::ImpactWithoutCollision => "impact_without_collision",
             FlagKind::ForcedLanding => "forced_landing",

@@ -29,7 +29,7 @@ pub enum Status {
     OutOfMemory = 10,
     /// A fault in this library.
     Internal = 11,
-    /// Closed gaps that do not determine their forces: one follows from the others.
+    /// Closed gaps that depend on each other, and no forces keep all of them closed.
     RedundantContacts = 12,
     /// The complementarity problem of an impact has no solution, or it was not found.
     ImpactNotSolved = 13,
@@ -43,17 +43,19 @@ pub enum Status {
     IndeterminateContact = 17,
     /// A sliding contact reached the border of Painlevé's paradox.
     PainleveSingular = 18,
-    /// More than one force of sticking contacts is not determined by the motion.
+    /// More than one force of sticking contacts is not determined by the motion: of earlier versions only.
     RedundantStick = 19,
     /// Friction changed its mode again and again at one instant.
     ModeChatter = 20,
     /// The controller's updates were rejected, all of them or all in the end.
     ControlRejected = 21,
+    /// Many steps without an event hardly advanced the time.
+    NoProgress = 22,
 }
 
 impl Status {
     /// Every status, in the order of their numbers.
-    pub const ALL: [Status; 22] = [
+    pub const ALL: [Status; 23] = [
         Status::Completed,
         Status::ForceNotFinite,
         Status::StateNotFinite,
@@ -76,6 +78,7 @@ impl Status {
         Status::RedundantStick,
         Status::ModeChatter,
         Status::ControlRejected,
+        Status::NoProgress,
     ];
 
     /// What happened, and what to try.
@@ -129,22 +132,19 @@ impl Status {
                  case, with what was written to standard error."
             }
             Status::RedundantContacts => {
-                "The closed gaps do not determine their forces: more than one of them follow from \
-                 the others, as the third and fourth foot of a rigid bar, or one asks for another \
-                 motion than they do. The trajectory ends before. Leave redundant gaps out, or \
-                 give the system a coordinate in which they yield."
+                "The closed gaps do not determine their forces: no forces keep all of them closed, or \
+                 derivatives depend on forces that are not unique. The trajectory ends before. Leave \
+                 out gaps that follow from others, or give the system a coordinate in which they yield."
             }
             Status::ImpactNotSolved => {
                 "The impulses of an impact on several gaps were not found; the trajectory ends \
                  before it. With friction Newton's law may have none: try impact_law='poisson', or \
-                 a smaller mu; more than seven rough contacts at once are not tried. Without \
-                 friction, check the mass matrix and the gradients there."
+                 a smaller mu. Without friction, check the mass matrix and the gradients there."
             }
             Status::ContactNotSolved => {
-                "Which contacts stay closed could not be decided; the trajectory ends there. More \
-                 than seven rough contacts at rest are not tried: simulate independent parts apart. \
-                 Otherwise tighten rtol and atol, and check that mass, force and gaps are smooth \
-                 there."
+                "Which contacts stay closed could not be decided; the trajectory ends there. \
+                 Look whether gaps leave the bodies no room there, tighten rtol and atol, and check \
+                 that mass, force and gaps are smooth."
             }
             Status::MassNotDefinite => {
                 "The mass matrix is not symmetric positive definite; the trajectory ends at the \
@@ -165,9 +165,8 @@ impl Status {
                  zivi.MoreauJean."
             }
             Status::RedundantStick => {
-                "More than one force of the closed contacts does not follow from the motion; the \
-                 trajectory ends before. Leave redundant contacts out, or give the system a \
-                 coordinate in which it yields."
+                "More than one force of the closed contacts does not follow from the motion: runs of \
+                 zivi 0.2 ended there."
             }
             Status::ModeChatter => {
                 "Friction changed between sticking and slipping again and again at one instant; the \
@@ -179,6 +178,12 @@ impl Status {
                  of them or all of the last tenth: the plant moved under a control that was held. \
                  Look at tick_status for the first one, and at the samples and forces there: \
                  controls must be finite, and measurements within depth of the wall."
+            }
+            Status::NoProgress => {
+                "1000 steps without an event advanced the time by less than 1e-9 of the span; the \
+                 trajectory ends at the last step. The forces are not smooth at this scale: check at \
+                 the last sample that they are functions of time and state alone, or loosen rtol and \
+                 atol."
             }
         }
     }

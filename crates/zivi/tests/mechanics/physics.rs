@@ -106,16 +106,16 @@ fn on_feet(e: f64, arms: &'static [f64]) -> Run {
 }
 
 #[test]
-fn redundant_gaps_end_the_run_with_what_was_computed() {
-    let run = on_feet(0.5, &[-1.0, -0.4, 0.4, 1.0]);
-    assert_eq!(run.status, Status::RedundantContacts);
+fn feet_bounce_to_rest_as_a_ball_however_many() {
     let fall = (2.0 * 0.5 / 9.81_f64).sqrt();
-    assert!((run.samples.t.last().unwrap() - fall).abs() < 1e-12);
-    // three bounce to rest as a ball
-    let run = on_feet(0.5, &[-1.0, 0.0, 1.0]);
-    assert_eq!(run.status, Status::Completed);
-    let rest = |it: &Occurrence| matches!(*it, Occurrence::Zeno { t, .. } if (t - 3.0 * fall).abs() < 1e-12);
-    assert_eq!(run.occurrences.iter().filter(|it| rest(it)).count(), 3);
+    for feet in
+        [&[-1.0, 0.0, 1.0][..], &[-1.0, -0.4, 0.4, 1.0], &[-1.0, -0.7, -0.1, 0.3, 0.6, 0.9, 1.0]]
+    {
+        let run = on_feet(0.5, feet);
+        assert_eq!(run.status, Status::Completed);
+        let rest = |it: &&Occurrence| matches!(**it, Occurrence::Zeno { t, .. } if (t - 3.0 * fall).abs() < 1e-12);
+        assert_eq!(run.occurrences.iter().filter(rest).count(), feet.len());
+    }
 }
 
 #[test]

@@ -1,7 +1,7 @@
 //! A state of a mechanical system by its gaps.
 
 use super::law_error::LawError;
-use crate::mechanics::balance;
+use crate::mechanics::shortest;
 use crate::numeric::cholesky;
 use crate::numeric::singular::Singular;
 use crate::numeric::vector::dot;
@@ -145,7 +145,7 @@ impl GapKinetics {
     }
 
     /// `b <- W_AA^-1 b` for the gaps of a set, in order; others stay. Where gaps of it depend on each
-    /// other, one of all solutions, for one that follows from the others that of [`balance`].
+    /// other, of all solutions the least without a negative part, or the least of all.
     pub(super) fn solve_among(&mut self, set: &[bool], b: &mut [f64]) {
         let m = self.layout.m;
         if self.is_independent && set.iter().all(|&it| it) {
@@ -165,9 +165,9 @@ impl GapKinetics {
             let found = Singular::new(&block().collect::<Vec<f64>>(), size, size);
             let rank = found.rank(REDUNDANT);
             *right = found.solve(right, rank);
-            if size == rank + 1 {
-                balance(right, found.null_space(rank));
-            }
+            let null: Vec<Vec<f64>> =
+                found.null_space(rank).chunks_exact(size).map(<[f64]>::to_vec).collect();
+            shortest(right, &null, 0..size);
         }
         chosen().zip(&*right).for_each(|(i, x)| b[i] = *x);
     }
@@ -233,12 +233,11 @@ mod tests {
         // moments about the middle: 3 f = f'
         close(bar(&[-3.0, 1.0]).contact_forces(&[true, true]), &[5.0, 15.0]);
         close(bar(&[-3.0, 0.0]).contact_forces(&[false, true]), &[0.0, 20.0]);
-        // (5, 0, 15) and (0, 15, 5) - without a negative force - are the ends of all that are possible;
-        // and so for (0, 20, 0) and (10, 0, 10)
+        // of (5, 0, 15) + alpha (-1, 3, -2) the least: alpha = 35/14
         let mut three = bar(&[-3.0, -1.0 / 3.0, 1.0]);
         close(three.contact_forces(&[true; 3]), &[2.5, 7.5, 10.0]);
         close(three.contact_forces(&[true, false, true]), &[5.0, 0.0, 15.0]);
-        close(bar(&[-1.0, 0.0, 1.0]).contact_forces(&[true; 3]), &[5.0, 10.0, 5.0]);
+        close(bar(&[-1.0, 0.0, 1.0]).contact_forces(&[true; 3]), &[20.0 / 3.0; 3]);
         // two that are not determined: the least
         close(bar(&[-1.0, -1.0, 1.0, 1.0]).contact_forces(&[true; 4]), &[5.0; 4]);
     }

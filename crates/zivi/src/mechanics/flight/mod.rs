@@ -144,6 +144,11 @@ impl SmoothMotion {
         self.linear.as_ref()?.pull(hit, state)
     }
 
+    /// Whether flights are those of a linear system.
+    pub(super) fn is_linear(&self) -> bool {
+        self.linear.is_some()
+    }
+
     /// The flights of a linear system, where they are computed as such.
     pub(super) fn linear(&mut self) -> Option<&mut LinearFlight> {
         self.linear.as_deref_mut()
@@ -213,7 +218,7 @@ impl SmoothMotion {
             let n = self.aside.coordinates();
             self.aside.evaluate(model, t, &x[..n], &v[..n])?;
             self.aside.contact(mode)?;
-            self.aside.center(mode);
+            self.aside.share_least(mode);
         }
         Ok(&self.aside.lambda)
     }
@@ -306,7 +311,7 @@ impl<E, D: Dynamics<E>> SteppedFlight<Vec<f64>, E> for Flying<'_, '_, D> {
     }
 
     fn is_curable(why: Status) -> bool {
-        !matches!(why, Status::RedundantContacts | Status::RedundantStick)
+        why != Status::RedundantContacts
     }
 
     fn is_curable_at_event(why: Status) -> bool {
@@ -475,7 +480,7 @@ impl<'m, D> Flying<'_, 'm, D> {
         let limit = {
             let mode = self.state.mode();
             let (kinetics, _) = self.state.parts();
-            kinetics.limits(mode).get(number).map_or(Limit::Pair, |level| level.limit)
+            kinetics.limits(mode).get(number).map_or(Limit::Margin, |level| level.limit)
         };
         self.arrive(x, 0.0)?;
         Ok(Next::Release { limit, h: whole })

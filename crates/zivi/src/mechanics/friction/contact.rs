@@ -1,8 +1,9 @@
 //! Contact forces with friction, equations (1).
 
 use crate::mechanics::kinetics::{Kinetics, Undetermined};
-use crate::numeric::cholesky;
+use crate::mechanics::shares::{orthonormal, shortest};
 use crate::numeric::elimination::Elimination;
+use crate::numeric::singular::Singular;
 use crate::numeric::vector::{axpy, dot};
 use crate::record::contact_mode::ContactMode;
 use crate::record::gap_set::GapSet;
@@ -11,8 +12,8 @@ use crate::record::gap_set::GapSet;
 const SINGULAR: f64 = 1e-9;
 /// Rows that are left so much by the others are determined by them.
 const DEPENDENT: f64 = 1e-9;
-/// Most patterns of stick and slip that are tried where several contacts are undecided.
-pub(super) const MOST_PATTERNS: usize = 1 << 14;
+/// Forces that accelerate the system by less, relative to what each of them alone does, do not move it.
+const MOVES: f64 = 1e-9;
 
 /// `K` of a mode, and the directions in which its forces act.
 #[derive(Clone, Debug)]
@@ -24,6 +25,18 @@ pub(in crate::mechanics) struct Edges {
     /// `1/sqrt(D_ii)` by row: with them `K` has entries of order one.
     scales: Vec<f64>,
     scaled: Elimination,
+    /// `det K` of rows that determine the others, and what the inertia is of the null space of `K`.
+    kappa: f64,
+    null: Option<NullSpace>,
+}
+
+/// The forces `nu` with `K nu = 0`, by row of the mode.
+#[derive(Clone, Debug)]
+struct NullSpace {
+    /// A basis of those that leave the motion as it is: `C nu = 0`.
+    still: Vec<Vec<f64>>,
+    /// A basis of all, if others move the system: with friction `K` has not the null space of `C`.
+    all: Vec<Vec<f64>>,
 }
 
 impl Edges {
@@ -34,12 +47,7 @@ impl Edges {
 
     /// `det K` relative to the product of the mobilities: positive outside of Painlevé's paradox.
     pub(in crate::mechanics) fn kappa(&self) -> f64 {
-        // rows that follow from others are no paradox
-        if self.scaled.rank() < self.rows.len() {
-            1.0
-        } else {
-            self.scaled.determinant()
-        }
+        self.kappa
     }
 
     /// The forces, by row of the mode, that change the rates by so much.
@@ -52,6 +60,34 @@ impl Edges {
     fn unscaled(&self, mut x: Vec<f64>) -> Vec<f64> {
         x.iter_mut().zip(&self.scales).for_each(|(x, scale)| *x *= scale);
         x
+    }
+
+    /// Makes some of the forces `x + V alpha` as small as possible; a basis of what that leaves open.
+    fn spare(
+        &self,
+        null: &[Vec<f64>],
+        x: &mut [f64],
+        spared: &dyn Fn(usize) -> bool,
+    ) -> Vec<Vec<f64>> {
+        let d = null.len();
+        if d == 0 {
+            return Vec::new();
+        }
+        let rows: Vec<usize> = (0..x.len()).filter(|&at| spared(self.rows[at])).collect();
+        let matrix: Vec<f64> =
+            rows.iter().flat_map(|&at| null.iter().map(move |nu| nu[at])).collect();
+        let parts = Singular::new(&matrix, rows.len(), d);
+        let rank = parts.values().iter().filter(|&&value| value > MOVES).count();
+        let missing: Vec<f64> = rows.iter().map(|&at| -x[at]).collect();
+        for (weight, nu) in parts.solve(&missing, rank).into_iter().zip(null) {
+            axpy(x, weight, nu);
+        }
+        let combined = |weights: &[f64]| {
+            let mut nu = vec![0.0; x.len()];
+            weights.iter().zip(null).for_each(|(weight, one)| axpy(&mut nu, *weight, one));
+            nu
+        };
+        parts.null_space(rank).chunks_exact(d).map(combined).collect()
     }
 
     /// Adds `C x` to a vector of coordinates.
@@ -75,24 +111,37 @@ impl Kinetics {
             .collect()
     }
 
-    /// As many rows of a set as determine the rest, closed gaps first.
+    /// As many rows of a set as determine the rest: closed gaps first, then their channels, then joints; of each
+    /// kind those that differ most from what there is.
     pub(in crate::mechanics) fn independent(&mut self, set: GapSet) -> GapSet {
-        let mut chosen: Vec<usize> = Vec::new();
-        for row in set.iter() {
-            chosen.push(row);
-            let k = chosen.len();
-            let mut gram = vec![0.0; k * k];
-            for (a, &i) in chosen.iter().enumerate() {
-                for (b, &j) in chosen.iter().enumerate() {
-                    gram[a * k + b] = self.d(i, j);
+        let rows: Vec<usize> = set.iter().collect();
+        let kind = |at: &Self, row: usize| match row.checked_sub(at.layout.m) {
+            None => 0,
+            Some(channel) => 1 + usize::from(at.gap_of(channel).is_none()),
+        };
+        // the rows of a Cholesky factor with pivots, and what is left of the diagonal
+        let mut factor: Vec<Vec<f64>> = vec![Vec::new(); rows.len()];
+        let diagonal: Vec<f64> = rows.iter().map(|&row| self.d(row, row)).collect();
+        let (mut left, mut chosen) = (diagonal.clone(), GapSet::EMPTY);
+        for class in 0..3 {
+            loop {
+                let may = |&i: &usize| kind(self, rows[i]) == class && !chosen.has(rows[i]);
+                let part = |i: usize| left[i] / diagonal[i];
+                let next = (0..rows.len()).filter(may).reduce(|i, j| match part(j) > part(i) {
+                    true => j,
+                    false => i,
+                });
+                let Some(next) = next.filter(|&i| part(i) >= DEPENDENT) else { break };
+                chosen = chosen.with(GapSet::of(rows[next]));
+                let (pivot, length) = (factor[next].clone(), left[next].sqrt());
+                for i in 0..rows.len() {
+                    let entry = (self.d(rows[i], rows[next]) - dot(&factor[i], &pivot)) / length;
+                    factor[i].push(entry);
+                    left[i] -= entry * entry;
                 }
             }
-            let left = cholesky::factor(&mut gram, k);
-            if left < DEPENDENT || left.is_nan() {
-                chosen.pop();
-            }
         }
-        chosen.into_iter().collect()
+        chosen
     }
 
     /// `K` of a mode.
@@ -112,21 +161,87 @@ impl Kinetics {
         }
         let scales: Vec<f64> = rows.iter().map(|&row| self.d(row, row).sqrt().recip()).collect();
         let k = rows.len();
-        let mut scaled = Vec::with_capacity(k * k);
+        let mut matrix = Vec::with_capacity(k * k);
         for (a, &row) in rows.iter().enumerate() {
             for (b, column) in columns.chunks_exact(n).enumerate() {
-                scaled.push(scales[a] * scales[b] * dot(self.normal(row), column));
+                matrix.push(scales[a] * scales[b] * dot(self.normal(row), column));
             }
         }
-        let scaled = Elimination::new(scaled, k, SINGULAR);
-        if scaled.rank() < k {
-            match k - self.independent(set).len() {
-                0 => return Err(Undetermined::Painleve),
-                1 if scaled.rank() + 1 == k => (),
-                _ => return Err(Undetermined::Stick),
+        let scaled = Elimination::new(matrix.clone(), k, SINGULAR);
+        let mut edges =
+            Edges { rows, columns, scales, kappa: scaled.determinant(), scaled, null: None };
+        if edges.scaled.rank() < k {
+            let basis = self.independent(set);
+            if edges.scaled.rank() < basis.len() {
+                return Err(Undetermined::Painleve);
             }
+            let at: Vec<usize> = (0..k).filter(|&at| basis.has(edges.rows[at])).collect();
+            let block = at.iter().flat_map(|&i| at.iter().map(move |&j| i * k + j));
+            let block = block.map(|at| matrix[at]).collect();
+            edges.kappa = Elimination::new(block, at.len(), SINGULAR).determinant();
+            edges.null = Some(self.null_space(&edges));
         }
-        Ok(Edges { rows, columns, scales, scaled })
+        Ok(edges)
+    }
+
+    /// Whether what sticks could also slip, with other shares of undetermined forces: where these move the
+    /// system once it slips.
+    pub(in crate::mechanics) fn may_slip_otherwise(&mut self, mode: ContactMode) -> bool {
+        if self.undetermined.is_empty() {
+            return false;
+        }
+        let rough: Vec<usize> = mode.stick.iter().filter(|&c| self.gap_of(c).is_some()).collect();
+        let slip = rough.into_iter().fold(mode, |mode, channel| mode.with_channel(channel, 1.0));
+        let moves = |edges: Edges| edges.null.is_some_and(|null| !null.all.is_empty());
+        slip != mode && self.edges(slip).is_ok_and(moves)
+    }
+
+    /// The null space of a singular `K`.
+    fn null_space(&self, edges: &Edges) -> NullSpace {
+        let n = self.coordinates();
+        let mass = &self.values[self.layout.mass()];
+        let null = orthonormal(&edges.scaled.null_space());
+        let d = null.len();
+        // C nu, and how large that is in the metric of the masses
+        let moved: Vec<Vec<f64>> = (null.iter())
+            .map(|nu| {
+                let mut moved = vec![0.0; n];
+                edges.push(&edges.unscaled(nu.clone()), &mut moved);
+                moved
+            })
+            .collect();
+        let pushed = |v: &[f64]| -> Vec<f64> { mass.chunks_exact(n).map(|m| dot(m, v)).collect() };
+        let mut gram = Vec::with_capacity(d * d);
+        for one in &moved {
+            let one = pushed(one);
+            gram.extend(moved.iter().map(|other| dot(&one, other)));
+        }
+        let unscaled = |all: Vec<Vec<f64>>| -> Vec<Vec<f64>> {
+            let each = all.into_iter().map(|nu| edges.unscaled(nu));
+            orthonormal(&each.collect::<Vec<_>>())
+        };
+        if (0..d).all(|i| gram[i * d + i] <= MOVES * MOVES) {
+            return NullSpace { still: unscaled(null), all: Vec::new() };
+        }
+        let parts = Singular::new(&gram, d, d);
+        let moving = parts.values().iter().filter(|&&square| square > MOVES * MOVES).count();
+        let combined = |weights: &[f64]| {
+            let mut nu = vec![0.0; edges.rows.len()];
+            weights.iter().zip(&null).for_each(|(weight, one)| axpy(&mut nu, *weight, one));
+            nu
+        };
+        let still = parts.null_space(moving).chunks_exact(d).map(combined).collect();
+        NullSpace { still: unscaled(still), all: unscaled(null) }
+    }
+
+    /// Of the forces of a mode with `K x = r` those with which it moves, where the motion depends on how
+    /// contacts share their load: gaps carry it before joints do, with the least forces that press.
+    fn carried_by_gaps(&self, edges: &Edges, all: &[Vec<f64>], x: &mut [f64]) {
+        let m = self.layout.m;
+        let is_joint = |row: usize| row >= m && self.gap_of(row - m).is_none();
+        let rest = edges.spare(all, x, &is_joint);
+        let gaps = (0..x.len()).filter(|&at| edges.rows[at] < m);
+        shortest(x, &rest, gaps);
     }
 
     /// Accelerations and forces in a mode with friction.
@@ -149,23 +264,20 @@ impl Kinetics {
             axpy(&mut motion, self.lambda[row], &along);
         }
         let right = |row: usize| -(dot(self.normal(row), &motion) + self.curvature(row));
-        let forces = edges.solve(right);
+        let mut forces = edges.solve(right);
+        self.undetermined.clear();
+        self.is_shared_motion = false;
+        if let Some(NullSpace { still, all }) = &edges.null {
+            self.is_shared_motion = !all.is_empty();
+            if self.is_shared_motion {
+                self.carried_by_gaps(&edges, all, &mut forces);
+            }
+            self.undetermined = still.iter().map(|nu| self.by_row(mode, &edges, nu)).collect();
+        }
         edges.push(&forces, &mut motion);
-        for (&row, force) in edges.rows().iter().zip(forces) {
-            self.lambda[row] = force;
-        }
-        let null = edges.scaled.null_vector().map(|null| edges.unscaled(null));
-        self.undetermined = null.map(|null| {
-            let mut by_row = vec![0.0; self.lambda.len()];
-            edges.rows().iter().zip(null).for_each(|(&row, part)| by_row[row] = part);
-            by_row
-        });
-        for channel in mode.slipping().iter() {
-            let Some(gap) = self.gap_of(channel) else { continue };
-            let pull = -self.friction_limits(channel).0 * mode.sign(channel);
-            let row = self.row(channel);
-            self.lambda[row] = pull * self.lambda[gap];
-        }
+        let joints = self.lambda.clone();
+        self.lambda = self.by_row(mode, &edges, &forces);
+        self.lambda.iter_mut().zip(joints).for_each(|(force, joint)| *force += joint);
         for row in 0..self.layout.rows() {
             self.acceleration[n + row] = dot(self.normal(row), &motion) + self.curvature(row);
         }
@@ -176,8 +288,55 @@ impl Kinetics {
         Ok(())
     }
 
-    /// The work that friction dissipates per time, with the rates by row.
-    pub(in crate::mechanics) fn friction_power(&self, rates: &[f64]) -> f64 {
+    /// Forces by row, from those in the rows of a mode: `-mu sigma lambda` where a gap slips.
+    fn by_row(&self, mode: ContactMode, edges: &Edges, forces: &[f64]) -> Vec<f64> {
+        let mut all = vec![0.0; self.layout.rows()];
+        edges.rows().iter().zip(forces).for_each(|(&row, force)| all[row] = *force);
+        for channel in mode.slipping().iter() {
+            if let Some(gap) = self.gap_of(channel) {
+                let pull = -self.friction_limits(channel).0 * mode.sign(channel);
+                all[self.row(channel)] = pull * all[gap];
+            }
+        }
+        all
+    }
+
+    /// Impulses by row, from one solution in the rows of a mode: of those that move it alike the least within
+    /// the limits of what sticks, where they can be had without the rows `spared`, without these.
+    pub(in crate::mechanics) fn impulses(
+        &self,
+        mode: ContactMode,
+        (edges, mut forces): (&Edges, Vec<f64>),
+        most: &dyn Fn(usize) -> f64,
+        spared: &dyn Fn(usize) -> bool,
+    ) -> Vec<f64> {
+        let Some(NullSpace { still, all }) = &edges.null else {
+            return self.by_row(mode, edges, &forces);
+        };
+        if !all.is_empty() {
+            self.carried_by_gaps(edges, all, &mut forces);
+        }
+        let least = |x: &[f64], null: &[Vec<f64>]| {
+            let null: Vec<Vec<f64>> = null.iter().map(|nu| self.by_row(mode, edges, nu)).collect();
+            let mut impulses = self.by_row(mode, edges, x);
+            let (_, obeyed) = self.least_within(mode, &mut impulses, &null, most);
+            (impulses, obeyed)
+        };
+        let mut without = forces.clone();
+        let rest = edges.spare(still, &mut without, spared);
+        match least(&without, &rest) {
+            (impulses, true) => impulses,
+            _ => least(&forces, still).0,
+        }
+    }
+
+    /// The work that friction dissipates per time in a mode whose forces have been computed, with the rates by
+    /// row.
+    pub(in crate::mechanics) fn friction_power(&mut self, mode: ContactMode, rates: &[f64]) -> f64 {
+        if !mode.slipping().is_empty() {
+            // what the motion leaves open the sharing decides
+            self.share_least(mode);
+        }
         let m = self.layout.m;
         -dot(&self.lambda[m..], &rates[m..self.layout.rows()])
     }
@@ -189,20 +348,9 @@ impl Kinetics {
         rate: impl Fn(usize) -> f64,
     ) -> Result<Vec<f64>, Undetermined> {
         let edges = self.edges(mode)?;
-        let (forces, mut all) = (edges.solve(rate), vec![0.0; self.layout.p]);
-        for (&row, force) in edges.rows().iter().zip(forces) {
-            match row.checked_sub(self.layout.m) {
-                Some(channel) => all[channel] = force,
-                None => {
-                    let slips = |c: &usize| mode.slipping().has(*c);
-                    if let Some(channel) = self.channel_of(row).filter(slips) {
-                        all[channel] =
-                            -self.friction_limits(channel).0 * mode.sign(channel) * force;
-                    }
-                }
-            }
-        }
-        Ok(all)
+        let most = |channel: usize| self.friction_limits(channel).0;
+        let all = self.impulses(mode, (&edges, edges.solve(rate)), &most, &|_| false);
+        Ok(all[self.layout.m..].to_vec())
     }
 
     /// How coordinates and rows move where the forces of a mode give its rows these rates.

@@ -1,4 +1,5 @@
-//! Which contacts stay closed and which channels stick: every combination, judged by its forces.
+//! Which contacts stay closed and which channels stick: every combination of a few, judged by its forces; of
+//! many that of [`super::coulomb`].
 //!
 //! A gap that touches without a speed stays closed or opens, a channel without a slip speed sticks or
 //! begins to slip one way. A combination obeys the laws where
@@ -10,8 +11,8 @@
 //! At one contact with `det K > 0` exactly one does, at the limits two with the same motion, and where
 //! `mu_s > mu` sticking continues: most closed, then most sticking, then most that stuck before.
 
-use super::contact::MOST_PATTERNS;
-use crate::mechanics::kinetics::{Kinetics, Undetermined};
+use super::coulomb::{Coulomb, Outcome, Rough, Site, MOST_PATTERNS};
+use crate::mechanics::kinetics::Kinetics;
 use crate::mechanics::mode::{Contacts, Limit};
 use crate::numeric::vector::dot;
 use crate::record::contact_mode::ContactMode;
@@ -94,29 +95,42 @@ pub(in crate::mechanics) fn decide<E>(
         }
     }
     let count = choices.iter().try_fold(1_usize, |all, it| all.checked_mul(it.count()));
-    let count = count.filter(|&count| count <= MOST_PATTERNS);
-    let count = count.ok_or(Failure::Status(Status::ContactNotSolved))?;
     let mut candidates: Vec<Candidate> = Vec::new();
-    let mut is_redundant = false;
-    for number in 0..count {
-        let (mut mode, mut rest) = (known, number);
-        for choice in &choices {
-            mode = choice.take(rest % choice.count(), mode);
-            rest /= choice.count();
+    if let Some(count) = count.filter(|&count| count <= MOST_PATTERNS) {
+        for number in 0..count {
+            let (mut mode, mut rest) = (known, number);
+            for choice in &choices {
+                mode = choice.take(rest % choice.count(), mode);
+                rest /= choice.count();
+            }
+            candidates.extend(judged(kinetics, (mode, touching), slips));
         }
-        match judged(kinetics, (mode, touching), slips) {
-            Ok(candidate) => candidates.push(candidate),
-            Err(why) => is_redundant |= why == Undetermined::Stick,
+    } else {
+        let mut tried = choices.iter().fold(known, |mode, choice| choice.take(0, mode));
+        for _ in 0..=choices.len() {
+            let Some(candidate) = judged(kinetics, (tried, touching), slips) else { break };
+            let fits = candidate.violation <= VIOLATIONS.0 && candidate.kappa > 0.0;
+            candidates.push(candidate);
+            let next = kinetics.without_violated(tried);
+            if fits || next == tried {
+                break;
+            }
+            tried = next;
+        }
+        let is_found = |it: &Candidate| it.violation <= VIOLATIONS.1;
+        if !candidates.iter().any(is_found) {
+            let mode = by_steps(kinetics, &choices, known);
+            let found = mode.and_then(|mode| judged(kinetics, (mode, touching), slips));
+            candidates.extend(found);
+        }
+        if !candidates.iter().any(is_found) {
+            return Err(Failure::Status(Status::ContactNotSolved));
         }
     }
     let mode = chosen(candidates, held)?;
     let left = touching.without(mode.closed);
     let begins = |&c: &usize| slips[c] == 0.0;
     let released: GapSet = mode.slipping().iter().filter(begins).collect();
-    // a slip that does not grow is stick, of more contacts than there are equations for
-    if is_redundant && kinetics.any_at_rest(mode, released)? {
-        return Err(Failure::Status(Status::RedundantStick));
-    }
     Ok(Contacts { mode, left, released })
 }
 
@@ -125,8 +139,8 @@ fn judged(
     kinetics: &mut Kinetics,
     (mode, touching): (ContactMode, GapSet),
     slips: &[f64],
-) -> Result<Candidate, Undetermined> {
-    kinetics.contact(mode)?;
+) -> Option<Candidate> {
+    kinetics.contact(mode).ok()?;
     let n = kinetics.coordinates();
     let mut violation = 0.0_f64;
     let mut kappa = 1.0;
@@ -153,18 +167,98 @@ fn judged(
         let misfit = excess(left.abs(), kinetics.acceleration_scale(row));
         violation = violation.max(if misfit > AGREES { misfit } else { 0.0 });
     }
-    Ok(Candidate { mode, violation, acceleration, kappa })
+    Some(Candidate { mode, violation, acceleration, kappa })
+}
+
+/// The mode of many choices by [`Coulomb`], if its steps end.
+fn by_steps(
+    kinetics: &mut Kinetics,
+    choices: &[Choice],
+    known: ContactMode,
+) -> Option<ContactMode> {
+    let mut rows: Vec<usize> = Vec::new();
+    let mut at = |row: usize| {
+        rows.push(row);
+        rows.len() - 1
+    };
+    let site = |choice: &Choice| match *choice {
+        Choice::Joint(channel) => {
+            let limits = kinetics.friction_limits(channel);
+            Site::Joint { row: at(kinetics.row(channel)), limits }
+        }
+        Choice::Gap(gap, friction) => Site::Gap {
+            normal: at(gap),
+            least: 0.0,
+            friction: friction.map(|(channel, slip)| Rough {
+                row: at(kinetics.row(channel)),
+                mu: kinetics.friction_limits(channel),
+                slip,
+            }),
+        },
+    };
+    let sites: Vec<Site> = choices.iter().map(site).collect();
+    // what slips in joints goes on with its force
+    let slipping: Vec<(usize, f64)> = (known.slipping().iter())
+        .map(|channel| {
+            let force = -kinetics.friction_limits(channel).0 * known.sign(channel);
+            (kinetics.row(channel), force)
+        })
+        .collect();
+    let mut b = Vec::with_capacity(rows.len());
+    for &row in &rows {
+        let pulled: f64 =
+            slipping.iter().map(|&(joint, force)| kinetics.d(row, joint) * force).sum();
+        b.push(kinetics.b(row) + pulled);
+    }
+    let d: Vec<f64> = rows
+        .iter()
+        .flat_map(|&i| rows.iter().map(move |&j| (i, j)))
+        .map(|(i, j)| kinetics.d(i, j))
+        .collect();
+    let outcomes = Coulomb::new(sites, &d, &b).outcomes()?;
+    let take = |mode: ContactMode, (choice, outcome): (&Choice, Outcome)| match *choice {
+        Choice::Joint(channel) => mode.with_channel(channel, outcome.slip),
+        Choice::Gap(..) if !outcome.closed => mode,
+        Choice::Gap(gap, friction) => {
+            let mode = ContactMode { closed: mode.closed.with(GapSet::of(gap)), ..mode };
+            friction.map_or(mode, |(channel, _)| mode.with_channel(channel, outcome.slip))
+        }
+    };
+    Some(choices.iter().zip(outcomes).fold(known, take))
 }
 
 impl Kinetics {
-    /// Whether the slip speed of one of the channels does not change in a mode.
-    fn any_at_rest(&mut self, mode: ContactMode, channels: GapSet) -> Result<bool, Undetermined> {
-        self.contact(mode)?;
-        let n = self.coordinates();
-        let rows: Vec<usize> = channels.iter().map(|channel| self.row(channel)).collect();
-        Ok(rows.into_iter().any(|row| {
-            self.acceleration[n + row].abs() <= VIOLATIONS.0 * self.acceleration_scale(row)
-        }))
+    /// A mode, whose forces have just been computed, without what violates the inequalities in it: gaps open,
+    /// and what sticks slips the way it is pulled. Of undetermined forces those that determine their
+    /// margin violate them together: the weights of the margin are a motion of the system.
+    fn without_violated(&mut self, mode: ContactMode) -> ContactMode {
+        let violated: Vec<Limit> = match self.shares(mode) {
+            Some(shares) => {
+                let margin = shares.margin();
+                let all = self.levels(mode);
+                let negative = margin.value < 0.0;
+                margin.support.iter().filter(|_| negative).map(|it| all[it.0].limit).collect()
+            }
+            None => {
+                let all = self.limits(mode).into_iter();
+                all.filter(|level| level.value < -level.noise).map(|level| level.limit).collect()
+            }
+        };
+        let mut next = mode;
+        for limit in &violated {
+            if let Limit::Stick(channel, sign) = *limit {
+                next = next.with_channel(channel, -sign);
+            }
+        }
+        for limit in &violated {
+            if let Limit::Force(gap) = *limit {
+                next.closed = next.closed.without(GapSet::of(gap));
+                if let Some(channel) = self.channel_of(gap) {
+                    next = next.without_channel(channel);
+                }
+            }
+        }
+        next
     }
 }
 

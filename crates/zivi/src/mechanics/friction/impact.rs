@@ -13,7 +13,7 @@
 //! all `e_t` are the common `e`, nor at one contact with `e_t = 0` and `e^2 <= 1 - c^2`, where `c` is the
 //! kinetic cosine of normal and tangent; elsewhere it may, which is told.
 
-use super::contact::{Edges, MOST_PATTERNS};
+use super::coulomb::{Coulomb, Rough, Site, MOST_PATTERNS};
 use crate::mechanics::kinetics::Kinetics;
 use crate::numeric::vector::{axpy, dot};
 use crate::record::contact_mode::ContactMode;
@@ -94,12 +94,14 @@ impl Collision<'_> {
             .chain(joints.map(|channel| (None, Some(channel))))
             .collect();
         let count = ways.iter().fold(1_usize, |all, &way| all.saturating_mul(count(way)));
-        if count > MOST_PATTERNS {
-            return Err(Failure::Status(Status::ImpactNotSolved));
-        }
         let mut found: Vec<FrictionalExchange> = Vec::new();
-        for number in 0..count {
-            found.extend(self.on_pattern(pattern(&ways, number), kinetics));
+        if count <= MOST_PATTERNS {
+            for number in 0..count {
+                found.extend(self.on_pattern(pattern(&ways, number), kinetics));
+            }
+        } else {
+            let pattern = self.by_steps(&ways, kinetics);
+            found.extend(pattern.and_then(|pattern| self.on_pattern(pattern, kinetics)));
         }
         let fastest = self.fastest(kinetics);
         if self.is_jammed {
@@ -109,6 +111,51 @@ impl Collision<'_> {
             });
         }
         chosen(found, &fastest).ok_or(Failure::Status(Status::ImpactNotSolved))
+    }
+
+    /// The pattern of many contacts.
+    fn by_steps(&self, ways: &[Way], kinetics: &mut Kinetics) -> Option<ContactMode> {
+        let m = kinetics.layout.m;
+        let mut rows: Vec<usize> = Vec::new();
+        let mut at = |row: usize| {
+            rows.push(row);
+            rows.len() - 1
+        };
+        let mut sites = Vec::with_capacity(ways.len());
+        for &(gap, channel) in ways {
+            let limits = channel.map(|channel| kinetics.friction_limits(channel));
+            let channel = channel.map(|channel| kinetics.row(channel)).zip(limits);
+            sites.push(match (gap, channel) {
+                (Some(gap), channel) => Site::Gap {
+                    normal: at(gap),
+                    least: 0.0,
+                    friction: channel.map(|(row, (mu, _))| Rough {
+                        row: at(row),
+                        mu: (mu, mu),
+                        slip: 0.0,
+                    }),
+                },
+                (None, Some((row, (slip, stick)))) => {
+                    let limits = (self.duration * slip, self.duration * stick);
+                    Site::Joint { row: at(row), limits }
+                }
+                (None, None) => return None,
+            });
+        }
+        let b: Vec<f64> = rows.iter().map(|&row| self.back(row, m) + self.free[row]).collect();
+        let mut d = Vec::with_capacity(rows.len() * rows.len());
+        for &i in &rows {
+            d.extend(rows.iter().map(|&j| kinetics.d(i, j)));
+        }
+        let mut mode = ContactMode::default();
+        for (&(gap, channel), outcome) in ways.iter().zip(Coulomb::new(sites, &d, &b).outcomes()?) {
+            if !outcome.closed {
+                continue;
+            }
+            mode.closed = gap.map_or(mode.closed, |gap| mode.closed.with(GapSet::of(gap)));
+            mode = channel.map_or(mode, |channel| mode.with_channel(channel, outcome.slip));
+        }
+        Some(mode)
     }
 
     /// The scale of the rates of each row.
@@ -151,8 +198,19 @@ impl Collision<'_> {
         if !forces.iter().all(|force| force.is_finite()) {
             return None;
         }
+        let duration = self.duration;
+        let most = |channel: usize| match at.gap_of(channel) {
+            Some(_) => at.friction_limits(channel).0,
+            None => duration * at.friction_limits(channel).1,
+        };
+        // gaps that are not hit take part only where they must
+        let is_idle = |row: usize| match row.checked_sub(at.layout.m) {
+            None => self.before[row] >= 0.0,
+            Some(channel) => at.gap_of(channel).is_some_and(|gap| self.before[gap] >= 0.0),
+        };
+        let mut impulses = at.impulses(pattern, (&edges, forces), &most, &is_idle);
+        let forces: Vec<f64> = edges.rows().iter().map(|&row| impulses[row]).collect();
         edges.push(&forces, &mut push);
-        let mut impulses = impulses(&edges, &forces, pattern, kinetics);
         for (channel, pull) in pulls.into_iter().enumerate().filter(|(_, pull)| *pull != 0.0) {
             impulses[kinetics.row(channel)] = pull;
         }
@@ -327,21 +385,6 @@ fn pattern(ways: &[Way], number: usize) -> ContactMode {
         }
     }
     mode
-}
-
-/// Impulses by row.
-fn impulses(edges: &Edges, forces: &[f64], pattern: ContactMode, kinetics: &Kinetics) -> Vec<f64> {
-    let mut all = vec![0.0; kinetics.layout.rows()];
-    for (&row, force) in edges.rows().iter().zip(forces) {
-        all[row] = *force;
-    }
-    for channel in pattern.slipping().iter() {
-        if let Some(gap) = kinetics.gap_of(channel) {
-            let pull = -kinetics.friction_limits(channel).0 * pattern.sign(channel);
-            all[kinetics.row(channel)] = pull * all[gap];
-        }
-    }
-    all
 }
 
 #[cfg(test)]

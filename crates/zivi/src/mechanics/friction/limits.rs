@@ -4,18 +4,20 @@
 //! lambda_i      mu_s lambda_i -+ f_c,  L_s -+ f_c  (c sticks)      det K  (a contact slips)     (1)
 //! ```
 //!
-//! Where the motion leaves one force undetermined, `(lambda, f) + alpha nu` with any `alpha` that keeps
-//! all of them positive will do: there is one while `a_j/nu_j + a_k/|nu_k| > 0` for all
-//! `nu_j > 0 > nu_k`, with `a` the values (1).
+//! Where the motion leaves forces undetermined, `(lambda, f) + V alpha` with any `alpha` that keeps all of
+//! them positive will do: there is one while their margin is, the largest `t` with
+//! `a_j + s_j . alpha >= t` for all `j` and some `alpha`, where `a` are the values (1).
 
 use crate::mechanics::kinetics::Kinetics;
 use crate::mechanics::mode::Limit;
+use crate::mechanics::shares::Shares;
+use crate::numeric::vector::{axpy, largest};
 use crate::record::contact_mode::ContactMode;
 use crate::record::gap_set::GapSet;
 
 /// `det K` relative to the mobilities is zero below this.
 const REGULAR: f64 = 1e-9;
-/// A part of a null vector below this is rounding.
+/// Impulses below this part of the largest are rounding.
 const NONE: f64 = 1e-9;
 
 /// A number that must stay positive.
@@ -27,26 +29,19 @@ pub(in crate::mechanics) struct Level {
     pub(in crate::mechanics) noise: f64,
 }
 
-/// A level and how it changes with the undetermined force.
-type Shifted = (Level, f64);
-
 impl Kinetics {
     /// The numbers (1) of a mode, where its forces have been computed.
     pub(in crate::mechanics) fn limits(&mut self, mode: ContactMode) -> Vec<Level> {
-        let mut all: Vec<Level> = Vec::with_capacity(mode.closed.len() + 2 * mode.stick.len() + 1);
-        for gap in mode.closed.iter() {
-            let (limit, noise) = (Limit::Force(gap), self.noise(gap) / self.d(gap, gap));
-            all.push(Level { limit, value: self.lambda[gap], noise });
-        }
-        if (self.layout.p == 0 || mode.is_frictionless()) && self.undetermined.is_none() {
+        let mut all = self.levels(mode);
+        if self.layout.p == 0 && self.undetermined.is_empty() {
             return all;
         }
-        for channel in mode.stick.iter() {
-            all.extend(self.stick_limits(channel));
-        }
-        if let Some(null) = self.undetermined.take() {
-            all = self.paired(all, &null);
-            self.undetermined = Some(null);
+        if !self.undetermined.is_empty() {
+            let margin = self.shares(mode).map(|shares| shares.margin()).unwrap_or_default();
+            let noise =
+                |(j, weight): &(usize, f64)| weight * self.unit(all[*j].limit) * all[*j].noise;
+            let noise = margin.support.iter().map(noise).sum();
+            all = vec![Level { limit: Limit::Margin, value: margin.value, noise }];
         }
         let slips = |c: usize| self.gap_of(c).is_some() && self.friction_limits(c).0 > 0.0;
         if mode.slipping().iter().any(slips) {
@@ -55,6 +50,91 @@ impl Kinetics {
             all.push(Level { limit, value, noise: 0.0 });
         }
         all
+    }
+
+    /// The same with each force by itself, also where the motion does not determine it.
+    pub(super) fn levels(&mut self, mode: ContactMode) -> Vec<Level> {
+        let mut all: Vec<Level> = Vec::with_capacity(mode.closed.len() + 2 * mode.stick.len() + 1);
+        for gap in mode.closed.iter() {
+            let (limit, noise) = (Limit::Force(gap), self.noise(gap) / self.d(gap, gap));
+            all.push(Level { limit, value: self.lambda[gap], noise });
+        }
+        for channel in mode.stick.iter() {
+            all.extend(self.stick_limits(channel));
+        }
+        all
+    }
+
+    /// How the levels of a mode change with undetermined forces, where there are any.
+    pub(in crate::mechanics) fn shares(&self, mode: ContactMode) -> Option<Shares> {
+        let most = |channel: usize| self.friction_limits(channel).1;
+        let null = &self.undetermined;
+        (!null.is_empty()).then(|| self.shares_of(mode, &self.lambda, null, &most))
+    }
+
+    /// The same of any forces, which change along the vectors `null`, with these limits of what sticks.
+    fn shares_of(
+        &self,
+        mode: ContactMode,
+        forces: &[f64],
+        null: &[Vec<f64>],
+        most: &dyn Fn(usize) -> f64,
+    ) -> Shares {
+        let mut shares = Shares::new(null.len());
+        let sides = |channel: usize| [1.0, -1.0].map(|sign| Limit::Stick(channel, sign));
+        let limits = mode.closed.iter().map(Limit::Force);
+        for limit in limits.chain(mode.stick.iter().flat_map(sides)) {
+            let unit = self.unit(limit);
+            let changes = |forces: &[f64]| match limit {
+                Limit::Stick(channel, sign) => {
+                    let pressed = self.gap_of(channel).map_or(0.0, |gap| forces[gap]);
+                    most(channel) * pressed - sign * forces[self.row(channel)]
+                }
+                Limit::Force(gap) => forces[gap],
+                Limit::Margin | Limit::Regularity => 0.0,
+            };
+            let fixed = match limit {
+                Limit::Stick(channel, _) if self.gap_of(channel).is_none() => most(channel),
+                _ => 0.0,
+            };
+            shares.push(
+                unit * (fixed + changes(forces)),
+                null.iter().map(|null| unit * changes(null)),
+            );
+        }
+        shares
+    }
+
+    /// Makes forces by row the least that obey the inequalities of a mode, among those that differ along the
+    /// vectors `null`, orthonormal in its rows; by how much one of them may vary, and whether there are such.
+    pub(super) fn least_within(
+        &self,
+        mode: ContactMode,
+        forces: &mut [f64],
+        null: &[Vec<f64>],
+        most: &dyn Fn(usize) -> f64,
+    ) -> (f64, bool) {
+        let rows = self.rows_of(mode);
+        for one in null {
+            let part: f64 = rows.iter().map(|row| one[row] * forces[row]).sum();
+            axpy(forces, -part, one);
+        }
+        let shares = self.shares_of(mode, forces, null, most);
+        let least = shares.least().map(|(alpha, _)| alpha);
+        let obeyed = least.as_ref().is_some_and(|alpha| shares.are_obeyed(alpha));
+        let alpha = least.unwrap_or_else(|| vec![0.0; null.len()]);
+        null.iter().zip(&alpha).for_each(|(one, alpha)| axpy(forces, *alpha, one));
+        let width = |(part, one): (usize, &Vec<f64>)| shares.width(&alpha, part) * largest(one);
+        (null.iter().enumerate().map(width).fold(0.0, f64::max), obeyed)
+    }
+
+    /// What makes levels of all kinds comparable: the root of the mobility of their row.
+    fn unit(&self, limit: Limit) -> f64 {
+        match limit {
+            Limit::Force(gap) => self.roots[gap],
+            Limit::Stick(channel, _) => self.roots[self.row(channel)],
+            Limit::Margin | Limit::Regularity => 1.0,
+        }
     }
 
     /// The size of the terms of a level.
@@ -67,9 +147,10 @@ impl Kinetics {
                 let pressed = self.gap_of(channel).map_or(factor, |gap| factor * of(self, gap));
                 of(self, row) + pressed
             }
-            Limit::Pair | Limit::Regularity => {
-                let m = self.layout.m;
-                (0..m).map(|gap| of(self, gap)).fold(f64::MIN_POSITIVE, f64::max)
+            Limit::Margin | Limit::Regularity => {
+                let rows = 0..self.layout.rows();
+                let of = |row: usize| of(self, row) * self.d(row, row).sqrt();
+                rows.map(of).fold(f64::MIN_POSITIVE, f64::max)
             }
         }
     }
@@ -90,45 +171,6 @@ impl Kinetics {
             value: largest - sign * force,
             noise,
         })
-    }
-
-    /// By how much a level changes with the undetermined force.
-    fn shift(&self, limit: Limit, null: &[f64]) -> f64 {
-        match limit {
-            Limit::Force(gap) => null[gap],
-            Limit::Stick(channel, sign) => {
-                let own = -sign * null[self.row(channel)];
-                let pressed = self.gap_of(channel).map_or(0.0, |gap| null[gap]);
-                own + self.friction_limits(channel).1 * pressed
-            }
-            Limit::Pair | Limit::Regularity => 0.0,
-        }
-    }
-
-    fn shifted(&self, levels: Vec<Level>, null: &[f64]) -> [Vec<Shifted>; 3] {
-        let largest = null.iter().fold(0.0_f64, |a, b| a.max(b.abs()));
-        let mut parts = [Vec::new(), Vec::new(), Vec::new()];
-        for level in levels {
-            let shift = self.shift(level.limit, null);
-            let part = if shift.abs() <= NONE * largest { 0 } else { 1 + usize::from(shift < 0.0) };
-            parts[part].push((level, shift));
-        }
-        parts
-    }
-
-    fn paired(&self, levels: Vec<Level>, null: &[f64]) -> Vec<Level> {
-        let [fixed, up, down] = self.shifted(levels, null);
-        let mut all: Vec<Level> = fixed.into_iter().map(|(level, _)| level).collect();
-        for (one, a) in &up {
-            for (other, b) in &down {
-                all.push(Level {
-                    limit: Limit::Pair,
-                    value: one.value / a - other.value / b,
-                    noise: one.noise / a - other.noise / b,
-                });
-            }
-        }
-        all
     }
 
     /// Whether impacts on the gaps `hit` keep sticking what sticks in a mode: those of flights under the
@@ -156,40 +198,26 @@ impl Kinetics {
         };
         let wanted: Vec<f64> = (0..self.layout.rows()).map(right).collect();
         let Ok(edges) = self.edges(mode) else { return false };
-        let impulses = edges.solve(|row| wanted[row]);
-        let of = |row: usize| edges.rows().iter().position(|&it| it == row).map(|at| impulses[at]);
-        let largest = impulses.iter().fold(0.0_f64, |a, b| a.max(b.abs()));
+        let most = |channel: usize| self.friction_limits(channel).0;
+        let solved = edges.solve(|row| wanted[row]);
+        let impulses = self.impulses(mode, (&edges, solved), &most, &|_| false);
+        let rounding = NONE * largest(&impulses);
         mode.stick.iter().all(|channel| {
             let Some(gap) = self.gap_of(channel) else { return true };
-            let (pressed, pull) = (of(gap).unwrap_or(0.0), of(self.row(channel)).unwrap_or(0.0));
-            pull.abs() <= self.friction_limits(channel).0 * pressed + NONE * largest
+            impulses[self.row(channel)].abs() <= most(channel) * impulses[gap] + rounding
         })
     }
 
-    /// Moves the forces of a mode to the middle of what the inequalities leave open of the one that
-    /// the motion does not determine; how far they may vary, or none if all are determined.
-    pub(in crate::mechanics) fn center(&mut self, mode: ContactMode) -> Option<f64> {
-        let null = self.undetermined.take()?;
-        let mut all: Vec<Level> = Vec::new();
-        for gap in mode.closed.iter() {
-            all.push(Level { limit: Limit::Force(gap), value: self.lambda[gap], noise: 0.0 });
-        }
-        for channel in mode.stick.iter() {
-            all.extend(self.stick_limits(channel));
-        }
-        let [_, up, down] = self.shifted(all, &null);
-        let least = up.iter().fold(f64::NEG_INFINITY, |a, (it, by)| a.max(-it.value / by));
-        let most = down.iter().fold(f64::INFINITY, |a, (it, by)| a.min(-it.value / by));
-        let (alpha, width) = match (least.is_finite(), most.is_finite()) {
-            (true, true) => (0.5 * (least + most), most - least),
-            (true, false) => (least.max(0.0), f64::INFINITY),
-            (false, true) => (most.min(0.0), f64::INFINITY),
-            (false, false) => (0.0, f64::INFINITY),
-        };
-        self.lambda.iter_mut().zip(&null).for_each(|(force, part)| *force += alpha * part);
-        let largest = null.iter().fold(0.0_f64, |a, b| a.max(b.abs()));
-        self.undetermined = Some(null);
-        Some(width * largest)
+    /// Makes the forces of a mode, where they have been computed, the least that obey the inequalities among
+    /// those with its motion; by how much one of them may vary, or none if all are determined.
+    pub(in crate::mechanics) fn share_least(&mut self, mode: ContactMode) -> Option<f64> {
+        let null = std::mem::take(&mut self.undetermined);
+        let mut forces = std::mem::take(&mut self.lambda);
+        let most = |channel: usize| self.friction_limits(channel).1;
+        let width =
+            (!null.is_empty()).then(|| self.least_within(mode, &mut forces, &null, &most).0);
+        (self.undetermined, self.lambda) = (null, forces);
+        width
     }
 }
 

@@ -10,6 +10,7 @@
 //! (Painlevé's paradox).
 
 mod contact;
+mod coulomb;
 mod decide;
 mod impact;
 mod limits;
@@ -17,3 +18,4 @@ mod restitution;
 
 pub(super) use decide::decide;
 pub(super) use impact::Collision;
+pub(super) use limits::Level;

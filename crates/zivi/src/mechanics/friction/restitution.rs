@@ -11,7 +11,6 @@
 //! P_C,N` in Coulomb's law, `E+ - E- <= -1/2 |P_C|^2 - 1/2 |P|^2 + e P_C . D P <= 0`. Poisson's impulses come in two steps, Stronge's as a path along which
 //! the slip may stop or turn inside of the impact.
 
-use super::contact::MOST_PATTERNS;
 use super::impact::{chosen, Collision, FrictionalExchange, Violation};
 use crate::mechanics::kinetics::Kinetics;
 use crate::numeric::vector::{axpy, dot};
@@ -21,6 +20,8 @@ use crate::record::gap_set::GapSet;
 use crate::system::friction::{Channel, Friction};
 use crate::Status;
 
+/// Most patterns of restitution that are tried.
+const MOST_PATTERNS: usize = 1 << 14;
 /// Pieces of the path of an impact: slip, stop, stick or slip the other way, in each phase.
 const PIECES: usize = 16;
 

@@ -1,81 +1,85 @@
-//! Contacts of which one follows from the others: the motion does not determine their forces.
+//! Contacts that follow from others: the motion does not determine their forces.
 //!
 //! ```text
-//! D_CC nu = 0      lambda + alpha nu      the same motion for every alpha                  (1)
+//! D_CC nu = 0      lambda + V alpha, V a basis of such nu      the same motion for every alpha   (1)
 //! ```
 
-use super::{dot, Kinetics, Undetermined};
+use super::{Kinetics, Undetermined};
+use crate::mechanics::shares::{orthonormal, shortest};
 use crate::record::gap_set::GapSet;
 
-/// A part of a null vector below this is rounding.
-const NONE: f64 = 1e-9;
 /// Rows that follow from others have an acceleration of this part of its terms at most.
 const CONSISTENT: f64 = 1e-7;
 
-/// Of the solutions `x + alpha nu` that in the middle of those without a negative part; if they have no
-/// end, the least.
-pub(crate) fn balance(x: &mut [f64], null: &[f64]) {
-    let largest = null.iter().fold(0.0_f64, |a, b| a.max(b.abs()));
-    let (mut least, mut most) = (f64::NEG_INFINITY, f64::INFINITY);
-    for (x, nu) in x.iter().zip(null).filter(|(_, nu)| nu.abs() > NONE * largest) {
-        match *nu > 0.0 {
-            true => least = least.max(-x / nu),
-            false => most = most.min(-x / nu),
-        }
-    }
-    let alpha = match least.is_finite() && most.is_finite() {
-        true => 0.5 * (least + most),
-        false => -dot(x, null) / dot(null, null),
-    };
-    x.iter_mut().zip(null).for_each(|(x, nu)| *x += alpha * nu);
-}
-
 impl Kinetics {
-    /// `x = D_CC^-1 r` with the right sides by row where one row follows from the others: of all
-    /// solutions that in the middle of those without a negative part; if they have no end, the least. `nu`
-    /// by the order in the set.
+    /// `x = D_CC^-1 r` with the right sides by row: zero at rows that follow from those before them.
     pub(in crate::mechanics) fn solve_dependent(
         &mut self,
         set: GapSet,
         right: impl Fn(&Self, usize) -> f64,
-    ) -> Result<Vec<f64>, Undetermined> {
+    ) -> Result<(), Undetermined> {
         let basis = self.independent(set);
-        let mut spare = set.without(basis).iter();
-        let (Some(last), None) = (spare.next(), spare.next()) else {
-            return Err(Undetermined::Contacts);
-        };
-        let of_last: Vec<f64> = (0..self.layout.rows()).map(|i| self.d(i, last)).collect();
-        let place = |i: usize| basis.iter().position(|it| it == i);
-        self.solve_regular(basis, |_, i| of_last[i])?;
-        let part: Vec<f64> = self.right[..basis.len()].to_vec();
-        let null: Vec<f64> = set.iter().map(|i| place(i).map_or(-1.0, |at| part[at])).collect();
         self.solve_regular(basis, right)?;
-        let part = &self.right[..basis.len()];
-        let mut x: Vec<f64> = set.iter().map(|i| place(i).map_or(0.0, |at| part[at])).collect();
-        balance(&mut x, &null);
-        self.right[..x.len()].copy_from_slice(&x);
-        Ok(null)
+        let mut x = self.right[..basis.len()].iter().copied();
+        let all: Vec<f64> =
+            set.iter().map(|i| if basis.has(i) { x.next().unwrap_or(0.0) } else { 0.0 }).collect();
+        self.right[..all.len()].copy_from_slice(&all);
+        Ok(())
     }
 
-    /// The forces of a set of contacts, by its order, and `nu` by row where one does not follow from the
-    /// motion.
-    pub(super) fn solve_forces(&mut self, set: GapSet) -> Result<Option<Vec<f64>>, Undetermined> {
-        if self.solve_regular(set, |at, i| -at.b[i]).is_ok() {
-            return Ok(None);
+    /// The vectors `nu` of a set of rows, one for each that follows from those before it, by row.
+    pub(in crate::mechanics) fn null_vectors(
+        &mut self,
+        set: GapSet,
+    ) -> Result<Vec<Vec<f64>>, Undetermined> {
+        let basis = self.independent(set);
+        let mut all = Vec::new();
+        for last in set.without(basis).iter() {
+            let of_last: Vec<f64> = (0..self.layout.rows()).map(|i| self.d(i, last)).collect();
+            self.solve_regular(basis, |_, i| of_last[i])?;
+            let mut null = vec![0.0; of_last.len()];
+            basis.iter().zip(&self.right).for_each(|(row, part)| null[row] = *part);
+            null[last] = -1.0;
+            all.push(null);
         }
-        let null = self.solve_dependent(set, |at, i| -at.b[i])?;
-        let forces = self.right[..set.len()].to_vec();
-        // the others must keep the contact that follows from them closed
+        Ok(all)
+    }
+
+    /// The forces of a set of contacts, by its order: of all those that keep it closed the least without a
+    /// negative part; and a basis of (1) by row, empty where there is one solution.
+    pub(super) fn solve_forces(&mut self, set: GapSet) -> Result<Vec<Vec<f64>>, Undetermined> {
+        if self.solve_regular(set, |at, i| -at.b[i]).is_ok() {
+            return Ok(Vec::new());
+        }
+        let null = orthonormal(&self.null_vectors(set)?);
+        self.solve_dependent(set, |at, i| -at.b[i])?;
+        let mut forces = vec![0.0; self.layout.rows()];
+        set.iter().zip(&self.right).for_each(|(row, force)| forces[row] = *force);
+        // the others must keep the contacts that follow from them closed
         for i in set.iter() {
-            let pushed: f64 = set.iter().zip(&forces).map(|(j, force)| self.d(i, j) * force).sum();
+            let pushed: f64 = set.iter().map(|j| self.d(i, j) * forces[j]).sum();
             let scale = self.acceleration_scale(i) + self.b[i].abs();
             if (self.b[i] + pushed).abs() > CONSISTENT * scale {
                 return Err(Undetermined::Contacts);
             }
         }
-        let mut by_row = vec![0.0; self.layout.rows()];
-        set.iter().zip(null).for_each(|(row, part)| by_row[row] = part);
-        Ok(Some(by_row))
+        shortest(&mut forces, &null, set.iter());
+        let by_order: Vec<f64> = set.iter().map(|row| forces[row]).collect();
+        self.right[..by_order.len()].copy_from_slice(&by_order);
+        Ok(null)
+    }
+
+    /// Of the solutions of [`Self::solve`] on a set of rows the least without a negative part, where one
+    /// has just been found.
+    pub(in crate::mechanics) fn least_impulses(
+        &mut self,
+        set: GapSet,
+    ) -> Result<Vec<f64>, Undetermined> {
+        let mut all = vec![0.0; self.layout.rows()];
+        set.iter().zip(&self.right).for_each(|(row, x)| all[row] = *x);
+        let null = self.null_vectors(set)?;
+        shortest(&mut all, &null, set.iter());
+        Ok(set.iter().map(|row| all[row]).collect())
     }
 }
 
@@ -111,18 +115,24 @@ mod tests {
     }
 
     #[test]
-    fn a_bar_on_three_supports_has_the_middle_of_the_forces_that_press() {
-        // a weight of 1 beside the middle: f_1 + f_2 + f_3 = 1, f_3 - f_1 = s, 0 <= f_2 <= 1 - |s|
-        for s in [-0.8, 0.0, 0.5] {
+    fn a_bar_on_three_supports_has_the_least_forces_that_press() {
+        // a weight of 1 beside the middle: f_1 + f_2 + f_3 = 1, f_3 - f_1 = s: those of equal springs,
+        // 1/3 - s/2, 1/3, 1/3 + s/2, while they press; beyond it the first has none
+        for s in [-0.8_f64, 0.0, 0.5] {
             let found = forces(&[[1.0, -1.0], [1.0, 0.0], [1.0, 1.0]], [-1.0, -s]);
-            let middle = 0.5 * (1.0 - f64::abs(s));
-            are_near(&found, &[0.5 * (1.0 - middle - s), middle, 0.5 * (1.0 - middle + s)]);
+            let springs = match s.abs() <= 2.0 / 3.0 {
+                true => [1.0 / 3.0 - s / 2.0, 1.0 / 3.0, 1.0 / 3.0 + s / 2.0],
+                false => [-s, 1.0 + s, 0.0],
+            };
+            are_near(&found, &springs);
         }
     }
 
     #[test]
-    fn between_two_walls_the_forces_are_the_least() {
-        // each may press as much more as the other
-        are_near(&forces(&[[1.0, 0.0], [-1.0, 0.0]], [-3.0, 1.0]), &[1.5, -1.5]);
+    fn between_two_walls_the_one_that_is_pressed_bears_the_load() {
+        are_near(&forces(&[[1.0, 0.0], [-1.0, 0.0]], [-3.0, 1.0]), &[3.0, 0.0]);
+        // as between two more
+        let all = [[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]];
+        are_near(&forces(&all, [-3.0, 1.0]), &[3.0, 0.0, 0.0, 1.0]);
     }
 }

@@ -260,17 +260,17 @@ impl MechanicalState {
         self.levels.clear();
         self.undetermined = None;
         self.lambda.copy_from_slice(&self.kinetics.lambda);
-        if mode.is_frictionless() && self.kinetics.undetermined.is_none() {
+        if mode.is_frictionless() && self.kinetics.undetermined.is_empty() {
             self.levels.extend(mode.closed.iter().map(|gap| self.lambda[gap]));
         } else {
             self.levels.extend(self.kinetics.limits(mode).iter().map(|it| it.value));
-            self.undetermined = self.kinetics.center(mode);
+            self.undetermined = self.kinetics.share_least(mode);
             if self.undetermined.is_some() {
                 self.lambda.copy_from_slice(&self.kinetics.lambda);
             }
         }
         if let Some(power) = self.slope.get_mut(n + rows) {
-            *power = self.kinetics.friction_power(&self.now.xdot[n..]);
+            *power = self.kinetics.friction_power(mode, &self.now.xdot[n..]);
         }
         self.is_known = true;
         Ok(())
@@ -420,6 +420,11 @@ impl MechanicalState {
     /// What the motion does not determine of the contact forces: how far they may vary.
     pub(super) fn undetermined(&self) -> Option<f64> {
         self.undetermined
+    }
+
+    /// Whether the motion here depends on how contacts share their forces.
+    pub(super) fn is_shared_motion(&mut self) -> bool {
+        self.kinetics.is_shared_motion || self.kinetics.may_slip_otherwise(self.contacts.mode)
     }
 
     /// Some of the closed gaps open.

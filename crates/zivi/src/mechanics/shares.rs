@@ -1,0 +1,338 @@
+//! Contact forces that the motion leaves undetermined: how far inequalities let them vary.
+//!
+//! ```text
+//! x = x_0 + V alpha      levels  a_j + s_j . alpha >= 0                                    (1)
+//! margin   max t :  a_j + s_j . alpha >= t     =  min y . a :  y >= 0, sum y = 1, S^T y = 0  (2)
+//! least    min |alpha|^2 :  a_j + s_j . alpha >= 0                                         (3)
+//! ```
+//!
+//! The dual form of (2) is solved by the simplex method, (3) as a problem of least distance (C. L. Lawson
+//! and R. J. Hanson, Solving Least Squares Problems, 1974, chapter 23). The margin is the minimum of
+//! the sums `y . a` at the vertices of (2): each of them varies as smoothly as the levels do.
+
+use crate::numeric::cholesky;
+use crate::numeric::elimination::Elimination;
+use crate::numeric::vector::{dot, largest};
+
+/// The margin is no larger than so many of the largest levels: there may be no bound.
+const CAP: f64 = 4.0;
+/// Numbers below this part of the largest of their kind are rounding.
+const ROUNDING: f64 = 1e-11;
+/// The equations of a vertex hold to this, and its weights are no more negative.
+const VERTEX: f64 = 1e-8;
+/// Exchanges by unknown after which a method is given up.
+const EXCHANGES: usize = 50;
+
+/// Inequalities (1) of the forces that the motion leaves undetermined.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Shares {
+    /// The number of undetermined forces.
+    d: usize,
+    a: Vec<f64>,
+    /// The rows `s_j`, one after the other.
+    s: Vec<f64>,
+}
+
+/// The margin (2).
+#[derive(Clone, Debug, Default, PartialEq)]
+pub(super) struct Margin {
+    pub(super) value: f64,
+    /// The levels that determine it with their weights `y`; none where there is no bound.
+    pub(super) support: Vec<(usize, f64)>,
+}
+
+impl Shares {
+    pub(super) fn new(d: usize) -> Self {
+        Self { d, ..Self::default() }
+    }
+
+    /// One more level.
+    pub(super) fn push(&mut self, a: f64, s: impl Iterator<Item = f64>) {
+        self.a.push(a);
+        self.s.extend(s);
+    }
+
+    fn row(&self, j: usize) -> &[f64] {
+        &self.s[j * self.d..][..self.d]
+    }
+
+    fn largest(&self) -> f64 {
+        largest(&self.a)
+    }
+
+    /// The margin (2).
+    pub(super) fn margin(&self) -> Margin {
+        let unbounded = || Margin { value: CAP * self.largest(), support: Vec::new() };
+        let Some(basis) = self.optimal_basis() else { return unbounded() };
+        let Some(weights) = self.weights(&basis) else { return unbounded() };
+        let support: Vec<(usize, f64)> =
+            basis.into_iter().zip(weights).filter(|&(_, y)| y > ROUNDING).collect();
+        match support.is_empty() {
+            true => unbounded(),
+            false => Margin { value: self.sum(&support), support },
+        }
+    }
+
+    fn sum(&self, support: &[(usize, f64)]) -> f64 {
+        support.iter().map(|&(j, y)| y * self.a[j]).sum()
+    }
+
+    /// The sum `y . a` with the weights that these levels have here; none if they are no vertex of (2).
+    pub(super) fn combined(&self, levels: &[usize]) -> Option<f64> {
+        let weights = self.weights(levels)?;
+        Some(levels.iter().zip(weights).map(|(&j, y)| y * self.a[j]).sum())
+    }
+
+    /// `y` on some levels with `S^T y = 0` and `sum y = 1`, if there is one without a negative part.
+    fn weights(&self, levels: &[usize]) -> Option<Vec<f64>> {
+        let (rows, count) = (self.d + 1, levels.len());
+        // padded to a square matrix
+        let size = rows.max(count);
+        let (mut matrix, unit) = (vec![0.0; size * size], largest(&self.s));
+        for (column, &j) in levels.iter().enumerate() {
+            let s = self.row(j);
+            s.iter().enumerate().for_each(|(i, s)| matrix[i * size + column] = s / unit);
+            matrix[self.d * size + column] = 1.0;
+        }
+        let mut right = vec![0.0; size];
+        right[self.d] = 1.0;
+        let y = Elimination::new(matrix.clone(), size, ROUNDING).solve(&right);
+        let left = |i: usize| dot(&matrix[i * size..][..size], &y) - right[i];
+        let solves = (0..rows).all(|i| left(i).abs() <= VERTEX);
+        (solves && y[..count].iter().all(|&y| y >= -VERTEX)).then(|| y[..count].to_vec())
+    }
+
+    /// The levels in an optimal basis of the dual form of (2), by the simplex method; none if only the cap is
+    /// in it. From the vertex of the cap alone, whose other unknowns are zero.
+    fn optimal_basis(&self) -> Option<Vec<usize>> {
+        let (d, j) = (self.d, self.a.len());
+        let (scale, width) = (self.largest(), j + 2);
+        let unit = largest(&self.s);
+        if scale == 0.0 || unit == 0.0 {
+            return None;
+        }
+        // the rows S^T y = 0 and sum y = 1, then the reduced costs; the columns y_j, the cap, the right side
+        let mut table = vec![0.0; (d + 2) * width];
+        for column in 0..j {
+            let s = self.row(column);
+            (0..d).for_each(|i| table[i * width + column] = s[i] / unit);
+            table[d * width + column] = 1.0;
+            table[(d + 1) * width + column] = self.a[column] / scale - CAP;
+        }
+        (table[d * width + j], table[d * width + j + 1]) = (1.0, 1.0);
+        let mut basis: Vec<Option<usize>> = vec![None; d];
+        basis.push(Some(j));
+        let pivot = |table: &mut Vec<f64>, row: usize, column: usize| {
+            let by = table[row * width + column];
+            (0..width).for_each(|k| table[row * width + k] /= by);
+            let pivots: Vec<f64> = table[row * width..][..width].to_vec();
+            for other in (0..d + 2).filter(|&other| other != row) {
+                let factor = table[other * width + column];
+                if factor != 0.0 {
+                    let to = &mut table[other * width..][..width];
+                    to.iter_mut().zip(&pivots).for_each(|(to, pivot)| *to -= factor * pivot);
+                }
+            }
+        };
+        // rows without an unknown in the basis take one: all of them are zero there
+        for row in 0..d {
+            let size = |k: usize| table[row * width + k].abs();
+            let best = (0..j).max_by(|&k, &l| size(k).total_cmp(&size(l)));
+            let Some(column) = best.filter(|&k| size(k) > ROUNDING) else { continue };
+            pivot(&mut table, row, column);
+            basis[row] = Some(column);
+        }
+        let most = EXCHANGES * (j + d + 1);
+        for exchange in 0..most {
+            let cost = |k: usize| table[(d + 1) * width + k];
+            let enters = |k: &usize| cost(*k) < -ROUNDING && !basis.contains(&Some(*k));
+            // the steepest at first; the first of all does not cycle
+            let column = match 2 * exchange < most {
+                true => (0..=j).filter(enters).min_by(|&k, &l| cost(k).total_cmp(&cost(l))),
+                false => (0..=j).find(enters),
+            };
+            let Some(column) = column else { break };
+            let mut leaves: Option<(f64, usize)> = None;
+            for row in (0..=d).filter(|&row| basis[row].is_some()) {
+                let by = table[row * width + column];
+                if by <= ROUNDING {
+                    continue;
+                }
+                let ratio = table[row * width + j + 1].max(0.0) / by;
+                let sooner = leaves.is_none_or(|(least, at)| {
+                    ratio < least || (ratio == least && basis[row] < basis[at])
+                });
+                if sooner {
+                    leaves = Some((ratio, row));
+                }
+            }
+            let Some((_, row)) = leaves else { break };
+            pivot(&mut table, row, column);
+            basis[row] = Some(column);
+        }
+        let levels: Vec<usize> = basis.into_iter().flatten().filter(|&k| k < j).collect();
+        let cap = levels.len() <= d && self.weights(&levels).is_none();
+        (!cap).then_some(levels)
+    }
+
+    /// The least `alpha` (3), and the multipliers of the rows that it reaches, of which it is the combination;
+    /// none if no `alpha` obeys the inequalities.
+    pub(super) fn least(&self) -> Option<(Vec<f64>, Vec<(usize, f64)>)> {
+        let (d, j) = (self.d, self.a.len());
+        let scale = self.largest();
+        let violated = |alpha: &[f64], k: usize| self.a[k] + dot(self.row(k), alpha);
+        let mut active: Vec<usize> = Vec::new();
+        let mut alpha = vec![0.0; d];
+        // weights of rows of length one
+        let size: Vec<f64> = (0..j).map(|k| dot(self.row(k), self.row(k)).sqrt()).collect();
+        let steepest = size.iter().fold(0.0_f64, |a, b| a.max(*b));
+        let may = |k: &usize| size[*k] > ROUNDING * steepest;
+        let mut u: Vec<f64> = Vec::new();
+        for _ in 0..EXCHANGES * (j + 1) {
+            let worst = (0..j)
+                .filter(|k| may(k) && !active.contains(k))
+                .map(|k| (violated(&alpha, k) / size[k], k))
+                .min_by(|one, other| one.0.total_cmp(&other.0));
+            let Some((by, enters)) = worst else { break };
+            if by >= -ROUNDING * scale / steepest {
+                break;
+            }
+            // the multiplier of the row that enters grows until that is obeyed; those that would
+            // become negative leave (D. Goldfarb and A. Idnani, 1983)
+            let mut grown = 0.0;
+            loop {
+                let row = self.row(enters);
+                let r = self.among(&active, |k| dot(self.row(k), row))?;
+                let mut along = row.to_vec();
+                for (&k, r) in active.iter().zip(&r) {
+                    along.iter_mut().zip(self.row(k)).for_each(|(x, s)| *x -= r * s);
+                }
+                let slope = dot(&along, row);
+                let dependent = slope <= 1e-12 * size[enters] * size[enters];
+                let full = match dependent {
+                    true => f64::INFINITY,
+                    false => -violated(&alpha, enters) / slope,
+                };
+                let mut step = full;
+                let mut leaves = None;
+                for (at, (u, r)) in u.iter().zip(&r).enumerate() {
+                    if *r > ROUNDING && u / r < step {
+                        (step, leaves) = (u / r, Some(at));
+                    }
+                }
+                if step.is_infinite() {
+                    return None;
+                }
+                if !dependent {
+                    alpha.iter_mut().zip(&along).for_each(|(x, y)| *x += step * y);
+                }
+                u.iter_mut().zip(&r).for_each(|(u, r)| *u -= step * r);
+                grown += step;
+                match leaves {
+                    Some(at) => {
+                        active.remove(at);
+                        u.remove(at);
+                    }
+                    None => {
+                        active.push(enters);
+                        u.push(grown);
+                        break;
+                    }
+                }
+            }
+        }
+        // once more from the active rows, to the last digits
+        let u = self.among(&active, |k| -self.a[k])?;
+        let mut exact = vec![0.0; d];
+        for (&k, u) in active.iter().zip(&u) {
+            exact.iter_mut().zip(self.row(k)).for_each(|(x, s)| *x += u * s);
+        }
+        Some((exact, active.into_iter().zip(u).collect()))
+    }
+
+    /// Whether the inequalities hold to rounding.
+    pub(super) fn are_obeyed(&self, alpha: &[f64]) -> bool {
+        let least = -VERTEX * self.largest();
+        self.a.iter().enumerate().all(|(k, a)| a + dot(self.row(k), alpha) >= least)
+    }
+
+    /// `(S_A S_A^T)^-1 r` of some rows.
+    fn among(&self, active: &[usize], right: impl Fn(usize) -> f64) -> Option<Vec<f64>> {
+        let k = active.len();
+        let gram: Vec<f64> =
+            (0..k * k).map(|at| dot(self.row(active[at / k]), self.row(active[at % k]))).collect();
+        let mut factor = gram.clone();
+        if cholesky::factor(&mut factor, k) <= 0.0 {
+            return None;
+        }
+        let wanted: Vec<f64> = active.iter().map(|&k| right(k)).collect();
+        let mut x = wanted.clone();
+        cholesky::solve(&factor, k, &mut x);
+        let mut left: Vec<f64> = (0..k).map(|i| wanted[i] - dot(&gram[i * k..][..k], &x)).collect();
+        cholesky::solve(&factor, k, &mut left);
+        x.iter_mut().zip(&left).for_each(|(x, more)| *x += more);
+        x.iter().all(|x| x.is_finite()).then_some(x)
+    }
+
+    /// How far the inequalities let `alpha` vary along one of its parts, from where they are obeyed.
+    pub(super) fn width(&self, alpha: &[f64], part: usize) -> f64 {
+        let (mut down, mut up) = (f64::INFINITY, f64::INFINITY);
+        let least = ROUNDING * largest(&self.s);
+        for (k, a) in self.a.iter().enumerate() {
+            let row = self.row(k);
+            let (slope, value) = (row[part], (a + dot(row, alpha)).max(0.0));
+            match slope {
+                s if s > least => down = down.min(value / s),
+                s if s < -least => up = up.min(-value / s),
+                _ => (),
+            }
+        }
+        down + up
+    }
+}
+
+/// An orthonormal basis of what some vectors span.
+pub(super) fn orthonormal(vectors: &[Vec<f64>]) -> Vec<Vec<f64>> {
+    let mut basis: Vec<Vec<f64>> = Vec::new();
+    for vector in vectors {
+        let mut next = vector.clone();
+        // twice is enough
+        for _ in 0..2 {
+            for one in &basis {
+                let part = dot(one, &next);
+                next.iter_mut().zip(one).for_each(|(x, y)| *x -= part * y);
+            }
+        }
+        let size = dot(&next, &next).sqrt();
+        if size > ROUNDING * dot(vector, vector).sqrt() {
+            next.iter_mut().for_each(|x| *x /= size);
+            basis.push(next);
+        }
+    }
+    basis
+}
+
+/// Takes from a vector its parts along an orthonormal basis.
+fn remove_along(basis: &[Vec<f64>], x: &mut [f64]) {
+    for one in basis {
+        let part = dot(one, x);
+        x.iter_mut().zip(one).for_each(|(x, y)| *x -= part * y);
+    }
+}
+
+/// Of the vectors `x + V alpha` the shortest whose parts `of` are not negative; the shortest of all if
+/// there is none.
+pub(crate) fn shortest(x: &mut [f64], null: &[Vec<f64>], of: impl Iterator<Item = usize>) {
+    if null.is_empty() {
+        return;
+    }
+    let basis = orthonormal(null);
+    remove_along(&basis, x);
+    let mut shares = Shares::new(basis.len());
+    of.for_each(|i| shares.push(x[i], basis.iter().map(|one| one[i])));
+    if let Some((alpha, _)) = shares.least() {
+        for (one, alpha) in basis.iter().zip(alpha) {
+            x.iter_mut().zip(one).for_each(|(x, y)| *x += alpha * y);
+        }
+    }
+}
