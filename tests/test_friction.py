@@ -214,7 +214,7 @@ def test_newtons_law_has_a_solution_in_a_corner_that_is_not_too_rough(seed):
 
 @pytest.mark.parametrize("count", [3, 7, 20])
 def test_many_rough_contacts_are_decided(count):
-    """Independent boxes on a floor, pulled with more or less than friction holds, at rest or falling."""
+    """Independent boxes, pulled with more or less than friction holds, at rest or falling."""
     push, pull = np.eye(2 * count)[1::2], np.eye(2 * count)[::2]
     gaps = [
         zivi.LinearGap(n, tangent=b, mu=0.3, name=str(k))

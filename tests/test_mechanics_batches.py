@@ -65,10 +65,8 @@ def test_samples_of_linear_systems_are_those_of_batches_and_of_dense_output():
 
 
 def press():
-    """A mass on the ground, and a press that comes down on it at 1 s where the other coordinate is 0."""
-    came = zivi.Gap(
-        lambda t, q: 1 - t - q[0] + q[1] ** 2, lambda t, q: [-1.0, 2 * q[1]], rate=-1.0
-    )
+    """A press comes down on a mass at 1 s where the other coordinate is 0."""
+    came = zivi.Gap(lambda t, q: 1 - t - q[0] + q[1] ** 2, lambda t, q: [-1.0, 2 * q[1]], rate=-1.0)
     gaps = [zivi.LinearGap([1, 0]), came]
     return zivi.MechanicalSystem(mass=np.eye(2), force=[-9.81, 0], gaps=gaps, e=0.5)
 

@@ -1,4 +1,4 @@
-"""Contacts of which several follow from the others; those that contradict each other end a run clearly."""
+"""Contacts of which several follow from the others; what contradicts itself ends a run."""
 
 import math
 
@@ -47,7 +47,9 @@ def press():
 
 
 @pytest.mark.parametrize("e", [0.0, 0.5, 1.0])
-@pytest.mark.parametrize("start", [(0.0, 0.0, 0.0), (0.5, 0.0, 0.0), (0.0, 0.0, -1.0), (0.5, 0.1, 0.0)])
+@pytest.mark.parametrize(
+    "start", [(0.0, 0.0, 0.0), (0.5, 0.0, 0.0), (0.0, 0.0, -1.0), (0.5, 0.1, 0.0)]
+)
 def test_a_table_on_four_legs_moves_as_one_on_two(e, start):
     """Legs between others take no part in the motion."""
     height, angle, speed = start

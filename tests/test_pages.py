@@ -21,7 +21,7 @@ STATUSES = {
     ],
 }
 WITHOUT_EXAMPLE = {"INTERNAL", "MODE_CHATTER", "REDUNDANT_STICK"}
-"""Ends that no model is known to reach, or of earlier versions; `test_friction.py` looks for one."""
+"""Ends that no model is known to reach; `test_friction.py` looks for one."""
 
 RUN_ELSEWHERE = {
     "tutorial": "test_docs_site",

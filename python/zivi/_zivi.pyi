@@ -525,9 +525,9 @@ def is_sound(row: _Array, n: int, m: int) -> bool: ...
 def contact_forces(
     row: _Array,
     n: int,
-    gap_of: Sequence[int | None],
-    closed: Sequence[bool],
-    modes: Sequence[int],
+    gap_of: list[int | None],
+    closed: list[bool],
+    modes: list[int],
 ) -> _Array | None: ...
 
 @final

@@ -61,7 +61,7 @@ class Status(NamedStatus):
     INTERNAL = 11
     """A fault in zivi itself; only in batches, whose other runs are kept."""
     REDUNDANT_CONTACTS = 12
-    """Closed gaps of a mechanical system depend on each other, and no forces keep all of them closed."""
+    """Closed gaps of a mechanism depend on each other, and no forces keep all of them closed."""
     IMPACT_NOT_SOLVED = 13
     """The impulses of an impact on several gaps were not found; with friction there may be none."""
     CONTACT_NOT_SOLVED = 14

@@ -44,7 +44,8 @@ class SwitchedRK(Settings):
     max_steps : int
         Steps, taken and rejected, after which the run ends with `Status.STEP_BUDGET`.
     max_impacts : int
-        Impacts of one accumulation, >= 3, after which the run ends with `Status.ZENO_BUDGET`.
+        Impacts of one accumulation, or at ``e = 1`` since the last rest, >= 3, after which the run
+        ends with `Status.ZENO_BUDGET`.
     flights : {"auto", "rk", "series"}
         How free flight is computed. ``"rk"``: by the Runge-Kutta pair, within the tolerances.
         ``"series"``: by power series, to rounding, for a force that is a number or a `LinearForce`,

@@ -46,8 +46,8 @@ def forces_at(
     Returns
     -------
     (ndarray, ndarray)
-        Shapes (k, m) and (k, p); zero where there is no contact, NaN where the model is not known or no
-        forces keep the gaps closed.
+        Shapes (k, m) and (k, p); zero where there is no contact, NaN where the model is not known
+        or no forces keep the gaps closed.
     """
     t, q, qdot = (np.ascontiguousarray(it) for it in states)  # compiled parts take rows
     if modes is None:

@@ -33,6 +33,9 @@ pub(super) struct Shares {
     s: Vec<f64>,
 }
 
+/// `alpha` (3), and the rows that it reaches with their multipliers.
+pub(super) type Least = (Vec<f64>, Vec<(usize, f64)>);
+
 /// The margin (2).
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(super) struct Margin {
@@ -177,7 +180,7 @@ impl Shares {
 
     /// The least `alpha` (3), and the multipliers of the rows that it reaches, of which it is the combination;
     /// none if no `alpha` obeys the inequalities.
-    pub(super) fn least(&self) -> Option<(Vec<f64>, Vec<(usize, f64)>)> {
+    pub(super) fn least(&self) -> Option<Least> {
         let (d, j) = (self.d, self.a.len());
         let scale = self.largest();
         let violated = |alpha: &[f64], k: usize| self.a[k] + dot(self.row(k), alpha);
