@@ -104,9 +104,11 @@ def check_functions(system: MechanicalSystem, model: Model, q: Array) -> None:
 
 
 def _check_open(system: MechanicalSystem, here: Evaluation, q: Array) -> None:
-    rounding = RESOLUTION * (1.0 + float(np.max(np.abs(q))))
-    for name, gap in zip(system.gap_names, here.gaps, strict=True):
-        if gap < -rounding:
+    # of the coordinates, and of the terms of a gap that cancel each other
+    terms = np.maximum(1.0, np.abs(here.gradients).sum(axis=1))
+    rounding = RESOLUTION * (1.0 + float(np.max(np.abs(q)))) * terms
+    for name, gap, least in zip(system.gap_names, here.gaps, -rounding, strict=True):
+        if gap < least:
             raise ValueError(f"gap {name!r} must be >= 0 at the start, got {gap:.6g}")
 
 
