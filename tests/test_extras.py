@@ -69,7 +69,9 @@ def test_what_is_missing_is_named_in_one_line(code, extra):
 def test_the_command_says_what_it_needs():
     done = bare("import sys; sys.argv = ['zivi', '--version']\nimport zivi.__main__ as m; m.main()")
     assert (done.returncode, done.stdout) == (2, "")
-    assert done.stderr.startswith("zivi: the commands of zivi need typer: pip install 'zivi[cli]'")
+    assert done.stderr.startswith(
+        "zivi: the commands of zivi need typer, rich: pip install 'zivi[cli]'"
+    )
     assert done.stderr.count("\n") == 1
 
 

@@ -196,7 +196,7 @@ def test_files_of_older_versions_say_what_they_lack(name, tmp_path):
         (lambda it: it["motion"].__setitem__(slice(None), 9.0), "format 9"),
         (lambda it: it.isel(motion_number=slice(0, -1)), "the stored motion is damaged"),
         (lambda it: it.isel(motion_number=slice(0, 0)), "the stored motion is damaged"),
-        (lambda it: it.attrs.update(format=6), "has format 6, this zivi reads 5: a newer wrote it"),
+        (lambda it: it.attrs.update(format=7), "has format 7, this zivi reads 6: a newer wrote it"),
         (lambda it: it.attrs.update(format="four"), "holds no run of zivi"),
         (lambda it: it.attrs.update(path="Bow"), "lacks 'Bow'"),
         (lambda it: it.attrs.update(config="{"), "holds no run of zivi"),

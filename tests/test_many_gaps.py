@@ -83,8 +83,10 @@ def test_contacts_beyond_the_first_word_open_where_their_force_vanishes():
 def test_more_than_256_are_refused():
     n = 257
     with pytest.raises(ValueError, match="gaps must be at most 256, got 257"):
+        zivi.MechanicalSystem(mass=1.0, force=[-9.81], gaps=[zivi.LinearGap([1.0])] * n)
+    with pytest.raises(ValueError, match="mass must be for at most 256 coordinates"):
         balls(np.ones(n), 0.5)
-    free = zivi.MechanicalSystem(mass=np.eye(n), force=lambda t, q, w: q, gaps=[])
+    free = zivi.MechanicalSystem(mass=lambda t, q: np.eye(n), force=lambda t, q, w: q, gaps=[])
     with pytest.raises(ValueError, match="q0 must have from 1 to 256 entries, got 257"):
         zivi.simulate(free, (0, 1), (np.ones(n), np.ones(n)))
 

@@ -47,7 +47,7 @@ def test_derivatives_of_the_gaps_against_differences(case, name):
     here = look(t, q, w)
     _check_gradients(system, look, t, q, here)
     _check_rates(system, look, (t, end), q, here)
-    _check_curvatures(system, look, t, q)
+    _check_curvatures(system, look, (t, end), q)
 
 
 def test_the_double_pendulum_against_its_formulas():

@@ -293,7 +293,7 @@ class Sensitivity(Tabulated):
         Parameters
         ----------
         speed : float
-            Smallest speed after the impact, > 0 (m/s).
+            Smallest speed before the impact, > 0 (m/s).
         limit : int
             At most so many impacts of each accumulation, >= 1.
 
@@ -313,7 +313,7 @@ class Sensitivity(Tabulated):
         >>> ball = zivi.ImpactSystem(-9.81, e=0.5)
         >>> s = zivi.sensitivity(ball, (0, 3), (1, 0), wrt=("e",))
         >>> len(s.impacts), len(s.impacts_down_to(1e-2))
-        (10, 8)
+        (10, 9)
         """
         return self._at_impacts(self.trajectory.impacts_down_to(speed, limit=limit)["t"])
 
