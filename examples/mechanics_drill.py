@@ -63,8 +63,10 @@ def strokes() -> zivi.MechanicalBranch:
 
 def power(orbit: zivi.MechanicalOrbit) -> float:
     """Give what the damper of the rock takes up, on average."""
-    t, states = np.linspace(0, orbit.period, 401)[:-1], orbit.trajectory
-    speeds = np.array([states(states.t[0] + it)[1, 1] for it in t])
+    states, after = orbit.trajectory, (np.arange(400) + 0.5) / 400 * orbit.period
+    start = states.t[0]  # of the period; the speed jumps at the blow, between two samples
+    t = start + (orbit.impacts["t"][0] - start + after) % orbit.period
+    speeds = np.array([states(it)[1, 1] for it in t])
     return float(C[1, 1] * np.mean(speeds**2))
 
 
