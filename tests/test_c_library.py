@@ -177,7 +177,7 @@ def test_the_regulator_has_the_bits_of_python(
         except ValueError:
             refused += 1
             assert code == HEADER.constants["ZIVI_E_XDOT"]
-            expected = twin.u
+            expected = twin.u or -0.5  # none was sent: 0, which the limits cut
         assert u == expected
     assert refused == 158
 

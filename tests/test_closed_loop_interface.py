@@ -30,6 +30,7 @@ from control_loops import (
     loop,
 )
 from interrupting import ctrl_c
+from zivi.plot.curves import SIGN_ROW
 
 pytestmark = pytest.mark.filterwarnings("ignore:a landing may never rest")
 
@@ -375,10 +376,11 @@ def test_plots_show_the_samples(name, tracked, regulated):
         for k, (line, quantity) in enumerate(zip(ax.lines, quantities, strict=False)):
             values = getattr(run, quantity)
             values = values[:, k] if quantity == "signs" else values
+            rows = SIGN_ROW * k if quantity == "signs" else 0.0  # one below the other
             shown = np.asarray(line.get_ydata())
             if quantity.startswith("xdot"):  # broken at impacts
                 shown = shown[~np.isnan(shown)]
-            np.testing.assert_array_equal(shown, values)
+            np.testing.assert_array_equal(shown, values - rows)
         assert "time" in ax.get_xlabel()
         assert "(" in ax.get_ylabel()
         ax.figure.canvas.draw()

@@ -35,9 +35,9 @@ def ball():
 def test_a_summary_lists_the_first_failures_and_counts_all():
     sizes = np.arange(0.0, 30.0)
     study = zivi.sweep(refuses_most, {"kind": ["x"], "size": sizes})
-    rows = cells(summary.of_study(study))
+    rows = [(str(name), str(value)) for name, value in cells(summary.of_study(study))]
     assert ("failed", "28") in rows
-    told = [row for row in rows if str(row[0]).startswith("point ")]
+    told = [row for row in rows if row[0].startswith("point ")]
     assert told == [
         (f"point {n}", f"ValueError: {float(n)} is too much") for n in range(2, 2 + summary.SHOWN)
     ]

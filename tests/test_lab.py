@@ -200,9 +200,12 @@ def test_invalid_settings_get_a_message(case):
 
 
 def test_refused_samples_are_told():
-    said = warnings(compute(Tracker(noise_x=0.1)))
+    runs = compute(Tracker(noise_x=0.1))
+    said = warnings(runs)
     assert len(said) == 2
-    assert "samples lay too deep behind the wall" in said[0]
+    for words, run in zip(said, runs.values(), strict=True):
+        assert run.n_refused > 0
+        assert f"{run.n_refused} of {run.n_updates} control updates rejected" in words
     assert warnings(compute(Tracker())) == []
 
 

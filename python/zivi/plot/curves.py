@@ -227,8 +227,8 @@ SIGN_ROW = 2.6
 def signs(run: ClosedLoop, ax: Axes | None = None, **line: Any) -> Axes:
     """Plot the multipliers of the controller's ticks, those that it has, one below the other.
 
-    Each has a row of its own, named at the left, from -1 to 1 about a thin line at 0. Parameters
-    and return value as for `control`.
+    Each has a row of its own, named at the left, from -1 to 1 about a thin line at 0.
+    Parameters and return value as for `control`.
     """
     check_run("signs", run, needs="signs", of="ClosedLoop")
     ax = axes_of(ax)
