@@ -37,7 +37,7 @@ impl Scheme {
         let (lambda_sr, lambda_vr) = (of_ref.lambda_s, of_ref.lambda_v);
         let r = self.reference.restitution().r(lambda_sr, lambda_vr);
         let target = Target { end: of_ref.end(), acceleration: lambda_sr * self.f_ref / r };
-        let it = self.step.solve(Lifted { s, v }, self.f, target);
+        let it = self.step.solve_near(Lifted { s, v }, self.f, target, lambda_vr);
         Some([it.lambda_s, it.lambda_v, lambda_sr, lambda_vr, it.lambda_es, it.lambda_ev])
     }
 
