@@ -11,7 +11,7 @@ __all__ = ["PRESETS", "name_of"]
 _BALL = Ball(e=0.42, h=1e-3, x0=1.0, xdot0=6.0, t_end=4.0)
 _TRACKER = Tracker(h=1e-3, force_ref=-19.81, t_end=2.0)
 _REST = Tracker(
-    e=0.8, h=1e-3, force_ref=-19.81, x0=2.0, xdot0=0.0, x_ref0=1.0, xdot_ref0=0.0, t_end=4.0
+    e=0.8, h=1e-3, force_ref=-19.81, x0=2.0, xdot0=0.0, x_ref0=1.1, xdot_ref0=0.0, t_end=4.0
 )
 
 PRESETS: dict[type[Settings], dict[str, Settings]] = {
