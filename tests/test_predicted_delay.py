@@ -176,11 +176,14 @@ def test_a_batch_is_single_loops_bit_for_bit():
 
 
 def test_a_general_solver_predicts_too():
-    """It differs from the exact solution, where a step has several, as it does without delay."""
+    """It differs from the exact solution, where a step has several, as it does without delay.
+
+    Steps that end with `v+ = v_r+ = 0`, at apexes of the orbit, have several or not by a rounding.
+    """
     apart = []
     for delay in (0, 3):
         exact, newton = (
-            on_the_orbit(delay, tracker(delay, solver=solver), 1.0)
+            on_the_orbit(delay, tracker(delay, solver=solver), 2.0)
             for solver in ("exact", "newton")
         )
         apart.append(np.abs(exact.x - newton.x).max())
