@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import zivi
+from example_scripts import example
 from orbit_systems import REFERENCES, chain2, shaker
 from oscillator import Oscillator
 from zivi import LinearGap
@@ -38,6 +39,16 @@ def test_the_doubling_of_the_table_is_its_closed_form(bounces):
     assert np.max(np.abs(amplitude - exact)) < 1e-11
     orbit = curve.orbits(3)
     assert np.min(np.abs(orbit.multipliers + 1.0)) < 1e-8
+
+
+@pytest.mark.slow
+def test_orbits_that_only_graze_are_motions():
+    """The linear motion of a chart's curve of grazings touches its stop, and is below it."""
+    chart = example("mechanics_chart")
+    event = chart.over_force().of_kind("grazing")[0]
+    curve = zivi.continue_curve(event, chart.NAMES, chart.SPANS, step=0.03)
+    assert curve.admissible.all()
+    assert all(curve.orbits(k).admissible for k in range(len(curve)))
 
 
 def test_a_grazing_curve_passes_the_resonance():

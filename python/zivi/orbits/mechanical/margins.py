@@ -67,9 +67,16 @@ class Margins:
         """What is least, relative to its size."""
         return min(self.lows, key=lambda it: it.value / it.size, default=None)
 
-    def why_not(self, rounding: float = 1e-11) -> str | None:
-        """Say why it is no motion; None if it is one."""
-        least = self.least
+    def why_not(self, rounding: float = 1e-11, *, grazing: bool = False) -> str | None:
+        """Say why it is no motion; None if it is one.
+
+        Where it grazes all of its impacts may be as slow as rounding: it counts by other speeds.
+        """
+        lows = self.lows
+        if grazing:
+            limit = -rounding * float(row_sizes(self.terms)[-2])
+            lows = [it for it in lows if it.kind != "grazing" or it.value < limit]
+        least = min(lows, key=lambda it: it.value / it.size, default=None)
         if least is None or least.value > -rounding * least.size:
             return None
         return OUT[least.kind].format(t=least.t, value=least.value)

@@ -134,7 +134,7 @@ class EventCurve(Tabulated):
     @property
     def admissible(self) -> np.ndarray:
         """Whether the orbit is a motion at each point."""
-        return np.array([Margins(it.terms).why_not(1e-9) is None for it in self._found], dtype=bool)
+        return np.array([_why_not(it) is None for it in self._found], dtype=bool)
 
     def of_kind(self, kind: str) -> list[CodimensionTwo]:
         """Give the points of codimension two of one kind.
@@ -369,9 +369,14 @@ def _around_least_force(orbit: MechanicalOrbit) -> tuple[Frame, Array]:
     return about(terms, min(lows, key=lambda it: it.value / it.size).t)
 
 
+def _why_not(point: CurvePoint) -> str | None:
+    """Say why a point is no motion; None if it is one."""
+    return Margins(point.terms).why_not(1e-9, grazing=True)
+
+
 def orbit_at(point: CurvePoint, multiple: int) -> MechanicalOrbit:
     """Give the orbit at a point."""
-    why = Margins(point.terms).why_not(1e-9)
+    why = _why_not(point)
     return orbit_of(
         point.terms,
         multiple,
