@@ -25,7 +25,7 @@ from zivi.orbits.mechanical.symmetry import whole_word
 
 __all__ = ["cubic_coefficient", "cubic_test", "twice"]
 
-FIRST, LONGEST, PART = 1e-4, 1e-3, 5e-3
+FIRST, LONGEST, PART = 1e-4, 3e-3, 5e-3
 """Steps of differences in scaled unknowns, and that relative to the cubic term."""
 STEP = 1e-6
 """Of a difference for the direction of a doubled orbit."""

@@ -461,9 +461,16 @@ impl<'m, D> Flying<'_, 'm, D> {
         D: Dynamics<E>,
     {
         let whole = self.motion.last().h;
+        let limit = {
+            let mode = self.state.mode();
+            let (kinetics, _) = self.state.parts();
+            kinetics.limits(mode).get(number).map_or(Limit::Margin, |level| level.limit)
+        };
+        // from beyond a kink of the margin secants take longer
+        let most = if limit == Limit::Margin { 3 * ITERATIONS } else { ITERATIONS };
         let mut one = (0.0, self.state.levels().get(number).copied().unwrap_or(0.0));
         let mut x = length;
-        for iteration in 0..ITERATIONS {
+        for iteration in 0..most {
             self.attempt(x)?;
             self.finish()?;
             let force = self.motion.at_end.levels.get(number).copied().unwrap_or(0.0);
@@ -472,16 +479,11 @@ impl<'m, D> Flying<'_, 'm, D> {
             one = (x, force);
             let rounding = 4.0 * f64::EPSILON * (self.state.now().t.abs() + x);
             let done = (next - x).abs() <= rounding;
-            if done || !next.is_finite() || iteration + 1 == ITERATIONS {
+            if done || !next.is_finite() || iteration + 1 == most {
                 break;
             }
             x = next.clamp(0.0, whole);
         }
-        let limit = {
-            let mode = self.state.mode();
-            let (kinetics, _) = self.state.parts();
-            kinetics.limits(mode).get(number).map_or(Limit::Margin, |level| level.limit)
-        };
         self.arrive(x, 0.0)?;
         Ok(Next::Release { limit, h: whole })
     }
