@@ -100,6 +100,8 @@ struct Frame {
     z: Lifted,
     target: Target,
     f: Real,
+    /// The multiplier of `sgn v+` off the wall where `v+ = 0`.
+    free: Real,
 }
 
 impl TrackingStep {
@@ -107,27 +109,20 @@ impl TrackingStep {
     #[inline]
     #[must_use]
     pub fn solve(&self, z: Lifted, f: Real, target: Target) -> Tracking {
-        // a factor and not a case: the code that follows need not be there twice
-        let side = Real::copysign(1.0, z.s + 0.0);
-        let mirrored = |Lifted { s, v }| Lifted { s: side * s, v: side * v };
-        let target = Target { end: mirrored(target.end), acceleration: side * target.acceleration };
-        let frame = Frame { step: *self, z: mirrored(z), target, f };
-        let (candidate, place) = frame.accepted();
-        frame.tracking(candidate, place).seen_from(side)
+        self.solve_near(z, f, target, 0.0)
     }
 
     /// The same with the multiplier of `sgn v+` nearest to that of `sgn v_r+`, where it is free.
     #[inline]
     #[must_use]
     pub fn solve_near(&self, z: Lifted, f: Real, target: Target, lambda_vr: Real) -> Tracking {
-        let found = self.solve(z, f, target);
-        if found.end.v != 0.0 || found.place == Place::Wall {
-            return found;
-        }
-        let Tracking { lambda_s, lambda_es, lambda_ev, .. } = found;
-        let Tracking { u, .. } =
-            self.of_signs(z, f, target, [lambda_s, lambda_vr, lambda_es, lambda_ev]);
-        Tracking { lambda_v: lambda_vr, u, ..found }
+        // a factor and not a case: the code that follows need not be there twice
+        let side = Real::copysign(1.0, z.s + 0.0);
+        let mirrored = |Lifted { s, v }| Lifted { s: side * s, v: side * v };
+        let target = Target { end: mirrored(target.end), acceleration: side * target.acceleration };
+        let frame = Frame { step: *self, z: mirrored(z), target, f, free: side * lambda_vr };
+        let (candidate, place) = frame.accepted();
+        frame.tracking(candidate, place).seen_from(side)
     }
 
     /// The end of the step and the control (20) of these `ls, lv, les, lev`.
@@ -180,7 +175,8 @@ impl Frame {
             Switch { at: at_aim, weight: h * gains.mu1() },
             Switch { at: aim.v, weight: h * gains.mu2() },
         );
-        let lambda_v = sgn(found.y);
+        let moves = found.y < 0.0 || found.y > 0.0;
+        let lambda_v = if moves { Real::copysign(1.0, found.y) } else { self.free };
         let r = restitution.r(g, lambda_v);
         // on the switch the position is the reference's, to the last bit
         let s = if found.y == at_aim { aim.s } else { self.z.s + h * (r * found.y) };
