@@ -152,7 +152,7 @@ part() {
 }
 calls() { for call in defaults init reset step; do printf '%s_%s ' "$1" $call; done; }
 if [ "$(uname -sm)" = 'Linux x86_64' ] && command -v ld >/dev/null 2>&1; then
-    part 'the ticks of regulator and tracker' 13800 regulator_step tracker_step tracker_step_to
+    part 'the ticks of regulator and tracker' 13900 regulator_step tracker_step tracker_step_to
     # shellcheck disable=SC2046
     part 'regulator and tracker, all calls' 17408 $(calls regulator) $(calls tracker) tracker_step_to
     # shellcheck disable=SC2046
