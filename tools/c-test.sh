@@ -156,9 +156,9 @@ if [ "$(uname -sm)" = 'Linux x86_64' ] && command -v ld >/dev/null 2>&1; then
     # shellcheck disable=SC2046
     part 'regulator and tracker, all calls' 17408 $(calls regulator) $(calls tracker) tracker_step_to
     # shellcheck disable=SC2046
-    part 'the tracker' 15200 $(calls tracker) tracker_step_to
+    part 'the tracker' 15400 $(calls tracker) tracker_step_to
     # shellcheck disable=SC2046
-    part 'the tracker, other periods too' 18000 $(calls tracker) tracker_step_to tracker_step_over \
+    part 'the tracker, other periods too' 18200 $(calls tracker) tracker_step_to tracker_step_over \
         tracker_step_to_over
     # shellcheck disable=SC2046
     part 'the regulator' 3600 $(calls regulator)
