@@ -70,6 +70,7 @@ def test_a_loop_that_bounces_rests_and_presses_is_the_native_one(tmp_path, fmi):
     ],
     ids=["delay", "limits", "horizon", "latch"],
 )
+@pytest.mark.filterwarnings("ignore:.*were saturated:zivi.ModelWarning")
 def test_settings_and_a_wrong_model_are_those_of_the_controller(tmp_path, settings):
     ctl = tracker(two_links().replace(m2=0.9), **settings)
     run = native(controller=ctl, reference="rest", delay=settings.get("delay", 0), end=0.9)
