@@ -175,7 +175,7 @@ impl Frame {
             Switch { at: at_aim, weight: h * gains.mu1() },
             Switch { at: aim.v, weight: h * gains.mu2() },
         );
-        let moves = found.y < 0.0 || found.y > 0.0;
+        let moves = found.y.abs() > 0.0;
         let lambda_v = if moves { Real::copysign(1.0, found.y) } else { self.free };
         let r = restitution.r(g, lambda_v);
         // on the switch the position is the reference's, to the last bit
