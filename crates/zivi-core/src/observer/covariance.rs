@@ -186,7 +186,7 @@ mod tests {
             below += u32::from(v * v + t * (v * d + (v * d + t * (d * d))) < 0.0);
             assert!(it.vv >= 0.0 && it.xx >= 0.0, "{it:?}");
             let mut it = known();
-            let root = (-v + sqrt(v * v - 2.0 * x * d.abs() * -1.0)) / d;
+            let root = (-v + sqrt(v * v + 2.0 * x * d.abs())) / d;
             it.fly(root);
             assert!(it.vv >= 0.0 && it.xx >= 0.0, "{it:?}");
             // the velocity k x - e v after an impact vanishes
