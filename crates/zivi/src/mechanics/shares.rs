@@ -6,9 +6,9 @@
 //! least    min |alpha|^2 :  a_j + s_j . alpha >= 0                                         (3)
 //! ```
 //!
-//! The dual form of (2) is solved by the simplex method, (3) as a problem of least distance (C. L. Lawson
-//! and R. J. Hanson, Solving Least Squares Problems, 1974, chapter 23). The margin is the minimum of
-//! the sums `y . a` at the vertices of (2): each of them varies as smoothly as the levels do.
+//! The dual form of (2) is solved by the simplex method, (3) by the dual active-set method of D. Goldfarb and
+//! A. Idnani (Mathematical Programming 27, 1983). The margin is the minimum of the sums `y . a` at the
+//! vertices of (2): each of them varies as smoothly as the levels do.
 
 use crate::numeric::cholesky;
 use crate::numeric::elimination::Elimination;
@@ -72,12 +72,11 @@ impl Shares {
             basis.into_iter().zip(weights).filter(|&(_, y)| y > ROUNDING).collect();
         match support.is_empty() {
             true => unbounded(),
-            false => Margin { value: self.sum(&support), support },
+            false => {
+                let value = support.iter().map(|&(j, y)| y * self.a[j]).sum();
+                Margin { value, support }
+            }
         }
-    }
-
-    fn sum(&self, support: &[(usize, f64)]) -> f64 {
-        support.iter().map(|&(j, y)| y * self.a[j]).sum()
     }
 
     /// The sum `y . a` with the weights that these levels have here; none if they are no vertex of (2).
@@ -186,7 +185,6 @@ impl Shares {
         let violated = |alpha: &[f64], k: usize| self.a[k] + dot(self.row(k), alpha);
         let mut active: Vec<usize> = Vec::new();
         let mut alpha = vec![0.0; d];
-        // weights of rows of length one
         let size: Vec<f64> = (0..j).map(|k| dot(self.row(k), self.row(k)).sqrt()).collect();
         let steepest = size.iter().fold(0.0_f64, |a, b| a.max(*b));
         let may = |k: &usize| size[*k] > ROUNDING * steepest;
@@ -201,7 +199,7 @@ impl Shares {
                 break;
             }
             // the multiplier of the row that enters grows until that is obeyed; those that would
-            // become negative leave (D. Goldfarb and A. Idnani, 1983)
+            // become negative leave, at most all of them
             let mut grown = 0.0;
             loop {
                 let row = self.row(enters);
@@ -337,5 +335,98 @@ pub(crate) fn shortest(x: &mut [f64], null: &[Vec<f64>], of: impl Iterator<Item 
         for (one, alpha) in basis.iter().zip(alpha) {
             x.iter_mut().zip(one).for_each(|(x, y)| *x += alpha * y);
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Random inequalities of `d` forces, some of which leave them without a bound.
+    fn draw(case: u32, d: usize, count: usize) -> Shares {
+        let mut random = f64::from(case).mul_add(0.618_033_988_75, 0.1).fract();
+        let mut next = || {
+            random = (random * 997.0 + 0.1).fract();
+            2.0 * random - 1.0
+        };
+        let mut shares = Shares::new(d);
+        for _ in 0..count {
+            let row: Vec<f64> = (0..d).map(|_| 1e3 * next()).collect();
+            shares.push(next() + 0.3, row.into_iter());
+        }
+        shares
+    }
+
+    /// The largest `t` at the points where three levels of two forces are equal.
+    fn margin_by_vertices(shares: &Shares) -> f64 {
+        let (count, mut best) = (shares.a.len(), f64::NEG_INFINITY);
+        let level = |j: usize, x: [f64; 2]| shares.a[j] + dot(shares.row(j), &x);
+        for (i, j, k) in
+            (0..count).flat_map(|i| (0..i).flat_map(move |j| (0..j).map(move |k| (i, j, k))))
+        {
+            let apart = |one: usize, c: usize| shares.row(one)[c] - shares.row(k)[c];
+            let (a, b, c, d) = (apart(i, 0), apart(i, 1), apart(j, 0), apart(j, 1));
+            let (p, q) = (shares.a[k] - shares.a[i], shares.a[k] - shares.a[j]);
+            let det = a * d - b * c;
+            let x = [(p * d - b * q) / det, (a * q - c * p) / det];
+            let t = level(k, x);
+            if (0..count).all(|j| level(j, x) >= t - 1e-9) {
+                best = best.max(t);
+            }
+        }
+        best
+    }
+
+    #[test]
+    fn the_margin_is_that_of_the_best_vertex() {
+        let mut bounded = 0;
+        for case in 0..300 {
+            let shares = draw(case, 2, 3 + case as usize % 6);
+            let margin = shares.margin();
+            if margin.support.is_empty() {
+                // some direction lowers none of them: one along the border of a row is among those
+                let raises = (0..shares.a.len()).any(|i| {
+                    let [x, y] = [shares.row(i)[0], shares.row(i)[1]];
+                    [[y, -x], [-y, x]]
+                        .iter()
+                        .any(|to| (0..shares.a.len()).all(|j| dot(shares.row(j), to) > -1e-6))
+                });
+                assert!(raises, "{case}");
+                continue;
+            }
+            bounded += 1;
+            let exact = margin_by_vertices(&shares);
+            assert!((margin.value - exact).abs() < 1e-11, "{case} {margin:?} {exact}");
+            // at a vertex the sum of the levels that determine it is the margin
+            let levels: Vec<usize> = margin.support.iter().map(|it| it.0).collect();
+            let sum = shares.combined(&levels).unwrap();
+            assert!((sum - exact).abs() < 1e-11, "{case}");
+        }
+        assert!(bounded > 100, "{bounded}");
+    }
+
+    #[test]
+    fn the_least_forces_obey_the_inequalities_and_pull_at_those_that_they_reach() {
+        let mut found = 0;
+        for case in 0..400 {
+            let (d, count) = (1 + case as usize % 4, 1 + case as usize % 9);
+            let shares = draw(case, d, count);
+            let Some((alpha, multipliers)) = shares.least() else {
+                assert!(shares.margin().value < 0.0, "{case}");
+                continue;
+            };
+            found += 1;
+            let level = |j: usize| shares.a[j] + dot(shares.row(j), &alpha);
+            assert!((0..count).all(|j| level(j) > -1e-10), "{case}");
+            // alpha = S^T u, u >= 0, u . level = 0
+            let mut pulled = vec![0.0; d];
+            for (j, u) in multipliers {
+                assert!(u >= 0.0 && level(j).abs() < 1e-10, "{case}");
+                pulled.iter_mut().zip(shares.row(j)).for_each(|(x, s)| *x += u * s);
+            }
+            let off = pulled.iter().zip(&alpha).map(|(x, y)| (x - y).abs());
+            assert!(off.fold(0.0, f64::max) < 1e-13, "{case}");
+        }
+        assert!(found > 200, "{found}");
     }
 }

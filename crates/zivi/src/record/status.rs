@@ -166,7 +166,7 @@ impl Status {
             }
             Status::RedundantStick => {
                 "More than one force of the closed contacts does not follow from the motion: runs of \
-                 zivi 0.2 ended there."
+                 earlier versions ended there."
             }
             Status::ModeChatter => {
                 "Friction changed between sticking and slipping again and again at one instant; the \

@@ -25,8 +25,9 @@ pub(in crate::mechanics) struct Edges {
     /// `1/sqrt(D_ii)` by row: with them `K` has entries of order one.
     scales: Vec<f64>,
     scaled: Elimination,
-    /// `det K` of rows that determine the others, and what the inertia is of the null space of `K`.
+    /// `det K` of rows that determine the others.
     kappa: f64,
+    /// Of a singular `K`.
     null: Option<NullSpace>,
 }
 

@@ -1,7 +1,7 @@
 //! Many contacts with friction at once: which of them open, stick and slip.
 //!
 //! ```text
-//! v = b + D x      0 <= p - p_0  perp  v_n >= 0      f in -mu p Sign(v_t),   -L Sign(v_t) in a joint   (1)
+//! v = b + D x      0 <= p  perp  v_n >= 0            f in -mu p Sign(v_t),   -L Sign(v_t) in a joint   (1)
 //! x_j+1 solves (1) with D + eps I and b - eps x_j                                                     (2)
 //! ```
 //!
@@ -18,16 +18,17 @@ const PROXIMAL: f64 = 0.1;
 /// Most proximal steps, and most sweeps over all contacts in one of them.
 const STEPS: usize = 60;
 const SWEEPS: usize = 3000;
-/// Changes below this part of the largest number end an iteration.
+/// Changes below this part of the largest number end the sweeps, and the proximal steps.
 const SETTLED: f64 = 1e-13;
+const STEADY: f64 = 1e-11;
 /// Rates below this part of the largest term are none.
 const STILL: f64 = 1e-9;
 
 /// What acts in one place.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum Site {
-    /// A gap with its row of the problem; the least force.
-    Gap { normal: usize, least: f64, friction: Option<Rough> },
+    /// A gap with its row of the problem.
+    Gap { normal: usize, friction: Option<Rough> },
     /// A joint with its row, and the limits of its force in slip and in stick.
     Joint { row: usize, limits: (f64, f64) },
 }
@@ -66,9 +67,8 @@ impl Coulomb {
         let b = b.iter().zip(&root).map(|(b, root)| b / root).collect();
         let both = |(one, other): (f64, f64), by: f64| (one * by, other * by);
         let scaled = |site: &Site| match *site {
-            Site::Gap { normal, least, friction } => Site::Gap {
+            Site::Gap { normal, friction } => Site::Gap {
                 normal,
-                least: least * root[normal],
                 friction: friction.map(|rough| Rough {
                     mu: both(rough.mu, root[rough.row] / root[normal]),
                     ..rough
@@ -79,7 +79,7 @@ impl Coulomb {
         Self { sites: sites.iter().map(scaled).collect(), d, b }
     }
 
-    /// What each site does; none if the iteration does not end.
+    /// What each site does, after as many steps as are allowed; none if numbers overflow.
     pub(super) fn outcomes(&self) -> Option<Vec<Outcome>> {
         let k = self.b.len();
         let mut x = vec![0.0; k];
@@ -99,7 +99,7 @@ impl Coulomb {
                 return None;
             }
             let moved = x.iter().zip(&before).fold(0.0_f64, |a, (x, y)| a.max((x - y).abs()));
-            if moved <= SETTLED.sqrt() * STILL.sqrt() * size(&x) {
+            if moved <= STEADY * size(&x) {
                 break;
             }
         }
@@ -131,17 +131,17 @@ impl Coulomb {
                 let force = if held.abs() <= stick { held } else { slip * held.signum() };
                 set(x, row, force)
             }
-            Site::Gap { normal, least, friction: None } => {
-                let force = (-others(x, normal) / diagonal).max(least);
+            Site::Gap { normal, friction: None } => {
+                let force = (-others(x, normal) / diagonal).max(0.0);
                 set(x, normal, force)
             }
-            Site::Gap { normal, least, friction: Some(Rough { row, mu: (mu, mu_s), slip }) } => {
+            Site::Gap { normal, friction: Some(Rough { row, mu: (mu, mu_s), slip }) } => {
                 let c = entry(normal, row);
                 let g = others(x, normal) - c * x[row];
                 let w = others(x, row) - c * x[normal];
                 let sliding = |sign: f64| -g / (diagonal - mu * sign * c);
                 let (p, f) = if slip != 0.0 {
-                    let p = sliding(slip).max(least);
+                    let p = sliding(slip).max(0.0);
                     (p, -mu * slip * p)
                 } else {
                     let determinant = diagonal * diagonal - c * c;
@@ -150,16 +150,14 @@ impl Coulomb {
                     let slides = |sign: f64| {
                         let p = sliding(sign);
                         let slip = w + c * p - diagonal * mu * sign * p;
-                        (p >= least && sign * slip >= 0.0).then_some((p, -mu * sign * p))
+                        (p >= 0.0 && sign * slip >= 0.0).then_some((p, -mu * sign * p))
                     };
-                    if p >= least && f.abs() <= mu_s * p {
+                    if p >= 0.0 && f.abs() <= mu_s * p {
                         (p, f)
                     } else if let Some(found) = slides(1.0).or_else(|| slides(-1.0)) {
                         found
                     } else {
-                        let held = -(w + c * least) / diagonal;
-                        let limit = mu * least;
-                        (least, held.clamp(-limit, limit))
+                        (0.0, 0.0)
                     }
                 };
                 let moved = set(x, normal, p);

@@ -170,7 +170,7 @@ fn judged(
     Some(Candidate { mode, violation, acceleration, kappa })
 }
 
-/// The mode of many choices by [`Coulomb`], if its steps end.
+/// The mode of many choices by [`Coulomb`], unless numbers overflow.
 fn by_steps(
     kinetics: &mut Kinetics,
     choices: &[Choice],
@@ -188,7 +188,6 @@ fn by_steps(
         }
         Choice::Gap(gap, friction) => Site::Gap {
             normal: at(gap),
-            least: 0.0,
             friction: friction.map(|(channel, slip)| Rough {
                 row: at(kinetics.row(channel)),
                 mu: kinetics.friction_limits(channel),

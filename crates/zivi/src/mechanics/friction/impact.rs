@@ -128,7 +128,6 @@ impl Collision<'_> {
             sites.push(match (gap, channel) {
                 (Some(gap), channel) => Site::Gap {
                     normal: at(gap),
-                    least: 0.0,
                     friction: channel.map(|(row, (mu, _))| Rough {
                         row: at(row),
                         mu: (mu, mu),
