@@ -154,10 +154,8 @@ impl Coulomb {
                     };
                     if p >= 0.0 && f.abs() <= mu_s * p {
                         (p, f)
-                    } else if let Some(found) = slides(1.0).or_else(|| slides(-1.0)) {
-                        found
                     } else {
-                        (0.0, 0.0)
+                        slides(1.0).or_else(|| slides(-1.0)).unwrap_or((0.0, 0.0))
                     }
                 };
                 let moved = set(x, normal, p);
