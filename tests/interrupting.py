@@ -2,6 +2,7 @@
 
 import contextlib
 import faulthandler
+import gc
 import signal
 import sys
 import threading
@@ -58,6 +59,16 @@ def ctrl_c(when=lambda: True, *, by="timer", answers=3):
             sender.join()
         signal.signal(number, before)
         faulthandler.cancel_dump_traceback_later()
+
+
+@contextlib.contextmanager
+def collector_off():
+    """Turn the collector off: what its callbacks raise is lost, and Hypothesis has one."""
+    gc.disable()
+    try:
+        yield
+    finally:
+        gc.enable()
 
 
 def calls_in(work):

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import zivi
+from interrupting import collector_off
 
 
 class Broken(Exception):  # noqa: N818 - the name of an exception of a user
@@ -158,7 +159,8 @@ def test_what_raised_is_freed(name, interruptible):
 
     def once():
         try:
-            RAISE[name]()
+            with collector_off():
+                RAISE[name]()
         except Broken as error:
             known.append(weakref.ref(error))
         except KeyboardInterrupt:

@@ -18,7 +18,7 @@ import xarray as xr
 
 import sweep_functions as functions
 import zivi
-from interrupting import HANGS, wait_for
+from interrupting import HANGS, collector_off, wait_for
 from test_sweep_executors import files
 from zivi.study.folder import FolderStore
 from zivi.study.pools import Pool
@@ -100,7 +100,7 @@ def slow(x):
 def test_ctrl_c_keeps_what_is_done(executor, tmp_path):
     PRESSED.clear()
     call = {"function": slow, "points": {"x": range(100)}, "out": tmp_path / "a", "chunk": 50}
-    with pytest.raises(KeyboardInterrupt) as stop:
+    with collector_off(), pytest.raises(KeyboardInterrupt) as stop:
         zivi.sweep(**call, executor=executor, workers=2 if executor else None)
     study = stop.value.study
     assert study.status[:20].all()
@@ -126,7 +126,7 @@ def test_ctrl_c_stops_threads_after_the_points_that_they_are_at(monkeypatch):
         return x
 
     # two tasks of 100 points, which are looked at anew every two seconds
-    with pytest.raises(KeyboardInterrupt) as stop:
+    with collector_off(), pytest.raises(KeyboardInterrupt) as stop:
         zivi.sweep(slow, {"x": range(200)}, executor="threads", workers=2, chunk=100)
     assert stop.value.study.status[:20].all()
     assert len(later) <= 2
