@@ -116,6 +116,19 @@ def test_sweep(place):
     assert files_before == {p: p.stat().st_mtime_ns for p in Path("sweep.zarr").rglob("0")}
 
 
+def test_sweep_of_more_values_computes_the_new_ones(place):
+    run("sweep", "sweep.toml", "-q")
+    before = zivi.open_study("sweep.zarr").rest_time.load()
+    change("sweep.toml", "[0.3, 0.5, 0.7]", "[0.7, 0.4, 0.3, 0.5]")
+    record = json.loads(run("sweep", "sweep.toml", "--json").output)
+    assert record["points"] == 4 * before.size // 3
+    after = zivi.open_study("sweep.zarr").rest_time
+    assert after.e.values.tolist() == [0.7, 0.4, 0.3, 0.5]
+    assert np.array_equal(after.sel(e=before.e), before)
+    run("sweep", "sweep.toml", "-q", "--out", "whole.zarr")
+    assert np.array_equal(after, zivi.open_study("whole.zarr").rest_time)
+
+
 @pytest.mark.parametrize("executor", ["threads", "processes"])
 def test_executors_give_the_same(place, executor):
     run("sweep", "sweep.toml", "-q")

@@ -162,7 +162,7 @@ def test_nothing_is_computed_twice(tmp_path):
     ("change", "difference"),
     [
         ({"function": functions.noted}, "the function: 'sweep_functions.product' there"),
-        ({"points": {"x": np.arange(9.0), "y": POINTS["y"]}}, r"the number of points: \[8, 16\]"),
+        ({"points": {"x": np.arange(7.0), "y": POINTS["y"]}}, r"the number of points: \[8, 16\]"),
         ({"points": {"x": np.arange(8.0) + 1, "y": POINTS["y"]}}, "the values of the parameters"),
         (
             {"points": zivi.points(x=[1.0], y=[1.0])},

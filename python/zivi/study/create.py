@@ -16,7 +16,7 @@ from zivi.study.head import Head, write_json
 from zivi.study.replacement import write_bytes
 from zivi.study.store import Labels
 
-__all__ = ["create"]
+__all__ = ["create", "head_of", "write_empty"]
 
 
 def create(path: Path, design: Design, identity: dict[str, Any], labels: Labels) -> bool:
@@ -27,17 +27,9 @@ def create(path: Path, design: Design, identity: dict[str, Any], labels: Labels)
     needed("zarr", "studies in a folder")
     path.parent.mkdir(parents=True, exist_ok=True)
     draft = path.with_name(f".{path.name}.{uuid.uuid4().hex[:8]}")
-    kinds = {name: KINDS[column.dtype.kind] for name, column in design.values.items()}
-    head = Head.new(identity, labels, kinds)
+    head = head_of(design, identity, labels)
     try:
-        write_json(draft / EVENTS / "zarr.json", GROUP)
-        for name, document in head.documents().items():
-            write_json(draft / name / "zarr.json", document)
-        head.write(draft)
-        encoder = Encoder(head.documents())
-        for name, column in design.values.items():
-            for key, data in encoder.encoded(name, slice(None), column):
-                write_bytes(draft, draft / key, data)
+        write_empty(draft, head, design)
         os.replace(draft, path)
     except BaseException as error:
         shutil.rmtree(draft, ignore_errors=True)
@@ -45,3 +37,21 @@ def create(path: Path, design: Design, identity: dict[str, Any], labels: Labels)
             return False
         raise
     return True
+
+
+def head_of(design: Design, identity: dict[str, Any], labels: Labels) -> Head:
+    """Make the head of a store without results."""
+    kinds = {name: KINDS[column.dtype.kind] for name, column in design.values.items()}
+    return Head.new(identity, labels, kinds)
+
+
+def write_empty(folder: Path, head: Head, design: Design) -> None:
+    """Write the head, the metadata of all arrays and the parameters."""
+    write_json(folder / EVENTS / "zarr.json", GROUP)
+    for name, document in head.documents().items():
+        write_json(folder / name / "zarr.json", document)
+    head.write(folder)
+    encoder = Encoder(head.documents())
+    for name, column in design.values.items():
+        for key, data in encoder.encoded(name, slice(None), column):
+            write_bytes(folder, folder / key, data)

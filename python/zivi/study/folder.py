@@ -100,6 +100,11 @@ class FolderStore:
             os.close(self._lock)
             self._lock = None
 
+    def moved_to(self, path: Path) -> None:
+        """Go on where the folder is now."""
+        self.path = path
+        self._reopen()
+
     def parameters(self) -> tuple[dict[str, NDArray[Any]], list[str]]:
         """Read the values of the parameters that can be read, and tell why others cannot."""
         known, lost = {}, []

@@ -75,8 +75,8 @@ def identity(
     }
 
 
-def differences(there: Mapping[str, Any], here: Mapping[str, Any], *, mild: bool) -> list[str]:
-    """List what differs between a store and a study, except what may if the user insists."""
+def differences(there: Mapping[str, Any], here: Mapping[str, Any], *, mild: bool) -> dict[str, str]:
+    """Say what differs between a store and a study, except what may if the user insists."""
     comparable = there.get("digests") == here["digests"]
     there = {"vectorized": False, **there}  # version 0.1 did not say so
     # a seed or a chunk that is not given is that of the store
@@ -88,12 +88,12 @@ def differences(there: Mapping[str, Any], here: Mapping[str, Any], *, mild: bool
             left_out.add("held")
         if not comparable:
             there, here = ({**it, **_undigested(it)} for it in (there, here))
-    return [
-        f"{words}: {there.get(key)!r} there, {here[key]!r} here"
+    return {
+        key: f"{words}: {there.get(key)!r} there, {here[key]!r} here"
         for key, words in WORDS.items()
         # as text: NaN is not equal to itself
         if key not in left_out and _text(there.get(key)) != _text(here[key])
-    ]
+    }
 
 
 def _undigested(identity: Mapping[str, Any]) -> dict[str, Any]:

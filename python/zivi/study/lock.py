@@ -18,6 +18,9 @@ def locked(file: Path) -> int | None:
     descriptor = os.open(file, os.O_RDWR | os.O_CREAT, 0o666)
     try:
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        # a run that extended the study has just put another file in this place
+        if not (file.exists() and os.path.samestat(os.fstat(descriptor), file.stat())):
+            raise BlockingIOError
     except BlockingIOError:
         os.close(descriptor)
         raise RuntimeError(f"another run writes to {file.parent.parent} at this moment") from None

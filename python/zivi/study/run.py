@@ -20,6 +20,7 @@ from zivi.study.create import create
 from zivi.study.design import Design, design_of
 from zivi.study.drive import Driver
 from zivi.study.experiments import experiment
+from zivi.study.extend import extended, put_back
 from zivi.study.folder import FolderStore
 from zivi.study.head import read_head
 from zivi.study.identity import differences, identity
@@ -33,6 +34,8 @@ __all__ = ["sweep"]
 
 GIVEN = ("seed", "rng")
 """Arguments that a function gets from the seed of the study."""
+POINTS = {"shape", "values"}
+"""What differs between a study and one of more points."""
 
 
 @hinted("sweep")
@@ -107,10 +110,14 @@ def sweep(
         Tasks that are handed out at a time; by default two for each worker.
     resume : bool, optional
         With None, the study in the folder `out` is continued if there is one and it is the same;
-        a ValueError says what differs: points, fixed arguments, the function, its text and what it
+        a ValueError says what differs: fixed arguments, the function, its text and what it
         holds (defaults, closure, the object of a method), ... True goes on even if the text of the
         function or the version of zivi has changed, and requires that there is one; False that
-        there is none.
+        there is none. If all points of the folder are among `points`, only the new ones are
+        computed: values may be added to any parameter, in any order. The folder is then written
+        again, which takes its size once more while it lasts. Points of a function with ``seed`` or
+        ``rng`` must keep their numbers: add values at the end of a list, or of the first parameter
+        of a grid.
     retry_failed : bool
         Compute the points again that failed in an earlier run.
     progress : bool, optional
@@ -300,8 +307,10 @@ def _store(
     path = None if out is None else Path(out)
     if path is None and resume:
         raise ValueError("resume=True needs a folder, out=...")
+    if path is not None:
+        put_back(path)
     if path is not None and path.exists() and not _is_empty(path):
-        return _continued(path, design, told, resume)
+        return _continued(path, design, told, resume, draws=draws)
     if path is not None and resume:
         raise FileNotFoundError(f"resume=True, but there is no study at {path}")
     new = dict(told)
@@ -310,7 +319,7 @@ def _store(
     if path is None:
         return MemoryStore(design, Layout(design.shape, new["chunk"], sharded=True), new, labels)
     if not create(path, design, new, labels):
-        return _continued(path, design, told, resume)  # another run was quicker
+        return _continued(path, design, told, resume, draws=draws)  # another run was quicker
     return FolderStore(path, write=True)
 
 
@@ -318,20 +327,24 @@ def _is_empty(path: Path) -> bool:
     return path.is_dir() and not any(path.iterdir())
 
 
-def _continued(path: Path, design: Design, told: dict[str, Any], resume: bool | None) -> Store:
+def _continued(
+    path: Path, design: Design, told: dict[str, Any], resume: bool | None, *, draws: bool
+) -> Store:
     if resume is False:
         raise FileExistsError(f"resume=False, but there is something at {path}")
     found = differences(read_head(path).identity, told, mild=bool(resume))
-    if found:
+    if found.keys() - POINTS:
         hint = (
             ""
             if resume
             else "; resume=True goes on when only the text of the function, what it uses or the "
             "version differs"
         )
-        raise ValueError(f"{path} has another study: {'; '.join(found)}{hint}")
+        raise ValueError(f"{path} has another study: {'; '.join(found.values())}{hint}")
     store = FolderStore(path, write=True)
     try:
+        if found:
+            return extended(store, design, "; ".join(found.values()), draws=draws)
         store.mend(design)
         store.forget_damaged()
     except BaseException:
