@@ -14,7 +14,7 @@ import numpy as np
 import cball
 import instructions
 from zivi.paper import tracking_steps
-from zivi.paper.steps import Array, Solver
+from zivi.paper.step_solvers import Array, Solver
 
 SOURCE = Path(__file__).with_name("siconos_tracking.c")
 HEADERS = Path("/usr/include/siconos")

@@ -13,7 +13,7 @@ import time
 
 from zivi.symbolic import FormulaError
 from zivi.system.symbolic.derive import derive
-from zivi.system.symbolic.source import c_source
+from zivi.system.symbolic.expressions import c_source
 
 SECONDS, MEGABYTES = 2.0, 500.0
 NAMES = ("x", "xdot", "y", "ydot", "t", "k", "m", "pi")

@@ -22,8 +22,8 @@ from typing import Any
 import numpy as np
 
 import zivi
-from zivi.study.layout import Layout
-from zivi.study.piece import Piece, Schema
+from zivi.study.outcome import Piece, Schema
+from zivi.study.store import Layout
 
 BALLS, ROUNDS = 200_000, 5
 BILLION = 10**9

@@ -303,7 +303,7 @@ def test_show_studies(place, kind):
 
 
 def test_cells_of_a_map_surround_their_values():
-    from zivi.files.picture import _edges
+    from zivi.files.summary import _edges
 
     np.testing.assert_allclose(_edges(np.array([1.0, 2.0, 4.0])), [0.5, 1.5, 3.0, 5.0])
     np.testing.assert_allclose(
@@ -440,7 +440,7 @@ def test_a_status_stands_out_in_colour_and_only_on_a_terminal(place):
         console = Console(
             force_terminal=True, color_system="standard", file=io.StringIO(), width=90
         )
-        console.print(summary.of_run(shown))
+        console.print(summary.run_table(shown))
         assert f"{colour}{shown.status.name.lower()}: " in console.file.getvalue()
 
 

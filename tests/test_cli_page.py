@@ -10,15 +10,14 @@ from typer.testing import CliRunner
 import zivi
 from zivi import files
 from zivi.cli import app
-from zivi.files import FileError, document
-from zivi.files.keys import CONTROLLERS, METHODS
-from zivi.files.tables import rows
+from zivi.files import FileError, file_keys
+from zivi.files.file_keys import CONTROLLERS, METHODS, rows
 
 pytest.importorskip("h5netcdf")
 
 ROOT = Path(__file__).parents[1]
 WRITTEN = (ROOT / "docs" / "command_line.md").read_text("utf-8")
-PAGE = document.insert(WRITTEN)
+PAGE = file_keys.insert(WRITTEN)
 EXAMPLES = ROOT / "examples" / "files"
 PREPARE = {
     "simulate": files.prepare_simulate,
@@ -75,18 +74,18 @@ def test_objects_have_one_table_each():
 @pytest.mark.parametrize("command", PREPARE)
 def test_every_accepted_key_is_documented_once(command):
     listed = [(key, kind) for key, kind, *_ in documented(command)]
-    accepted = [(row.path, row.variant) for row in rows(document.COMMANDS[command])]
+    accepted = [(row.path, row.variant) for row in rows(file_keys.COMMANDS[command])]
     assert sorted(listed) == sorted(accepted)
     assert len(set(listed)) == len(listed) > 15
 
 
 def test_tables_of_keys_are_made_not_written():
     assert sorted(re.findall(r"^<!-- keys of (\w+) -->$", WRITTEN, re.MULTILINE)) == sorted(
-        [*document.COMMANDS, *document.OBJECTS]
+        [*file_keys.COMMANDS, *file_keys.OBJECTS]
     )
-    assert document.HEAD not in WRITTEN
+    assert file_keys.HEAD not in WRITTEN
     with pytest.raises(KeyError, match="nothing"):
-        document.insert("<!-- keys of nothing -->\n")
+        file_keys.insert("<!-- keys of nothing -->\n")
 
 
 @pytest.mark.parametrize("command", ["simulate", "control", "sweep"])
@@ -332,15 +331,15 @@ def test_all_settings_of_the_library_are_there():
         taken = set(inspect.signature(getattr(zivi, name).__new__).parameters) - {"cls"}
         assert {key.name for key in keys} == taken
     taken = set(inspect.signature(zivi.simulate_closed_loop).parameters)
-    keys = {key.name for key in document.COMMANDS["control"]}
+    keys = {key.name for key in file_keys.COMMANDS["control"]}
     always = {"progress", "events", "dense_output", "misplaced", "slowest"}
     assert taken - keys == always | {"t_eval", "reference", "observer", "disturbance"}
     taken = set(inspect.signature(zivi.simulate).parameters)
     for command in ("simulate", "mechanics", "tree"):
-        keys = {key.name for key in document.COMMANDS[command]}
+        keys = {key.name for key in file_keys.COMMANDS[command]}
         assert taken - keys == always | {"samples"}
     taken = set(inspect.signature(zivi.symbolic.system).parameters)
-    (system,) = (key for key in document.COMMANDS["mechanics"] if key.name == "system")
+    (system,) = (key for key in file_keys.COMMANDS["mechanics"] if key.name == "system")
     assert taken - {key.name for key in system.kind.keys} == {"qdot", "compiler", "inputs"}
 
 

@@ -18,7 +18,7 @@ import numpy as np
 import pytest
 
 import zivi
-import zivi.base.progress
+import zivi.base.extras
 from control_loops import (
     PAPER,
     PLANT,
@@ -421,7 +421,7 @@ class Terminal(io.StringIO):
 
 def test_progress_counts_the_samples_and_changes_nothing(monkeypatch):
     monkeypatch.setenv("TERM", "xterm")
-    monkeypatch.setattr(zivi.base.progress, "DELAY", 0.0)
+    monkeypatch.setattr(zivi.base.extras, "DELAY", 0.0)
     with contextlib.redirect_stderr(Terminal()) as screen:
         shown = loop(t_span=(0, 400), progress=True)
         assert screen.getvalue() != ""

@@ -13,7 +13,7 @@ from control_loops import PAPER, PLANT, Scripted
 from zivi import _zivi
 from zivi.control.component import Shared
 from zivi.control.twisting import CONTROLLERS
-from zivi.files import keys
+from zivi.files import file_keys
 
 WITH_REFERENCE = [zivi.TwistingTracker, zivi.ExplicitTwisting]
 
@@ -250,7 +250,7 @@ def test_every_controller_is_in_the_list_and_files_have_all_its_settings():
     }
     for kind in CONTROLLERS:
         parameters = inspect.signature(kind).parameters
-        assert {key.name for key in keys.CONTROLLERS[kind.__name__]} == set(parameters)
+        assert {key.name for key in file_keys.CONTROLLERS[kind.__name__]} == set(parameters)
 
 
 def test_a_controller_is_named_only_where_it_is_made_and_handed_on():

@@ -5,7 +5,7 @@ import pytest
 
 import zivi
 from mechanical_arms import PADDLE, START, follow, tapping, tracker, two_links
-from zivi.control.design_law import Law
+from zivi.control.design import Law
 
 
 @pytest.mark.parametrize("exact", [True, False])

@@ -8,7 +8,7 @@ import xarray
 
 import zivi
 from zivi import _zivi, files
-from zivi.files import document, expressions, keys, kinds, results, summary, tables
+from zivi.files import file_keys, kinds, results, summary
 from zivi.mechanics import Body, PlaneGap
 
 pytest.importorskip("h5netcdf")
@@ -35,7 +35,7 @@ def ball():
 def test_a_summary_lists_the_first_failures_and_counts_all():
     sizes = np.arange(0.0, 30.0)
     study = zivi.sweep(refuses_most, {"kind": ["x"], "size": sizes})
-    rows = [(str(name), str(value)) for name, value in cells(summary.of_study(study))]
+    rows = [(str(name), str(value)) for name, value in cells(summary.study_table(study))]
     assert ("failed", "28") in rows
     told = [row for row in rows if row[0].startswith("point ")]
     assert told == [
@@ -44,16 +44,16 @@ def test_a_summary_lists_the_first_failures_and_counts_all():
 
 
 def test_titles_say_what_it_is(ball):
-    assert summary.of_run(ball).title == "Trajectory"
+    assert summary.run_table(ball).title == "Trajectory"
     law = zivi.TwistingRegulator(3, 2, h=1e-2, kappa=0.5)
     loop = zivi.simulate_closed_loop(zivi.ImpactSystem(0.0, kappa=0.5), law, (0, 0.1), (1, 0))
-    assert summary.of_run(loop).title == "Closed loop"
+    assert summary.run_table(loop).title == "Closed loop"
     assert summary.experiments().show_lines
 
 
 def test_pictures_of_studies_have_the_numbers_of_the_study():
     plt = pytest.importorskip("matplotlib.pyplot")
-    from zivi.files import picture
+    from zivi.files import summary
 
     def named(kind, size):
         return {"a": size * len(kind)}
@@ -61,21 +61,21 @@ def test_pictures_of_studies_have_the_numbers_of_the_study():
     grid = zivi.sweep(named, {"kind": ["x", "yy"], "size": [1.0, 2.0, 3.0]})
     listed = zivi.sweep(named, zivi.points(size=[1.0, 2.0], kind=["yy", "x"]))
     figure, ax = plt.subplots()
-    picture._map(grid, "a", ax)
+    summary._map(grid, "a", ax)
     (mesh,) = ax.collections
     np.testing.assert_array_equal(mesh.get_array().ravel(), [1.0, 2.0, 3.0, 2.0, 4.0, 6.0])
     assert mesh.colorbar.mappable is mesh
     assert len(figure.axes) == 2
     plt.close(figure)
     figure, ax = plt.subplots()
-    picture._lines(grid, "a", ax)
+    summary._lines(grid, "a", ax)
     assert [list(line.get_ydata()) for line in ax.lines] == [[1.0, 2.0, 3.0], [2.0, 4.0, 6.0]]
     assert all(list(line.get_xdata()) == [1.0, 2.0, 3.0] for line in ax.lines)
     assert [text.get_text() for text in ax.get_legend().texts] == ["kind = x", "kind = yy"]
     assert (ax.get_xlabel(), ax.get_ylabel()) == ("size", "a")
     plt.close(figure)
     figure, ax = plt.subplots()
-    picture._points(listed, "a", ax)
+    summary._points(listed, "a", ax)
     (dots,) = ax.collections
     np.testing.assert_array_equal(dots.get_offsets(), [[1.0, 2.0], [2.0, 2.0]])
     # names by their order in the alphabet
@@ -85,17 +85,17 @@ def test_pictures_of_studies_have_the_numbers_of_the_study():
 
 def test_keys_of_settings_have_the_bounds_of_the_core():
     settings = {it.name: it for it in _zivi.METHODS["SwitchedRK"].settings}
-    rtol, longest = (keys._setting(settings[name]) for name in ("rtol", "max_step"))
+    rtol, longest = (file_keys._setting(settings[name]) for name in ("rtol", "max_step"))
     assert (rtol.kind.above, rtol.kind.least) == (settings["rtol"].above, settings["rtol"].least)
     assert longest.kind.infinite
-    law = {it.name: keys._setting(it).kind for it in _zivi.IMPACT_LAWS["SpeedDependentImpact"]}
+    law = {it.name: file_keys._setting(it).kind for it in _zivi.IMPACT_LAWS["SpeedDependentImpact"]}
     # infinite bounds are none
     assert (law["k"].above, law["k"].below) == (None, 1.0)
     assert (law["v0"].above, law["v0"].below) == (0.0, None)
-    assert [key.name for key in keys._restitution("_ref", "0.5")] == ["e_ref", "kappa_ref"]
-    assert document._tagged(keys.SIMULATE, "method") is document.OBJECTS["method"][1]
+    assert [key.name for key in file_keys._restitution("_ref", "0.5")] == ["e_ref", "kappa_ref"]
+    assert file_keys._tagged(file_keys.SIMULATE, "method") is file_keys.OBJECTS["method"][1]
     with pytest.raises(TypeError, match="t_span has no variants"):
-        document._tagged(keys.SIMULATE, "t_span")
+        file_keys._tagged(file_keys.SIMULATE, "t_span")
 
 
 def test_keys_below_a_variant_are_listed_with_it():
@@ -103,17 +103,17 @@ def test_keys_below_a_variant_are_listed_with_it():
     word = kinds.Choice(("x", "y"))
 
     def key(name, kind=word):
-        return tables.Key(name, kind, "one")
+        return file_keys.Key(name, kind, "one")
 
-    inner = tables.Table((key("deep"),))
+    inner = file_keys.Table((key("deep"),))
     box = (
         key("plain", inner),
         key("either", kinds.Either(word, inner)),
-        key("each", expressions.Each(inner, "tables")),
-        key("open", tables.Open(inner, "names")),
+        key("each", kinds.Each(inner, "tables")),
+        key("open", file_keys.Open(inner, "names")),
     )
-    shape = tables.Tagged("kind", {"box": (key("all"), *box), "ball": (key("all"), key("r"))})
-    listed = [(row.path, row.variant) for row in tables.rows((key("shape", shape),))]
+    shape = file_keys.Tagged("kind", {"box": (key("all"), *box), "ball": (key("all"), key("r"))})
+    listed = [(row.path, row.variant) for row in file_keys.rows((key("shape", shape),))]
     below = ["plain", "plain.deep", "either", "either.deep", "each", "each.deep"]
     below += ["open", "open.NAME", "open.NAME.deep"]
     assert listed == [
@@ -123,8 +123,8 @@ def test_keys_below_a_variant_are_listed_with_it():
     ]
     # the tag is required, or has a default that is written as in a file
     for default, told in ((None, None), ("ball", '"ball"')):
-        either = tables.Tagged("kind", {"box": (), "ball": ()}, default=default)
-        _, tag = tables.rows((key("shape", either),))
+        either = file_keys.Tagged("kind", {"box": (), "ball": ()}, default=default)
+        _, tag = file_keys.rows((key("shape", either),))
         assert (tag.path, tag.key.default) == ("shape.kind", told)
 
 

@@ -14,8 +14,7 @@ import xarray
 
 import zivi
 from zivi.files import ResultError, load, results, save
-from zivi.files.restore import drawn
-from zivi.files.results import check_suffix, open_result
+from zivi.files.results import check_suffix, drawn, open_result
 
 pytest.importorskip("h5netcdf")
 

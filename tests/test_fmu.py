@@ -17,7 +17,7 @@ from typer.testing import CliRunner
 
 import zivi
 from fmu_unit import Archive, Unit
-from zivi.interop.fmu.table import MODELS
+from zivi.interop.fmu.description import MODELS
 
 DATA = Path(__file__).parent / "data" / "fmi"
 H = 1e-3
@@ -499,7 +499,7 @@ def test_without_the_binaries_it_says_how_to_build_them(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(
-        "zivi.interop.fmu.archive.__file__",
+        "zivi.interop.fmu.export.__file__",
         str(tmp_path / "zivi" / "interop" / "fmu" / "archive.py"),
     )
     with pytest.raises(FileNotFoundError, match=r"tools/native\.py"):

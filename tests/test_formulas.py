@@ -16,8 +16,7 @@ from zivi import files
 from zivi.base.formula import FUNCTIONS, FormulaError, parse
 from zivi.files import FileError, commands
 from zivi.system.symbolic.derive import derive
-from zivi.system.symbolic.formula import expression
-from zivi.system.symbolic.quadratic import depends
+from zivi.system.symbolic.expressions import depends, expression
 
 sympy = pytest.importorskip("sympy")
 
@@ -193,7 +192,7 @@ def test_whatever_sympy_raises_derivatives_slip_speeds_and_inputs_are_refused(mo
         with pytest.raises(FormulaError, match="cannot work with the derivatives of the equations"):
             found.partials()
     with monkeypatch.context() as inside:
-        inside.setattr("zivi.system.symbolic.slips.depends", fails)
+        inside.setattr("zivi.system.symbolic.derive.depends", fails)
         slip = {"slips": {"gap0": "xdot"}, "mu": {"gap0": 0.5}}
         with pytest.raises(FormulaError, match="cannot work with slip speed of gap 'gap0'"):
             zivi.symbolic.system("x", T="xdot**2/2", gaps=["x"], **slip)

@@ -12,8 +12,8 @@ from scipy.integrate import solve_ivp
 
 import zivi
 from zivi import _zivi
+from zivi.files.kinds import FileError
 from zivi.files.runs import prepare_control, prepare_simulate
-from zivi.files.validation import FileError
 from zivi.study.digest import digest
 from zivi.system import impact_law
 

@@ -13,17 +13,10 @@ from hypothesis import given, settings
 
 import zivi
 from zivi import plot
-from zivi.lab.animation import film
-from zivi.lab.belt import FAR, BeltRun
-from zivi.lab.decimate import thinned
-from zivi.lab.facts import facts, warnings
-from zivi.lab.link import query, settings_of
-from zivi.lab.messages import sentence
-from zivi.lab.presets import PRESETS
-from zivi.lab.ranges import ranges
-from zivi.lab.runs import compute
-from zivi.lab.script import script
-from zivi.lab.settings import Ball, Belt, Regulator, Tracker
+from zivi.lab.figures import film, thinned
+from zivi.lab.runs import FAR, BeltRun, compute, facts, warning_texts
+from zivi.lab.settings import PRESETS, Ball, Belt, Regulator, Tracker, query, ranges, settings_of
+from zivi.lab.view import script, sentence
 
 CASES = {
     "ball": Ball(),
@@ -201,12 +194,12 @@ def test_invalid_settings_get_a_message(case):
 
 def test_refused_samples_are_told():
     runs = compute(Tracker(noise_x=0.1))
-    said = warnings(runs)
+    said = warning_texts(runs)
     assert len(said) == 2
     for words, run in zip(said, runs.values(), strict=True):
         assert run.n_refused > 0
         assert f"{run.n_refused} of {run.n_updates} control updates rejected" in words
-    assert warnings(compute(Tracker())) == []
+    assert warning_texts(compute(Tracker())) == []
 
 
 def test_a_run_that_ends_early_is_told():
@@ -214,7 +207,7 @@ def test_a_run_that_ends_early_is_told():
     runs["implicit"] = dataclasses.replace(
         runs["implicit"], status=zivi.Status.STEP_BUDGET, message="ended"
     )
-    assert warnings(runs) == ["implicit signs: ended"]
+    assert warning_texts(runs) == ["implicit signs: ended"]
 
 
 @pytest.mark.parametrize("case", CASES)
@@ -365,7 +358,7 @@ def test_every_position_of_the_sliders_is_possible_but_gains_in_the_wrong_order(
         return
     assert all(len(line.x) <= 1000 for line in curves(runs, (0.0, chosen.t_end)))
     assert len(facts(runs)) == len(runs)
-    assert all("\n" not in text for text in warnings(runs))
+    assert all("\n" not in text for text in warning_texts(runs))
     assert sentence(runs).endswith(".")
     assert xml.etree.ElementTree.fromstring(film(runs)).tag == "svg"
 

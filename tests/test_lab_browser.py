@@ -12,11 +12,8 @@ import pytest
 
 from lab_server import PROGRAM, serving
 from zivi.lab.figures import curves
-from zivi.lab.link import KINDS
-from zivi.lab.presets import PRESETS
-from zivi.lab.ranges import ranges
 from zivi.lab.runs import compute
-from zivi.lab.settings import Ball, Regulator, Tracker
+from zivi.lab.settings import KINDS, PRESETS, Ball, Regulator, Tracker, ranges
 
 for module in ("marimo", "plotly", "uvicorn"):
     pytest.importorskip(module, reason=f"the lab needs {module} (zivi[lab])")

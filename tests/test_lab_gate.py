@@ -10,7 +10,7 @@ import urllib.parse
 import pytest
 
 from lab_server import PROGRAM, serving
-from zivi.lab.gate import MOST_SESSIONS, Gate
+from zivi.lab.server import MOST_SESSIONS, Gate
 
 TOKEN = "abcdefghijklmnopqrstuv"
 FEW = f"import zivi.lab.gate as gate; gate.MOST_SESSIONS = 2; {PROGRAM}"
@@ -156,7 +156,7 @@ def test_by_which_names_a_server_for_others_is_asked(host, everywhere, enters):
 
 def test_a_session_that_has_ended_makes_room(monkeypatch):
     clock = [0.0]
-    monkeypatch.setattr("zivi.lab.gate.time.monotonic", lambda: clock[0])
+    monkeypatch.setattr("zivi.lab.server.time.monotonic", lambda: clock[0])
     leave, entered, said = asyncio.Event(), [], []
 
     async def page(scope, receive, send):

@@ -8,13 +8,20 @@ import numpy as np
 import pytest
 
 import zivi
-from zivi.lab.animation import A_SECOND, film
-from zivi.lab.link import query, settings_of
-from zivi.lab.messages import sentence
-from zivi.lab.presets import PRESETS, name_of
-from zivi.lab.ranges import ends
+from zivi.lab.figures import A_SECOND, film
 from zivi.lab.runs import compute
-from zivi.lab.settings import Ball, Belt, Regulator, Tracker
+from zivi.lab.settings import (
+    PRESETS,
+    Ball,
+    Belt,
+    Regulator,
+    Tracker,
+    ends,
+    name_of,
+    query,
+    settings_of,
+)
+from zivi.lab.view import sentence
 
 EVERY = [(kind, name) for kind, presets in PRESETS.items() for name in presets]
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from zivi import _zivi
-from zivi.paper import ball_steps, linearisation, siconos, tracking_steps
+from zivi.paper import ball_steps, linearisation, step_solvers, tracking_steps
 
 PAGE = (Path(__file__).parents[1] / "benchmarks" / "results" / "linearisation.md").read_text()
 
@@ -44,7 +44,7 @@ SOLVERS = {
 @pytest.fixture(scope="module")
 def rates():
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(siconos, "interpreter", lambda: None)
+        patch.setattr(step_solvers, "interpreter", lambda: None)
         measured = linearisation.measure()
     return {(rate.steps, rate.solver): rate.percent for rate in measured}
 

@@ -9,7 +9,7 @@ import pytest
 import zivi
 from control_loops import Foreign
 from zivi.control import loop_batch
-from zivi.control.loop_batch_result import NUMBERS
+from zivi.control.loop_run import NUMBERS
 
 pytestmark = pytest.mark.filterwarnings("ignore:a landing may never rest")
 

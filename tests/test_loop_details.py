@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import zivi
-from zivi.control.design_law import FLATTEST, STEEPEST, Law
+from zivi.control.design import FLATTEST, STEEPEST, Law
 from zivi.control.loop_arguments import check_ahead
 from zivi.control.mechanical_reference import _sides
 

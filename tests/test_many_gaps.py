@@ -10,7 +10,7 @@ import pytest
 import zivi
 from example_scripts import example
 from zivi.mechanics import BallGap, Body, PlaneGap
-from zivi.paper import siconos
+from zivi.paper import step_solvers
 
 MANY, CLOSED = 200, 80
 
@@ -92,7 +92,7 @@ def test_more_than_256_are_refused():
 
 
 @pytest.mark.slow
-@pytest.mark.skipif(siconos.interpreter() is None, reason="no Python with siconos was found")
+@pytest.mark.skipif(step_solvers.interpreter() is None, reason="no Python with siconos was found")
 def test_the_steps_of_siconos_come_near_the_bar(tmp_path):
     bar = example("mechanics_bar")
     mass, stiffness = bar.matrices()
@@ -103,7 +103,7 @@ def test_the_steps_of_siconos_come_near_the_bar(tmp_path):
         numbers = (bar.HEIGHT, bar.SPEED, bar.END, bar.GRAVITY, h)
         script = Path(__file__).with_name("siconos_bar.py")
         done = subprocess.run(
-            [siconos.interpreter(), script, tmp_path / "bar.npz", *map(str, numbers)],
+            [step_solvers.interpreter(), script, tmp_path / "bar.npz", *map(str, numbers)],
             capture_output=True,
             text=True,
             check=True,

@@ -8,7 +8,7 @@ import pytest
 import zivi
 from mechanical_models import model
 from zivi.base import machine_code
-from zivi.simulation.mechanical_batch_result import NUMBERS
+from zivi.simulation.mechanical_batch import NUMBERS
 
 pytestmark = pytest.mark.xdist_group("mechanical models")
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 import zivi
-from zivi.simulation.mechanical_labelled import rows_of
-from zivi.simulation.reactions import forces_at
+from zivi.simulation.friction_result import forces_at
+from zivi.simulation.mechanical_trajectory import rows_of
 from zivi.system.model_parts import STEP, differenced
 
 

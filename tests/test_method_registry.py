@@ -13,10 +13,10 @@ import pytest
 
 import zivi
 from zivi import _zivi
-from zivi.files.keys import METHODS as KEYS
-from zivi.simulation import argument_hints
+from zivi.files.file_keys import METHODS as KEYS
 from zivi.simulation.method_settings import FixedSteps, class_of
 from zivi.simulation.methods import METHODS
+from zivi.simulation.run import argument_text
 
 ROOT = Path(__file__).parents[1]
 BALL = zivi.ImpactSystem(-9.81, e=0.5)
@@ -96,8 +96,8 @@ def test_mechanical_systems_take_the_methods_that_say_so(name):
 @each
 def test_a_class_in_the_place_of_a_method_is_named_with_its_call(name):
     call = f"zivi.{name}({'h=1e-3' if _zivi.METHODS[name].fixed_steps else ''})"
-    assert argument_hints.argument_text(METHODS[name]) == f"the class zivi.{name}: call it, {call}"
-    assert argument_hints.argument_text(name.lower()).endswith(f"the object is meant, {call}")
+    assert argument_text(METHODS[name]) == f"the class zivi.{name}: call it, {call}"
+    assert argument_text(name.lower()).endswith(f"the object is meant, {call}")
 
 
 @each

@@ -14,7 +14,7 @@ from typer.testing import CliRunner
 import zivi
 from zivi.cli import app
 from zivi.control.loop_run import SIGNS
-from zivi.paper import Check, ball, linearisation, rest, robustness, siconos
+from zivi.paper import Check, ball, linearisation, rest, robustness, step_solvers
 from zivi.paper.closed_loops import track
 
 pytestmark = [pytest.mark.slow, pytest.mark.xdist_group("paper")]
@@ -54,7 +54,7 @@ def written(tmp_path_factory):
     """Everything, once."""
     out = tmp_path_factory.mktemp("paper") / "new" / "folder"
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(siconos, "interpreter", lambda: None)
+        patch.setattr(step_solvers, "interpreter", lambda: None)
         return out, paper(out)
 
 

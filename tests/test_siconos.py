@@ -6,17 +6,17 @@ import sys
 import numpy as np
 import pytest
 
-from zivi.paper import _siconos_steps, siconos, tracking_steps
+from zivi.paper import _siconos_steps, step_solvers, tracking_steps
 
 KAPPA, GRAVITY, H = 0.41, 9.81, 1e-3
 
 needs_siconos = pytest.mark.skipif(
-    siconos.interpreter() is None, reason="no Python with siconos.numerics was found"
+    step_solvers.interpreter() is None, reason="no Python with siconos.numerics was found"
 )
 
 
 def ball_solvers():
-    return siconos.solvers("ball", KAPPA, GRAVITY, H)
+    return step_solvers.solvers("ball", KAPPA, GRAVITY, H)
 
 
 def row_errors(s, v, lambda_s, lambda_v):
@@ -35,16 +35,16 @@ def nothing_found(monkeypatch):
     def missing(command, **_):
         raise FileNotFoundError(command[0])
 
-    siconos._has_siconos.cache_clear()
-    monkeypatch.setenv(siconos.ENVIRONMENT, "/nonexistent/python")
-    monkeypatch.setattr(siconos.shutil, "which", lambda name: None)
-    monkeypatch.setattr(siconos.subprocess, "run", missing)
+    step_solvers._has_siconos.cache_clear()
+    monkeypatch.setenv(step_solvers.ENVIRONMENT, "/nonexistent/python")
+    monkeypatch.setattr(step_solvers.shutil, "which", lambda name: None)
+    monkeypatch.setattr(step_solvers.subprocess, "run", missing)
     yield
-    siconos._has_siconos.cache_clear()
+    step_solvers._has_siconos.cache_clear()
 
 
 @needs_siconos
-@pytest.mark.parametrize("name", siconos.SOLVERS)
+@pytest.mark.parametrize("name", step_solvers.SOLVERS)
 def test_away_from_the_wall_and_the_apex_the_signs_stay(name):
     random = np.random.default_rng(1)
     s = random.choice([-1, 1], 50) * random.uniform(0.5, 2, 50)
@@ -55,7 +55,7 @@ def test_away_from_the_wall_and_the_apex_the_signs_stay(name):
 
 
 @needs_siconos
-@pytest.mark.parametrize("name", siconos.SOLVERS)
+@pytest.mark.parametrize("name", step_solvers.SOLVERS)
 def test_across_the_wall_and_the_apex_the_residual_is_rounding(name):
     # far above the wall at the apex, through the wall, at the wall and hardly moving
     s = np.array([1.0, -0.5, 1e-3, -2e-3, 1e-5])
@@ -67,14 +67,14 @@ def test_across_the_wall_and_the_apex_the_residual_is_rounding(name):
 
 
 @needs_siconos
-@pytest.mark.parametrize("name", siconos.SOLVERS)
+@pytest.mark.parametrize("name", step_solvers.SOLVERS)
 def test_no_states(name):
     found = ball_solvers()[f"Siconos {name}"](np.zeros((0, 2)), np.zeros((0, 2)))
     assert found.shape == (0, 2)
 
 
 @needs_siconos
-@pytest.mark.parametrize("name", siconos.SOLVERS)
+@pytest.mark.parametrize("name", step_solvers.SOLVERS)
 def test_it_solves_steps_of_the_tracker(name):
     states = tracking_steps.random_states(1.0, seed=1, problems=50)
     starts = tracking_steps.signs_of(states)
@@ -125,16 +125,16 @@ def test_what_does_not_end_is_not_solved(monkeypatch, tmp_path):
         "signal.pause()\n"
     )
     script.chmod(0o755)
-    monkeypatch.setattr(siconos, "TIMEOUT", 0.5)
+    monkeypatch.setattr(step_solvers, "TIMEOUT", 0.5)
     states = np.ones((3, 2))
     parameters = (KAPPA, GRAVITY, H)
-    solved = siconos._solve(str(script), "VI_BOX_QI", "ball", parameters, states, states)
+    solved = step_solvers._solve(str(script), "VI_BOX_QI", "ball", parameters, states, states)
     np.testing.assert_array_equal(solved, [[1, -1], [np.nan] * 2, [np.nan] * 2])
 
 
 @pytest.mark.usefixtures("nothing_found")
 def test_without_siconos_there_are_no_solvers():
-    assert siconos.interpreter() is None
+    assert step_solvers.interpreter() is None
     assert ball_solvers() == {}
 
 
@@ -145,7 +145,7 @@ def test_an_interpreter_is_tried_once(monkeypatch, nothing_found):
         tried.append(command[0])
         return subprocess.CompletedProcess(command, 1)
 
-    monkeypatch.setattr(siconos.subprocess, "run", fails)
+    monkeypatch.setattr(step_solvers.subprocess, "run", fails)
     for _ in range(3):
         assert ball_solvers() == {}
     assert tried == list(dict.fromkeys(tried))

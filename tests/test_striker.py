@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import zivi
-from zivi.control import striker
+from zivi.control import gap_tracker
 
 G = 9.81
 
@@ -104,8 +104,8 @@ def test_the_noise_of_a_speed_is_averaged_over_a_flight(monkeypatch):
 
     averaged = off()
     assert averaged < 5e-3
-    monkeypatch.setattr(striker, "MEAN", 1)
-    monkeypatch.setattr(striker, "LEAST", striker.LEARNT)
+    monkeypatch.setattr(gap_tracker, "MEAN", 1)
+    monkeypatch.setattr(gap_tracker, "LEAST", gap_tracker.LEARNT)
     assert averaged < 0.75 * off()
 
 
@@ -140,7 +140,7 @@ class Stepped:
     """A controller of our own that asks a striker sample by sample."""
 
     def __init__(self, striker):
-        self.striker, self.h, self.delay = striker, striker.h, striker.delay
+        self.striker, self.h, self.delay = gap_tracker, gap_tracker.h, gap_tracker.delay
 
     @property
     def status(self):

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import zivi
-from zivi.study import digest, drive, folder, head, identity, result, uses
+from zivi.study import digest, drive, folder, head, result
 
 
 class Scaled:
@@ -31,30 +31,30 @@ class Shifted:
 
 
 def test_callable_objects_are_named_and_told_by_their_class():
-    assert identity.named(Scaled(2.0)) == f"{__name__}.Scaled"
+    assert digest.named(Scaled(2.0)) == f"{__name__}.Scaled"
     assert digest.source(Scaled(2.0)) == digest.source(Scaled) is not None
     assert digest.source(Scaled(2.0)) != digest.source(Shifted())
     # what the call itself writes is no setting
-    assert uses.kept_attributes(Scaled(2.0)) == {"calls"}
-    assert uses.kept_attributes(Shifted()) == set()
+    assert digest.kept_attributes(Scaled(2.0)) == {"calls"}
+    assert digest.kept_attributes(Shifted()) == set()
 
 
 def test_what_is_not_imported_has_its_files_all_the_same():
-    assert uses._files("no_such_package_anywhere") == []
+    assert digest._files("no_such_package_anywhere") == []
     assert "this" not in sys.modules
-    assert [file.endswith("this.py") for file in uses._files("this")] == [True]
+    assert [file.endswith("this.py") for file in digest._files("this")] == [True]
 
 
 def test_what_cannot_be_told_again_is_named():
     with pytest.raises(TypeError, match="lock"):
-        identity.plain("fixed", {"a": threading.Lock()}, faithful=True)
+        digest.plain("fixed", {"a": threading.Lock()}, faithful=True)
     nested = []
     for _ in range(100_000):
         nested = [nested]
     with pytest.raises(TypeError, match="nested too deeply"):
-        identity.plain("fixed", nested, faithful=True)
+        digest.plain("fixed", nested, faithful=True)
     with pytest.raises(TypeError) as told:
-        identity.plain("fixed", {"a": threading.Lock()}, faithful=True)
+        digest.plain("fixed", {"a": threading.Lock()}, faithful=True)
     assert "nested" not in str(told.value)
 
 

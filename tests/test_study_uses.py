@@ -12,8 +12,7 @@ import pytest
 
 import study_pairs
 import zivi
-from zivi.study.digest import digest, source, state_of, uses
-from zivi.study.uses import is_ours, unformatted, used
+from zivi.study.digest import digest, is_ours, source, state_of, unformatted, used, uses
 
 pytest.importorskip("zarr", reason="the extra 'study' is not installed")
 

@@ -138,7 +138,7 @@ def test_few_tasks_are_in_flight(wanted, expected):
 
 
 def test_a_chunk_of_slow_points_is_shared(monkeypatch):
-    monkeypatch.setattr("zivi.study.work.SLICE", -1.0)
+    monkeypatch.setattr("zivi.study.pools.SLICE", -1.0)
 
     with Counting() as executor:
         study = zivi.sweep(lambda x: x, {"x": range(40)}, executor=executor, chunk=40)

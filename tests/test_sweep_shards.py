@@ -22,7 +22,7 @@ import zivi
 from interrupting import calls_in, wait_for
 from test_sweep_executors import files
 from zivi.study.folder import FolderStore
-from zivi.study.layout import Layout
+from zivi.study.store import Layout
 
 zarr = pytest.importorskip("zarr", reason="the extra 'study' is not installed")
 pytest.importorskip("pyarrow", reason="the extra 'study' is not installed")
@@ -32,10 +32,10 @@ GRID = {"x": np.arange(5.0, 9.0), "y": np.linspace(0, 1, 111)}
 
 def in_small_shards(monkeypatch):
     """Shards of 128 points, which are decoded in parts of 32."""
-    monkeypatch.setattr("zivi.study.layout.SHARD", 128)
-    monkeypatch.setattr("zivi.study.layout.INNER", 4)
-    monkeypatch.setattr("zivi.study.form.SHARD", 128)
-    monkeypatch.setattr("zivi.study.layout.ROOM", 128 * 128)
+    monkeypatch.setattr("zivi.study.store.SHARD", 128)
+    monkeypatch.setattr("zivi.study.store.INNER", 4)
+    monkeypatch.setattr("zivi.study.head.SHARD", 128)
+    monkeypatch.setattr("zivi.study.store.ROOM", 128 * 128)
 
 
 @pytest.fixture

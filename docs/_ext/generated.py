@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import zivi
-from zivi.files import document
+from zivi.files import file_keys
 
 if TYPE_CHECKING:
     from sphinx.application import Sphinx
@@ -56,7 +56,7 @@ def three_columns(page: str) -> str:
         rows = "\n".join(map(row, match[1].splitlines()))
         return f"| key | value | meaning |\n|---|---|---|\n{rows}\n"
 
-    return re.sub(re.escape(document.HEAD) + r"((?:\|.*\n)+)", table, page)
+    return re.sub(re.escape(file_keys.HEAD) + r"((?:\|.*\n)+)", table, page)
 
 
 # --- the reference
@@ -211,7 +211,7 @@ def shown(name: str, page: str) -> str:
     """Give a page as the site has it."""
     if name == "gallery":
         page = with_figures(page)
-    return reference(three_columns(document.insert(to_gallery(page))))
+    return reference(three_columns(file_keys.insert(to_gallery(page))))
 
 
 def setup(app: Sphinx) -> dict[str, bool]:

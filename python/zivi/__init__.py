@@ -36,8 +36,7 @@ import sys
 from typing import TYPE_CHECKING
 
 from zivi._zivi import __version__
-from zivi.base.status import Status, StudyStatus
-from zivi.base.warnings import ModelWarning
+from zivi.base.status import ModelWarning, Status, StudyStatus
 
 if TYPE_CHECKING:
     from zivi import (
@@ -55,19 +54,20 @@ if TYPE_CHECKING:
         design_regulator,
         design_tracker,
     )
-    from zivi.control.gap_tracker import GapTracker
-    from zivi.control.joint_observer import JointObserver
+    from zivi.control.gap_tracker import GapTracker, Striker
     from zivi.control.loop_batch import (
         ClosedLoopBatch as ClosedLoopBatch,
         simulate_closed_loop_batch,
     )
-    from zivi.control.mechanical_loop import MechanicalController, RKPeriod
+    from zivi.control.mechanical_loop import (
+        MechanicalClosedLoop as MechanicalClosedLoop,
+        MechanicalController,
+        RKPeriod,
+    )
     from zivi.control.mechanical_loop_batch import MechanicalLoopBatch as MechanicalLoopBatch
-    from zivi.control.mechanical_loop_run import MechanicalClosedLoop as MechanicalClosedLoop
-    from zivi.control.mechanical_reference import ReferenceSample as ReferenceSample
+    from zivi.control.mechanical_reference import ReferenceSample as ReferenceSample, reference_run
+    from zivi.control.model_based import JointObserver
     from zivi.control.observer import ImpactObserver, Observed as Observed
-    from zivi.control.reference_run import reference_run
-    from zivi.control.striker import Striker
     from zivi.control.twisting import (
         ExplicitTwisting,
         TickStatus,
@@ -116,19 +116,15 @@ if TYPE_CHECKING:
     from zivi.simulation.run import simulate
     from zivi.simulation.trajectory import Trajectory as Trajectory
     from zivi.study import Design, Study, grid, open_study, points, sample, sweep
-    from zivi.system.friction import DryFriction
-    from zivi.system.gap import Gap, LinearGap
+    from zivi.system.force import ParametricForce
+    from zivi.system.gap import DryFriction, Gap, HarmonicWall, LinearGap, MovingWall
     from zivi.system.impact_law import ImpactLaw, NewtonImpact, SpeedDependentImpact
-    from zivi.system.linear import LinearSystem
-    from zivi.system.loads import Harmonic
-    from zivi.system.mass import ImpactSystem, LinearForce
+    from zivi.system.linear import Harmonic, LinearSystem
+    from zivi.system.mass import ImpactSystem, LinearForce, lift, project
     from zivi.system.mechanism import MechanicalSystem
-    from zivi.system.parametric import ParametricForce
-    from zivi.system.parametric_mechanism import ParametricSystem
+    from zivi.system.parameters import ParametricSystem
     from zivi.system.table import Table
-    from zivi.system.transform import lift, project
-    from zivi.system.tree.system import Tree
-    from zivi.system.wall import HarmonicWall, MovingWall
+    from zivi.system.tree import Tree
     from zivi.vi.complementarity import Equilibrium as Equilibrium, bimatrix, solve_lcp, solve_ncp
     from zivi.vi.solve import (
         VIOptions,
@@ -141,7 +137,7 @@ if TYPE_CHECKING:
         solve_vi,
     )
 
-importlib.import_module("zivi.base.exits").watch()
+importlib.import_module("zivi.base.extras").watch()
 _habits = importlib.import_module("zivi.base.habits")
 _former = importlib.import_module("zivi.base.former")
 _former.hand_on()

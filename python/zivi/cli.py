@@ -11,7 +11,7 @@ import typer
 
 import zivi._zivi as _zivi
 from zivi.base.extras import needed
-from zivi.lab.command import lab
+from zivi.lab.server import lab
 
 # what reads files comes with nearly all of the library, for which --help need not wait: commands
 # import it themselves
@@ -33,7 +33,7 @@ Json = Annotated[bool, typer.Option("--json", help="Print the summary as one lin
 
 def _version(wanted: bool) -> None:
     if wanted:
-        from zivi.files.messages import say
+        from zivi.files.commands import say
 
         say(f"zivi {_zivi.__version__}")
         raise typer.Exit
@@ -43,7 +43,7 @@ def _example(command: str) -> Callable[[bool], None]:
     def print_example(wanted: bool) -> None:
         if wanted:
             from zivi.files import commands
-            from zivi.files.messages import say
+            from zivi.files.commands import say
 
             say(commands.example(command), end="")
             raise typer.Exit
@@ -54,10 +54,10 @@ def _example(command: str) -> Callable[[bool], None]:
 def _keys(*kinds: str) -> Callable[[bool], None]:
     def print_keys(wanted: bool) -> None:
         if wanted:
-            from zivi.files import document
-            from zivi.files.messages import say
+            from zivi.files import file_keys
+            from zivi.files.commands import say
 
-            say(document.keys(*kinds), end="")
+            say(file_keys.keys_as_text(*kinds), end="")
             raise typer.Exit
 
     return print_keys
@@ -66,7 +66,7 @@ def _keys(*kinds: str) -> Callable[[bool], None]:
 def _experiments(wanted: bool) -> None:
     if wanted:
         from zivi.files import summary
-        from zivi.files.messages import show_table
+        from zivi.files.commands import show_table
 
         show_table(summary.experiments())
         raise typer.Exit
@@ -76,7 +76,7 @@ def _experiments(wanted: bool) -> None:
 def _reported_errors() -> Iterator[None]:
     """Tell what is wrong in one line each, and end with the right code."""
     from zivi.files import FileError, commands
-    from zivi.files.messages import warn
+    from zivi.files.commands import warn
 
     try:
         yield
@@ -277,13 +277,13 @@ def paper(
 
     with _reported_errors():
         needed("matplotlib", "the figures of the paper").use("Agg")
-        from zivi.paper import command
+        from zivi.paper.write import check, run
 
         try:
-            command.check(only)
+            check(only)
         except ValueError as error:
             raise FileError(f"{error}") from None
-        agree = command.run(out, only, quiet=quiet)
+        agree = run(out, only, quiet=quiet)
     raise typer.Exit(0 if agree else 1)
 
 
@@ -327,7 +327,7 @@ def fmu(
     where the binaries are missing.
     """
     from zivi.files import FileError, commands, mechanism_of
-    from zivi.files.messages import say, warn
+    from zivi.files.commands import say, warn
     from zivi.fmu import export_fmu
 
     paths = []

@@ -1,4 +1,4 @@
-"""Source to machine code: a C compiler and a cache of libraries, or numba."""
+"""Source to machine code, compiled functions and their exceptions."""
 
 from __future__ import annotations
 
@@ -15,15 +15,56 @@ import subprocess
 import sys
 import sysconfig
 import tempfile
+import threading
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
+import numpy as np
+from numpy.typing import NDArray
+
+import zivi._zivi as _zivi
 from zivi.base.extras import have
-from zivi.base.locks import ForkLock
+from zivi.base.status import Status
 
-__all__ = ["COMPILERS", "Native", "compiled", "shared_library"]
+__all__ = [
+    "COMPILERS",
+    "Ear",
+    "ForkLock",
+    "Native",
+    "compiled",
+    "listening",
+    "listening_always",
+    "shared_library",
+    "tell",
+]
+
+# Locks that a fork leaves open: the thread that held one may not exist in the child.
+
+
+class ForkLock:
+    """A lock of a module, a new one in each forked child.
+
+    There is one for the whole life of a module: what it registers is never taken back.
+    """
+
+    def __init__(self) -> None:
+        self._renew()
+        if hasattr(os, "register_at_fork"):
+            os.register_at_fork(after_in_child=self._renew)
+
+    def _renew(self) -> None:
+        self._lock = threading.Lock()
+
+    def __enter__(self) -> None:
+        self._lock.acquire()
+
+    def __exit__(self, *_: object) -> None:
+        self._lock.release()
+
+
+# Source to machine code: a C compiler and a cache of libraries, or numba.
 
 COMPILERS = ("auto", "c", "numba")
 """What can make machine code."""
@@ -56,7 +97,7 @@ class Native:
         return SIGNATURE(self.address)
 
 
-_lock = ForkLock()
+_build_lock = ForkLock()
 _known: dict[tuple[str, str], Native] = {}
 
 
@@ -77,7 +118,7 @@ def compiled(sources: dict[str, str], compiler: str = "auto") -> Native:
     """
     chosen = _chosen(compiler)
     key = chosen, sources[chosen]
-    with _lock:
+    with _build_lock:
         if key not in _known:
             _known[key] = (_by_c if chosen == "c" else _by_numba)(sources[chosen])
         return _known[key]
@@ -246,3 +287,110 @@ def _by_numba(source: str) -> Native:
     signature = numba.int32(numba.float64, doubles, doubles, doubles, doubles)
     model = numba.cfunc(signature, error_model="numpy")(names["model"])
     return Native(model.address, model)
+
+
+# Exceptions in compiled forces: C has no way to hand them on, so they are caught beside it.
+#
+# ctypes, numba and Cython report what is raised in a function that C calls to `sys.unraisablehook`
+# and return a number that means nothing. While a run with such a force is under way the hook
+# belongs to zivi: the evaluation counts as NaN, and what was raised reaches the caller of the run.
+
+CALLBACKS = ("ctypes callback", "cffi callback")
+"""What the message of a report speaks of if it is one of these libraries'."""
+
+
+class Ear:
+    """What was raised in the compiled forces of a run, while it is open.
+
+    Parameters
+    ----------
+    thread : int or None
+        The thread that computes the run, None where several do.
+    """
+
+    def __init__(self, thread: int | None) -> None:
+        self.thread = thread
+        self.error: BaseException | None = None
+
+    def __enter__(self) -> Self:
+        _open(self)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        _close(self)
+
+    def ends(self, success: bool) -> BaseException | None:
+        """Give what ended a run: an exception that a method got around (below the wall) did not."""
+        return None if success and isinstance(self.error, Exception) else self.error
+
+
+_hook_lock = ForkLock()
+_ears: list[Ear] = []
+_before: Any = None
+"""The hook before ours, while there are ears."""
+
+
+_DEAF = contextlib.nullcontext(Ear(None))
+"""For runs without a compiled force: nothing can be heard in them."""
+
+
+def listening(
+    specs: Iterable[_zivi.Force], *, threads: bool = False
+) -> contextlib.AbstractContextManager[Ear]:
+    """Listen to the compiled forces among some while they are run, in this thread or in several."""
+    for spec in specs:
+        if spec.is_compiled:
+            return listening_always(threads=threads)
+    return _DEAF
+
+
+def listening_always(*, threads: bool = False) -> contextlib.AbstractContextManager[Ear]:
+    """Listen whatever is run: a mechanical system may have compiled parts."""
+    return Ear(None if threads else threading.get_ident())
+
+
+def tell(ear: Ear, status: NDArray[np.uint8]) -> None:
+    """Warn of what was raised in runs of a batch that it ended; raise what is no `Exception`."""
+    ended = int(np.count_nonzero(status == int(Status.FORCE_NOT_FINITE)))
+    if not isinstance(error := ear.ends(not ended), Exception | None):
+        raise error
+    if error is not None:
+        warnings.warn(
+            f"a compiled force raised {error!r}; {ended} runs ended with FORCE_NOT_FINITE",
+            RuntimeWarning,
+            stacklevel=3,
+        )
+
+
+def _open(ear: Ear) -> None:
+    global _before
+    with _hook_lock:
+        if not _ears:
+            _before, sys.unraisablehook = sys.unraisablehook, _hook
+        _ears.append(ear)
+
+
+def _close(ear: Ear) -> None:
+    with _hook_lock:
+        _ears.remove(ear)
+        # whoever took the hook meanwhile keeps it
+        if not _ears and sys.unraisablehook is _hook:
+            sys.unraisablehook = _before
+
+
+def _hook(report: Any) -> None:
+    own = threading.get_ident()
+    ears = [ear for ear in list(_ears) if ear.thread == own]
+    ears = ears or [ear for ear in list(_ears) if ear.thread is None]
+    if not (ears and _of_a_function(report)):
+        (_before or sys.__unraisablehook__)(report)
+        return
+    _zivi.force_raised()
+    for ear in ears:
+        ear.error = report.exc_value or report.exc_type()
+
+
+def _of_a_function(report: Any) -> bool:
+    """Whether a function that C called raised, not a finaliser."""
+    told = report.err_msg or ""
+    return isinstance(report.object, str) or any(name in told for name in CALLBACKS)

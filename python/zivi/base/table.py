@@ -1,13 +1,11 @@
-"""Results as labelled datasets, tables and pages.
-
-A result declares its quantities, ``FIELDS = {name: (dims, unit, meaning)}``; `dataset`, `frame` and
-`page` write them for xarray, pandas and a notebook.
-"""
+"""Results as plain text, labelled datasets, tables and pages."""
 
 from __future__ import annotations
 
 import dataclasses
 import html
+import json
+import math
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, TypeAlias
 
@@ -15,20 +13,62 @@ import numpy as np
 
 import zivi._zivi as _zivi
 from zivi.base.extras import needed
-from zivi.base.plain import text_of
 
 if TYPE_CHECKING:
     import pandas
     import xarray
 
-__all__ = ["Field", "Table", "Tabulated", "dataset", "frame", "page"]
+__all__ = [
+    "Field",
+    "ResultTable",
+    "Tabulated",
+    "counted",
+    "dataset",
+    "frame",
+    "page",
+    "text_of",
+]
+
+# Plain text: counts of things, and configurations as JSON without infinity and NaN.
+
+
+def counted(number: int, thing: str) -> str:
+    """Return a count and what it counts, in the plural unless it is one.
+
+    Examples
+    --------
+    >>> counted(1, "impact"), counted(2, "impact")
+    ('1 impact', '2 impacts')
+    """
+    return f"{number} {thing}" + ("" if number == 1 else "s")
+
+
+def text_of(value: Any) -> str:
+    """Write plain values as JSON; numbers that are not finite become null."""
+    return json.dumps(_finite(value), allow_nan=False)
+
+
+def _finite(value: Any) -> Any:
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    if isinstance(value, Mapping):
+        return {name: _finite(it) for name, it in value.items()}
+    if isinstance(value, list | tuple):
+        return [_finite(it) for it in value]
+    return value
+
+
+# Results as labelled datasets, tables and pages.
+#
+# A result declares its quantities, ``FIELDS = {name: (dims, unit, meaning)}``; `dataset`, `frame`
+# and `page` write them for xarray, pandas and a notebook.
 
 Field: TypeAlias = "tuple[str | tuple[str, ...], str, str]"
 """Dimensions, unit ("" if it has none that is known) and meaning of a quantity."""
 
 
 @dataclasses.dataclass(frozen=True)
-class Table:
+class ResultTable:
     """What a dataset of a result holds.
 
     Parameters
@@ -86,10 +126,10 @@ def dataset(
     xarray.Dataset
         With the units, meanings, and the version of zivi.
     """
-    return _dataset(result, Table(title, fields, coords or {}, values or {}, attrs or {}))
+    return _dataset(result, ResultTable(title, fields, coords or {}, values or {}, attrs or {}))
 
 
-def _dataset(result: Any, table: Table) -> xarray.Dataset:
+def _dataset(result: Any, table: ResultTable) -> xarray.Dataset:
     needed("xarray", "labelled datasets")
     import xarray
 
@@ -111,7 +151,7 @@ def _attributes(unit: str, meaning: str) -> dict[str, str]:
     return ({"units": unit} if unit else {}) | ({"long_name": meaning} if meaning else {})
 
 
-def frame(result: Any, table: Table) -> pandas.DataFrame:
+def frame(result: Any, table: ResultTable) -> pandas.DataFrame:
     """Give what a result has for each row of a dimension as a table.
 
     What has several numbers for a row, by coordinate, gap or sign, gets a column for each, with its
@@ -145,7 +185,7 @@ def _dims(field: Field) -> tuple[str, ...]:
     return (field[0],) if isinstance(field[0], str) else field[0]
 
 
-def _labels(result: Any, table: Table, dim: str) -> list[str]:
+def _labels(result: Any, table: ResultTable, dim: str) -> list[str]:
     """Give the names along a dimension, none if it has numbers only."""
     if dim not in table.coords:
         return []
@@ -166,7 +206,7 @@ def page(title: str, rows: Mapping[str, str]) -> str:
 class Tabulated:
     """What results have in common: they are datasets, tables and pages."""
 
-    def _table(self) -> Table:
+    def _table(self) -> ResultTable:
         """Declare what is in the tables."""
         raise NotImplementedError
 

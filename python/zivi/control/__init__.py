@@ -1,7 +1,7 @@
 """Controllers, their gains, the observer, closed loops."""
 
 from zivi.base.former import of_zivi
-from zivi.control.closed_loop import ClosedLoop, Controller, simulate_closed_loop
+from zivi.control.closed_loop import ClosedLoop, Controller, simulate_closed_loop, tracker_gains
 from zivi.control.design import (
     GainDesign,
     InfeasibleError,
@@ -9,17 +9,13 @@ from zivi.control.design import (
     design_regulator,
     design_tracker,
 )
-from zivi.control.experiments import tracker_gains
-from zivi.control.gap_tracker import GapTracker
-from zivi.control.joint_observer import JointObserver
+from zivi.control.gap_tracker import GapTracker, Striker
 from zivi.control.loop_batch import ClosedLoopBatch, simulate_closed_loop_batch
-from zivi.control.mechanical_loop import MechanicalController, RKPeriod
+from zivi.control.mechanical_loop import MechanicalClosedLoop, MechanicalController, RKPeriod
 from zivi.control.mechanical_loop_batch import MechanicalLoopBatch
-from zivi.control.mechanical_loop_run import MechanicalClosedLoop
-from zivi.control.mechanical_reference import ReferenceSample
+from zivi.control.mechanical_reference import ReferenceSample, reference_run
+from zivi.control.model_based import JointObserver
 from zivi.control.observer import ImpactObserver, Observed
-from zivi.control.reference_run import reference_run
-from zivi.control.striker import Striker
 from zivi.control.twisting import *  # noqa: F403
 from zivi.control.twisting import __all__ as _twisting
 

@@ -1,9 +1,10 @@
-"""Who drives: the sampled closed loop of a plant and a controller."""
+"""The sampled closed loop of a plant and a controller."""
 
 from __future__ import annotations
 
 import copy
 import dataclasses
+import math
 from collections.abc import Callable, Sequence
 from typing import Any, Never, Protocol, overload
 
@@ -12,19 +13,24 @@ from numpy.typing import ArrayLike
 
 import zivi._zivi as _zivi
 from zivi.base.check import Array, real
-from zivi.base.compiled import listening
+from zivi.base.experiments import registered as _registered
+from zivi.base.extras import ProgressBar
 from zivi.base.habits import hinted
-from zivi.base.progress import ProgressBar
+from zivi.base.machine_code import listening
 from zivi.base.status import Status
-from zivi.control.joint_observer import JointObserver
 from zivi.control.loop_arguments import (
+    GivenReference,
+    Reference,
+    Told,
     check_ahead,
     check_delay,
     check_interface,
     check_method,
     check_not_negative,
     check_observer,
+    check_reference,
     check_stays,
+    describe_reference,
     described,
     described_observer,
     forces_of,
@@ -34,35 +40,95 @@ from zivi.control.loop_arguments import (
     noise_of,
     on_wall,
     period_of,
-)
-from zivi.control.loop_path import SampledReference, path_of
-from zivi.control.loop_reference import (
-    GivenReference,
-    Reference,
-    Told,
-    check_reference,
-    describe_reference,
     spec_of,
     told_of,
 )
-from zivi.control.loop_run import ESTIMATES, QUANTITIES, ClosedLoop
-from zivi.control.loop_samples import ended_by_event, restrict
-from zivi.control.mechanical_loop import MechanicalController, RKPeriod, simulate_mechanical
-from zivi.control.mechanical_loop_run import MechanicalClosedLoop
+from zivi.control.loop_run import (
+    ESTIMATES,
+    QUANTITIES,
+    ClosedLoop,
+    SampledReference,
+    Updates,
+    path_of,
+)
+from zivi.control.mechanical_loop import (
+    MechanicalClosedLoop,
+    MechanicalController,
+    RKPeriod,
+    simulate_mechanical,
+)
+from zivi.control.model_based import JointObserver
 from zivi.control.observer import ImpactObserver
-from zivi.control.twisting import CONTROLLERS
-from zivi.control.updates import Updates
-from zivi.simulation.argument_hints import refuse
-from zivi.simulation.describe import describe, describe_system
+from zivi.control.twisting import CONTROLLERS, TwistingTracker
 from zivi.simulation.events import events_of
 from zivi.simulation.impacts import SLOWEST, check_slowest, impacts_of
 from zivi.simulation.methods import SwitchedRK, ThetaGamma
-from zivi.simulation.partial import as_raised, with_partial
-from zivi.simulation.run import Event, pair, times_within
+from zivi.simulation.run import Event, pair, refuse, times_within
+from zivi.simulation.run_result import as_raised, with_partial
+from zivi.simulation.trajectory import describe, describe_system
 from zivi.system.mass import Force, ImpactSystem, check_system
 from zivi.system.mechanism import MechanicalSystem
 
-__all__ = ["ClosedLoop", "Controller", "simulate_closed_loop"]
+__all__ = [
+    "SAMPLED",
+    "ClosedLoop",
+    "Controller",
+    "ended_by_event",
+    "keep",
+    "restrict",
+    "simulate_closed_loop",
+    "tracker_gains",
+]
+
+# A closed loop reported otherwise than sample by sample: at given times, up to an event.
+
+SAMPLED = ("x", "xdot", "x_ref", "u")
+"""What a batch keeps of each loop at given times."""
+
+
+def restrict(run: ClosedLoop, times: Array) -> ClosedLoop:
+    """Report a run at `times` (those within the computed span) instead of at its samples."""
+    if run._span is None:
+        return run
+    return run._resampled(times[times <= run._span[1]])
+
+
+def keep(rows: Array, run: ClosedLoop, times: Array) -> None:
+    """Put the quantities of a loop of a batch at `times` into their rows."""
+    there = restrict(run, times)
+    for row, name in zip(rows, SAMPLED, strict=True):
+        values = getattr(there, name)
+        if values is not None:
+            row[: len(there.t)] = values
+
+
+def ended_by_event(run: ClosedLoop, h: float) -> ClosedLoop:
+    """End a run at its last event, within its last period."""
+    end = max(float(times[-1]) for times in run.t_events if len(times))
+    times = np.append(run.t[run.t < end], end)
+    zeno = run.zeno_times[run.zeno_times <= end]
+    gone = run.liftoff_times[run.liftoff_times <= end]
+    cut = dataclasses.replace(
+        run._resampled(times),
+        resolved_impacts=run.resolved_impacts[run.resolved_impacts["t"] <= end],
+        zeno_times=zeno,
+        liftoff_times=gone,
+        _span=(float(run.t[0]), end),
+    )
+    return dataclasses.replace(cut, rest_time=_rest(cut, max(end - h, times[0])))
+
+
+def _rest(run: ClosedLoop, latest: float) -> float | None:
+    """Give the time from which the plant rests until the end, if that is not after `latest`."""
+    if (run.x[-1], run.xdot[-1]) != (0.0, 0.0):
+        return None
+    left = run.liftoff_times[-1] if len(run.liftoff_times) else -np.inf
+    since = run.zeno_times[run.zeno_times > left]
+    start = since[-1] if len(since) else max(left, run.t[0])
+    return float(start) if start <= latest else None
+
+
+# Who drives: the sampled closed loop of a plant and a controller.
 
 
 class Controller(Protocol):
@@ -468,3 +534,86 @@ def _reference(
         return None
     kappa = config["controller"].get("kappa_ref", config["kappa"])
     return SampledReference(t, x, samples["xdot_ref"], kappa)
+
+
+# Experiments with controllers that studies can name.
+
+
+@_registered(
+    mu1="m/s^2", mu2="m/s^2", e="1", h="s", x0="m", v0="m/s", disturbance="m/s^2", t_end="s",
+    settling_time="s", effort="m/s", peak="m/s^2", error="m", n_refused="1",
+)  # fmt: skip
+def tracker_gains(
+    mu1: float = 30.0,
+    mu2: float = 17.0,
+    e: float = 1.0 / 3.0,
+    h: float = 1e-3,
+    x0: float = 6.0,
+    v0: float = 5.0,
+    disturbance: float = 0.0,
+    t_end: float = 3.0,
+    tolerance: float = 1e-3,
+) -> dict[str, float]:
+    """Track a bouncing ball of larger weight through its Zeno point, the paper's task.
+
+    The plant falls with 9.81 m/s^2, the reference, from 3 m with 3 m/s, with 19.81 m/s^2.
+
+    Parameters
+    ----------
+    mu1, mu2 : float
+        Gains on the signs of position and velocity (m/s^2).
+    e : float
+        Coefficient of restitution of both, 0 < e < 1.
+    h : float
+        Sampling period (s).
+    x0, v0 : float
+        Initial height (m) and velocity (m/s) of the plant.
+    disturbance : float
+        Constant force on the plant that the controller does not know (m/s^2).
+    t_end : float
+        Length of the run (s).
+    tolerance : float
+        Position error that counts as settled (m).
+
+    Returns
+    -------
+    dict
+        ``settling_time``, the first sample from which the error stays within `tolerance` to the
+        end (s; the start if it always does, NaN if it does not at the end),
+        ``effort``, the integral of the absolute control (m/s), ``peak``, the largest absolute
+        control (m/s^2), ``error``, the last absolute position error (m), and ``n_refused``, the
+        samples that the controller refused.
+
+    Examples
+    --------
+    >>> found = zivi.study.EXPERIMENTS["tracker_gains"]()
+    >>> round(found["settling_time"], 3), found["error"]
+    (1.243, 0.0)
+    """
+    plant = ImpactSystem(-9.81 + disturbance, e=e)
+    tracker = TwistingTracker(mu1, mu2, h=h, e=e)
+    run = simulate_closed_loop(
+        plant,
+        tracker,
+        (0.0, t_end),
+        (x0, v0),
+        y_ref0=(3.0, 3.0),
+        force_ref=-19.81,
+        force_model=-9.81,
+        progress=False,
+    )
+    return {
+        "settling_time": _settling_time(run, tolerance),
+        "effort": float(h * np.sum(np.abs(run.u[:-1]))),
+        "peak": float(np.max(np.abs(run.u))),
+        "error": float(abs(run.error[-1])),
+        "n_refused": float(run.n_refused),
+    }
+
+
+def _settling_time(run: ClosedLoop, tolerance: float) -> float:
+    outside = np.flatnonzero(~(np.abs(run.error) <= tolerance))
+    if not len(outside):
+        return float(run.t[0])
+    last = int(outside[-1])
+    return float(run.t[last + 1]) if last + 1 < len(run.t) else math.nan

@@ -1,4 +1,4 @@
-"""What the controllers and the observer share: settings, state, copies and pickles."""
+"""What controllers and observers share: settings, state, copies, ranges of controls."""
 
 from __future__ import annotations
 
@@ -12,11 +12,37 @@ from typing import TYPE_CHECKING, Any, Never, Self, TypeVar
 import numpy as np
 
 import zivi._zivi as _zivi
-from zivi.base.check import Array, integer, real, switch
+from zivi.base.check import Array, integer, real, real_array, switch
 from zivi.base.habits import attribute_error
-from zivi.system.transform import coefficients
+from zivi.system.mass import coefficients
 
-__all__ = ["DEPTH", "HORIZON", "TickStatus"]
+__all__ = [
+    "DEPTH",
+    "HORIZON",
+    "TickStatus",
+    "limits_of",
+    "pairs",
+]
+
+# Ranges of controls.
+
+
+def limits_of(limits: Any) -> Array | None:
+    """Read the range of each control."""
+    if limits is None:
+        return None
+    rows = real_array("u_limits", limits)
+    if rows.ndim != 2 or rows.shape[1] != 2 or not (rows[:, 0] < rows[:, 1]).all():
+        raise ValueError(f"u_limits must be pairs (u_min, u_max) with u_min < u_max, got {limits}")
+    return rows
+
+
+def pairs(limits: Array | None) -> list[tuple[float, float]] | None:
+    """Give them as the extension takes them."""
+    return None if limits is None else [(float(low), float(high)) for low, high in limits]
+
+
+# What the controllers and the observer share: settings, state, copies and pickles.
 
 _DEPTH, _HORIZON = _zivi.CONTROL_SETTINGS["TwistingTracker"]
 DEPTH: float = _DEPTH.default

@@ -4,23 +4,495 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
-from zivi.base.check import finite, not_negative, positive
+from zivi.base.check import Array, finite, not_negative, positive
 from zivi.base.habits import hinted
-from zivi.control.design_law import Law
-from zivi.control.design_search import LARGEST, Asked, Found, feasible_time, least_limit, search
-from zivi.control.design_time import Landing
 from zivi.control.loop_arguments import check_delay
 from zivi.control.twisting import TwistingRegulator, TwistingTracker
 from zivi.simulation.run import pair
-from zivi.system.transform import coefficients
+from zivi.system.mass import coefficients
 
-__all__ = ["GainDesign", "InfeasibleError", "best_ratio", "design_regulator", "design_tracker"]
+__all__ = [
+    "LARGEST",
+    "Asked",
+    "Found",
+    "GainDesign",
+    "InfeasibleError",
+    "Landing",
+    "Law",
+    "Settled",
+    "best_ratio",
+    "design_regulator",
+    "design_tracker",
+    "feasible_time",
+    "least_limit",
+    "search",
+    "settled",
+]
+
+# How long a sampled landing takes at most, for any unknown force within its bound.
+#
+# The mass falls with ``D``, an unknown force of at most ``M`` added or not, and rises against as
+# much of the brake ``U`` as the sampled, late control has. One flight after the other is taken at
+# its longest and at its fastest end:
+#
+# .. math::
+#
+# w \le v_s = N h U\,(+ 2 q): \quad T \le \frac{w \left( 1/(m-M) + 1/\sqrt{(m-M)(D-M)}
+# \right)}{1 - r}, \qquad r = e \sqrt{\frac{D+M}{m-M}}, \qquad m = \min(U, D)
+#
+# below the speed ``v_s`` under which the brake is not taken in full.
+
+FLIGHTS = 100_000
+"""Flights after which a landing counts as endless."""
+NEAR = 1.1
+"""Part of its last cycle's speed to which a mass that does not rest exactly has to come."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Landing:
+    """What lands: where, from where, how it is sampled.
+
+    Parameters
+    ----------
+    e : float
+        Coefficient of restitution.
+    force, bound : float
+        The known force, and M (m/s^2).
+    start : (float, float)
+        Distance from the wall (m) and velocity (m/s).
+    delay : int
+        Periods from a measurement to the moment when its control acts.
+    quiet : float
+        Bound of the errors of the measured velocity, the dead zone of the landing (m/s).
+    """
+
+    e: float
+    force: float
+    bound: float
+    start: tuple[float, float]
+    delay: int
+    quiet: float
+
+    def released(self, h: Array) -> tuple[Array, Array, Array]:
+        """Give the highest place, the least and the largest velocity when the first control acts.
+
+        Until then only the known and the unknown force act.
+        """
+        (x, v), time = self.start, self.delay * h
+        low, high = self.force - self.bound, self.force + self.bound
+        slowest, fastest = v + low * time, v + high * time
+        top = x + max(v, 0.0) * time + 0.5 * max(high, 0.0) * time**2
+        # the lowest place on the way: may it have met the wall?
+        turn = np.clip(-v / low, 0.0, time) if low > 0.0 else time
+        meets = (self.delay > 0) & (x + v * turn + 0.5 * low * turn**2 <= 0.0)
+        speed = abs(v) + max(abs(low), abs(high)) * time
+        rebound = self.e * speed + max(high, 0.0) * time
+        return (
+            np.where(meets, np.maximum(top, rebound * time), top),
+            np.where(meets, np.minimum(slowest, -speed), slowest),
+            np.where(meets, np.maximum(fastest, rebound), fastest),
+        )
+
+
+@dataclasses.dataclass(frozen=True)
+class Settled:
+    """How a landing ends.
+
+    Parameters
+    ----------
+    time : ndarray
+        Until the mass rests, or stays below `height` (s); infinite where it does neither.
+    height : ndarray
+        0 where it rests, else how far from the wall it still gets (m).
+    """
+
+    time: Array
+    height: Array
+
+
+class _Flights:
+    """Flights of the landings with these accelerations, one entry for each."""
+
+    def __init__(self, it: Landing, braking: Array, falling: Array, h: Array) -> None:
+        self.late = (1 + it.delay) * h
+        self.U, self.D, self.M = braking, falling, it.bound
+        self.slow, self.fast = falling - it.bound, falling + it.bound
+        self.brake, self.weaker = braking - it.bound, np.minimum(braking, falling) - it.bound
+        self.stops = self.late * braking + 2.0 * it.quiet
+        self.strong = braking > falling
+        # a brake below D that comes late or ends late holds a falling mass up
+        self.held = np.where(self.strong, 0.0, self.late * (falling - braking) / self.slow)
+        self.e = it.e
+
+    def rise(self, w: Array, late: Array) -> tuple[Array, Array]:
+        """Give the longest time and the largest height of a rise with ``w``.
+
+        The brake comes late; it is taken in full down to ``v_s``, then with `D` at least.
+        """
+        strong, slow, brake = self.strong, self.slow, self.brake
+        first = np.maximum(w - slow * late, np.minimum(w, self.stops))
+        last = np.minimum(first, self.stops)
+        time = (w - first + last) / slow + (first - last) / brake
+        height = (w * w - first * first + last * last) / (2.0 * slow)
+        height += (first * first - last * last) / (2.0 * brake)
+        return np.where(strong, time, w / brake), np.where(strong, height, w * w / (2.0 * brake))
+
+    def flight(self, w: Array) -> tuple[Array, Array, Array]:
+        """Give the time, the height and the speed after its impact of a flight with ``w``."""
+        time, height = self.rise(w, self.late)
+        time = time + np.sqrt(2.0 * height / self.slow) + self.held
+        return time, height, self.e * np.sqrt(2.0 * self.fast * height)
+
+    def tail(self, w: Array) -> Array:
+        """Give the time of all flights from ``w <= v_s`` on."""
+        ratio = self.e * np.sqrt(self.fast / self.slow)
+        below_d = 2.0 * w / self.slow / (1.0 - np.where(self.strong, ratio, 0.0))
+        growth = self.e * np.sqrt(self.fast / self.brake)
+        below_u = 2.0 * w / self.brake / (1.0 - growth) + self.late
+        return np.where(self.strong, below_d, below_u)
+
+
+def settled(
+    it: Landing, braking: Array, falling: Array, h: Array, within: float = math.inf
+) -> Settled:
+    """Bound the time of a landing; times beyond `within` may be given as infinite.
+
+    Parameters
+    ----------
+    it : Landing
+        What lands.
+    braking, falling : ndarray
+        U and D (m/s^2).
+    h : ndarray
+        Sampling period (s).
+    within : float
+        The longest time that is of interest (s).
+    """
+    with np.errstate(all="ignore"):
+        return _settled(it, braking, falling, np.asarray(h), within)
+
+
+def _settled(it: Landing, braking: Array, falling: Array, h: Array, within: float) -> Settled:
+    e, M = it.e, it.bound
+    shrinks = (falling > M) & (braking > M) & (e * e * (falling + M) < braking - M)
+    rests = shrinks & (e * e * (falling + M) < np.minimum(braking, falling) - M)
+    U, D = np.where(shrinks, braking, M + 2.0), np.where(shrinks, falling, M + 1.0)
+    flights = _Flights(it, U, D, h)
+    time, w = _first_impact(it, flights, h)
+    until = np.where(rests, flights.stops, np.maximum(flights.stops, NEAR * _cycle(flights)))
+    for _ in range(FLIGHTS):
+        on = (w > until) & (time <= within) & shrinks
+        if not on.any():
+            break
+        longer, _, after = flights.flight(w)
+        time, w = np.where(on, time + longer, time), np.where(on, after, w)
+    time = np.where(rests, time + flights.tail(np.where(rests, w, 0.0)), time) + h
+    height = np.where(rests, 0.0, flights.flight(until)[1])
+    return Settled(np.where(shrinks & (time <= within), time, np.inf), height)
+
+
+def _first_impact(it: Landing, flights: _Flights, h: Array) -> tuple[Array, Array]:
+    """Give the time of the first impact and the speed after it."""
+    x, slowest, fastest = it.released(h)
+    up, down = np.maximum(fastest, 0.0), np.maximum(-fastest, 0.0)
+    late = flights.late if it.delay else 0.0 * flights.late
+    rising, height = flights.rise(up, late)
+    top = x + height
+    # with the least pull from the slowest, with the largest from the fastest
+    falling = 2.0 * top / np.maximum(down + np.sqrt(down * down + 2.0 * flights.slow * top), TINY)
+    hit = np.maximum(
+        np.sqrt(2.0 * flights.fast * top),
+        np.sqrt(np.maximum(-slowest, 0.0) ** 2 + 2.0 * flights.fast * x),
+    )
+    return it.delay * h + rising + falling + flights.held, it.e * hit
+
+
+TINY = 1e-300
+
+
+def _cycle(flights: _Flights) -> Array:
+    r"""Give the speed at which the bounces of a mass that does not rest no longer shrink.
+
+    :math:`w^2 = 2 e^2 (D + M) X(w)` with the height of a late brake,
+
+    .. math::
+
+        X = \frac{w^2 - v_1^2 + v_s^2}{2 (D - M)} + \frac{v_1^2 - v_s^2}{2 (U - M)},
+        \qquad v_1 = w - (D - M) \tau
+    """
+    p, q, tau = flights.slow, flights.brake, flights.late
+    c = flights.e**2 * flights.fast
+    # a w^2 - 2 b w - rest = 0
+    a = 1.0 - c / q
+    b = c * tau * (1.0 - p / q)
+    rest = c * ((p * tau) ** 2 - flights.stops**2) * (1.0 / q - 1.0 / p)
+    inside = np.maximum(b * b + a * rest, 0.0)
+    return (b + np.sqrt(inside)) / a
+
+
+# What the gains of a controller do: accelerations, conditions, the range of the control.
+
+STEEPEST, FLATTEST = 0.02, 0.98
+"""Range of ``mu2/mu1`` that is looked at."""
+MARGIN = 1e-9
+"""By how much a design stays within limits of the actuator: more than rounding."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Law:
+    """What the gains make of a controller.
+
+    Parameters
+    ----------
+    kind : {"tracker", "regulator"}
+        Of which controller.
+    e : float
+        Coefficient of restitution.
+    force : float
+        The known force (m/s^2).
+    force_ref : float or None
+        Largest force on a reference that moves (m/s^2).
+    """
+
+    kind: Literal["tracker", "regulator"]
+    e: float
+    force: float
+    force_ref: float | None
+
+    def gains(self, braking: float, falling: float) -> tuple[float, float]:
+        """Give the gains whose net accelerations are U and D."""
+        if self.kind == "regulator":
+            both, rest = braking + self.force, falling + self.force
+        else:
+            part = 0.5 * (1.0 + self.e)
+            both, rest = part / self.e * braking, part * falling
+        return 0.5 * (both + rest), 0.5 * (both - rest)
+
+    def least(self, ratio: Array, bound: float, exact: bool) -> Array:
+        """Give the least U that holds an unknown force of this bound, with D = ratio U.
+
+        Parameters
+        ----------
+        ratio : ndarray
+            D/U.
+        bound : float
+            M, with its reserve (m/s^2).
+        exact : bool
+            Whether the mass rests, ``M < (min(U, D) - e^2 D)/(1 + e^2)``; else its long bounces
+            shrink, ``e^2 (D + M) < U - M`` and ``M < D``.
+        """
+        e = self.e
+        weaker = np.minimum(1.0, ratio) if exact else np.ones_like(ratio)
+        least = _at_least(bound * (1.0 + e * e), weaker - e * e * ratio)
+        least = np.maximum(least, bound / ratio)
+        if self.kind == "tracker":
+            # M/R < mu2 < mu1 - M/R with R = 2e/(1 + e)
+            least = np.maximum(least, bound / (e * ratio))
+            least = np.maximum(least, _at_least(2.0 * bound, 1.0 - e * ratio))
+        return np.maximum(least, self._ordered(ratio))
+
+    def _ordered(self, ratio: Array) -> Array:
+        """Give the least U with a ``mu2/mu1`` in range, infinite where there is none."""
+        low, high = ((1.0 - it) / (1.0 + it) for it in (FLATTEST, STEEPEST))
+        if self.kind == "tracker":
+            share = self.e * ratio  # (mu1 - mu2)/(mu1 + mu2)
+            return np.where((share >= low) & (share <= high), 0.0, np.inf)
+        # low <= (D + F)/(U + F) <= high
+        least = np.maximum(
+            _at_least(-self.force * (1.0 - low), ratio - low),
+            _at_least(self.force * (1.0 - high), high - ratio),
+        )
+        return np.maximum(least, 0.0)
+
+    def allowed(self, ratio: Array, limits: tuple[float, float]) -> tuple[Array, Array]:
+        """Give the least and the largest U whose control stays within the actuator's range."""
+        low, high = limits
+        # u = -F - g with g from min(U, D) to max(U, D)
+        least = (-self.force - high) * (1.0 + MARGIN) / np.minimum(1.0, ratio)
+        most = (-self.force - low) * (1.0 - MARGIN) / np.maximum(1.0, ratio)
+        if self.force_ref is not None:
+            room = min(high - max(0.0, -self.force), min(0.0, -self.force) - low)
+            most = np.minimum(most, self.e * room * (1.0 - MARGIN) - abs(self.force_ref))
+        return least, most
+
+    def controls(self, mu1: float, mu2: float, late: bool) -> tuple[float, float]:
+        """Give the least and the largest control; with a delay 0 acts at first.
+
+        While the reference moves the control is ``-a F`` with ``0 <= a <= 1`` and on either side
+        up to ``(1 + kappa)(mu1 + mu2 + |F_r|/R_r) = (1 + kappa)(mu1 + mu2) + |F_r|/e``.
+        """
+        if self.kind == "regulator":
+            low, high = -mu1 - mu2, -mu1 + mu2
+        else:
+            low, high = self._landing_controls(mu1, mu2)
+        if self.force_ref is not None:
+            moving = 2.0 / (1.0 + self.e) * (mu1 + mu2) + abs(self.force_ref) / self.e
+            low = min(low, min(0.0, -self.force) - moving)
+            high = max(high, max(0.0, -self.force) + moving)
+        return (min(low, 0.0), max(high, 0.0)) if late else (low, high)
+
+    def _landing_controls(self, mu1: float, mu2: float) -> tuple[float, float]:
+        """Give ``-F - g`` for the least and the largest g, as the tracker rounds them."""
+        accelerations = TwistingTracker(mu1, mu2, h=1.0, e=self.e)._accelerations()
+        assert accelerations is not None
+        return -self.force - max(accelerations), -self.force - min(accelerations)
+
+
+def _at_least(needed: float, per: Array) -> Array:
+    """Give the least U >= 0 with ``per U >= needed`` for it and all larger ones."""
+    possible = per > 0.0
+    least = np.maximum(needed / np.where(possible, per, 1.0), 0.0)
+    return np.where(possible, least, np.inf)
+
+
+# Least accelerations that do what is requested of a design, and what an actuator allows.
+
+RESERVE = 1.2
+"""By how much the gains exceed what the bound of the unknown force asks for."""
+PART = 0.98
+"""Part of the settling time that is promised."""
+SAMPLING = 0.1
+"""Part of it that sampling may take."""
+RATIOS = np.sort(np.append(np.geomspace(0.05, 8.0, 80), 1.0))
+"""D/U."""
+FINER = 0.25 ** np.arange(6)
+"""Sampling periods, as parts of the first, that are tried where an actuator has limits."""
+LEAST, LARGEST = 1e-12, 1e12
+"""Range of U (m/s^2)."""
+BISECTIONS = 50
+LONGEST = 1e6
+"""Times the settling time: longer ones are not looked at."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Asked:
+    """What is requested.
+
+    Parameters
+    ----------
+    law : Law
+        Of which controller.
+    landing : Landing
+        What lands.
+    time : float
+        Within which time (s).
+    limits : (float, float)
+        Range of the actuator (m/s^2).
+    exact : bool
+        Whether the mass has to rest exactly.
+    """
+
+    law: Law
+    landing: Landing
+    time: float
+    limits: tuple[float, float]
+    exact: bool
+
+    def period(self, ratio: Array) -> Array:
+        """Give the sampling period: what sampling costs is a tenth of the time, about."""
+        kappa = (1.0 - self.law.e) / (1.0 + self.law.e)
+        periods = 3.0 * (1.0 + 1.0 / kappa) * np.maximum(1.0, 1.0 / ratio) + 11.0
+        return SAMPLING * self.time / ((1 + self.landing.delay) * periods)
+
+    def ends(self) -> tuple[Array, Array]:
+        """Give the least and the largest U for each ratio, but for the time."""
+        least = self.law.least(RATIOS, RESERVE * self.landing.bound, self.exact)
+        low, high = self.law.allowed(RATIOS, self.limits)
+        return np.maximum(np.maximum(least, low), LEAST), np.minimum(high, LARGEST)
+
+    def periods(self) -> Array:
+        """Give the sampling periods that are tried, a row for each."""
+        limited = any(map(math.isfinite, self.limits))
+        return np.outer(FINER if limited else FINER[:1], self.period(RATIOS))
+
+    def in_time(self, braking: Array, h: Array) -> NDArray[np.bool_]:
+        """Whether so much brake is enough, for each ratio."""
+        found = settled(self.landing, braking, RATIOS * braking, h, PART * self.time)
+        enough: NDArray[np.bool_] = found.time <= PART * self.time
+        return enough
+
+    def feasible(self) -> bool:
+        """Whether any gains do it."""
+        low, high = self.ends()
+        some = low <= high
+        braking = np.where(some, high, 1.0)
+        return any(bool((some & self.in_time(braking, h)).any()) for h in self.periods())
+
+
+@dataclasses.dataclass(frozen=True)
+class Found:
+    """Accelerations U and D, the sampling period, and what they promise."""
+
+    braking: float
+    falling: float
+    h: float
+    time: float
+    height: float
+
+
+def search(asked: Asked) -> Found | None:
+    """Give the least accelerations, None where there are none."""
+    low, high = asked.ends()
+    some = low <= high
+    low, high = np.where(some, low, 1.0), np.where(some, high, 1.0)
+    for h in asked.periods():
+        possible = some & asked.in_time(high, h)
+        if possible.any():
+            return _least(asked, (low, high), possible, h)
+    return None
+
+
+def _least(asked: Asked, ends: tuple[Array, Array], possible: NDArray[np.bool_], h: Array) -> Found:
+    """Find the least U for each ratio between its ends; of these the least acceleration."""
+    low, high = np.log(ends[0]), np.log(ends[1])
+    at_once = asked.in_time(ends[0], h)
+    for _ in range(BISECTIONS):
+        middle = 0.5 * (low + high)
+        good = asked.in_time(np.exp(middle), h)
+        low, high = np.where(good, low, middle), np.where(good, middle, high)
+    braking = np.where(at_once, ends[0], np.minimum(np.exp(high), ends[1]))
+    most = np.where(possible, braking * np.maximum(1.0, RATIOS), np.inf)
+    k = int(np.argmin(most))
+    U, D = braking[k : k + 1], RATIOS[k] * braking[k : k + 1]
+    found = settled(asked.landing, U, D, h[k : k + 1])
+    return Found(*(float(it[0]) for it in (U, D, h[k : k + 1], found.time, found.height)))
+
+
+def feasible_time(asked: Asked) -> float | None:
+    """Give the least settling time that the actuator allows, None where it allows none."""
+
+    def feasible(time: float) -> bool:
+        return dataclasses.replace(asked, time=time).feasible()
+
+    return _least_of(feasible, asked.time, LONGEST * asked.time)
+
+
+def least_limit(asked: Asked) -> float | None:
+    """Give the least limit of the absolute control that allows what is requested."""
+
+    def feasible(limit: float) -> bool:
+        return dataclasses.replace(asked, limits=(-limit, limit)).feasible()
+
+    return _least_of(feasible, LEAST, LARGEST)
+
+
+def _least_of(feasible: Callable[[float], bool], low: float, high: float) -> float | None:
+    """Give the least value above which it is feasible, to a millionth."""
+    if not feasible(high):
+        return None
+    while high > (1.0 + 1e-6) * low:
+        middle = math.sqrt(low * high)
+        low, high = (low, middle) if feasible(middle) else (middle, high)
+    return high
+
+
+# Gains that are computed: from what is requested of a loop to a controller that does it.
 
 
 class InfeasibleError(ValueError):

@@ -9,26 +9,34 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 import zivi._zivi as _zivi
-from zivi.base.check import finite
-from zivi.base.compiled import listening, tell
+from zivi.base.check import Array, finite
+from zivi.base.extras import ProgressBar
 from zivi.base.habits import hinted
-from zivi.base.progress import ProgressBar
-from zivi.base.warnings import warn
-from zivi.control.closed_loop import ClosedLoop, Controller, simulate_closed_loop
-from zivi.control.joint_observer import JointObserver
+from zivi.base.machine_code import listening, tell
+from zivi.base.status import warn
+from zivi.control.closed_loop import SAMPLED, ClosedLoop, Controller, keep, simulate_closed_loop
 from zivi.control.loop_arguments import (
+    Reference,
     check_ahead,
     check_delay,
     check_follows,
     check_method,
     check_not_negative,
+    check_observer,
+    check_reference,
     check_stays,
+    describe_reference,
     described,
     described_observer,
     motion_of,
+    on_wall,
     period_of,
+    rows_of,
 )
-from zivi.control.loop_batch_alone import (
+from zivi.control.loop_run import ClosedLoopBatch, warn_of_batch
+from zivi.control.mechanical_loop import MechanicalController, RKPeriod
+from zivi.control.mechanical_loop_batch import (
+    MechanicalLoopBatch,
     check_starts,
     columns_of,
     columns_of_record,
@@ -37,41 +45,126 @@ from zivi.control.loop_batch_alone import (
     numbers_of,
     outcomes,
     seeds_of,
+    simulate_mechanical_batch,
 )
-from zivi.control.loop_batch_arguments import (
-    common,
-    entry,
-    forces_of,
-    observers_of,
-    on_walls,
-    placed,
-    references_of,
-    several,
-)
-from zivi.control.loop_batch_result import ClosedLoopBatch
-from zivi.control.loop_reference import Reference, check_reference, describe_reference
-from zivi.control.loop_samples import QUANTITIES, keep
-from zivi.control.mechanical_loop import MechanicalController, RKPeriod
-from zivi.control.mechanical_loop_batch import MechanicalLoopBatch, simulate_mechanical_batch
+from zivi.control.model_based import JointObserver
 from zivi.control.observer import ImpactObserver
 from zivi.control.twisting import CONTROLLERS
-from zivi.control.updates import warn_of_batch
-from zivi.simulation.batch_arguments import (
+from zivi.simulation.batch_result import (
+    MAX_DESCRIBED,
+    check_native,
     check_threads,
     every_of,
     room_for,
     states_of,
     times_of,
 )
-from zivi.simulation.batch_result import MAX_DESCRIBED
-from zivi.simulation.describe import describe, describe_system
 from zivi.simulation.impacts import SLOWEST, check_slowest
 from zivi.simulation.methods import SwitchedRK, ThetaGamma
 from zivi.simulation.run import pair
-from zivi.system.mass import Force, ImpactSystem
+from zivi.simulation.trajectory import describe, describe_system
+from zivi.system.mass import Force, ImpactSystem, force_spec, in_wall_frame
 from zivi.system.mechanism import MechanicalSystem
 
-__all__ = ["ClosedLoopBatch", "simulate_closed_loop_batch"]
+__all__ = [
+    "ClosedLoopBatch",
+    "common",
+    "entry",
+    "forces_of",
+    "observers_of",
+    "on_walls",
+    "placed",
+    "references_of",
+    "several",
+    "simulate_closed_loop_batch",
+]
+
+# What is requested of a batch of closed loops: its arguments, checked and translated.
+
+
+def observers_of(observer: Any, controllers: list[Any]) -> list[Any]:
+    """Return the observers, each of its controller's period."""
+    observers = [] if observer is None else several("observer", observer)
+    for i in range(max(len(observers), len(controllers)) if observers else 0):
+        if i < len(observers) or len(observers) == 1:
+            check_observer(entry(observers, i), controllers[min(i, len(controllers) - 1)].h)
+    return observers
+
+
+def several(name: str, things: Any) -> list[Any]:
+    """Return one thing, or several, as a list."""
+    try:
+        one = isinstance(things, (ImpactSystem, ImpactObserver, *CONTROLLERS))
+        found = [things] if one else list(things)
+    except TypeError:
+        found = [things]
+    if not found:
+        raise ValueError(f"{name} must hold at least one")
+    return found
+
+
+def common(lists: dict[str, Any]) -> int:
+    """Return the number of loops; every list has an entry for each, or one for all."""
+    n = max(len(it) for it in lists.values())
+    for name, it in lists.items():
+        if len(it) not in (1, n):
+            raise ValueError(f"{name} must have 1 or {n} entries, got {len(it)}")
+    return n
+
+
+def placed(controllers: list[Any], references: Array, n: int) -> list[Any]:
+    """Copy the controllers, with their references where they start."""
+    copies = []
+    for i in range(n):
+        controller = controllers[i if len(controllers) > 1 else 0].copy()
+        controller.reset(*(float(it) for it in references[i if len(references) > 1 else 0]))
+        copies.append(controller)
+        if len(controllers) == 1 and len(references) == 1:
+            break
+    return copies
+
+
+def on_walls(controllers: list[Any], plants: list[ImpactSystem], n: int) -> list[Any]:
+    """Give the controllers without `e` their plants'."""
+    ours = [it for it in controllers if isinstance(it, CONTROLLERS)]
+    differ = len(plants) > 1 and any(it._settings["kappa"] is None for it in ours)
+    count = n if differ else len(controllers)
+    # one warning for all of a kind: the warnings of one place are shown once
+    return [on_wall(entry(controllers, i), entry(plants, i)) for i in range(count)]
+
+
+def references_of(
+    references: list[Any], controllers: list[Any], span: tuple[float, float], n: int
+) -> list[tuple[Array, float]]:
+    """Give the references at the samples, and the kappas of their walls."""
+    count = n if max(len(references), len({(it.h, it.kappa_ref) for it in controllers})) > 1 else 1
+    pairs = [(entry(references, i), entry(controllers, i)) for i in range(count)]
+    return [(rows_of(it, span, controller.h), controller.kappa_ref) for it, controller in pairs]
+
+
+def entry(things: Sequence[Any] | Array, i: int) -> Any:
+    """Return the entry of one loop, or the one for all."""
+    return things[i if len(things) > 1 else 0]
+
+
+def forces_of(
+    plants: list[ImpactSystem], force_model: Any, force_ref: Any
+) -> tuple[list[_zivi.Force], list[_zivi.Force], list[_zivi.Force]]:
+    """Translate the forces on the plants, in the models and on the references."""
+    own = [plant._spec for plant in plants]
+    if force_model is None:
+        models = own
+    else:
+        model = force_spec(force_model, "force_model")
+        models = [in_wall_frame(plant, model) for plant in plants]
+    references = models if force_ref is None else [force_spec(force_ref, "force_ref")]
+    for name, specs in (("system", own), ("model", models), ("reference", references)):
+        for i, spec in enumerate(specs):
+            check_native(spec, f"the force of {name} {i}")
+    return own, models, references
+
+
+# Many closed loops at once, on all cores: the study of gains and of tolerances.
 
 STATE = ("x", "xdot")
 """The columns of initial states."""
@@ -284,7 +377,7 @@ def simulate_closed_loop_batch(
     noisy = any(it != (0.0, 0.0) for it in deviations)
     seeds = seeds_of(seed, n) if noisy or seed is not None else []
     times = None if t_eval is None else times_of(t_eval, save, span)
-    rows = None if times is None else room_for(len(QUANTITIES), n, len(times))
+    rows = None if times is None else room_for(len(SAMPLED), n, len(times))
     if y_ref0 is not None and ours:
         ticking = placed(ticking, references, n)
     forces = forces_of(plants, force_model, force_ref)
@@ -383,7 +476,7 @@ def simulate_closed_loop_batch(
         found["sample_t"] = _zivi.grid_times(*span, float(ticking[0].h), every)[:width]
     if rows is not None:
         found |= {"sample_t": times}
-        found |= dict(zip((f"sample_{it}" for it in QUANTITIES), rows, strict=True))
+        found |= dict(zip((f"sample_{it}" for it in SAMPLED), rows, strict=True))
     batch = ClosedLoopBatch(**found, config=config)
     warn_of_batch(batch)
     return batch

@@ -1,25 +1,350 @@
-"""The result of a closed loop."""
+"""The results of closed loops, of one and of many."""
 
 from __future__ import annotations
 
 import dataclasses
 import functools
-from typing import TYPE_CHECKING, Any, ClassVar
+import math
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any, ClassVar, Protocol, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from zivi import _zivi
+import zivi._zivi as _zivi
 from zivi.base.check import Array, MaybeNone
-from zivi.base.status import Status
-from zivi.base.table import Field, Table
-from zivi.control.loop_path import Reference, on_side, sides
-from zivi.control.updates import NONE, Updated, Updates, with_updates
-from zivi.simulation.dense import Path
+from zivi.base.status import Status, warn
+from zivi.base.table import Field, ResultTable
+from zivi.control.component import TickStatus
+from zivi.simulation.batch_result import Runs
+from zivi.simulation.dense import LinearPath, Path
 from zivi.simulation.impacts import SLOWEST
 from zivi.simulation.run_result import EVENT_COORDS, EVENT_FIELDS, MassRun
+from zivi.system.mass import lift, project
 
-__all__ = ["ESTIMATES", "QUANTITIES", "SIGNS", "ClosedLoop"]
+__all__ = [
+    "ESTIMATES",
+    "NONE",
+    "NUMBERS",
+    "QUANTITIES",
+    "SIGNS",
+    "BallisticPath",
+    "ClosedLoop",
+    "ClosedLoopBatch",
+    "Reference",
+    "SampledReference",
+    "Updated",
+    "Updates",
+    "on_side",
+    "path_of",
+    "sides",
+    "warn_of_batch",
+    "with_updates",
+]
+
+# What happened at the control updates of a loop: one count for every kind of loop.
+
+SHARE = 0.1
+"""Share of the control updates above which rejections or saturations are warned of."""
+NAMES = ("n_updates", "n_refused", "n_saturated", "n_unsolved", "n_lost")
+"""What datasets call the counts."""
+ADVICE = {
+    "rejected": "the last control was held; controls must be finite, measurements within depth",
+    "saturated": "the controller cannot do what it plans within its limits",
+}
+
+
+@dataclasses.dataclass(frozen=True)
+class Updates:
+    """Counts of the control updates of a closed loop.
+
+    Parameters
+    ----------
+    total : int
+        Control updates.
+    rejected : int
+        Those whose sample or control was rejected: the last control was held.
+    saturated : int
+        Those whose control was cut to its limits.
+    unsolved : int
+        Those for which the general solver found no signs.
+    lost : int
+        Those at which a contact opened that the controller held.
+
+    Examples
+    --------
+    >>> plant = zivi.ImpactSystem(-9.81, e=0.5)
+    >>> tracker = zivi.TwistingTracker(30, 17, h=1e-2, e=0.5, u_limits=(-40, 40))
+    >>> run = zivi.simulate_closed_loop(plant, tracker, (0, 2), (0.2, 0), y_ref0=(0.2, 0))
+    >>> run.updates.total, run.updates.rejected
+    (200, 0)
+    """
+
+    total: int = 0
+    rejected: int = 0
+    saturated: int = 0
+    unsolved: int = 0
+    lost: int = 0
+
+    @classmethod
+    def of_bits(cls, bits: NDArray[np.uint8]) -> Self:
+        """Count the bits of `TickStatus` of all updates."""
+        counted = (
+            TickStatus.REFUSED,
+            TickStatus.SATURATED,
+            TickStatus.UNSOLVED,
+            TickStatus.LATCH_LOST,
+        )
+        return cls(len(bits), *(int(np.count_nonzero(bits & int(it))) for it in counted))
+
+    def attrs(self) -> dict[str, int]:
+        """Return the counts by the names that datasets have."""
+        return dict(zip(NAMES, dataclasses.astuple(self), strict=True))
+
+    @classmethod
+    def of_attrs(cls, attrs: Mapping[str, Any], bits: NDArray[np.uint8]) -> Self:
+        """Return what `attrs` gave; of older datasets what the bits at the samples tell."""
+        if NAMES[0] in attrs:
+            return cls(*(int(attrs[name]) for name in NAMES))
+        return cls.of_bits(bits[:-1])
+
+    def __str__(self) -> str:
+        """Say what failed, nothing if nothing did."""
+        if not (self.rejected or self.saturated or self.unsolved or self.lost):
+            return ""
+        text = f"{self.rejected} of {self.total} control updates rejected, "
+        text += f"{self.saturated} saturated"
+        text += f", {self.unsolved} unsolved" if self.unsolved else ""
+        return text + (f", {self.lost} with a lost contact" if self.lost else "")
+
+    def added_to(self, message: str) -> str:
+        """Return the message of a run with what failed."""
+        return f"{message} {self}." if str(self) else message
+
+    def warn(self, name: str) -> None:
+        """Warn of a loop in which much failed."""
+        for what, advice in ADVICE.items():
+            count = getattr(self, what)
+            if count > SHARE * self.total:
+                text = f"{count} of {self.total} control updates of {name} were {what}: {advice}"
+                warn(text)
+
+
+NONE = Updates()
+
+
+class Updated:
+    """The counts of a loop by the names that batches have."""
+
+    updates: Updates
+
+    @property
+    def n_updates(self) -> int:
+        """Number of control updates."""
+        return self.updates.total
+
+    @property
+    def n_refused(self) -> int:
+        """Number of control updates that were rejected; the last control was held."""
+        return self.updates.rejected
+
+    @property
+    def n_saturated(self) -> int:
+        """Number of control updates whose control was cut to its limits."""
+        return self.updates.saturated
+
+    def _failed_text(self) -> str:
+        """Say what failed behind a comma, nothing if nothing did."""
+        return f", {self.updates}" if str(self.updates) else ""
+
+
+def with_updates(state: dict[str, Any]) -> dict[str, Any]:
+    """Give the state of a loop that an older version pickled its counts."""
+    if "updates" in state:
+        return state
+    kept = {name: it for name, it in state.items() if name != "n_refused"}
+    return kept | {"updates": Updates.of_bits(state["tick_status"][:-1])}
+
+
+def batch_text(batch: Any) -> str:
+    """Say what failed in the loops of a batch, nothing if nothing did."""
+    names = ("n_updates", "n_refused", "n_saturated")
+    total, refused, saturated = (int(np.sum(getattr(batch, name))) for name in names)
+    return str(Updates(total, refused, saturated))
+
+
+def warn_of_batch(batch: Any) -> None:
+    """Warn of the loops of a batch in which much failed."""
+    most = SHARE * batch.n_updates
+    failed = int(np.count_nonzero((batch.n_refused > most) | (batch.n_saturated > most)))
+    if failed:
+        warn(
+            f"more than {SHARE:.0%} of the control updates of {failed} of {len(batch)} loops were "
+            "rejected or saturated: n_refused and n_saturated tell which"
+        )
+
+
+# The motion of a closed loop between its samples: that of the plant, and that of the reference.
+
+LISTED = 1000
+"""Impacts that a period lists; further ones are skipped in closed form."""
+
+
+def sides(times: Array, impacts: Array) -> Array:
+    """Give the branch at `times`, which increase: 1, and the other after each impact."""
+    ends = np.concatenate(([0], np.searchsorted(times, impacts), [len(times)]))
+    branches = np.ones(len(impacts) + 1)
+    branches[1::2] = -1.0
+    return np.repeat(branches, np.diff(ends))
+
+
+@dataclasses.dataclass(frozen=True)
+class BallisticPath:
+    """Exact motion from each sample under an acceleration that is held.
+
+    Parameters
+    ----------
+    t, x, xdot : ndarray
+        The samples (s, m, m/s).
+    net : ndarray
+        The acceleration from each sample on (m/s^2).
+    side : ndarray
+        The branch at each sample.
+    wall : (float, float)
+        `e` and `kappa`.
+    full : ndarray, shape (n, 3)
+        Periods that list no more impacts: number, time and speed of the last one that is listed.
+    """
+
+    t: Array
+    x: Array
+    xdot: Array
+    net: Array
+    side: Array
+    wall: tuple[float, float]
+    full: Array
+    dense: bool = True
+
+    @property
+    def span(self) -> tuple[float, float]:
+        """The times of the first and the last sample (s)."""
+        return float(self.t[0]), float(self.t[-1])
+
+    def _at(self, times: Array) -> tuple[Array, Array, Array]:
+        k = np.clip(np.searchsorted(self.t, times, side="right") - 1, 0, len(self.t) - 1)
+        rows = np.column_stack([self.x[k], self.xdot[k], self.net[k], times - self.t[k]])
+        end = _zivi.ballistic_motion(rows, _zivi.Restitution.of_both(*self.wall))
+        return end.x, end.xdot, self.side[k] * (1.0 - 2.0 * (end.n_impacts % 2))
+
+    def physical(self, times: Array) -> tuple[Array, Array]:
+        """Give ``(x, xdot)``, after the impact where there is one."""
+        return self._at(times)[:2]
+
+    def lifted(self, times: Array) -> tuple[Array, Array]:
+        """Give ``(s, v)``."""
+        x, xdot, side = self._at(times)
+        return on_side(x, xdot, side, self.wall[1])
+
+    def skipped_impacts(self, speed: float, at_most: int) -> tuple[Array, Array, Array]:
+        """Give the impacts beyond the listed ones of each period: a geometric series."""
+        e = self.wall[0]
+        found: list[Array] = [np.empty((0, 3))]
+        for number, t, u in self.full:
+            k = int(number)
+            n = np.arange(1.0, _impacts_down_to(speed, u, e, at_most) + 1.0)
+            # impact n is 2 u (1 + e + ... + e^(n-1))/-f later, and e^n as fast
+            times = t + np.cumsum(2.0 * u * e ** (n - 1.0) / -self.net[k])
+            rows = np.column_stack([times, -u * e ** (n - 1.0), u * e**n])
+            found.append(rows[(times <= self.t[k + 1]) & (rows[:, 2] >= speed)])
+        t, before, after = np.concatenate(found).T
+        return t, before, after
+
+
+def _impacts_down_to(speed: float, u: float, e: float, at_most: int) -> int:
+    """Bound the impacts after one that leaves `u` which leave `speed`, by ``u e^n >= speed``."""
+    if not 0.0 < speed < u or not 0.0 < e < 1.0:
+        return at_most if speed <= u else 0
+    return min(at_most, math.ceil(math.log(speed / u) / math.log(e)))
+
+
+def on_side(x: Array, xdot: Array, side: Array, kappa: float) -> tuple[Array, Array]:
+    """Lift states to the branches on which they are."""
+    s, v = lift(x, xdot, kappa=kappa)
+    # no negative zeros
+    return side * s + 0.0, side * v + 0.0
+
+
+def path_of(record: _zivi.LoopRecord, impacts: NDArray[np.void], wall: tuple[float, float]) -> Any:
+    """Give the motion of the plant between its samples, None if it was not kept."""
+    t, x, xdot, _, _, u = record.columns
+    if record.own_force is not None:
+        side, net = sides(t, impacts["t"]), record.own_force + u
+        return BallisticPath(t, x, xdot, net, side, wall, _full(t, impacts))
+    if record.lifted is not None:
+        s, v = record.lifted.s[: len(t)], record.lifted.v[: len(t)]
+        return LinearPath(t, s, v, wall[1])
+    return record.path
+
+
+def _full(t: Array, impacts: NDArray[np.void]) -> Array:
+    """Find the periods that list as many impacts as they may."""
+    if len(impacts) < LISTED:
+        return np.empty((0, 3))
+    ends = np.searchsorted(impacts["t"], t, side="right")
+    k = np.flatnonzero(np.diff(ends) >= LISTED)
+    last = impacts[ends[k + 1] - 1]
+    return np.column_stack([k, last["t"], last["xdot_after"]])
+
+
+class Reference(Protocol):
+    """The motion of a reference."""
+
+    def lifted(self, times: Array) -> tuple[Array, Array]:
+        """``(s_r, v_r)`` at `times`."""
+
+    def physical(self, times: Array) -> tuple[Array, Array]:
+        """``(x_r, xdot_r)`` at `times`."""
+
+
+@dataclasses.dataclass(frozen=True)
+class SampledReference:
+    """A reference that is known at the samples: ``s_r`` and ``v_r`` are linear between them.
+
+    Parameters
+    ----------
+    t, x, xdot : ndarray
+        The samples (s, m, m/s); the velocity may be unknown, NaN.
+    kappa : float
+        Of the wall of the reference.
+    """
+
+    t: Array
+    x: Array
+    xdot: Array
+    kappa: float
+
+    @functools.cached_property
+    def _path(self) -> LinearPath:
+        h, x, end = np.diff(self.t), self.x, self.xdot[1:]
+        # s+ = s + h R v+ of the implicit step: on the other branch it is x+ + x = h xdot+
+        through = np.abs(x[1:] + x[:-1] - h * end) < np.abs(x[1:] - x[:-1] - h * end)
+        side = np.cumprod(np.append(1.0, np.where(through, -1.0, 1.0)))
+        s, v = on_side(x, self.xdot, side, self.kappa)
+        return LinearPath(self.t, s, v, self.kappa)
+
+    def lifted(self, times: Array) -> tuple[Array, Array]:
+        """Give ``(s_r, v_r)``."""
+        return self._path.lifted(times)
+
+    def physical(self, times: Array) -> tuple[Array, Array]:
+        """Give ``(x_r, xdot_r)``."""
+        if np.isnan(self.xdot).all():
+            return np.interp(times, self.t, self.x), np.full(times.shape, np.nan)
+        s, v = self.lifted(times)
+        return project(s, v, kappa=self.kappa)
+
+
+# The result of a closed loop.
 
 QUANTITIES: dict[str, Field] = {
     "x": ("time", "m", "distance from the wall"),
@@ -227,13 +552,131 @@ class ClosedLoop(Updated, MassRun):
         work = f"{len(self.t)} samples{self._failed_text()}, {self.nfev} evaluations"
         return {**self._wall_facts(), "controller": self.config["controller"]["name"], "work": work}
 
-    def _table(self) -> Table:
+    def _table(self) -> ResultTable:
         seen = ESTIMATES if self.x_est is not None else {}
         coords: dict[str, Field] = {**EVENT_COORDS, "sign": ("sign", "", "name of the multiplier")}
-        return Table(
+        return ResultTable(
             "Closed loop of a mechanical system with impacts",
             {**QUANTITIES, **TICKS, **seen, **EVENT_FIELDS},
             coords,
             self._event_values() | {"sign": list(SIGNS)},
             self._outcome() | self.updates.attrs(),
         )
+
+
+# What a batch of closed loops leaves: numbers and samples of each.
+
+NUMBERS: dict[str, Field] = {
+    "t": ("run", "s", "time of the last sample"),
+    "x": ("run", "m", "last distance from the wall"),
+    "xdot": ("run", "m/s", "last velocity"),
+    "x_ref": ("run", "m", "last distance of the reference"),
+    "xdot_ref": ("run", "m/s", "last velocity of the reference"),
+    "settling_time": (
+        "run",
+        "s",
+        "time from which the position error stays within, NaN if it does not",
+    ),
+    "error_max": ("run", "m", "largest position error"),
+    "error_rms": ("run", "m", "root mean square of the position error"),
+    "u_max": ("run", "m/s^2", "largest control"),
+    "u_rms": ("run", "m/s^2", "root mean square of the control"),
+    "u_variation": ("run", "m/s^2", "total variation of the control"),
+    "rest_time": ("run", "s", "time from which the plant rests, NaN if it does not"),
+    "n_impacts": ("run", "1", "number of impacts"),
+    "n_updates": ("run", "1", "number of control updates"),
+    "n_refused": ("run", "1", "number of control updates that were rejected"),
+    "n_saturated": ("run", "1", "number of control updates that were saturated"),
+    "n_unsolved": ("run", "1", "number of control updates without signs of the general solver"),
+    "status": ("run", "1", "how the run ended, a zivi.Status"),
+}
+"""Dimensions, unit and meaning of what a batch has for each loop."""
+
+SAMPLED: dict[str, Field] = {
+    "sample_x": (("run", "sample"), "m", "distances from the wall"),
+    "sample_xdot": (("run", "sample"), "m/s", "velocities"),
+    "sample_x_ref": (("run", "sample"), "m", "distances of the references"),
+    "sample_u": (("run", "sample"), "m/s^2", "controls"),
+    "sample_t": ("sample", "s", "times of the samples"),
+}
+"""The same for what may be kept of the loops' motions."""
+
+
+@dataclasses.dataclass(frozen=True, eq=False, repr=False)
+class ClosedLoopBatch(Runs):
+    """Results of a batch of closed loops: an entry for each.
+
+    As in all batches a plain name is the value at the end of each run, ``sample_`` its samples:
+    ``x`` of a batch is ``x[-1]`` of a `ClosedLoop`, ``sample_x`` is ``x``.
+
+    Attributes
+    ----------
+    t, x, xdot : ndarray
+        Time (s), distance from the wall (m) and velocity (m/s) at the end of each run.
+    x_ref, xdot_ref : ndarray
+        The reference at the end, NaN without one.
+    settling_time : ndarray
+        First sample from which ``|x - x_ref| <= within`` until the last one (s): that of the start
+        if it always is, NaN if it is not at the end, or without a reference.
+    error_max, error_rms : ndarray
+        Largest and root mean square position error (m), NaN without a reference.
+    u_max, u_rms, u_variation : ndarray
+        Largest control, its root mean square and its total variation (m/s^2).
+    rest_time : ndarray
+        Time from which the plant rests until the end, for a whole period at least (s), NaN if it
+        does not.
+    n_impacts : ndarray of int
+        Numbers of impacts.
+    n_updates, n_refused, n_saturated, n_unsolved : ndarray of int
+        Numbers of control updates, of those that were rejected, of those whose control was cut to
+        its limits, and of those for which the general solver found no signs.
+    status : ndarray of uint8
+        How each run ended, the numbers of `Status`.
+    sample_x, sample_x_ref, sample_u : ndarray or None
+        With ``save=k``: positions (m), reference positions (m) and controls (m/s^2) of the first
+        and every so many samples after it, a row for each loop. With ``t_eval`` those at its times,
+        NaN after the end of a loop that stopped early.
+    sample_t : ndarray or None
+        Times of the samples (s), None where the controllers differ in `h`.
+    sample_xdot : ndarray or None
+        With ``t_eval``: the velocities there (m/s).
+    config : dict
+        Settings of the batch, as plain values: systems, controllers and states of the first 100.
+    """
+
+    t: Array
+    x: Array
+    xdot: Array
+    x_ref: Array
+    xdot_ref: Array
+    settling_time: Array
+    error_max: Array
+    error_rms: Array
+    u_max: Array
+    u_rms: Array
+    u_variation: Array
+    rest_time: Array
+    n_impacts: NDArray[np.uint64]
+    n_updates: NDArray[np.uint64]
+    n_refused: NDArray[np.uint64]
+    n_saturated: NDArray[np.uint64]
+    n_unsolved: NDArray[np.uint64]
+    status: NDArray[np.uint8]
+    sample_x: Array | MaybeNone
+    sample_x_ref: Array | MaybeNone
+    sample_u: Array | MaybeNone
+    config: dict[str, Any]
+    sample_t: Array | MaybeNone = None
+    sample_xdot: Array | MaybeNone = None
+
+    _called = "loops"
+
+    def _counted(self) -> str:
+        return batch_text(self)
+
+    def _table(self) -> ResultTable:
+        """Tell the numbers over ``run``, samples over ``sample``."""
+        kept = {name: it for name, it in SAMPLED.items() if getattr(self, name) is not None}
+        coords: dict[str, Field] = {"run": ("run", "", "number of the loop")}
+        title = "Batch of closed loops of mechanical systems with impacts"
+        return ResultTable(title, NUMBERS | kept, coords, {"run": np.arange(len(self))})

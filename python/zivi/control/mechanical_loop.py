@@ -4,18 +4,17 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Sequence
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 import zivi._zivi as _zivi
 from zivi.base.check import Array, real_array
-from zivi.base.compiled import listening_always
-from zivi.base.progress import ProgressBar
-from zivi.control.coupled_gaps import check_coupling
-from zivi.control.gap_tracker import GapTracker
-from zivi.control.joint_observer import JointObserver
+from zivi.base.extras import ProgressBar
+from zivi.base.machine_code import listening_always
+from zivi.base.table import Field, ResultTable
+from zivi.control.gap_tracker import GapTracker, Striker
 from zivi.control.loop_arguments import (
     check_delay,
     check_not_negative,
@@ -24,13 +23,11 @@ from zivi.control.loop_arguments import (
     described,
     period_of,
 )
-from zivi.control.mechanical_loop_run import MechanicalClosedLoop
-from zivi.control.mechanical_reference import MechanicalReference, reference_of
-from zivi.control.model_based import ModelBased, check_believes
-from zivi.control.striker import Striker
+from zivi.control.loop_run import NONE, Updated, Updates, with_updates
+from zivi.control.mechanical_reference import MechanicalReference, check_coupling, reference_of
+from zivi.control.model_based import JointObserver, ModelBased, check_believes
 from zivi.control.twisting import CONTROLLERS
-from zivi.control.updates import Updates
-from zivi.simulation.describe import describe
+from zivi.simulation import mechanical_trajectory as labelled
 from zivi.simulation.impacts import SLOWEST, check_slowest
 from zivi.simulation.mechanical_run import (
     Asked,
@@ -41,13 +38,134 @@ from zivi.simulation.mechanical_run import (
 )
 from zivi.simulation.mechanical_trajectory import MechanicalTrajectory
 from zivi.simulation.methods import SwitchedRK
-from zivi.simulation.partial import as_raised, with_partial
 from zivi.simulation.run import pair
-from zivi.system.control_inputs import ControlInputs
-from zivi.system.mechanism import MechanicalSystem, Model
+from zivi.simulation.run_result import as_raised, with_partial
+from zivi.simulation.trajectory import describe
+from zivi.system.mechanism import ControlInputs, MechanicalSystem, Model
 from zivi.system.start import check_start
 
-__all__ = ["MechanicalController", "RKPeriod", "simulate_mechanical"]
+if TYPE_CHECKING:
+    import pandas
+
+__all__ = [
+    "LOOP_COORDS",
+    "LOOP_FIELDS",
+    "MechanicalClosedLoop",
+    "MechanicalController",
+    "RKPeriod",
+    "simulate_mechanical",
+]
+
+# The result of a closed loop of a mechanical system.
+
+LOOP_FIELDS: dict[str, Field] = {
+    "u": (("time", "control"), "", "controls, held from the sample on"),
+    "error_gaps": (("time", "gap"), "", "gaps less those of the reference"),
+    "latched": (("time", "gap"), "", "which contacts the controller holds"),
+    "tick_status": ("time", "1", "bits of TickStatus"),
+    "q_ref": (("time", "coordinate"), "", "coordinates of the reference"),
+    "q_est": (("time", "coordinate"), "", "estimated coordinates"),
+    "qdot_est": (("time", "coordinate"), "", "estimated velocities"),
+}
+"""What a loop has at its samples beside a run: dimensions, unit, meaning."""
+LOOP_COORDS: dict[str, Field] = {"control": ("control", "", "name of the control")}
+
+
+@dataclasses.dataclass(frozen=True, eq=False, repr=False)
+class MechanicalClosedLoop(Updated, MechanicalTrajectory):
+    """Samples and events of one closed loop of a mechanical system.
+
+    All that a `MechanicalTrajectory` has, at the samples of the controller: there also the contact
+    forces are those under the control that begins.
+
+    Attributes
+    ----------
+    u : ndarray
+        Controls that act from the sample on, shape (k, r); the last ones are repeated.
+    error_gaps : ndarray
+        Gaps less those of the reference, shape (k, m); NaN without one.
+    latched : ndarray of bool
+        Which contacts the controller holds, shape (k, m).
+    tick_status : ndarray of uint8
+        What was done at the samples, as bits of `TickStatus`; 0 at the last one, which has none.
+    updates : Updates
+        Counts of the control updates: all, rejected, saturated, with a lost contact; ``n_updates``,
+        ``n_refused`` and ``n_saturated`` are the same. Where a sample or a control is rejected the
+        last controls are held.
+    q_ref : ndarray
+        Coordinates of the reference, shape (k, n); NaN without one.
+    q_est, qdot_est : ndarray
+        What the observer thought, shape (k, n); what was measured without one.
+    control_names : tuple of str
+        Names of the controls.
+    """
+
+    u: Array = dataclasses.field(default_factory=lambda: np.empty((0, 0)))
+    error_gaps: Array = dataclasses.field(default_factory=lambda: np.empty((0, 0)))
+    latched: NDArray[np.bool_] = dataclasses.field(default_factory=lambda: np.empty((0, 0), bool))
+    tick_status: NDArray[np.uint8] = dataclasses.field(
+        default_factory=lambda: np.empty(0, np.uint8)
+    )
+    q_ref: Array = dataclasses.field(default_factory=lambda: np.empty((0, 0)))
+    q_est: Array = dataclasses.field(default_factory=lambda: np.empty((0, 0)))
+    qdot_est: Array = dataclasses.field(default_factory=lambda: np.empty((0, 0)))
+    control_names: tuple[str, ...] = ()
+    updates: Updates = NONE
+    _ticks: dict[str, Array] | None = None
+    """What was held from each sample on, of a run that is reported at other times."""
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        super().__setstate__(with_updates(state))
+
+    def _resampled(self, times: Array) -> MechanicalClosedLoop:
+        names = ("t", *LOOP_FIELDS)
+        ticks = self._ticks or {name: getattr(self, name) for name in names}
+        k = np.maximum(np.searchsorted(ticks["t"], times, side="right") - 1, 0)
+        held: dict[str, Any] = {name: ticks[name][k] for name in names[1:]}
+        held["error_gaps"] = np.where(
+            np.isin(times, ticks["t"])[:, None], held["error_gaps"], np.nan
+        )
+        moved: Any = super()._resampled(times)
+        known: MechanicalClosedLoop = dataclasses.replace(moved, **held, _ticks=ticks)
+        return known
+
+    def __repr__(self) -> str:
+        name = self.config["controller"]["name"]
+        inner = super().__repr__()[len("<MechanicalTrajectory ") :]
+        events, _, ended = inner.rpartition(": ")
+        return f"<MechanicalClosedLoop {name}, {events}{self._failed_text()}: {ended}"
+
+    def _facts(self) -> dict[str, str]:
+        held = self.latched[-1] if len(self.t) else []
+        names = [name for name, it in zip(self.gap_names, held, strict=False) if it]
+        return {
+            **super()._facts(),
+            "controller": self.config["controller"]["name"],
+            "held at the end": ", ".join(names) or "none",
+            "control updates": f"{self.n_updates}{self._failed_text()}",
+        }
+
+    def _as_frame(self) -> pandas.DataFrame:
+        table = super()._as_frame()
+        for j, name in enumerate(self.control_names):
+            table[f"u_{name}"] = self.u[:, j]
+        for i, name in enumerate(self.gap_names):
+            table[f"error_{name}"] = self.error_gaps[:, i]
+        return table
+
+    def _table(self) -> ResultTable:
+        table = labelled.labels_of(self)
+        return dataclasses.replace(
+            table,
+            title="Closed loop of a mechanical system with impacts",
+            fields={**table.fields, **LOOP_FIELDS},
+            coords={**table.coords, **LOOP_COORDS},
+            attrs={**table.attrs, **self.updates.attrs()},
+            values={**table.values, "control": np.array(self.control_names, dtype=object)},
+        )
+
+
+# The sampled closed loop of a mechanical system.
 
 BETWEEN_SAMPLES = SwitchedRK(rtol=1e-9, atol=1e-12)
 """How a plant moves between samples."""

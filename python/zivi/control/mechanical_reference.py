@@ -1,23 +1,36 @@
-"""References of mechanical systems at the samples of a controller."""
+"""References of mechanical systems: at samples, by forces that decouple gaps."""
 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from zivi.base.check import Array, real_array
-from zivi.control.loop_reference import SLOWEST, sampled_run
+import zivi._zivi as _zivi
+from zivi.base.check import Array, by_name, finite, not_negative, real, real_array
+from zivi.control.loop_arguments import SLOWEST, sampled_run
+from zivi.control.model_based import believed
+from zivi.simulation.mechanical_run import state_of
 from zivi.simulation.mechanical_trajectory import MechanicalTrajectory
+from zivi.simulation.methods import SwitchedRK
+from zivi.simulation.run import pair, simulate
 from zivi.simulation.trajectory import Trajectory
-from zivi.system.gap_coordinates import check_independent
-from zivi.system.layout import places
-from zivi.system.mechanism import Model
+from zivi.system.gap_coordinates import GapKinetics, check_independent, kinetic_cosines
+from zivi.system.mechanism import MechanicalSystem, Model
+from zivi.system.model_parts import Partials, places
 
-__all__ = ["MechanicalReference", "ReferenceSample", "reference_of"]
+__all__ = [
+    "MechanicalReference",
+    "ReferenceSample",
+    "check_coupling",
+    "reference_of",
+    "reference_run",
+]
+
+# References of mechanical systems at the samples of a controller.
 
 MOST_IMPACTS = 100_000
 """Impacts of an accumulation of a reference that are counted."""
@@ -283,3 +296,289 @@ def posture_of(
     full = np.zeros((3, n))
     full[: len(rows)] = rows
     return full[0], full[1], full[2]
+
+
+# Whether references that are given gap by gap can be followed: the guard for coupled gaps.
+
+COUPLED = 0.05
+"""Largest kinetic cosine of gaps whose references know nothing of each other."""
+PLACES = 21
+"""At so many samples of a reference the coupling is looked at."""
+STEPS = 40
+"""Newton steps to the configuration at a sample."""
+LONGEST = 0.3
+"""Longest of them."""
+REACHED = 1e-6
+"""Error of a gap or a function, relative to 1 and to it, of a configuration that is found."""
+Names = tuple[str, ...]
+
+
+def check_coupling(
+    given: MechanicalReference,
+    model: Model,
+    tasks: Model | None,
+    start: tuple[Array, Array],
+    known: tuple[Array, Names, Names],
+) -> None:
+    """Refuse references that coupled gaps cannot follow, or that no configuration reaches.
+
+    Parameters
+    ----------
+    given : MechanicalReference
+        The reference.
+    model, tasks : Model
+        The system, and the functions of its coordinates that follow, if any.
+    start : (ndarray, ndarray)
+        Coordinates and velocities of the plant.
+    known : (ndarray, tuple of str, tuple of str)
+        The times of the reference, the names of its gaps and of those functions.
+    """
+    goals = given.goals if tasks is not None else None
+    if not given.apart and goals is None:
+        return  # the gaps are those of a motion of the system, or rest
+    several = given.apart and given.gaps.shape[1] > 1
+    q, found = start[0], [_cosine(model, *start)] if several else [0.0]
+    for k in _places(given.gaps, goals):
+        more = None if goals is None or tasks is None else (tasks, goals[k, 0])
+        near = [q] if more is not None else [given.q[k], q, start[0]]
+        q = _reached(model, near, given.gaps[k], more, (float(known[0][k]), *known[1:]))
+        if several:
+            found.append(_cosine(model, q, 0.0 * q))
+    worst = max(found)
+    if worst > COUPLED:
+        raise ValueError(
+            f"reference gives each gap a motion of its own, but the gaps are coupled, c = "
+            f"{worst:.3g}: an impact on one kicks the other. Follow a motion of the system, "
+            "zivi.reference_run"
+        )
+
+
+def _places(gaps: Array, goals: Array | None) -> list[int]:
+    """Give the samples that are looked at: even ones, and those of the extremes."""
+    rows = [gaps] if goals is None else [gaps, goals[:, 0]]
+    count = len(gaps)
+    ends = [it(axis=0).tolist() for row in rows for it in (row.argmax, row.argmin)]
+    even = np.linspace(0, count - 1, min(PLACES, count)).astype(int).tolist()
+    return sorted({*even, *(k for end in ends for k in end)})
+
+
+def _cosine(model: Model, q: Array, qdot: Array) -> float:
+    here = model.layout.read(model.evaluate(0.0, np.ascontiguousarray(q), qdot))
+    cosines = kinetic_cosines(GapKinetics.of(here, qdot).D)
+    np.fill_diagonal(cosines, 0.0)
+    return float(np.abs(cosines).max())
+
+
+def _reached(
+    model: Model,
+    near: list[Array],
+    gaps: Array,
+    more: tuple[Model, Array] | None,
+    known: tuple[float, Names, Names],
+) -> Array:
+    """Give a configuration with these gaps and functions, near one of others; or tell the lack."""
+    lacks = []
+    for q in near:
+        q, has = _configuration(model, q, gaps, more)
+        wanted = gaps if more is None else np.concatenate([gaps, more[1]])
+        lack = np.abs(has - wanted) / (1.0 + np.abs(wanted))
+        if len(wanted) > len(q):  # more than can be: functions follow as far as there is room
+            lack = lack[: len(gaps)]
+        if np.all(lack <= REACHED):
+            return q
+        lacks.append((float(np.nan_to_num(lack, nan=np.inf).max()), has))
+    t, *names = known
+    _, has = min(lacks, key=lambda it: it[0])
+    words = [
+        f"{name!r} = {one:.6g} ({abs(one - other):.3g} from the nearest found, {other:.6g})"
+        for name, one, other in zip((*names[0], *names[1]), wanted, has, strict=False)
+        if not abs(one - other) <= REACHED * (1.0 + abs(one))
+    ]
+    raise ValueError(
+        f"reference asks at t = {t:.6g} for what no configuration was found to have: "
+        f"{', '.join(words)}"
+    )
+
+
+def _configuration(
+    model: Model, q: Array, gaps: Array, more: tuple[Model, Array] | None = None
+) -> tuple[Array, Array]:
+    """Give coordinates with these gaps and functions, near others, and what they do have."""
+    q, still = np.array(q, dtype=np.float64), np.zeros(len(q))
+    for k in range(2 * STEPS):
+        here = model.layout.read(model.evaluate(0.0, q, still))
+        missing = gaps - here.gaps
+        to_gaps = np.linalg.pinv(here.gradients)
+        step: Array = to_gaps @ missing
+        if more is not None and k < STEPS:
+            functions, goal = more
+            there = functions.layout.read(functions.evaluate(0.0, q, still))
+            beside = there.gradients @ (np.eye(len(q)) - to_gaps @ here.gradients)
+            left = goal - there.gaps - there.gradients @ step
+            step = step + np.linalg.pinv(beside, rcond=1e-6) @ left
+        length = float(np.linalg.norm(step))
+        q = q + step * min(1.0, LONGEST / max(length, 1e-300))
+        if length < 1e-10:
+            break
+    has = [model.layout.read(model.evaluate(0.0, q, still)).gaps]
+    if more is not None:
+        has.append(more[0].layout.read(more[0].evaluate(0.0, q, still)).gaps)
+    return q, np.concatenate(has)
+
+
+# References that are motions of the system itself, made by forces that decouple its gaps.
+
+EXACT = SwitchedRK(rtol=1e-9, atol=1e-12)
+
+Virtual = Mapping[str, float | Callable[[float], float]]
+
+
+def reference_run(
+    system: MechanicalSystem,
+    t_span: Sequence[float],
+    y0: Sequence[ArrayLike],
+    *,
+    virtual: Virtual,
+    posture: ArrayLike | Callable[[float], Any] | None = None,
+    gains: Sequence[float] = (400.0, 40.0),
+    method: SwitchedRK = EXACT,
+    tstops: ArrayLike | None = None,
+) -> MechanicalTrajectory:
+    r"""Simulate a motion of a system that a `GapTracker` can follow exactly.
+
+    Its gaps fall under accelerations of their own and are coupled in impacts only; what impacts
+    leave alone is drawn to a posture:
+
+    .. math::
+
+        \ddot g = a + W \lambda, \qquad
+        Z \ddot q = Z (\ddot q_n - k_p (q - q_n) - k_d (\dot q - \dot q_n))
+
+    Where an impact on one gap kicks another a reference must have the same kicks: this one has.
+
+    Parameters
+    ----------
+    system : MechanicalSystem
+        The system, with as many independent gaps as it has.
+    t_span : (float, float)
+        Start and end (s).
+    y0 : (array_like, array_like)
+        Coordinates and velocities at the start, shape (n,) each.
+    virtual : dict
+        For each gap its acceleration a: a number, or a function of time (negative: towards
+        contact). Times at which one jumps, such as that of a lift-off, belong into `tstops`.
+    posture : array_like or callable, optional
+        The coordinates :math:`q_n`, or a function of time that gives them, or these with velocities
+        and accelerations, shapes (n,), (2, n) or (3, n). By default where the motion starts.
+    gains : (float, float)
+        :math:`k_p` (1/s^2) and :math:`k_d` (1/s).
+    method : SwitchedRK
+        How the motion is integrated.
+    tstops : array_like, optional
+        Times at which an acceleration jumps (s).
+
+    Returns
+    -------
+    MechanicalTrajectory
+
+    Raises
+    ------
+    ValueError
+        If a gap has no acceleration, or one that is no gap has.
+
+    Examples
+    --------
+    >>> box = zivi.MechanicalSystem(
+    ...     mass=np.eye(2), force=[0.0, -9.81], gaps=[zivi.LinearGap([0, 1], name="floor")], e=0.5
+    ... )
+    >>> run = zivi.reference_run(box, (0, 2), ([0.2, 0.5], [0, 0]), virtual={"floor": -4.0})
+    >>> round(float(run.zeno.t[0]), 6), run.contacts[-1]  # 3 sqrt(2 0.5/4)
+    (1.5, array([ True]))
+    """
+    own, virtual = believed(system), by_name("virtual", virtual)
+    strange = sorted(set(virtual) - set(system.gap_names))
+    missing = sorted(set(system.gap_names) - set(virtual))
+    if strange or missing:
+        raise ValueError(
+            f"virtual must have an acceleration for each gap of {system.gap_names}, "
+            f"{'lacks ' + repr(missing[0]) if missing else 'has ' + repr(strange[0])}"
+        )
+    pulls = {
+        name: it if callable(it) else finite(f"virtual[{name!r}]", it)
+        for name, it in virtual.items()
+    }
+    start = state_of(y0, own._n)
+    kp, kd = (not_negative("gains", it) for it in pair("gains", gains, "(kp, kd)"))
+    driven = Decoupled(own, pulls, start[0] if posture is None else posture, (kp, kd))
+    return simulate(driven, t_span, start, method, tstops=tstops, samples="steps")
+
+
+class Decoupled(MechanicalSystem):
+    """A system under forces that decouple its gaps.
+
+    Parameters
+    ----------
+    system : MechanicalSystem
+        The system.
+    pulls : dict
+        The acceleration of each gap, a number or a function of time.
+    posture : array_like or callable
+        As for `reference_run`.
+    gains : (float, float)
+        Of the posture.
+    """
+
+    derived = True
+
+    def __init__(
+        self,
+        system: MechanicalSystem,
+        pulls: Mapping[str, Any],
+        posture: Any,
+        gains: tuple[float, float],
+    ) -> None:
+        self._own, self._pulls, self._posture, self._gains = system, pulls, posture, gains
+        self._gaps, self._gap_names = system.gaps, system.gap_names
+        self._e, self._n, self._coordinates = system.e, system._n, system._coordinates
+
+    def _breaks(self, span: tuple[float, float]) -> Array:
+        return self._own._breaks(span)
+
+    def model(self, n: int) -> Model:
+        """Give what the extension integrates: the system without friction, under these forces."""
+        own = self._own.model(n)
+        layout = own.layout
+        if layout.p:
+            raise ValueError("reference_run takes systems without dry friction")
+        names, (kp, kd) = self._gap_names, self._gains
+
+        def evaluate(t: float, q: Array, qdot: Array) -> Array:
+            row = own.evaluate(t, q, qdot)
+            here = layout.read(row)
+            at, along, turning = posture_of(self._posture, t, n)
+            wanted = turning - kp * (q - at) - kd * (qdot - along)
+            pulls = [
+                real(f"virtual[{name!r}]", it(t)) if callable(it) else it
+                for name, it in ((name, self._pulls[name]) for name in names)
+            ]
+            row[n * n : n * n + n] = _zivi.decoupling_force(
+                here.mass, here.gradients, here.curvatures, np.array(pulls, np.float64), wanted
+            )
+            return row
+
+        return Model(layout, _zivi.Model.callable(evaluate), evaluate)
+
+    def partials(self, model: Model) -> Partials:
+        """Give no derivatives."""
+        return Partials()
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {
+            "system": self._own,
+            "pulls": self._pulls,
+            "posture": self._posture,
+            "gains": self._gains,
+        }
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        Decoupled.__init__(self, **state)

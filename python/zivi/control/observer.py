@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 import zivi._zivi as _zivi
 from zivi.base.check import Array, real, real_array, switch
 from zivi.base.habits import hinted
-from zivi.base.table import Field, Table, Tabulated
+from zivi.base.table import Field, ResultTable, Tabulated
 from zivi.control.component import Component
 
 __all__ = ["ImpactObserver", "Observed"]
@@ -52,11 +52,11 @@ class Observed(Tabulated):
     std_e: Array
     missing: NDArray[np.bool_]
 
-    def _table(self) -> Table:
+    def _table(self) -> ResultTable:
         """Tell the estimates over ``time``."""
         coords: dict[str, Field] = {"time": ("time", "s", "time"), "of": ("of", "", "estimate")}
         values = {"time": self.t, "of": ["x", "xdot", "d"]}
-        return Table("Estimates of an observer", FIELDS, coords, values)
+        return ResultTable("Estimates of an observer", FIELDS, coords, values)
 
     def __repr__(self) -> str:
         refused, missing = np.count_nonzero(self.refused), np.count_nonzero(self.missing)

@@ -20,8 +20,8 @@ from numpy.typing import ArrayLike
 
 import zivi._zivi as _zivi
 from zivi.base.check import Array, integer, real_array
-from zivi.base.progress import ProgressBar
-from zivi.simulation.batch_arguments import check_threads
+from zivi.base.extras import ProgressBar
+from zivi.simulation.batch_result import check_threads
 from zivi.system.mass import ImpactSystem, check_system
 
 __all__ = ["ImpactMap", "ImpactReturn", "impact_map"]

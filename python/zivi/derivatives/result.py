@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from zivi.base.check import Array, real_array
 from zivi.base.former import with_resolved_impacts
 from zivi.base.status import NamedStatus
-from zivi.base.table import Field, Table, Tabulated
+from zivi.base.table import Field, ResultTable, Tabulated
 from zivi.simulation.trajectory import Trajectory
 
 __all__ = ["Nearest", "OrbitStatus", "Problem", "Sensitivity"]
@@ -338,11 +338,11 @@ class Sensitivity(Tabulated):
             f"<{type(self).__name__} by {names}: {self.status.name.lower()}, {self.trajectory!r}>"
         )
 
-    def _table(self) -> Table:
+    def _table(self) -> ResultTable:
         """Tell the derivatives over ``wrt``."""
         values = {**self._values(), "state": ["x", "xdot"], "impact_time": self.impacts["t"]}
         title, attrs = "Derivatives of a run with impacts", {"status": self.status.name}
-        return Table(title, FIELDS, COORDS, values, attrs, rows="wrt")
+        return ResultTable(title, FIELDS, COORDS, values, attrs, rows="wrt")
 
     def _values(self) -> dict[str, Any]:
         """Give what the datasets call otherwise than the attributes."""

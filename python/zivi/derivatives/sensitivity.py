@@ -11,24 +11,17 @@ from numpy.typing import ArrayLike
 
 import zivi._zivi as _zivi
 from zivi.base.check import Array
-from zivi.base.compiled import listening
+from zivi.base.extras import ProgressBar
 from zivi.base.habits import hinted
-from zivi.base.progress import ProgressBar
+from zivi.base.machine_code import listening
 from zivi.derivatives.result import KINDS, Nearest, OrbitStatus, Sensitivity
-from zivi.simulation.argument_hints import argument_text
 from zivi.simulation.methods import SwitchedRK
-from zivi.simulation.partial import as_raised, with_partial
-from zivi.simulation.run import pair, stop_times
+from zivi.simulation.run import argument_text, pair, stop_times
+from zivi.simulation.run_result import as_raised, with_partial
 from zivi.simulation.trajectory import Trajectory
 from zivi.system.mass import ImpactSystem
 from zivi.system.mechanism import MechanicalSystem
-from zivi.system.parameters import (
-    INITIAL,
-    check_differentiable,
-    check_smooth,
-    codes_of,
-    parameter,
-)
+from zivi.system.parameters import INITIAL, check_differentiable, check_smooth, codes_of, parameter
 
 if TYPE_CHECKING:
     from zivi.derivatives.mechanical_sensitivity import MechanicalSensitivity

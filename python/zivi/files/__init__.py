@@ -5,12 +5,11 @@ reading     ->    runs, sweeps    ->   results     ->   summary, picture
 """
 
 from zivi.base.habits import hint_calls
-from zivi.files.mechanisms import mechanism_of
+from zivi.files.file_keys import tree_text
+from zivi.files.kinds import FileError
 from zivi.files.results import ResultError, load, save
-from zivi.files.runs import Prepared, prepare_control, prepare_simulate
+from zivi.files.runs import Prepared, mechanism_of, prepare_control, prepare_simulate
 from zivi.files.sweeps import PreparedSweep, prepare_sweep
-from zivi.files.tree_keys import tree_text
-from zivi.files.validation import FileError
 
 __all__ = [
     "FileError",

@@ -2,24 +2,176 @@
 
 from __future__ import annotations
 
+import contextlib
+import json
+import os
 import shutil
+import sys
 import uuid
 import warnings
 from collections.abc import Callable
 from importlib import resources
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import typer
+from rich.console import Console
+from rich.table import Table
 
 from zivi.base.status import StudyStatus
-from zivi.files import show, summary
-from zivi.files.messages import say, show_record, show_table, warn
-from zivi.files.results import check_suffix, require_library, require_regular, save
+from zivi.files import summary
+from zivi.files.kinds import FileError
+from zivi.files.results import (
+    check_kind,
+    check_suffix,
+    drawn,
+    open_result,
+    require_library,
+    require_regular,
+    restored,
+    run_of,
+    save,
+)
 from zivi.files.runs import Prepared, Run
 from zivi.files.sweeps import prepare_sweep
-from zivi.files.validation import FileError
-from zivi.study import Study
+from zivi.study import Study, open_study
 from zivi.study.folder import FolderStore
 
-__all__ = ["EARLY", "INTERRUPTED", "WRONG", "example", "output", "picture", "single", "study"]
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+__all__ = [
+    "EARLY",
+    "INTERRUPTED",
+    "WRONG",
+    "check",
+    "example",
+    "has_display",
+    "is_study",
+    "open_window",
+    "output",
+    "picture",
+    "say",
+    "show_record",
+    "show_table",
+    "shown",
+    "single",
+    "study",
+    "warn",
+    "write_picture",
+]
+
+# What the commands say, to whoever still listens.
+
+
+def say(text: str, *, end: str = "\n") -> None:
+    """Print on standard output; a reader that has left (a closed pipe) is no error.
+
+    Parameters
+    ----------
+    text : str
+        What is said.
+    end : str
+        What follows it.
+
+    Raises
+    ------
+    OSError
+        If standard output cannot be written for another reason.
+    """
+    try:
+        typer.echo(text + end, nl=False)
+    except OSError as error:
+        # what Python still holds back must go somewhere when it ends
+        with contextlib.suppress(OSError, ValueError, AttributeError):
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        if not isinstance(error, BrokenPipeError):
+            reason = error.strerror or str(error)
+            raise OSError(f"standard output cannot be written: {reason}") from error
+
+
+def show_table(table: Table) -> None:
+    """Print a table as `say` does."""
+    console = Console()
+    with console.capture() as drawn:
+        console.print(table)
+    say(drawn.get(), end="")
+
+
+def show_record(record: dict[str, Any]) -> None:
+    """Print plain values as one line of JSON."""
+    say(json.dumps(record, allow_nan=False, ensure_ascii=False))
+
+
+def warn(text: str) -> None:
+    """Print one line on standard error, if there is any."""
+    with contextlib.suppress(OSError):
+        typer.echo(text, err=True)
+
+
+# What ``zivi show`` does: a result, a table and a picture of it.
+
+
+def is_study(path: Path) -> bool:
+    """Whether a result is the folder of a study."""
+    return path.is_dir()
+
+
+def check(path: Path) -> None:
+    """Raise an OSError for what is no result, before anything else is looked at."""
+    if not is_study(path):
+        check_kind(path)
+
+
+def shown(path: Path) -> tuple[Table, Figure, dict[str, Any]]:
+    """Sum up and draw a result; a `FileError` or an OSError if it cannot be read."""
+    try:
+        return _shown(path)
+    except (FileError, OSError, ImportError, MemoryError):
+        raise
+    except ValueError as error:
+        raise FileError(str(error)) from error
+    except Exception as error:  # whatever stands there in place of what was written
+        reason = f"{type(error).__name__}: {error}"
+        raise FileError(f"{path}: cannot be shown ({reason:.200})") from error
+
+
+def _shown(path: Path) -> tuple[Table, Figure, dict[str, Any]]:
+    if is_study(path):
+        study = open_study(path, verify=True)
+        table, record = summary.study_table(study), summary.record_of_study(study)
+        return table, summary.study_picture(study), record
+    dataset = open_result(path)
+    run, curve = restored(path, dataset, run_of), restored(path, dataset, drawn)
+    return summary.run_table(run), summary.run_picture(curve), summary.record_of_run(run)
+
+
+def has_display() -> bool:
+    """Whether a window can be opened here."""
+    if sys.platform in ("darwin", "win32"):
+        return True
+    return bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
+
+
+def write_picture(figure: Figure, path: Path) -> None:
+    """Write a picture, which is there as a whole or not at all."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    draft = path.with_name(f".{path.name}.part")
+    try:
+        figure.savefig(draft, dpi=150, format=path.suffix.lstrip(".").lower() or "png")
+        os.replace(draft, path)
+    finally:
+        draft.unlink(missing_ok=True)
+
+
+def open_window() -> None:
+    """Show the picture until its window is closed."""
+    import matplotlib.pyplot as plt
+
+    plt.show()
+
+
+# What the commands do; each returns the exit code.
 
 EARLY, WRONG, INTERRUPTED = 1, 2, 130
 """Exit codes beside 0: the run ended early, something cannot be read or written, Ctrl-C."""
@@ -76,7 +228,7 @@ def single(
     if as_json:
         show_record({"result": str(path), "exit_code": code, **summary.record_of_run(run)})
     elif not quiet:
-        show_table(summary.of_run(run))
+        show_table(summary.run_table(run))
         say(f"{path}: {summary.opening(path, study=False)}")
     if code:
         end = f"{run.t[-1]:.9g} s" if len(run.t) else "the start"
@@ -138,7 +290,7 @@ def study(
     if as_json:
         show_record({"result": str(path), "exit_code": code, **summary.record_of_study(found)})
     elif not quiet:
-        show_table(summary.of_study(found))
+        show_table(summary.study_table(found))
         say(f"{path}: {summary.opening(path, study=True)}")
     return code
 
@@ -170,23 +322,23 @@ def picture(
     as_json: bool = False,
 ) -> int:
     """Sum up and draw a result."""
-    show.check(result)
+    check(result)
     if out is not None and out.suffix.lower() not in PICTURES:
         raise FileError(f"{out}: must end in {', '.join(PICTURES)}")
     path = None if window else output(out, result, ".png", replace=force)
-    if window and not show.has_display():
+    if window and not has_display():
         raise FileError("zivi show: there is no display for --window; --out writes a picture")
     with warnings.catch_warnings(record=True) as noted:
         warnings.simplefilter("always", UserWarning)
-        table, figure, record = show.shown(result)
+        table, figure, record = shown(result)
     for warning in noted:
         warn(f"zivi: {warning.message}")
     if not quiet and not as_json:
         show_table(table)
     if path is None:
-        show.open_window()
+        open_window()
     else:
-        show.write_picture(figure, path)
+        write_picture(figure, path)
         if not as_json:
             say(f"picture: {path}")
     if as_json:

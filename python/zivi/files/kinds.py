@@ -1,14 +1,136 @@
-"""Kinds of values in a file: each says what it allows, and reads a value or notes a mistake."""
+"""Kinds of values in a file: what each allows, and the mistakes that it notes."""
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
+import json
+import keyword
 import math
+import re
+from collections.abc import Iterable, Iterator, Mapping
+from pathlib import Path
 from typing import Any, Protocol
 
-from zivi.files.validation import Mistakes, got_value, suggestion
+from zivi.base.formula import FormulaError, normal, parse
+from zivi.base.habits import closest
 
-__all__ = ["Choice", "Either", "Kind", "Number", "Numbers", "Pair", "Switch", "Whole"]
+__all__ = [
+    "Choice",
+    "Each",
+    "Either",
+    "Expression",
+    "Few",
+    "FileError",
+    "Kind",
+    "Mistakes",
+    "Names",
+    "Number",
+    "Numbers",
+    "OneOrEach",
+    "Pair",
+    "Switch",
+    "Whole",
+    "got_value",
+    "joined",
+    "suggestion",
+]
+
+# What is wrong with a file, told with the file, the key and what is allowed.
+
+BARE = re.compile(r"[A-Za-z0-9_-]+")
+"""Keys that TOML takes without quotes."""
+LONGEST = 60
+"""Characters of a wrong value that are shown."""
+
+
+MEANT = dict.fromkeys(("restitution", "coefficient_of_restitution", "cor", "epsilon", "eps"), "e")
+MEANT |= dict.fromkeys(("dt", "step", "step_size", "timestep"), "h")
+MEANT |= dict.fromkeys(("frequency", "freq", "w"), "omega")
+MEANT |= dict.fromkeys(("time", "span", "t_end", "duration"), "t_span")
+MEANT |= dict.fromkeys(("start", "initial", "x0", "state"), "y0")
+MEANT |= {"g": "gravity", "k": "stiffness", "c": "damping", "a": "amplitude", "tol": "rtol"}
+"""Keys by names that other tools have for them."""
+
+
+class FileError(ValueError):
+    """A file that cannot be used; the text names it and everything that is wrong with it."""
+
+
+class Mistakes:
+    """Collects what is wrong with one file.
+
+    Parameters
+    ----------
+    file : Path
+        The file.
+    """
+
+    def __init__(self, file: Path) -> None:
+        self.file = file
+        self.found: list[str] = []
+
+    def add(self, key: str, text: str) -> None:
+        """Note that something is wrong with a key."""
+        self.found.append(f"{self.file}: {key} {text}" if key else f"{self.file}: {text}")
+
+    def stop(self) -> None:
+        """Raise if anything was noted."""
+        if self.found:
+            raise FileError("\n".join(self.found))
+
+    @contextlib.contextmanager
+    def naming(self, keys: Mapping[str, str], otherwise: str = "") -> Iterator[None]:
+        """Turn an error about an argument into one about its key.
+
+        Parameters
+        ----------
+        keys : dict
+            The key of each argument that the library may name.
+        otherwise : str
+            The key of an error that names none of them.
+        """
+        try:
+            yield
+        except FileError:
+            raise
+        except (ValueError, TypeError) as error:
+            argument, rest = _argument(str(error))
+            if argument in keys:
+                self.add(keys[argument], rest)
+            else:
+                self.add(f"{otherwise}:" if otherwise else "", str(error))
+            raise FileError("\n".join(self.found)) from error
+
+
+def _argument(message: str) -> tuple[str, str]:
+    """Split an error into the argument it names, ``mu2`` or ``bounds['e']``, and the rest."""
+    found = re.match(r"(\w+)(?:\[['\"]?(\w+)['\"]?\])? (.*)", message, re.DOTALL)
+    return (found[2] or found[1], found[3]) if found else ("", message)
+
+
+def joined(path: str, name: str) -> str:
+    """Append a name to the path of a table."""
+    shown = name if BARE.fullmatch(name) else json.dumps(name)
+    return f"{path}.{shown}" if path else shown
+
+
+def got_value(value: Any) -> str:
+    """Show a wrong value in a few characters."""
+    text = repr(value)
+    return f"got {text if len(text) <= LONGEST else text[: LONGEST - 3] + '...'}"
+
+
+def suggestion(name: str, known: Iterable[str]) -> str:
+    """Say which name was probably meant, and all that there are."""
+    names = list(known)
+    known_as = MEANT.get(name.lower())
+    close = known_as if known_as in names else closest(name, names, 0.5)
+    meant = f"; did you mean {close!r}?" if close else ";"
+    return f"{meant} allowed: {', '.join(names) if names else 'nothing'}"
+
+
+# Kinds of values in a file: each says what it allows, and reads a value or notes a mistake.
 
 
 class Kind(Protocol):
@@ -225,3 +347,134 @@ class Either:
         else:  # what is wrong is in it
             mistakes.found += tried.found
         return found
+
+
+# Kinds of values that describe a mechanical system: expressions, names and states.
+#
+# An expression is a formula of `zivi.base.formula` and nothing else, so that a file cannot run
+# code.
+
+
+@dataclasses.dataclass(frozen=True)
+class Expression:
+    """A formula as a string, or a number."""
+
+    @property
+    def allowed(self) -> str:
+        """What is allowed, in words."""
+        return "an expression or a finite number"
+
+    def read(self, value: Any, key: str, mistakes: Mistakes) -> str | float | None:
+        """Give the expression as it stands, or a float."""
+        if isinstance(value, str):
+            try:
+                parse(value)
+            except FormulaError as error:
+                mistakes.add(key, f"must be {self.allowed}, {got_value(value)}: {error}")
+            return value
+        tried = Mistakes(mistakes.file)
+        number = Number().read(value, key, tried)
+        if tried.found:
+            mistakes.add(key, f"must be {self.allowed}, {got_value(value)}")
+        return number
+
+
+@dataclasses.dataclass(frozen=True)
+class Names:
+    """A list of names, not empty and all different."""
+
+    @property
+    def allowed(self) -> str:
+        """What is allowed, in words."""
+        return "a list of names"
+
+    def read(self, value: Any, key: str, mistakes: Mistakes) -> list[str] | None:
+        """Give the names."""
+        if not (isinstance(value, list) and value):
+            mistakes.add(key, f"must be {self.allowed}, {got_value(value)}")
+            return None
+        names = [normal(name) if isinstance(name, str) else name for name in value]
+        for n, name in enumerate(names):
+            if not (isinstance(name, str) and name.isidentifier()) or keyword.iskeyword(name):
+                mistakes.add(
+                    f"{key}[{n}]", f"must be a name of letters and digits, {got_value(name)}"
+                )
+            elif name in names[:n]:
+                mistakes.add(f"{key}[{n}]", f"must be another name, got {name!r} again")
+        return names
+
+
+@dataclasses.dataclass(frozen=True)
+class Each:
+    """A list of any length, not empty.
+
+    Parameters
+    ----------
+    of : Kind
+        Its entries.
+    entries : str
+        What they are.
+    """
+
+    of: Kind
+    entries: str
+
+    @property
+    def allowed(self) -> str:
+        """What is allowed, in words."""
+        return f"a list of {self.entries}"
+
+    def read(self, value: Any, key: str, mistakes: Mistakes) -> list[Any] | None:
+        """Give the list."""
+        return read_each(self, self.of, value, key, mistakes)
+
+
+@dataclasses.dataclass(frozen=True)
+class Few:
+    """A list of a few expressions, of which those at the end may be left out.
+
+    Parameters
+    ----------
+    names : tuple of str
+        What the expressions are.
+    least : int
+        How many there must be. One alone needs no list.
+    """
+
+    names: tuple[str, ...]
+    least: int
+
+    @property
+    def allowed(self) -> str:
+        """What is allowed, in words."""
+        lengths = range(self.least, len(self.names) + 1)
+        forms = (self.names[0] if n == 1 else f"[{', '.join(self.names[:n])}]" for n in lengths)
+        return f"{' or '.join(forms)}, each an expression or a finite number"
+
+    def read(self, value: Any, key: str, mistakes: Mistakes) -> list[str | float | None] | None:
+        """Give the list."""
+        given = value if isinstance(value, list) else [value]
+        if not self.least <= len(given) <= len(self.names):
+            mistakes.add(key, f"must be {self.allowed}, {got_value(value)}")
+            return None
+        several = isinstance(value, list)
+        places = [f"{key}[{n}]" if several else key for n in range(len(given))]
+        return [Expression().read(it, at, mistakes) for it, at in zip(given, places, strict=True)]
+
+
+@dataclasses.dataclass(frozen=True)
+class OneOrEach:
+    """One value for all, or a list with one for each."""
+
+    of: Kind
+
+    @property
+    def allowed(self) -> str:
+        """What is allowed, in words."""
+        return f"{self.of.allowed}, or a list of them"
+
+    def read(self, value: Any, key: str, mistakes: Mistakes) -> Any:
+        """Give a value or a list of values."""
+        if isinstance(value, list):
+            return [self.of.read(it, f"{key}[{n}]", mistakes) for n, it in enumerate(value)]
+        return self.of.read(value, key, mistakes)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import dataclasses
 import hashlib
+import json
 import os
 import uuid
 from collections.abc import Callable
@@ -11,16 +13,30 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
-from zivi._zivi import FORMAT
+from zivi._zivi import FORMAT, MechanicalPath, MotionPath
+from zivi.base.check import Array
 from zivi.base.extras import needed
+from zivi.base.status import Status
 from zivi.base.table import Tabulated
-from zivi.control.closed_loop import ClosedLoop
-from zivi.files.mechanical import mechanical_dataset
-from zivi.files.restore import loop_variables, path_variables, run_of
-from zivi.plot.curve import Line, line_of
-from zivi.simulation.mechanical_trajectory import MechanicalTrajectory
-from zivi.simulation.trajectory import Trajectory
+from zivi.control import loop_run
+from zivi.control.loop_run import BallisticPath, ClosedLoop, SampledReference, Updates
+from zivi.control.mechanical_loop import LOOP_FIELDS, MechanicalClosedLoop
+from zivi.plot.curves import Line, line_of
+from zivi.simulation.dense import LinearPath, LostPath, PenetratingPath
+from zivi.simulation.friction_result import (
+    FRICTION,
+    IMPACTS,
+    TRANSITIONS,
+    FrictionSamples,
+    LinearMotion,
+)
+from zivi.simulation.impacts import FIELDS, IMPACT, SLOWEST, table
+from zivi.simulation.mechanical_trajectory import MEANING, TABLES, MechanicalTrajectory
+from zivi.simulation.trajectory import QUANTITIES, Trajectory
+from zivi.system.gap import HarmonicWall, MovingWall
+from zivi.system.table import Table, TableMotion
 
 if TYPE_CHECKING:
     import xarray
@@ -28,14 +44,339 @@ if TYPE_CHECKING:
 __all__ = [
     "ResultError",
     "check_kind",
+    "drawn",
+    "holds_mechanical",
     "load",
+    "loop_variables",
+    "mechanical_dataset",
+    "mechanical_run",
     "open_result",
+    "path_variables",
     "require_folder",
     "require_library",
     "require_regular",
     "restored",
+    "run_of",
     "save",
 ]
+
+# Runs of mechanical systems in datasets, and back.
+
+JOINT = -1
+"""The gap of a channel of friction that has none."""
+ATTRIBUTE = {"impacts": "resolved_impacts"}
+"""Fields that hold tables of another name."""
+
+
+def holds_mechanical(dataset: xarray.Dataset) -> bool:
+    """Whether a dataset is a run of a mechanical system."""
+    return "reactions" in dataset
+
+
+def mechanical_dataset(run: MechanicalTrajectory) -> xarray.Dataset:
+    """Give all that a run is: its labelled dataset, the events of the user and the motion."""
+    dataset = run.to_xarray()
+    for name in run.resolved_impacts.dtype.names or ():
+        meaning = f"{name} of an impact that was computed"
+        values = np.asarray(run.resolved_impacts[name])
+        dataset[f"resolved_impact_{name}"] = "resolved", values, {"long_name": meaning}
+    dataset.attrs["slowest"] = run.slowest
+    if run._friction is not None:
+        gaps = [JOINT if gap is None else gap for gap in run._friction.gaps]
+        dataset["channel_gap"] = "channel", np.array(gaps), {"long_name": "its gap, or -1"}
+    numbers = np.repeat(np.arange(len(run.t_events)), [len(times) for times in run.t_events])
+    nothing = np.empty((0, run.q.shape[1]))
+    dataset["event_function"] = "event", numbers, {"long_name": "number of the event function"}
+    dataset["event_time"] = "event", np.concatenate([*run.t_events, np.empty(0)])
+    for name, states in (("event_q", run.q_events), ("event_qdot", run.qdot_events)):
+        dataset[name] = ("event", "coordinate"), np.concatenate([*states, nothing])
+    dataset.attrs["n_event_functions"] = len(run.t_events)
+    if isinstance(run._path, LinearMotion):
+        for field in dataclasses.fields(run._path):
+            if field.name == "friction":
+                continue  # its samples are those of the run
+            values = getattr(run._path, field.name)
+            dims = ("step", "coordinate") if field.name in ("q", "qdot") else ("step", "gap")
+            dataset[f"step_{field.name}"] = dims[: values.ndim], values
+    elif run._path is not None:
+        meaning = "the motion between the samples, in zivi's own form"
+        dataset["motion"] = "motion_number", run._path.numbers(), {"long_name": meaning}
+    return dataset
+
+
+def mechanical_run(dataset: xarray.Dataset) -> MechanicalTrajectory:
+    """Give the run that a dataset holds; its system is not in it."""
+    attrs = dataset.attrs
+    names = tuple(str(name) for name in dataset["gap"].values)
+    function = dataset["event_function"].values
+    each = [function == number for number in range(int(attrs["n_event_functions"]))]
+    sampled: dict[str, Any] = {name: dataset[name].values for name in MEANING}
+    kind, more = _of_loop(dataset)
+    return kind(
+        **more,
+        t=dataset["time"].values,
+        **sampled | {"contacts": dataset["contacts"].values.astype(bool)},
+        **{ATTRIBUTE.get(name, name): _table(dataset, name, len(names)) for name in TABLES},
+        slowest=float(attrs.get("slowest", SLOWEST)),
+        status=Status(int(attrs["status"])),
+        message=str(attrs["message"]),
+        nfev=int(attrs["nfev"]),
+        n_steps=int(attrs["n_steps"]),
+        n_rejected=int(attrs["n_rejected"]),
+        coordinate_names=tuple(str(name) for name in dataset["coordinate"].values),
+        gap_names=names,
+        _setup=json.loads(attrs["config"]),
+        t_events=[dataset["event_time"].values[own] for own in each],
+        q_events=[dataset["event_q"].values[own] for own in each],
+        qdot_events=[dataset["event_qdot"].values[own] for own in each],
+        _path=_mechanical_path(dataset),
+        _friction=_friction(dataset),
+    )
+
+
+def _of_loop(dataset: xarray.Dataset) -> tuple[type[MechanicalTrajectory], dict[str, Any]]:
+    """Give what a closed loop has beside a run."""
+    if "control" not in dataset.coords:
+        return MechanicalTrajectory, {}
+    more: dict[str, Any] = {name: dataset[name].values for name in LOOP_FIELDS}
+    more["latched"] = more["latched"].astype(bool)
+    names = tuple(str(name) for name in dataset["control"].values)
+    return MechanicalClosedLoop, more | {"control_names": names}
+
+
+def _friction(dataset: xarray.Dataset) -> FrictionSamples | None:
+    if "channel_gap" not in dataset:
+        return None
+    gaps = [None if gap == JOINT else int(gap) for gap in dataset["channel_gap"].values]
+    columns = {name: dataset[f"transition_{name}"].values for name in TRANSITIONS}
+    sampled: dict[str, Any] = {name: dataset[name].values for name in FRICTION}
+    return FrictionSamples(
+        names=tuple(str(name) for name in dataset["channel"].values),
+        gaps=tuple(gaps),
+        transitions=table(TRANSITIONS, 0, columns),
+        **sampled,
+    )
+
+
+def _mechanical_path(dataset: xarray.Dataset) -> Any:
+    if "motion" in dataset:
+        return MechanicalPath.restored(dataset["motion"].values)
+    if "step_t" not in dataset:
+        return None
+    names = [field.name for field in dataclasses.fields(LinearMotion) if field.name != "friction"]
+    steps: dict[str, Any] = {name: dataset[f"step_{name}"].values for name in names}
+    friction = _friction(dataset)
+    if friction is not None and len(steps["t"]) != len(friction.slips):
+        return None  # the run was asked for other samples than its steps
+    return LinearMotion(**steps | {"contacts": steps["contacts"].astype(bool)}, friction=friction)
+
+
+def _table(dataset: xarray.Dataset, name: str, m: int) -> Any:
+    fields, dim = FIELDS[name], TABLES[name]
+    if "channel_gap" in dataset:
+        fields = {"impacts": IMPACTS}.get(name, fields)
+    # version 0.1 had the impacts that were computed where now those are that are listed
+    if f"resolved_{dim}_t" in dataset:
+        dim = f"resolved_{dim}"
+    columns = {field: dataset[f"{dim}_{field}"].values for field in fields}
+    return table(fields, m, columns)
+
+
+# Makes runs of datasets again.
+
+PATHS: dict[str, Any] = {kind.__name__: kind for kind in (LinearPath, PenetratingPath)}
+"""What interpolates the samples of methods with fixed steps."""
+LOOP_PATHS = {
+    "BallisticPath": ("t", "x", "xdot", "net", "side", "full"),
+    "LinearPath": ("t", "s", "v"),
+}
+"""What the path of a closed loop is made of."""
+MOTION, NOTHING, LOST = "MotionPath", "none", ""
+"""Other names: the dense output of a method, no path, and that of files which never held one."""
+
+
+def run_of(dataset: xarray.Dataset) -> Trajectory | ClosedLoop | MechanicalTrajectory:
+    """Give the run that a dataset holds."""
+    if holds_mechanical(dataset):
+        return mechanical_run(dataset)
+    return _closed_loop(dataset) if "u" in dataset else _trajectory(dataset)
+
+
+def drawn(dataset: xarray.Dataset) -> Trajectory | ClosedLoop | MechanicalTrajectory:
+    """Give the run with the samples that its plots show."""
+    run = run_of(dataset)
+    if "curve_time" not in dataset or not isinstance(run, Trajectory):
+        return run
+    curve: dict[str, Any] = {
+        name: dataset[f"curve_{name}"].values for name in ("x", "xdot", "s", "v")
+    }
+    times = dataset["curve_time"].values
+    impacts = np.zeros(dataset.sizes["curve_impacts"], IMPACT)
+    impacts["t"] = times[dataset["curve_impact"].values]
+    return dataclasses.replace(run, t=times, **curve, resolved_impacts=impacts, _path=None)
+
+
+def _common(dataset: xarray.Dataset) -> dict[str, Any]:
+    attrs = dataset.attrs
+    return {
+        "t": dataset["time"].values,
+        "resolved_impacts": _impacts(dataset),
+        "slowest": float(attrs.get("slowest", SLOWEST)),
+        "zeno_times": dataset["zeno_time"].values,
+        "liftoff_times": dataset["liftoff_time"].values,
+        "rest_time": None if np.isnan(attrs["rest_time"]) else float(attrs["rest_time"]),
+        "status": Status(int(attrs["status"])),
+        "message": str(attrs["message"]),
+        "nfev": int(attrs["nfev"]),
+    }
+
+
+def _config(dataset: xarray.Dataset) -> dict[str, Any]:
+    config: dict[str, Any] = json.loads(dataset.attrs["config"])
+    return config
+
+
+def _impacts(dataset: xarray.Dataset) -> NDArray[np.void]:
+    # version 0.1 had those that were computed where now those are that are listed
+    name = "resolved_impact" if "resolved_impact_time" in dataset else "impact"
+    impacts = np.empty(len(dataset[f"{name}_time"]), IMPACT)
+    impacts["t"] = dataset[f"{name}_time"].values
+    for field in ("xdot_before", "xdot_after"):
+        impacts[field] = dataset[f"{name}_{field}"].values
+    return impacts
+
+
+def _closed_loop(dataset: xarray.Dataset) -> ClosedLoop:
+    names = (*loop_run.QUANTITIES, "signs", "tick_status", *loop_run.ESTIMATES)
+    sampled: dict[str, Any] = {it: dataset[it].values for it in names if it in dataset}
+    config, span = _config(dataset), dataset.attrs.get("span")
+    times, states = _events(dataset)
+    return ClosedLoop(
+        **_common(dataset),
+        **sampled,
+        config=config,
+        updates=Updates.of_attrs(dataset.attrs, sampled["tick_status"]),
+        t_events=times,
+        y_events=states,
+        _path=_loop_path(dataset, (config["e"], config["kappa"])),
+        _reference=_loop_reference(dataset),
+        _span=None if span is None else (float(span[0]), float(span[1])),
+    )
+
+
+def loop_variables(run: ClosedLoop) -> tuple[str, dict[str, Array], dict[str, Array]]:
+    """Name the path of a closed loop; what makes it again, and what makes its reference again."""
+    path, reference = run._path, run._reference
+    of_reference = {}
+    if isinstance(reference, SampledReference):
+        of_reference = {name: getattr(reference, name) for name in ("t", "x", "xdot")}
+        of_reference["kappa"] = np.full(1, reference.kappa)
+    if isinstance(path, MotionPath):
+        numbers = {"motion": path.numbers()}
+        return MOTION, numbers, of_reference
+    if isinstance(path, BallisticPath | LinearPath):
+        names = LOOP_PATHS[type(path).__name__]
+        return type(path).__name__, {name: getattr(path, name) for name in names}, of_reference
+    return NOTHING, {}, of_reference
+
+
+def _loop_path(dataset: xarray.Dataset, wall: tuple[float, float]) -> Any:
+    name = dataset.attrs["path"]
+    if name == MOTION:
+        return MotionPath.restored(dataset["motion"].values)
+    if name == NOTHING:
+        return None
+    values: dict[str, Any] = {it: dataset[f"path_{it}"].values for it in LOOP_PATHS[name]}
+    if name == "BallisticPath":
+        full = values.pop("full").reshape(-1, 3)
+        return BallisticPath(**values, wall=wall, full=full)
+    return LinearPath(**values, kappa=wall[1])
+
+
+def _loop_reference(dataset: xarray.Dataset) -> SampledReference | None:
+    if "reference_t" not in dataset:
+        return None
+    t, x, xdot = (dataset[f"reference_{name}"].values for name in ("t", "x", "xdot"))
+    return SampledReference(t, x, xdot, float(dataset["reference_kappa"].values[0]))
+
+
+def _trajectory(dataset: xarray.Dataset) -> Trajectory:
+    attrs, common = dataset.attrs, _common(dataset)
+    samples: dict[str, Any] = {name: dataset[name].values for name in QUANTITIES}
+    config = _config(dataset)
+    times, states = _events(dataset)
+    return Trajectory(
+        **common,
+        **samples,
+        _setup=config,
+        failed_steps=dataset["failed_step"].values,
+        n_steps=int(attrs["n_steps"]),
+        n_rejected=int(attrs["n_rejected"]),
+        t_events=times,
+        y_events=states,
+        _path=_path(dataset, common["t"], samples, config["kappa"]),
+        _wall=_wall(config["wall"]),
+    )
+
+
+def path_variables(run: Trajectory) -> tuple[str, dict[str, Array]]:
+    """Name what gives the motion between the samples, and what must be kept to make it again."""
+    path = run._path
+    if isinstance(path, MotionPath):
+        return MOTION, {"motion": path.numbers()}
+    name = type(path).__name__
+    if path is None or name not in PATHS:
+        return NOTHING if path is None else LOST, {}
+    samples = {field: getattr(path, field) for field in _sampled(PATHS[name])}
+    same = all(np.array_equal(getattr(run, field), samples[field]) for field in samples)
+    return name, {} if same else {f"path_{field}": samples[field] for field in samples}
+
+
+def _sampled(kind: Any) -> list[str]:
+    """Name the samples that a path goes through."""
+    known = ("t", *QUANTITIES)
+    return [field.name for field in dataclasses.fields(kind) if field.name in known]
+
+
+def _path(
+    dataset: xarray.Dataset, t: Array, samples: dict[str, Array], kappa: float
+) -> MotionPath | LinearPath | LostPath | None:
+    name = dataset.attrs["path"]
+    if name == MOTION:
+        return MotionPath.restored(dataset["motion"].values)
+    if name in (NOTHING, LOST):
+        return None if name == NOTHING else LostPath()
+    kind, known = PATHS[name], {"t": t, **samples}
+    if "path_t" in dataset:
+        known = {field: dataset[f"path_{field}"].values for field in _sampled(kind)}
+    path: LinearPath = kind(**{field: known[field] for field in _sampled(kind)}, kappa=kappa)
+    return path
+
+
+def _events(dataset: xarray.Dataset) -> tuple[list[Array], list[Array]]:
+    """Part the events by their functions."""
+    function, times = dataset["event_function"].values, dataset["event_time"].values
+    states = np.column_stack([dataset["event_x"].values, dataset["event_xdot"].values])
+    each = [function == number for number in range(int(dataset.attrs["n_event_functions"]))]
+    return [times[own] for own in each], [states[own] for own in each]
+
+
+def _wall(told: dict[str, Any] | None) -> HarmonicWall | MovingWall | TableMotion | None:
+    if told is None:
+        return None
+    values = {name: value for name, value in told.items() if name != "name"}
+    if told["name"] == "HarmonicWall":
+        return HarmonicWall(**values)
+    if told["name"] == "Table":
+        return TableMotion(Table(**values))
+    return MovingWall(_lost, _lost, _lost)
+
+
+def _lost(t: float) -> float:
+    raise ValueError("the functions of the wall are not kept in the file")
+
+
+# Single runs on disk: netCDF files that hold all that a run is.
 
 ENGINE: Literal["h5netcdf"] = "h5netcdf"
 NETCDF, TABLE = (".nc", ".nc4", ".cdf", ".h5", ".hdf5", ""), ".csv"

@@ -3,26 +3,257 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable
+import re
+import tomllib
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any, TypeAlias
 
 import numpy as np
 
+from zivi.control import twisting
 from zivi.control.closed_loop import ClosedLoop, simulate_closed_loop
-from zivi.files import build
-from zivi.files.keys import CONTROL, SIMULATE
-from zivi.files.mechanical_keys import MECHANICS, is_mechanical
-from zivi.files.reading import read
-from zivi.files.tables import Key
-from zivi.files.tree_keys import TREE, is_tree
-from zivi.files.validation import Mistakes
+from zivi.files.file_keys import (
+    CONTROL,
+    GAPS,
+    MECHANICS,
+    SIMULATE,
+    TREE,
+    Key,
+    is_mechanical,
+    is_tree,
+    read_keys,
+)
+from zivi.files.kinds import FileError, Mistakes
 from zivi.simulation.mechanical_trajectory import MechanicalTrajectory
+from zivi.simulation.methods import METHODS
 from zivi.simulation.run import simulate
 from zivi.simulation.trajectory import Trajectory
+from zivi.system.gap import DryFriction, HarmonicWall
+from zivi.system.impact_law import LAWS
+from zivi.system.mass import Force, ImpactSystem, LinearForce
 from zivi.system.mechanism import MechanicalSystem
+from zivi.system.symbolic.system import SymbolicSystem, system as symbolic_system
+from zivi.system.tree import Tree
+from zivi.system.tree_bodies import Body
 
-__all__ = ["Prepared", "Run", "plant_of", "prepare_control", "prepare_simulate"]
+__all__ = [
+    "Content",
+    "Prepared",
+    "Run",
+    "command_of",
+    "controller",
+    "force",
+    "mechanics",
+    "mechanism_of",
+    "method",
+    "named",
+    "plant_of",
+    "prepare_control",
+    "prepare_simulate",
+    "read",
+    "restitution",
+    "spaced",
+    "system",
+    "tree",
+]
+
+# Reads a file into checked values.
+
+Keys: TypeAlias = tuple[Key, ...]
+
+LARGEST = 50_000_000
+"""Bytes of a file that is read."""
+DEEPEST = 50
+"""Parts of a key, parted by dots: tomllib takes a time that grows with their square."""
+PART = r"""(?:[\w-]++|"[^"\n]*+"|'[^'\n]*+')[ \t]*+"""
+DEEP = re.compile(rf"(?<![\w-])(?:{PART}\.[ \t]*+){{{DEEPEST}}}")
+
+
+@dataclasses.dataclass(frozen=True)
+class Content:
+    """What a file says.
+
+    Parameters
+    ----------
+    values : dict
+        The values of the keys that are there, checked one by one.
+    mistakes : Mistakes
+        For what only shows when they are put together.
+    """
+
+    values: dict[str, Any]
+    mistakes: Mistakes
+
+
+def read(
+    path: Path, keys: Keys | Callable[[dict[str, Any]], Keys], command: str | None = None
+) -> Content:
+    """Read a file; a `FileError` tells all that is wrong with it.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    keys : tuple of Key, or callable
+        Its keys, or what gives them for what the file holds.
+    command : str, optional
+        The command that reads it; a file for another one is rejected in one line.
+    """
+    mistakes = Mistakes(path)
+    content = _parsed(path)
+    meant = command_of(content)
+    if command is not None and meant not in (command, None):
+        raise FileError(f"{path}: is a file for zivi {meant}, not for zivi {command}")
+    values = read_keys(keys(content) if callable(keys) else keys, content, "", mistakes)
+    mistakes.stop()
+    return Content(values, mistakes)
+
+
+def command_of(content: dict[str, Any]) -> str | None:
+    """Return the command whose files have the keys of a file, None if several do or none."""
+    found = [
+        command
+        for command, key in {"simulate": "system", "sweep": "experiment"}.items()
+        if key in content
+    ]
+    if len(found) != 1:
+        return None
+    if "controller" in content:
+        return "control" if found == ["simulate"] else None
+    return found[0]
+
+
+def _parsed(path: Path) -> dict[str, Any]:
+    try:
+        if path.stat().st_size > LARGEST:
+            raise FileError(f"{path}: is larger than {LARGEST // 10**6} MB")
+        # a byte order mark is no content, and lines may end as they do elsewhere
+        text = path.read_text("utf-8-sig")
+        if deep := DEEP.search(text):
+            line = text.count("\n", 0, deep.start()) + 1
+            raise FileError(f"{path}: a key must have at most {DEEPEST} parts (line {line})")
+        return tomllib.loads(text)
+    except FileNotFoundError:
+        raise FileError(f"{path}: there is no such file") from None
+    except tomllib.TOMLDecodeError as error:  # it tells line and column
+        raise FileError(f"{path}: is no TOML: {error}") from None
+    except UnicodeDecodeError as error:
+        raise FileError(f"{path}: is no text in UTF-8 (byte {error.start})") from None
+    except (OSError, RecursionError) as error:
+        reason = getattr(error, "strerror", None) or "too deeply nested"
+        raise FileError(f"{path}: cannot be read: {reason}") from None
+
+
+# Builds systems, methods and controllers from checked values.
+
+
+def force(value: Any) -> Force:
+    """Build a force from a number or coefficients."""
+    return LinearForce(**value) if isinstance(value, dict) else value
+
+
+def system(values: dict[str, Any], mistakes: Mistakes) -> ImpactSystem:
+    """Build a system."""
+    wall = values.get("wall")
+    given: dict[str, Any] = {name: values[name] for name in ("e", "kappa") if name in values}
+    given = with_law(given, mistakes)
+    if friction := values.get("friction"):
+        with mistakes.naming(named("system.friction", friction), "system.friction"):
+            given["friction"] = DryFriction(**friction)
+    with mistakes.naming(named("system", (*given, "wall")), "system"):
+        return ImpactSystem(
+            force(values["force"]),
+            wall=None if wall is None else HarmonicWall(**wall),
+            **given,
+        )
+
+
+def with_law(values: dict[str, Any], mistakes: Mistakes) -> dict[str, Any]:
+    """Build the impact laws among what `e` has, one or a list."""
+    e = values.get("e")
+    if isinstance(e, list):
+        return values | {"e": [law(it, f"system.e[{n}]", mistakes) for n, it in enumerate(e)]}
+    return values if e is None else values | {"e": law(e, "system.e", mistakes)}
+
+
+def law(value: Any, key: str, mistakes: Mistakes) -> Any:
+    """Build an impact law from its table; a number stays one."""
+    if not isinstance(value, dict):
+        return value
+    settings = {name: it for name, it in value.items() if name != "law"}
+    with mistakes.naming(named(key, settings), key):
+        return LAWS[value["law"]](**settings)
+
+
+def mechanics(values: dict[str, Any], mistakes: Mistakes) -> MechanicalSystem:
+    """Build a mechanical system from its energies."""
+    values = with_law(values, mistakes)
+    with mistakes.naming(named("system", values), "system"):
+        return symbolic_system(**values)
+
+
+def tree(values: dict[str, Any], mistakes: Mistakes) -> Tree:
+    """Build a tree of bodies."""
+    given = {name: it for name, it in values.items() if name in ("gravity", "e")}
+    settings = with_law(given, mistakes)
+    with mistakes.naming(named("system", ("bodies", "gaps", "gravity", "e")), "system"):
+        bodies = [Body(**body) for body in values["bodies"]]
+        gaps = [
+            GAPS[gap["kind"]](**{name: it for name, it in gap.items() if name != "kind"})
+            for gap in values.get("gaps", ())
+        ]
+        found = Tree(bodies, gaps=gaps, **settings)
+    for name, value in values.get("parameters", {}).items():
+        key = f"system.parameters.{name}"
+        if name not in found.parameters:
+            known = ", ".join(found.parameters)
+            mistakes.add(key, f"is no parameter of the tree: allowed: {known}")
+            mistakes.stop()
+        with mistakes.naming({}, key):
+            found.parameters[name] = value
+    return found
+
+
+def method(values: dict[str, Any], mistakes: Mistakes) -> Any:
+    """Build a method by its name."""
+    settings = {name: value for name, value in values.items() if name != "name"}
+    with mistakes.naming(named("method", settings), "method"):
+        return METHODS[values["name"]](**settings)
+
+
+def controller(
+    values: dict[str, Any], plant: ImpactSystem, keys: dict[str, str], mistakes: Mistakes
+) -> Any:
+    """Build a controller by its name; it believes in the wall of the plant unless told another."""
+    settings = {name: value for name, value in values.items() if name != "name"}
+    names = named("controller", settings)
+    names |= dict.fromkeys(("u_min", "u_max"), "controller.u_limits")
+    if not ("e" in settings or "kappa" in settings):
+        settings["kappa"] = plant.kappa
+        names |= {"e": keys["e"], "kappa": keys["kappa"]}
+    with mistakes.naming(names, "controller"):
+        return getattr(twisting, values["name"])(**settings)
+
+
+def named(table: str, names: Iterable[str]) -> dict[str, str]:
+    """Give the key of each argument that a table holds."""
+    return {name: f"{table}.{name}" for name in names}
+
+
+def restitution(values: dict[str, Any]) -> dict[str, str]:
+    """Give the key behind the restitution of a system, whichever of the two was given."""
+    key = "system.kappa" if "kappa" in values else "system.e"
+    return {"e": key, "kappa": key}
+
+
+def spaced(values: dict[str, Any], *, log: bool = False) -> np.ndarray:
+    """Give the values of a range."""
+    make = np.geomspace if log else np.linspace
+    return make(values["start"], values["stop"], values["num"])
+
+
+# Single runs from files: ``zivi simulate`` and ``zivi control``.
 
 Run: TypeAlias = Trajectory | ClosedLoop | MechanicalTrajectory
 """What a single run gives."""
@@ -59,11 +290,11 @@ def plant_of(path: Path) -> tuple[dict[str, Any], Any, Mistakes]:
     """Read a file of ``zivi simulate``: its values, the system, and where mistakes of it go."""
     content = read(path, _keys, "simulate")
     values, mistakes = content.values, content.mistakes
-    builds: Callable[[dict[str, Any], Mistakes], Any] = build.system
+    builds: Callable[[dict[str, Any], Mistakes], Any] = system
     if is_tree(values):
-        builds = build.tree
+        builds = tree
     elif is_mechanical(values):
-        builds = build.mechanics
+        builds = mechanics
     return values, builds(values["system"], mistakes), mistakes
 
 
@@ -74,12 +305,12 @@ def prepare_simulate(path: Path) -> Prepared:
     if isinstance(plant, MechanicalSystem):
         keys |= {"q0": "y0", "qdot0": "y0"}
     else:
-        keys |= PAIRS | build.restitution(values["system"])
+        keys |= PAIRS | restitution(values["system"])
     arguments: dict[str, Any] = {"t_eval": _times(values.get("t_eval"), mistakes)}
     if "tstops" in values:
         arguments["tstops"] = np.array(values["tstops"])
     if "method" in values:
-        arguments["method"] = build.method(values["method"], mistakes)
+        arguments["method"] = method(values["method"], mistakes)
 
     def call(progress: bool | None) -> Run:
         run: Run = simulate(plant, values["t_span"], values["y0"], progress=progress, **arguments)
@@ -100,7 +331,7 @@ def _times(value: Any, mistakes: Mistakes) -> np.ndarray | None:
     if value["start"] > value["stop"]:
         mistakes.add("t_eval.stop", f"must be >= start, got {value['stop']}")
         mistakes.stop()
-    return build.spaced(value)
+    return spaced(value)
 
 
 OPTIONS = ("y_ref0", "noise", "seed", "quantization", "delay")
@@ -112,9 +343,9 @@ def prepare_control(path: Path) -> Prepared:
     """Read a file of ``zivi control``."""
     content = read(path, CONTROL, "control")
     values, mistakes = content.values, content.mistakes
-    plant = build.system(values["system"], mistakes)
-    wall = build.restitution(values["system"])
-    law = build.controller(values["controller"], plant, wall, mistakes)
+    plant = system(values["system"], mistakes)
+    wall = restitution(values["system"])
+    law = controller(values["controller"], plant, wall, mistakes)
     if not hasattr(law, "x_ref"):
         name = values["controller"]["name"]
         for key in ("y_ref0", "force_ref"):
@@ -122,9 +353,9 @@ def prepare_control(path: Path) -> Prepared:
                 mistakes.add(key, f"is given, but a {name} follows no reference")
         mistakes.stop()
     options = {name: values[name] for name in OPTIONS if name in values}
-    options |= {name: build.force(values[name]) for name in FORCES if name in values}
+    options |= {name: force(values[name]) for name in FORCES if name in values}
     if "method" in values:
-        options["method"] = build.method(values["method"], mistakes)
+        options["method"] = method(values["method"], mistakes)
     keys = {name: name for name in (*OPTIONS, *FORCES, "t_span", "y0")} | PAIRS | wall
     keys |= {"h": "controller.h", "method": "method", "controller": "controller"}
 
@@ -134,3 +365,57 @@ def prepare_control(path: Path) -> Prepared:
         )
 
     return Prepared(call, keys, mistakes)
+
+
+# Mechanical systems from files: those of ``zivi simulate``, MJCF and URDF.
+
+Start: TypeAlias = tuple[Any, Any]
+READERS = {".xml": Tree.from_mjcf, ".mjcf": Tree.from_mjcf, ".urdf": Tree.from_urdf}
+"""What reads a file of a model, by its ending."""
+
+
+def mechanism_of(
+    path: Path,
+    *,
+    gaps: Sequence[str] = (),
+    e: Sequence[float] = (),
+    q0: Sequence[float] = (),
+    friction: str = "refuse",
+) -> tuple[Tree | SymbolicSystem, Start]:
+    """Read a tree of bodies, or a system with energies, and where it starts.
+
+    Parameters
+    ----------
+    path : Path
+        A TOML file of ``zivi simulate``, or MJCF (.xml) or URDF (.urdf) as MuJoCo reads it.
+    gaps : sequence of str
+        Of MJCF and URDF: joints with limits, and pairs of geoms such as ``"ball,floor"``; none for
+        the limits of all joints.
+    e : sequence of float
+        Of these, too: a restitution for all gaps or one for each; none for 0.
+    q0 : sequence of float
+        Of these, too: the coordinates at the start; none for 0.
+    friction : {"refuse", "ignore"}
+        Of these, too: what happens to pairs with friction.
+
+    Returns
+    -------
+    (Tree or SymbolicSystem, (q0, qdot0))
+        The system, and its start.
+    """
+    reader = READERS.get(path.suffix.lower())
+    if reader is None:
+        given = {"--gap": gaps, "--e": e, "--q0": q0}
+        for option in (name for name, value in given.items() if len(value)):
+            raise FileError(f"{option} is for MJCF and URDF: {path} has it as a key")
+        values, plant, _ = plant_of(path)
+        if not isinstance(plant, Tree | SymbolicSystem):
+            raise FileError(f"{path}: is a mass: --model mass has its numbers as parameters")
+        return plant, values["y0"]
+    if not path.is_file():
+        raise FileError(f"{path}: is no file")
+    pairs = [tuple(gap.split(",")) if "," in gap else gap for gap in gaps]
+    laws: Any = e[0] if len(e) == 1 else list(e) or 0.0
+    tree = reader(path, gaps=pairs or None, e=laws, friction=friction)
+    zeros = [0.0] * (tree._n or 0)
+    return tree, (list(q0) or zeros, zeros)

@@ -10,10 +10,9 @@ from typing import Any
 
 import numpy as np
 
-from zivi.files.build import spaced
-from zivi.files.keys import SWEEP
-from zivi.files.reading import read
-from zivi.files.validation import Mistakes, joined, suggestion
+from zivi.files.file_keys import SWEEP
+from zivi.files.kinds import Mistakes, joined, suggestion
+from zivi.files.runs import read, spaced
 from zivi.study import EXPERIMENTS, Design, Study, grid, points, sample, sweep
 
 __all__ = ["MAX_POINTS", "PreparedSweep", "parameters_of", "prepare_sweep"]

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from zivi.base.habits import hint_calls
-from zivi.interop.fmu.export import export_fmu
-from zivi.interop.fmu.loop import export_loop
+from zivi.interop.fmu.export import export_fmu, export_loop
 
 __all__ = ["export_fmu", "export_loop"]
 

@@ -5,7 +5,14 @@
 """
 
 from zivi.base.habits import hint_calls
-from zivi.interop.gradient import RunFunction, RunPoint, run_function
+from zivi.interop.gradient import (
+    RunFunction,
+    RunPoint,
+    SolutionFunction,
+    SolutionPoint,
+    run_function,
+    solution_function,
+)
 from zivi.interop.jax import jax_function
 from zivi.interop.juggler import juggler
 from zivi.interop.python_control import (
@@ -14,7 +21,6 @@ from zivi.interop.python_control import (
     impact_plant,
     state_vector,
 )
-from zivi.interop.solution import SolutionFunction, SolutionPoint, solution_function
 
 __all__ = [
     "RunFunction",

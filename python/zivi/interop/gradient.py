@@ -1,25 +1,251 @@
-"""A run as a function of some of its parameters, with its derivative: for optimisers."""
+"""Runs and solutions of VIs as functions of their parameters, with derivatives: for optimisers."""
 
 from __future__ import annotations
 
+import copy
 import dataclasses
-from collections.abc import Sequence
-from typing import Any, Literal, NamedTuple, TypeAlias
+import functools
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, Generic, Literal, NamedTuple, TypeAlias, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from zivi.base.check import Array, integer, real_array
+from zivi.base.check import Array, integer, is_sparse, real_array, vector
+from zivi.derivatives.mechanical_sensitivity import (
+    ALL_E,
+    LAW,
+    PARAMETER,
+    QDOT0,
+    T0,
+    Column,
+    columns_of,
+)
 from zivi.derivatives.result import OrbitStatus, Sensitivity
 from zivi.derivatives.sensitivity import sensitivity
-from zivi.interop.function import ParameterFunction
-from zivi.interop.moved import MassRun, MechanicalRun, Moved, run_of
+from zivi.simulation.mechanical_run import state_of
 from zivi.simulation.methods import SwitchedRK
 from zivi.simulation.run import pair
+from zivi.system.impact_law import ImpactLaw, restitutions
 from zivi.system.mass import ImpactSystem, check_system
 from zivi.system.mechanism import MechanicalSystem
+from zivi.system.parameters import INITIAL, ParametricSystem, check_smooth, codes_of, with_value
+from zivi.vi.derivatives import VIDerivative, solution_derivative
+from zivi.vi.solve import VIOptions, VIResult, solve_vi
 
-__all__ = ["RunFunction", "RunPoint", "run_function"]
+__all__ = [
+    "MassRun",
+    "MechanicalRun",
+    "Moved",
+    "ParameterFunction",
+    "RunFunction",
+    "RunPoint",
+    "SolutionFunction",
+    "SolutionPoint",
+    "run_function",
+    "run_of",
+    "solution_function",
+]
+
+# What functions of parameters with derivatives have in common.
+
+Point = TypeVar("Point", bound=NamedTuple)
+
+
+@dataclasses.dataclass(frozen=True)
+class ParameterFunction(ABC, Generic[Point]):
+    """A function of parameters whose value comes with its derivative; the last point is kept."""
+
+    _last: dict[bytes, Any] = dataclasses.field(
+        default_factory=dict, init=False, repr=False, compare=False
+    )
+
+    @property
+    @abstractmethod
+    def wrt(self) -> tuple[str, ...]:
+        """What the entries of ``p`` are, tuple of str."""
+
+    @property
+    @abstractmethod
+    def shape(self) -> tuple[int, ...]:
+        """The shape of the value."""
+
+    @abstractmethod
+    def evaluate(self, p: ArrayLike) -> Point:
+        """Give the value, its derivative, and how they were found."""
+
+    @abstractmethod
+    def _computed(self, p: Array) -> Point:
+        """Give a point that is not known yet."""
+
+    def _at(self, p: ArrayLike) -> Any:
+        values = self._point(p)
+        key = values.tobytes()
+        found: Any = self._last.get(key)
+        if found is None:
+            found = self._computed(values)
+            self._last.clear()
+            self._last[key] = found
+        # who changes what is given does not change what is kept
+        value = np.copy(found.value) if self.shape else found.value
+        return found._replace(value=value, derivative=found.derivative.copy())
+
+    def _point(self, p: ArrayLike) -> Array:
+        values = real_array("p", p).ravel()
+        if len(values) != len(self.wrt):
+            raise ValueError(f"p must have {len(self.wrt)} entries, got {len(values)}")
+        return values
+
+    def __call__(self, p: ArrayLike) -> tuple[Any, Array]:
+        """Give the value and its derivative, of the shapes `shape` and ``(*shape, len(wrt))``."""
+        found: Any = self.evaluate(p)
+        return found.value, found.derivative
+
+    def fun(self, p: ArrayLike) -> Array:
+        """Give the value as a vector, for `scipy.optimize.least_squares`.
+
+        Parameters
+        ----------
+        p : array_like
+            A value for each of `wrt`.
+
+        Returns
+        -------
+        ndarray
+            One-dimensional.
+        """
+        found: Any = self.evaluate(p)
+        return np.ravel(found.value)
+
+    def jac(self, p: ArrayLike) -> Array:
+        """Give the derivative as a matrix; where `fun` was just computed, without computing again.
+
+        Parameters
+        ----------
+        p : array_like
+            A value for each of `wrt`.
+
+        Returns
+        -------
+        ndarray
+            A row for each entry of `fun`, a column for each of `wrt`.
+        """
+        found: Any = self.evaluate(p)
+        derivative: Array = found.derivative
+        return derivative.reshape(-1, len(self.wrt))
+
+
+# Runs at other values of their parameters: the system, the span and the start that they give.
+
+Moved: TypeAlias = tuple[Any, tuple[float, float], Any]
+"""A system, a span and a start."""
+
+
+@dataclasses.dataclass(frozen=True)
+class MassRun:
+    """A run of one mass."""
+
+    system: ImpactSystem
+    span: tuple[float, float]
+    state: tuple[float, float]
+    wrt: tuple[str, ...]
+
+    def at(self, p: Array) -> Moved:
+        """Give the run at values of its parameters; a ValueError for one out of its range."""
+        given = dict(zip(self.wrt, map(float, p), strict=True))
+        system, (x0, v0) = self.system, self.state
+        for name, value in given.items():
+            if name not in INITIAL:
+                system = with_value(system, name, value)
+        start = given.get("t0", self.span[0])
+        return system, (start, self.span[1]), (given.get("x0", x0), given.get("xdot0", v0))
+
+
+@dataclasses.dataclass(frozen=True)
+class MechanicalRun:
+    """A run of a mechanical system."""
+
+    system: MechanicalSystem
+    span: tuple[float, float]
+    state: tuple[Array, Array]
+    columns: tuple[Column, ...]
+
+    @property
+    def wrt(self) -> tuple[str, ...]:
+        """The names of the parameters, one for each coordinate."""
+        return tuple(column.name for column in self.columns)
+
+    def at(self, p: Array) -> Moved:
+        """Give the run at values of its parameters; a ValueError for one out of its range."""
+        start, state = self.span[0], (self.state[0].copy(), self.state[1].copy())
+        laws: list[ImpactLaw] = list(self.system.laws)
+        parameters: dict[str, float] = {}
+        for column, value in zip(self.columns, map(float, p), strict=True):
+            kind, i = column.code
+            if kind <= QDOT0:
+                state[kind][i] = value
+            elif kind == T0:
+                start = value
+            elif kind == ALL_E:
+                laws = [_law_moved(law, "e", value - column.value) for law in laws]
+            elif kind == LAW:
+                name = dataclasses.fields(laws[i])[column.of].name
+                laws[i] = _law_moved(laws[i], name, value - column.value)
+            elif kind == PARAMETER:
+                parameters[column.name] = value
+        system = self.system
+        if parameters:
+            system = system.replace(**parameters)
+        if tuple(laws) != self.system.laws:
+            system = _with_laws(system, tuple(laws))
+        return system, (start, self.span[1]), state
+
+
+def _law_moved(law: ImpactLaw, name: str, by: float) -> ImpactLaw:
+    """Give a law with one parameter moved; "e" and "e.floor" may move the same one."""
+    return dataclasses.replace(law, **{name: getattr(law, name) + by})
+
+
+def _with_laws(system: MechanicalSystem, laws: tuple[ImpactLaw, ...]) -> MechanicalSystem:
+    """Give the same system with other impact laws."""
+    if isinstance(system, ParametricSystem):
+        build = functools.partial(_built, system._build, laws)
+        return ParametricSystem(build, system.parameters)
+    other = copy.copy(system)
+    other._e = restitutions(laws, system.m)
+    return other
+
+
+def _built(build: Any, laws: tuple[ImpactLaw, ...], **parameters: float) -> MechanicalSystem:
+    return _with_laws(build(**parameters), laws)
+
+
+def run_of(system: Any, span: tuple[float, float], y0: Any, wrt: tuple[str, ...]) -> Any:
+    """Check the start and the names, and give the run."""
+    check_smooth(system)
+    if not isinstance(system, MechanicalSystem):
+        codes_of(system, wrt)
+        return MassRun(system, span, pair("y0", y0, "(x0, xdot0)"), wrt)
+    state = state_of(y0, system._n)
+    model = system.model(len(state[0]))
+    columns = columns_of(
+        wrt,
+        state,
+        span[0],
+        dict(zip(system.gap_names, system.laws, strict=True)),
+        system.coordinate_names(model.layout.n),
+        _parameters(system),
+    )
+    return MechanicalRun(system, span, state, tuple(columns))
+
+
+def _parameters(system: MechanicalSystem) -> Mapping[str, float]:
+    found: Mapping[str, float] = getattr(system, "parameters", {})
+    return found
+
+
+# A run as a function of some of its parameters, with its derivative: for optimisers.
 
 Output: TypeAlias = Literal[
     "final",
@@ -330,3 +556,228 @@ def _sampled(times: ArrayLike | None, output: Output, span: tuple[float, float])
         raise ValueError(f"times must be ascending and within t_span = {span}, got {times!r}")
     array.flags.writeable = False
     return array
+
+
+# The solution of a VI as a function of its parameters, with its derivative: for optimisers.
+
+_STEP = float(np.finfo(float).eps) ** (1 / 3)
+
+
+class SolutionPoint(NamedTuple):
+    """A solution at one point of its parameters.
+
+    Attributes
+    ----------
+    value : ndarray
+        The unknowns; infinite where there is no solution.
+    derivative : ndarray
+        By the parameters, of shape (unknowns, parameters); NaN where there is none.
+    solution : VIResult
+        The solve.
+    of : VIDerivative or None
+        The derivative with its index sets, `VIDerivative.unclear` among them.
+    """
+
+    value: Array
+    derivative: Array
+    solution: VIResult
+    of: VIDerivative | None
+
+
+@dataclasses.dataclass(frozen=True)
+class SolutionFunction(ParameterFunction[SolutionPoint]):
+    """The solution of a VI as a function of parameters.
+
+    Calling it, ``f(p)``, gives ``(x, dx/dp)``. `fun` and `jac` are what
+    `scipy.optimize.least_squares` and `scipy.optimize.root` take, `gradient` is the derivative of
+    a function of the solution. Each solve begins at the last solution. Where there is none, or it
+    has no derivative, the value is infinite and the derivative NaN.
+    """
+
+    F: Callable[[Array, Array], ArrayLike]
+    lower: Any
+    upper: Any
+    x0: Array
+    names: tuple[str, ...]
+    jacobian: Callable[[Array, Array], Any]
+    map_slopes: Callable[[Array, Array], Any] | None
+    options: VIOptions | Mapping[str, Any] | None
+
+    @property
+    def wrt(self) -> tuple[str, ...]:
+        """What the entries of ``p`` are, tuple of str."""
+        return self.names
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """The shape of the value, ``(unknowns,)``."""
+        return self.x0.shape
+
+    def evaluate(self, p: ArrayLike) -> SolutionPoint:
+        """Solve, and differentiate the solution.
+
+        Parameters
+        ----------
+        p : array_like
+            A value for each of `wrt`.
+
+        Returns
+        -------
+        SolutionPoint
+            ``value``, ``derivative``, ``solution``, ``of``.
+
+        Raises
+        ------
+        ValueError
+            If `p` has not as many entries as `wrt`.
+        """
+        found: SolutionPoint = self._at(p)
+        return found
+
+    def _computed(self, p: Array) -> SolutionPoint:
+        last = next(iter(self._last.values()), None)
+        start = last.solution.x if last is not None and last.solution.success else self.x0
+        lower, upper = (_at(box, p) for box in (self.lower, self.upper))
+        solution = solve_vi(
+            lambda x: self.F(x, p),
+            lower,
+            upper,
+            start,
+            jac=lambda x: self.jacobian(x, p),
+            options=self.options,
+        )
+        nothing = np.full((len(self.x0), len(p)), np.nan)
+        if not solution.success:
+            return SolutionPoint(np.full(self.shape, np.inf), nothing, solution, None)
+        derivative = solution_derivative(
+            solution,
+            self.jacobian(solution.x, p),
+            self._slopes(solution.x, p),
+            lower,
+            upper,
+            dlower=_bound_slopes(self.lower, p, len(self.x0)),
+            dupper=_bound_slopes(self.upper, p, len(self.x0)),
+        )
+        try:
+            return SolutionPoint(solution.x, derivative.matrix, solution, derivative)
+        except np.linalg.LinAlgError:
+            return SolutionPoint(solution.x, nothing, solution, derivative)
+
+    def _slopes(self, x: Array, p: Array) -> Any:
+        """Give ``dF/dp``, by central differences if it is not given."""
+        if self.map_slopes is None:
+            return _differences(lambda q: real_array("F(x, p)", self.F(x, q)), p)
+        slopes = self.map_slopes(x, p)
+        return slopes if is_sparse(slopes) else np.reshape(slopes, (len(x), len(p)))
+
+    def gradient(self, p: ArrayLike, weights: ArrayLike) -> Array:
+        """Give the gradient of a function of the solution from its gradient by the unknowns.
+
+        Parameters
+        ----------
+        p : array_like
+            A value for each of `wrt`.
+        weights : array_like
+            The gradient of the function by the unknowns.
+
+        Returns
+        -------
+        ndarray
+            Its gradient by the parameters; NaN where the solution has no derivative.
+        """
+        of = self.evaluate(p).of
+        try:
+            return of.vjp(weights) if of is not None else np.full(len(self.wrt), np.nan)
+        except np.linalg.LinAlgError:
+            return np.full(len(self.wrt), np.nan)
+
+
+def solution_function(
+    F: Callable[[Array, Array], ArrayLike],
+    lower: Any,
+    upper: Any,
+    x0: ArrayLike,
+    wrt: Sequence[str] | str,
+    *,
+    jac: Callable[[Array, Array], Any],
+    dF: Callable[[Array, Array], Any] | None = None,
+    options: VIOptions | Mapping[str, Any] | None = None,
+) -> SolutionFunction:
+    """Make a function of parameters that gives the solution of a VI and its derivative.
+
+    Parameters
+    ----------
+    F : callable
+        ``F(x, p)``, the map.
+    lower, upper : array_like, callable or None
+        Bounds, or functions of ``p`` that give them.
+    x0 : array_like
+        Where the first solve begins.
+    wrt : sequence of str
+        Names of the parameters.
+    jac : callable
+        ``jac(x, p)``, the Jacobian of `F` by the unknowns, dense or sparse.
+    dF : callable, optional
+        ``dF(x, p)``, its derivatives by the parameters, of shape (unknowns, parameters); by default
+        central differences.
+    options : VIOptions or dict, optional
+        As for `zivi.solve_vi`.
+
+    Returns
+    -------
+    SolutionFunction
+        ``f(p) -> (x, dx/dp)``, with `SolutionFunction.fun`, `SolutionFunction.jac` and
+        `SolutionFunction.gradient`; `jax_function` takes it, too.
+
+    Raises
+    ------
+    ValueError, TypeError
+        For an argument that is not as above.
+
+    Examples
+    --------
+    Two firms choose quantities; the price falls with their sum and ``p`` is the cost of the second:
+
+    >>> def profit(x, p):
+    ...     return np.array([2 * x[0] + x[1] - 10, x[0] + 2 * x[1] - 10 + p[0]])
+    >>> M = np.array([[2.0, 1.0], [1.0, 2.0]])
+    >>> f = zivi.interop.solution_function(profit, 0, None, [1, 1], ["cost"], jac=lambda x, p: M)
+    >>> f([1.0])
+    (array([3.66666667, 2.66666667]), array([[ 0.33333333],
+           [-0.66666667]]))
+    >>> f.fun([6.0])  # the second sells nothing any more
+    array([5., 0.])
+    """
+    for name, function in (("F", F), ("jac", jac)):
+        if not callable(function):
+            raise TypeError(f"{name} must be callable, got {type(function).__name__}")
+    if dF is not None and not callable(dF):
+        raise TypeError(f"dF must be callable or None, got {type(dF).__name__}")
+    names = (wrt,) if isinstance(wrt, str) else tuple(wrt)
+    if not names or not all(isinstance(name, str) for name in names):
+        raise ValueError(f"wrt must be names of parameters, got {wrt!r}")
+    start = np.atleast_1d(vector("x0", x0, scalar=True)).copy()
+    return SolutionFunction(F, lower, upper, start, names, jac, dF, options)
+
+
+def _at(box: Any, p: Array) -> Any:
+    return box(p) if callable(box) else box
+
+
+def _bound_slopes(box: Any, p: Array, n: int) -> Array | None:
+    """Give the derivatives of a bound that is a function; of an infinite one zero."""
+    if not callable(box):
+        return None
+    with np.errstate(invalid="ignore"):
+        slopes = _differences(lambda q: np.broadcast_to(np.asarray(box(q), float), (n,)), p)
+    return np.nan_to_num(slopes)
+
+
+def _differences(function: Callable[[Array], Array], p: Array) -> Array:
+    columns = []
+    for j, value in enumerate(p):
+        ends = np.array([p, p])
+        ends[:, j] += _STEP * max(1.0, abs(value)) * np.array([-1.0, 1.0])
+        below, above = (function(end) for end in ends)
+        columns.append((above - below) / (ends[1, j] - ends[0, j]))
+    return np.column_stack(columns)

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from zivi.base.extras import needed
-from zivi.interop.function import ParameterFunction
+from zivi.interop.gradient import ParameterFunction
 
 __all__ = ["jax_function"]
 

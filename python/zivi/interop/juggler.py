@@ -11,7 +11,7 @@ import numpy as np
 import zivi._zivi as _zivi
 from zivi.base.check import finite, integer
 from zivi.base.extras import needed
-from zivi.system.transform import coefficients
+from zivi.system.mass import coefficients
 
 if TYPE_CHECKING:
     import gymnasium

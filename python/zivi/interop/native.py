@@ -12,8 +12,7 @@ import numpy as np
 import zivi._zivi as _zivi
 from zivi.base.check import identifier
 from zivi.control.gap_tracker import GapTracker, check_gap_tracker
-from zivi.system.symbolic.inputs import SymbolicInputs
-from zivi.system.symbolic.system import SymbolicSystem
+from zivi.system.symbolic.system import SymbolicInputs, SymbolicSystem
 
 __all__ = ["gap_tracker_source", "prefix"]
 

@@ -17,11 +17,10 @@ import numpy as np
 
 from zivi.base.check import Array, real
 from zivi.base.extras import needed
-from zivi.base.warnings import ModelWarning
+from zivi.base.status import ModelWarning
 from zivi.control.closed_loop import Controller, simulate_closed_loop
-from zivi.control.loop_arguments import interface_of, period_of
-from zivi.control.loop_batch_alone import copied
-from zivi.control.loop_reference import Told, asked_of
+from zivi.control.loop_arguments import Told, asked_of, interface_of, period_of
+from zivi.control.mechanical_loop_batch import copied
 from zivi.control.twisting import CONTROLLERS, TickStatus
 from zivi.simulation.methods import SwitchedRK, ThetaGamma
 from zivi.system.mass import Force, ImpactSystem

@@ -7,9 +7,7 @@ from typing import Any
 
 import marimo as mo
 
-from zivi.lab.presets import PRESETS
-from zivi.lab.ranges import SECTIONS, between, ranges
-from zivi.lab.settings import Settings
+from zivi.lab.settings import PRESETS, SECTIONS, Settings, between, ranges
 
 __all__ = ["SHOWN", "chosen", "laid_out", "panel", "presets"]
 

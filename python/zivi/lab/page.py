@@ -10,24 +10,24 @@ app = marimo.App(width="full", app_title="zivi lab")
 def _():
     import marimo as mo
 
-    from zivi.lab import controls, link, presets, view
+    from zivi.lab import controls, settings, view
 
-    return controls, link, mo, presets, view
+    return controls, mo, settings, view
 
 
 @app.cell(hide_code=True)
-def _(link, mo, presets):
+def _(mo, settings):
     # what the address asks for; its states are bound to no name, so that nothing runs again
     asked = mo.query_params().to_dict()
-    first = link.settings_of(asked)
+    first = settings.settings_of(asked)
     columns = int(asked["columns"]) if asked.get("columns") in ("1", "2") else 3
-    tabs = mo.ui.tabs(dict.fromkeys(link.KINDS, ""), value=type(first).__name__)
+    tabs = mo.ui.tabs(dict.fromkeys(settings.KINDS, ""), value=type(first).__name__)
     moves, set_moves = mo.state(0)
     starts, set_starts = mo.state(
-        {kind: first if kind is type(first) else kind() for kind in link.KINDS.values()}
+        {kind: first if kind is type(first) else kind() for kind in settings.KINDS.values()}
     )
     # the preset of each tab, and the tabs whose settings differ from it
-    names = {kind: presets.name_of(start) for kind, start in starts().items()}
+    names = {kind: settings.name_of(start) for kind, start in starts().items()}
     changed, set_changed = mo.state(frozenset())
     panels, before = {}, {}
     tabs  # noqa: B018 the output of the cell
@@ -60,17 +60,17 @@ def _(controls, panels, set_moves, starts):
 
 
 @app.cell(hide_code=True)
-def _(link, tabs):
-    kind = link.KINDS[tabs.value]
+def _(settings, tabs):
+    kind = settings.KINDS[tabs.value]
     return (kind,)
 
 
 @app.cell(hide_code=True)
-def _(changed, controls, kind, made, mo, names, panels, presets, set_starts):
+def _(changed, controls, kind, made, mo, names, panels, set_starts, settings):
     def take(name):
         names[kind] = name
         now = {it: controls.chosen(it, panels[it]) for it in made}
-        set_starts(now | {kind: presets.PRESETS[kind][name]})
+        set_starts(now | {kind: settings.PRESETS[kind][name]})
 
     choice, reset = controls.presets(kind, names[kind], kind in changed(), take)
     mo.sidebar(controls.laid_out(kind, panels[kind], (choice, reset)), width="21rem")
@@ -88,13 +88,13 @@ def _(
     moves,
     names,
     panels,
-    presets,
     set_changed,
+    settings,
     view,
 ):
     made, moves()  # this cell runs again when a control has moved, or controls were made
     asks = controls.chosen(kind, panels[kind])
-    preset = presets.PRESETS[kind][names[kind]]
+    preset = settings.PRESETS[kind][names[kind]]
     if (asks != preset) != (kind in changed()):
         set_changed(changed() ^ {kind})
     view.shown(asks, preset, panels[kind][controls.SHOWN].value, columns, before)

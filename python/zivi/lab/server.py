@@ -1,22 +1,195 @@
-"""Serve the page, on loopback or, where that is requested, to other machines."""
+"""The command ``zivi lab``: serve the page to browsers that have its token."""
 
 from __future__ import annotations
 
 import contextlib
+import hmac
+import ipaddress
 import os
+import secrets
 import socket
 import sys
 import threading
+import time
 import webbrowser
+from collections.abc import Awaitable, Callable, MutableMapping
 from pathlib import Path
-from typing import NoReturn
+from typing import Annotated, Any, NoReturn, TypeAlias
+from urllib.parse import parse_qs
 
 import marimo
+import typer
 import uvicorn
 
-from zivi.lab.gate import LOOPBACK, Gate
+from zivi.base.extras import have
 
-__all__ = ["HOST", "address", "listen", "serve"]
+__all__ = [
+    "HOST",
+    "LOOPBACK",
+    "MOST_SESSIONS",
+    "Gate",
+    "address",
+    "lab",
+    "listen",
+    "serve",
+]
+
+# Who may see the page: a browser that was given the address with its token.
+#
+# By default the page is served to this machine only, with ``--host`` to others as well. Any page
+# that is open in a browser can send requests to this machine. So a request must ask for this server
+# by its own name (``Host``: else a name that an attacker points at this machine would do), must not
+# come from the page of another server (``Origin``), and must know the token, which is the first
+# part of every path.
+
+Message: TypeAlias = MutableMapping[str, Any]
+Receive: TypeAlias = Callable[[], Awaitable[Message]]
+Send: TypeAlias = Callable[[Message], Awaitable[None]]
+App: TypeAlias = Callable[[Message, Receive, Send], Awaitable[None]]
+
+LOOPBACK = ("127.0.0.1", "localhost")
+"""Names of this machine for itself."""
+MOST_SESSIONS = 16
+"""Pages that are open at a time; each has a thread that computes."""
+SESSION_PATHS = ("ws", "sse")
+"""What a page asks for when it opens a session."""
+REFUSED = b"zivi lab: open the address that the command has printed\n"
+FULL = b"zivi lab: too many pages are open; close some and wait a minute\n"
+# the page of marimo has scripts and styles in its text, and makes code of texts; nothing may come
+# from another server or go to one
+POLICY = (
+    b"default-src 'self'; script-src 'self' 'unsafe-inline' 'unsafe-eval' blob:; "
+    b"style-src 'self' 'unsafe-inline'; img-src 'self' data: blob:; font-src 'self' data:; "
+    b"worker-src 'self' blob:; frame-src 'self' blob: data:; object-src 'none'; "
+    b"base-uri 'self'; form-action 'self'; frame-ancestors 'none'"
+)
+SAFE = (
+    (b"content-security-policy", POLICY),
+    (b"referrer-policy", b"no-referrer"),  # the address holds the token
+    (b"x-frame-options", b"DENY"),
+    (b"x-content-type-options", b"nosniff"),
+    (b"cross-origin-resource-policy", b"same-origin"),
+)
+
+
+class Gate:
+    """Refuses requests with 403, as an ASGI application before another one.
+
+    Parameters
+    ----------
+    app : callable
+        What is behind it, mounted at ``/TOKEN``.
+    port : int
+        Port of the server.
+    names : tuple of str
+        Names and addresses by which the server may be asked for.
+    any_address : bool
+        Whether every numerical address is one of them, for a server that listens on all of its
+        machine: an attacker can only point a name at it.
+    token : str
+        First part of every path.
+    lasting : float
+        Time (s) for which the application keeps a session whose page was closed.
+    """
+
+    def __init__(
+        self,
+        app: App,
+        *,
+        port: int,
+        token: str,
+        lasting: float,
+        names: tuple[str, ...] = LOOPBACK,
+        any_address: bool = False,
+    ) -> None:
+        self._app, self._token, self._lasting = app, token, lasting
+        self._port, self._any_address = port, any_address
+        self._names = {name.lower() for name in names}
+        self._open: dict[str, int] = {}
+        self._closed: dict[str, float] = {}
+
+    async def __call__(self, scope: Message, receive: Receive, send: Send) -> None:
+        """Answer one request."""
+        if scope["type"] == "lifespan":
+            await self._app(scope, receive, send)
+        elif not self._may_enter(scope):
+            await _refuse(scope, send, REFUSED)
+        elif scope["path"].rpartition("/")[2] in SESSION_PATHS:
+            await self._in_session(scope, receive, send)
+        else:
+            await self._app(scope, receive, _guarded(send))
+
+    def _may_enter(self, scope: Message) -> bool:
+        hosts, origins = _values(scope, b"host"), _values(scope, b"origin")
+        token = scope["path"].split("/", 2)[1] if scope["path"].startswith("/") else ""
+        return (
+            len(hosts) == 1
+            and self._is_ours(hosts[0])
+            and all(origin == b"http://" + hosts[0] for origin in origins)
+            and hmac.compare_digest(token.encode(), self._token.encode())
+        )
+
+    def _is_ours(self, host: bytes) -> bool:
+        name, colon, port = host.decode("latin-1").lower().rpartition(":")
+        if not colon and self._port == 80:
+            name, port = port, "80"
+        if port != str(self._port):
+            return False
+        return name in self._names or (self._any_address and _is_address(name))
+
+    async def _in_session(self, scope: Message, receive: Receive, send: Send) -> None:
+        asked = parse_qs(scope.get("query_string", b"").decode("latin-1"))
+        session = asked.get("session_id", [""])[0]
+        now = time.monotonic()
+        self._closed = {it: end for it, end in self._closed.items() if end + self._lasting > now}
+        known = self._open.keys() | self._closed.keys()
+        if session not in known and len(known) >= MOST_SESSIONS:
+            await _refuse(scope, send, FULL)
+            return
+        self._open[session] = self._open.get(session, 0) + 1
+        try:
+            await self._app(scope, receive, _guarded(send))
+        finally:
+            self._open[session] -= 1
+            if not self._open[session]:
+                del self._open[session]
+                self._closed[session] = time.monotonic()
+
+
+def _is_address(name: str) -> bool:
+    try:
+        ipaddress.IPv4Address(name)
+    except ValueError:
+        return False
+    return True
+
+
+def _values(scope: Message, wanted: bytes) -> list[bytes]:
+    return [value for name, value in scope["headers"] if name == wanted]
+
+
+def _guarded(send: Send) -> Send:
+    """Take back what the application allows to pages of other servers."""
+
+    async def guarded(message: Message) -> None:
+        if message["type"] == "http.response.start":
+            kept = [it for it in message["headers"] if not it[0].startswith(b"access-control-")]
+            message = {**message, "headers": [*kept, *SAFE]}
+        await send(message)
+
+    return guarded
+
+
+async def _refuse(scope: Message, send: Send, text: bytes) -> None:
+    if scope["type"] == "websocket":  # before it is accepted: the server answers 403
+        await send({"type": "websocket.close", "code": 1008})
+        return
+    headers = [(b"content-type", b"text/plain; charset=utf-8"), *SAFE]
+    await send({"type": "http.response.start", "status": 403, "headers": headers})
+    await send({"type": "http.response.body", "body": text})
+
+
+# Serve the page, on loopback or, where that is requested, to other machines.
 
 HOST = LOOPBACK[0]
 EVERYWHERE = "0.0.0.0"
@@ -97,3 +270,51 @@ def serve(listener: socket.socket, token: str, *, browser: bool, host: str = HOS
         uvicorn.Server(config).run(sockets=[listener])
     sys.stdout.flush()
     os._exit(0)  # the threads of open pages would wait for their browsers
+
+
+# The command ``zivi lab``.
+
+NEEDED = ("marimo", "plotly", "uvicorn")
+PORT = 2718
+WRONG = 2
+"""Exit code where nothing could be started."""
+
+
+def lab(
+    port: Annotated[int, typer.Option(min=0, max=65535, help="Port; 0 takes a free one.")] = PORT,
+    host: Annotated[
+        str,
+        typer.Option(
+            help="IPv4 address or name of this machine under which others can reach the page; "
+            "0.0.0.0 for all."
+        ),
+    ] = "127.0.0.1",
+    browser: Annotated[
+        bool, typer.Option("--browser/--no-browser", help="Open the page in the browser.")
+    ] = True,
+) -> None:
+    """Serve the interactive page: ball, regulator, tracker and belt.
+
+    Without --host only this machine can reach it, and in any case only with the address that is
+    printed: it holds a token that is new every time. Exit code 2 if it cannot be served; Ctrl-C
+    ends it.
+    """
+    missing = [module for module in NEEDED if not have(module)]
+    if missing:
+        raise _failed(f"the page needs {', '.join(missing)}: pip install 'zivi[lab]'")
+
+    try:
+        listener = listen(port, host)
+    except OSError as error:
+        why = str(error.strerror).partition(" (while ")[0]
+        where = f"port {port}" if host in LOOPBACK else f"port {port} of host {host}"
+        said = f"{where} cannot be used ({why}); --port 0 takes a free one"
+        raise _failed(said) from None
+    token = secrets.token_urlsafe(16)
+    typer.echo(f"zivi lab: {address(listener, token, host)} (Ctrl-C ends it)")
+    serve(listener, token, browser=browser, host=host)
+
+
+def _failed(message: str) -> typer.Exit:
+    typer.echo(f"zivi: {message}", err=True)
+    return typer.Exit(WRONG)

@@ -3,10 +3,9 @@
 from zivi.base.habits import hint_calls
 from zivi.system.gap import Gap, LinearGap
 from zivi.system.gap_coordinates import GapCoordinates, gap_coordinates
-from zivi.system.layout import Evaluation
 from zivi.system.mechanism import MechanicalSystem
-from zivi.system.tree.body import Body
-from zivi.system.tree.gaps import BallGap, JointLimit, PlaneGap
+from zivi.system.model_parts import Evaluation
+from zivi.system.tree_bodies import BallGap, Body, JointLimit, PlaneGap
 
 __all__ = [
     "BallGap",

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 import zivi._zivi as _zivi
 from zivi.base.check import Array
-from zivi.base.compiled import listening, tell
-from zivi.base.progress import ProgressBar
+from zivi.base.extras import ProgressBar
+from zivi.base.machine_code import listening, tell
 from zivi.base.status import Status
 from zivi.derivatives.result import OrbitStatus
 from zivi.orbits.flights import PRECISE, FlightError
@@ -22,7 +22,7 @@ from zivi.orbits.mechanical.equations import newton
 from zivi.orbits.mechanical.find import NEAR, least
 from zivi.orbits.rest import cycle_of, earliest, resting_orbit
 from zivi.orbits.sequence import Frame, as_rows, as_word
-from zivi.simulation.batch_arguments import check_threads
+from zivi.simulation.batch_result import check_threads
 from zivi.simulation.impacts import SLOWEST
 from zivi.simulation.methods import SwitchedRK
 from zivi.simulation.run import simulate

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from zivi.base.check import Array, integer, real_array
 from zivi.base.habits import hinted
-from zivi.base.table import Field, Table, Tabulated
+from zivi.base.table import Field, ResultTable, Tabulated
 from zivi.orbits.attractor import TOLERANCE, Attractor, classify
 from zivi.orbits.cells import settle_cells
 from zivi.orbits.diagram import USUAL
@@ -97,7 +97,7 @@ class Basins(Tabulated):
         unsure = f", {unsure} cells graze" if (unsure := np.count_nonzero(self.grazing)) else ""
         return f"<Basins of {self.label.size} cells: {told}{unsure}>"
 
-    def _table(self) -> Table:
+    def _table(self) -> ResultTable:
         """Tell the numbers of the attractors over states, these over ``attractor``."""
         values = {
             "kind": [it.kind for it in self.attractors],
@@ -106,7 +106,7 @@ class Basins(Tabulated):
             "xdot0": self.v0s,
         }
         attrs = {} if self.axes == ("x0", "xdot0") else {"axes": list(self.axes)}
-        return Table("Basins of attraction", FIELDS, COORDS, values, attrs, rows="attractor")
+        return ResultTable("Basins of attraction", FIELDS, COORDS, values, attrs, rows="attractor")
 
 
 @hinted("settled")

@@ -9,7 +9,7 @@ import numpy as np
 
 from zivi.base.check import Array
 from zivi.base.extras import late
-from zivi.base.table import Field, Table
+from zivi.base.table import Field, ResultTable
 from zivi.derivatives.sensitivity import OrbitStatus
 from zivi.orbits import along
 from zivi.orbits.orbit import PeriodicOrbit
@@ -107,10 +107,10 @@ class Branch(along.OrbitsAlong[BranchEvent]):
         orbit: PeriodicOrbit = late("zivi.orbits.switch", "switched")(self, event)
         return orbit
 
-    def _table(self) -> Table:
+    def _table(self) -> ResultTable:
         """Tell the points of the branch; its events are among the attributes."""
         fields: dict[str, Field] = {self.name: ("point", "", "parameter"), **FIELDS}
-        return Table(
+        return ResultTable(
             "Branch of periodic orbits", fields, {}, self._columns(), self._end_and_events()
         )
 

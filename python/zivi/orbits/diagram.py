@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from zivi.base.check import Array, integer, real_array
 from zivi.base.habits import hinted
-from zivi.base.table import Field, Table, Tabulated
+from zivi.base.table import Field, ResultTable, Tabulated
 from zivi.orbits.attractor import Attractor
 from zivi.orbits.mechanical.family import value_of
 from zivi.orbits.mechanical.plan import MechanicalPlan, number_of, read_states
@@ -91,7 +91,7 @@ class Diagram(Tabulated):
         runs, rest = len(self.attractors), int(self.resting.sum())
         return f"<Diagram over {self.name}: {runs} runs, {rest} at rest, {len(self.value)} points>"
 
-    def _table(self) -> Table:
+    def _table(self) -> ResultTable:
         """Tell the points over ``point``, what each run settled on over ``run``."""
         first, second = SECTIONS[self.section]
         fields = {self.name: ("point", "", "parameter"), **first, **second, **FIELDS}
@@ -105,7 +105,7 @@ class Diagram(Tabulated):
             "kind": [it.kind for it in self.attractors],
             "multiple": [it.multiple for it in self.attractors],
         }
-        return Table("Bifurcation diagram", fields, {}, values)
+        return ResultTable("Bifurcation diagram", fields, {}, values)
 
 
 @hinted("settled")

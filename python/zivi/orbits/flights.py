@@ -9,7 +9,7 @@ import numpy as np
 
 import zivi._zivi as _zivi
 from zivi.base.check import Array
-from zivi.base.compiled import Ear, listening
+from zivi.base.machine_code import Ear, listening
 from zivi.base.status import Status
 from zivi.simulation.methods import SwitchedRK
 from zivi.system.mass import ImpactSystem

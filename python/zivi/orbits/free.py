@@ -17,9 +17,9 @@ from zivi.orbits.start import NOTHING, Guess, rows_of
 from zivi.simulation.methods import SwitchedRK
 from zivi.simulation.run import pair, simulate
 from zivi.simulation.trajectory import Trajectory
+from zivi.system.gap import HarmonicWall
 from zivi.system.mass import ImpactSystem, LinearForce
 from zivi.system.parameters import excitation
-from zivi.system.wall import HarmonicWall
 
 __all__ = ["apex", "free_guess", "is_autonomous"]
 

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 
 from zivi.base.check import Array, finite
+from zivi.base.extras import ProgressBar
 from zivi.base.habits import hinted
-from zivi.base.progress import ProgressBar
-from zivi.base.table import Table, Tabulated
+from zivi.base.table import ResultTable, Tabulated
 from zivi.derivatives.sensitivity import OrbitStatus
 from zivi.orbits.flights import fly
 from zivi.orbits.mechanical.exponents import flow_maps, piece_of
@@ -65,11 +65,13 @@ class Lyapunov(Tabulated):
         """Whether there are exponents of a motion that does not rest."""
         return self.status is OrbitStatus.COMPLETED
 
-    def _table(self) -> Table:
+    def _table(self) -> ResultTable:
         """Tell the exponents."""
         fields = {"exponents": ("exponent", "1/s", "Lyapunov exponents")}
         attrs = {"duration": self.duration, "n_impacts": self.n_impacts}
-        return Table("Lyapunov exponents", fields, {}, {}, attrs | {"status": self.status.name})
+        return ResultTable(
+            "Lyapunov exponents", fields, {}, {}, attrs | {"status": self.status.name}
+        )
 
 
 @hinted("settled")

@@ -10,8 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from zivi.base.check import Array, MaybeNone, finite
-from zivi.base.plain import counted
-from zivi.base.table import Field, Table, Tabulated
+from zivi.base.table import Field, ResultTable, Tabulated, counted
 from zivi.derivatives.sensitivity import OrbitStatus, sensitivity
 from zivi.orbits.mechanical.equations import evaluate
 from zivi.orbits.sequence import Frame, as_word, derivative
@@ -223,14 +222,14 @@ class PeriodicOrbit(Tabulated):
         end = self.zeno_time + rest
         return sensitivity(self.system, (begin, end), (0.0, 0.0), (name,), self._frame.method)
 
-    def _table(self) -> Table:
+    def _table(self) -> ResultTable:
         """Tell the impacts and the multipliers."""
         values = {name: self.impacts[name] for name in ("t", "u", "xdot_before")}
         values |= {"multiplier_real": self.multipliers.real}
         values |= {"multiplier_imag": self.multipliers.imag}
         attrs = {"kind": self.kind, "period": self.period, "multiple": self.multiple}
         attrs |= {"status": self.status.name}
-        return Table("Periodic orbit", FIELDS, {}, values, attrs)
+        return ResultTable("Periodic orbit", FIELDS, {}, values, attrs)
 
     def __repr__(self) -> str:
         multipliers = ", ".join(f"{value:.4g}" for value in self.multipliers)

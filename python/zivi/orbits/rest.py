@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from zivi.base.check import Array
-from zivi.base.functions import of_three
+from zivi.base.check import Array, of_three
 from zivi.derivatives.sensitivity import OrbitStatus
 from zivi.orbits.orbit import ORBIT_IMPACT, PeriodicOrbit
 from zivi.orbits.sequence import Frame

@@ -13,8 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from zivi import plot
-from zivi.paper.checks import Check
-from zivi.paper.picture import Picture, plane, run_data
+from zivi.paper.report import Check, Picture, plane, run_data
 from zivi.simulation.methods import ExplicitEuler, Method, ThetaGamma
 from zivi.simulation.run import simulate
 from zivi.simulation.trajectory import Trajectory

@@ -8,9 +8,9 @@ from functools import partial
 import numpy as np
 
 import zivi._zivi as _zivi
-from zivi.paper import siconos
+from zivi.paper import step_solvers
 from zivi.paper.ball import GRAVITY, KAPPA, run
-from zivi.paper.steps import Array, Solver, Steps, natural_residual
+from zivi.paper.step_solvers import Array, Solver, Steps, natural_residual
 from zivi.simulation.methods import ThetaGamma
 
 __all__ = ["residual", "sets", "solvers"]
@@ -47,7 +47,7 @@ def solvers(h: float) -> dict[str, Solver]:
     """
     own = {f"outer {n}": _own(h, "outer", n) for n in (1, 5, 20)}
     own |= {"inner only": _own(h, "newton", fall_backs=False), "inner": _own(h, "newton")}
-    return own | siconos.solvers("ball", KAPPA, GRAVITY, h)
+    return own | step_solvers.solvers("ball", KAPPA, GRAVITY, h)
 
 
 @np.errstate(all="ignore")  # a failed solve may have left anything

@@ -15,10 +15,10 @@ import numpy as np
 from rich.table import Table
 
 from zivi import plot
-from zivi.control.closed_loop import ClosedLoop
+from zivi.control.loop_run import ClosedLoop
 from zivi.paper import report
 from zivi.paper.closed_loops import FORCE, KAPPA, MU1, MU2, largest, track
-from zivi.paper.picture import Picture, loop_data
+from zivi.paper.report import Picture, loop_data
 
 __all__ = ["Chattering", "figure", "measure", "run", "table"]
 

@@ -10,12 +10,11 @@ from typing import Literal
 import numpy as np
 
 from zivi.base.check import Array
-from zivi.base.warnings import ModelWarning
+from zivi.base.status import ModelWarning
 from zivi.control.closed_loop import ClosedLoop, simulate_closed_loop
 from zivi.control.twisting import ExplicitTwisting, TwistingRegulator, TwistingTracker
 from zivi.simulation.methods import ThetaGamma
-from zivi.system.mass import Force, ImpactSystem
-from zivi.system.transform import lift
+from zivi.system.mass import Force, ImpactSystem, lift
 
 __all__ = ["KAPPA", "closed_form_zeno", "largest", "last_above", "lifted", "regulate", "rest"]
 __all__ += ["track"]

@@ -13,8 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from zivi import plot
-from zivi.control.closed_loop import ClosedLoop
-from zivi.paper.checks import Check
+from zivi.control.loop_run import ClosedLoop
 from zivi.paper.closed_loops import (
     PAPER_LOOP,
     REGULATION,
@@ -26,7 +25,7 @@ from zivi.paper.closed_loops import (
     regulate,
     rest,
 )
-from zivi.paper.picture import Picture, loop_data, plane
+from zivi.paper.report import Check, Picture, loop_data, plane
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 
 from zivi import plot
 from zivi.control.loop_run import SIGNS, ClosedLoop
-from zivi.paper.checks import Check
 from zivi.paper.closed_loops import (
     FORCE,
     FORCE_REF,
@@ -28,12 +27,11 @@ from zivi.paper.closed_loops import (
     last_above,
     track,
 )
-from zivi.paper.picture import Picture, loop_data
+from zivi.paper.report import Check, Picture, loop_data
 from zivi.simulation.methods import ThetaGamma
 from zivi.simulation.run import simulate
 from zivi.simulation.trajectory import Trajectory
-from zivi.system.mass import ImpactSystem
-from zivi.system.transform import lift
+from zivi.system.mass import ImpactSystem, lift
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

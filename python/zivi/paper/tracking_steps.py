@@ -10,7 +10,7 @@ import numpy as np
 import zivi._zivi as _zivi
 from zivi.control.closed_loop import simulate_closed_loop
 from zivi.control.twisting import TwistingTracker
-from zivi.paper import siconos
+from zivi.paper import step_solvers
 from zivi.paper.closed_loops import (
     FORCE as F,
     FORCE_REF as F_REF,
@@ -21,7 +21,7 @@ from zivi.paper.closed_loops import (
     START_REF,
     H,
 )
-from zivi.paper.steps import Array, Solver, Steps, natural_residual
+from zivi.paper.step_solvers import Array, Solver, Steps, natural_residual
 from zivi.simulation.methods import ThetaGamma
 from zivi.system.mass import ImpactSystem
 
@@ -63,7 +63,7 @@ def solvers() -> dict[str, Solver]:
     own = {f"outer {n}": _own("outer", n) for n in (1, 5, 20, 100)}
     own |= {"inner only": _own("newton", fall_backs=False), "inner": _own("newton")}
     own["tick"] = _own("exact")
-    return own | siconos.solvers("tracking", MU1, MU2, KAPPA, KAPPA, F, F_REF, H)
+    return own | step_solvers.solvers("tracking", MU1, MU2, KAPPA, KAPPA, F, F_REF, H)
 
 
 @np.errstate(all="ignore")  # a failed solve may have left anything

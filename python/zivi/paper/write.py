@@ -1,28 +1,29 @@
-"""Writes the figures, the data behind each, and the tables, stage by stage."""
+"""``zivi paper``: the figures, the data behind each, and the tables, stage by stage."""
 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Collection, Iterable
+from collections.abc import Callable, Collection, Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
-from zivi.paper import (
-    ball,
-    chattering,
-    linearisation,
-    regulator,
-    report,
-    rest,
-    robustness,
-    tracker,
-)
-from zivi.paper.checks import Check, save
+from rich.console import Console, RenderableType
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+
+from zivi.paper import ball, chattering, linearisation, regulator, report, rest, robustness, tracker
 from zivi.paper.closed_loops import regulate
-from zivi.paper.picture import Picture
+from zivi.paper.report import Check, Picture, save_checks
 from zivi.simulation.methods import ThetaGamma
 
-__all__ = ["STAGES", "Reproduction", "write"]
+__all__ = [
+    "STAGES",
+    "Reproduction",
+    "check",
+    "run",
+    "write",
+]
+
+# Writes the figures, the data behind each, and the tables, stage by stage.
 
 
 @dataclasses.dataclass
@@ -111,7 +112,7 @@ def write(
     if report is not None:
         report("", len(chosen), len(chosen))
     if found.checks:
-        save(found.checks, folder / "checks.csv")
+        save_checks(found.checks, folder / "checks.csv")
     return found
 
 
@@ -174,3 +175,54 @@ def _save_all(pictures: Iterable[Picture], folder: Path) -> None:
 
 def _save_rows(rows: list[Any], path: Path) -> None:
     report.save(rows, path)
+
+
+# ``zivi paper``: progress over the stages, tables, and a last line.
+
+
+def check(only: Collection[str] | None) -> None:
+    """Raise ValueError for a stage that does not exist."""
+    for name in only or ():
+        if name not in STAGES:
+            raise ValueError(f"zivi: --only must be one of {', '.join(STAGES)}, got {name!r}")
+
+
+def run(out: Path, only: Collection[str] | None, *, quiet: bool) -> bool:
+    """Write everything, or the stages `only`; return whether all checked numbers agree."""
+    console = Console(stderr=True)
+    columns = TextColumn("{task.description:13}"), BarColumn(), MofNCompleteColumn()
+    # on a terminal only, and gone when it is done
+    shown = not quiet and console.is_terminal
+    with Progress(
+        *columns, TimeElapsedColumn(), console=console, transient=True, disable=not shown
+    ) as bar:
+        task = bar.add_task("", total=None)
+        found = write(
+            out,
+            only or None,
+            lambda stage, done, of: bar.update(task, description=stage, completed=done, total=of),
+        )
+    console = Console()
+    if not quiet:
+        for table in _tables(found):
+            console.print(table)
+        console.print(f"Figures, the data behind them and all tables (CSV): {out}", soft_wrap=True)
+    if found.checks:
+        style = "" if found.ok else "bold red"
+        console.print(f"{found.agreeing} of {len(found.checks)} agree", style=style)
+    elif not quiet:
+        console.print("Measured, nothing to check")
+    return found.ok
+
+
+def _tables(found: Reproduction) -> Iterator[RenderableType]:
+    if found.rates:
+        yield linearisation.table(found.rates)
+    if found.chattering:
+        yield chattering.table(found.chattering)
+    if found.robustness:
+        yield robustness.table(found.robustness)
+    if found.rests:
+        yield rest.table(found.rests)
+    if found.checks:
+        yield report.checks_table(found.checks)

@@ -10,22 +10,21 @@ from typing import TYPE_CHECKING
 from zivi.base.former import of_zivi
 from zivi.base.habits import PLOT, module_error
 from zivi.plot.animation import animate
-from zivi.plot.charts import chart, curve
 from zivi.plot.curves import (
     control,
+    impacts,
     lifted,
     multipliers,
+    overview,
     phase_plane,
+    poincare,
     position,
     signs,
     velocity,
 )
-from zivi.plot.impacts import impacts
 from zivi.plot.look import BLUE, GREEN, ORANGE, PURPLE
 from zivi.plot.mechanics import configuration, coordinates, gaps, modes, reactions, slips
-from zivi.plot.orbits import basins, branch, diagram
-from zivi.plot.panels import overview
-from zivi.plot.section import poincare
+from zivi.plot.orbits import basins, branch, chart, curve, diagram
 
 map = chart
 

@@ -1,19 +1,25 @@
-"""Lines over time, and velocity over position."""
+"""Lines over time, velocity over position, sections and histograms of impacts."""
 
 from __future__ import annotations
 
+import dataclasses
+import math
+from functools import partial
 from typing import TYPE_CHECKING, Any, Literal, cast
 
 import numpy as np
 
-from zivi.plot.curve import line_of, reference_of
+from zivi.base.check import Array, finite, integer
 from zivi.plot.look import (
     BLUE,
     GREEN,
     ORANGE,
+    PALETTE,
     PURPLE,
     WALL,
     axes_of,
+    check_run,
+    figure_of,
     has_reference,
     in_frame,
     labels,
@@ -21,18 +27,113 @@ from zivi.plot.look import (
     next_colour,
     wall_of,
 )
-from zivi.plot.mechanics import controls, is_mechanical
+from zivi.plot.mechanics import (
+    Units,
+    configuration,
+    controls,
+    coordinates,
+    gaps,
+    is_mechanical,
+    modes,
+    reactions,
+    slips,
+)
 from zivi.plot.orbits import branch_multipliers
-from zivi.plot.runs import check_run
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+    from matplotlib.gridspec import SubplotSpec
 
     from zivi.control.closed_loop import ClosedLoop
-    from zivi.control.mechanical_loop_run import MechanicalClosedLoop
+    from zivi.control.mechanical_loop import MechanicalClosedLoop
     from zivi.orbits.branch import Branch
     from zivi.plot.look import Frame
+    from zivi.simulation.mechanical_trajectory import MechanicalTrajectory
     from zivi.simulation.trajectory import Trajectory
+
+__all__ = [
+    "Line",
+    "impacts",
+    "line_of",
+    "reference_of",
+]
+
+# A run as lines that can be drawn: smooth between samples, broken at impacts.
+
+PARTS = 24
+"""Points of a step, or of what an impact leaves of it, where a method has a dense output."""
+FINEST = 1e-3
+"""Smallest arc of an extrapolated accumulation that is drawn, as a part of the fastest impact."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Line:
+    """Points to draw, and where impacts separate them.
+
+    Parameters
+    ----------
+    t, x, xdot : ndarray
+        Times (s), positions (m) and velocities (m/s).
+    s, v : ndarray
+        The transformed state, empty if the run has none.
+    impacts : ndarray
+        Indices of the first points after impacts.
+    """
+
+    t: Array
+    x: Array
+    xdot: Array
+    s: Array
+    v: Array
+    impacts: np.ndarray
+
+    def broken(self, values: Array) -> Array:
+        """Insert NaN where an impact separates two points."""
+        return np.insert(values, self.impacts, np.nan)
+
+
+def line_of(run: Trajectory | ClosedLoop) -> Line:
+    """Give the points of a run: its samples, refined where the method knows more."""
+    path: Any = getattr(run, "_path", None)
+    held = hasattr(run, "u")  # a closed loop is drawn at its samples
+    if held or not (hasattr(path, "tails") and path.dense and len(run.t) > 1):
+        return Line(run.t, run.x, run.xdot, run.s, run.v, _after(run.t, run.resolved_impacts["t"]))
+    times, impacts = _times(run, path.starts())  # type: ignore[arg-type]
+    x, xdot = path.physical(times)
+    s, v = path.lifted(times)
+    return Line(times, x, xdot, s, v, _after(times, impacts))
+
+
+def reference_of(run: ClosedLoop) -> Line:
+    """Give the samples of a reference, broken where it turns within a step of the wall."""
+    x, xdot = run.x_ref, run.xdot_ref
+    turned = (xdot[:-1] < 0.0) & (xdot[1:] > 0.0)
+    reach = 2.0 * np.diff(run.t) * np.abs(xdot[:-1])
+    after = np.flatnonzero(turned & (x[:-1] <= reach)) + 1
+    return Line(run.t, x, xdot, np.empty(0), np.empty(0), after)
+
+
+def _times(sol: Trajectory, begun: Array) -> tuple[Array, Array]:
+    """Choose times that show every arc, with the last moment before each impact."""
+    fastest = float(np.max(sol.impacts["xdot_after"], initial=0.0))
+    known = sol.impacts_down_to(FINEST * fastest)["t"] if fastest > 0.0 else sol.impacts["t"]
+    impacts = known[(known > sol.t[0]) & (known <= sol.t[-1])]
+    within = begun[(begun > sol.t[0]) & (begun < sol.t[-1])]
+    corners = np.union1d(np.append(within, sol.t[[0, -1]]), impacts)
+    parts = np.arange(PARTS) / PARTS
+    inner = (corners[:-1, None] + parts * np.diff(corners)[:, None]).ravel()
+    return np.unique(np.concatenate([inner, sol.t, np.nextafter(impacts, -np.inf)])), impacts
+
+
+def _after(t: Array, impacts: Array) -> np.ndarray:
+    after = np.searchsorted(t, impacts, side="left")
+    return np.unique(after[(after > 0) & (after < len(t))])
+
+
+# Lines over time, and velocity over position.
 
 
 def position(
@@ -249,4 +350,248 @@ def signs(run: ClosedLoop, ax: Axes | None = None, **line: Any) -> Axes:
     else:
         ax.text(0.5, 0.5, "a controller without signs", ha="center", transform=ax.transAxes)
     ax.set(xlabel="time $t$ (s)", ylabel="multiplier (1)")
+    return ax
+
+
+# Several plots of one run in a figure.
+
+
+def overview(
+    run: Trajectory | ClosedLoop | MechanicalTrajectory,
+    figure: Figure | None = None,
+    *,
+    units: Units = None,
+) -> Figure:
+    """Plot a run as a whole.
+
+    A trajectory: position, velocity and transformed state over time, and the physical phase
+    plane. A closed loop: position, velocity, control and signs over time; the phase plane instead
+    of signs that the controller does not have. A mechanical system: coordinates, gaps and
+    reactions over time, and its configuration, of a closed loop its controls; with dry friction
+    what sticks and slips instead of the reactions. What would be empty, as the reactions of a
+    system that never rests on anything, is left out.
+
+    Parameters
+    ----------
+    run : Trajectory, ClosedLoop or MechanicalTrajectory
+        The run.
+    figure : matplotlib.figure.Figure, optional
+        Where to draw; a new figure by default.
+    units : str or dict, optional
+        Of a mechanical system the unit of all coordinates and gaps, or units by name.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+
+    Examples
+    --------
+    >>> ball = zivi.ImpactSystem(-9.81, e=0.5)
+    >>> len(zivi.plot.overview(zivi.simulate(ball, (0, 3), (1, 0))).axes)
+    4
+    """
+    if is_mechanical(run):
+        drawings = _of_mechanical(cast("MechanicalTrajectory", run), units)
+    else:
+        check_run("overview", run)
+        plane = partial(phase_plane, coordinates="physical")
+        drawings = [position, velocity, lifted, plane]
+        if hasattr(run, "u"):
+            signed = not np.all(np.isnan(cast("ClosedLoop", run).signs))
+            drawings[2:] = [control, signs if signed else plane]
+    figure = figure_of(figure, 9.0, 6.0)
+    first = None
+    for place, draw in zip(_places(figure, len(drawings)), drawings, strict=True):
+        over_time = getattr(draw, "func", draw) not in PLANES
+        ax = figure.add_subplot(place, sharex=first if over_time else None)
+        first = first or ax
+        draw(run, ax=ax)
+    return figure
+
+
+def _of_mechanical(run: MechanicalTrajectory, units: Units) -> list[Callable[..., Axes]]:
+    """Choose what is not empty."""
+    drawings: list[Callable[..., Axes]] = [partial(coordinates, units=units)]
+    drawings += [partial(gaps, units=units)] if run.gap_names else []
+    if run.channel_names:
+        drawings += [modes] if run.gap_names else [slips, modes]
+    elif run.contacts.any():
+        drawings += [partial(reactions, units=units)]
+    plane = partial(configuration, units=units)
+    return [*drawings, control if hasattr(run, "control_names") else plane]
+
+
+PLANES = (phase_plane, configuration)
+"""What is not drawn over time."""
+
+
+def _places(figure: Figure, number: int) -> list[SubplotSpec]:
+    """Divide a figure: two rows and columns, of three places the last one high."""
+    if number == 2:
+        row = figure.add_gridspec(1, 2)
+        return [row[0, 0], row[0, 1]]
+    grid = figure.add_gridspec(2, 2)
+    if number == 3:
+        return [grid[0, 0], grid[1, 0], grid[:, 1]]
+    return [grid[0, 0], grid[0, 1], grid[1, 0], grid[1, 1]]
+
+
+# Points of a Poincare section.
+
+
+def poincare(
+    sol: Trajectory,
+    period: float,
+    ax: Axes | None = None,
+    *,
+    section: Literal["period", "impacts"] = "period",
+    phase: float = 0.0,
+    skip: int = 0,
+    **line: Any,
+) -> Axes:
+    r"""Plot the state once a period, or the impacts by their phase.
+
+    Parameters
+    ----------
+    sol : Trajectory
+        A run with dense output.
+    period : float
+        Period of the excitation, > 0 (s).
+    ax : matplotlib.axes.Axes, optional
+        Where to draw.
+    section : {"period", "impacts"}
+        Points :math:`(x, \dot x)` at the times ``phase + k * period``; or the speed after each
+        impact over the time since the last of these, as a part of the period. Impacts that the
+        run extrapolated are not among them.
+    phase : float
+        Time of one of the sections (s).
+    skip : int
+        Points at the start that are left out, >= 0: a transient.
+    **line
+        Passed to `matplotlib.axes.Axes.plot`.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+
+    Raises
+    ------
+    ValueError
+        If a setting is out of range, or no point is left to draw.
+
+    Examples
+    --------
+    >>> table = zivi.LinearForce(gravity=9.81, amplitude=30.0, omega=25.0)
+    >>> sol = zivi.simulate(zivi.ImpactSystem(table, e=0.5), (0, 20), (0.1, 0))
+    >>> zivi.plot.poincare(sol, 2 * 3.141592653589793 / 25.0, skip=10).get_ylabel()
+    'velocity $\\dot x$ (m/s)'
+    """
+    by_period = section == "period"
+    check_run("poincare", sol, needs="__call__" if by_period else None, of="Trajectory")
+    period, phase = finite("period", period), finite("phase", phase)
+    if not period > 0.0:
+        raise ValueError(f"period must be > 0, got {period}")
+    if integer("skip", skip) < 0:
+        raise ValueError(f"skip must be >= 0, got {skip}")
+    if by_period:
+        across, along = _strobe(sol, period, phase)
+        named = labels(sol, "wall")
+    elif section == "impacts":
+        across = np.mod((sol.impacts["t"] - phase) / period, 1.0)
+        along = sol.impacts["xdot_after"]
+        named = "phase of the impact (1)", "speed after the impact (m/s)"
+    else:
+        raise ValueError(f"section must be 'period' or 'impacts', got {section!r}")
+    if len(across) <= skip:
+        raise ValueError(f"the run has {len(across)} points of this section, and skip is {skip}")
+    ax = axes_of(ax)
+    look: dict[str, Any] = {"color": next_colour(ax, BLUE), "marker": ".", "ms": 3.0, "ls": ""}
+    ax.plot(across[skip:], along[skip:], **look | line)
+    ax.set(xlabel=named[0], ylabel=named[1])
+    return ax
+
+
+def _strobe(sol: Trajectory, period: float, phase: float) -> tuple[Array, Array]:
+    first = math.ceil((sol.t[0] - phase) / period)
+    last = math.floor((sol.t[-1] - phase) / period)
+    x, xdot = sol(np.clip(phase + period * np.arange(first, last + 1), sol.t[0], sol.t[-1]))
+    return x, xdot
+
+
+# How fast the impacts of a run are: a histogram.
+
+DECADES = 100.0
+"""From this ratio of the fastest to the slowest impact on the axis of speeds is logarithmic."""
+
+
+def impacts(
+    sol: Trajectory | ClosedLoop | MechanicalTrajectory,
+    ax: Axes | None = None,
+    *,
+    bins: int = 20,
+    **bars: Any,
+) -> Axes:
+    """Plot a histogram of the speeds before impacts, stacked by gap for a mechanical system.
+
+    Parameters
+    ----------
+    sol : Trajectory, ClosedLoop or MechanicalTrajectory
+        The run; its ``impacts`` are counted, those of extrapolated accumulations down to the part
+        ``slowest`` of the fastest one.
+    ax : matplotlib.axes.Axes, optional
+        Where to draw.
+    bins : int
+        Number of intervals of the speed, >= 1: of equal length, or of equal ratio on a logarithmic
+        axis if the fastest impact is more than 100 times as fast as the slowest.
+    **bars
+        Passed to `matplotlib.axes.Axes.hist`.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+
+    Raises
+    ------
+    TypeError
+        If `sol` is not a run.
+    ValueError
+        If `bins` is not positive.
+
+    Examples
+    --------
+    >>> ball = zivi.ImpactSystem(-9.81, e=0.5)
+    >>> ax = zivi.plot.impacts(zivi.simulate(ball, (0, 4), (1, 0)))
+    >>> int(sum(bar.get_height() for bar in ax.patches)), ax.get_xlabel()
+    (10, 'speed before the impact (m/s)')
+    """
+    mechanical = is_mechanical(sol)
+    if not mechanical:
+        check_run("impacts", sol, needs="impacts")
+    if integer("bins", bins) < 1:
+        raise ValueError(f"bins must be >= 1, got {bins}")
+    ax = axes_of(ax)
+    rows = sol.impacts
+    speeds, gap = -np.asarray(rows["speed_before"]), np.asarray(rows["gap"])
+    gap, speeds = gap[speeds > 0.0], speeds[speeds > 0.0]
+    hit = np.unique(gap) if mechanical else np.zeros(1, int)
+    if speeds.size:
+        fast, slow = speeds.max(), speeds.min()
+        if fast > DECADES * slow:
+            ax.set_xscale("log")
+            edges = np.geomspace(slow, fast, bins + 1)
+        else:
+            edges = np.histogram_bin_edges(speeds, bins)
+        edges[0], edges[-1] = min(edges[0], slow), max(edges[-1], fast)
+        settings: dict[str, Any] = {"stacked": True, "color": [BLUE]}
+        if mechanical:
+            names = cast("MechanicalTrajectory", sol).gap_names
+            settings["label"] = [names[i] for i in hit]
+            settings["color"] = [PALETTE[i % len(PALETTE)] for i in hit]
+        ax.hist([speeds[gap == i] for i in hit], edges.tolist(), **settings | bars)
+        if mechanical:
+            legend(ax)
+    else:
+        ax.text(0.5, 0.5, "no impacts", ha="center", transform=ax.transAxes)
+    ax.set(xlabel="speed before the impact (m/s)", ylabel="number of impacts")
+    ax.locator_params(axis="y", integer=True)
     return ax

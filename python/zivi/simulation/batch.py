@@ -11,25 +11,26 @@ from numpy.typing import ArrayLike, NDArray
 
 import zivi._zivi as _zivi
 from zivi.base.check import Array
-from zivi.base.compiled import listening, tell
+from zivi.base.extras import ProgressBar
 from zivi.base.habits import hinted
-from zivi.base.progress import ProgressBar
-from zivi.simulation.argument_hints import check_method
-from zivi.simulation.batch_arguments import (
+from zivi.base.machine_code import listening, tell
+from zivi.simulation.batch_result import (
+    MAX_DESCRIBED,
+    Batch,
     check_threads,
     every_of,
+    sampled,
+    sampling_of,
     states_for,
     stops_of,
     systems_of,
     with_friction,
 )
-from zivi.simulation.batch_result import MAX_DESCRIBED, Batch
-from zivi.simulation.batch_samples import sampled, sampling_of
-from zivi.simulation.describe import describe, describe_system
 from zivi.simulation.impacts import IMPACT, SLOWEST, check_slowest, rows_of_events, rows_of_impacts
 from zivi.simulation.mechanical_batch import MechanicalBatch, mechanical_batch
 from zivi.simulation.methods import Method, SwitchedRK
-from zivi.simulation.run import DEFAULT_METHOD, pair, times_within
+from zivi.simulation.run import DEFAULT_METHOD, check_method, pair, times_within
+from zivi.simulation.trajectory import describe, describe_system
 from zivi.system.mass import ImpactSystem
 from zivi.system.mechanism import MechanicalSystem
 

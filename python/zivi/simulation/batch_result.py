@@ -1,18 +1,175 @@
-"""What a batch of runs leaves: numbers and samples of each."""
+"""Batches of runs: their arguments, and what they leave."""
 
 from __future__ import annotations
 
 import dataclasses
+import math
+from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from zivi.base.check import Array, MaybeNone
+import zivi._zivi as _zivi
+from zivi.base.check import Array, MaybeNone, integer, real_array
 from zivi.base.status import Status
-from zivi.base.table import Field, Table, Tabulated
+from zivi.base.table import Field, ResultTable, Tabulated
+from zivi.simulation.methods import Method, SwitchedRK
+from zivi.simulation.run import stop_times, times_within
+from zivi.system.mass import ImpactSystem
+from zivi.system.mechanism import MechanicalSystem, mechanism_of
+from zivi.system.table import Table
 
-__all__ = ["MAX_DESCRIBED", "NUMBERS", "Batch", "Runs"]
+__all__ = [
+    "MAX_DESCRIBED",
+    "NUMBERS",
+    "Batch",
+    "Runs",
+    "Sampling",
+    "check_native",
+    "check_threads",
+    "every_of",
+    "room_for",
+    "sampled",
+    "sampling_of",
+    "states_for",
+    "states_of",
+    "stops_of",
+    "systems_of",
+    "threads_for",
+    "times_of",
+    "with_friction",
+]
+
+# What is requested of a batch: its arguments, checked and translated.
+
+MAX_THREADS = 1024
+
+
+def systems_of(systems: Any) -> list[ImpactSystem]:
+    """Return the systems as a list; each must do without the interpreter."""
+    try:
+        several = [systems] if isinstance(systems, ImpactSystem) else list(systems)
+    except TypeError:
+        several = [systems]
+    for i, system in enumerate(several):
+        if not isinstance(system, ImpactSystem):
+            kind = type(system).__name__
+            raise TypeError(f"systems must be zivi.ImpactSystem, got {kind} (number {i})")
+        if isinstance(system.wall, Table):
+            raise TypeError(
+                f"the wall of system {i} must not be a zivi.Table in a batch, got {system.wall!r}: "
+                "zivi.simulate takes it, and a zivi.LinearGap(motion=) in a batch of LinearSystems"
+            )
+        check_native(system._spec, f"the force of system {i}")
+    if not several:
+        raise ValueError("systems must hold at least one system")
+    return several
+
+
+def check_native(spec: _zivi.Force, what: str) -> None:
+    """Refuse a force that needs the interpreter."""
+    if not spec.is_native:
+        raise ValueError(
+            f"{what} needs the interpreter: a batch takes numbers, LinearForce and compiled "
+            "callables (numba cfunc, scipy.LowLevelCallable); zivi.sweep runs any function"
+        )
+
+
+def check_threads(threads: int | None) -> int:
+    """Return the number of threads, by default as many as the machine runs at once."""
+    workers = _zivi.available_threads() if threads is None else integer("threads", threads)
+    if not 1 <= workers <= MAX_THREADS:
+        raise ValueError(f"threads must be from 1 to {MAX_THREADS}, got {workers}")
+    return workers
+
+
+def threads_for(systems: Iterable[MechanicalSystem], threads: int) -> int:
+    """Return the number of threads on which the systems may be evaluated."""
+    return threads if all(system.reentrant for system in systems) else 1
+
+
+def stops_of(
+    systems: Sequence[ImpactSystem] | Sequence[MechanicalSystem],
+    tstops: ArrayLike | None,
+    method: Method,
+    span: tuple[float, float],
+) -> list[Array]:
+    """Give the declared breaks of each system; those of many under one table are one array."""
+    known: dict[bytes, Array] = {}
+    several = (stop_times(tstops, method, system, span) for system in systems)
+    return [known.setdefault(stops.tobytes(), stops) for stops in several]
+
+
+def with_friction(
+    systems: ImpactSystem | Sequence[ImpactSystem], y0: Any
+) -> tuple[list[MechanicalSystem], list[Array]]:
+    """Give masses with friction as mechanical systems, and their states."""
+    several = [systems] if isinstance(systems, ImpactSystem) else list(systems)
+    for i, system in enumerate(several):
+        if not isinstance(system, ImpactSystem) or system.friction is None:
+            raise TypeError(
+                "systems must all be zivi.ImpactSystem with friction, as the first is, got "
+                f"{system!r} (number {i})"
+            )
+    states = states_for(y0, len(several))
+    return [mechanism_of(system) for system in several], np.split(states, 2, axis=1)
+
+
+def states_of(name: str, value: ArrayLike) -> Array:
+    """Return states as rows."""
+    rows = np.atleast_2d(real_array(name, value))
+    if rows.ndim != 2 or rows.shape[1] != 2:
+        raise ValueError(f"{name} must have shape (n, 2) or (2,), got {np.shape(value)}")
+    return rows
+
+
+def states_for(y0: ArrayLike, n_systems: int) -> Array:
+    """Return the initial states of the runs of some systems as rows."""
+    states = states_of("y0", y0)
+    if np.ndim(y0) == 1:
+        states = np.tile(states, (n_systems, 1))
+    if n_systems not in (1, len(states)):
+        raise ValueError(
+            f"y0 must have a row for each of the {n_systems} systems, got {len(states)}"
+        )
+    return np.ascontiguousarray(states)
+
+
+def every_of(save: Any, names: Sequence[str]) -> int | None:
+    """Return the number of samples from one that is saved to the next, None for one of `names`."""
+    if isinstance(save, str):
+        if save not in names:
+            told = " or ".join(repr(name) for name in names)
+            told = told if len(names) == 1 else f"one of {told.replace(' or ', ', ')}"
+            raise ValueError(f"save must be {told} or a number of samples >= 1, got {save!r}")
+        return None
+    every = integer("save", save)
+    if every < 1:
+        raise ValueError(f"save must be a number of samples >= 1, got {every}")
+    return every
+
+
+def times_of(t_eval: Any, save: Any, span: tuple[float, float]) -> Array:
+    """Return the times at which states are kept, which nothing else can be then."""
+    if save != "final":
+        raise ValueError(f"t_eval goes with save='final' only, got save={save!r}")
+    return times_within(t_eval, span)
+
+
+def room_for(quantities: int, n: int, times: int, *more: int) -> Array:
+    """Make room for quantities of `n` runs at some times, all NaN."""
+    try:
+        return np.full((quantities, n, times, *more), np.nan)
+    except (MemoryError, ValueError):
+        size = 8e-9 * quantities * n * times * math.prod(more)
+        raise MemoryError(
+            f"y0 gives {n} runs, t_eval {times} samples of each: {size:.3f} GB do not fit into "
+            "memory; ask for fewer times, or compute fewer runs at a time"
+        ) from None
+
+
+# What a batch of runs leaves: numbers and samples of each.
 
 MAX_DESCRIBED = 100
 """Systems, and states, that are told in ``config``."""
@@ -141,11 +298,79 @@ class Batch(Runs):
     n_resolved: NDArray[np.uint64] | MaybeNone = None
     last_resolved: Array | MaybeNone = None
 
-    def _table(self) -> Table:
+    def _table(self) -> ResultTable:
         """Tell the numbers over ``run``, samples over ``time``; events differ in their number."""
         fields = NUMBERS | (EXTREMES if self.x_max is not None else {})
         coords: dict[str, Field] = {"run": ("run", "", "number of the run")}
         if self.sample_t is not None:
             fields, coords = fields | SAMPLES, coords | {"time": ("time", "s", "time")}
         values = {"run": np.arange(len(self)), "time": self.sample_t}
-        return Table("Batch of runs of mechanical systems with impacts", fields, coords, values)
+        return ResultTable(
+            "Batch of runs of mechanical systems with impacts", fields, coords, values
+        )
+
+
+# The states of the runs of a batch at given times.
+
+
+@dataclasses.dataclass(frozen=True)
+class Sampling:
+    """The times at which states are kept, and how they come about.
+
+    Parameters
+    ----------
+    times : ndarray or None
+        The times (s).
+    at : ndarray or None
+        The same, if the method samples its dense output there.
+    knots : ndarray or None
+        Else the ends of the steps between which the times are (s).
+    steps : ndarray of int or None
+        The numbers of these.
+    rows : ndarray or None
+        Room for the distances and for the velocities of all runs, of shape (2, runs, times), NaN.
+    """
+
+    times: Array | None = None
+    at: Array | None = None
+    knots: Array | None = None
+    steps: NDArray[np.intp] | None = None
+    rows: Array | None = None
+
+
+def sampling_of(t_eval: Any, save: Any, span: tuple[float, float], method: Any, n: int) -> Sampling:
+    """Find what is to be kept for the states at given times."""
+    if t_eval is None:
+        return Sampling()
+    times = times_of(t_eval, save, span)
+    rows = room_for(2, n, len(times))
+    if isinstance(method, SwitchedRK):
+        return Sampling(times, at=times, rows=rows)
+    t = _zivi.grid_times(*span, method.h, 1)
+    after = np.searchsorted(t, times, side="right")
+    steps = np.unique(np.concatenate([after - 1, np.minimum(after, len(t) - 1)]))
+    return Sampling(times, knots=t[steps], steps=steps, rows=rows)
+
+
+def sampled(
+    batch: Batch, record: _zivi.BatchRecord, systems: list[ImpactSystem], method: Any, how: Sampling
+) -> Batch:
+    """Give the batch the states at the times of `how`, NaN after the ends of its runs."""
+    assert how.times is not None
+    assert how.rows is not None
+    x, xdot = how.rows
+    if how.knots is None:
+        width = record.samples_x.shape[1]  # less where all runs ended early
+        x[:, :width], xdot[:, :width] = record.samples_x, record.samples_xdot
+        return dataclasses.replace(batch, sample_t=how.times, sample_x=x, sample_xdot=xdot)
+    names = ("x", "xdot", "s", "v")
+    kept = (record.samples_x, record.samples_xdot, record.samples_s, record.samples_v)
+    known = np.searchsorted(how.times, batch.t, side="right")
+    reached = np.searchsorted(how.knots, batch.t, side="right")
+    for i, (n, end) in enumerate(zip(known, reached, strict=True)):
+        samples = {name: rows[i, :end] for name, rows in zip(names, kept, strict=True)}
+        kappa = systems[i if len(systems) > 1 else 0].kappa
+        path = method._path(kappa, how.knots[:end], samples)
+        if n:
+            x[i, :n], xdot[i, :n] = path.physical(how.times[:n])
+    return dataclasses.replace(batch, sample_t=how.times, sample_x=x, sample_xdot=xdot)

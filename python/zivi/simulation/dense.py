@@ -8,7 +8,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from zivi.base.check import Array
-from zivi.system.transform import project
+from zivi.system.mass import project
 
 __all__ = ["LinearPath", "LostPath", "Path", "PenetratingPath"]
 

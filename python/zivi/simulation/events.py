@@ -9,8 +9,7 @@ from typing import Any, TypeVar, cast
 import numpy as np
 
 import zivi._zivi as _zivi
-from zivi.base.check import finite
-from zivi.base.functions import check_arguments, of_three
+from zivi.base.check import check_arguments, finite, of_three
 from zivi.base.habits import hinted
 
 __all__ = ["MECHANICAL", "Level", "event", "events_of"]
@@ -67,7 +66,7 @@ class Level:
 
     def __call__(self, t: float, x: float, xdot: float) -> float:
         """Signed distance from the level."""
-        return x - self.x if self.x is not None else xdot - cast(float, self.xdot)
+        return x - self.x if self.x is not None else xdot - cast("float", self.xdot)
 
     def __repr__(self) -> str:
         name, value = ("xdot", self.xdot) if self.x is None else ("x", self.x)

@@ -1,4 +1,4 @@
-"""What dry friction did in a run of a mechanical system."""
+"""What dry friction did in a run of a mechanical system, and its contact forces."""
 
 from __future__ import annotations
 
@@ -13,19 +13,22 @@ import zivi._zivi as _zivi
 from zivi.base.check import Array
 from zivi.base.table import Field
 from zivi.simulation.impacts import FIELDS, EventTable, Rows, table
-
-if TYPE_CHECKING:
-    from zivi.system.friction import Channel
+from zivi.system.gap import Channel
+from zivi.system.mechanism import Model
 
 __all__ = [
     "FRICTION",
     "IMPACTS",
     "TRANSITIONS",
     "FrictionSamples",
+    "LinearMotion",
     "Rubbing",
+    "forces_at",
     "friction_of",
     "impacts_with",
 ]
+
+# What dry friction did in a run of a mechanical system.
 
 OPEN = 2
 """The mode of a channel whose gap is open."""
@@ -202,3 +205,126 @@ class Rubbing:
             if len(end):
                 found.append((float(row["t"]), float(end[0]), int(row["after"])))
         return found
+
+
+# The motion between the steps of a method of first order.
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class LinearMotion:
+    """State and gaps linear between steps; what is held, of the step that contains the time.
+
+    Parameters
+    ----------
+    t : ndarray
+        Times of the steps, shape (k,).
+    q, qdot, gaps, gap_rates, reactions : ndarray
+        Their values there, shapes (k, n) and (k, m).
+    contacts : ndarray of bool
+        Which gaps are pressed in the step that ends there, shape (k, m).
+    friction : FrictionSamples or None
+        What friction does there.
+    """
+
+    t: Array
+    q: Array
+    qdot: Array
+    gaps: Array
+    gap_rates: Array
+    reactions: Array
+    contacts: NDArray[np.bool_]
+    friction: FrictionSamples | None = None
+
+    @property
+    def span(self) -> tuple[float, float]:
+        """The times of the first and the last step."""
+        return float(self.t[0]), float(self.t[-1])
+
+    def at(self, times: Array) -> tuple[Array, Array, Array, Array, NDArray[np.bool_]]:
+        """Give ``(q, qdot, gaps, gap_rates, contacts)`` at `times`."""
+        sampled = (self.q, self.qdot, self.gaps, self.gap_rates)
+        q, qdot, gaps, rates = (self._between(times, values) for values in sampled)
+        return q, qdot, gaps, rates, self.contacts[self._step(times)]
+
+    def reactions_at(self, times: Array) -> Array:
+        """Give the reactions of the steps that contain `times`."""
+        return self.reactions[self._step(times)]
+
+    def friction_at(self, times: Array) -> FrictionSamples | None:
+        """Give what friction does: what is integrated between the steps, the rest of the step."""
+        if self.friction is None:
+            return None
+        step, given = self._step(times), self.friction
+        return dataclasses.replace(
+            given,
+            slips=self._between(times, given.slips),
+            slip_distances=self._between(times, given.slip_distances),
+            dissipated=np.interp(times, self.t, given.dissipated),
+            friction_forces=given.friction_forces[step],
+            modes=given.modes[step],
+        )
+
+    def _between(self, times: Array, values: Array) -> Array:
+        columns = [np.interp(times, self.t, column) for column in values.T]
+        return np.array(columns).T.reshape(len(times), values.shape[1])
+
+    def _step(self, times: Array) -> NDArray[np.intp]:
+        return np.clip(np.searchsorted(self.t, times), 0, len(self.t) - 1)
+
+
+# Contact forces at given states, and those of friction.
+
+
+def forces_at(
+    model: Model | None,
+    channels: tuple[Channel, ...],
+    states: tuple[Array, Array, Array],
+    contacts: NDArray[np.bool_],
+    modes: NDArray[np.int8] | None = None,
+) -> tuple[Array, Array]:
+    r"""Compute contact forces and forces of friction at several states.
+
+    .. math::
+
+        K (\lambda_A, f_S) = -(R M^{-1} \tilde F + (h_A, k_S)), \qquad
+        R = (N_A; B_S), \quad K = R M^{-1} (N_A - \mu \sigma B; B_S)^T
+
+    with the sticking channels :math:`S`; the forces of joints that slip are in
+    :math:`\tilde F`. Forces that the motion does not determine are the least within their limits.
+
+    Parameters
+    ----------
+    model : Model or None
+        The system, None if it is not known.
+    channels : tuple of Channel
+        The channels of friction.
+    states : (ndarray, ndarray, ndarray)
+        ``(t, q, qdot)``, of shapes (k,), (k, n), (k, n).
+    contacts : ndarray of bool
+        The closed gaps, of shape (k, m).
+    modes : ndarray of int8, optional
+        What the channels do, of shape (k, p).
+
+    Returns
+    -------
+    (ndarray, ndarray)
+        Shapes (k, m) and (k, p); zero where there is no contact, NaN where the model is not known
+        or no forces keep the gaps closed.
+    """
+    t, q, qdot = (np.ascontiguousarray(it) for it in states)  # compiled parts take rows
+    if modes is None:
+        modes = np.full((len(t), 0), 2, dtype=np.int8)
+    reactions, friction = np.zeros(contacts.shape), np.zeros(modes.shape)
+    gap_of = [channel.gap for channel in channels]
+    for k in np.flatnonzero(contacts.any(axis=1) | (modes != 2).any(axis=1)):
+        found = None
+        if model is not None:
+            row = model.evaluate(float(t[k]), q[k], qdot[k])
+            closed, does = contacts[k].tolist(), modes[k].tolist()
+            found = _zivi.contact_forces(row, q.shape[1], gap_of, closed, does)
+        if found is None:
+            reactions[k, contacts[k]] = np.nan
+            friction[k, modes[k] != 2] = np.nan
+        else:
+            reactions[k], friction[k] = np.split(found, [contacts.shape[1]])
+    return reactions, friction

@@ -12,11 +12,11 @@ import numpy as np
 
 import zivi._zivi as _zivi
 from zivi.base.check import Array, real_array
-from zivi.base.warnings import warn
-from zivi.simulation.describe import describe_restitutions
+from zivi.base.status import warn
 from zivi.simulation.mechanical_trajectory import MechanicalTrajectory
 from zivi.simulation.methods import FixedSteps, MoreauJean, Settings, SwitchedRK, ThetaGamma
-from zivi.simulation.trust import Closer, closer_mechanism
+from zivi.simulation.run_result import Closer, closer_mechanism
+from zivi.simulation.trajectory import describe_restitutions
 from zivi.system.gap_coordinates import kinetic_cosines
 from zivi.system.impact_law import core_of
 from zivi.system.mechanism import MechanicalSystem, Model

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+import json
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
@@ -13,29 +15,223 @@ import zivi._zivi as _zivi
 from zivi.base.check import Array
 from zivi.base.extras import needed
 from zivi.base.status import Status
-from zivi.base.table import Table
-from zivi.simulation import mechanical_labelled as labelled
+from zivi.base.table import Field, ResultTable
 from zivi.simulation.friction_result import (
+    FRICTION,
     IMPACTS,
     FrictionSamples,
+    LinearMotion,
     Rubbing,
+    forces_at,
     friction_of,
     impacts_with,
 )
-from zivi.simulation.impacts import FIELDS, SLOWEST, Rows, table
-from zivi.simulation.linear_motion import LinearMotion
-from zivi.simulation.mechanical_impacts import down_to, listed
-from zivi.simulation.mechanical_messages import ending
-from zivi.simulation.reactions import forces_at
-from zivi.simulation.run_result import SampledRun, Setup
-from zivi.simulation.trust import Closer, trust_note, trusted
-from zivi.system.friction import Channel
+from zivi.simulation.impacts import FIELDS, SLOWEST, Rows, down_to_of_gaps, listed_of_gaps, table
+from zivi.simulation.run_result import Closer, SampledRun, Setup, trust_note, trusted
+from zivi.system.gap import Channel
 from zivi.system.mechanism import MechanicalSystem, Model
 
 if TYPE_CHECKING:
     import pandas
 
-__all__ = ["FIELDS", "MechanicalTrajectory", "resting", "table"]
+__all__ = [
+    "FIELDS",
+    "MEANING",
+    "TABLES",
+    "MechanicalTrajectory",
+    "ending",
+    "labels_of",
+    "resting",
+    "rows_of",
+    "table",
+    "table_of",
+]
+
+# What the end of a run of a mechanical system is called, with the names of its gaps.
+
+TOUCHING = 1e-9
+"""Gaps below this, relative to the coordinates, touch where a run ends."""
+
+UNSOLVED = (Status.REDUNDANT_CONTACTS, Status.IMPACT_NOT_SOLVED, Status.CONTACT_NOT_SOLVED)
+
+NOT_FINITE = (
+    "The mass, the force, or a part of a gap is NaN or infinite; the trajectory ends at the last "
+    "step before. Check them behind the last sample: system.at(t, q, qdot)."
+)
+
+
+PARADOXES = (
+    Status.INCONSISTENT_CONTACT,
+    Status.INDETERMINATE_CONTACT,
+    Status.PAINLEVE_SINGULAR,
+)
+
+
+def ending(
+    record: _zivi.MechanicalRecord,
+    gaps: Sequence[str],
+    model: Model,
+    channels: Sequence[Channel] = (),
+) -> str:
+    """Give the message of a record; where contacts are not solved, with those that touch."""
+    status = Status(record.status)
+    if status is Status.FORCE_NOT_FINITE:
+        return NOT_FINITE
+    if status not in (*UNSOLVED, *PARADOXES) or not len(record.t):
+        return record.message
+    size = TOUCHING * (1.0 + float(np.max(np.abs(record.q[-1]))))
+    touching = record.contacts[-1] | (record.gaps[-1] <= size)
+    if status in PARADOXES:
+        told = _paradox(record, model, channels, touching)
+        return f"{record.message} At t = {record.t[-1]:.9g}: {told}."
+    names = ", ".join(repr(name) for name, on in zip(gaps, touching, strict=True) if on)
+    return f"{record.message} At t = {record.t[-1]:.9g} these gaps touch: {names}."
+
+
+def _paradox(
+    record: _zivi.MechanicalRecord,
+    model: Model,
+    channels: Sequence[Channel],
+    touching: NDArray[np.bool_],
+) -> str:
+    r"""Tell of each sliding contact the numbers that decide, alone at its gap.
+
+    .. math:: \ddot g = K \lambda + b, \qquad K = (N M^{-1} (N - \mu \sigma B)^T)
+    """
+    here = model.layout.read(model.evaluate(record.t[-1], record.q[-1], record.qdot[-1]))
+    free = np.linalg.solve(here.mass, here.force)
+    told = []
+    for c, channel in enumerate(channels):
+        i = channel.gap
+        if i is None or not touching[i]:
+            continue
+        slip = float(here.tangents[c] @ record.qdot[-1] + here.slip_rates[c])
+        edge = here.gradients[i] - here.limits[c] * np.sign(slip) * here.tangents[c]
+        k = float(here.gradients[i] @ np.linalg.solve(here.mass, edge))
+        b = float(here.gradients[i] @ free + here.curvatures[i])
+        told.append(f"{channel.name!r} slides with {slip:.6g}, K = {k:.6g}, b = {b:.6g}")
+    return "; ".join(told) or "no sliding contact touches"
+
+
+# Runs of mechanical systems as tables and labelled datasets.
+
+TABLES = {
+    "impacts": "impact",
+    "zeno": "zeno",
+    "liftoffs": "liftoff",
+    "openings": "opening",
+    "corners": "corner",
+    "flags": "flag",
+}
+"""The tables of events of a run, and the dimensions over which they are."""
+
+MEANING: dict[str, Field] = {
+    "q": (("time", "coordinate"), "", "coordinates"),
+    "qdot": (("time", "coordinate"), "", "velocities"),
+    "gaps": (("time", "gap"), "", "gaps"),
+    "gap_rates": (("time", "gap"), "", "rates of the gaps"),
+    "contacts": (("time", "gap"), "", "which gaps are closed"),
+    "reactions": (("time", "gap"), "", "multipliers of the gaps' gradients"),
+}
+COORDS: dict[str, Field] = {
+    "time": ("time", "", "time"),
+    "coordinate": ("coordinate", "", "name of the coordinate"),
+    "gap": ("gap", "", "name of the gap"),
+}
+
+
+def rows_of(sol: Any) -> dict[str, str]:
+    """Tell a run in rows of a table."""
+
+    def times(events: Any) -> str:
+        told = [f"{event['t']:.9g} ({sol.gap_names[int(event['gap'])]})" for event in events[:5]]
+        return ", ".join(told) + (" ..." if len(events) > 5 else "") or "none"
+
+    last = sol.contacts[-1] if len(sol.t) else []
+    closed = [name for name, shut in zip(sol.gap_names, last, strict=False) if shut]
+    return {
+        "status": f"{sol.status.name.lower()}: {sol.message}",
+        "time": f"{sol.t[0]:.6g} to {sol.t[-1]:.6g} s" if len(sol.t) else "no samples",
+        "coordinates": ", ".join(sol.coordinate_names),
+        "impacts": ", ".join(_counts(sol)) + " resolved",
+        "Zeno points": times(sol.zeno),
+        "lift-offs": times(sol.liftoffs),
+        **_friction_of(sol),
+        "corners": ", ".join(f"{t:.9g}" for t in sol.corners["t"][:5]) or "none",
+        "flags": ", ".join(f"{f['kind']} at {f['t']:.6g}" for f in sol.flags[:5]) or "none",
+        "closed at the end": ", ".join(closed) or "none",
+        "steps": f"{sol.n_steps}, {sol.n_rejected} more rejected",
+        "evaluations of the system": str(sol.nfev),
+    }
+
+
+def _friction_of(sol: Any) -> dict[str, str]:
+    """Tell when friction sticks, if there is any."""
+    if not sol.channel_names:
+        return {}
+    told = [
+        f"{sol.channel_names[it['channel']]} {it['t_start']:.6g} .. {it['t_end']:.6g}"
+        for it in sol.stick[:5]
+    ]
+    more = " ..." if len(sol.stick) > 5 else ""
+    return {"sticks": (", ".join(told) + more) or "never"}
+
+
+def _counts(sol: Any) -> list[str]:
+    return [str(len(np.unique(it["group"]))) for it in (sol.impacts, sol.resolved_impacts)]
+
+
+def table_of(sol: Any) -> pandas.DataFrame:
+    """Give the samples of a run as a table over time."""
+    import pandas
+
+    columns: dict[str, Any] = {}
+    for j, name in enumerate(sol.coordinate_names):
+        columns[name] = sol.q[:, j]
+    for j, name in enumerate(sol.coordinate_names):
+        columns[f"{name}dot"] = sol.qdot[:, j]
+    for i, name in enumerate(sol.gap_names):
+        columns[name] = sol.gaps[:, i]
+    for i, name in enumerate(sol.gap_names):
+        columns[f"reaction_{name}"] = sol.reactions[:, i]
+    for c, name in enumerate(sol.channel_names):
+        columns[f"slip_{name}"] = sol.slips[:, c]
+        columns[f"friction_{name}"] = sol.friction_forces[:, c]
+        columns[f"mode_{name}"] = sol.modes[:, c]
+    if sol.channel_names:
+        columns["dissipated"] = sol.dissipated
+    return pandas.DataFrame(columns, index=pandas.Index(sol.t, name="time"))
+
+
+def labels_of(sol: Any) -> ResultTable:
+    """Tell what is in the dataset of a run: samples, then events over their numbers."""
+    fields, values = dict(MEANING), {"time": sol.t}
+    values["coordinate"] = np.array(sol.coordinate_names, dtype=object)
+    values["gap"] = np.array(sol.gap_names, dtype=object)
+    tables, coords = dict(TABLES), dict(COORDS)
+    if sol.channel_names:
+        fields |= FRICTION
+        tables["transitions"], tables["stick"] = "transition", "stick"
+        coords["channel"] = "channel", "", "name of the channel of friction"
+        values["channel"] = np.array(sol.channel_names, dtype=object)
+    for attribute, dim in tables.items():
+        rows = getattr(sol, attribute)
+        for field in rows.dtype.names or ():
+            values[f"{dim}_{field}"] = np.asarray(rows[field])
+            dims = (dim, "gap") if values[f"{dim}_{field}"].ndim == 2 else dim
+            fields[f"{dim}_{field}"] = (dims, "", f"{field} of {attribute}")
+    attrs = {
+        "config": json.dumps(sol.config),  # with infinity, for files give it back
+        "status": int(sol.status),
+        "message": sol.message,
+        "nfev": sol.nfev,
+        "n_steps": sol.n_steps,
+        "n_rejected": sol.n_rejected,
+    }
+    return ResultTable("Run of a mechanical system with impacts", fields, coords, values, attrs)
+
+
+# The result of a run of a mechanical system.
 
 
 @dataclasses.dataclass(frozen=True, eq=False, repr=False)
@@ -271,10 +467,10 @@ class MechanicalTrajectory(Rubbing, SampledRun):
         )
 
     def _listed(self) -> Rows:
-        return listed(self.resolved_impacts, self.zeno, self._path, self.slowest)
+        return listed_of_gaps(self.resolved_impacts, self.zeno, self._path, self.slowest)
 
     def _down_to(self, speed: float, limit: int) -> Rows:
-        return down_to(self.resolved_impacts, self.zeno, self._path, speed, limit)
+        return down_to_of_gaps(self.resolved_impacts, self.zeno, self._path, speed, limit)
 
     @property
     def zeno_times(self) -> Array:
@@ -322,14 +518,14 @@ class MechanicalTrajectory(Rubbing, SampledRun):
         )
 
     def _facts(self) -> dict[str, str]:
-        return labelled.rows_of(self)
+        return rows_of(self)
 
     def _as_frame(self) -> pandas.DataFrame:
         needed("pandas", "tables")
-        return labelled.table_of(self)
+        return table_of(self)
 
-    def _table(self) -> Table:
-        return labelled.labels_of(self)
+    def _table(self) -> ResultTable:
+        return labels_of(self)
 
 
 def resting(speeds: tuple[float, float, float], *, rests: bool) -> float | None:

@@ -1,8 +1,9 @@
-"""Who drives: one call from a system, a span and a state to a trajectory."""
+"""One call from a system, a span and a state to a trajectory."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import dataclasses
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Literal, Never, TypeAlias, overload
 
 import numpy as np
@@ -10,11 +11,10 @@ from numpy.typing import ArrayLike
 
 import zivi._zivi as _zivi
 from zivi.base.check import real, real_array
-from zivi.base.compiled import Ear, listening, listening_always
-from zivi.base.habits import hinted
-from zivi.base.progress import ProgressBar, is_shown
-from zivi.base.status import Status
-from zivi.simulation.argument_hints import check_method, refuse
+from zivi.base.extras import ProgressBar, is_shown
+from zivi.base.habits import hinted, keyword_hint
+from zivi.base.machine_code import Ear, listening, listening_always
+from zivi.base.status import Status, warn
 from zivi.simulation.events import MECHANICAL, events_of
 from zivi.simulation.impacts import SLOWEST, check_slowest
 from zivi.simulation.mechanical_run import (
@@ -24,16 +24,140 @@ from zivi.simulation.mechanical_run import (
     state_of,
 )
 from zivi.simulation.mechanical_trajectory import MechanicalTrajectory
-from zivi.simulation.methods import Method, SwitchedRK
-from zivi.simulation.outward import warn_of_flight, warn_of_flight_from_gap
-from zivi.simulation.partial import as_raised, with_partial
-from zivi.simulation.steps import ended_by_event, restrict
-from zivi.simulation.trajectory import NO_STOPS, Trajectory
-from zivi.system.mass import ImpactSystem, check_system
-from zivi.system.mass_with_friction import mechanism_of
-from zivi.system.mechanism import MechanicalSystem
+from zivi.simulation.methods import METHODS, FixedSteps, Method, Settings, SwitchedRK
+from zivi.simulation.run_result import as_raised, with_partial
+from zivi.simulation.trajectory import NO_STOPS, Trajectory, ended_by_event, restrict
+from zivi.system.force import LinearForce
+from zivi.system.gap import LinearGap
+from zivi.system.mass import WRAPPED, ImpactSystem, check_system
+from zivi.system.mechanism import MechanicalSystem, mechanism_of
 
-__all__ = ["simulate"]
+__all__ = [
+    "argument_text",
+    "check_method",
+    "refuse",
+    "simulate",
+    "warn_of_flight",
+    "warn_of_flight_from_gap",
+]
+
+# Arguments in the wrong place: errors that name the right one, above all to users of SciPy.
+
+BY_NAME = {
+    "DOP853": "zivi.SwitchedRK(), of order 8",
+    "RK45": "zivi.SwitchedRK(order=5)",
+    "RK23": "zivi.SwitchedRK(order=5)",
+}
+"""SciPy's explicit methods, and what is nearest to them here."""
+
+ELSEWHERE = {
+    "args": "give the force its parameters yourself, e.g. by functools.partial",
+    "jac": "no method of zivi needs the derivative of the force",
+    "vectorized": "a force is a function of numbers; see zivi.simulate_batch for many runs",
+    "fun": f"the force is part of the system, {WRAPPED}",
+    "e": "it belongs to the system, zivi.ImpactSystem(force, e=...)",
+    "kappa": "it belongs to the system, zivi.ImpactSystem(force, kappa=...)",
+    "wall": "it belongs to the system, zivi.ImpactSystem(force, e=..., wall=...)",
+}
+"""Where an argument of `solve_ivp`, or of a system, belongs."""
+
+
+def refuse(function: str, misplaced: Mapping[str, Any]) -> None:
+    """Raise a TypeError for arguments that a function does not have, and say where they belong."""
+    for name, value in misplaced.items():
+        owner = next((kind for kind in METHODS.values() if name in _settings(kind)), None)
+        if owner is not None:
+            call = f"{function}(..., method=zivi.{owner.__name__}({name}={value!r}))"
+            advice = f": it is a setting of the method, {call}"
+        else:
+            advice = keyword_hint(function, name) or keyword_hint("simulate", name)
+            advice = f": {ELSEWHERE[name]}" if name in ELSEWHERE else advice
+        raise TypeError(f"{function}() got an unexpected keyword argument {name!r}{advice}")
+
+
+def _settings(kind: type[Any]) -> set[str]:
+    return {field.name for field in dataclasses.fields(kind)}
+
+
+def check_method(method: Any) -> None:
+    """Refuse what is no method with its settings."""
+    if isinstance(method, Settings) or (not isinstance(method, type) and hasattr(method, "_core")):
+        return
+    example = "e.g. zivi.SwitchedRK(rtol=1e-6) or zivi.ThetaGamma(h=1e-3)"
+    raise TypeError(f"method must be one of zivi's methods, {example}, got {argument_text(method)}")
+
+
+def argument_text(method: Any) -> str:
+    """Say what was given for a method, and what may have been meant."""
+    if isinstance(method, type):
+        name = f"{method.__module__.partition('.')[0]}.{method.__name__}"
+        if not issubclass(method, Settings):
+            return f"the class {name}" + _nearest(method.__name__)
+        return f"the class {name}: call it, {_called(method)}"
+    if isinstance(method, str):
+        return repr(method) + _nearest(method)
+    return repr(method)
+
+
+def _called(kind: type[Settings]) -> str:
+    return f"zivi.{kind.__name__}({'h=1e-3' if issubclass(kind, FixedSteps) else ''})"
+
+
+def _nearest(name: str) -> str:
+    """Say which method here is nearest to one that is known by a name."""
+    own = next((kind for it, kind in METHODS.items() if it.lower() == name.lower()), None)
+    if own is not None:
+        return f": the object is meant, {_called(own)}"
+    nearest = BY_NAME.get(name.upper(), "zivi.SwitchedRK()")
+    return f": the high-order method here is {nearest}"
+
+
+# A constant force that takes a mass away from its wall for ever is told, not only obeyed.
+
+
+def warn_of_flight(system: ImpactSystem, sol: Trajectory) -> None:
+    """Warn of a mass that flies from its wall at the end, and that nothing brings back."""
+    pull = _outward(system)
+    if pull > 0.0 and sol.status is Status.COMPLETED and sol.xdot[-1] > 0.0:
+        warn(
+            f"force takes the mass away from its wall for ever, a constant {pull:.6g} m/s^2; write "
+            "a negative number, as in zivi.ImpactSystem(-9.81, e=0.5), or a positive gravity of a "
+            "zivi.LinearForce, if it shall come back"
+        )
+
+
+def warn_of_flight_from_gap(system: MechanicalSystem, sol: MechanicalTrajectory) -> None:
+    """Warn of the same where one gap at rest is all there is, and what moves it is constant."""
+    own = vars(system)
+    mass, force, gaps = own.get("_mass"), own.get("_force"), own.get("_gaps", ())
+    if not (isinstance(mass, np.ndarray) and isinstance(force, np.ndarray) and len(gaps) == 1):
+        return
+    gap = gaps[0]
+    still = isinstance(gap, LinearGap) and gap.motion is None
+    if not still or system.channel_names or system._inputs is not None:
+        return
+    pull = gap.normal @ np.linalg.solve(mass, force)
+    if pull > 0.0 and sol.status is Status.COMPLETED and gap.normal @ sol.qdot[-1] > 0.0:
+        warn(
+            f"force opens the gap {system.gap_names[0]} for ever, with a constant {pull:.6g}; "
+            "write the opposite sign if it shall close again"
+        )
+
+
+def _outward(system: ImpactSystem) -> float:
+    """Give a constant acceleration; 0 if it is not constant."""
+    force = system.force
+    if system.wall is not None:
+        return 0.0
+    if isinstance(force, int | float):
+        return float(force)
+    if type(force) is LinearForce and force.gravity < 0.0 and force.excitation is None:
+        varies = force.stiffness or force.damping or force.amplitude
+        return 0.0 if varies else -force.gravity
+    return 0.0
+
+
+# Who drives: one call from a system, a span and a state to a trajectory.
 
 DEFAULT_METHOD = SwitchedRK()
 THE_MOTION, THE_STEPS = _zivi.Keep(dense=True), _zivi.Keep(dense=False)

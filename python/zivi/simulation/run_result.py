@@ -2,29 +2,25 @@
 
 from __future__ import annotations
 
+import contextlib
+import dataclasses
 import functools
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any, ClassVar, Self, TypeAlias
+from typing import TYPE_CHECKING, Any, ClassVar, Self, TypeAlias, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+import zivi._zivi as _zivi
 from zivi.base.check import Array, integer, real_array
 from zivi.base.extras import late
 from zivi.base.former import with_resolved_impacts
 from zivi.base.habits import Hinted
-from zivi.base.plain import counted
 from zivi.base.status import Status
-from zivi.base.table import Field, Tabulated
-from zivi.simulation.dense import LostPath, Path
-from zivi.simulation.impacts import (
-    SLOWEST,
-    Rows,
-    down_to,
-    listed,
-    rows_of_events,
-    rows_of_impacts,
-)
+from zivi.base.table import Field, Tabulated, counted
+from zivi.simulation.dense import LinearPath, LostPath, Path
+from zivi.simulation.impacts import SLOWEST, Rows, down_to, listed, rows_of_events, rows_of_impacts
+from zivi.system.impact_law import ImpactLaw, NewtonImpact, Restitutions, restitutions
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -33,9 +29,163 @@ if TYPE_CHECKING:
     import xarray
     from matplotlib.figure import Figure
 
-    from zivi.base.table import Table
+    from zivi.base.table import ResultTable
+    from zivi.simulation.methods import SwitchedRK
+    from zivi.system.mass import ImpactSystem
+    from zivi.system.mechanism import MechanicalSystem
 
-__all__ = ["EVENT_COORDS", "EVENT_FIELDS", "MassRun", "SampledRun", "Setup", "times_of"]
+__all__ = [
+    "EVENT_COORDS",
+    "EVENT_FIELDS",
+    "Closer",
+    "MassRun",
+    "SampledRun",
+    "Setup",
+    "as_raised",
+    "between_steps",
+    "closer_mass",
+    "closer_mechanism",
+    "times_of",
+    "trust_note",
+    "trusted",
+    "with_partial",
+]
+
+# Until when a run is near the motion: the same run beside it, at tighter tolerances.
+#
+# Tolerances bound the errors of steps. What the motion makes of them, which in a chaotic one grow
+# like ``exp(lambda t)``, shows where a run of much smaller errors parts from it. That one starts
+# and is thrown back with a few roundings' difference, so that those of exact flights are seen, too.
+
+Closer: TypeAlias = Callable[[Array], Array]
+"""Positions at times, a row for each, of a run with smaller errors; fewer if it ended early."""
+
+MOST = 300.0
+"""A run that is off by more is not trusted: relative tolerances of the largest position."""
+TIGHTER = 0.01
+LEAST_RTOL = 1e-14
+ULPS = 4 * 2.0**-52
+TIMES = 1000
+"""Times of comparison, besides those of the samples."""
+
+
+def trusted(sol: SampledRun, positions: Array) -> float:
+    """Give the last time up to which a run agrees with a closer one.
+
+    Parameters
+    ----------
+    sol : Trajectory or MechanicalTrajectory
+        The run.
+    positions : ndarray
+        Those of its samples.
+    """
+    closer: Closer | None = sol._closer
+    if closer is None:
+        raise ValueError(
+            "trusted_until is there for a run of SwitchedRK in the process that made it: "
+            "a run of another method, or a stored one, does not know its system"
+        )
+    times, at = sol.t, positions.reshape(len(sol.t), -1)
+    if sol._path is not None and getattr(sol._path, "dense", True):
+        between = np.linspace(sol.t[0], sol.t[-1], TIMES)
+        times = np.unique(np.concatenate([times, between]))
+        at = sol(times)[0].reshape(len(times), -1)
+    if len(times) < 2:
+        return float(times[-1])
+    near = closer(times)
+    settings: Any = sol.config["method"]
+    atol = np.broadcast_to(settings["atol"], 2)[0]
+    most = MOST * (settings["rtol"] * np.abs(at).max(axis=0) + atol)
+    apart = np.flatnonzero((np.abs(at[: len(near)] - near) > most).any(axis=1))
+    agree = int(apart[0]) if len(apart) else len(near)
+    return float(times[max(agree - 1, 0)])
+
+
+def trust_note(sol: SampledRun) -> str:
+    """Say until when a run is trusted, where that is known and not its end."""
+    until = vars(sol).get("trusted_until")
+    return "" if until is None or until >= sol.t[-1] else f", trusted until {until:.6g} s"
+
+
+def closer_mass(
+    system: ImpactSystem,
+    method: SwitchedRK,
+    start: float,
+    state: tuple[float, float],
+    stops: Array,
+    times: Array,
+) -> Array:
+    """Give the positions of the closer run of a mass."""
+    near = type(system)(system.force, e=_nearby(system.law), wall=system.wall)
+    begin = (state[0] * (1 + ULPS), state[1] * (1 - ULPS))
+    x: Array = late("zivi.simulation.run", "simulate")(
+        near,
+        (start, float(times[-1])),
+        begin,
+        _tighter(method),
+        t_eval=times,
+        dense_output=False,
+        progress=False,
+        tstops=stops,
+    ).x
+    return x[:, None]
+
+
+def closer_mechanism(
+    system: MechanicalSystem,
+    method: SwitchedRK,
+    start: float,
+    state: tuple[Array, Array],
+    stops: Array,
+    times: Array,
+) -> Array:
+    """Give the coordinates of the closer run of a mechanical system, from the same place."""
+    near = object.__new__(type(system))
+    vars(near).update(vars(system), _e=_nearby_of_gaps(system._e))
+    q, qdot = state
+    at: Array = late("zivi.simulation.run", "simulate")(
+        near,
+        (start, float(times[-1])),
+        (q, qdot * (1 - ULPS)),
+        _tighter(method),
+        t_eval=times,
+        dense_output=False,
+        progress=False,
+        tstops=stops,
+    ).q
+    return at
+
+
+def _tighter(method: SwitchedRK) -> SwitchedRK:
+    rtol = max(method.rtol * TIGHTER, LEAST_RTOL)
+    atol = tuple(TIGHTER * np.broadcast_to(method.atol, 2))
+    return dataclasses.replace(method, rtol=rtol, atol=atol)
+
+
+def _nearby(law: ImpactLaw) -> float | ImpactLaw:
+    """Move a law by some roundings."""
+    if isinstance(law, NewtonImpact):
+        moved: float = _moved(law.e)
+        return moved
+    first = dataclasses.fields(law)[0].name
+    return dataclasses.replace(law, **{first: _moved(getattr(law, first))})
+
+
+def _nearby_of_gaps(e: Restitutions) -> Restitutions:
+    """Move those of all gaps."""
+    if isinstance(e, tuple):
+        return restitutions([_nearby(law) for law in e], len(e))
+    moved: Array = _moved(e)
+    return moved
+
+
+def _moved(e: Any) -> Any:
+    """Move restitutions by some roundings; 1 stays elastic, 0 plastic."""
+    moved = np.where(np.asarray(e) < 1.0, np.asarray(e) * (1 - ULPS), e)
+    return float(moved) if moved.ndim == 0 else moved
+
+
+# What all runs have: the motion at any time, tables of events, datasets, plots.
 
 Setup: TypeAlias = "dict[str, Any] | Callable[[], dict[str, Any]]"
 """The configuration of a run, or what makes it once it is requested."""
@@ -271,7 +421,7 @@ class MassRun(SampledRun):
         rest_time: float | None
         y_events: list[Array]
 
-        def _table(self) -> Table: ...
+        def _table(self) -> ResultTable: ...
 
     def __call__(self, t: ArrayLike) -> Array:
         """Give the state between the samples.
@@ -395,3 +545,54 @@ def times_of(sol: SampledRun, t: ArrayLike | None, n: int | None) -> Array:
     if np.any(np.diff(times) < 0):
         raise ValueError("t must not decrease")
     return times
+
+
+# What belongs to the steps of a run, at other times.
+
+
+def between_steps(sol: MassRun, times: Array) -> dict[str, Array]:
+    """Give transformed state, multipliers and residual at `times` within the span of a run."""
+    path = sol._known()
+    s, v = path.lifted(times)
+    if isinstance(path, LinearPath):
+        lambda_s, lambda_v, residual = _of_steps(sol, path, times)
+    else:
+        # the branch is that of v at the wall; at rest both are zero
+        lambda_s, lambda_v = np.where(s == 0.0, np.sign(v), np.sign(s)), np.sign(v)
+        residual = np.full(len(times), np.nan)
+    return {"s": s, "v": v, "lambda_s": lambda_s, "lambda_v": lambda_v, "residual": residual}
+
+
+def _of_steps(sol: MassRun, path: LinearPath, times: Array) -> list[Array]:
+    """Give what belongs to the steps that contain the times, NaN where it was not kept."""
+    if not np.array_equal(sol.t, path.t):
+        return [np.full(len(times), np.nan)] * 3
+    # the step that contains a time ends at the first sample not before it
+    step = np.searchsorted(path.t, times)
+    return [getattr(sol, name)[step] for name in ("lambda_s", "lambda_v", "residual")]
+
+
+# What is left of a run that an exception ended.
+
+AnyRun = TypeVar("AnyRun", bound=SampledRun)
+
+
+def as_raised(run: AnyRun) -> AnyRun:
+    """Copy a run with the status of one that an exception ended; unread fields stay unread."""
+    copied = object.__new__(type(run))
+    message = _zivi.STATUS_MESSAGES[Status.RAISED]
+    vars(copied).update(vars(run), status=Status.RAISED, message=message)
+    return copied
+
+
+def with_partial(error: BaseException, sol: SampledRun) -> BaseException:
+    """Attach what was computed to the exception that ended a run."""
+    end = sol._end()
+    where = "before its first sample" if end is None else f"at t = {end:.9g} s"
+    error.add_note(
+        f"zivi: the run stopped {where}; "
+        "what was computed is this exception's attribute 'trajectory'."
+    )
+    with contextlib.suppress(AttributeError):  # an exception class with __slots__
+        error.trajectory = sol  # type: ignore[attr-defined]
+    return error

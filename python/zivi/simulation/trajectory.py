@@ -1,4 +1,4 @@
-"""The result of a run."""
+"""The result of a run of a mass."""
 
 from __future__ import annotations
 
@@ -14,22 +14,92 @@ from numpy.typing import ArrayLike, NDArray
 import zivi._zivi as _zivi
 from zivi.base.check import Array, MaybeNone
 from zivi.base.status import Status
-from zivi.base.table import Field, Table
-from zivi.simulation.dense import Path
-from zivi.simulation.describe import configuration_of
+from zivi.base.table import Field, ResultTable
+from zivi.simulation.dense import LinearPath, Path, PenetratingPath
 from zivi.simulation.impacts import IMPACT, SLOWEST, impacts_of
 from zivi.simulation.methods import SwitchedRK
-from zivi.simulation.resample import between_steps
-from zivi.simulation.run_result import EVENT_COORDS, EVENT_FIELDS, MassRun, Setup
-from zivi.simulation.trust import Closer, closer_mass, trust_note, trusted
-from zivi.system.table import TableMotion, motion_of
+from zivi.simulation.run_result import (
+    EVENT_COORDS,
+    EVENT_FIELDS,
+    Closer,
+    MassRun,
+    Setup,
+    between_steps,
+    closer_mass,
+    trust_note,
+    trusted,
+)
+from zivi.system.impact_law import NewtonImpact, Restitutions
+from zivi.system.table import Table, TableMotion, motion_of
 
 if TYPE_CHECKING:
     from zivi.simulation.methods import Method
+    from zivi.system.gap import HarmonicWall, MovingWall
     from zivi.system.mass import ImpactSystem
-    from zivi.system.wall import HarmonicWall, MovingWall
 
-__all__ = ["IMPACT", "NO_STOPS", "QUANTITIES", "Trajectory"]
+__all__ = [
+    "IMPACT",
+    "NO_STOPS",
+    "QUANTITIES",
+    "Trajectory",
+    "configuration_of",
+    "describe",
+    "describe_restitutions",
+    "describe_system",
+    "ended_by_event",
+    "restrict",
+]
+
+# Systems, forces and runs as plain values, which files and results keep.
+
+
+def configuration_of(
+    system: ImpactSystem, method: Method, span: tuple[float, float], state: tuple[float, float]
+) -> dict[str, Any]:
+    """Plain values that tell the run again (a callable only by its name)."""
+    settings = method._values()  # type: ignore[attr-defined]
+    return {
+        **describe_system(system),
+        "t_span": list(span),
+        "y0": list(state),
+        "method": {"name": type(method).__name__, **settings},
+    }
+
+
+def describe_system(system: ImpactSystem) -> dict[str, Any]:
+    """Plain values that tell a system again."""
+    law, newton = system.law, isinstance(system.law, NewtonImpact)
+    return {
+        "force": describe(system.force),
+        "e": system.e if newton else describe(law),
+        "kappa": system.kappa if newton else None,
+        "wall": None if system.wall is None else describe(system.wall),
+    }
+
+
+def describe_restitutions(e: Restitutions) -> list[Any]:
+    """Plain values that tell the coefficients or laws of gaps again."""
+    return [describe(law) for law in e] if isinstance(e, tuple) else e.tolist()
+
+
+def describe(force: Any) -> Any:
+    """Plain values that tell a force, a wall or a law again (a callable only by its name)."""
+    if dataclasses.is_dataclass(force) and not isinstance(force, type):
+        values = {field.name: getattr(force, field.name) for field in dataclasses.fields(force)}
+        if values.get("excitation", 0) is None:
+            del values["excitation"]
+        plain = {name: describe(it) if callable(it) else it for name, it in values.items()}
+        return {"name": type(force).__name__, **plain}
+    if isinstance(force, Table):
+        numbers = {"times": force.times.tolist(), "values": force.values.tolist()}
+        return {"name": "Table", **numbers, "kind": force.kind, "extend": force.extend}
+    if isinstance(force, int | float):
+        return float(force)
+    name = getattr(force, "__qualname__", None) or type(force).__qualname__
+    return f"{getattr(force, '__module__', None) or '?'}.{name}"
+
+
+# The result of a run.
 
 QUANTITIES: dict[str, Field] = {
     "x": ("time", "m", "distance from the wall"),
@@ -320,7 +390,7 @@ class Trajectory(MassRun):
         work = f"{self.n_steps} steps, {self.nfev} evaluations of the force"
         return {**self._wall_facts(), "work": work}
 
-    def _table(self) -> Table:
+    def _table(self) -> ResultTable:
         values, fields = self._event_values(), QUANTITIES | EVENT_FIELDS
         if self._wall is not None:
             values["x_fixed"], values["xdot_fixed"] = self.fixed()
@@ -331,7 +401,7 @@ class Trajectory(MassRun):
             "n_failed_steps": len(self.failed_steps),
         }
         title = "Trajectory of a mechanical system with impacts"
-        return Table(title, fields, EVENT_COORDS, values, attrs)
+        return ResultTable(title, fields, EVENT_COORDS, values, attrs)
 
 
 STATUSES = {int(status): status for status in Status}
@@ -406,3 +476,44 @@ OF_ARGUMENTS: dict[str, Callable[..., Any]] = {
     "_closer": _closer_of,
 }
 """How those are made that follow from what was run."""
+
+
+# Runs of fixed steps, reported otherwise than step by step: at given times, up to an event.
+
+
+def restrict(sol: Trajectory, times: Array) -> Trajectory:
+    """Report a run at `times` (those within the computed span) instead of at its steps."""
+    return sol._resampled(times[times <= sol.t[-1]])
+
+
+def ended_by_event(sol: Trajectory) -> Trajectory:
+    """End a fixed-step run at its last event, within its last step."""
+    end = max(float(times[-1]) for times in sol.t_events if len(times))
+    kept = restrict(sol, np.append(sol.t[sol.t < end], end))
+    rests = sol.rest_time is not None and sol.rest_time <= end
+    # a rest that ended later was one until here
+    last = sol.zeno_times[sol.zeno_times <= end]
+    gone = sol.liftoff_times[sol.liftoff_times <= end]
+    if not rests and len(last) and not np.any(gone >= last[-1]):
+        rest_time: float | None = float(last[-1])
+    else:
+        rest_time = sol.rest_time if rests else None
+    return dataclasses.replace(
+        kept,
+        resolved_impacts=sol.resolved_impacts[sol.resolved_impacts["t"] <= end],
+        zeno_times=last,
+        liftoff_times=gone,
+        rest_time=rest_time,
+        failed_steps=sol.failed_steps[sol.failed_steps < len(kept.t)],
+        n_steps=len(kept.t) - 1,
+        _path=_path_until(sol._known(), kept),
+    )
+
+
+def _path_until(path: Path, kept: Trajectory) -> Path:
+    """Return the path of a fixed-step run through the samples that are left of it."""
+    changes = {name: getattr(kept, name) for name in ("t", "s", "v")}
+    if isinstance(path, PenetratingPath):
+        changes |= {"x": kept.x, "xdot": kept.xdot}
+    assert isinstance(path, LinearPath)
+    return dataclasses.replace(path, **changes)

@@ -1,31 +1,226 @@
-"""Digests of values by their content, the same in every process.
-
-Numbers, texts, containers, arrays, tables, functions with what they hold and use, classes, and
-every object that can be taken apart as pickle does it. What cannot be has no digest: whether it has
-changed since a study was begun cannot be known.
-"""
+"""What makes a study the same study: digests of functions and values by their content."""
 
 from __future__ import annotations
 
 import ast
+import builtins
 import copyreg
 import dataclasses
+import dis
 import enum
 import functools
 import hashlib
+import importlib.util
 import inspect
+import json
 import linecache
+import re
 import sys
+import sysconfig
+import textwrap
 import types
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from zivi.study.uses import is_ours, kept_attributes, kept_cells, unformatted, used
+import zivi._zivi as _zivi
+from zivi.study.design import Design
 from zivi.system.mass import ImpactSystem
 
-__all__ = ["VERSION", "UndigestibleError", "digest", "module_of", "source", "state_of", "uses"]
+__all__ = [
+    "VERSION",
+    "UndigestibleError",
+    "differences",
+    "digest",
+    "identity",
+    "is_ours",
+    "kept_attributes",
+    "kept_cells",
+    "module_of",
+    "named",
+    "source",
+    "state_of",
+    "unformatted",
+    "used",
+    "uses",
+]
+
+# What the code of a function refers to: global names, attributes of modules, imports.
+
+DYNAMIC = {"getattr", "globals", "vars", "eval", "exec", "import_module", "__import__"}
+"""Calls by which names come from texts."""
+CHANGING = {
+    *("append", "extend", "insert", "add", "update", "setdefault", "pop", "popitem", "clear"),
+    *("remove", "discard", "move_to_end", "appendleft"),
+}
+"""Methods by which a function keeps something for its next call."""
+MISSING = "no such name"
+
+
+def used(function: types.FunctionType) -> Iterator[tuple[str, Any]]:
+    """Give what a function looks up outside of itself, by name, in the order of the names.
+
+    Not what it writes itself: counters and results kept for the next call are no part of the study.
+    """
+    codes = list(_codes(function.__code__))
+    names = {name for code in codes for name in code.co_names}
+    texts = {it for code in codes for it in code.co_consts if isinstance(it, str)}
+    written = _written(function)
+    if names & DYNAMIC:
+        names |= texts
+    for name in sorted(names & function.__globals__.keys() - written):
+        value = function.__globals__[name]
+        yield name, _of_module(value, names, set()) if _is_module(value) else value
+    for name in sorted(_imported(codes, function.__globals__)):
+        yield f"import {name}", _text_of_module(name)
+    for name in sorted(_globals(codes) - function.__globals__.keys() - vars(builtins).keys()):
+        yield name, MISSING
+
+
+def kept_cells(function: types.FunctionType) -> Iterator[tuple[str, types.CellType]]:
+    """Give the variables of a closure that the function does not write itself."""
+    written = _written(function)
+    for name, cell in zip(function.__code__.co_freevars, function.__closure__ or (), strict=True):
+        if name not in written:
+            yield name, cell
+
+
+def kept_attributes(value: Any) -> set[str]:
+    """Name the attributes of a callable object that its call writes: they are no settings."""
+    call = vars(type(value)).get("__call__")
+    if not isinstance(call, types.FunctionType):
+        return set()
+    steps = (it for code in _codes(call.__code__) for it in dis.get_instructions(code))
+    return {it.argval for it in steps if it.opname in ("STORE_ATTR", "DELETE_ATTR")}
+
+
+def is_ours(thing: Any) -> bool:
+    """Whether a function, class or module belongs to the user, not to an installed library."""
+    name = thing.__name__ if isinstance(thing, types.ModuleType) else thing.__module__
+    return name is None or _is_users(str(name))
+
+
+@functools.lru_cache(1024)
+def _is_users(module: str) -> bool:
+    root = module.partition(".")[0]
+    if root == "__main__":
+        return True
+    if root == "zivi" or root in sys.stdlib_module_names:
+        return False
+    folders = {sysconfig.get_paths()[key] for key in ("purelib", "platlib")}
+    return not any(Path(file).is_relative_to(it) for it in folders for file in _files(root))
+
+
+def _files(root: str) -> list[str]:
+    """Tell where a module or package at the top is, also before it is imported."""
+    try:
+        spec = getattr(sys.modules.get(root), "__spec__", None) or importlib.util.find_spec(root)
+    except (ImportError, ValueError):
+        spec = None
+    file = getattr(sys.modules.get(root), "__file__", None)
+    if spec is None:
+        return [file] if file else []
+    return [it for it in (spec.origin, *(spec.submodule_search_locations or ())) if it]
+
+
+def unformatted(text: str) -> str:
+    """Give the text of a function or class without comments and layout."""
+    try:
+        return ast.unparse(ast.parse(textwrap.dedent(text)))
+    except (SyntaxError, ValueError, RecursionError):
+        return text
+
+
+def _codes(code: types.CodeType) -> Iterator[types.CodeType]:
+    yield code
+    for part in code.co_consts:
+        if isinstance(part, types.CodeType):
+            yield from _codes(part)
+
+
+def _globals(codes: list[types.CodeType]) -> set[str]:
+    steps = (step for code in codes for step in dis.get_instructions(code))
+    return {step.argval for step in steps if step.opname in ("LOAD_GLOBAL", "LOAD_NAME")}
+
+
+def _is_module(value: Any) -> bool:
+    return isinstance(value, types.ModuleType)
+
+
+def _of_module(module: types.ModuleType, names: set[str], known: set[int]) -> Any:
+    """Give what may be looked up in a module of the user; a library by its name."""
+    if not is_ours(module) or id(module) in known:
+        return module
+    known.add(id(module))
+    there = sorted(names & vars(module).keys())
+    values = ((name, vars(module)[name]) for name in there)
+    return [
+        module.__name__,
+        *((name, _of_module(it, names, known) if _is_module(it) else it) for name, it in values),
+    ]
+
+
+def _imported(codes: list[types.CodeType], scope: dict[str, Any]) -> set[str]:
+    """Name the modules of the user that are imported when the function runs."""
+    found = set()
+    for code in codes:
+        steps = list(dis.get_instructions(code))
+        for number, step in enumerate(steps):
+            if step.opname == "IMPORT_NAME":
+                level = steps[number - 2].argval if number > 1 else 0
+                name = "." * level + step.argval if isinstance(level, int) else step.argval
+                found |= _absolute(name, scope)
+    return {name for name in found if _is_users(name)}
+
+
+def _absolute(name: str, scope: dict[str, Any]) -> set[str]:
+    try:
+        return {importlib.util.resolve_name(name, scope.get("__package__") or None)}
+    except ImportError:
+        return set()
+
+
+def _text_of_module(name: str) -> str:
+    """Give the text of a module without importing it."""
+    try:
+        spec = importlib.util.find_spec(name)
+        return unformatted(Path(spec.origin).read_text()) if spec and spec.origin else MISSING
+    except (ImportError, AttributeError, ValueError, OSError, UnicodeDecodeError):
+        return MISSING
+
+
+def _written(function: types.FunctionType) -> set[str]:
+    """Name the variables outside of a function that it assigns, or changes in place."""
+    steps = (it for code in _codes(function.__code__) for it in dis.get_instructions(code))
+    found = {it.argval for it in steps if it.opname in ("STORE_GLOBAL", "DELETE_GLOBAL")}
+    free = set(function.__code__.co_freevars)
+    steps = (it for code in _codes(function.__code__) for it in dis.get_instructions(code))
+    found |= {it.argval for it in steps if it.opname == "STORE_DEREF" and it.argval in free}
+    try:
+        tree = ast.parse(textwrap.dedent(inspect.getsource(function)))
+    except (OSError, TypeError, SyntaxError, ValueError):
+        return found
+    return found | {name for node in ast.walk(tree) for name in _changed_by(node)}
+
+
+def _changed_by(node: ast.AST) -> Iterator[str]:
+    """Name what an assignment to an item, or a method that changes a container, works on."""
+    target: ast.expr | None = None
+    if isinstance(node, ast.Subscript) and isinstance(node.ctx, ast.Store | ast.Del):
+        target = node.value
+    if isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute):
+        target = node.func.value if node.func.attr in CHANGING else None
+    if isinstance(target, ast.Name):
+        yield target.id
+
+
+# Digests of values by their content, the same in every process.
+#
+# Numbers, texts, containers, arrays, tables, functions with what they hold and use, classes, and
+# every object that can be taken apart as pickle does it. What cannot be has no digest: whether it
+# has changed since a study was begun cannot be known.
 
 VERSION = 2
 """Version of the digests: those of another one cannot be compared with them."""
@@ -380,3 +575,154 @@ def _of_library(value: Any) -> tuple[Any, ...] | None:
 def _of_column(column: Any) -> tuple[Any, ...]:
     kind = column.dtype if column.dtype.kind == "O" else str(column.dtype)
     return (kind, column.to_numpy())
+
+
+# What makes a study the same study.
+
+MILD = ("zivi", "source", "uses", "digests")
+"""What may differ if the user insists on going on."""
+_DIGEST = re.compile(r" [0-9a-f]{16}$")
+_ROOM = re.compile(r"\bzivi\.(?:\w+\.)+(?=\w)")
+"""Where a class of zivi was when a version stored its name."""
+WORDS = {
+    "function": "the function",
+    "source": "the text of the function",
+    "digests": "the version of the digests, which differ between versions",
+    "held": "what the function holds (digest)",
+    "uses": "what the function uses, helpers and other globals (digest)",
+    "kind": "the kind of design",
+    "parameters": "the parameters",
+    "shape": "the number of points",
+    "values": "the values of the parameters (digest)",
+    "fixed": "the fixed arguments",
+    "seed": "the seed",
+    "chunk": "the points of a chunk",
+    "vectorized": "whether the function takes many points at a time",
+    "zivi": "the version of zivi",
+}
+
+
+def identity(
+    function: Callable[..., Any],
+    design: Design,
+    fixed: Mapping[str, Any],
+    seed: int | None,
+    chunk: int | None,
+    *,
+    vectorized: bool = False,
+    faithful: bool,
+) -> dict[str, Any]:
+    """Tell a study in plain values.
+
+    With `faithful`, a TypeError names what has no content that could be compared later; otherwise
+    it is told by its type.
+    """
+    of = functools.partial(plain, faithful=faithful)
+    return {
+        "function": named(function),
+        "source": source(function),
+        "held": of("the function", function, state_of),
+        "uses": of("the function", function, uses),
+        "digests": VERSION,
+        "kind": design.kind,
+        "parameters": list(design.names),
+        "shape": list(design.shape),
+        "values": design.digest(),
+        "fixed": {name: of(f"fixed[{name!r}]", value) for name, value in fixed.items()},
+        "seed": seed,
+        "chunk": chunk,
+        "vectorized": vectorized,
+        "shards": True,
+        "zivi": _zivi.__version__,
+    }
+
+
+def differences(there: Mapping[str, Any], here: Mapping[str, Any], *, mild: bool) -> dict[str, str]:
+    """Say what differs between a store and a study, except what may if the user insists."""
+    comparable = there.get("digests") == here["digests"]
+    there = {"vectorized": False, **there}  # version 0.1 did not say so
+    # a seed or a chunk that is not given is that of the store
+    left_out = {key for key in ("seed", "chunk") if here[key] is None}
+    if mild:
+        left_out |= set(MILD)
+        # version 0.1.0 did not say what a function holds, other digests cannot be compared
+        if "held" not in there or not comparable:
+            left_out.add("held")
+        if not comparable:
+            there, here = ({**it, **_undigested(it)} for it in (there, here))
+    return {
+        key: f"{words}: {there.get(key)!r} there, {here[key]!r} here"
+        for key, words in WORDS.items()
+        # as text: NaN is not equal to itself
+        if key not in left_out and _json_text(there.get(key)) != _json_text(here[key])
+    }
+
+
+def _undigested(identity: Mapping[str, Any]) -> dict[str, Any]:
+    """Give the function and the fixed arguments without digests, and without rooms of zivi."""
+    return {key: _bare(identity.get(key)) for key in ("function", "fixed")}
+
+
+def _bare(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return {key: _bare(it) for key, it in value.items()}
+    return _ROOM.sub("zivi.", _DIGEST.sub("", value)) if isinstance(value, str) else value
+
+
+def _json_text(value: Any) -> str:
+    return json.dumps(value, sort_keys=True)
+
+
+def named(function: Callable[..., Any]) -> str:
+    """Name a function, or what it was made of."""
+    if isinstance(function, functools.partial):
+        given = [_shown(it) for it in function.args]
+        given += [f"{key}={_shown(value)}" for key, value in function.keywords.items()]
+        return f"{named(function.func)}({', '.join(given)})"
+    name = getattr(function, "__qualname__", None) or type(function).__qualname__
+    module = module_of(function) or module_of(type(function))
+    return f"{module}.{name}"
+
+
+def _kind_name(value: Any) -> str:
+    return f"{module_of(type(value))}.{type(value).__qualname__}"
+
+
+def _shown(value: Any) -> str:
+    return repr(plain("", value, faithful=False))
+
+
+def plain(what: str, value: Any, of: Callable[[Any], Any] | None = None, *, faithful: bool) -> Any:
+    """Reduce a value to what JSON can hold; what it cannot is told by a digest of its content."""
+    try:
+        return (of or _plain)(value)
+    except (UndigestibleError, RecursionError) as error:
+        if not faithful:
+            return _kind_name(value)
+        raise TypeError(
+            f"{what} holds {_error_text(error)}, of which it cannot be told later whether it is "
+            "still the same, so that a study in a folder could not go on: hand over what it is "
+            "made of (numbers, a path) and make it in the function"
+        ) from None
+
+
+def _error_text(error: Exception) -> str:
+    deep = isinstance(error, RecursionError)
+    return "what is nested too deeply (RecursionError)" if deep else str(error)
+
+
+def _plain(value: Any) -> Any:
+    if type(value) in (type(None), bool, int, float, str):
+        return value
+    if isinstance(value, np.bool_ | np.integer | np.floating) and value.itemsize <= 8:
+        return value.item()
+    if type(value) is dict and all(isinstance(key, str) for key in value):
+        return {key: _plain(it) for key, it in value.items()}
+    if type(value) in (list, tuple):
+        return [_plain(it) for it in value]
+    if type(value) is np.ndarray and value.dtype.char not in "gGOTV":
+        bytes_ = np.ascontiguousarray(value).tobytes()
+        return f"array {value.dtype} {value.shape} {hashlib.sha256(bytes_).hexdigest()[:16]}"
+    if callable(value):
+        return f"{named(value)} {digest(value)}"
+    return f"{_kind_name(value)} {digest(value)}"

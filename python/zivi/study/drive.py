@@ -14,15 +14,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from zivi.base.progress import ProgressBar
+from zivi.base.extras import ProgressBar
 from zivi.base.status import StudyStatus
-from zivi.study.block import Block
 from zivi.study.design import Design
-from zivi.study.messages import message_of
-from zivi.study.piece import Piece, check_same_schema
-from zivi.study.pools import Pool
-from zivi.study.store import Store, count
-from zivi.study.work import SLICE, Job, compute, is_ready
+from zivi.study.outcome import Piece, check_same_schema, message_of
+from zivi.study.pools import SLICE, Job, Pool, compute, is_ready
+from zivi.study.store import Block, Store, count
 
 __all__ = ["Driver"]
 

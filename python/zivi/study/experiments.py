@@ -11,8 +11,8 @@ from zivi.base.check import Array, finite, integer as whole
 from zivi.base.experiments import EXPERIMENTS, experiment, registered
 from zivi.simulation.methods import SwitchedRK, ThetaGamma
 from zivi.simulation.run import simulate
+from zivi.system.gap import HarmonicWall
 from zivi.system.mass import ImpactSystem
-from zivi.system.wall import HarmonicWall
 
 __all__ = ["EXPERIMENTS", "ball_rest_time", "experiment", "registered", "table_period"]
 

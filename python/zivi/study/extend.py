@@ -13,13 +13,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from zivi.study.block import Block
-from zivi.study.create import head_of, write_empty
 from zivi.study.design import Design
-from zivi.study.folder import FolderStore
-from zivi.study.form import EVENTS
-from zivi.study.lock import locked
-from zivi.study.piece import joined
+from zivi.study.folder import FolderStore, head_of, locked, write_empty
+from zivi.study.head import EVENTS
+from zivi.study.outcome import joined
+from zivi.study.store import Block
 
 __all__ = ["extended", "put_back"]
 

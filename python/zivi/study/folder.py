@@ -1,9 +1,4 @@
-"""The store of a study on disk: a Zarr group with its events in Parquet files.
-
-``PATH/zarr.json`` holds what the study is, ``PATH/NAME`` one array per parameter and result, with
-one file per chunk of points, ``PATH/events`` one Parquet file per chunk. The chunk of ``status`` is
-written last: what it calls done is there.
-"""
+"""The store of a study on disk: a Zarr group with its events in Parquet files."""
 
 from __future__ import annotations
 
@@ -11,6 +6,7 @@ import functools
 import math
 import os
 import shutil
+import uuid
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -20,19 +16,108 @@ from numpy.typing import NDArray
 
 from zivi.base.extras import needed
 from zivi.base.status import StudyStatus
-from zivi.study.block import Block
 from zivi.study.design import Design
-from zivi.study.encode import Encoder
-from zivi.study.form import EVENTS, GROUP, difference
-from zivi.study.head import json_text, read_head, read_json, write_json
-from zivi.study.layout import Layout
-from zivi.study.lock import locked
-from zivi.study.parquet import DamagedError, read_events, write_events
-from zivi.study.piece import EventTable, Schema
-from zivi.study.replacement import no_link, write_bytes, written
-from zivi.study.store import Labels
+from zivi.study.head import (
+    EVENTS,
+    GROUP,
+    KINDS,
+    Encoder,
+    Head,
+    difference,
+    json_text,
+    no_link,
+    read_head,
+    read_json,
+    write_bytes,
+    write_json,
+    written,
+)
+from zivi.study.outcome import EventTable, Schema
+from zivi.study.store import Block, Labels, Layout
 
-__all__ = ["FolderStore"]
+__all__ = [
+    "DamagedError",
+    "FolderStore",
+    "create",
+    "head_of",
+    "locked",
+    "read_events",
+    "write_empty",
+    "write_events",
+]
+
+# The lock of a store: one run writes at a time.
+
+
+def locked(file: Path) -> int | None:
+    """Keep others from writing, also after this process is killed, where the system can."""
+    try:
+        import fcntl
+    except ImportError:
+        return None
+    file.parent.mkdir(exist_ok=True)
+    descriptor = os.open(file, os.O_RDWR | os.O_CREAT, 0o666)
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        # a run that extended the study has just put another file in this place
+        if not (file.exists() and os.path.samestat(os.fstat(descriptor), file.stat())):
+            raise BlockingIOError
+    except BlockingIOError:
+        os.close(descriptor)
+        raise RuntimeError(f"another run writes to {file.parent.parent} at this moment") from None
+    except OSError:  # a file system without locks
+        os.close(descriptor)
+        return None
+    return descriptor
+
+
+# The events of a chunk of points in a Parquet file.
+
+
+class DamagedError(Exception):
+    """A part of a store that cannot be read; the text says which and why."""
+
+
+def write_events(file: Path, points: NDArray[np.int64], events: NDArray[np.void]) -> None:
+    """Write the events of a chunk; the file is there as a whole or not at all."""
+    pyarrow, parquet = needed("pyarrow", "events"), needed("pyarrow.parquet", "events")
+    columns = {name: np.ascontiguousarray(events[name]) for name in events.dtype.names or ()}
+    draft = file.with_suffix(".partial")
+    table = pyarrow.table({"point": points, **columns})
+    try:
+        parquet.write_table(table, draft, write_page_checksum=True)
+        os.replace(draft, file)
+    except BaseException:
+        draft.unlink(missing_ok=True)
+        raise
+
+
+def read_events(file: Path) -> tuple[NDArray[np.int64], NDArray[np.void]]:
+    """Read the events of a chunk and their points; `DamagedError` says why it cannot be."""
+    pyarrow, parquet = (needed(it, "events in a folder") for it in ("pyarrow", "pyarrow.parquet"))
+    try:
+        # by memory, since a file that is not closed after an error is a warning
+        table = parquet.read_table(
+            pyarrow.BufferReader(file.read_bytes()), page_checksum_verification=True
+        )
+        columns = {name: table[name].to_numpy() for name in table.column_names}
+    except Exception as error:
+        raise DamagedError(f"{file} is damaged: {type(error).__name__}: {error}") from error
+    kinds = {name: column.dtype for name, column in columns.items()}
+    if kinds.get("point") != np.int64 or any(kind.kind not in "biuf" for kind in kinds.values()):
+        raise DamagedError(f"{file} is damaged: its columns are {kinds}")
+    points = columns.pop("point")
+    found = np.empty(len(table), [(name, column.dtype) for name, column in columns.items()])
+    for name, column in columns.items():
+        found[name] = column
+    return points, found
+
+
+# The store of a study on disk: a Zarr group with its events in Parquet files.
+#
+# ``PATH/zarr.json`` holds what the study is, ``PATH/NAME`` one array per parameter and result, with
+# one file per chunk of points, ``PATH/events`` one Parquet file per chunk. The chunk of ``status``
+# is written last: what it calls done is there.
 
 
 class FolderStore:
@@ -393,3 +478,44 @@ def _numbers(folder: Path) -> list[int]:
     except (FileNotFoundError, NotADirectoryError):
         return []
     return [int(name) for name in names if name.isdecimal() and str(int(name)) == name]
+
+
+# Makes the folder of a new study.
+
+
+def create(path: Path, design: Design, identity: dict[str, Any], labels: Labels) -> bool:
+    """Make an empty store, as a whole or not at all; tell whether it is ours.
+
+    It is not if another run has made one at the same time.
+    """
+    needed("zarr", "studies in a folder")
+    path.parent.mkdir(parents=True, exist_ok=True)
+    draft = path.with_name(f".{path.name}.{uuid.uuid4().hex[:8]}")
+    head = head_of(design, identity, labels)
+    try:
+        write_empty(draft, head, design)
+        os.replace(draft, path)
+    except BaseException as error:
+        shutil.rmtree(draft, ignore_errors=True)
+        if isinstance(error, OSError) and path.is_dir() and any(path.iterdir()):
+            return False
+        raise
+    return True
+
+
+def head_of(design: Design, identity: dict[str, Any], labels: Labels) -> Head:
+    """Make the head of a store without results."""
+    kinds = {name: KINDS[column.dtype.kind] for name, column in design.values.items()}
+    return Head.new(identity, labels, kinds)
+
+
+def write_empty(folder: Path, head: Head, design: Design) -> None:
+    """Write the head, the metadata of all arrays and the parameters."""
+    write_json(folder / EVENTS / "zarr.json", GROUP)
+    for name, document in head.documents().items():
+        write_json(folder / name / "zarr.json", document)
+    head.write(folder)
+    encoder = Encoder(head.documents())
+    for name, column in design.values.items():
+        for key, data in encoder.encoded(name, slice(None), column):
+            write_bytes(folder, folder / key, data)

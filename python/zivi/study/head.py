@@ -1,27 +1,302 @@
-"""The head of a store, ``PATH/zarr.json``: what the study is, and what its arrays are.
-
-It is written as a whole or not at all, and read with suspicion: what zivi would not have written is
-refused before any array is decoded.
-"""
+"""The head of a store, ``PATH/zarr.json``: what the study is, and what its arrays are."""
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
+import functools
 import json
 import math
-from collections.abc import Iterator, Mapping
+import os
+import uuid
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
+from zivi.base.extras import needed
 from zivi.study.design import MOST_POINTS, name_of
-from zivi.study.form import EVENTS, GROUP, KINDS, difference, documents
-from zivi.study.layout import Layout
-from zivi.study.piece import Schema
-from zivi.study.replacement import write_whole
-from zivi.study.store import Labels, attributes
-from zivi.study.work import MAX_SEED
+from zivi.study.outcome import Schema
+from zivi.study.pools import MAX_SEED
+from zivi.study.store import DESCRIPTIONS, INNER, SHARD, Labels, Layout, attributes, dims_of
 
-__all__ = ["Head", "json_text", "read_head", "read_json", "write_json"]
+__all__ = [
+    "EVENTS",
+    "GROUP",
+    "KINDS",
+    "Encoder",
+    "Head",
+    "difference",
+    "documents",
+    "json_text",
+    "no_link",
+    "read_head",
+    "read_json",
+    "write_bytes",
+    "write_json",
+    "write_whole",
+    "written",
+]
+
+# Files of a store, there as a whole or not at all, also where something else is in their place.
+
+
+def written(top: Path, file: Path, write: Callable[[], None]) -> None:
+    """Write a file below a folder; what is in its place and no file is moved aside, not removed."""
+    for it in file.parents:
+        if it != top and it.is_relative_to(top):
+            no_link(it)
+    try:
+        write()
+    except OSError:
+        if not _made_room(top, file):
+            raise
+        write()
+
+
+def no_link(place: Path) -> None:
+    """Raise an OSError for a symbolic link: what is behind it is not the study's."""
+    if place.is_symlink():
+        raise OSError(
+            f"{place} is a symbolic link, which zivi neither reads nor writes through; put what it "
+            "points to in its place"
+        )
+
+
+def write_bytes(top: Path, file: Path, data: bytes) -> None:
+    """Write a file below a folder, whatever is in its place."""
+    written(top, file, functools.partial(write_whole, file, data))
+
+
+def write_whole(file: Path, data: bytes) -> None:
+    """Write a file and its folders; it is there as a whole or not at all."""
+    file.parent.mkdir(parents=True, exist_ok=True)
+    draft = file.with_name(f"{file.name}.partial")
+    try:
+        draft.write_bytes(data)
+        os.replace(draft, file)
+    except BaseException:
+        with contextlib.suppress(OSError):
+            draft.unlink(missing_ok=True)
+        raise
+
+
+def _made_room(top: Path, file: Path) -> bool:
+    """Move aside what is a folder where a file should be, or the other way round."""
+    folders = [it for it in reversed(file.parents) if it.is_relative_to(top) and it != top]
+    wrong = [it for it in folders if it.exists() and not it.is_dir()]
+    wrong += [file] if file.is_dir() else []
+    for it in wrong[:1]:
+        it.rename(it.with_name(f".{it.name}.{uuid.uuid4().hex[:8]}"))
+    return bool(wrong)
+
+
+# What Zarr makes of the values of a file, in memory.
+#
+# Zarr reads a shard before it changes a part of it, and cannot if it is damaged. Here whole files
+# are made anew, so that their bytes depend on nothing but the values.
+
+
+class Encoder:
+    """Encodes values as an array of a store keeps them.
+
+    Parameters
+    ----------
+    documents : dict
+        The metadata of all arrays by their names.
+    """
+
+    def __init__(self, documents: Mapping[str, Any]) -> None:
+        self._documents = documents
+        self._files: dict[str, Any] = {}
+        self._arrays: dict[str, Any] = {}
+
+    def encoded(self, name: str, where: Any, values: Any) -> list[tuple[str, bytes]]:
+        """Give the files of some places of an array: their paths in the store, and their bytes."""
+        self._array(name)[where] = values
+        keys = [key for key in self._files if not key.endswith("zarr.json")]
+        return [(key, self._files.pop(key).to_bytes()) for key in keys]
+
+    def _array(self, name: str) -> Any:
+        if name not in self._arrays:
+            zarr = needed("zarr", "studies in a folder")
+            buffer = needed("zarr.core.buffer.cpu", "studies in a folder").Buffer
+            text = json.dumps(self._documents[name]).encode()
+            self._files[f"{name}/zarr.json"] = buffer.from_bytes(text)
+            store = zarr.storage.MemoryStore(self._files)
+            array = zarr.open_array(store, path=name, mode="r+", zarr_format=3)
+            # a chunk without a file is one that was not written
+            self._arrays[name] = array.with_config({"write_empty_chunks": True})
+        return self._arrays[name]
+
+
+# What zivi writes of the arrays of a store, so that nothing else is read.
+#
+# A store may come from anywhere, and its metadata name the codecs that decode it. Only arrays of
+# the third format of Zarr with the codecs, kinds and shapes that zivi itself would write are
+# accepted.
+
+EVENTS = "events"
+GROUP: dict[str, Any] = {"attributes": {}, "zarr_format": 3, "node_type": "group"}
+"""The metadata of the folder of events."""
+KINDS = {"f": "float64", "i": "int64", "b": "bool", "U": "string"}
+"""How the values of a parameter are kept, by the kind of their array."""
+NOTHING = {"float64": 0.0, "int64": 0, "int8": 0, "bool": False, "string": ""}
+LITTLE = {"name": "bytes", "configuration": {"endian": "little"}}
+CHECKSUM = {"name": "crc32c"}
+SHARDS = "sharding_indexed"
+BYTES = {
+    "float64": LITTLE,
+    "int64": LITTLE,
+    "int8": {"name": "bytes"},
+    "bool": {"name": "bytes"},
+    "string": {"name": "vlen-utf8", "configuration": {}},
+}
+
+
+def documents(
+    kind: str, parameters: Mapping[str, str], layout: Layout, labels: Labels, schema: Schema | None
+) -> dict[str, Any]:
+    """Give the metadata of all arrays of a store, by their names.
+
+    Parameters
+    ----------
+    kind : str
+        Kind of the design.
+    parameters : dict of str
+        How the values of each parameter are kept, one of `KINDS`.
+    layout : Layout
+        The chunks of points.
+    labels : Labels
+        Units and names of dimensions.
+    schema : Schema or None
+        What the points give, if that is known.
+    """
+    names = tuple(parameters)
+    is_grid = kind == "grid"
+    design = names if is_grid else ("point",)
+    lengths = layout.shape if is_grid else layout.shape * len(names)
+    places = Places(layout.shape, layout.chunk, layout.inner if layout.has_shards else None)
+    units = {**(schema.units if schema else {}), **labels.units}
+
+    def unit(name: str) -> dict[str, str]:
+        return {"units": units[name]} if name in units else {}
+
+    found = {
+        name: _document(kept, _column(n, layout), (name,) if is_grid else design, unit(name))
+        for (name, kept), n in zip(parameters.items(), lengths, strict=True)
+    }
+    over_points = {"status": "int8", "message": "string"}
+    if schema is not None and schema.has_events:
+        over_points["n_events"] = "int64"
+    for name, kept in over_points.items():
+        found[name] = _document(kept, places, design, DESCRIPTIONS[name])
+    for name, inner in (schema.shapes if schema else {}).items():
+        dims = dims_of(name, inner, design, labels)
+        found[name] = _document("float64", places.of(inner), dims, unit(name), "NaN")
+    return {name: found[name] for name in sorted(found)}
+
+
+@dataclasses.dataclass(frozen=True)
+class Places:
+    """The shape of an array, of one of its files, and of the parts of a file if it is a shard."""
+
+    shape: tuple[int, ...]
+    file: tuple[int, ...]
+    part: tuple[int, ...] | None = None
+
+    def of(self, inner: tuple[int, ...]) -> Places:
+        """Give those of an array with more dimensions, which are not cut."""
+        more = tuple(max(1, length) for length in inner)
+        part = None if self.part is None else (*self.part, *more)
+        return Places((*self.shape, *inner), (*self.file, *more), part)
+
+
+def _column(n: int, layout: Layout) -> Places:
+    """Give the places of a parameter: one file, as long as that is not too large for a codec."""
+    if layout.has_shards and n > SHARD:
+        return Places((n,), (SHARD,), (SHARD // INNER,))
+    return Places((n,), (n,))
+
+
+def _document(
+    kept: str,
+    places: Places,
+    dims: tuple[str, ...],
+    attributes: Mapping[str, str],
+    nothing: Any = None,
+) -> dict[str, Any]:
+    codecs = [
+        BYTES[kept],
+        {"name": "zstd", "configuration": {"level": 1, "checksum": False}},
+        # a file that was cut or altered is noticed
+        CHECKSUM,
+    ]
+    if places.part is not None:
+        setting = {
+            "chunk_shape": list(places.part),
+            "codecs": codecs,
+            "index_codecs": [LITTLE, CHECKSUM],
+            "index_location": "end",
+        }
+        codecs = [{"name": SHARDS, "configuration": setting}]
+    return {
+        "shape": list(places.shape),
+        "data_type": kept,
+        "chunk_grid": {"name": "regular", "configuration": {"chunk_shape": list(places.file)}},
+        "chunk_key_encoding": {"name": "default", "configuration": {"separator": "/"}},
+        "fill_value": NOTHING[kept] if nothing is None else nothing,
+        "codecs": codecs,
+        "attributes": dict(attributes),
+        "dimension_names": list(dims),
+        "zarr_format": 3,
+        "node_type": "array",
+        "storage_transformers": [],
+    }
+
+
+def difference(found: Any, wanted: Mapping[str, Any]) -> str | None:
+    """Name what of the metadata of an array is not as zivi writes it, None if all is."""
+    if not isinstance(found, dict):
+        return "metadata"
+    for key in map(str, (*wanted, *found)):
+        if key not in wanted:
+            return key
+        # another version of Zarr may leave this out
+        there = found.get(key, [] if key == "storage_transformers" else None)
+        here = wanted[key]
+        if key == "codecs":
+            there, here = _plain_codecs(there), _plain_codecs(here)
+        if _text(there) != _text(here):
+            return key
+    return None
+
+
+def _plain_codecs(given: Any) -> Any:
+    """Leave out what versions of Zarr write in different ways, and what decoding does not need."""
+    if not isinstance(given, list) or not all(isinstance(it, dict) for it in given):
+        return given
+    found = []
+    for codec in given:
+        more = {key: it for key, it in codec.items() if key not in ("name", "configuration")}
+        setting = codec.get("configuration", {})
+        if codec.get("name") == "zstd" and isinstance(setting, dict):
+            setting = {key: it for key, it in setting.items() if key not in ("level", "checksum")}
+        if codec.get("name") == SHARDS and isinstance(setting, dict):
+            inner = ("codecs", "index_codecs")
+            setting = setting | {key: _plain_codecs(setting.get(key)) for key in inner}
+        found.append({"name": codec.get("name"), "setting": setting, **more})
+    return found
+
+
+def _text(value: Any) -> str:
+    # so that 1, 1.0 and true differ
+    return json.dumps(value, sort_keys=True)
+
+
+# The head of a store, ``PATH/zarr.json``: what the study is, and what its arrays are.
+#
+# It is written as a whole or not at all, and read with suspicion: what zivi would not have written
+# is refused before any array is decoded.
 
 FILE = "zarr.json"
 

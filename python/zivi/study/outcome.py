@@ -1,20 +1,71 @@
-"""What a point gives: numbers, arrays of one shape, and events."""
+"""What points give: numbers, arrays, events, errors; and tasks of many points."""
 
 from __future__ import annotations
 
+import dataclasses
 import functools
-from collections.abc import Mapping
+import math
+import pickle
+import time
+import unicodedata
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Protocol, TypeAlias, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
 
 from zivi.base.check import Array, unmasked
+from zivi.simulation.batch_result import Runs
 from zivi.simulation.mechanical_trajectory import MechanicalTrajectory
 from zivi.simulation.run_result import MassRun
 from zivi.study.design import name_of
 
-__all__ = ["RUN_UNITS", "Events", "Values", "split", "units_of"]
+__all__ = [
+    "LONGEST",
+    "RUN_UNITS",
+    "Collector",
+    "EventTable",
+    "Events",
+    "Many",
+    "Piece",
+    "Schema",
+    "Values",
+    "check_same_schema",
+    "joined",
+    "many_of",
+    "message_of",
+    "split",
+    "units_of",
+    "writable",
+]
+
+# What is told of an exception: one text, which any file and any terminal can take.
+
+LONGEST = 1000
+"""Characters of a message that are kept."""
+
+
+def message_of(error: BaseException) -> str:
+    """Tell an exception in one text, which any file and any terminal can take."""
+    try:
+        text = f"{type(error).__name__}: {error}"[:LONGEST]
+    except Exception as other:  # of its own __str__
+        text = f"{type(error).__name__}, whose text raises {type(other).__name__}"
+    return writable(text)
+
+
+def writable(text: str) -> str:
+    """Escape what is no letter, half a pair of UTF-16 or a control character, and cut the text."""
+    return "".join(map(_escaped, text[:LONGEST]))[:LONGEST]
+
+
+def _escaped(letter: str) -> str:
+    if letter in "\n\t" or unicodedata.category(letter) not in ("Cc", "Cs"):
+        return letter
+    return letter.encode("unicode_escape", "surrogatepass").decode("ascii")
+
+
+# What a point gives: numbers, arrays of one shape, and events.
 
 Values: TypeAlias = dict[str, float | Array]
 Events: TypeAlias = NDArray[np.void]
@@ -173,3 +224,375 @@ def _structured(given: Mapping[str, Any]) -> Events:
     for name, column in columns.items():
         table[name] = column
     return table
+
+
+# What a vectorized function gives: arrays with an entry for each of many points.
+
+MESSAGE = "message"
+"""What in a dict says of each point why it failed, "" if it did not."""
+
+
+@dataclasses.dataclass
+class Many:
+    """What one call gave.
+
+    Parameters
+    ----------
+    values : dict of ndarray
+        The values, a row for each point.
+    units : dict of str
+        Units that are known.
+    has_events : bool
+        Whether it gave events.
+    events : tuple of ndarray, optional
+        The events in the order of the points, and the place of the point of each.
+    failed : dict of str
+        Which points failed, by their places, and why.
+    """
+
+    values: dict[str, Array]
+    units: dict[str, str]
+    failed: dict[int, str]
+    has_events: bool = False
+    events: tuple[NDArray[np.int64], Events] | None = None
+
+
+def many_of(returned: Any, n: int) -> Many:
+    """Understand what a vectorized function returned for `n` points."""
+    if not isinstance(returned, tuple):
+        return _values_of(returned, n)
+    if len(returned) != 2:
+        raise TypeError(f"a tuple must be (values, events), got {len(returned)} things")
+    many = _values_of(returned[0], n)
+    many.has_events, many.events = True, _events_of(returned[1], n)
+    return many
+
+
+def _values_of(returned: Any, n: int) -> Many:
+    if isinstance(returned, Runs):
+        return _of_batch(returned, n)
+    if not isinstance(returned, Mapping):
+        return Many({"value": _rows("the result", returned, n)}, {}, {})
+    values = {name: _rows(name, it, n) for name, it in returned.items() if name != MESSAGE}
+    if not values:
+        raise ValueError("the function returned no values")
+    return Many(values, {}, _failed(returned.get(MESSAGE), n))
+
+
+def _rows(name: str, given: Any, n: int) -> Array:
+    unmasked(name, given)
+    array = np.asarray(given)
+    if array.dtype.kind not in "biuf":
+        raise TypeError(
+            f"{name} must be an array of real numbers, got {type(given).__name__} {given!r:.60}"
+        )
+    if array.shape[:1] != (n,):
+        raise ValueError(
+            f"{name} must have one row for each of {n} points, got an array of shape {array.shape}"
+        )
+    return array.astype(np.float64)
+
+
+def _failed(messages: Any, n: int) -> dict[int, str]:
+    if messages is None:
+        return {}
+    if isinstance(messages, str) or len(messages) != n:
+        raise ValueError(f"{MESSAGE} must have one text for each of {n} points")
+    return {place: str(text) for place, text in enumerate(messages) if text}
+
+
+def _of_batch(batch: Runs, n: int) -> Many:
+    """Keep what a batch tells of each run; `status` is how it ended."""
+    if len(batch) != n:
+        raise ValueError(f"a batch must have one run for each of {n} points, got {len(batch)}")
+    table = batch._table()
+    values: dict[str, Array] = {}
+    units: dict[str, str] = {}
+    for name, (dims, unit, _) in table.fields.items():
+        if ((dims,) if isinstance(dims, str) else dims)[0] == "run":
+            own = "run_status" if name == "status" else name
+            values[own] = _rows(name, table.value(batch, name), n)
+            units |= {own: unit} if unit else {}
+    return Many(values, units, {})
+
+
+def _events_of(given: Any, n: int) -> tuple[NDArray[np.int64], Events] | None:
+    """Put the events of all points into one table."""
+    if given is None:
+        return None
+    if isinstance(given, Mapping) or isinstance(getattr(given, "dtype", None), np.dtype):
+        return _by_place(given, n)
+    if not isinstance(given, Sequence) or len(given) != n:
+        raise ValueError(
+            f"events must be a list with those of each of {n} points, or one table with the field "
+            "'point', its place among them"
+        )
+    tables = [(place, events_of(it)) for place, it in enumerate(given)]
+    known = [(place, table) for place, table in tables if table is not None]
+    if not known:
+        return None
+    if len({table.dtype for _, table in known}) > 1:
+        raise ValueError("the events of all points must have the same columns")
+    places = np.repeat([place for place, _ in known], [len(table) for _, table in known])
+    return places.astype(np.int64), np.concatenate([table for _, table in known])
+
+
+def _by_place(given: Any, n: int) -> tuple[NDArray[np.int64], Events]:
+    columns = dict(given) if isinstance(given, Mapping) else _columns(given)
+    places = np.asarray(columns.pop("point", None))
+    if places.dtype.kind not in "iu" or places.ndim != 1:
+        raise TypeError("a table of events must have a column 'point' of whole numbers")
+    if len(places) and not 0 <= places.min() <= places.max() < n:
+        raise ValueError(f"the column 'point' of events must be >= 0 and < {n}")
+    table = events_of(columns)
+    assert table is not None
+    if len(table) != len(places):
+        raise ValueError("events must be columns of one length")
+    order = np.argsort(places, kind="stable")
+    return places[order].astype(np.int64), table[order]
+
+
+def _columns(given: Any) -> dict[str, Any]:
+    if given.dtype.names is None:
+        raise TypeError(f"events must be a structured array, got {given.dtype}")
+    return {name: given[name] for name in given.dtype.names}
+
+
+# What a task gives back, and what all points must have alike.
+
+EVENTS_SIZE = 256
+"""Bytes that the events of a point are taken to have."""
+EventTable: TypeAlias = tuple[NDArray[np.int64], Events]
+"""Events with the number of the point of each."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Schema:
+    """What every point gives.
+
+    Parameters
+    ----------
+    shapes : dict
+        For each value its name and its shape.
+    has_events : bool
+        Whether a point gives events.
+    units : dict
+        Units that are known from the kind of the result.
+    """
+
+    shapes: dict[str, tuple[int, ...]]
+    has_events: bool
+    units: dict[str, str]
+
+    @property
+    def size(self) -> int:
+        """Bytes of what is kept of a point; of the events, those of a few."""
+        numbers = sum(math.prod(shape) for shape in self.shapes.values())
+        return 8 * numbers + (EVENTS_SIZE if self.has_events else 0)
+
+
+@dataclasses.dataclass
+class Piece:
+    """What a task gives back: some of its points.
+
+    Parameters
+    ----------
+    schema : Schema or None
+        What the points gave; None if none was done.
+    done : ndarray of int
+        Numbers of the points that are done.
+    values : dict of ndarray
+        Their values, one row a point.
+    events : tuple of ndarray or None
+        All their events, in the order of the points: the number of the point of each, and a
+        structured array.
+    failed : dict of str
+        Numbers of the points that failed, and why.
+    rest : ndarray of int
+        Numbers of the points that were not computed.
+    raised : BaseException or None
+        What ended the task and shall end the study: Ctrl-C or another exception that is not an
+        `Exception`.
+    seconds : float
+        How long it took.
+    """
+
+    schema: Schema | None
+    done: NDArray[np.int64]
+    values: dict[str, Array]
+    events: EventTable | None
+    failed: dict[int, str]
+    rest: NDArray[np.int64]
+    raised: BaseException | None = None
+    seconds: float = 0.0
+
+    def __len__(self) -> int:
+        return len(self.done) + len(self.failed)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return what can be sent between processes: an exception that cannot only as its text."""
+        state = dict(self.__dict__)
+        if self.raised is not None:
+            try:
+                pickle.loads(pickle.dumps(self.raised))
+            except Exception:
+                state["raised"] = BaseException(message_of(self.raised))
+        return state
+
+    def within(self, span: range) -> Piece:
+        """Give what it has of consecutive points."""
+        where = slice(*np.searchsorted(self.done, (span.start, span.stop)))
+        events = self.events
+        if events is not None:
+            rows = slice(*np.searchsorted(events[0], (span.start, span.stop)))
+            events = (events[0][rows], events[1][rows]) if rows.start < rows.stop else None
+        return dataclasses.replace(
+            self,
+            done=self.done[where],
+            values={name: rows[where] for name, rows in self.values.items()},
+            events=events,
+            failed={point: why for point, why in self.failed.items() if point in span},
+        )
+
+    def fail(self, why: str) -> None:
+        """Let all points fail."""
+        self.failed |= dict.fromkeys(self.done.tolist(), why)
+        self.done, self.values, self.events = self.done[:0], {}, None
+
+
+def joined(tables: list[EventTable]) -> EventTable | None:
+    """Put tables of events together."""
+    if not sum(len(points) for points, _ in tables):
+        return None
+    return np.concatenate([it for it, _ in tables]), np.concatenate([it for _, it in tables])
+
+
+def check_same_schema(schema: Schema, shapes: dict[str, tuple[int, ...]], has_events: bool) -> None:
+    """Raise if what a point gave is not what the others give."""
+    if shapes != schema.shapes:
+        raise ValueError(f"returned {_shown(shapes)}; other points gave {_shown(schema.shapes)}")
+    if has_events != schema.has_events:
+        raise ValueError("either all points return (values, events) or none does")
+
+
+def _shown(shapes: dict[str, tuple[int, ...]]) -> str:
+    return ", ".join(f"{name} {shape}" if shape else name for name, shape in shapes.items())
+
+
+# Puts the results of the points of a task together.
+
+
+class Collector:
+    """Puts the results of points together, if they are alike.
+
+    Parameters
+    ----------
+    parameters : tuple of str
+        Names that results cannot have.
+    """
+
+    def __init__(self, parameters: tuple[str, ...]) -> None:
+        self._parameters = parameters
+        self._start = time.monotonic()
+        self._rows: list[Values] = []
+        self._numbers: list[int] = []
+        self._parts: list[tuple[NDArray[np.int64], dict[str, Array]]] = []
+        self._events: list[EventTable] = []
+        self.schema: Schema | None = None
+        self.dtype: np.dtype[Any] | None = None
+        self.failed: dict[int, str] = {}
+
+    @property
+    def seconds(self) -> float:
+        """How long it has taken until now."""
+        return time.monotonic() - self._start
+
+    def add(self, point: int, returned: Any) -> None:
+        """Take what a function gave for one point."""
+        values, events, has_events = split(returned)
+        shapes = {name: np.shape(value) for name, value in values.items()}
+        dtype = None if events is None else events.dtype
+        self._fit(shapes, has_events, dtype, lambda: units_of(returned))
+        if events is not None and len(events):
+            self._events.append((np.full(len(events), point), events.copy()))
+        self._rows.append(values)
+        self._numbers.append(point)
+
+    def add_many(self, points: NDArray[np.int64], returned: Any) -> None:
+        """Take what a vectorized function gave for several points."""
+        if isinstance(returned, list):
+            self._add_each(points, returned)
+            return
+        many = many_of(returned, len(points))
+        good = np.ones(len(points), bool)
+        good[list(many.failed)] = False
+        if good.any():
+            self._fit_many(many)
+            self._stack()
+            values = {name: rows[good] for name, rows in many.values.items()}
+            self._parts.append((points[good], values))
+            if many.events is not None:
+                places, rows = many.events
+                kept = good[places]
+                self._events.append((points[places[kept]], rows[kept]))
+        self.failed |= {int(points[place]): writable(why) for place, why in many.failed.items()}
+
+    def _fit_many(self, many: Many) -> None:
+        shapes = {name: rows.shape[1:] for name, rows in many.values.items()}
+        dtype = many.events[1].dtype if many.events is not None else None
+        self._fit(shapes, many.has_events, dtype, lambda: many.units)
+
+    def _add_each(self, points: NDArray[np.int64], returned: list[Any]) -> None:
+        if len(returned) != len(points):
+            raise ValueError(
+                f"a list must have one entry for each point, got {len(returned)} for {len(points)}"
+            )
+        for point, one in zip(points.tolist(), returned, strict=True):
+            try:
+                if isinstance(one, Exception):
+                    raise one
+                self.add(point, one)
+            except Exception as error:
+                self.failed[point] = message_of(error)
+
+    def _fit(
+        self,
+        shapes: dict[str, tuple[int, ...]],
+        has_events: bool,
+        dtype: np.dtype[Any] | None,
+        units: Callable[[], dict[str, str]],
+    ) -> None:
+        """Raise if something is not as before."""
+        if self.schema is None:
+            for name in shapes:
+                if name_of("result", name) in self._parameters:
+                    raise ValueError(f"the result {name!r} has the name of a parameter")
+            self.schema = Schema(shapes, has_events, units())
+        check_same_schema(self.schema, shapes, has_events)
+        if dtype is not None:
+            if self.dtype not in (None, dtype):
+                raise ValueError(f"events have {dtype}, those of others {self.dtype}")
+            self.dtype = dtype
+
+    def _stack(self) -> None:
+        """Make arrays of the points that came one by one."""
+        if self._numbers:
+            names = self.schema.shapes if self.schema else ()
+            rows = {name: np.array([row[name] for row in self._rows], float) for name in names}
+            self._parts.append((np.array(self._numbers, np.int64), rows))
+            self._rows, self._numbers = [], []
+
+    def piece(self, rest: NDArray[np.int64], raised: BaseException | None = None) -> Piece:
+        """Give all that there is; the points of what came later are larger."""
+        self._stack()
+        names = self.schema.shapes if self.schema and self._parts else ()
+        return Piece(
+            schema=self.schema if self._parts else None,
+            done=np.concatenate([np.empty(0, np.int64), *(done for done, _ in self._parts)]),
+            values={name: np.concatenate([it[name] for _, it in self._parts]) for name in names},
+            events=joined(self._events),
+            failed=self.failed,
+            rest=rest,
+            raised=raised,
+            seconds=self.seconds,
+        )

@@ -1,21 +1,161 @@
-"""Who computes: this process, threads, processes, or what a user brings."""
+"""Who computes: this process, threads, processes, or what a user brings; and what a worker does."""
 
 from __future__ import annotations
 
 import concurrent.futures
 import contextlib
+import dataclasses
 import multiprocessing
 import os
 import pickle
 import signal
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
-from zivi.base.check import integer
-from zivi.study.work import Job, begin_thread
+import numpy as np
+from numpy.typing import NDArray
 
-__all__ = ["Pool", "pool_of"]
+from zivi.base.check import integer
+from zivi.study.design import child, generators, seeds
+from zivi.study.outcome import Collector, Piece, message_of
+
+__all__ = [
+    "MAX_SEED",
+    "SLICE",
+    "Job",
+    "Pool",
+    "begin_thread",
+    "compute",
+    "is_ready",
+    "pool_of",
+]
+
+# What a worker does: the points of one task, until its time is up.
+
+SLICE = 2.0
+"""Seconds after which a task hands back what it has: no more than that is lost with a worker."""
+MAX_SEED = 2**63 - 1
+"""Largest seed of a study."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Job:
+    """What is computed at every point.
+
+    Parameters
+    ----------
+    function : callable
+        Called with the parameters of a point by name.
+    names : tuple of str
+        Names of the parameters.
+    fixed : dict
+        Further arguments, the same at all points.
+    seed : int or None
+        Seed of the study.
+    wants : tuple of str
+        Which of ``seed`` and ``rng`` the function takes.
+    vectorized : bool
+        Whether the function takes arrays, with an entry for each of many points.
+    """
+
+    function: Callable[..., Any]
+    names: tuple[str, ...]
+    fixed: dict[str, Any]
+    seed: int | None
+    wants: tuple[str, ...]
+    vectorized: bool = False
+
+    def call(self, point: int, values: tuple[Any, ...]) -> Any:
+        """Compute one point."""
+        arguments = dict(zip(self.names, values, strict=True))
+        if self.wants:
+            source = child(self.seed, point)
+            if "seed" in self.wants:
+                arguments["seed"] = int(source.generate_state(1, np.uint64)[0])
+            if "rng" in self.wants:
+                arguments["rng"] = np.random.default_rng(source)
+        return self.function(**self.fixed, **arguments)
+
+    def call_many(self, points: NDArray[np.int64], columns: Mapping[str, NDArray[Any]]) -> Any:
+        """Compute several points in one call."""
+        arguments: dict[str, Any] = dict(columns)
+        if "seed" in self.wants:
+            arguments["seed"] = seeds(self.seed, points)
+        if "rng" in self.wants:
+            arguments["rng"] = generators(self.seed, points)
+        return self.function(**self.fixed, **arguments)
+
+
+def compute(job: Job, points: NDArray[np.int64], columns: Mapping[str, NDArray[Any]]) -> Piece:
+    """Compute points until all are done, the time is up or all must stop."""
+    return (_compute_many if job.vectorized else _compute_each)(job, points, columns)
+
+
+def _compute_each(
+    job: Job, points: NDArray[np.int64], columns: Mapping[str, NDArray[Any]]
+) -> Piece:
+    found = Collector(job.names)
+    plain = [column.tolist() for column in columns.values()]
+    rows = zip(points.tolist(), *plain, strict=True)
+    for number, (point, *values) in enumerate(rows):
+        if number and (_must_stop() or found.seconds > SLICE):
+            return found.piece(points[number:])
+        try:
+            found.add(point, job.call(point, tuple(values)))
+        except BaseException as error:
+            if not isinstance(error, (Exception, SystemExit)):
+                return found.piece(points[number:], error)
+            found.failed[point] = message_of(error)
+    return found.piece(points[:0])
+
+
+def _compute_many(
+    job: Job, points: NDArray[np.int64], columns: Mapping[str, NDArray[Any]]
+) -> Piece:
+    """Compute points in one call; those of a call that raises in halves, down to the culprits."""
+    found = Collector(job.names)
+    todo, calls = [slice(0, len(points))], 0
+    while todo:
+        part = todo.pop()
+        if calls and (_must_stop() or found.seconds > SLICE):
+            return found.piece(points[part.start :])
+        calls += 1
+        try:
+            # copies, since a function may write to what it gets
+            own = {name: column[part].copy() for name, column in columns.items()}
+            found.add_many(points[part], job.call_many(points[part], own))
+        except BaseException as error:
+            if not isinstance(error, (Exception, SystemExit)):
+                return found.piece(points[part.start :], error)
+            if part.stop - part.start == 1:
+                found.failed[int(points[part.start])] = message_of(error)
+                continue
+            middle = (part.start + part.stop) // 2
+            todo += [slice(middle, part.stop), slice(part.start, middle)]
+    return found.piece(points[:0])
+
+
+def _must_stop() -> bool:
+    stopped = getattr(_thread, "stopped", None)
+    return stopped is not None and stopped.is_set()
+
+
+def begin_thread(stopped: threading.Event) -> None:
+    """Let this thread look, after each point, whether it must stop."""
+    _thread.stopped = stopped
+
+
+_thread = threading.local()
+"""What a thread of a pool of ours reads."""
+
+
+def is_ready(job: Job) -> bool:
+    """Tell that a worker has understood what to do."""
+    return callable(job.function)
+
+
+# Who computes: this process, threads, processes, or what a user brings.
 
 KINDS = ("threads", "processes")
 

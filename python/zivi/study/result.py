@@ -16,8 +16,7 @@ from zivi.base.extras import have, needed
 from zivi.base.status import Status, StudyStatus
 from zivi.base.table import page
 from zivi.study.design import Design
-from zivi.study.folder import FolderStore
-from zivi.study.parquet import DamagedError
+from zivi.study.folder import DamagedError, FolderStore
 from zivi.study.store import MemoryStore, Store
 
 if TYPE_CHECKING:

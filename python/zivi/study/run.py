@@ -13,22 +13,19 @@ from typing import Any
 import numpy as np
 
 from zivi.base.check import integer
+from zivi.base.extras import ProgressBar
 from zivi.base.habits import hinted
-from zivi.base.progress import ProgressBar
 from zivi.base.status import StudyStatus
-from zivi.study.create import create
 from zivi.study.design import Design, design_of
+from zivi.study.digest import differences, identity
 from zivi.study.drive import Driver
 from zivi.study.experiments import experiment
 from zivi.study.extend import extended, put_back
-from zivi.study.folder import FolderStore
+from zivi.study.folder import FolderStore, create
 from zivi.study.head import read_head
-from zivi.study.identity import differences, identity
-from zivi.study.layout import Layout
-from zivi.study.pools import Pool, pool_of, sendable
+from zivi.study.pools import MAX_SEED, Job, Pool, pool_of, sendable
 from zivi.study.result import Study, study_of
-from zivi.study.store import Labels, MemoryStore, Store, count
-from zivi.study.work import MAX_SEED, Job
+from zivi.study.store import Labels, Layout, MemoryStore, Store, count
 
 __all__ = ["sweep"]
 

@@ -1,19 +1,15 @@
 """What moves: one mass or a mechanism, its forces, its wall or its gaps."""
 
 from zivi.base.former import of_zivi
-from zivi.system.friction import DryFriction
-from zivi.system.gap import Gap, LinearGap
+from zivi.system.force import ParametricForce
+from zivi.system.gap import DryFriction, Gap, HarmonicWall, LinearGap, MovingWall
 from zivi.system.impact_law import ImpactLaw, NewtonImpact, SpeedDependentImpact
-from zivi.system.linear import LinearSystem
-from zivi.system.loads import Harmonic
-from zivi.system.mass import Force, ImpactSystem, LinearForce
+from zivi.system.linear import Harmonic, LinearSystem
+from zivi.system.mass import Force, ImpactSystem, LinearForce, lift, project
 from zivi.system.mechanism import MechanicalSystem
-from zivi.system.parametric import ParametricForce
-from zivi.system.parametric_mechanism import ParametricSystem
+from zivi.system.parameters import ParametricSystem
 from zivi.system.table import Table
-from zivi.system.transform import lift, project
-from zivi.system.tree.system import Tree
-from zivi.system.wall import HarmonicWall, MovingWall
+from zivi.system.tree import Tree
 
 __all__ = [
     "DryFriction",

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from zivi.base.check import Array, real_array
-from zivi.system.layout import Evaluation
 from zivi.system.mechanism import MechanicalSystem
+from zivi.system.model_parts import Evaluation
 
 __all__ = ["GapCoordinates", "GapKinetics", "gap_coordinates", "kinetic_cosines"]
 

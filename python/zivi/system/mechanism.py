@@ -2,29 +2,31 @@
 
 from __future__ import annotations
 
+import ctypes
 import dataclasses
-from collections.abc import Iterable, Mapping, Sequence
+import numbers
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 import zivi._zivi as _zivi
-from zivi.base.check import Array, finite, real_array, switch
+from zivi.base.check import Array, check_arguments, finite, of_three, real_array, switch
 from zivi.base.habits import attribute_error, hinted
-from zivi.system.assemble import Evaluate, assembled
-from zivi.system.callbacks import glued
-from zivi.system.control_inputs import ControlInputs, control_inputs, every_coordinate
-from zivi.system.friction import (
+from zivi.system.callbacks import Evaluate, assembled, driven, glued
+from zivi.system.force import force_spec
+from zivi.system.gap import (
     IMPACT_LAWS,
     PARADOXES,
     Channel,
     DryFriction,
+    Gap,
+    LinearGap,
     Slip,
     joints_of,
     one_of,
 )
-from zivi.system.gap import Gap, LinearGap
 from zivi.system.impact_law import (
     GivenRestitutions,
     ImpactLaw,
@@ -33,25 +35,182 @@ from zivi.system.impact_law import (
     restitutions,
     written,
 )
-from zivi.system.inputs import driven
-from zivi.system.layout import Evaluation, Layout
-from zivi.system.mechanism_checks import (
-    MAX_SIZE,
-    check_mass,
-    check_size,
-    coordinates_of,
-    gaps_of,
-    matrix_of,
-    names_of,
-)
-from zivi.system.model_parts import Part, part
-from zivi.system.partials import Partials
+from zivi.system.mass import ImpactSystem
+from zivi.system.model_parts import Evaluation, Layout, Part, Partials, part
 from zivi.system.table import Table, declared_breaks
 
 if TYPE_CHECKING:
     from zivi.base.machine_code import Native
 
-__all__ = ["MAX_SIZE", "MechanicalSystem", "Model", "check_mass", "check_names"]
+__all__ = [
+    "MAX_SIZE",
+    "ControlInputs",
+    "MechanicalSystem",
+    "Model",
+    "check_mass",
+    "check_names",
+    "check_size",
+    "control_inputs",
+    "coordinates_of",
+    "every_coordinate",
+    "gaps_of",
+    "matrix_of",
+    "mechanism_of",
+    "names_of",
+]
+
+# What is refused of a mechanical system before there is a state: gaps, mass, names.
+
+MAX_SIZE = 256
+"""Most coordinates, and most gaps with the channels of friction."""
+
+
+def gaps_of(gaps: Any) -> tuple[Gap, ...]:
+    """Read the gaps: one or a sequence."""
+    several = (gaps,) if isinstance(gaps, Gap) else gaps
+    if not isinstance(several, Iterable):
+        raise TypeError(f"gaps must be a sequence of zivi.Gap, got {type(gaps).__name__}")
+    several = tuple(several)
+    for i, gap in enumerate(several):
+        if not isinstance(gap, Gap):
+            raise TypeError(f"gaps[{i}] must be a zivi.Gap or zivi.LinearGap, got {gap!r}")
+    if len(several) > MAX_SIZE:
+        raise ValueError(f"gaps must be at most {MAX_SIZE}, got {len(several)}")
+    return several
+
+
+def check_size(name: str, given: Any) -> None:
+    """Raise a ValueError for an array of more coordinates than a system may have."""
+    shape = getattr(given, "shape", ())
+    if isinstance(shape, tuple) and max(shape, default=0) > MAX_SIZE:
+        raise ValueError(f"{name} must be for at most {MAX_SIZE} coordinates, got shape {shape}")
+
+
+def matrix_of(mass: Array) -> Array:
+    """Check a constant mass matrix."""
+    check_size("mass", mass)
+    matrix = mass.reshape(1, 1) if mass.size == 1 else mass
+    if matrix.ndim != 2 or matrix.shape[0] != matrix.shape[1] or not matrix.size:
+        raise ValueError(f"mass must have shape (n, n) with n >= 1, got {mass.shape}")
+    check_mass(matrix)
+    return matrix
+
+
+def check_mass(matrix: Array) -> None:
+    """Refuse a mass matrix that is not symmetric and positive definite."""
+    if not np.isfinite(matrix).all():
+        raise ValueError(f"mass must be finite, got {matrix.tolist()}")
+    skew = np.abs(matrix - matrix.T).max()
+    if skew > 1e-10 * np.abs(matrix).max():
+        raise ValueError(f"mass must be symmetric, got {matrix.tolist()}")
+    try:
+        np.linalg.cholesky(matrix)
+    except np.linalg.LinAlgError:
+        least = float(np.linalg.eigvalsh(matrix)[0])
+        raise ValueError(
+            f"mass must be positive definite, got one with the eigenvalue {least:.6g}"
+        ) from None
+
+
+def names_of(what: str, names: Sequence[str]) -> tuple[str, ...]:
+    """Give names that all differ."""
+    twice = sorted({name for name in names if list(names).count(name) > 1})
+    if twice:
+        raise ValueError(f"names of {what} must differ, got {twice[0]!r} twice")
+    return tuple(names)
+
+
+def coordinates_of(names: Sequence[str] | None, n: int | None) -> tuple[str, ...] | None:
+    """Read the names of the coordinates, as many as there are if that is known."""
+    if names is None:
+        return None
+    if isinstance(names, str) or not all(isinstance(name, str) for name in names):
+        raise TypeError(f"coordinates must be a sequence of names, got {names!r}")
+    if n is not None and len(names) != n:
+        raise ValueError(f"coordinates must be {n} names, got {len(names)}")
+    return names_of("coordinates", list(names))
+
+
+# The matrix through which controls act on a mechanical system.
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class ControlInputs:
+    """The matrix :math:`B` of the forces :math:`B u` of r controls.
+
+    Parameters
+    ----------
+    names : tuple of str
+        Names of the controls; empty as long as a function has not told how many there are.
+    matrix : ndarray or callable
+        :math:`B`, of shape (n, r), or a function of the coordinates that gives it.
+    """
+
+    names: tuple[str, ...]
+    matrix: Array | Callable[[Array], Any]
+
+    @property
+    def r(self) -> int:
+        """How many controls there are."""
+        return len(self.names)
+
+    def known(self, q: Array) -> ControlInputs:
+        """Give the same with the names of all controls, and its shape checked at coordinates."""
+        shape = np.shape(self.matrix if isinstance(self.matrix, np.ndarray) else self.matrix(q))
+        if len(shape) != 2 or shape[0] != len(q) or not shape[1]:
+            raise ValueError(f"inputs must have shape ({len(q)}, r), got {shape}")
+        if self.names and len(self.names) != shape[1]:
+            raise ValueError(f"inputs must have {len(self.names)} columns, got {shape[1]}")
+        return self if self.names else dataclasses.replace(self, names=numbered(shape[1]))
+
+    def at(self, q: Array) -> Array:
+        """Give the matrix at coordinates, shape (n, r)."""
+        if isinstance(self.matrix, np.ndarray):
+            return self.matrix
+        return np.ascontiguousarray(self.matrix(q), dtype=np.float64)
+
+    def spec(self) -> _zivi.Inputs:
+        """Give what the extension takes."""
+        if isinstance(self.matrix, np.ndarray):
+            return _zivi.Inputs.constant(self.r, self.matrix.ravel().tolist())
+        return _zivi.Inputs.callable(self.r, lambda t, q: self.at(q))
+
+
+def control_inputs(given: Any) -> ControlInputs:
+    """Read a matrix, a function of the coordinates, or columns by the names of the controls."""
+    if isinstance(given, Mapping):
+        names = tuple(str(name) for name in given)
+        columns = [np.atleast_1d(real_array(f"inputs[{n!r}]", it)) for n, it in given.items()]
+        if not columns or any(it.ndim != 1 or it.shape != columns[0].shape for it in columns):
+            raise ValueError("inputs must give columns of one length, one for each control")
+        return ControlInputs(names, _finite(np.column_stack(columns)))
+    if callable(given):
+        check_arguments("inputs", given, "q")
+        return ControlInputs((), given)
+    matrix = real_array("inputs", given)
+    matrix = matrix.reshape(-1, 1) if matrix.ndim < 2 else matrix
+    if matrix.ndim != 2 or not matrix.shape[1]:
+        raise ValueError(f"inputs must have shape (n, r), got {matrix.shape}")
+    return ControlInputs(numbered(matrix.shape[1]), _finite(matrix))
+
+
+def every_coordinate(n: int) -> ControlInputs:
+    """Give the inputs of a system without any of its own: a force on each coordinate."""
+    return ControlInputs(numbered(n), np.eye(n))
+
+
+def numbered(r: int) -> tuple[str, ...]:
+    """Name controls by their numbers."""
+    return tuple(f"u{j}" for j in range(r))
+
+
+def _finite(matrix: Array) -> Array:
+    if not np.all(np.isfinite(matrix)):
+        raise ValueError(f"inputs must be finite, got {matrix.tolist()}")
+    return np.ascontiguousarray(matrix)
+
+
+# Mechanical systems: coordinates that move under forces, within gaps.
 
 
 @dataclasses.dataclass(frozen=True)
@@ -505,3 +664,45 @@ class MechanicalSystem:
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         MechanicalSystem.__init__(self, **state)
+
+
+# A mass above a wall with dry friction, as a mechanical system of one coordinate.
+
+
+def mechanism_of(system: ImpactSystem) -> MechanicalSystem:
+    """Give a mass with friction as what a run integrates: x, its wall as a gap, and a joint."""
+    assert system.friction is not None
+    return MechanicalSystem(
+        mass=1.0,
+        force=_force(system.force),
+        gaps=[LinearGap([1.0], name="wall")],
+        e=system.e,
+        coordinates=["x"],
+        friction=[system.friction],
+    )
+
+
+def _force(force: Any) -> Any:
+    """Give a force of a mass as that of a mechanical system."""
+    if isinstance(force, numbers.Real):
+        return [float(force)]
+    if isinstance(getattr(force, "excitation", None), Table):
+        raise NotImplementedError(
+            "force must not be excited by a table where there is friction: make a "
+            "zivi.MechanicalSystem with inputs"
+        )
+    spec = force_spec(force)
+    if (address := spec.address) is None:
+        function = of_three("force", force, more_than_y=False)
+    elif "void" in str(getattr(force, "signature", "")):
+        raise NotImplementedError(
+            "force must not have user_data where there is friction: make a zivi.MechanicalSystem"
+        )
+    else:
+        function = ctypes.CFUNCTYPE(ctypes.c_double, *[ctypes.c_double] * 3)(address)
+
+    def along(t: float, q: Any, qdot: Any) -> float:
+        _ = spec  # which holds compiled code
+        return function(t, float(q[0]), float(qdot[0]))  # type: ignore[no-any-return]
+
+    return along

@@ -10,11 +10,9 @@ from numpy.typing import NDArray
 
 import zivi._zivi as _zivi
 from zivi.base.check import Array
-from zivi.system.friction import Channel, Slip
-from zivi.system.gap import LinearGap
-from zivi.system.layout import Evaluation
+from zivi.system.gap import Channel, HarmonicWall, LinearGap, MovingWall, Slip
 from zivi.system.mechanism import MechanicalSystem, Model, check_mass
-from zivi.system.wall import HarmonicWall, MovingWall
+from zivi.system.model_parts import Evaluation
 
 __all__ = ["check_functions", "check_start"]
 

@@ -10,11 +10,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 import zivi._zivi as _zivi
-from zivi.base.arrays import Array, dense, require_finite
-from zivi.base.check import real_array
+from zivi.base.check import Array, dense, real_array, require_finite
 from zivi.base.habits import hinted
-from zivi.vi.arguments import seconds
-from zivi.vi.solve import solve_avi, solve_vi
+from zivi.vi.solve import seconds, solve_avi, solve_vi
 from zivi.vi.types import VIOptions, VIProgress, VIResult
 
 __all__ = ["Equilibrium", "bimatrix", "solve_lcp", "solve_ncp"]

@@ -10,8 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from zivi.base.arrays import Array, bound, is_sparse, require_finite, vector
-from zivi.base.check import real, real_array
+from zivi.base.check import Array, bound, is_sparse, real, real_array, require_finite, vector
 from zivi.vi.factorisation import Factoriser
 from zivi.vi.types import VIResult
 

@@ -14,7 +14,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 import zivi._zivi as _zivi
-from zivi.base.arrays import Array
+from zivi.base.check import Array
 
 __all__ = ["Factoriser", "Factors", "in_thread", "rows_of_sizes"]
 

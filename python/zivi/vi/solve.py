@@ -1,59 +1,524 @@
-"""Variational inequalities on a box, or mixed complementarity problems, by zivi's own solver.
-
-Find ``x`` in ``[lower, upper]`` with, for every component,
-
-* ``F_i(x) >= 0`` where ``x_i = lower_i``,
-* ``F_i(x) <= 0`` where ``x_i = upper_i``,
-* ``F_i(x) = 0`` where ``lower_i < x_i < upper_i``.
-"""
+"""Variational inequalities on a box, or mixed complementarity problems, by zivi's own solver."""
 
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Callable, Mapping
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 import zivi._zivi as _zivi
-from zivi.base.arrays import MAX_DENSE, Array, bound, matrix, vector
+from zivi.base.check import MAX_DENSE, Array, bound, count, matrix, real, require_finite, vector
 from zivi.base.habits import hinted
-from zivi.vi.arguments import arranged, limits, observer, seconds, settings_of
-from zivi.vi.coloured import ColouredDifferences
 from zivi.vi.jacobian import (
     Both,
+    ColouredDifferences,
+    Converters,
     IsSparseError,
     JacobianError,
     check_jacobian,
     complex_steps,
     converters,
     jacobian,
+    pattern_of,
     wants_sparse,
 )
-from zivi.vi.scale import (
-    Affine,
-    Watched,
-    dense_is_off_scale,
-    is_off_scale,
-    polished,
-    solve_scaled,
+from zivi.vi.sparse import (
+    AffineMap,
+    CallableMap,
+    require_finite_entries,
+    solve_sparse,
+    sparse_matrix,
 )
-from zivi.vi.sparse_calls import SparseVI, affine_by_sparse, checked_affine, pattern_for
 from zivi.vi.types import VIOptions, VIProgress, VIResult, VIStatus, result_of
 
 __all__ = [
     "MAX_DENSE",
+    "Affine",
     "JacobianError",
+    "SparseVI",
     "VIOptions",
     "VIProgress",
     "VIResult",
     "VIStatus",
+    "Watched",
+    "affine_by_sparse",
+    "arranged",
     "check_jacobian",
+    "checked_affine",
+    "dense_is_off_scale",
+    "is_off_scale",
+    "limits",
     "natural_residual",
+    "observer",
+    "pattern_for",
+    "polished",
+    "seconds",
+    "settings_of",
     "solve_avi",
+    "solve_scaled",
     "solve_vi",
 ]
+
+# Bounds, options and starts of the solver of box VIs as users of SciPy write them.
+
+
+def arranged(lower: Any, upper: Any, x0: Any, bounds: Any) -> tuple[Any, Any, Any]:
+    """Return lower bounds, upper bounds and start, wherever they were given.
+
+    ``(F, x0, bounds=...)`` and ``(F, Bounds(...), x0)`` are as good as ``(F, lower, upper, x0)``.
+    """
+    if bounds is None and _is_bounds(lower):
+        bounds, lower = lower, None
+        if x0 is None:
+            upper, x0 = None, upper
+    elif bounds is not None and x0 is None and upper is None:
+        lower, x0 = None, lower
+    if bounds is not None:
+        if lower is not None or upper is not None:
+            raise TypeError("bounds were given twice: by lower or upper, and by bounds")
+        lower, upper = _pair(bounds)
+    if x0 is None:
+        raise TypeError("x0 must be given: where to begin")
+    return lower, upper, x0
+
+
+def _is_bounds(value: Any) -> bool:
+    """Whether it is a `scipy.optimize.Bounds`, or looks like one."""
+    return hasattr(value, "lb") and hasattr(value, "ub")
+
+
+def _pair(bounds: Any) -> tuple[Any, Any]:
+    if _is_bounds(bounds):
+        return bounds.lb, bounds.ub
+    told = "bounds must be a scipy.optimize.Bounds or a sequence of pairs (lower, upper)"
+    try:
+        pairs = [tuple(pair) for pair in bounds]
+    except TypeError:
+        raise TypeError(f"{told}, got {bounds!r}") from None
+    for i, pair in enumerate(pairs):
+        if len(pair) != 2:
+            raise ValueError(f"{told}, got {pair!r} as number {i}")
+    return [pair[0] for pair in pairs], [pair[1] for pair in pairs]
+
+
+def limits(lower: Any, upper: Any, n: int) -> tuple[Array | float, Array | float]:
+    """Read both bounds; a bound with one entry stands for all components, as in SciPy."""
+    return _limit("lower", lower, n), _limit("upper", upper, n)
+
+
+def _limit(name: str, value: Any, n: int) -> Array | float:
+    if isinstance(value, np.ndarray) and value.shape == (1,) and n > 1:
+        value = value[0]  # scipy.optimize.Bounds makes arrays of numbers
+    return bound(name, value, n)
+
+
+def settings_of(
+    tol: float | None,
+    rtol: float,
+    max_iter: int | None,
+    options: VIOptions | Mapping[str, Any] | None,
+) -> dict[str, Any]:
+    """Return what differs from the defaults, by the names of the extension."""
+    if isinstance(options, Mapping):
+        options, max_iter = _of_mapping(options, max_iter)
+    if options is None:
+        settings = {}
+    elif isinstance(options, VIOptions):
+        settings = options._settings()
+    else:
+        raise TypeError(f"options must be a VIOptions or a dict, got {type(options).__name__}")
+    if tol is not None:
+        settings["tol"] = real("tol", tol)
+    if rtol:
+        settings["rtol"] = real("rtol", rtol)
+    if max_iter is not None:
+        settings["max_iterations"] = count("max_iter", max_iter, least=1)
+    return settings
+
+
+def _of_mapping(options: Mapping[str, Any], max_iter: int | None) -> tuple[VIOptions, int | None]:
+    """Read the fields of `VIOptions`, and SciPy's ``maxiter``."""
+    given = dict(options)
+    for name in ("maxiter", "max_iter"):
+        max_iter = given.pop(name, max_iter)
+    known = [field.name for field in dataclasses.fields(VIOptions)]
+    for name in given:
+        if name not in known:
+            raise TypeError(
+                f"options has no entry {name!r}: there are maxiter and the fields of VIOptions, "
+                f"{', '.join(known)}"
+            )
+    return VIOptions(**given), max_iter
+
+
+def seconds(limit: float | None) -> float | None:
+    """Read a time limit."""
+    if limit is None:
+        return None
+    found = real("time_limit", limit)
+    if not found > 0:
+        raise ValueError(f"time_limit must be > 0 seconds, got {found}")
+    return found
+
+
+def observer(
+    callback: Callable[[VIProgress], object] | None,
+) -> Callable[[int, float, int, str], object] | None:
+    """Return what hands a `VIProgress` to the callback."""
+    if callback is None:
+        return None
+    if not callable(callback):
+        raise TypeError(f"callback must be callable, got {type(callback).__name__}")
+    return lambda *progress: callback(VIProgress(*progress))
+
+
+# Units: an absolute tolerance of 1e-9 means nothing where all numbers are of 1e-10.
+
+TOL = 1e-9
+"""Default tolerance, and that of a small problem relative to its values at the start."""
+_FEW = 64
+"""Up to so many numbers a loop of Python takes less than NumPy."""
+_SMALL = 1e-3
+"""Rows and unknowns of this size and above are compared with the tolerance as they are."""
+_ROUNDS = 10
+"""Of the equilibration of rows and columns."""
+_NOISE, _NEAR = 1e-13, 1e-6
+"""Such a residual, or one so far below the start's, that cannot be made better is a solution."""
+
+Solve: TypeAlias = Callable[["Affine"], VIResult]
+
+
+@dataclasses.dataclass(frozen=True)
+class Affine:
+    """``F(x) = M x + q`` on a box, and where it begins; `M` may be a ``csr_array``."""
+
+    M: Any
+    q: Array
+    lower: Array
+    upper: Array
+    x0: Array
+
+
+class _Entries:
+    """The absolute values of a matrix, dense or sparse."""
+
+    def __init__(self, M: Any) -> None:
+        self._dense: Array | None = None
+        if isinstance(M, np.ndarray):
+            self._dense = np.abs(M)
+        else:
+            coordinates = M.tocoo()
+            self._row, self._column = coordinates.coords
+            self._values = np.abs(coordinates.data)
+
+    def moves(self, value: Array) -> Array:
+        """Return ``max_i value_i / |M_ij|``, zero where a column is empty."""
+        if self._dense is not None:
+            moved = np.where(self._dense > 0, value[:, None] / self._dense, 0.0)
+            return np.asarray(moved.max(axis=0))
+        moved = np.where(self._values > 0, value[self._row] / self._values, 0.0)
+        return _largest(moved, self._column, len(value))
+
+    def largest(self, rows: Array, columns: Array) -> tuple[Array, Array]:
+        """Return the largest of each row and of each column of ``rows_i |M_ij| columns_j``."""
+        if self._dense is not None:
+            scaled = rows[:, None] * self._dense * columns
+            return scaled.max(axis=1), scaled.max(axis=0)
+        scaled = rows[self._row] * self._values * columns[self._column]
+        n = len(rows)
+        return _largest(scaled, self._row, n), _largest(scaled, self._column, n)
+
+
+def _largest(values: Array, places: Any, n: int) -> Array:
+    found = np.zeros(n)
+    np.maximum.at(found, places, values)
+    return found
+
+
+def _times(rows: Array, M: Any, columns: Array) -> Any:
+    """Return ``rows_i M_ij columns_j``."""
+    if isinstance(M, np.ndarray):
+        return rows[:, None] * M * columns
+    scaled = M.copy()
+    scaled.data *= np.repeat(rows, np.diff(M.indptr)) * columns[M.indices]
+    return scaled
+
+
+def _sizes(a: Affine) -> tuple[Array, Array]:
+    """Return the sizes of rows and of unknowns, from what moves them at the start.
+
+    Of the unknowns what balances a row, ``max_i |F_i / M_ij|``, at most the width of the box; of
+    the rows their value and what those moves change.
+    """
+    entries = _Entries(a.M)
+    value = np.abs(a.M @ a.x0 + a.q)
+    with np.errstate(divide="ignore", over="ignore", invalid="ignore"):
+        moves = entries.moves(value)
+        width = a.upper - a.lower
+        moves = np.minimum(np.where(moves > 0, moves, 1.0), np.where(width > 0, width, 1.0))
+        columns = np.maximum(moves, np.abs(a.x0))
+        rows = np.maximum(value, entries.largest(np.ones(len(value)), np.minimum(columns, 1.0))[0])
+    return np.where(rows > 0, rows, 1.0), columns
+
+
+def is_off_scale(a: Affine) -> bool:
+    """Whether some rows or unknowns are so small that an absolute tolerance means nothing."""
+    rows, columns = _sizes(a)
+    return bool(rows.min() < _SMALL or columns.min() < _SMALL)
+
+
+def dense_is_off_scale(
+    M: Array, q: Array, box: tuple[Array | float, Array | float], x0: Array | None
+) -> bool:
+    """`is_off_scale` of a dense problem before anything of it is made; False where it is none."""
+    return _zivi.is_off_scale(M, q, *box, x0, _SMALL)
+
+
+def _units(a: Affine) -> tuple[Array, Array]:
+    """Return factors of rows and units of unknowns that bring all entries to 1 or below."""
+    rows, columns = np.ones(len(a.q)), np.ones(len(a.q))
+    entries = _Entries(a.M)
+    for _ in range(_ROUNDS):
+        across, along = entries.largest(rows, columns)
+        rows /= np.sqrt(np.where(across > 0, across, 1.0))
+        columns /= np.sqrt(np.where(along > 0, along, 1.0))
+    # with the constant of 1 the solution is of 1, too
+    size = max(np.abs(rows * (a.M @ a.x0 + a.q)).max(), np.abs(a.x0 / columns).max()) or 1.0
+    return rows / size, columns * size
+
+
+def solve_scaled(a: Affine, solve: Solve) -> VIResult:
+    """Solve in units of the problem's own, then to the absolute tolerance as well."""
+    rows, columns = _units(a)
+    scaled = Affine(
+        _times(rows, a.M, columns),
+        rows * a.q,
+        a.lower / columns,
+        a.upper / columns,
+        a.x0 / columns,
+    )
+    found = solve(scaled)
+    x = np.clip(found.x * columns, a.lower, a.upper)
+    if not found.success:
+        F = a.M @ x + a.q
+        residual = _zivi.natural_residual(x, F, a.lower, a.upper)
+        return dataclasses.replace(found, x=x, F=F, residual=residual)
+    last = solve(dataclasses.replace(a, x0=x))
+    counts = _counts(found, last)
+    return dataclasses.replace(
+        last, stage=found.stage if last.n_iter == 0 else last.stage, projected=False, **counts
+    )
+
+
+_COUNTS = (
+    "n_iter",
+    "nfev",
+    "njev",
+    "n_pivots",
+    "n_semismooth_steps",
+    "n_gradient_steps",
+    "n_restarts",
+    "n_factorisations",
+)
+
+
+def _counts(first: VIResult, last: VIResult) -> dict[str, Any]:
+    """Return the work of both."""
+    counts = {name: getattr(first, name) + getattr(last, name) for name in _COUNTS}
+    return counts | {"fill": max(first.fill, last.fill)}
+
+
+class Watched:
+    """A map that remembers how large its first value was."""
+
+    def __init__(self, F: Callable[[Array], Any]) -> None:
+        self._F = F
+        self._first: Array | None = None
+        self.calls = 0
+
+    def __call__(self, x: Array) -> Any:
+        """Return the values."""
+        self.calls += 1
+        value = self._F(x)
+        if self._first is None:
+            self._first = np.array(value)  # the caller may write over it
+        return value
+
+    @property
+    def size(self) -> float:
+        """The largest of the first values; infinite where they are not finite."""
+        if self._first is None:
+            return np.inf
+        if self._first.size > _FEW:
+            size = float(np.abs(self._first).max())
+            return size if math.isfinite(size) else np.inf
+        sizes = [abs(value) for value in self._first.ravel().tolist()]
+        return float(max(sizes, default=0.0)) if all(map(math.isfinite, sizes)) else np.inf
+
+
+def polished(first: VIResult, size: float, solve: Callable[[Array, float], VIResult]) -> VIResult:
+    """Go on from a solution where `F` was small at the start: it may be the units that are small.
+
+    Parameters
+    ----------
+    first : VIResult
+        The end of the solve.
+    size : float
+        The largest value of `F` at the start.
+    solve : callable
+        The same from another start, to another tolerance.
+
+    Returns
+    -------
+    VIResult
+        `first`, or a better one.
+    """
+    if not first.success or not size or size >= _SMALL or first.residual <= TOL * size:
+        return first
+    last = solve(first.x, TOL * size)
+    counts = _counts(first, last)
+    if not last.success and first.residual <= max(_NOISE, _NEAR * size):
+        return dataclasses.replace(first, **counts)
+    return dataclasses.replace(last, projected=first.projected, **counts)
+
+
+# How `solve_vi` and `solve_avi` reach the sparse solver: when, and with what checked.
+
+Observer: TypeAlias = Callable[[int, float, int, str], object] | None
+
+
+def pattern_for(jac_sparsity: Any, jac: Any, n: int) -> tuple[Any, str]:
+    """Return the pattern and the scheme of coloured differences."""
+    scheme = "3-point" if jac is None or jac is False else jac
+    if not isinstance(scheme, str):
+        raise ValueError("jac_sparsity is for differences: leave out jac, or name their scheme")
+    if scheme not in ("2-point", "3-point", "cs"):
+        raise ValueError(f"jac must be '2-point', '3-point' or 'cs', got {scheme!r}")
+    return pattern_of(jac_sparsity, n), scheme
+
+
+def _checked(
+    box: tuple[Array | float, Array | float], start: Array, settings: dict[str, Any]
+) -> tuple[Array, Array]:
+    """Return both bounds as arrays; the extension refuses bounds and settings that are wrong."""
+    n = len(start)
+    lower, upper = (np.array(np.broadcast_to(it, n), float) for it in box)
+    _zivi.natural_residual(np.zeros(n), np.zeros(n), lower, upper)
+    others = {name: value for name, value in settings.items() if name != "row_scale"}
+    _zivi.solve_avi(np.eye(1), np.zeros(1), 0.0, 1.0, None, others)
+    require_finite("x0", start)
+    scale = settings.get("row_scale")
+    if scale is not None:
+        if scale.shape != (n,):
+            raise ValueError(f"row_scale must have {n} entries, got {len(scale)}")
+        if not np.all((scale > 0) & np.isfinite(scale)):
+            worst = scale[~((scale > 0) & np.isfinite(scale))][0]
+            raise ValueError(f"row_scale must be finite and > 0, got {worst}")
+    return lower, upper
+
+
+def checked_affine(
+    M: Any,
+    q: Array,
+    box: tuple[Array | float, Array | float],
+    start: Array | None,
+    settings: dict[str, Any],
+) -> Affine:
+    """Return a sparse affine problem whose parts have been checked."""
+    n = len(q)
+    matrix = sparse_matrix("M", M, n)
+    require_finite_entries("M", matrix)
+    require_finite("q", q)
+    begin = np.zeros(n) if start is None else start
+    lower, upper = _checked(box, begin, settings)
+    return Affine(matrix, q, lower, upper, begin)
+
+
+def affine_by_sparse(
+    a: Affine,
+    settings: dict[str, Any],
+    time_limit: float | None,
+    observe: Observer,
+) -> VIResult:
+    """Solve a sparse affine problem."""
+
+    def dense(seconds: float | None) -> VIResult:
+        M = a.M.toarray()
+        return result_of(
+            _zivi.solve_avi(M, a.q, a.lower, a.upper, a.x0, settings, seconds, observe)
+        )
+
+    map_ = AffineMap(a.M, a.q)
+    box = a.lower, a.upper
+    return solve_sparse(map_, box, a.x0, settings, time_limit, observe, dense)
+
+
+@dataclasses.dataclass(frozen=True)
+class SparseVI:
+    """A problem with a sparse Jacobian.
+
+    Attributes
+    ----------
+    F : callable
+        The map.
+    jac : callable, matrix, or tuple of pattern and scheme
+        Its Jacobian.
+    converts : tuple of callables
+        Make arrays of the values of `F` and of its Jacobian.
+    box, start
+        Bounds, and where to begin.
+    settings, time_limit, observe
+        As the extension takes them.
+    """
+
+    F: Callable[[Array], Any]
+    jac: Any
+    converts: Converters
+    box: tuple[Array | float, Array | float]
+    start: Array
+    settings: dict[str, Any]
+    time_limit: float | None
+    observe: Observer
+
+    def solve(self, x0: Array | None = None, tol: float | None = None) -> VIResult:
+        """Solve it, perhaps from another start to another tolerance."""
+        start = self.start if x0 is None else x0
+        settings = self.settings if tol is None else self.settings | {"tol": tol}
+        lower, upper = _checked(self.box, start, settings)
+        jac = self.jac
+        if not callable(jac) and not isinstance(jac, tuple):
+            constant = sparse_matrix("jac", jac, len(start))
+            require_finite_entries("jac", constant)
+            jac = lambda x: constant  # noqa: E731
+        map_ = CallableMap(self.F, jac, self.converts[0], lower, upper)
+
+        def dense(seconds: float | None) -> VIResult:
+            def slopes(x: Array) -> Array:
+                J = map_.slopes(x)
+                return np.full((len(x), len(x)), np.nan) if J is None else np.asarray(J.toarray())
+
+            record = _zivi.solve_vi(
+                self.F, lower, upper, start, slopes, self.converts, settings, seconds, self.observe
+            )
+            return result_of(record)
+
+        small = dense if len(start) <= MAX_DENSE else None
+        return solve_sparse(
+            map_, (lower, upper), start, settings, self.time_limit, self.observe, small
+        )
+
+
+# Variational inequalities on a box, or mixed complementarity problems, by zivi's own solver.
+#
+# Find ``x`` in ``[lower, upper]`` with, for every component,
+#
+# * ``F_i(x) >= 0`` where ``x_i = lower_i``,
+# * ``F_i(x) <= 0`` where ``x_i = upper_i``,
+# * ``F_i(x) = 0`` where ``lower_i < x_i < upper_i``.
 
 
 @hinted("solve_vi")

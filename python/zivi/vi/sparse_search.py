@@ -8,7 +8,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from zivi.base.arrays import Array
+from zivi.base.check import Array
 from zivi.vi.factorisation import Factoriser
 from zivi.vi.types import VIStatus
 

@@ -8,11 +8,10 @@ from typing import TYPE_CHECKING, Any, Literal
 from numpy.typing import ArrayLike
 
 import zivi._zivi as _zivi
-from zivi.base.arrays import Array, count, vector
+from zivi.base.check import Array, count, vector
 from zivi.base.habits import attribute_error
-from zivi.base.plain import counted
 from zivi.base.status import NamedStatus
-from zivi.base.table import page
+from zivi.base.table import counted, page
 
 __all__ = ["VIOptions", "VIProgress", "VIResult", "VIStatus", "result_of"]
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from zivi.base.check import Array
 from zivi.base.extras import late
-from zivi.base.table import Field, Table
+from zivi.base.table import Field, ResultTable
 from zivi.derivatives.result import OrbitStatus
 from zivi.orbits import along
 from zivi.orbits.mechanical.orbit import MechanicalOrbit
@@ -154,7 +154,7 @@ class MechanicalBranch(along.OrbitsAlong[MechanicalEvent]):
         orbit: MechanicalOrbit = late("zivi.orbits.mechanical.switch", "switched")(self, event)
         return orbit
 
-    def _table(self) -> Table:
+    def _table(self) -> ResultTable:
         """Tell the points of the branch; its events are among the attributes."""
         values = self._columns() | {
             "arc": np.repeat(np.arange(len(self.arcs)), [len(arc) for arc in self.arcs]),
@@ -162,7 +162,7 @@ class MechanicalBranch(along.OrbitsAlong[MechanicalEvent]):
         }
         attrs = self._end_and_events() | {"words": self.words}
         fields: dict[str, Field] = {self.name: ("point", "", "parameter"), **FIELDS}
-        return Table("Branch of periodic orbits", fields, {}, values, attrs)
+        return ResultTable("Branch of periodic orbits", fields, {}, values, attrs)
 
     def __repr__(self) -> str:
         listed = ", ".join(f"{event.kind} at {event.value:.9g}" for event in self.events)

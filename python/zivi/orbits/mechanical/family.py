@@ -10,14 +10,17 @@ from typing import Any, TypeVar
 import numpy as np
 
 from zivi.base.check import Array, finite
-from zivi.system.gap import LinearGap
-from zivi.system.linear import LinearSystem
-from zivi.system.loads import Harmonic
+from zivi.system.gap import HarmonicWall, LinearGap
+from zivi.system.linear import Harmonic, LinearSystem
 from zivi.system.mass import ImpactSystem
 from zivi.system.mechanism import MechanicalSystem
-from zivi.system.parameters import excitation, parameter, parameters_of, with_value
-from zivi.system.parametric_mechanism import ParametricSystem
-from zivi.system.wall import HarmonicWall
+from zivi.system.parameters import (
+    ParametricSystem,
+    excitation,
+    parameter,
+    parameters_of,
+    with_value,
+)
 
 __all__ = ["core_of", "frequency_of", "period_of", "value_of", "values_of", "with_values"]
 

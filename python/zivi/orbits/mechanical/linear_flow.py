@@ -21,10 +21,8 @@ from numpy.typing import NDArray
 
 from zivi.base.check import Array
 from zivi.orbits.mechanical.flow import Contacts, Flights, Jump, Scalar
-from zivi.system.gap import LinearGap
-from zivi.system.linear import LinearSystem
-from zivi.system.loads import Harmonic
-from zivi.system.wall import HarmonicWall
+from zivi.system.gap import HarmonicWall, LinearGap
+from zivi.system.linear import Harmonic, LinearSystem
 
 __all__ = ["LinearFlow", "is_exact"]
 

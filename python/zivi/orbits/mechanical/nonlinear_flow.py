@@ -14,8 +14,8 @@ from zivi.orbits.flights import FlightError
 from zivi.orbits.mechanical.flow import Contacts, Flights, Jump, Scalar
 from zivi.simulation.methods import SwitchedRK
 from zivi.simulation.run import simulate
-from zivi.system.layout import Evaluation
 from zivi.system.mechanism import MechanicalSystem
+from zivi.system.model_parts import Evaluation
 from zivi.system.symbolic.system import SymbolicSystem
 
 __all__ = ["NonlinearFlow"]

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from zivi.base.check import Array, finite
-from zivi.base.table import Field, Table, Tabulated
+from zivi.base.table import Field, ResultTable, Tabulated
 from zivi.derivatives.sensitivity import OrbitStatus
 from zivi.orbits.mechanical.accumulation import onto
 from zivi.orbits.mechanical.by_parameter import by_parameter
@@ -222,14 +222,14 @@ class MechanicalOrbit(Tabulated):
             "orbit_status": int(self.status),
         }, {}
 
-    def _table(self) -> Table:
+    def _table(self) -> ResultTable:
         values = {name: self.impacts[name] for name in ("t", "gap", "u", "impulse")}
         values |= {"multiplier_real": self.multipliers.real}
         values |= {"multiplier_imag": self.multipliers.imag}
         values |= {"zeno_time": self.zeno_times, "liftoff_time": self.liftoff_times}
         attrs = {"word": " ".join(self.word), "period": self.period, "multiple": self.multiple}
         attrs |= {"status": self.status.name}
-        return Table("Periodic orbit of a mechanical system", FIELDS, {}, values, attrs)
+        return ResultTable("Periodic orbit of a mechanical system", FIELDS, {}, values, attrs)
 
     def __repr__(self) -> str:
         multipliers = ", ".join(f"{value:.4g}" for value in self.multipliers)

@@ -10,10 +10,8 @@ from numpy.typing import ArrayLike
 from zivi.base.check import Array, real_array
 from zivi.orbits.mechanical.family import value_of
 from zivi.orbits.mechanical.linear_flow import is_exact
-from zivi.system.gap import LinearGap
-from zivi.system.linear import LinearSystem
-from zivi.system.loads import Harmonic
-from zivi.system.wall import HarmonicWall
+from zivi.system.gap import HarmonicWall, LinearGap
+from zivi.system.linear import Harmonic, LinearSystem
 
 __all__ = ["grazing_curve", "response_amplitude"]
 

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from zivi.base.check import Array, finite, integer
-from zivi.base.table import Field, Table, Tabulated
+from zivi.base.table import Field, ResultTable, Tabulated
 from zivi.derivatives.result import OrbitStatus
 from zivi.orbits.branch import BranchEvent
 from zivi.orbits.mechanical.branch import MechanicalEvent
@@ -166,7 +166,7 @@ class EventCurve(Tabulated):
         """
         return point.orbit
 
-    def _table(self) -> Table:
+    def _table(self) -> ResultTable:
         values = {"first": self.values[:, 0], "second": self.values[:, 1]}
         attrs = {
             "kind": self.kind,
@@ -174,7 +174,7 @@ class EventCurve(Tabulated):
             "status": self.status.name,
             "points": [point.kind for point in self.points],
         }
-        return Table("Curve of an event in two parameters", FIELDS, {}, values, attrs)
+        return ResultTable("Curve of an event in two parameters", FIELDS, {}, values, attrs)
 
     def __repr__(self) -> str:
         listed = ", ".join(

@@ -1,24 +1,33 @@
-"""Siconos' solvers for the step's VI, where a Python that has Siconos is found.
-
-Siconos is never required: without it there are no solvers here. It runs in processes of its own,
-because it may be installed for another interpreter, and because its solvers can loop for ever.
-"""
+"""Sets of steps for several solvers, Siconos' among them, and the residual that judges all."""
 
 from __future__ import annotations
 
+import dataclasses
 import functools
 import io
 import os
 import shutil
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["interpreter", "solvers"]
+__all__ = [
+    "Array",
+    "Solver",
+    "Steps",
+    "interpreter",
+    "natural_residual",
+    "solvers",
+]
+
+# Siconos' solvers for the step's VI, where a Python that has Siconos is found.
+#
+# Siconos is never required: without it there are no solvers here. It runs in processes of its own,
+# because it may be installed for another interpreter, and because its solvers can loop for ever.
 
 Array = NDArray[np.float64]
 
@@ -124,3 +133,44 @@ def _run(python: str, asked: bytes, columns: int) -> Array:
         written = late.stdout or b""
     row = columns * np.dtype(np.float64).itemsize
     return np.frombuffer(written[: len(written) // row * row]).reshape(-1, columns)
+
+
+# A set of steps to be solved by several solvers, and the residual that judges them all.
+
+
+@dataclasses.dataclass(frozen=True)
+class Steps:
+    """Steps that are solved one by one.
+
+    Parameters
+    ----------
+    problem : str
+        Whose steps they are.
+    label : str
+        Which of them.
+    states : ndarray
+        What each starts from, row by row.
+    starts : ndarray
+        Where each solve begins; NaN where the last one has ended.
+    solvers : dict
+        By name.
+    residual : callable
+        Relative natural residual of multipliers for states, written apart from the solvers.
+    """
+
+    problem: str
+    label: str
+    states: Array
+    starts: Array
+    solvers: dict[str, Solver]
+    residual: Callable[[Array, Array], Array]
+
+
+def natural_residual(rows: Iterable[tuple[Array, Array, Array]]) -> Array:
+    """Return the worst row of ``lambda in sgn(z)``: 0 where all of them hold exactly.
+
+    Each row is ``lambda``, ``z`` and the size of the terms of ``z``.
+    """
+    each = [np.maximum(lam - 1.0, np.minimum(lam + 1.0, -z / size)) for lam, z, size in rows]
+    worst = np.max(np.abs(each), axis=0)
+    return np.where(np.isnan(worst), np.inf, worst)

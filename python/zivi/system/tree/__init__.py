@@ -1,1 +1,0 @@
-"""Trees of rigid bodies that hinges and slides join."""
