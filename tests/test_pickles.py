@@ -7,6 +7,8 @@ import functools
 import math
 import pickle
 import sys
+import zipfile
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -18,6 +20,7 @@ from test_api import RESULTS
 from zivi import interop
 from zivi.base.former import FORMER
 from zivi.orbits.mechanical.two_parameters import CodimensionTwo
+from zivi.study.experiments import ball_rest_time
 
 BALL = zivi.ImpactSystem(-9.81, e=0.5)
 TABLE = zivi.ImpactSystem(zivi.LinearForce(gravity=1.0, amplitude=1.3, phase=-math.pi / 2), e=0.5)
@@ -236,3 +239,38 @@ def test_modules_under_former_names_travel():
     for former in FORMER:
         module = sys.modules[f"zivi.{former}"]
         assert pickle.loads(cloudpickle.dumps(module)) is module
+
+
+KEPT = Path(__file__).parent / "data" / "version_0_2.zip"
+
+
+def kept(ending: str) -> list[str]:
+    return [name for name in zipfile.ZipFile(KEPT).namelist() if name.endswith(ending)]
+
+
+@pytest.mark.parametrize("name", kept(".pickle"))
+def test_pickles_of_the_last_version_are_read(name: str) -> None:
+    value = pickle.loads(zipfile.ZipFile(KEPT).read(name))
+    assert repr(value)
+    assert repr(pickle.loads(pickle.dumps(value))) == repr(value)
+
+
+@pytest.mark.parametrize("name", kept(".nc"))
+def test_files_of_the_last_version_are_read(name: str, tmp_path: Any) -> None:
+    archive = zipfile.ZipFile(KEPT)
+    run = zivi.files.load(archive.extract(name, tmp_path))
+    pickled = pickle.loads(archive.read(name.replace(".nc", ".pickle")))
+    assert repr(run) == repr(pickled)
+    times = np.linspace(run.t[0], run.t[-1], 50)
+    for one, other in zip(run(times), pickled(times), strict=True):
+        assert np.array_equal(one, other, equal_nan=True)
+
+
+def test_a_study_of_the_last_version_goes_on(tmp_path: Any) -> None:
+    archive = zipfile.ZipFile(KEPT)
+    archive.extractall(tmp_path, kept("/zarr.json") + kept("/0"))
+    folder = tmp_path / "study"
+    before = {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+    study = zivi.sweep(ball_rest_time, {"e": [0.3, 0.5]}, out=folder, progress=False)
+    assert np.max(np.abs(study.rest_time - study.exact)) < 1e-12
+    assert before == {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}

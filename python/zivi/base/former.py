@@ -1,4 +1,4 @@
-"""Names of version 0.1, which its pickles hold: of modules, of attributes."""
+"""Former names of modules and attributes, which pickles of earlier versions hold."""
 
 import importlib
 import sys
@@ -10,8 +10,8 @@ from zivi.base.habits import CallableHint, hint_calls
 __all__ = ["FORMER", "hand_on", "of_zivi", "with_resolved_impacts"]
 
 FORMER = {
-    "_complementarity": "vi.complementarity",
     "_compiled": "base.machine_code",
+    "_complementarity": "vi.complementarity",
     "_controllers": "control.component",
     "_derivatives": "derivatives.result",
     "_functions": "base.check",
@@ -22,7 +22,9 @@ FORMER = {
     "_warnings": "base.status",
     "batch": "simulation.batch",
     "closed_loop": "control.closed_loop",
+    "control.loop_path": "control.loop_run",
     "dense": "simulation.dense",
+    "derivatives.wrt": "derivatives.mechanical_sensitivity",
     "design": "control.design",
     "events": "simulation.events",
     "loop_batch": "control.loop_batch",
@@ -46,7 +48,11 @@ FORMER = {
     "parametric": "system.force",
     "sensitivity": "derivatives.sensitivity",
     "simulate": "simulation.run",
+    "simulation.linear_motion": "simulation.friction_result",
     "status": "base.status",
+    "system.friction": "system.gap",
+    "system.tree.body": "system.tree_bodies",
+    "system.tree.gaps": "system.tree_bodies",
     "trajectory": "simulation.trajectory",
     "transform": "system.mass",
     "wall": "system.gap",

@@ -34,6 +34,7 @@ __all__ = [
     "Reference",
     "SampledReference",
     "Updated",
+    "UpdatedBatch",
     "Updates",
     "on_side",
     "path_of",
@@ -112,7 +113,8 @@ class Updates:
         """Say what failed, nothing if nothing did."""
         if not (self.rejected or self.saturated or self.unsolved or self.lost):
             return ""
-        text = f"{self.rejected} of {self.total} control updates rejected, "
+        of_all = f" of {self.total}" if self.total else ""  # older versions did not count them
+        text = f"{self.rejected}{of_all} control updates rejected, "
         text += f"{self.saturated} saturated"
         text += f", {self.unsolved} unsolved" if self.unsolved else ""
         return text + (f", {self.lost} with a lost contact" if self.lost else "")
@@ -166,11 +168,19 @@ def with_updates(state: dict[str, Any]) -> dict[str, Any]:
     return kept | {"updates": Updates.of_bits(state["tick_status"][:-1])}
 
 
-def batch_text(batch: Any) -> str:
-    """Say what failed in the loops of a batch, nothing if nothing did."""
-    names = ("n_updates", "n_refused", "n_saturated")
-    total, refused, saturated = (int(np.sum(getattr(batch, name))) for name in names)
-    return str(Updates(total, refused, saturated))
+class UpdatedBatch(Runs):
+    """The counts of control updates of a batch of loops."""
+
+    _called = "loops"
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        # counts that the version that pickled the batch did not have are 0
+        unknown = np.zeros(len(state["status"]), np.int64)
+        self.__dict__.update(dict.fromkeys(NAMES, unknown) | state)
+
+    def _counted(self) -> str:
+        """Say what failed in the loops, nothing if nothing did."""
+        return str(Updates(*(int(np.sum(getattr(self, name))) for name in NAMES[:3])))
 
 
 def warn_of_batch(batch: Any) -> None:
@@ -603,7 +613,7 @@ SAMPLED: dict[str, Field] = {
 
 
 @dataclasses.dataclass(frozen=True, eq=False, repr=False)
-class ClosedLoopBatch(Runs):
+class ClosedLoopBatch(UpdatedBatch):
     """Results of a batch of closed loops: an entry for each.
 
     As in all batches a plain name is the value at the end of each run, ``sample_`` its samples:
@@ -668,11 +678,6 @@ class ClosedLoopBatch(Runs):
     config: dict[str, Any]
     sample_t: Array | MaybeNone = None
     sample_xdot: Array | MaybeNone = None
-
-    _called = "loops"
-
-    def _counted(self) -> str:
-        return batch_text(self)
 
     def _table(self) -> ResultTable:
         """Tell the numbers over ``run``, samples over ``sample``."""

@@ -18,11 +18,11 @@ from zivi.base.extras import ProgressBar
 from zivi.base.status import ModelWarning
 from zivi.base.table import Field, ResultTable
 from zivi.control.loop_arguments import check_not_negative, check_seed, described, period_of
-from zivi.control.loop_run import batch_text
+from zivi.control.loop_run import UpdatedBatch
 from zivi.control.mechanical_loop import MechanicalClosedLoop, simulate_mechanical, times_ahead
 from zivi.control.mechanical_reference import reference_of
 from zivi.control.twisting import CONTROLLERS
-from zivi.simulation.batch_result import Runs, check_threads, threads_for
+from zivi.simulation.batch_result import check_threads, threads_for
 from zivi.simulation.mechanical_trajectory import MechanicalTrajectory
 from zivi.simulation.run import pair
 from zivi.system.mechanism import MechanicalSystem
@@ -208,7 +208,7 @@ LABELS: dict[str, Field] = {
 
 
 @dataclasses.dataclass(frozen=True, eq=False, repr=False)
-class MechanicalLoopBatch(Runs):
+class MechanicalLoopBatch(UpdatedBatch):
     """Results of a batch of closed loops of a mechanical system: an entry for each of N loops.
 
     Attributes
@@ -260,11 +260,6 @@ class MechanicalLoopBatch(Runs):
     status: NDArray[np.uint8]
     runs: list[MechanicalClosedLoop] | None
     config: dict[str, Any]
-
-    _called = "loops"
-
-    def _counted(self) -> str:
-        return batch_text(self)
 
     def _table(self) -> ResultTable:
         values = {"run": np.arange(len(self))}

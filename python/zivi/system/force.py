@@ -315,7 +315,7 @@ class LinearForce(NativeForce):
     def __getstate__(self) -> dict[str, Any]:
         state = dict(vars(self))
         if self.excitation is None:
-            del state["excitation"]  # as before there was one
+            state.pop("excitation", None)  # as before there was one
         return state
 
 
