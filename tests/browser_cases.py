@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 import zivi
-from zivi.lab.runs import ExplicitRegulator
+from inside import ExplicitRegulator
 
 COLUMNS = ("x", "xdot", "s", "v", "x_ref", "xdot_ref", "u")
 SIGNS = ("lambda_s", "lambda_v", "lambda_sr", "lambda_vr", "lambda_es", "lambda_ev")

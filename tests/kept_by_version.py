@@ -13,7 +13,7 @@ from tempfile import TemporaryDirectory
 import numpy as np
 
 import zivi
-from zivi.study.experiments import ball_rest_time
+from inside import ball_rest_time
 
 G = 9.81
 

@@ -8,10 +8,8 @@ from typing import Any
 import numpy as np
 
 import zivi
+from inside import PRECISE, SequenceFrame as Frame, Terms, as_word, evaluate
 from oscillator import Oscillator
-from zivi.orbits.flights import PRECISE
-from zivi.orbits.mechanical.equations import Terms, evaluate
-from zivi.orbits.sequence import Frame, as_word
 
 TURN = 2 * math.pi
 MODES = Oscillator(0.05, 0.9, 0.8)

@@ -332,8 +332,7 @@ def imported(folder: Path, family: str, value: int, idle: str, name: str = "stud
 
 def told(folder: Path) -> dict[tuple[str, int, str], tuple[str, str]]:
     """Tell what all studies are, before and after the function is called."""
-    from zivi.study.design import points
-    from zivi.study.digest import identity
+    from inside import identity, points
 
     design, found = points(x=[1.0, 2.0]), {}
     for family, value, idle in itertools.product(FAMILIES, VALUES, IDLE):

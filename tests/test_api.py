@@ -326,7 +326,7 @@ def test_importing_is_silent_and_light():
 
 
 def test_statuses_match_the_extension():
-    from zivi import _zivi
+    from inside import _zivi
 
     assert [status.value for status in zivi.Status] == list(range(len(_zivi.STATUS_MESSAGES)))
     assert all(_zivi.STATUS_MESSAGES)
@@ -334,7 +334,7 @@ def test_statuses_match_the_extension():
 
 
 def test_stubs_name_what_the_extension_has():
-    from zivi import _zivi
+    from inside import _zivi
 
     tree = ast.parse((PACKAGE / "_zivi.pyi").read_text())
     declared = {
@@ -346,7 +346,7 @@ def test_stubs_name_what_the_extension_has():
 
 
 def test_stubs_declare_every_column_of_a_run():
-    from zivi import _zivi
+    from inside import _zivi
 
     tree = ast.parse((PACKAGE / "_zivi.pyi").read_text())
     record = next(node for node in tree.body if getattr(node, "name", "") == "RunRecord")

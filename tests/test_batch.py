@@ -16,6 +16,7 @@ import pytest
 import scipy
 
 import zivi
+from inside import base_extras
 from interrupting import ctrl_c
 
 BALL = zivi.ImpactSystem(-9.81, kappa=0.41)
@@ -288,7 +289,7 @@ def test_bad_input_is_named(changes, kind, message):
 def test_progress_shows_only_when_it_lasts(capfd, monkeypatch):
     run(progress=True)
     assert capfd.readouterr().err == ""
-    monkeypatch.setattr("zivi.base.extras.DELAY", 0.0)
+    monkeypatch.setattr(base_extras, "DELAY", 0.0)
     states = np.tile((1.0, 0.0), (3000, 1))
     run(y0=states, t_span=(0, 4), progress=True, method=zivi.MoreauJean(1e-3))
     assert "simulate" in capfd.readouterr().err

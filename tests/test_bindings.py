@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import zivi
-from zivi import _zivi
+from inside import _zivi
 
 ROOT = Path(__file__).parents[1]
 ONE = _zivi.Force.constant(-1.0)

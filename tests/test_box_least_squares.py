@@ -5,7 +5,7 @@ import itertools
 import numpy as np
 import pytest
 
-from zivi import _zivi
+from inside import _zivi
 
 
 def allocated(gaps, rest, limits):

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 import zivi
+from inside import reference_of
 from mechanical_arms import START, tapping, tracker, turning_mass, two_links
 from zivi import native
-from zivi.control.mechanical_reference import reference_of
 
 pytestmark = [
     pytest.mark.xdist_group("c-library"),

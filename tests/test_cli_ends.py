@@ -9,9 +9,9 @@ import pytest
 from typer.testing import CliRunner
 
 import zivi
+from inside import files_results as results, open_result
 from zivi.cli import app
-from zivi.files import results, save
-from zivi.files.results import open_result
+from zivi.files import save
 
 for library in ("h5netcdf", "zarr", "matplotlib"):
     pytest.importorskip(library)

@@ -19,9 +19,9 @@ from rich.console import Console
 from typer.testing import CliRunner
 
 import zivi
+from inside import files_commands as commands, files_summary as summary
 from zivi import files
 from zivi.cli import app
-from zivi.files import commands, summary
 
 for module in ("h5netcdf", "zarr"):
     pytest.importorskip(module)
@@ -186,7 +186,7 @@ def zivi_writes(path):
     """Hold the lock of a study."""
     import contextlib
 
-    from zivi.study.folder import FolderStore
+    from inside import FolderStore
 
     @contextlib.contextmanager
     def held():
@@ -303,7 +303,7 @@ def test_show_studies(place, kind):
 
 
 def test_cells_of_a_map_surround_their_values():
-    from zivi.files.summary import _edges
+    from inside import _edges
 
     np.testing.assert_allclose(_edges(np.array([1.0, 2.0, 4.0])), [0.5, 1.5, 3.0, 5.0])
     np.testing.assert_allclose(

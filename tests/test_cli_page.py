@@ -8,10 +8,10 @@ import pytest
 from typer.testing import CliRunner
 
 import zivi
+from inside import FILE_CONTROLLERS as CONTROLLERS, METHODS, files_file_keys as file_keys, rows
 from zivi import files
 from zivi.cli import app
-from zivi.files import FileError, file_keys
-from zivi.files.file_keys import CONTROLLERS, METHODS, rows
+from zivi.files import FileError
 
 pytest.importorskip("h5netcdf")
 

@@ -18,7 +18,6 @@ import numpy as np
 import pytest
 
 import zivi
-import zivi.base.extras
 from control_loops import (
     PAPER,
     PLANT,
@@ -29,8 +28,8 @@ from control_loops import (
     assert_equal_runs,
     loop,
 )
+from inside import SIGN_ROW, base_extras
 from interrupting import ctrl_c
-from zivi.plot.curves import SIGN_ROW
 
 pytestmark = pytest.mark.filterwarnings("ignore:a landing may never rest")
 
@@ -421,7 +420,7 @@ class Terminal(io.StringIO):
 
 def test_progress_counts_the_samples_and_changes_nothing(monkeypatch):
     monkeypatch.setenv("TERM", "xterm")
-    monkeypatch.setattr(zivi.base.extras, "DELAY", 0.0)
+    monkeypatch.setattr(base_extras, "DELAY", 0.0)
     with contextlib.redirect_stderr(Terminal()) as screen:
         shown = loop(t_span=(0, 400), progress=True)
         assert screen.getvalue() != ""

@@ -10,10 +10,7 @@ import pytest
 
 import zivi
 from control_loops import PAPER, PLANT, Scripted
-from zivi import _zivi
-from zivi.control.component import Shared
-from zivi.control.twisting import CONTROLLERS
-from zivi.files import file_keys
+from inside import CONTROLLERS, Shared, _zivi, files_file_keys as file_keys
 
 WITH_REFERENCE = [zivi.TwistingTracker, zivi.ExplicitTwisting]
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 import zivi
+from inside import Law
 from mechanical_arms import PADDLE, START, follow, tapping, tracker, two_links
-from zivi.control.design import Law
 
 
 @pytest.mark.parametrize("exact", [True, False])

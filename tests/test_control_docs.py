@@ -7,9 +7,15 @@ import numpy as np
 import pytest
 
 import zivi
+from inside import (
+    last_above,
+    paper_chattering as chattering,
+    paper_closed_loops as closed_loops,
+    paper_rest as rest,
+    paper_robustness as robustness,
+    track,
+)
 from page_blocks import blocks
-from zivi.paper import chattering, closed_loops, rest, robustness
-from zivi.paper.closed_loops import last_above, track
 
 ROOT = Path(__file__).parents[1]
 PAGE = (ROOT / "benchmarks" / "results" / "loops.md").read_text()

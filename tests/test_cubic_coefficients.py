@@ -4,10 +4,8 @@ import numpy as np
 import pytest
 
 import zivi
+from inside import Path, doubled, evaluate, sizes_of
 from orbit_systems import chain2, listed, rest2
-from zivi.orbits.mechanical.equations import evaluate, sizes_of
-from zivi.orbits.mechanical.path import Path
-from zivi.orbits.mechanical.switch import doubled
 
 
 def multiplier_law(event, name, cubic):

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 import zivi
-from zivi.base.extras import EXTRAS
+from inside import EXTRAS
 
 ROOT = Path(__file__).parents[1]
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import zivi
-import zivi.base.extras
+from inside import base_extras
 
 BALL = zivi.ImpactSystem(-9.81, e=0.5)
 METHOD = zivi.ThetaGamma(h=0.1)
@@ -79,6 +79,6 @@ def test_the_explicit_baseline_has_no_residual():
 
 
 def test_progress_asked_for_without_a_terminal_shows_something(capfd, monkeypatch):
-    monkeypatch.setattr(zivi.base.extras, "DELAY", 0.0)
+    monkeypatch.setattr(base_extras, "DELAY", 0.0)
     zivi.simulate(BALL, (0, 4), (1, 0), zivi.ThetaGamma(h=1e-5), progress=True)
     assert "simulate" in capfd.readouterr().err

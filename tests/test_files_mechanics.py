@@ -8,10 +8,11 @@ import pytest
 from typer.testing import CliRunner
 
 import zivi
+from inside import files_commands as commands
 from mechanical_models import ndof_case
 from zivi import files
 from zivi.cli import app
-from zivi.files import FileError, commands
+from zivi.files import FileError
 
 pytest.importorskip("h5netcdf")
 pytestmark = pytest.mark.xdist_group("mechanical models")

@@ -13,8 +13,8 @@ import pytest
 import xarray
 
 import zivi
-from zivi.files import ResultError, load, results, save
-from zivi.files.results import check_suffix, drawn, open_result
+from inside import check_suffix, drawn, files_results as results, open_result
+from zivi.files import ResultError, load, save
 
 pytest.importorskip("h5netcdf")
 

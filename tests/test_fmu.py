@@ -17,7 +17,7 @@ from typer.testing import CliRunner
 
 import zivi
 from fmu_unit import Archive, Unit
-from zivi.interop.fmu.description import MODELS
+from inside import MODELS
 
 DATA = Path(__file__).parent / "data" / "fmi"
 H = 1e-3

@@ -6,9 +6,9 @@ from typer.testing import CliRunner
 
 import zivi
 from fmu_unit import Archive, Unit
+from inside import files_commands as commands
 from tree_models import ARM, URDF
 from zivi.cli import app
-from zivi.files import commands
 
 pytestmark = pytest.mark.xdist_group("fmu")
 

@@ -13,7 +13,7 @@ import pytest
 import scipy
 
 import zivi
-from zivi.base.check import reads_time
+from inside import reads_time
 
 K, C, G, A, W = 3.0, 0.2, 9.81, 14.0, 6.0
 LINEAR = zivi.LinearForce(stiffness=K, damping=C, gravity=G, amplitude=A, omega=W)

@@ -11,12 +11,18 @@ import numpy as np
 import pytest
 
 import zivi
+from inside import (
+    FUNCTIONS,
+    FormulaError,
+    depends,
+    derive,
+    expression,
+    files_commands as commands,
+    parse,
+)
 from interrupting import calls_in
 from zivi import files
-from zivi.base.formula import FUNCTIONS, FormulaError, parse
-from zivi.files import FileError, commands
-from zivi.system.symbolic.derive import derive
-from zivi.system.symbolic.expressions import depends, expression
+from zivi.files import FileError
 
 sympy = pytest.importorskip("sympy")
 

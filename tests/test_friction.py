@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import zivi
-from zivi.system.start import check_start
+from inside import check_start
 
 FLOOR = {"normal": [0.0, 1.0], "name": "floor"}
 

@@ -347,7 +347,7 @@ def test_batches_keep_stick_and_transitions(block):
 
 def test_compiled_parts_run_as_those_of_the_interpreter():
     ctypes = pytest.importorskip("ctypes")
-    from zivi.base.machine_code import c_compiler
+    from inside import c_compiler
 
     if c_compiler() is None:
         pytest.skip("needs a C compiler")

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import zivi
-from zivi.control.design import Landing, settled
+from inside import Landing, settled
 
 SCRIPT = Path(__file__).parents[1] / "benchmarks" / "design_promises.py"
 

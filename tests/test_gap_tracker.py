@@ -10,8 +10,8 @@ import pytest
 import zivi
 import zivi.mechanics
 from gap_tracker_loops import LOOPS
+from inside import reference_of
 from mechanical_arms import H, bouncing_error, follow, is_pressed, tapping, tracker, two_links
-from zivi.control.mechanical_reference import reference_of
 
 FORMER = json.loads(
     (Path(__file__).parent / "data" / "gap_tracker_loops.json").read_text(encoding="utf-8")

@@ -159,7 +159,7 @@ def test_samples_have_the_derivatives_of_differences(output):
 
 
 def test_one_run_gives_value_and_derivative(monkeypatch):
-    from zivi.interop import gradient
+    from inside import interop_gradient as gradient
 
     runs = []
     original = gradient.sensitivity

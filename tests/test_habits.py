@@ -12,7 +12,7 @@ import pytest
 
 import zivi
 import zivi.plot
-from zivi.base.habits import ARGUMENTS, ATTRIBUTES, CALLS as RIGHT, MODULE, MODULE_CALLS, PLOT
+from inside import ARGUMENTS, ATTRIBUTES, CALLS as RIGHT, MODULE, MODULE_CALLS, PLOT
 
 BALL = zivi.ImpactSystem(-9.81, e=0.5)
 FLOOR = zivi.LinearGap([1.0])

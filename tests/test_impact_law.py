@@ -11,11 +11,14 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import zivi
-from zivi import _zivi
-from zivi.files.kinds import FileError
-from zivi.files.runs import prepare_control, prepare_simulate
-from zivi.study.digest import digest
-from zivi.system import impact_law
+from inside import (
+    FileError,
+    _zivi,
+    digest,
+    prepare_control,
+    prepare_simulate,
+    system_impact_law as impact_law,
+)
 
 G = 9.81
 PLASTIC = zivi.SpeedDependentImpact(e0=0.5, v0=1.0, k=0.25)

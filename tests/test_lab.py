@@ -12,11 +12,26 @@ import pytest
 from hypothesis import given, settings
 
 import zivi
+from inside import (
+    FAR,
+    PRESETS,
+    Ball,
+    Belt,
+    BeltRun,
+    Regulator,
+    Tracker,
+    compute,
+    facts,
+    film,
+    query,
+    ranges,
+    script,
+    sentence,
+    settings_of,
+    thinned,
+    warning_texts,
+)
 from zivi import plot
-from zivi.lab.figures import film, thinned
-from zivi.lab.runs import FAR, BeltRun, compute, facts, warning_texts
-from zivi.lab.settings import PRESETS, Ball, Belt, Regulator, Tracker, query, ranges, settings_of
-from zivi.lab.view import script, sentence
 
 CASES = {
     "ball": Ball(),
@@ -268,7 +283,7 @@ class TestFigure:
 
     @pytest.mark.parametrize("case", CASES)
     def test_lines_are_short_and_all_are_in_the_figure(self, case):
-        from zivi.lab.figures import curves, figure
+        from inside import curves, figure
 
         given = dataclasses.replace(CASES[case], h=1e-4)
         runs = compute(given)
@@ -284,7 +299,7 @@ class TestFigure:
         assert len(set(titles)) >= len(by_panel) - 1  # that of the phase plane is the velocity's
 
     def test_what_is_drawn_is_the_run(self):
-        from zivi.lab.figures import curves
+        from inside import curves
 
         runs = compute(Regulator())
         line = next(
@@ -296,7 +311,7 @@ class TestFigure:
         assert line.look.color == plot.BLUE
 
     def test_a_window_shows_every_sample_in_it(self):
-        from zivi.lab.figures import curves
+        from inside import curves
 
         runs = compute(Tracker(h=1e-4))
         for line in curves(runs, (2.0, 2.05)):
@@ -306,12 +321,12 @@ class TestFigure:
                 assert len(line.x) in (500, 501)
 
     def test_a_window_without_samples_is_empty(self):
-        from zivi.lab.figures import figure
+        from inside import figure
 
         assert figure(compute(Ball()), (1.0012, 1.0013)).data
 
     def test_an_impact_interrupts_the_velocity(self):
-        from zivi.lab.figures import curves
+        from inside import curves
 
         lines = {(c.panel, c.look.name): c for c in curves(compute(Ball()))}
         assert np.isnan(lines["velocity", "SwitchedRK"].y).sum() > 3
@@ -346,7 +361,7 @@ def _position(given):
 @settings(max_examples=60)
 @given(data=st.data())
 def test_every_position_of_the_sliders_is_possible_but_gains_in_the_wrong_order(data):
-    from zivi.lab.figures import curves
+    from inside import curves
 
     chosen = data.draw(anything())
     assert settings_of(dict(parse_qsl(query(chosen)[1:]))) == chosen
@@ -366,7 +381,7 @@ def test_every_position_of_the_sliders_is_possible_but_gains_in_the_wrong_order(
 @pytest.mark.parametrize("kind", [Ball, Regulator, Tracker])
 def test_every_setting_has_a_control_that_can_take_the_presets(kind):
     pytest.importorskip("marimo")
-    from zivi.lab.controls import chosen, panel
+    from inside import chosen, panel
 
     assert sorted(ranges(kind)) == sorted(field.name for field in dataclasses.fields(kind))
     assert next(iter(PRESETS[kind].values())) == kind()

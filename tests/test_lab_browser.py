@@ -10,10 +10,8 @@ import time
 import numpy as np
 import pytest
 
+from inside import KINDS, PRESETS, Ball, Regulator, Tracker, compute, curves, ranges
 from lab_server import PROGRAM, serving
-from zivi.lab.figures import curves
-from zivi.lab.runs import compute
-from zivi.lab.settings import KINDS, PRESETS, Ball, Regulator, Tracker, ranges
 
 for module in ("marimo", "plotly", "uvicorn"):
     pytest.importorskip(module, reason=f"the lab needs {module} (zivi[lab])")

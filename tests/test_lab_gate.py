@@ -9,8 +9,8 @@ import urllib.parse
 
 import pytest
 
+from inside import MOST_SESSIONS, Gate
 from lab_server import PROGRAM, serving
-from zivi.lab.server import MOST_SESSIONS, Gate
 
 TOKEN = "abcdefghijklmnopqrstuv"
 FEW = f"import zivi.lab.gate as gate; gate.MOST_SESSIONS = 2; {PROGRAM}"

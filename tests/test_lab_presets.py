@@ -8,20 +8,21 @@ import numpy as np
 import pytest
 
 import zivi
-from zivi.lab.figures import A_SECOND, film
-from zivi.lab.runs import compute
-from zivi.lab.settings import (
+from inside import (
+    A_SECOND,
     PRESETS,
     Ball,
     Belt,
     Regulator,
     Tracker,
+    compute,
     ends,
+    film,
     name_of,
     query,
+    sentence,
     settings_of,
 )
-from zivi.lab.view import sentence
 
 EVERY = [(kind, name) for kind, presets in PRESETS.items() for name in presets]
 
@@ -154,7 +155,7 @@ def test_a_link_names_what_is_no_default():
 @pytest.mark.parametrize("given", [Ball(), Tracker()], ids=["five", "six"])
 def test_panels_do_not_overlap(columns, given):
     pytest.importorskip("plotly")
-    from zivi.lab.figures import figure
+    from inside import figure
 
     layout = figure(compute(given), columns=columns).layout
     count = 5 if isinstance(given, Ball) else 6

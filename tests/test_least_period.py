@@ -175,7 +175,7 @@ def test_a_plastic_branch_from_its_rest_to_its_doubling():
 
 
 def test_the_exponent_of_a_plastic_end_is_one():
-    from zivi.orbits.rest import chatter_exponent
+    from inside import chatter_exponent
 
     assert chatter_exponent(0.0) == 1.0
     margins = []

@@ -6,8 +6,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from zivi import _zivi
-from zivi.paper import ball_steps, linearisation, step_solvers, tracking_steps
+from inside import (
+    _zivi,
+    paper_ball_steps as ball_steps,
+    paper_linearisation as linearisation,
+    paper_step_solvers as step_solvers,
+    paper_tracking_steps as tracking_steps,
+)
 
 PAGE = (Path(__file__).parents[1] / "benchmarks" / "results" / "linearisation.md").read_text()
 

@@ -8,8 +8,7 @@ import pytest
 
 import zivi
 from control_loops import Foreign
-from zivi.control import loop_batch
-from zivi.control.loop_run import NUMBERS
+from inside import LOOP_NUMBERS as NUMBERS, control_loop_batch as loop_batch
 
 pytestmark = pytest.mark.filterwarnings("ignore:a landing may never rest")
 

@@ -6,9 +6,7 @@ import numpy as np
 import pytest
 
 import zivi
-from zivi.control.design import FLATTEST, STEEPEST, Law
-from zivi.control.loop_arguments import check_ahead
-from zivi.control.mechanical_reference import _sides
+from inside import FLATTEST, STEEPEST, Law, _sides, check_ahead
 
 FORCE = ctypes.CFUNCTYPE(*[ctypes.c_double] * 4)
 

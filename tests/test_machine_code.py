@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from zivi.base import machine_code as native
+from inside import base_machine_code as native
 
 sys.path.append(str(Path(__file__).parents[1] / "benchmarks"))
 import damaged_cache

@@ -9,8 +9,8 @@ import pytest
 
 import zivi
 from example_scripts import example
+from inside import paper_step_solvers as step_solvers
 from zivi.mechanics import BallGap, Body, PlaneGap
-from zivi.paper import step_solvers
 
 MANY, CLOSED = 200, 80
 

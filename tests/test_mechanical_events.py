@@ -5,8 +5,8 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import zivi
+from inside import weaker_reason
 from orbit_systems import REFERENCES, rest2, shaker
-from zivi.orbits.mechanical.find import weaker_reason
 
 LIFTS = "L road Z road"
 

@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 import zivi
-from zivi.files.kinds import FileError
-from zivi.files.runs import prepare_simulate
+from inside import FileError, prepare_simulate
 from zivi.mechanics import Body, PlaneGap
 
 G = 9.81

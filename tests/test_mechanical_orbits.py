@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import zivi
+from inside import PRECISE, Frame, flow_of, of_segments, parsed, recent
 from orbit_systems import (
     REFERENCES,
     chain2,
@@ -21,12 +22,6 @@ from orbit_systems import (
     vdp2,
 )
 from zivi import LinearGap
-from zivi.orbits.flights import PRECISE
-from zivi.orbits.mechanical.by_parameter import flow_of
-from zivi.orbits.mechanical.frame import Frame
-from zivi.orbits.mechanical.run_word import recent
-from zivi.orbits.mechanical.segments import of_segments
-from zivi.orbits.mechanical.word import parsed
 
 
 def settled(system, period, periods=150, q0=None):

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 import zivi
+from inside import check_start
 from interrupting import wait_for
 from mechanical_models import model, multi_case, ndof_case
-from zivi.system.start import check_start
 
 pytestmark = pytest.mark.xdist_group("mechanical models")
 

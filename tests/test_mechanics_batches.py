@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 import zivi
+from inside import BATCH_NUMBERS as NUMBERS, base_machine_code as machine_code
 from mechanical_models import model
-from zivi.base import machine_code
-from zivi.simulation.mechanical_batch import NUMBERS
 
 pytestmark = pytest.mark.xdist_group("mechanical models")
 

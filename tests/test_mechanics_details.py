@@ -4,9 +4,7 @@ import numpy as np
 import pytest
 
 import zivi
-from zivi.simulation.friction_result import forces_at
-from zivi.simulation.mechanical_trajectory import rows_of
-from zivi.system.model_parts import STEP, differenced
+from inside import STEP, differenced, forces_at, rows_of
 
 
 def test_forces_that_nobody_can_tell_are_nan_where_there_is_one():

@@ -12,11 +12,8 @@ import numpy as np
 import pytest
 
 import zivi
-from zivi import _zivi
-from zivi.files.file_keys import METHODS as KEYS
-from zivi.simulation.method_settings import FixedSteps, class_of
+from inside import METHODS as KEYS, FixedSteps, _zivi, argument_text, class_of
 from zivi.simulation.methods import METHODS
-from zivi.simulation.run import argument_text
 
 ROOT = Path(__file__).parents[1]
 BALL = zivi.ImpactSystem(-9.81, e=0.5)

@@ -10,10 +10,8 @@ import numpy as np
 import pytest
 
 import zivi
+from inside import Line, Turning, evaluate, run
 from orbit_systems import REFERENCES, chain2, listed, rest2
-from zivi.orbits.mechanical.critical import Turning
-from zivi.orbits.mechanical.curve import Line, run
-from zivi.orbits.mechanical.equations import evaluate
 
 pytestmark = [pytest.mark.slow, pytest.mark.xdist_group("orbit_controls")]
 

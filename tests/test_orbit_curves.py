@@ -8,14 +8,21 @@ from typing import Any
 import numpy as np
 import pytest
 
+from inside import (
+    Margins,
+    Path,
+    Point,
+    as_rows,
+    as_word,
+    least_rows,
+    located,
+    located_near,
+    orbits_mechanical_find as find,
+    rows_along,
+    secant,
+    why_not,
+)
 from orbit_tables import MODES, TURN, equations, frame, single, table
-from zivi.orbits.attractor import least_rows
-from zivi.orbits.find import why_not
-from zivi.orbits.mechanical import find
-from zivi.orbits.mechanical.margins import Margins
-from zivi.orbits.mechanical.path import Path, Point, located, located_near
-from zivi.orbits.secant import secant
-from zivi.orbits.sequence import as_rows, as_word, rows_along
 
 
 def curve(y: np.ndarray | None = None, system: Any = None) -> Path:

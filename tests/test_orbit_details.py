@@ -7,16 +7,19 @@ import numpy as np
 import pytest
 
 import zivi
-from zivi.orbits import free, switch
-from zivi.orbits.mechanical import curve as mechanical_curve
-from zivi.orbits.mechanical.by_parameter import flow_of
-from zivi.orbits.mechanical.crossing import crossed
-from zivi.orbits.mechanical.frame import Frame
-from zivi.orbits.mechanical.path import located
-from zivi.orbits.mechanical.resting import _power
-from zivi.orbits.mechanical.word import parsed
-from zivi.orbits.rest import chatter_exponent
-from zivi.orbits.rest_branch import Follower
+from inside import (
+    Follower,
+    Frame,
+    _power,
+    chatter_exponent,
+    crossed,
+    flow_of,
+    located,
+    orbits_free as free,
+    orbits_mechanical_curve as mechanical_curve,
+    orbits_switch as switch,
+    parsed,
+)
 
 
 @pytest.fixture(scope="module")

@@ -8,16 +8,26 @@ import numpy as np
 import pytest
 
 import zivi
+from inside import (
+    PRECISE,
+    FlightError,
+    MassFlow,
+    SequenceFrame as Frame,
+    as_rows,
+    as_word,
+    by_parameter,
+    canonical,
+    depth_of,
+    evaluate,
+    impact_maps,
+    moved_frame,
+    multipliers_of,
+    newton,
+    period_of,
+    row_sizes,
+    sizes_of,
+)
 from orbit_tables import MODES, TURN, equations, frame, single, table
-from zivi.orbits.find import depth_of
-from zivi.orbits.flights import PRECISE, FlightError
-from zivi.orbits.mechanical.by_parameter import by_parameter, moved_frame
-from zivi.orbits.mechanical.equations import evaluate, newton, row_sizes, sizes_of
-from zivi.orbits.mechanical.family import period_of
-from zivi.orbits.mechanical.find import canonical
-from zivi.orbits.mechanical.mass_flow import MassFlow, impact_maps
-from zivi.orbits.mechanical.multipliers import multipliers_of
-from zivi.orbits.sequence import Frame, as_rows, as_word
 
 
 def test_periods_and_lengths():
@@ -73,7 +83,7 @@ def test_jacobians_are_those_of_differences(name):
     names = {"wall": ["wall.omega", "wall.amplitude", "e"]}.get(name, ["damping", "e", "gravity"])
     if "free" not in name and name != "wall":
         names += ["omega", "phase", "amplitude"]
-    from zivi.system.parameters import parameter
+    from inside import parameter
 
     for q in names:
         value = parameter(system, q)
@@ -108,7 +118,7 @@ def test_a_word_is_the_sequence_that_it_was_made_of():
 @pytest.mark.parametrize("name", ["amplitude", "e", "omega", "damping"])
 @pytest.mark.parametrize("kind", ["impacts", "flight"])
 def test_the_derivative_of_an_orbit_is_that_of_differences(name, kind):
-    from zivi.system.parameters import parameter, with_value
+    from inside import parameter, with_value
 
     amplitude = MODES.orbit(0.4)[1] if kind == "impacts" else 0.1
     system = MODES.system(amplitude)

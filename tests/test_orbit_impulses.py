@@ -7,10 +7,8 @@ import numpy as np
 import pytest
 
 import zivi
+from inside import ImpulseTerms, evaluate, newton, of_segments
 from orbit_systems import chain2, chain3, chain4, listed, numbers
-from zivi.orbits.mechanical.equations import evaluate, newton
-from zivi.orbits.mechanical.impulses import ImpulseTerms
-from zivi.orbits.mechanical.segments import of_segments
 
 rng = np.random.default_rng(26)
 CASES = {

@@ -8,11 +8,14 @@ import numpy as np
 import pytest
 
 import zivi
-from zivi.orbits import attractor
-from zivi.orbits.flights import PRECISE
-from zivi.orbits.mechanical.path import Path
-from zivi.orbits.rest import resting_orbit
-from zivi.orbits.sequence import Frame, as_word
+from inside import (
+    PRECISE,
+    Path,
+    SequenceFrame as Frame,
+    as_word,
+    orbits_attractor as attractor,
+    resting_orbit,
+)
 
 TURN = 2 * math.pi
 STATUS = zivi.OrbitStatus

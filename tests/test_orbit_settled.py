@@ -11,11 +11,18 @@ import numpy as np
 import pytest
 
 import zivi
+from inside import (
+    PRECISE,
+    Attractor,
+    Settled,
+    _is_chain,
+    orbits_attractor as attractor,
+    orbits_cells as cells,
+    orbits_lyapunov as lyapunov,
+    orbits_rest as rest,
+    orbits_rest_branch as rest_branch,
+)
 from orbit_tables import THREE, TURN, table
-from zivi.orbits import attractor, cells, lyapunov, rest, rest_branch
-from zivi.orbits.attractor import Attractor, Settled
-from zivi.orbits.flights import PRECISE
-from zivi.orbits.rest_appears import _is_chain
 from zivi.simulation.methods import SwitchedRK
 
 

@@ -10,11 +10,15 @@ import numpy as np
 import pytest
 
 import zivi
+from inside import (
+    PRECISE,
+    is_free,
+    orbits_attractor as attractor,
+    orbits_free as free,
+    orbits_start as start,
+    unknowns_of,
+)
 from orbit_tables import THREE, TURN, frame, table
-from zivi.orbits import attractor, free, start
-from zivi.orbits.find import is_free
-from zivi.orbits.flights import PRECISE
-from zivi.orbits.sequence import unknowns_of
 
 
 def test_the_middle_of_the_last_long_flight():

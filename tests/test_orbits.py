@@ -9,8 +9,8 @@ import pytest
 
 import orbit_data
 import zivi
+from inside import chatter_exponent
 from oscillator import Oscillator
-from zivi.orbits.rest import chatter_exponent
 
 OSCILLATORS = [Oscillator(0.05, 0.9, 0.8), Oscillator(0.02, 1.2, 0.7), Oscillator(0.05, 2.8, 0.8)]
 DONE = zivi.OrbitStatus.COMPLETED

@@ -12,10 +12,17 @@ from rich.console import Console
 from typer.testing import CliRunner
 
 import zivi
+from inside import (
+    SIGNS,
+    paper_ball as ball,
+    paper_linearisation as linearisation,
+    paper_rest as rest,
+    paper_robustness as robustness,
+    paper_step_solvers as step_solvers,
+    track,
+)
 from zivi.cli import app
-from zivi.control.loop_run import SIGNS
-from zivi.paper import Check, ball, linearisation, rest, robustness, step_solvers
-from zivi.paper.closed_loops import track
+from zivi.paper import Check
 
 pytestmark = [pytest.mark.slow, pytest.mark.xdist_group("paper")]
 

@@ -7,7 +7,14 @@ import numpy as np
 import pytest
 
 import zivi
-from zivi.paper import chattering, closed_loops, regulator, rest, robustness, tracker
+from inside import (
+    paper_chattering as chattering,
+    paper_closed_loops as closed_loops,
+    paper_regulator as regulator,
+    paper_rest as rest,
+    paper_robustness as robustness,
+    paper_tracker as tracker,
+)
 
 
 def test_the_settling_time_is_that_of_the_events():

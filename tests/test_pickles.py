@@ -15,12 +15,10 @@ import numpy as np
 import pytest
 
 import zivi
+from inside import FORMER, CodimensionTwo, ball_rest_time
 from orbit_systems import chain2, listed
 from test_api import RESULTS
 from zivi import interop
-from zivi.base.former import FORMER
-from zivi.orbits.mechanical.two_parameters import CodimensionTwo
-from zivi.study.experiments import ball_rest_time
 
 BALL = zivi.ImpactSystem(-9.81, e=0.5)
 TABLE = zivi.ImpactSystem(zivi.LinearForce(gravity=1.0, amplitude=1.3, phase=-math.pi / 2), e=0.5)

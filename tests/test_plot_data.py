@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import zivi
-from zivi.plot.curves import line_of
+from inside import line_of
 
 BALL = zivi.ImpactSystem(-9.81, e=0.5)
 PLANT = zivi.ImpactSystem(-9.81, kappa=0.5)

@@ -7,7 +7,7 @@ import sys
 import pytest
 
 import zivi
-import zivi.base.extras
+from inside import base_extras
 
 
 class Terminal(io.StringIO):
@@ -19,7 +19,7 @@ class Terminal(io.StringIO):
 def at_once(monkeypatch):
     """Bars appear without delay."""
     monkeypatch.setenv("TERM", "xterm")
-    monkeypatch.setattr(zivi.base.extras, "DELAY", 0.0)
+    monkeypatch.setattr(base_extras, "DELAY", 0.0)
 
 
 @contextlib.contextmanager
@@ -58,7 +58,7 @@ def test_a_bar_can_be_refused_on_a_terminal():
 
 
 def test_a_short_run_shows_none():
-    assert zivi.base.extras.DELAY == 1.0
+    assert base_extras.DELAY == 1.0
     with terminal() as screen:
         run(progress=True)
     assert screen.getvalue() == ""
@@ -88,7 +88,7 @@ def test_the_bar_is_taken_down_when_the_force_raises():
 def test_reports_count_up_to_all_steps(monkeypatch):
     seen = []
 
-    class Recorder(zivi.base.extras.ProgressBar):
+    class Recorder(base_extras.ProgressBar):
         @property
         def report(self):
             return lambda done, of: seen.append((done, of))

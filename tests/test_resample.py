@@ -108,7 +108,7 @@ def test_a_notebook_shows_a_table(sol):
 
 
 def test_the_configuration_is_made_when_it_is_asked_for(monkeypatch):
-    import zivi.simulation.trajectory as module
+    from inside import simulation_trajectory as module
 
     calls = []
     real = module.configuration_of

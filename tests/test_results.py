@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import zivi
+from inside import Tabulated
 from test_pickles import BALL, DROP, MAKE, TRACKER
-from zivi.base.table import Tabulated
 
 xarray = pytest.importorskip("xarray")
 pytest.importorskip("pandas")

@@ -6,7 +6,11 @@ import sys
 import numpy as np
 import pytest
 
-from zivi.paper import _siconos_steps, step_solvers, tracking_steps
+from inside import (
+    paper__siconos_steps as _siconos_steps,
+    paper_step_solvers as step_solvers,
+    paper_tracking_steps as tracking_steps,
+)
 
 KAPPA, GRAVITY, H = 0.41, 9.81, 1e-3
 

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import zivi
-from zivi import _zivi
+from inside import _zivi
 
 OLD = json.loads((Path(__file__).parent / "data" / "stored_motions.json").read_text())
 MASSES = ("point_rk", "point_series")

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import zivi
-from zivi.control import gap_tracker
+from inside import control_gap_tracker as gap_tracker
 
 G = 9.81
 

@@ -11,7 +11,13 @@ import numpy as np
 import pytest
 
 import zivi
-from zivi.study import digest, drive, folder, head, result
+from inside import (
+    study_digest as digest,
+    study_drive as drive,
+    study_folder as folder,
+    study_head as head,
+    study_result as result,
+)
 
 
 class Scaled:

@@ -12,7 +12,7 @@ import pytest
 
 import study_pairs
 import zivi
-from zivi.study.digest import digest, is_ours, source, state_of, unformatted, used, uses
+from inside import digest, is_ours, source, state_of, unformatted, used, uses
 
 pytest.importorskip("zarr", reason="the extra 'study' is not installed")
 

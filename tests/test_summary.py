@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import zivi
-from zivi.files import summary
+from inside import files_summary as summary
 
 G = 9.81
 

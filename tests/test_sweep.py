@@ -11,7 +11,7 @@ from scipy.stats import qmc
 
 import sweep_functions as functions
 import zivi
-from zivi.study.store import Layout
+from inside import Layout
 
 pytest.importorskip("zarr", reason="the extra 'study' is not installed")
 pytest.importorskip("pyarrow", reason="the extra 'study' is not installed")

@@ -8,8 +8,7 @@ import pytest
 
 import sweep_functions as functions
 import zivi
-from zivi.study.head import written
-from zivi.study.outcome import LONGEST, message_of
+from inside import LONGEST, message_of, written
 
 pytest.importorskip("zarr", reason="the extra 'study' is not installed")
 pytest.importorskip("pyarrow", reason="the extra 'study' is not installed")

@@ -13,6 +13,7 @@ import pytest
 
 import sweep_functions as functions
 import zivi
+from inside import study_drive, study_pools
 
 pytestmark = pytest.mark.slow
 
@@ -138,7 +139,7 @@ def test_few_tasks_are_in_flight(wanted, expected):
 
 
 def test_a_chunk_of_slow_points_is_shared(monkeypatch):
-    monkeypatch.setattr("zivi.study.pools.SLICE", -1.0)
+    monkeypatch.setattr(study_pools, "SLICE", -1.0)
 
     with Counting() as executor:
         study = zivi.sweep(lambda x: x, {"x": range(40)}, executor=executor, chunk=40)
@@ -245,7 +246,7 @@ def test_a_point_that_kills_its_worker_fails_alone(chunk, where):
 
 
 def test_points_that_all_kill_their_workers_are_an_error(monkeypatch):
-    monkeypatch.setattr("zivi.study.drive.BREAKS", 3)
+    monkeypatch.setattr(study_drive, "BREAKS", 3)
     with pytest.raises(RuntimeError, match="workers died 4 times in a row") as e:
         zivi.sweep(functions.deadly, {"x": [37] * 64}, executor="processes", workers=2)
     assert e.value.study.status.max() == 2

@@ -18,7 +18,7 @@ import xarray as xr
 
 import sweep_functions as functions
 import zivi
-from zivi.study.digest import UndigestibleError, digest, named, source, state_of
+from inside import UndigestibleError, digest, named, source, state_of
 
 pytest.importorskip("zarr", reason="the extra 'study' is not installed")
 pytest.importorskip("pyarrow", reason="the extra 'study' is not installed")

@@ -18,10 +18,9 @@ import xarray as xr
 
 import sweep_functions as functions
 import zivi
+from inside import FolderStore, Pool
 from interrupting import HANGS, collector_off, wait_for
 from test_sweep_executors import files
-from zivi.study.folder import FolderStore
-from zivi.study.pools import Pool
 
 pytestmark = pytest.mark.slow
 

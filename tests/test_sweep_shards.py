@@ -19,10 +19,9 @@ import xarray as xr
 
 import sweep_functions as functions
 import zivi
+from inside import FolderStore, Layout, study_drive, study_head, study_store
 from interrupting import calls_in, wait_for
 from test_sweep_executors import files
-from zivi.study.folder import FolderStore
-from zivi.study.store import Layout
 
 zarr = pytest.importorskip("zarr", reason="the extra 'study' is not installed")
 pytest.importorskip("pyarrow", reason="the extra 'study' is not installed")
@@ -32,10 +31,10 @@ GRID = {"x": np.arange(5.0, 9.0), "y": np.linspace(0, 1, 111)}
 
 def in_small_shards(monkeypatch):
     """Shards of 128 points, which are decoded in parts of 32."""
-    monkeypatch.setattr("zivi.study.store.SHARD", 128)
-    monkeypatch.setattr("zivi.study.store.INNER", 4)
-    monkeypatch.setattr("zivi.study.head.SHARD", 128)
-    monkeypatch.setattr("zivi.study.store.ROOM", 128 * 128)
+    monkeypatch.setattr(study_store, "SHARD", 128)
+    monkeypatch.setattr(study_store, "INNER", 4)
+    monkeypatch.setattr(study_head, "SHARD", 128)
+    monkeypatch.setattr(study_store, "ROOM", 128 * 128)
 
 
 @pytest.fixture
@@ -227,10 +226,10 @@ def test_a_run_whose_write_fails_goes_on(function, dead, small, tmp_path, monkey
         "seed": 1,
         "vectorized": function is not halves,
     }
-    monkeypatch.setattr("zivi.study.drive.LONG", 0.0)  # save whatever there is at once
-    monkeypatch.setattr("zivi.study.drive.SAVING", 0.0)
-    monkeypatch.setattr("zivi.study.drive.FIRST", 15)
-    monkeypatch.setattr("zivi.study.drive.SHARES", 2)
+    monkeypatch.setattr(study_drive, "LONG", 0.0)  # save whatever there is at once
+    monkeypatch.setattr(study_drive, "SAVING", 0.0)
+    monkeypatch.setattr(study_drive, "FIRST", 15)
+    monkeypatch.setattr(study_drive, "SHARES", 2)
     zivi.sweep(out=tmp_path / "whole", **call)
     expected, out = files(tmp_path / "whole"), tmp_path / "a"
     replace, left = os.replace, [0]
@@ -362,7 +361,7 @@ def test_the_coordinator_holds_few_chunks_at_a_time(small, monkeypatch):
     """Also if the tasks come back in another order, from many workers."""
     most = [0]
     load = FolderStore.load
-    from zivi.study.drive import OPEN, Driver
+    from inside import OPEN, Driver
 
     put = Driver._put
 
@@ -380,7 +379,7 @@ def test_the_coordinator_holds_few_chunks_at_a_time(small, monkeypatch):
 
 
 def test_folders_without_shards_go_on_as_they_are(tmp_path, monkeypatch):
-    from zivi.study import run
+    from inside import study_run as run
 
     identity = run.identity
 

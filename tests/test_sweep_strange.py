@@ -18,9 +18,9 @@ import xarray as xr
 
 import sweep_functions as functions
 import zivi
+from inside import read_head
 from interrupting import calls_in
 from test_sweep_executors import files
-from zivi.study.head import read_head
 
 zarr = pytest.importorskip("zarr", reason="the extra 'study' is not installed")
 pytest.importorskip("pyarrow", reason="the extra 'study' is not installed")

@@ -8,8 +8,8 @@ import xarray as xr
 
 import sweep_functions as functions
 import zivi
+from inside import child, generators, seeds, study_pools
 from interrupting import calls_in
-from zivi.study.design import child, generators, seeds
 
 pytest.importorskip("zarr", reason="the extra 'study' is not installed")
 pytest.importorskip("pyarrow", reason="the extra 'study' is not installed")
@@ -329,7 +329,7 @@ def test_failed_points_are_tried_again(tmp_path):
 
 def test_a_call_that_takes_too_long_hands_back_what_it_has(monkeypatch):
     """A bad point in a slow call: the good halves are kept, the rest is shared."""
-    monkeypatch.setattr("zivi.study.pools.SLICE", -1.0)
+    monkeypatch.setattr(study_pools, "SLICE", -1.0)
 
     def slow(x):
         if np.any(x == 37):

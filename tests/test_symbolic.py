@@ -13,9 +13,14 @@ import pytest
 import sympy
 
 import zivi
+from inside import (
+    _check_curvatures,
+    _check_gradients,
+    _check_rates,
+    _Look,
+    base_machine_code as native,
+)
 from mechanical_models import MODELS, MULTI, NDOF, compiled, model, multi_case, ndof_case
-from zivi.base import machine_code as native
-from zivi.system.start import _check_curvatures, _check_gradients, _check_rates, _Look
 
 pytestmark = pytest.mark.xdist_group("mechanical models")
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import zivi
-from zivi.files import commands
+from inside import files_commands as commands
 from zivi.mechanics import BallGap, Body, JointLimit, PlaneGap
 
 TIGHT = zivi.SwitchedRK(rtol=1e-12, atol=1e-13)

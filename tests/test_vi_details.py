@@ -10,14 +10,28 @@ import scipy.sparse as sp
 from scipy.sparse.linalg import splu
 
 import zivi
-import zivi._zivi as _zivi
+from inside import (
+    Affine,
+    AffineMap,
+    ColouredDifferences,
+    Factoriser,
+    Factors,
+    Keep,
+    Search,
+    _agrees,
+    _is_within_rounding,
+    _proves,
+    _sizes,
+    _Smoothing,
+    _zivi,
+    colours_of,
+    in_thread,
+    interior_point,
+    is_infeasible,
+    pattern_of,
+    vi_sparse_methods,
+)
 from interrupting import HANGS
-from zivi.vi.factorisation import Factoriser, Factors, Keep, in_thread
-from zivi.vi.jacobian import ColouredDifferences, colours_of, pattern_of
-from zivi.vi.solve import Affine, _sizes
-from zivi.vi.sparse import AffineMap, _agrees, _is_within_rounding
-from zivi.vi.sparse_methods import _proves, _Smoothing, interior_point, is_infeasible
-from zivi.vi.sparse_search import Search
 
 INF = np.inf
 SPARSE = {"linear_algebra": "sparse"}
@@ -573,7 +587,7 @@ def test_the_interior_point_method_says_where_it_gives_up(monkeypatch):
     assert not solves(factoriser=SimpleNamespace(factors_of=lambda _: None))
     assert not solves(value=lambda _: None)
     monkeypatch.setattr(
-        "zivi.vi.sparse_methods.active_set_newton", lambda *_, **__: SimpleNamespace(solved=False)
+        vi_sparse_methods, "active_set_newton", lambda *_, **__: SimpleNamespace(solved=False)
     )
     tried = []
     assert not solves(end_iteration=lambda *_: tried.append(1), limit=1000)

@@ -14,10 +14,9 @@ import pytest
 import scipy.sparse as sp
 
 import zivi
-import zivi.vi.sparse_search as search
 from example_scripts import example
+from inside import Factoriser, Keep, in_thread, vi_sparse_search as search
 from interrupting import HANGS, ctrl_c, wait_for
-from zivi.vi.factorisation import Factoriser, Keep, in_thread
 
 large = example("large_vi")
 

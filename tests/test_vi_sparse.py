@@ -204,7 +204,7 @@ def test_coloured_differences(scheme, per_jacobian, n):
 
 
 def test_colours_share_no_row():
-    from zivi.vi.jacobian import colours_of, pattern_of
+    from inside import colours_of, pattern_of
 
     for seed in range(10):
         pattern = pattern_of(sp.random_array((40, 40), density=0.08, rng=seed), 40)

@@ -1,0 +1,157 @@
+"""The inside of zivi that tests look at: the only file of the tests that names private modules.
+
+A test that can say what it holds by public names does so. What stands here moves with the library.
+"""
+
+import importlib
+
+NAMES = {
+    "base.check": "reads_time",
+    "base.extras": "EXTRAS",
+    "base.former": "FORMER",
+    "base.formula": "FUNCTIONS FormulaError parse",
+    "base.habits": "ARGUMENTS ATTRIBUTES CALLS MODULE MODULE_CALLS PLOT",
+    "base.machine_code": "c_compiler",
+    "base.table": "Tabulated",
+    "control.component": "Shared",
+    "control.design": "FLATTEST Landing Law STEEPEST settled",
+    "control.loop_arguments": "check_ahead",
+    "control.loop_run": "LOOP_NUMBERS=NUMBERS SIGNS",
+    "control.mechanical_reference": "_sides reference_of",
+    "control.twisting": "CONTROLLERS",
+    "files.file_keys": "FILE_CONTROLLERS=CONTROLLERS METHODS rows",
+    "files.kinds": "FileError",
+    "files.results": "check_suffix drawn open_result",
+    "files.runs": "prepare_control prepare_simulate",
+    "files.summary": "_edges",
+    "interop.fmu.description": "MODELS",
+    "lab.controls": "chosen panel",
+    "lab.figures": "A_SECOND curves figure film thinned",
+    "lab.runs": "BeltRun ExplicitRegulator FAR compute facts warning_texts",
+    "lab.server": "Gate MOST_SESSIONS",
+    "lab.settings": (
+        "Ball Belt KINDS PRESETS Regulator Tracker ends name_of query ranges settings_of "
+    ),
+    "lab.view": "script sentence",
+    "orbits.attractor": "Attractor Settled least_rows",
+    "orbits.find": "depth_of is_free why_not",
+    "orbits.flights": "FlightError PRECISE",
+    "orbits.mechanical.by_parameter": "by_parameter flow_of moved_frame",
+    "orbits.mechanical.critical": "Turning",
+    "orbits.mechanical.crossing": "crossed",
+    "orbits.mechanical.curve": "Line run",
+    "orbits.mechanical.equations": "Terms evaluate newton row_sizes sizes_of",
+    "orbits.mechanical.family": "period_of",
+    "orbits.mechanical.find": "canonical weaker_reason",
+    "orbits.mechanical.frame": "Frame",
+    "orbits.mechanical.impulses": "ImpulseTerms",
+    "orbits.mechanical.margins": "Margins",
+    "orbits.mechanical.mass_flow": "MassFlow impact_maps",
+    "orbits.mechanical.multipliers": "multipliers_of",
+    "orbits.mechanical.path": "Path Point located located_near",
+    "orbits.mechanical.resting": "_power",
+    "orbits.mechanical.run_word": "recent",
+    "orbits.mechanical.segments": "of_segments",
+    "orbits.mechanical.switch": "doubled",
+    "orbits.mechanical.two_parameters": "CodimensionTwo",
+    "orbits.mechanical.word": "parsed",
+    "orbits.rest": "chatter_exponent resting_orbit",
+    "orbits.rest_appears": "_is_chain",
+    "orbits.rest_branch": "Follower",
+    "orbits.secant": "secant",
+    "orbits.sequence": "SequenceFrame=Frame as_rows as_word rows_along unknowns_of",
+    "paper.closed_loops": "last_above track",
+    "plot.curves": "SIGN_ROW line_of",
+    "simulation.friction_result": "forces_at",
+    "simulation.mechanical_batch": "BATCH_NUMBERS=NUMBERS",
+    "simulation.mechanical_trajectory": "rows_of",
+    "simulation.method_settings": "FixedSteps class_of",
+    "simulation.run": "argument_text",
+    "study.design": "child generators points seeds",
+    "study.digest": (
+        "UndigestibleError digest identity is_ours named source state_of unformatted used uses "
+    ),
+    "study.drive": "Driver OPEN",
+    "study.experiments": "ball_rest_time",
+    "study.folder": "FolderStore",
+    "study.head": "read_head written",
+    "study.outcome": "LONGEST message_of",
+    "study.pools": "Pool",
+    "study.store": "Layout",
+    "system.model_parts": "STEP differenced",
+    "system.parameters": "parameter with_value",
+    "system.start": "_Look _check_curvatures _check_gradients _check_rates check_start",
+    "system.symbolic.derive": "derive",
+    "system.symbolic.expressions": "depends expression",
+    "vi.factorisation": "Factoriser Factors Keep in_thread",
+    "vi.jacobian": "ColouredDifferences colours_of pattern_of",
+    "vi.solve": "Affine _sizes",
+    "vi.sparse": "AffineMap _agrees _is_within_rounding",
+    "vi.sparse_methods": "_Smoothing _proves interior_point is_infeasible",
+    "vi.sparse_search": "Search",
+}
+"""Names of each module; ``A=b``: `b` is called `A` here."""
+MODULES = {
+    "_zivi": "_zivi",
+    "base_extras": "base.extras",
+    "base_machine_code": "base.machine_code",
+    "control_gap_tracker": "control.gap_tracker",
+    "control_loop_batch": "control.loop_batch",
+    "files_commands": "files.commands",
+    "files_file_keys": "files.file_keys",
+    "files_kinds": "files.kinds",
+    "files_results": "files.results",
+    "files_summary": "files.summary",
+    "interop_gradient": "interop.gradient",
+    "interop_mujoco_system": "interop.mujoco.system",
+    "orbits_attractor": "orbits.attractor",
+    "orbits_cells": "orbits.cells",
+    "orbits_free": "orbits.free",
+    "orbits_lyapunov": "orbits.lyapunov",
+    "orbits_mechanical_curve": "orbits.mechanical.curve",
+    "orbits_mechanical_find": "orbits.mechanical.find",
+    "orbits_rest": "orbits.rest",
+    "orbits_rest_branch": "orbits.rest_branch",
+    "orbits_start": "orbits.start",
+    "orbits_switch": "orbits.switch",
+    "paper__siconos_steps": "paper._siconos_steps",
+    "paper_ball": "paper.ball",
+    "paper_ball_steps": "paper.ball_steps",
+    "paper_chattering": "paper.chattering",
+    "paper_closed_loops": "paper.closed_loops",
+    "paper_linearisation": "paper.linearisation",
+    "paper_regulator": "paper.regulator",
+    "paper_rest": "paper.rest",
+    "paper_robustness": "paper.robustness",
+    "paper_step_solvers": "paper.step_solvers",
+    "paper_tracker": "paper.tracker",
+    "paper_tracking_steps": "paper.tracking_steps",
+    "simulation_trajectory": "simulation.trajectory",
+    "study_digest": "study.digest",
+    "study_drive": "study.drive",
+    "study_folder": "study.folder",
+    "study_head": "study.head",
+    "study_pools": "study.pools",
+    "study_result": "study.result",
+    "study_run": "study.run",
+    "study_store": "study.store",
+    "system_impact_law": "system.impact_law",
+    "vi_sparse_methods": "vi.sparse_methods",
+    "vi_sparse_search": "vi.sparse_search",
+}
+"""Modules in which tests replace something."""
+
+_PLACES = {}
+for _module, _names in NAMES.items():
+    for _name in _names.split():
+        _here, _, _there = _name.partition("=")
+        _PLACES[_here] = _module, _there or _here
+
+
+def __getattr__(name):
+    if name in MODULES:
+        return importlib.import_module(f"zivi.{MODULES[name]}")
+    if name in _PLACES:
+        module, there = _PLACES[name]
+        return getattr(importlib.import_module(f"zivi.{module}"), there)
+    raise AttributeError(f"tests/inside.py has no {name!r}: add it to NAMES or MODULES")
