@@ -143,7 +143,7 @@ def test_tables_of_keys_have_three_columns_on_the_site():
     page = (DOCS / "command_line.md").read_text()
     shown = generated.shown("command_line", page)
     rows = [line for line in shown.splitlines() if line.startswith("| `") and "zivi " not in line]
-    in_six = generated.document.insert(page).splitlines()
+    in_six = generated.file_keys.insert(page).splitlines()
     assert len(rows) == sum(line.startswith("| `") and "zivi " not in line for line in in_six) > 100
     assert all(len(line.strip("|").split(" | ")) == 3 for line in rows)
     assert (

@@ -59,7 +59,7 @@ def test_titles_say_what_it_is(ball):
 
 def test_pictures_of_studies_have_the_numbers_of_the_study():
     plt = pytest.importorskip("matplotlib.pyplot")
-    from inside import files_summary as summary
+    from inside import files_picture
 
     def named(kind, size):
         return {"a": size * len(kind)}
@@ -67,14 +67,14 @@ def test_pictures_of_studies_have_the_numbers_of_the_study():
     grid = zivi.sweep(named, {"kind": ["x", "yy"], "size": [1.0, 2.0, 3.0]})
     listed = zivi.sweep(named, zivi.points(size=[1.0, 2.0], kind=["yy", "x"]))
     figure, ax = plt.subplots()
-    summary._map(grid, "a", ax)
+    files_picture._map(grid, "a", ax)
     (mesh,) = ax.collections
     np.testing.assert_array_equal(mesh.get_array().ravel(), [1.0, 2.0, 3.0, 2.0, 4.0, 6.0])
     assert mesh.colorbar.mappable is mesh
     assert len(figure.axes) == 2
     plt.close(figure)
     figure, ax = plt.subplots()
-    summary._lines(grid, "a", ax)
+    files_picture._lines(grid, "a", ax)
     assert [list(line.get_ydata()) for line in ax.lines] == [[1.0, 2.0, 3.0], [2.0, 4.0, 6.0]]
     assert all(list(line.get_xdata()) == [1.0, 2.0, 3.0] for line in ax.lines)
     assert [text.get_text() for text in ax.get_legend().texts] == ["kind = x", "kind = yy"]

@@ -269,7 +269,7 @@ def test_a_short_line_is_left_as_it_is_but_broken_at_impacts():
 
 def test_importing_zivi_does_not_import_the_page():
     code = (
-        "import sys, zivi, zivi.cli, zivi.lab.runs, zivi.lab.figures, zivi.lab.script\n"
+        "import sys, zivi, zivi.cli, zivi.lab.runs, zivi.lab.figures, zivi.lab.command\n"
         "print({'marimo', 'plotly', 'uvicorn'} & set(sys.modules))"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)

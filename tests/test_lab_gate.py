@@ -13,7 +13,7 @@ from inside import MOST_SESSIONS, Gate
 from lab_server import PROGRAM, serving
 
 TOKEN = "abcdefghijklmnopqrstuv"
-FEW = f"import zivi.lab.gate as gate; gate.MOST_SESSIONS = 2; {PROGRAM}"
+FEW = f"import zivi.lab.server as server; server.MOST_SESSIONS = 2; {PROGRAM}"
 
 
 class TestServer:

@@ -165,11 +165,11 @@ def test_a_fork_opens_the_locks_that_other_threads_hold():
     """Nobody would: neither a child that compiles a model nor one that listens to a force ended."""
     program = """
         import os, threading, warnings
-        from zivi.base import compiled, machine_code
+        from zivi.base import machine_code
         warnings.simplefilter("ignore")
         held, forked = threading.Event(), threading.Event()
         def hold():
-            with compiled._lock, machine_code._lock:
+            with machine_code._hook_lock, machine_code._build_lock:
                 held.set()
                 forked.wait()
         thread = threading.Thread(target=hold, daemon=True)
@@ -177,7 +177,7 @@ def test_a_fork_opens_the_locks_that_other_threads_hold():
         held.wait()
         child = os.fork()
         if child == 0:
-            locks = [module._lock._lock for module in (compiled, machine_code)]
+            locks = [machine_code._hook_lock._lock, machine_code._build_lock._lock]
             os._exit(0 if all(lock.acquire(blocking=False) for lock in locks) else 3)
         forked.set()
         print(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]))
@@ -188,7 +188,7 @@ def test_a_fork_opens_the_locks_that_other_threads_hold():
 def test_every_lock_of_the_package_survives_a_fork():
     sources = Path(zivi.__file__).parent.rglob("*.py")
     raw = [it.name for it in sources if re.search(r"threading\.R?Lock\(", it.read_text("utf-8"))]
-    assert raw == ["locks.py"]
+    assert raw == ["machine_code.py"]
 
 
 def test_runs_in_a_run_and_none_at_all():

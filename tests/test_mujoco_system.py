@@ -9,8 +9,7 @@ import zivi
 from tree_models import ARM, BALLS, HOPPER
 
 mujoco = pytest.importorskip("mujoco")
-from inside import interop_mujoco_system as system  # noqa: E402
-from zivi.interop.mujoco import scalar_joints, tree  # noqa: E402
+from zivi.interop.mujoco import scalar_joints, system, tree  # noqa: E402
 
 GAPS = {
     ARM: ["elbow", ("tip", "table")],

@@ -140,7 +140,7 @@ class Stepped:
     """A controller of our own that asks a striker sample by sample."""
 
     def __init__(self, striker):
-        self.striker, self.h, self.delay = gap_tracker, gap_tracker.h, gap_tracker.delay
+        self.striker, self.h, self.delay = striker, striker.h, striker.delay
 
     @property
     def status(self):

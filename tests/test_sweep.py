@@ -11,7 +11,7 @@ from scipy.stats import qmc
 
 import sweep_functions as functions
 import zivi
-from inside import Layout
+from inside import Layout, base_extras
 
 pytest.importorskip("zarr", reason="the extra 'study' is not installed")
 pytest.importorskip("pyarrow", reason="the extra 'study' is not installed")
@@ -436,7 +436,7 @@ def test_the_bar_is_called_sweep(monkeypatch):
             return True
 
     monkeypatch.setenv("TERM", "xterm")
-    monkeypatch.setattr(zivi.base.progress, "DELAY", 0.0)
+    monkeypatch.setattr(base_extras, "DELAY", 0.0)
     with contextlib.redirect_stderr(Terminal()) as screen:
         zivi.sweep(functions.product, GRID, progress=True)
     assert "sweep" in screen.getvalue()

@@ -13,6 +13,7 @@ import pytest
 from hypothesis import assume, given, strategies as st
 
 import zivi
+from inside import base_extras
 
 G = 9.81
 BALL = zivi.ImpactSystem(-G, e=0.5)
@@ -463,7 +464,7 @@ def test_progress_is_told_as_parts_of_the_span(monkeypatch):
     """Ascending, to the whole; the result does not depend on it."""
     seen = []
 
-    class Recorder(zivi.base.progress.ProgressBar):
+    class Recorder(base_extras.ProgressBar):
         @property
         def report(self):
             return lambda done, of: seen.append(done / of)

@@ -11,7 +11,7 @@ import typer
 
 import zivi._zivi as _zivi
 from zivi.base.extras import needed
-from zivi.lab.server import lab
+from zivi.lab.command import lab
 
 # what reads files comes with nearly all of the library, for which --help need not wait: commands
 # import it themselves

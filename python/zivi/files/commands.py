@@ -137,13 +137,15 @@ def shown(path: Path) -> tuple[Table, Figure, dict[str, Any]]:
 
 
 def _shown(path: Path) -> tuple[Table, Figure, dict[str, Any]]:
+    from zivi.files.picture import run_picture, study_picture  # with matplotlib
+
     if is_study(path):
         study = open_study(path, verify=True)
         table, record = summary.study_table(study), summary.record_of_study(study)
-        return table, summary.study_picture(study), record
+        return table, study_picture(study), record
     dataset = open_result(path)
     run, curve = restored(path, dataset, run_of), restored(path, dataset, drawn)
-    return summary.run_table(run), summary.run_picture(curve), summary.record_of_run(run)
+    return summary.run_table(run), run_picture(curve), summary.record_of_run(run)
 
 
 def has_display() -> bool:

@@ -2,19 +2,11 @@
 
 from __future__ import annotations
 
-import io
-import itertools
 import math
-import tempfile
 from collections.abc import Callable, Sequence
-from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol, TypeAlias, cast
+from typing import TYPE_CHECKING, Any, TypeAlias, cast
 
-import matplotlib as mpl
 import numpy as np
-from matplotlib.animation import FuncAnimation, HTMLWriter, PillowWriter
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from PIL import Image
 
 from zivi.base.check import finite
 from zivi.base.extras import needed
@@ -35,6 +27,7 @@ from zivi.plot.look import (
 from zivi.plot.mechanics import drawn, is_mechanical
 
 if TYPE_CHECKING:
+    from matplotlib.animation import FuncAnimation
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
@@ -47,128 +40,6 @@ __all__ = [
     "Lines",
     "MechanicalScene",
 ]
-
-# Films that draw again only what moves.
-
-
-class Scene(Protocol):
-    """What is filmed."""
-
-    figure: Figure
-
-    def show(self, number: int) -> list[Any]:
-        """Set what moves to a picture, and give its artists."""
-
-
-class Film(FuncAnimation):
-    """A scene as a film.
-
-    Parameters
-    ----------
-    scene : Scene
-        What is filmed, laid out.
-    frames : int
-        Number of pictures.
-    fps : float
-        Pictures a second.
-    """
-
-    def __init__(self, scene: Scene, frames: int, fps: float) -> None:
-        self._scene, self._pictures, self._fps = scene, frames, fps
-        super().__init__(scene.figure, scene.show, frames=frames, interval=1000.0 / fps, blit=False)
-
-    def save(self, filename: Any, writer: Any = None, *given: Any, **more: Any) -> None:
-        """Write the film, as `matplotlib.animation.Animation.save`.
-
-        A picture of a GIF lasts a whole number of hundredths of a second: they are chosen so that
-        the film lasts as long as the motion.
-        """
-        if writer in (None, "pillow") and str(filename).lower().endswith(".gif"):
-            made: Any = _Gif  # it is typed for whole numbers
-            writer = made(fps=(given[0] if given else more.pop("fps", None)) or self._fps)
-            given = (None, *given[1:])
-        super().save(filename, writer, *given, **more)
-
-    def to_jshtml(
-        self, fps: int | None = None, embed_frames: bool = True, default_mode: str | None = None
-    ) -> str:
-        """Give the film as a page with buttons, as `matplotlib.animation.Animation.to_jshtml`."""
-        if not embed_frames:
-            text: str = super().to_jshtml(fps, embed_frames, default_mode)
-            return text
-        self._draw_was_started = True  # it is looked at
-        mode = default_mode or ("loop" if getattr(self, "_repeat", True) else "once")
-        made: Any = HTMLWriter  # it is not typed, and takes any rate
-        writer = made(fps=fps or self._fps, embed_frames=True, default_mode=mode)
-        with tempfile.TemporaryDirectory() as folder, _Pictures(self._scene) as pictures:
-            path = Path(folder, "film.html")
-            # the writer asks its figure for a picture: it is given one that is quick to draw
-            with writer.saving(pictures, str(path), dpi=pictures.dpi):
-                for number in range(self._pictures):
-                    pictures.number = number
-                    writer.grab_frame()
-            return path.read_text()
-
-
-class _Gif(PillowWriter):
-    """Writes GIFs whose pictures last, summed, as long as they should."""
-
-    _frames: list[Any]
-
-    def finish(self) -> None:
-        """Write all pictures, each with its duration (ms)."""
-        first, *others = self._frames
-        ends = [round(100.0 * k / self.fps) for k in range(len(self._frames) + 1)]
-        durations = [10 * (after - before) for before, after in itertools.pairwise(ends)]
-        settings = {"save_all": True, "append_images": others, "duration": durations, "loop": 0}
-        first.save(self.outfile, **settings)
-
-
-class _Pictures:
-    """A figure of which only what moves is drawn for each picture."""
-
-    def __init__(self, scene: Scene) -> None:
-        self._scene, self.number = scene, 0
-        self._shown_in = scene.figure.canvas
-        wanted = mpl.rcParams["savefig.dpi"]
-        self.dpi = self._shown_in.figure.dpi if wanted == "figure" else wanted
-        self._dpi_before = scene.figure.dpi
-
-    def __enter__(self) -> _Pictures:
-        figure = self._scene.figure
-        figure.set_dpi(self.dpi)
-        made: Any = FigureCanvasAgg
-        self._canvas = made(figure)
-        self._moving = sorted(self._scene.show(0), key=_depth)
-        for artist in self._moving:
-            artist.set_animated(True)
-        self._canvas.draw()
-        self._still = self._canvas.copy_from_bbox(figure.bbox)
-        return self
-
-    def __exit__(self, *error: object) -> None:
-        for artist in self._moving:
-            artist.set_animated(False)
-        self._scene.figure.set_dpi(self._dpi_before)
-        self._scene.figure.set_canvas(self._shown_in)
-
-    def get_size_inches(self) -> Any:
-        """Give width and height, as a figure."""
-        return self._scene.figure.get_size_inches()
-
-    def savefig(self, file: io.BytesIO, **settings: Any) -> None:
-        """Write the picture of the present number as PNG."""
-        self._canvas.restore_region(self._still)
-        self._scene.show(self.number)
-        for artist in self._moving:
-            artist.axes.draw_artist(artist)
-        Image.fromarray(np.asarray(self._canvas.buffer_rgba())).convert("RGB").save(file, "png")
-
-
-def _depth(artist: Any) -> tuple[float, int]:
-    """Give the place in which axes draw an artist."""
-    return artist.zorder, artist.axes.get_children().index(artist)
-
 
 # The pictures of a film of a mechanical system.
 
@@ -430,6 +301,7 @@ def animate(
         check_run("animate", run)
     times = _times(run, finite("speed", speed), finite("fps", fps))
     needed("matplotlib.animation", "animations")
+    from zivi.plot.film import Film
 
     where = figure_of(figure, 8.0, 4.0)
     scene: _Scene | MechanicalScene
