@@ -81,7 +81,7 @@ def test_pictures_of_studies_have_the_numbers_of_the_study():
     assert (ax.get_xlabel(), ax.get_ylabel()) == ("size", "a")
     plt.close(figure)
     figure, ax = plt.subplots()
-    summary._points(listed, "a", ax)
+    files_picture._points(listed, "a", ax)
     (dots,) = ax.collections
     np.testing.assert_array_equal(dots.get_offsets(), [[1.0, 2.0], [2.0, 2.0]])
     # names by their order in the alphabet
