@@ -76,7 +76,7 @@ NAMES = {
     "study.folder": "FolderStore",
     "study.head": "read_head written",
     "study.outcome": "LONGEST message_of",
-    "study.pools": "Pool",
+    "study.pools": "Pool compute_points=compute",
     "study.store": "Layout",
     "system.model_parts": "STEP differenced",
     "system.parameters": "parameter with_value",
@@ -92,6 +92,9 @@ NAMES = {
 }
 """Names of each module; ``A=b``: `b` is called `A` here."""
 MODULES = {
+    "orbits_mechanical_follow": "orbits.mechanical.follow",
+    "orbits_follow": "orbits.follow",
+    "orbits_along": "orbits.along",
     "_zivi": "_zivi",
     "base_extras": "base.extras",
     "base_machine_code": "base.machine_code",

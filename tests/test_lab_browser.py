@@ -25,7 +25,7 @@ pytestmark = [
 ]
 
 WAIT = 60.0
-MANY = f"import zivi.lab.gate as gate; gate.MOST_SESSIONS = 100; {PROGRAM}"
+MANY = f"import zivi.lab.server as server; server.MOST_SESSIONS = 100; {PROGRAM}"
 LINES = """graph => JSON.stringify((graph._fullData || []).map(line => [
     line.name, line.yaxis, Array.from(line.x, Number), Array.from(line.y, Number)]))"""
 

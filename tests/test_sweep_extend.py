@@ -9,8 +9,8 @@ import pytest
 
 import sweep_functions as functions
 import zivi
+from inside import FolderStore
 from test_sweep_executors import files
-from zivi.study.folder import FolderStore
 
 pytestmark = pytest.mark.slow
 

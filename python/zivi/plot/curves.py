@@ -100,7 +100,8 @@ def line_of(run: Trajectory | ClosedLoop) -> Line:
     path: Any = getattr(run, "_path", None)
     held = hasattr(run, "u")  # a closed loop is drawn at its samples
     if held or not (hasattr(path, "tails") and path.dense and len(run.t) > 1):
-        return Line(run.t, run.x, run.xdot, run.s, run.v, _after(run.t, run.resolved_impacts["t"]))
+        s, v = run.transformed.s, run.transformed.v
+        return Line(run.t, run.x, run.xdot, s, v, _after(run.t, run.resolved_impacts["t"]))
     times, impacts = _times(run, path.starts())  # type: ignore[arg-type]
     x, xdot = path.physical(times)
     s, v = path.lifted(times)
@@ -233,10 +234,11 @@ def multipliers(sol: Trajectory | Branch, ax: Axes | None = None, **line: Any) -
 
     if isinstance(sol, Branch):
         return branch_multipliers(sol, ax, **line)
-    check_run("multipliers", sol, needs="lambda_s", of="Trajectory")
+    check_run("multipliers", sol, needs="residual", of="Trajectory")
     ax = axes_of(ax)
-    ax.step(sol.t, sol.lambda_s, **_look(ax, BLUE, r"$\lambda_s$", line))
-    ax.step(sol.t, sol.lambda_v, **_look(ax, ORANGE, r"$\lambda_v$", {"ls": "--"} | line))
+    lifted = sol.transformed
+    ax.step(sol.t, lifted.lambda_s, **_look(ax, BLUE, r"$\lambda_s$", line))
+    ax.step(sol.t, lifted.lambda_v, **_look(ax, ORANGE, r"$\lambda_v$", {"ls": "--"} | line))
     ax.set(xlabel="time $t$ (s)", ylabel="multiplier (1)", ylim=(-1.15, 1.15))
     legend(ax)
     return ax

@@ -109,6 +109,11 @@ class MechanicalBatch(Runs):
     q: Array
     qdot: Array
     gaps: Array
+
+    def _counted(self) -> str:
+        flagged = int(np.count_nonzero(self.n_flags))
+        return f"{flagged} with flags" if flagged else ""
+
     contacts: NDArray[np.bool_]
     first_impact: Array
     last_impact: Array
