@@ -105,7 +105,7 @@ def draw(path: str) -> None:
         1, 2, layout="constrained", figsize=(9.6, 3.4), width_ratios=(2, 1)
     )
     sol = rock(0.5)
-    left.plot(sol.t, sol.s, color=zivi.plot.BLUE)
+    left.plot(sol.t, sol.transformed.s, color=zivi.plot.BLUE)
     left.axvline(sol.rest_time, color="0.5", ls=":", lw=1)
     left.text(sol.rest_time + 0.3, 0.05, f"at rest from\n{sol.rest_time:.6f} s", fontsize="small")
     left.set(xlabel="time $t$ (s)", ylabel=r"angle $\theta = s$ (rad)", xlim=(0, 40))

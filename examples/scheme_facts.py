@@ -128,7 +128,7 @@ def measure(theta: float, gamma: float, steps: Sequence[float], runs: int) -> Fa
         distances = np.array([sol(TIMES)[0] for sol in sols])
         errors.append(np.sqrt(np.mean((distances - exact) ** 2, axis=0)))
         at_rest.append(sum(sol.rest_time is not None for sol in sols))
-        chatter.append(max(float(np.abs(sol.v[sol.t > SETTLED]).max()) for sol in sols))
+        chatter.append(max(float(np.abs(sol.transformed.v[sol.t > SETTLED]).max()) for sol in sols))
     table = np.array(errors)
     orders = [
         float(np.polyfit(np.log(steps), np.log(column), 1)[0])

@@ -53,7 +53,8 @@ def native(system: str, p: dict[str, float], signs: Any, n: int) -> dict[str, np
         method = zivi.ExplicitEuler(p["h"]) if signs else zivi.ThetaGamma(p["h"])
         ball = zivi.ImpactSystem(-p["g"], e=p["e"])
         sol = zivi.simulate(ball, span, (p["x"], p["xdot"]), method)
-        return {name: getattr(sol, name) for name in ("t", *COLUMNS[:4], *SIGNS[:2])}
+        lifted = {name: getattr(sol.transformed, name) for name in (*COLUMNS[2:4], *SIGNS[:2])}
+        return {"t": sol.t, "x": sol.x, "xdot": sol.xdot, **lifted}
     run = _loop(system, p, signs, span)
     found = {name: getattr(run, name) for name in ("t", "x", "xdot", "u")}
     if system == "tracker":

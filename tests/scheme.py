@@ -15,9 +15,9 @@ class Steps:
     def __init__(self, sol, system, *, theta=1.0, gamma=1.0):
         self.theta, self.gamma = theta, gamma
         self.t, self.h = sol.t[:-1], np.diff(sol.t)
-        self.s0, self.v0 = sol.s[:-1], sol.v[:-1]
-        self.s1, self.v1 = sol.s[1:], sol.v[1:]
-        self.ls, self.lv = sol.lambda_s[1:], sol.lambda_v[1:]
+        self.s0, self.v0 = sol.transformed.s[:-1], sol.transformed.v[:-1]
+        self.s1, self.v1 = sol.transformed.s[1:], sol.transformed.v[1:]
+        self.ls, self.lv = sol.transformed.lambda_s[1:], sol.transformed.lambda_v[1:]
         self.r = 1 - system.kappa * self.ls * self.lv
         self.f = np.array([float(system.force(*point)) for point in self.points()])
 

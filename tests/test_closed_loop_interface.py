@@ -399,7 +399,9 @@ def test_the_phase_plane_and_the_overview(tracked, regulated):
     np.testing.assert_array_equal(own, np.column_stack([tracked.x, tracked.xdot]))
     assert len(zivi.plot.phase_plane(regulated).lines) == 1
     lifted = zivi.plot.phase_plane(tracked, coordinates="lifted")
-    np.testing.assert_array_equal(lifted.lines[0].get_data(), (tracked.s, tracked.v))
+    np.testing.assert_array_equal(
+        lifted.lines[0].get_data(), (tracked.transformed.s, tracked.transformed.v)
+    )
     s_ref, v_ref = lifted.lines[1].get_data()
     x_ref, xdot_ref = zivi.project(s_ref, v_ref, kappa=0.5)
     np.testing.assert_allclose(x_ref, tracked.x_ref, atol=1e-12)

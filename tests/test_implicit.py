@@ -110,7 +110,7 @@ def test_other_members_and_forces_that_grow_end_with_a_status():
         _, sol = run(force, rng.uniform(0.02, 1), h, state, theta=theta, gamma=gamma)
         assert sol.status != zivi.Status.STEP_NOT_SOLVED
         assert sol.success == (sol.t[-1] == 150 * h)
-        assert np.all(np.isfinite(sol.s) & np.isfinite(sol.v))
+        assert np.all(np.isfinite(sol.transformed.s) & np.isfinite(sol.transformed.v))
         assert sol.residual.max() < 1e-12
 
 

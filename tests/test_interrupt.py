@@ -37,7 +37,7 @@ def test_ctrl_c_stops_a_run(name):
     sol = stop.value.trajectory
     assert sol.status == zivi.Status.RAISED
     assert not sol.success
-    assert len(sol.t) == len(sol.s) == sol.n_steps + 1
+    assert len(sol.t) == len(sol.transformed.s) == sol.n_steps + 1
     assert abs(sol.x[0] - 1) < 1e-12
     # some ten seconds of work
     assert 0 < sol.n_steps < steps / 3

@@ -48,12 +48,12 @@ def test_the_motion_between_the_samples_is_that_of_the_held_control(name):
 @pytest.mark.parametrize("name", METHODS)
 def test_the_transformed_state_projects_to_the_state_and_goes_through_the_wall(name):
     run = tracked(method=METHODS[name])
-    x, xdot = zivi.project(run.s, run.v, e=E)
+    x, xdot = zivi.project(run.transformed.s, run.transformed.v, e=E)
     np.testing.assert_allclose([x, xdot], [run.x, run.xdot], rtol=1e-12, atol=1e-12)
     first = run.resolved_impacts["t"][0]
-    assert np.all(run.s[run.t < first] > 0)
+    assert np.all(run.transformed.s[run.t < first] > 0)
     after = run.t[(run.t > first) & (run.t < run.resolved_impacts["t"][1])]
-    assert np.all(run.s[np.isin(run.t, after)] < 0)
+    assert np.all(run.transformed.s[np.isin(run.t, after)] < 0)
     # s is continuous across impacts: no step larger than the fastest motion allows
     times = np.linspace(0, 1.5, 20001)
     s, _ = run._path.lifted(times)
@@ -63,7 +63,7 @@ def test_the_transformed_state_projects_to_the_state_and_goes_through_the_wall(n
 
 def test_a_scheme_is_linear_between_the_samples():
     run = tracked(method=METHODS["scheme"])
-    s, v = np.interp(0.123, run.t, run.s), np.interp(0.123, run.t, run.v)
+    s, v = np.interp(0.123, run.t, run.transformed.s), np.interp(0.123, run.t, run.transformed.v)
     x, xdot = zivi.project(s, v, e=E)
     np.testing.assert_allclose(run(0.123), [float(x), float(xdot)], rtol=1e-12)
 
@@ -85,7 +85,7 @@ def test_without_a_reference_or_a_path_it_says_so():
     with pytest.raises(ValueError, match="follows a reference"):
         run.reference(0.5)
     dense = zivi.simulate_closed_loop(PLANT, regulator, (0, 1), (1, 0))
-    np.testing.assert_array_equal(dense.s, run.s)
+    np.testing.assert_array_equal(dense.transformed.s, run.transformed.s)
     for t in (-0.1, 1.1, np.nan):
         with pytest.raises(ValueError, match="computed span"):
             dense(t)
@@ -186,7 +186,7 @@ def test_what_is_saved_or_sent_is_all_of_it(name, tmp_path):
     for twin in (zivi.files.load(file), pickle.loads(pickle.dumps(run)), copy.deepcopy(run)):
         np.testing.assert_array_equal(twin(times), run(times))
         np.testing.assert_array_equal(twin.reference(times), run.reference(times))
-        np.testing.assert_array_equal(twin.s, run.s)
+        np.testing.assert_array_equal(twin.transformed.s, run.transformed.s)
         np.testing.assert_array_equal(twin.t_events[0], run.t_events[0])
         np.testing.assert_array_equal(twin.impacts_down_to(1e-9), run.impacts_down_to(1e-9))
 

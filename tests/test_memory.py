@@ -110,7 +110,7 @@ ENTRIES = """
     loop = zivi.simulate_closed_loop(ball, coarse, (0, 1), (0.2, 0), y_ref0=(0.2, 0))
 
     def read(sol):
-        sol.x, sol.s, sol.residual, sol.impacts
+        sol.x, sol.transformed.s, sol.residual, sol.impacts
 
     def ticked():
         run = zivi.simulate_closed_loop(ball, tracker, (0, 1), (0.2, 0), y_ref0=(0.2, 0))

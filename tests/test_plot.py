@@ -83,10 +83,12 @@ def test_line_settings_are_passed_on_and_no_global_is_changed(name, sol):
 def test_the_data_are_those_of_the_run(sol):
     np.testing.assert_array_equal(zivi.plot.position(sol).lines[0].get_ydata(), sol.x)
     lifted = zivi.plot.lifted(sol)
-    np.testing.assert_array_equal(lifted.lines[0].get_ydata(), sol.s)
-    np.testing.assert_array_equal(lifted.lines[1].get_ydata(), sol.v)
+    np.testing.assert_array_equal(lifted.lines[0].get_ydata(), sol.transformed.s)
+    np.testing.assert_array_equal(lifted.lines[1].get_ydata(), sol.transformed.v)
     phase = zivi.plot.phase_plane(sol)
-    np.testing.assert_array_equal(phase.lines[0].get_xydata(), np.column_stack([sol.s, sol.v]))
+    np.testing.assert_array_equal(
+        phase.lines[0].get_xydata(), np.column_stack([sol.transformed.s, sol.transformed.v])
+    )
 
 
 def test_the_velocity_is_broken_at_impacts(sol):

@@ -88,9 +88,9 @@ def test_multipliers_belong_to_the_step_that_ends_at_the_sample():
     sol = zivi.simulate(BALL, (0, 1), (1, 0), method=zivi.ThetaGamma(1e-2))
     first, second = zivi.plot.multipliers(sol).lines
     assert first.get_drawstyle() == second.get_drawstyle() == "steps-pre"
-    np.testing.assert_array_equal(first.get_ydata(), sol.lambda_s)
-    np.testing.assert_array_equal(second.get_ydata(), sol.lambda_v)
-    assert np.any(sol.lambda_s != sol.lambda_v)
+    np.testing.assert_array_equal(first.get_ydata(), sol.transformed.lambda_s)
+    np.testing.assert_array_equal(second.get_ydata(), sol.transformed.lambda_v)
+    assert np.any(sol.transformed.lambda_s != sol.transformed.lambda_v)
 
 
 def test_an_overview_of_a_loop_in_a_figure_that_is_given(tracking):

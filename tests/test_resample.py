@@ -39,11 +39,13 @@ def test_samples_at_other_times_are_the_motion(sol):
         assert again.resolved_impacts is sol.resolved_impacts
         assert again.rest_time == sol.rest_time
     kappa = (1 - E) / (1 + E)
-    side = np.where(again.lambda_s == 0.0, 1.0, again.lambda_s)
-    np.testing.assert_allclose(side * again.s, again.x, atol=1e-15)
-    factor = 1 - kappa * again.lambda_s * again.lambda_v
-    np.testing.assert_allclose(again.lambda_s * again.v * factor, again.xdot, atol=1e-12)
-    assert np.all(again.lambda_s[times > sol.rest_time] == 0.0)
+    side = np.where(again.transformed.lambda_s == 0.0, 1.0, again.transformed.lambda_s)
+    np.testing.assert_allclose(side * again.transformed.s, again.x, atol=1e-15)
+    factor = 1 - kappa * again.transformed.lambda_s * again.transformed.lambda_v
+    np.testing.assert_allclose(
+        again.transformed.lambda_s * again.transformed.v * factor, again.xdot, atol=1e-12
+    )
+    assert np.all(again.transformed.lambda_s[times > sol.rest_time] == 0.0)
     assert again(0.3)[0] == sol(0.3)[0]
 
 
@@ -51,10 +53,10 @@ def test_multipliers_of_fixed_steps_are_those_of_the_step():
     sol = zivi.simulate(zivi.ImpactSystem(-G, e=E), (0, 1), (1, 0), zivi.ThetaGamma(0.01))
     again = sol.resample([0.0, 0.455, 0.5])
     for k, step in enumerate((0, 46, 50)):
-        assert again.lambda_s[k] == sol.lambda_s[step]
+        assert again.transformed.lambda_s[k] == sol.transformed.lambda_s[step]
         assert again.residual[k] == sol.residual[step]
     # what did not keep its steps does not invent them
-    assert np.all(np.isnan(again.resample([0.2, 0.7]).lambda_v))
+    assert np.all(np.isnan(again.resample([0.2, 0.7]).transformed.lambda_v))
 
 
 @pytest.mark.parametrize(

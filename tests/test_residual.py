@@ -46,8 +46,8 @@ def test_every_step_solves_the_scheme(name, theta, gamma, h):
     residual = steps.natural_residual()
     assert residual.max() <= 1e-12
     assert sol.residual[1:].max() <= 1e-13
-    assert np.all(np.abs(sol.lambda_s) <= 1)
-    assert np.all(np.abs(sol.lambda_v) <= 1)
+    assert np.all(np.abs(sol.transformed.lambda_s) <= 1)
+    assert np.all(np.abs(sol.transformed.lambda_v) <= 1)
 
 
 @pytest.mark.parametrize("name", FORCES)
@@ -65,10 +65,12 @@ def test_the_force_is_the_one_at_the_end_of_the_step(name):
 def test_the_physical_columns_are_the_projection_of_the_lifted_ones():
     sol, _ = run("spring and damper", 0.01)
     system = zivi.ImpactSystem(0.0, e=0.5)
-    np.testing.assert_array_equal(sol.x, np.abs(sol.s))
-    sign_s = np.where(sol.s != 0, np.sign(sol.s), np.sign(sol.v))
-    r = 1 - system.kappa * sign_s * np.sign(sol.v)
-    np.testing.assert_allclose(sol.xdot, r * sol.v * sign_s, rtol=1e-15)
+    np.testing.assert_array_equal(sol.x, np.abs(sol.transformed.s))
+    sign_s = np.where(
+        sol.transformed.s != 0, np.sign(sol.transformed.s), np.sign(sol.transformed.v)
+    )
+    r = 1 - system.kappa * sign_s * np.sign(sol.transformed.v)
+    np.testing.assert_allclose(sol.xdot, r * sol.transformed.v * sign_s, rtol=1e-15)
 
 
 def test_the_last_step_is_shortened_to_the_end_of_the_span():
@@ -88,18 +90,20 @@ def test_the_check_can_fail():
     assert steps.natural_residual().max() < 1e-12
     other = Steps(sol, zivi.ImpactSystem(zivi.LinearForce(stiffness=40.001), e=0.5))
     assert other.update_errors()[1].max() > 1e-6
-    sol.lambda_v[7] *= -1
+    sol.transformed.lambda_v[7] *= -1
     assert Steps(sol, system).natural_residual().max() > 1e-3
 
 
 def test_explicit_steps_satisfy_the_explicit_scheme():
     system = zivi.ImpactSystem(FORCES["drag"], e=0.5)
     sol = zivi.simulate(system, (0, 3), (1, 1), method=zivi.ExplicitEuler(h=0.01))
-    s, v, h = sol.s[:-1], sol.v[:-1], np.diff(sol.t)
+    s, v, h = sol.transformed.s[:-1], sol.transformed.v[:-1], np.diff(sol.t)
     sign_s, sign_v = np.where(s >= 0, 1.0, -1.0), np.where(v >= 0, 1.0, -1.0)
     r = 1 - system.kappa * sign_s * sign_v
     points = zip(sol.t[:-1], np.abs(s), r * v * sign_s, strict=True)
     force = np.array([system.force(*point) for point in points])
-    np.testing.assert_allclose(sol.v[1:], v + h * sign_s * force / r, rtol=0, atol=1e-14)
-    np.testing.assert_allclose(sol.s[1:], s + h * r * v, rtol=0, atol=1e-14)
+    np.testing.assert_allclose(
+        sol.transformed.v[1:], v + h * sign_s * force / r, rtol=0, atol=1e-14
+    )
+    np.testing.assert_allclose(sol.transformed.s[1:], s + h * r * v, rtol=0, atol=1e-14)
     assert np.all(np.isnan(sol.residual[1:]))

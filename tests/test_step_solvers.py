@@ -29,7 +29,7 @@ def test_one_trajectory(run, settings, h):
     other = zivi.simulate(*run, zivi.ThetaGamma(h, **settings))
     assert other.success
     # a step is solved to 1e-12 of its terms; thousands of steps follow one another
-    scale = np.abs(exact.v).max()
+    scale = np.abs(exact.transformed.v).max()
     assert np.abs(other.x - exact.x).max() <= 1e-10 * scale
     assert np.abs(other.xdot - exact.xdot).max() <= 1e-8 * scale
     assert other.rest_time == exact.rest_time
@@ -44,7 +44,14 @@ def test_rest_is_exact_with_every_solver():
         sol = zivi.simulate(*RUNS["ball"], zivi.ThetaGamma(1e-3, **settings))
         at_rest = sol.t >= sol.rest_time
         assert at_rest.any()
-        assert not np.any([sol.x[at_rest], sol.xdot[at_rest], sol.s[at_rest], sol.v[at_rest]])
+        assert not np.any(
+            [
+                sol.x[at_rest],
+                sol.xdot[at_rest],
+                sol.transformed.s[at_rest],
+                sol.transformed.v[at_rest],
+            ]
+        )
 
 
 def test_a_single_linearisation_fails_where_signs_change_and_is_counted():
@@ -52,9 +59,9 @@ def test_a_single_linearisation_fails_where_signs_change_and_is_counted():
     assert 0 < len(sol.failed_steps) < 50
     # everywhere else it is solved from the last signs: a failed step is one at which they change
     failed = sol.failed_steps
-    signs = np.sign(np.stack([sol.lambda_s, sol.lambda_v]))
-    interior = np.abs(sol.lambda_s[failed]) < 1
-    interior |= np.abs(sol.lambda_v[failed]) < 1
+    signs = np.sign(np.stack([sol.transformed.lambda_s, sol.transformed.lambda_v]))
+    interior = np.abs(sol.transformed.lambda_s[failed]) < 1
+    interior |= np.abs(sol.transformed.lambda_v[failed]) < 1
     changes = np.any(signs[:, failed] != signs[:, failed - 1], axis=0)
     assert np.all(changes | interior)
     assert f"{len(failed)} not solved" in repr(sol)
@@ -69,7 +76,9 @@ def test_a_step_taken_on_the_patterns_is_counted():
     for solver in ("exact", "newton", "outer"):
         sol = zivi.simulate(system, (0, h), (0.9887, -0.53), zivi.ThetaGamma(h, solver=solver))
         assert sol.success
-        assert sol.v[-1] == pytest.approx(0.852054, abs=1e-6)  # by enumeration of the patterns
+        assert sol.transformed.v[-1] == pytest.approx(
+            0.852054, abs=1e-6
+        )  # by enumeration of the patterns
         counts[solver] = len(sol.failed_steps)
     assert counts == {"exact": 0, "newton": 1, "outer": 1}
 

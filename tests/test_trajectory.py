@@ -6,6 +6,7 @@ import dataclasses
 import gc
 import pickle
 import weakref
+from operator import attrgetter
 
 import numpy as np
 import pytest
@@ -15,7 +16,16 @@ from closed_form import Ball
 
 BALL = zivi.ImpactSystem(-9.81, e=0.5)
 METHOD = zivi.ThetaGamma(h=1e-3)
-COLUMNS = ("t", "x", "xdot", "s", "v", "lambda_s", "lambda_v", "residual")
+COLUMNS = (
+    "t",
+    "x",
+    "xdot",
+    "transformed.s",
+    "transformed.v",
+    "transformed.lambda_s",
+    "transformed.lambda_v",
+    "residual",
+)
 
 
 @pytest.fixture(scope="module")
@@ -25,7 +35,7 @@ def sol():
 
 def test_all_columns_have_one_length_and_type(sol):
     for name in COLUMNS:
-        column = getattr(sol, name)
+        column = attrgetter(name)(sol)
         assert column.shape == (3001,), name
         assert column.dtype == np.float64
     assert sol.n_steps == 3000
@@ -43,7 +53,7 @@ def test_initial_sample_is_the_initial_state():
     sol = zivi.simulate(BALL, (2.5, 3), (1, -4), method=METHOD)
     assert (sol.t[0], sol.x[0]) == (2.5, 1.0)
     assert sol.xdot[0] == pytest.approx(-4.0, rel=1e-15)
-    assert (sol.lambda_s[0], sol.lambda_v[0]) == (1.0, -1.0)
+    assert (sol.transformed.lambda_s[0], sol.transformed.lambda_v[0]) == (1.0, -1.0)
 
 
 def test_the_end_of_the_span_is_met_exactly():
@@ -89,7 +99,7 @@ def test_reported_times_are_interpolated(sol):
     np.testing.assert_array_equal(some.t, times)
     np.testing.assert_array_equal((some.x, some.xdot), sol(times))
     for name in COLUMNS:
-        assert getattr(some, name).shape == (6,)
+        assert attrgetter(name)(some).shape == (6,)
     np.testing.assert_array_equal(some.resolved_impacts, sol.resolved_impacts)
     assert some.rest_time == sol.rest_time
     assert some.n_steps == sol.n_steps
@@ -127,7 +137,7 @@ def test_configuration_tells_the_run_again():
         config["y0"],
         method=method,
     )
-    np.testing.assert_array_equal(again.s, sol.s)
+    np.testing.assert_array_equal(again.transformed.s, sol.transformed.s)
 
 
 def test_a_callable_is_named_in_the_configuration():
@@ -153,7 +163,7 @@ def test_a_trajectory_is_frozen_and_prints_on_one_line(sol):
 def test_two_runs_are_equal_to_the_last_bit(sol):
     again = zivi.simulate(BALL, (0, 3), (1, 0), method=METHOD)
     for name in COLUMNS:
-        np.testing.assert_array_equal(getattr(again, name), getattr(sol, name))
+        np.testing.assert_array_equal(attrgetter(name)(again), attrgetter(name)(sol))
 
 
 def test_overflow_ends_the_run_and_keeps_it():
@@ -162,14 +172,35 @@ def test_overflow_ends_the_run_and_keeps_it():
     assert not sol.success
     assert sol.status in (zivi.Status.STATE_NOT_FINITE, zivi.Status.FORCE_NOT_FINITE)
     assert sol.x[-1] > 1e100
-    assert all(np.all(np.isfinite(getattr(sol, name))) for name in COLUMNS)
+    assert all(np.all(np.isfinite(attrgetter(name)(sol))) for name in COLUMNS)
 
 
-def test_transformed_samples_have_names_that_say_so(sol):
-    assert sol.transformed.v is sol.v
-    assert sol.transformed.s is sol.s
-    assert sol.transformed.lambda_s is sol.lambda_s
-    assert sol.transformed.lambda_v is sol.lambda_v
+@pytest.mark.parametrize("name", ["s", "v", "lambda_s", "lambda_v"])
+def test_transformed_samples_have_names_that_say_so(name, sol):
+    loop = zivi.simulate_closed_loop(
+        BALL, zivi.TwistingTracker(30, 17, h=1e-2, e=0.5), (0, 1), (0.2, 0), y_ref0=(0.2, 0)
+    )
+    np.testing.assert_array_equal(loop.transformed.lambda_v, loop.signs[:, 1])
+    for run in (sol, loop):
+        if run is loop and name not in ("s", "v"):
+            assert not hasattr(run, name)
+            continue
+        with pytest.warns(DeprecationWarning, match=f"use transformed.{name}") as caught:
+            found = getattr(run, name)
+        assert caught[0].filename == __file__
+        assert ("velocity of the mass is xdot" in str(caught[0].message)) == (name == "v")
+        np.testing.assert_array_equal(found, getattr(run.transformed, name))
+
+
+def test_nothing_but_the_former_names_warns(sol, tmp_path):
+    """Nor does what reads all of a run (warnings are errors here)."""
+    for way in (copy.copy, copy.deepcopy, lambda it: pickle.loads(pickle.dumps(it))):
+        np.testing.assert_array_equal(way(sol).transformed.v, sol.transformed.v)
+    # the state of a pickle has the names of former versions, which read it
+    assert {"s", "v", "lambda_s", "lambda_v"} <= sol.__getstate__().keys()
+    assert {"s", "v"} <= {*sol.to_pandas().columns} & {*sol.to_xarray()}
+    assert {"s", "v"} <= {*dir(sol)}
+    assert sol._repr_html_()
 
 
 def test_impacts_down_to_a_speed_before_them(sol):
@@ -210,7 +241,7 @@ def test_the_dataset_tells_what_the_run_cost():
     )
     told = sol.to_xarray().attrs
     for name in ("nfev", "n_steps", "n_rejected"):
-        assert told[name] == getattr(sol, name) > 0
+        assert told[name] == attrgetter(name)(sol) > 0
     assert told["nfev"] > told["n_steps"]
 
 
@@ -239,7 +270,8 @@ def test_what_is_not_read_yet_is_the_same_later_and_elsewhere():
         return zivi.simulate(system, (0, 3), (1, 0), events=lambda t, x, v: v)
 
     read = run()
-    expected = {field.name: getattr(read, field.name) for field in dataclasses.fields(read)}
+    names = (*COLUMNS, "resolved_impacts", "zeno_times", "failed_steps")
+    expected = {name: attrgetter(name)(read) for name in names}
     assert len(expected["t"]) > 20 > len(zivi.simulate(system, (0, 3), (1, 0), samples="steps").t)
     ways = {
         "pickle": lambda it: pickle.loads(pickle.dumps(it)),
@@ -249,8 +281,8 @@ def test_what_is_not_read_yet_is_the_same_later_and_elsewhere():
     }
     for name, way in ways.items():
         other = way(run())
-        for quantity in (*COLUMNS, "resolved_impacts", "zeno_times", "failed_steps"):
-            found = getattr(other, quantity)
+        for quantity in names:
+            found = attrgetter(quantity)(other)
             np.testing.assert_array_equal(found, expected[quantity], err_msg=f"{name} {quantity}")
         assert (other.message, other.nfev, other.rest_time) == (
             read.message,

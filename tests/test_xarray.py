@@ -43,9 +43,10 @@ def test_every_variable_has_its_unit_and_a_description(sol):
 
 def test_values_are_those_of_the_run(sol):
     data = sol.to_xarray()
-    for name in ("x", "xdot", "s", "v", "lambda_s", "lambda_v", "residual"):
+    lifted = {name: getattr(sol.transformed, name) for name in ("s", "v", "lambda_s", "lambda_v")}
+    for name, values in (lifted | {"x": sol.x, "xdot": sol.xdot, "residual": sol.residual}).items():
         assert data[name].dims == ("time",)
-        np.testing.assert_array_equal(data[name], getattr(sol, name))
+        np.testing.assert_array_equal(data[name], values)
     np.testing.assert_array_equal(data.time, sol.t)
     np.testing.assert_array_equal(data.impact_time, sol.impacts["t"])
     np.testing.assert_array_equal(data.impact_xdot_after, sol.impacts["xdot_after"])

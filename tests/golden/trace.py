@@ -7,6 +7,7 @@ meant to change results, and then the differences are looked at one by one.
 import argparse
 import hashlib
 import math
+from operator import attrgetter
 from pathlib import Path
 
 import numpy as np
@@ -32,6 +33,10 @@ COMPUTED = {
     "impacts": "resolved_impacts",
     "n_impacts": "n_resolved",
     "last_impact": "last_resolved",
+    "s": "transformed.s",
+    "v": "transformed.v",
+    "lambda_s": "transformed.lambda_s",
+    "lambda_v": "transformed.lambda_v",
 }
 """What now has the values that were there under the name that is digested."""
 EVENTS = {
@@ -75,7 +80,7 @@ def trace(result: object) -> str:
     digest = hashlib.sha256()
     for name in FIELDS[type(result)]:
         digest.update(name.encode())
-        value = getattr(result, COMPUTED.get(name, name))
+        value = attrgetter(COMPUTED.get(name, name))(result)
         if name == "events" and value is not None:
             value = [{key: it[now] for key, now in EVENTS.items()} for it in value]
         absorb(digest, value)

@@ -18,6 +18,7 @@ from zivi.control.updates import NONE, Updated, Updates, with_updates
 from zivi.simulation.dense import Path
 from zivi.simulation.impacts import SLOWEST
 from zivi.simulation.run_result import EVENT_COORDS, EVENT_FIELDS, MassRun
+from zivi.simulation.trajectory import FormerName, Transformed
 
 __all__ = ["ESTIMATES", "QUANTITIES", "SIGNS", "ClosedLoop"]
 
@@ -97,9 +98,9 @@ class ClosedLoop(Updated, MassRun):
     x_est, xdot_est, d_est : ndarray or None
         What the observer thought of position (m), velocity (m/s) and unknown force (m/s^2) at the
         samples; None without one.
-    s, v : ndarray
-        The plant in transformed coordinates (m, m/s), ``x = |s|``; the branch changes at each
-        impact.
+    transformed : Transformed
+        The plant in transformed coordinates (m, m/s), ``x = |s|``, and the first two of ``signs``;
+        the branch changes at each impact. ``run.s`` and ``run.v`` are deprecated.
     slowest : float
         The slowest of ``impacts``, as a part of the fastest.
     """
@@ -135,6 +136,8 @@ class ClosedLoop(Updated, MassRun):
     _ticks: dict[str, Array] | None = None
     """What was held from each sample on, of a run that is reported at other times."""
 
+    s, v = FormerName(), FormerName()
+
     def __post_init__(self) -> None:
         own = vars(self)
         if isinstance(own["signs"], _zivi.LoopSigns):
@@ -164,14 +167,9 @@ class ClosedLoop(Updated, MassRun):
         return on_side(self.x, self.xdot, side, self.config["kappa"])
 
     @property
-    def s(self) -> Array:
-        """Transformed position of the plant (m)."""
-        return self._lifted[0]
-
-    @property
-    def v(self) -> Array:
-        """Transformed velocity of the plant (m/s)."""
-        return self._lifted[1]
+    def transformed(self) -> Transformed:
+        """The plant in transformed coordinates; the branch changes at each impact."""
+        return Transformed(*self._lifted, *self.signs.T[:2])
 
     def reference(self, t: ArrayLike) -> Array:
         """Give the state of the reference between the samples.
@@ -228,12 +226,12 @@ class ClosedLoop(Updated, MassRun):
         return {**self._wall_facts(), "controller": self.config["controller"]["name"], "work": work}
 
     def _table(self) -> Table:
-        seen = ESTIMATES if self.x_est is not None else {}
+        seen, (s, v) = ESTIMATES if self.x_est is not None else {}, self._lifted
         coords: dict[str, Field] = {**EVENT_COORDS, "sign": ("sign", "", "name of the multiplier")}
         return Table(
             "Closed loop of a mechanical system with impacts",
             {**QUANTITIES, **TICKS, **seen, **EVENT_FIELDS},
             coords,
-            self._event_values() | {"sign": list(SIGNS)},
+            self._event_values() | {"s": s, "v": v, "sign": list(SIGNS)},
             self._outcome() | self.updates.attrs(),
         )

@@ -20,7 +20,7 @@ from zivi.files.mechanical import holds_mechanical, mechanical_run
 from zivi.simulation.dense import LinearPath, LostPath, PenetratingPath
 from zivi.simulation.impacts import IMPACT, SLOWEST
 from zivi.simulation.mechanical_trajectory import MechanicalTrajectory
-from zivi.simulation.trajectory import QUANTITIES, Trajectory
+from zivi.simulation.trajectory import LIFTED, QUANTITIES, Trajectory, Transformed
 from zivi.system.table import Table, TableMotion
 from zivi.system.wall import HarmonicWall, MovingWall
 
@@ -52,9 +52,9 @@ def drawn(dataset: xarray.Dataset) -> Trajectory | ClosedLoop | MechanicalTrajec
     run = run_of(dataset)
     if "curve_time" not in dataset or not isinstance(run, Trajectory):
         return run
-    curve: dict[str, Any] = {
-        name: dataset[f"curve_{name}"].values for name in ("x", "xdot", "s", "v")
-    }
+    x, xdot, s, v = (dataset[f"curve_{name}"].values for name in ("x", "xdot", "s", "v"))
+    lifted = dataclasses.replace(run.transformed, s=s, v=v)
+    curve: dict[str, Any] = {"x": x, "xdot": xdot, "transformed": lifted}
     times = dataset["curve_time"].values
     impacts = np.zeros(dataset.sizes["curve_impacts"], IMPACT)
     impacts["t"] = times[dataset["curve_impact"].values]
@@ -150,16 +150,19 @@ def _trajectory(dataset: xarray.Dataset) -> Trajectory:
     samples: dict[str, Any] = {name: dataset[name].values for name in QUANTITIES}
     config = _config(dataset)
     times, states = _events(dataset)
+    path = _path(dataset, common["t"], samples, config["kappa"])
+    lifted = Transformed(*(samples.pop(name) for name in LIFTED))
     return Trajectory(
         **common,
         **samples,
+        transformed=lifted,
         _setup=config,
         failed_steps=dataset["failed_step"].values,
         n_steps=int(attrs["n_steps"]),
         n_rejected=int(attrs["n_rejected"]),
         t_events=times,
         y_events=states,
-        _path=_path(dataset, common["t"], samples, config["kappa"]),
+        _path=path,
         _wall=_wall(config["wall"]),
     )
 
@@ -173,7 +176,8 @@ def path_variables(run: Trajectory) -> tuple[str, dict[str, Array]]:
     if path is None or name not in PATHS:
         return NOTHING if path is None else LOST, {}
     samples = {field: getattr(path, field) for field in _sampled(PATHS[name])}
-    same = all(np.array_equal(getattr(run, field), samples[field]) for field in samples)
+    own = {"t": run.t, "x": run.x, "xdot": run.xdot, **vars(run.transformed)}
+    same = all(np.array_equal(own[field], samples[field]) for field in samples)
     return name, {} if same else {f"path_{field}": samples[field] for field in samples}
 
 

@@ -130,7 +130,7 @@ def curves(runs: Runs, window: tuple[float, float] | None = None) -> list[Curve]
         made += _reference(implicit, window)
         signs = implicit.signs
     else:
-        signs = np.column_stack([implicit.lambda_s, implicit.lambda_v])
+        signs = np.column_stack([implicit.transformed.lambda_s, implicit.transformed.lambda_v])
     return made + _signs(implicit.t, signs, window)
 
 

@@ -85,7 +85,7 @@ AT_REST = (
 
 
 def _plane(sol: Trajectory) -> Figure:
-    return plane(sol.s, sol.v, (0.02, 0.45))
+    return plane(sol.transformed.s, sol.transformed.v, (0.02, 0.45))
 
 
 def _lifted(sol: Trajectory) -> Figure:
@@ -161,8 +161,8 @@ def explicit_and_implicit() -> Picture:
 def checks(sol: Trajectory) -> list[Check]:
     """Hold the run against closed forms and against another implementation of the scheme."""
     rest = _rest(sol)
-    at_rest = np.abs([sol.x, sol.xdot, sol.s, sol.v])[:, sol.t >= rest]
-    held = sol.lambda_s[sol.t > rest]
+    at_rest = np.abs([sol.x, sol.xdot, sol.transformed.s, sol.transformed.v])[:, sol.t >= rest]
+    held = sol.transformed.lambda_s[sol.t > rest]
     e_measured = -sol.resolved_impacts["xdot_after"] / sol.resolved_impacts["xdot_before"]
     fine, coarse, limit = (_rest(run(ThetaGamma(h))) for h in (1e-4, 1e-2, 1e-6))
     result = [

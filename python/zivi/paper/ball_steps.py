@@ -73,7 +73,7 @@ def ball_states(h: float) -> Array:
     """Return the states of the paper's ball up to its rest (h in s, speeds in m/s)."""
     sol = run(ThetaGamma(h))
     moving = sol.t < (sol.t[-1] if sol.rest_time is None else sol.rest_time)
-    return np.column_stack([sol.s[moving], sol.v[moving]])
+    return np.column_stack([sol.transformed.s[moving], sol.transformed.v[moving]])
 
 
 def sets() -> Iterator[Steps]:

@@ -52,7 +52,8 @@ def line_of(run: Trajectory | ClosedLoop) -> Line:
     path: Any = getattr(run, "_path", None)
     held = hasattr(run, "u")  # a closed loop is drawn at its samples
     if held or not (hasattr(path, "tails") and path.dense and len(run.t) > 1):
-        return Line(run.t, run.x, run.xdot, run.s, run.v, _after(run.t, run.resolved_impacts["t"]))
+        s, v = run.transformed.s, run.transformed.v
+        return Line(run.t, run.x, run.xdot, s, v, _after(run.t, run.resolved_impacts["t"]))
     times, impacts = _times(run, path.starts())  # type: ignore[arg-type]
     x, xdot = path.physical(times)
     s, v = path.lifted(times)

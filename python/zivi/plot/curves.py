@@ -132,10 +132,11 @@ def multipliers(sol: Trajectory | Branch, ax: Axes | None = None, **line: Any) -
 
     if isinstance(sol, Branch):
         return branch_multipliers(sol, ax, **line)
-    check_run("multipliers", sol, needs="lambda_s", of="Trajectory")
+    check_run("multipliers", sol, needs="residual", of="Trajectory")
     ax = axes_of(ax)
-    ax.step(sol.t, sol.lambda_s, **_look(ax, BLUE, r"$\lambda_s$", line))
-    ax.step(sol.t, sol.lambda_v, **_look(ax, ORANGE, r"$\lambda_v$", {"ls": "--"} | line))
+    lifted = sol.transformed
+    ax.step(sol.t, lifted.lambda_s, **_look(ax, BLUE, r"$\lambda_s$", line))
+    ax.step(sol.t, lifted.lambda_v, **_look(ax, ORANGE, r"$\lambda_v$", {"ls": "--"} | line))
     ax.set(xlabel="time $t$ (s)", ylabel="multiplier (1)", ylim=(-1.15, 1.15))
     legend(ax)
     return ax

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from typing import Any
 
 import numpy as np
 
@@ -44,7 +45,7 @@ def ended_by_event(sol: Trajectory) -> Trajectory:
 
 def _path_until(path: Path, kept: Trajectory) -> Path:
     """Return the path of a fixed-step run through the samples that are left of it."""
-    changes = {name: getattr(kept, name) for name in ("t", "s", "v")}
+    changes: dict[str, Any] = {"t": kept.t, "s": kept.transformed.s, "v": kept.transformed.v}
     if isinstance(path, PenetratingPath):
         changes |= {"x": kept.x, "xdot": kept.xdot}
     assert isinstance(path, LinearPath)

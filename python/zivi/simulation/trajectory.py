@@ -15,6 +15,7 @@ import zivi._zivi as _zivi
 from zivi.base.check import Array, MaybeNone
 from zivi.base.status import Status
 from zivi.base.table import Field, Table
+from zivi.base.warnings import warn
 from zivi.simulation.dense import Path
 from zivi.simulation.describe import configuration_of
 from zivi.simulation.impacts import IMPACT, SLOWEST, impacts_of
@@ -29,7 +30,7 @@ if TYPE_CHECKING:
     from zivi.system.mass import ImpactSystem
     from zivi.system.wall import HarmonicWall, MovingWall
 
-__all__ = ["IMPACT", "NO_STOPS", "QUANTITIES", "Trajectory"]
+__all__ = ["IMPACT", "LIFTED", "NO_STOPS", "QUANTITIES", "FormerName", "Trajectory", "Transformed"]
 
 QUANTITIES: dict[str, Field] = {
     "x": ("time", "m", "distance from the wall"),
@@ -63,12 +64,36 @@ class Transformed:
         Transformed position (m) and velocity (m/s), ``x = |s|``. `v` is not the velocity `xdot`.
     lambda_s, lambda_v : ndarray
         Multipliers in ``sgn s`` and ``sgn v`` of the step that ends at the sample.
+
+    Examples
+    --------
+    >>> ball = zivi.ImpactSystem(-9.81, e=0.5)
+    >>> sol = zivi.simulate(ball, (0, 0.1), (1, 0), method=zivi.ThetaGamma(h=1e-3))
+    >>> round(float(sol.xdot[-1] / sol.transformed.v[-1]), 6)  # 1 + kappa, with kappa = 1/3
+    1.333333
     """
 
     s: Array
     v: Array
     lambda_s: Array
     lambda_v: Array
+
+
+class FormerName:
+    """A name of `Transformed` on a run itself, where it is taken for a physical quantity."""
+
+    def __set_name__(self, owner: type, name: str) -> None:
+        self._name = name
+
+    def __get__(self, run: Any, owner: type | None = None) -> Any:
+        if run is None:
+            return self
+        instead = "; the velocity of the mass is xdot" if self._name == "v" else ""
+        warn(
+            f"the name {self._name} of a run is deprecated; use transformed.{self._name}{instead}",
+            DeprecationWarning,
+        )
+        return getattr(run.transformed, self._name)
 
 
 @dataclasses.dataclass(frozen=True, eq=False, repr=False)
@@ -86,12 +111,11 @@ class Trajectory(MassRun):
         Times of the samples (s); all sampled arrays have its length.
     x, xdot : ndarray
         Distance from the wall (m) and velocity (m/s); at the wall, the velocity after an impact.
-    s, v : ndarray
-        Transformed position (m) and velocity (m/s), ``x = |s|``: those of `transformed`, whose
-        names say so. The velocity of the mass is `xdot`.
-    lambda_s, lambda_v : ndarray
-        Multipliers in ``sgn s`` and ``sgn v`` of the step that ends at the sample; for the first
-        sample the signs of the initial state.
+    transformed : Transformed
+        The samples in the coordinates in which impacts are smooth: position ``s`` (m) and velocity
+        ``v`` (m/s), ``x = |s|``, with the multipliers ``lambda_s`` and ``lambda_v`` in ``sgn s``
+        and ``sgn v`` of the step that ends at the sample; for the first sample the signs of the
+        initial state. ``sol.s``, ``sol.v``, ``sol.lambda_s`` and ``sol.lambda_v`` are deprecated.
     residual : ndarray
         Natural residual of that step, its rows divided by the size of their terms, recomputed
         from the inclusion: at rounding level (1e-13 at most, where a degenerate case was taken)
@@ -139,10 +163,7 @@ class Trajectory(MassRun):
     t: Array
     x: Array
     xdot: Array
-    s: Array
-    v: Array
-    lambda_s: Array
-    lambda_v: Array
+    transformed: Transformed
     residual: Array
     resolved_impacts: NDArray[np.void]
     zeno_times: Array
@@ -165,6 +186,8 @@ class Trajectory(MassRun):
     )
     _closer: Closer | None = dataclasses.field(repr=False, default_factory=lambda: None)
 
+    s, v, lambda_s, lambda_v = FormerName(), FormerName(), FormerName(), FormerName()
+
     @functools.cached_property
     def config(self) -> dict[str, Any]:
         """System, method, span and initial state, as plain values."""
@@ -172,7 +195,14 @@ class Trajectory(MassRun):
 
     def __getstate__(self) -> dict[str, Any]:
         # plain values can be copied and sent where a force cannot
-        return self._read_all() | {"_setup": self.config, "_closer": None}
+        state = self._read_all() | {"_setup": self.config, "_closer": None}
+        lifted = state.pop("transformed")
+        return state | {name: getattr(lifted, name) for name in LIFTED}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        rest = {name: it for name, it in state.items() if name not in LIFTED}
+        lifted = Transformed(*(state[name] for name in LIFTED))
+        super().__setstate__(rest | {"transformed": lifted})
 
     @functools.cached_property
     def trusted_until(self) -> float:
@@ -233,12 +263,16 @@ class Trajectory(MassRun):
             record = own.get("_record")
             if record is None:
                 return super().__getattr__(name)
-            if name in LIFTED and own["_drawn"]:
-                own.update(zip(LIFTED, record.drawn_lifted(), strict=True))
+            if name == "transformed" and own["_drawn"]:
+                own[name] = Transformed(*record.drawn_lifted())
+            elif name == "transformed":
+                rows = record.columns[:, : record.n_samples]
+                own[name] = Transformed(*(rows[QUANTITY_ROWS[it]] for it in LIFTED))
             elif name in ROWS and own["_drawn"]:
                 own[name] = record.drawn(ROWS[name])
             elif name in ROWS:
-                own.update(zip(ROWS, record.columns[:, : record.n_samples], strict=True))
+                rows = record.columns[:, : record.n_samples]
+                own.update((it, rows[row]) for it, row in ROWS.items())
             elif name in OF_RECORD:
                 own[name] = OF_RECORD[name](record)
             elif name in OF_ARGUMENTS:
@@ -264,21 +298,9 @@ class Trajectory(MassRun):
 
     def _resampled(self, times: Array) -> Trajectory:
         x, xdot = self(times)
-        steps: dict[str, Any] = between_steps(self, times)
+        *lifted, residual = between_steps(self, times)
+        steps: dict[str, Any] = {"transformed": Transformed(*lifted), "residual": residual}
         return dataclasses.replace(self, t=times, x=x, xdot=xdot, **steps)
-
-    @property
-    def transformed(self) -> Transformed:
-        """The samples in transformed coordinates: ``s``, ``v``, ``lambda_s`` and ``lambda_v``.
-
-        Examples
-        --------
-        >>> ball = zivi.ImpactSystem(-9.81, e=0.5)
-        >>> sol = zivi.simulate(ball, (0, 0.1), (1, 0), method=zivi.ThetaGamma(h=1e-3))
-        >>> round(float(sol.xdot[-1] / sol.transformed.v[-1]), 6)  # 1 + kappa, with kappa = 1/3
-        1.333333
-        """
-        return Transformed(*(getattr(self, name) for name in LIFTED))
 
     def fixed(self, t: ArrayLike | None = None) -> tuple[Array, Array]:
         """Give the motion in the fixed frame, where a moving wall moves.
@@ -322,6 +344,7 @@ class Trajectory(MassRun):
 
     def _table(self) -> Table:
         values, fields = self._event_values(), QUANTITIES | EVENT_FIELDS
+        values |= {name: getattr(self.transformed, name) for name in LIFTED}
         if self._wall is not None:
             values["x_fixed"], values["xdot_fixed"] = self.fixed()
             values["wall"], fields = self._wall(self.t)[0], fields | FIXED
@@ -338,10 +361,11 @@ STATUSES = {int(status): status for status in Status}
 """A call of the class takes longer."""
 UNREAD = ("_record", "_drawn", "_asked")
 """What a run has of which its attributes are made."""
-ROWS = {name: row for row, name in enumerate(("t", *QUANTITIES))}
-"""What a run samples, and where it is in the record."""
 LIFTED = ("s", "v", "lambda_s", "lambda_v")
 """What follows from the state at a sample."""
+QUANTITY_ROWS = {name: row for row, name in enumerate(("t", *QUANTITIES))}
+ROWS = {name: row for name, row in QUANTITY_ROWS.items() if name not in LIFTED}
+"""What a run samples, and where it is in the record."""
 
 
 def _path_of(
@@ -350,7 +374,7 @@ def _path_of(
     own: _zivi.MotionPath | None = vars(sol)["_record"].path
     if own is not None:
         return own
-    samples = {name: getattr(sol, name) for name in QUANTITIES}
+    samples = {"x": sol.x, "xdot": sol.xdot, **vars(sol.transformed)}
     made: Path = method._path(system.kappa, sol.t, samples)  # type: ignore[attr-defined]
     return made
 
