@@ -187,6 +187,8 @@ def test_numbers_that_are_counted_are_those_of_the_tables():
             for name in (*NUMBERS, "t", "q", "qdot", "gaps", "contacts"):
                 one, other = getattr(alone, name), getattr(tables, name)
                 assert np.array_equal(one, other, equal_nan=one.dtype.kind == "f"), name
+            flagged = np.count_nonzero(alone.n_flags)
+            assert (f"; {flagged} with flags>" in repr(alone)) == bool(flagged)
             for name in NUMBERS:
                 sums[name] += int(np.nan_to_num(getattr(alone, name)).sum())
     assert sums["n_impacts"] > 1000

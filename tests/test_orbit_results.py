@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 
 import numpy as np
 import pytest
 
 import zivi
-from zivi.orbits import attractor
+from zivi.orbits import along, attractor, follow, rest_branch
 from zivi.orbits.flights import PRECISE
+from zivi.orbits.mechanical import follow as mechanical_follow
 from zivi.orbits.mechanical.path import Path
 from zivi.orbits.rest import resting_orbit
 from zivi.orbits.sequence import Frame, as_word
@@ -127,7 +129,7 @@ def test_what_a_branch_tells():
     assert branch.of_kind("nothing") == []
     assert repr(branch) == (
         f"<Branch of {len(branch)} orbits over amplitude: fold at {fold.value:.9g}, "
-        f"period_doubling at {doubling.value:.9g}>"
+        f"period_doubling at {doubling.value:.9g}; range_end>"
     )
     assert branch.message == "The branch was followed to the ends of the range."
     assert branch.multipliers.shape == (len(branch), 2)
@@ -160,11 +162,43 @@ def test_what_a_branch_tells():
     assert middle.residual < 1e-10
 
 
+def test_a_branch_counts_the_orbits_that_failed():
+    branch = zivi.continue_orbit(impacting(), "amplitude", (1.0, 1.6))
+    one, two, *rest = branch.orbits
+    failed = dataclasses.replace(one, status=STATUS.LEFT_ADMISSIBLE)
+    unknown = dataclasses.replace(two, multipliers=np.full(2, np.nan))
+    n, found = len(branch), dataclasses.replace(branch, orbits=[failed, unknown, *rest])
+    told = f"1 of {n} orbits with a status (1 left_admissible), 1 of {n} orbits without multipliers"
+    assert repr(found).endswith(f", {told}; range_end>")
+    assert told in found._repr_html_()
+    assert along.failed_text(found.orbits) == told
+    assert along.with_failed("It ended.", told) == f"It ended. {told}."
+    assert along.with_failed("It ended.", along.failed_text(branch.orbits)) == "It ended."
+
+
+def test_the_message_of_every_branch_counts_them(monkeypatch):
+    """Of one mass, at rest or not, and of a mechanism."""
+    for module in (follow, rest_branch, mechanical_follow):
+        monkeypatch.setattr(module, "failed_text", lambda orbits: f"some of {len(orbits)} failed")
+    system = zivi.LinearSystem(
+        *(1.0, 0.1, 1.0),
+        excitation=zivi.Harmonic([0.1], 0.8),
+        gaps=[zivi.LinearGap([-1.0], 1.0)],
+        e=0.5,
+    )
+    flight = zivi.periodic_orbit(system, (["P"], [[0.0, 0.0, 0.0]]))
+    branch = zivi.continue_orbit(flight, "omega", (0.7, 0.9), step=0.2)
+    assert branch.message.endswith(f" Some of {len(branch)} failed.")
+    for orbit in (impacting(), resting()):
+        branch = zivi.continue_orbit(orbit, "amplitude", (1.2, 1.4))
+        assert branch.message.endswith(f" Some of {len(branch)} failed.")
+
+
 def test_branches_of_flights_and_of_few_points():
     force = zivi.LinearForce(stiffness=1.0, damping=0.1, gravity=-2.0, amplitude=0.3, omega=0.7)
     orbit = zivi.periodic_orbit(zivi.ImpactSystem(force, e=0.5), (0.0, (2.5, 0.0)))
     branch = zivi.continue_orbit(orbit, "amplitude", (0.2, 0.4))
-    assert repr(branch) == f"<Branch of {len(branch)} orbits over amplitude: no events>"
+    assert repr(branch) == f"<Branch of {len(branch)} orbits over amplitude: no events; range_end>"
     data = branch.to_xarray()
     assert np.isnan(data.t).all()
     assert np.isnan(data.u).all()

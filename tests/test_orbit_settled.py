@@ -155,6 +155,8 @@ def test_shares_and_borders_of_basins():
     np.testing.assert_array_equal(found.grazing, grazing)
     np.testing.assert_allclose(found.shares, [10 / 12, 2 / 12])
     assert repr(found) == "<Basins of 12 cells: rest x0: 83.3%, impacting x2: 16.7%, 1 cells graze>"
+    outside = dataclasses.replace(found, label=label - (label == 0))
+    assert repr(outside).endswith("1 cells graze, 10 cells with a negative gap>")
     data = found.to_xarray()
     assert data.label.dims == data.border.dims == data.grazing.dims == ("xdot0", "x0")
     np.testing.assert_array_equal(data.label, label)
@@ -193,6 +195,39 @@ def test_diagrams_as_datasets():
         assert data.attrs["source"] == f"zivi {zivi.__version__}"
         np.testing.assert_array_equal(found.resting, [True, False])
         assert repr(found) == "<Diagram over amplitude: 2 runs, 1 at rest, 2 points>"
+        assert found.message == "Every run settled on a periodic motion, or rests."
+
+
+def test_a_diagram_counts_the_runs_without_a_periodic_motion():
+    kinds = ["failed", "impacting", "irregular", "irregular"]
+    found = zivi.Diagram(
+        "a", "impacts", *np.zeros((3, 1)), np.zeros(1, int), np.zeros(4), np.zeros(4, int),
+        [Attractor(kind, 0, np.empty((0, 2))) for kind in kinds],
+    )  # fmt: skip
+    told = "3 of 4 runs without a periodic motion (2 irregular, 1 failed)"
+    assert repr(found) == f"<Diagram over a: 4 runs, 0 at rest, 1 points, {told}>"
+    assert told in found._repr_html_()
+    assert found.message.startswith(f"{told}; ")
+
+
+def test_exponents_tell_what_became_of_the_run():
+    table = zivi.LinearForce(gravity=1.0, amplitude=1.3, phase=-math.pi / 2)
+    found = zivi.lyapunov_exponents(zivi.ImpactSystem(table, e=0.5), (0, 90), (0.1, 2.0), 30)
+    values = ", ".join(f"{it:.6g}" for it in found.exponents)
+    told = f"over {found.duration:.6g} s, {found.n_impacts} impacts"
+    assert repr(found) == f"<Lyapunov {values} 1/s {told}: completed>"
+    assert found.message == "The exponents are means over the run."
+    rests = zivi.lyapunov_exponents(zivi.ImpactSystem(-9.81, e=0.5), (0, 9), (0.1, 2.0))
+    assert "2 of 2 exponents are minus infinity: rests>" in repr(rests)
+    assert rests.message.endswith(" 2 of 2 exponents are minus infinity.")
+
+    def ends(t, x, xdot):
+        return math.nan if t > 3 else -9.81
+
+    early = zivi.lyapunov_exponents(zivi.ImpactSystem(ends, e=0.9), (0, 9), (0.1, 2.0))
+    assert repr(early).endswith("2 of 2 exponents are not known: run_ended>")
+    assert early.trajectory.message in early.message
+    assert "2 of 2 exponents are not known" in early._repr_html_()
 
 
 def test_means_of_exponents():

@@ -129,6 +129,19 @@ def test_a_trajectory_is_summarised(out):
     assert study.rest_time.attrs["units"] == "s"
 
 
+def test_a_study_counts_the_runs_that_ended_early():
+    def run(x0):
+        def force(t, x, xdot):
+            return float("nan") if x > 2 else -9.81
+
+        return zivi.simulate(zivi.ImpactSystem(force, e=0.5), (0, 1), (x0, 0))
+
+    study = zivi.sweep(run, {"x0": [1.0, 3.0, 4.0]})
+    told = "2 of 3 with a run that failed (2 force_not_finite)"
+    assert told in repr(study)
+    assert told in study._repr_html_()
+
+
 def test_a_closed_loop_is_summarised():
     def loop(mu1):
         plant = zivi.ImpactSystem(-9.81, kappa=0.5)

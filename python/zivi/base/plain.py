@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping
+from collections import Counter
+from collections.abc import Iterable, Mapping
 from typing import Any
 
-__all__ = ["counted", "text_of"]
+__all__ = ["counted", "listed_by", "text_of"]
 
 
 def counted(number: int, thing: str) -> str:
@@ -19,6 +20,21 @@ def counted(number: int, thing: str) -> str:
     ('1 impact', '2 impacts')
     """
     return f"{number} {thing}" + ("" if number == 1 else "s")
+
+
+def listed_by(total: int, what: str, reasons: Iterable[str]) -> str:
+    """Return how many of a number are so, and by which reasons; nothing if none is.
+
+    Examples
+    --------
+    >>> listed_by(40, "runs without an orbit", ["failed", "irregular", "irregular"])
+    '3 of 40 runs without an orbit (2 irregular, 1 failed)'
+    """
+    counts = Counter(reasons)
+    if not counts:
+        return ""
+    by = ", ".join(f"{number} {reason}" for reason, number in counts.most_common())
+    return f"{counts.total()} of {total} {what} ({by})"
 
 
 def text_of(value: Any) -> str:

@@ -9,10 +9,11 @@ from typing import TYPE_CHECKING, Any, Generic, TypeVar
 import numpy as np
 
 from zivi.base.check import Array
+from zivi.base.plain import listed_by
 from zivi.base.table import Field, Tabulated
 from zivi.derivatives.result import OrbitStatus
 
-__all__ = ["FIELDS", "MESSAGES", "OrbitsAlong"]
+__all__ = ["FIELDS", "MESSAGES", "OrbitsAlong", "failed_text", "with_failed"]
 
 MESSAGES = {
     OrbitStatus.RANGE_END: "The branch was followed to the ends of the range.",
@@ -31,6 +32,20 @@ FIELDS: dict[str, Field] = {
 """Dimensions, unit and meaning of what is in the dataset, beside the parameter and the impact."""
 
 Event = TypeVar("Event")
+
+
+def failed_text(orbits: Sequence[Any]) -> str:
+    """Say how many orbits have another status than success, nothing if none has."""
+    failed = [it.status.name.lower() for it in orbits if it.status is not OrbitStatus.COMPLETED]
+    unknown = sum(bool(np.isnan(it.multipliers).any()) for it in orbits)
+    found = [listed_by(len(orbits), "orbits with a status", failed)] if failed else []
+    found += [f"{unknown} of {len(orbits)} orbits without multipliers"] if unknown else []
+    return ", ".join(found)
+
+
+def with_failed(message: str, failed: str) -> str:
+    """Return the message of a result with what failed in it."""
+    return f"{message} {failed[0].upper()}{failed[1:]}." if failed else message
 
 
 class OrbitsAlong(Tabulated, Generic[Event]):
@@ -75,6 +90,11 @@ class OrbitsAlong(Tabulated, Generic[Event]):
             In the order of the branch.
         """
         return [event for event in self.events if event.kind == kind]
+
+    def _failed_text(self) -> str:
+        """Say what failed behind a comma, nothing if nothing did."""
+        failed = failed_text(self.orbits)
+        return f", {failed}" if failed else ""
 
     def _columns(self) -> dict[str, Any]:
         """Give the parameter, the first impact and the multipliers of each orbit."""

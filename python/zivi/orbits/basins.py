@@ -95,6 +95,8 @@ class Basins(Tabulated):
         pairs = zip(self.attractors, self.shares, strict=True)
         told = ", ".join(f"{it.kind} x{it.multiple}: {share:.1%}" for it, share in pairs)
         unsure = f", {unsure} cells graze" if (unsure := np.count_nonzero(self.grazing)) else ""
+        penetrating = int(np.count_nonzero(self.label < 0))
+        unsure += f", {penetrating} cells with a negative gap" if penetrating else ""
         return f"<Basins of {self.label.size} cells: {told}{unsure}>"
 
     def _table(self) -> Table:

@@ -116,4 +116,7 @@ class Branch(along.OrbitsAlong[BranchEvent]):
 
     def __repr__(self) -> str:
         told = ", ".join(f"{event.kind} at {event.value:.9g}" for event in self.events)
-        return f"<Branch of {len(self)} orbits over {self.name}: {told or 'no events'}>"
+        known = f"{told or 'no events'}{self._failed_text()}"
+        return (
+            f"<Branch of {len(self)} orbits over {self.name}: {known}; {self.status.name.lower()}>"
+        )

@@ -11,7 +11,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from zivi.base.check import Array, integer, real_array
 from zivi.base.habits import hinted
+from zivi.base.plain import listed_by
 from zivi.base.table import Field, Table, Tabulated
+from zivi.orbits.along import with_failed
 from zivi.orbits.attractor import Attractor
 from zivi.orbits.mechanical.family import value_of
 from zivi.orbits.mechanical.plan import MechanicalPlan, number_of, read_states
@@ -24,6 +26,8 @@ from zivi.system.parameters import check_newton, parameter
 __all__ = ["Diagram", "bifurcation_diagram"]
 
 USUAL = SwitchedRK(rtol=1e-8, atol=1e-10)
+OPEN = ("irregular", "failed")
+"""Kinds of what a run did that are no periodic motion."""
 FIELDS: dict[str, Field] = {
     "run_of_point": ("point", "", "run of the point"),
     "gap": ("point", "", "number of the gap, -1 of a state"),
@@ -89,7 +93,22 @@ class Diagram(Tabulated):
 
     def __repr__(self) -> str:
         runs, rest = len(self.attractors), int(self.resting.sum())
-        return f"<Diagram over {self.name}: {runs} runs, {rest} at rest, {len(self.value)} points>"
+        failed = f", {text}" if (text := self._failed_text()) else ""
+        counted = f"{runs} runs, {rest} at rest, {len(self.value)} points{failed}"
+        return f"<Diagram over {self.name}: {counted}>"
+
+    def _failed_text(self) -> str:
+        kinds = [it.kind for it in self.attractors if it.kind in OPEN]
+        return listed_by(len(self.attractors), "runs without a periodic motion", kinds)
+
+    @property
+    def message(self) -> str:
+        """What the runs settled on, and how many of them on nothing."""
+        failed = self._failed_text()
+        if not failed:
+            return "Every run settled on a periodic motion, or rests."
+        advice = "irregular ones may be chaotic, or need a longer transient"
+        return with_failed("", f"{failed}; {advice}").strip()
 
     def _table(self) -> Table:
         """Tell the points over ``point``, what each run settled on over ``run``."""

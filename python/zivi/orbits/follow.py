@@ -12,6 +12,7 @@ import numpy as np
 from zivi.base.check import finite, integer
 from zivi.base.habits import hinted
 from zivi.derivatives.result import OrbitStatus
+from zivi.orbits.along import failed_text, with_failed
 from zivi.orbits.branch import MESSAGES, Branch, BranchEvent
 from zivi.orbits.find import orbit_of, why_not
 from zivi.orbits.mechanical.arc import Found, Way, single_doubling
@@ -154,7 +155,8 @@ def _follow(
     status = found.status
     if status is OrbitStatus.RETRACED:
         status = OrbitStatus.COMPLETED
-    return Branch(name, orbits, values, events, status, MESSAGES[status], found.flights)
+    message = with_failed(MESSAGES[status], failed_text(orbits))
+    return Branch(name, orbits, values, events, status, message, found.flights)
 
 
 def _event(frame: Frame, name: str, found: Found, span: tuple[float, float]) -> BranchEvent:

@@ -10,9 +10,11 @@ import numpy as np
 
 from zivi.base.check import Array, finite
 from zivi.base.habits import hinted
+from zivi.base.plain import counted
 from zivi.base.progress import ProgressBar
 from zivi.base.table import Table, Tabulated
 from zivi.derivatives.sensitivity import OrbitStatus
+from zivi.orbits.along import with_failed
 from zivi.orbits.flights import fly
 from zivi.orbits.mechanical.exponents import flow_maps, piece_of
 from zivi.orbits.mechanical.mass_flow import MassFlow, impact_maps
@@ -33,7 +35,15 @@ LOST = 1e-14
 """What rounding leaves of a direction that a contact has taken away, as a part of the others."""
 
 
-@dataclasses.dataclass(frozen=True)
+MESSAGES = {
+    OrbitStatus.COMPLETED: "The exponents are means over the run.",
+    OrbitStatus.RESTS: "The run comes to rest: nothing is left of a difference.",
+    OrbitStatus.RUN_ENDED: "The run ended early: there are no exponents.",
+    OrbitStatus.NOT_DIFFERENTIABLE: "Some derivative along the run does not exist.",
+}
+
+
+@dataclasses.dataclass(frozen=True, repr=False)
 class Lyapunov(Tabulated):
     """Lyapunov exponents of a run.
 
@@ -64,6 +74,28 @@ class Lyapunov(Tabulated):
     def success(self) -> bool:
         """Whether there are exponents of a motion that does not rest."""
         return self.status is OrbitStatus.COMPLETED
+
+    @property
+    def message(self) -> str:
+        """What happened, and how many exponents are not numbers."""
+        known = MESSAGES.get(self.status, f"The run ended: {self.status.name.lower()}.")
+        if self.trajectory is not None and not self.trajectory.success:
+            known += f" {self.trajectory.message}"
+        return with_failed(known, self._failed_text())
+
+    def _failed_text(self) -> str:
+        numbers = {
+            "not known": int(np.isnan(self.exponents).sum()),
+            "minus infinity": int(np.isneginf(self.exponents).sum()),
+        }
+        total = len(self.exponents)
+        return ", ".join(f"{n} of {total} exponents are {what}" for what, n in numbers.items() if n)
+
+    def __repr__(self) -> str:
+        values = ", ".join(f"{it:.6g}" for it in self.exponents)
+        failed = f", {text}" if (text := self._failed_text()) else ""
+        over = f"over {self.duration:.6g} s, {counted(self.n_impacts, 'impact')}{failed}"
+        return f"<Lyapunov {values} 1/s {over}: {self.status.name.lower()}>"
 
     def _table(self) -> Table:
         """Tell the exponents."""
@@ -136,15 +168,15 @@ def lyapunov_exponents(
         raise ValueError("piece is for a zivi.MechanicalSystem: one mass goes impact by impact")
     check_newton(system)
     run = simulate(system, span, y0, method, progress=progress)
-    counted = span[0] + transient
+    since = span[0] + transient
     if not run.success:
         return Lyapunov(np.full(2, np.nan), 0.0, 0, OrbitStatus.RUN_ENDED, run)
-    if run.rest_time is not None or np.any(run.zeno_times >= counted):
+    if run.rest_time is not None or np.any(run.zeno_times >= since):
         return Lyapunov(np.full(2, -np.inf), 0.0, len(run.impacts), OrbitStatus.RESTS, run)
     rows = np.column_stack([run.resolved_impacts["t"], run.resolved_impacts["xdot_after"]])
-    rows = rows[rows[:, 0] >= counted]
+    rows = rows[rows[:, 0] >= since]
     if len(rows) < 2:
-        return _in_flight(system, run, counted, span[1], method)
+        return _in_flight(system, run, since, span[1], method)
     states = np.column_stack([0.0 * rows[:-1, 0], rows[:-1, 1]])
     flights = MassFlow(system, method).fly((), rows[:-1, 0], states, rows[1:, 0])
     # of (t, u): x is 0

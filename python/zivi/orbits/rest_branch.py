@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from zivi.derivatives.sensitivity import OrbitStatus
+from zivi.orbits.along import failed_text, with_failed
 from zivi.orbits.branch import MESSAGES, Branch, BranchEvent
 from zivi.orbits.orbit import PeriodicOrbit
 from zivi.orbits.rest import chatter_exponent, highest_pull, resting_orbit
@@ -56,7 +57,8 @@ def follow_rest(
     status = OrbitStatus.RANGE_END
     for ended in (ends_below, ends_above):
         status = ended if ended is not OrbitStatus.RANGE_END else status
-    return Branch(name, orbits, values, events, status, MESSAGES[status], follower.runs)
+    message = with_failed(MESSAGES[status], failed_text(orbits))
+    return Branch(name, orbits, values, events, status, message, follower.runs)
 
 
 def _arm(

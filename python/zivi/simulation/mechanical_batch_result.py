@@ -109,6 +109,10 @@ class MechanicalBatch(Runs):
     sample_qdot: Array | MaybeNone = None
     rest_time: Array = dataclasses.field(default_factory=lambda: np.empty(0))
 
+    def _counted(self) -> str:
+        flagged = int(np.count_nonzero(self.n_flags))
+        return f"{flagged} with flags" if flagged else ""
+
     def _table(self) -> Table:
         """Tell the numbers over ``run``, ``coordinate`` and ``gap``, samples over ``time``."""
         fields, coords = ENDS | NUMBERS, dict(LABELS)

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from zivi.base.extras import have, needed
+from zivi.base.plain import listed_by
 from zivi.base.status import Status, StudyStatus
 from zivi.base.table import page
 from zivi.study.design import Design
@@ -112,8 +113,18 @@ class Study:
         status = self.status
         rows = {state.name.lower(): str(np.count_nonzero(status == state)) for state in StudyStatus}
         where = {} if self.path is None else {"folder": str(self.path)}
-        told = {"points": str(len(status)), **rows, **where}
+        ended = {"runs": text} if (text := self._ended()) else {}
+        told = {"points": str(len(status)), **rows, **ended, **where}
         return page("zivi.Study", told) + str(self.dataset._repr_html_())
+
+    def _ended(self) -> str:
+        """Say how many runs ended early, by their status."""
+        if "run_status" not in self.dataset:
+            return ""
+        ends = self.dataset["run_status"].values.ravel()
+        good = np.isin(ends, (Status.COMPLETED, Status.TERMINATED_BY_EVENT)) | np.isnan(ends)
+        reasons = [Status(int(it)).name.lower() for it in ends[~good]]
+        return listed_by(len(ends), "with a run that failed", reasons)
 
     def __repr__(self) -> str:
         status = self.status
@@ -122,11 +133,8 @@ class Study:
         for state in (StudyStatus.FAILED, StudyStatus.MISSING):
             if number := np.count_nonzero(status == state):
                 counts.append(f"{number} {state.name.lower()}")
-        if "run_status" in self.dataset:
-            ends = self.dataset["run_status"].values.ravel()
-            ended = ~np.isin(ends, (Status.COMPLETED, Status.TERMINATED_BY_EVENT)) & ~np.isnan(ends)
-            if number := np.count_nonzero(ended):
-                counts.append(f"{number} with a run that failed")
+        if ended := self._ended():
+            counts.append(ended)
         where = "" if self.path is None else f" in {self.path}"
         results = ", ".join(str(name) for name in self.dataset.data_vars)
         return f"<Study{where}: {', '.join(counts)}; {results}>"

@@ -169,5 +169,5 @@ class MechanicalBranch(along.OrbitsAlong[MechanicalEvent]):
         words = " | ".join(self.words)
         return (
             f"<MechanicalBranch of {len(self)} orbits over {self.name}, {words}: "
-            f"{listed or 'no events'}>"
+            f"{listed or 'no events'}{self._failed_text()}; {self.status.name.lower()}>"
         )

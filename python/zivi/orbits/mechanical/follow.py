@@ -10,6 +10,7 @@ import numpy as np
 
 from zivi.base.check import Array
 from zivi.derivatives.result import OrbitStatus
+from zivi.orbits.along import failed_text, with_failed
 from zivi.orbits.flights import FlightError
 from zivi.orbits.mechanical.arc import Arc, Found, Way
 from zivi.orbits.mechanical.branch import MESSAGES, BranchArc, MechanicalBranch, MechanicalEvent
@@ -63,12 +64,14 @@ def follow(
 
     found = both_ways(way, start, most, most, side)
     multiple, names = orbit.multiple, orbit.system.gap_names
+    arcs = [_arc(arc, multiple) for arc in found.arcs]
+    failed = failed_text([orbit for arc in arcs for orbit in arc.orbits])
     return MechanicalBranch(
         name=name,
-        arcs=[_arc(arc, multiple) for arc in found.arcs],
+        arcs=arcs,
         events=[_event(it, multiple, names, name) for it in found.events],
         status=found.status,
-        message=MESSAGES[found.status],
+        message=with_failed(MESSAGES[found.status], failed),
         n_flights=found.flights,
     )
 

@@ -11,6 +11,7 @@ import numpy as np
 from zivi.base.check import Array, finite, integer
 from zivi.base.table import Field, Table, Tabulated
 from zivi.derivatives.result import OrbitStatus
+from zivi.orbits.along import with_failed
 from zivi.orbits.branch import BranchEvent
 from zivi.orbits.mechanical.branch import MechanicalEvent
 from zivi.orbits.mechanical.crossing import crossed
@@ -166,6 +167,10 @@ class EventCurve(Tabulated):
         """
         return point.orbit
 
+    def _failed_text(self) -> str:
+        failed = failed_text(self._found)
+        return f", {failed}" if failed else ""
+
     def _table(self) -> Table:
         values = {"first": self.values[:, 0], "second": self.values[:, 1]}
         attrs = {
@@ -182,7 +187,8 @@ class EventCurve(Tabulated):
         )
         return (
             f"<EventCurve of {self.kind} over {self.names[0]} and {self.names[1]}, "
-            f"{len(self)} points: {listed or 'nothing else'}>"
+            f"{len(self)} points: {listed or 'nothing else'}{self._failed_text()}; "
+            f"{self.status.name.lower()}>"
         )
 
 
@@ -326,7 +332,7 @@ def _curve(
             CodimensionTwo(it.kind, it.point.values, orbit_at(it.point, multiple)) for it in named
         ],
         status=status,
-        message=MESSAGES[status],
+        message=with_failed(MESSAGES[status], failed_text(points)),
         _found=points,
         _multiple=multiple,
     )
@@ -341,10 +347,16 @@ def _of_rest(
 ) -> EventCurve:
     none = np.full(len(values), np.nan)
     residual = np.array([it.residual for it in found]) if found else none
-    message = MESSAGES[status]
+    message = with_failed(MESSAGES[status], failed_text(found))
     return EventCurve(
         "end_of_rest", names, values, none, residual, [], status, message, found, multiple
     )
+
+
+def failed_text(found: list[CurvePoint]) -> str:
+    """Say at how many points the orbit is no motion, nothing if it is one everywhere."""
+    number = sum(_why_not(it) is not None for it in found)
+    return f"{number} of {len(found)} points where the orbit is no motion" if number else ""
 
 
 def _critical_word(event: Any, orbit: MechanicalOrbit) -> tuple[Frame, Array]:
