@@ -1,5 +1,6 @@
 """Studies that are stopped, killed, damaged or mistaken for others, and go on."""
 
+import concurrent.futures
 import importlib
 import json
 import os
@@ -20,8 +21,11 @@ import sweep_functions as functions
 import zivi
 from interrupting import HANGS, collector_off, wait_for
 from test_sweep_executors import files
+from zivi.study import pools
+from zivi.study.drive import Driver
 from zivi.study.folder import FolderStore
 from zivi.study.pools import Pool
+from zivi.study.work import compute
 
 pytestmark = pytest.mark.slow
 
@@ -110,6 +114,42 @@ def test_ctrl_c_keeps_what_is_done(executor, tmp_path):
     assert np.array_equal(study.value[:20], np.arange(20.0))
     PRESSED[0].join()
     assert zivi.sweep(**call).value.values.tolist() == list(range(100))
+
+
+@pytest.mark.parametrize("place", ["submit", "_collect", "_take", "_learn", "_put", "_save"])
+@pytest.mark.parametrize("executor", [None, "threads"])
+def test_ctrl_c_loses_nothing_that_was_computed(executor, place, monkeypatch, tmp_path):
+    """It comes once where results are on their way, the second time each of these is passed."""
+    calls, asked = [], []
+    pool = pools.Inline if executor is None else concurrent.futures.ThreadPoolExecutor
+    owner = pool if place == "submit" else Driver
+    work = getattr(owner, place)
+
+    def pressed(self, *arguments, **named):
+        found = work(self, *arguments, **named)
+        if place == "submit":
+            if arguments[0] is not compute:
+                return found  # zarr has an executor, too
+            concurrent.futures.wait([found])  # it is computed
+        asked.append(place)
+        if len(asked) == 2:
+            signal.raise_signal(signal.SIGINT)
+        return found
+
+    def point(x):
+        calls.append(x)
+        return x
+
+    monkeypatch.setattr(owner, place, pressed)
+    before = signal.getsignal(signal.SIGINT)
+    how = {"points": {"x": range(200)}, "out": tmp_path / "a", "chunk": 20}
+    workers = None if executor is None else 1
+    with collector_off(), pytest.raises(KeyboardInterrupt) as stop:
+        zivi.sweep(point, **how, executor=executor, workers=workers)
+    assert signal.getsignal(signal.SIGINT) is before
+    done = np.flatnonzero(stop.value.study.status)
+    assert 0 < len(done) < 200
+    assert done.tolist() == sorted(calls)
 
 
 def test_ctrl_c_stops_threads_after_the_points_that_they_are_at(monkeypatch):

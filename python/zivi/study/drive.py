@@ -22,7 +22,7 @@ from zivi.study.messages import message_of
 from zivi.study.piece import Piece, check_same_schema
 from zivi.study.pools import Pool
 from zivi.study.store import Store, count
-from zivi.study.work import SLICE, Job, compute, is_ready
+from zivi.study.work import SLICE, Gate, Job, compute, is_ready
 
 __all__ = ["Driver"]
 
@@ -92,6 +92,7 @@ class Driver:
         self._size = self._given or min(FIRST, math.ceil(total / SHARES))
         self._events: np.dtype[Any] | None = None
         self._breaks = 0
+        self._gate = Gate()
         self._raised: BaseException | None = None
         self.computed = 0
         self.first_failure: str | None = None
@@ -104,11 +105,16 @@ class Driver:
         total = len(self._design)
         before = count(self._store, *(set(StudyStatus) - set(self._wanted)))
         self._fresh = self._tasks(0)
+        with self._gate:
+            self._drive(before, total, bar)
+
+    def _drive(self, before: int, total: int, bar: ProgressBar) -> None:
         try:
             while self._raised is None and self._hand_out():
-                done, _ = concurrent.futures.wait(
-                    self._running, SLICE, return_when=concurrent.futures.FIRST_COMPLETED
-                )
+                with self._gate.opened():
+                    done, _ = concurrent.futures.wait(
+                        self._running, SLICE, return_when=concurrent.futures.FIRST_COMPLETED
+                    )
                 if not done and self._pool.broken:
                     self._broken([], alone=len(self._running) == 1)
                 self._collect(done)
@@ -211,8 +217,9 @@ class Driver:
                 "again with a new one, only what is missing is computed"
             )
         # all that was in flight is lost or done by now
+        with self._gate.opened():
+            concurrent.futures.wait(self._running, SLICE)
         left, self._running = self._running, {}
-        concurrent.futures.wait(left, SLICE)
         for future, task in left.items():
             try:
                 piece = future.result(timeout=0)
@@ -235,7 +242,8 @@ class Driver:
     def _see_it_live(self) -> None:
         """Raise if a new worker cannot even be told what to do."""
         try:
-            self._pool.executor.submit(is_ready, self._job).result(START)
+            with self._gate.opened():
+                self._pool.executor.submit(is_ready, self._job).result(START)
         except (concurrent.futures.BrokenExecutor, TimeoutError) as error:
             raise RuntimeError(
                 "the workers die before they compute anything: can they import the function, is "
