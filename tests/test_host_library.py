@@ -115,7 +115,11 @@ def prefix(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def library(prefix: Path) -> c.CDLL:
-    found = c.CDLL(str(prefix / "libzivi.so"))
+    return known(c.CDLL(str(prefix / "libzivi.so")))
+
+
+def known(found: c.CDLL) -> c.CDLL:
+    """Tell ctypes what the functions of the library take and give."""
     for name in ("zivi_last_error", "zivi_status_message", "zivi_vi_message"):
         getattr(found, name).restype = c.c_char_p
     found.zivi_run_rest_time.restype = c.c_double
@@ -320,3 +324,96 @@ def test_a_mechanical_system(library: c.CDLL) -> None:
     library.zivi_mechanical_free(run)
     it.n = 0
     assert library.zivi_simulate_mechanical(c.byref(it), None, 0.0, 3.0, q, w, c.byref(run)) < 0
+
+
+SHORT_OF_MEMORY = """
+import ctypes as c, sys
+import numpy as np
+from test_host_library import DOUBLES, EVALUATION, MAP, Mechanics, Method, Problem, known, system
+import zivi
+
+lib, N, n = known(c.CDLL(sys.argv[1])), 1 << 14, 100
+MEMORY, KEPT = -52, int(zivi.Status.OUT_OF_MEMORY)
+D = lambda values: values.ctypes.data_as(DOUBLES)
+times, e, one = np.linspace(0, 1, N), np.array([0.5]), np.array([1.0])
+zeros, matrix, point = np.zeros(n), np.eye(n), np.zeros(n)
+
+def evaluate(_user, _t, q, _w, out):
+    for k, value in enumerate([1.0, -9.81, q[0], 1.0, 0.0, 0.0]):
+        out[k] = value
+    return 0
+
+def shifted(_user, n, z, f):
+    for i in range(n):
+        f[i] = z[i] - 1.0
+    return 0
+
+def run(e=0.5, height=1.0, end=1.0, **how):
+    it, how, handle = system(e=e, force=-9.81), Method(c.sizeof(Method), **how), c.c_void_p()
+    code = lib.zivi_simulate(c.byref(it), c.byref(how), 0.0, end, height, 0.0, c.byref(handle))
+    assert (handle.value is None) == (code < 0)
+    lib.zivi_run_free(handle)
+    return code
+
+def moved():
+    it = Mechanics(c.sizeof(Mechanics), n=1, m=1, e=D(e), function=model)
+    how, handle = Method(c.sizeof(Method), t_eval=D(times), n_eval=N), c.c_void_p()
+    code = lib.zivi_simulate_mechanical(
+        c.byref(it), c.byref(how), 0.0, 1.0, D(one), D(zeros), c.byref(handle)
+    )
+    assert (handle.value is None) == (code < 0)
+    lib.zivi_mechanical_free(handle)
+    return code
+
+def solved(affine):
+    problem = Problem(c.sizeof(Problem), n=n, lower=D(zeros), map=function)
+    point[:] = 0.0
+    if affine:
+        return lib.zivi_solve_avi(c.byref(problem), D(matrix), D(-np.ones(n)), D(point), None)
+    return lib.zivi_solve_vi(c.byref(problem), D(point), None)
+
+model, function = EVALUATION(evaluate), MAP(shifted)
+malloc = c.CDLL(None)
+malloc.fail_request.argtypes = [c.c_size_t, c.c_long]
+CALLS = {
+    "steps": lambda: run(h=1 / N),
+    "samples": lambda: run(t_eval=D(times), n_eval=N),
+    "impacts": lambda: run(e=1.0, height=1e-9, end=0.2),
+    "mechanics": moved,
+    "VI": lambda: solved(False),
+    "affine VI": lambda: solved(True),
+}
+for name, call in CALLS.items():
+    assert call() in (0, 1), name
+    for k in range(1, 60):
+        malloc.fail_request(1 << 15, k)
+        code, left = call(), malloc.requests_left()
+        malloc.fail_request(0, 0)
+        if left > 0:  # there are no more
+            assert k > 1 and code in (0, 1), (name, code)
+            break
+        assert code in (0, 1, MEMORY, KEPT), (name, k, code, lib.zivi_last_error())
+        assert (b"memory" in lib.zivi_last_error()) or code != MEMORY
+        print(name, k, code, flush=True)
+"""
+
+
+def test_every_large_allocation_may_fail(prefix: Path, tmp_path: Path) -> None:
+    """A code, and a run where it is not below 0; the caller's program goes on."""
+    failing = tmp_path / "failing.so"
+    source = Path(__file__).parent / "c" / "failing_malloc.c"
+    subprocess.run(["cc", "-O1", "-shared", "-fPIC", "-o", failing, source], check=True)
+    done = subprocess.run(
+        [sys.executable, "-c", SHORT_OF_MEMORY, prefix / "libzivi.so"],
+        capture_output=True,
+        text=True,
+        check=False,
+        cwd=Path(__file__).parent,
+        env=os.environ | {"LD_PRELOAD": str(failing)},
+    )
+    assert done.returncode == 0, done.stdout[-200:] + done.stderr[-2000:]
+    told = [line.rsplit(None, 2) for line in done.stdout.splitlines()]
+    failed = {name for name, _, code in told if code == "-52"}
+    assert failed == {"steps", "samples", "impacts", "VI", "affine VI"}
+    kept = {name for name, _, code in told if code == str(int(zivi.Status.OUT_OF_MEMORY))}
+    assert kept == {"samples", "impacts", "mechanics"}

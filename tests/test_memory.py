@@ -104,6 +104,9 @@ ENTRIES = """
     sol, moved = zivi.simulate(ball, (0, 1), (1, 0)), zivi.simulate(mech, (0, 1), start)
     slow = zivi.simulate(zivi.ImpactSystem(-9.81, e=0.9999), (0, 1e4), (1, 0))
     derived = zivi.sensitivity(ball, (0, 1), (1, 0))
+    import scipy.sparse
+    laplace = scipy.sparse.diags_array([-1, 2.5, -1], offsets=[-1, 0, 1], shape=(N, N)).tocsc()
+    ring = laplace.indptr, laplace.indices
     n = 100
     tracker = zivi.TwistingTracker(30, 17, h=1 / N, e=0.5)
     coarse = zivi.TwistingTracker(30, 17, h=1e-2, e=0.5)
@@ -134,7 +137,7 @@ ENTRIES = """
         "friction": lambda: zivi.simulate(rubbing, (0, 1), start, t_eval=times),
         "linear": lambda: zivi.simulate(linear, (0, 1), start, t_eval=times),
         "batch": lambda: zivi.simulate_batch(ball, (0, 1e-3), many, method=zivi.ThetaGamma(1e-3)),
-        "batch of events": lambda: zivi.simulate_batch(ball, (0, 1e-3), many[:4096], save="events"),
+        "batch of events": lambda: zivi.simulate_batch(ball, (0, 1e-3), many, save="events"),
         "batch of samples": lambda: zivi.simulate_batch(
             ball, (0, 1), many[:16], method=zivi.ThetaGamma(1e-3), save=1
         ),
@@ -142,6 +145,10 @@ ENTRIES = """
         "table": lambda: zivi.Table(times, np.sin(times))(times),
         "box VI": lambda: zivi.solve_vi(lambda x: x - 1, *np.zeros((3, n))),
         "NCP": lambda: zivi.solve_ncp(lambda x: x - 1, np.zeros(n), jac=lambda x: np.eye(n)),
+        "ordering": lambda: zivi._zivi.minimum_degree(*ring),
+        "sparse VI": lambda: zivi.solve_vi(
+            lambda x: laplace @ x - 1, *np.zeros((3, N)) + [[0], [np.inf], [0]], jac=lambda x: laplace
+        ),
         "LCP": lambda: zivi.solve_lcp(np.eye(n), -np.ones(n)),
         "loop": ticked,
         "loop, call": lambda: loop(times),

@@ -4,6 +4,7 @@ use std::cell::RefCell;
 use std::ffi::{c_char, CString};
 use std::panic::{catch_unwind, AssertUnwindSafe};
 
+use zivi::SetupError;
 use zivi_c::code::{ZIVI_E_NULL, ZIVI_E_SIZE};
 
 /// What was asked for is out of range: `zivi_last_error` says what, and nothing was computed.
@@ -33,6 +34,14 @@ impl Refused {
     pub(crate) fn memory(what: &str, n: usize) -> Self {
         let words = format!("{what} must be small enough for memory, got {n}");
         Self { code: ZIVI_E_MEMORY, words }
+    }
+
+    pub(crate) fn setup(error: SetupError) -> Self {
+        let code = match error {
+            SetupError::Memory(_) => ZIVI_E_MEMORY,
+            _ => ZIVI_E_INVALID,
+        };
+        Self { code, words: error.to_string() }
     }
 
     pub(crate) fn size() -> Self {

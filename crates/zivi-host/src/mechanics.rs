@@ -89,7 +89,8 @@ pub unsafe extern "C" fn zivi_simulate_mechanical(
             (q, w),
             output,
             &mut Unwatched,
-        )?;
+        )
+        .map_err(Refused::setup)?;
         let status = done.status as i32;
         *run = Box::into_raw(Box::new(MechanicalHandle(done)));
         Ok(status)

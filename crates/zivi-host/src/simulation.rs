@@ -8,7 +8,7 @@ use zivi::{
     Physical, Quantity, Restitution, Status, SwitchedRk, ThetaGamma, Trajectory,
 };
 
-use crate::border::{array, checked_size, filled, guarded, read, written, Raised, Refused};
+use crate::border::{array, checked_size, guarded, read, written, Raised, Refused};
 
 /// A force per unit mass: writes `f(t, x, xdot)` (m/s^2) to `*force`; not 0 ends the run, which
 /// keeps what was computed. `user` is the pointer of the system.
@@ -61,23 +61,10 @@ pub struct Method {
     pub n_eval: usize,
 }
 
-/// An impact that was resolved.
-#[repr(C)]
-#[derive(Clone, Copy, Debug)]
-pub struct Impact {
-    /// Time (s).
-    pub t: f64,
-    /// Velocity before (m/s).
-    pub xdot_before: f64,
-    /// Velocity after (m/s).
-    pub xdot_after: f64,
-}
+pub use zivi::Impact;
 
 /// A run.
-pub struct RunHandle {
-    trajectory: Trajectory,
-    impacts: Vec<Impact>,
-}
+pub struct RunHandle(Trajectory);
 
 /// Sets the size, and everything else to its default.
 #[no_mangle]
@@ -147,14 +134,8 @@ pub unsafe extern "C" fn zivi_simulate(
             )?,
             None => how.run(&mut ConstantForce(system.force), restitution, (t0, t1), start)?,
         };
-        let found = &trajectory.events.impacts;
-        let none = Impact { t: 0.0, xdot_before: 0.0, xdot_after: 0.0 };
-        let mut impacts = filled(none, found.len(), ("the number of impacts", found.len()))?;
-        for (to, it) in impacts.iter_mut().zip(found) {
-            *to = Impact { t: it.t, xdot_before: it.xdot_before, xdot_after: it.xdot_after };
-        }
         let status = trajectory.status as i32;
-        *run = Box::into_raw(Box::new(RunHandle { trajectory, impacts }));
+        *run = Box::into_raw(Box::new(RunHandle(trajectory)));
         Ok(status)
     })
 }
@@ -172,14 +153,14 @@ pub unsafe extern "C" fn zivi_run_free(run: *mut RunHandle) {
 #[no_mangle]
 pub unsafe extern "C" fn zivi_run_status(run: *const RunHandle) -> i32 {
     // SAFETY: the caller's
-    guarded(|| Ok(unsafe { read(run) }?.trajectory.status as i32))
+    guarded(|| Ok(unsafe { read(run) }?.0.status as i32))
 }
 
 /// How many samples there are.
 #[no_mangle]
 pub unsafe extern "C" fn zivi_run_samples(run: *const RunHandle) -> usize {
     // SAFETY: the caller's
-    unsafe { read(run) }.map_or(0, |it| it.trajectory.columns.len())
+    unsafe { read(run) }.map_or(0, |it| it.0.columns.len())
 }
 
 /// A column of the samples, valid until the run is freed: 0 t, 1 x, 2 xdot, 3 s, 4 v; NULL for
@@ -189,7 +170,7 @@ pub unsafe extern "C" fn zivi_run_column(run: *const RunHandle, column: u32) -> 
     let wanted = Quantity::ALL.get(column as usize).filter(|_| column < 5);
     // SAFETY: the caller's
     match (unsafe { read(run) }, wanted) {
-        (Ok(it), Some(quantity)) => it.trajectory.columns.of(*quantity).as_ptr(),
+        (Ok(it), Some(quantity)) => it.0.columns.of(*quantity).as_ptr(),
         _ => std::ptr::null(),
     }
 }
@@ -198,7 +179,7 @@ pub unsafe extern "C" fn zivi_run_column(run: *const RunHandle, column: u32) -> 
 #[no_mangle]
 pub unsafe extern "C" fn zivi_run_rest_time(run: *const RunHandle) -> f64 {
     // SAFETY: the caller's
-    unsafe { read(run) }.ok().and_then(|it| it.trajectory.events.rest_time).unwrap_or(f64::NAN)
+    unsafe { read(run) }.ok().and_then(|it| it.0.events.rest_time).unwrap_or(f64::NAN)
 }
 
 /// The impacts that were resolved, valid until the run is freed; `*count` is how many.
@@ -210,8 +191,8 @@ pub unsafe extern "C" fn zivi_run_impacts(
     // SAFETY: the caller's
     match unsafe { (read(run), written(count)) } {
         (Ok(it), Ok(count)) => {
-            *count = it.impacts.len();
-            it.impacts.as_ptr()
+            *count = it.0.events.impacts.len();
+            it.0.events.impacts.as_ptr()
         }
         _ => std::ptr::null(),
     }
@@ -285,15 +266,15 @@ impl How<'_> {
                 start,
                 output,
                 &mut Unwatched,
-            )?;
-            return Ok(run.trajectory);
+            );
+            return Ok(run.map_err(Refused::setup)?.trajectory);
         }
         if self.t_eval.is_some() {
             return Err(Refused::from("t_eval must be NULL where h is given: samples are h apart"));
         }
         let (grid, method) = (Grid::new(span.0, span.1, self.h)?, ThetaGamma::implicit_euler());
-        Ok(simulate_theta_gamma(method, restitution, force, grid, start, &mut Unwatched)?
-            .trajectory)
+        let run = simulate_theta_gamma(method, restitution, force, grid, start, &mut Unwatched);
+        Ok(run.map_err(Refused::setup)?.trajectory)
     }
 }
 

@@ -3,6 +3,7 @@
 use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
+use pyo3::types::PyList;
 use zivi::drive::batch::{
     simulate_batch as run_batch, simulate_batch_to, BatchError, Member, Outcome, Save, Task,
 };
@@ -143,7 +144,7 @@ pub(crate) fn simulate_batch(
 }
 
 type Array = Py<PyArray1<f64>>;
-type Times = Vec<Array>;
+type Times = Py<PyList>;
 
 /// What is saved of the runs: an entry, or a row, for each.
 #[pyclass(frozen, get_all, module = "zivi._zivi")]
@@ -178,15 +179,29 @@ pub(crate) struct BatchRecord {
 }
 
 impl BatchRecord {
-    fn new(py: Python<'_>, ends: Vec<Outcome>) -> PyResult<Self> {
-        let column = |of: fn(&Outcome) -> f64| array(py, ends.iter().map(of));
-        let none = Events::default();
+    fn new(py: Python<'_>, mut ends: Vec<Outcome>) -> PyResult<Self> {
         let kept = ends.iter().any(|end| end.events.is_some());
-        let lists = || ends.iter().filter(|_| kept).map(|end| end.events.as_ref().unwrap_or(&none));
-        let impacts = ends.iter().filter(|_| kept).map(|it| rows_of(py, &it.impacts));
-        let resolved = lists().map(|it| rows_of(py, &it.impacts));
-        let times = |of: fn(&Events) -> &[f64]| -> PyResult<Times> {
-            try_list(lists().map(|it| array(py, of(it).iter().copied())))
+        let mut lists = [(); 4].map(|()| PyList::empty(py));
+        for (i, end) in ends.iter_mut().filter(|_| kept).enumerate() {
+            if i % BETWEEN_LOOKS == 0 {
+                py.check_signals()?;
+            }
+            let events = end.events.take().unwrap_or_default();
+            let Events { impacts, zeno_times, liftoff_times, .. } = events;
+            let times = |values| PyArray1::from_vec(py, values).unbind();
+            let own = [
+                rows_of(py, std::mem::take(&mut end.impacts)),
+                rows_of(py, impacts),
+                times(zeno_times),
+                times(liftoff_times),
+            ];
+            // one by one: a list of a length that does not fit would end the process
+            lists.iter_mut().zip(own).try_for_each(|(list, it)| list.append(it))?;
+        }
+        let [impacts, resolved_impacts, zeno_times, liftoff_times] = lists.map(Bound::unbind);
+        let column = |of: fn(&Outcome) -> f64| {
+            py.check_signals()?;
+            array(py, ends.iter().map(of))
         };
         Ok(Self {
             t: column(|end| end.summary.t)?,
@@ -210,10 +225,10 @@ impl BatchRecord {
             samples_xdot: rows(py, ends.iter().map(|end| end.saved.xdot.as_slice()))?,
             samples_s: rows(py, ends.iter().map(|end| end.saved.s.as_slice()))?,
             samples_v: rows(py, ends.iter().map(|end| end.saved.v.as_slice()))?,
-            impacts: try_list(impacts)?,
-            resolved_impacts: try_list(resolved)?,
-            zeno_times: times(|it| &it.zeno_times)?,
-            liftoff_times: times(|it| &it.liftoff_times)?,
+            impacts,
+            resolved_impacts,
+            zeno_times,
+            liftoff_times,
         })
     }
 }

@@ -371,7 +371,7 @@ impl LoopRecord {
             estimates: estimates.into_iter().map(array).collect(),
             ticks: PyArray1::from_vec(py, ticks).unbind(),
             updates: numbers_of(updates),
-            impacts: rows_of(py, &events.impacts)?,
+            impacts: rows_of(py, events.impacts),
             zeno_times: array(events.zeno_times),
             liftoff_times: array(events.liftoff_times),
             rest_time: events.rest_time,

@@ -3,6 +3,7 @@
 //! No numerics here. `python/zivi` is what users import; `python/zivi/_zivi.pyi` types this module.
 
 mod arrays;
+mod aside;
 mod ballistic;
 mod batch;
 mod capsule;

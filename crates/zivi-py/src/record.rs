@@ -1,23 +1,27 @@
 //! The record of a run as Python sees it: NumPy arrays that own its memory.
 
-use crate::arrays::{list, zeros, Array};
+use crate::arrays::{list, Array};
 use numpy::{PyArray1, PyArray2, PyArrayMethods};
 use pyo3::exceptions::{PyMemoryError, PyValueError};
 use pyo3::prelude::*;
+use std::mem::ManuallyDrop;
 use std::sync::{Mutex, OnceLock};
-use zivi::{DensePath, Motion, PlotSamples, PointRun, Quantity, Restitution, Status, QUANTITIES};
+use zivi::{Columns, DensePath, Impact, Motion, PlotSamples, PointRun, Quantity, Restitution};
+use zivi::{Samples, Status, QUANTITIES};
 
-use crate::errors::Raised;
+use crate::errors::{setup_error, Raised};
 use crate::switched_rk::MotionPath;
 use crate::user_events::Hits;
+use crate::watch::advise;
 
 /// The columns, events and outcome of one run.
 #[pyclass(frozen, module = "zivi._zivi")]
 pub(crate) struct RunRecord {
-    /// A row for each of `t, x, xdot, s, v, lambda_s, lambda_v, residual`.
-    #[pyo3(get)]
-    columns: Py<PyArray2<f64>>,
-    /// How many entries of each row are samples.
+    /// Once they were asked for, where samples are kept as they were recorded.
+    columns: OnceLock<Py<PyArray2<f64>>>,
+    /// The samples, until columns are made of them.
+    rows: Mutex<Option<Samples>>,
+    /// How many entries of each column are samples.
     #[pyo3(get)]
     n_samples: usize,
     /// Where samples between the steps draw the motion, once they were asked for; none where the
@@ -58,6 +62,42 @@ pub(crate) struct RunRecord {
 
 #[pymethods]
 impl RunRecord {
+    /// A row for each of `t, x, xdot, s, v, lambda_s, lambda_v, residual`.
+    #[getter]
+    fn columns(&self, py: Python<'_>) -> PyResult<Py<PyArray2<f64>>> {
+        if let Some(made) = self.columns.get() {
+            return Ok(made.clone_ref(py));
+        }
+        let columns = {
+            let rows = self.rows.lock().map_err(|_| locked())?;
+            let restitution = self.path.as_ref().map(|path| path.get().motion.restitution);
+            match (rows.as_ref(), restitution) {
+                (Some(rows), Some(wall)) => {
+                    rows.columns(None, wall, advise).map_err(setup_error)?
+                }
+                _ => Columns::default(), // another thread made them
+            }
+        };
+        // nothing is locked where Python may run
+        let made = block_of(py, columns)?;
+        let made = self.columns.get_or_init(|| made).clone_ref(py);
+        if let Ok(mut rows) = self.rows.lock() {
+            *rows = None;
+        }
+        Ok(made)
+    }
+
+    /// The time of the last sample, of which no columns need be made.
+    #[getter]
+    fn last(&self, py: Python<'_>) -> PyResult<Option<f64>> {
+        if let Ok(Some(rows)) = self.rows.lock().as_deref() {
+            return Ok(rows.last());
+        }
+        let columns = self.columns(py)?;
+        let held = columns.bind(py).try_readonly().map_err(|_| locked())?;
+        Ok(self.n_samples.checked_sub(1).and_then(|last| held.get([0, last]).copied()))
+    }
+
     /// A row of the columns with samples between the steps, so that lines draw the motion; that at
     /// the steps where the motion is not known, or there is no memory for more.
     fn drawn(&self, py: Python<'_>, row: usize) -> PyResult<Array> {
@@ -102,9 +142,8 @@ impl RunRecord {
         py: Python<'_>,
         make: impl FnOnce(Option<Plotted<'_>>, [&[f64]; QUANTITIES]) -> Option<[Vec<f64>; N]>,
     ) -> PyResult<[Array; N]> {
-        let held = self.columns.bind(py).try_readonly();
-        let locked = |_| PyValueError::new_err("the samples of a run must not be locked");
-        let held = held.map_err(locked)?;
+        let columns = self.columns(py)?;
+        let held = columns.bind(py).try_readonly().map_err(|_| locked())?;
         let room = held.as_array().ncols();
         let rows: Vec<&[f64]> = held.as_slice()?.chunks_exact(room).collect();
         let steps: [&[f64]; QUANTITIES] = std::array::from_fn(|row| &rows[row][..self.n_samples]);
@@ -128,17 +167,20 @@ impl RunRecord {
 impl RunRecord {
     pub(crate) fn new(py: Python<'_>, run: PointRun<PyErr>) -> PyResult<Self> {
         let array = |values: Vec<f64>| PyArray1::from_vec(py, values).unbind();
-        let PointRun { trajectory, raised, motion, hits, counts, .. } = run;
+        let PointRun { trajectory, raised, rows, motion, hits, counts, .. } = run;
         let zivi::Trajectory { columns, events, failed_steps, status, nfev, .. } = trajectory;
-        let n_samples = columns.len();
-        let (block, room) = columns.into_block();
+        let (n_samples, made) = match &rows {
+            Some(rows) => (rows.len(), OnceLock::new()),
+            None => (columns.len(), OnceLock::from(block_of(py, columns)?)),
+        };
         let failed_steps = failed_steps.iter().map(|&k| k as i64);
         Ok(Self {
-            columns: PyArray1::from_vec(py, block).reshape([QUANTITIES, room])?.unbind(),
+            columns: made,
+            rows: Mutex::new(rows),
             n_samples,
             plotted: OnceLock::new(),
             positions: Mutex::new(None),
-            impacts: rows_of(py, &events.impacts)?,
+            impacts: rows_of(py, events.impacts),
             zeno_times: array(events.zeno_times),
             liftoff_times: array(events.liftoff_times),
             rest_time: events.rest_time,
@@ -155,13 +197,26 @@ impl RunRecord {
     }
 }
 
-/// The impacts in rows of time, velocity before and velocity after.
-pub(crate) fn rows_of(py: Python<'_>, impacts: &[zivi::Impact]) -> PyResult<Array> {
-    let mut rows = zeros(3 * impacts.len())?;
-    for (row, it) in rows.chunks_exact_mut(3).zip(impacts) {
-        row.copy_from_slice(&[it.t, it.xdot_before, it.xdot_after]);
-    }
-    Ok(PyArray1::from_vec(py, rows).unbind())
+fn locked() -> PyErr {
+    PyValueError::new_err("the samples of a run must not be locked")
+}
+
+/// The columns of a run as a matrix.
+fn block_of(py: Python<'_>, columns: Columns) -> PyResult<Py<PyArray2<f64>>> {
+    let (block, room) = columns.into_block();
+    Ok(PyArray1::from_vec(py, block).reshape([QUANTITIES, room])?.unbind())
+}
+
+/// The impacts in rows of time, velocity before and velocity after: the same memory.
+pub(crate) fn rows_of(py: Python<'_>, impacts: Vec<Impact>) -> Array {
+    const WIDTH: usize = size_of::<Impact>() / size_of::<f64>();
+    const { assert!(WIDTH == 3 && align_of::<Impact>() == align_of::<f64>()) }
+    let mut impacts = ManuallyDrop::new(impacts);
+    let (len, room) = (WIDTH * impacts.len(), WIDTH * impacts.capacity());
+    // SAFETY: an impact is three numbers in this order, so that the memory of so many of them has the
+    // layout of three times as many numbers; nobody else frees it
+    let numbers = unsafe { Vec::from_raw_parts(impacts.as_mut_ptr().cast::<f64>(), len, room) };
+    PyArray1::from_vec(py, numbers).unbind()
 }
 
 /// The message of every status, in the order of their numbers.

@@ -87,13 +87,13 @@ fn run_point(
     let given = system.force.get();
     if keep.events.is_empty() {
         return Ok(with_force!(py, given, |force| {
-            let output = Output { t_eval, tstops, dense, ..Output::default() };
+            let output = Output { t_eval, tstops, dense, in_rows: true, ..Output::default() };
             method.run(zivi::PointMass { force, law }, span, start, output, watch)
         }));
     }
     // the events need the interpreter
     let events = keep.events.iter().map(|it| it.get().of_point(py)).collect();
-    let output = Output { t_eval, tstops, dense, events, ..Output::default() };
+    let output = Output { t_eval, tstops, dense, events, in_rows: true, ..Output::default() };
     let force = &mut given.on(py);
     Ok(method.run(zivi::PointMass { force, law }, span, start, output, watch))
 }

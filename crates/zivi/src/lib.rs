@@ -69,7 +69,7 @@ pub use stepping::step_events::StepEvents;
 pub use stepping::theta_gamma::{simulate_theta_gamma, Solver, ThetaGamma};
 pub use switched::{
     simulate_switched_rk, Counts, DensePath, Flights, ImpactMap, MapParameter, Motion, Order,
-    Output, PathReader, PlotSamples, Return, SwitchedIntegrator, SwitchedRk, SwitchedRun,
+    Output, PathReader, PlotSamples, Return, Samples, SwitchedIntegrator, SwitchedRk, SwitchedRun,
 };
 pub use system::force::{
     ConstantForce, Dependence, Force, FunctionForce, LinearForce, LinearLaw, LinearRate, Wave,

@@ -1,19 +1,25 @@
-//! A period of the sampled loop allocates nothing.
+//! What a period of the sampled loop and the end of a run allocate.
 
 use std::alloc::{GlobalAlloc, Layout, System};
+use std::cell::Cell;
 use std::convert::Infallible;
-use std::sync::atomic::{AtomicUsize, Ordering};
 
-use zivi::{ConstantForce, Physical, Restitution, SwitchedIntegrator, SwitchedRk};
+use zivi::{
+    simulate_switched_rk, ConstantForce, Monitor, Output, Physical, Quantity, Restitution,
+    SwitchedIntegrator, SwitchedRk,
+};
 
 /// The system's allocator, counting.
 struct Counting;
 
-static ALLOCATIONS: AtomicUsize = AtomicUsize::new(0);
+thread_local! {
+    /// Bytes that this thread has asked for.
+    static ALLOCATED: Cell<usize> = const { Cell::new(0) };
+}
 
 unsafe impl GlobalAlloc for Counting {
     unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
-        ALLOCATIONS.fetch_add(1, Ordering::Relaxed);
+        ALLOCATED.set(ALLOCATED.get() + layout.size());
         unsafe { System.alloc(layout) }
     }
 
@@ -43,7 +49,50 @@ fn a_warm_integrator_allocates_nothing() {
         rested
     };
     assert!(episode());
-    let before = ALLOCATIONS.load(Ordering::Relaxed);
+    let before = ALLOCATED.get();
     assert!(episode());
-    assert_eq!(ALLOCATIONS.load(Ordering::Relaxed), before);
+    assert_eq!(ALLOCATED.get(), before);
+}
+
+/// Stops a run at a poll.
+struct Stop {
+    polls: usize,
+    allocated: usize,
+}
+
+impl Monitor<()> for Stop {
+    fn poll(&mut self, _: usize, _: usize) -> Result<(), ()> {
+        self.polls -= 1;
+        if self.polls > 0 {
+            return Ok(());
+        }
+        self.allocated = ALLOCATED.get();
+        Err(())
+    }
+}
+
+#[test]
+fn a_run_that_is_stopped_makes_nothing_of_its_samples() {
+    let settings = SwitchedRk { max_steps: 1 << 40, max_impacts: 1 << 40, ..SwitchedRk::default() };
+    let wall = Restitution::from_e(1.0).unwrap();
+    let stopped = |polls, in_rows| {
+        let mut stop = Stop { polls, allocated: 0 };
+        let (start, force) = (Physical { x: 1e-9, xdot: 0.0 }, &mut ConstantForce(-9.81));
+        let output = Output { dense: true, in_rows, ..Output::default() };
+        let run = simulate_switched_rk(settings, wall, force, (0.0, 1e9), start, output, &mut stop);
+        let later = ALLOCATED.get() - stop.allocated;
+        (run.unwrap(), later)
+    };
+    let ((short, little), (long, as_little)) = (stopped(4, true), stopped(64, true));
+    let (short, long) = (short.rows.unwrap(), long.rows.unwrap());
+    assert!(long.len() > 10 * short.len() && short.len() > 100, "{} {}", long.len(), short.len());
+    assert!(little.max(as_little) < 4096, "{little} {as_little}");
+    // the same columns, when they are wanted
+    let (made, _) = stopped(4, false);
+    let columns = short.columns(None, wall, |_, _| ()).unwrap();
+    for quantity in Quantity::ALL {
+        let bits = |it: &[f64]| it.iter().map(|it| it.to_bits()).collect::<Vec<_>>();
+        assert_eq!(bits(columns.of(quantity)), bits(made.trajectory.columns.of(quantity)));
+    }
+    assert_eq!((made.rows, short.last()), (None, columns.of(Quantity::T).last().copied()));
 }

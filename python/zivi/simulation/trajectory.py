@@ -293,8 +293,7 @@ class Trajectory(MassRun):
             return super()._end()
         # neither samples nor the motion are made of a long record for that
         _, end = (record.path and record.path.span) or (None, None)
-        n = record.n_samples
-        return float(record.columns[0, n - 1]) if end is None and n else end
+        return record.last if end is None else end
 
     def _resampled(self, times: Array) -> Trajectory:
         x, xdot = self(times)

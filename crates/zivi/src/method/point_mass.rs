@@ -8,7 +8,7 @@ use crate::stepping::scheme::{FixedSteps, Scheme};
 use crate::system::evaluation::check_initial;
 use crate::{
     simulate_switched_rk, AnyImpactLaw, Counts, Force, LocatedEvent, Monitor, Motion, Output,
-    Physical, Run, SetupError, StepEvents, SwitchedRk, SwitchedRun, Trajectory,
+    Physical, Run, Samples, SetupError, StepEvents, SwitchedRk, SwitchedRun, Trajectory,
 };
 
 /// A mass above a wall: `x'' = f`, `x >= 0`, and an impact law, as `x'+ = -e x'-`.
@@ -32,6 +32,8 @@ pub struct PointRun<E> {
     pub trajectory: Trajectory,
     /// The error that the force, an event or the monitor raised.
     pub raised: Option<E>,
+    /// The samples, where [`Output::in_rows`] left them as they were recorded.
+    pub rows: Option<Samples>,
     /// What is known between the samples; a method of fixed steps knows its steps only.
     pub motion: Option<Motion>,
     /// For each event of the user what happened, in order.
@@ -47,15 +49,15 @@ impl<E> PointRun<E> {
     fn of_steps(Run { trajectory, raised }: Run<E>, hits: Vec<Vec<LocatedEvent>>) -> Self {
         let accepted = trajectory.columns.len().saturating_sub(1) as u64;
         let counts = Counts { nfev: trajectory.nfev, accepted, ..Counts::default() };
-        Self { trajectory, raised, motion: None, hits, counts, end: None }
+        Self { trajectory, raised, rows: None, motion: None, hits, counts, end: None }
     }
 
     /// A run of the switched method above a wall.
     #[must_use]
     pub fn switched(run: SwitchedRun<E>, law: &AnyImpactLaw) -> Self {
-        let SwitchedRun { trajectory, raised, path, tails, hits, counts, end } = run;
+        let SwitchedRun { trajectory, raised, rows, path, tails, hits, counts, end } = run;
         let motion = Some(Motion { path, tails, restitution: law.transform() });
-        Self { trajectory, raised, motion, hits, counts, end: Some(end) }
+        Self { trajectory, raised, rows, motion, hits, counts, end: Some(end) }
     }
 }
 

@@ -54,6 +54,7 @@ pub use piece::Counts;
 pub use plot_samples::PlotSamples;
 pub(crate) use run::check_span;
 pub use run::simulate_switched_rk;
+pub use samples::Samples;
 pub use settings::{Flights, Order, SwitchedRk};
 pub use stored::Motion;
 pub(crate) use tracing::Trace;

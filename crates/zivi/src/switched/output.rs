@@ -2,6 +2,7 @@
 
 use super::path::DensePath;
 use super::piece::Counts;
+use super::samples::Samples;
 use crate::record::trajectory::Trajectory;
 use crate::record::user_events::{LocatedEvent, UserEvent};
 use crate::zeno::tail::Tail;
@@ -22,13 +23,17 @@ pub struct Output<'a, E> {
     /// Whether, where that is kept and no times are given, there are samples between the steps,
     /// before impacts and at apexes too, so that lines through them draw the motion.
     pub drawn: bool,
+    /// Whether the samples stay as they were recorded, [`SwitchedRun::rows`]: a long run that is
+    /// stopped returns at once, its columns are made when they are wanted.
+    pub in_rows: bool,
     /// The user's events.
     pub events: Vec<UserEvent<'a, E>>,
 }
 
 impl<E> Default for Output<'_, E> {
     fn default() -> Self {
-        Self { t_eval: None, tstops: &[], dense: false, drawn: false, events: Vec::new() }
+        let (dense, drawn, in_rows) = (false, false, false);
+        Self { t_eval: None, tstops: &[], dense, drawn, in_rows, events: Vec::new() }
     }
 }
 
@@ -40,6 +45,8 @@ pub struct SwitchedRun<E> {
     /// The error that the force, an event or the monitor raised (the status is
     /// [`crate::Status::Raised`] then).
     pub raised: Option<E>,
+    /// The samples, instead of the columns of the trajectory, if [`Output::in_rows`] asked for them.
+    pub rows: Option<Samples>,
     /// The motion as a function of time, if [`Output::dense`] asked for it.
     pub path: Option<DensePath>,
     /// The arcs that jumps to rest skipped, in order.

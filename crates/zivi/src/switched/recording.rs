@@ -12,6 +12,7 @@ use super::samples::Samples;
 use super::stages::Counted;
 use crate::piecewise::method::{Advance, Piecewise, Rhs};
 use crate::piecewise::running::{self as piecewise, unless_terminal, until, Record, SegmentSink};
+use crate::record::columns::Columns;
 use crate::record::event_locator::SmoothPart;
 use crate::record::events::Reader;
 use crate::record::failure::Failure;
@@ -34,6 +35,8 @@ pub(super) struct MassRecord {
     path: Option<DensePath>,
     /// Whether samples between the steps draw the motion.
     drawn: bool,
+    /// Whether the samples are handed out as they are.
+    in_rows: bool,
     reader: Reader,
     tails: Vec<Tail>,
 }
@@ -51,12 +54,13 @@ pub(super) fn running<E>(
     t1: f64,
     output: Output<'_, E>,
 ) -> Running<'_, E> {
-    let Output { t_eval, tstops, dense, drawn, events } = output;
+    let Output { t_eval, tstops, dense, drawn, in_rows, events } = output;
     integrator.flight().look_at_steps(t_eval.is_none());
     let record = MassRecord {
         samples: Samples::default(),
         path: dense.then(DensePath::default),
         drawn: drawn && t_eval.is_none(),
+        in_rows,
         reader: Reader::starting(integrator.t(), integrator.is_at_rest()),
         tails: Vec::new(),
     };
@@ -367,7 +371,7 @@ impl<E> Running<'_, E> {
         let (status, raised) = self.close(ending);
         let (t, end) = self.end;
         let Self { method, seeker, wanted, record, reserve, .. } = self;
-        let MassRecord { mut samples, mut path, drawn, reader, tails } = record;
+        let MassRecord { mut samples, mut path, drawn, in_rows, reader, tails } = record;
         if wanted.is_missing_at(t, samples.last()) {
             samples.push(t, end);
         }
@@ -377,13 +381,17 @@ impl<E> Running<'_, E> {
         drop(reserve);
         let transform = method.law().transform();
         let drawn = path.as_ref().filter(|_| drawn);
-        let columns = samples.into_columns(drawn, transform, advise)?;
+        let (columns, rows) = if in_rows {
+            (Columns::default(), Some(samples))
+        } else {
+            (samples.columns(drawn, transform, advise)?, None)
+        };
         let (events, summary) = (reader.events, None);
         let trajectory =
             Trajectory { columns, summary, events, failed_steps: Vec::new(), status, nfev };
         let counts = Counts { nfev, ..method.counts() };
         let end = (t, Physical { x: end.x, xdot: end.xdot });
         let hits = seeker.into_hits();
-        Ok(SwitchedRun { trajectory, raised, path, tails, hits, counts, end })
+        Ok(SwitchedRun { trajectory, raised, rows, path, tails, hits, counts, end })
     }
 }

@@ -12,9 +12,9 @@ use crate::record::reserve::Reserve;
 use crate::record::trajectory::SetupError;
 use crate::{PathPoint, Physical};
 
-/// The samples of a run.
-#[derive(Debug, Default)]
-pub(super) struct Samples {
+/// The samples of a run, as they were recorded.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Samples {
     rows: Vec<Row>,
 }
 
@@ -28,8 +28,21 @@ impl Samples {
         reserve.room(&mut self.rows, count, QUANTITIES * size_of::<f64>())
     }
 
+    /// Number of samples.
+    #[must_use]
+    pub fn len(&self) -> usize {
+        self.rows.len()
+    }
+
+    /// Whether there is no sample.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.rows.is_empty()
+    }
+
     /// The time of the last one.
-    pub(super) fn last(&self) -> Option<f64> {
+    #[must_use]
+    pub fn last(&self) -> Option<f64> {
         self.rows.last().map(|row| row[0])
     }
 
@@ -39,8 +52,11 @@ impl Samples {
 
     /// All samples in the order of time, with those between them that draw the motion where that is
     /// given and there is memory for them; `advise` learns where their memory is.
-    pub(super) fn into_columns(
-        self,
+    ///
+    /// # Errors
+    /// There is no memory for the columns.
+    pub fn columns(
+        &self,
         drawn: Option<&DensePath>,
         restitution: Restitution,
         advise: impl FnOnce(*const f64, usize),

@@ -119,11 +119,12 @@ pub fn simulate_batch<E, F: Force<Stopped> + Copy + Send + Sync>(
     monitor: &mut impl Monitor<E>,
 ) -> Result<Vec<Outcome>, BatchError<E>> {
     let plan = Plan::new(task, save).map_err(|error| BatchError::Setup(None, error))?;
-    for (i, member) in members.iter().enumerate() {
-        let started = plan.method.check_start(member.initial, member.law);
-        started.map_err(|error| BatchError::Setup(Some(i), error))?;
-    }
-    check_memory(members, plan, threads)?;
+    let mut alone = false;
+    check_each(members, monitor, |member| {
+        alone |= !side_by_side(member, plan.method);
+        plan.method.check_start(member.initial, member.law)
+    })?;
+    check_memory(members.len(), alone, plan, threads)?;
     let work = pool::Work {
         width: lanes::WIDTH,
         chunk: |chunk: &[Member<'_, F>], stop: &dyn Fn() -> bool| several(chunk, plan, stop),
@@ -154,11 +155,10 @@ pub fn simulate_batch_to<E, F: Force<Stopped> + Copy + Send + Sync>(
         return Err(BatchError::Setup(None, error));
     }
     let start = plan.span.0;
-    for (i, (member, end)) in members.iter().enumerate() {
-        let started = plan.method.check_start(member.initial, member.law);
-        let checked = started.and_then(|()| check_span(start, *end, None));
-        checked.map_err(|error| BatchError::Setup(Some(i), error))?;
-    }
+    check_each(members, monitor, |(member, end)| {
+        plan.method.check_start(member.initial, member.law)?;
+        check_span(start, *end, None)
+    })?;
     let work = pool::Work {
         width: lanes::WIDTH,
         chunk: |chunk: &[(Member<'_, F>, f64)], stop: &dyn Fn() -> bool| {
@@ -174,9 +174,29 @@ pub fn simulate_batch_to<E, F: Force<Stopped> + Copy + Send + Sync>(
     pool::run(members, threads, monitor, work)
 }
 
-/// Refuses a batch whose results would not fit into memory.
-fn check_memory<E, F: Force<Stopped>>(
-    members: &[Member<'_, F>],
+/// Members that are checked between two looks of the monitor.
+const BETWEEN_POLLS: usize = 1 << 16;
+
+/// Refuses the first member that `check` does not pass.
+fn check_each<E, T>(
+    members: &[T],
+    monitor: &mut impl Monitor<E>,
+    mut check: impl FnMut(&T) -> Result<(), SetupError>,
+) -> Result<(), BatchError<E>> {
+    for (i, member) in members.iter().enumerate() {
+        if i > 0 && i % BETWEEN_POLLS == 0 {
+            monitor.poll(0, members.len()).map_err(BatchError::Raised)?;
+        }
+        check(member).map_err(|error| BatchError::Setup(Some(i), error))?;
+    }
+    Ok(())
+}
+
+/// Refuses a batch of so many runs whose results would not fit into memory; whether some are run
+/// alone.
+fn check_memory<E>(
+    runs: usize,
+    alone: bool,
     plan: Plan<'_>,
     threads: usize,
 ) -> Result<(), BatchError<E>> {
@@ -190,12 +210,12 @@ fn check_memory<E, F: Force<Stopped>>(
     let whole = grid.map_or(samples, |grid| outcome::samples(1, grid));
     let recorded = match (method, save) {
         (_, Save::Steps(_)) | (AnyMethod::MoreauJean(_), _) => whole,
-        _ if members.iter().all(|member| side_by_side(member, method)) => 0,
+        _ if !alone => 0,
         _ => samples,
     };
     let record = recorded.saturating_mul(QUANTITIES * size_of::<f64>());
     let of_run = size_of::<Outcome>().saturating_add(samples.saturating_mul(SAMPLE));
-    Need { runs: members.len(), samples, of_run, record }.check(recorded, threads)
+    Need { runs, samples, of_run, record }.check(recorded, threads)
 }
 
 /// Bytes of a saved sample.

@@ -2,10 +2,11 @@
 //!
 //! An item whose work panics, or for which there is no memory, costs no other its result.
 
-use std::iter::{Enumerate, Zip};
+use std::collections::BTreeMap;
+use std::iter::Enumerate;
 use std::num::NonZeroUsize;
 use std::panic::{catch_unwind, AssertUnwindSafe};
-use std::slice::{Chunks, ChunksMut};
+use std::slice::Chunks;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::thread::{Builder, Thread};
@@ -17,12 +18,12 @@ use crate::{Monitor, SetupError, Status};
 /// Between two looks of the monitor.
 const PERIOD: Duration = Duration::from_millis(30);
 
-/// Chunks that nobody has taken yet, numbered, with the places of their results.
-type Waiting<'a, T, R> = Enumerate<Zip<Chunks<'a, T>, ChunksMut<'a, Option<R>>>>;
-
 /// What several threads share.
 struct Shared<'a, T, R> {
-    waiting: Mutex<Waiting<'a, T, R>>,
+    /// Chunks that nobody has taken yet, numbered.
+    waiting: Mutex<Enumerate<Chunks<'a, T>>>,
+    /// Results of chunks that the caller has not taken yet.
+    finished: Mutex<Vec<(usize, Vec<R>)>>,
     done: AtomicUsize,
     stop: AtomicBool,
     /// Threads that still work.
@@ -71,15 +72,10 @@ pub(super) fn run<E, T: Sync, R: Send>(
     let threads = threads.max(1);
     work.width = work.width.min(items.len().div_ceil(threads)).max(1);
     let wanted = threads.min(items.len().div_ceil(work.width));
-    // results are written where they stay: there is one of each at any time
-    let mut results: Vec<Option<R>> = Vec::new();
-    let (runs, bytes) = (items.len(), size_of::<R>() as f64 * items.len() as f64);
-    let none = SetupError::BatchMemory { runs, samples: 0, bytes };
-    results.try_reserve_exact(runs).map_err(|_| BatchError::Setup(None, none))?;
-    results.extend(items.iter().map(|_| None));
-    let chunks = items.chunks(work.width).zip(results.chunks_mut(work.width));
+    let mut results = InOrder::with_room(items.len()).map_err(|it| BatchError::Setup(None, it))?;
     let shared = Shared {
-        waiting: Mutex::new(chunks.enumerate()),
+        waiting: Mutex::new(items.chunks(work.width).enumerate()),
+        finished: Mutex::new(Vec::new()),
         done: AtomicUsize::new(0),
         stop: AtomicBool::new(false),
         working: AtomicUsize::new(0),
@@ -102,26 +98,58 @@ pub(super) fn run<E, T: Sync, R: Send>(
             }
             started += 1;
         }
-        (watch(&shared, items.len(), monitor), started)
+        (watch(&shared, items.len(), monitor, &mut results), started)
     });
     let failed = shared.failed.into_inner().unwrap_or_else(PoisonError::into_inner);
     match (raised, failed) {
         (Some(error), _) => Err(BatchError::Raised(error)),
         _ if started < wanted.min(1) => Err(BatchError::Setup(None, SetupError::Threads(threads))),
         (None, Some((_, error))) => Err(BatchError::Setup(None, error)),
-        // all are there; collected in place
-        (None, None) => Ok(results.into_iter().map_while(|it| it).collect()),
+        (None, None) => Ok(results.list),
     }
 }
 
-/// Looks after the threads until they are done; what the monitor raised.
+/// Results in the order of the items. The list takes memory only as it is filled: a batch that is
+/// stopped early has neither taken nor to give back that of all its items.
+struct InOrder<R> {
+    list: Vec<R>,
+    /// The number of the next chunk.
+    next: usize,
+    /// Chunks after it that are done.
+    later: BTreeMap<usize, Vec<R>>,
+}
+
+impl<R> InOrder<R> {
+    fn with_room(runs: usize) -> Result<Self, SetupError> {
+        let (mut list, bytes) = (Vec::new(), size_of::<R>() as f64 * runs as f64);
+        let none = SetupError::BatchMemory { runs, samples: 0, bytes };
+        list.try_reserve_exact(runs).map_err(|_| none)?;
+        Ok(Self { list, next: 0, later: BTreeMap::new() })
+    }
+
+    fn take(&mut self, finished: Vec<(usize, Vec<R>)>) {
+        self.later.extend(finished);
+        while let Some(results) = self.later.remove(&self.next) {
+            self.list.extend(results);
+            self.next += 1;
+        }
+    }
+}
+
+/// Looks after the threads until they are done, and takes their results; what the monitor raised.
 fn watch<E, T, R>(
     shared: &Shared<'_, T, R>,
     of: usize,
     monitor: &mut impl Monitor<E>,
+    results: &mut InOrder<R>,
 ) -> Option<E> {
     let mut raised = None;
-    while shared.working.load(Ordering::Acquire) > 0 {
+    loop {
+        let at_work = shared.working.load(Ordering::Acquire) > 0;
+        results.take(std::mem::take(&mut *lock(&shared.finished)));
+        if !at_work {
+            break;
+        }
         std::thread::park_timeout(PERIOD);
         let done = shared.done.load(Ordering::Relaxed);
         if let (None, Err(error)) = (&raised, monitor.poll(done, of)) {
@@ -142,13 +170,9 @@ fn take_chunks<T, R>(
     let stop = || shared.stop.load(Ordering::Relaxed);
     while !stop() {
         let next = lock(&shared.waiting).next();
-        let Some((number, (chunk, places))) = next else { break };
+        let Some((number, chunk)) = next else { break };
         match guarded(chunk, &stop, work) {
-            Ok(results) => {
-                for (place, result) in places.iter_mut().zip(results) {
-                    *place = Some(result);
-                }
-            }
+            Ok(results) => lock(&shared.finished).push((number, results)),
             Err(error) => {
                 shared.stop.store(true, Ordering::Relaxed);
                 let mut failed = lock(&shared.failed);
@@ -195,4 +219,19 @@ fn guarded<T, R>(
 #[must_use]
 pub fn available_threads() -> usize {
     std::thread::available_parallelism().map_or(1, NonZeroUsize::get)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn results_are_in_the_order_of_their_chunks_and_are_there_only_once_made() {
+        let mut results = InOrder::with_room(6).unwrap();
+        results.take(vec![(2, vec![4, 5]), (1, vec![2, 3])]);
+        assert_eq!(results.list, []);
+        results.take(vec![(0, vec![0, 1])]);
+        assert_eq!((results.list, results.later.len()), (vec![0, 1, 2, 3, 4, 5], 0));
+        assert!(InOrder::<[u8; 1 << 20]>::with_room(usize::MAX >> 20).is_err());
+    }
 }
