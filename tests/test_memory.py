@@ -106,7 +106,7 @@ ENTRIES = """
     derived = zivi.sensitivity(ball, (0, 1), (1, 0))
     import scipy.sparse
     laplace = scipy.sparse.diags_array([-1, 2.5, -1], offsets=[-1, 0, 1], shape=(N, N)).tocsc()
-    ring = laplace.indptr, laplace.indices
+    ring, quadrant = (laplace.indptr, laplace.indices), np.repeat([[0], [np.inf], [1]], N, axis=1)
     n = 100
     tracker = zivi.TwistingTracker(30, 17, h=1 / N, e=0.5)
     coarse = zivi.TwistingTracker(30, 17, h=1e-2, e=0.5)
@@ -147,7 +147,7 @@ ENTRIES = """
         "NCP": lambda: zivi.solve_ncp(lambda x: x - 1, np.zeros(n), jac=lambda x: np.eye(n)),
         "ordering": lambda: zivi._zivi.minimum_degree(*ring),
         "sparse VI": lambda: zivi.solve_vi(
-            lambda x: laplace @ x - 1, *np.zeros((3, N)) + [[0], [np.inf], [0]], jac=lambda x: laplace
+            lambda x: laplace @ x - 1, *quadrant, jac=lambda x: laplace
         ),
         "LCP": lambda: zivi.solve_lcp(np.eye(n), -np.ones(n)),
         "loop": ticked,
