@@ -33,6 +33,12 @@ def test_units_coordinates_and_spans_do_not_change_a_motion(name):
     assert len(unsteady) <= runs_of(name) / 50, "\n".join(map(str, unsteady))
 
 
+def test_an_accumulation_within_one_flight_of_another_gap_ends_in_all_coordinates():
+    """The feet of a block bounce beside a wall that its corner hits ever faster."""
+    it = m.case("corners", 9, 54)
+    assert it.holds, str(it)
+
+
 def runs_of(name):
     parts = {"guides": 5, "corners": 10, "loops": 2, "mechanical_loops": 2}
     return RUNS // parts.get(name, 1)

@@ -80,7 +80,7 @@ pub(super) struct Kinetics {
     force: usize,
     of_time: usize,
     /// `L L^T = M`.
-    factor: Factor,
+    pub(super) factor: Factor,
     /// Whether `M` and the normals never change and are known.
     is_constant: bool,
     /// Whether the forces, `A` and `b` are those of the last evaluation.
