@@ -33,6 +33,27 @@ def test_units_coordinates_and_spans_do_not_change_a_motion(name):
     assert len(unsteady) <= runs_of(name) / 50, "\n".join(map(str, unsteady))
 
 
+CORNERS = {
+    "accumulation within a flight": (9, 54),
+    "feet that slide with a friction each": (21, 299),
+    "undetermined impact": (21, 256),
+}
+
+
+@pytest.mark.parametrize("what", CORNERS)
+def test_rounding_of_the_coordinates_decides_nothing_in_a_corner(what):
+    it = m.case("corners", *CORNERS[what])
+    assert it.holds, str(it)
+
+
+def test_a_wall_that_is_left_like_the_square_of_a_small_speed_stops_no_block():
+    """It rocks on two feet, from which a wall at the lower corner parts by second order only."""
+    it = m.case("corners", 21, 558)
+    runs = m.simulate(it.model), m.simulate(it.other)
+    assert [run.status for run in runs] == ["COMPLETED"] * 2
+    assert it.verdict.state < m.ALLOWED
+
+
 def runs_of(name):
     parts = {"guides": 5, "corners": 10, "loops": 2, "mechanical_loops": 2}
     return RUNS // parts.get(name, 1)

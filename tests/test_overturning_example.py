@@ -172,6 +172,25 @@ def test_the_angle_of_a_block_that_survives(ratio, beta):
     assert np.all(feet["sticks"])
 
 
+def test_the_angle_of_a_block_that_rocks_to_rest_in_each_half_of_the_shock():
+    ratio, beta = 3.0, 1.01
+    sol = chart.run(ratio, beta, 0.0, method=TIGHT)
+    assert sol.success, sol.message
+    assert [chart.FEET[row["gap"]] for row in sol.liftoffs] == ["right", "left"]
+    half = math.pi / ratio
+    angle, impacts = housner(ratio, beta, half, 60)
+    times = np.linspace(0, impacts[-1], 300)
+    expected = [angle(t) for t in times]
+    assert np.abs(expected).max() > 1e-5
+    assert sol(times / P)[0][:, 2] == pytest.approx(expected, abs=1e-10)
+    # the second half is the first in a mirror
+    assert sol((times + half) / P)[0][:, 2] == pytest.approx(-np.array(expected), abs=1e-10)
+    for end in (half, 2 * half):
+        q, v = sol(end / P)
+        assert q == pytest.approx([0, chart.H, 0], abs=1e-11)
+        assert v == pytest.approx([0, 0, 0], abs=1e-14)
+
+
 def test_the_chart():
     found = chart.chart()
     assert np.unique(found).tolist() == [0, 1, 2, 3]

@@ -31,6 +31,8 @@ const STILL: f64 = 100.0;
 /// In such a sequence speeds fall over so many impacts of one phase, each to less than this part.
 const FALLS: usize = 4;
 const LEFT: f64 = 0.98;
+/// An accumulation within one flight of another gap has speeds of this part of its speed at most.
+const NESTED: f64 = 1e-3;
 
 /// A corner ahead: the state there, and the gaps that are closed in it.
 type Corner = (Landing<Vec<f64>>, GapSet);
@@ -133,7 +135,23 @@ impl CornerApproach {
             closed.has(i) || (recent.has(i) && v.abs() <= slow && low)
         };
         let set: GapSet = (0..state.layout().m).filter(near).collect();
-        let fewest = self.log.fewest();
+        let speed = |i: usize| if closed.has(i) { 0.0 } else { state.gap(i).1.abs() };
+        let fastest = set.iter().map(speed).fold(0.0_f64, f64::max);
+        let nested: GapSet = set.iter().filter(|&i| speed(i) <= NESTED * fastest).collect();
+        match self.corner_of(set, (recent, slow), (e, state))? {
+            None if !nested.is_empty() => self.corner_of(nested, (recent, slow), (e, state)),
+            found => Ok(found),
+        }
+    }
+
+    /// The corner of a set of gaps here, if the speeds in it are below all tolerances.
+    fn corner_of<E>(
+        &self,
+        set: GapSet,
+        (recent, slow): (GapSet, f64),
+        (e, state): (&[f64], &mut MechanicalState),
+    ) -> Result<Option<Corner>, Failure<E>> {
+        let (closed, fewest) = (state.closed(), self.log.fewest());
         let several = set.iter().filter(|&i| recent.has(i)).count() >= fewest;
         if set.without(closed).is_empty() || !several {
             return Ok(None);
@@ -158,7 +176,10 @@ impl CornerApproach {
         if (2.0 * depth(set, &pressed, state)?).sqrt() > slow {
             return Ok(None);
         }
-        let z = state.without_speeds(set)?;
+        // what has no slip keeps none: feet that rock to rest would slide by what a normal impulse leaves
+        let channels = set.iter().filter_map(|gap| state.kinetics().channel_of(gap));
+        let stick: GapSet = channels.filter(|&channel| state.slips()[channel] == 0.0).collect();
+        let z = state.without_speeds(ContactMode { stick, ..set.into() })?;
         let of = |marks| time_of_corner(marks, fewest);
         let end = of(&self.log.openings).or_else(|| of(&self.log.impacts));
         let now = state.now().t;

@@ -80,7 +80,7 @@ pub(super) struct Kinetics {
     force: usize,
     of_time: usize,
     /// `L L^T = M`.
-    factor: Factor,
+    pub(super) factor: Factor,
     /// Whether `M` and the normals never change and are known.
     is_constant: bool,
     /// Whether the forces, `A` and `b` are those of the last evaluation.
@@ -531,6 +531,23 @@ impl Kinetics {
         Ok(())
     }
 
+    /// The same on the set for which [`Self::solve_regular`] has solved last, at the same state.
+    fn solve_again(
+        &mut self,
+        set: GapSet,
+        right: impl Fn(&Self, usize) -> f64,
+    ) -> Result<(), Undetermined> {
+        if set.only().is_some() {
+            return self.solve_regular(set, right);
+        }
+        let k = self.order.len();
+        for row in 0..k {
+            self.right[row] = right(self, self.order[row]);
+        }
+        cholesky::solve(&self.small[..k * k], k, &mut self.right[..k]);
+        Ok(())
+    }
+
     /// What has to act on a gap alone to change its rate by so much.
     #[inline]
     pub(super) fn impulse(&mut self, gap: usize, change: f64) -> Result<f64, Undetermined> {
@@ -573,8 +590,14 @@ impl Kinetics {
     ) -> Result<bool, Undetermined> {
         let (set, rate) = (mode.closed, |row: usize| f64::from(u8::from(hit.has(row))));
         let impulses: Vec<(usize, f64)> = if mode.is_frictionless() {
-            self.solve(set, |_, i| rate(i))?;
-            set.iter().zip(self.least_impulses(set)?).collect()
+            let impulses = match self.solve_regular(set, |_, i| rate(i)) {
+                Ok(()) => self.right[..set.len()].to_vec(),
+                Err(_) => {
+                    self.solve_dependent(set, |_, i| rate(i))?;
+                    self.least_impulses(set)?
+                }
+            };
+            set.iter().zip(impulses).collect()
         } else {
             let edges = self.edges(mode)?;
             let most = |channel: usize| self.friction_limits(channel).0;

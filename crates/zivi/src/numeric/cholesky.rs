@@ -1,5 +1,7 @@
 //! Symmetric positive definite systems of a few unknowns, `A = L L^T`, row by row.
 
+use super::vector::dot;
+
 /// Overwrites the lower triangle of `A` (`n x n`) by `L`. The smallest `l_ii^2/a_ii`: what is left
 /// of a diagonal entry by the rows above, 1 for a diagonal matrix, 0 where `A` is singular and
 /// negative or NaN where it is not definite.
@@ -92,6 +94,11 @@ impl Factor {
     pub(crate) fn is_of(&self, a: &[f64]) -> bool {
         let same = |same: bool, (x, y): (&f64, &f64)| same & (x.to_bits() == y.to_bits());
         self.is_known && a.iter().zip(&self.of).fold(true, same)
+    }
+
+    /// `L^T x`, as long as `x` in the metric of the matrix.
+    pub(crate) fn transposed_times(&self, x: &[f64]) -> Vec<f64> {
+        self.transposed.chunks_exact(self.n).map(|row| dot(row, x)).collect()
     }
 
     /// Factors another matrix if that is symmetric: whether it is that, and definite.

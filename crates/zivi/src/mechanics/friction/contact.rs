@@ -200,32 +200,27 @@ impl Kinetics {
     /// The null space of a singular `K`.
     fn null_space(&self, edges: &Edges) -> NullSpace {
         let n = self.coordinates();
-        let mass = &self.values[self.layout.mass()];
         let null = orthonormal(&edges.scaled.null_space());
         let d = null.len();
-        // C nu, and how large that is in the metric of the masses
-        let moved: Vec<Vec<f64>> = (null.iter())
-            .map(|nu| {
-                let mut moved = vec![0.0; n];
-                edges.push(&edges.unscaled(nu.clone()), &mut moved);
-                moved
-            })
-            .collect();
-        let pushed = |v: &[f64]| -> Vec<f64> { mass.chunks_exact(n).map(|m| dot(m, v)).collect() };
-        let mut gram = Vec::with_capacity(d * d);
-        for one in &moved {
-            let one = pushed(one);
-            gram.extend(moved.iter().map(|other| dot(&one, other)));
+        // C nu by columns, as long as it is in the metric of the masses: its squares would not tell
+        // 1e-9 from rounding
+        let mut moved = vec![0.0; n * d];
+        for (i, nu) in null.iter().enumerate() {
+            let mut along = vec![0.0; n];
+            edges.push(&edges.unscaled(nu.clone()), &mut along);
+            for (c, part) in self.factor.transposed_times(&along).into_iter().enumerate() {
+                moved[c * d + i] = part;
+            }
         }
         let unscaled = |all: Vec<Vec<f64>>| -> Vec<Vec<f64>> {
             let each = all.into_iter().map(|nu| edges.unscaled(nu));
             orthonormal(&each.collect::<Vec<_>>())
         };
-        if (0..d).all(|i| gram[i * d + i] <= MOVES * MOVES) {
+        let parts = Singular::new(&moved, n, d);
+        let moving = parts.values().iter().filter(|&&size| size > MOVES).count();
+        if moving == 0 {
             return NullSpace { still: unscaled(null), all: Vec::new() };
         }
-        let parts = Singular::new(&gram, d, d);
-        let moving = parts.values().iter().filter(|&&square| square > MOVES * MOVES).count();
         let combined = |weights: &[f64]| {
             let mut nu = vec![0.0; edges.rows.len()];
             weights.iter().zip(&null).for_each(|(weight, one)| axpy(&mut nu, *weight, one));

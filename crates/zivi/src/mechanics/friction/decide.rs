@@ -22,8 +22,9 @@ use crate::Status;
 
 /// What a combination may violate, relative to the terms: at first, and if none is better.
 const VIOLATIONS: (f64, f64) = (1e-11, 1e-7);
-/// Rows that depend on each other agree to this part of their terms, or there is no such motion.
-const AGREES: f64 = 1e-6;
+/// Rows that depend on each other agree to this part of their terms; where they do not, that is this part of
+/// a violation: a gap that the others open like the square of a small speed opens, if it can.
+const AGREES: (f64, f64) = (1e-9, 0.1);
 /// Accelerations that differ by less are the same.
 const SAME: f64 = 1e-8;
 
@@ -165,7 +166,7 @@ fn judged(
     for row in kinetics.rows_of(mode).iter() {
         let left = dot(kinetics.normal(row), &acceleration) + kinetics.curvature(row);
         let misfit = excess(left.abs(), kinetics.acceleration_scale(row));
-        violation = violation.max(if misfit > AGREES { misfit } else { 0.0 });
+        violation = violation.max(if misfit > AGREES.0 { AGREES.1 * misfit } else { 0.0 });
     }
     Some(Candidate { mode, violation, acceleration, kappa })
 }

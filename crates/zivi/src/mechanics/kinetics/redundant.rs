@@ -20,23 +20,28 @@ impl Kinetics {
     ) -> Result<(), Undetermined> {
         let basis = self.independent(set);
         self.solve_regular(basis, right)?;
+        self.spread(basis, set);
+        Ok(())
+    }
+
+    /// What was solved for last on some rows of a set, by the order of the set: zero at the others.
+    fn spread(&mut self, basis: GapSet, set: GapSet) {
         let mut x = self.right[..basis.len()].iter().copied();
         let all: Vec<f64> =
             set.iter().map(|i| if basis.has(i) { x.next().unwrap_or(0.0) } else { 0.0 }).collect();
         self.right[..all.len()].copy_from_slice(&all);
-        Ok(())
     }
 
-    /// The vectors `nu` of a set of rows, one for each that follows from those before it, by row.
-    pub(in crate::mechanics) fn null_vectors(
-        &mut self,
-        set: GapSet,
-    ) -> Result<Vec<Vec<f64>>, Undetermined> {
-        let basis = self.independent(set);
-        let mut all = Vec::new();
+    /// The vectors `nu` of a set of rows, one for each that follows from those of a basis, by row. The
+    /// factor of the basis is known then, if there is one.
+    fn null_vectors(&mut self, basis: GapSet, set: GapSet) -> Result<Vec<Vec<f64>>, Undetermined> {
+        let mut all: Vec<Vec<f64>> = Vec::new();
         for last in set.without(basis).iter() {
             let of_last: Vec<f64> = (0..self.layout.rows()).map(|i| self.d(i, last)).collect();
-            self.solve_regular(basis, |_, i| of_last[i])?;
+            match all.is_empty() {
+                true => self.solve_regular(basis, |_, i| of_last[i])?,
+                false => self.solve_again(basis, |_, i| of_last[i])?,
+            }
             let mut null = vec![0.0; of_last.len()];
             basis.iter().zip(&self.right).for_each(|(row, part)| null[row] = *part);
             null[last] = -1.0;
@@ -51,8 +56,14 @@ impl Kinetics {
         if self.solve_regular(set, |at, i| -at.b[i]).is_ok() {
             return Ok(Vec::new());
         }
-        let null = orthonormal(&self.null_vectors(set)?);
-        self.solve_dependent(set, |at, i| -at.b[i])?;
+        let basis = self.independent(set);
+        let null = self.null_vectors(basis, set)?;
+        match null.is_empty() {
+            true => self.solve_regular(basis, |at, i| -at.b[i])?,
+            false => self.solve_again(basis, |at, i| -at.b[i])?,
+        }
+        self.spread(basis, set);
+        let null = orthonormal(&null);
         let mut forces = vec![0.0; self.layout.rows()];
         set.iter().zip(&self.right).for_each(|(row, force)| forces[row] = *force);
         // the others must keep the contacts that follow from them closed
@@ -77,7 +88,8 @@ impl Kinetics {
     ) -> Result<Vec<f64>, Undetermined> {
         let mut all = vec![0.0; self.layout.rows()];
         set.iter().zip(&self.right).for_each(|(row, x)| all[row] = *x);
-        let null = self.null_vectors(set)?;
+        let basis = self.independent(set);
+        let null = self.null_vectors(basis, set)?;
         shortest(&mut all, &null, set.iter());
         Ok(set.iter().map(|row| all[row]).collect())
     }
