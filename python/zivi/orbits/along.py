@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Any, Generic, TypeVar
 import numpy as np
 
 from zivi.base.check import Array
-from zivi.base.plain import listed_by
-from zivi.base.table import Field, Tabulated
+from zivi.base.table import Field, Tabulated, listed_by
 from zivi.derivatives.result import OrbitStatus
 
 __all__ = ["FIELDS", "MESSAGES", "OrbitsAlong", "failed_text", "with_failed"]

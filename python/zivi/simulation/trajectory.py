@@ -13,9 +13,8 @@ from numpy.typing import ArrayLike, NDArray
 
 import zivi._zivi as _zivi
 from zivi.base.check import Array, MaybeNone
-from zivi.base.status import Status
+from zivi.base.status import Status, warn
 from zivi.base.table import Field, ResultTable
-from zivi.base.warnings import warn
 from zivi.simulation.dense import LinearPath, Path, PenetratingPath
 from zivi.simulation.impacts import IMPACT, SLOWEST, impacts_of
 from zivi.simulation.methods import SwitchedRK

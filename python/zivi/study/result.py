@@ -13,9 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from zivi.base.extras import have, needed
-from zivi.base.plain import listed_by
 from zivi.base.status import Status, StudyStatus
-from zivi.base.table import page
+from zivi.base.table import listed_by, page
 from zivi.study.design import Design
 from zivi.study.folder import DamagedError, FolderStore
 from zivi.study.store import MemoryStore, Store
