@@ -1,6 +1,7 @@
 """What plots draw is the run: its samples, its arcs between them, and its jumps."""
 
 import dataclasses
+import itertools
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -70,18 +71,69 @@ def test_the_control_and_the_signs_are_held_from_sample_to_sample(tracking, regu
         known = [signs for signs in run.signs.T if not np.all(np.isnan(signs))]
         lines = zivi.plot.signs(run).lines
         assert len(lines) == len(known)
-        ticks = lines[0].axes.get_yticks()
+        ax = lines[0].axes
+        ticks, ends = ax.get_yticks(), ax.get_yticks(minor=True)
         for k, (line, signs) in enumerate(zip(lines, known, strict=True)):
             assert line.get_drawstyle() == "steps-post"
             # a row of its own from -1 to 1, as its ticks say
-            top, bottom = ticks[2 * k : 2 * k + 2]
-            np.testing.assert_allclose(line.get_ydata(), (top + bottom) / 2 + signs, atol=1e-14)
-            assert top - bottom == pytest.approx(2.0)
-            assert k == 0 or top < ticks[2 * k - 1] - 0.5
+            top, bottom = ends[2 * k : 2 * k + 2]
+            np.testing.assert_allclose(line.get_ydata(), ticks[k] + signs, atol=1e-14)
+            assert (top, bottom) == pytest.approx((ticks[k] + 1.0, ticks[k] - 1.0))
+            assert k == 0 or top < ends[2 * k - 1] - 0.5
     assert len(lines) < 6
     late = dataclasses.replace(tracking, signs=tracking.signs.copy())
     late.signs[0] = np.nan  # a sample that was refused
     assert len(zivi.plot.signs(late).lines) == 6
+
+
+def test_labels_of_signs_do_not_overlap_in_a_small_panel(tracking):
+    figure = plt.figure(figsize=(6.4, 7.2), layout="constrained")
+    ax = figure.subplots(3, 2)[0, 0]  # as small as the panels of a page
+    zivi.plot.signs(tracking, ax)
+    figure.canvas.draw()
+    boxes = [it.get_window_extent() for it in ax.get_yticklabels()]
+    assert len(boxes) == 6
+    for above, below in itertools.pairwise(boxes):
+        assert below.y1 < above.y0
+    # nor are they cut off, or over the label of the axis
+    assert all(ax.yaxis.label.get_window_extent().x1 < it.x0 for it in boxes)
+
+
+def test_reactions_begin_at_no_force_and_with_the_run():
+    """Also where the gap is open at first, or the force is far from 0."""
+    box = zivi.MechanicalSystem(
+        mass=1.0, force=[-9.81], gaps=[zivi.LinearGap([1.0], name="floor")], e=0.0
+    )
+    sol = zivi.simulate(box, (1.0, 3.0), ([1.0], [0.0]))
+    ax = zivi.plot.reactions(sol)
+    (left, right), (bottom, top) = ax.get_xlim(), ax.get_ylim()
+    assert np.nanmin(ax.lines[0].get_xdata()[np.isfinite(ax.lines[0].get_ydata())]) > 1.4
+    assert left <= 1.0
+    assert right >= 3.0
+    assert -0.1 * top <= bottom <= 0.0
+    assert top > 9.81
+
+
+def test_arrows_of_multipliers_point_from_the_first_orbit_to_the_last():
+    force = zivi.LinearForce(gravity=1.0, amplitude=1.3, phase=-np.pi / 2)
+    orbit = zivi.periodic_orbit(zivi.ImpactSystem(force, e=0.5), [(0.6, 2.1)])
+    branch = zivi.continue_orbit(orbit, "amplitude", (1.2, 1.7))
+    back = dataclasses.replace(branch, orbits=branch.orbits[::-1], values=branch.values[::-1])
+    directions = []
+    for one in (branch, back):
+        ax = zivi.plot.multipliers(one)
+        arrows = [it for it in ax.texts if it.arrow_patch is not None]
+        assert len(arrows) == 2
+        for arrow, column in zip(arrows, one.multipliers.T, strict=True):
+            start, end = (complex(*it) for it in (arrow.xyann, arrow.xy))
+            places = [np.flatnonzero(np.abs(column - it) < 1e-12) for it in (start, end)]
+            assert places[0].min() < places[1].max()
+            # a step along the branch, not across it
+            assert 0 < places[1].max() - places[0].min() < len(one)
+            assert abs(end - start) > 0.04 * np.abs(np.diff(column)).sum()
+            directions.append(end - start)
+    for there, here in zip(directions[:2], directions[2:], strict=True):
+        assert (there * np.conj(here)).real < 0.0
 
 
 def test_multipliers_belong_to_the_step_that_ends_at_the_sample():
@@ -98,7 +150,7 @@ def test_an_overview_of_a_loop_in_a_figure_that_is_given(tracking):
     assert zivi.plot.overview(tracking, figure) is figure
     assert plt.get_fignums() == [figure.number]
     words = [ax.get_ylabel().split()[0] for ax in figure.axes]
-    assert words == ["position", "velocity", "control", "multiplier"]
+    assert words == ["position", "velocity", "control", "multipliers"]
 
 
 def test_the_line_has_every_arc_and_every_jump(sol):

@@ -243,11 +243,11 @@ def signs(run: ClosedLoop, ax: Axes | None = None, **line: Any) -> Axes:
         ax.axhspan(height - 1.0, height + 1.0, color=WALL, alpha=0.12, lw=0.0, zorder=0)
         ax.step(run.t, height + values, where="post", **{"color": color, "label": label} | line)
     if known:
-        rows = [f"{label}  {value}" for _, label, _ in known for value in ("+1", "-1")]
-        places = [height + value for height in heights for value in (1.0, -1.0)]
-        ax.set_yticks(places, rows, fontsize="small")
+        # a label for each row: those of +1 and of -1 next to it would overlap in a small panel
+        ax.set_yticks(heights, [label for _, label, _ in known])
+        ax.set_yticks([it + end for it in heights for end in (1.0, -1.0)], minor=True)
         ax.set_ylim(heights[-1] - 1.25, 1.25)
     else:
         ax.text(0.5, 0.5, "a controller without signs", ha="center", transform=ax.transAxes)
-    ax.set(xlabel="time $t$ (s)", ylabel="multiplier (1)")
+    ax.set(xlabel="time $t$ (s)", ylabel="multipliers (1), from -1 to 1")
     return ax

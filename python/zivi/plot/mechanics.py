@@ -123,7 +123,7 @@ def _events_of(sol: MechanicalTrajectory) -> dict[str, tuple[Any, str]]:
 def reactions(
     sol: MechanicalTrajectory, ax: Axes | None = None, *, units: Units = None, **line: Any
 ) -> Axes:
-    """Plot the reactions over time; impulses, which are infinite forces, are not in them.
+    """Plot the reactions over time, from 0; impulses, which are infinite forces, are not in them.
 
     Parameters and return value as for `gaps`; `units` are those of the gaps: of metres the
     reactions are in newtons.
@@ -131,7 +131,11 @@ def reactions(
     check_mechanical("reactions", sol)
     ax, names = axes_of(ax), sol.gap_names
     forces = [FORCES.get(it, "") for it in units_of(sol, "gaps", units)]
-    _lines(ax, *drawn(sol, "reactions"), names, forces, line)
+    times, values = drawn(sol, "reactions")
+    _lines(ax, times, values, names, forces, line)
+    # the whole run and no force, also where a gap is open at first
+    ax.update_datalim([(times[0], 0.0), (times[-1], 0.0)] if len(times) else [])
+    ax.autoscale_view()
     _labelled(ax, r"reactions $\lambda_i$", names, forces, one="reaction")
     return ax
 
