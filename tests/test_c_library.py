@@ -87,7 +87,7 @@ def test_as_its_users_meet_it() -> None:
 @pytest.mark.slow
 @pytest.mark.skipif(not LINUX, reason="nm of binutils")
 def test_a_function_that_can_panic_does_not_link() -> None:
-    target = Path(os.environ.get("CARGO_TARGET_DIR", ROOT / "target")).resolve() / "c-canary"
+    target = Path(os.environ.get("CARGO_TARGET_DIR", ROOT / "target")).resolve()
     command = "cargo rustc --locked --quiet --profile bare --package zivi-c --crate-type staticlib"
     features = ["--features", "target,canary", "--target-dir", str(target)]
     subprocess.run([*command.split(), *features], check=True, cwd=ROOT)
