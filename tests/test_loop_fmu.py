@@ -78,6 +78,9 @@ def test_settings_and_a_wrong_model_are_those_of_the_controller(tmp_path, settin
     rows = stepped(unit, 900, ("q_a", "q_b", "contact_floor", "status"))
     assert np.abs(rows[:, :2] - run.q[:900]).max() < 1e-8
     assert np.array_equal(rows[-1, 2:], [1.0, run.tick_status[899]])
+    counts = unit.get("n_refused"), unit.get("n_saturated")
+    assert counts == (run.n_refused, run.n_saturated)
+    assert counts[1] > 0 or "u_limits" not in settings
     unit.free()
 
 

@@ -29,10 +29,13 @@ pub(super) struct Controller {
     pub(super) reference: Option<MechanicalReference>,
 }
 
+/// What is counted of the updates of a controller.
+pub(super) const COUNTED: [u8; 2] = [GapTracker::REFUSED, GapTracker::SATURATED];
+
 impl Loop {
     /// The variables: time; a disturbance of each coordinate; coordinates, velocities, gaps, contacts,
-    /// contact forces; of a controller contacts that are held, controls, the status; the start, and the
-    /// parameters of the system and of the one that the controller believes in.
+    /// contact forces; of a controller contacts that are held, controls, the status, how many updates
+    /// were rejected and saturated; the start, and the parameters of the system and of the one that the controller believes in.
     pub(super) fn table(sizes: Sizes, start: &[f64]) -> Vec<Variable> {
         let Sizes { layout: Layout { n, m, .. }, r, is_controlled } = sizes;
         let held = if is_controlled { m } else { 0 };
@@ -44,7 +47,7 @@ impl Loop {
             (Kind::Real, Role::Output, m),
             (Kind::Boolean, Role::Output, held),
             (Kind::Real, Role::Output, r),
-            (Kind::Integer, Role::Output, usize::from(is_controlled)),
+            (Kind::Integer, Role::Output, if is_controlled { 1 + COUNTED.len() } else { 0 }),
         ];
         let mut table = Vec::new();
         for (kind, role, count) in parts {
@@ -80,6 +83,6 @@ impl Sizes {
     /// Where the first parameter is among the values.
     pub(super) fn first_parameter(self) -> usize {
         let Self { layout: Layout { n, m, .. }, r, is_controlled } = self;
-        1 + 3 * n + 3 * m + if is_controlled { m + r + 1 } else { 0 }
+        1 + 3 * n + 3 * m + if is_controlled { m + r + 1 + COUNTED.len() } else { 0 }
     }
 }

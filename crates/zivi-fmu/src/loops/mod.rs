@@ -224,6 +224,11 @@ impl Loop {
 
     fn period(&self, moving: &mut Moving, state: &State) -> Result<(), i32> {
         let (_, acting) = self.controls(moving, state)?;
+        if let Some(Controlling { law, counts, .. }) = &mut moving.controller {
+            for (count, bit) in counts.iter_mut().zip(given::COUNTED) {
+                *count = count.saturating_add(u32::from(law.status & bit != 0));
+            }
+        }
         let forced = self.forced(&acting, state);
         let mut driven = self.plant.driven(self.layout, forced.len(), state, true);
         let h = self.h();
@@ -317,7 +322,8 @@ impl Loop {
         let bits = |of: &[bool]| of.iter().map(|it| f64::from(u8::from(*it))).collect::<Vec<_>>();
         let gaps = row[layout.gap()].to_vec();
         let law = moving.controller.as_ref().map(|it| &it.law);
-        let status = law.map_or(vec![], |law| vec![f64::from(law.status)]);
+        let mut status = law.map_or(vec![], |law| vec![f64::from(law.status)]);
+        status.extend(moving.controller.iter().flat_map(|it| it.counts.map(f64::from)));
         let held = law.map_or(vec![], |law| bits(&law.latch.held));
         let closed = bits(&moving.closed);
         Ok([moving.q, moving.w, gaps, closed, forces, held, u, status].concat())

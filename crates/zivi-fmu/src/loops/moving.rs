@@ -4,7 +4,7 @@ use zivi::drive::mechanical::{GapTrackerState, Latch, Offsets, SentControls};
 use zivi_core::control::{TickStatus, TrackerState};
 use zivi_core::Lifted;
 
-use super::given::{Controller, Loop};
+use super::given::{Controller, Loop, COUNTED};
 
 /// What changes from period to period.
 #[derive(Clone, Debug)]
@@ -24,6 +24,8 @@ pub(super) struct Moving {
 pub(super) struct Controlling {
     pub(super) law: GapTrackerState,
     pub(super) trackers: Vec<TrackerState>,
+    /// Updates so far with each of the bits [`COUNTED`].
+    pub(super) counts: [u32; COUNTED.len()],
 }
 
 /// What reads numbers, or writes them: the order is told once.
@@ -127,12 +129,13 @@ impl Moving {
 impl Controlling {
     fn start(of: &Controller) -> Self {
         let trackers = of.law.trackers.iter().map(|it| it.state()).collect();
-        Self { law: of.law.state.clone(), trackers }
+        Self { law: of.law.state.clone(), trackers, counts: [0; COUNTED.len()] }
     }
 
     /// Passes all numbers, of so many coordinates and controls.
     fn pass(&mut self, it: &mut impl Passes, of: &Controller, (n, r): (usize, usize)) {
-        let Self { law, trackers } = self;
+        let Self { law, trackers, counts } = self;
+        counts.iter_mut().for_each(|value| count(it, value));
         let GapTrackerState { latch, accelerations, sent, place, status, least, uncontrolled } =
             law;
         let SentControls { last: u, queue: sent } = sent;

@@ -52,9 +52,10 @@ def export_loop(
 
     A period is one of `simulate_closed_loop` with ``method=zivi.RKPeriod()`` and the ``delay`` of
     the controller. Inputs are disturbances, a generalised force on each coordinate; outputs are
-    coordinates, velocities, gaps, contacts, contact forces, contacts that are held, controls, and
-    bits of `TickStatus`. Parameters are the start and those of the system (``plant_...``) and of
-    the one that the controller believes in (``model_...``).
+    coordinates, velocities, gaps, contacts, contact forces, contacts that are held, controls, bits
+    of `TickStatus`, and how many updates of past periods were rejected (``n_refused``) and
+    saturated (``n_saturated``). Parameters are the start and those of the system (``plant_...``)
+    and of the one that the controller believes in (``model_...``).
 
     Parameters
     ----------
@@ -180,6 +181,8 @@ def _model(
     rows.add("held_", gaps, "boolean", "output", "whether the controller holds the contact {}")
     rows.add("u_", controls, "real", "output", "control {}")
     rows.add("status", ("",), "integer", "output", "bits of TickStatus")
+    rows.add("n_refused", ("",), "integer", "output", "control updates so far that were rejected")
+    rows.add("n_saturated", ("",), "integer", "output", "those whose control was cut")
     systems = {"plant_": plant, "model_": believed}
     parameters = rows.add_parameters(coordinates, start, systems)
     text = "A mechanical system with its tracker of gaps"
