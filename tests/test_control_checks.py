@@ -266,7 +266,7 @@ def test_a_controller_is_named_only_where_it_is_made_and_handed_on():
         *tick,
         *loop,
         "python/zivi/__init__.py",
-        "crates/zivi-py/src/control/explicit.rs",
+        "crates/zivi-py/src/control/mass.rs",
         "crates/zivi-py/src/control/mod.rs",
         "python/zivi/control/twisting.py",
     }

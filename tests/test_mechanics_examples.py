@@ -256,7 +256,7 @@ def test_the_transformed_position_is_the_angle():
     force = zivi.LinearForce(stiffness=-1.0, gravity=0.2)
     system = zivi.ImpactSystem(force, e=block.restitution(0.2))
     sol = zivi.simulate(system, (0, 30), (0.1, 0), block.METHOD, t_eval=apexes[:, 0])
-    assert np.abs(sol.s - apexes[:, 1]).max() < 1e-8
+    assert np.abs(sol.transformed.s - apexes[:, 1]).max() < 1e-8
     assert np.abs(sol.xdot).max() < 1e-7
 
 

@@ -25,7 +25,7 @@ import threading
 from pathlib import Path
 import numpy as np
 import scipy.sparse as sp
-from inside import Factoriser
+from zivi.vi.factorisation import Factoriser
 
 def resident():
     for thread in threading.enumerate():

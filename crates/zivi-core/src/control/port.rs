@@ -1,7 +1,16 @@
 //! Where a controller meets the plant: what it accepts from a sensor, what an actuator can do.
 
-use crate::setting::{require, Setting, Value, Values};
-use crate::{Physical, Real, SettingError};
+use crate::control::reference::{advanced, Advance, ReferenceState};
+use crate::control::regulator::RegulationStep;
+use crate::control::tracking::TrackingStep;
+use crate::control::{
+    ExplicitTwisting, TrackerState, TwistingRegulator, TwistingTracker, Waypoint,
+};
+use crate::setting::{is_positive, require, Setting, SettingError, Value, Values};
+use crate::{flight, Physical, Real, Restitution, ThetaGammaStep};
+use core::ops::Bound;
+
+// Where a controller meets the plant: what it accepts from a sensor, what an actuator can do.
 
 /// Limits of the sensor and of the actuator.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -141,8 +150,209 @@ pub(super) fn checked_force(name: &'static str, force: Real) -> Result<(), Setti
     require(force.is_finite(), name, force, "a finite force per unit mass (m/s^2)")
 }
 
+// Samples that do not come every `h`: a period of another length, and a sample that is missing.
+
+/// The reference over a period whose sample is missing: it moves on, the control is held.
+fn missed(
+    reference: &ThetaGammaStep,
+    port: &Port,
+    state: TrackerState,
+    force_ref: Real,
+) -> Result<(ReferenceState, TrackerState), SettingError> {
+    let Advance { next, signs: [lambda_sr, lambda_vr], .. } =
+        advanced(reference, state.followed(), force_ref)?;
+    let [lambda_s, lambda_v, _, _, lambda_es, lambda_ev] = state.signs;
+    let signs = [lambda_s, lambda_v, lambda_sr, lambda_vr, lambda_es, lambda_ev];
+    Ok((next, TrackerState { signs, ..held(port, state) }))
+}
+
+/// Without a sample: the control of before, within the limits of the actuator also before the first.
+fn held(port: &Port, state: TrackerState) -> TrackerState {
+    let (u, status) = (port.clipped(state.u), TickStatus::default());
+    TrackerState { u, status, iterations: 0, ..state }
+}
+
+/// `Ok` if `dt` is the length of a period.
+fn checked_period(dt: Real) -> Result<(), SettingError> {
+    require(is_positive(dt), "dt", dt, "a finite time > 0 (s)")
+}
+
+impl TwistingTracker {
+    /// The same, its next period `dt` (s) long: the step is planned over it, the control is to be held
+    /// as long, and the reference advances by it. The horizons keep their numbers of periods.
+    ///
+    /// # Errors
+    /// [`SettingError`] unless `dt` is positive and finite.
+    pub fn lasting(&self, dt: Real) -> Result<Self, SettingError> {
+        checked_period(dt)?;
+        let mut it = *self;
+        it.reference = it.reference.with_h(dt)?;
+        it.step = TrackingStep { h: it.horizon * dt, ..it.step };
+        it.landing = it.landing.map(|landing| landing.of_periods(dt));
+        Ok(it)
+    }
+
+    /// A sample is missing: the reference advances by a period, the control is held.
+    ///
+    /// # Errors
+    /// [`SettingError`] for a force that is not finite or too large; nothing has changed then.
+    pub fn miss(&mut self, force_ref: Real) -> Result<Real, SettingError> {
+        let (next, state) = missed(&self.reference, self.port(), self.state, force_ref)?;
+        self.hold(next, state);
+        Ok(state.u)
+    }
+
+    /// The same of a reference that is given, at `next` with the next sample.
+    ///
+    /// # Errors
+    /// [`SettingError`] for a waypoint that is not finite or behind the wall.
+    pub fn miss_to(&mut self, next: Waypoint) -> Result<Real, SettingError> {
+        let next = ReferenceState::at(next, self.reference.restitution())?;
+        let state = held(self.port(), self.state);
+        self.hold(next, state);
+        Ok(state.u)
+    }
+
+    fn hold(&mut self, next: ReferenceState, state: TrackerState) {
+        let ReferenceState { z, side } = self.on_its_branch(next);
+        self.state = TrackerState { reference: z, side, ..state };
+    }
+}
+
+impl ExplicitTwisting {
+    /// [`TwistingTracker::lasting`].
+    ///
+    /// # Errors
+    /// The same.
+    pub fn lasting(&self, dt: Real) -> Result<Self, SettingError> {
+        checked_period(dt)?;
+        let mut it = *self;
+        it.reference = it.reference.with_h(dt)?;
+        Ok(it)
+    }
+
+    /// [`TwistingTracker::miss`].
+    ///
+    /// # Errors
+    /// The same.
+    pub fn miss(&mut self, force_ref: Real) -> Result<Real, SettingError> {
+        let (next, state) = missed(&self.reference, self.port(), self.state, force_ref)?;
+        let ReferenceState { z, side } = next.folded();
+        self.state = TrackerState { reference: z, side, ..state };
+        Ok(state.u)
+    }
+}
+
+impl TwistingRegulator {
+    /// [`TwistingTracker::lasting`].
+    ///
+    /// # Errors
+    /// The same.
+    pub fn lasting(&self, dt: Real) -> Result<Self, SettingError> {
+        checked_period(dt)?;
+        let mut it = *self;
+        it.step = RegulationStep { h: dt, ..it.step };
+        it.landing = it.landing.map(|landing| landing.of_periods(dt));
+        Ok(it)
+    }
+
+    /// A sample is missing: the control is held.
+    pub fn miss(&mut self) -> Real {
+        self.state.status = TickStatus::default();
+        self.state.u = self.port().clipped(self.state.u);
+        self.state.u
+    }
+}
+
+// Controls that act some periods late: the state in which that of this sample will act.
+//
+// ```text
+// (x, x')(t_k + d h) from (x, x')(t_k) through u_{k-d}, ..., u_{k-1}, each for a period
+// ```
+//
+// through impacts and into rest, exactly where the force is known. A tick for that state, its
+// reference `d` periods ahead, is a tick without delay.
+
+/// The longest delay (periods).
+pub const MOST_DELAY: usize = 64;
+
+/// The delay of a controller that predicts.
+pub const DELAY: Setting = Setting {
+    name: "delay",
+    meaning: "periods from a measurement to the moment when its control acts",
+    unit: "1",
+    values: Values::Numbers(Bound::Included(0.0), Bound::Included(MOST_DELAY as Real)),
+    range: "a whole number of periods from 0 to 64",
+    default: Value::Count(0),
+};
+
+/// What comes out as many periods later as it is long.
+///
+/// ```
+/// use zivi_core::control::DelayLine;
+/// let mut line = DelayLine::new(2, 0.0)?;
+/// assert_eq!([1.0, 2.0, 3.0].map(|it| line.push(it)), [0.0, 0.0, 1.0]);
+/// assert!(line.held().eq([2.0, 3.0]));
+/// # Ok::<(), zivi_core::SettingError>(())
+/// ```
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct DelayLine<T> {
+    periods: usize,
+    /// Where the oldest is.
+    first: usize,
+    held: [T; MOST_DELAY],
+}
+
+impl<T: Copy> DelayLine<T> {
+    /// One of this length, with the same in all its places.
+    ///
+    /// # Errors
+    /// [`SettingError`] if it is longer than [`MOST_DELAY`].
+    pub fn new(periods: usize, value: T) -> Result<Self, SettingError> {
+        DELAY.check(periods as Real)?;
+        Ok(Self { periods, first: 0, held: [value; MOST_DELAY] })
+    }
+
+    /// Its length.
+    #[must_use]
+    pub fn periods(&self) -> usize {
+        self.periods
+    }
+
+    /// Puts one in and gives the oldest.
+    pub fn push(&mut self, value: T) -> T {
+        let oldest = self.oldest().unwrap_or(value);
+        let last = (self.first + self.periods) % MOST_DELAY;
+        if let Some(place) = self.held.get_mut(last) {
+            *place = value;
+        }
+        self.first = (self.first + 1) % MOST_DELAY;
+        oldest
+    }
+
+    /// The one that comes out next, `None` of a line without length.
+    #[must_use]
+    pub fn oldest(&self) -> Option<T> {
+        self.held().next()
+    }
+
+    /// Those in it, the oldest first.
+    pub fn held(&self) -> impl Iterator<Item = T> + '_ {
+        self.held.iter().cycle().skip(self.first).take(self.periods).copied()
+    }
+}
+
+impl DelayLine<Real> {
+    /// The state after these controls, each for a period `h` (s), with the acceleration `force` beside
+    /// them.
+    #[must_use]
+    pub fn ahead(&self, state: Physical, wall: Restitution, force: Real, h: Real) -> Physical {
+        self.held().fold(state, |at, u| flight::after(at, force + u, wall.e(), h))
+    }
+}
+
 #[cfg(test)]
-mod tests {
+mod port_tests {
     use super::*;
 
     #[test]

@@ -16,9 +16,8 @@ use super::piece::Flight;
 use super::state::MechanicalState;
 use super::tail::SkippedArcs;
 use crate::numeric::bernstein::{quintic, Bernstein};
-use crate::record::contact_mode::ContactMode;
-use crate::record::failure::Failure;
-use crate::record::gap_set::GapSet;
+use crate::record::gap_set::{ContactMode, GapSet};
+use crate::record::status::Failure;
 use crate::system::dynamics::{Dynamics, Layout};
 
 /// Most arcs of two halves.

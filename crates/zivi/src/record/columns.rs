@@ -1,8 +1,11 @@
 //! The samples of a run, a row for each quantity.
 
+use crate::record::recorder::SetupError;
 use std::collections::TryReserveError;
-
+use zivi_core::setting::{Setting, Value};
 use zivi_core::Lifted;
+
+// The samples of a run, a row for each quantity.
 
 /// One state of a run with the multipliers of the step that led to it.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -141,5 +144,188 @@ impl Columns {
             Some(row) => &mut row[from..from + n],
             None => &mut [],
         })
+    }
+}
+
+// Values of the settings of a method, by their names: how a program that does not know the method
+// hands them to it.
+
+/// What was given for some settings; the others have their defaults.
+///
+/// ```
+/// use zivi::method::Values;
+/// use zivi::MoreauJean;
+/// use zivi_core::setting::Value;
+/// let mut values = Values::default();
+/// assert_eq!(values.number(&MoreauJean::THETA)?, 0.5);
+/// values.set("theta", Value::Number(1.0));
+/// assert_eq!(values.number(&MoreauJean::THETA)?, 1.0);
+/// # Ok::<(), zivi::SetupError>(())
+/// ```
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Values {
+    given: Vec<(&'static str, Value)>,
+}
+
+impl Values {
+    /// Gives a setting its value; of two the last counts.
+    pub fn set(&mut self, name: &'static str, value: Value) {
+        self.given.push((name, value));
+    }
+
+    fn of(&self, setting: &Setting) -> Value {
+        let given = self.given.iter().rev().find(|(name, _)| *name == setting.name);
+        given.map_or(setting.default, |&(_, value)| value)
+    }
+
+    /// A number.
+    ///
+    /// # Errors
+    /// As of all that follow, [`SetupError::Unset`] where there is none.
+    pub fn number(&self, setting: &Setting) -> Result<f64, SetupError> {
+        match self.of(setting) {
+            Value::Number(value) => Ok(value),
+            _ => Err(unset(setting)),
+        }
+    }
+
+    /// A number, or nothing where it is found by the run.
+    ///
+    /// # Errors
+    /// [`SetupError::Unset`].
+    pub fn optional(&self, setting: &Setting) -> Result<Option<f64>, SetupError> {
+        match self.of(setting) {
+            Value::Open(_) => Ok(None),
+            _ => self.number(setting).map(Some),
+        }
+    }
+
+    /// A number for the distance and one for the velocity.
+    ///
+    /// # Errors
+    /// [`SetupError::Unset`].
+    pub fn pair(&self, setting: &Setting) -> Result<[f64; 2], SetupError> {
+        match self.of(setting) {
+            Value::Pair(values) => Ok(values),
+            _ => self.number(setting).map(|both| [both; 2]),
+        }
+    }
+
+    /// A whole number.
+    ///
+    /// # Errors
+    /// [`SetupError::Unset`].
+    pub fn count(&self, setting: &Setting) -> Result<usize, SetupError> {
+        match self.of(setting) {
+            Value::Count(value) => Ok(value),
+            _ => Err(unset(setting)),
+        }
+    }
+
+    /// What a name stands for, as `named` reads it.
+    ///
+    /// # Errors
+    /// [`SetupError::Unset`], also for a name that stands for nothing.
+    pub fn choice<T>(
+        &self,
+        setting: &Setting,
+        named: impl FnOnce(&str) -> Option<T>,
+    ) -> Result<T, SetupError> {
+        let Value::Name(name) = self.of(setting) else { return Err(unset(setting)) };
+        named(name).ok_or_else(|| unset(setting))
+    }
+}
+
+fn unset(setting: &Setting) -> SetupError {
+    SetupError::Unset(setting.name, setting.range)
+}
+
+// Lists that grow with a run: where memory ends, the run ends and keeps what it has.
+
+/// Bytes below which nothing is set aside: so much is always to be had.
+const LITTLE: usize = 1 << 16;
+
+/// Memory that is set aside while the lists of a run grow, for the arrays that are made of them
+/// when it is over; dropping it makes room for those. It is one block, because the largest of them
+/// is one array: several blocks, each between others, leave no place that is long enough.
+#[derive(Debug, Default)]
+pub(crate) struct Reserve {
+    block: Vec<u8>,
+}
+
+impl Reserve {
+    /// Makes room in `list` for `n` more entries, and sets `beside` bytes aside for each.
+    ///
+    /// # Errors
+    /// There is no such room; the list is as it was.
+    #[inline]
+    pub(crate) fn room<T>(
+        &mut self,
+        list: &mut Vec<T>,
+        n: usize,
+        beside: usize,
+    ) -> Result<(), TryReserveError> {
+        if list.capacity() - list.len() >= n {
+            return Ok(());
+        }
+        self.grow(list, n, beside)
+    }
+
+    #[cold]
+    fn grow<T>(
+        &mut self,
+        list: &mut Vec<T>,
+        n: usize,
+        beside: usize,
+    ) -> Result<(), TryReserveError> {
+        let capacity = list.capacity();
+        // a size beyond all numbers is refused by the allocator
+        let wanted = capacity.saturating_mul(2).max(list.len().saturating_add(n)).max(4);
+        let bytes = (wanted - capacity).saturating_mul(beside);
+        if bytes <= LITTLE {
+            return list.try_reserve_exact(wanted - list.len());
+        }
+        let held = self.block.capacity();
+        let grown = self
+            .set_aside(held.saturating_add(bytes))
+            .and_then(|()| list.try_reserve_exact(wanted - list.len()));
+        if grown.is_err() {
+            // what was there before fits again
+            self.set_aside(held).ok();
+        }
+        grown
+    }
+
+    /// Makes the block so long; what it held before is given back first, so that memory is never
+    /// taken twice.
+    fn set_aside(&mut self, bytes: usize) -> Result<(), TryReserveError> {
+        self.block = Vec::new();
+        self.block.try_reserve_exact(bytes)
+    }
+}
+
+#[cfg(test)]
+mod reserve_tests {
+    use super::*;
+
+    #[test]
+    fn a_list_grows_with_what_is_set_aside_for_it() {
+        let (mut reserve, mut list) = (Reserve::default(), Vec::new());
+        for k in 0..100_000_u64 {
+            reserve.room(&mut list, 1, 48).unwrap();
+            list.push(k);
+        }
+        let aside = reserve.block.capacity();
+        assert!(aside >= 48 * list.len() - LITTLE, "{aside}");
+    }
+
+    #[test]
+    fn what_does_not_fit_leaves_the_list_as_it_was() {
+        let (mut reserve, mut list) = (Reserve::default(), vec![1_u8, 2]);
+        reserve.room(&mut list, 1 << 20, 8).unwrap();
+        let aside = reserve.block.capacity();
+        assert!(reserve.room(&mut list, usize::MAX, 1).is_err());
+        assert!(reserve.room(&mut list, 1 << 22, usize::MAX).is_err());
+        assert_eq!((list, reserve.block.capacity()), (vec![1, 2], aside));
     }
 }

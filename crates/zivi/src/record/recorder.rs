@@ -1,9 +1,13 @@
 //! Fills the columns of a run.
 
-use zivi_core::{sgn, transform, Lifted, Restitution};
+pub use crate::record::columns::{Columns, Quantity, Sample, QUANTITIES};
+use crate::record::gap_set::ContactMode;
+use crate::{Events, GridError, Status};
+use std::fmt;
+use zivi_core::setting::Setting;
+use zivi_core::{sgn, transform, Lifted, Physical, Restitution, SettingError};
 
-use crate::record::columns::{Columns, Quantity, Sample};
-use crate::record::summary::{Keep, Summary};
+// Fills the columns of a run.
 
 /// Steps that are staged before they are appended.
 const BLOCK: usize = 256;
@@ -150,8 +154,233 @@ impl Recorder {
     }
 }
 
+// The states that runs record.
+
+/// A state at some time, and on which branch of the transform it lies.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PathPoint {
+    /// Distance from the wall, `>= 0` (m).
+    pub x: f64,
+    /// Velocity (m/s); at the time of an impact the one after it.
+    pub xdot: f64,
+    /// Branch, `+1` or `-1`: it changes at each impact, and `s = sigma x`.
+    pub sigma: f64,
+}
+
+/// Whether a number is one of the two branches.
+pub(crate) fn is_sigma(sigma: f64) -> bool {
+    sigma.abs() == 1.0
+}
+
+/// A state of the motion: coordinates, gaps and slips, their rates, and the mode.
+#[derive(Clone, Debug, PartialEq)]
+pub struct MotionPoint {
+    /// `q`, then `g`, then with friction how far each channel has slipped, and a number without meaning.
+    pub x: Vec<f64>,
+    /// `q'`, then `g'`, then with friction the slip speeds, and the work that friction has dissipated.
+    pub v: Vec<f64>,
+    /// The gaps that are closed, and what friction does.
+    pub mode: ContactMode,
+}
+
+/// A state that is recorded.
+pub(crate) trait Recorded: Clone {
+    /// How many numbers it consists of.
+    fn numbers(&self) -> usize;
+}
+
+impl Recorded for PathPoint {
+    fn numbers(&self) -> usize {
+        3
+    }
+}
+
+impl Recorded for MotionPoint {
+    fn numbers(&self) -> usize {
+        self.x.len() + self.v.len()
+    }
+}
+
+// What is kept of a run, and what its samples say when they are not.
+
+/// Which samples of a run are kept.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Keep {
+    /// All of them.
+    #[default]
+    All,
+    /// The first and every so many after it; none for `0`.
+    Every(usize),
+}
+
+/// The last sample, and the extremes of all.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Summary {
+    /// Time of the last sample (s).
+    pub t: f64,
+    /// Last distance from the wall (m).
+    pub x: f64,
+    /// Last velocity (m/s).
+    pub xdot: f64,
+    /// Largest sampled distance from the wall (m).
+    pub x_max: f64,
+    /// Largest sampled speed (m/s).
+    pub speed_max: f64,
+}
+
+impl Default for Summary {
+    /// Of no sample.
+    fn default() -> Self {
+        Self { t: f64::NAN, x: f64::NAN, xdot: f64::NAN, x_max: 0.0, speed_max: 0.0 }
+    }
+}
+
+impl Summary {
+    /// Of all samples of a run.
+    #[must_use]
+    pub fn of(columns: &Columns) -> Self {
+        let mut summary = Self::default();
+        summary.absorb(columns);
+        summary
+    }
+
+    /// Goes on with one sample.
+    pub(crate) fn note(&mut self, t: f64, Physical { x, xdot }: Physical) {
+        let (x_max, speed_max) = (self.x_max.max(x.abs()), self.speed_max.max(xdot.abs()));
+        *self = Self { t, x, xdot, x_max, speed_max };
+    }
+
+    /// Goes on with further samples.
+    pub(crate) fn absorb(&mut self, columns: &Columns) {
+        let last = |quantity| columns.of(quantity).last().copied();
+        let largest = |quantity, so_far: f64| {
+            columns.of(quantity).iter().fold(so_far, |largest, value| largest.max(value.abs()))
+        };
+        if let (Some(t), Some(x), Some(xdot)) =
+            (last(Quantity::T), last(Quantity::X), last(Quantity::Xdot))
+        {
+            (self.t, self.x, self.xdot) = (t, x, xdot);
+        }
+        self.x_max = largest(Quantity::X, self.x_max);
+        self.speed_max = largest(Quantity::Xdot, self.speed_max);
+    }
+}
+
+// The record of a run.
+
+/// A run as far as it went.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Trajectory {
+    /// The samples, or those that were to be kept.
+    pub columns: Columns,
+    /// Of all samples, where not all were to be kept.
+    pub summary: Option<Summary>,
+    /// What happened at the wall.
+    pub events: Events,
+    /// Numbers of the samples whose step the chosen solver did not solve (the exact one took it).
+    pub failed_steps: Vec<usize>,
+    /// How the run ended.
+    pub status: Status,
+    /// Number of force evaluations.
+    pub nfev: u64,
+}
+
+/// A trajectory, and what ended it early if that was an error from outside.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Run<E> {
+    /// All that was computed.
+    pub trajectory: Trajectory,
+    /// The error that the force or the monitor raised (then the status is [`Status::Raised`]).
+    pub raised: Option<E>,
+}
+
+/// Why a run could not start.
+#[derive(Clone, Debug, PartialEq)]
+pub enum SetupError {
+    /// The span or the step size.
+    Grid(GridError),
+    /// A setting of the method.
+    Method(SettingError),
+    /// The initial state or another setting: name, value and range.
+    Setting(&'static str, f64, &'static str),
+    /// A number of things: name, value and range.
+    Count(&'static str, usize, &'static str),
+    /// A setting that has no value, or one of another kind: name and range.
+    Unset(&'static str, &'static str),
+    /// What a method does not do: what is wanted instead.
+    Refused(&'static str),
+    /// The record does not fit into memory.
+    Memory(usize),
+    /// What a batch keeps does not fit into memory.
+    BatchMemory {
+        /// Number of runs.
+        runs: usize,
+        /// Samples that are kept of each.
+        samples: usize,
+        /// What would be needed (bytes).
+        bytes: f64,
+    },
+    /// None of so many threads could be started.
+    Threads(usize),
+}
+
+impl fmt::Display for SetupError {
+    fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            SetupError::Grid(error) => error.fmt(out),
+            SetupError::Method(error) => error.fmt(out),
+            SetupError::Setting(name, value, range) => {
+                write!(out, "{name} must be {range}, got {value:?}")
+            }
+            SetupError::Count(name, value, range) => {
+                write!(out, "{name} must be {range}, got {value}")
+            }
+            SetupError::Unset(name, range) => write!(out, "{name} must be given, {range}"),
+            SetupError::Refused(wanted) => out.write_str(wanted),
+            SetupError::Memory(steps) => {
+                write!(out, "the record of {steps} steps does not fit into memory: increase h")
+            }
+            SetupError::BatchMemory { runs, samples, bytes } => {
+                let gigabytes = bytes / 1e9;
+                write!(
+                    out,
+                    "y0 gives {runs} runs, save and h keep {samples} samples of each: \
+                     {gigabytes:.3} GB do not fit into memory; increase save or h, or compute \
+                     fewer runs at a time"
+                )
+            }
+            SetupError::Threads(threads) => {
+                write!(out, "none of threads={threads} could be started: the memory is not enough")
+            }
+        }
+    }
+}
+
+impl std::error::Error for SetupError {}
+
+/// Refuses a whole number that a setting may not be.
+pub(crate) fn checked_count(setting: &Setting, value: usize) -> Result<(), SetupError> {
+    if setting.values.hold_count(value) {
+        Ok(())
+    } else {
+        Err(SetupError::Count(setting.name, value, setting.range))
+    }
+}
+
+impl From<GridError> for SetupError {
+    fn from(error: GridError) -> Self {
+        SetupError::Grid(error)
+    }
+}
+
+impl From<SettingError> for SetupError {
+    fn from(error: SettingError) -> Self {
+        SetupError::Method(error)
+    }
+}
+
 #[cfg(test)]
-mod tests {
+mod recorder_tests {
     use super::*;
     use crate::record::columns::Columns;
 
