@@ -20,8 +20,6 @@ use zivi::system::linear_system::{GapMotion, LinearDynamics, LinearGap, LinearSy
 use zivi::system::tree;
 use zivi::system::tree::{Joint, JointKind, TreeDynamics, TreeGap};
 
-// Mechanical systems that come from Python.
-
 type Evaluate = unsafe extern "C" fn(f64, *const f64, *const f64, *mut f64) -> c_int;
 type EvaluateWith =
     unsafe extern "C" fn(f64, *const f64, *const f64, *mut f64, *mut c_void) -> c_int;

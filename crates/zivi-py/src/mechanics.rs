@@ -10,8 +10,6 @@ use pyo3::prelude::*;
 use zivi::mechanics::{GapSet, MechanicalRun, Modes, Occurrence, Totals};
 use zivi::system::dynamics::Layout;
 
-// Mechanical systems from Python: the record of a run.
-
 /// Samples, occurrences and outcome of one run.
 #[pyclass(frozen, get_all, module = "zivi._zivi")]
 pub(crate) struct MechanicalRecord {

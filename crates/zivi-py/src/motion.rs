@@ -11,8 +11,6 @@ use zivi::record::gap_set::ContactMode;
 use zivi::stepping::ballistic;
 use zivi::{Events, Physical};
 
-// The motion of a mechanical system between the samples of a run.
-
 /// What restores an object, and its arguments.
 type Reduced<'py> = (Bound<'py, PyAny>, (Bound<'py, PyArray1<f64>>,));
 /// Coordinates, velocities, gaps, their rates, and which are closed.

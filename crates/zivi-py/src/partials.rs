@@ -25,8 +25,6 @@ use zivi::system::partials::{
 use zivi::system::tree::TreeDynamics;
 use zivi::{AnyImpactLaw, SetupError, SwitchedRk};
 
-// Mechanical systems from Python with their partial derivatives.
-
 /// A system, and a function that fills in all its partial derivatives.
 struct WithPartials<D, P> {
     dynamics: D,

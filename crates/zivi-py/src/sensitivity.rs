@@ -19,8 +19,6 @@ use zivi::switched::sensitivity::{
 use zivi::system::slopes::DifferentiableForce;
 use zivi::{ImpactMap, MapParameter, Output, PointRun, SwitchedRk};
 
-// Runs with their derivatives, and flights apart, from Python.
-
 /// A run and its derivatives; arrays of events have a row of one number for each column.
 #[pyclass(frozen, get_all, module = "zivi._zivi")]
 pub(crate) struct SensitivityRecord {

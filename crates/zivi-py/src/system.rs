@@ -18,8 +18,6 @@ use zivi::system::force::Friction as Given;
 use zivi::system::impact_law::newton_impacts;
 use zivi::{AnyImpactLaw, Physical};
 
-// What is requested of a run: the system, where it starts, what it shall keep.
-
 /// A mass above a wall.
 #[pyclass(frozen, module = "zivi._zivi")]
 pub(crate) struct PointMass {

@@ -33,8 +33,6 @@ __all__ = [
     "table",
 ]
 
-# What happened at walls and gaps, as tables: of one mass as of a mechanism.
-
 
 class EventTable(np.recarray):
     """A record array of events; a field that it does not have is answered by a hint."""

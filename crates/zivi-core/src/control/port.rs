@@ -10,8 +10,6 @@ use crate::setting::{is_positive, require, Setting, SettingError, Value, Values}
 use crate::{flight, Physical, Real, Restitution, ThetaGammaStep};
 use core::ops::Bound;
 
-// Where a controller meets the plant: what it accepts from a sensor, what an actuator can do.
-
 /// Limits of the sensor and of the actuator.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Port {

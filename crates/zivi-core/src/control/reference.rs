@@ -7,8 +7,6 @@ use crate::setting::is_not_negative;
 use crate::step::{thorough, ImplicitEuler, StepSolution};
 use crate::{transform, Branch, Lifted, Physical, Real, Restitution, SettingError, ThetaGammaStep};
 
-// The reference that a tracker follows: where it is, and where a period takes it.
-
 /// A reference: its state and the side of the wall on which it was last.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct ReferenceState {

@@ -5,8 +5,6 @@ use crate::control::port::checked_force;
 use crate::control::{checked, Gains, Landing, Port, TickStatus};
 use crate::{transform, Branch, Lifted, Physical, Real, Restitution, SettingError};
 
-// The twisting regulator: brings the mass to rest at the wall in finite time.
-
 #[cfg(not(feature = "single"))]
 use super::inclusion::RegulationInclusion;
 

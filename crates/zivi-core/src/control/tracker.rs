@@ -12,8 +12,6 @@ use crate::setting::{require, Setting, Value, Values};
 use crate::{transform, Branch, Lifted, Physical, Real, Restitution, SettingError, ThetaGammaStep};
 use core::ops::Bound;
 
-// The twisting tracker: makes the mass follow a bouncing reference through its Zeno point.
-
 #[cfg(not(feature = "single"))]
 use super::inclusion::TrackingInclusion;
 

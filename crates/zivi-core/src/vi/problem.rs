@@ -5,8 +5,6 @@ use crate::vi::workspace;
 use core::cell::Cell;
 use core::fmt;
 
-// What a problem is: a map and its Jacobian, supplied by the caller.
-
 /// Where a solve is after one of its iterations.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Progress {

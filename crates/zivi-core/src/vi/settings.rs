@@ -2,8 +2,6 @@
 
 use core::fmt;
 
-// What can be set, and what comes back.
-
 /// Scaling of the rows, `F_i -> sigma_i F_i` with `sigma_i > 0`: it changes the residual, not the
 /// solutions.
 #[derive(Clone, Copy, Debug, PartialEq)]

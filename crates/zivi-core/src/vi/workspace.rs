@@ -7,8 +7,6 @@ use crate::vi::problem::steps_into;
 use crate::vi::stages::{Iterate, Outcome};
 use core::slice::ChunksExact;
 
-// The memory of the solver, carved from one slice of reals and one of indices.
-
 /// Vectors of length `n` beside the two `n x n` matrices.
 const VECTORS: usize = 24;
 

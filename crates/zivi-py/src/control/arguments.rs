@@ -6,8 +6,6 @@ use zivi::drive::closed_loop::{TickError, UnderWay};
 use zivi_core::control::{GainError, Gains, Landing, Port, TickStatus, TrackerState};
 use zivi_core::{Lifted, Physical, Restitution, SettingError};
 
-// What the constructors and ticks of all controllers read.
-
 pub(super) fn refused(error: SettingError) -> PyErr {
     PyValueError::new_err(error.to_string())
 }

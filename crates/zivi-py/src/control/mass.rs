@@ -18,8 +18,6 @@ use zivi_core::control::{
 };
 use zivi_core::{Branch, Physical};
 
-// What the two controllers with a reference have in common.
-
 /// What the two controllers with a reference have in common.
 macro_rules! with_reference {
     ($class:ident, $($own:tt)*) => {

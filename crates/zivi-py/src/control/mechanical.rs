@@ -20,8 +20,6 @@ use zivi::drive::mechanical::{
 use zivi::system::dynamics::Layout;
 use zivi_core::control::{Aim, AimSettings, AimState, Learning, Sight};
 
-// A plant as controllers of mechanical systems believe it to be, and what they make of a state of it.
-
 /// What a law that gives no controls raises.
 pub(crate) fn law_error(error: LawError<PyErr>) -> PyErr {
     match error {

@@ -11,8 +11,6 @@ use pyo3::types::{PyFloat, PyTuple};
 use zivi::system::slopes::{DifferentiableForce, Parametrised, Place, Slopes};
 use zivi::{Dependence, Force, Force as Evaluated, LinearLaw, OnMovingWall};
 
-// Forces that are Python callables.
-
 /// A Python callable; the interpreter lock is held for the whole run.
 pub(crate) struct PythonForce<'py> {
     function: Function<'py>,

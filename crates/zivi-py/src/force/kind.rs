@@ -10,8 +10,6 @@ use zivi::system::linear_system::GapMotion;
 use zivi::system::slopes::Differenced;
 use zivi::{HarmonicWall, OnMovingWall, WallMotion};
 
-// What is requested of a force as it was given, whatever its kind.
-
 /// A kind of force.
 pub(super) trait Kind: Send + Sync {
     /// Ready to be evaluated.

@@ -10,8 +10,6 @@ use std::cell::{Cell, RefCell};
 use std::time::{Duration, Instant};
 use zivi_core::vi::{Affine, EvaluationError, Interruption, Problem, Progress};
 
-// `F` and its Jacobian as Python callables.
-
 /// Calls Python; what it raises is kept for the caller and stops the solver, but for the errors
 /// by which a function says that it is not defined at a point: after the first call they count as
 /// values that are not finite.

@@ -15,8 +15,6 @@ use zivi_core::vi::{
     Workspace,
 };
 
-// Box VIs from Python. The lock is held while `F` is a Python callable, released otherwise.
-
 /// Code of a solve that its time limit ended; those of the solver itself are smaller.
 const TIME_LIMIT: u8 = 10;
 

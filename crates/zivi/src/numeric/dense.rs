@@ -4,8 +4,6 @@ use crate::numeric::bernstein::Bernstein;
 use crate::numeric::coordinates::Row;
 use crate::numeric::tableau::{Interpolant, Pair, Weights};
 
-// The polynomial of one coordinate over a step, from its stages.
-
 /// The polynomials of position and velocity over a step of length `h` from `(x, v)`, where the
 /// acceleration is `k`, to `(x1, v1)`. The weights of all powers but the first two have `sum_i d_i =
 /// sum_i c_i d_i = 0`: a uniform acceleration has no part in them.

@@ -2,8 +2,6 @@
 
 use std::fmt;
 
-// The time grid `t_k = t0 + k h` of a fixed-step run.
-
 /// Runs longer than this are refused: the record alone would take 64 GB.
 pub const MAX_STEPS: f64 = 1e9;
 

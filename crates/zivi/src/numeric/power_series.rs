@@ -3,8 +3,6 @@
 use pulp::{Scalar, Simd, WithSimd};
 use std::ops::{Add, Mul, Neg, Sub};
 
-// Numbers, plain or with a derivative: what is written once for both gives its derivatives too.
-
 /// A real number, or one with a derivative.
 pub(crate) trait Real:
     Copy + Add<Output = Self> + Sub<Output = Self> + Mul<Output = Self> + Neg<Output = Self>

@@ -8,8 +8,6 @@ use crate::system::force::Stops;
 use crate::{Monitor, Status};
 use std::collections::TryReserveError;
 
-// A run under way.
-
 /// Why a run ends.
 pub(crate) enum Ending<E, P> {
     Failed(Failure<E>),

@@ -5,8 +5,6 @@ use std::collections::TryReserveError;
 use zivi_core::setting::{Setting, Value};
 use zivi_core::Lifted;
 
-// The samples of a run, a row for each quantity.
-
 /// One state of a run with the multipliers of the step that led to it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Sample {

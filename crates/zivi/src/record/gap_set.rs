@@ -1,7 +1,5 @@
 //! Sets of gaps.
 
-// Sets of gaps.
-
 /// Words of 64 gaps.
 const WORDS: usize = 4;
 

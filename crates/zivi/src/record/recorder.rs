@@ -7,8 +7,6 @@ use std::fmt;
 use zivi_core::setting::Setting;
 use zivi_core::{sgn, transform, Lifted, Physical, Restitution, SettingError};
 
-// Fills the columns of a run.
-
 /// Steps that are staged before they are appended.
 const BLOCK: usize = 256;
 

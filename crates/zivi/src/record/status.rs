@@ -7,8 +7,6 @@ use std::ops::ControlFlow;
 use std::time::{Duration, Instant};
 use zivi_core::StepFailure;
 
-// How a run ended.
-
 /// How a run ended; the numbers are part of the public interface.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u8)]

@@ -5,8 +5,6 @@ use crate::record::columns::Reserve;
 use crate::record::recorder::{PathPoint, Recorded};
 use std::collections::TryReserveError;
 
-// Events that the user defines: zeros of functions of time and state along the motion.
-
 /// Which changes of sign of a function are events.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Direction {

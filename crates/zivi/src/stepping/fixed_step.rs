@@ -11,8 +11,6 @@ use std::ops::ControlFlow;
 use zivi_core::setting::Setting;
 use zivi_core::{transform, Branch, Lifted, Physical, Restitution};
 
-// The loop that all fixed-step methods share: step, record, note the events, let others look.
-
 /// Where a step starts.
 #[derive(Clone, Copy, Debug)]
 pub struct Start {

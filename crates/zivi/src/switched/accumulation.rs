@@ -9,8 +9,6 @@ use crate::zeno::chain::Chain;
 use crate::zeno::tail::Tail;
 use crate::{Dependence, Force, Status};
 
-// Impacts that accumulate, and what is known of the end of them.
-
 /// Columns of the table of the Zeno time after the first. In 160 random runs with `e` up to 0.9995
 /// 3 need 15 % more impacts before the jump; 5 save 8 % of them, but the error of the Zeno time is
 /// twice as large in the median where `e` is near 1.

@@ -20,8 +20,6 @@ use crate::zeno::tail::Tail;
 use crate::{AnyImpactLaw, Force, GridError, Impact, Monitor, Occurrence, Physical};
 use std::collections::TryReserveError;
 
-// A whole run: steps, samples, events, dense output.
-
 /// Simulates `x'' = f`, `x >= 0`, `x'+ = -e x'-` with the switched Runge-Kutta method.
 ///
 /// Samples have `s = sigma x` and `v = sigma x'/(1 - kappa sgn x')` on the branch `sigma` that

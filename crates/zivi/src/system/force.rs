@@ -2,8 +2,6 @@
 
 use zivi_core::cosine;
 
-// Forces per unit mass, `f(t, x, x')` in m/s^2.
-
 /// What a force depends on: it tells the integrator how much of the step is implicit.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Dependence {

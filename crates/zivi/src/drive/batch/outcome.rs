@@ -8,8 +8,6 @@ use crate::{
 };
 use zivi_core::Physical;
 
-// What is saved of one run of a batch.
-
 /// What is saved of each run.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub enum Save<'a> {

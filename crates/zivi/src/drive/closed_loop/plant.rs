@@ -21,8 +21,6 @@ use zivi_core::control::{
 };
 use zivi_core::{transform, Branch, Lifted, Physical, Restitution, SettingError, ThetaGammaStep};
 
-// The mass between two samples, under its force and the control that is held.
-
 /// A sampling period.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Period {

@@ -9,8 +9,6 @@ use std::collections::TryReserveError;
 use zivi_core::observer::{Estimate, ImpactObserver};
 use zivi_core::{Lifted, Physical};
 
-// The record of a closed loop.
-
 /// Columns of the record: `t, x, xdot, x_ref, xdot_ref, u`.
 pub const LOOP_COLUMNS: usize = 6;
 

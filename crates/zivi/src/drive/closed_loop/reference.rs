@@ -10,8 +10,6 @@ use crate::{Events, Impact, LocatedEvent, PathPoint, UserEvent};
 use zivi_core::control::Waypoint;
 use zivi_core::{Branch, Physical, Restitution};
 
-// References that are given, and on which side of the wall they are at each sample.
-
 /// A given reference at one time.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ReferencePoint {

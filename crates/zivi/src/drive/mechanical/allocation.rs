@@ -10,8 +10,6 @@ use std::fmt;
 use zivi_core::control::TwistingTracker;
 use zivi_core::SettingError;
 
-// From wanted accelerations to the controls of a mechanical system.
-
 /// Singular values below this part of the largest leave a gap without control.
 const RANK: f64 = 1e-6;
 /// How much heavier the gaps count than the rest, where limits do not leave room for both.

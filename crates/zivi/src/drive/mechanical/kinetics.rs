@@ -10,8 +10,6 @@ use crate::switched::{Order, SwitchedRk};
 use crate::system::dynamics::{Driven, Dynamics, Layout};
 use crate::{AnyImpactLaw, Monitor, Status};
 
-// A state of a mechanical system by its gaps.
-
 /// What must be left of a gap's mobility by the others, as a part.
 const REDUNDANT: f64 = 1e-10;
 

@@ -4,8 +4,6 @@ use crate::drive::mechanical::gap_tracker::GapTracker;
 use crate::mechanics::Ticks;
 use std::collections::VecDeque;
 
-// What happens at a sample of a closed loop: sensor, observer, controller, delay.
-
 /// A sampled controller of a mechanical system.
 pub trait MechanicalController<E> {
     /// Writes the controls for the period that starts at sample `k` into `u`, which has the last ones,

@@ -7,8 +7,6 @@ use crate::switched::path::{Curve, Form};
 use crate::switched::plot_samples::{larger, largest, range, smaller, BLOCK};
 use pulp::Simd;
 
-// What a drawing needs to know of a step: ranges, how far it is from straight, and apexes.
-
 /// What a drawing needs to know of a flight.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Outline {

@@ -13,8 +13,6 @@ use crate::system::force::Stops;
 use crate::system::slopes::DifferentiableForce;
 use crate::{AnyImpactLaw, Monitor, Physical, Status};
 
-// A whole run with its derivatives.
-
 /// Simulates as [`crate::simulate_switched_rk`], with the derivatives of the run.
 ///
 /// # Errors

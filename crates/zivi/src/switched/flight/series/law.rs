@@ -4,8 +4,6 @@ pub(crate) use crate::numeric::power_series::{Series, TERMS};
 use crate::numeric::root::{of_angle, sin_cos, Clock, Phase};
 use crate::{Dependence, Force, LinearLaw};
 
-// A linear force with its waves on clocks of their own.
-
 /// A wave `Re z e^(i omega t)`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Excitation {
