@@ -7,7 +7,7 @@ import pytest
 
 import zivi
 from friction_problems import CASES, reference
-from sticking_tails import Bouncing
+from sticking_tails import Bouncing, Coupled
 
 SETTINGS = [(8, 1e-6), (8, 1e-9), (8, 1e-11), (5, 1e-9)]
 MODES = {1: "slip+", -1: "slip-", 0: "stick"}
@@ -72,6 +72,17 @@ def test_tails_that_stick_or_slip_are_the_closed_form(slider):
         assert np.abs(found.q - q).max() <= 20 * tol * size
         assert np.abs(found.qdot - w).max() <= 20 * tol * size / zeno
         assert np.abs(found.dissipated - work).max() <= 20 * tol * work.max()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("bent", [False, True])
+@pytest.mark.parametrize("rough", [False, True])
+def test_tails_of_coupled_coordinates_are_the_closed_form(rough, bent):
+    for seed in range(10):
+        rng = np.random.default_rng([11, rough, bent, seed])
+        tol = 10 ** rng.uniform(-11, -6)
+        errors = Coupled.drawn(rng, rough, bent).errors(tol, np.sort(rng.random(200)))
+        assert (errors <= 20).all(), (seed, errors)
 
 
 def test_a_tail_that_sticks_is_stored_and_sampled_by_its_bits():

@@ -7,7 +7,9 @@ use super::linear_flight::{Pull, PullAlongArcs};
 use super::mechanism::{scales, Mechanism};
 use super::mode::Key;
 use super::state::MechanicalState;
-use super::tail::{through, FrictionWork, SkippedArcs, StoppedSlip, FRICTION_TERMS};
+use super::tail::{
+    through, Correction, InPowers, PartOfArc, SkippedArcs, StoppedSlip, ORDERS, POINTS,
+};
 use crate::record::contact_mode::ContactMode;
 use crate::record::failure::Failure;
 use crate::record::gap_set::GapSet;
@@ -25,6 +27,12 @@ use crate::{Dependence, Force};
 /// The forces of a linear system without tables change like a line in this part of the time of the fastest
 /// mode or load.
 const SHORT: f64 = 1.0 / 64.0;
+/// The corrections of skipped arcs are made anew so many times at most, until this part of the tolerances
+/// is left.
+const PASSES: usize = 8;
+const LEFT: f64 = 0.05;
+/// Weights of the integral over an arc at [`POINTS`].
+const WEIGHTS: [f64; 4] = [1.0 / 12.0, 5.0 / 12.0, 5.0 / 12.0, 1.0 / 12.0];
 
 /// The last impacts of one kind.
 #[derive(Clone, Debug)]
@@ -251,17 +259,30 @@ impl ImpactChain {
         last.way = self.way(mode, &speeds, at.aside)?;
         let to = slip_ways(stopped, mode, at.aside)?;
         let zeno = at.state.now().t;
+        let work = (at.aside.layout.p > 0).then(|| speeds.len() - 1);
+        if let Some(c) = work.filter(|_| zeno > start) {
+            // a line, which impacts and forces correct
+            let (h, before, after) = (zeno - start, speeds[c], last.v[c]);
+            let power = (after - before) / h;
+            (first.v[c], first.x[c]) = (before, last.x[c] - 0.5 * h * (before + after));
+            (first.acceleration[c], last.acceleration[c]) = (power, power);
+        }
         let mut arcs = SkippedArcs::of_chain(&self.chain, zeno, [first.clone(), last.clone()]);
-        if at.aside.layout.p > 0 {
+        if !stopped.is_empty() {
             let slip = |ways| StoppedSlip { ways, accelerations: Default::default() };
             arcs.slips = from.into_iter().zip(to).map(|(from, to)| slip([from, to])).collect();
             // the slips move the system along the arcs, and that the forces on it
-            for _ in 0..=usize::from(!stopped.is_empty()) {
-                self.rub(&mut arcs, &speeds, at)?;
-                arcs.end_at(&first, &last);
+            for _ in 0..2 {
+                self.slip(&mut arcs, at)?;
+                arcs.end_at(&first, &last, work);
             }
         }
         self.bend(&mut arcs, at)?;
+        // a coordinate alone goes where its gap does
+        if self.alone.is_none() {
+            self.correct(&mut arcs, &speeds, at)?;
+            arcs.end_at(&first, &last, work);
+        }
         Ok((arcs, set))
     }
 
@@ -271,63 +292,162 @@ impl ImpactChain {
         landed.stick.without(flight.stick).without(flight.slipping())
     }
 
-    /// Gives the arcs of a jump what friction does along them, after an impact at the given rates of the
-    /// state.
-    fn rub<E, D: Dynamics<E>>(
+    /// Gives the arcs of a jump the slips of the channels that impacts stop.
+    fn slip<E, D: Dynamics<E>>(
+        &self,
+        arcs: &mut SkippedArcs,
+        at: &mut Mechanism<'_, '_, D>,
+    ) -> Result<(), Failure<E>> {
+        let (flight, stopped) = (self.chain.key().flight, self.stopped());
+        let first_slip = at.aside.coordinates() + at.aside.layout.m;
+        let mut accelerations = vec![[vec![], vec![]]; stopped.len()];
+        let (numbers, q) = probed(arcs);
+        for number in numbers {
+            for (end, theta) in [0.0, 1.0].into_iter().enumerate() {
+                probe(arcs, (number, theta), flight, at)?;
+                for (to, channel) in accelerations.iter_mut().zip(stopped.iter()) {
+                    to[end].push(at.aside.acceleration[first_slip + channel]);
+                }
+            }
+        }
+        for (slip, values) in arcs.slips.iter_mut().zip(&accelerations) {
+            slip.accelerations = [0, 1].map(|end| through(&q, &values[end]));
+        }
+        Ok(())
+    }
+
+    /// Gives the arcs of a jump, after an impact at the given rates of the state, what the forces and impacts do
+    /// along them, to the tolerance.
+    fn correct<E, D: Dynamics<E>>(
         &self,
         arcs: &mut SkippedArcs,
         rates: &[f64],
         at: &mut Mechanism<'_, '_, D>,
     ) -> Result<(), Failure<E>> {
+        let scales = scales(at.settings, at.state, 0.0);
+        let (has_friction, mut before) = (at.aside.layout.p > 0, f64::INFINITY);
+        for pass in 0..PASSES {
+            let at_least = if pass == 0 && !has_friction { LEFT } else { 0.0 };
+            let Some(next) = self.corrections(arcs, rates, (at_least, &scales[1..]), at)? else {
+                break;
+            };
+            let change = arcs.distance(&next, &scales[1..], &probed(arcs).0);
+            if change >= before || change.is_nan() {
+                break;
+            }
+            arcs.corrections = next;
+            // they fall by what they did at least
+            if change <= LEFT || (before.is_finite() && change * change <= LEFT * before) {
+                break;
+            }
+            before = change;
+            self.bend(arcs, at)?;
+        }
+        Ok(())
+    }
+
+    /// What the forces and impacts do along the arcs of a jump but for (1), unless that is less than a part of
+    /// the tolerances.
+    fn corrections<E, D: Dynamics<E>>(
+        &self,
+        arcs: &SkippedArcs,
+        rates: &[f64],
+        (at_least, scales): (f64, &[f64]),
+        at: &mut Mechanism<'_, '_, D>,
+    ) -> Result<Option<Vec<Correction>>, Failure<E>> {
         let (Key { hit, flight, landed }, stopped) = (self.chain.key(), self.stopped());
         let (Some(tail), Some(last)) = (&arcs.arcs, self.chain.bounces().last()) else {
-            return Ok(());
+            return Ok(None);
         };
-        let (Layout { n, m, p }, kinetics) = (at.aside.layout, &mut *at.aside);
-        let stride = tail.stride();
-        let known = |&i: &usize| tail.arc(i).is_some();
-        let numbers = (0..FRICTION_TERMS).map(|i| i * stride).take_while(known);
-        let (mut q, mut powers) = (vec![], [vec![], vec![]]);
-        let (mut impacts, mut accelerations) = (vec![], vec![[vec![], vec![]]; stopped.len()]);
-        let [mut x, mut v] = [(); 2].map(|()| vec![0.0; arcs.rows.len()]);
-        let mut after = v.clone();
+        let Layout { n, m, p } = at.aside.layout;
+        let (size, slips, whole) = (arcs.rows.len(), n + m, arcs.end - arcs.start);
+        let (numbers, q) = probed(arcs);
+        let mut values = vec![<[Vec<f64>; POINTS.len()]>::default(); size];
+        let mut jumps = vec![vec![]; size];
         for number in numbers {
             let Some(arc) = tail.arc(number) else { break };
-            q.push(tail.power(number));
-            for (end, (t, part, speed)) in
-                [(arc.start, 0.0, arc.u), (arc.end, 1.0, arc.incoming)].into_iter().enumerate()
-            {
-                arcs.combine(t, (0.0, speed), &mut x, &mut v);
-                arcs.rub(t, Some((number, part)), &mut x, &mut v);
-                kinetics.evaluate(at.model, t, &x[..n], &v[..n])?;
-                kinetics.contact(flight)?;
-                for (to, channel) in accelerations.iter_mut().zip(stopped.iter()) {
-                    to[end].push(kinetics.acceleration[n + m + channel]);
+            let mut left = vec![[0.0; POINTS.len()]; size];
+            let mut end = Probe::default();
+            for (point, theta) in POINTS.into_iter().enumerate() {
+                end = probe(arcs, (number, theta), flight, at)?;
+                for c in 0..slips + p {
+                    left[c][point] = at.aside.acceleration[c] - end.a[c];
                 }
-                powers[end].push(kinetics.friction_power(flight, &v[n..]));
+                if p > 0 {
+                    let power = at.aside.friction_power(flight, &end.v[n..]);
+                    left[size - 1][point] = power - end.a[size - 1];
+                }
             }
-            // the impact at the end of the arc
-            let (t, speed) = (arc.end, tail.speed_of(number + 1));
-            arcs.combine(t, (0.0, speed), &mut x, &mut after);
-            arcs.rub(t, Some((number + 1, 0.0)), &mut x, &mut after);
-            let slips = v[n + m..][..p].to_vec();
-            let change = |row: usize| match row.checked_sub(m) {
-                None if hit.has(row) => (speed - arc.incoming) * rates[n + row] / last.u,
-                Some(channel) if stopped.has(channel) => -slips[channel],
-                _ => 0.0,
+            // the impact at the end of the arc, and what (1) and the slips make of it
+            let bounce = tail.speed_of(number + 1) - arc.incoming;
+            let way = self.way(landed, rates, at.aside)?;
+            let stops = slip_ways(stopped, landed, at.aside)?;
+            let mut jump: Vec<f64> =
+                (0..size).map(|c| (way[c] - arcs.way(c, end.t)) * bounce).collect();
+            for ((stop, channel), slip) in stops.iter().zip(stopped.iter()).zip(&arcs.slips) {
+                let known = slip.speed(end.part);
+                let more: f64 =
+                    (0..POINTS.len()).map(|i| WEIGHTS[i] * left[slips + channel][i]).sum();
+                let speed = known + more * arc.length;
+                for c in 0..size {
+                    jump[c] += arcs.part_of_way(&slip.ways, c, end.t) * known - stop[c] * speed;
+                }
+            }
+            if p > 0 {
+                let rows = &end.v[slips..];
+                let change = |row: usize| match row.checked_sub(m) {
+                    None if hit.has(row) => bounce * rates[n + row] / last.u,
+                    Some(channel) if stopped.has(channel) => -rows[channel],
+                    _ => 0.0,
+                };
+                let pulls = at.aside.friction_impulses(landed, change)?;
+                let after = |channel: usize| {
+                    let stop: f64 = stopped
+                        .iter()
+                        .zip(&stops)
+                        .map(|(of, stop)| stop[slips + channel] * rows[of])
+                        .sum();
+                    rows[channel] + way[slips + channel] * bounce - stop
+                };
+                let mean = |channel: usize| 0.5 * (rows[channel] + after(channel));
+                jump[size - 1] = (0..p).map(|channel| -pulls[channel] * mean(channel)).sum();
+            }
+            let seen = |c: usize| {
+                let rate = left[c].iter().fold(0.0_f64, |most, a| most.max(a.abs())) * whole;
+                let rate = rate + jump[c].abs() / (1.0 - self.chain.e());
+                rate > at_least * scales[size + c] || rate * whole > at_least * scales[c]
             };
-            let pulls = kinetics.friction_impulses(landed, change)?;
-            let mean = |channel: usize| 0.5 * (v[n + m + channel] + after[n + m + channel]);
-            let work: f64 = (0..p).map(|channel| -pulls[channel] * mean(channel)).sum();
-            impacts.push(work / q[q.len() - 1]);
+            if at_least > 0.0 && !(0..n).any(seen) {
+                return Ok(None);
+            }
+            for (c, (to, jumps)) in values.iter_mut().zip(&mut jumps).enumerate() {
+                to.iter_mut().zip(left[c]).for_each(|(to, left)| to.push(left));
+                jumps.push(jump[c]);
+            }
         }
-        for (slip, values) in arcs.slips.iter_mut().zip(&accelerations) {
-            slip.accelerations = [0, 1].map(|end| through(&q, &values[end]));
-        }
-        let before = rates.last().copied().unwrap_or_default();
-        let powers = powers.map(|values| through(&q, &values));
-        arcs.work = Some(FrictionWork { before, powers, impacts: through(&q, &impacts) });
-        Ok(())
+        let still = landed.closed.iter().map(|i| n + i);
+        let still = still.chain(landed.stick.without(stopped).iter().map(|c| slips + c));
+        let still: Vec<usize> = still.collect();
+        let of = |c: usize| {
+            let series = |values: &[f64], vanishes: bool| -> InPowers {
+                if !vanishes {
+                    return through(&q, values);
+                }
+                let parts: Vec<f64> = values.iter().zip(&q).map(|(value, q)| value / q).collect();
+                let of: [f64; ORDERS] = through(&q, &parts);
+                std::array::from_fn(|k| if k > 0 { of[k - 1] } else { 0.0 })
+            };
+            // friction works in contact with the whole pull, and along the arcs without that
+            let vanishes = c < slips + p;
+            let points = values[c].each_ref().map(|values| series(values, vanishes));
+            let mut accelerations = [[0.0; ORDERS + 1]; POINTS.len()];
+            for k in 0..=ORDERS {
+                let of_theta: [f64; 4] = through(&POINTS, &points.map(|of| of[k]));
+                accelerations.iter_mut().zip(of_theta).for_each(|(a, of)| a[k] = of);
+            }
+            Correction::new(c, (accelerations, series(&jumps[c], true)), tail)
+        };
+        Ok(Some((0..size).filter(|c| !still.contains(c)).map(of).collect()))
     }
 
     /// Gives the arcs of a jump the accelerations of the bouncing gap at their ends.
@@ -337,11 +457,18 @@ impl ImpactChain {
         at: &mut Mechanism<'_, '_, D>,
     ) -> Result<(), Failure<E>> {
         let key = self.chain.key();
-        let (Some(gap), Some(mut tail)) = (key.hit.iter().next(), arcs.arcs.take()) else {
+        let (Some(gap), Some(mut tail)) = (key.hit.iter().next(), arcs.arcs.clone()) else {
             return Ok(());
         };
-        let mut pull = AlongArcs::new(arcs, (key.flight, gap), at.aside, at.model);
-        Counted::new(&mut pull).bend(&mut tail)?;
+        let row = at.aside.coordinates() + gap;
+        let mut pull = |number: usize, theta: f64| {
+            probe(arcs, (number, theta), key.flight, at)?;
+            Ok::<f64, Failure<E>>(at.aside.acceleration[row])
+        };
+        match tail.bend_arcs(|number, _| Ok([pull(number, 0.0)?, pull(number, 1.0)?])) {
+            Err(Failure::Status(_)) => return Ok(()),
+            bent => bent?,
+        }
         arcs.arcs = Some(tail);
         Ok(())
     }
@@ -359,6 +486,41 @@ impl ImpactChain {
         let part = |row: usize| if bouncing.has(row) { rates[n + row] / last.u } else { 0.0 };
         Ok(aside.displacement(mode, part)?)
     }
+}
+
+/// The arcs of a jump at which the forces are evaluated, and their `e^m`.
+fn probed(arcs: &SkippedArcs) -> (Vec<usize>, Vec<f64>) {
+    let Some(tail) = &arcs.arcs else { return Default::default() };
+    let stride = tail.stride();
+    let known = |&i: &usize| tail.arc(i).is_some();
+    let numbers: Vec<usize> = (0..ORDERS).map(|i| i * stride).take_while(known).collect();
+    let q = numbers.iter().map(|&number| tail.power(number)).collect();
+    (numbers, q)
+}
+
+/// The state after a part of an arc, and what (1) has for accelerations there.
+#[derive(Default)]
+struct Probe {
+    t: f64,
+    part: PartOfArc,
+    v: Vec<f64>,
+    a: Vec<f64>,
+}
+
+/// Evaluates the system aside after a part of an arc, with its accelerations in a mode.
+fn probe<E, D: Dynamics<E>>(
+    arcs: &SkippedArcs,
+    (number, theta): (usize, f64),
+    mode: ContactMode,
+    at: &mut Mechanism<'_, '_, D>,
+) -> Result<Probe, Failure<E>> {
+    let [mut x, mut v, mut a] = [(); 3].map(|()| vec![0.0; arcs.rows.len()]);
+    let Some(part) = arcs.part_of(number, theta) else { return Ok(Probe::default()) };
+    let t = arcs.after(part, [&mut x, &mut v, &mut a]).unwrap_or(arcs.end);
+    let n = at.aside.coordinates();
+    at.aside.evaluate(at.model, t, &x[..n], &v[..n])?;
+    at.aside.contact(mode)?;
+    Ok(Probe { t, part, v, a })
 }
 
 /// How a unit of slip in each channel of a set moves coordinates and rows by the impulses of a mode.

@@ -6,15 +6,15 @@
 //!            the skipped arcs,  t, closed, x, v of the end, if there is one ]
 //! segment  [ start, mode, kind (0 motion, 1 skipped), first, degree, h ]
 //! arcs     [ start, end, whether a tail follows,  the tail,  8 numbers of each component,
-//!            how many slips that impacts stop, 2 numbers of each component and 6 of each of them,
-//!            whether friction works, 10 numbers of that ]
+//!            how many slips that impacts stop, 2 numbers of each component and 10 of each of them,
+//!            how many corrections, the component and 25 numbers of each ]
 //! mode     [ closed, slipping up, slipping down, sticking (numbers of 32 gaps each, two at least) ]
 //! ```
 //!
-//! Before format 6 arcs had neither slips nor work. Before format 5 there was no friction, nor `p`, before format 4 tails had no accelerations.
+//! Before format 6 arcs had neither slips nor corrections. Before format 5 there was no friction, nor `p`, before format 4 tails had no accelerations.
 
 use super::path::{Kind, MechanicalPath, Segment, MOST_SEGMENT_DEGREE};
-use super::tail::{FrictionWork, SkippedArcs, StoppedSlip};
+use super::tail::{Correction, SkippedArcs, StoppedSlip};
 use crate::record::contact_mode::ContactMode;
 use crate::record::gap_set::GapSet;
 use crate::record::point::MotionPoint;
@@ -60,7 +60,7 @@ impl MechanicalPath {
             });
         }
         out.numbers(&self.coefficients);
-        for SkippedArcs { start, end, arcs, rows, slips, work } in &self.skipped {
+        for SkippedArcs { start, end, arcs, rows, slips, corrections } in &self.skipped {
             out.numbers(&[*start, *end]);
             out.flag(arcs.is_some());
             arcs.iter().for_each(|tail| out.numbers(&tail.to_numbers()));
@@ -70,10 +70,10 @@ impl MechanicalPath {
                 out.numbers(ways.iter().flatten());
                 out.numbers(accelerations.iter().flatten());
             }
-            out.flag(work.is_some());
-            if let Some(FrictionWork { before, powers, impacts }) = work {
-                out.number(*before);
-                out.numbers(powers.iter().flatten().chain(impacts));
+            out.count(corrections.len());
+            for Correction { component, accelerations, jumps, .. } in corrections {
+                out.count(*component);
+                out.numbers(accelerations.iter().flatten().chain(jumps));
             }
         }
         if let Some((t, point)) = &self.end {
@@ -125,7 +125,7 @@ impl MechanicalPath {
             let bare = SkippedArcs::of_rows(start, end, from.rows(size)?);
             let mut it = SkippedArcs { arcs, ..bare };
             if from.format() >= 6.0 {
-                read_friction(from, size, &mut it)?;
+                read_additions(from, size, &mut it)?;
             }
             path.skipped.push(it);
         }
@@ -140,17 +140,19 @@ impl MechanicalPath {
     }
 }
 
-/// What friction does along arcs.
-fn read_friction(from: &mut Reader<'_>, size: usize, to: &mut SkippedArcs) -> Option<()> {
+/// What is added along arcs.
+fn read_additions(from: &mut Reader<'_>, size: usize, to: &mut SkippedArcs) -> Option<()> {
     let [slips] = from.counts()?;
     for _ in 0..slips {
         let ways = [from.take(size)?.to_vec(), from.take(size)?.to_vec()];
         to.slips.push(StoppedSlip { ways, accelerations: [from.row()?, from.row()?] });
     }
-    if from.flag()? {
-        let [before] = from.row()?;
-        let (powers, impacts) = ([from.row()?, from.row()?], from.row()?);
-        to.work = Some(FrictionWork { before, powers, impacts });
+    let [corrections] = from.counts()?;
+    for _ in 0..corrections {
+        let [component] = from.counts()?;
+        let of = ([from.row()?, from.row()?, from.row()?, from.row()?], from.row()?);
+        let tail = to.arcs.as_ref().filter(|_| component < size)?;
+        to.corrections.push(Correction::new(component, of, tail));
     }
     Some(())
 }

@@ -11,8 +11,18 @@
 //! with `c` the polynomial of degree 5 through position, velocity and acceleration at both ends,
 //! and `r` the line. A channel that every impact stops slips along each arc, from rest. With its slip
 //! `S(t)` and the directions `p(t)` in which the impulses that stop it act, (1) has the terms `p S` and
-//! `p' S + p S'` more, and `c` ends where these leave it. The work of friction is counted from arc to arc.
-//! Accelerations of `S`, and what friction works along arcs and in impacts, are polynomials in `e^m`.
+//! `p' S + p S'` more, and `c` ends where these leave it.
+//!
+//! What this leaves of the equation of motion is one more term `D(t)`, zero at the Zeno point: the forces depend
+//! on `Y` and `Y'`, `c` and `r` are no polynomials, friction works along arcs and in impacts. On the arc `m`,
+//! with `q = e^m`, `h` its length and `theta` the part of it that is over,
+//!
+//! ```text
+//! D'' = sum_jk A_jk q^k theta^j      D'(q e) = D'(q) + h int D'' dtheta + sum_k J_k q^k        (2)
+//! ```
+//!
+//! with `A` from the forces at [`POINTS`] of a few arcs, and `J` from the impacts at their ends. `D'` and `D` at
+//! the starts of arcs are polynomials in `q`, too.
 
 use super::mode::Key;
 use crate::numeric::bernstein::{quintic, Bernstein};
@@ -21,13 +31,15 @@ use crate::zeno::chain::Chain;
 use crate::zeno::tail::Tail;
 
 /// At most so many arcs make a polynomial in `e^m`.
-pub(super) const FRICTION_TERMS: usize = 3;
+pub(super) const ORDERS: usize = 4;
+/// Parts of an arc at which the forces are evaluated: Lobatto's points.
+pub(super) const POINTS: [f64; 4] = [0.0, 0.276_393_202_250_021_03, 0.723_606_797_749_979, 1.0];
 
 /// Coefficients of a polynomial in `q = e^m`, the constant first.
-pub(super) type InPowers = [f64; FRICTION_TERMS];
+pub(super) type InPowers = [f64; ORDERS + 1];
 
-/// The polynomial with so many values at `q`.
-pub(super) fn through(q: &[f64], values: &[f64]) -> InPowers {
+/// The polynomial of at most so many terms with these values at `q`.
+pub(super) fn through<const N: usize>(q: &[f64], values: &[f64]) -> [f64; N] {
     let mut d = values.to_vec();
     for level in 1..q.len() {
         for i in (level..q.len()).rev() {
@@ -35,9 +47,9 @@ pub(super) fn through(q: &[f64], values: &[f64]) -> InPowers {
         }
     }
     // from the Newton form to powers
-    let mut a = [0.0; FRICTION_TERMS];
+    let mut a = [0.0; N];
     for (q, d) in q.iter().zip(&d).rev() {
-        for k in (1..FRICTION_TERMS).rev() {
+        for k in (1..N).rev() {
             a[k] = a[k - 1] - q * a[k];
         }
         a[0] = d - q * a[0];
@@ -45,12 +57,20 @@ pub(super) fn through(q: &[f64], values: &[f64]) -> InPowers {
     a
 }
 
-fn value(a: &InPowers, q: f64) -> f64 {
+fn value(a: &[f64], q: f64) -> f64 {
     a.iter().rev().fold(0.0, |sum, a| sum * q + a)
 }
 
+fn product(a: &[f64], b: &[f64]) -> Vec<f64> {
+    let mut all = vec![0.0; a.len() + b.len() - 1];
+    for (i, a) in a.iter().enumerate() {
+        b.iter().enumerate().for_each(|(k, b)| all[i + k] += a * b);
+    }
+    all
+}
+
 /// A part of an arc: its number, `e^m`, its length and the part that is over.
-type PartOfArc = (usize, f64, f64, f64);
+pub(super) type PartOfArc = (usize, f64, f64, f64);
 
 /// A channel that every impact of the arcs stops.
 #[derive(Clone, Debug, PartialEq)]
@@ -72,29 +92,69 @@ impl StoppedSlip {
         let along = h * h * theta * theta * (a / 2.0 + b * theta / 6.0);
         (before + along, h * theta * (a + b * theta / 2.0))
     }
+
+    /// The speed along an arc.
+    pub(super) fn speed(&self, (_, q, h, theta): PartOfArc) -> f64 {
+        let [a, b] = self.accelerations.each_ref().map(|of| value(of, q));
+        h * theta * (a + (b - a) * theta / 2.0)
+    }
+
+    fn acceleration(&self, (_, q, _, theta): PartOfArc) -> f64 {
+        let [a, b] = self.accelerations.each_ref().map(|of| value(of, q));
+        a + theta * (b - a)
+    }
 }
 
-/// The work of friction since the first of the arcs.
+/// `D` of a component, equation (2).
 #[derive(Clone, Debug, PartialEq)]
-pub(super) struct FrictionWork {
-    pub(super) before: f64,
-    /// What it works per time at the starts of arcs, and at their ends.
-    pub(super) powers: [InPowers; 2],
-    /// What it works in the impacts at their ends, divided by `e^m`.
-    pub(super) impacts: InPowers,
+pub(super) struct Correction {
+    pub(super) component: usize,
+    /// `A`, by the power of `theta`.
+    pub(super) accelerations: [InPowers; POINTS.len()],
+    /// `J`.
+    pub(super) jumps: InPowers,
+    /// `D` and `D'` at the starts of arcs.
+    starts: [Vec<f64>; 2],
 }
 
-impl FrictionWork {
-    fn at(&self, tail: &Tail, part: Option<PartOfArc>) -> f64 {
-        let ([a, b], number) = (&self.powers, part.map(|part| part.0));
-        let mean: Vec<f64> = a.iter().zip(b).map(|(a, b)| (a + b) / 2.0).collect();
-        let impacts: Vec<f64> = [0.0].into_iter().chain(self.impacts).collect();
-        let before = self.before
-            + tail.sum_over_arcs(&mean, 1, number)
-            + tail.sum_over_arcs(&impacts, 0, number);
-        let Some((_, q, h, theta)) = part else { return before };
-        let [a, b] = [value(a, q), value(b, q) - value(a, q)];
-        before + h * theta * (a + b * theta / 2.0)
+impl Correction {
+    pub(super) fn new(
+        component: usize,
+        (accelerations, jumps): ([InPowers; POINTS.len()], InPowers),
+        tail: &Tail,
+    ) -> Self {
+        let (mut mean, mut moment) = ([0.0; ORDERS + 1], [0.0; ORDERS + 1]);
+        for (j, of) in accelerations.iter().enumerate() {
+            let j = j as f64;
+            for (k, a) in of.iter().enumerate() {
+                mean[k] += a / (j + 1.0);
+                moment[k] += a / ((j + 1.0) * (j + 2.0));
+            }
+        }
+        let lengths = tail.lengths();
+        let before = |change: Vec<f64>| -> Vec<f64> {
+            tail.sum_of_arcs_from(&change).iter().map(|left| -left).collect()
+        };
+        let mut change = product(&lengths, &mean);
+        change.iter_mut().zip(jumps).for_each(|(change, jump)| *change += jump);
+        let velocity = before(change);
+        let mut change = product(&lengths, &velocity);
+        let bent = product(&product(&lengths, &lengths), &moment);
+        change.iter_mut().zip(bent).for_each(|(change, bent)| *change += bent);
+        Self { component, accelerations, jumps, starts: [before(change), velocity] }
+    }
+
+    /// `D` and `D'`.
+    pub(super) fn at(&self, (_, q, h, theta): PartOfArc) -> (f64, f64) {
+        let (mut along, mut rate) = (0.0, 0.0);
+        for (j, of) in self.accelerations.iter().enumerate().rev() {
+            let (j, a) = (j as f64, value(of, q));
+            rate = theta * rate + a / (j + 1.0);
+            along = theta * along + a / ((j + 1.0) * (j + 2.0));
+        }
+        let [x, v] = [0, 1].map(|of| value(&self.starts[of], q));
+        let passed = h * theta;
+        (x + passed * (v + passed * along), v + passed * rate)
     }
 }
 
@@ -119,13 +179,14 @@ pub(super) struct SkippedArcs {
     pub(super) rows: Vec<[f64; 8]>,
     /// The channels that slip along the arcs.
     pub(super) slips: Vec<StoppedSlip>,
-    pub(super) work: Option<FrictionWork>,
+    /// What the forces and impacts add.
+    pub(super) corrections: Vec<Correction>,
 }
 
 impl SkippedArcs {
     /// Where the system does not move any more but for its arcs.
     pub(super) fn of_rows(start: f64, end: f64, rows: Vec<[f64; 8]>) -> Self {
-        Self { start, end, arcs: None, rows, slips: vec![], work: None }
+        Self { start, end, arcs: None, rows, slips: vec![], corrections: vec![] }
     }
 
     /// The arcs of a chain that ends at `zeno`.
@@ -147,9 +208,10 @@ impl SkippedArcs {
         Self::of_rows(start, end, rows_between(end - start, &first, &last))
     }
 
-    /// Takes the motion in contact from its ends, with the slips along the arcs.
-    pub(super) fn end_at(&mut self, first: &EndOfArcs, last: &EndOfArcs) {
-        let (h, mut last) = (self.end - self.start, last.clone());
+    /// Takes the motion in contact from its ends, with what is added along the arcs; of the work, which is a
+    /// component without a place, from its velocities.
+    pub(super) fn end_at(&mut self, first: &EndOfArcs, last: &EndOfArcs, work: Option<usize>) {
+        let (h, mut first, mut last) = (self.end - self.start, first.clone(), last.clone());
         let Some(tail) = &self.arcs else { return };
         for slip in &self.slips {
             let (way, [from, to]) = (slip.at(tail, None).0, &slip.ways);
@@ -158,7 +220,12 @@ impl SkippedArcs {
                 last.v[c] -= (to - from) / h * way;
             }
         }
-        self.rows = rows_between(h, first, &last);
+        for it in &self.corrections {
+            let (x, v) = it.at((0, 1.0, 0.0, 0.0));
+            first.x[it.component] -= if work == Some(it.component) { 0.0 } else { x };
+            first.v[it.component] -= v;
+        }
+        self.rows = rows_between(h, &first, &last);
     }
 
     /// Start and end of an arc, unless it is too short to be told from its ends.
@@ -178,25 +245,83 @@ impl SkippedArcs {
     }
 
     fn on(&self, t: f64, arc: Option<(usize, TailArc)>, x: &mut [f64], v: &mut [f64]) {
+        let part =
+            arc.map(|(m, arc)| (m, ((t - arc.start) / (arc.end - arc.start)).clamp(0.0, 1.0)));
         let bounce = arc.map_or((0.0, 0.0), |(_, arc)| {
             let at = arc.at(t);
             (at.x, at.xdot)
         });
         self.combine(t, bounce, x, v);
-        let part = arc.map(|(m, arc)| (m, (t - arc.start) / (arc.end - arc.start)));
-        self.rub(t, part, x, v);
+        self.add(t, part.and_then(|(m, theta)| self.part_of(m, theta)), x, v);
     }
 
-    /// Adds what friction does after a part of an arc, after all of them where there is none.
-    pub(super) fn rub(&self, t: f64, arc: Option<(usize, f64)>, x: &mut [f64], v: &mut [f64]) {
-        let Some(tail) =
-            self.arcs.as_ref().filter(|_| !self.slips.is_empty() || self.work.is_some())
-        else {
-            return;
-        };
-        let part = arc.and_then(|(m, theta)| {
-            tail.arc(m).map(|arc| (m, tail.power(m), arc.length, theta.clamp(0.0, 1.0)))
-        });
+    /// The state after a part of an arc, the time and the accelerations there but for the corrections.
+    pub(super) fn after(&self, part: PartOfArc, [x, v, a]: [&mut [f64]; 3]) -> Option<f64> {
+        let (number, _, _, theta) = part;
+        let arc = self.arcs.as_ref()?.arc(number)?;
+        let (at, (t, acceleration)) = (arc.after(theta), arc.acceleration_after(theta));
+        self.combine(t, (at.x, at.xdot), x, v);
+        self.add(t, Some(part), x, v);
+        let (h, over) = (self.end - self.start, self.part(t));
+        for (a, row) in a.iter_mut().zip(&self.rows) {
+            let (motion, [.., r0, r1]) = (Bernstein::new(&row[..6]), *row);
+            let way = r0 + over * (r1 - r0);
+            let turn = 2.0 * (r1 - r0) / h * at.xdot;
+            *a = motion.derivative().slope(over) / (h * h) + turn + way * acceleration;
+        }
+        for slip in &self.slips {
+            let (rate, [from, to]) = (slip.at(self.arcs.as_ref()?, Some(part)).1, &slip.ways);
+            for (a, (from, to)) in a.iter_mut().zip(from.iter().zip(to)) {
+                let way = from + over * (to - from);
+                *a += 2.0 * (to - from) / h * rate + way * slip.acceleration(part);
+            }
+        }
+        Some(t)
+    }
+
+    /// A part of an arc that can be told from its ends.
+    pub(super) fn part_of(&self, m: usize, theta: f64) -> Option<PartOfArc> {
+        let tail = self.arcs.as_ref()?;
+        tail.arc(m).map(|arc| (m, tail.power(m), arc.length, theta))
+    }
+
+    /// The line between two numbers of a component at both ends.
+    pub(super) fn part_of_way(&self, [from, to]: &[Vec<f64>; 2], c: usize, t: f64) -> f64 {
+        from[c] + self.part(t) * (to[c] - from[c])
+    }
+
+    /// `r` of a component.
+    pub(super) fn way(&self, c: usize, t: f64) -> f64 {
+        let [.., r0, r1] = self.rows[c];
+        r0 + self.part(t) * (r1 - r0)
+    }
+
+    /// How far corrections are from others at arcs of these numbers, in these scales of `x` and `x'`.
+    pub(super) fn distance(&self, others: &[Correction], scales: &[f64], numbers: &[usize]) -> f64 {
+        let size = self.rows.len();
+        let mut worst = 0.0_f64;
+        for &number in numbers {
+            for part in POINTS.into_iter().filter_map(|theta| self.part_of(number, theta)) {
+                for (k, other) in others.iter().enumerate() {
+                    let (x, v) = other.at(part);
+                    let (known_x, known_v) =
+                        self.corrections.get(k).map_or((0.0, 0.0), |it| it.at(part));
+                    let c = other.component;
+                    for (change, scale) in
+                        [(x - known_x, scales[c]), (v - known_v, scales[size + c])]
+                    {
+                        let part = change.abs() / scale;
+                        worst = if part > worst || part.is_nan() { part } else { worst };
+                    }
+                }
+            }
+        }
+        worst
+    }
+
+    /// Adds the slips and the corrections after a part of an arc, after all of them where there is none.
+    fn add(&self, t: f64, part: Option<PartOfArc>, x: &mut [f64], v: &mut [f64]) {
+        let Some(tail) = &self.arcs else { return };
         let (h, theta) = (self.end - self.start, self.part(t));
         for slip in &self.slips {
             let ((s, rate), [from, to]) = (slip.at(tail, part), &slip.ways);
@@ -206,8 +331,11 @@ impl SkippedArcs {
                 v[c] += way * rate + if h > 0.0 { (to - from) / h * s } else { 0.0 };
             }
         }
-        if let (Some(work), Some(of)) = (&self.work, v.last_mut()) {
-            *of = work.at(tail, part);
+        let Some(part) = part else { return };
+        for it in &self.corrections {
+            let (along, rate) = it.at(part);
+            x[it.component] += along;
+            v[it.component] += rate;
         }
     }
 

@@ -22,9 +22,12 @@ pub(crate) struct TailArc {
 impl TailArc {
     /// The polynomial of degree 5 with `x = 0`, the velocities and the accelerations at both ends.
     pub(crate) fn at(&self, t: f64) -> PathPoint {
-        let h = self.end - self.start;
-        let theta = ((t - self.start) / h).clamp(0.0, 1.0);
-        let rest = 1.0 - theta;
+        self.after(((t - self.start) / (self.end - self.start)).clamp(0.0, 1.0))
+    }
+
+    /// The same after a part of the arc.
+    pub(crate) fn after(&self, theta: f64) -> PathPoint {
+        let (h, rest) = (self.end - self.start, 1.0 - theta);
         let (u, w, [a, b]) = (self.u, self.incoming, self.bends);
         let both = theta * rest;
         let bend = 0.5 * h * both * (a * rest + b * theta);
@@ -32,6 +35,13 @@ impl TailArc {
         let cubic = u * rest * (1.0 - 3.0 * theta) + w * theta * (3.0 * theta - 2.0);
         let bend = h * both * (a * rest * (1.0 - 2.5 * theta) + b * theta * (1.5 - 2.5 * theta));
         PathPoint { x, xdot: cubic + bend, sigma: self.sigma }
+    }
+
+    /// The time after a part of the arc, and the acceleration there.
+    pub(crate) fn acceleration_after(&self, theta: f64) -> (f64, f64) {
+        let h = self.end - self.start;
+        let t = if theta < 1.0 { self.start + theta * h } else { self.end };
+        (t, self.quintic(h).derivative().slope(theta) / (h * h))
     }
 
     /// Of the cubic.

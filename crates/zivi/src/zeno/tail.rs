@@ -108,6 +108,14 @@ impl Tail {
         &mut self,
         mut force: impl FnMut(f64, f64) -> Result<f64, E>,
     ) -> Result<(), E> {
+        self.bend_arcs(|_, arc| Ok([force(arc.start, arc.u)?, force(arc.end, arc.incoming)?]))
+    }
+
+    /// The same from the accelerations at both ends of an arc of a number.
+    pub(crate) fn bend_arcs<E>(
+        &mut self,
+        mut accelerations: impl FnMut(usize, &TailArc) -> Result<[f64; 2], E>,
+    ) -> Result<(), E> {
         let stride = self.stride();
         let Some(terms) = (1..=ASKED).rev().find(|n| self.arc((n - 1) * stride).is_some()) else {
             return Ok(());
@@ -116,10 +124,10 @@ impl Tail {
         let mut uniform = true;
         let [starts, ends] = &mut values;
         for (i, (first, last)) in starts.iter_mut().zip(ends).enumerate().take(terms) {
-            let Some(arc) = self.arc((terms - 1 - i) * stride) else { return Ok(()) };
-            let [a, b] = arc.accelerations();
-            *first = force(arc.start, arc.u)? - a;
-            *last = force(arc.end, arc.incoming)? - b;
+            let number = (terms - 1 - i) * stride;
+            let Some(arc) = self.arc(number) else { return Ok(()) };
+            let ([a, b], [of_first, of_last]) = (arc.accelerations(), accelerations(number, &arc)?);
+            (*first, *last) = (of_first - a, of_last - b);
             if !(arc.allows(*first) && arc.allows(*last)) {
                 return Ok(());
             }
@@ -177,6 +185,18 @@ impl Tail {
     /// `T(m + 1) - T(m) = sum_k C_k q^k (1 - e^k)` with `q = e^m`.
     fn flight_at(&self, q: f64) -> f64 {
         series(&self.flight_terms(), q)
+    }
+
+    /// The length of the arcs as a polynomial in `e^m`, the constant first.
+    pub(crate) fn lengths(&self) -> Vec<f64> {
+        [0.0].into_iter().chain(self.flight_terms()).collect()
+    }
+
+    /// The sum of a polynomial in `e^m`, the constant first, which is zero, over the arcs from `m` on, as another one.
+    pub(crate) fn sum_of_arcs_from(&self, of: &[f64]) -> Vec<f64> {
+        let log = libm::log(self.e);
+        let whole = |k: usize| -libm::expm1(k as f64 * log);
+        of.iter().enumerate().map(|(k, a)| if k > 0 { a / whole(k) } else { 0.0 }).collect()
     }
 
     /// `C_k (1 - e^k)`, with `1 - e^k = (1 - e) (1 + e + ...)`.

@@ -85,11 +85,14 @@ impl MechanicalState {
             // a gap that vanishes by cancellation leaves rounding of its terms, which may be larger
             // than what the coordinates tell
             let of_gap = of_gap.max(NEAR * self.kinetics.steepness(i));
+            // of a state at rest the velocities are all rounding: that of a fall through the terms of the gap
+            let of_fall = (16.0 * f64::EPSILON * of_gap * self.kinetics.b(i).abs()).sqrt();
             if gap < -8.0 * of_gap {
                 return Ok(Start::Overlap(gap));
             }
             let zero = |value: f64, noise: f64| if value.abs() <= noise { 0.0 } else { value };
-            let (x, v) = (zero(gap, 8.0 * of_gap + of_x), zero(rate, 4.0 * of_rate + of_v));
+            let of_rate = (4.0 * of_rate + of_v).max(of_fall);
+            let (x, v) = (zero(gap, 8.0 * of_gap + of_x), zero(rate, of_rate));
             (self.now.x[n + i], self.now.xdot[n + i]) = (x, v);
             if x == 0.0 && v <= 0.0 {
                 let set = if v < 0.0 { &mut hit } else { &mut touching };
