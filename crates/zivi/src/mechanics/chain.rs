@@ -370,8 +370,9 @@ impl ImpactChain {
             let mut end = Probe::default();
             for (point, theta) in POINTS.into_iter().enumerate() {
                 end = probe(arcs, (number, theta), flight, at)?;
-                for c in 0..slips + p {
-                    left[c][point] = at.aside.acceleration[c] - end.a[c];
+                let known = at.aside.acceleration.iter().zip(&end.a);
+                for (left, (a, known)) in left.iter_mut().zip(known).take(slips + p) {
+                    left[point] = a - known;
                 }
                 if p > 0 {
                     let power = at.aside.friction_power(flight, &end.v[n..]);

@@ -33,7 +33,7 @@ use crate::zeno::tail::Tail;
 /// At most so many arcs make a polynomial in `e^m`.
 pub(super) const ORDERS: usize = 4;
 /// Parts of an arc at which the forces are evaluated: Lobatto's points.
-pub(super) const POINTS: [f64; 4] = [0.0, 0.276_393_202_250_021_03, 0.723_606_797_749_979, 1.0];
+pub(super) const POINTS: [f64; 4] = [0.0, 0.276_393_202_250_021, 0.723_606_797_749_979, 1.0];
 
 /// Coefficients of a polynomial in `q = e^m`, the constant first.
 pub(super) type InPowers = [f64; ORDERS + 1];
