@@ -18,9 +18,9 @@ from pathlib import Path
 import numpy as np
 
 import zivi
-from zivi.orbits.flights import PRECISE
-from zivi.orbits.mechanical.equations import evaluate
-from zivi.orbits.sequence import as_word
+from zivi.orbits.equations import evaluate
+from zivi.orbits.flows import PRECISE
+from zivi.orbits.orbit import as_word
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 

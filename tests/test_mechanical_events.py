@@ -5,7 +5,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import zivi
-from inside import weaker_reason
+from inside import value_of, weaker_reason
 from orbit_systems import REFERENCES, rest2, shaker
 
 LIFTS = "L road Z road"
@@ -71,7 +71,7 @@ def test_rest_appears_where_a_chain_of_impacts_is_no_longer_thrown_off():
     (end,) = branch.of_kind("end_of_rest")
     thrown = branch.switch(end)
     assert (thrown.kind, thrown.success) == ("impacting", True)
-    assert end.value < zivi.orbits.mechanical.family.value_of(thrown.system, "road.amplitude")
+    assert end.value < value_of(thrown.system, "road.amplitude")
     span = (1.55, 1.61)
     back = zivi.continue_orbit(thrown, "road.amplitude", span, step=0.1, max_points=60)
     (appears,) = back.of_kind("rest_appears")

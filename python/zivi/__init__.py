@@ -106,7 +106,7 @@ if TYPE_CHECKING:
         periodic_orbit,
         response_amplitude,
     )
-    from zivi.orbits.basins import basins
+    from zivi.orbits.diagram import basins
     from zivi.simulation import methods as methods
     from zivi.simulation.batch import Batch as Batch, simulate_batch
     from zivi.simulation.events import Level, event

@@ -45,6 +45,16 @@ FORMER = {
     "methods": "simulation.methods",
     "native": "interop.native",
     "observer": "control.observer",
+    "orbits.mechanical.branch": "orbits.branch",
+    "orbits.mechanical.critical": "orbits.critical",
+    "orbits.mechanical.curve": "orbits.curve",
+    "orbits.mechanical.flow": "orbits.flows",
+    "orbits.mechanical.frame": "orbits.equations",
+    "orbits.mechanical.impulses": "orbits.equations",
+    "orbits.mechanical.linear_flow": "orbits.flows",
+    "orbits.mechanical.mass_flow": "orbits.flows",
+    "orbits.mechanical.word": "orbits.flows",
+    "orbits.sequence": "orbits.orbit",
     "parametric": "system.force",
     "sensitivity": "derivatives.sensitivity",
     "simulate": "simulation.run",
@@ -58,6 +68,8 @@ FORMER = {
     "wall": "system.gap",
 }
 """The modules that users may have imported from, or that pickles name: then, now."""
+RENAMED = {("orbits.sequence", "Frame"): "MassFrame"}
+"""The classes that pickles name by another name: module and name then, name now."""
 
 
 class _Former(CallableHint):
@@ -70,7 +82,8 @@ class _Former(CallableHint):
     def __getattr__(self, name: str) -> Any:
         if name.startswith("__") and name != "__all__":
             raise AttributeError(f"module {self.__name__!r} has no attribute {name!r}")
-        return getattr(importlib.import_module(self._now), name)
+        now = RENAMED.get((self.__name__.removeprefix("zivi."), name), name)
+        return getattr(importlib.import_module(self._now), now)
 
 
 def hand_on(names: Mapping[str, str] = FORMER) -> None:

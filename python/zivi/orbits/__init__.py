@@ -2,17 +2,13 @@
 
 from zivi.base.former import of_zivi
 from zivi.orbits.attractor import Attractor
-from zivi.orbits.basins import Basins, basins
-from zivi.orbits.branch import Branch, BranchEvent
-from zivi.orbits.diagram import Diagram, bifurcation_diagram
+from zivi.orbits.branch import Branch, BranchEvent, MechanicalBranch, MechanicalEvent
+from zivi.orbits.curve import CodimensionTwo, EventCurve, continue_curve
+from zivi.orbits.diagram import Basins, Diagram, basins, bifurcation_diagram
 from zivi.orbits.find import periodic_orbit
 from zivi.orbits.follow import continue_orbit
-from zivi.orbits.lyapunov import Lyapunov, lyapunov_exponents
-from zivi.orbits.mechanical.branch import MechanicalBranch, MechanicalEvent
-from zivi.orbits.mechanical.orbit import MechanicalOrbit
-from zivi.orbits.mechanical.response import grazing_curve, response_amplitude
-from zivi.orbits.mechanical.two_parameters import CodimensionTwo, EventCurve, continue_curve
-from zivi.orbits.orbit import PeriodicOrbit
+from zivi.orbits.lyapunov import Lyapunov, grazing_curve, lyapunov_exponents, response_amplitude
+from zivi.orbits.orbit import MechanicalOrbit, PeriodicOrbit
 
 __all__ = [
     "Attractor",

@@ -1,12 +1,12 @@
-"""What a run settled on: how many periods and impacts, at which phases and speeds."""
+"""What runs settle on, and many runs that merge."""
 
 from __future__ import annotations
 
 import bisect
 import dataclasses
 import itertools
-from collections.abc import Sequence
-from typing import Any
+from collections.abc import Callable, Sequence
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,18 +17,41 @@ from zivi.base.extras import ProgressBar
 from zivi.base.machine_code import listening, tell
 from zivi.base.status import Status
 from zivi.derivatives.result import OrbitStatus
-from zivi.orbits.flights import PRECISE, FlightError
-from zivi.orbits.mechanical.equations import newton
-from zivi.orbits.mechanical.find import NEAR, least
-from zivi.orbits.rest import cycle_of, earliest, resting_orbit
-from zivi.orbits.sequence import Frame, as_rows, as_word
+from zivi.derivatives.sensitivity import sensitivity
+from zivi.orbits.branch import cycle_of, earliest, resting_orbit
+from zivi.orbits.equations import newton
+from zivi.orbits.flows import PRECISE, FlightError
+from zivi.orbits.orbit import MassFrame, as_rows, as_word
+from zivi.orbits.words import NEAR, least
+from zivi.simulation.batch import simulate_batch
 from zivi.simulation.batch_result import check_threads
 from zivi.simulation.impacts import SLOWEST
 from zivi.simulation.methods import SwitchedRK
 from zivi.simulation.run import simulate
 from zivi.system.mass import ImpactSystem
+from zivi.system.mechanism import MechanicalSystem
 
-__all__ = ["Attractor", "Settled", "between", "classify", "quiet", "settle", "settle_one"]
+__all__ = [
+    "After",
+    "Attractor",
+    "Cells",
+    "MechanicalSettled",
+    "Settled",
+    "attractor_of",
+    "between",
+    "classify",
+    "classify_mechanical",
+    "open_starts",
+    "quiet",
+    "settle",
+    "settle_cells",
+    "settle_mechanical",
+    "settle_mechanical_cells",
+    "settle_one",
+    "together",
+]
+
+# What a run settled on: how many periods and impacts, at which phases and speeds.
 
 TOLERANCE = 1e-5
 LOOK = 100
@@ -154,7 +177,7 @@ def least_rows(
     divisors = [p for p in range(2, len(rows) + 1) if len(rows) % p == multiple % p == 0]
     if all(_apart(rows, period, multiple, parts) > NEAR for parts in divisors):
         return multiple, rows
-    word, y = as_word(system, Frame(multiple, period, PRECISE), rows)
+    word, y = as_word(system, MassFrame(multiple, period, PRECISE), rows)
     try:
         _, fewer, found = least(word, multiple, y, newton(word, y), MOST_STEPS)
     except FlightError:
@@ -187,7 +210,7 @@ def _rested(system: ImpactSystem, settled: Settled, period: float, keep: int) ->
     else:
         # fewer periods were noted than it takes
         rest = end if settled.rests else float(zenos[-1])
-        orbit = resting_orbit(system, Frame(1, period, PRECISE), rest)
+        orbit = resting_orbit(system, MassFrame(1, period, PRECISE), rest)
         if orbit.status is OrbitStatus.RESTS:
             return Attractor("rest", 0, np.empty((0, 2)))
         if not orbit.success or rest + orbit.multiple * period < end:
@@ -343,3 +366,332 @@ def _settled(
     rows = np.empty((len(times), 2))
     rows[:, 0], rows[:, 1] = times, speeds
     return Settled(rows, zenos, lifts, rests, end, success)
+
+
+# Many runs of one system that merge: what they settle on, and whether a grazing decided it.
+#
+# Runs of an attractor come ever closer. Those whose states at the start of a period differ by less
+# than the tolerances of the method, which could not tell them apart either, are one from there on.
+# So of a million initial states soon a few are left.
+
+After: TypeAlias = Callable[[Array, int], tuple[Array, NDArray[np.bool_]]]
+"""States after some periods, NaN of runs that fail, and which runs graze."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Cells:
+    """What runs settled on."""
+
+    settled: list[Settled]
+    """The different ones."""
+    which: NDArray[np.int64]
+    """For each run its number among them."""
+    grazing: NDArray[np.bool_]
+    """For each run whether an impact, or the want of one, was decided by the tolerances."""
+
+
+@dataclasses.dataclass(frozen=True)
+class _Runner:
+    """Runs a system for some periods."""
+
+    system: ImpactSystem
+    period: float
+    method: SwitchedRK
+    threads: int | None
+    progress: bool | None
+
+    def after(self, states: Array, periods: int) -> tuple[Array, NDArray[np.bool_]]:
+        """Give the states after some periods, NaN for runs that fail, and which runs graze."""
+        span = (0.0, periods * self.period)
+        if not self.system._spec.is_native:
+            return self._one_by_one(states, span)
+        batch = simulate_batch(
+            [self.system] * len(states),
+            span,
+            states,
+            method=self.method,
+            save="grazing",
+            threads=self.threads,
+            progress=self.progress,
+        )
+        ends = np.column_stack([batch.x, batch.xdot])
+        ends[~batch.success] = np.nan
+        assert batch.grazing is not None
+        return ends, batch.grazing
+
+    def _one_by_one(
+        self, states: Array, span: tuple[float, float]
+    ) -> tuple[Array, NDArray[np.bool_]]:
+        ends, grazing = np.full(states.shape, np.nan), np.zeros(len(states), dtype=bool)
+        for i, state in enumerate(states):
+            s = sensitivity(
+                self.system,
+                span,
+                state,
+                ("x0",),
+                self.method,
+                errsens=False,
+                dense_output=False,
+                progress=self.progress,
+            )
+            grazing[i] = s.status is OrbitStatus.GRAZING
+            if s.trajectory.success:
+                ends[i] = s.trajectory.x[-1], s.trajectory.xdot[-1]
+        return ends, grazing
+
+
+def settle_cells(
+    system: ImpactSystem,
+    states: Array,
+    period: float,
+    transient: int,
+    keep: int,
+    method: SwitchedRK,
+    threads: int | None = None,
+    progress: bool | None = None,
+) -> Cells:
+    """Run from all states for a number of periods, and note what they do in further ones."""
+    runner = _Runner(system, period, method, threads, progress)
+    now, which, grazing = together(runner.after, states, transient, method)
+    failed = np.isnan(now[:, 0])
+    kept = np.where(failed[:, None], 0.0, now)
+    settled = settle(
+        [system] * len(kept), kept, [period] * len(kept), 0, keep, method, threads, progress
+    )
+    settled = [
+        dataclasses.replace(it, success=False) if fails else it
+        for it, fails in zip(settled, failed, strict=True)
+    ]
+    if len(kept):
+        grazing |= runner.after(kept, keep)[1][which]
+    return Cells(settled, which, grazing)
+
+
+def together(
+    after: After, states: Array, transient: int, method: SwitchedRK
+) -> tuple[Array, NDArray[np.int64], NDArray[np.bool_]]:
+    """Run all for a number of periods: the different ends, which each is, and grazing."""
+    which, now = np.arange(len(states)), states
+    grazing = np.zeros(len(states), dtype=bool)
+    left, length = transient, 1
+    while left > 0:
+        step = min(length, left)
+        ends, grazes = after(now, step)
+        grazing |= grazes[which]
+        left, length = left - step, 2 * length
+        now, merged = _merged(ends, method)
+        which = merged[which]
+    return now, which, grazing
+
+
+def _merged(states: Array, method: SwitchedRK) -> tuple[Array, NDArray[np.int64]]:
+    """Give the different ones of some states, and which of them each is."""
+    size = np.max(np.abs(np.nan_to_num(states)), axis=0, initial=0.0)
+    each = np.broadcast_to(np.asarray(method.atol, np.float64), 2)
+    atol = np.repeat(each, states.shape[1] // 2)  # of positions, then of velocities
+    # failed ones are one
+    cells = np.nan_to_num(np.rint(states / (atol + method.rtol * size)), nan=-np.inf)
+    order = np.lexsort(cells.T)
+    ordered = cells[order]
+    new = np.append(True, np.any(ordered[1:] != ordered[:-1], axis=1))
+    which = np.empty(len(states), np.int64)
+    which[order] = np.cumsum(new) - 1
+    return states[order[new]], which
+
+
+# What runs of mechanical systems settled on, told by their states from period to period.
+
+SLOW = 0.05
+"""Impacts of an accumulation below this part of the fastest are not told."""
+
+SETTLED_NEAR, NEARER = 100.0, 0.9
+"""A motion that nearly repeats after fewer periods settles on that, if the differences fall."""
+
+
+@dataclasses.dataclass(frozen=True)
+class MechanicalSettled:
+    """What a run did in its last periods."""
+
+    states: Array
+    """At the starts of the periods and at the end, rows ``(q, qdot)``."""
+    impacts: Array
+    """Rows of the time since the first of these starts, the speed after the impact, the gap."""
+    touches: bool
+    """Whether a gap was closed for some time."""
+    rests: bool
+    """Whether nothing moves at the end."""
+    success: bool
+
+    @property
+    def end(self) -> Array:
+        """The last state, ``(q, qdot)`` of shape (2, n)."""
+        return np.asarray(self.states[-1].reshape(2, -1), np.float64)
+
+
+def settle_mechanical(
+    systems: Sequence[MechanicalSystem],
+    states: Array,
+    periods: Sequence[float],
+    transient: int,
+    keep: int,
+    method: SwitchedRK,
+    threads: int | None = None,
+    progress: bool | None = None,
+) -> list[MechanicalSettled]:
+    """Run all for a number of periods, and note what they do in further ones.
+
+    `states` has the shape (N, 2, n). Those with the same period are one batch.
+    """
+    found: list[MechanicalSettled | None] = [None] * len(systems)
+    for length in dict.fromkeys(periods):
+        own = [i for i, period in enumerate(periods) if period == length]
+        group = [systems[i] for i in own]
+        several = _settle(group, states[own], length, transient, keep, method, threads, progress)
+        for i, it in zip(own, several, strict=True):
+            found[i] = it
+    return [it for it in found if it is not None]
+
+
+def _settle(
+    systems: Sequence[MechanicalSystem],
+    states: Array,
+    length: float,
+    transient: int,
+    keep: int,
+    method: SwitchedRK,
+    threads: int | None,
+    progress: bool | None,
+) -> list[MechanicalSettled]:
+    start, stop = transient * length, (transient + keep) * length
+    batch = simulate_batch(
+        systems,
+        (0.0, stop),
+        (states[:, 0], states[:, 1]),
+        method=method,
+        t_eval=np.linspace(start, stop, keep + 1),
+        save="events",
+        threads=threads,
+        progress=progress,
+    )
+    assert batch.sample_q is not None
+    assert batch.sample_qdot is not None
+    rows = np.concatenate([batch.sample_q, batch.sample_qdot], axis=2)
+    found = []
+    for i, events in enumerate(batch.events or []):
+        impacts = events["impacts"]
+        impacts = impacts[impacts["t"] > start]
+        listed = np.column_stack([impacts["t"] - start, impacts["speed_after"], impacts["gap"]])
+        closed = any(np.any(events[name]["t"] > start) for name in ("zeno", "liftoffs", "openings"))
+        found.append(
+            MechanicalSettled(
+                states=rows[i],
+                impacts=listed,
+                touches=closed or bool(batch.contacts[i].any()),
+                rests=not np.isnan(batch.rest_time[i]),
+                success=bool(batch.success[i]),
+            )
+        )
+    return found
+
+
+def classify_mechanical(
+    settled: MechanicalSettled, period: float, keep: int, tolerance: float
+) -> Attractor:
+    """Say what a run settled on: its states repeat after so many periods."""
+    none, no_gaps = np.empty((0, 2)), np.empty(0, np.int64)
+    if not settled.success:
+        return Attractor("failed", 0, none, no_gaps)
+    if settled.rests:
+        return Attractor("rest", 0, none, no_gaps)
+    multiple = _multiple(settled.states, keep, tolerance)
+    if not multiple:
+        return Attractor("irregular", 0, none, no_gaps)
+    rows = settled.impacts
+    end = quiet(rows, keep * period) if len(rows) else keep * period
+    rows = between(rows, end - multiple * period, end)
+    kind = "resting" if settled.touches else "impacting" if len(rows) else "flight"
+    phases = np.column_stack([rows[:, 0] / period % 1.0, rows[:, 1]])
+    return attractor_of(kind, multiple, phases, rows[:, 2])
+
+
+def attractor_of(kind: str, multiple: int, rows: Array, gaps: Array) -> Attractor:
+    """Give an attractor by rows of phases and speeds: of accumulations the fast impacts only."""
+    if kind == "resting":
+        fast = rows[:, 1] > SLOW * rows[:, 1].max(initial=0.0)
+        rows, gaps = rows[fast], gaps[fast]
+    order = np.argsort(rows[:, 0], kind="stable")
+    return Attractor(kind, multiple, rows[order], np.asarray(gaps)[order].astype(np.int64))
+
+
+def _multiple(states: Array, keep: int, tolerance: float) -> int:
+    """Give after how many periods the states repeat, 0 where they do not."""
+    q, qdot = np.split(np.abs(states).max(axis=0), 2)
+    scale = np.repeat([q.max() or 1.0, qdot.max() or 1.0], len(q))
+    for m in range(1, keep // 2 + 1):
+        apart = np.abs(states[-m - 1 :] - states[-2 * m - 1 : -m]) / scale
+        if apart.max() <= tolerance:
+            return _settling(states / scale, m, tolerance)
+    return 0
+
+
+def _settling(states: Array, multiple: int, tolerance: float) -> int:
+    """Give the divisor after which states will repeat that come nearer and nearer to it."""
+    for d in range(1, multiple):
+        if multiple % d:
+            continue
+        apart = np.abs(states[d:] - states[:-d]).max(axis=1)
+        late, early = apart[-multiple:].max(), apart[:multiple].max()
+        if late <= min(SETTLED_NEAR * tolerance, NEARER * early):
+            return d
+    return multiple
+
+
+# Many runs of one mechanical system that merge: what they settle on.
+
+
+def open_starts(system: MechanicalSystem, states: Array) -> NDArray[np.bool_]:
+    """Tell which states, of shape (N, 2, n), penetrate no gap at the time 0."""
+    model = system.model(states.shape[2])
+    rows = (model.layout.read(model.evaluate(0.0, q, qdot)).gaps for q, qdot in states)
+    return np.array([bool((gaps >= 0.0).all()) for gaps in rows], dtype=bool)
+
+
+def settle_mechanical_cells(
+    system: MechanicalSystem,
+    states: Array,
+    period: float,
+    transient: int,
+    keep: int,
+    method: SwitchedRK,
+    threads: int | None = None,
+    progress: bool | None = None,
+) -> tuple[list[MechanicalSettled], NDArray[np.int64]]:
+    """Run from all states, of shape (N, 2, n): what they settled on, and for each which of it."""
+    n = states.shape[2]
+
+    def after(rows: Array, periods: int) -> tuple[Array, NDArray[np.bool_]]:
+        ends = np.full(rows.shape, np.nan)
+        runs = ~np.isnan(rows[:, 0])
+        if runs.any():
+            batch = simulate_batch(
+                system,
+                (0.0, periods * period),
+                (rows[runs, :n], rows[runs, n:]),
+                method=method,
+                threads=threads,
+                progress=progress,
+            )
+            reached = np.hstack([batch.q, batch.qdot])
+            reached[~batch.success] = np.nan
+            ends[runs] = reached
+        return ends, np.zeros(len(rows), dtype=bool)
+
+    flat = states.reshape(len(states), 2 * n)
+    now, which, _ = together(after, flat, transient, method)
+    failed = np.isnan(now[:, 0])
+    kept = np.where(failed[:, None], flat[:1], now).reshape(-1, 2, n)
+    several = settle_mechanical(
+        [system] * len(kept), kept, [period] * len(kept), 0, keep, method, threads, progress
+    )
+    pairs = zip(several, failed, strict=True)
+    return [dataclasses.replace(it, success=it.success and not bad) for it, bad in pairs], which

@@ -1,8 +1,10 @@
-"""Bifurcation diagrams by brute force: what runs settle on over a parameter."""
+"""Bifurcation diagrams and basins of attraction by brute force."""
 
 from __future__ import annotations
 
 import dataclasses
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
 from os import PathLike
 from typing import Any, Literal
 
@@ -12,22 +14,277 @@ from numpy.typing import ArrayLike, NDArray
 from zivi.base.check import Array, integer, real_array
 from zivi.base.habits import hinted
 from zivi.base.table import Field, ResultTable, Tabulated, listed_by
-from zivi.orbits.along import with_failed
-from zivi.orbits.attractor import Attractor
-from zivi.orbits.mechanical.family import value_of
-from zivi.orbits.mechanical.plan import MechanicalPlan, number_of, read_states
-from zivi.orbits.plan import Found, MassPlan, Plan
+from zivi.orbits.attractor import (
+    TOLERANCE,
+    Attractor,
+    MechanicalSettled,
+    Settled,
+    attractor_of,
+    classify,
+    classify_mechanical,
+    open_starts,
+    settle,
+    settle_cells,
+    settle_mechanical,
+    settle_mechanical_cells as settle_mechanical_cells,
+)
+from zivi.orbits.branch import with_failed
+from zivi.orbits.orbit import MechanicalOrbit, PeriodicOrbit
+from zivi.orbits.path import period_of, value_of, with_values
+from zivi.simulation.mechanical_run import state_of
 from zivi.simulation.methods import SwitchedRK
 from zivi.system.mass import ImpactSystem
 from zivi.system.mechanism import MechanicalSystem
 from zivi.system.parameters import check_newton, parameter
 
-__all__ = ["Diagram", "bifurcation_diagram"]
+__all__ = [
+    "Basins",
+    "Diagram",
+    "Found",
+    "MassPlan",
+    "MechanicalPlan",
+    "Plan",
+    "basins",
+    "bifurcation_diagram",
+    "number_of",
+    "read_states",
+    "settled_point",
+    "starts_of",
+]
+
+# What is done at each value of a bifurcation diagram.
+
+Found = tuple[Array, Attractor]
+"""The points of a run, rows of two numbers and a gap, and what it settled on."""
+
+KINDS = ("flight", "impacting", "resting", "rest", "irregular", "failed")
+OF_POINT = ("first", "second", "gap")
+OF_ORBIT = ("in_orbit", "orbit_phase", "orbit_speed", "orbit_gap")
+POINT = np.dtype([(name, "f8") for name in (*OF_POINT, *OF_ORBIT)])
+
+
+@dataclasses.dataclass(frozen=True)
+class Plan(ABC):
+    """What is done at each value, of one mass and of a mechanical system."""
+
+    system: Any
+    name: str
+    section: str
+    transient: int
+    keep: int
+    period: float | None
+    method: SwitchedRK
+
+    @abstractmethod
+    def settle(self, systems: list[Any], states: Array, periods: list[float], *how: Any) -> Any:
+        """Run each from its state; how: threads, and whether progress is shown."""
+
+    @abstractmethod
+    def points(self, system: Any, settled: Any, period: float) -> Found:
+        """Give the points of a run, and what it settled on."""
+
+    def at(self, value: float) -> tuple[Any, float]:
+        """Give the system with a value, and its period."""
+        own = getattr(self.system, "parameters", {})
+        is_e = self.name not in own and (self.name == "e" or self.name.startswith("e."))
+        if is_e and not 0.0 <= value <= 1.0:
+            raise ValueError(f"e must lie in [0, 1], got {value}")
+        system = with_values(self.system, {self.name: float(value)})
+        return system, period_of(system, self.period)
+
+    def batch(
+        self, grid: Array, states: Array, threads: int | None, progress: bool | None
+    ) -> list[Found]:
+        """Run each value from each state."""
+        pairs = [self.at(value) for value in np.repeat(grid, len(states))]
+        systems, periods = [it[0] for it in pairs], [it[1] for it in pairs]
+        rows = np.concatenate([states] * len(grid))
+        settled = self.settle(systems, rows, periods, threads, progress)
+        return [self.points(*it) for it in zip(systems, settled, periods, strict=True)]
+
+    def one(self, value: float, state: Array) -> tuple[Found, Array]:
+        """Run one value from one state; also its end."""
+        system, period = self.at(value)
+        (settled,) = self.settle([system], state[None], [period], 1, False)
+        return self.points(system, settled, period), settled.end
+
+    def following(self, grid: Array, state: Array) -> list[Found]:
+        """Run each value from the end of the run at the last."""
+        all_found = []
+        for value in grid:
+            found, end = self.one(value, state)
+            all_found.append(found)
+            state = end if found[1].kind != "failed" else state
+        return all_found
+
+    def study(
+        self, grid: Array, states: Array, out: Any, executor: Any, progress: bool | None
+    ) -> list[Found]:
+        """Run each value from each state as a study."""
+        from zivi.study import grid as product, sweep
+
+        fixed = {"plan": self, "states": states}
+        study = sweep(
+            settled_point,
+            product(value=grid, start=np.arange(len(states))),
+            fixed=fixed,
+            out=out,
+            executor=executor,
+            progress=progress,
+        )
+        data, columns = study.dataset, _columns(study.events)
+        kinds, multiples = data["kind"].values.ravel(), data["multiple"].values.ravel()
+        found = []
+        for i in range(kinds.size):
+            own = {name: column[columns["point"] == i] for name, column in columns.items()}
+            listed = own["in_orbit"] > 0
+            orbit = np.column_stack([own["orbit_phase"][listed], own["orbit_speed"][listed]])
+            gaps = own["orbit_gap"][listed].astype(np.int64)
+            kind = "failed" if np.isnan(kinds[i]) else KINDS[int(kinds[i])]
+            multiple = 0 if np.isnan(multiples[i]) else int(multiples[i])
+            points = np.column_stack([own[name] for name in OF_POINT])
+            points = points[~np.isnan(points[:, 2])]
+            found.append((points, Attractor(kind, multiple, orbit, gaps)))
+        return found
+
+
+def _columns(events: Any) -> dict[str, Array]:
+    """Give the events of a study as arrays by name."""
+    names = ("point", *(POINT.names or ()))
+    if events is None:
+        return {name: np.empty(0) for name in names}
+    return {name: np.asarray(events[name]) for name in names}
+
+
+def settled_point(value: float, start: int, *, plan: Plan, states: Array) -> Any:
+    """Compute one run of a diagram, as a point of a study."""
+    (rows, attractor), _ = plan.one(float(value), states[int(start)])
+    orbit = attractor.impacts
+    events = np.zeros(max(len(rows), len(orbit)), POINT)
+    for name, column in zip(OF_POINT, rows.T, strict=True):
+        events[name] = np.nan
+        events[name][: len(rows)] = column
+    n = len(orbit)
+    events["in_orbit"][:n] = 1.0
+    events["orbit_phase"][:n], events["orbit_speed"][:n] = orbit.T
+    events["orbit_gap"][:n] = 0 if attractor.gaps is None else attractor.gaps
+    return {"kind": KINDS.index(attractor.kind), "multiple": attractor.multiple}, events
+
+
+@dataclasses.dataclass(frozen=True)
+class MassPlan(Plan):
+    """What is done at each value, of one mass."""
+
+    def settle(
+        self, systems: list[Any], states: Array, periods: list[float], *how: Any
+    ) -> list[Settled]:
+        """Run each from its state."""
+        rule = self.method
+        settled = settle(systems, states, periods, self.transient, self.keep, rule, *how)
+        if self.section == "impacts":
+            return settled
+        rows = [np.array([it.end for it in settled])]
+        for _ in range(self.keep - 1):
+            more = settle(systems, rows[-1], periods, 0, 1, rule, how[0], False)
+            rows.append(np.array([it.end for it in more]))
+        both = zip(settled, np.stack(rows, axis=1), strict=True)
+        return [dataclasses.replace(it, states=own) for it, own in both]
+
+    def points(self, system: ImpactSystem, settled: Settled, period: float) -> Found:
+        """Give phases and speeds of the impacts, or states at the starts of periods."""
+        kind = classify(system, settled, period, self.keep)
+        if self.section == "impacts":
+            rows = np.column_stack([settled.impacts, np.zeros(len(settled.impacts))])
+            rows[:, 0] = rows[:, 0] / period % 1.0
+            return rows, kind
+        assert settled.states is not None
+        # at no gap
+        return np.column_stack([settled.states, np.full(self.keep, -1.0)]), kind
+
+
+# What is done at each value of a bifurcation diagram of a mechanical system.
+
+
+def number_of(what: str, name: str | None, names: tuple[str, ...]) -> int | None:
+    """Give the number of a gap or a coordinate by its name."""
+    if name is None:
+        return None
+    if name not in names:
+        raise ValueError(f"{what} must be one of {', '.join(map(repr, names))}, got {name!r}")
+    return names.index(name)
+
+
+def read_states(name: str, starts: Array) -> Array:
+    """Give states of shape (N, 2, n) of one, ``(q0, qdot0)``, or several."""
+    states = starts[None] if starts.ndim == 2 else starts
+    if states.ndim != 3 or states.shape[1] != 2 or not states.shape[2]:
+        raise ValueError(f"{name} must be (q0, qdot0), or several, got shape {starts.shape}")
+    return states
+
+
+def _place(name: str, names: tuple[str, ...]) -> tuple[int, int]:
+    """Give where an initial value is in ``(q0, qdot0)``."""
+    for part, kind in enumerate(("q0", "qdot0")):
+        for i, own in enumerate(names):
+            if name in (f"{kind}.{own}", f"{kind}[{i}]"):
+                return part, i
+    known = ", ".join(f"'{kind}.{own}'" for kind in ("q0", "qdot0") for own in names)
+    raise ValueError(f"axes must be two of {known}, got {name!r}")
+
+
+def starts_of(
+    system: MechanicalSystem, values: Array, axes: Sequence[str] | None, y0: Any
+) -> tuple[tuple[str, str], Array]:
+    """Give the names of two initial values, and states of shape (N, 2, n) with pairs of them."""
+    if y0 is None and system._n is None:
+        raise ValueError("y0 must be given: the system does not tell how many coordinates it has")
+    base = np.zeros((2, system._n or 0)) if y0 is None else np.array(state_of(y0, system._n))
+    names = system.coordinate_names(base.shape[1])
+    given = (f"q0.{names[0]}", f"qdot0.{names[0]}") if axes is None else tuple(axes)
+    places = [_place(name, names) for name in given]
+    if len(places) != 2 or places[0] == places[1]:
+        raise ValueError(f"axes must be two different initial values, got {given!r}")
+    states = np.repeat(base[None], len(values), axis=0)
+    for (part, i), column in zip(places, values.T, strict=True):
+        states[:, part, i] = column
+    return (given[0], given[1]), states
+
+
+@dataclasses.dataclass(frozen=True)
+class MechanicalPlan(Plan):
+    """What is done at each value."""
+
+    gap: int | None = None
+    """Of which gap the impacts are noted, None for all."""
+    coordinate: int = 0
+    """Of which coordinate the states are noted."""
+
+    def settle(
+        self, systems: list[Any], states: Array, periods: list[float], *how: Any
+    ) -> list[MechanicalSettled]:
+        """Run each from its state."""
+        return settle_mechanical(
+            systems, states, periods, self.transient, self.keep, self.method, *how
+        )
+
+    def points(self, system: MechanicalSystem, settled: MechanicalSettled, period: float) -> Found:
+        """Give phases and speeds of the impacts, or states."""
+        kind = classify_mechanical(settled, period, self.keep, TOLERANCE)
+        if self.section == "impacts":
+            rows = settled.impacts.copy()
+            rows[:, 0] = rows[:, 0] / period % 1.0
+            return (rows if self.gap is None else rows[rows[:, 2] == self.gap]), kind
+        n = settled.states.shape[1] // 2
+        states = settled.states[1:, [self.coordinate, n + self.coordinate]]
+        return np.column_stack([states, np.full(len(states), -1.0)]), kind
+
+
+# Bifurcation diagrams by brute force: what runs settle on over a parameter.
 
 USUAL = SwitchedRK(rtol=1e-8, atol=1e-10)
 OPEN = ("irregular", "failed")
 """Kinds of what a run did that are no periodic motion."""
-FIELDS: dict[str, Field] = {
+DIAGRAM_FIELDS: dict[str, Field] = {
     "run_of_point": ("point", "", "run of the point"),
     "gap": ("point", "", "number of the gap, -1 of a state"),
     "run_value": ("run", "", "parameter of the run"),
@@ -112,7 +369,7 @@ class Diagram(Tabulated):
     def _table(self) -> ResultTable:
         """Tell the points over ``point``, what each run settled on over ``run``."""
         first, second = SECTIONS[self.section]
-        fields = {self.name: ("point", "", "parameter"), **first, **second, **FIELDS}
+        fields = {self.name: ("point", "", "parameter"), **first, **second, **DIAGRAM_FIELDS}
         values = {
             self.name: self.value,
             next(iter(first)): self.first,
@@ -275,3 +532,264 @@ def _diagram(plan: Plan, values: Array, n_starts: int, found: list[Found]) -> Di
         attractors=[attractor for _, attractor in found],
         gap=rows[:, 2].astype(np.int64),
     )
+
+
+# Basins of attraction: which initial states settle on what.
+
+NEAR = 100.0
+"""Runs are of one attractor if they differ by less than so many times the tolerance."""
+BASIN_FIELDS: dict[str, Field] = {
+    "label": (("xdot0", "x0"), "", "number of the attractor"),
+    "border": (("xdot0", "x0"), "", "whether a neighbour settles on something else"),
+    "grazing": (("xdot0", "x0"), "", "whether a grazing decided"),
+    "kind": ("attractor", "", "kind of the attractor"),
+    "multiple": ("attractor", "", "after how many periods it repeats"),
+}
+COORDS: dict[str, Field] = {
+    "x0": ("x0", "m", "initial distance"),
+    "xdot0": ("xdot0", "m/s", "initial velocity"),
+}
+"""Dimensions, unit and meaning of what is in the dataset."""
+
+
+@dataclasses.dataclass(frozen=True, eq=False, repr=False)
+class Basins(Tabulated):
+    """Which initial states settle on which attractor.
+
+    Attributes
+    ----------
+    x0s, v0s : ndarray
+        Initial distances (m) and velocities (m/s), or the values of the two `axes`.
+    label : ndarray of int
+        Of shape (len(v0s), len(x0s)): the number of the attractor, -1 where a gap is negative.
+    attractors : list of Attractor
+        Those given first, then those that were found.
+    grazing : ndarray of bool
+        Cells of which the run passed a grazing: an impact, or the want of one, that the tolerances
+        decided. Their labels are those of the runs as computed, and uncertain. Of a mechanical
+        system it is not told.
+    border : ndarray of bool
+        Cells with a neighbour that settles on something else, and grazing ones.
+    axes : (str, str)
+        What is varied.
+    """
+
+    x0s: Array
+    v0s: Array
+    label: NDArray[np.int64]
+    attractors: list[Attractor]
+    grazing: NDArray[np.bool_]
+    axes: tuple[str, str] = ("x0", "xdot0")
+
+    @property
+    def border(self) -> NDArray[np.bool_]:
+        """Cells with a neighbour that settles on something else, and grazing ones."""
+        label, edge = self.label, self.grazing.copy()
+        across, along = label[1:] != label[:-1], label[:, 1:] != label[:, :-1]
+        edge[1:] |= across
+        edge[:-1] |= across
+        edge[:, 1:] |= along
+        edge[:, :-1] |= along
+        return edge
+
+    @property
+    def shares(self) -> Array:
+        """The part of the cells, without those of negative gaps, that settles on each attractor."""
+        inside = self.label[self.label >= 0]
+        counts = np.bincount(inside, minlength=len(self.attractors))
+        return np.asarray(counts / max(inside.size, 1), np.float64)
+
+    def __repr__(self) -> str:
+        pairs = zip(self.attractors, self.shares, strict=True)
+        told = ", ".join(f"{it.kind} x{it.multiple}: {share:.1%}" for it, share in pairs)
+        unsure = f", {unsure} cells graze" if (unsure := np.count_nonzero(self.grazing)) else ""
+        penetrating = int(np.count_nonzero(self.label < 0))
+        unsure += f", {penetrating} cells with a negative gap" if penetrating else ""
+        return f"<Basins of {self.label.size} cells: {told}{unsure}>"
+
+    def _table(self) -> ResultTable:
+        """Tell the numbers of the attractors over states, these over ``attractor``."""
+        values = {
+            "kind": [it.kind for it in self.attractors],
+            "multiple": [it.multiple for it in self.attractors],
+            "x0": self.x0s,
+            "xdot0": self.v0s,
+        }
+        attrs = {} if self.axes == ("x0", "xdot0") else {"axes": list(self.axes)}
+        return ResultTable(
+            "Basins of attraction", BASIN_FIELDS, COORDS, values, attrs, rows="attractor"
+        )
+
+
+@hinted("settled")
+def basins(
+    system: ImpactSystem | MechanicalSystem,
+    x0s: ArrayLike,
+    v0s: ArrayLike,
+    attractors: Sequence[PeriodicOrbit | MechanicalOrbit] | None = None,
+    *,
+    axes: Sequence[str] | None = None,
+    y0: Any = None,
+    transient: int = 200,
+    keep: int = 32,
+    period: float | None = None,
+    tolerance: float = TOLERANCE,
+    method: SwitchedRK = USUAL,
+    threads: int | None = None,
+    progress: bool | None = None,
+) -> Basins:
+    """Simulate from a grid of initial states, and tell what each settles on.
+
+    Motions are told apart by their kind, after how many periods they repeat, and the phases and
+    speeds of their impacts. A motion that rests is one class for each phase of its lift-off. Runs
+    whose states at the start of a period differ by less than the tolerances are one from there on.
+    A cell of which a grazing decided is marked.
+
+    Parameters
+    ----------
+    system : ImpactSystem or MechanicalSystem
+        A system with a periodic excitation. Forces that need no interpreter run as a batch.
+    x0s, v0s : array_like
+        Initial distances, >= 0 (m), and velocities (m/s), at the start of a period; of a mechanical
+        system the values of the two `axes`.
+    attractors : sequence of PeriodicOrbit or MechanicalOrbit, optional
+        Known orbits: they get the first numbers.
+    axes : (str, str), optional
+        Of a mechanical system the two initial values that are varied, as ``"q0.x"`` or
+        ``"qdot0[1]"``; by default those of the first coordinate.
+    y0 : (array_like, array_like), optional
+        Of a mechanical system ``(q0, qdot0)``, which has the others; by default zeros.
+    transient, keep : int
+        Periods that are not looked at, and that are.
+    period : float, optional
+        The period of the excitation (s), by default from the system.
+    tolerance : float
+        How well a periodic motion repeats, relative to the period and the largest speed.
+    method : SwitchedRK
+        Tolerances.
+    threads : int, optional
+        Threads of the batch; by default as many as the machine runs at once.
+    progress : bool, optional
+        Show a progress bar; by default on a terminal only.
+
+    Returns
+    -------
+    Basins
+        The number of the attractor of each cell, and whether a grazing decided it.
+
+    Raises
+    ------
+    ValueError, TypeError
+        For an argument out of range.
+
+    Examples
+    --------
+    >>> table = zivi.LinearForce(gravity=1.0, amplitude=1.3, phase=-np.pi / 2)
+    >>> found = zivi.basins(
+    ...     zivi.ImpactSystem(table, e=0.5), np.linspace(0, 2, 6), np.linspace(-2, 2, 5))
+    >>> sorted({it.kind for it in found.attractors})  # both are stable
+    ['impacting', 'resting']
+    """
+    across, along = (real_array(n, v).ravel() for n, v in (("x0s", x0s), ("v0s", v0s)))
+    is_mass = not isinstance(system, MechanicalSystem)
+    if not len(across) or not len(along) or (is_mass and np.any(across < 0.0)):
+        told = ", those of x0s >= 0" if is_mass else ""
+        raise ValueError(f"x0s and v0s must hold numbers{told}")
+    if integer("transient", transient) < 0 or integer("keep", keep) < 2:
+        raise ValueError(f"transient must be >= 0 and keep >= 2, got {transient} and {keep}")
+    if not tolerance > 0.0:
+        raise ValueError(f"tolerance must be > 0, got {tolerance}")
+    found = _Found(transient, keep, tolerance, method, threads, progress)
+    states = np.stack(np.meshgrid(across, along), axis=-1).reshape(-1, 2)
+    known = [_of_orbit(orbit, is_mass) for orbit in attractors or ()]
+    if isinstance(system, MechanicalSystem):
+        names, starts = starts_of(system, states, axes, y0)
+        label, grazing = found.of_mechanism(system, starts, period, known)
+    else:
+        if axes is not None or y0 is not None:
+            raise ValueError("axes and y0 are for a zivi.MechanicalSystem")
+        check_newton(system)
+        names = ("x0", "xdot0")
+        label, grazing = found.of_mass(system, states, period, known)
+    shape = (len(along), len(across))
+    return Basins(across, along, label.reshape(shape), known, grazing.reshape(shape), names)
+
+
+Labels = tuple[NDArray[np.int64], NDArray[np.bool_]]
+"""The number of the attractor of each state, and which a grazing decided."""
+
+
+@dataclasses.dataclass(frozen=True)
+class _Found:
+    """How it is found what the states settle on."""
+
+    transient: int
+    keep: int
+    tolerance: float
+    method: SwitchedRK
+    threads: int | None
+    progress: bool | None
+
+    def of_mass(
+        self, system: ImpactSystem, states: Array, period: float | None, known: list[Attractor]
+    ) -> Labels:
+        length = period_of(system, period)
+        cells = settle_cells(
+            system,
+            states,
+            length,
+            self.transient,
+            self.keep,
+            self.method,
+            self.threads,
+            self.progress,
+        )
+        kinds = [classify(system, it, length, self.keep, self.tolerance) for it in cells.settled]
+        return self.numbers(kinds, cells.which, known)[cells.which], cells.grazing
+
+    def of_mechanism(
+        self, system: MechanicalSystem, states: Array, period: float | None, known: list[Attractor]
+    ) -> Labels:
+        length = period_of(system, period)
+        label = np.full(len(states), -1, dtype=np.int64)
+        inside = open_starts(system, states)
+        if inside.any():
+            settled, which = settle_mechanical_cells(
+                system,
+                states[inside],
+                length,
+                self.transient,
+                self.keep,
+                self.method,
+                self.threads,
+                self.progress,
+            )
+            kinds = [classify_mechanical(it, length, self.keep, self.tolerance) for it in settled]
+            label[inside] = self.numbers(kinds, which, known)[which]
+        return label, np.zeros(len(states), dtype=bool)
+
+    def numbers(
+        self, kinds: list[Attractor], which: NDArray[np.int64], known: list[Attractor]
+    ) -> NDArray[np.int64]:
+        """Give numbers to what was found; what is new is added in the order of the cells."""
+        label = np.empty(len(kinds), dtype=np.int64)
+        for i in np.argsort(np.unique(which, return_index=True)[1]):
+            same = (
+                j for j, other in enumerate(known) if kinds[i].is_same(other, NEAR * self.tolerance)
+            )
+            label[i] = next(same, len(known))
+            if label[i] == len(known):
+                known.append(kinds[i])
+        return label
+
+
+def _of_orbit(orbit: PeriodicOrbit | MechanicalOrbit, is_mass: bool) -> Attractor:
+    if not isinstance(orbit, PeriodicOrbit if is_mass else MechanicalOrbit):
+        name = "PeriodicOrbit" if is_mass else "MechanicalOrbit"
+        raise TypeError(f"attractors must be zivi.{name}, got {orbit!r}")
+    rows = np.column_stack([orbit.impacts["t"] / orbit.period % 1.0, orbit.impacts["u"]])
+    if isinstance(orbit, MechanicalOrbit):
+        return attractor_of(orbit.kind, orbit.multiple, rows, orbit.impacts["gap"])
+    if orbit.kind == "resting":
+        return Attractor("resting", orbit.multiple, rows[:1])
+    return Attractor(orbit.kind, orbit.multiple, rows[np.argsort(rows[:, 0])])

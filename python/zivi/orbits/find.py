@@ -1,33 +1,544 @@
-"""From a simulation or a guess to a periodic orbit, and whether it is a motion."""
+"""From what a user has, a run, a state, an orbit, a word, to a periodic orbit."""
 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable
+import math
+from collections.abc import Callable, Sequence
 from typing import Any, Literal, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from zivi.base.check import Array, integer
+from zivi.base.check import Array, finite, integer, real, real_array
 from zivi.base.habits import hinted
-from zivi.derivatives.sensitivity import OrbitStatus
-from zivi.orbits.flights import PRECISE, FlightError
-from zivi.orbits.mechanical.equations import Terms, newton, row_sizes
-from zivi.orbits.mechanical.family import period_of
-from zivi.orbits.mechanical.find import canonical, least
-from zivi.orbits.mechanical.margins import Margins
-from zivi.orbits.mechanical.multipliers import multipliers_of
-from zivi.orbits.mechanical.orbit import MechanicalOrbit
-from zivi.orbits.orbit import ORBIT_IMPACT, PeriodicOrbit
-from zivi.orbits.sequence import Frame, as_rows, as_word
+from zivi.base.status import Status
+from zivi.derivatives.result import OrbitStatus
+from zivi.orbits.attractor import quiet
+from zivi.orbits.branch import force_at_rest
+from zivi.orbits.equations import (
+    Frame,
+    Terms,
+    gaps_turned,
+    multipliers_of,
+    newton,
+    of_segments,
+    row_sizes,
+    turn_of,
+)
+from zivi.orbits.flows import PRECISE, FlightError, fly, parsed
+from zivi.orbits.orbit import (
+    ORBIT_IMPACT,
+    MassFrame,
+    MechanicalOrbit,
+    PeriodicOrbit,
+    as_rows,
+    as_word,
+    unknowns_of,
+)
+from zivi.orbits.path import Margins, core_of, flow_of, frequency_of, period_of
+from zivi.orbits.words import (
+    MOST_MULTIPLE,
+    TOLERANCES,
+    NotDifferentiable,
+    canonical,
+    failed,
+    least,
+    recent,
+    repeating,
+    shown,
+    solve_word,
+)
+from zivi.simulation.mechanical_run import state_of
+from zivi.simulation.mechanical_trajectory import MechanicalTrajectory
 from zivi.simulation.methods import SwitchedRK
-from zivi.simulation.run import simulate
-from zivi.system.mass import ImpactSystem
+from zivi.simulation.run import pair, simulate
+from zivi.simulation.trajectory import Trajectory
+from zivi.system.gap import HarmonicWall
+from zivi.system.mass import ImpactSystem, LinearForce
 from zivi.system.mechanism import MechanicalSystem
-from zivi.system.parameters import check_newton, excitation
+from zivi.system.parameters import check_newton, check_smooth, excitation
+from zivi.system.table import Table
 
-__all__ = ["periodic_orbit"]
+__all__ = [
+    "Guess",
+    "apex",
+    "free_guess",
+    "guess_of",
+    "is_autonomous",
+    "mechanical_orbit",
+    "periodic_orbit",
+]
+
+# From what a user has, a run, a state, an orbit, an array, to a guess of an orbit.
+
+NOTHING = np.empty((0, 2))
+SETTLING = 200
+"""Periods that are simulated from a state when nothing says how the motion repeats."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Guess:
+    """A guess of an orbit."""
+
+    y: Array
+    multiple: int
+    rest: float | None = None
+    """A time at rest: the motion after the next lift-off may rest again."""
+    start: float = 0.0
+    """Where an orbit without impacts is looked at."""
+    end: float = -math.inf
+    """Where the run ends that shows it."""
+    shown: str = ""
+    """What the run shows, for messages."""
+
+
+def guess_of(
+    system: ImpactSystem, start: Any, multiple: int | None, period: float, method: SwitchedRK
+) -> Guess:
+    """Give the guess that a start is."""
+    if isinstance(start, PeriodicOrbit):
+        if start.kind == "resting":
+            phase = (start.liftoff_time or 0.0) - 0.5 * min(start.margin or period, period)
+            return Guess(NOTHING, multiple or start.multiple, phase)
+        return Guess(start._y, multiple or start.multiple, start=start._frame.start)
+    if isinstance(start, Trajectory):
+        return from_run(system, start, multiple, period, method)
+    if isinstance(start, tuple) and len(start) == 2 and np.ndim(start[0]) == 0:
+        return _from_state(system, start, multiple, period, method)
+    rows = rows_of(start)
+    shown = math.floor((rows[-1, 0] - rows[0, 0]) / period * (1.0 - 1e-9)) + 1
+    return Guess(rows, multiple or shown)
+
+
+def _from_state(
+    system: ImpactSystem,
+    start: tuple[Any, Any],
+    multiple: int | None,
+    period: float,
+    method: SwitchedRK,
+) -> Guess:
+    t0, state = real("start[0]", start[0]), pair("start[1]", start[1], "(x0, xdot0)")
+    span = (t0, t0 + (multiple or SETTLING) * period)
+    run = simulate(system, span, state, method, dense_output=False)
+    if multiple is None:
+        return from_run(system, run, None, period, method)
+    # a guess of the orbit itself: the impacts of its period
+    if len(run.zeno_times):
+        return Guess(NOTHING, multiple, float(run.zeno_times[-1]))
+    impacts = _impacts(run)
+    return Guess(impacts if len(impacts) else np.array(state), multiple, start=t0)
+
+
+def _impacts(run: Trajectory) -> Array:
+    return np.column_stack([run.resolved_impacts["t"], run.resolved_impacts["xdot_after"]])
+
+
+def from_run(
+    system: ImpactSystem,
+    run: Trajectory,
+    multiple: int | None,
+    period: float,
+    method: SwitchedRK,
+    *,
+    further: bool = True,
+) -> Guess:
+    """Give what the end of a run shows; where it has no impacts, what a further run shows."""
+    end, rest = float(run.t[-1]), None
+    if run.rest_time is not None:
+        return Guess(NOTHING, 1, end)
+    if len(run.zeno_times) and run.zeno_times[-1] > end - MOST_MULTIPLE * period:
+        rest = float(run.zeno_times[-1])
+    impacts = _impacts(run)
+    impacts = impacts[impacts[:, 0] > end - 2 * MOST_MULTIPLE * period]
+    repeats = multiple or _repeats(impacts, end, period)
+    # a motion with impacts has one in as many periods as it takes to repeat
+    if not np.any(impacts[:, 0] > end - (repeats or 4) * period):
+        state = np.array([run.x[-1], run.xdot[-1]])
+        if further and multiple is None:
+            times = end + period * np.arange(2 * MOST_MULTIPLE + 1)
+            span = (end, float(times[-1]))
+            more = simulate(system, span, tuple(state), method, t_eval=times)
+            if len(more.resolved_impacts):
+                return from_run(system, more, None, period, method, further=False)
+            states = np.column_stack([more.x, more.xdot])
+            multiple = repeating(states) if more.success else None
+        multiple = multiple or 1
+        # far from t = 0 the phase of the excitation loses digits
+        return Guess(state, multiple, rest, end % period, end, shown(multiple, 0))
+    multiple = repeats or 1
+    rows = _window(impacts, end, multiple * period)
+    while not len(rows):
+        # a flight of more than the periods that were taken
+        multiple += 1
+        rows = _window(impacts, end, multiple * period)
+    told = shown(multiple, len(rows), repeats=repeats is not None)
+    return Guess(rows, multiple, rest, end=end, shown=told)
+
+
+def _window(impacts: Array, end: float, length: float, before: float = 0.0) -> Array:
+    """Give the impacts of the last period of the motion, as seen from the middle of a flight."""
+    close = quiet(impacts, end) - before
+    inside = (impacts[:, 0] > close - length) & (impacts[:, 0] <= close)
+    return impacts[inside]
+
+
+def _repeats(impacts: Array, end: float, period: float) -> int | None:
+    """Give after how many periods the impacts repeat; None if they do not."""
+    if not len(impacts):
+        return None
+    scale = float(np.max(np.abs(impacts[:, 1]))) or 1.0
+    for tolerance in TOLERANCES:
+        for m in range(1, MOST_MULTIPLE + 1):
+            length = m * period
+            now, before = (_window(impacts, end, length, back) for back in (0.0, length))
+            if not len(now) or len(now) != len(before):
+                continue
+            shift = np.abs(now - before - [length, 0.0]) / [period, scale]
+            if np.max(shift) <= tolerance:
+                return m
+    return None
+
+
+def rows_of(start: ArrayLike) -> Array:
+    """Give the impacts of an array as rows ``(t, u)``."""
+    array = np.asarray(start)
+    if array.dtype.names:
+        speed = "u" if "u" in array.dtype.names else "xdot_after"
+        return np.column_stack([array["t"], array[speed]]).astype(np.float64)
+    rows = real_array("start", array)
+    if rows.ndim != 2 or rows.shape[1] != 2 or not len(rows):
+        raise ValueError(f"start must have rows (t, u), got an array of shape {rows.shape}")
+    if not np.all(np.isfinite(rows)) or np.any(np.diff(rows[:, 0]) <= 0.0):
+        raise ValueError("start must have finite rows (t, u) at increasing times")
+    return rows
+
+
+# From what a user has, a run, a state, an orbit, a word, to an orbit of a mechanical system.
+
+MECHANICAL_SETTLING = 200
+"""Periods that are simulated from a state when nothing says how the motion repeats."""
+LOOSE = SwitchedRK(rtol=1e-9, atol=1e-10)
+"""Of runs that give a guess."""
+
+
+def mechanical_orbit(
+    system: MechanicalSystem,
+    start: Any,
+    multiple: int | None,
+    period: float | str | None,
+    symmetry: Array | Callable[[Array], Array] | None,
+    method: SwitchedRK,
+    max_iter: int,
+) -> MechanicalOrbit:
+    """Find a periodic orbit of a mechanical system: `zivi.periodic_orbit` of one."""
+    check_smooth(system)
+    _refuse_laws(system)
+    _refuse_tables(system)
+    if multiple is not None and integer("multiple", multiple) < 1:
+        raise ValueError(f"multiple must be >= 1, got {multiple}")
+    length, free = _period(system, period)
+    if free and multiple not in (None, 1):
+        raise ValueError(f"multiple counts periods of an excitation; there is none, got {multiple}")
+    flow = flow_of(system, method)
+    if isinstance(start, MechanicalOrbit):
+        return _from_orbit(system, start, multiple, length, free, symmetry, method, max_iter)
+    try:
+        frame, x, multiple, told = _guess(system, start, multiple, length, free, method)
+    except NotDifferentiable as it:
+        y, status = it.frame.joined(it.x, it.frame.length), OrbitStatus.NOT_DIFFERENTIABLE
+        return failed(it.frame, y, it.count, str(it), status)
+    if symmetry is not None:
+        frame, x = _half(frame, x, turn_of(symmetry, flow.n))
+    orbit = solve_word(frame, frame.joined(x, frame.length), multiple, max_iter)
+    if orbit.success or not told:
+        return orbit
+    return dataclasses.replace(orbit, message=f"{orbit.message} {told}")
+
+
+def _refuse_laws(system: MechanicalSystem) -> None:
+    _ = system.e  # which says what takes laws that depend on the speed
+    law = core_of(system).impact_law
+    # one gap without friction has the same impacts by all of them
+    if law != "newton" and system.m > 1:
+        raise ValueError(
+            f"impact_law must be 'newton' for orbits of systems with several gaps, got {law!r}"
+        )
+
+
+def _refuse_tables(system: MechanicalSystem) -> None:
+    core = core_of(system)
+    parts = [*getattr(core, "excitation", ()), *(getattr(gap, "motion", None) for gap in core.gaps)]
+    if core._inputs is not None or any(isinstance(part, Table) for part in parts):
+        raise ValueError("system: orbits of systems with tables are not there, their knots move")
+
+
+def _period(system: MechanicalSystem, period: float | str | None) -> tuple[float, bool]:
+    if isinstance(period, str):
+        if period != "free":
+            raise ValueError(f"period must be a number or 'free', got {period!r}")
+        if frequency_of(system) is not None:
+            raise ValueError("period cannot be 'free': the system is excited, and has its period")
+        return math.nan, True
+    if period is not None:
+        if not (length := finite("period", period)) > 0.0:
+            raise ValueError(f"period must be > 0, got {period}")
+        return length, False
+    omega = frequency_of(system)
+    if omega is None:
+        raise ValueError(
+            "period: the system has no single excitation whose period is known, give period=..., "
+            "or period='free' where it does not depend on time"
+        )
+    return 2.0 * math.pi / omega, False
+
+
+def _guess(
+    system: MechanicalSystem,
+    start: Any,
+    multiple: int | None,
+    period: float,
+    free: bool,
+    method: SwitchedRK,
+) -> tuple[Frame, Array, int, str]:
+    """Give the frame, the unknowns, the multiple, and of a run what it shows."""
+    if isinstance(start, MechanicalTrajectory):
+        return recent(system, start, multiple, period, free, method)
+    if isinstance(start, tuple) and len(start) == 2 and np.ndim(start[0]) == 0:
+        t0 = real("start[0]", start[0])
+        state = state_of(start[1], system._n)
+        if multiple is not None and not free:
+            run = simulate(system, (t0, t0 + (multiple + 1) * period), state, method)
+            return recent(system, run, multiple, period, free, method)
+        span = MECHANICAL_SETTLING * (10.0 if free else period)
+        run = simulate(system, (t0, t0 + span), state, LOOSE)
+        return recent(system, run, multiple, period, free, method)
+    return *_from_word(system, start, multiple, period, free, method), ""
+
+
+def _from_word(
+    system: MechanicalSystem,
+    start: Any,
+    multiple: int | None,
+    period: float,
+    free: bool,
+    method: SwitchedRK,
+) -> tuple[Frame, Array, int]:
+    """Read a word with rows ``(t, q, qdot)``, the states after its events, or with times only.
+
+    Given times, the states that repeat are found from the equations without those of the events.
+    """
+    if not isinstance(start, tuple) or len(start) != 2:
+        raise TypeError(
+            "start must be a run, (t0, (q, qdot)), an orbit, or a word with rows, got "
+            f"{type(start).__name__}"
+        )
+    letters, rows = start
+    if isinstance(letters, str) or not isinstance(letters, Sequence):
+        raise TypeError(f"start[0] must be a sequence of letters such as 'I stop', got {letters!r}")
+    word = parsed(letters, system.gap_names)
+    flow = flow_of(system, method)
+    table = real_array("start[1]", rows)
+    table = table[:, None] if table.ndim == 1 else table
+    times_only = table.shape in ((len(word), 1), (len(word), 2)) and flow.n > 0
+    if not times_only and table.shape != (len(word), 1 + 2 * flow.n):
+        raise ValueError(
+            f"start[1] must have {len(word)} rows (t, q, qdot) of {1 + 2 * flow.n} numbers, rows "
+            f"(t, u), or times, got shape {table.shape}"
+        )
+    if not np.all(np.isfinite(table)):
+        raise ValueError("start[1] must be finite")
+    if np.any(np.diff(table[:, 0]) < 0.0):
+        raise ValueError("start[1] must have its rows at increasing times")
+    span = float(table[-1, 0] - table[0, 0])
+    if free:
+        raise ValueError("start must be a run or a state where the period is free")
+    multiple = multiple or math.floor(span / period * (1.0 - 1e-9)) + 1
+    length = multiple * period
+    x = np.zeros((len(word), 2 * flow.n + 2))
+    x[:, -1] = table[:, 0]
+    x[:, 0] = np.roll(table[:, 0], 1)
+    x[0, 0] -= length
+    frame = Frame(system, flow, word, method, length, free, None, float(x[0, -1]))
+    if times_only:
+        return frame, _states(frame, x), multiple
+    x[:, 1:-1] = np.roll(table[:, 1:], 1, axis=0)
+    return frame, x, multiple
+
+
+def _states(frame: Frame, x: Array) -> Array:
+    """Find the states of a motion whose events are at given times, as near as they allow."""
+    rows = np.arange(x.size).reshape(x.shape)
+    states, kept = rows[:, 1:-1].ravel(), rows[:, 2:].ravel()
+    y = x.ravel().copy()
+    for _ in range(8):
+        try:
+            at = of_segments(frame, y, y.reshape(x.shape), frame.length)
+            move = np.linalg.lstsq(at.matrix()[np.ix_(kept, states)], -at.residual[kept])[0]
+        except (FlightError, ValueError, np.linalg.LinAlgError):
+            break
+        y[states] += move
+        if np.max(np.abs(move)) < 1e-9 * max(1.0, float(np.max(np.abs(y)))):
+            break
+    return y.reshape(x.shape)
+
+
+def _half(frame: Frame, x: Array, turn: Array) -> tuple[Frame, Array]:
+    """Take the half of a word that is to be the image of the other half."""
+    if len(frame.word) == 1 and frame.word[0].kind == "P":
+        half = dataclasses.replace(frame, length=0.5 * frame.length, turn=turn)
+        x = x.copy()
+        x[0, 0] = x[0, -1] - half.length
+        return half, x
+    count = len(frame.word)
+    if count % 2:
+        raise ValueError("symmetry: the word has no two halves, it has an odd number of events")
+    if not frame.free:
+        gaps_turned(frame.flow, turn, 0.5 * frame.length)
+    half = dataclasses.replace(
+        frame, word=frame.word[: count // 2], length=0.5 * frame.length, turn=turn
+    )
+    return half, x[: count // 2].copy()
+
+
+def _from_orbit(
+    system: MechanicalSystem,
+    start: MechanicalOrbit,
+    multiple: int | None,
+    period: float,
+    free: bool,
+    symmetry: Any,
+    method: SwitchedRK,
+    max_iter: int,
+) -> MechanicalOrbit:
+    """Solve the word of an orbit for another system, or over several of its periods."""
+    own = start._frame
+    times = 1 if multiple is None else multiple // start.multiple
+    if own.turn is not None and times == 1:
+        half = 0.5 * start.multiple * period if not free else own.length
+        frame = Frame(
+            system, flow_of(system, method), own.word, method, half, free, own.turn, own.section
+        )
+        return solve_word(frame, start._y, start.multiple, max_iter)
+    if multiple is not None and (multiple % start.multiple or multiple < start.multiple):
+        raise ValueError(
+            f"multiple must be a multiple of that of the orbit, {start.multiple}, got {multiple}"
+        )
+    length = start.multiple * start.period
+    x = np.column_stack([start._starts, start.segments["t1"]])
+    parts = []
+    for k in range(times):
+        part = x.copy()
+        part[:, [0, -1]] += k * length
+        parts.append(part)
+    word, whole_x = start._word * times, np.vstack(parts)
+    total = own.split(start._y)[1] if free else times * start.multiple * period
+    frame = Frame(system, flow_of(system, method), word, method, total, free, None, own.section)
+    if symmetry is not None:
+        frame, whole_x = _half(frame, whole_x, turn_of(symmetry, frame.flow.n))
+    y = frame.joined(whole_x, frame.length)
+    return solve_word(frame, y, times * start.multiple, max_iter)
+
+
+# Guesses of orbits of systems that nothing excites, whose period is an unknown.
+
+SPANS = (10.0, 100.0, 1e3, 1e4)
+"""Durations of a run from a state, until it shows how it repeats (s)."""
+ENOUGH = 60
+"""Impacts that show it."""
+LOOKS = (0.0, 0.173, 0.71, 1.9, 3.3, 7.1, 19.7, 53.9)
+"""Times at which a force is evaluated to see whether it depends on them (s)."""
+
+
+def is_autonomous(system: ImpactSystem) -> bool:
+    """Whether nothing excites a system: a force of the state alone, as far as looks can tell."""
+    force, wall = system.force, system.wall
+    if isinstance(force, int | float) or excitation(system)[0] is not None:
+        return False
+    if wall is not None and not (isinstance(wall, HarmonicWall) and wall.amplitude == 0.0):
+        return False
+    if isinstance(force, LinearForce):
+        return force.amplitude == 0.0
+    values = [force_at_rest(system, t) for t in LOOKS]
+    return bool(np.ptp(values) == 0.0)
+
+
+def free_guess(system: ImpactSystem, start: Any, method: SwitchedRK) -> Guess:
+    """Give the guess that a start is."""
+    if isinstance(start, PeriodicOrbit):
+        return Guess(start._y, 1, 0.0 if start.kind == "resting" else None)
+    if isinstance(start, Trajectory):
+        return _from_run(start)
+    if isinstance(start, tuple) and len(start) == 2 and np.ndim(start[0]) == 0:
+        real("start[0]", start[0])
+        state = pair("start[1]", start[1], "(x0, xdot0)")
+        for span in SPANS:
+            run = simulate(system, (0.0, span), state, method)
+            if len(run.resolved_impacts) >= ENOUGH or run.rest_time is not None or not run.success:
+                break
+        return _from_run(run)
+    rows = rows_of(start)
+    return Guess(unknowns_of(rows, rows[-1, 0] - rows[0, 0] + _flight(system, rows[-1, 1])), 1)
+
+
+def _flight(system: ImpactSystem, speed: float) -> float:
+    """Give the duration of a flight from the wall."""
+    for span in SPANS:
+        run = simulate(system, (0.0, span), (0.0, abs(speed)), dense_output=False)
+        if len(run.resolved_impacts):
+            return float(run.resolved_impacts["t"][0])
+    raise ValueError(f"start: the last impact is followed by no other within {SPANS[-1]:g} s")
+
+
+def _from_run(run: Trajectory) -> Guess:
+    """Give what the end of a run shows."""
+    if run.rest_time is not None:
+        return Guess(NOTHING, 1, float(run.t[-1]))
+    impacts = np.column_stack([run.resolved_impacts["t"], run.resolved_impacts["xdot_after"]])
+    if len(impacts) < 2:
+        return Guess(_cycle(run), 1)
+    k = _free_repeats(impacts)
+    last = impacts[-k - 1 :]
+    return Guess(unknowns_of(last[:-1], last[-1, 0] - last[0, 0]), 1)
+
+
+def _free_repeats(impacts: Array) -> int:
+    """Give after how many impacts their speeds and the times between them repeat."""
+    steps = np.column_stack([np.diff(impacts[:, 0]), impacts[1:, 1]])
+    size = np.max(np.abs(steps), axis=0)
+    for tolerance in TOLERANCES:
+        for k in range(1, min(MOST_MULTIPLE, len(steps) // 2) + 1):
+            if np.max(np.abs(steps[-k:] - steps[-2 * k : -k]) / size) <= tolerance:
+                return k
+    return 1
+
+
+def _cycle(run: Trajectory) -> Array:
+    """Give the highest point and the period of the last turn of a motion without impacts."""
+    t = np.linspace(run.t[0], run.t[-1], 20_000)
+    x, v = run(t)
+    tops = np.flatnonzero((v[:-1] > 0.0) & (v[1:] <= 0.0))
+    if len(tops) < 2:
+        raise ValueError("start: the run has neither impacts nor two highest points")
+    exact = t[tops] + v[tops] / (v[tops] - v[tops + 1]) * (t[1] - t[0])
+    return np.array([x[tops[-1]], exact[-1] - exact[-2]])
+
+
+def apex(system: ImpactSystem, row: Array, method: SwitchedRK) -> tuple[float, float]:
+    """Give when a flight ``(t, x, xdot, end)`` is highest, and how high."""
+    times = np.linspace(row[0], row[3], 65)[1:]
+    starts = np.tile(row, (len(times), 1))
+    starts[:, 3] = times
+    t = float(times[int(np.argmax(fly(system, starts, method)[0][:, 0]))])
+    for _ in range(6):
+        ((_, v, _, last, *_),) = fly(system, np.array([[*row[:3], t]]), method)[0]
+        t -= float(v / last)
+        if not row[0] < t <= row[3]:
+            raise FlightError(Status.STEP_SIZE_TOO_SMALL)
+    return t, float(fly(system, np.array([[*row[:3], t]]), method)[0][0, 0])
+
+
+# From a simulation or a guess to a periodic orbit, and whether it is a motion.
 
 WHY_NOT = {
     "grazing": "The impact at t = {t:.9g} s would leave the wall at {u:.3g} m/s < 0.",
@@ -131,10 +642,7 @@ def periodic_orbit(
     if integer("max_iter", max_iter) < 1:
         raise ValueError(f"max_iter must be >= 1, got {max_iter}")
     if isinstance(system, MechanicalSystem):
-        from zivi.orbits.mechanical.start import mechanical_orbit
-
         return mechanical_orbit(system, start, multiple, period, symmetry, method, max_iter)
-    from zivi.orbits.start import guess_of
 
     check_newton(system)
     if symmetry is not None:
@@ -143,18 +651,16 @@ def periodic_orbit(
         raise ValueError(f"multiple must be >= 1, got {multiple}")
     known = None if is_free(system, period, multiple) else period_of(system, period, or_free=True)
     if known is None:
-        from zivi.orbits.free import free_guess
-
         guess = free_guess(system, start, method)
         # at rest any period is one
         rests = guess.rest is not None
-        frame = Frame(1, 1.0 if rests else None, method, free=not rests)
+        frame = MassFrame(1, 1.0 if rests else None, method, free=not rests)
     else:
         guess = guess_of(system, start, multiple, known, method)
         own = None if period is None else known
-        frame = Frame(guess.multiple, own, method, guess.start)
+        frame = MassFrame(guess.multiple, own, method, guess.start)
     if guess.rest is not None:
-        from zivi.orbits.rest import resting_orbit
+        from zivi.orbits.branch import resting_orbit
 
         orbit = resting_orbit(system, frame, guess.rest)
         # a run that goes on without this rest has left it for another motion
@@ -169,8 +675,6 @@ def periodic_orbit(
 
 def is_free(system: ImpactSystem, period: float | str | None, multiple: int | None) -> bool:
     """Whether the period is an unknown; a ValueError for what does not go with it."""
-    from zivi.orbits.free import is_autonomous
-
     if isinstance(period, str):
         if period != "free":
             raise ValueError(f"period must be a number of seconds or 'free', got {period!r}")
@@ -183,7 +687,7 @@ def is_free(system: ImpactSystem, period: float | str | None, multiple: int | No
     return True
 
 
-def solve(system: ImpactSystem, frame: Frame, y: Array, max_iter: int = 20) -> PeriodicOrbit:
+def solve(system: ImpactSystem, frame: MassFrame, y: Array, max_iter: int = 20) -> PeriodicOrbit:
     """Solve for an orbit from a guess of its unknowns, and look whether it is a motion."""
     try:
         word, guess = as_word(system, frame, y)
@@ -206,7 +710,7 @@ def solve(system: ImpactSystem, frame: Frame, y: Array, max_iter: int = 20) -> P
 
 
 def orbit_of(
-    frame: Frame,
+    frame: MassFrame,
     terms: Terms,
     residual: float,
     iterations: int,
@@ -279,7 +783,7 @@ def why_not(margins: Margins, rounding: float = 1e-11) -> str | None:
     return None
 
 
-def checked(frame: Frame, terms: Terms, residual: float, iterations: int) -> PeriodicOrbit:
+def checked(frame: MassFrame, terms: Terms, residual: float, iterations: int) -> PeriodicOrbit:
     """Look whether an orbit is a motion: its signs, and one simulation of it."""
     done, left = OrbitStatus.COMPLETED, OrbitStatus.LEFT_ADMISSIBLE
     why = why_not(Margins(terms))
@@ -308,7 +812,7 @@ def _not_followed(orbit: PeriodicOrbit) -> str | None:
     return None
 
 
-def _failed(system: ImpactSystem, frame: Frame, y: Array, message: str) -> PeriodicOrbit:
+def _failed(system: ImpactSystem, frame: MassFrame, y: Array, message: str) -> PeriodicOrbit:
     impacts = np.empty(len(y) if y.ndim == 2 else 0, ORBIT_IMPACT)
     if y.ndim == 2:
         impacts["t"], impacts["u"] = frame.listed(y).T

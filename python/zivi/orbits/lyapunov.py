@@ -1,31 +1,44 @@
-"""Lyapunov exponents, from the derivatives of one impact by the last."""
+"""Lyapunov exponents, and the response of linear systems without impacts."""
 
 from __future__ import annotations
 
 import dataclasses
+import itertools
 from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from zivi.base.check import Array, finite
+from zivi.base.check import Array, finite, real_array
 from zivi.base.extras import ProgressBar
 from zivi.base.habits import hinted
 from zivi.base.table import ResultTable, Tabulated, counted
-from zivi.derivatives.sensitivity import OrbitStatus
-from zivi.orbits.along import with_failed
-from zivi.orbits.flights import fly
-from zivi.orbits.mechanical.exponents import flow_maps, piece_of
-from zivi.orbits.mechanical.mass_flow import MassFlow, impact_maps
+from zivi.derivatives.result import OrbitStatus
+from zivi.derivatives.sensitivity import sensitivity
+from zivi.orbits.branch import with_failed
+from zivi.orbits.flows import MassFlow, fly, impact_maps, is_exact
+from zivi.orbits.path import frequency_of, value_of
 from zivi.simulation.mechanical_run import state_of
 from zivi.simulation.methods import SwitchedRK
 from zivi.simulation.run import pair, simulate
 from zivi.simulation.trajectory import Trajectory
+from zivi.system.gap import HarmonicWall, LinearGap
+from zivi.system.linear import Harmonic, LinearSystem
 from zivi.system.mass import ImpactSystem
 from zivi.system.mechanism import MechanicalSystem
 from zivi.system.parameters import check_newton
 
-__all__ = ["Lyapunov", "lyapunov_exponents"]
+__all__ = [
+    "Lyapunov",
+    "flow_maps",
+    "grazing_curve",
+    "lyapunov_exponents",
+    "piece_of",
+    "response_amplitude",
+]
+
+# Lyapunov exponents, from the derivatives of one impact by the last.
 
 ACCURATE = SwitchedRK(rtol=1e-9, atol=1e-11)
 PIECES = 200
@@ -244,3 +257,174 @@ def _means(maps: list[Array], times: Array) -> Array:
         total = float(np.sum(logs)) / float(times[-1] - times[0])
         smooth += (total - float(smooth.sum())) / size
     return np.asarray(np.sort(smooth)[::-1], np.float64)
+
+
+# Lyapunov exponents of mechanical systems, from the derivatives of a run piece by piece.
+
+MECHANICAL_PIECES = 200
+"""Parts of a run of a system that nothing excites."""
+
+
+def piece_of(system: MechanicalSystem, piece: float | None, duration: float) -> float:
+    """Give the length of a piece: the period of the excitation if it is known."""
+    if piece is not None:
+        if not 0.0 < finite("piece", piece) <= duration:
+            raise ValueError(f"piece must be > 0 and within t_span, got {piece}")
+        return piece
+    omega = frequency_of(system)
+    own = duration / MECHANICAL_PIECES if omega is None else 2.0 * np.pi / omega
+    return float(min(own, duration))
+
+
+def flow_maps(
+    system: MechanicalSystem,
+    span: tuple[float, float],
+    y0: Any,
+    transient: float,
+    piece: float,
+    method: SwitchedRK,
+    report: Any = None,
+) -> tuple[list[Array], Array, int, OrbitStatus]:
+    """Run a span in pieces: their state-transition matrices, the times between them, impacts, how.
+
+    A piece that a tie of impacts or a corner makes not differentiable ends the list.
+    """
+    state = state_of(y0, system._n)
+    count = max(1, round((span[1] - span[0] - transient) / piece))
+    first = span[0] + transient
+    times = np.linspace(first, span[1], count + 1)
+    before = max(1, round(transient / piece)) if transient else 0
+    ends = np.concatenate([np.linspace(span[0], first, before + 1), times[1:]])
+    maps: list[Array] = []
+    n_impacts = 0
+    for k, (start, end) in enumerate(itertools.pairwise(ends)):
+        s: Any = sensitivity(
+            system,
+            (float(start), float(end)),
+            state,
+            ("q0", "qdot0"),
+            method,
+            dense_output=False,
+            progress=False,
+        )
+        sol = s.trajectory
+        if not sol.success:
+            return maps, times[: len(maps) + 1], n_impacts, OrbitStatus.RUN_ENDED
+        state = sol.q[-1], sol.qdot[-1]
+        if report is not None:
+            report(k + 1, len(ends) - 1)
+        if k < before:
+            continue
+        if not np.all(np.isfinite(s.final)):
+            return maps, times[: len(maps) + 1], n_impacts, OrbitStatus.NOT_DIFFERENTIABLE
+        n_impacts += len(np.unique(sol.impacts["group"]))
+        maps.append(s.monodromy)
+    return maps, times, n_impacts, OrbitStatus.COMPLETED
+
+
+# The response of linear systems without impacts, and where it grazes.
+
+
+def response_amplitude(system: LinearSystem, gap: str, omegas: ArrayLike) -> Array:
+    r"""Give how far a gap swings where nothing is hit.
+
+    .. math:: R = | n \cdot (K - \omega^2 M + i \omega C)^{-1} p - w |
+
+    Parameters
+    ----------
+    system : LinearSystem
+        A system with `Harmonic` loads or walls of one frequency.
+    gap : str
+        The name of a gap.
+    omegas : array_like
+        Angular frequencies (rad/s).
+
+    Returns
+    -------
+    ndarray
+        Amplitudes, of the shape of `omegas`.
+
+    Raises
+    ------
+    ValueError
+        For another gap, or loads of several frequencies.
+
+    Examples
+    --------
+    >>> system = zivi.LinearSystem(
+    ...     1.0, 0.1, 1.0, excitation=zivi.Harmonic([1.0], 0.8),
+    ...     gaps=[zivi.LinearGap([-1.0], 1.0, name="stop")], e=0.8)
+    >>> zivi.response_amplitude(system, "stop", [1.0]).round(9)  # 1/c at resonance
+    array([10.])
+    """
+    own, normal = _gap(system, gap)
+    value_of(system, "omega")
+    omega = real_array("omegas", omegas)
+    load = np.zeros(len(system.M), np.complex128)
+    for part in system.excitation:
+        if isinstance(part, Harmonic):
+            load = load + np.asarray(part.amplitude) * np.exp(1j * part.phase)
+    wall: Any = own.motion
+    moved = wall.amplitude * np.exp(1j * wall.phase) if isinstance(wall, HarmonicWall) else 0.0
+    found = [
+        abs(normal @ np.linalg.solve(system.K - w * w * system.M + 1j * w * system.C, load) - moved)
+        for w in omega.ravel()
+    ]
+    return np.asarray(found, np.float64).reshape(omega.shape)
+
+
+def grazing_curve(system: LinearSystem, gap: str, omegas: ArrayLike) -> Array:
+    """Give the load at which the motion without impacts touches a gap, in closed form.
+
+    Parameters
+    ----------
+    system : LinearSystem
+        A system with `Harmonic` loads of one frequency and walls that do not move.
+    gap : str
+        The name of a gap.
+    omegas : array_like
+        Angular frequencies (rad/s), shape (k,).
+
+    Returns
+    -------
+    ndarray
+        Rows ``(omega, F)``, shape (k, 2); `F` as in `continue_orbit`, the largest amplitude.
+
+    Raises
+    ------
+    ValueError
+        As for `response_amplitude`, and if the gap is not open at rest.
+
+    Examples
+    --------
+    >>> system = zivi.LinearSystem(
+    ...     1.0, 0.1, 1.0, excitation=zivi.Harmonic([1.0], 0.8),
+    ...     gaps=[zivi.LinearGap([-1.0], 1.0, name="stop")], e=0.8)
+    >>> zivi.grazing_curve(system, "stop", [1.0]).round(9)
+    array([[1. , 0.1]])
+    """
+    own, normal = _gap(system, gap)
+    if own.motion is not None:
+        raise ValueError(f"gap {gap!r} must not move: its load would not be in proportion")
+    constant = np.zeros(len(system.M))
+    for part in system.excitation:
+        if isinstance(part, np.ndarray):
+            constant = constant + part
+    rest = own.offset
+    if np.any(constant):
+        rest = float(normal @ np.linalg.solve(system.K, constant)) + own.offset
+    if not rest > 0.0:
+        raise ValueError(f"gap {gap!r} must be open at rest, it is {rest:.6g}")
+    omega = np.atleast_1d(real_array("omegas", omegas))
+    strength = value_of(system, "F")
+    return np.column_stack([omega, strength * rest / response_amplitude(system, gap, omega)])
+
+
+def _gap(system: LinearSystem, gap: str) -> tuple[LinearGap, Array]:
+    if not is_exact(system):
+        raise TypeError(f"system must be a zivi.LinearSystem under waves, got {system!r}")
+    if gap not in system.gap_names:
+        raise ValueError(f"gap must be one of {', '.join(system.gap_names)}, got {gap!r}")
+    own = system.gaps[system.gap_names.index(gap)]
+    assert isinstance(own, LinearGap)
+    return own, own.normal

@@ -7,17 +7,16 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from zivi.orbits.mechanical.branch import MechanicalBranch
+from zivi.orbits.branch import MechanicalBranch
 from zivi.plot.look import BLUE, GREEN, ORANGE, PALETTE, PURPLE, axes_of, legend
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
     from zivi.base.check import Array
-    from zivi.orbits.basins import Basins
     from zivi.orbits.branch import Branch
-    from zivi.orbits.diagram import Diagram
-    from zivi.orbits.mechanical.two_parameters import EventCurve
+    from zivi.orbits.curve import EventCurve
+    from zivi.orbits.diagram import Basins, Diagram
 
 # Branches of periodic orbits, bifurcation diagrams, basins of attraction.
 
@@ -404,7 +403,7 @@ def curve(c: EventCurve, ax: Axes | None = None, *, words: bool = False, **line:
         if _is_free(ax, place):
             ax.annotate(told, place, (3, 3), textcoords="offset points", fontsize="x-small")
     if words and len(c._found):
-        from zivi.orbits.mechanical.word import shortened as short
+        from zivi.orbits.flows import shortened as short
 
         middle = len(c) // 2
         place = (float(x[middle]), float(y[middle]))

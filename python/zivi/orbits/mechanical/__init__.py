@@ -1,1 +1,0 @@
-"""Periodic orbits of mechanical systems as words of events, their branches and their charts."""
