@@ -14,7 +14,7 @@ PATH = re.compile(r"\b(?:crate|super)(?:::\w+)+")
 def code_of(path: Path) -> str:
     """The code of a file without comments and without its tests."""
     text = re.sub(r"//[^\n]*", "", path.read_text(encoding="utf-8"))
-    return re.split(r"#\[cfg\(test\)\]\s*(?:#\[[^\]]*\]\s*)?mod tests", text)[0]
+    return re.split(r"#\[cfg\(test\)\]\s*(?:#\[[^\]]*\]\s*)?mod (?:\w+_)?tests\b", text)[0]
 
 
 def paths_of(use: str) -> list[tuple[Module, str]]:
