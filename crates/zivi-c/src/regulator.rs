@@ -1,6 +1,6 @@
 //! The twisting regulator: brings the mass to rest at the wall.
 
-use zivi_core::control::regulator::RegulationStep;
+use zivi_core::control::regulation::RegulationStep;
 use zivi_core::control::{Gains, Landing, Port, RegulatorState, TwistingRegulator};
 use zivi_core::{Physical, Real, Restitution};
 

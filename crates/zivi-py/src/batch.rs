@@ -9,12 +9,14 @@ use zivi::drive::batch::{
 };
 use zivi::{Events, Grid, Physical, Restitution};
 
+use crate::arrays::{array, list, try_list, with_room};
+use crate::errors::setup_error;
 use crate::force::{AnyNative, Force};
-use crate::interface::{array, list, setup_error, try_list, with_room, Watch};
+use crate::impact_law::ImpactLaw;
+use crate::method::Method;
 use crate::record::rows_of;
-use crate::simulate::Method;
-use crate::system::ImpactLaw;
 use crate::transform::from_both;
+use crate::watch::Watch;
 
 pub(crate) fn refused(error: BatchError<PyErr>) -> PyErr {
     match error {
@@ -102,7 +104,7 @@ pub(crate) fn simulate_batch(
     tstops: Option<Vec<PyReadonlyArray1<'_, f64>>>,
     progress: Option<Py<PyAny>>,
 ) -> PyResult<BatchRecord> {
-    let _running = crate::dynamics::running()?;
+    let _running = crate::leaving::running()?;
     let task = Task { method: method.inner, span, slowest };
     let save = saving(save, at.as_deref(), steps.as_deref())?;
     let forces = natives(py, &forces)?;

@@ -20,14 +20,19 @@ use zivi::{
 use zivi_core::control::Waypoint;
 use zivi_core::observer::ImpactObserver;
 
+use crate::arrays::{array, list};
 use crate::control::run_copy;
+use crate::errors::{setup_error, Raised};
 use crate::force::{AnyForce, AnyNative, Force as GivenForce};
-use crate::interface::{array, list, setup_error, Raised, Watch};
+use crate::method::Method;
 use crate::observer::Observer;
 use crate::record::rows_of;
-use crate::simulate::{grid_of, Event, Hits, Method, MotionPath};
+use crate::simulate::grid_of;
+use crate::switched_rk::MotionPath;
 use crate::system::State;
 use crate::transform::Restitution as GivenRestitution;
+use crate::user_events::{Event, Hits};
+use crate::watch::Watch;
 
 /// What a controller has beside `step`, and what this takes beside `x, xdot, force`.
 #[derive(Clone, Copy, FromPyObject)]
@@ -276,7 +281,7 @@ pub(crate) fn simulate_closed_loop(
     restitution_ref: PyRef<'_, GivenRestitution>,
     progress: Option<Py<PyAny>>,
 ) -> PyResult<LoopRecord> {
-    let _running = crate::dynamics::running()?;
+    let _running = crate::leaving::running()?;
     let motion = motion_of(&method, exact)?;
     let sensor =
         Sensor { noise_x: noise.0.as_slice()?, noise_xdot: noise.1.as_slice()?, resolution };

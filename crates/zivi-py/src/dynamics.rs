@@ -1,24 +1,24 @@
 //! Mechanical systems that come from Python.
 
-use crate::force::{Raised, Wall};
-use crate::interface::{vector, Capsule, Vector};
-use crate::system::TimeTable;
+use std::ffi::{c_int, c_void};
+use std::sync::Arc;
+
 use numpy::{PyArray1, PyArrayMethods, PyReadonlyArray1, PyUntypedArrayMethods};
-use pyo3::exceptions::{PyRuntimeError, PySystemExit, PyTypeError, PyValueError};
+use pyo3::exceptions::{PyRuntimeError, PyTypeError, PyValueError};
 use pyo3::gc::{PyTraverseError, PyVisit};
 use pyo3::prelude::*;
 use pyo3::types::PyTuple;
-use std::cell::Cell;
-use std::ffi::{c_int, c_void};
-use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
-use std::sync::Arc;
-use std::time::{Duration, Instant};
 use zivi::mechanics::{ContactMode, GapSet};
 use zivi::system::dynamics::{Dynamics, Layout};
-use zivi::system::force::{Channel, Friction};
-use zivi::system::linear_system::{GapMotion, LinearDynamics, LinearGap, LinearSystem, LoadWave};
-use zivi::system::tree;
-use zivi::system::tree::{Joint, JointKind, TreeDynamics, TreeGap};
+use zivi::system::friction::{Channel, Friction};
+use zivi::system::linear_dynamics::LinearDynamics;
+use zivi::system::linear_system::{GapMotion, LinearGap, LinearSystem, LoadWave};
+use zivi::system::tree::{self, TreeDynamics};
+
+use crate::capsule::Capsule;
+use crate::force::{Raised, Wall};
+use crate::time_table::TimeTable;
+use crate::tree::Tree;
 
 type Evaluate = unsafe extern "C" fn(f64, *const f64, *const f64, *mut f64) -> c_int;
 type EvaluateWith =
@@ -343,7 +343,7 @@ impl Dynamics<PyErr> for PythonDynamics<'_> {
         fill(&self.q, q)?;
         fill(&self.w, w)?;
         let value = self.callable.call1((t, &self.q, &self.w))?;
-        look()?;
+        crate::leaving::look()?;
         let array = value.cast::<PyArray1<f64>>().map_err(|_| {
             let kind = value.get_type();
             PyTypeError::new_err(format!("the system must return an array of float64, got {kind}"))
@@ -444,146 +444,4 @@ pub(crate) fn contact_forces<'py>(
     let mode = each.fold(ContactMode::from(closed), |mode, it| acts((mode, it)));
     let found = py.detach(|| zivi::mechanics::contact_forces((layout, &friction), row, mode));
     Ok(found.ok().map(|forces| PyArray1::from_vec(py, forces)))
-}
-
-// Trees of bodies from Python.
-
-/// Joints and gaps of a tree, and their numbers.
-#[pyclass(frozen, module = "zivi._zivi")]
-pub(crate) struct Tree {
-    pub(crate) inner: Arc<tree::Tree>,
-}
-
-/// The number of a joint; -1 is the world.
-fn joint(number: i64) -> Option<usize> {
-    usize::try_from(number).ok()
-}
-
-fn gap_of((kind, a, b): &(String, i64, i64)) -> Option<TreeGap> {
-    match (kind.as_str(), joint(*a)) {
-        ("lower", Some(a)) => Some(TreeGap::Lower(a)),
-        ("upper", Some(a)) => Some(TreeGap::Upper(a)),
-        ("plane", Some(a)) => Some(TreeGap::Plane(a)),
-        ("balls", a) => Some(TreeGap::Balls(a, joint(*b))),
-        _ => None,
-    }
-}
-
-#[pymethods]
-impl Tree {
-    /// Parent (-1 for the world) and whether it is a slide, of each joint; kind and joints of each
-    /// gap: "lower", "upper", "plane" or "balls"; the numbers as `zivi::system::tree::Tree` has them.
-    #[new]
-    #[pyo3(signature = (joints, gaps, numbers))]
-    fn new(
-        joints: Vec<(i64, bool)>,
-        gaps: Vec<(String, i64, i64)>,
-        numbers: PyReadonlyArray1<'_, f64>,
-    ) -> PyResult<Self> {
-        let kind = |slide| if slide { JointKind::Slide } else { JointKind::Hinge };
-        let joints = joints
-            .into_iter()
-            .map(|(parent, slide)| Joint { parent: joint(parent), kind: kind(slide) })
-            .collect();
-        let gaps: Option<Vec<TreeGap>> = gaps.iter().map(gap_of).collect();
-        let numbers = vector(&numbers)?;
-        let tree = gaps.and_then(|gaps| tree::Tree { joints, gaps, numbers }.validated());
-        let tree = tree.ok_or_else(|| PyValueError::new_err("the parts do not fit together"))?;
-        Ok(Self { inner: Arc::new(tree) })
-    }
-
-    /// The numbers of an evaluation, one row.
-    fn evaluate(
-        &self,
-        py: Python<'_>,
-        t: f64,
-        q: PyReadonlyArray1<'_, f64>,
-        qdot: PyReadonlyArray1<'_, f64>,
-    ) -> PyResult<Vector<f64>> {
-        let (q, w, n) = (vector(&q)?, vector(&qdot)?, self.inner.joints.len());
-        if [q.len(), w.len()] != [n; 2] {
-            return Err(PyValueError::new_err(format!("q and qdot must have {n} entries")));
-        }
-        let mut row = vec![0.0; self.inner.layout().len()];
-        Dynamics::<PyErr>::evaluate(
-            &mut TreeDynamics::new(self.inner.clone()),
-            t,
-            &q,
-            &w,
-            &mut row,
-        )?;
-        Ok(PyArray1::from_vec(py, row).unbind())
-    }
-}
-
-// The end of the interpreter while runs go on in other threads.
-//
-// A thread that asks for the lock of an interpreter that has ended is ended by it, through whatever
-// called it (before Python 3.14): frames of Rust cannot be left so, and the process aborts. Hence
-// the interpreter waits at its exit until the runs of other threads have stopped, and none begins.
-
-static LEAVING: AtomicBool = AtomicBool::new(false);
-static RUNNING: AtomicUsize = AtomicUsize::new(0);
-
-thread_local! {
-    /// Runs of this thread, one in the force of another.
-    static OWN: Cell<usize> = const { Cell::new(0) };
-    /// Whether this thread ends the interpreter: it may go on.
-    static ENDS: Cell<bool> = const { Cell::new(false) };
-}
-
-/// A call that may give the lock away before it returns.
-pub(crate) struct Running;
-
-/// Begins a run; `SystemExit`, of which threads make no words, if the interpreter ends.
-pub(crate) fn running() -> PyResult<Running> {
-    RUNNING.fetch_add(1, Ordering::SeqCst);
-    OWN.set(OWN.get() + 1);
-    let run = Running;
-    look().map(|()| run)
-}
-
-impl Drop for Running {
-    fn drop(&mut self) {
-        OWN.set(OWN.get() - 1);
-        RUNNING.fetch_sub(1, Ordering::SeqCst);
-    }
-}
-
-/// Whether to go on; needs no lock.
-#[inline]
-pub(crate) fn look() -> PyResult<()> {
-    if LEAVING.load(Ordering::SeqCst) {
-        return look_while_leaving();
-    }
-    Ok(())
-}
-
-#[cold]
-fn look_while_leaving() -> PyResult<()> {
-    if ENDS.get() {
-        return Ok(());
-    }
-    Err(PySystemExit::new_err("the interpreter ends"))
-}
-
-/// Asks the runs of other threads to stop and waits until they have; False if some have not.
-#[pyfunction]
-pub(crate) fn stop_runs(py: Python<'_>, seconds: f64) -> bool {
-    ENDS.set(true);
-    LEAVING.store(true, Ordering::SeqCst);
-    let end = Instant::now() + Duration::from_secs_f64(seconds.clamp(0.0, 1e6));
-    while RUNNING.load(Ordering::SeqCst) > OWN.get() {
-        if Instant::now() > end {
-            return false;
-        }
-        py.detach(|| std::thread::sleep(Duration::from_millis(1)));
-    }
-    true
-}
-
-/// Forgets the runs of threads that a fork has not taken over.
-#[pyfunction]
-pub(crate) fn forget_runs() {
-    RUNNING.store(OWN.get(), Ordering::SeqCst);
 }

@@ -4,10 +4,10 @@ use numpy::{PyArray1, PyArrayMethods, PyUntypedArrayMethods};
 use pyo3::exceptions::{PyRuntimeError, PyValueError};
 use pyo3::gc::{PyTraverseError, PyVisit};
 use pyo3::prelude::*;
-use zivi::system::dynamics::{Driven, InputMatrix};
+use zivi::system::driven::{Driven, InputMatrix};
 
 use crate::dynamics::{AnyDynamics, CompiledDynamics, CompiledFunction};
-use crate::partials::Rubbing;
+use crate::friction::Rubbing;
 use crate::system::Mechanism;
 
 /// The matrix of inputs `B` of a mechanical system.

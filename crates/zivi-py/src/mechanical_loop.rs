@@ -10,16 +10,22 @@ use zivi::drive::mechanical::{
 };
 use zivi::drive::Updates;
 use zivi::mechanics::{MechanicalRun, Sampling, Ticks};
-use zivi::system::dynamics::{Driven, Dynamics, Layout};
+use zivi::system::driven::Driven;
+use zivi::system::dynamics::{Dynamics, Layout};
 use zivi::{AnyImpactLaw, AnyMethod, SetupError, SwitchedRk};
 
+use crate::arrays::{list, vector, Matrix};
 use crate::closed_loop::numbers_of;
-use crate::control::mechanical::{law_error, pressed, Believed, GapTracker, Reference, Striker};
+use crate::control::believed::{law_error, Believed};
+use crate::control::gap_tracker::{pressed, GapTracker};
+use crate::control::mechanical_reference::Reference;
+use crate::control::striker::Striker;
+use crate::errors::setup_error;
 use crate::inputs::Inputs;
-use crate::interface::{list, setup_error, vector, Matrix, Watch};
 use crate::mechanics::MechanicalRecord;
-use crate::simulate::Method;
+use crate::method::Method;
 use crate::system::{Configuration, Mechanism};
+use crate::watch::Watch;
 
 /// A loop: its run at the samples, the controls there, and what happened at the ticks.
 #[pyclass(frozen, get_all, module = "zivi._zivi")]
@@ -179,7 +185,7 @@ fn copied<T: numpy::Element + Copy>(value: &Bound<'_, PyAny>, to: &mut [T]) -> b
 
 impl MechanicalController<PyErr> for Called<'_, '_> {
     fn tick(&mut self, k: usize, t: f64, (q, w): (&[f64], &[f64]), u: &mut [f64]) -> PyResult<u8> {
-        crate::dynamics::look()?;
+        crate::leaving::look()?;
         let (py, given) = (self.py, self.given);
         let (q, w) = (PyArray1::from_slice(py, q), PyArray1::from_slice(py, w));
         let value = match given.counts {
@@ -307,7 +313,7 @@ pub(crate) fn simulate_mechanical_loop(
     one_step: bool,
     progress: Option<Py<PyAny>>,
 ) -> PyResult<MechanicalLoopRecord> {
-    let _running = crate::dynamics::running()?;
+    let _running = crate::leaving::running()?;
     let AnyMethod::SwitchedRk(settings) = method.inner else {
         return Err(PyValueError::new_err("a mechanical loop is integrated by SwitchedRK"));
     };

@@ -1,22 +1,20 @@
 //! What is requested of a run: the system, where it starts, what it shall keep.
 
-use crate::dynamics::{AnyDynamics, CompiledDynamics, Model};
-use crate::force::Force;
-use crate::interface::{array, setup_error, vector, Array};
-use crate::partials::{Friction, Rubbing};
-use crate::simulate::{Event, Setting};
-use crate::transform::from_both;
-use numpy::{PyArray1, PyArrayMethods, PyReadonlyArray1};
-use pyo3::exceptions::PyValueError;
+use numpy::{PyArray1, PyReadonlyArray1};
 use pyo3::gc::{PyTraverseError, PyVisit};
 use pyo3::prelude::*;
-use pyo3::types::PyDict;
-use std::ffi::c_void;
-use std::sync::Arc;
 use zivi::system::dynamics::Layout;
-use zivi::system::force::Friction as Given;
+use zivi::system::friction::Friction as Given;
 use zivi::system::impact_law::newton_impacts;
 use zivi::{AnyImpactLaw, Physical};
+
+use crate::arrays::vector;
+use crate::dynamics::{AnyDynamics, CompiledDynamics, Model};
+use crate::errors::setup_error;
+use crate::force::Force;
+use crate::friction::{Friction, Rubbing};
+use crate::impact_law::ImpactLaw;
+use crate::user_events::Event;
 
 /// A mass above a wall.
 #[pyclass(frozen, module = "zivi._zivi")]
@@ -176,169 +174,5 @@ impl Keep {
 
     fn __traverse__(&self, visit: PyVisit<'_>) -> Result<(), PyTraverseError> {
         self.events.iter().try_for_each(|it| visit.call(it))
-    }
-}
-
-// Impact laws from Python.
-
-/// An impact law.
-#[pyclass(frozen, module = "zivi._zivi")]
-pub(crate) struct ImpactLaw {
-    pub(crate) inner: AnyImpactLaw,
-}
-
-#[pymethods]
-impl ImpactLaw {
-    /// By its name, with the values of its parameters in their order.
-    #[new]
-    fn new(name: &str, values: Vec<f64>) -> PyResult<Self> {
-        match AnyImpactLaw::named(name, &values) {
-            Some(law) => Ok(Self { inner: law.map_err(|error| setup_error(error.into()))? }),
-            None => Err(PyValueError::new_err(format!("there is no impact law {name:?}"))),
-        }
-    }
-
-    /// Newton's, from both coefficients, which must be each other's image.
-    #[staticmethod]
-    fn newton(e: f64, kappa: f64) -> PyResult<Self> {
-        Ok(Self { inner: from_both(e, kappa)?.into() })
-    }
-
-    /// Speeds after impacts at speeds.
-    fn after<'py>(&self, py: Python<'py>, v: PyReadonlyArray1<'py, f64>) -> PyResult<Array> {
-        array(py, v.as_array().iter().map(|&v| self.inner.after(v)))
-    }
-
-    /// Their derivatives by the speeds before.
-    fn slope<'py>(&self, py: Python<'py>, v: PyReadonlyArray1<'py, f64>) -> PyResult<Array> {
-        array(py, v.as_array().iter().map(|&v| self.inner.slope(v)))
-    }
-
-    /// The coefficient in the limit of slow impacts.
-    #[getter]
-    fn limit(&self) -> Option<f64> {
-        self.inner.limit()
-    }
-}
-
-/// The parameters of every law, by its name.
-pub(crate) fn all_laws(py: Python<'_>) -> PyResult<Bound<'_, PyDict>> {
-    let all = PyDict::new(py);
-    for &(name, parameters) in AnyImpactLaw::ALL {
-        let of = parameters.iter().map(|it| Setting::new(py, it)).collect::<PyResult<Vec<_>>>()?;
-        all.set_item(name, of)?;
-    }
-    Ok(all)
-}
-
-// Tables of time that come from Python.
-
-/// Piecewise polynomials of time.
-#[pyclass(frozen, module = "zivi._zivi")]
-pub(crate) struct TimeTable {
-    pub(crate) inner: Arc<zivi::TimeTable>,
-}
-
-/// `void part(double t, double *q, double *qdot, double *out, void *table)`.
-type PartOfModel = unsafe extern "C" fn(f64, *const f64, *const f64, *mut f64, *const c_void);
-
-#[pymethods]
-impl TimeTable {
-    /// Knots, and by interval and column `order` coefficients; `ends` are the values beyond them,
-    /// of all columns before and then after; without them the table is periodic.
-    #[new]
-    #[pyo3(signature = (knots, coefficients, *, order, width, ends=None))]
-    fn new(
-        knots: PyReadonlyArray1<'_, f64>,
-        coefficients: PyReadonlyArray1<'_, f64>,
-        order: usize,
-        width: usize,
-        ends: Option<(PyReadonlyArray1<'_, f64>, PyReadonlyArray1<'_, f64>)>,
-    ) -> PyResult<Self> {
-        let ends = ends.map(|(first, last)| Ok::<_, PyErr>([vector(&first)?, vector(&last)?]));
-        let ends = ends.transpose()?;
-        let sizes = (order, width);
-        let inner = zivi::TimeTable::new(vector(&knots)?, vector(&coefficients)?, sizes, ends);
-        let wrong = || PyValueError::new_err("knots, coefficients and ends do not fit together");
-        Ok(Self { inner: Arc::new(inner.ok_or_else(wrong)?) })
-    }
-
-    /// All columns at some times, time by time, or their derivatives up to the second.
-    #[pyo3(signature = (times, derivative=0))]
-    fn values<'py>(
-        &self,
-        py: Python<'py>,
-        times: PyReadonlyArray1<'py, f64>,
-        derivative: usize,
-    ) -> PyResult<Bound<'py, PyArray1<f64>>> {
-        if derivative > 2 {
-            return Err(PyValueError::new_err("derivative must be 0, 1 or 2"));
-        }
-        let (times, width) = (vector(&times)?, self.inner.width());
-        let all = times
-            .iter()
-            .flat_map(|&t| (0..width).map(move |column| self.inner.motion(t, column)[derivative]));
-        Ok(array(py, all)?.into_bound(py))
-    }
-
-    /// The first column and its two derivatives at a time.
-    fn motion(&self, t: f64) -> [f64; 3] {
-        self.inner.motion(t, 0)
-    }
-
-    /// All columns at a time, into an array.
-    fn fill(&self, t: f64, out: &Bound<'_, PyArray1<f64>>) -> PyResult<()> {
-        let mut out = out.try_readwrite()?;
-        let out = out.as_slice_mut()?;
-        if out.len() != self.inner.width() {
-            return Err(PyValueError::new_err("out must have a place for each column"));
-        }
-        self.inner.values(t, out);
-        Ok(())
-    }
-
-    /// Where a function is that fills in all columns, one for value and derivatives of the first
-    /// column, and the data that both are called with, which live as long as this.
-    #[getter]
-    fn functions(&self) -> (usize, usize, usize) {
-        let (values, motion): (PartOfModel, PartOfModel) = (table_values, table_motion);
-        (values as usize, motion as usize, Arc::as_ptr(&self.inner) as usize)
-    }
-}
-
-impl TimeTable {
-    /// The table for as long as its owner is held.
-    pub(crate) fn held(owner: &Py<Self>) -> &'static zivi::TimeTable {
-        // SAFETY: the object is frozen and does not move; whoever asks holds it for as long as
-        // what is returned is used (a force in its `owner`).
-        unsafe { &*Arc::as_ptr(&owner.get().inner) }
-    }
-}
-
-unsafe extern "C" fn table_values(
-    t: f64,
-    _: *const f64,
-    _: *const f64,
-    out: *mut f64,
-    table: *const c_void,
-) {
-    // SAFETY: the Python layer passes the table of `functions` and room for its columns.
-    unsafe {
-        let table = &*table.cast::<zivi::TimeTable>();
-        table.values(t, std::slice::from_raw_parts_mut(out, table.width()));
-    }
-}
-
-unsafe extern "C" fn table_motion(
-    t: f64,
-    _: *const f64,
-    _: *const f64,
-    out: *mut f64,
-    table: *const c_void,
-) {
-    // SAFETY: as above, with room for three numbers.
-    unsafe {
-        let motion = (*table.cast::<zivi::TimeTable>()).motion(t, 0);
-        std::slice::from_raw_parts_mut(out, 3).copy_from_slice(&motion);
     }
 }

@@ -3,15 +3,16 @@
 use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray2};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
-use zivi::stepping::step_solver::SignSolver;
+use zivi::stepping::sign_solver::SignSolver;
 use zivi::{Lifted, Solver};
 use zivi_core::control::inclusion::{AsProblem, Inclusion, TrackingInclusion};
 use zivi_core::control::tracking::{Target, TrackingStep};
 use zivi_core::control::Gains;
 use zivi_core::ThetaGammaStep;
 
-use crate::interface::{list, setup_error, with_room};
-use crate::simulate::step_solver;
+use crate::arrays::{list, with_room};
+use crate::errors::setup_error;
+use crate::method::step_solver;
 use crate::transform::restitution_of;
 
 /// `s, v, s_r, v_r` at the start of a step.
@@ -87,7 +88,7 @@ pub(crate) fn solve_tracking_steps<'py>(
     linearisations: i64,
     fall_backs: bool,
 ) -> PyResult<(Bound<'py, PyArray2<f64>>, Bound<'py, PyArray1<bool>>)> {
-    let _running = crate::dynamics::running()?;
+    let _running = crate::leaving::running()?;
     let refused = |error: zivi_core::SettingError| PyValueError::new_err(error.to_string());
     let gains = Gains::new(gains.0, gains.1).map_err(refused)?;
     let reference = ThetaGammaStep::new(h, 1.0, 1.0, restitution_of(kappa_ref)?);

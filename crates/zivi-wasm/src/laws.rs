@@ -1,9 +1,9 @@
 //! The controllers, and their loop with a mass that moves by the implicit step.
 
 use crate::table::{Row, TABLE};
-use zivi_core::control::regulator::RegulationStep;
+use zivi_core::control::regulation::RegulationStep;
 use zivi_core::control::{ExplicitTwisting, Gains, TwistingRegulator, TwistingTracker};
-use zivi_core::{Branch, Lifted, Physical, Restitution, ThetaGammaStep, sgn, transform};
+use zivi_core::{sgn, transform, Branch, Lifted, Physical, Restitution, ThetaGammaStep};
 
 pub(crate) enum Law {
     /// `u = -mu1 - mu2 sgn x'` with the sign of the sample.

@@ -15,11 +15,11 @@
 mod laws;
 mod table;
 
-use laws::{Forces, Law, lifted};
+use laws::{lifted, Forces, Law};
 use table::{Row, TABLE};
-use zivi_core::control::regulator::RegulationStep;
+use zivi_core::control::regulation::RegulationStep;
 use zivi_core::control::{Approach, ExplicitTwisting, Gains, TwistingRegulator, TwistingTracker};
-use zivi_core::{Lifted, Physical, Restitution, ThetaGammaStep, sgn, transform};
+use zivi_core::{sgn, transform, Lifted, Physical, Restitution, ThetaGammaStep};
 
 /// Nothing here panics; if something did, the page would get an error.
 #[cfg(target_arch = "wasm32")]

@@ -9,7 +9,8 @@ use std::time::Instant;
 
 use zivi::mechanics::{simulate_mechanical, MechanicalOutput};
 use zivi::system::impact_law::newton_impacts;
-use zivi::system::linear_system::{GapMotion, LinearDynamics, LinearGap, LinearSystem, LoadWave};
+use zivi::system::linear_dynamics::LinearDynamics;
+use zivi::system::linear_system::{GapMotion, LinearGap, LinearSystem, LoadWave};
 use zivi::{Flights, Silent, SwitchedRk};
 
 /// A chain of `n` equal masses whose first is tied to the ground and whose last is shaken between two

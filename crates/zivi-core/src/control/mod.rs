@@ -20,14 +20,24 @@
 //! four and six signs for a general solver ([`TwistingTracker::follow_by`]) and for checking.
 
 mod aim;
+pub mod cubic;
+#[cfg(not(feature = "single"))]
+mod dual;
 mod explicit;
-pub mod gains;
+mod gains;
+mod given_reference;
 #[cfg(not(feature = "single"))]
 pub mod inclusion;
-pub mod port;
-mod reference;
-pub mod regulator;
+pub mod landing;
+pub mod monotone;
+mod period;
+mod port;
+pub mod predictor;
+mod reference_state;
+pub mod regulation;
+mod regulator;
 mod tracker;
+mod tracker_state;
 pub mod tracking;
 
 #[cfg(test)]
@@ -36,11 +46,14 @@ mod tests;
 
 pub use aim::{Aim, AimSettings, AimState, Learning, Sight};
 pub use explicit::ExplicitTwisting;
-pub use gains::{Descent, GainError, Gains, Landing};
-pub use port::{DelayLine, Port, TickStatus};
-pub use reference::{Planned, ReferencePeriod, Waypoint};
+pub use gains::{GainError, Gains};
+pub use landing::{Descent, Landing};
+pub use port::{Port, TickStatus};
+pub use predictor::DelayLine;
+pub use reference_state::{Planned, ReferencePeriod, Waypoint};
 pub use regulator::{RegulatorState, TwistingRegulator};
-pub use tracker::{checked_horizon, Approach, TrackerSettings, TrackerState, TwistingTracker};
+pub use tracker::{checked_horizon, TwistingTracker};
+pub use tracker_state::{Approach, TrackerSettings, TrackerState};
 
 use crate::setting::{is_positive, require};
 use crate::{Real, Restitution, SettingError};

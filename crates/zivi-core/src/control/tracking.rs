@@ -10,7 +10,7 @@
 //! The step is symmetric under `(s, v, s_r, v_r, A, signs) -> -(...)`, so it is solved for `s >= 0`.
 //!
 //! * **Away from the wall** (`ls = g`, `g = +1` or `-1`) the force drops out, and `v+` solves a
-//!   scalar monotone inclusion ([`crate::control::inclusion`]): one candidate for each `g`, accepted when
+//!   scalar monotone inclusion ([`super::monotone`]): one candidate for each `g`, accepted when
 //!   `g s+ >= 0`. Since `R v+` is increasing in `v+`, `s+(g=+1) <= s+(g=-1)`: at most one of the two
 //!   is accepted (ties at zero apart).
 //! * **On the wall** (`s+ = 0`): `lv = -1`, and `ls` is a root of a cubic, which the rejection of
@@ -28,9 +28,11 @@
 //! `s+ = s` depend on it, only `R` and with it the control does. Taken is that of the reference
 //! ([`TrackingStep::solve_near`]): on the reference the control is then `F_r - F`.
 
+use super::cubic::Cubic;
+use super::monotone::{balance, cut, Switch};
 use super::Gains;
-use crate::control::inclusion::{balance, cut, Cubic, Switch};
-use crate::{sgn, Lifted, Real, Restitution};
+use crate::Real;
+use crate::{sgn, Lifted, Restitution};
 
 /// All that is constant over a run of the tracker.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -80,7 +82,7 @@ pub struct Tracking {
     pub u: Real,
     /// The case.
     pub place: Place,
-    /// Iterations for roots of the cubic, at most twice [`crate::control::inclusion::MAX_ITERATIONS`].
+    /// Iterations for roots of the cubic, at most twice [`super::cubic::MAX_ITERATIONS`].
     pub iterations: u32,
 }
 

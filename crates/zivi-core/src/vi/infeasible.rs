@@ -12,8 +12,9 @@
 //! The proof is checked on the data, whatever the simplex method says, and holds whether or not the
 //! problem is monotone.
 
-use crate::vi::stages::{Iterate, Outcome, Random};
-use crate::vi::workspace;
+use super::dense;
+use super::iterate::{Iterate, Outcome};
+use super::random::Random;
 
 /// Slopes and rates below this, relative to the largest, are rounding.
 const NEGLIGIBLE: f64 = 1e-11;
@@ -28,7 +29,7 @@ pub(super) fn is_infeasible(at: &mut Iterate<'_, '_>, limit: usize) -> Outcome<b
     let mut random = Random::new(1);
     let mut has_moved = true;
     for pivot in 0..limit {
-        if workspace::is_time_to_poll(pivot, at.n()) {
+        if dense::is_time_to_poll(pivot, at.n()) {
             at.problem.poll()?;
         }
         at.budget.spend(1);
@@ -53,7 +54,7 @@ pub(super) fn is_infeasible(at: &mut Iterate<'_, '_>, limit: usize) -> Outcome<b
 pub(super) fn two_rows_exclude_each_other(at: &mut Iterate<'_, '_>) -> Outcome<bool> {
     let n = at.n();
     for i in 0..n {
-        if workspace::is_time_to_poll(i, at.n()) {
+        if dense::is_time_to_poll(i, at.n()) {
             at.problem.poll()?;
         }
         for k in 0..i {
@@ -67,8 +68,8 @@ pub(super) fn two_rows_exclude_each_other(at: &mut Iterate<'_, '_>) -> Outcome<b
                     most_of_two(at, (i, first), (k, second * weight)) < 0.0
                 } {
                     at.work.neighbour.fill(0.0);
-                    workspace::put(at.work.neighbour, i, -first);
-                    workspace::put(at.work.neighbour, k, -second * weight);
+                    dense::put(at.work.neighbour, i, -first);
+                    dense::put(at.work.neighbour, k, -second * weight);
                     if least_over_box(at) > 0.0 {
                         return Ok(true);
                     }
@@ -82,9 +83,8 @@ pub(super) fn two_rows_exclude_each_other(at: &mut Iterate<'_, '_>) -> Outcome<b
 /// The most of `sigma_i F_i + tau_k F_k` over the box where that is finite: a first look.
 fn most_of_two(at: &Iterate<'_, '_>, (i, first): (usize, f64), (k, second): (usize, f64)) -> f64 {
     let n = at.n();
-    let rows =
-        workspace::row(at.work.jacobian, n, i).iter().zip(workspace::row(at.work.jacobian, n, k));
-    let start = first * workspace::at(at.work.f, i) + second * workspace::at(at.work.f, k);
+    let rows = dense::row(at.work.jacobian, n, i).iter().zip(dense::row(at.work.jacobian, n, k));
+    let start = first * dense::at(at.work.f, i) + second * dense::at(at.work.f, k);
     let bounds = at.lower.iter().zip(at.upper).zip(at.z.iter());
     rows.zip(bounds).fold(start, |most, ((a, b), ((lower, upper), z))| {
         let slope = first * a + second * b;
@@ -101,7 +101,7 @@ fn most_of_two(at: &Iterate<'_, '_>, (i, first): (usize, f64), (k, second): (usi
 /// The sign that `F_i` needs wherever `z_i` is, if there is one: of an equation both do, and none
 /// is given.
 fn needed_sign(at: &Iterate<'_, '_>, i: usize) -> Option<f64> {
-    match (workspace::at(at.lower, i).is_finite(), workspace::at(at.upper, i).is_finite()) {
+    match (dense::at(at.lower, i).is_finite(), dense::at(at.upper, i).is_finite()) {
         (true, false) => Some(1.0),
         (false, true) => Some(-1.0),
         _ => None,
@@ -116,8 +116,7 @@ fn weights(
     (k, second): (usize, f64),
 ) -> Option<(f64, f64)> {
     let n = at.n();
-    let rows =
-        workspace::row(at.work.jacobian, n, i).iter().zip(workspace::row(at.work.jacobian, n, k));
+    let rows = dense::row(at.work.jacobian, n, i).iter().zip(dense::row(at.work.jacobian, n, k));
     let bounds = at.lower.iter().zip(at.upper);
     let (mut least, mut most) = (0.0, f64::INFINITY);
     for ((a, b), (lower, upper)) in rows.zip(bounds) {
@@ -150,7 +149,7 @@ struct Entering {
 
 /// The range of a variable: `z_j` of the code `j`, `F_i` of the code `n + i`.
 fn range(at: &Iterate<'_, '_>, code: usize) -> (f64, f64) {
-    let bounds = |i| (workspace::at(at.lower, i), workspace::at(at.upper, i));
+    let bounds = |i| (dense::at(at.lower, i), dense::at(at.upper, i));
     match code.checked_sub(at.n()) {
         None => bounds(code),
         Some(i) => {
@@ -167,12 +166,12 @@ fn range(at: &Iterate<'_, '_>, code: usize) -> (f64, f64) {
 fn begin(at: &mut Iterate<'_, '_>) {
     let n = at.n();
     let work = &mut *at.work;
-    workspace::copy(work.pivotal.inverse, work.jacobian);
-    workspace::copy(work.pivotal.values, work.f);
-    workspace::copy(work.pivotal.resting, at.z);
+    dense::copy(work.pivotal.inverse, work.jacobian);
+    dense::copy(work.pivotal.values, work.f);
+    dense::copy(work.pivotal.resting, at.z);
     for i in 0..n {
-        workspace::put(work.pivotal.members, i, n + i);
-        workspace::put(work.pivotal.held, i, i);
+        dense::put(work.pivotal.members, i, n + i);
+        dense::put(work.pivotal.held, i, i);
     }
 }
 
@@ -180,7 +179,7 @@ fn begin(at: &mut Iterate<'_, '_>) {
 fn excess(at: &Iterate<'_, '_>, position: usize) -> f64 {
     let code = at.work.pivotal.members.get(position).copied().unwrap_or(0);
     let (lower, upper) = range(at, code);
-    let value = workspace::at(at.work.pivotal.values, position);
+    let value = dense::at(at.work.pivotal.values, position);
     let slight = f64::max(at.tol, 1e-13 * value.abs());
     if value < lower - slight {
         value - lower
@@ -201,8 +200,8 @@ fn price(at: &mut Iterate<'_, '_>) -> f64 {
         if excess != 0.0 {
             missing += excess.abs();
             let work = &mut *at.work;
-            let row = workspace::row(work.pivotal.inverse, n, position);
-            workspace::axpy(work.step, excess.signum(), row);
+            let row = dense::row(work.pivotal.inverse, n, position);
+            dense::axpy(work.step, excess.signum(), row);
         }
     }
     missing
@@ -211,11 +210,11 @@ fn price(at: &mut Iterate<'_, '_>) -> f64 {
 /// The variable along which most is gained; `None` where nothing is.
 fn choose(at: &Iterate<'_, '_>, mut weight: impl FnMut() -> f64) -> Option<Entering> {
     let pivotal = &at.work.pivotal;
-    let slight = NEGLIGIBLE * (1.0 + workspace::norm(at.work.step));
+    let slight = NEGLIGIBLE * (1.0 + dense::norm(at.work.step));
     let mut best = (None, 0.0);
     for (column, (&slope, &code)) in at.work.step.iter().zip(pivotal.held.iter()).enumerate() {
         let (lower, upper) = range(at, code);
-        let value = workspace::at(pivotal.resting, column);
+        let value = dense::at(pivotal.resting, column);
         let has_room = if slope > 0.0 { value > lower } else { value < upper };
         let gain = if has_room && slope.abs() > slight { slope.abs() * weight() } else { 0.0 };
         if gain > best.1 {
@@ -231,8 +230,8 @@ fn exchange(at: &mut Iterate<'_, '_>, entering: Entering) -> Option<f64> {
     let n = at.n();
     let Entering { column, sense } = entering;
     for position in 0..n {
-        let rate = sense * workspace::at(at.work.pivotal.inverse, position * n + column);
-        workspace::put(at.work.pivotal.direction, position, rate);
+        let rate = sense * dense::at(at.work.pivotal.inverse, position * n + column);
+        dense::put(at.work.pivotal.direction, position, rate);
     }
     let (blocking, length) = first_block(at, entering);
     if !length.is_finite() {
@@ -240,19 +239,19 @@ fn exchange(at: &mut Iterate<'_, '_>, entering: Entering) -> Option<f64> {
     }
     let code = at.work.pivotal.held.get(column).copied().unwrap_or(0);
     let pivotal = &mut at.work.pivotal;
-    workspace::axpy(pivotal.values, length, pivotal.direction);
-    let reached = workspace::at(pivotal.resting, column) + sense * length;
+    dense::axpy(pivotal.values, length, pivotal.direction);
+    let reached = dense::at(pivotal.resting, column) + sense * length;
     let Some((position, bound)) = blocking else {
         let (lower, upper) = range(at, code);
         let bound = if sense > 0.0 { upper } else { lower };
-        workspace::put(at.work.pivotal.resting, column, bound);
+        dense::put(at.work.pivotal.resting, column, bound);
         return Some(length);
     };
-    workspace::put(pivotal.values, position, reached);
-    workspace::put(pivotal.resting, column, bound);
+    dense::put(pivotal.values, position, reached);
+    dense::put(pivotal.resting, column, bound);
     let leaving = pivotal.members.get(position).copied().unwrap_or(0);
-    workspace::put(pivotal.members, position, code);
-    workspace::put(pivotal.held, column, leaving);
+    dense::put(pivotal.members, position, code);
+    dense::put(pivotal.held, column, leaving);
     pivot(at, position, column);
     Some(length)
 }
@@ -263,16 +262,16 @@ fn first_block(at: &Iterate<'_, '_>, entering: Entering) -> (Option<(usize, f64)
     let pivotal = &at.work.pivotal;
     let code = pivotal.held.get(entering.column).copied().unwrap_or(0);
     let (lower, upper) = range(at, code);
-    let value = workspace::at(pivotal.resting, entering.column);
+    let value = dense::at(pivotal.resting, entering.column);
     let own = if entering.sense > 0.0 { upper - value } else { value - lower };
-    let slight = NEGLIGIBLE * workspace::norm(pivotal.direction);
+    let slight = NEGLIGIBLE * dense::norm(pivotal.direction);
     let (mut first, mut shortest, mut fastest) = (None, own, 0.0);
     for (position, &rate) in pivotal.direction.iter().enumerate() {
         if rate.abs() <= slight {
             continue;
         }
         let Some(bound) = bound_ahead(at, position, rate) else { continue };
-        let value = workspace::at(pivotal.values, position);
+        let value = dense::at(pivotal.values, position);
         let length = f64::max((bound - value) / rate, 0.0);
         let tie = 1e-12 * (1.0 + shortest.min(length));
         let is_tie = (length - shortest).abs() <= tie;
@@ -304,19 +303,19 @@ fn bound_ahead(at: &Iterate<'_, '_>, position: usize, rate: f64) -> Option<f64> 
 fn pivot(at: &mut Iterate<'_, '_>, position: usize, column: usize) {
     let n = at.n();
     let pivotal = &mut at.work.pivotal;
-    let by = workspace::at(pivotal.inverse, position * n + column);
-    workspace::copy(pivotal.pivot_row, workspace::row(pivotal.inverse, n, position));
+    let by = dense::at(pivotal.inverse, position * n + column);
+    dense::copy(pivotal.pivot_row, dense::row(pivotal.inverse, n, position));
     pivotal.pivot_row.iter_mut().for_each(|entry| *entry /= -by);
-    workspace::put(pivotal.pivot_row, column, 1.0 / by);
+    dense::put(pivotal.pivot_row, column, 1.0 / by);
     for (i, row) in pivotal.inverse.chunks_exact_mut(n).enumerate() {
         if i == position {
-            workspace::copy(row, pivotal.pivot_row);
+            dense::copy(row, pivotal.pivot_row);
             continue;
         }
-        let rate = workspace::at(row, column);
+        let rate = dense::at(row, column);
         if rate != 0.0 {
-            workspace::put(row, column, 0.0);
-            workspace::axpy(row, rate, pivotal.pivot_row);
+            dense::put(row, column, 0.0);
+            dense::axpy(row, rate, pivotal.pivot_row);
         }
     }
 }
@@ -329,20 +328,20 @@ fn proves(at: &mut Iterate<'_, '_>) -> bool {
         let excess = excess(at, position);
         let basic = at.work.pivotal.members.get(position).and_then(|code| code.checked_sub(n));
         if let (Some(i), true) = (basic, excess != 0.0) {
-            workspace::put(at.work.neighbour, i, excess.signum());
+            dense::put(at.work.neighbour, i, excess.signum());
         }
         let other = at.work.pivotal.held.get(position).and_then(|code| code.checked_sub(n));
         if let Some(i) = other {
-            workspace::put(at.work.neighbour, i, -workspace::at(at.work.step, position));
+            dense::put(at.work.neighbour, i, -dense::at(at.work.step, position));
         }
     }
-    let slight = NEGLIGIBLE * workspace::norm(at.work.neighbour);
+    let slight = NEGLIGIBLE * dense::norm(at.work.neighbour);
     for i in 0..n {
         let (least, most) = range(at, n + i);
-        let multiplier = workspace::at(at.work.neighbour, i);
+        let multiplier = dense::at(at.work.neighbour, i);
         let allowed = if multiplier > 0.0 { most == 0.0 } else { least == 0.0 };
         if !allowed || multiplier.abs() <= slight {
-            workspace::put(at.work.neighbour, i, 0.0);
+            dense::put(at.work.neighbour, i, 0.0);
         }
     }
     least_over_box(at) > 0.0
@@ -354,14 +353,14 @@ fn least_over_box(at: &Iterate<'_, '_>) -> f64 {
     let n = at.n();
     let work = &*at.work;
     let y = &*work.neighbour;
-    let mut least = workspace::dot(y, work.f);
+    let mut least = dense::dot(y, work.f);
     let mut slack: f64 = y.iter().map(|y| at.tol * y.abs()).sum();
     let mut size: f64 = y.iter().zip(work.f.iter()).map(|(y, f)| (y * f).abs()).sum();
     for j in 0..n {
         let column = || work.jacobian.iter().skip(j).step_by(n).zip(y).map(|(a, y)| a * y);
         let (slope, terms) = (column().sum::<f64>(), column().map(f64::abs).sum::<f64>());
         let (z, lower, upper) =
-            (workspace::at(at.z, j), workspace::at(at.lower, j), workspace::at(at.upper, j));
+            (dense::at(at.z, j), dense::at(at.lower, j), dense::at(at.upper, j));
         let room = if slope > 0.0 { lower - z } else { upper - z };
         size += terms * z.abs();
         if room.is_finite() {

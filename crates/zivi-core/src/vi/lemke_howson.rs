@@ -14,8 +14,8 @@
 
 use core::ops::Range;
 
-use crate::vi::problem::Interruption;
-use crate::vi::workspace;
+use super::dense;
+use super::interruption::Interruption;
 
 /// Pivots that one unit of the sequence of budgets is worth, for each row or column of the game.
 const UNIT: f64 = 0.5;
@@ -84,8 +84,8 @@ pub fn lemke_howson(
         let label = spread(turn, labels);
         let budget = unit.saturating_mul(luby(turn + 1)).min(limit - spent);
         let [of_x, of_y] = &mut game;
-        of_x.reset(|j, i| workspace::at(b, i * n + j));
-        of_y.reset(|i, j| workspace::at(a, i * n + j));
+        of_x.reset(|j, i| dense::at(b, i * n + j));
+        of_y.reset(|i, j| dense::at(a, i * n + j));
         let (end, pivots) = follow(&mut game, label, m, budget, poll)?;
         spent += pivots;
         if end {
@@ -140,7 +140,7 @@ fn follow(
     let mut entering = missing;
     let mut which = usize::from(missing >= m);
     for pivot in 0..budget {
-        if workspace::is_time_to_poll(pivot, m) {
+        if dense::is_time_to_poll(pivot, m) {
             poll()?;
         }
         let Some(leaving) = game.get_mut(which).and_then(|it| it.enter(entering)) else {
@@ -194,8 +194,8 @@ impl<'a> Dictionary<'a> {
         let labels = self.rows + self.columns;
         let others = (0..labels).filter(|label| !self.slacks.contains(label));
         for (place, label) in self.slacks.clone().chain(others).enumerate() {
-            workspace::put(self.labels, place, label);
-            workspace::put(self.places, label, place);
+            dense::put(self.labels, place, label);
+            dense::put(self.places, label, place);
         }
     }
 
@@ -210,13 +210,13 @@ impl<'a> Dictionary<'a> {
         let leaving = self.labels.get(row).copied()?;
         self.pivot(row, column);
         self.labels.swap(row, self.rows + column);
-        workspace::put(self.places, label, row);
-        workspace::put(self.places, leaving, self.rows + column);
+        dense::put(self.places, label, row);
+        dense::put(self.places, leaving, self.rows + column);
         Some(leaving)
     }
 
     fn entry(&self, row: usize, column: usize) -> f64 {
-        workspace::at(self.matrix, row * self.columns + column)
+        dense::at(self.matrix, row * self.columns + column)
     }
 
     /// The row whose variable vanishes first as that of the column grows.
@@ -228,7 +228,7 @@ impl<'a> Dictionary<'a> {
             if rate <= NEGLIGIBLE * largest {
                 continue;
             }
-            let ratio = workspace::at(self.constant, row) / rate;
+            let ratio = dense::at(self.constant, row) / rate;
             let comes_first = match first {
                 None => true,
                 Some((other, shortest)) => {
@@ -272,27 +272,27 @@ impl<'a> Dictionary<'a> {
     fn pivot(&mut self, row: usize, column: usize) {
         let pivot = self.entry(row, column);
         let from = row * self.columns;
-        let taken = workspace::part(self.matrix, from..from + self.columns);
-        workspace::copy(self.pivot_row, taken);
+        let taken = dense::part(self.matrix, from..from + self.columns);
+        dense::copy(self.pivot_row, taken);
         self.pivot_row.iter_mut().for_each(|entry| *entry /= pivot);
-        workspace::put(self.pivot_row, column, 1.0 / pivot);
-        let length = workspace::at(self.constant, row) / pivot;
+        dense::put(self.pivot_row, column, 1.0 / pivot);
+        let length = dense::at(self.constant, row) / pivot;
         for (i, entries) in self.matrix.chunks_exact_mut(self.columns).enumerate() {
             if i == row {
-                workspace::copy(entries, self.pivot_row);
+                dense::copy(entries, self.pivot_row);
                 continue;
             }
-            let rate = workspace::at(entries, column);
+            let rate = dense::at(entries, column);
             if rate != 0.0 {
-                workspace::put(entries, column, 0.0);
-                workspace::axpy(entries, -rate, self.pivot_row);
-                let before = workspace::at(self.constant, i);
+                dense::put(entries, column, 0.0);
+                dense::axpy(entries, -rate, self.pivot_row);
+                let before = dense::at(self.constant, i);
                 let value = before - rate * length;
                 // what cancels leaves rounding, of either sign: a tie in the pivots to come
-                workspace::put(self.constant, i, if value <= TIE * before { 0.0 } else { value });
+                dense::put(self.constant, i, if value <= TIE * before { 0.0 } else { value });
             }
         }
-        workspace::put(self.constant, row, length);
+        dense::put(self.constant, row, length);
     }
 
     /// The values of the basic variables that have an index in `out`; zero for the others.
@@ -300,7 +300,7 @@ impl<'a> Dictionary<'a> {
         out.fill(0.0);
         for (&label, &value) in self.labels.iter().zip(self.constant.iter()) {
             if let Some(i) = index(label) {
-                workspace::put(out, i, value);
+                dense::put(out, i, value);
             }
         }
     }

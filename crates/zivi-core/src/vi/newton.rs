@@ -9,24 +9,19 @@
 //! Grippo, Lampariello & Lucidi, *SIAM J. Numer. Anal.* 23 (1986) 707-716, on the
 //! Fischer-Burmeister merit as in Ferris, Kanzow & Munson, *Math. Program.* 86 (1999) 475-497.
 
-use crate::vi::infeasible::{is_infeasible, two_rows_exclude_each_other};
-use crate::vi::natural::natural_residual;
-use crate::vi::pivotal::{follow, AffineVi, PathEnd};
-use crate::vi::settings::{Stage, Start, Status, MEMORY};
-use crate::vi::smoothing::{proximal_newton, smoothing_newton, ProximalEnd};
-use crate::vi::stages::{advance, Iterate, Outcome, Stagnation};
-use crate::vi::{stages, workspace};
-
-// Josephy-Newton: at each iterate the affine VI of the linearised map is solved by pivoting.
-//
-// ```text
-// find z_N in [l, u]:   0 in F(z) + (J(z) + mu I)(z_N - z) + N_[l,u](z_N)
-// theta(z + t d) <= (1 - 2e-4 t) max of the last theta,     d = z_N - z,   theta = |Phi|^2 / 2
-// ```
-//
-// Josephy (MRC report 1965, Wisconsin 1979) for the step; the nonmonotone search is that of
-// Grippo, Lampariello & Lucidi, *SIAM J. Numer. Anal.* 23 (1986) 707-716, on the
-// Fischer-Burmeister merit as in Ferris, Kanzow & Munson, *Math. Program.* 86 (1999) 475-497.
+use super::active_set;
+use super::dense;
+use super::descent;
+use super::infeasible::{is_infeasible, two_rows_exclude_each_other};
+use super::iterate::advance;
+use super::iterate::{Iterate, Outcome};
+use super::pivotal::{follow, AffineVi, PathEnd};
+use super::proximal::{proximal_newton, ProximalEnd};
+use super::settings::Start;
+use super::settings::{Stage, MEMORY};
+use super::smoothing::smoothing_newton;
+use super::stagnation::Stagnation;
+use super::status::Status;
 
 /// Unknowns from which a proof that there is no solution is sought before the first path; for fewer
 /// after it.
@@ -49,7 +44,7 @@ pub(super) struct Plan {
 }
 
 /// Sufficient decrease of the merit.
-const NEWTON_ARMIJO: f64 = 2e-4;
+const ARMIJO: f64 = 2e-4;
 /// Shortest step along a Josephy-Newton direction.
 const SHORTEST: f64 = 1e-3;
 /// Largest residual of an affine solution that is trusted, relative to `1 + |F|`.
@@ -84,7 +79,7 @@ pub(super) fn josephy_newton(at: &mut Iterate<'_, '_>, plan: Plan) -> Outcome<St
             _ => {}
         }
         let moved = (found == PathEnd::Solution && search(at, &history)?)
-            || (at.settings.descent_steps && step(at)?);
+            || (at.settings.descent_steps && descent::step(at)?);
         if !moved {
             return Ok(match found {
                 PathEnd::PivotLimit => Status::PivotLimit,
@@ -137,7 +132,7 @@ fn shift_by(at: &Iterate<'_, '_>, proximal: f64, weight: f64) -> f64 {
     if proximal == 0.0 && weight == 0.0 {
         return 0.0;
     }
-    let scale = 1.0 + workspace::norm(at.work.jacobian);
+    let scale = 1.0 + dense::norm(at.work.jacobian);
     proximal * scale + weight * scale
 }
 
@@ -185,7 +180,7 @@ fn smoothing_solves(at: &mut Iterate<'_, '_>) -> Outcome<bool> {
         return Ok(false);
     }
     at.was_smoothed = true;
-    workspace::copy(at.work.neighbour, at.z);
+    dense::copy(at.work.neighbour, at.z);
     let stage = core::mem::replace(&mut at.stage, Stage::Smoothing);
     if smoothing_newton(at, SMOOTHING_ITERATIONS)? == Status::Solved {
         return Ok(true);
@@ -202,7 +197,7 @@ fn proximal_end(at: &mut Iterate<'_, '_>) -> Outcome<ProximalEnd> {
         return Ok(ProximalEnd::GivenUp);
     }
     at.was_proximal = true;
-    workspace::copy(at.work.neighbour, at.z);
+    dense::copy(at.work.neighbour, at.z);
     let end = proximal_newton(at)?;
     if end != ProximalEnd::Solved {
         return_to_neighbour(at)?;
@@ -212,7 +207,7 @@ fn proximal_end(at: &mut Iterate<'_, '_>) -> Outcome<ProximalEnd> {
 
 /// Makes the point that was kept the iterate again.
 fn return_to_neighbour(at: &mut Iterate<'_, '_>) -> Outcome<()> {
-    workspace::copy(at.work.trial, at.work.neighbour);
+    dense::copy(at.work.trial, at.work.neighbour);
     let merit = at.merit_of_trial()?;
     at.accept(merit);
     at.linearise()?;
@@ -228,17 +223,17 @@ enum Method {
 
 /// Solves one affine VI in `d = z_N - z` and checks its residual.
 fn affine_step(at: &mut Iterate<'_, '_>, method: Method, shift: f64) -> Outcome<PathEnd> {
-    reach(at);
+    active_set::reach(at);
     let end = match method {
         Method::Path(start) => follow_path(at, start, shift)?,
-        Method::ActiveSet if solve(at, 0.0, at.pivots_left())? => PathEnd::Solution,
+        Method::ActiveSet if active_set::solve(at, 0.0, at.pivots_left())? => PathEnd::Solution,
         Method::ActiveSet => PathEnd::Singular,
     };
     if end != PathEnd::Solution {
         return Ok(end);
     }
     let residual = match method {
-        Method::ActiveSet => residual(at),
+        Method::ActiveSet => active_set::residual(at),
         Method::Path(_) => {
             let work = &mut *at.work;
             let (lower, upper) = (&*work.lower, &*work.upper);
@@ -246,7 +241,7 @@ fn affine_step(at: &mut Iterate<'_, '_>, method: Method, shift: f64) -> Outcome<
             avi.residual(work.step, work.trial_f)
         }
     };
-    let trusted = TRUSTED * (1.0 + workspace::norm(at.work.f));
+    let trusted = TRUSTED * (1.0 + dense::norm(at.work.f));
     Ok(if residual <= trusted { PathEnd::Solution } else { PathEnd::Singular })
 }
 
@@ -267,14 +262,14 @@ fn follow_path(at: &mut Iterate<'_, '_>, start: Start, shift: f64) -> Outcome<Pa
 
 /// Searches along `work.step`; false where no step of useful length was accepted.
 fn search(at: &mut Iterate<'_, '_>, history: &History) -> Outcome<bool> {
-    let descends = workspace::dot(at.work.gradient, at.work.step) < 0.0;
+    let descends = dense::dot(at.work.gradient, at.work.step) < 0.0;
     let shortest = if descends { SHORTEST } else { 0.5 };
     let mut t = 1.0;
     while t >= shortest {
         advance(at, t);
         let merit = at.merit_of_trial()?;
         let undamped = !at.settings.line_search && merit.is_finite();
-        if undamped || merit <= (1.0 - NEWTON_ARMIJO * t) * history.worst() {
+        if undamped || merit <= (1.0 - ARMIJO * t) * history.worst() {
             at.accept(merit);
             return Ok(true);
         }
@@ -297,508 +292,11 @@ impl History {
     }
 
     fn push(&mut self, merit: f64) {
-        workspace::put(&mut self.values, self.next % self.length, merit);
+        dense::put(&mut self.values, self.next % self.length, merit);
         self.next += 1;
     }
 
     fn worst(&self) -> f64 {
         self.values.iter().take(self.next.min(self.length)).fold(0.0, |a, &b| f64::max(a, b))
-    }
-}
-
-// The Fischer-Burmeister merit function on a box.
-//
-// ```text
-// fb(a, b) = a + b - sqrt(a^2 + b^2) = 0   <=>   a >= 0, b >= 0, a b = 0
-// Phi_i = fb(z_i - l_i, -fb(u_i - z_i, -F_i)),     merit = |Phi|^2 / 2
-// ```
-//
-// Fischer, *Optimization* 24 (1992) 269-284; the box form is Billups' (PhD thesis, Wisconsin
-// 1995). `fb(inf, b) = b`, so infinite bounds drop out.
-
-/// `fb(a, b)`; `2ab/(a + b + r)` where the plain form would cancel.
-fn fb(a: f64, b: f64) -> f64 {
-    if a == f64::INFINITY {
-        return b;
-    }
-    let r = libm::hypot(a, b);
-    if a + b > 0.0 {
-        2.0 * (a / (a + b + r)) * b
-    } else {
-        a + b - r
-    }
-}
-
-/// An element of the generalised gradient of `fb`.
-fn fb_gradient(a: f64, b: f64) -> (f64, f64) {
-    if a == f64::INFINITY {
-        return (0.0, 1.0);
-    }
-    let r = libm::hypot(a, b);
-    if r > 0.0 {
-        (1.0 - a / r, 1.0 - b / r)
-    } else {
-        let kink = 1.0 - core::f64::consts::FRAC_1_SQRT_2;
-        (kink, kink)
-    }
-}
-
-/// One component `Phi_i`; a fixed variable (`lower = upper`) has none.
-pub(super) fn component(z: f64, f: f64, lower: f64, upper: f64) -> f64 {
-    if lower == upper {
-        return 0.0;
-    }
-    fb(z - lower, -fb(upper - z, -f))
-}
-
-/// `(a, b)` such that `dPhi_i = a dz_i + b dF_i`; `(1, 0)` holds a fixed variable in place.
-pub(super) fn slopes(z: f64, f: f64, lower: f64, upper: f64) -> (f64, f64) {
-    if lower == upper {
-        return (1.0, 0.0);
-    }
-    let inner = -fb(upper - z, -f);
-    let (outer_z, outer_inner) = fb_gradient(z - lower, inner);
-    let (inner_z, inner_f) = fb_gradient(upper - z, -f);
-    (outer_z + outer_inner * inner_z, outer_inner * inner_f)
-}
-
-/// The merit `|Phi|^2 / 2` at `z`.
-pub(super) fn merit(z: &[f64], f: &[f64], lower: &[f64], upper: &[f64]) -> f64 {
-    let bounds = lower.iter().zip(upper);
-    let square = |phi: f64| phi * phi;
-    let terms = z.iter().zip(f).zip(bounds);
-    0.5 * terms.map(|((&z, &f), (&l, &u))| square(component(z, f, l, u))).sum::<f64>()
-}
-
-// Semismooth Newton on the Fischer-Burmeister function, with the projected gradient behind it.
-//
-// ```text
-// (H'H + lambda |H|^2 I) d = -H' Phi     H an element of the generalised Jacobian of Phi
-// z <- P(z + t d),   theta falling
-// ```
-//
-// De Luca, Facchinei & Kanzow, *Math. Program.* 75 (1996) 407-439, on the box.
-
-/// Levenberg-Marquardt weights, tried in turn; 0 is the Newton step itself.
-const WEIGHTS: [f64; 4] = [0.0, 1e-8, 1e-4, 1e-1];
-/// Sufficient decrease of the merit.
-const DESCENT_ARMIJO: f64 = 1e-4;
-/// Halvings of a semismooth step and of a gradient step.
-const HALVINGS: usize = 12;
-const GRADIENT_HALVINGS: usize = 40;
-
-/// Stage S1: monotone semismooth Newton from where [`Iterate::begin`] has left the iterate.
-pub(super) fn semismooth_newton(at: &mut Iterate<'_, '_>) -> Outcome<Status> {
-    let mut progress = Stagnation::new(at.merit);
-    for iteration in 0..at.settings.stage_iterations {
-        if at.is_solved() {
-            return Ok(Status::Solved);
-        }
-        if at.out_of_iterations() {
-            return Ok(Status::IterationLimit);
-        }
-        if at.budget.is_spent() {
-            return Ok(Status::PivotLimit);
-        }
-        at.counts.iterations += 1;
-        if iteration > 0 && !at.linearise()? {
-            return Ok(Status::DomainError);
-        }
-        if !step(at)? {
-            return Ok(at.why_stuck());
-        }
-        at.report()?;
-        if at.has_stalled(&mut progress) {
-            return Ok(Status::Stalled);
-        }
-    }
-    Ok(if at.is_solved() { Status::Solved } else { Status::IterationLimit })
-}
-
-/// One step that lowers the merit; false where none was found.
-pub(super) fn step(at: &mut Iterate<'_, '_>) -> Outcome<bool> {
-    for weight in WEIGHTS {
-        if at.budget.is_spent() {
-            return Ok(false);
-        }
-        if direction(at, weight)? && projected_search(at, HALVINGS)? {
-            at.counts.semismooth_steps += 1;
-            return Ok(true);
-        }
-    }
-    let slope = workspace::dot(at.work.gradient, at.work.gradient);
-    if slope <= 0.0 || !slope.is_finite() {
-        return Ok(false);
-    }
-    // the length at which the linear model of theta reaches zero
-    let length = 2.0 * at.merit / slope;
-    for (d, g) in at.work.step.iter_mut().zip(at.work.gradient.iter()) {
-        *d = -length * g;
-    }
-    let moved = projected_search(at, GRADIENT_HALVINGS)?;
-    at.counts.gradient_steps += usize::from(moved);
-    Ok(moved)
-}
-
-/// `work.step <- d` for one weight; false where the matrix is singular.
-fn direction(at: &mut Iterate<'_, '_>, weight: f64) -> Outcome<bool> {
-    let n = at.n();
-    at.budget.spend_on_factors(n);
-    at.problem.poll()?;
-    let work = &mut *at.work;
-    let matrix = &mut *work.pivotal.inverse;
-    if weight == 0.0 {
-        for (i, row) in matrix.chunks_exact_mut(n).enumerate() {
-            row.fill(0.0);
-            workspace::put(row, i, workspace::at(work.slope_z, i));
-            workspace::axpy(
-                row,
-                workspace::at(work.slope_f, i),
-                workspace::row(work.jacobian, n, i),
-            );
-        }
-        work.step.iter_mut().zip(work.phi.iter()).for_each(|(d, phi)| *d = -phi);
-    } else {
-        let slopes = (&*work.slope_z, &*work.slope_f);
-        let poll = &mut || at.problem.poll();
-        normal_matrix(matrix, work.jacobian, slopes, work.pivotal.column, poll)?;
-        let largest = (0..n).fold(0.0, |size, i| f64::max(size, workspace::at(matrix, i * n + i)));
-        for i in 0..n {
-            let damped = workspace::at(matrix, i * n + i) + weight * largest;
-            workspace::put(matrix, i * n + i, damped);
-        }
-        work.step.iter_mut().zip(work.gradient.iter()).for_each(|(d, g)| *d = -g);
-    }
-    if at.problem.factor(matrix, n, work.pivotal.members)? <= 0.0 {
-        return Ok(false);
-    }
-    workspace::solve(matrix, n, work.pivotal.members, work.step);
-    Ok(workspace::is_finite(work.step))
-}
-
-/// `H'H`, summed over the rows of `H = diag(slope_z) + diag(slope_f) J`.
-fn normal_matrix(
-    out: &mut [f64],
-    jacobian: &[f64],
-    (slope_z, slope_f): (&[f64], &[f64]),
-    row: &mut [f64],
-    poll: &mut dyn FnMut() -> Outcome<()>,
-) -> Outcome<()> {
-    let n = row.len();
-    out.fill(0.0);
-    for (i, entries) in workspace::rows(jacobian, n).enumerate() {
-        if workspace::is_time_to_poll(i, n) {
-            poll()?;
-        }
-        row.fill(0.0);
-        workspace::put(row, i, workspace::at(slope_z, i));
-        workspace::axpy(row, workspace::at(slope_f, i), entries);
-        for (out, &h) in out.chunks_exact_mut(n).zip(row.iter()) {
-            if h != 0.0 {
-                workspace::axpy(out, h, row);
-            }
-        }
-    }
-    Ok(())
-}
-
-/// Halves the step until the merit falls by its share of the slope to the projected point.
-fn projected_search(at: &mut Iterate<'_, '_>, halvings: usize) -> Outcome<bool> {
-    let mut t = 1.0;
-    for _ in 0..halvings {
-        let work = &mut *at.work;
-        for ((trial, z), d) in work.trial.iter_mut().zip(at.z.iter()).zip(work.step.iter()) {
-            *trial = z + t * d;
-        }
-        workspace::project(work.trial, at.lower, at.upper);
-        let moves = work.trial.iter().zip(at.z.iter()).map(|(trial, z)| trial - z);
-        let slope: f64 = work.gradient.iter().zip(moves).map(|(g, d)| g * d).sum();
-        if slope < 0.0 {
-            let merit = at.merit_of_trial()?;
-            if merit <= at.merit + DESCENT_ARMIJO * slope {
-                at.accept(merit);
-                return Ok(true);
-            }
-        }
-        t *= 0.5;
-    }
-    Ok(false)
-}
-
-// Newton's method on the active set of an affine VI: tried before any pivot.
-//
-// ```text
-// A = {i at a bound},  I = the rest
-// d_A at its bounds,  M_II d_I = -q_I - M_IA d_A,   F = M d + q
-// i in I leaves the box: i -> A;   i in A with F_i of the wrong sign: i -> I
-// ```
-//
-// The semismooth Newton method for `min(d - l, F) = 0` (Hintermüller, Ito & Kunisch, *SIAM J.
-// Optim.* 13 (2002) 865-888). Where `M` is an M-matrix (obstacles, lubrication) it ends after a
-// few rounds whatever the number of unknowns; elsewhere it may cycle, and is given up.
-
-/// Rounds without fewer changes than ever before, after which it is given up.
-const PATIENCE: usize = 4;
-/// Pivot ratio from which on a matrix is regular whatever the sizes of its rows.
-const REGULAR: f64 = 1e-6;
-/// Multiple of `1 + |q|` by which a slack may have the wrong sign.
-const ROUNDING: f64 = 1e-13;
-
-const INSIDE: usize = 0;
-const AT_LOWER: usize = 1;
-const AT_UPPER: usize = 2;
-
-/// `trial <-` the solution of the linearised problem with `weight` times `work.weights` added to the
-/// diagonal; false where none was found.
-pub(super) fn active_set_step(at: &mut Iterate<'_, '_>, weight: f64) -> Outcome<bool> {
-    reach(at);
-    let found = solve(at, weight, at.pivots_left())?;
-    if found {
-        stages::advance(at, 1.0);
-    }
-    Ok(found)
-}
-
-/// The box as it is seen from the iterate.
-pub(super) fn reach(at: &mut Iterate<'_, '_>) {
-    let work = &mut *at.work;
-    let reach = work.lower.iter_mut().zip(work.upper.iter_mut()).zip(at.z.iter());
-    for (((lower, upper), z), (l, u)) in reach.zip(at.lower.iter().zip(at.upper)) {
-        (*lower, *upper) = (l - z, u - z);
-    }
-}
-
-/// `work.step <-` the solution of `avi` from the bounds that zero is on; false where none was
-/// found within `limit` pivots' worth of work.
-pub(super) fn solve(at: &mut Iterate<'_, '_>, weight: f64, limit: usize) -> Outcome<bool> {
-    begin(at);
-    at.inside_is_regular = false;
-    let (mut fewest, mut since, before) = (usize::MAX, 0, at.budget.spent());
-    while since < PATIENCE && at.budget.spent() - before < limit {
-        let Some(ratio) = solve_inside(at, weight)? else {
-            return Ok(false);
-        };
-        let changes = change_active_set(at, weight);
-        if changes == 0 {
-            at.inside_is_regular = weight == 0.0 && ratio >= REGULAR;
-            return Ok(true);
-        }
-        (fewest, since) = if changes < fewest { (changes, 0) } else { (fewest, since + 1) };
-    }
-    Ok(false)
-}
-
-/// Whether component `i` is not at a bound.
-pub(super) fn is_inside(held: &[usize], i: usize) -> bool {
-    held.get(i) == Some(&INSIDE)
-}
-
-/// Active is what is on a bound, and pushed against it by `F`.
-fn begin(at: &mut Iterate<'_, '_>) {
-    let work = &mut *at.work;
-    for i in 0..work.f.len() {
-        let (lower, upper) = (workspace::at(work.lower, i), workspace::at(work.upper, i));
-        let f = workspace::at(work.f, i);
-        let place = if lower == upper || (lower == 0.0 && f > 0.0) {
-            AT_LOWER
-        } else if upper == 0.0 && f < 0.0 {
-            AT_UPPER
-        } else {
-            INSIDE
-        };
-        workspace::put(work.pivotal.held, i, place);
-    }
-}
-
-/// `work.step` for the active set, and the ratio of the pivots; `None` where `M_II` is singular.
-fn solve_inside(at: &mut Iterate<'_, '_>, weight: f64) -> Outcome<Option<f64>> {
-    let n = at.n();
-    let work = &mut *at.work;
-    let pivotal = &mut work.pivotal;
-    for (i, step) in work.step.iter_mut().enumerate() {
-        *step = match pivotal.held.get(i) {
-            Some(&AT_LOWER) => workspace::at(work.lower, i),
-            Some(&AT_UPPER) => workspace::at(work.upper, i),
-            _ => 0.0,
-        };
-    }
-    let held = &*pivotal.held;
-    let size = workspace::list(n, |i| is_inside(held, i), pivotal.members);
-    let is_zero = work.step.iter().all(|step| *step == 0.0);
-    let members = pivotal.members.get(..size).unwrap_or(&[]);
-    let rows = pivotal.inverse.chunks_exact_mut(size.max(1));
-    for (k, ((&i, inner), constant)) in
-        members.iter().zip(rows).zip(pivotal.values.iter_mut()).enumerate()
-    {
-        let row = workspace::row(work.jacobian, n, i);
-        let carried = if is_zero { 0.0 } else { workspace::dot(row, work.step) };
-        *constant = -workspace::at(work.f, i) - carried;
-        workspace::pick(inner, row, members);
-        if let (true, Some(diagonal)) = (weight > 0.0, inner.get_mut(k)) {
-            *diagonal += weight * workspace::at(work.weights, i);
-        }
-    }
-    at.budget.spend_on_factors(size);
-    let matrix = pivotal.inverse.get_mut(..size * size).unwrap_or(&mut []);
-    let ratio = at.problem.factor(matrix, size, pivotal.members)?;
-    if ratio <= 0.0 {
-        return Ok(None);
-    }
-    let inside = pivotal.values.get_mut(..size).unwrap_or(&mut []);
-    workspace::solve(matrix, size, pivotal.members, inside);
-    let steps = work.step.iter_mut().zip(&*pivotal.held);
-    for ((step, _), value) in steps.filter(|(_, &held)| held == INSIDE).zip(inside.iter()) {
-        *step = *value;
-    }
-    Ok(workspace::is_finite(work.step).then_some(ratio))
-}
-
-/// The natural residual of the step where it was found.
-pub(super) fn residual(at: &mut Iterate<'_, '_>) -> f64 {
-    let work = &mut *at.work;
-    let (lower, upper) = (&*work.lower, &*work.upper);
-    let avi = AffineVi { matrix: work.jacobian, shift: 0.0, q: work.f, lower, upper };
-    // at the bounds F is known
-    let held = &*work.pivotal.held;
-    avi.map_where(|i| is_inside(held, i), work.step, work.pivotal.residual);
-    natural_residual(work.step, work.pivotal.residual, work.lower, work.upper)
-}
-
-/// Moves what is outside the box to its bounds and frees what is pushed off them; the number of
-/// components that changed.
-fn change_active_set(at: &mut Iterate<'_, '_>, weight: f64) -> usize {
-    let work = &mut *at.work;
-    let wrong = ROUNDING * (1.0 + workspace::norm(work.f));
-    let mut changes = 0;
-    let (lower, upper) = (&*work.lower, &*work.upper);
-    let avi = AffineVi { matrix: work.jacobian, shift: 0.0, q: work.f, lower, upper };
-    // inside F is what was solved for
-    let held = &*work.pivotal.held;
-    avi.map_where(|i| !is_inside(held, i), work.step, work.pivotal.residual);
-    for (i, &d) in work.step.iter().enumerate() {
-        let (lower, upper) = avi.bounds(i);
-        let mut f = workspace::at(work.pivotal.residual, i);
-        if weight > 0.0 {
-            f += weight * workspace::at(work.weights, i) * d;
-        }
-        let place = match work.pivotal.held.get(i) {
-            _ if lower == upper => continue,
-            Some(&AT_LOWER) if f < -wrong => INSIDE,
-            Some(&AT_UPPER) if f > wrong => INSIDE,
-            Some(&INSIDE) if d < lower => AT_LOWER,
-            Some(&INSIDE) if d > upper => AT_UPPER,
-            _ => continue,
-        };
-        workspace::put(work.pivotal.held, i, place);
-        changes += 1;
-    }
-    changes
-}
-
-// Whether a solution is isolated: the Jacobian on the rows inside the box is regular there.
-
-/// Pivot ratio below which the Jacobian on the rows inside counts as singular.
-const SINGULAR: f64 = 1e-12;
-/// The same for a Jacobian by differences, which are no better than this.
-const SINGULAR_TO_DIFFERENCES: f64 = 1e-9;
-
-/// True unless the Jacobian at the solution is singular on the rows inside. One that is made of
-/// many evaluations of `F` is taken from the last iterate, where there was one; the factors of an
-/// affine `F` are those of the active set, where it has found the solution.
-pub(super) fn is_isolated(at: &mut Iterate<'_, '_>) -> Outcome<bool> {
-    if at.inside_is_regular && at.problem.is_affine() && is_active_set(at) {
-        return Ok(true);
-    }
-    let differenced = at.problem.is_differenced();
-    let known = differenced && at.jacobian_is_known;
-    if !known && !at.linearise()? {
-        return Ok(true);
-    }
-    let limit = if differenced { SINGULAR_TO_DIFFERENCES } else { SINGULAR };
-    Ok(pivot_ratio_inside(at)? >= limit)
-}
-
-/// Whether the components inside are those that the active set holds there.
-fn is_active_set(at: &Iterate<'_, '_>) -> bool {
-    let held = &*at.work.pivotal.held;
-    (0..at.n()).all(|i| {
-        let bounds = (workspace::at(at.lower, i), workspace::at(at.upper, i));
-        let inside =
-            projects_inside(workspace::at(at.z, i), workspace::at(at.work.f, i), bounds, at.tol);
-        inside == is_inside(held, i)
-    })
-}
-
-/// Whether a component is inside the box, or at a bound with `F_i = 0`.
-fn projects_inside(z: f64, f: f64, (lower, upper): (f64, f64), tol: f64) -> bool {
-    let target = z - f;
-    lower < upper && lower - tol <= target && target <= upper + tol
-}
-
-/// `min/max` of the pivots of the Jacobian on the rows and columns inside the box (those at a
-/// bound with `F_i = 0` included), its rows scaled to 1; 0 when singular.
-fn pivot_ratio_inside(at: &mut Iterate<'_, '_>) -> Outcome<f64> {
-    let (n, tol) = (at.n(), at.tol);
-    let work = &mut *at.work;
-    let projects_inside = |i: usize| {
-        let bounds = (workspace::at(at.lower, i), workspace::at(at.upper, i));
-        projects_inside(workspace::at(at.z, i), workspace::at(work.f, i), bounds, tol)
-    };
-    let pivotal = &mut work.pivotal;
-    let size = workspace::list(n, projects_inside, pivotal.members);
-    let members = pivotal.members.get(..size).unwrap_or(&[]);
-    for (&i, inner) in members.iter().zip(pivotal.inverse.chunks_exact_mut(size.max(1))) {
-        workspace::pick(inner, workspace::row(work.jacobian, n, i), members);
-        let scale = workspace::norm(inner);
-        inner.iter_mut().for_each(|entry| *entry = if scale > 0.0 { *entry / scale } else { 0.0 });
-    }
-    let leading = pivotal.inverse.get_mut(..size * size).unwrap_or(&mut []);
-    at.problem.factor(leading, size, pivotal.members)
-}
-
-#[cfg(test)]
-mod fischer_tests {
-    use super::*;
-
-    const INF: f64 = f64::INFINITY;
-
-    #[test]
-    fn zero_exactly_at_solutions() {
-        for (z, f, lower, upper) in [
-            (0.0, 3.0, 0.0, 1.0),
-            (1.0, -3.0, 0.0, 1.0),
-            (0.4, 0.0, 0.0, 1.0),
-            (-7.0, 0.0, -INF, INF),
-            (2.0, -1.0, -INF, 2.0),
-            (0.0, 0.0, 0.0, INF),
-        ] {
-            assert_eq!(component(z, f, lower, upper), 0.0, "{z} {f} {lower} {upper}");
-        }
-        assert_eq!(component(5.0, 0.25, -INF, INF), 0.25);
-        assert!(component(0.0, -1.0, 0.0, 1.0).abs() > 0.5);
-    }
-
-    #[test]
-    fn no_cancellation_for_a_large_gap() {
-        let phi = component(1e12, 1e-3, 0.0, INF);
-        assert!((phi - 1e-3).abs() < 1e-12 * 1e-3, "{phi}");
-    }
-
-    #[test]
-    fn slopes_are_the_derivatives() {
-        let step = 1e-6;
-        for lower in [-INF, -0.5] {
-            for upper in [0.9, INF] {
-                for z in [-0.4, 0.1, 0.7] {
-                    for f in [-2.0, -0.1, 0.3, 4.0] {
-                        let phi = |z, f| component(z, f, lower, upper);
-                        let by_z = (phi(z + step, f) - phi(z - step, f)) / (2.0 * step);
-                        let by_f = (phi(z, f + step) - phi(z, f - step)) / (2.0 * step);
-                        let (a, b) = slopes(z, f, lower, upper);
-                        assert!((a - by_z).abs() < 1e-8 && (b - by_f).abs() < 1e-8);
-                    }
-                }
-            }
-        }
     }
 }

@@ -19,7 +19,8 @@ use std::sync::Mutex;
 
 use zivi::drive::mechanical::{BelievedPlant, GapKinetics, LawError, Moved};
 use zivi::mechanics::{simulate_mechanical, MechanicalOutput};
-use zivi::system::dynamics::{Driven, Dynamics};
+use zivi::system::driven::Driven;
+use zivi::system::dynamics::Dynamics;
 use zivi::{Monitor, SwitchedRk};
 
 use crate::objects::{MOST, ROOM};

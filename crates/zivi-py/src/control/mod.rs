@@ -7,13 +7,22 @@ use zivi_core::control::{Port, TwistingTracker};
 use zivi_core::observer::ObserverSettings;
 use zivi_core::setting::Setting;
 
-use crate::simulate::described;
+use crate::method::described;
 
 mod arguments;
-mod mass;
-pub(crate) mod mechanical;
+pub(crate) mod believed;
+mod explicit;
+pub(crate) mod gap_tracker;
+mod late;
+pub(crate) mod mechanical_reference;
+mod reference;
+mod regulator;
+pub(crate) mod striker;
+mod tracker;
 
-use mass::{Explicit, Regulator, Tracker};
+use explicit::Explicit;
+use regulator::Regulator;
+use tracker::Tracker;
 
 /// The classes of controllers, what users call them, and their settings with a default.
 macro_rules! controllers {

@@ -1,14 +1,13 @@
 //! What is requested of a force as it was given, whatever its kind.
 
-use crate::force::callable::{AnyForce, ParametricForce, PythonForce, WithJacobian};
-use crate::force::native::{AnyNative, NativeSlopes};
-use crate::system::TimeTable;
-use pyo3::exceptions::PyValueError;
 use pyo3::gc::{PyTraverseError, PyVisit};
 use pyo3::prelude::*;
-use zivi::system::linear_system::GapMotion;
 use zivi::system::slopes::Differenced;
-use zivi::{HarmonicWall, OnMovingWall, WallMotion};
+
+use super::any::AnyForce;
+use super::callable::PythonForce;
+use super::native::AnyNative;
+use super::slopes::AnySlopes;
 
 /// A kind of force.
 pub(super) trait Kind: Send + Sync {
@@ -106,156 +105,5 @@ impl Kind for Callable {
 
     fn traverse(&self, visit: &PyVisit<'_>) -> Result<(), PyTraverseError> {
         visit.call(&self.function)
-    }
-}
-
-// A force of any kind with its partial derivatives.
-
-/// A force whose partial derivatives are known, or taken by differences.
-pub(crate) enum AnySlopes<'py> {
-    Native(NativeSlopes),
-    Parametric(Differenced<ParametricForce<'py>>),
-    Jacobian(WithJacobian<'py>),
-    MovingParametric(OnMovingWall<Differenced<ParametricForce<'py>>, HarmonicWall>),
-    MovingJacobian(OnMovingWall<WithJacobian<'py>, HarmonicWall>),
-    MovingCallable(OnMovingWall<Differenced<AnyForce<'py>>, HarmonicWall>),
-    /// A force without parameters of its own.
-    Other(Differenced<AnyForce<'py>>),
-}
-
-impl AnySlopes<'_> {
-    /// The same seen from a wall that vibrates.
-    pub(super) fn above(self, wall: HarmonicWall) -> PyResult<Self> {
-        let above = match self {
-            Self::Native(force) => force.above(wall).map(Self::Native),
-            Self::Parametric(force) => Some(Self::MovingParametric(OnMovingWall { force, wall })),
-            Self::Jacobian(force) => Some(Self::MovingJacobian(OnMovingWall { force, wall })),
-            Self::Other(force) => Some(Self::MovingCallable(OnMovingWall { force, wall })),
-            _ => None,
-        };
-        above.ok_or_else(|| PyValueError::new_err("a moving wall above a moving wall"))
-    }
-}
-
-/// One call for every kind of force; the lock is released where no interpreter is needed.
-macro_rules! with_slopes {
-    ($py:expr, $given:expr, $duration:expr, |$force:ident| $run:expr) => {{
-        use $crate::force::kind::AnySlopes as Spec;
-        macro_rules! interpreted {
-            ($one:ident) => {{
-                let $force = &mut $one;
-                $run
-            }};
-        }
-        match $given.slopes($py, $duration)? {
-            Spec::Native(given) => {
-                $crate::force::with_native_slopes!(given, |$force| $py.detach(|| $run))
-            }
-            Spec::Parametric(mut given) => interpreted!(given),
-            Spec::Jacobian(mut given) => interpreted!(given),
-            Spec::MovingParametric(mut given) => interpreted!(given),
-            Spec::MovingJacobian(mut given) => interpreted!(given),
-            Spec::MovingCallable(mut given) => interpreted!(given),
-            Spec::Other(mut given) => interpreted!(given),
-        }
-    }};
-}
-
-pub(crate) use with_slopes;
-
-// Walls that move.
-
-/// The motion of a wall, of one of its kinds.
-#[pyclass(frozen, module = "zivi._zivi")]
-pub(crate) struct Wall {
-    kind: WallKind,
-}
-
-enum WallKind {
-    Harmonic(HarmonicWall),
-    /// Moves as the first column.
-    Table(Py<TimeTable>),
-    /// Gives position, velocity and acceleration.
-    Callable(Py<PyAny>),
-}
-
-#[pymethods]
-impl Wall {
-    #[staticmethod]
-    #[pyo3(signature = (*, amplitude, omega, phase, offset))]
-    fn harmonic(amplitude: f64, omega: f64, phase: f64, offset: f64) -> Self {
-        Self { kind: WallKind::Harmonic(HarmonicWall { amplitude, omega, phase, offset }) }
-    }
-
-    #[staticmethod]
-    fn table(table: Py<TimeTable>) -> Self {
-        Self { kind: WallKind::Table(table) }
-    }
-
-    #[staticmethod]
-    fn callable(motion: Py<PyAny>) -> Self {
-        Self { kind: WallKind::Callable(motion) }
-    }
-
-    /// Whether runs do without the interpreter.
-    #[getter]
-    pub(crate) fn is_native(&self) -> bool {
-        matches!(self.kind, WallKind::Harmonic(_))
-    }
-
-    fn __traverse__(&self, visit: PyVisit<'_>) -> Result<(), PyTraverseError> {
-        match &self.kind {
-            WallKind::Harmonic(_) => Ok(()),
-            WallKind::Table(table) => visit.call(table),
-            WallKind::Callable(motion) => visit.call(motion),
-        }
-    }
-}
-
-impl Wall {
-    /// The motion of the wall of a gap, without the interpreter.
-    pub(crate) fn motion_of_gap(&self) -> Option<GapMotion> {
-        match &self.kind {
-            WallKind::Harmonic(wall) => Some(GapMotion::Harmonic(*wall)),
-            WallKind::Table(table) => Some(GapMotion::Table(table.get().inner.clone())),
-            WallKind::Callable(_) => None,
-        }
-    }
-}
-
-/// A wall that is ready to be asked where it is.
-pub(crate) enum AnyWall<'py> {
-    Harmonic(HarmonicWall),
-    Table(Bound<'py, TimeTable>),
-    Callable(Bound<'py, PyAny>),
-}
-
-impl<'py> AnyWall<'py> {
-    pub(crate) fn of(py: Python<'py>, wall: &Wall) -> Self {
-        match &wall.kind {
-            WallKind::Harmonic(wall) => Self::Harmonic(*wall),
-            WallKind::Table(table) => Self::Table(table.bind(py).clone()),
-            WallKind::Callable(motion) => Self::Callable(motion.bind(py).clone()),
-        }
-    }
-}
-
-impl WallMotion<PyErr> for AnyWall<'_> {
-    fn at(&mut self, t: f64) -> PyResult<[f64; 3]> {
-        match self {
-            Self::Harmonic(wall) => wall.at(t),
-            Self::Table(table) => Ok(table.get().inner.motion(t, 0)),
-            Self::Callable(motion) => {
-                let (w, wdot, wddot) = motion.call1((t,))?.extract()?;
-                Ok([w, wdot, wddot])
-            }
-        }
-    }
-
-    fn harmonic(&self) -> Option<HarmonicWall> {
-        match self {
-            Self::Harmonic(wall) => Some(*wall),
-            Self::Table(_) | Self::Callable(_) => None,
-        }
     }
 }

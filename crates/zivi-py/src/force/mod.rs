@@ -1,8 +1,12 @@
 //! Forces from Python: how each kind is given. How it is evaluated is in the files beside this one.
 
+mod any;
 mod callable;
-pub(crate) mod kind;
+mod kind;
 mod native;
+mod parametric;
+pub(crate) mod slopes;
+mod wall;
 
 use pyo3::exceptions::{PyTypeError, PyValueError};
 use pyo3::gc::{PyTraverseError, PyVisit};
@@ -10,15 +14,17 @@ use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyTuple};
 use zivi::system::slopes::Differenced;
 
-use crate::system::TimeTable;
-use callable::{ParametricForce, WithJacobian};
-use kind::{AnySlopes, AnyWall, Callable, Kind, Native};
+use crate::time_table::TimeTable;
+use kind::{Callable, Kind, Native};
+use parametric::{ParametricForce, WithJacobian};
+use slopes::AnySlopes;
+use wall::AnyWall;
 
-pub(crate) use callable::{with_force, AnyForce};
-pub(crate) use kind::Wall;
+pub(crate) use any::{with_force, AnyForce};
 pub(crate) use native::{
     force_raised, with_native, with_native_slopes, AnyNative, CompiledForce, NativeSlopes, Raised,
 };
+pub(crate) use wall::Wall;
 
 /// A force of one of its kinds.
 #[pyclass(frozen, module = "zivi._zivi")]

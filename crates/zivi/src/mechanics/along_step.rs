@@ -3,9 +3,9 @@
 use super::equation::Stages;
 use super::kinetics::{Kinetics, Model};
 use crate::numeric::bernstein::Bernstein;
-use crate::numeric::stages::{worse, StepError, Tolerances};
-use crate::record::gap_set::ContactMode;
-use crate::record::status::Failure;
+use crate::numeric::step_error::{worse, StepError, Tolerances};
+use crate::record::contact_mode::ContactMode;
+use crate::record::failure::Failure;
 
 use crate::system::dynamics::Dynamics;
 

@@ -10,14 +10,16 @@ use super::state::MechanicalState;
 use super::tail::{
     through, Correction, InPowers, PartOfArc, SkippedArcs, StoppedSlip, ORDERS, POINTS,
 };
-use crate::record::gap_set::{ContactMode, GapSet};
-use crate::record::status::Failure;
-use crate::switched::accumulation::{Deviation, Lookahead};
+use crate::record::contact_mode::ContactMode;
+use crate::record::failure::Failure;
+use crate::record::gap_set::GapSet;
+use crate::switched::accumulation;
 use crate::switched::flight::series::Linear;
+use crate::switched::lookahead::{Deviation, Lookahead};
 use crate::switched::stages::Counted;
-use crate::switched::{accumulation, SwitchedRk};
+use crate::switched::SwitchedRk;
 use crate::system::dynamics::{Dynamics, Layout};
-use crate::zeno::arc::Bounce;
+use crate::zeno::bounce::Bounce;
 use crate::zeno::chain::Chain;
 use crate::zeno::table::Landing;
 use crate::{Dependence, Force};
@@ -580,9 +582,9 @@ mod tests {
 
     use super::*;
     use crate::mechanics::{simulate_mechanical, MechanicalOutput};
-    use crate::record::events::Occurrence;
+    use crate::record::occurrence::Occurrence;
     use crate::system::dynamics::FunctionDynamics;
-    use crate::system::force::{Channel, Friction};
+    use crate::system::friction::{Channel, Friction};
     use crate::system::impact_law::newton_impacts;
     use crate::Silent;
 

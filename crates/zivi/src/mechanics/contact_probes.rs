@@ -1,7 +1,7 @@
 //! The probes of contact forces along a motion with some gaps closed.
 
-use crate::numeric::grid::Probes;
-use crate::record::gap_set::ContactMode;
+use crate::numeric::probes::Probes;
+use crate::record::contact_mode::ContactMode;
 
 /// The probes of the motion with some gaps closed.
 #[derive(Clone, Copy, Debug, Default)]

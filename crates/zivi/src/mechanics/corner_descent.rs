@@ -16,8 +16,9 @@ use super::piece::Flight;
 use super::state::MechanicalState;
 use super::tail::SkippedArcs;
 use crate::numeric::bernstein::{quintic, Bernstein};
-use crate::record::gap_set::{ContactMode, GapSet};
-use crate::record::status::Failure;
+use crate::record::contact_mode::ContactMode;
+use crate::record::failure::Failure;
+use crate::record::gap_set::GapSet;
 use crate::system::dynamics::{Dynamics, Layout};
 
 /// Most arcs of two halves.

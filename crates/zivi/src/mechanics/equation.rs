@@ -8,8 +8,8 @@
 use super::kinetics::{Kinetics, Model};
 use crate::numeric::coordinates;
 use crate::numeric::stages::Equation;
-use crate::record::gap_set::ContactMode;
-use crate::record::status::Failure;
+use crate::record::contact_mode::ContactMode;
+use crate::record::failure::Failure;
 use crate::system::dynamics::{Dynamics, Layout};
 
 /// A state at a time: `x` are the coordinates, then the gaps, `xdot` their rates.

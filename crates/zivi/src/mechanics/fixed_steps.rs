@@ -3,14 +3,16 @@
 use super::kinetics::{Kinetics, Model};
 use super::output::{MechanicalRun, MechanicalSamples};
 use super::run::{check_friction, check_sizes};
-use crate::record::columns::Reserve;
-use crate::record::events::Occurrence;
-use crate::record::gap_set::{ContactMode, GapSet};
-use crate::record::recorder::MotionPoint;
-use crate::record::status::{Failure, PollInterval};
-use crate::record::user_events::{unknown, EventLocator, SmoothPart};
+use crate::record::contact_mode::ContactMode;
+use crate::record::event_locator::{unknown, EventLocator, SmoothPart};
+use crate::record::failure::Failure;
+use crate::record::gap_set::GapSet;
+use crate::record::monitor::PollInterval;
+use crate::record::occurrence::Occurrence;
+use crate::record::point::MotionPoint;
+use crate::record::reserve::Reserve;
 use crate::system::dynamics::{Dynamics, Layout};
-use crate::system::force::Friction;
+use crate::system::friction::Friction;
 use crate::{Counts, Grid, LocatedEvent, Monitor, SetupError, Status, UserEvent};
 
 /// A scheme that takes fixed steps.

@@ -5,10 +5,10 @@
 
 use super::fixed_steps::Stepped;
 use super::kinetics::Kinetics;
-use crate::numeric::dense::axpy;
-use crate::record::events::Occurrence;
-use crate::record::gap_set::ContactMode;
-use crate::record::status::Failure;
+use crate::numeric::vector::axpy;
+use crate::record::contact_mode::ContactMode;
+use crate::record::failure::Failure;
+use crate::record::occurrence::Occurrence;
 use crate::system::dynamics::Layout;
 
 /// Bisections of a force; each is a step of the scheme without an evaluation.

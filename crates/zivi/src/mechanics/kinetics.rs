@@ -10,11 +10,13 @@
 //! friction enters (2) is [`super::friction`].
 
 use crate::numeric::cholesky::{self, Factor};
-use crate::numeric::dense::{axpy, dot, largest, sum_of_products};
-use crate::record::gap_set::{ContactMode, GapSet};
-use crate::record::status::Failure;
+use crate::numeric::vector::{axpy, dot, largest, sum_of_products};
+use crate::record::contact_mode::ContactMode;
+use crate::record::failure::Failure;
+use crate::record::gap_set::GapSet;
 use crate::system::dynamics::{Dynamics, FunctionDynamics, Layout};
-use crate::system::force::{Friction, Smooth};
+use crate::system::friction::Friction;
+use crate::system::stops::Smooth;
 use crate::Status;
 
 mod redundant;

@@ -14,8 +14,8 @@ use super::mode::{Contacts, Limit};
 use super::shares::Shares;
 use super::state::MechanicalState;
 use crate::numeric::bernstein::{Bernstein, MOST_DEGREE};
+use crate::record::failure::Failure;
 use crate::record::gap_set::GapSet;
-use crate::record::status::Failure;
 use crate::system::dynamics::{Dynamics, Layout};
 use crate::Status;
 

@@ -48,9 +48,10 @@ mod tail;
 mod theta_gamma;
 mod totals;
 
-pub use crate::record::events::{FlagKind, Occurrence};
-pub use crate::record::gap_set::{ContactMode, GapSet};
-pub use crate::record::recorder::MotionPoint;
+pub use crate::record::contact_mode::ContactMode;
+pub use crate::record::gap_set::GapSet;
+pub use crate::record::occurrence::{FlagKind, Occurrence};
+pub use crate::record::point::MotionPoint;
 pub use kinetics::contact_forces;
 pub use moreau_jean::simulate_mechanical_moreau_jean;
 pub use output::{MechanicalOutput, MechanicalRun, MechanicalSamples, Speeds};

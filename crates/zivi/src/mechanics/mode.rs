@@ -4,7 +4,8 @@
 //! and one equation serves all modes, so that there are no two cases with data of their own as there
 //! are for a mass, whose rest needs no equation.
 
-use crate::record::gap_set::{ContactMode, GapSet};
+use crate::record::contact_mode::ContactMode;
+use crate::record::gap_set::GapSet;
 use crate::zeno::table::Landing;
 
 /// What the gaps do that touch, or touched when the last step began.

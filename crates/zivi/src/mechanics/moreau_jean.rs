@@ -18,10 +18,11 @@ use super::friction::Collision;
 use super::kinetics::Model;
 use super::lcp;
 use super::output::MechanicalRun;
-use crate::record::events::Occurrence;
-use crate::record::gap_set::{ContactMode, GapSet};
-use crate::record::recorder::MotionPoint;
-use crate::record::status::Failure;
+use crate::record::contact_mode::ContactMode;
+use crate::record::failure::Failure;
+use crate::record::gap_set::GapSet;
+use crate::record::occurrence::Occurrence;
+use crate::record::point::MotionPoint;
 use crate::system::dynamics::{Dynamics, Layout};
 use crate::{Grid, Monitor, MoreauJean, SetupError, Status, UserEvent};
 

@@ -4,10 +4,10 @@ use crate::system::dynamics::Layout;
 use std::collections::TryReserveError;
 
 use super::path::MechanicalPath;
-use crate::record::columns::Reserve;
-use crate::record::events::Occurrence;
-use crate::record::gap_set::ContactMode;
-use crate::record::recorder::MotionPoint;
+use crate::record::contact_mode::ContactMode;
+use crate::record::occurrence::Occurrence;
+use crate::record::point::MotionPoint;
+use crate::record::reserve::Reserve;
 use crate::{Counts, LocatedEvent, Status, UserEvent};
 
 /// What a run shall give, besides what happens at the gaps.

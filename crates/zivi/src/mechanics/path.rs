@@ -7,9 +7,9 @@ use super::equation::{Stages, State};
 use super::tail::SkippedArcs;
 use crate::numeric::bernstein::{evaluate, Bernstein, Polynomial};
 use crate::numeric::power_series::{Series, TERMS};
-use crate::record::columns::Reserve;
-use crate::record::gap_set::ContactMode;
-use crate::record::recorder::MotionPoint;
+use crate::record::contact_mode::ContactMode;
+use crate::record::point::MotionPoint;
+use crate::record::reserve::Reserve;
 use crate::system::dynamics::Layout;
 use crate::Impact;
 

@@ -8,15 +8,15 @@ use super::output::{MechanicalOutput, MechanicalRun, MechanicalSamples, SpeedLog
 use super::path::{Curve, MechanicalPath};
 use super::piece::{Flight, Piece};
 use super::tail::SkippedArcs;
+use crate::piecewise::method::{Advance, Piecewise, Rhs};
 use crate::piecewise::running::{self as piecewise, unless_terminal, until, Record, SegmentSink};
-use crate::piecewise::steps::{Advance, Piecewise, Rhs};
-use crate::record::columns::Reserve;
-use crate::record::gap_set::ContactMode;
-use crate::record::recorder::MotionPoint;
-use crate::record::status::Failure;
-use crate::record::user_events::{unknown, SmoothPart};
+use crate::record::contact_mode::ContactMode;
+use crate::record::event_locator::{unknown, SmoothPart};
+use crate::record::failure::Failure;
+use crate::record::point::MotionPoint;
+use crate::record::reserve::Reserve;
 use crate::system::dynamics::Dynamics;
-use crate::system::force::Smooth;
+use crate::system::stops::Smooth;
 use crate::{Counts, LocatedEvent, Status};
 
 /// A run of a mechanical system under way.

@@ -4,12 +4,12 @@ use super::integrator::MechanicalIntegrator;
 use super::kinetics::Model;
 use super::output::{MechanicalOutput, MechanicalRun};
 use super::recording::running;
-use crate::piecewise::steps::NoSink;
+use crate::piecewise::method::NoSink;
+use crate::record::failure::Failure;
 use crate::record::gap_set::GapSet;
-use crate::record::status::Failure;
 use crate::switched::SwitchedRk;
 use crate::system::dynamics::{Dynamics, Layout, MOST};
-use crate::system::force::Friction;
+use crate::system::friction::Friction;
 use crate::{AnyImpactLaw, GridError, Monitor, SetupError, Status};
 
 /// Simulates a mechanical system over a span by the switched Runge-Kutta method.
@@ -161,7 +161,7 @@ pub(super) fn check_span(t0: f64, t1: f64) -> Result<(), SetupError> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::system::force::Channel;
+    use crate::system::friction::Channel;
 
     #[test]
     fn friction_has_its_channels_and_a_gap_one_at_most() {

@@ -15,8 +15,9 @@
 
 use super::path::{Kind, MechanicalPath, Segment, MOST_SEGMENT_DEGREE};
 use super::tail::{Correction, SkippedArcs, StoppedSlip};
-use crate::record::gap_set::{ContactMode, GapSet};
-use crate::record::recorder::MotionPoint;
+use crate::record::contact_mode::ContactMode;
+use crate::record::gap_set::GapSet;
+use crate::record::point::MotionPoint;
 use crate::record::stored::{as_count, Kind as Stored, MotionError, Reader, Writer};
 use crate::system::dynamics::{Layout, MOST};
 use crate::zeno::tail::Tail;

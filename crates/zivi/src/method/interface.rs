@@ -3,7 +3,7 @@
 use zivi_core::setting::Setting;
 use zivi_core::Restitution;
 
-use crate::record::columns::Values;
+use crate::record::values::Values;
 use crate::{AnyImpactLaw, Monitor, Physical, SetupError};
 
 /// What moves: the states it has, what can be asked of a run and what a run leaves.

@@ -6,13 +6,14 @@
 //! it went lower by `x`. Low speeds at `a < 0`, those of a chain of impacts, are no grazing.
 
 use super::integrator::SwitchedIntegrator;
+use super::output::{Output, SwitchedRun};
+use super::piece::Piece;
+use super::run::simulate_with;
 use super::settings::SwitchedRk;
 use super::stages::Counted;
-use crate::piecewise::steps::Driver;
-use crate::record::status::Failure;
+use crate::piecewise::method::Driver;
+use crate::record::failure::Failure;
 use crate::record::user_events::Level;
-use crate::switched::mode::{Output, Piece, SwitchedRun};
-use crate::switched::recording::simulate_with;
 use crate::{AnyImpactLaw, Force, Monitor, SetupError};
 use zivi_core::Physical;
 

@@ -3,7 +3,7 @@
 //! Parameters are numbered: those of [`LinearForce`] in the order of its fields, those of a wall
 //! that moves behind those of the force above it.
 
-use crate::system::time_table::WallMotion;
+use crate::system::moving_wall::WallMotion;
 use crate::{
     ConstantForce, Force, HarmonicWall, LinearForce, LinearLaw, LinearRate, OnMovingWall, Wave,
 };

@@ -19,7 +19,7 @@
 //! chains hold times, speeds and pulls. Powers and logarithms are those of the `libm` crate, here
 //! and in what follows from a chain: the same on every machine.
 
-use crate::zeno::arc::Bounce;
+use super::bounce::Bounce;
 use std::collections::TryReserveError;
 
 use super::table::{is_coarse, Landing, Table, ROWS};

@@ -1,6 +1,6 @@
 //! Which solution a controller takes where there are several, and which image of a measurement.
 
-use zivi_core::control::regulator::RegulationStep;
+use zivi_core::control::regulation::RegulationStep;
 use zivi_core::control::{Approach, ExplicitTwisting, Gains, TrackerState, TwistingTracker};
 use zivi_core::{transform, Branch, Lifted, Physical, Restitution};
 

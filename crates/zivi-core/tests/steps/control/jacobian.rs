@@ -6,7 +6,7 @@ use crate::common::Rng;
 use zivi_core::control::inclusion::{
     AsProblem, Inclusion, PlantInclusion, RegulationInclusion, TrackingInclusion,
 };
-use zivi_core::control::regulator::RegulationStep;
+use zivi_core::control::regulation::RegulationStep;
 use zivi_core::control::tracking::{Target, TrackingStep};
 use zivi_core::control::{Approach, Gains, TwistingTracker};
 use zivi_core::vi::Problem;

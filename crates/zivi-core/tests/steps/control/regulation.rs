@@ -3,7 +3,7 @@
 
 use crate::common::control::{random_wall, signed, stable};
 use crate::common::Rng;
-use zivi_core::control::regulator::{Regulation, RegulationStep};
+use zivi_core::control::regulation::{Regulation, RegulationStep};
 use zivi_core::control::Gains;
 use zivi_core::{transform, Branch, Lifted, Physical, Restitution};
 

@@ -3,7 +3,7 @@
 
 use crate::common::control::{signed, signs, Draw, Instance, DRAWS};
 use crate::common::Rng;
-use zivi_core::control::inclusion::MAX_ITERATIONS;
+use zivi_core::control::cubic::MAX_ITERATIONS;
 use zivi_core::control::tracking::{Place, Tracking};
 use zivi_core::control::Gains;
 use zivi_core::Restitution;

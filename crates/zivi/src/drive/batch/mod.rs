@@ -9,12 +9,14 @@ mod lanes;
 mod loops;
 mod outcome;
 mod pool;
+mod returns;
 
 use zivi_core::{Physical, ThetaGammaStep};
 
 pub use loops::{simulate_closed_loop_batch, LoopMember, LoopOutcome, LoopSettings};
-pub use outcome::{map_impacts, orbits, Mapped, Outcome, Save, Saved};
+pub use outcome::{Outcome, Save, Saved};
 pub use pool::available_threads;
+pub use returns::{map_impacts, orbits, Mapped};
 
 use crate::method::{newton, AnyMethod, Method, PointMass, PointRun, Settings};
 use crate::switched::check_span;

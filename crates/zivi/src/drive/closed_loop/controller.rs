@@ -2,8 +2,8 @@
 
 use super::predicting::{Predictable, Predicting};
 use super::reference::ReferencePeriod;
-use crate::drive::closed_loop::plant::Solved;
-use zivi_core::control::regulator::RegulationStep;
+use super::solved::Solved;
+use zivi_core::control::regulation::RegulationStep;
 use zivi_core::control::{ExplicitTwisting, TickStatus, TwistingRegulator, TwistingTracker};
 use zivi_core::{Physical, SettingError};
 

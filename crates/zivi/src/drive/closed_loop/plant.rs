@@ -1,25 +1,22 @@
 //! The mass between two samples, under its force and the control that is held.
 
-use crate::drive::closed_loop::record::LoopPath;
-use crate::record::columns::Reserve;
+use zivi_core::control::regulation::RegulationStep;
+use zivi_core::{transform, Branch, Lifted, Physical, Restitution, ThetaGammaStep};
+
+use super::path::LoopPath;
 use crate::record::events::{EventLog, Reader};
-use crate::record::status::Failure;
+use crate::record::failure::Failure;
+use crate::record::reserve::Reserve;
 use crate::stepping::ballistic;
 use crate::stepping::fixed_step::{FixedStep, Start};
-use crate::stepping::step_solver::{Exact, SignSolver};
-use crate::stepping::theta_gamma::{Solver, Stepper};
+use crate::stepping::step_solver::Exact;
+use crate::stepping::theta_gamma::Stepper;
 use crate::switched::Trace;
-use crate::system::dynamics::finite_force;
+use crate::system::evaluation::finite_force;
 use crate::{
     Dependence, Events, Force, Impact, LinearLaw, SetupError, Status, SwitchedIntegrator,
     SwitchedRk,
 };
-use zivi_core::control::inclusion::{AsProblem, Inclusion};
-use zivi_core::control::regulator::RegulationStep;
-use zivi_core::control::{
-    ExplicitTwisting, ReferencePeriod, TwistingRegulator, TwistingTracker, Waypoint,
-};
-use zivi_core::{transform, Branch, Lifted, Physical, Restitution, SettingError, ThetaGammaStep};
 
 /// A sampling period.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -371,153 +368,5 @@ impl<E, F: Force<E>> Plant<E> for SchemePlant<'_, F> {
 
     fn nfev(&self) -> u64 {
         FixedStep::<E, F>::nfev(&self.stepper) + self.asked
-    }
-}
-
-// What the controller sees of the state: noise, then quantisation.
-
-/// The measurement of the state.
-#[derive(Clone, Copy, Debug, Default)]
-pub struct Sensor<'a> {
-    /// Added to `x` at each sample (m); none if empty.
-    pub noise_x: &'a [f64],
-    /// Added to `x'` at each sample (m/s); none if empty.
-    pub noise_xdot: &'a [f64],
-    /// Resolution of the position and of the velocity (m, m/s); `0` is exact.
-    pub resolution: (f64, f64),
-}
-
-impl Sensor<'_> {
-    /// The state as it is measured at the `k`-th sample.
-    #[must_use]
-    pub fn measure(&self, k: usize, state: Physical) -> Physical {
-        let noise = |values: &[f64]| values.get(k).copied().unwrap_or(0.0);
-        Physical {
-            x: rounded(state.x + noise(self.noise_x), self.resolution.0),
-            xdot: rounded(state.xdot + noise(self.noise_xdot), self.resolution.1),
-        }
-    }
-}
-
-/// The nearest multiple of `resolution`.
-fn rounded(value: f64, resolution: f64) -> f64 {
-    if resolution > 0.0 {
-        (value / resolution).round() * resolution
-    } else {
-        value
-    }
-}
-
-// The controllers with the signs of their steps found by a general solver: as the VI (23) of two signs
-// and (24) of six.
-//
-// Each solve starts from the signs of the last tick. Where the step has one solution the control is
-// that of the exact one; where it has several, this is the one near the last signs.
-
-/// A controller and how its steps are solved.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Solved<C> {
-    /// The controller.
-    pub controller: C,
-    /// The solver.
-    pub solver: Solver,
-}
-
-/// The general solver, `None` for the exact solution.
-fn general<const N: usize>(solver: Solver, signs: [f64; N]) -> Option<SignSolver<N>> {
-    let mut found = match solver {
-        Solver::Exact => return None,
-        Solver::Newton => SignSolver::newton(),
-        Solver::Outer { linearisations } => SignSolver::outer(linearisations),
-    };
-    found.start_from(signs);
-    Some(found)
-}
-
-impl Solved<TwistingRegulator> {
-    /// [`TwistingRegulator::tick`].
-    ///
-    /// # Errors
-    /// The same.
-    pub fn tick(&mut self, measured: Physical, force: f64) -> Result<f64, SettingError> {
-        let it = &mut self.controller;
-        let Some(mut solver) = general(self.solver, it.state().signs) else {
-            return it.tick(measured, force);
-        };
-        it.tick_by(measured, force, |inclusion| {
-            let scales = inclusion.scales([1.0; 2]);
-            solver.solve(&mut AsProblem(*inclusion), scales).then(|| solver.signs())
-        })
-    }
-}
-
-impl Solved<ExplicitTwisting> {
-    /// [`ExplicitTwisting::tick`], whose signs are those of the sample.
-    ///
-    /// # Errors
-    /// The same.
-    pub fn tick(
-        &mut self,
-        measured: Physical,
-        force: f64,
-        force_ref: f64,
-    ) -> Result<f64, SettingError> {
-        self.controller.tick(measured, force, force_ref)
-    }
-}
-
-impl Solved<TwistingTracker> {
-    /// [`TwistingTracker::tick`].
-    ///
-    /// # Errors
-    /// The same.
-    pub fn tick(
-        &mut self,
-        measured: Physical,
-        force: f64,
-        force_ref: f64,
-    ) -> Result<f64, SettingError> {
-        if self.solver == Solver::Exact {
-            return self.controller.tick(measured, force, force_ref);
-        }
-        self.ticked(measured, force, |it| Ok(it.own_period(force_ref)))
-    }
-
-    /// [`TwistingTracker::tick_to`].
-    ///
-    /// # Errors
-    /// The same.
-    pub fn tick_to(
-        &mut self,
-        measured: Physical,
-        force: f64,
-        [now, next]: [Waypoint; 2],
-        acceleration: Option<f64>,
-    ) -> Result<f64, SettingError> {
-        if self.solver == Solver::Exact {
-            return self.controller.tick_to(measured, force, now, next, acceleration);
-        }
-        self.ticked(measured, force, |it| {
-            let of = (it.reference_step().restitution(), it.h());
-            let course = ReferencePeriod::between(of, force, [now, next], acceleration)?;
-            Ok(it.given_period(course))
-        })
-    }
-
-    fn ticked(
-        &mut self,
-        measured: Physical,
-        force: f64,
-        course: impl FnOnce(&TwistingTracker) -> Result<ReferencePeriod, SettingError>,
-    ) -> Result<f64, SettingError> {
-        let it = &mut self.controller;
-        let planned = it.plan(measured, force, course)?;
-        let Some(mut solver) = general(self.solver, it.state().signs) else {
-            return it.follow(&planned);
-        };
-        it.follow_by(&planned, |inclusion| {
-            let scales = inclusion.scales([1.0; 6]);
-            solver.solve(&mut AsProblem(*inclusion), scales).then(|| solver.signs())
-        })
     }
 }

@@ -3,7 +3,7 @@
 use zivi_core::control::{DelayLine, TickStatus, TwistingRegulator, TwistingTracker, Waypoint};
 use zivi_core::{Physical, Restitution, SettingError};
 
-use crate::drive::closed_loop::plant::Solved;
+use super::solved::Solved;
 
 /// What is under way between a sample and the moment when its control acts.
 #[derive(Clone, Copy, Debug, PartialEq)]

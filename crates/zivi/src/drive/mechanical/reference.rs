@@ -3,10 +3,11 @@
 use zivi_core::control::Waypoint;
 use zivi_core::{Branch, Physical, SettingError};
 
-use crate::drive::mechanical::allocation::LawError;
-use crate::drive::mechanical::kinetics::BelievedPlant;
-use crate::numeric::dense::dot;
-use crate::system::dynamics::{Driven, Dynamics};
+use super::believed_plant::BelievedPlant;
+use super::law_error::LawError;
+use crate::numeric::vector::dot;
+use crate::system::driven::Driven;
+use crate::system::dynamics::Dynamics;
 
 /// Where a reference is at one sample.
 #[derive(Clone, Copy, Debug)]
@@ -116,7 +117,8 @@ pub(super) fn waypoint(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::system::dynamics::{FunctionDynamics, InputMatrix, Layout};
+    use crate::system::driven::InputMatrix;
+    use crate::system::dynamics::{FunctionDynamics, Layout};
     use crate::AnyImpactLaw;
     use std::convert::Infallible;
 

@@ -8,14 +8,15 @@
 use zivi_core::control::{Aim, Sight};
 
 use super::allocation::controls;
+use super::believed_plant::BelievedPlant;
 use super::gap_tracker::GapTracker;
 use super::kinetics::GapKinetics;
+use super::law_error::LawError;
 use super::sampled::MechanicalController;
-use crate::drive::mechanical::allocation::LawError;
-use crate::drive::mechanical::kinetics::BelievedPlant;
-use crate::drive::mechanical::sampled::SentControls;
+use super::sent_controls::SentControls;
 use crate::numeric::cholesky;
-use crate::system::dynamics::{Driven, Dynamics, Layout};
+use crate::system::driven::Driven;
+use crate::system::dynamics::{Dynamics, Layout};
 
 /// What does not change, beside the settings of the aim.
 #[derive(Clone, Debug, PartialEq)]

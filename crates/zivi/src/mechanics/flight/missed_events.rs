@@ -2,10 +2,11 @@
 
 use super::{Flying, SmoothMotion};
 use crate::mechanics::along_step::DEFECT;
-use crate::numeric::stages::{factor, worse, FACTORS};
+use crate::numeric::step_error::worse;
+use crate::numeric::step_size::{factor, FACTORS};
 use crate::piecewise::flight::SteppedFlight;
 use crate::piecewise::steps::StepHistory;
-use crate::record::status::Failure;
+use crate::record::failure::Failure;
 use crate::system::dynamics::{Dynamics, Layout};
 
 impl<D> Flying<'_, '_, D> {

@@ -13,15 +13,18 @@ use super::linear_flight::{Bounds, LinearFlight, Pull};
 use super::mode::{Limit, Next};
 use super::path::Curve;
 use super::state::MechanicalState;
-use crate::numeric::stages::{Equation, Plan, Tolerances};
+use crate::numeric::stages::Equation;
+use crate::numeric::step_error::Tolerances;
+use crate::numeric::step_size::Plan;
 use crate::piecewise::flight::{Root, StepDecision, SteppedFlight};
 use crate::piecewise::steps::{Start, StepHistory, Steps};
-use crate::record::gap_set::{ContactMode, GapSet};
-use crate::record::status::Failure;
-use crate::switched::accumulation::Deviation;
+use crate::record::contact_mode::ContactMode;
+use crate::record::failure::Failure;
+use crate::record::gap_set::GapSet;
+use crate::switched::lookahead::Deviation;
 use crate::switched::{Flights, SwitchedRk};
 use crate::system::dynamics::{Dynamics, Layout};
-use crate::system::force::Friction;
+use crate::system::friction::Friction;
 use crate::Status;
 
 /// What closes within this part of a flight closes together.

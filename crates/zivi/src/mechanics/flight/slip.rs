@@ -3,7 +3,7 @@
 use super::Flying;
 use crate::mechanics::mode::Next;
 use crate::piecewise::flight::SteppedFlight;
-use crate::record::status::Failure;
+use crate::record::failure::Failure;
 use crate::system::dynamics::Dynamics;
 
 /// Iterations for the time when a slip ends, and what ends within this part of a step ends together.
@@ -126,10 +126,10 @@ impl<D> Flying<'_, '_, D> {
 #[cfg(test)]
 mod tests {
     use crate::mechanics::{simulate_mechanical, MechanicalOutput};
-    use crate::record::events::Occurrence;
+    use crate::record::occurrence::Occurrence;
     use crate::switched::{Order, SwitchedRk};
     use crate::system::dynamics::{Dynamics, Layout};
-    use crate::system::force::{Channel, Friction};
+    use crate::system::friction::{Channel, Friction};
     use crate::Silent;
     use std::convert::Infallible;
 

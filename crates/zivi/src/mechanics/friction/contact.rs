@@ -2,9 +2,11 @@
 
 use crate::mechanics::kinetics::{Kinetics, Undetermined};
 use crate::mechanics::shares::{orthonormal, shortest};
-use crate::numeric::dense::{axpy, dot};
-use crate::numeric::elimination::{Elimination, Singular};
-use crate::record::gap_set::{ContactMode, GapSet};
+use crate::numeric::elimination::Elimination;
+use crate::numeric::singular::Singular;
+use crate::numeric::vector::{axpy, dot};
+use crate::record::contact_mode::ContactMode;
+use crate::record::gap_set::GapSet;
 
 /// Pivots of the scaled `K` below this are zero.
 const SINGULAR: f64 = 1e-9;

@@ -9,7 +9,7 @@
 //! each is solved contact by contact (Gauss-Seidel, M. Jean and J. J. Moreau). What they are needed for is
 //! the pattern: its equations are solved exactly afterwards.
 
-use crate::numeric::dense::dot;
+use crate::numeric::vector::dot;
 
 /// Most patterns of stick and slip that are tried one by one.
 pub(super) const MOST_PATTERNS: usize = 256;

@@ -14,9 +14,10 @@
 use super::coulomb::{Coulomb, Outcome, Rough, Site, MOST_PATTERNS};
 use crate::mechanics::kinetics::Kinetics;
 use crate::mechanics::mode::{Contacts, Limit};
-use crate::numeric::dense::dot;
-use crate::record::gap_set::{ContactMode, GapSet};
-use crate::record::status::Failure;
+use crate::numeric::vector::dot;
+use crate::record::contact_mode::ContactMode;
+use crate::record::failure::Failure;
+use crate::record::gap_set::GapSet;
 use crate::Status;
 
 /// What a combination may violate, relative to the terms: at first, and if none is better.

@@ -15,11 +15,12 @@
 
 use super::coulomb::{Coulomb, Rough, Site, MOST_PATTERNS};
 use crate::mechanics::kinetics::Kinetics;
-use crate::numeric::dense::{axpy, dot};
-use crate::record::gap_set::{ContactMode, GapSet};
-use crate::record::status::Failure;
-use crate::system::force::{Friction, FrictionalImpact};
-use crate::zeno::arc::restored;
+use crate::numeric::vector::{axpy, dot};
+use crate::record::contact_mode::ContactMode;
+use crate::record::failure::Failure;
+use crate::record::gap_set::GapSet;
+use crate::system::friction::{Friction, FrictionalImpact};
+use crate::zeno::bounce::restored;
 use crate::Status;
 
 /// What a pattern may violate, relative to the speeds.
@@ -390,7 +391,7 @@ mod tests {
     use super::*;
     use crate::mechanics::kinetics::Model;
     use crate::system::dynamics::{FunctionDynamics, Layout};
-    use crate::system::force::Channel;
+    use crate::system::friction::Channel;
     use std::convert::Infallible;
 
     fn friction(gap: Option<usize>) -> Friction {

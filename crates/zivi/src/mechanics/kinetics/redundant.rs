@@ -102,7 +102,7 @@ mod tests {
     use super::super::Model;
     use super::*;
     use crate::system::dynamics::{FunctionDynamics, Layout};
-    use crate::system::force::Friction;
+    use crate::system::friction::Friction;
 
     /// The forces on all contacts of two coordinates of masses `2` and `0.3`, from their normals.
     fn forces(normals: &[[f64; 2]], load: [f64; 2]) -> Vec<f64> {

@@ -172,7 +172,7 @@ impl Drives {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::numeric::dense::dot;
+    use crate::numeric::vector::dot;
 
     #[test]
     fn the_weights_of_a_derivative_are_those_of_a_difference() {

@@ -21,10 +21,10 @@ use super::kinetics::Model;
 use super::mode::{Limit, Next};
 use super::path::Curve;
 use super::state::MechanicalState;
-use crate::numeric::dense::sum_of_products;
 use crate::numeric::power_series::{stretch, value, values_and_slopes, Series, TERMS};
+use crate::numeric::vector::sum_of_products;
+use crate::record::failure::Failure;
 use crate::record::gap_set::GapSet;
-use crate::record::status::Failure;
 use crate::system::dynamics::Dynamics;
 use crate::Status;
 use first_root::first_root;
@@ -426,10 +426,9 @@ mod tests {
     use super::*;
     use crate::mechanics::mode::Contacts;
     use crate::system::dynamics::Layout;
-    use crate::system::force::Friction;
-    use crate::system::linear_system::{
-        GapMotion, LinearDynamics, LinearGap, LinearSystem, LoadWave,
-    };
+    use crate::system::friction::Friction;
+    use crate::system::linear_dynamics::LinearDynamics;
+    use crate::system::linear_system::{GapMotion, LinearGap, LinearSystem, LoadWave};
     use crate::HarmonicWall;
 
     /// Two coordinates, `3 q_1 - 2 q_2 + .7` over a wall that vibrates, and a load that is faster.

@@ -8,10 +8,10 @@ use std::sync::Arc;
 
 use crate::mechanics::kinetics::{Kinetics, Undetermined};
 use crate::mechanics::tail::SkippedArcs;
-use crate::numeric::dense::{axpy, dot};
+use crate::numeric::vector::{axpy, dot};
 use crate::record::gap_set::GapSet;
-use crate::system::force::Smooth;
 use crate::system::linear_system::LinearSystem;
+use crate::system::stops::Smooth;
 use crate::Force;
 
 /// The acceleration of a gap, as the force of a scalar motion.
@@ -94,8 +94,9 @@ mod tests {
     use super::*;
     use crate::mechanics::kinetics::Model;
     use crate::system::dynamics::Layout;
-    use crate::system::force::Friction;
-    use crate::system::linear_system::{GapMotion, LinearDynamics, LinearGap, LoadWave};
+    use crate::system::friction::Friction;
+    use crate::system::linear_dynamics::LinearDynamics;
+    use crate::system::linear_system::{GapMotion, LinearGap, LoadWave};
     use crate::system::time_table::TimeTable;
     use crate::HarmonicWall;
 
@@ -142,7 +143,7 @@ mod tests {
             let mut dynamics = LinearDynamics::new(system.clone());
             let mut model = Model::new(&mut dynamics);
             let mut evaluate = |t: f64, x: &[f64], v: &[f64], kinetics: &mut Kinetics| {
-                let done: Result<(), crate::record::status::Failure<Infallible>> =
+                let done: Result<(), crate::record::failure::Failure<Infallible>> =
                     kinetics.evaluate(&mut model, t, &x[..n], &v[..n]);
                 assert!(done.is_ok());
                 kinetics.contact(set).unwrap();

@@ -7,10 +7,11 @@
 use super::local::{Direction, Local};
 use crate::mechanics::equation::{Stages, State};
 use crate::mechanics::kinetics::Model;
-use crate::numeric::stages::{worse, Equation, Tolerances};
+use crate::numeric::stages::Equation;
+use crate::numeric::step_error::{worse, Tolerances};
 use crate::numeric::tableau::{Estimate, Interpolant};
+use crate::record::failure::Failure;
 use crate::record::gap_set::GapSet;
-use crate::record::status::Failure;
 use crate::system::dynamics::Layout;
 use crate::system::partials::DifferentiableDynamics;
 

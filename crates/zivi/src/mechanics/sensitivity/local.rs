@@ -16,11 +16,11 @@
 //! ```
 
 use crate::mechanics::kinetics::{Kinetics, Model};
-use crate::numeric::dense::{axpy, dot};
+use crate::numeric::vector::{axpy, dot};
+use crate::record::failure::Failure;
 use crate::record::gap_set::GapSet;
-use crate::record::status::Failure;
 use crate::system::dynamics::Layout;
-use crate::system::force::Friction;
+use crate::system::friction::Friction;
 use crate::system::partials::{DifferentiableDynamics, TimedState};
 use crate::Status;
 

@@ -9,7 +9,7 @@ use crate::mechanics::run::{check_sizes, check_smooth, check_span, started};
 use crate::mechanics::{MechanicalOutput, MechanicalRun};
 use crate::switched::sensitivity::{Derivatives, Question};
 use crate::switched::SwitchedRk;
-use crate::system::force::Friction;
+use crate::system::friction::Friction;
 use crate::system::partials::DifferentiableDynamics;
 use crate::{AnyImpactLaw, Monitor, SetupError};
 

@@ -7,11 +7,12 @@ use super::equation::{AtEnd, InContact, Stages, State};
 use super::friction::decide;
 use super::kinetics::{without_rounding, Kinetics, Model};
 use super::mode::Contacts;
-use crate::numeric::dense::largest;
-use crate::record::gap_set::{ContactMode, GapSet};
-use crate::record::status::Failure;
+use crate::numeric::vector::largest;
+use crate::record::contact_mode::ContactMode;
+use crate::record::failure::Failure;
+use crate::record::gap_set::GapSet;
 use crate::system::dynamics::{Dynamics, Layout};
-use crate::system::force::Friction;
+use crate::system::friction::Friction;
 
 /// The state of a mechanical system.
 #[derive(Clone, Debug)]

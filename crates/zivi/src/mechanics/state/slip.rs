@@ -2,9 +2,10 @@
 
 use super::MechanicalState;
 use crate::mechanics::kinetics::{without_rounding, Model};
-use crate::record::events::Occurrence;
-use crate::record::gap_set::{ContactMode, GapSet};
-use crate::record::status::Failure;
+use crate::record::contact_mode::ContactMode;
+use crate::record::failure::Failure;
+use crate::record::gap_set::GapSet;
+use crate::record::occurrence::Occurrence;
 use crate::system::dynamics::{Dynamics, Layout};
 
 /// A slip speed is as its direction says while that is larger than this part of the velocities.

@@ -7,14 +7,22 @@
 
 mod columns;
 mod correction;
+mod derivatives;
 mod flights;
+mod flown;
 mod impulses;
+mod linear_flights;
+mod path;
 mod run;
+mod validity;
 mod variational_run;
 
-pub use columns::{Derivatives, EventRates, Question, Wrt};
+pub use columns::Wrt;
 pub use correction::{correct, Corrected, Hyperplane, Limits, NotCorrected};
-pub use flights::{fly_apart, Flight, Flown, IndependentFlights};
+pub use derivatives::{Derivatives, EventRates, Question};
+pub use flights::{fly_apart, IndependentFlights};
+pub use flown::{Flight, Flown};
 pub use impulses::{sequence_equations, ImpactSequence, SequenceEquations};
-pub(crate) use run::Validity;
-pub use run::{sensitivity, Limit, Nearest};
+pub use run::sensitivity;
+pub(crate) use validity::Validity;
+pub use validity::{Limit, Nearest};

@@ -1,16 +1,16 @@
 //! A whole run with its derivatives.
 
-use crate::numeric::bernstein::evaluate;
-use crate::record::recorder::SetupError;
-use crate::switched::mode::{Output, SwitchedRun};
-use crate::switched::recording::{check_span, check_stops, running};
-use crate::switched::sensitivity::columns::{ColumnStep, Columns, Derivatives, Question};
-use crate::switched::sensitivity::variational_run::VariationalRun;
+use super::derivatives::{Derivatives, Question};
+use super::variational_run::VariationalRun;
+use crate::record::trajectory::SetupError;
+use crate::switched::output::{Output, SwitchedRun};
+use crate::switched::recording::running;
+use crate::switched::run::{check_span, check_stops};
 use crate::switched::settings::SwitchedRk;
-use crate::switched::stages::{Counted, Stages};
-use crate::switched::{grazing, SwitchedIntegrator};
-use crate::system::force::Stops;
+use crate::switched::stages::Counted;
+use crate::switched::SwitchedIntegrator;
 use crate::system::slopes::DifferentiableForce;
+use crate::system::stops::Stops;
 use crate::{AnyImpactLaw, Monitor, Physical, Status};
 
 /// Simulates as [`crate::simulate_switched_rk`], with the derivatives of the run.
@@ -103,173 +103,8 @@ fn gather(mut follower: VariationalRun, settings: SwitchedRk, samples: Vec<f64>)
     }
 }
 
-// The columns as functions of time.
-
-#[derive(Clone, Copy, Debug, PartialEq)]
-enum Kind {
-    /// Polynomials of this degree, their coefficients from here on, over a step of length `h`.
-    Flight {
-        first: usize,
-        degree: usize,
-        h: f64,
-    },
-    /// Infinitely many impacts: not known here.
-    Tail,
-    Rest,
-}
-
-/// The columns between the start of a run and its end.
-#[derive(Clone, Debug, Default)]
-pub(in crate::switched) struct ColumnPath {
-    m: usize,
-    segments: Vec<(f64, Kind)>,
-    coefficients: Vec<f64>,
-}
-
-impl ColumnPath {
-    pub(in crate::switched) fn new(m: usize) -> Self {
-        Self { m, ..Self::default() }
-    }
-
-    /// A step, up to an impact within it if there is one.
-    pub(in crate::switched) fn push_flight(
-        &mut self,
-        stages: &Stages,
-        step: &ColumnStep,
-        length: Option<f64>,
-    ) {
-        let (first, mut degree) = (self.coefficients.len(), 0);
-        let h = length.unwrap_or(stages.h);
-        for column in 0..self.m {
-            for polynomial in step.polynomials(stages, column) {
-                let part = match length {
-                    Some(length) => polynomial.split(length / stages.h).0,
-                    None => polynomial,
-                };
-                degree = part.coefficients().len() - 1;
-                self.coefficients.extend_from_slice(part.coefficients());
-            }
-        }
-        self.push(stages.from.t, Kind::Flight { first, degree, h });
-    }
-
-    pub(in crate::switched) fn push_tail(&mut self, start: f64) {
-        self.push(start, Kind::Tail);
-    }
-
-    pub(in crate::switched) fn push_rest(&mut self, start: f64) {
-        self.push(start, Kind::Rest);
-    }
-
-    fn push(&mut self, start: f64, kind: Kind) {
-        if self.segments.last().is_some_and(|last| last.0 == start) {
-            self.segments.pop();
-        }
-        self.segments.push((start, kind));
-    }
-
-    /// `dx/dq` and `dx'/dq` at `t`, after the impact if there is one; NaN in a tail, and before the
-    /// start.
-    pub(in crate::switched) fn at(&self, t: f64) -> Columns {
-        let after = self.segments.partition_point(|segment| segment.0 <= t);
-        let Some(&(start, kind)) = after.checked_sub(1).map(|last| &self.segments[last]) else {
-            return Columns { x: vec![f64::NAN; self.m], v: vec![f64::NAN; self.m] };
-        };
-        match kind {
-            Kind::Rest => Columns::zeros(self.m),
-            Kind::Tail => Columns { x: vec![f64::NAN; self.m], v: vec![f64::NAN; self.m] },
-            Kind::Flight { first, degree, h } => {
-                let theta = ((t - start) / h).clamp(0.0, 1.0);
-                let polynomial = |number: usize| {
-                    evaluate(&self.coefficients[first + number * (degree + 1)..][..=degree], theta)
-                };
-                let of = |part: usize| (0..self.m).map(|j| polynomial(2 * j + part)).collect();
-                Columns { x: of(0), v: of(1) }
-            }
-        }
-    }
-}
-
-// How far the derivatives reach: the radius, in units of what they are derivatives by, at which
-// to first order an event of the run appears, disappears, or passes the end.
-
-/// What limits a derivative.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[repr(u8)]
-pub enum Limit {
-    /// An impact that is pulled off the wall: it vanishes.
-    Impact = 0,
-    /// A minimum of the distance in flight: an impact appears.
-    Minimum = 1,
-    /// The pull at a Zeno point: the chain no longer ends.
-    Zeno = 2,
-    /// A maximum of the force at rest: a lift-off appears.
-    Rest = 3,
-    /// The force hardly rises at a lift-off: it vanishes.
-    LiftOff = 4,
-    /// An event near the end of the run passes it.
-    End = 5,
-    /// An event near a jump of the force passes it.
-    Stop = 6,
-    /// The speed after an impact, or the pull at it, vanishes.
-    Chain = 7,
-}
-
-/// The nearest event: what it is, when, and how deep (in its own unit).
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Nearest {
-    /// What it is.
-    pub limit: Limit,
-    /// When (s).
-    pub t: f64,
-    /// How far the run is from it: a height (m) of an impact or a minimum, a force (m/s^2) at a
-    /// Zeno point, at rest or at a lift-off, a time (s) at the end and at jumps, a force or a speed
-    /// (m/s) in a chain.
-    pub depth: f64,
-}
-
-/// The radii of all columns.
-#[derive(Clone, Debug, PartialEq)]
-pub(crate) struct Validity {
-    pub(crate) radius: Vec<f64>,
-    pub(crate) nearest: Vec<Option<Nearest>>,
-    /// The smallest depth of an impact or a minimum.
-    pub(crate) shallowest: f64,
-}
-
-impl Validity {
-    pub(crate) fn new(m: usize) -> Self {
-        Self { radius: vec![f64::INFINITY; m], nearest: vec![None; m], shallowest: f64::INFINITY }
-    }
-
-    /// Whether an impact or a minimum is decided by the tolerances of a run that is up to so high.
-    pub(crate) fn is_undecided(&self, settings: &SwitchedRk, highest: f64) -> bool {
-        grazing::is_undecided(self.shallowest, highest, settings)
-    }
-
-    /// An event of this depth, which falls by `rates` for one unit of each column.
-    pub(crate) fn note(
-        &mut self,
-        limit: Limit,
-        t: f64,
-        depth: f64,
-        rates: impl IntoIterator<Item = f64>,
-    ) {
-        if matches!(limit, Limit::Impact | Limit::Minimum) {
-            self.shallowest = self.shallowest.min(depth);
-        }
-        let known = self.radius.iter_mut().zip(&mut self.nearest);
-        for ((radius, nearest), rate) in known.zip(rates) {
-            let reach = depth / rate.abs();
-            if reach < *radius {
-                (*radius, *nearest) = (reach, Some(Nearest { limit, t, depth }));
-            }
-        }
-    }
-}
-
 #[cfg(test)]
-mod run_tests {
+mod tests {
     use super::*;
     use crate::switched::sensitivity::Wrt;
     use crate::switched::Order;

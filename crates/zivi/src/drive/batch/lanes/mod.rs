@@ -19,46 +19,31 @@
 //! may be several solutions, they exclude the eight other patterns, each by more than its tolerance:
 //! the rule of [`zivi_core::step::selection`] has nothing to choose.
 
+mod alone;
 mod constant;
 mod flight;
+mod law;
 mod linear;
 pub(super) mod moreau;
+mod pulled;
+mod waves;
 
-use crate::drive::batch::lanes::constant::Constant;
-pub(super) use crate::drive::batch::lanes::flight::WIDTH;
-use crate::drive::batch::lanes::flight::{vectors, vectors_mut, Common, Flight, Lane, Lanes};
-use crate::drive::batch::lanes::linear::Linear;
-use crate::drive::batch::outcome::{Outcome, Saved};
-use crate::drive::batch::{Save, Stopped};
-use crate::record::events::EventLog;
-use crate::stepping::fixed_step::{lift, FixedStep, Start};
-use crate::stepping::step_solver::Exact;
-use crate::stepping::theta_gamma::Stepper;
-use crate::{Dependence, Failure, Force, Grid, LinearForce, SetupError, Status, Summary};
 use pulp::{Simd, WithSimd};
-use zivi_core::cosine::{cos, turn_into_cosines};
-use zivi_core::{transform, Branch, Lifted, Physical, Restitution, ThetaGammaStep};
+use zivi_core::Restitution;
 
-// Many masses side by side, one step of the theta-gamma scheme at a time: kernels that the
-// compiler vectorises.
-//
-// Nearly all steps of a run are free flight or rest. They are the same arithmetic for every mass
-// and are done side by side, without a branch; the few others (an apex, an impact, the arrival at
-// rest, lift-off) go one by one through the [`Stepper`](crate::stepping::theta_gamma::Stepper) of runs alone. The arithmetic is that of
-// such a run, operation by operation: a mass in a batch moves as it moves alone, to the last bit.
-//
-// Which steps are taken side by side: those whose only solution is the one with the present signs,
-// with room to spare. Seen from the side of the mass, with `u` the larger of `|v|` and 0 if the
-// mass moves away,
-//
-// ```text
-// s > h (1 + kappa) u + h^2 |f|                      no sign of s can change
-// v f > 0  or  |v| > gamma h |f|/(1 - kappa)         no sign of v can change
-// ```
-//
-// Under `f <= 0` these imply what [`zivi_core::ThetaGammaStep::everyday`] asks for. Under `f > 0`, where there
-// may be several solutions, they exclude the eight other patterns, each by more than its tolerance:
-// the rule of [`zivi_core::step::selection`] has nothing to choose.
+use crate::stepping::fixed_step::{lift, FixedStep};
+use crate::{Dependence, Force, Grid, SetupError};
+
+pub(super) use self::alone::Mass;
+use self::alone::OneByOne;
+use self::constant::Constant;
+use self::flight::Lanes;
+pub(super) use self::flight::WIDTH;
+use self::law::Law;
+use self::linear::Linear;
+use self::pulled::Pulled;
+use super::outcome::Outcome;
+use super::{Save, Stopped};
 
 /// Walls with a smaller `1 - kappa` leave the patterns too little room between each other.
 const LEAST_R: f64 = 1e-9;
@@ -189,296 +174,5 @@ impl<F: Force<Stopped>, L: Law<F>> WithSimd for Steps<'_, F, L> {
                 lanes.note_extremes(simd);
             }
         }
-    }
-}
-
-// What kernels for different forces have in common.
-
-/// The everyday steps under one kind of force.
-trait Law<F> {
-    /// Looks at a mass after a step of its own, and before steps of another size.
-    fn place(&mut self, i: usize, run: &OneByOne<F>, lanes: &Lanes);
-
-    /// Tells a mass what the steps side by side have left, before a step of its own.
-    fn tell(&self, i: usize, run: &mut OneByOne<F>);
-
-    /// Evaluates what depends on time alone, for the step that takes its force at `t`.
-    fn begin(&mut self, t: f64, runs: &mut [OneByOne<F>]);
-
-    /// Takes the everyday steps of the masses in the first `n` vectors; one whose step is `hard` (not
-    /// 0) stays. Gives whether there is one. Must be inlined always.
-    fn everyday<S: Simd>(&mut self, simd: S, lanes: &mut Lanes, n: usize, hard: &mut Lane) -> bool;
-
-    /// Evaluations of the force in so many steps.
-    fn nfev(&self, i: usize, run: &OneByOne<F>, steps: u64) -> u64;
-}
-
-// The excitations of many linear forces at one time.
-
-/// Excitations; masses whose waves have the same frequency and phase share a cosine.
-#[repr(C, align(64))] // lanes begin where vectors of the machine do
-struct Waves {
-    amplitude: Lane,
-    /// At the time that was asked for last.
-    excitation: Lane,
-    /// Angular frequencies and phases, the first so many, and which of them a mass has.
-    omega: Lane,
-    phase: Lane,
-    different: usize,
-    which: [usize; WIDTH],
-}
-
-impl Waves {
-    fn of(forces: impl Iterator<Item = LinearForce>) -> Self {
-        let zero = [0.0; WIDTH];
-        let mut waves = Self {
-            amplitude: zero,
-            excitation: zero,
-            omega: zero,
-            phase: zero,
-            different: 0,
-            which: [0; WIDTH],
-        };
-        for (i, LinearForce { amplitude, omega, phase, .. }) in forces.enumerate() {
-            // a force without a wave takes part in any other's
-            if amplitude != 0.0 {
-                let n = waves.different;
-                let known = waves.omega[..n].iter().zip(&waves.phase);
-                let mut known = known.map(|(omega, phase)| [*omega, *phase]);
-                let place = known.position(|angle| angle == [omega, phase]).unwrap_or(n);
-                (waves.omega[place], waves.phase[place]) = (omega, phase);
-                waves.different = n.max(place + 1);
-                (waves.amplitude[i], waves.which[i]) = (amplitude, place);
-            }
-        }
-        waves
-    }
-
-    /// Goes to a time.
-    #[inline(always)]
-    fn go_to(&mut self, t: f64) {
-        if self.different <= 1 {
-            // none: times no amplitude
-            let cosine = cos(self.omega[0] * t + self.phase[0]);
-            for (it, amplitude) in self.excitation.iter_mut().zip(&self.amplitude) {
-                *it = amplitude * cosine;
-            }
-            return;
-        }
-        // whole vectors of any machine
-        let n = self.different.next_multiple_of(8).min(WIDTH);
-        let mut cosines = [0.0; WIDTH];
-        let angles = self.omega.iter().zip(&self.phase);
-        for (it, (omega, phase)) in cosines[..n].iter_mut().zip(angles) {
-            *it = omega * t + phase;
-        }
-        turn_into_cosines(&mut cosines[..n]);
-        for i in 0..WIDTH {
-            self.excitation[i] = self.amplitude[i] * cosines[self.which[i]];
-        }
-    }
-}
-
-// Masses under forces of time alone, which are known before a step.
-
-/// Where the forces of a step come from.
-enum Source {
-    /// Waves, from which gravity is taken away.
-    Waves(Box<(Waves, Lane)>),
-    /// Forces are evaluated, those that are the same once: the first that is the same as each.
-    Evaluated(Vec<usize>),
-}
-
-#[repr(C, align(64))] // lanes begin where vectors of the machine do
-struct Pulled {
-    /// The forces; none (NaN) where nothing moves any more or a step has to be taken alone.
-    pull: Lane,
-    source: Source,
-}
-
-impl Pulled {
-    fn of<F: Force<Stopped>>(masses: &[Mass<F>]) -> Self {
-        let linear = || masses.iter().filter_map(|mass| mass.force.as_linear_force());
-        let source = if linear().count() == masses.len() {
-            Source::Waves(Box::new((Waves::of(linear()), [f64::NAN; WIDTH])))
-        } else {
-            let first = |(i, mass): (usize, &Mass<F>)| {
-                let same = |other: &Mass<F>| mass.force.is_same(&other.force);
-                masses[..i].iter().position(same).unwrap_or(i)
-            };
-            Source::Evaluated(masses.iter().enumerate().map(first).collect())
-        };
-        Self { source, pull: [f64::NAN; WIDTH] }
-    }
-}
-
-impl<F: Force<Stopped>> Law<F> for Pulled {
-    fn place(&mut self, i: usize, run: &OneByOne<F>, _: &Lanes) {
-        if let Source::Waves(waves) = &mut self.source {
-            let gravity = run.force.as_linear_force().map_or(f64::NAN, |it| it.gravity);
-            waves.1[i] = if run.ended.is_none() { gravity } else { f64::NAN };
-        }
-        if run.ended.is_some() {
-            self.pull[i] = f64::NAN;
-        }
-    }
-
-    fn tell(&self, _: usize, _: &mut OneByOne<F>) {}
-
-    #[inline(always)]
-    fn begin(&mut self, t: f64, runs: &mut [OneByOne<F>]) {
-        match &mut self.source {
-            Source::Waves(waves) => {
-                let (waves, gravity) = &mut **waves;
-                waves.go_to(t);
-                let waves = waves.excitation.iter().zip(gravity);
-                for (pull, (wave, gravity)) in self.pull.iter_mut().zip(waves) {
-                    *pull = wave - *gravity;
-                }
-            }
-            Source::Evaluated(first) => {
-                for (i, run) in runs.iter_mut().enumerate() {
-                    if run.ended.is_none() {
-                        let known = self.pull[first[i]];
-                        let shared = first[i] < i && !known.is_nan();
-                        self.pull[i] = if shared {
-                            known
-                        } else {
-                            run.force.at(t, 0.0, 0.0).unwrap_or(f64::NAN)
-                        };
-                    }
-                }
-            }
-        }
-    }
-
-    #[inline(always)]
-    fn everyday<S: Simd>(&mut self, simd: S, lanes: &mut Lanes, n: usize, hard: &mut Lane) -> bool {
-        let of = Common::of(simd, lanes);
-        let mut any = of.zero;
-        let Lanes { s, v, busy, r, inverse_r, turn, .. } = lanes;
-        let (s, v) = (vectors_mut(simd, s), vectors_mut(simd, v));
-        let [r_out, r_in] = r.each_ref().map(|lane| vectors(simd, lane));
-        let [inverse_out, inverse_in] = inverse_r.each_ref().map(|lane| vectors(simd, lane));
-        let (turn, pull) = (vectors(simd, turn), vectors(simd, &self.pull));
-        let (busy, hard) = (vectors(simd, busy), vectors_mut(simd, hard));
-        for i in 0..n {
-            let (r, inverse_r) = ([r_out[i], r_in[i]], [inverse_out[i], inverse_in[i]]);
-            let flight = Flight::from(of, (s[i], v[i]), r, inverse_r, turn[i]);
-            let push = simd.mul_f64s(of.h, pull[i]);
-            let end = flight.end(push);
-            let along = simd.mul_f64s(flight.v, push);
-            let flies = flight.stays(simd.abs_f64s(push), along, end);
-            s[i] = simd.select_f64s(flies, end.0, flight.s);
-            v[i] = simd.select_f64s(flies, end.1, flight.v);
-            let pressed = simd.less_than_or_equal_f64s(push, of.zero);
-            let bounded = simd.greater_than_f64s(push, simd.neg_f64s(of.huge));
-            let rests = simd.and_m64s(flight.is_at_origin(), simd.and_m64s(pressed, bounded));
-            let taken = simd.or_m64s(flies, rests);
-            hard[i] = simd.select_f64s(taken, of.zero, busy[i]);
-            any = simd.or_f64s(any, hard[i]);
-        }
-        simd.first_true_m64s(simd.greater_than_f64s(any, of.zero)) < S::F64_LANES
-    }
-
-    fn nfev(&self, _: usize, _: &OneByOne<F>, steps: u64) -> u64 {
-        steps
-    }
-}
-
-// One mass of many: the steps that it takes by itself, and what is noted of all of them.
-
-/// A mass, its force and where it starts.
-#[derive(Clone, Copy, Debug)]
-pub(in crate::drive::batch) struct Mass<F> {
-    pub(in crate::drive::batch) step: ThetaGammaStep,
-    pub(in crate::drive::batch) force: F,
-    pub(in crate::drive::batch) initial: Physical,
-}
-
-/// What goes on beside the states: the run of one mass as it is alone.
-struct OneByOne<F> {
-    stepper: Stepper<Exact>,
-    force: F,
-    restitution: Restitution,
-    log: EventLog,
-    sigma: f64,
-    status: Status,
-    /// After how many steps it stopped, if it did.
-    ended: Option<usize>,
-    saved: Saved,
-}
-
-impl<F: Force<Stopped>> OneByOne<F> {
-    fn start(mass: Mass<F>, z: Lifted, grid: Grid, save: Save<'_>) -> Result<Self, SetupError> {
-        let Mass { step, force, initial } = mass;
-        let restitution = step.restitution();
-        let mut run = Self {
-            stepper: Stepper::new(step, Exact),
-            force,
-            restitution,
-            log: EventLog::start(grid.t(0), z, initial.arrives(), restitution),
-            sigma: transform::side(z, Branch::Positive.sigma()),
-            status: Status::Completed,
-            ended: None,
-            saved: Saved::with_room(save.every(), grid)?,
-        };
-        run.stepper.evaluate_constant(&mut run.force, grid.t(0));
-        if save.every() > 0 {
-            run.sample(z);
-        }
-        Ok(run)
-    }
-
-    /// Whether it moves from `z` or may do so: not if it has ended, or rests under a constant.
-    fn is_busy(&self, z: Lifted) -> bool {
-        let rests = z == Lifted::default() && self.stepper.constant().is_some_and(|f| f <= 0.0);
-        !rests && self.ended.is_none()
-    }
-
-    /// The step after `k` that is not everyday; `None` where there is none, and the mass stops.
-    #[cold]
-    #[inline(never)]
-    fn step(&mut self, z: Lifted, k: usize, (t, t_next): (f64, f64)) -> Option<Lifted> {
-        let start = Start { t, z, sigma: self.sigma };
-        let noted = self.stepper.advance(start, &mut self.force).and_then(|sample| {
-            self.log.step((t, z), (t_next, sample.z))?;
-            Ok(sample.z)
-        });
-        match noted {
-            Ok(end) => {
-                self.sigma = transform::side(end, self.sigma);
-                Some(end)
-            }
-            Err(failure) => {
-                self.ended = Some(k);
-                self.status = match failure {
-                    Failure::Status(status) => status,
-                    Failure::Raised(Stopped) => Status::Raised,
-                };
-                None
-            }
-        }
-    }
-
-    fn sample(&mut self, z: Lifted) {
-        if self.ended.is_none() {
-            let Physical { x, xdot } = transform::project(z, self.restitution);
-            self.saved.push(x, xdot);
-        }
-    }
-
-    fn finish(
-        self,
-        lanes: &Lanes,
-        i: usize,
-        (grid, k): (Grid, usize),
-        nfev: u64,
-        save: (Save<'_>, f64),
-    ) -> Outcome {
-        let Physical { x, xdot } = transform::project(lanes.at(i, self.sigma), self.restitution);
-        let (x_max, speed_max) = (lanes.x_max[i], lanes.speed_max[i]);
-        let summary = Summary { t: grid.t(self.ended.unwrap_or(k)), x, xdot, x_max, speed_max };
-        Outcome::new((self.log.finish(), &[]), self.saved, summary, (self.status, nfev), save)
     }
 }

@@ -1,0 +1,331 @@
+//! The iterate of the outer methods: where it is, what it costs to move, the best point so far.
+
+use super::budget::Budget;
+use super::dense;
+use super::fischer;
+use super::interruption::Interruption;
+use super::natural::{natural_component, natural_residual, worst_component};
+use super::problem::{Problem, Progress};
+use super::random::Random;
+use super::settings::{Counts, RowScale, Settings, Stage};
+use super::stagnation::Stagnation;
+use super::status::Status;
+use super::workspace::Workspace;
+
+/// What stops a stage: nothing but the caller does so from within.
+pub(super) type Outcome<T> = Result<T, Interruption>;
+
+/// Half-widths by which a start is pushed off its bounds while `F` is not finite there.
+const PUSHES: [f64; 5] = [0.0, 1e-6, 1e-3, 1e-1, 1.0];
+
+/// A point `z` in the box with `F(z)`, its merit and, once linearised, its Jacobian.
+pub(super) struct Iterate<'a, 'w> {
+    pub(super) problem: &'a mut dyn Problem,
+    pub(super) settings: &'a Settings<'a>,
+    pub(super) lower: &'a [f64],
+    pub(super) upper: &'a [f64],
+    pub(super) work: &'a mut Workspace<'w>,
+    pub(super) z: &'a mut [f64],
+    pub(super) merit: f64,
+    pub(super) residual: f64,
+    pub(super) convergence_ratio: f64,
+    pub(super) best_residual: f64,
+    /// Largest residual of a solution: `tol`, or `rtol` times the residual of the start.
+    pub(super) tol: f64,
+    pub(super) stage: Stage,
+    /// `work.jacobian` was filled in this stage, or is that of an affine `F`.
+    pub(super) jacobian_is_known: bool,
+    /// `work.jacobian` is regular on the rows that the active set holds inside, by the pivots there.
+    pub(super) inside_is_regular: bool,
+    /// The proximal point method was tried before the paths.
+    pub(super) was_proximal: bool,
+    /// The smoothing Newton method was tried before the paths.
+    pub(super) was_smoothed: bool,
+    /// It was tried to prove that there is no solution.
+    pub(super) proof_was_sought: bool,
+    rows_await_scaling: bool,
+    tolerance_awaits_start: bool,
+    pub(super) budget: Budget,
+    pub(super) counts: Counts,
+}
+
+impl<'a, 'w> Iterate<'a, 'w> {
+    pub(super) fn new(
+        problem: &'a mut dyn Problem,
+        settings: &'a Settings<'a>,
+        (lower, upper): (&'a [f64], &'a [f64]),
+        work: &'a mut Workspace<'w>,
+        z: &'a mut [f64],
+    ) -> Self {
+        let n = z.len();
+        work.scale.fill(1.0);
+        if let RowScale::Given(scale) = settings.row_scale {
+            dense::copy(work.scale, scale);
+        }
+        work.f.fill(f64::NAN);
+        dense::copy(work.best, z);
+        Self {
+            problem,
+            settings,
+            lower,
+            upper,
+            work,
+            z,
+            merit: f64::NAN,
+            residual: f64::NAN,
+            convergence_ratio: f64::NAN,
+            best_residual: f64::INFINITY,
+            tol: settings.tol,
+            stage: Stage::JosephyNewton,
+            jacobian_is_known: false,
+            inside_is_regular: false,
+            was_proximal: false,
+            was_smoothed: false,
+            proof_was_sought: false,
+            rows_await_scaling: settings.row_scale == RowScale::Jacobian,
+            tolerance_awaits_start: settings.rtol > 0.0,
+            budget: Budget::new(settings.total_pivot_limit(n)),
+            counts: Counts::default(),
+        }
+    }
+
+    pub(super) fn n(&self) -> usize {
+        self.z.len()
+    }
+
+    /// True when the iterate solves the problem: by its residual, nothing else.
+    pub(super) fn is_solved(&self) -> bool {
+        self.residual <= self.tol
+    }
+
+    pub(super) fn out_of_iterations(&self) -> bool {
+        self.counts.iterations >= self.settings.max_iterations
+    }
+
+    /// What is left of the pivots for one affine solve.
+    pub(super) fn pivots_left(&self) -> usize {
+        self.budget.left().min(self.settings.pivot_limit(self.n(), self.counts.iterations <= 1))
+    }
+
+    /// True where the stage makes no progress, or can make none for the rounding of `F`.
+    pub(super) fn has_stalled(&self, progress: &mut Stagnation) -> bool {
+        let stalled = progress.has_stalled(self.merit);
+        let at_rounding = || progress.is_slow() && self.is_within_rounding().is_some();
+        !self.is_solved() && (stalled || at_rounding())
+    }
+
+    /// Why no step could be made: there was none, or its budget is spent.
+    pub(super) fn why_stuck(&self) -> Status {
+        if self.budget.is_spent() {
+            Status::PivotLimit
+        } else {
+            Status::Stationary
+        }
+    }
+
+    /// Tells the caller's monitor about the evaluated point at which an iteration has ended:
+    /// `work.trial` in all stages.
+    pub(super) fn report(&mut self) -> Outcome<()> {
+        let (z, f) = (&*self.work.trial, &*self.work.trial_f);
+        self.problem.monitor(&Progress {
+            iteration: self.counts.iterations,
+            residual: natural_residual(z, f, self.lower, self.upper),
+            worst: worst_component(z, f, self.lower, self.upper),
+            stage: self.stage,
+        })
+    }
+
+    /// `F` at `work.trial`, scaled, into `work.trial_f`. False where it is not finite.
+    pub(super) fn evaluate_trial(&mut self) -> Outcome<bool> {
+        self.problem.poll()?;
+        self.counts.f += 1;
+        self.problem.map(self.work.trial, self.work.trial_f)?;
+        dense::scale(self.work.trial_f, self.work.scale);
+        Ok(dense::is_finite(self.work.trial_f))
+    }
+
+    /// The merit at `work.trial`; infinite where `F` is not finite.
+    pub(super) fn merit_of_trial(&mut self) -> Outcome<f64> {
+        let finite = self.evaluate_trial()?;
+        let merit = fischer::merit(self.work.trial, self.work.trial_f, self.lower, self.upper);
+        // squares may overflow where F does not
+        Ok(if finite { merit.min(f64::MAX) } else { f64::INFINITY })
+    }
+
+    /// Moves to `work.trial`, which has been evaluated.
+    pub(super) fn accept(&mut self, merit: f64) {
+        dense::copy(self.z, self.work.trial);
+        dense::copy(self.work.f, self.work.trial_f);
+        let before = self.residual;
+        self.merit = merit;
+        self.residual = natural_residual(self.z, self.work.f, self.lower, self.upper);
+        self.convergence_ratio = self.residual / before;
+        if self.residual < self.best_residual {
+            self.best_residual = self.residual;
+            dense::copy(self.work.best, self.z);
+        }
+    }
+
+    /// Begins a stage at `work.trial`, pushed off its bounds as far as `F` and its Jacobian need.
+    /// False where they are finite nowhere tried.
+    pub(super) fn begin(&mut self) -> Outcome<bool> {
+        dense::copy(self.work.point, self.work.trial);
+        self.jacobian_is_known &= self.problem.is_affine();
+        for push in PUSHES {
+            self.push_from_bounds(push);
+            self.residual = f64::NAN;
+            let merit = self.merit_of_trial()?;
+            if !merit.is_finite() {
+                continue;
+            }
+            self.accept(merit);
+            if self.tolerance_awaits_start && !self.rows_await_scaling {
+                self.set_relative_tolerance();
+            }
+            if self.is_solved() && !self.rows_await_scaling {
+                return Ok(true);
+            }
+            if self.linearise()? {
+                if self.rows_await_scaling {
+                    self.scale_rows_by_jacobian()?;
+                }
+                return Ok(true);
+            }
+        }
+        Ok(false)
+    }
+
+    /// `trial <- P(c + 10^(k/2 - 1) max(1, |c|) r)`, `r` uniform on `[-1, 1]^n` from a fixed seed;
+    /// the centre `c` is `z0` and, for odd `k`, the point of the box nearest to zero (`F` may be
+    /// hopeless around `z0`).
+    pub(super) fn scatter(&mut self, k: u8) {
+        dense::copy(self.work.trial, self.work.start);
+        let spread = libm::pow(10.0, 0.5 * f64::from(k) - 1.0);
+        let mut random = Random::new(u64::from(k) + 1);
+        if k % 2 == 1 {
+            self.work.trial.fill(0.0);
+            dense::project(self.work.trial, self.lower, self.upper);
+        }
+        for z in self.work.trial.iter_mut() {
+            *z += spread * f64::max(1.0, z.abs()) * (2.0 * random.uniform() - 1.0);
+        }
+        dense::project(self.work.trial, self.lower, self.upper);
+    }
+
+    /// `trial <- point`, at least `push` times the width (at most 1) away from finite bounds.
+    fn push_from_bounds(&mut self, push: f64) {
+        let bounds = self.lower.iter().zip(self.upper);
+        let points = self.work.trial.iter_mut().zip(self.work.point.iter());
+        for ((trial, &point), (&lower, &upper)) in points.zip(bounds) {
+            let distance = f64::min(push * f64::min(upper - lower, 1.0), 0.5 * (upper - lower));
+            *trial = point.max(lower + distance).min(upper - distance).max(lower).min(upper);
+        }
+    }
+
+    /// Sets `sigma_i = 1/max_j |J_ij|` from the Jacobian at the iterate and re-evaluates there.
+    fn scale_rows_by_jacobian(&mut self) -> Outcome<()> {
+        for (scale, row) in
+            self.work.scale.iter_mut().zip(dense::rows(self.work.jacobian, self.z.len()))
+        {
+            let size = dense::norm(row);
+            *scale = if size > 0.0 && size.is_finite() { 1.0 / size } else { 1.0 };
+        }
+        self.rows_await_scaling = false;
+        self.jacobian_is_known = false;
+        self.best_residual = f64::INFINITY;
+        dense::copy(self.work.trial, self.z);
+        let merit = self.merit_of_trial()?;
+        self.accept(merit);
+        self.linearise()?;
+        if self.tolerance_awaits_start {
+            self.set_relative_tolerance();
+        }
+        Ok(())
+    }
+
+    /// `max(tol, rtol r)` with the residual `r` of the start.
+    fn set_relative_tolerance(&mut self) {
+        self.tol = f64::max(self.settings.tol, self.settings.rtol * self.residual);
+        self.tolerance_awaits_start = false;
+    }
+
+    /// Makes the best point of all stages the iterate.
+    pub(super) fn return_to_best(&mut self) -> Outcome<()> {
+        dense::copy(self.work.trial, self.work.best);
+        let (merit, ratio) = (self.merit_of_trial()?, self.convergence_ratio);
+        self.accept(merit);
+        self.convergence_ratio = ratio;
+        Ok(())
+    }
+
+    /// `F` at the best point of an interrupted solve, whatever the monitor says.
+    pub(super) fn evaluate_best(&mut self) -> Outcome<()> {
+        dense::copy(self.z, self.work.best);
+        self.work.f.fill(f64::NAN);
+        if self.best_residual.is_finite() {
+            self.counts.f += 1;
+            self.problem.map(self.z, self.work.f)?;
+            dense::scale(self.work.f, self.work.scale);
+        }
+        self.residual = natural_residual(self.z, self.work.f, self.lower, self.upper);
+        Ok(())
+    }
+
+    /// The tolerance raised to rounding, if with it the iterate is a solution: where a component
+    /// of the natural map exceeds `tol`, `F_i` is within ten roundings of its row of zero,
+    /// `|F_i| <= 10 eps sum_j |J_ij z_j|`, `eps` the rounding of `F`. A given Jacobian is believed:
+    /// see [`Iterate::rows_are_as_steep`].
+    pub(super) fn is_within_rounding(&self) -> Option<f64> {
+        let (mut reached, rounding) = (self.tol, 10.0 * self.problem.rounding());
+        for (i, row) in dense::rows(self.work.jacobian, self.n()).enumerate() {
+            let (z, f) = (dense::at(self.z, i), dense::at(self.work.f, i));
+            let (lower, upper) = (dense::at(self.lower, i), dense::at(self.upper, i));
+            if natural_component(z, f, lower, upper).abs() <= self.tol {
+                continue;
+            }
+            let size: f64 = row.iter().zip(self.z.iter()).map(|(a, z)| (a * z).abs()).sum();
+            let floor = rounding * size;
+            if f.is_nan() || f.abs() > floor || !floor.is_finite() {
+                return None;
+            }
+            reached = reached.max(floor);
+        }
+        Some(reached)
+    }
+
+    /// The residual of the caller's `F`, unscaled, which is left in `work.trial_f`.
+    pub(super) fn raw_residual(&mut self) -> f64 {
+        for ((f, scale), scaled) in
+            self.work.trial_f.iter_mut().zip(self.work.scale.iter()).zip(self.work.f.iter())
+        {
+            *f = scaled / scale;
+        }
+        natural_residual(self.z, self.work.trial_f, self.lower, self.upper)
+    }
+
+    /// The best point, without another evaluation: `F` there is no longer known.
+    pub(super) fn give_up(&mut self) {
+        dense::copy(self.z, self.work.best);
+        self.work.f.fill(f64::NAN);
+        self.residual = f64::NAN;
+    }
+}
+
+/// `trial <- z + t d`, exactly on a bound where the full step ends there.
+pub(super) fn advance(at: &mut Iterate<'_, '_>, t: f64) {
+    let work = &mut *at.work;
+    for i in 0..work.step.len() {
+        let (lower, upper) = (dense::at(at.lower, i), dense::at(at.upper, i));
+        let (z, d) = (dense::at(at.z, i), dense::at(work.step, i));
+        let reached = if t < 1.0 {
+            z + t * d
+        } else if d == dense::at(work.lower, i) {
+            lower
+        } else if d == dense::at(work.upper, i) {
+            upper
+        } else {
+            z + d
+        };
+        dense::put(work.trial, i, reached.max(lower).min(upper));
+    }
+}
