@@ -1,6 +1,6 @@
 //! The state in which a late control will act.
 
-use zivi_core::control::predictor::MOST_DELAY;
+use zivi_core::control::port::MOST_DELAY;
 use zivi_core::{flight, Physical, Real};
 
 use crate::code::{

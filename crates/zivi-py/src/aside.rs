@@ -5,7 +5,7 @@ use std::cell::Cell;
 
 use pyo3::PyResult;
 
-use crate::arrays::with_room;
+use crate::interface::with_room;
 
 thread_local! {
     /// What this thread has set aside.

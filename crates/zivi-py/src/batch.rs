@@ -9,14 +9,12 @@ use zivi::drive::batch::{
 };
 use zivi::{Events, Grid, Physical, Restitution};
 
-use crate::arrays::{array, list, try_list, with_room};
-use crate::errors::setup_error;
 use crate::force::{AnyNative, Force};
-use crate::impact_law::ImpactLaw;
+use crate::interface::{array, list, setup_error, try_list, with_room, Watch};
 use crate::method::Method;
 use crate::record::rows_of;
+use crate::system::ImpactLaw;
 use crate::transform::from_both;
-use crate::watch::Watch;
 
 pub(crate) fn refused(error: BatchError<PyErr>) -> PyErr {
     match error {

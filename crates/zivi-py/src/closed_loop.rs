@@ -20,19 +20,15 @@ use zivi::{
 use zivi_core::control::Waypoint;
 use zivi_core::observer::ImpactObserver;
 
-use crate::arrays::{array, list};
 use crate::control::run_copy;
-use crate::errors::{setup_error, Raised};
 use crate::force::{AnyForce, AnyNative, Force as GivenForce};
-use crate::method::Method;
+use crate::interface::{array, list, setup_error, Raised, Watch};
+use crate::method::{Event, Hits, Method, MotionPath};
 use crate::observer::Observer;
 use crate::record::rows_of;
 use crate::simulate::grid_of;
-use crate::switched_rk::MotionPath;
 use crate::system::State;
 use crate::transform::Restitution as GivenRestitution;
-use crate::user_events::{Event, Hits};
-use crate::watch::Watch;
 
 /// What a controller has beside `step`, and what this takes beside `x, xdot, force`.
 #[derive(Clone, Copy, FromPyObject)]

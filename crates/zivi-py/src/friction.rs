@@ -6,12 +6,12 @@ use numpy::PyArrayMethods;
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use zivi::mechanics::{MechanicalRun, Occurrence};
-use zivi::record::contact_mode::ContactMode;
+use zivi::record::gap_set::ContactMode;
 use zivi::system::dynamics::{Dynamics, Layout};
-use zivi::system::friction::{Channel, Friction as Given, FrictionalImpact};
+use zivi::system::force::{Channel, Friction as Given, FrictionalImpact};
 use zivi::system::linear_system::LinearSystem;
 
-use crate::arrays::{array, columns, Matrix, Vector};
+use crate::interface::{array, columns, Matrix, Vector};
 
 /// The channels of friction of a system, those of gaps first, and how impacts go on.
 #[pyclass(frozen, module = "zivi._zivi")]

@@ -4,7 +4,7 @@ use numpy::{PyArray1, PyArrayMethods, PyUntypedArrayMethods};
 use pyo3::exceptions::{PyRuntimeError, PyValueError};
 use pyo3::gc::{PyTraverseError, PyVisit};
 use pyo3::prelude::*;
-use zivi::system::driven::{Driven, InputMatrix};
+use zivi::system::dynamics::{Driven, InputMatrix};
 
 use crate::dynamics::{AnyDynamics, CompiledDynamics, CompiledFunction};
 use crate::friction::Rubbing;

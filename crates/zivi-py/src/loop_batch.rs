@@ -9,16 +9,15 @@ use zivi::drive::batch::{
 use zivi::drive::closed_loop::{AnyController, ReferencePoint};
 use zivi::{Physical, Status};
 
-use crate::arrays::{array, list, with_room};
 use crate::batch::{natives, refused, row_restitution, rows, BETWEEN_LOOKS};
 use crate::closed_loop::{given_of_row, motion_of};
 use crate::control::of_ours;
 use crate::force::Force;
+use crate::interface::{array, list, with_room, Watch};
 use crate::method::Method;
 use crate::observer::Observer;
 use crate::simulate::grid_of;
 use crate::transform::restitution_of;
-use crate::watch::Watch;
 
 fn native(controller: &Bound<'_, PyAny>) -> PyResult<AnyController> {
     of_ours(controller).ok_or_else(|| {

@@ -10,22 +10,16 @@ use zivi::drive::mechanical::{
 };
 use zivi::drive::Updates;
 use zivi::mechanics::{MechanicalRun, Sampling, Ticks};
-use zivi::system::driven::Driven;
-use zivi::system::dynamics::{Dynamics, Layout};
+use zivi::system::dynamics::{Driven, Dynamics, Layout};
 use zivi::{AnyImpactLaw, AnyMethod, SetupError, SwitchedRk};
 
-use crate::arrays::{list, vector, Matrix};
 use crate::closed_loop::numbers_of;
-use crate::control::believed::{law_error, Believed};
-use crate::control::gap_tracker::{pressed, GapTracker};
-use crate::control::mechanical_reference::Reference;
-use crate::control::striker::Striker;
-use crate::errors::setup_error;
+use crate::control::mechanical::{law_error, pressed, Believed, GapTracker, Reference, Striker};
 use crate::inputs::Inputs;
+use crate::interface::{list, setup_error, vector, Matrix, Watch};
 use crate::mechanics::MechanicalRecord;
 use crate::method::Method;
 use crate::system::{Configuration, Mechanism};
-use crate::watch::Watch;
 
 /// A loop: its run at the samples, the controls there, and what happened at the ticks.
 #[pyclass(frozen, get_all, module = "zivi._zivi")]

@@ -1,16 +1,21 @@
 //! Methods from Python: one class for all, by the list of the library, and what their settings may be.
 
-use std::ops::Bound as Limit;
-
+use crate::dynamics::fill;
+use crate::interface::{array, list, setup_error, stored, vector, zeros, Array, Matrix};
+use numpy::{PyArray1, PyArrayMethods, PyReadonlyArray1, PyUntypedArrayMethods};
 use pyo3::exceptions::{PyTypeError, PyValueError};
+use pyo3::gc::{PyTraverseError, PyVisit};
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyTuple};
+use std::ops::Bound as Limit;
+use std::slice::from_ref;
 use zivi::method::{Entry, Settings, Values};
-use zivi::{AnyMethod, Solver, SwitchedRk};
+use zivi::{
+    AnyMethod, DensePath, Direction, Level, LocatedEvent, Motion, MotionPoint, PathPoint, Physical,
+    Solver, SwitchedRk, UserEvent,
+};
 use zivi_core::setting::{Setting as Described, Value, Values as Range};
-use zivi_core::ThetaGammaStep;
-
-use crate::errors::setup_error;
+use zivi_core::{transform, Branch, ThetaGammaStep};
 
 /// A method with its settings, all of them in range.
 #[pyclass(frozen, module = "zivi._zivi")]
@@ -244,4 +249,262 @@ pub(crate) fn all_settings(py: Python<'_>) -> PyResult<Bound<'_, PyDict>> {
 /// The step size of a fixed-step scheme above a wall: refuses what is out of range.
 pub(crate) fn step_of(h: f64, restitution: zivi::Restitution) -> PyResult<ThetaGammaStep> {
     ThetaGammaStep::new(h, 1.0, 1.0, restitution).map_err(|error| setup_error(error.into()))
+}
+
+// The motion of a mass between the samples of a run.
+
+/// The motion between the samples of a run.
+#[pyclass(frozen, module = "zivi._zivi")]
+pub(crate) struct MotionPath {
+    pub(crate) motion: Motion,
+}
+
+type Arrays<'py> = (Bound<'py, PyArray1<f64>>, Bound<'py, PyArray1<f64>>);
+/// What restores an object, and its arguments.
+type Reduced<'py> = (Bound<'py, PyAny>, (Bound<'py, PyArray1<f64>>,));
+
+impl MotionPath {
+    /// The motion of the plant of a closed loop.
+    pub(crate) fn of_loop(path: DensePath, restitution: zivi::Restitution) -> Self {
+        let tails = path.tails().to_vec();
+        Self { motion: Motion { path: Some(path), tails, restitution } }
+    }
+
+    /// Two quantities of the motion at each time, NaN outside of the span.
+    fn sample<'py>(
+        &self,
+        py: Python<'py>,
+        times: &PyReadonlyArray1<'py, f64>,
+        of: impl Fn(zivi::PathPoint) -> (f64, f64),
+    ) -> PyResult<Arrays<'py>> {
+        let mut reader = self.motion.path.as_ref().map(DensePath::reader);
+        let mut at = |&t: &f64| {
+            let point = reader.as_mut().and_then(|reader| reader.at(t));
+            point.map_or((f64::NAN, f64::NAN), &of)
+        };
+        let mut both = [zeros(times.len())?, zeros(times.len())?];
+        for (k, t) in times.as_array().iter().enumerate() {
+            (both[0][k], both[1][k]) = at(t);
+        }
+        let [first, second] = both.map(|it| PyArray1::from_vec(py, it));
+        Ok((first, second))
+    }
+}
+
+#[pymethods]
+impl MotionPath {
+    /// All that it consists of, as plain numbers.
+    fn numbers<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray1<f64>>> {
+        stored(py, self.motion.to_numbers())
+    }
+
+    /// What `numbers` came from; a ValueError for numbers that are none of a motion.
+    #[staticmethod]
+    fn restored(numbers: PyReadonlyArray1<'_, f64>) -> PyResult<Self> {
+        let numbers = vector(&numbers)?;
+        let motion = Motion::from_numbers(&numbers);
+        Ok(Self { motion: motion.map_err(|error| PyValueError::new_err(error.to_string()))? })
+    }
+
+    fn __reduce__<'py>(&self, py: Python<'py>) -> PyResult<Reduced<'py>> {
+        Ok((py.get_type::<Self>().getattr("restored")?, (self.numbers(py)?,)))
+    }
+
+    /// Whether the motion between the samples is known.
+    #[getter]
+    fn dense(&self) -> bool {
+        self.motion.path.is_some()
+    }
+
+    /// The times between which the motion is known.
+    #[getter]
+    fn span(&self) -> Option<(f64, f64)> {
+        self.motion.path.as_ref().and_then(DensePath::span)
+    }
+
+    /// Where a step, a tail or a rest begins, in order.
+    fn starts(&self, py: Python<'_>) -> PyResult<Array> {
+        array(py, self.motion.path.iter().flat_map(DensePath::starts))
+    }
+
+    /// `(x, xdot)` at the times.
+    fn physical<'py>(
+        &self,
+        py: Python<'py>,
+        times: PyReadonlyArray1<'py, f64>,
+    ) -> PyResult<Arrays<'py>> {
+        self.sample(py, &times, |point| (point.x, point.xdot))
+    }
+
+    /// `(s, v)` at the times.
+    fn lifted<'py>(
+        &self,
+        py: Python<'py>,
+        times: PyReadonlyArray1<'py, f64>,
+    ) -> PyResult<Arrays<'py>> {
+        self.sample(py, &times, |zivi::PathPoint { x, xdot, sigma }| {
+            let branch = if sigma > 0.0 { Branch::Positive } else { Branch::Negative };
+            let z = transform::lift(Physical { x, xdot }, branch, self.motion.restitution);
+            (z.s + 0.0, z.v + 0.0)
+        })
+    }
+
+    /// Times and velocities before and after of the impacts that jumps to rest skipped, down to
+    /// a speed after them, at most so many of each accumulation.
+    fn skipped_impacts(
+        &self,
+        py: Python<'_>,
+        speed: f64,
+        at_most: usize,
+    ) -> PyResult<(Array, Array, Array)> {
+        let tails = self.motion.tails.iter();
+        let impacts = list(tails.flat_map(|tail| tail.impacts_down_to(speed, at_most)))?;
+        let column = |of: fn(&zivi::Impact) -> f64| array(py, impacts.iter().map(of));
+        Ok((column(|it| it.t)?, column(|it| it.xdot_before)?, column(|it| it.xdot_after)?))
+    }
+
+    /// Start and end of the accumulations that were extrapolated.
+    #[getter]
+    fn tails(&self) -> Vec<(f64, f64)> {
+        self.motion.tails.iter().map(|tail| (tail.start(), tail.zeno_time())).collect()
+    }
+}
+
+// Events of the user: functions from Python, and what happened of them.
+
+/// An event of the user: where a function of time and state changes its sign.
+#[pyclass(frozen, get_all, module = "zivi._zivi")]
+pub(crate) struct Event {
+    /// `g(t, x, x')`, or `g(t, q, q')` of a mechanical system.
+    function: Py<PyAny>,
+    /// Upwards only, downwards only (below 0) or both (0).
+    direction: i32,
+    /// The number of the event that ends the run.
+    terminal: Option<usize>,
+    /// The level that is crossed, if the function is that simple: one of the position or of the
+    /// velocity.
+    level_x: Option<f64>,
+    level_xdot: Option<f64>,
+}
+
+#[pymethods]
+impl Event {
+    #[new]
+    #[pyo3(signature = (function, *, direction, terminal, level_x=None, level_xdot=None))]
+    fn new(
+        function: Py<PyAny>,
+        direction: i32,
+        terminal: Option<usize>,
+        level_x: Option<f64>,
+        level_xdot: Option<f64>,
+    ) -> Self {
+        Self { function, direction, terminal, level_x, level_xdot }
+    }
+
+    fn __traverse__(&self, visit: PyVisit<'_>) -> Result<(), PyTraverseError> {
+        visit.call(&self.function)
+    }
+}
+
+/// What a function of an event returned, as a number.
+fn number(value: &Bound<'_, PyAny>) -> PyResult<f64> {
+    value.extract().map_err(|_| {
+        let kind = value.get_type();
+        PyTypeError::new_err(format!("an event function must return a float, got {kind}"))
+    })
+}
+
+impl Event {
+    fn direction(&self) -> Direction {
+        match self.direction {
+            0 => Direction::Either,
+            below if below < 0 => Direction::Falling,
+            _ => Direction::Rising,
+        }
+    }
+
+    /// As an event of a mass above a wall.
+    pub(crate) fn of_point<'py>(&self, py: Python<'py>) -> UserEvent<'py, PyErr> {
+        let function = self.function.bind(py).clone();
+        let call = move |t: f64, x: f64, xdot: f64| number(&function.call1((t, x, xdot))?);
+        let of_x = self.level_x.map(Level::Position);
+        let level = of_x.or(self.level_xdot.map(Level::Velocity));
+        let (direction, terminal) = (self.direction(), self.terminal);
+        UserEvent { direction, terminal, level, ..UserEvent::new(call) }
+    }
+
+    /// As an event of a mechanical system of `n` coordinates.
+    pub(crate) fn of_mechanism<'py>(
+        &self,
+        py: Python<'py>,
+        n: usize,
+    ) -> UserEvent<'py, PyErr, MotionPoint> {
+        let function = self.function.bind(py).clone();
+        let zeros = || PyArray1::zeros(py, n, false);
+        let (of_q, of_w) = (zeros(), zeros());
+        let call = move |t: f64, at: &MotionPoint| {
+            fill(&of_q, &at.x[..n])?;
+            fill(&of_w, &at.v[..n])?;
+            number(&function.call1((t, &of_q, &of_w))?)
+        };
+        let (direction, terminal) = (self.direction(), self.terminal);
+        UserEvent { direction, terminal, ..UserEvent::of(call) }
+    }
+}
+
+/// Where one event of the user happened: its times, and the states there in rows.
+#[pyclass(frozen, get_all, module = "zivi._zivi")]
+pub(crate) struct Hits {
+    t: Array,
+    /// Coordinates: one, the distance from the wall, for a mass.
+    q: Matrix<f64>,
+    qdot: Matrix<f64>,
+}
+
+/// A state at which an event happened.
+pub(crate) trait Place {
+    /// Coordinates.
+    fn q(&self) -> &[f64];
+    /// Velocities.
+    fn qdot(&self) -> &[f64];
+}
+
+impl Place for PathPoint {
+    fn q(&self) -> &[f64] {
+        from_ref(&self.x)
+    }
+
+    fn qdot(&self) -> &[f64] {
+        from_ref(&self.xdot)
+    }
+}
+
+/// Gaps and their rates follow the coordinates and velocities.
+impl Place for MotionPoint {
+    fn q(&self) -> &[f64] {
+        &self.x
+    }
+
+    fn qdot(&self) -> &[f64] {
+        &self.v
+    }
+}
+
+impl Hits {
+    /// Those of each event, at states of `n` coordinates.
+    pub(crate) fn of<S: Place>(
+        py: Python<'_>,
+        events: &[Vec<LocatedEvent<S>>],
+        n: usize,
+    ) -> PyResult<Vec<Py<Self>>> {
+        let one = |hits: &Vec<LocatedEvent<S>>| {
+            let rows = |of: fn(&S) -> &[f64]| -> PyResult<Matrix<f64>> {
+                let all = hits.iter().flat_map(|it| of(&it.at)[..n].iter().copied());
+                Ok(array(py, all)?.into_bound(py).reshape([hits.len(), n])?.unbind())
+            };
+            let t = array(py, hits.iter().map(|it| it.t))?;
+            Py::new(py, Self { t, q: rows(S::q)?, qdot: rows(S::qdot)? })
+        };
+        events.iter().map(one).collect()
+    }
 }

@@ -1,13 +1,15 @@
 //! The motion of a mechanical system between the samples of a run.
 
-use numpy::{PyArray1, PyReadonlyArray1, PyUntypedArrayMethods};
+use crate::friction::{modes_of, slips_of};
+use crate::interface::{array, columns, list, members, stored, vector, Array, Matrix, Vector};
+use crate::transform::Restitution;
+use numpy::{PyArray1, PyReadonlyArray1, PyReadonlyArray2, PyUntypedArrayMethods};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use zivi::mechanics::MechanicalPath as Path;
-use zivi::record::contact_mode::ContactMode;
-
-use crate::arrays::{array, columns, list, members, stored, vector, Array, Matrix, Vector};
-use crate::friction::{modes_of, slips_of};
+use zivi::record::gap_set::ContactMode;
+use zivi::stepping::ballistic;
+use zivi::{Events, Physical};
 
 /// What restores an object, and its arguments.
 type Reduced<'py> = (Bound<'py, PyAny>, (Bound<'py, PyArray1<f64>>,));
@@ -104,4 +106,38 @@ impl MechanicalPath {
     fn __reduce__<'py>(&self, py: Python<'py>) -> PyResult<Reduced<'py>> {
         Ok((py.get_type::<Self>().getattr("restored")?, (self.numbers(py)?,)))
     }
+}
+
+// Exact motion under constant forces, from Python.
+
+/// Where motions are after a while.
+#[pyclass(frozen, get_all, module = "zivi._zivi")]
+pub(crate) struct Ballistic {
+    x: Array,
+    xdot: Array,
+    n_impacts: Array,
+}
+
+/// The exact motion from states `x, x'` (rows) under accelerations for durations (columns 2 and 3
+/// of the rows).
+#[pyfunction]
+pub(crate) fn ballistic_motion(
+    py: Python<'_>,
+    rows: PyReadonlyArray2<'_, f64>,
+    restitution: PyRef<'_, Restitution>,
+) -> PyResult<Ballistic> {
+    let rows = rows.as_array();
+    let motions = rows.rows().into_iter().map(|row| {
+        let (state, mut events) = (Physical { x: row[0], xdot: row[1] }, Events::default());
+        let span = (0.0, row[3]);
+        let end = ballistic::advance(state, row[2], restitution.inner, span, &mut events);
+        (end, events.impacts.len())
+    });
+    let motions = list(motions)?;
+    let column = |of: fn(&(Physical, usize)) -> f64| array(py, motions.iter().map(of));
+    Ok(Ballistic {
+        x: column(|it| it.0.x)?,
+        xdot: column(|it| it.0.xdot)?,
+        n_impacts: column(|it| it.1 as f64)?,
+    })
 }

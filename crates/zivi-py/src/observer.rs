@@ -1,6 +1,6 @@
 //! The observer as a Python class.
 
-use crate::arrays::with_room;
+use crate::interface::with_room;
 use numpy::{PyArray1, PyReadonlyArray1};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;

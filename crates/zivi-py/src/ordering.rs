@@ -1,7 +1,7 @@
 //! The order in which a sparse matrix is factorised, found with the interpreter's lock released.
 
-use crate::arrays::list;
 use crate::aside::with_aside;
+use crate::interface::list;
 use numpy::{PyArray1, PyReadonlyArray1};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;

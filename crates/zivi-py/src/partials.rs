@@ -10,22 +10,19 @@ use zivi::mechanics::sensitivity::{
 };
 use zivi::mechanics::{MechanicalOutput, MechanicalRun};
 use zivi::system::dynamics::{Dynamics, Layout};
-use zivi::system::linear_partials::LinearPartials;
+use zivi::system::linear_dynamics::LinearPartials;
 use zivi::system::partials::{
     DifferencedDynamics, DifferentiableDynamics, Neighbours, TimedState, MOVES,
 };
 use zivi::system::tree::TreeDynamics;
 use zivi::{AnyImpactLaw, SetupError, SwitchedRk};
 
-use crate::arrays::vector;
-use crate::arrays::Array;
 use crate::dynamics::{AnyDynamics, CompiledDynamics, Model, PythonDynamics};
-use crate::errors::setup_error;
+use crate::interface::{setup_error, vector, Array, Watch};
 use crate::mechanics::MechanicalRecord;
 use crate::method::Method;
 use crate::sensitivity::Nearest;
 use crate::system::{Configuration, Mechanism};
-use crate::watch::Watch;
 
 /// A system, and a function that fills in all its partial derivatives.
 struct WithPartials<D, P> {

@@ -1,18 +1,18 @@
 //! The record of a run as Python sees it: NumPy arrays that own its memory.
 
-use crate::arrays::{list, Array};
+use crate::interface::{list, Array};
 use numpy::{PyArray1, PyArray2, PyArrayMethods};
 use pyo3::exceptions::{PyMemoryError, PyValueError};
 use pyo3::prelude::*;
 use std::mem::ManuallyDrop;
 use std::sync::{Mutex, OnceLock};
-use zivi::{Columns, DensePath, Impact, Motion, PlotSamples, PointRun, Quantity, Restitution};
-use zivi::{Samples, Status, QUANTITIES};
+use zivi::{
+    Columns, DensePath, Impact, Motion, PlotSamples, PointRun, Quantity, Restitution, Samples,
+    Status, QUANTITIES,
+};
 
-use crate::errors::{setup_error, Raised};
-use crate::switched_rk::MotionPath;
-use crate::user_events::Hits;
-use crate::watch::advise;
+use crate::interface::{advise, setup_error, Raised};
+use crate::method::{Hits, MotionPath};
 
 /// The columns, events and outcome of one run.
 #[pyclass(frozen, module = "zivi._zivi")]
@@ -184,7 +184,7 @@ impl RunRecord {
             zeno_times: array(events.zeno_times),
             liftoff_times: array(events.liftoff_times),
             rest_time: events.rest_time,
-            failed_steps: crate::arrays::array(py, failed_steps)?,
+            failed_steps: crate::interface::array(py, failed_steps)?,
             hits: Hits::of(py, &hits, 1)?,
             n_steps: counts.accepted,
             n_rejected: counts.rejected,

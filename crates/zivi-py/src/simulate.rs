@@ -1,7 +1,7 @@
 //! Runs from Python: one entry for all methods and systems. The lock is released unless the force
 //! or an event is a Python callable.
 
-use crate::errors::setup_error;
+use crate::interface::setup_error;
 use numpy::{PyArray1, PyArrayMethods, PyReadonlyArray1};
 use pyo3::exceptions::{PyTypeError, PyValueError};
 use pyo3::prelude::*;
@@ -10,16 +10,15 @@ use zivi::stepping::step_solver::General;
 use zivi::system::dynamics::Dynamics;
 use zivi::{AnyMethod, Grid, Lifted, Method as _, Output, Physical, PointRun, SetupError, Solver};
 
-use crate::arrays::with_room;
 use crate::dynamics::AnyDynamics;
 use crate::force::with_force;
 use crate::friction::Rubbing;
+use crate::interface::{with_room, Watch};
 use crate::mechanics::MechanicalRecord;
 use crate::method::{step_of, step_solver, Method};
 use crate::record::RunRecord;
 use crate::system::{Configuration, Keep, Mechanism, PointMass, State};
 use crate::transform::restitution_of;
-use crate::watch::Watch;
 
 /// An array of times as a slice, for as long as it is held.
 pub(crate) struct Times<'py>(Option<PyReadonlyArray1<'py, f64>>);

@@ -7,7 +7,7 @@ use numpy::{PyArray1, PyArrayMethods, PyReadonlyArray1};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
-use crate::arrays::{array, vector};
+use crate::interface::{array, vector};
 
 /// Piecewise polynomials of time.
 #[pyclass(frozen, module = "zivi._zivi")]

@@ -3,15 +3,14 @@
 use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray2};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
-use zivi::stepping::sign_solver::SignSolver;
+use zivi::stepping::step_solver::SignSolver;
 use zivi::{Lifted, Solver};
 use zivi_core::control::inclusion::{AsProblem, Inclusion, TrackingInclusion};
 use zivi_core::control::tracking::{Target, TrackingStep};
 use zivi_core::control::Gains;
 use zivi_core::ThetaGammaStep;
 
-use crate::arrays::{list, with_room};
-use crate::errors::setup_error;
+use crate::interface::{list, setup_error, with_room};
 use crate::method::step_solver;
 use crate::transform::restitution_of;
 

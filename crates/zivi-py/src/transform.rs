@@ -1,6 +1,6 @@
 //! Restitution and transform on arrays.
 
-use crate::arrays::zeros;
+use crate::interface::zeros;
 use numpy::{PyArray1, PyReadonlyArray1};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;

@@ -11,8 +11,7 @@ use zivi::drive::mechanical::{
     MechanicalSensor, Observing, SampledLoop, Tracking,
 };
 use zivi::mechanics::{simulate_mechanical_loop, Sampling, Ticks};
-use zivi::system::driven::{Driven, InputMatrix};
-use zivi::system::dynamics::{FunctionDynamics, Layout};
+use zivi::system::dynamics::{Driven, FunctionDynamics, InputMatrix, Layout};
 use zivi::system::impact_law::newton_impacts;
 use zivi::{AnyImpactLaw, Order, Restitution, Silent, SwitchedRk};
 use zivi_core::control::{Approach, Gains, TwistingTracker};

@@ -23,7 +23,7 @@
 //! * [`system`]: what moves: a [`Force`], a [`HarmonicWall`](system::moving_wall), an [`ImpactLaw`].
 //! * [`zeno`]: where impacts accumulate: extrapolation of times and states, the arcs that are skipped.
 //! * `piecewise`: the run loop of methods that advance up to one event after the other.
-//! * [`stepping`]: fixed steps, each scheme a [`stepping::scheme::Scheme`].
+//! * [`stepping`]: fixed steps, each scheme a [`stepping::fixed_step::Scheme`].
 //!   [`stepping::theta_gamma`] and [`stepping::explicit`] implement
 //!   [`stepping::fixed_step::FixedStep`], which is driven over a [`Grid`];
 //!   [`stepping::moreau_jean`] has a walk of its own.
@@ -51,20 +51,15 @@ pub use method::{AnyMethod, Mechanism, Method, PointMass, PointRun};
 pub use numeric::grid::{Grid, GridError};
 pub use record::columns::{Columns, Quantity, QUANTITIES};
 pub use record::dense_step::{DenseStep, Interpolation, StepEnd};
-pub use record::events::Events;
-pub use record::failure::Failure;
-pub use record::impact::Impact;
-pub use record::monitor::{Monitor, Silent};
-pub use record::occurrence::Occurrence;
-pub use record::point::{MotionPoint, PathPoint};
-pub use record::status::Status;
+pub use record::events::{Events, Impact, Occurrence};
+pub use record::recorder::{Keep, MotionPoint, PathPoint, Summary};
+pub use record::status::{Failure, Monitor, Silent, Status};
 pub use record::stored::MotionError;
-pub use record::summary::{Keep, Summary};
 pub use record::trajectory::{Run, SetupError, Trajectory};
 pub use record::user_events::{Direction, EventFunction, Level, LocatedEvent, UserEvent};
 pub use stepping::explicit::{simulate_explicit_euler, ExplicitEuler};
+pub use stepping::fixed_step::{FixedSteps, Scheme};
 pub use stepping::moreau_jean::{simulate_moreau_jean, MoreauJean};
-pub use stepping::scheme::{FixedSteps, Scheme};
 pub use stepping::step_events::StepEvents;
 pub use stepping::theta_gamma::{simulate_theta_gamma, Solver, ThetaGamma};
 pub use switched::{

@@ -1,10 +1,11 @@
 //! The explicit twisting controller, the baseline that chatters.
 
 use super::port::checked_force;
-use super::reference_state::{advanced, Advance, ReferenceState};
 use super::{checked, Gains, Port, TickStatus, TrackerState, Waypoint};
-use crate::Real;
-use crate::{sgn, transform, Branch, Lifted, Physical, Restitution, SettingError, ThetaGammaStep};
+use crate::control::reference::{advanced, Advance, ReferenceState};
+use crate::{
+    sgn, transform, Branch, Lifted, Physical, Real, Restitution, SettingError, ThetaGammaStep,
+};
 
 /// The law (20) with the signs of the sampled state: the same interface as the implicit tracker.
 ///

@@ -7,9 +7,9 @@
 //! tracker     Lambda = (ls, lv, lsr, lvr, les, lev)    F = -(s+, v+, s_r+, v_r+, s+ - s_r+, v+ - v_r+)
 //! ```
 
-use super::dual::Dual;
 use super::regulation::RegulationStep;
 use super::tracking::{Target, TrackingStep};
+use crate::control::aim::Dual;
 use crate::vi::{self, natural_component};
 use crate::{Lifted, Restitution};
 

@@ -21,23 +21,16 @@
 
 mod aim;
 pub mod cubic;
-#[cfg(not(feature = "single"))]
-mod dual;
 mod explicit;
-mod gains;
-mod given_reference;
+pub mod gains;
 #[cfg(not(feature = "single"))]
 pub mod inclusion;
-pub mod landing;
-pub mod monotone;
 mod period;
-mod port;
-pub mod predictor;
-mod reference_state;
+pub mod port;
+mod reference;
 pub mod regulation;
 mod regulator;
 mod tracker;
-mod tracker_state;
 pub mod tracking;
 
 #[cfg(test)]
@@ -46,14 +39,11 @@ mod tests;
 
 pub use aim::{Aim, AimSettings, AimState, Learning, Sight};
 pub use explicit::ExplicitTwisting;
-pub use gains::{GainError, Gains};
-pub use landing::{Descent, Landing};
-pub use port::{Port, TickStatus};
-pub use predictor::DelayLine;
-pub use reference_state::{Planned, ReferencePeriod, Waypoint};
+pub use gains::{Descent, GainError, Gains, Landing};
+pub use port::{DelayLine, Port, TickStatus};
+pub use reference::{Planned, ReferencePeriod, Waypoint};
 pub use regulator::{RegulatorState, TwistingRegulator};
-pub use tracker::{checked_horizon, TwistingTracker};
-pub use tracker_state::{Approach, TrackerSettings, TrackerState};
+pub use tracker::{checked_horizon, Approach, TrackerSettings, TrackerState, TwistingTracker};
 
 use crate::setting::{is_positive, require};
 use crate::{Real, Restitution, SettingError};

@@ -1,11 +1,11 @@
 //! Samples that do not come every `h`: a period of another length, and a sample that is missing.
 
-use super::reference_state::{advanced, Advance, ReferenceState};
 use super::regulation::RegulationStep;
 use super::tracking::TrackingStep;
 use super::{
     ExplicitTwisting, Port, TickStatus, TrackerState, TwistingRegulator, TwistingTracker, Waypoint,
 };
+use crate::control::reference::{advanced, Advance, ReferenceState};
 use crate::setting::{is_positive, require};
 use crate::{Real, SettingError, ThetaGammaStep};
 

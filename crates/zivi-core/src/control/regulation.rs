@@ -18,8 +18,8 @@
 //! unique. Without it the order above is the selection rule; of two velocities on one side the one
 //! that keeps the sign of `v` is taken.
 
-use super::monotone::cut;
 use super::Gains;
+use crate::control::cubic::cut;
 use crate::{Lifted, Real, Restitution};
 
 /// All that is constant over a run of the regulator.

@@ -1,9 +1,9 @@
 //! What a tick plans: the course of the reference and the target, which no one outside sees.
 
-use super::reference_state::ReferenceState;
 use super::regulation::RegulationStep;
 use super::tracking::{Place, Target, TrackingStep};
 use super::{Approach, Gains, ReferencePeriod, TickStatus, TwistingTracker, Waypoint};
+use crate::control::reference::ReferenceState;
 use crate::{transform, Branch, Lifted, Physical, Restitution, SettingError, ThetaGammaStep};
 
 fn half() -> Restitution {

@@ -1,22 +1,19 @@
 //! The twisting tracker: makes the mass follow a bouncing reference through its Zeno point.
 
-use super::tracker_state::Approach;
-use crate::Real;
+use crate::control::gains::{checked_press, Descent};
+use crate::control::port::checked_force;
+use crate::control::reference::{
+    advanced, target_over, Advance, Outlook, Planned, ReferencePeriod, ReferenceSource,
+    ReferenceState,
+};
+use crate::control::tracking::{Target, Tracking, TrackingStep};
+use crate::control::{checked, GainError, Gains, Landing, Port, TickStatus};
+use crate::setting::{require, Setting, Value, Values};
+use crate::{transform, Branch, Lifted, Physical, Real, Restitution, SettingError, ThetaGammaStep};
 use core::ops::Bound;
 
 #[cfg(not(feature = "single"))]
 use super::inclusion::TrackingInclusion;
-use super::landing::{checked_press, Descent};
-use super::port::checked_force;
-use super::reference_state::{
-    advanced, target_over, Advance, Outlook, Planned, ReferencePeriod, ReferenceSource,
-    ReferenceState,
-};
-use super::tracker_state::{TrackerSettings, TrackerState};
-use super::tracking::{Target, Tracking, TrackingStep};
-use super::{checked, GainError, Gains, Landing, Port, TickStatus};
-use crate::setting::{require, Setting, Value, Values};
-use crate::{transform, Branch, Lifted, Physical, Restitution, SettingError, ThetaGammaStep};
 
 /// The time `horizon h` (s) of so many periods.
 ///
@@ -463,5 +460,84 @@ impl TwistingTracker {
     /// last bit.
     pub fn set_state(&mut self, state: TrackerState) {
         self.state = state;
+    }
+}
+
+// What a tracker is made of and what it remembers, as plain numbers.
+
+/// Which of its two preimages the measured state is lifted to.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Approach {
+    /// The plant and the reference to `s >= 0`, every period (the paper).
+    #[default]
+    Positive,
+    /// The plant to the image `sigma (s, v)` that is nearer to `(s_r, v_r)`, which itself evolves
+    /// continuously, by the energy of the error `mu1 |e_s| + e_v^2/2`: the same in all units. Of two
+    /// at equal distance the one on the side of the reference.
+    Nearest,
+}
+
+/// Everything that a tracker is made of, for one that is stored as plain numbers.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct TrackerSettings {
+    /// The gains.
+    pub gains: Gains,
+    /// Sampling period (s).
+    pub h: Real,
+    /// The plant's wall.
+    pub restitution: Restitution,
+    /// The reference's wall.
+    pub restitution_ref: Restitution,
+    /// How measurements are lifted.
+    pub approach: Approach,
+    /// How it lands; `None` is the paper's tick.
+    pub landing: Option<Landing>,
+    /// Acceleration towards the wall of a mass at rest (m/s^2), `None` for the law's own.
+    pub press: Option<Real>,
+    /// Periods that a step is planned over.
+    pub horizon: Real,
+    /// Whether the measured velocity is taken half a period back in the air.
+    pub shift: bool,
+    /// The limits of the sensor and of the actuator.
+    pub port: Port,
+}
+
+/// What the tracker remembers between ticks.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct TrackerState {
+    /// The reference `(s_r, v_r)`.
+    pub reference: Lifted,
+    /// The side of the wall on which the reference was last, `+1` or `-1`.
+    pub side: Real,
+    /// The last control (m/s^2).
+    pub u: Real,
+    /// The last `ls, lv, lsr, lvr, les, lev`.
+    pub signs: [Real; 6],
+    /// What was done to the last sample and control.
+    pub status: TickStatus,
+    /// Iterations of the last tick: [`Tracking::iterations`].
+    pub iterations: u32,
+}
+
+impl TrackerState {
+    /// The reference at rest.
+    pub(super) const REST: Self = Self {
+        reference: Lifted { s: 0.0, v: 0.0 },
+        side: 1.0,
+        u: 0.0,
+        signs: [0.0; 6],
+        status: TickStatus { clamped: false, saturated: false, unsolved: false },
+        iterations: 0,
+    };
+
+    /// Nothing done yet, the reference here.
+    pub(super) fn starting(ReferenceState { z, side }: ReferenceState) -> Self {
+        Self { reference: z, side, ..Self::REST }
+    }
+
+    /// The reference.
+    #[inline]
+    pub(super) fn followed(&self) -> ReferenceState {
+        ReferenceState { z: self.reference, side: self.side }
     }
 }

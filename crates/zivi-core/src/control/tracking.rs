@@ -10,7 +10,7 @@
 //! The step is symmetric under `(s, v, s_r, v_r, A, signs) -> -(...)`, so it is solved for `s >= 0`.
 //!
 //! * **Away from the wall** (`ls = g`, `g = +1` or `-1`) the force drops out, and `v+` solves a
-//!   scalar monotone inclusion ([`super::monotone`]): one candidate for each `g`, accepted when
+//!   scalar monotone inclusion ([`crate::control::cubic`]): one candidate for each `g`, accepted when
 //!   `g s+ >= 0`. Since `R v+` is increasing in `v+`, `s+(g=+1) <= s+(g=-1)`: at most one of the two
 //!   is accepted (ties at zero apart).
 //! * **On the wall** (`s+ = 0`): `lv = -1`, and `ls` is a root of a cubic, which the rejection of
@@ -29,10 +29,9 @@
 //! ([`TrackingStep::solve_near`]): on the reference the control is then `F_r - F`.
 
 use super::cubic::Cubic;
-use super::monotone::{balance, cut, Switch};
 use super::Gains;
-use crate::Real;
-use crate::{sgn, Lifted, Restitution};
+use crate::control::cubic::{balance, cut, Switch};
+use crate::{sgn, Lifted, Real, Restitution};
 
 /// All that is constant over a run of the tracker.
 #[derive(Clone, Copy, Debug, PartialEq)]

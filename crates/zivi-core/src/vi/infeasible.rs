@@ -14,7 +14,7 @@
 
 use super::dense;
 use super::iterate::{Iterate, Outcome};
-use super::random::Random;
+use crate::vi::iterate::Random;
 
 /// Slopes and rates below this, relative to the largest, are rounding.
 const NEGLIGIBLE: f64 = 1e-11;

@@ -1,16 +1,10 @@
 //! The iterate of the outer methods: where it is, what it costs to move, the best point so far.
 
-use super::budget::Budget;
-use super::dense;
-use super::fischer;
-use super::interruption::Interruption;
-use super::natural::{natural_component, natural_residual, worst_component};
-use super::problem::{Problem, Progress};
-use super::random::Random;
-use super::settings::{Counts, RowScale, Settings, Stage};
-use super::stagnation::Stagnation;
-use super::status::Status;
-use super::workspace::Workspace;
+use crate::vi::natural::{natural_component, natural_residual, worst_component};
+use crate::vi::problem::{Interruption, Problem, Progress};
+use crate::vi::settings::{Budget, Counts, RowScale, Settings, Stage, Status};
+use crate::vi::workspace::Workspace;
+use crate::vi::{dense, fischer};
 
 /// What stops a stage: nothing but the caller does so from within.
 pub(super) type Outcome<T> = Result<T, Interruption>;
@@ -327,5 +321,91 @@ pub(super) fn advance(at: &mut Iterate<'_, '_>, t: f64) {
             z + d
         };
         dense::put(work.trial, i, reached.max(lower).min(upper));
+    }
+}
+
+// When a stage no longer makes progress.
+
+/// Watches for a merit that has not fallen by a tenth over twenty iterations.
+#[derive(Debug)]
+pub(super) struct Stagnation {
+    best: f64,
+    since: usize,
+}
+
+impl Stagnation {
+    pub(super) fn new(merit: f64) -> Self {
+        Self { best: merit, since: 0 }
+    }
+
+    pub(super) fn has_stalled(&mut self, merit: f64) -> bool {
+        if merit < 0.9 * self.best {
+            (self.best, self.since) = (merit, 0);
+        } else {
+            self.since += 1;
+        }
+        self.since >= 20
+    }
+
+    /// True where the merit has not fallen over the last iterations: a time to ask whether
+    /// rounding forbids it.
+    pub(super) fn is_slow(&self) -> bool {
+        self.since >= 3
+    }
+}
+
+// Numbers for restarts: the same in every run.
+
+/// SplitMix64 (Steele, Lea & Flood, *OOPSLA* 2014, 453-472).
+#[derive(Debug)]
+pub(super) struct Random(u64);
+
+impl Random {
+    pub(super) fn new(seed: u64) -> Self {
+        Self(seed.wrapping_mul(0x2545_F491_4F6C_DD1D))
+    }
+
+    /// Uniform on `[0, 1)`.
+    pub(super) fn uniform(&mut self) -> f64 {
+        self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
+        let mut bits = self.0;
+        bits = (bits ^ (bits >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+        bits = (bits ^ (bits >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
+        bits ^= bits >> 31;
+        (bits >> 11) as f64 / (1_u64 << 53) as f64
+    }
+}
+
+#[cfg(test)]
+mod stagnation_tests {
+    use super::*;
+
+    #[test]
+    fn slow_after_three_and_stalled_after_twenty_that_do_not_fall_by_a_tenth() {
+        let mut progress = Stagnation::new(1.0);
+        let mut told = |merit: f64| (progress.has_stalled(merit), progress.is_slow());
+        for merit in [0.95, 0.91] {
+            assert_eq!(told(merit), (false, false));
+        }
+        assert_eq!(told(0.9), (false, true));
+        assert_eq!(told(0.89), (false, false));
+        for iteration in 1..20 {
+            assert_eq!(told(0.85), (false, iteration >= 3));
+        }
+        assert_eq!(told(0.85), (true, true));
+    }
+}
+
+#[cfg(test)]
+mod random_tests {
+    use super::*;
+
+    /// The first numbers of the published generator from the state 0.
+    #[test]
+    fn it_is_the_published_generator() {
+        let mut random = Random::new(0);
+        for bits in [0xE220_A839_7B1D_CDAF_u64, 0x6E78_9E6A_A1B9_65F4, 0x06C4_5D18_8009_454F] {
+            assert_eq!(random.uniform(), (bits >> 11) as f64 / (1_u64 << 53) as f64);
+        }
     }
 }

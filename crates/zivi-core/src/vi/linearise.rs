@@ -1,10 +1,9 @@
 //! The Jacobian at the iterate and what follows from it.
 
-use super::dense;
-use super::difference::steps_into;
-use super::fischer;
 use super::iterate::{Iterate, Outcome};
 use super::natural::natural_component;
+use super::{dense, fischer};
+use crate::vi::problem::steps_into;
 
 impl Iterate<'_, '_> {
     /// The Jacobian at the iterate, `Phi`, its slopes and the gradient of the merit

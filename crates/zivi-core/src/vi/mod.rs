@@ -14,16 +14,9 @@
 //! tends to zero as `z` grows): see [`Report::size`].
 
 mod active_set;
-mod budget;
 mod dense;
-mod descent;
-mod difference;
-mod enumerate;
-mod feasible;
 mod fischer;
 mod infeasible;
-mod interruption;
-mod isolation;
 mod iterate;
 mod lemke_howson;
 mod linearise;
@@ -31,24 +24,17 @@ pub mod natural;
 mod newton;
 mod pivotal;
 mod problem;
-mod proximal;
-mod random;
 mod settings;
 mod smoothing;
 mod stages;
-mod stagnation;
-mod status;
-mod validate;
 mod workspace;
 
 pub use dense::factor;
-pub use difference::{Differenced, Scheme};
-pub use interruption::{EvaluationError, Interruption};
 pub use lemke_howson::{lemke_howson, lemke_howson_len};
 pub use natural::{natural_component, natural_residual};
-pub use problem::{Affine, Problem, Progress};
-pub use settings::{Counts, Report, RowScale, Settings, Stage, Start};
+pub use problem::{Affine, Differenced, EvaluationError, Interruption, Problem, Progress, Scheme};
+pub use settings::{
+    validate_bounds, Counts, InvalidInput, Report, RowScale, Settings, Stage, Start, Status,
+};
 pub use stages::solve;
-pub use status::{InvalidInput, Status};
-pub use validate::validate_bounds;
 pub use workspace::{workspace_len, Workspace};

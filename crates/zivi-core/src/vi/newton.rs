@@ -9,19 +9,23 @@
 //! Grippo, Lampariello & Lucidi, *SIAM J. Numer. Anal.* 23 (1986) 707-716, on the
 //! Fischer-Burmeister merit as in Ferris, Kanzow & Munson, *Math. Program.* 86 (1999) 475-497.
 
-use super::active_set;
-use super::dense;
-use super::descent;
-use super::infeasible::{is_infeasible, two_rows_exclude_each_other};
-use super::iterate::advance;
-use super::iterate::{Iterate, Outcome};
-use super::pivotal::{follow, AffineVi, PathEnd};
-use super::proximal::{proximal_newton, ProximalEnd};
-use super::settings::Start;
-use super::settings::{Stage, MEMORY};
-use super::smoothing::smoothing_newton;
-use super::stagnation::Stagnation;
-use super::status::Status;
+use crate::vi::infeasible::{is_infeasible, two_rows_exclude_each_other};
+use crate::vi::iterate::{advance, Iterate, Outcome, Stagnation};
+use crate::vi::pivotal::{follow, AffineVi, PathEnd};
+use crate::vi::settings::{Stage, Start, Status, MEMORY};
+use crate::vi::smoothing::{proximal_newton, smoothing_newton, ProximalEnd};
+use crate::vi::{active_set, dense};
+
+// Josephy-Newton: at each iterate the affine VI of the linearised map is solved by pivoting.
+//
+// ```text
+// find z_N in [l, u]:   0 in F(z) + (J(z) + mu I)(z_N - z) + N_[l,u](z_N)
+// theta(z + t d) <= (1 - 2e-4 t) max of the last theta,     d = z_N - z,   theta = |Phi|^2 / 2
+// ```
+//
+// Josephy (MRC report 1965, Wisconsin 1979) for the step; the nonmonotone search is that of
+// Grippo, Lampariello & Lucidi, *SIAM J. Numer. Anal.* 23 (1986) 707-716, on the
+// Fischer-Burmeister merit as in Ferris, Kanzow & Munson, *Math. Program.* 86 (1999) 475-497.
 
 /// Unknowns from which a proof that there is no solution is sought before the first path; for fewer
 /// after it.
@@ -44,7 +48,7 @@ pub(super) struct Plan {
 }
 
 /// Sufficient decrease of the merit.
-const ARMIJO: f64 = 2e-4;
+const NEWTON_ARMIJO: f64 = 2e-4;
 /// Shortest step along a Josephy-Newton direction.
 const SHORTEST: f64 = 1e-3;
 /// Largest residual of an affine solution that is trusted, relative to `1 + |F|`.
@@ -79,7 +83,7 @@ pub(super) fn josephy_newton(at: &mut Iterate<'_, '_>, plan: Plan) -> Outcome<St
             _ => {}
         }
         let moved = (found == PathEnd::Solution && search(at, &history)?)
-            || (at.settings.descent_steps && descent::step(at)?);
+            || (at.settings.descent_steps && step(at)?);
         if !moved {
             return Ok(match found {
                 PathEnd::PivotLimit => Status::PivotLimit,
@@ -269,7 +273,7 @@ fn search(at: &mut Iterate<'_, '_>, history: &History) -> Outcome<bool> {
         advance(at, t);
         let merit = at.merit_of_trial()?;
         let undamped = !at.settings.line_search && merit.is_finite();
-        if undamped || merit <= (1.0 - ARMIJO * t) * history.worst() {
+        if undamped || merit <= (1.0 - NEWTON_ARMIJO * t) * history.worst() {
             at.accept(merit);
             return Ok(true);
         }
@@ -299,4 +303,215 @@ impl History {
     fn worst(&self) -> f64 {
         self.values.iter().take(self.next.min(self.length)).fold(0.0, |a, &b| f64::max(a, b))
     }
+}
+
+// Semismooth Newton on the Fischer-Burmeister function, with the projected gradient behind it.
+//
+// ```text
+// (H'H + lambda |H|^2 I) d = -H' Phi     H an element of the generalised Jacobian of Phi
+// z <- P(z + t d),   theta falling
+// ```
+//
+// De Luca, Facchinei & Kanzow, *Math. Program.* 75 (1996) 407-439, on the box.
+
+/// Levenberg-Marquardt weights, tried in turn; 0 is the Newton step itself.
+const WEIGHTS: [f64; 4] = [0.0, 1e-8, 1e-4, 1e-1];
+/// Sufficient decrease of the merit.
+const DESCENT_ARMIJO: f64 = 1e-4;
+/// Halvings of a semismooth step and of a gradient step.
+const HALVINGS: usize = 12;
+const GRADIENT_HALVINGS: usize = 40;
+
+/// Stage S1: monotone semismooth Newton from where [`Iterate::begin`] has left the iterate.
+pub(super) fn semismooth_newton(at: &mut Iterate<'_, '_>) -> Outcome<Status> {
+    let mut progress = Stagnation::new(at.merit);
+    for iteration in 0..at.settings.stage_iterations {
+        if at.is_solved() {
+            return Ok(Status::Solved);
+        }
+        if at.out_of_iterations() {
+            return Ok(Status::IterationLimit);
+        }
+        if at.budget.is_spent() {
+            return Ok(Status::PivotLimit);
+        }
+        at.counts.iterations += 1;
+        if iteration > 0 && !at.linearise()? {
+            return Ok(Status::DomainError);
+        }
+        if !step(at)? {
+            return Ok(at.why_stuck());
+        }
+        at.report()?;
+        if at.has_stalled(&mut progress) {
+            return Ok(Status::Stalled);
+        }
+    }
+    Ok(if at.is_solved() { Status::Solved } else { Status::IterationLimit })
+}
+
+/// One step that lowers the merit; false where none was found.
+pub(super) fn step(at: &mut Iterate<'_, '_>) -> Outcome<bool> {
+    for weight in WEIGHTS {
+        if at.budget.is_spent() {
+            return Ok(false);
+        }
+        if direction(at, weight)? && projected_search(at, HALVINGS)? {
+            at.counts.semismooth_steps += 1;
+            return Ok(true);
+        }
+    }
+    let slope = dense::dot(at.work.gradient, at.work.gradient);
+    if slope <= 0.0 || !slope.is_finite() {
+        return Ok(false);
+    }
+    // the length at which the linear model of theta reaches zero
+    let length = 2.0 * at.merit / slope;
+    for (d, g) in at.work.step.iter_mut().zip(at.work.gradient.iter()) {
+        *d = -length * g;
+    }
+    let moved = projected_search(at, GRADIENT_HALVINGS)?;
+    at.counts.gradient_steps += usize::from(moved);
+    Ok(moved)
+}
+
+/// `work.step <- d` for one weight; false where the matrix is singular.
+fn direction(at: &mut Iterate<'_, '_>, weight: f64) -> Outcome<bool> {
+    let n = at.n();
+    at.budget.spend_on_factors(n);
+    at.problem.poll()?;
+    let work = &mut *at.work;
+    let matrix = &mut *work.pivotal.inverse;
+    if weight == 0.0 {
+        for (i, row) in matrix.chunks_exact_mut(n).enumerate() {
+            row.fill(0.0);
+            dense::put(row, i, dense::at(work.slope_z, i));
+            dense::axpy(row, dense::at(work.slope_f, i), dense::row(work.jacobian, n, i));
+        }
+        work.step.iter_mut().zip(work.phi.iter()).for_each(|(d, phi)| *d = -phi);
+    } else {
+        let slopes = (&*work.slope_z, &*work.slope_f);
+        let poll = &mut || at.problem.poll();
+        normal_matrix(matrix, work.jacobian, slopes, work.pivotal.column, poll)?;
+        let largest = (0..n).fold(0.0, |size, i| f64::max(size, dense::at(matrix, i * n + i)));
+        for i in 0..n {
+            let damped = dense::at(matrix, i * n + i) + weight * largest;
+            dense::put(matrix, i * n + i, damped);
+        }
+        work.step.iter_mut().zip(work.gradient.iter()).for_each(|(d, g)| *d = -g);
+    }
+    if at.problem.factor(matrix, n, work.pivotal.members)? <= 0.0 {
+        return Ok(false);
+    }
+    dense::solve(matrix, n, work.pivotal.members, work.step);
+    Ok(dense::is_finite(work.step))
+}
+
+/// `H'H`, summed over the rows of `H = diag(slope_z) + diag(slope_f) J`.
+fn normal_matrix(
+    out: &mut [f64],
+    jacobian: &[f64],
+    (slope_z, slope_f): (&[f64], &[f64]),
+    row: &mut [f64],
+    poll: &mut dyn FnMut() -> Outcome<()>,
+) -> Outcome<()> {
+    let n = row.len();
+    out.fill(0.0);
+    for (i, entries) in dense::rows(jacobian, n).enumerate() {
+        if dense::is_time_to_poll(i, n) {
+            poll()?;
+        }
+        row.fill(0.0);
+        dense::put(row, i, dense::at(slope_z, i));
+        dense::axpy(row, dense::at(slope_f, i), entries);
+        for (out, &h) in out.chunks_exact_mut(n).zip(row.iter()) {
+            if h != 0.0 {
+                dense::axpy(out, h, row);
+            }
+        }
+    }
+    Ok(())
+}
+
+/// Halves the step until the merit falls by its share of the slope to the projected point.
+fn projected_search(at: &mut Iterate<'_, '_>, halvings: usize) -> Outcome<bool> {
+    let mut t = 1.0;
+    for _ in 0..halvings {
+        let work = &mut *at.work;
+        for ((trial, z), d) in work.trial.iter_mut().zip(at.z.iter()).zip(work.step.iter()) {
+            *trial = z + t * d;
+        }
+        dense::project(work.trial, at.lower, at.upper);
+        let moves = work.trial.iter().zip(at.z.iter()).map(|(trial, z)| trial - z);
+        let slope: f64 = work.gradient.iter().zip(moves).map(|(g, d)| g * d).sum();
+        if slope < 0.0 {
+            let merit = at.merit_of_trial()?;
+            if merit <= at.merit + DESCENT_ARMIJO * slope {
+                at.accept(merit);
+                return Ok(true);
+            }
+        }
+        t *= 0.5;
+    }
+    Ok(false)
+}
+
+// Whether a solution is isolated: the Jacobian on the rows inside the box is regular there.
+
+/// Pivot ratio below which the Jacobian on the rows inside counts as singular.
+const SINGULAR: f64 = 1e-12;
+/// The same for a Jacobian by differences, which are no better than this.
+const SINGULAR_TO_DIFFERENCES: f64 = 1e-9;
+
+/// True unless the Jacobian at the solution is singular on the rows inside. One that is made of
+/// many evaluations of `F` is taken from the last iterate, where there was one; the factors of an
+/// affine `F` are those of the active set, where it has found the solution.
+pub(super) fn is_isolated(at: &mut Iterate<'_, '_>) -> Outcome<bool> {
+    if at.inside_is_regular && at.problem.is_affine() && is_active_set(at) {
+        return Ok(true);
+    }
+    let differenced = at.problem.is_differenced();
+    let known = differenced && at.jacobian_is_known;
+    if !known && !at.linearise()? {
+        return Ok(true);
+    }
+    let limit = if differenced { SINGULAR_TO_DIFFERENCES } else { SINGULAR };
+    Ok(pivot_ratio_inside(at)? >= limit)
+}
+
+/// Whether the components inside are those that the active set holds there.
+fn is_active_set(at: &Iterate<'_, '_>) -> bool {
+    let held = &*at.work.pivotal.held;
+    (0..at.n()).all(|i| {
+        let bounds = (dense::at(at.lower, i), dense::at(at.upper, i));
+        let inside = projects_inside(dense::at(at.z, i), dense::at(at.work.f, i), bounds, at.tol);
+        inside == active_set::is_inside(held, i)
+    })
+}
+
+/// Whether a component is inside the box, or at a bound with `F_i = 0`.
+fn projects_inside(z: f64, f: f64, (lower, upper): (f64, f64), tol: f64) -> bool {
+    let target = z - f;
+    lower < upper && lower - tol <= target && target <= upper + tol
+}
+
+/// `min/max` of the pivots of the Jacobian on the rows and columns inside the box (those at a
+/// bound with `F_i = 0` included), its rows scaled to 1; 0 when singular.
+fn pivot_ratio_inside(at: &mut Iterate<'_, '_>) -> Outcome<f64> {
+    let (n, tol) = (at.n(), at.tol);
+    let work = &mut *at.work;
+    let projects_inside = |i: usize| {
+        let bounds = (dense::at(at.lower, i), dense::at(at.upper, i));
+        projects_inside(dense::at(at.z, i), dense::at(work.f, i), bounds, tol)
+    };
+    let pivotal = &mut work.pivotal;
+    let size = dense::list(n, projects_inside, pivotal.members);
+    let members = pivotal.members.get(..size).unwrap_or(&[]);
+    for (&i, inner) in members.iter().zip(pivotal.inverse.chunks_exact_mut(size.max(1))) {
+        dense::pick(inner, dense::row(work.jacobian, n, i), members);
+        let scale = dense::norm(inner);
+        inner.iter_mut().for_each(|entry| *entry = if scale > 0.0 { *entry / scale } else { 0.0 });
+    }
+    let leading = pivotal.inverse.get_mut(..size * size).unwrap_or(&mut []);
+    at.problem.factor(leading, size, pivotal.members)
 }

@@ -1,6 +1,6 @@
 //! What can be set, and what comes back.
 
-use super::status::{InvalidInput, Status};
+use core::fmt;
 
 /// Scaling of the rows, `F_i -> sigma_i F_i` with `sigma_i > 0`: it changes the residual, not the
 /// solutions.
@@ -230,4 +230,394 @@ pub enum Start {
     Regular,
     /// On the ray `s -> inf` from the vertex of the box nearest to the given point.
     Ray,
+}
+
+// How a solve ended, and what was wrong with its input.
+
+/// How a solve ended. Only a residual recomputed from `F` at the returned point makes it solved.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Status {
+    /// The natural residual is within the tolerance.
+    Solved,
+    /// As [`Status::Solved`], and the Jacobian on the rows inside the box is singular there: the
+    /// solution may be one of a continuum, or of higher multiplicity.
+    SolvedNotIsolated,
+    /// The merit function is stationary where the residual is not small.
+    Stationary,
+    /// The merit function has not fallen by a tenth over twenty iterations.
+    Stalled,
+    /// The budget of iterations is used up.
+    IterationLimit,
+    /// Pivoting reached its limit in the affine subproblems.
+    PivotLimit,
+    /// No point was found from which to go on with `F` and its Jacobian finite.
+    DomainError,
+    /// The caller's evaluation failed.
+    EvaluationError,
+    /// No point of the box satisfies all rows of an affine problem: there is no solution.
+    Infeasible,
+    /// The caller's monitor stopped the solve.
+    Stopped,
+}
+
+impl Status {
+    /// True when the returned point solves the problem within the tolerance.
+    #[must_use]
+    pub fn is_success(self) -> bool {
+        matches!(self, Self::Solved | Self::SolvedNotIsolated)
+    }
+
+    /// The name, as in the documentation.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Solved => "Solved",
+            Self::SolvedNotIsolated => "SolvedNotIsolated",
+            Self::Stationary => "Stationary",
+            Self::Stalled => "Stalled",
+            Self::IterationLimit => "IterationLimit",
+            Self::PivotLimit => "PivotLimit",
+            Self::DomainError => "DomainError",
+            Self::EvaluationError => "EvaluationError",
+            Self::Infeasible => "Infeasible",
+            Self::Stopped => "Stopped",
+        }
+    }
+
+    /// What happened and what to try.
+    #[must_use]
+    pub fn message(self) -> &'static str {
+        match self {
+            Self::Solved => "solved: the natural residual is within the tolerance",
+            Self::SolvedNotIsolated => {
+                "solved, but the Jacobian is singular there: other solutions may lie arbitrarily near"
+            }
+            Self::Stationary => {
+                "the merit function is stationary at a point that is no solution: try another \
+                 starting point, check the Jacobian, or the problem may have no solution"
+            }
+            Self::Stalled => {
+                "progress became too slow: scale the rows of F, try another starting point, or \
+                 the problem may have no solution"
+            }
+            Self::IterationLimit => "the iteration limit was reached: raise it or start nearer",
+            Self::PivotLimit => {
+                "pivoting reached its limit in the affine subproblems: raise the limit or try \
+                 another starting point"
+            }
+            Self::DomainError => {
+                "no point was found from which to go on with F and its Jacobian finite: start \
+                 where both are defined, or tighten the bounds to the domain"
+            }
+            Self::EvaluationError => "the evaluation of F or of its Jacobian failed",
+            Self::Infeasible => {
+                "there is no solution: no point of the box satisfies all rows of F (their signs \
+                 where there is no bound at which they may be wrong); check the bounds and the \
+                 sign of F"
+            }
+            Self::Stopped => "stopped by the caller before a solution was found",
+        }
+    }
+}
+
+impl fmt::Display for Status {
+    fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
+        out.write_str(self.message())
+    }
+}
+
+/// Input that no solver can use; found before `F` is called.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum InvalidInput {
+    /// There are no unknowns.
+    Empty,
+    /// A vector or matrix has the wrong number of entries.
+    Length {
+        /// Name of the argument.
+        name: &'static str,
+        /// Entries it must have.
+        expected: usize,
+        /// Entries it has.
+        got: usize,
+    },
+    /// An entry that must be finite is not, or a bound is NaN.
+    NotFinite {
+        /// Name of the argument.
+        name: &'static str,
+        /// Index of the entry.
+        index: usize,
+        /// The entry.
+        value: f64,
+    },
+    /// `lower > upper`.
+    CrossedBounds {
+        /// Index of the component.
+        index: usize,
+        /// Its lower bound.
+        lower: f64,
+        /// Its upper bound.
+        upper: f64,
+    },
+    /// `lower = +inf` or `upper = -inf`: nothing is between the bounds.
+    EmptyRange {
+        /// `"lower"` or `"upper"`.
+        name: &'static str,
+        /// Index of the component.
+        index: usize,
+    },
+    /// A setting, or a row scale, outside its range.
+    Setting {
+        /// Name of the setting.
+        name: &'static str,
+        /// The value that was refused.
+        value: f64,
+        /// The admissible range, in words.
+        range: &'static str,
+    },
+    /// The workspace is smaller than [`crate::vi::workspace_len`] says.
+    Workspace,
+}
+
+impl fmt::Display for InvalidInput {
+    fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match *self {
+            Self::Empty => write!(out, "the problem must have at least one unknown"),
+            Self::Length { name, expected, got } => {
+                write!(out, "{name} must have {expected} entries, got {got}")
+            }
+            Self::NotFinite { name, index, value } if name == "lower" || name == "upper" => {
+                write!(out, "{name}[{index}] must be a number or infinite, got {value}")
+            }
+            Self::NotFinite { name, index, value } => {
+                write!(out, "{name}[{index}] must be finite, got {value}")
+            }
+            Self::CrossedBounds { index, lower, upper } => {
+                write!(out, "lower[{index}] must be <= upper[{index}], got {lower} > {upper}")
+            }
+            Self::EmptyRange { name: "lower", index } => {
+                write!(out, "lower[{index}] must be < +inf, got +inf")
+            }
+            Self::EmptyRange { name, index } => {
+                write!(out, "{name}[{index}] must be > -inf, got -inf")
+            }
+            Self::Setting { name, value, range } => {
+                write!(out, "{name} must be {range}, got {value}")
+            }
+            Self::Workspace => write!(out, "the workspace must have the length workspace_len(n)"),
+        }
+    }
+}
+
+impl core::error::Error for InvalidInput {}
+
+// The budget of pivots, and the share of it that each stage may use.
+
+/// Pivots that may be spent. Other work counts as the pivots it costs: a column that enters a
+/// starting basis is one, a factorisation of order `n` (`n^3/3` against `2 n^2` operations) is
+/// `n/6`.
+#[derive(Debug)]
+pub(super) struct Budget {
+    total: usize,
+    spent: usize,
+    /// What may be spent by the end of the stage.
+    stage_end: usize,
+}
+
+impl Budget {
+    pub(super) fn new(total: usize) -> Self {
+        Self { total, spent: 0, stage_end: total }
+    }
+
+    /// A stage begins: of what is left it may use `weight / weights`, with `weights` the sum over
+    /// it and the stages behind it. What it leaves goes to them.
+    pub(super) fn open_stage(&mut self, weight: usize, weights: usize) {
+        let left = self.total.saturating_sub(self.spent);
+        let share = (left as f64 * weight as f64 / weights.max(weight) as f64) as usize;
+        self.stage_end = self.spent.saturating_add(share.clamp(usize::from(left > 0), left));
+    }
+
+    pub(super) fn spend(&mut self, pivots: usize) {
+        self.spent = self.spent.saturating_add(pivots);
+    }
+
+    pub(super) fn spent(&self) -> usize {
+        self.spent
+    }
+
+    pub(super) fn spend_on_factors(&mut self, n: usize) {
+        self.spend(n.div_ceil(6));
+    }
+
+    /// Pivots left to the stage.
+    pub(super) fn left(&self) -> usize {
+        self.stage_end.saturating_sub(self.spent)
+    }
+
+    /// Pivots left to it and all stages behind it.
+    pub(super) fn left_to_all(&self) -> usize {
+        self.total.saturating_sub(self.spent)
+    }
+
+    pub(super) fn is_spent(&self) -> bool {
+        self.spent >= self.stage_end
+    }
+
+    pub(super) fn is_spent_by_all(&self) -> bool {
+        self.spent >= self.total
+    }
+}
+
+/// The weight of a stage's share. The first has the best chance; a restart is one of many.
+pub(super) fn weight(stage: Stage) -> usize {
+    match stage {
+        Stage::JosephyNewton => 4,
+        Stage::Smoothing | Stage::Semismooth => 3,
+        Stage::Proximal => 2,
+        Stage::Restart(_) => 1,
+        Stage::Enumeration => 0,
+    }
+}
+
+// Refusing input that no solver can use, before `F` is called.
+
+/// `Ok` when `lower` and `upper` have `n` entries and every `[lower_i, upper_i]` holds a number.
+///
+/// # Errors
+/// [`InvalidInput`] names the first component that is wrong.
+pub fn validate_bounds(n: usize, lower: &[f64], upper: &[f64]) -> Result<(), InvalidInput> {
+    if n == 0 {
+        return Err(InvalidInput::Empty);
+    }
+    for (name, bound, empty) in
+        [("lower", lower, f64::INFINITY), ("upper", upper, f64::NEG_INFINITY)]
+    {
+        require_length(name, bound, n)?;
+        for (index, &value) in bound.iter().enumerate() {
+            if value.is_nan() {
+                return Err(InvalidInput::NotFinite { name, index, value });
+            }
+            if value == empty {
+                return Err(InvalidInput::EmptyRange { name, index });
+            }
+        }
+    }
+    for (index, (&lower, &upper)) in lower.iter().zip(upper).enumerate() {
+        if lower > upper {
+            return Err(InvalidInput::CrossedBounds { index, lower, upper });
+        }
+    }
+    Ok(())
+}
+
+/// `Ok` when `v` has `n` entries.
+pub(super) fn require_length(
+    name: &'static str,
+    v: &[f64],
+    expected: usize,
+) -> Result<(), InvalidInput> {
+    match v.len() {
+        got if got == expected => Ok(()),
+        got => Err(InvalidInput::Length { name, expected, got }),
+    }
+}
+
+/// `Ok` when every entry is finite.
+pub(super) fn require_finite(name: &'static str, v: &[f64]) -> Result<(), InvalidInput> {
+    match v.iter().enumerate().find(|(_, value)| !value.is_finite()) {
+        None => Ok(()),
+        Some((index, &value)) => Err(InvalidInput::NotFinite { name, index, value }),
+    }
+}
+
+#[cfg(test)]
+mod status_tests {
+    extern crate std;
+    use super::Status;
+    use std::collections::BTreeSet;
+    use std::string::ToString;
+
+    #[test]
+    fn each_status_has_a_message_of_its_own() {
+        let all = [
+            (Status::Solved, "within the tolerance"),
+            (Status::SolvedNotIsolated, "singular"),
+            (Status::Stationary, "stationary"),
+            (Status::Stalled, "too slow"),
+            (Status::IterationLimit, "iteration limit"),
+            (Status::PivotLimit, "pivoting"),
+            (Status::DomainError, "finite"),
+            (Status::EvaluationError, "evaluation"),
+            (Status::Infeasible, "no solution"),
+            (Status::Stopped, "stopped"),
+        ];
+        for (status, words) in all {
+            assert!(status.message().contains(words), "{status:?}");
+            assert_eq!(status.to_string(), status.message());
+            assert_eq!(std::format!("{status:?}"), status.name());
+        }
+        let messages: BTreeSet<&str> = all.iter().map(|(status, _)| status.message()).collect();
+        assert_eq!(messages.len(), all.len());
+    }
+}
+
+#[cfg(test)]
+mod budget_tests {
+    use super::*;
+
+    #[test]
+    fn every_stage_gets_its_share_of_what_is_left() {
+        let mut budget = Budget::new(100);
+        budget.open_stage(1, 4);
+        assert_eq!(budget.left(), 25);
+        budget.spend(40); // a pivot or two more than allowed
+        assert!(budget.is_spent() && !budget.is_spent_by_all());
+        budget.open_stage(1, 3);
+        assert_eq!(budget.left(), 20);
+        budget.spend_on_factors(13);
+        assert_eq!((budget.left(), budget.left_to_all()), (17, 57));
+        budget.open_stage(1, 1);
+        assert_eq!(budget.left(), 57);
+        budget.spend(57);
+        assert!(budget.is_spent_by_all());
+        budget.open_stage(1, 1);
+        assert_eq!(budget.left(), 0);
+    }
+
+    #[test]
+    fn no_stage_starves_while_something_is_left() {
+        let mut budget = Budget::new(3);
+        budget.open_stage(1, 17);
+        assert_eq!(budget.left(), 1);
+        let mut unlimited = Budget::new(usize::MAX);
+        unlimited.open_stage(4, 17);
+        assert!(unlimited.left() > 1 << 60);
+    }
+}
+
+#[cfg(test)]
+mod validate_tests {
+    extern crate std;
+    use super::*;
+    use std::string::{String, ToString};
+
+    const INF: f64 = f64::INFINITY;
+
+    #[test]
+    fn every_bad_bound_is_named() {
+        let cases = [
+            (0, [0.0, 0.0], [1.0, 1.0], "at least one"),
+            (3, [0.0, 0.0], [1.0, 1.0], "lower must have 3"),
+            (2, [0.0, f64::NAN], [1.0, 1.0], "lower[1]"),
+            (2, [0.0, 0.0], [f64::NAN, 1.0], "upper[0]"),
+            (2, [0.0, INF], [1.0, INF], "lower[1]"),
+            (2, [-INF, 0.0], [-INF, 1.0], "upper[0]"),
+            (2, [0.0, 2.0], [1.0, 1.0], "lower[1] must be <= upper[1]"),
+        ];
+        for (n, lower, upper, expected) in cases {
+            let error = validate_bounds(n, &lower, &upper);
+            let text = error.map_or_else(|error| error.to_string(), |()| String::new());
+            assert!(text.contains(expected), "{text}: {expected}");
+        }
+        assert_eq!(validate_bounds(2, &[-INF, 1.0], &[INF, 1.0]), Ok(()));
+    }
 }

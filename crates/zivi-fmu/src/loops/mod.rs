@@ -8,7 +8,6 @@
 mod code;
 mod compiled;
 mod files;
-mod given;
 mod moving;
 mod numbers;
 mod tree;
@@ -19,8 +18,7 @@ use std::sync::Mutex;
 
 use zivi::drive::mechanical::{BelievedPlant, GapKinetics, LawError, Moved};
 use zivi::mechanics::{simulate_mechanical, MechanicalOutput};
-use zivi::system::driven::Driven;
-use zivi::system::dynamics::Dynamics;
+use zivi::system::dynamics::{Driven, Dynamics};
 use zivi::{Monitor, SwitchedRk};
 
 use crate::objects::{MOST, ROOM};
@@ -28,7 +26,7 @@ use crate::state::State;
 use crate::steps::{Parts, Refusal};
 use crate::table::Variable;
 use compiled::{Evaluated, Matrix};
-use given::{Controller, Loop};
+use files::{Controller, Loop};
 use moving::{Controlling, Moving};
 
 /// What an instance is.
@@ -225,7 +223,7 @@ impl Loop {
     fn period(&self, moving: &mut Moving, state: &State) -> Result<(), i32> {
         let (_, acting) = self.controls(moving, state)?;
         if let Some(Controlling { law, counts, .. }) = &mut moving.controller {
-            for (count, bit) in counts.iter_mut().zip(given::COUNTED) {
+            for (count, bit) in counts.iter_mut().zip(files::COUNTED) {
                 *count = count.saturating_add(u32::from(law.status & bit != 0));
             }
         }

@@ -10,19 +10,10 @@ use zivi_core::setting::Setting;
 use crate::method::described;
 
 mod arguments;
-pub(crate) mod believed;
-mod explicit;
-pub(crate) mod gap_tracker;
-mod late;
-pub(crate) mod mechanical_reference;
-mod reference;
-mod regulator;
-pub(crate) mod striker;
-mod tracker;
+mod mass;
+pub(crate) mod mechanical;
 
-use explicit::Explicit;
-use regulator::Regulator;
-use tracker::Tracker;
+use mass::{Explicit, Regulator, Tracker};
 
 /// The classes of controllers, what users call them, and their settings with a default.
 macro_rules! controllers {

@@ -1,11 +1,8 @@
 //! Forces from Python: how each kind is given. How it is evaluated is in the files beside this one.
 
-mod any;
 mod callable;
-mod kind;
+pub(crate) mod kind;
 mod native;
-mod parametric;
-pub(crate) mod slopes;
 mod wall;
 
 use pyo3::exceptions::{PyTypeError, PyValueError};
@@ -15,12 +12,11 @@ use pyo3::types::{PyDict, PyTuple};
 use zivi::system::slopes::Differenced;
 
 use crate::time_table::TimeTable;
-use kind::{Callable, Kind, Native};
-use parametric::{ParametricForce, WithJacobian};
-use slopes::AnySlopes;
+use callable::{ParametricForce, WithJacobian};
+use kind::{AnySlopes, Callable, Kind, Native};
 use wall::AnyWall;
 
-pub(crate) use any::{with_force, AnyForce};
+pub(crate) use callable::{with_force, AnyForce};
 pub(crate) use native::{
     force_raised, with_native, with_native_slopes, AnyNative, CompiledForce, NativeSlopes, Raised,
 };

@@ -1,7 +1,6 @@
 //! The impacts of gaps that are hit again and again while the same others stay closed, and the jump
 //! through the Zeno point onto the manifold on which they rest.
 
-use super::corner_log::COLUMNS;
 use super::kinetics::{Kinetics, Model};
 use super::linear_flight::{Pull, PullAlongArcs};
 use super::mechanism::{scales, Mechanism};
@@ -10,16 +9,15 @@ use super::state::MechanicalState;
 use super::tail::{
     through, Correction, InPowers, PartOfArc, SkippedArcs, StoppedSlip, ORDERS, POINTS,
 };
-use crate::record::contact_mode::ContactMode;
-use crate::record::failure::Failure;
-use crate::record::gap_set::GapSet;
-use crate::switched::accumulation;
+use crate::mechanics::corner_descent::COLUMNS;
+use crate::record::gap_set::{ContactMode, GapSet};
+use crate::record::status::Failure;
+use crate::switched::accumulation::{Deviation, Lookahead};
 use crate::switched::flight::series::Linear;
-use crate::switched::lookahead::{Deviation, Lookahead};
 use crate::switched::stages::Counted;
-use crate::switched::SwitchedRk;
+use crate::switched::{accumulation, SwitchedRk};
 use crate::system::dynamics::{Dynamics, Layout};
-use crate::zeno::bounce::Bounce;
+use crate::zeno::arc::Bounce;
 use crate::zeno::chain::Chain;
 use crate::zeno::table::Landing;
 use crate::{Dependence, Force};
@@ -582,9 +580,9 @@ mod tests {
 
     use super::*;
     use crate::mechanics::{simulate_mechanical, MechanicalOutput};
-    use crate::record::occurrence::Occurrence;
+    use crate::record::events::Occurrence;
     use crate::system::dynamics::FunctionDynamics;
-    use crate::system::friction::{Channel, Friction};
+    use crate::system::force::{Channel, Friction};
     use crate::system::impact_law::newton_impacts;
     use crate::Silent;
 

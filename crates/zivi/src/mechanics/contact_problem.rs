@@ -3,8 +3,8 @@
 use super::kinetics::Kinetics;
 use super::lcp;
 use super::mode::Contacts;
-use crate::record::failure::Failure;
 use crate::record::gap_set::GapSet;
+use crate::record::status::Failure;
 use crate::Status;
 
 /// Which of the gaps that touch without a speed stay closed, and which the forces open, where the

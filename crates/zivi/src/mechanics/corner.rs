@@ -13,14 +13,13 @@
 //! is left of the motion is below the tolerance.
 
 use super::corner_descent::{descent, CornerEntry};
-use super::corner_log::{landing, pattern, time_of_corner, CornerLog, Mark};
 use super::impact::Struck;
 use super::mechanism::{scales, slow, Mechanism};
 use super::piece::Flight;
 use super::state::MechanicalState;
-use crate::record::contact_mode::ContactMode;
-use crate::record::failure::Failure;
-use crate::record::gap_set::GapSet;
+use crate::mechanics::corner_descent::{landing, pattern, time_of_corner, CornerLog, Mark};
+use crate::record::gap_set::{ContactMode, GapSet};
+use crate::record::status::Failure;
 use crate::switched::SwitchedRk;
 use crate::system::dynamics::{Dynamics, Layout};
 use crate::zeno::table::Landing;

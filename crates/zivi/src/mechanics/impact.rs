@@ -17,14 +17,13 @@ use super::kinetics::Model;
 use super::lcp;
 use super::mode::Key;
 use super::state::MechanicalState;
-use crate::numeric::vector::largest;
-use crate::record::contact_mode::ContactMode;
-use crate::record::failure::Failure;
-use crate::record::gap_set::GapSet;
-use crate::record::occurrence::{FlagKind, Occurrence};
+use crate::numeric::dense::largest;
+use crate::record::events::{FlagKind, Occurrence};
+use crate::record::gap_set::{ContactMode, GapSet};
+use crate::record::status::Failure;
 use crate::system::dynamics::Dynamics;
-use crate::system::friction::{Friction, FrictionalImpact};
-use crate::zeno::bounce::restored;
+use crate::system::force::{Friction, FrictionalImpact};
+use crate::zeno::arc::restored;
 use crate::{AnyImpactLaw, Status};
 
 /// Gaps with a kinetic cosine above this are coupled.

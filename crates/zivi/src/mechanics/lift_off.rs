@@ -5,17 +5,16 @@
 //! certify that there is no change of sign, two more values how well it fits. Long steps are probed
 //! between these points ([`Probes`]).
 
-use super::along_step::{AlongStep, Rows};
-use super::contact_probes::ContactProbes;
 use super::contact_problem::settle;
 use super::friction::{decide, Level};
 use super::kinetics::{Kinetics, Model};
 use super::mode::{Contacts, Limit};
 use super::shares::Shares;
 use super::state::MechanicalState;
+use crate::mechanics::mode::{AlongStep, ContactProbes, Rows};
 use crate::numeric::bernstein::{Bernstein, MOST_DEGREE};
-use crate::record::failure::Failure;
 use crate::record::gap_set::GapSet;
+use crate::record::status::Failure;
 use crate::system::dynamics::{Dynamics, Layout};
 use crate::Status;
 

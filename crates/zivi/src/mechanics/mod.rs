@@ -11,54 +11,43 @@
 //! coordinates, so that impacts keep their precision however small the bounces become.
 
 mod accumulation;
-mod along_step;
 mod chain;
-mod contact_probes;
 mod contact_problem;
 mod corner;
 mod corner_descent;
-mod corner_log;
-mod equation;
 mod fixed_steps;
 mod flight;
 mod friction;
 mod impact;
 mod integrator;
-mod joint_friction;
 mod kinetics;
 mod lcp;
 mod lift_off;
 mod linear_flight;
 mod mechanism;
 mod mode;
-mod moreau_jean;
 mod nested_accumulation;
-mod output;
 mod path;
 mod periodic_impulses;
 mod piece;
 mod recording;
-mod run;
 mod sampled_control;
 pub mod sensitivity;
 mod shares;
 mod state;
-mod stored;
 mod tail;
-mod theta_gamma;
 mod totals;
 
-pub use crate::record::contact_mode::ContactMode;
-pub use crate::record::gap_set::GapSet;
-pub use crate::record::occurrence::{FlagKind, Occurrence};
-pub use crate::record::point::MotionPoint;
+pub use crate::record::events::{FlagKind, Occurrence};
+pub use crate::record::gap_set::{ContactMode, GapSet};
+pub use crate::record::recorder::MotionPoint;
+pub use fixed_steps::{simulate_mechanical_moreau_jean, simulate_mechanical_theta_gamma};
 pub use kinetics::contact_forces;
-pub use moreau_jean::simulate_mechanical_moreau_jean;
-pub use output::{MechanicalOutput, MechanicalRun, MechanicalSamples, Speeds};
 pub use path::MechanicalPath;
 pub use periodic_impulses::{ImpulseEquations, Modes};
-pub use run::simulate_mechanical;
+pub use recording::{
+    simulate_mechanical, MechanicalOutput, MechanicalRun, MechanicalSamples, Speeds,
+};
 pub use sampled_control::{simulate_mechanical_loop, Sampling, Ticks};
 pub(crate) use shares::shortest;
-pub use theta_gamma::simulate_mechanical_theta_gamma;
 pub use totals::Totals;

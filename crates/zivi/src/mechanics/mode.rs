@@ -4,9 +4,21 @@
 //! and one equation serves all modes, so that there are no two cases with data of their own as there
 //! are for a mass, whose rest needs no equation.
 
-use crate::record::contact_mode::ContactMode;
-use crate::record::gap_set::GapSet;
+use crate::mechanics::kinetics::{Kinetics, Model};
+use crate::numeric::bernstein::Bernstein;
+use crate::numeric::coordinates;
+use crate::numeric::grid::Probes;
+use crate::numeric::stages::{worse, Equation, StepError, Tolerances};
+use crate::record::gap_set::{ContactMode, GapSet};
+use crate::record::status::Failure;
+use crate::system::dynamics::{Dynamics, Layout};
 use crate::zeno::table::Landing;
+
+// What a mechanical system does: on which contacts it moves, and what comes next.
+//
+// The mode is the set of closed gaps, and what friction does. Flight is motion without any contact,
+// and one equation serves all modes, so that there are no two cases with data of their own as there
+// are for a mass, whose rest needs no equation.
 
 /// What the gaps do that touch, or touched when the last step began.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -82,4 +94,159 @@ pub(super) struct Ahead {
     pub(super) landing: Landing<Vec<f64>>,
     /// The gaps that close together, if it is no Zeno point of a chain.
     pub(super) corner: Option<GapSet>,
+}
+
+// The probes of contact forces along a motion with some gaps closed.
+
+/// The probes of the motion with some gaps closed.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct ContactProbes {
+    pub(super) probes: Probes,
+    pub(super) mode: ContactMode,
+    /// How far the end of the run was ahead when they closed (s).
+    pub(super) horizon: f64,
+}
+
+impl ContactProbes {
+    /// Where a step from `t` to `until` at most ends at the latest, with these gaps closed.
+    pub(super) fn end(&mut self, mode: ContactMode, t: f64, until: f64) -> f64 {
+        if mode != self.mode {
+            *self = Self { mode, ..Self::default() };
+        }
+        self.horizon = self.horizon.max(until - t);
+        self.probes.end(t, until)
+    }
+
+    /// How far the end of the run was ahead when these gaps closed (s).
+    pub(super) fn horizon(&self) -> f64 {
+        self.horizon
+    }
+}
+
+// The mechanics along a step, between its stages.
+
+/// What is overlooked is more than so many tolerances: the polynomials are no better than that.
+pub(super) const DEFECT: f64 = 100.0;
+
+/// A complete step, evaluated at any part of it.
+pub(super) struct AlongStep<'r, 'm, D> {
+    pub(super) step: &'r Stages,
+    pub(super) mode: ContactMode,
+    pub(super) tolerances: &'r Tolerances,
+    /// Whether directions in which something sticks turn or move in the step.
+    pub(super) turns: bool,
+    /// The mechanics where they were evaluated last.
+    pub(super) aside: &'r mut Kinetics,
+    pub(super) model: &'r mut Model<'m, D>,
+}
+
+/// The polynomials of position and velocity over a step, of the coordinates and then the gaps.
+pub(super) type Rows = Vec<[Bernstein; 2]>;
+
+impl<D> AlongStep<'_, '_, D> {
+    /// The first so many polynomials of the step.
+    pub(super) fn rows(&self, count: usize) -> Rows {
+        (0..count).map(|c| self.step.polynomials_of(c)).collect()
+    }
+
+    /// Evaluates the system at a part of the step.
+    pub(super) fn evaluate<E>(&mut self, rows: &Rows, theta: f64) -> Result<(), Failure<E>>
+    where
+        D: Dynamics<E>,
+    {
+        let coordinates = rows[..self.aside.coordinates()].iter();
+        let (q, w): (Vec<f64>, Vec<f64>) =
+            coordinates.map(|[x, v]| (x.at(theta), v.at(theta))).unzip();
+        let t = self.step.from.t + theta * self.step.h;
+        self.aside.evaluate(self.model, t, &q, &w)?;
+        Ok(self.aside.contact(self.mode)?)
+    }
+
+    /// How far the polynomials are from the equation of motion at a part of the step, as an error
+    /// at its end, in what is allowed of it. The system is evaluated there.
+    pub(super) fn defect<E>(&mut self, rows: &Rows, theta: f64) -> Result<f64, Failure<E>>
+    where
+        D: Dynamics<E>,
+    {
+        self.evaluate(rows, theta)?;
+        let h = self.step.h;
+        let defects = rows.iter().enumerate().map(|(c, [_, v])| {
+            let defect = h * self.aside.acceleration[c] - v.slope(theta);
+            let error = StepError { x: [h * defect, 0.0], xdot: [defect, 0.0], double: false };
+            error.norm(self.step.scales(c, self.tolerances)) / DEFECT
+        });
+        Ok(defects.fold(0.0, worse))
+    }
+}
+
+// The equation of motion with a set of gaps closed, `x'' = a(t, x, x')`, where `x` are the
+// coordinates and the gaps.
+//
+// The gaps are integrated along: `g_k'' = b_k + D_kC lambda_C` costs no further evaluation, and
+// keeps its relative precision where the difference `g(q)` has none left. With friction the slips `s`
+// with `s' = w` follow them, and a last component whose rate is the work of friction.
+
+/// A state at a time: `x` are the coordinates, then the gaps, `xdot` their rates.
+pub(super) type State = coordinates::State<Vec<f64>>;
+
+/// A step.
+pub(super) type Stages = crate::numeric::stages::Stages<Vec<f64>>;
+
+/// What is known at the end of the last step: contact forces by row, what limits the mode, and by
+/// row the gaps, rates and the sums of gradients as their functions have them.
+#[derive(Clone, Debug)]
+pub(super) struct AtEnd {
+    pub(super) lambda: Vec<f64>,
+    pub(super) levels: Vec<f64>,
+    pub(super) gap: Vec<f64>,
+    pub(super) rate: Vec<f64>,
+    pub(super) steepness: Vec<f64>,
+}
+
+impl AtEnd {
+    pub(super) fn new(Layout { m, p, .. }: Layout) -> Self {
+        let (zeros, rows) = (vec![0.0; m], vec![0.0; m + p]);
+        let levels = Vec::new();
+        Self { lambda: rows.clone(), levels, gap: zeros.clone(), rate: rows, steepness: zeros }
+    }
+}
+
+/// The motion in a mode.
+pub(super) struct InContact<'r, 'm, D> {
+    pub(super) mode: ContactMode,
+    pub(super) kinetics: &'r mut Kinetics,
+    pub(super) model: &'r mut Model<'m, D>,
+    /// Where what is known at the end of a step goes.
+    pub(super) at_end: Option<&'r mut AtEnd>,
+}
+
+impl<E, D: Dynamics<E>> Equation<Vec<f64>, Failure<E>> for InContact<'_, '_, D> {
+    fn acceleration(&mut self, at: &State, into: &mut Vec<f64>) -> Result<(), Failure<E>> {
+        let n = self.kinetics.coordinates();
+        self.kinetics.evaluate(self.model, at.t, &at.x[..n], &at.xdot[..n])?;
+        self.kinetics.contact(self.mode)?;
+        into.copy_from_slice(&self.kinetics.acceleration);
+        if let Some(power) = into.get_mut(n + self.kinetics.layout.rows()) {
+            *power = self.kinetics.friction_power(self.mode, &at.xdot[n..]);
+        }
+        Ok(())
+    }
+
+    fn is_at_end(&mut self, at: &State) {
+        let (Some(end), kinetics) = (&mut self.at_end, &mut self.kinetics) else { return };
+        end.lambda.copy_from_slice(&kinetics.lambda);
+        if self.mode.is_frictionless() && kinetics.undetermined.is_empty() {
+            end.levels.clear();
+            end.levels.extend(self.mode.closed.iter().map(|gap| end.lambda[gap]));
+        } else {
+            end.levels = kinetics.limits(self.mode).iter().map(|it| it.value).collect();
+        }
+        for gap in 0..end.gap.len() {
+            end.gap[gap] = kinetics.gap(gap);
+            end.steepness[gap] = kinetics.steepness(gap);
+        }
+        for row in 0..end.rate.len() {
+            end.rate[row] = kinetics.rate(row, &at.xdot[..kinetics.coordinates()]);
+        }
+    }
 }

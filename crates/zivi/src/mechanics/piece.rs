@@ -2,7 +2,7 @@
 
 use super::path::Curve;
 use super::tail::SkippedArcs;
-use crate::record::contact_mode::ContactMode;
+use crate::record::gap_set::ContactMode;
 
 /// A part of the motion that one step of the machine covers.
 #[derive(Clone, Debug, PartialEq)]

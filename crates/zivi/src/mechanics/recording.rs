@@ -1,23 +1,26 @@
 //! A run under way: what each piece of the motion adds to the record.
 
+use crate::mechanics::integrator::MechanicalIntegrator;
+use crate::mechanics::kinetics::Model;
+use crate::mechanics::path::{Curve, MechanicalPath};
+use crate::mechanics::piece::{Flight, Piece};
+use crate::mechanics::tail::SkippedArcs;
+use crate::piecewise::running as piecewise;
+use crate::piecewise::running::{unless_terminal, until, Record, SegmentSink};
+use crate::piecewise::steps::{Advance, NoSink, Piecewise, Rhs};
+use crate::record::columns::Reserve;
+use crate::record::events::Occurrence;
+use crate::record::gap_set::{ContactMode, GapSet};
+use crate::record::recorder::MotionPoint;
+use crate::record::status::Failure;
+use crate::record::user_events::{unknown, SmoothPart};
+use crate::switched::SwitchedRk;
+use crate::system::dynamics::{Dynamics, Layout, MOST};
+use crate::system::force::{Friction, Smooth};
+use crate::{
+    AnyImpactLaw, Counts, GridError, LocatedEvent, Monitor, SetupError, Status, UserEvent,
+};
 use std::collections::TryReserveError;
-
-use super::integrator::MechanicalIntegrator;
-use super::kinetics::Model;
-use super::output::{MechanicalOutput, MechanicalRun, MechanicalSamples, SpeedLog};
-use super::path::{Curve, MechanicalPath};
-use super::piece::{Flight, Piece};
-use super::tail::SkippedArcs;
-use crate::piecewise::method::{Advance, Piecewise, Rhs};
-use crate::piecewise::running::{self as piecewise, unless_terminal, until, Record, SegmentSink};
-use crate::record::contact_mode::ContactMode;
-use crate::record::event_locator::{unknown, SmoothPart};
-use crate::record::failure::Failure;
-use crate::record::point::MotionPoint;
-use crate::record::reserve::Reserve;
-use crate::system::dynamics::Dynamics;
-use crate::system::stops::Smooth;
-use crate::{Counts, LocatedEvent, Status};
 
 /// A run of a mechanical system under way.
 pub(super) type Running<'a, E> = piecewise::Running<'a, E, MechanicalIntegrator, MechanicalRecord>;
@@ -356,5 +359,361 @@ impl<E> Running<'_, E> {
             raised,
             counts: Counts { nfev, ..counts },
         }
+    }
+}
+
+// A whole run of a mechanical system: samples, occurrences, events, dense output.
+
+/// Simulates a mechanical system over a span by the switched Runge-Kutta method.
+///
+/// ```text
+/// M q'' = F + N^T lambda      0 <= g  perp  lambda >= 0      impacts: g+ = g- + D P,
+///                                                  0 <= P  perp  g+ + e g- >= 0
+/// ```
+///
+/// with `e = e(-g-)` of the impact law of each gap.
+///
+/// # Errors
+/// [`SetupError`] before anything is computed, for settings, sizes or a start out of range.
+///
+/// ```
+/// use std::convert::Infallible;
+/// use zivi::mechanics::{simulate_mechanical, MechanicalOutput};
+/// use zivi::system::dynamics::{FunctionDynamics, Layout};
+/// use zivi::system::impact_law::newton_impacts;
+/// use zivi::{Silent, Status, SwitchedRk};
+///
+/// // a ball of 2 kg above a floor at y = 0, with drift in x
+/// let layout = Layout::smooth(2, 1);
+/// let function = |_: f64, q: &[f64], _: &[f64], out: &mut [f64]| {
+///     out[layout.mass()].copy_from_slice(&[2.0, 0.0, 0.0, 2.0]);
+///     out[layout.force()].copy_from_slice(&[0.0, -2.0 * 9.81]);
+///     out[layout.gap()].copy_from_slice(&[q[1]]);
+///     out[layout.gradient()].copy_from_slice(&[0.0, 1.0]);
+///     out[layout.curvature()].fill(0.0);
+///     out[layout.rate()].fill(0.0);
+///     Ok::<(), Infallible>(())
+/// };
+/// let run = simulate_mechanical(
+///     SwitchedRk::default(), &mut FunctionDynamics { layout, function }, &newton_impacts(&[0.5])?,
+///     (0.0, 3.0), (&[0.0, 1.0], &[1.0, 0.0]), MechanicalOutput::default(), &mut Silent,
+/// )?;
+/// assert_eq!(run.status, Status::Completed);
+/// // at rest on the floor, 3 m further on
+/// let last = run.samples.x.len() - 3;
+/// assert!((run.samples.x[last] - 3.0).abs() < 1e-9 && run.samples.x[last + 2] == 0.0);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+pub fn simulate_mechanical<E, D: Dynamics<E>>(
+    settings: SwitchedRk,
+    dynamics: &mut D,
+    laws: &[AnyImpactLaw],
+    (t0, t1): (f64, f64),
+    (q, w): (&[f64], &[f64]),
+    output: MechanicalOutput<'_, E>,
+    monitor: &mut impl Monitor<E>,
+) -> Result<MechanicalRun<E>, SetupError> {
+    let settings = settings.validated()?;
+    let layout = dynamics.layout();
+    check_sizes(layout, laws.len(), q, w)?;
+    check_span(t0, t1)?;
+    let friction = dynamics.friction().clone();
+    check_friction(layout, &friction)?;
+    let mut model = Model::new(dynamics);
+    let mut machine = MechanicalIntegrator::new(settings, layout, laws, &friction);
+    let begun = started(machine.start(t0, (q, w), &mut model))?;
+    let mut running = running(machine, t1, output);
+    let ending = match begun {
+        Err(failure) => failure.into(),
+        Ok(()) => running.go(&mut NoSink, &mut model, monitor),
+    };
+    Ok(running.finish(ending, model.count))
+}
+
+/// What a machine says of its start, as an error of the setup or of the run.
+pub(super) fn started<E>(
+    start: Result<Option<f64>, Failure<E>>,
+) -> Result<Result<(), Failure<E>>, SetupError> {
+    match start {
+        Ok(Some(value)) => {
+            Err(SetupError::Setting("q0", value, "such that no gap g(t0, q0) is below 0"))
+        }
+        Err(Failure::Status(Status::MassNotDefinite)) => {
+            let range = "symmetric positive definite at the start";
+            Err(SetupError::Setting("mass", f64::NAN, range))
+        }
+        start => Ok(start.map(|_| ())),
+    }
+}
+
+pub(super) fn check_sizes(
+    Layout { n, m, p }: Layout,
+    laws: usize,
+    q: &[f64],
+    w: &[f64],
+) -> Result<(), SetupError> {
+    if n == 0 || n > MOST {
+        return Err(SetupError::Count("n", n, "from 1 to 256"));
+    }
+    if m + p > MOST {
+        return Err(SetupError::Count("m", m + p, "at most 256, with the channels of friction"));
+    }
+    for (name, given, wanted) in [("e", laws, m), ("q0", q.len(), n), ("qdot0", w.len(), n)] {
+        if given != wanted {
+            return Err(SetupError::Count(name, given, "one number each"));
+        }
+    }
+    for (name, state) in [("q0", q), ("qdot0", w)] {
+        if let Some(&value) = state.iter().find(|value| !value.is_finite()) {
+            return Err(SetupError::Setting(name, value, "finite"));
+        }
+    }
+    Ok(())
+}
+
+/// For what does not know friction yet.
+pub(super) fn check_smooth(layout: Layout) -> Result<(), SetupError> {
+    match layout.p {
+        0 => Ok(()),
+        p => Err(SetupError::Count("friction", p, "none: derivatives with friction are not known")),
+    }
+}
+
+pub(super) fn check_friction(
+    Layout { m, p, .. }: Layout,
+    friction: &Friction,
+) -> Result<(), SetupError> {
+    if friction.channels.len() != p {
+        return Err(SetupError::Count("friction", friction.channels.len(), "one for each channel"));
+    }
+    let mut seen = GapSet::EMPTY;
+    for channel in &friction.channels {
+        if !(0.0..=1.0).contains(&channel.e_t) {
+            return Err(SetupError::Setting("e_t", channel.e_t, "from 0 to 1"));
+        }
+        let Some(gap) = channel.gap else { continue };
+        if gap >= m || seen.has(gap) {
+            return Err(SetupError::Count("friction", gap, "one gap each, at most one channel"));
+        }
+        seen = seen.with(GapSet::of(gap));
+    }
+    Ok(())
+}
+
+pub(super) fn check_span(t0: f64, t1: f64) -> Result<(), SetupError> {
+    if !(t0.is_finite() && t1.is_finite()) {
+        return Err(GridError::SpanNotFinite(t0, t1).into());
+    }
+    if t1 <= t0 {
+        return Err(GridError::SpanEmpty(t0, t1).into());
+    }
+    Ok(())
+}
+
+// What is requested of a run of a mechanical system, and what it leaves.
+
+/// What a run shall give, besides what happens at the gaps.
+pub struct MechanicalOutput<'a, E> {
+    /// Times of the samples, increasing and within the span. `None`: a sample at the start, at the
+    /// end of each step, after each event at a gap, and at the end.
+    pub t_eval: Option<&'a [f64]>,
+    /// Times at which the forces are not smooth (s), increasing.
+    pub tstops: &'a [f64],
+    /// Without times of samples: only the first of them and that at the end, and how fast the system
+    /// was at the others ([`MechanicalRun::speeds`]). Forces of linear systems are not evaluated there.
+    pub ends: bool,
+    /// Whether to keep the motion as a function of time.
+    pub dense: bool,
+    /// Whether to keep of the motion at least the arcs that jumps skip, with the impacts on them.
+    pub arcs: bool,
+    /// The user's events.
+    pub events: Vec<UserEvent<'a, E, MotionPoint>>,
+}
+
+impl<E> Default for MechanicalOutput<'_, E> {
+    fn default() -> Self {
+        let (ends, dense, arcs) = (false, false, false);
+        Self { t_eval: None, tstops: &[], ends, dense, arcs, events: Vec::new() }
+    }
+}
+
+/// Samples of a mechanical system.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct MechanicalSamples {
+    /// Times (s).
+    pub t: Vec<f64>,
+    /// `q`, `g`, and what friction adds, `layout.size()` numbers a sample.
+    pub x: Vec<f64>,
+    /// Their rates, as many.
+    pub v: Vec<f64>,
+    /// Contact forces and those of friction, `m + p` numbers a sample.
+    pub lambda: Vec<f64>,
+    /// The closed gaps, and what friction does.
+    pub modes: Vec<ContactMode>,
+}
+
+impl MechanicalSamples {
+    /// Makes room for so many more, of so many coordinates and gaps.
+    pub(super) fn make_room(
+        &mut self,
+        reserve: &mut Reserve,
+        count: usize,
+        layout: Layout,
+    ) -> Result<(), TryReserveError> {
+        const ASIDE: usize = size_of::<f64>();
+        reserve.room(&mut self.t, count, ASIDE)?;
+        reserve.room(&mut self.x, count * layout.size(), ASIDE)?;
+        reserve.room(&mut self.v, count * layout.size(), ASIDE)?;
+        reserve.room(&mut self.lambda, count * layout.rows(), ASIDE)?;
+        reserve.room(&mut self.modes, count, layout.rows())
+    }
+
+    pub(super) fn push(
+        &mut self,
+        t: f64,
+        (x, v): (&[f64], &[f64]),
+        lambda: &[f64],
+        mode: ContactMode,
+    ) {
+        self.t.push(t);
+        self.x.extend_from_slice(x);
+        self.v.extend_from_slice(v);
+        self.lambda.extend_from_slice(lambda);
+        self.modes.push(mode);
+    }
+}
+
+/// The largest `|q'_i|` at the ends of steps, of a run that keeps no samples there.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Speeds {
+    /// When something last happened at the gaps or to friction, or the start (s).
+    pub since: f64,
+    /// From the start on.
+    pub fastest: f64,
+    /// From then on.
+    pub fastest_since: f64,
+}
+
+/// The speeds of a run under way.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct SpeedLog {
+    pub(super) speeds: Speeds,
+    /// The last time that was looked at, and the speed there.
+    last: (f64, f64),
+    /// How many occurrences are known.
+    known: usize,
+}
+
+impl SpeedLog {
+    pub(super) fn from(t0: f64) -> Self {
+        let speeds = Speeds { since: t0, ..Speeds::default() };
+        Self { speeds, last: (t0, 0.0), known: 0 }
+    }
+
+    /// A time, the velocities there and what happened up to it.
+    pub(super) fn note(&mut self, t: f64, velocities: &[f64], occurrences: &[Occurrence]) {
+        let speed = velocities.iter().fold(0.0_f64, |most, v| most.max(v.abs()));
+        let Self { speeds, last, known } = self;
+        for it in occurrences.iter().skip(*known) {
+            let is_aside = matches!(it, Occurrence::Contact { .. } | Occurrence::Flag { .. });
+            if !is_aside && it.t() > speeds.since {
+                speeds.since = it.t();
+                speeds.fastest_since = if last.0 >= it.t() { last.1 } else { 0.0 };
+            }
+        }
+        *known = occurrences.len();
+        *last = (t, if last.0 == t { speed.max(last.1) } else { speed });
+        speeds.fastest = speeds.fastest.max(speed);
+        speeds.fastest_since = speeds.fastest_since.max(speed);
+    }
+}
+
+/// A run of a mechanical system.
+#[derive(Clone, Debug, PartialEq)]
+pub struct MechanicalRun<E> {
+    /// How many coordinates and gaps there are.
+    pub layout: Layout,
+    /// Samples.
+    pub samples: MechanicalSamples,
+    /// How fast the system was, where only the ends were sampled.
+    pub speeds: Option<Speeds>,
+    /// What happened at the gaps, in order.
+    pub occurrences: Vec<Occurrence>,
+    /// The user's events, by function.
+    pub hits: Vec<Vec<LocatedEvent<MotionPoint>>>,
+    /// The motion as a function of time, if it was asked for.
+    pub path: Option<MechanicalPath>,
+    /// How the run ended.
+    pub status: Status,
+    /// The error that the system, an event or the monitor raised.
+    pub raised: Option<E>,
+    /// How much work was done.
+    pub counts: Counts,
+}
+
+#[cfg(test)]
+mod run_tests {
+    use super::*;
+    use crate::system::force::Channel;
+
+    #[test]
+    fn friction_has_its_channels_and_a_gap_one_at_most() {
+        let layout = Layout { n: 2, m: 2, p: 2 };
+        let check = |gaps: &[Option<usize>], e_t: f64| {
+            let channels = gaps.iter().map(|&gap| Channel { gap, e_t }).collect();
+            check_friction(layout, &Friction { channels, ..Friction::default() })
+        };
+        for gaps in [[Some(0), Some(1)], [Some(1), None], [None, None]] {
+            for e_t in [0.0, 0.3, 1.0] {
+                assert!(check(&gaps, e_t).is_ok(), "{gaps:?} {e_t}");
+            }
+        }
+        let refused = |gaps: &[Option<usize>], wrong: usize| {
+            let found = check(gaps, 0.0);
+            matches!(found, Err(SetupError::Count("friction", count, _)) if count == wrong)
+        };
+        assert!(refused(&[Some(0)], 1));
+        assert!(refused(&[Some(0), Some(1), None], 3));
+        assert!(refused(&[None, Some(2)], 2));
+        assert!(refused(&[Some(1), Some(1)], 1));
+        for wrong in [-0.1, 1.1, f64::NAN] {
+            assert!(matches!(check(&[Some(0), None], wrong), Err(SetupError::Setting("e_t", ..))));
+        }
+    }
+}
+
+#[cfg(test)]
+mod output_tests {
+    use super::*;
+
+    #[test]
+    fn speeds_count_from_the_last_occurrence_on_and_at_it() {
+        let mut log = SpeedLog::from(0.5);
+        let zeno = |t| Occurrence::LiftOff { t, gap: 0 };
+        let flag = Occurrence::Contact { t: 9.0, gap: 0 };
+        let mut occurrences = vec![];
+        let mut told = |t, v: f64, new: &[Occurrence]| {
+            occurrences.extend_from_slice(new);
+            log.note(t, &[v, -0.1], &occurrences);
+            let Speeds { since, fastest, fastest_since } = log.speeds;
+            [since, fastest, fastest_since]
+        };
+        assert_eq!(told(0.5, -3.0, &[]), [0.5, 3.0, 3.0]);
+        assert_eq!(told(1.0, 2.0, &[]), [0.5, 3.0, 3.0]);
+        // that at the time of an occurrence counts, whichever was first
+        assert_eq!(told(1.0, 1.0, &[zeno(1.0), flag]), [1.0, 3.0, 2.0]);
+        assert_eq!(told(1.5, 4.0, &[]), [1.0, 4.0, 4.0]);
+        assert_eq!(told(2.0, 0.5, &[zeno(1.7)]), [1.7, 4.0, 0.5]);
+        assert_eq!(told(2.5, 0.0, &[zeno(1.6)]), [1.7, 4.0, 0.5]);
+    }
+
+    #[test]
+    fn room_is_made_for_every_number_of_the_samples() {
+        let (mut samples, mut reserve) = (MechanicalSamples::default(), Reserve::default());
+        samples.make_room(&mut reserve, 100, Layout::smooth(4, 3)).unwrap();
+        let MechanicalSamples { t, x, v, lambda, modes } = &samples;
+        let rooms = [t.capacity(), x.capacity(), v.capacity(), lambda.capacity(), modes.capacity()];
+        let needed = [100, 700, 700, 300, 100];
+        assert!(rooms.iter().zip(needed).all(|(room, n)| *room >= n), "{rooms:?}");
     }
 }

@@ -3,15 +3,16 @@
 
 use super::integrator::MechanicalIntegrator;
 use super::kinetics::Model;
-use super::output::{MechanicalOutput, MechanicalRun, MechanicalSamples};
 use super::recording::running;
-use super::run::{check_friction, check_sizes, check_span, started};
-use crate::piecewise::method::Driver;
-use crate::record::contact_mode::ContactMode;
-use crate::record::failure::Failure;
+use crate::mechanics::recording::{
+    check_friction, check_sizes, check_span, started, MechanicalOutput, MechanicalRun,
+    MechanicalSamples,
+};
+use crate::piecewise::steps::Driver;
+use crate::record::gap_set::ContactMode;
+use crate::record::status::Failure;
 use crate::switched::SwitchedRk;
-use crate::system::driven::Driven;
-use crate::system::dynamics::{Dynamics, Layout};
+use crate::system::dynamics::{Driven, Dynamics, Layout};
 use crate::{AnyImpactLaw, Monitor, SetupError};
 
 /// When a control is sampled, and where the forces are not smooth beside that.

@@ -11,8 +11,8 @@
 //! vertices of (2): each of them varies as smoothly as the levels do.
 
 use crate::numeric::cholesky;
+use crate::numeric::dense::{dot, largest};
 use crate::numeric::elimination::Elimination;
-use crate::numeric::vector::{dot, largest};
 
 /// The margin is no larger than so many of the largest levels: there may be no bound.
 const CAP: f64 = 4.0;

@@ -1,8 +1,8 @@
 //! What happened in a run, counted.
 
-use super::output::MechanicalRun;
+use crate::mechanics::recording::MechanicalRun;
+use crate::record::events::Occurrence;
 use crate::record::gap_set::GapSet;
-use crate::record::occurrence::Occurrence;
 
 /// Most impacts of one accumulation that count.
 const MOST: usize = 1_000_000;

@@ -5,7 +5,7 @@ use crate::mechanics::{
     simulate_mechanical, simulate_mechanical_moreau_jean, simulate_mechanical_theta_gamma,
     MechanicalOutput, MechanicalRun,
 };
-use crate::stepping::scheme::FixedSteps;
+use crate::stepping::fixed_step::FixedSteps;
 use crate::system::dynamics::Dynamics;
 use crate::{AnyImpactLaw, Monitor, MoreauJean, SetupError, SwitchedRk, ThetaGamma};
 

@@ -8,7 +8,7 @@
 //! program runs: batches, and the bindings to other languages, know that one only.
 //!
 //! A new scheme of fixed steps is a file of `stepping`, in which its settings implement
-//! [`Scheme`](crate::stepping::scheme::Scheme), and a line in the list at the end of this file: all
+//! [`Scheme`](crate::stepping::fixed_step::Scheme), and a line in the list at the end of this file: all
 //! that offers methods, Python's classes and the keys of files too, reads [`AnyMethod::ALL`].
 
 mod interface;
@@ -26,7 +26,7 @@ use zivi_core::setting::Setting;
 use zivi_core::ThetaGammaStep;
 
 use crate::mechanics::{MechanicalOutput, MechanicalRun};
-use crate::stepping::scheme::{FixedSteps, Scheme};
+use crate::stepping::fixed_step::{FixedSteps, Scheme};
 use crate::system::dynamics::Dynamics;
 use crate::{
     stepping, AnyImpactLaw, Force, Monitor, Output, Physical, Restitution, SetupError, SwitchedRk,

@@ -4,8 +4,8 @@ use zivi_core::setting::Setting;
 
 use super::interface::{newton, Listed, Method, Settings, System};
 use crate::record::values::Values;
-use crate::stepping::scheme::{FixedSteps, Scheme};
-use crate::system::evaluation::check_initial;
+use crate::stepping::fixed_step::{FixedSteps, Scheme};
+use crate::system::dynamics::check_initial;
 use crate::{
     simulate_switched_rk, AnyImpactLaw, Counts, Force, LocatedEvent, Monitor, Motion, Output,
     Physical, Run, Samples, SetupError, StepEvents, SwitchedRk, SwitchedRun, Trajectory,

@@ -1,6 +1,6 @@
 //! Symmetric positive definite systems of a few unknowns, `A = L L^T`, row by row.
 
-use super::vector::dot;
+use crate::numeric::dense::dot;
 
 /// Overwrites the lower triangle of `A` (`n x n`) by `L`. The smallest `l_ii^2/a_ii`: what is left
 /// of a diagonal entry by the rows above, 1 for a diagonal matrix, 0 where `A` is singular and

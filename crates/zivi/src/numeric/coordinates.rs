@@ -3,7 +3,13 @@
 //! A mass above a wall is the smallest case of a mechanical system, and costs no more than code
 //! that is written for one number: its coordinates are an `f64`, seen as a slice of length one.
 
+use pulp::{Simd, WithSimd};
 use std::fmt::Debug;
+
+// What a state consists of: one number, or several.
+//
+// A mass above a wall is the smallest case of a mechanical system, and costs no more than code
+// that is written for one number: its coordinates are an `f64`, seen as a slice of length one.
 
 /// Most stages that a pair has, further ones included.
 pub(crate) const MOST_STAGES: usize = 16;
@@ -144,5 +150,187 @@ impl<Q> State<Q> {
         let mut after = State { t: self.t, late: self.late, x, xdot };
         after.pass(h);
         after
+    }
+}
+
+// Products of a matrix with vectors, by the widest registers of the processor: with the same bits.
+
+/// Full columns are added so many at once.
+const TOGETHER: usize = 4;
+/// Below so many entries the choice of registers costs more than it saves.
+const WIDE: usize = 96;
+
+/// A matrix of which most entries may be zero: columns that have few entries by diagonals, which
+/// banded matrices have few of, the others as they are.
+#[derive(Clone, Debug)]
+pub(crate) struct LinearMap {
+    diagonals: Vec<Diagonal>,
+    /// The numbers of the full columns.
+    full: Vec<usize>,
+    /// Their entries, column by column, with zeros to a whole number of [`TOGETHER`].
+    entries: Vec<f64>,
+    /// How many numbers it consists of.
+    size: usize,
+}
+
+/// Entries `a_(i + k, j + k)`, `k = 0, 1, ..`.
+#[derive(Clone, Debug)]
+struct Diagonal {
+    i: usize,
+    j: usize,
+    entries: Vec<f64>,
+}
+
+impl Diagonal {
+    /// From the first to the last entry that is not zero, if there is one.
+    fn of((i, j): (usize, usize), mut entries: Vec<f64>) -> Option<Self> {
+        let first = entries.iter().position(|entry| *entry != 0.0)?;
+        let last = entries.iter().rposition(|entry| *entry != 0.0)?;
+        entries.truncate(last + 1);
+        entries.drain(..first);
+        Some(Self { i: i + first, j: j + first, entries })
+    }
+}
+
+impl LinearMap {
+    /// The matrix of so many rows and columns with these entries.
+    pub(crate) fn new(rows: usize, columns: usize, at: impl Fn(usize, usize) -> f64) -> Self {
+        let filled = |j: usize| (0..rows).filter(|&i| at(i, j) != 0.0).count();
+        let is_full: Vec<bool> = (0..columns).map(|j| 4 * filled(j) > rows).collect();
+        let starts = (1..rows).rev().map(|i| (i, 0)).chain((0..columns).map(|j| (0, j)));
+        let diagonal = |(i, j): (usize, usize)| {
+            let length = (rows - i).min(columns - j);
+            let entry = |k: usize| if is_full[j + k] { 0.0 } else { at(i + k, j + k) };
+            Diagonal::of((i, j), (0..length).map(entry).collect())
+        };
+        let diagonals: Vec<Diagonal> = starts.filter_map(diagonal).collect();
+        let mut full: Vec<usize> = (0..columns).filter(|&j| is_full[j]).collect();
+        let mut entries: Vec<f64> = full
+            .iter()
+            .flat_map(|&j| (0..rows).map(move |i| (i, j)))
+            .map(|(i, j)| at(i, j))
+            .collect();
+        let missing = full.len().next_multiple_of(TOGETHER) - full.len();
+        full.extend(vec![0; missing]);
+        entries.extend(vec![0.0; missing * rows]);
+        let in_diagonals: usize = diagonals.iter().map(|it| it.entries.len()).sum();
+        let size = entries.len() + in_diagonals;
+        Self { diagonals, full, entries, size }
+    }
+
+    /// How many numbers it consists of.
+    pub(crate) fn len(&self) -> usize {
+        self.size
+    }
+
+    /// Adds the product with a vector.
+    #[inline]
+    pub(crate) fn add(&self, x: &[f64], out: &mut [f64]) {
+        if self.size < WIDE {
+            self.add_by_columns(x, out);
+        } else {
+            pulp::Arch::new().dispatch(Product { map: self, x, out });
+        }
+    }
+
+    /// The same by the registers that the caller has.
+    #[inline(always)]
+    pub(crate) fn add_by_columns(&self, x: &[f64], out: &mut [f64]) {
+        for Diagonal { i, j, entries } in &self.diagonals {
+            let pairs = entries.iter().zip(&x[*j..]);
+            out[*i..].iter_mut().zip(pairs).for_each(|(out, (entry, x))| *out += entry * x);
+        }
+        // of a size that the compiler knows the loops are unrolled
+        match out.len() {
+            1 => self.add_first::<1>(1, x, out),
+            2 => self.add_first::<2>(2, x, out),
+            3 => self.add_first::<3>(3, x, out),
+            4 => self.add_first::<4>(4, x, out),
+            _ => self.add_full_columns(x, out),
+        }
+    }
+
+    /// The first numbers of the product of a matrix that has full columns alone.
+    #[inline(always)]
+    pub(crate) fn first_of_product<const FEW: usize>(
+        &self,
+        rows: usize,
+        x: &[f64],
+    ) -> Option<[f64; FEW]> {
+        if !self.diagonals.is_empty() || rows < FEW {
+            return None;
+        }
+        let mut out = [0.0; FEW];
+        self.add_first::<FEW>(rows, x, &mut out);
+        Some(out)
+    }
+
+    /// Adds the part of full columns, the first rows of so many.
+    #[inline(always)]
+    fn add_first<const FEW: usize>(&self, rows: usize, x: &[f64], out: &mut [f64]) {
+        let blocks = self.entries.chunks_exact(TOGETHER * rows);
+        for (columns, block) in self.full.chunks_exact(TOGETHER).zip(blocks) {
+            let [x0, x1, x2, x3] = [0, 1, 2, 3].map(|k| x[columns[k]]);
+            let [c0, c1, c2, c3] = [0, 1, 2, 3].map(|k| &block[k * rows..][..FEW]);
+            for (i, out) in out.iter_mut().enumerate().take(FEW) {
+                *out += (c0[i] * x0 + c1[i] * x1) + (c2[i] * x2 + c3[i] * x3);
+            }
+        }
+    }
+
+    #[inline(always)]
+    fn add_full_columns(&self, x: &[f64], out: &mut [f64]) {
+        let rows = out.len();
+        let blocks = self.entries.chunks_exact((TOGETHER * rows).max(1));
+        for (columns, block) in self.full.chunks_exact(TOGETHER).zip(blocks) {
+            let [x0, x1, x2, x3] = [0, 1, 2, 3].map(|k| x[columns[k]]);
+            let (first, last) = block.split_at(2 * rows);
+            let ((c0, c1), (c2, c3)) = (first.split_at(rows), last.split_at(rows));
+            let pairs = c0.iter().zip(c1).zip(c2.iter().zip(c3));
+            for (out, ((c0, c1), (c2, c3))) in out.iter_mut().zip(pairs) {
+                *out += (c0 * x0 + c1 * x1) + (c2 * x2 + c3 * x3);
+            }
+        }
+    }
+}
+
+/// A product that is to be added.
+struct Product<'a> {
+    map: &'a LinearMap,
+    x: &'a [f64],
+    out: &'a mut [f64],
+}
+
+impl WithSimd for Product<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) {
+        self.map.add_by_columns(self.x, self.out);
+    }
+}
+
+#[cfg(test)]
+mod linear_map_tests {
+    use super::*;
+
+    #[test]
+    fn products_are_those_of_the_rows() {
+        for (rows, columns) in [(1, 1), (3, 5), (20, 41), (26, 7), (40, 44)] {
+            // full, sparse and empty columns beside each other, some of them in diagonals
+            let at = |i: usize, j: usize| match j % 4 {
+                0 => 1.0 / (1 + i + 2 * j) as f64,
+                1 | 2 if i == j % rows || i + 1 == j % rows => (j as f64).cos(),
+                _ => 0.0,
+            };
+            let map = LinearMap::new(rows, columns, at);
+            let x: Vec<f64> = (0..columns).map(|j| (j as f64).sin() + 0.1).collect();
+            let mut out: Vec<f64> = (0..rows).map(|i| i as f64).collect();
+            map.add(&x, &mut out);
+            for (i, found) in out.iter().enumerate() {
+                let exact = i as f64 + (0..columns).map(|j| at(i, j) * x[j]).sum::<f64>();
+                assert!((found - exact).abs() < 1e-13, "{rows} {columns} {i}");
+            }
+        }
     }
 }

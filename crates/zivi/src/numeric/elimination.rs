@@ -1,6 +1,11 @@
 //! Square systems of a few unknowns that need not be symmetric nor regular: elimination with
 //! complete pivoting.
 
+use crate::numeric::dense::dot;
+
+// Square systems of a few unknowns that need not be symmetric nor regular: elimination with
+// complete pivoting.
+
 /// `P A Q = L U` of an `n x n` matrix whose entries are of order one.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Elimination {
@@ -115,8 +120,106 @@ impl Elimination {
     }
 }
 
+// Singular values of a few rows and columns, by one-sided rotations (Hestenes, Jacobi).
+//
+// ```text
+// A V = U diag(s)      V orthogonal, its last columns a basis of what A takes to 0
+// ```
+
+/// Sweeps over all pairs of columns; about six are needed.
+const SWEEPS: usize = 40;
+
+/// The singular values of a matrix, and what belongs to them.
+#[derive(Clone, Debug)]
+pub(crate) struct Singular {
+    rows: usize,
+    columns: usize,
+    /// `U diag(s)`, column by column, the longest first.
+    scaled: Vec<f64>,
+    /// `V`, column by column.
+    right: Vec<f64>,
+    values: Vec<f64>,
+}
+
+/// Turns columns `i < j` of so many numbers by an angle.
+fn turn(all: &mut [f64], size: usize, (i, j): (usize, usize), (c, s): (f64, f64)) {
+    let (head, tail) = all.split_at_mut(j * size);
+    for (x, y) in head[i * size..][..size].iter_mut().zip(&mut tail[..size]) {
+        (*x, *y) = (c * *x - s * *y, s * *x + c * *y);
+    }
+}
+
+impl Singular {
+    /// Of a matrix, row by row.
+    pub(crate) fn new(a: &[f64], rows: usize, columns: usize) -> Self {
+        let mut scaled: Vec<f64> =
+            (0..rows * columns).map(|k| a[k % rows * columns + k / rows]).collect();
+        let mut right = vec![0.0; columns * columns];
+        (0..columns).for_each(|j| right[j * columns + j] = 1.0);
+        for _ in 0..SWEEPS {
+            let mut turned = false;
+            for j in 1..columns {
+                for i in 0..j {
+                    let (x, y) = (&scaled[i * rows..][..rows], &scaled[j * rows..][..rows]);
+                    let (a, b, c) = (dot(x, x), dot(y, y), dot(x, y));
+                    // written so that a NaN ends it
+                    if c * c > f64::EPSILON * f64::EPSILON * a * b {
+                        let ratio = (b - a) / (2.0 * c);
+                        let tangent = ratio.signum() / (ratio.abs() + ratio.hypot(1.0));
+                        let cosine = 1.0 / tangent.hypot(1.0);
+                        let by = (cosine, cosine * tangent);
+                        turn(&mut scaled, rows, (i, j), by);
+                        turn(&mut right, columns, (i, j), by);
+                        turned = true;
+                    }
+                }
+            }
+            if !turned {
+                break;
+            }
+        }
+        let size = |j: usize| dot(&scaled[j * rows..][..rows], &scaled[j * rows..][..rows]).sqrt();
+        let mut order: Vec<usize> = (0..columns).collect();
+        order.sort_by(|&i, &j| size(j).total_cmp(&size(i)));
+        let picked = |all: &[f64], n: usize| -> Vec<f64> {
+            order.iter().flat_map(|&j| all[j * n..][..n].iter().copied()).collect()
+        };
+        let values = order.iter().map(|&j| size(j)).collect();
+        let (scaled, right) = (picked(&scaled, rows), picked(&right, columns));
+        Self { rows, columns, scaled, right, values }
+    }
+
+    /// One for each column, the largest first.
+    pub(crate) fn values(&self) -> &[f64] {
+        &self.values
+    }
+
+    /// How many are above this part of the largest.
+    pub(crate) fn rank(&self, part: f64) -> usize {
+        let least = part * self.values.first().copied().unwrap_or(0.0);
+        self.values.iter().filter(|&&value| value > least).count()
+    }
+
+    /// The shortest `x` with the least `|A x - b|`, of a matrix of this rank.
+    pub(crate) fn solve(&self, b: &[f64], rank: usize) -> Vec<f64> {
+        let mut x = vec![0.0; self.columns];
+        for j in 0..rank {
+            let of = &self.scaled[j * self.rows..][..self.rows];
+            let part = dot(of, b) / self.values[j] / self.values[j];
+            let along = &self.right[j * self.columns..][..self.columns];
+            x.iter_mut().zip(along).for_each(|(x, v)| *x += part * v);
+        }
+        x
+    }
+
+    /// The vectors that a matrix of this rank takes to 0, one after the other.
+    pub(crate) fn null_space(&self, rank: usize) -> &[f64] {
+        &self.right[rank * self.columns..]
+    }
+}
+
 #[cfg(test)]
-mod tests {
+mod elimination_tests {
     use super::*;
 
     fn times(a: &[f64], x: &[f64]) -> Vec<f64> {
@@ -157,5 +260,61 @@ mod tests {
         assert!(free.iter().all(|x| (x[0] + 2.0 * x[1] - x[2]).abs() < 1e-15 && x.contains(&1.0)));
         assert_eq!(Elimination::new(vec![0.0; 4], 2, 1e-9).null_space().len(), 2);
         assert_eq!(Elimination::new(vec![f64::NAN, 1.0, 1.0, 1.0], 2, 1e-9).rank(), 0);
+    }
+}
+
+#[cfg(test)]
+mod singular_tests {
+    use super::*;
+
+    #[test]
+    fn values_are_those_of_a_matrix_that_is_known() {
+        // diag(5, 2) between two rotations, and a column that is a multiple of another
+        let (c, s) = (0.6, 0.8);
+        let a = [5.0 * c * c + 2.0 * s * s, 3.0 * c * s, 3.0 * c * s, 5.0 * s * s + 2.0 * c * c];
+        let found = Singular::new(&a, 2, 2);
+        assert!((found.values()[0] - 5.0).abs() < 1e-14 && (found.values()[1] - 2.0).abs() < 1e-14);
+        let flat = Singular::new(&[1.0, 2.0, -2.0, -4.0], 2, 2);
+        assert!((flat.values()[0] - 5.0).abs() < 1e-14 && flat.values()[1] < 1e-14);
+        assert_eq!((flat.rank(1e-12), found.rank(1e-12), found.rank(0.5)), (1, 2, 1));
+        let none = Singular::new(&[0.0; 6], 2, 3);
+        assert_eq!((none.rank(0.0), none.values()), (0, &[0.0; 3][..]));
+    }
+
+    #[test]
+    fn least_squares_leave_what_is_at_right_angles_and_the_rest_is_no_longer_than_needed() {
+        let mut random = 0.3_f64;
+        let mut draw = || {
+            random = (random * 997.0 + 0.1).fract();
+            random - 0.5
+        };
+        for (rows, columns) in [(1, 1), (2, 4), (4, 2), (3, 3), (1, 5), (5, 5)] {
+            let a: Vec<f64> = (0..rows * columns).map(|_| draw()).collect();
+            let b: Vec<f64> = (0..rows).map(|_| draw()).collect();
+            let found = Singular::new(&a, rows, columns);
+            let rank = found.rank(1e-12);
+            assert_eq!(rank, rows.min(columns));
+            let x = found.solve(&b, rank);
+            let left: Vec<f64> =
+                (0..rows).map(|i| dot(&a[i * columns..][..columns], &x) - b[i]).collect();
+            for j in 0..columns {
+                let slope: f64 = (0..rows).map(|i| a[i * columns + j] * left[i]).sum();
+                assert!(slope.abs() < 1e-13, "{rows} {columns} {slope:e}");
+            }
+            let null = found.null_space(rank);
+            assert_eq!(null.len(), (columns - rank) * columns);
+            for v in null.chunks(columns) {
+                assert!(dot(v, &x).abs() < 1e-13 && (dot(v, v) - 1.0).abs() < 1e-14);
+                assert!((0..rows).all(|i| dot(&a[i * columns..][..columns], v).abs() < 1e-14));
+            }
+        }
+    }
+
+    #[test]
+    fn what_is_no_number_ends_too() {
+        assert!(Singular::new(&[f64::NAN, 1.0, 2.0, 3.0], 2, 2)
+            .values()
+            .iter()
+            .any(|it| it.is_nan()));
     }
 }

@@ -3,9 +3,8 @@
 
 use super::steps::{Start, Steps};
 use crate::numeric::coordinates::Coordinates;
-use crate::numeric::stages::Equation;
-use crate::numeric::step_size::{Plan, RETREAT};
-use crate::record::failure::Failure;
+use crate::numeric::stages::{Equation, Plan, RETREAT};
+use crate::record::status::Failure;
 use crate::Status;
 
 /// What to do with a step that was tried.
@@ -178,7 +177,7 @@ pub(crate) trait SteppedFlight<Q: Coordinates, E> {
 mod tests {
     use super::*;
     use crate::numeric::coordinates::State;
-    use crate::numeric::step_error::Tolerances;
+    use crate::numeric::stages::Tolerances;
     use crate::numeric::tableau::DOP853;
     use crate::piecewise::steps::Limits;
     use std::f64::consts::FRAC_PI_2;

@@ -2,7 +2,5 @@
 //! loop over the steps of a flight.
 
 pub(crate) mod flight;
-pub(crate) mod method;
-pub(crate) mod output_times;
 pub(crate) mod running;
 pub(crate) mod steps;

@@ -1,9 +1,8 @@
 //! Fills the columns of a run.
 
-use zivi_core::{sgn, transform, Lifted, Restitution};
-
 use crate::record::columns::{Columns, Quantity, Sample};
-use crate::record::summary::{Keep, Summary};
+use crate::record::gap_set::ContactMode;
+use zivi_core::{sgn, transform, Lifted, Physical, Restitution};
 
 /// Steps that are staged before they are appended.
 const BLOCK: usize = 256;
@@ -150,8 +149,120 @@ impl Recorder {
     }
 }
 
+// The states that runs record.
+
+/// A state at some time, and on which branch of the transform it lies.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PathPoint {
+    /// Distance from the wall, `>= 0` (m).
+    pub x: f64,
+    /// Velocity (m/s); at the time of an impact the one after it.
+    pub xdot: f64,
+    /// Branch, `+1` or `-1`: it changes at each impact, and `s = sigma x`.
+    pub sigma: f64,
+}
+
+/// Whether a number is one of the two branches.
+pub(crate) fn is_sigma(sigma: f64) -> bool {
+    sigma.abs() == 1.0
+}
+
+/// A state of the motion: coordinates, gaps and slips, their rates, and the mode.
+#[derive(Clone, Debug, PartialEq)]
+pub struct MotionPoint {
+    /// `q`, then `g`, then with friction how far each channel has slipped, and a number without meaning.
+    pub x: Vec<f64>,
+    /// `q'`, then `g'`, then with friction the slip speeds, and the work that friction has dissipated.
+    pub v: Vec<f64>,
+    /// The gaps that are closed, and what friction does.
+    pub mode: ContactMode,
+}
+
+/// A state that is recorded.
+pub(crate) trait Recorded: Clone {
+    /// How many numbers it consists of.
+    fn numbers(&self) -> usize;
+}
+
+impl Recorded for PathPoint {
+    fn numbers(&self) -> usize {
+        3
+    }
+}
+
+impl Recorded for MotionPoint {
+    fn numbers(&self) -> usize {
+        self.x.len() + self.v.len()
+    }
+}
+
+// What is kept of a run, and what its samples say when they are not.
+
+/// Which samples of a run are kept.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Keep {
+    /// All of them.
+    #[default]
+    All,
+    /// The first and every so many after it; none for `0`.
+    Every(usize),
+}
+
+/// The last sample, and the extremes of all.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Summary {
+    /// Time of the last sample (s).
+    pub t: f64,
+    /// Last distance from the wall (m).
+    pub x: f64,
+    /// Last velocity (m/s).
+    pub xdot: f64,
+    /// Largest sampled distance from the wall (m).
+    pub x_max: f64,
+    /// Largest sampled speed (m/s).
+    pub speed_max: f64,
+}
+
+impl Default for Summary {
+    /// Of no sample.
+    fn default() -> Self {
+        Self { t: f64::NAN, x: f64::NAN, xdot: f64::NAN, x_max: 0.0, speed_max: 0.0 }
+    }
+}
+
+impl Summary {
+    /// Of all samples of a run.
+    #[must_use]
+    pub fn of(columns: &Columns) -> Self {
+        let mut summary = Self::default();
+        summary.absorb(columns);
+        summary
+    }
+
+    /// Goes on with one sample.
+    pub(crate) fn note(&mut self, t: f64, Physical { x, xdot }: Physical) {
+        let (x_max, speed_max) = (self.x_max.max(x.abs()), self.speed_max.max(xdot.abs()));
+        *self = Self { t, x, xdot, x_max, speed_max };
+    }
+
+    /// Goes on with further samples.
+    pub(crate) fn absorb(&mut self, columns: &Columns) {
+        let last = |quantity| columns.of(quantity).last().copied();
+        let largest = |quantity, so_far: f64| {
+            columns.of(quantity).iter().fold(so_far, |largest, value| largest.max(value.abs()))
+        };
+        if let (Some(t), Some(x), Some(xdot)) =
+            (last(Quantity::T), last(Quantity::X), last(Quantity::Xdot))
+        {
+            (self.t, self.x, self.xdot) = (t, x, xdot);
+        }
+        self.x_max = largest(Quantity::X, self.x_max);
+        self.speed_max = largest(Quantity::Xdot, self.speed_max);
+    }
+}
+
 #[cfg(test)]
-mod tests {
+mod recorder_tests {
     use super::*;
     use crate::record::columns::Columns;
 

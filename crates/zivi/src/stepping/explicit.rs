@@ -10,12 +10,11 @@ use zivi_core::setting::Setting;
 use zivi_core::{transform, Lifted, Physical, Restitution, ThetaGammaStep};
 
 use crate::record::columns::Sample;
-use crate::record::failure::Failure;
+use crate::record::status::Failure;
 use crate::record::trajectory::{Run, SetupError};
 use crate::record::values::Values;
-use crate::stepping::fixed_step::{run, FixedStep, Start};
-use crate::stepping::scheme::Scheme;
-use crate::system::evaluation::finite_force;
+use crate::stepping::fixed_step::{run, FixedStep, Scheme, Start};
+use crate::system::dynamics::finite_force;
 use crate::{Force, Grid, Monitor, Status};
 
 /// Simulates with explicit Euler and explicit signs.

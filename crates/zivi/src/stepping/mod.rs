@@ -5,8 +5,6 @@ pub mod explicit;
 pub mod fixed_step;
 pub(crate) mod implicit;
 pub mod moreau_jean;
-pub mod scheme;
-pub mod sign_solver;
 pub mod step_events;
 pub mod step_solver;
 pub mod theta_gamma;

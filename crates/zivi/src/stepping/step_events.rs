@@ -8,10 +8,9 @@ use std::ops::ControlFlow;
 
 use zivi_core::{transform, Lifted, Physical};
 
+use crate::record::columns::Reserve;
 use crate::record::dense_step::{DenseStep, StepEnd};
-use crate::record::event_locator::{parts, EventLocator, Part};
-use crate::record::reserve::Reserve;
-use crate::record::user_events::changes;
+use crate::record::user_events::{changes, parts, EventLocator, Part};
 use crate::{Direction, Keep, LocatedEvent, Monitor, PathPoint, Status, UserEvent};
 
 /// A monitor that follows events along a run of fixed steps; one of them may end it

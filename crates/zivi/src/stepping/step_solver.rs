@@ -2,17 +2,27 @@
 //!
 //! * [`Exact`] is the case analysis of `zivi_core::step`.
 //! * [`General`] solves the inclusion as a VI. "Inner linearisation" ([`General::newton`])
-//!   linearises inside the VI solver, which searches along a merit function and has fall-backs.
-//!   "Outer linearisation" ([`General::outer`]) solves affine VIs one after another, each
-//!   linearised at the solution of the one before, and takes every full step.
+//! linearises inside the VI solver, which searches along a merit function and has fall-backs.
+//! "Outer linearisation" ([`General::outer`]) solves affine VIs one after another, each
+//! linearised at the solution of the one before, and takes every full step.
 //!
 //! A general solver starts from the signs of the exact motion where the force pulls off the wall
 //! (there are several solutions then), else from its own last signs.
 
 use zivi_core::step::{selection, StepInclusion};
-use zivi_core::{sgn, transform, Lifted, StepFailure, StepSolution, ThetaGammaStep};
+use zivi_core::vi::{Problem, RowScale, Settings, Workspace};
+use zivi_core::{sgn, transform, vi, Lifted, StepFailure, StepSolution, ThetaGammaStep};
 
-use crate::stepping::sign_solver::SignSolver;
+// How the signs of a step are found: exactly by cases, or by a general solver for box VIs.
+//
+// * [`Exact`] is the case analysis of `zivi_core::step`.
+// * [`General`] solves the inclusion as a VI. "Inner linearisation" ([`General::newton`])
+// linearises inside the VI solver, which searches along a merit function and has fall-backs.
+// "Outer linearisation" ([`General::outer`]) solves affine VIs one after another, each
+// linearised at the solution of the one before, and takes every full step.
+//
+// A general solver starts from the signs of the exact motion where the force pulls off the wall
+// (there are several solutions then), else from its own last signs.
 
 /// Finds the end of one step under a frozen force.
 pub trait StepSolver {
@@ -150,4 +160,103 @@ fn signs_of_exact_motion(step: &ThetaGammaStep, z: Lifted, f: f64, sigma: f64) -
     let seen = Lifted { s: sigma * z.s, v: sigma * z.v };
     let end = selection::exact_motion(seen, f, step.h(), step.restitution());
     [sigma * sgn(end.s), sigma * sgn(end.v)]
+}
+
+// The general VI solver for the signs of a step, with the settings that steps want.
+
+/// Largest scaled residual of a solved step.
+const TOLERANCE: f64 = 1e-12;
+
+/// Solves VIs on the box `[-1, 1]^N` one after another, each from the signs of the last or from
+/// given ones.
+#[derive(Clone, Debug)]
+pub struct SignSolver<const N: usize> {
+    settings: Settings<'static>,
+    signs: [f64; N],
+    reals: Vec<f64>,
+    indices: Vec<usize>,
+}
+
+impl<const N: usize> SignSolver<N> {
+    /// Inner linearisation: the solver with all its stages.
+    #[must_use]
+    pub fn newton() -> Self {
+        Self::with(Settings::default())
+    }
+
+    /// Inner linearisation by Josephy-Newton with its search alone, nothing behind it.
+    #[must_use]
+    pub fn newton_without_fall_backs() -> Self {
+        Self::with(josephy_newton())
+    }
+
+    /// Outer linearisation: at most `linearisations` affine VIs, no merit function.
+    #[must_use]
+    pub fn outer(linearisations: usize) -> Self {
+        Self::with(Settings {
+            stage_iterations: linearisations,
+            line_search: false,
+            descent_steps: false,
+            ..josephy_newton()
+        })
+    }
+
+    /// Any settings; the tolerance and the row scaling are those of a step.
+    #[must_use]
+    pub fn with(settings: Settings<'static>) -> Self {
+        let (reals, indices) = vi::workspace_len(N);
+        Self {
+            settings: Settings {
+                tol: TOLERANCE,
+                test_isolation: false,
+                // of several solutions of a step the one on the path from the last signs counts
+                active_set: false,
+                smoothing: false,
+                ..settings
+            },
+            signs: [0.0; N],
+            reals: vec![0.0; reals],
+            indices: vec![0; indices],
+        }
+    }
+
+    /// Starts the next solve from these signs.
+    pub fn start_from(&mut self, signs: [f64; N]) {
+        self.signs = signs;
+    }
+
+    /// Solves a VI whose rows are of these magnitudes; true if its scaled residual is small. The
+    /// signs stay as they were if it is not.
+    pub fn solve(&mut self, problem: &mut impl Problem, scales: [f64; N]) -> bool {
+        let scale = scales.map(|scale| 1.0 / scale);
+        let settings = Settings { row_scale: RowScale::Given(&scale), ..self.settings };
+        let Some(mut work) = Workspace::new(N, &mut self.reals, &mut self.indices) else {
+            return false;
+        };
+        let bounds = (&[-1.0; N][..], &[1.0; N][..]);
+        let mut signs = self.signs;
+        let solved = vi::solve(problem, bounds, &mut signs, &settings, &mut work)
+            .is_ok_and(|report| report.scaled_residual <= TOLERANCE);
+        if solved {
+            self.signs = signs;
+        }
+        solved
+    }
+
+    /// The signs of the last solve.
+    #[must_use]
+    pub fn signs(&self) -> [f64; N] {
+        self.signs
+    }
+}
+
+/// Josephy-Newton alone, from the starting point alone.
+fn josephy_newton() -> Settings<'static> {
+    Settings {
+        semismooth: false,
+        proximal: false,
+        restarts: 0,
+        enumerate_up_to: 0,
+        ..Settings::default()
+    }
 }

@@ -1,11 +1,10 @@
 //! Impacts that accumulate, and what is known of the end of them.
 
-use super::lookahead::{Deviation, Lookahead};
-use super::settings::SwitchedRk;
-use super::stages::Counted;
-use super::stalling::StallingImpacts;
-use crate::record::failure::Failure;
-use crate::zeno::bounce::Bounce;
+use crate::record::status::Failure;
+use crate::switched::output::StallingImpacts;
+use crate::switched::settings::SwitchedRk;
+use crate::switched::stages::Counted;
+use crate::zeno::arc::{Bounce, TailArc};
 use crate::zeno::chain::Chain;
 use crate::zeno::tail::Tail;
 use crate::{Dependence, Force, Status};
@@ -170,5 +169,336 @@ impl Accumulation {
         let lookahead = Lookahead { tail: &tail, e, tolerance, max_step, period };
         self.obstacle = lookahead.obstacle(self.obstacle, force)?;
         Ok(self.obstacle.is_none().then_some(zeno))
+    }
+}
+
+// Whether the force makes the motion that a tail describes.
+//
+// The expansion behind a tail holds where the force is smooth, and a chain of impacts says nothing
+// about the force that lies ahead of it. So before a jump the arcs that it would skip are put
+// back into the equation. On the arc of duration `h` between the speeds `u` and `w`
+//
+// ```text
+// r = f(t, x, x') - x''                                                               (1)
+// ```
+//
+// is taken at Gauss's two points: `x''` of the cubic is a line, and there a smooth force differs
+// from its best line by the third order in `h` only. To first order `r` moves the end of the arc,
+// the speed after it and, with the mean pull `g = (u + w)/h`, the Zeno point by
+//
+// ```text
+// dt = 1/w int r (h - tau) dtau      du = e (g dt - int r dtau)
+// dt_inf = dt + 2 du/(g (1 - e))                                                      (2)
+// ```
+//
+// The sum of `|dt_inf|` over the arcs says how far the tail is from the motion; for smooth forces
+// it is a small part of the tolerance. The long arcs at the start of the tail are looked at most
+// closely. Where little of the tail is left, one arc stands for several: a pulse between two of
+// them is overlooked, a change that lasts is not.
+
+/// Where a smooth force and its best line meet, as parts of the way from the middle to an end.
+const GAUSS: f64 = 0.577_350_269_189_625_8;
+
+/// How far a tail may be from the motion, in tolerances of the Zeno time.
+const MOST: f64 = 10.0;
+
+/// A force that differs by no more, in roundings, from the acceleration of an arc is that: summed over
+/// the arcs of a long tail rounding would look like another motion.
+const SAME: f64 = 64.0;
+
+/// What is left of a tail when its arcs are looked at less closely.
+const CLOSE: f64 = 0.5;
+
+/// Panels of an arc before that.
+const PANELS: usize = 3;
+
+/// What is left of a tail when not every arc is looked at any more.
+const SPARSE: f64 = 0.15;
+
+/// From then on one arc stands for those after which this part is left of what was left before.
+const LASTING: f64 = 0.25;
+
+/// A force whose period is known is looked at so often in it.
+const PART: f64 = 0.25;
+
+/// Steps of a flight where the force is known to do something.
+const STEPS: f64 = 4.0;
+
+/// An arc on which the force was seen to make another motion than expected.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Deviation {
+    from: f64,
+    to: f64,
+    /// Impacts before all arcs are looked at again.
+    patience: u64,
+}
+
+/// Evaluations of a look in vain for which one impact passes before the next: under a force with
+/// noise in it every look may be in vain.
+const PER_IMPACT: u64 = 32;
+
+impl Deviation {
+    /// Longest step at `t`: between the stages of one that is a whole arc long there may be enough
+    /// room to overlook once more what was seen.
+    pub(crate) fn longest_step(&self, t: f64) -> f64 {
+        if t >= self.from && t < self.to {
+            (self.to - self.from) / STEPS
+        } else {
+            f64::INFINITY
+        }
+    }
+}
+
+/// The arcs of a tail, looked at before they are skipped.
+pub(crate) struct Lookahead<'t> {
+    pub(crate) tail: &'t Tail,
+    pub(crate) e: f64,
+    /// Tolerance of the Zeno time (s).
+    pub(crate) tolerance: f64,
+    /// Longest time between two looks (s).
+    pub(crate) max_step: f64,
+    /// The shortest period of the force, where that is known (s).
+    pub(crate) period: Option<f64>,
+}
+
+impl Lookahead<'_> {
+    /// The first arc at which the force is known to make another motion; none if it makes that of
+    /// the tail. One that did so before, `suspect`, is looked at first.
+    pub(crate) fn obstacle<E, F: Force<E>>(
+        &self,
+        suspect: Option<Deviation>,
+        force: &mut Counted<'_, F>,
+    ) -> Result<Option<Deviation>, Failure<E>> {
+        let (zeno, most) = (self.tail.zeno_time(), MOST * self.tolerance);
+        if let Some(last) = suspect {
+            let patience = last.patience.saturating_sub(1);
+            if let Some(arc) = self.tail.arc_at(0.5 * (last.from + last.to)) {
+                let shift = self.shift(&arc, PANELS, force)?;
+                if shift.is_nan() || shift > most {
+                    return Ok(Some(Deviation { from: arc.start, to: arc.end, patience }));
+                }
+            }
+            if last.patience > 0 {
+                return Ok(Some(Deviation { patience, ..last }));
+            }
+        }
+        let before = force.count();
+        let whole = zeno - self.tail.start();
+        let (mut shift, mut m) = (0.0, 0);
+        while let Some(arc) = self.tail.arc(m).filter(|arc| zeno - arc.start > most) {
+            let (panels, arcs) = self.closeness(&arc, (zeno - arc.start) / whole);
+            shift += arcs as f64 * self.shift(&arc, panels, force)?;
+            if shift.is_nan() || shift > most {
+                let patience = (force.count() - before) / PER_IMPACT;
+                return Ok(Some(Deviation { from: arc.start, to: arc.end, patience }));
+            }
+            m += arcs;
+        }
+        let pulled = match force.at_wall(zeno) {
+            Err(Failure::Status(_)) => false,
+            pull => pull? <= 0.0,
+        };
+        Ok((!pulled).then_some(Deviation { from: zeno, to: zeno, patience: 0 }))
+    }
+
+    /// How closely to look at an arc when a part `left` of the tail is left: in how many panels,
+    /// and for how many arcs it stands.
+    fn closeness(&self, arc: &TailArc, left: f64) -> (usize, usize) {
+        let h = arc.end - arc.start;
+        let longest = self.period.map_or(self.max_step, |period| self.max_step.min(PART * period));
+        let panels = (GAUSS * h / longest).ceil().max(1.0) as usize;
+        if left > CLOSE {
+            return (if self.period.is_some() { panels } else { panels.max(PANELS) }, 1);
+        }
+        if left > SPARSE {
+            return (panels, 1);
+        }
+        let arcs = libm::log(LASTING) / libm::log(self.e);
+        (panels, arcs.min(longest / h).max(1.0).round() as usize)
+    }
+
+    /// As [`Self::deviation`]; NaN where the force is not finite.
+    fn shift<E, F: Force<E>>(
+        &self,
+        arc: &TailArc,
+        panels: usize,
+        force: &mut Counted<'_, F>,
+    ) -> Result<f64, Failure<E>> {
+        match self.deviation(arc, panels, force) {
+            Err(Failure::Status(_)) => Ok(f64::NAN),
+            shift => Ok(shift?.abs()),
+        }
+    }
+
+    /// By how much the residual on an arc moves the Zeno point, equation (2).
+    fn deviation<E, F: Force<E>>(
+        &self,
+        arc: &TailArc,
+        panels: usize,
+        force: &mut Counted<'_, F>,
+    ) -> Result<f64, Failure<E>> {
+        let h = arc.length;
+        let parts = panels as f64;
+        let (mut impulse, mut moment) = (0.0, 0.0);
+        for panel in 0..panels {
+            for side in [-GAUSS, GAUSS] {
+                let theta = (panel as f64 + 0.5 + 0.5 * side) / parts;
+                let t = arc.start + theta * h;
+                let at = arc.at(t);
+                let expected = arc.acceleration(t);
+                let r = force.known_at(t, at.x, at.xdot)? - expected;
+                if r.abs() <= SAME * f64::EPSILON * expected.abs() {
+                    continue;
+                }
+                impulse += r;
+                moment += r * (1.0 - theta) * h;
+            }
+        }
+        let weight = 0.5 * h / parts;
+        let (u, w) = (arc.u, -arc.incoming);
+        let g = (u + w) / h;
+        let dt = weight * moment / w;
+        let du = self.e * (g * dt - weight * impulse);
+        Ok(dt + 2.0 * du / (g * (1.0 - self.e)))
+    }
+}
+
+#[cfg(test)]
+mod lookahead_tests {
+    use super::*;
+    use crate::zeno::arc::Bounce;
+    use crate::zeno::chain::Chain;
+    use crate::FunctionForce;
+
+    /// `x'' = -2`, `e = 1/2`: impacts at 0, 1, 1.5, 1.75, ...; the tail is what follows 1.5.
+    const E: f64 = 0.5;
+    const PULL: f64 = 2.0;
+    const ZENO: f64 = 2.0;
+    const TOLERANCE: f64 = 1e-6;
+
+    fn tail() -> Tail {
+        let mut chain = Chain::<f64>::new((), E, 0, 4);
+        for (t, u) in [(0.0, 1.0), (1.0, 0.5), (1.5, 0.25)] {
+            assert!(chain.note(Bounce { t, u, g: PULL }, &[], &[]).is_ok());
+        }
+        chain.tail(ZENO, 1.0)
+    }
+
+    /// What the look through the tail finds, and how often the force was asked.
+    fn look(
+        max_step: f64,
+        suspect: Option<Deviation>,
+        f: impl Fn(f64) -> f64,
+    ) -> (Option<Deviation>, u64) {
+        let tail = tail();
+        let ahead = Lookahead { tail: &tail, e: E, tolerance: TOLERANCE, max_step, period: None };
+        let mut force = FunctionForce(|t: f64, _: f64, _: f64| Ok::<f64, ()>(f(t)));
+        let mut force = Counted::new(&mut force);
+        let found = ahead.obstacle(suspect, &mut force).unwrap();
+        (found, force.count())
+    }
+
+    fn start_of(found: Option<Deviation>) -> Option<f64> {
+        found.map(|obstacle| obstacle.from)
+    }
+
+    /// A push from `from` on, for the time `length`.
+    fn push(size: f64, from: f64, length: f64) -> impl Fn(f64) -> f64 {
+        move |t| if t >= from && t < from + length { size - PULL } else { -PULL }
+    }
+
+    #[test]
+    fn the_shift_is_that_of_the_zeno_point() {
+        // on the arc from 1.5 the pull is p - c (t - 1.5): x/t = u - p t/2 + c t^2/6 = 0 at its end
+        let (tail, u, c) = (tail(), 0.25, 1e-5);
+        let p = PULL - 0.25 * c;
+        let h = 2.0 * u / (0.5 * p + (0.25 * p * p - 2.0 * c * u / 3.0).sqrt());
+        let w = p * h - u - 0.5 * c * h * h;
+        let exact = 1.5 + h + 2.0 * E * w / (PULL * (1.0 - E)) - ZENO;
+        let mut force = FunctionForce(|t: f64, _: f64, _: f64| Ok::<f64, ()>(c * (t - 1.5) - p));
+        let mut force = Counted::new(&mut force);
+        let ahead =
+            Lookahead { tail: &tail, e: E, tolerance: TOLERANCE, max_step: 1.0, period: None };
+        let arc = tail.arc(0).unwrap();
+        for panels in [1, 3] {
+            let shift = ahead.deviation(&arc, panels, &mut force).unwrap();
+            assert!((shift / exact - 1.0).abs() < 1e-4, "{panels}: {shift:e} {exact:e}");
+        }
+    }
+
+    #[test]
+    fn an_arc_is_an_obstacle_where_the_force_moves_the_zeno_point_too_far() {
+        assert_eq!(start_of(look(1.0, None, |_| -PULL).0), None);
+        // a push r over an arc makes it longer by 2 u r/g^2, with the same speed at its end
+        let enough = MOST * TOLERANCE * PULL * PULL;
+        let first = |part: f64| push(part * enough / (2.0 * 0.25), 1.5, 0.25);
+        assert_eq!(start_of(look(1.0, None, first(0.9)).0), None);
+        assert_eq!(start_of(look(1.0, None, first(1.1)).0), Some(1.5));
+        let second = |part: f64| push(part * enough / (2.0 * 0.125), 1.75, 0.125);
+        assert_eq!(start_of(look(1.0, None, second(0.9)).0), None);
+        assert_eq!(start_of(look(1.0, None, second(1.1)).0), Some(1.75));
+        // one that the next takes back moves both arcs all the same
+        let both = |t: f64| if t < 1.75 { first(0.6)(t) } else { second(-0.6)(t) };
+        assert_eq!(start_of(look(1.0, None, both).0), Some(1.75));
+        // nor is there a motion where the force has no value
+        assert_eq!(start_of(look(1.0, None, push(f64::NAN, 1.75, 0.1)).0), Some(1.75));
+    }
+
+    #[test]
+    fn without_a_pull_at_its_end_there_is_no_rest() {
+        for at_zeno in [1.0, f64::NAN] {
+            let found = look(1.0, None, push(at_zeno + PULL, ZENO, 1.0)).0;
+            assert_eq!(start_of(found), Some(ZENO), "{at_zeno}");
+        }
+        assert_eq!(start_of(look(1.0, None, push(PULL, ZENO, 1.0)).0), None);
+    }
+
+    #[test]
+    fn no_pulse_as_long_as_the_longest_step_is_overlooked() {
+        let length = 2e-3;
+        for from in [1.51, 1.6, 1.62, 1.7, 1.77, 1.8] {
+            let found = look(length, None, push(1.0, from, 1.1 * length)).0;
+            let arc = if from < 1.75 { 1.5 } else { 1.75 };
+            assert_eq!(start_of(found), Some(arc), "{from}");
+        }
+    }
+
+    #[test]
+    fn where_little_is_left_one_arc_stands_for_several() {
+        // at 0.99 there are 1400 arcs before what is left is 1e-6 of the tail
+        let (e, g) = (0.99_f64, 2.0);
+        let mut chain = Chain::<f64>::new((), e, 0, 4);
+        let zeno = 1.0 / (1.0 - e);
+        for n in -100..=0 {
+            let q = e.powi(n);
+            assert!(chain.note(Bounce { t: zeno * (1.0 - q), u: q, g }, &[], &[]).is_ok());
+        }
+        let tail = chain.tail(zeno, 1.0);
+        let ahead =
+            Lookahead { tail: &tail, e, tolerance: 1e-6 * zeno, max_step: 1e3, period: None };
+        for (until, lasting) in [(2.0 * zeno, false), (0.999 * zeno, true)] {
+            let mut force = FunctionForce(|t: f64, _: f64, _: f64| {
+                Ok::<f64, ()>(if t < until { -g } else { -1.1 * g })
+            });
+            let mut force = Counted::new(&mut force);
+            let found = ahead.obstacle(None, &mut force).unwrap();
+            assert_eq!(found.is_some(), lasting, "{found:?}");
+            assert!(force.count() < 1000, "{}", force.count());
+        }
+    }
+
+    #[test]
+    fn what_was_seen_once_is_looked_at_first_and_the_rest_again_when_patience_ends() {
+        let suspect = |patience| Some(Deviation { from: 1.75, to: 1.875, patience });
+        let look = |patience, f: &dyn Fn(f64) -> f64| look(1.0, suspect(patience), f);
+        let one_arc = 2 * PANELS as u64;
+        let (found, asked) = look(2, &push(1.0, 1.75, 0.125));
+        assert_eq!((found, asked), (suspect(1), one_arc));
+        // where it is gone, the others have to wait
+        assert_eq!(look(2, &|_| -PULL), (suspect(1), one_arc));
+        let (found, asked) = look(0, &|_| -PULL);
+        assert!(found.is_none() && asked > 3 * one_arc, "{found:?} {asked}");
+        let (found, _) = look(0, &push(1.0, 1.5, 0.25));
+        assert_eq!(start_of(found), Some(1.5));
     }
 }

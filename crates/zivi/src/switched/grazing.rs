@@ -7,13 +7,13 @@
 
 use super::integrator::SwitchedIntegrator;
 use super::output::{Output, SwitchedRun};
-use super::piece::Piece;
-use super::run::simulate_with;
 use super::settings::SwitchedRk;
 use super::stages::Counted;
-use crate::piecewise::method::Driver;
-use crate::record::failure::Failure;
+use crate::piecewise::steps::Driver;
+use crate::record::status::Failure;
 use crate::record::user_events::Level;
+use crate::switched::mode::Piece;
+use crate::switched::recording::simulate_with;
 use crate::{AnyImpactLaw, Force, Monitor, SetupError};
 use zivi_core::Physical;
 

@@ -5,10 +5,21 @@
 //! window that does not decide is halved, and each that is accepted is probed between its nodes
 //! ([`Probes`]).
 
-use super::mode::Rest;
 use crate::numeric::bernstein::{evaluate, Bernstein};
-use crate::numeric::probes::Probes;
+use crate::numeric::grid::Probes;
 use crate::numeric::root;
+use crate::record::status::Failure;
+use crate::switched::flight::FreeFlight;
+use crate::switched::mode::{Mode, Point, Rest};
+use crate::switched::stages::Counted;
+use crate::{Dependence, Force, Status};
+
+// When the mass at rest leaves the wall: the first `t` with `phi(t) = f(t, 0, 0) > 0`.
+//
+// Over a window the polynomial of degree 5 through `phi` at Chebyshev's points stands for it.
+// Its coefficients in Bernstein form bound it, and two more evaluations say how well it fits; a
+// window that does not decide is halved, and each that is accepted is probed between its nodes
+// ([`Probes`]).
 
 /// `(1 - cos(pi i/5))/2`.
 const NODES: [f64; 6] =
@@ -271,8 +282,68 @@ fn unresolved<E>(
     Ok(Window::LiftOff(root::becomes_positive(node(i - 1), node(i), phi)?.beyond))
 }
 
+// Rest at the wall, up to the lift-off.
+
+/// The first step off the wall where the force grows from zero, relative to the last window.
+const PART: f64 = 1e-2;
+
+/// Rest up to the first lift-off, as far as one look at the force goes: whether that is as far as
+/// the lift-off. It goes up to `t_end` and, where the force is sampled, is at most `longest` long.
+pub(super) fn wait<E, F: Force<E>>(
+    (now, mode): (&mut Point, &mut Mode),
+    lookout: &mut ForceMonitor,
+    flight: &mut FreeFlight,
+    (t_end, longest): (f64, f64),
+    force: &mut Counted<'_, F>,
+) -> Result<bool, Failure<E>> {
+    let from = now.t;
+    let mut rest = mode.rest();
+    let window = window(*now, &mut rest, lookout, flight, (t_end, longest), force)?;
+    *mode = Mode::Rest(rest);
+    match window {
+        Window::NotFinite => Err(Failure::Status(Status::ForceNotFinite)),
+        Window::RestUntil(t) => {
+            now.t = t;
+            Ok(false)
+        }
+        Window::LiftOff(t) => {
+            (now.t, now.late) = (t, 0.0);
+            *mode = Mode::LIFT_OFF;
+            if t > from {
+                // the force grows from zero, on the scale of the window
+                *mode = Mode::SMOOTH_LIFT_OFF;
+                let length = lookout.length();
+                flight.steps_mut().set_next(length.map(|length| PART * length));
+            }
+            Ok(true)
+        }
+    }
+}
+
+/// How the force on the mass at rest continues: a window of it.
+fn window<E, F: Force<E>>(
+    now: Point,
+    rest: &mut Rest,
+    lookout: &mut ForceMonitor,
+    flight: &mut FreeFlight,
+    (t_end, longest): (f64, f64),
+    force: &mut Counted<'_, F>,
+) -> Result<Window, Failure<E>> {
+    if force.dependence_at_rest::<E>() == Dependence::Constant {
+        let lifts = force.at_wall(now.t)? > 0.0;
+        return Ok(if lifts { Window::LiftOff(now.t) } else { Window::RestUntil(t_end) });
+    }
+    if let Some(next) = flight.lift_off(now, t_end) {
+        return Ok(next.map_or(Window::RestUntil(t_end), Window::LiftOff));
+    }
+    lookout.look(rest, (now.t, t_end), longest, |t| match force.at_wall(t) {
+        Err(Failure::Status(_)) => Ok(f64::NAN),
+        phi => phi,
+    })
+}
+
 #[cfg(test)]
-mod tests {
+mod lift_off_tests {
     use super::*;
     use std::convert::Infallible;
 

@@ -8,7 +8,19 @@
 //! AfterImpact  -- stops, pulled -->  Leave
 //! ```
 
+use crate::numeric::coordinates::State;
 use crate::piecewise::steps::StepHistory;
+use crate::{Impact, Physical};
+
+// What a mass does, flight or rest, and what is known in each of them.
+//
+// ```text
+// Step, Leave  -- impact ---->  AfterImpact         Leave  -- step ------>  Step
+// AfterImpact  -- bounces -------->  Step           Rest   -- lift-off -->  Leave
+// AfterImpact  -- accumulates ---->  Jump  -->  Rest
+// AfterImpact  -- stops, stays --->  Step in the origin  -->  Rest
+// AfterImpact  -- stops, pulled -->  Leave
+// ```
 
 /// What the mass does now.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -106,5 +118,44 @@ impl Mode {
         let mut experience = self.experience();
         experience.gain(h);
         *self = Self::Flight(Flight::Step { experience, continues: true });
+    }
+}
+
+// What one step of the integrator covers, and how much work it was.
+
+/// How much work was done.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Counts {
+    /// Evaluations of the force.
+    pub nfev: u64,
+    /// Steps that were taken in flight.
+    pub accepted: u64,
+    /// Steps that were tried and given up for smaller ones.
+    pub rejected: u64,
+    /// Impacts that were computed; those that a jump to rest skips are not among them.
+    pub impacts: u64,
+}
+
+/// A part of the motion that one step of the integrator covers.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) enum Piece {
+    /// Free flight from a state, up to an impact if there is one.
+    Flight { from: Point, sigma: f64, impact: Option<Impact> },
+    /// Infinitely many impacts, of which the integrator knows more.
+    Tail,
+    /// Rest since a time, up to a lift-off or as far as the force was looked at.
+    Rest { from: f64, lifted: bool },
+}
+
+// Where the mass is.
+
+/// The state of the mass at a time.
+pub(crate) type Point = State<f64>;
+
+impl Point {
+    /// Without the time.
+    #[inline(always)]
+    pub(super) fn physical(self) -> Physical {
+        Physical { x: self.x, xdot: self.xdot }
     }
 }

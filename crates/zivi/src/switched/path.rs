@@ -6,7 +6,7 @@ use std::sync::Arc;
 use super::flight::series::{derivative, value, FlightPart, Series, Table, TERMS};
 use crate::numeric::bernstein::{Bernstein, Polynomial, MOST_DEGREE};
 use crate::numeric::power_series::{sizes, values};
-use crate::record::reserve::Reserve;
+use crate::record::columns::Reserve;
 use crate::record::user_events::Level;
 use crate::zeno::tail::Tail;
 use crate::PathPoint;

@@ -7,8 +7,7 @@ use std::collections::TryReserveError;
 
 use super::path::{Curve, DensePath};
 use super::plot_samples::{row, PlotSamples, Row, Run, Source, LANES};
-use crate::record::columns::{Columns, Quantity, QUANTITIES};
-use crate::record::reserve::Reserve;
+use crate::record::columns::{Columns, Quantity, Reserve, QUANTITIES};
 use crate::record::trajectory::SetupError;
 use crate::{PathPoint, Physical};
 

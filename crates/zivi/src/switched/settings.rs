@@ -5,7 +5,7 @@ use std::ops::Bound;
 use zivi_core::setting::{Setting, Value, Values};
 
 use crate::numeric::coordinates::Coordinates;
-use crate::numeric::step_error::Tolerances;
+use crate::numeric::stages::Tolerances;
 use crate::numeric::tableau::{Pair, DOP853, DORMAND_PRINCE_5};
 use crate::piecewise::steps::Limits;
 use crate::record::trajectory::{checked_count, SetupError};

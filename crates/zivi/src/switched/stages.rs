@@ -1,13 +1,12 @@
 //! The motion of the mass as an equation that the pairs integrate, `x'' = f(t, x, x')`.
 
 use super::flight::series::Linear;
-use super::point::Point;
 use crate::numeric::bernstein::Bernstein;
-use crate::numeric::stages::Equation;
-use crate::numeric::step_error::StepError;
-use crate::record::failure::Failure;
-use crate::system::evaluation::{ends_at_the_wall, evaluate};
-use crate::system::stops::Smooth;
+use crate::numeric::stages::{Equation, StepError};
+use crate::record::status::Failure;
+use crate::switched::mode::Point;
+use crate::system::dynamics::{ends_at_the_wall, evaluate};
+use crate::system::force::Smooth;
 use crate::zeno::tail::Tail;
 use crate::{Dependence, Force, Physical};
 

@@ -14,7 +14,7 @@ use zivi_core::Restitution;
 use super::flight::series::TERMS;
 use super::path::{DensePath, Kind, Segment};
 use crate::numeric::bernstein::MOST_DEGREE;
-use crate::record::point::is_sigma;
+use crate::record::recorder::is_sigma;
 use crate::record::stored::{as_count, Kind as Stored, MotionError, Reader, Writer};
 use crate::zeno::tail::Tail;
 use crate::PathPoint;
@@ -170,7 +170,7 @@ fn segment([start, sigma, code, first, degree, h]: [f64; 6]) -> Option<Segment> 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::zeno::stored::TAIL_NUMBERS;
+    use crate::zeno::table::TAIL_NUMBERS;
     use crate::{
         simulate_switched_rk, Flights, LinearForce, Output, Physical, Restitution, Silent,
         SwitchedRk,

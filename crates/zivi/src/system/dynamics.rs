@@ -7,15 +7,27 @@
 //!
 //! `N` has the rows `n_i = grad g_i`. The gap speeds are `g' = N q' + g_t` and their accelerations
 //! `g'' = N q'' + h` with the numbers `h_i = q'^T (Hess g_i) q' + 2 (grad dg_i/dt) q' + d^2 g_i/dt^2`.
-//! The slip speeds are `w = B q' + beta`, their accelerations `w' = B q'' + k`, see [`super::friction`].
-
-use std::ops::Range;
-use std::sync::Arc;
+//! The slip speeds are `w = B q' + beta`, their accelerations `w' = B q'' + k`, see [`crate::system::force`].
 
 use crate::record::gap_set::GapSet;
+use crate::record::status::Failure;
+use crate::system::force::Friction;
 use crate::system::linear_system::LinearSystem;
+use crate::{Force, SetupError, Status};
+use std::ops::Range;
+use std::sync::Arc;
+use zivi_core::Physical;
 
-use super::friction::Friction;
+// A mechanical system with unilateral constraints, `n` coordinates and `m` gaps, and dry friction in
+// `p` channels.
+//
+// ```text
+// M(t, q) q'' = F(t, q, q') + N^T lambda + B^T f      0 <= g(t, q)  perp  lambda >= 0
+// ```
+//
+// `N` has the rows `n_i = grad g_i`. The gap speeds are `g' = N q' + g_t` and their accelerations
+// `g'' = N q'' + h` with the numbers `h_i = q'^T (Hess g_i) q' + 2 (grad dg_i/dt) q' + d^2 g_i/dt^2`.
+// The slip speeds are `w = B q' + beta`, their accelerations `w' = B q'' + k`, see [`crate::system::force`].
 
 /// Most coordinates, and most gaps with the channels of friction.
 pub const MOST: usize = GapSet::MOST;
@@ -214,4 +226,182 @@ where
     fn evaluate(&mut self, t: f64, q: &[f64], w: &[f64], out: &mut [f64]) -> Result<(), E> {
         (self.function)(t, q, w, out)
     }
+}
+
+// A mechanical system under a control that acts through a matrix of inputs.
+//
+// ```text
+// M q'' = F + B(t, q) u + N^T lambda
+// ```
+
+/// The matrix `B`, `n x r` row by row.
+#[derive(Clone, Debug)]
+pub enum InputMatrix<F> {
+    /// Constant.
+    Constant(Vec<f64>),
+    /// A function of time and coordinates that fills it in.
+    Function(F),
+}
+
+/// A system with the force `B u` of a control that is held.
+#[derive(Clone, Debug)]
+pub struct Driven<D, F> {
+    dynamics: D,
+    inputs: InputMatrix<F>,
+    u: Vec<f64>,
+    /// `B`, where it is a function.
+    matrix: Vec<f64>,
+    /// `B u`.
+    force: Vec<f64>,
+    /// How much nearer walls are than the system says; of no gap if empty.
+    offsets: Vec<f64>,
+}
+
+impl<D, F> Driven<D, F> {
+    /// A system of `n` coordinates with `r` inputs, which are zero; `None` if a constant matrix has
+    /// another size.
+    pub fn new(dynamics: D, (n, r): (usize, usize), inputs: InputMatrix<F>) -> Option<Self> {
+        if let InputMatrix::Constant(matrix) = &inputs {
+            if matrix.len() != n * r {
+                return None;
+            }
+        }
+        let (matrix, force) = (vec![0.0; n * r], vec![0.0; n]);
+        Some(Self { dynamics, inputs, u: vec![0.0; r], matrix, force, offsets: Vec::new() })
+    }
+
+    /// Holds this control from here on.
+    pub fn hold(&mut self, u: &[f64]) {
+        self.u.copy_from_slice(u);
+        if let InputMatrix::Constant(matrix) = &self.inputs {
+            product(matrix, &self.u, &mut self.force);
+        }
+    }
+
+    /// Holds none.
+    pub fn release(&mut self) {
+        self.u.fill(0.0);
+        self.force.fill(0.0);
+    }
+
+    /// From here on gaps are smaller by these numbers than the system says; those of none if empty.
+    pub fn offset(&mut self, by: &[f64]) {
+        self.offsets.clear();
+        self.offsets.extend_from_slice(by);
+    }
+
+    /// `B`, `n x r` row by row, where it was last evaluated.
+    pub fn matrix(&self) -> &[f64] {
+        match &self.inputs {
+            InputMatrix::Constant(matrix) => matrix,
+            InputMatrix::Function(_) => &self.matrix,
+        }
+    }
+
+    /// The control that is held.
+    pub fn control(&self) -> &[f64] {
+        &self.u
+    }
+}
+
+/// `to = B u`.
+fn product(matrix: &[f64], u: &[f64], to: &mut [f64]) {
+    for (i, to) in to.iter_mut().enumerate() {
+        let row = &matrix[i * u.len()..][..u.len()];
+        *to = row.iter().zip(u).map(|(b, u)| b * u).sum();
+    }
+}
+
+impl<E, D, F> Dynamics<E> for Driven<D, F>
+where
+    D: Dynamics<E>,
+    F: FnMut(f64, &[f64], &mut [f64]) -> Result<(), E>,
+{
+    fn layout(&self) -> Layout {
+        self.dynamics.layout()
+    }
+
+    fn friction(&self) -> &Friction {
+        self.dynamics.friction()
+    }
+
+    fn evaluate(&mut self, t: f64, q: &[f64], w: &[f64], out: &mut [f64]) -> Result<(), E> {
+        self.dynamics.evaluate(t, q, w, out)?;
+        if let InputMatrix::Function(function) = &mut self.inputs {
+            function(t, q, &mut self.matrix)?;
+            product(&self.matrix, &self.u, &mut self.force);
+        }
+        let force = &mut out[self.dynamics.layout().force()];
+        force.iter_mut().zip(&self.force).for_each(|(to, force)| *to += force);
+        let gaps = &mut out[self.dynamics.layout().gap()];
+        gaps.iter_mut().zip(&self.offsets).for_each(|(gap, offset)| *gap -= offset);
+        Ok(())
+    }
+
+    fn is_steady(&self) -> bool {
+        self.dynamics.is_steady() && matches!(self.inputs, InputMatrix::Constant(_))
+    }
+
+    /// None: the control is no load of the linear system.
+    fn linear(&self) -> Option<&Arc<LinearSystem>> {
+        None
+    }
+}
+
+// One value of the force, or why there is none.
+
+/// Evaluates the force, turning NaN and infinity into a failure. Behind the wall, where a law of
+/// contact need not have a value, a force that fails is asked at the wall instead.
+#[inline]
+pub(crate) fn finite_force<E>(
+    force: &mut impl Force<E>,
+    t: f64,
+    state: Physical,
+) -> Result<f64, Failure<E>> {
+    match evaluate(force, t, state) {
+        Err(failure) if ends_at_the_wall(force, state, &failure) => {
+            evaluate(force, t, Physical { x: 0.0, ..state })
+        }
+        value => value,
+    }
+}
+
+/// Whether a force that failed may have a value at the wall.
+#[cold]
+pub(crate) fn ends_at_the_wall<E>(
+    force: &impl Force<E>,
+    state: Physical,
+    failure: &Failure<E>,
+) -> bool {
+    state.x < 0.0
+        && match failure {
+            Failure::Raised(error) => !force.is_interruption(error),
+            Failure::Status(_) => true,
+        }
+}
+
+/// Evaluates the force, turning NaN and infinity into a failure.
+#[inline]
+pub(crate) fn evaluate<E>(
+    force: &mut impl Force<E>,
+    t: f64,
+    state: Physical,
+) -> Result<f64, Failure<E>> {
+    let value = force.at(t, state.x, state.xdot).map_err(Failure::Raised)?;
+    if value.is_finite() {
+        Ok(value)
+    } else {
+        Err(Failure::Status(Status::ForceNotFinite))
+    }
+}
+
+/// Refuses a state that is not finite or behind the wall.
+pub(crate) fn check_initial(initial: Physical) -> Result<(), SetupError> {
+    if !(initial.x >= 0.0 && initial.x.is_finite()) {
+        return Err(SetupError::Setting("x0", initial.x, "a finite distance >= 0 from the wall"));
+    }
+    if !initial.xdot.is_finite() {
+        return Err(SetupError::Setting("xdot0", initial.xdot, "a finite velocity"));
+    }
+    Ok(())
 }

@@ -1,10 +1,10 @@
 //! A linear system as a model of a run.
 
-use std::sync::Arc;
-
-use crate::numeric::linear_map::LinearMap;
+use crate::numeric::coordinates::LinearMap;
 use crate::system::dynamics::{Dynamics, Layout};
-use crate::system::linear_system::LinearSystem;
+use crate::system::linear_system::{GapMotion, LinearSystem};
+use crate::system::partials::{DifferentiableDynamics, Neighbours, TimedState, MOVES, WEIGHTS};
+use std::sync::Arc;
 
 /// A linear system that is ready to be evaluated.
 #[derive(Clone, Debug)]
@@ -106,5 +106,274 @@ impl<E> Dynamics<E> for LinearDynamics {
 
     fn linear(&self) -> Option<&Arc<LinearSystem>> {
         Some(&self.system)
+    }
+}
+
+// A linear system with its partial derivatives, in closed form.
+//
+// The derivatives of its numbers by a parameter are a system themselves, `M_p`, `C_p`, ..:
+//
+// ```text
+// F_q = -K      F_w = -C      F_t = -sum_j w_j p_j sin(w_j t + phi_j) + sum_j u_j'
+// F_p = p_p - K_p q - C_p q' + sum_j (p_j,p cos - p_j (w_j,p t + phi_j,p) sin)(w_j t + phi_j) + sum_j u_j,p
+// ```
+
+/// A linear system that is ready to be evaluated, and its derivatives by parameters.
+#[derive(Clone, Debug)]
+pub struct LinearPartials {
+    dynamics: LinearDynamics,
+    system: Arc<LinearSystem>,
+    rates: Vec<Arc<LinearSystem>>,
+}
+
+impl LinearPartials {
+    /// A system, and by parameter the derivatives of its numbers; none where their sizes are others.
+    #[must_use]
+    pub fn new(system: Arc<LinearSystem>, rates: Vec<Arc<LinearSystem>>) -> Option<Self> {
+        let alike = |it: &Arc<LinearSystem>| {
+            LinearSystem::combination(&[(1.0, &*system), (1.0, it)]).is_some()
+        };
+        let fits = rates.iter().all(alike);
+        let dynamics = LinearDynamics::new(system.clone());
+        fits.then_some(Self { dynamics, system, rates })
+    }
+
+    /// The same by differences of systems with moved parameters, exact but for rounding where the
+    /// numbers are polynomials of them up to the sixth degree; none where more than numbers moves.
+    #[must_use]
+    pub fn differenced(
+        system: Arc<LinearSystem>,
+        moved: &[Neighbours<Arc<LinearSystem>>],
+    ) -> Option<Self> {
+        let rate = |Neighbours { step, systems }: &Neighbours<Arc<LinearSystem>>| {
+            let weight = |k: usize| WEIGHTS[MOVES[k].abs() as usize - 1] * MOVES[k].signum() / step;
+            // numbers that stay leave exactly zero if those of one distance are beside each other
+            let parts = [3, 2, 4, 1, 5, 0].map(|k| (weight(k), &*systems[k]));
+            LinearSystem::combination(&parts).map(Arc::new)
+        };
+        Self::new(system, moved.iter().map(rate).collect::<Option<_>>()?)
+    }
+
+    /// By the time.
+    fn by_time(&self, t: f64, layout: Layout, out: &mut [f64]) {
+        let mut powers = [0.0; 4];
+        let system = &*self.system;
+        let force = &mut out[layout.force()];
+        for wave in &system.waves {
+            let swing = -wave.omega * (wave.omega * t + wave.phase).sin();
+            force.iter_mut().zip(&wave.amplitude).for_each(|(out, p)| *out += p * swing);
+        }
+        for table in &system.tables {
+            for (column, out) in force.iter_mut().enumerate() {
+                *out += table.motion(t, column)[1];
+            }
+        }
+        for (i, gap) in system.gaps.iter().enumerate() {
+            let [_, speed, acceleration] = gap.motion.at(t);
+            let jerk = match &gap.motion {
+                GapMotion::Fixed => 0.0,
+                GapMotion::Harmonic(wall) => -wall.omega * wall.omega * speed,
+                GapMotion::Table(table) => {
+                    table.expansion(t, 0, &mut powers);
+                    6.0 * powers[3]
+                }
+            };
+            out[layout.gap().start + i] = -speed;
+            out[layout.rate().start + i] = -acceleration;
+            out[layout.curvature().start + i] = -jerk;
+        }
+    }
+
+    /// By a parameter.
+    fn by_parameter(&self, at: TimedState<'_>, rate: &LinearSystem, out: &mut [f64]) {
+        let (layout, n, system) =
+            (Dynamics::<()>::layout(&self.dynamics), at.q.len(), &self.system);
+        out[layout.mass()].copy_from_slice(&rate.mass);
+        let force = &mut out[layout.force()];
+        force.copy_from_slice(&rate.load);
+        for (i, out) in force.iter_mut().enumerate() {
+            let along = |matrix: &[f64], x: &[f64]| -> f64 {
+                matrix[i * n..][..n].iter().zip(x).map(|(a, x)| a * x).sum()
+            };
+            *out -= along(&rate.stiffness, at.q) + along(&rate.damping, at.w);
+            for (wave, by) in system.waves.iter().zip(&rate.waves) {
+                let (sin, cos) = (wave.omega * at.t + wave.phase).sin_cos();
+                let turned = by.omega * at.t + by.phase;
+                *out += by.amplitude[i] * cos - wave.amplitude[i] * turned * sin;
+            }
+            *out += rate.tables.iter().map(|table| table.value(at.t, i)).sum::<f64>();
+        }
+        for (i, (gap, by)) in system.gaps.iter().zip(&rate.gaps).enumerate() {
+            let [position, speed, acceleration] = of_wall(&gap.motion, &by.motion, at.t);
+            let along: f64 = by.normal.iter().zip(at.q).map(|(n, q)| n * q).sum();
+            out[layout.gap().start + i] = along + by.offset - position;
+            out[layout.gradient()][i * n..][..n].copy_from_slice(&by.normal);
+            out[layout.curvature().start + i] = -acceleration;
+            out[layout.rate().start + i] = -speed;
+        }
+    }
+}
+
+/// The derivatives of `[w, w', w'']` by a parameter.
+fn of_wall(motion: &GapMotion, rate: &GapMotion, t: f64) -> [f64; 3] {
+    match (motion, rate) {
+        (GapMotion::Harmonic(wall), GapMotion::Harmonic(by)) => {
+            let (sin, cos) = (wall.omega * t + wall.phase).sin_cos();
+            let (a, w, turned) = (wall.amplitude, wall.omega, by.omega * t + by.phase);
+            let speed = by.amplitude * w + a * by.omega;
+            let acceleration = speed * w + a * w * by.omega;
+            [
+                by.offset + by.amplitude * cos - a * turned * sin,
+                -speed * sin - a * w * turned * cos,
+                -acceleration * cos + a * w * w * turned * sin,
+            ]
+        }
+        (_, rate) => rate.at(t),
+    }
+}
+
+impl<E> Dynamics<E> for LinearPartials {
+    fn layout(&self) -> Layout {
+        Dynamics::<E>::layout(&self.dynamics)
+    }
+
+    fn evaluate(&mut self, t: f64, q: &[f64], w: &[f64], out: &mut [f64]) -> Result<(), E> {
+        self.dynamics.evaluate(t, q, w, out)
+    }
+
+    fn evaluate_again(&mut self, t: f64, q: &[f64], w: &[f64], out: &mut [f64]) -> Result<(), E> {
+        self.dynamics.evaluate_again(t, q, w, out)
+    }
+
+    fn evaluate_gaps(&mut self, t: f64, q: &[f64], w: &[f64], out: &mut [f64]) -> Result<(), E> {
+        self.dynamics.evaluate_gaps(t, q, w, out)
+    }
+
+    fn linear(&self) -> Option<&Arc<LinearSystem>> {
+        Some(&self.system)
+    }
+}
+
+impl<E> DifferentiableDynamics<E> for LinearPartials {
+    fn parameters(&self) -> usize {
+        self.rates.len()
+    }
+
+    fn partials(&mut self, at: TimedState<'_>, by: &[usize], out: &mut [f64]) -> Result<(), E> {
+        let layout = Dynamics::<E>::layout(self);
+        let (length, n) = (layout.len(), layout.n);
+        out.fill(0.0);
+        let mut rows = out.chunks_exact_mut(length);
+        if let Some(out) = rows.next() {
+            self.by_time(at.t, layout, out);
+        }
+        for j in 0..2 * n {
+            let Some(out) = rows.next() else { break };
+            let (matrix, column) = match j < n {
+                true => (&self.system.stiffness, j),
+                false => (&self.system.damping, j - n),
+            };
+            for (i, out) in out[layout.force()].iter_mut().enumerate() {
+                *out = -matrix[i * n + column];
+            }
+            if j < n {
+                for (out, gap) in out[layout.gap()].iter_mut().zip(&self.system.gaps) {
+                    *out = gap.normal[column];
+                }
+            }
+        }
+        for (&parameter, out) in by.iter().zip(rows) {
+            self.by_parameter(at, &self.rates[parameter], out);
+        }
+        Ok(())
+    }
+
+    fn linear_rate(&self, parameter: usize) -> Option<&Arc<LinearSystem>> {
+        self.rates.get(parameter)
+    }
+}
+
+#[cfg(test)]
+mod linear_partials_tests {
+    use std::convert::Infallible;
+
+    use super::*;
+    use crate::system::linear_system::{LinearGap, LoadWave};
+    use crate::system::partials::{parameter_step, DifferencedDynamics};
+    use crate::system::time_table::TimeTable;
+    use crate::HarmonicWall;
+
+    /// A system of two coordinates all of whose numbers depend on `p`.
+    fn system(p: f64) -> LinearSystem {
+        let table = |a: f64| {
+            let ends = Some([vec![0.0; 2], vec![p; 2]]);
+            let coefficients = (0..16).map(|k| a * p * f64::from(k % 5) + 0.3).collect();
+            Arc::new(TimeTable::new(vec![0.0, 1.0, 2.5], coefficients, (4, 2), ends).unwrap())
+        };
+        let wall = HarmonicWall { amplitude: 0.2 + p, omega: 3.0 * p, phase: p, offset: 0.1 * p };
+        let motions = [GapMotion::Harmonic(wall), GapMotion::Table(table(0.1)), GapMotion::Fixed];
+        let gap = |(i, motion): (usize, GapMotion)| LinearGap {
+            normal: vec![1.0 - p * i as f64, p],
+            offset: p * p,
+            motion,
+        };
+        LinearSystem {
+            mass: vec![2.0 + p, 0.1 * p, 0.1 * p, 1.5],
+            damping: vec![0.2 * p, 0.3, -0.1, p],
+            stiffness: vec![4.0, -p, -p, 3.0 * p * p],
+            load: vec![p, -1.0],
+            waves: vec![LoadWave { amplitude: vec![p, 2.0], omega: 2.0 + p, phase: 0.3 * p }],
+            tables: vec![table(1.0)],
+            gaps: motions.into_iter().enumerate().map(gap).collect(),
+        }
+    }
+
+    fn neighbours(p: f64) -> Neighbours<Arc<LinearSystem>> {
+        let step = parameter_step(p);
+        Neighbours { step, systems: MOVES.map(|k| Arc::new(system(p + k * step))) }
+    }
+
+    #[test]
+    fn they_are_those_of_differences() {
+        let p = 0.7;
+        let mut exact = LinearPartials::differenced(Arc::new(system(p)), &[neighbours(p)]).unwrap();
+        let Neighbours { step, systems } = neighbours(p);
+        let systems = systems.map(LinearDynamics::new);
+        let dynamics = LinearDynamics::new(Arc::new(system(p)));
+        let mut differences =
+            DifferencedDynamics::new(dynamics, vec![Neighbours { step, systems }], 1.0);
+        let length = Dynamics::<Infallible>::layout(&exact).len();
+        let (mut found, mut wanted) = (vec![0.0; 6 * length], vec![0.0; 6 * length]);
+        for (t, q, w) in [(0.4, [0.3, -1.0], [2.0, 0.7]), (1.7, [1.3, 0.2], [-0.4, 0.1])] {
+            let at = TimedState { t, q: &q, w: &w };
+            let Ok::<(), Infallible>(()) = exact.partials(at, &[0], &mut found);
+            let Ok::<(), Infallible>(()) = differences.partials(at, &[0], &mut wanted);
+            for (k, (found, wanted)) in found.iter().zip(&wanted).enumerate() {
+                let error = (found - wanted).abs();
+                assert!(error < 1e-9 * (1.0 + wanted.abs()), "{k} {found} {wanted}");
+            }
+        }
+        assert_eq!(exact.rates[0].gaps[2].motion, GapMotion::Fixed);
+        assert_eq!(exact.rates[0].mass[3], 0.0);
+    }
+
+    #[test]
+    fn what_moves_more_than_numbers_has_none() {
+        let (p, known) = (0.7, Arc::new(system(0.7)));
+        let with = |change: &dyn Fn(&mut LinearSystem)| {
+            let mut moved = neighbours(p);
+            let mut other = system(p);
+            change(&mut other);
+            moved.systems[2] = Arc::new(other);
+            LinearPartials::differenced(known.clone(), &[moved])
+        };
+        assert!(with(&|_| ()).is_some());
+        assert!(with(&|it| it.waves.clear()).is_none());
+        assert!(with(&|it| it.tables.clear()).is_none());
+        assert!(with(&|it| it.gaps.truncate(2)).is_none());
+        assert!(with(&|it| it.gaps.swap(0, 2)).is_none());
+        let knots = TimeTable::new(vec![0.0, 1.1, 2.5], vec![0.0; 16], (4, 2), None).unwrap();
+        assert!(with(&|it| it.tables[0] = Arc::new(knots.clone())).is_none());
+        assert!(with(&|it| it.gaps[1].motion = GapMotion::Table(Arc::new(knots.clone()))).is_none());
     }
 }

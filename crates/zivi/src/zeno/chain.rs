@@ -19,13 +19,13 @@
 //! chains hold times, speeds and pulls. Powers and logarithms are those of the `libm` crate, here
 //! and in what follows from a chain: the same on every machine.
 
-use super::bounce::Bounce;
+use crate::zeno::arc::Bounce;
 use std::collections::TryReserveError;
 
 use super::table::{is_coarse, Landing, Table, ROWS};
 use super::tail::Tail;
 use crate::numeric::coordinates::Coordinates;
-use crate::numeric::richardson::Powers;
+use crate::numeric::tableau::Powers;
 
 /// By how much the speed falls from one row of the table to the next, if the chain is long enough.
 ///
@@ -234,7 +234,7 @@ impl<Z: Coordinates, K: Copy + PartialEq> Chain<Z, K> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::numeric::richardson;
+    use crate::numeric::tableau;
 
     const COLUMNS: usize = 4;
 
@@ -301,7 +301,7 @@ mod tests {
                 let (chosen, powers, _) = chain.selection();
                 let mut column: Vec<f64> = chosen.map(|i| chain.row(i)[0]).collect();
                 let mut best: Option<(f64, f64)> = None;
-                richardson::columns(&mut column, &mut [0.0], powers, |entry| {
+                tableau::columns(&mut column, &mut [0.0], powers, |entry| {
                     let across = (entry.newest[0] - entry.across[0]).abs();
                     if entry.j <= COLUMNS && best.is_none_or(|best| across < best.0) {
                         best = Some((across, entry.newest[0]));

@@ -16,11 +16,9 @@
 //! * [`tail`]: the arcs between the last of them and that point; `stored` their numbers.
 
 pub(crate) mod arc;
-pub(crate) mod bounce;
 pub(crate) mod chain;
 mod fit;
 pub(crate) mod rates;
-pub(crate) mod stored;
 pub(crate) mod table;
 pub(crate) mod tail;
 

@@ -19,7 +19,8 @@
 use super::chain::Chain;
 use super::table::{Landing, ROWS};
 use crate::numeric::coordinates::Coordinates;
-use crate::numeric::richardson::{self, Column, Entry};
+use crate::numeric::tableau;
+use crate::numeric::tableau::{Column, Entry};
 
 /// The derivatives of a chain of impacts by one number.
 #[derive(Clone, Debug, Default)]
@@ -117,7 +118,7 @@ impl ChainRates {
             }
         };
         let mut across = Z::zeros(width);
-        richardson::columns_with(&mut rates, across.as_mut_slice(), powers, moving, show);
+        tableau::columns_with(&mut rates, across.as_mut_slice(), powers, moving, show);
     }
 }
 
@@ -134,7 +135,7 @@ fn largest(entry: &Entry<'_>, scale: impl Fn(usize, f64) -> f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::zeno::bounce::Bounce;
+    use crate::zeno::arc::Bounce;
 
     /// A chain whose times are `7 - q - 0.3 q^2 + 0.1 q^3`, `q = e^i`, and whose state is `2 + 1.3
     /// q^2 - q^3`, with the derivatives by a shift of time that moves the state with `q^2`, and by

@@ -9,7 +9,22 @@
 //! what is known of its error.
 
 use crate::numeric::coordinates::Coordinates;
-use crate::numeric::richardson::{self, Entry, Powers};
+use crate::numeric::tableau;
+use crate::numeric::tableau::{Entry, Powers};
+use crate::record::recorder::is_sigma;
+use crate::record::stored::Reader;
+use crate::zeno::fit::TERMS;
+use crate::zeno::tail::Tail;
+
+// The table of extrapolation of the end of an accumulation, of times and states together.
+//
+// ```text
+// S_i^(j) = (S_i^(j-1) - e^(j+1) S_(i-1)^(j-1)) / (1 - e^(j+1))                         (1)
+// ```
+//
+// removes one power after the other from rows whose errors begin with `e^2`: `S^(j)` has an error
+// of order `u^(j+2)`. The columns are those of [`richardson`]; here is which entry is taken, and
+// what is known of its error.
 
 /// Rows of the table.
 pub(super) const ROWS: usize = 7;
@@ -112,7 +127,7 @@ impl<Z: Coordinates> Table<Z> {
         let mut noise = [(f64::EPSILON * times[0].abs()).max(f64::EPSILON * now.abs())];
         let agree = count > 2 && is_coarse(powers.first) && agrees(times[..count].iter(), noise[0]);
         let (mut across, mut may) = ([0.0], agree && AGREE * noise[0] <= scale);
-        richardson::columns(&mut times[..count], &mut across, powers, |entry| {
+        tableau::columns(&mut times[..count], &mut across, powers, |entry| {
             let size = judge(entry, &mut noise, &mut [0.0], &[scale]);
             may |= entry.j <= columns && (size <= 1.0 || size.is_nan());
         });
@@ -144,7 +159,7 @@ impl<Z: Coordinates> Table<Z> {
         noise[0] = noise[0].max(f64::EPSILON * now.abs());
         let settled = is_coarse(powers.first).then(|| settled::<Z>(rows, noise, scales));
         let mut best: Option<Landing<Z>> = None;
-        richardson::columns(rows, across.as_mut_slice(), powers, |entry| {
+        tableau::columns(rows, across.as_mut_slice(), powers, |entry| {
             let size = judge(entry, noise, error, scales);
             if entry.j <= *columns && best.as_ref().is_none_or(|best| size < best.size) {
                 let best = best.get_or_insert_with(|| Landing::new(start, entry.newest, size));
@@ -212,8 +227,54 @@ fn judge(entry: &Entry<'_>, noise: &mut [f64], error: &mut [f64], scales: &[f64]
     worst
 }
 
+// Tails as plain numbers, within those of a motion ([`crate::record::stored`]).
+//
+// ```text
+// tail  [ e, start, zeno, until, sigma,  C,  D,  A at the starts of arcs,  A at their ends ]
+// ```
+
+/// Numbers that a tail consists of.
+pub(crate) const TAIL_NUMBERS: usize = 5 + 4 * TERMS;
+
+impl Tail {
+    /// All that it consists of.
+    pub(crate) fn to_numbers(&self) -> Vec<f64> {
+        let Self { e, start, zeno, until, sigma, c, d, bends } = self;
+        let head = [*e, *start, *zeno, *until, *sigma];
+        head.iter().chain(c).chain(d).chain(bends.iter().flatten()).copied().collect()
+    }
+
+    /// What [`Tail::to_numbers`] came from; `None` for numbers that are none of a tail.
+    pub(crate) fn read(from: &mut Reader<'_>) -> Option<Self> {
+        /// The first format with equation (2), and how many terms (1) had before.
+        const BENT: (f64, usize) = (4.0, 4);
+        if from.format() >= BENT.0 {
+            return Self::from_numbers(from.take(TAIL_NUMBERS)?);
+        }
+        let mut numbers = [0.0; TAIL_NUMBERS];
+        for (at, length) in [(0, 5), (5, BENT.1), (5 + TERMS, BENT.1)] {
+            numbers[at..][..length].copy_from_slice(from.take(length)?);
+        }
+        Self::from_numbers(&numbers)
+    }
+
+    fn from_numbers(numbers: &[f64]) -> Option<Self> {
+        let (head, series) = numbers.split_at_checked(5)?;
+        let &[e, start, zeno, until, sigma] = head else { return None };
+        let mut all = [[0.0; TERMS]; 4];
+        for (one, numbers) in all.iter_mut().zip(series.chunks(TERMS)) {
+            *one = numbers.try_into().ok()?;
+        }
+        let [c, d, bends @ ..] = all;
+        let finite = numbers.iter().all(|number| number.is_finite());
+        let ordered = start <= until && until <= zeno && 0.0 < e && e < 1.0 && is_sigma(sigma);
+        let tail = Self { e, start, zeno, until, sigma, c, d, bends };
+        (finite && ordered).then_some(tail)
+    }
+}
+
 #[cfg(test)]
-mod tests {
+mod table_tests {
     use super::*;
 
     const POWERS: Powers = Powers { ratio: 0.5, first: 0.25 };
@@ -296,5 +357,38 @@ mod tests {
         for (t, noise) in [(found(1e-9, ratio).0, 1e-9), (found(noise, 0.9).0, noise)] {
             assert!(t.abs() > 8.0 * noise, "{t:e}");
         }
+    }
+}
+
+#[cfg(test)]
+mod stored_tests {
+    use super::*;
+    use crate::record::stored::{Kind, MotionError, Reader, Writer};
+
+    /// A tail behind the header of a motion, in a format.
+    fn read(format: f64, numbers: &[f64]) -> Result<Tail, MotionError> {
+        let mut out = Writer::new(Kind::Point);
+        out.numbers(numbers);
+        let mut all = out.finish().unwrap();
+        all[0] = format;
+        Reader::read(Kind::Point, &all, Tail::read)
+    }
+
+    #[test]
+    fn tails_of_both_formats_are_read() {
+        let head = [0.5, 1.0, 3.0, 2.5, -1.0];
+        let before: Vec<f64> = head.into_iter().chain((0..8).map(f64::from)).collect();
+        let old = read(3.0, &before).unwrap();
+        assert_eq!(
+            (old.c, old.d),
+            ([0.0, 1.0, 2.0, 3.0, 0.0, 0.0], [4.0, 5.0, 6.0, 7.0, 0.0, 0.0])
+        );
+        assert_eq!((old.until, old.bends), (2.5, [[0.0; TERMS]; 2]));
+        let now: Vec<f64> = head.into_iter().chain((0..24).map(f64::from)).collect();
+        let tail = read(4.0, &now).unwrap();
+        assert_eq!(tail.to_numbers(), now);
+        assert_eq!(tail.bends[1][5], 23.0);
+        assert_eq!(read(4.0, &before), Err(MotionError::Damaged));
+        assert_eq!(read(3.0, &now), Err(MotionError::Damaged));
     }
 }

@@ -17,8 +17,8 @@
 //! at either end, with `A` from the force at a few of the arcs ([`Tail::bend`]), else zero.
 
 use super::arc::TailArc;
-use super::bounce::Bounce;
 use super::fit::{fit, fit_ahead, rounding, series, stride, KnownPoints, Points, PARTS, TERMS};
+use crate::zeno::arc::Bounce;
 use crate::{Impact, PathPoint};
 
 /// What rounding may do to positions, relative to the height of the first arc, before terms must

@@ -1,7 +1,7 @@
 //! Laws of impact with friction against one another, exact values and the inequalities.
 
 use zivi::mechanics::{FlagKind, Occurrence};
-use zivi::system::friction::FrictionalImpact;
+use zivi::system::force::FrictionalImpact;
 use zivi::{Order, Status};
 
 use crate::closed_forms::simulate;

@@ -4,7 +4,7 @@ use std::collections::HashMap;
 use std::convert::Infallible;
 
 use zivi::system::dynamics::{Dynamics, Layout};
-use zivi::system::friction::{Channel, Friction, FrictionalImpact};
+use zivi::system::force::{Channel, Friction, FrictionalImpact};
 
 pub(crate) const G: f64 = 9.81;
 

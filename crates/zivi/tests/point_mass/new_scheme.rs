@@ -13,7 +13,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use zivi::method::{Listed, Settings, Values};
-use zivi::record::failure::Failure;
+use zivi::record::status::Failure;
 use zivi::record::trajectory::Sample;
 use zivi::stepping::fixed_step::{self, FixedStep, Start};
 use zivi::{

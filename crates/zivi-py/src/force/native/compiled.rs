@@ -11,7 +11,7 @@ use zivi::system::slopes::{Differenced, Parametrised};
 use zivi::Force;
 
 use super::force::NativeForce;
-use crate::capsule::Capsule;
+use crate::interface::Capsule;
 
 /// `double f(double t, double x, double xdot)`.
 type Plain = unsafe extern "C" fn(f64, f64, f64) -> f64;

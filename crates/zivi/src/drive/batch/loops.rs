@@ -10,7 +10,7 @@ use crate::drive::closed_loop::{
     ReferenceWithWall, Samples, Sensor, LOOP_COLUMNS, SIGNS,
 };
 use crate::drive::Updates;
-use crate::system::evaluation::check_initial;
+use crate::system::dynamics::check_initial;
 use crate::{Force, Grid, Impact, Monitor, SetupError, Status};
 
 /// One closed loop of a batch.

@@ -5,9 +5,9 @@ use zivi_core::Physical;
 use super::plant::Plant;
 use super::reference::ReferenceWithWall;
 use super::Period;
-use crate::record::event_locator::{unknown, EventLocator, SmoothPart};
-use crate::record::failure::Failure;
-use crate::record::reserve::Reserve;
+use crate::record::columns::Reserve;
+use crate::record::status::Failure;
+use crate::record::user_events::{unknown, EventLocator, SmoothPart};
 use crate::{Impact, LocatedEvent, PathPoint, UserEvent};
 
 /// What a closed loop may be given beside its surroundings, and what it shall keep.

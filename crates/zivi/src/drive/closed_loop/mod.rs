@@ -9,13 +9,10 @@
 
 mod controller;
 mod follow;
-mod path;
 mod plant;
 mod predicting;
 mod record;
 mod reference;
-mod sensor;
-mod sign_record;
 mod solved;
 
 use std::collections::VecDeque;
@@ -26,20 +23,16 @@ use zivi_core::{Physical, Restitution, SettingError, ThetaGammaStep};
 
 pub use controller::{AnyController, Controller, Tick, TickError, SIGNS};
 pub use follow::LoopOptions;
-pub use path::LoopPath;
-pub use plant::{Period, Plant};
+pub use plant::{Period, Plant, Sensor};
 pub use predicting::{Predictable, Predicting, UnderWay};
-pub use record::{LoopRun, ESTIMATES, LOOP_COLUMNS, REFUSED};
+pub use record::{LoopPath, LoopRun, SignRecord, ESTIMATES, LOOP_COLUMNS, REFUSED};
 pub use reference::{Reference, ReferencePeriod, ReferencePoint, ReferenceWithWall, Samples};
-pub use sensor::Sensor;
-pub use sign_record::SignRecord;
 pub use solved::Solved;
 
 use super::updates::Updates;
-use crate::record::failure::Failure;
+use crate::record::status::Failure;
 use crate::stepping::fixed_step::watched;
-use crate::system::evaluation::check_initial;
-use crate::system::evaluation::finite_force;
+use crate::system::dynamics::{check_initial, finite_force};
 use crate::{Dependence, Force, Grid, Monitor, SetupError, Status, SwitchedRk};
 use follow::LoopEvents;
 use plant::{BallisticPlant, Keeps, SchemePlant, SwitchedPlant};

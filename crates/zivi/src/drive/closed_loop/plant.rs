@@ -1,22 +1,21 @@
 //! The mass between two samples, under its force and the control that is held.
 
-use zivi_core::control::regulation::RegulationStep;
-use zivi_core::{transform, Branch, Lifted, Physical, Restitution, ThetaGammaStep};
-
-use super::path::LoopPath;
+use crate::drive::closed_loop::record::LoopPath;
+use crate::record::columns::Reserve;
 use crate::record::events::{EventLog, Reader};
-use crate::record::failure::Failure;
-use crate::record::reserve::Reserve;
+use crate::record::status::Failure;
 use crate::stepping::ballistic;
 use crate::stepping::fixed_step::{FixedStep, Start};
 use crate::stepping::step_solver::Exact;
 use crate::stepping::theta_gamma::Stepper;
 use crate::switched::Trace;
-use crate::system::evaluation::finite_force;
+use crate::system::dynamics::finite_force;
 use crate::{
     Dependence, Events, Force, Impact, LinearLaw, SetupError, Status, SwitchedIntegrator,
     SwitchedRk,
 };
+use zivi_core::control::regulation::RegulationStep;
+use zivi_core::{transform, Branch, Lifted, Physical, Restitution, ThetaGammaStep};
 
 /// A sampling period.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -368,5 +367,39 @@ impl<E, F: Force<E>> Plant<E> for SchemePlant<'_, F> {
 
     fn nfev(&self) -> u64 {
         FixedStep::<E, F>::nfev(&self.stepper) + self.asked
+    }
+}
+
+// What the controller sees of the state: noise, then quantisation.
+
+/// The measurement of the state.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Sensor<'a> {
+    /// Added to `x` at each sample (m); none if empty.
+    pub noise_x: &'a [f64],
+    /// Added to `x'` at each sample (m/s); none if empty.
+    pub noise_xdot: &'a [f64],
+    /// Resolution of the position and of the velocity (m, m/s); `0` is exact.
+    pub resolution: (f64, f64),
+}
+
+impl Sensor<'_> {
+    /// The state as it is measured at the `k`-th sample.
+    #[must_use]
+    pub fn measure(&self, k: usize, state: Physical) -> Physical {
+        let noise = |values: &[f64]| values.get(k).copied().unwrap_or(0.0);
+        Physical {
+            x: rounded(state.x + noise(self.noise_x), self.resolution.0),
+            xdot: rounded(state.xdot + noise(self.noise_xdot), self.resolution.1),
+        }
+    }
+}
+
+/// The nearest multiple of `resolution`.
+fn rounded(value: f64, resolution: f64) -> f64 {
+    if resolution > 0.0 {
+        (value / resolution).round() * resolution
+    } else {
+        value
     }
 }

@@ -10,7 +10,7 @@ use zivi_core::control::{
 };
 use zivi_core::{Physical, SettingError};
 
-use crate::stepping::sign_solver::SignSolver;
+use crate::stepping::step_solver::SignSolver;
 use crate::stepping::theta_gamma::Solver;
 
 /// A controller and how its steps are solved.

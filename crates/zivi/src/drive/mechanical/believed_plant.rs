@@ -1,14 +1,14 @@
 //! A plant as a controller believes it to be.
 
+use crate::drive::mechanical::kinetics::GapKinetics;
+use crate::drive::mechanical::law_error::LawError;
 use crate::mechanics::{simulate_mechanical_loop, Sampling};
+use crate::numeric::cholesky;
+use crate::numeric::dense::dot;
+use crate::numeric::elimination::Singular;
 use crate::switched::{Order, SwitchedRk};
-use crate::system::driven::Driven;
-use crate::system::dynamics::{Dynamics, Layout};
+use crate::system::dynamics::{Driven, Dynamics, Layout};
 use crate::{AnyImpactLaw, Monitor, Status};
-
-use super::kinetics::GapKinetics;
-use super::law_error::LawError;
-use super::tasks::Tasks;
 
 /// One step of the pair of order 5 between two of these times, whose length no error controls.
 #[must_use]
@@ -198,8 +198,135 @@ impl<D, F> BelievedPlant<'_, D, F> {
     }
 }
 
+// Functions of the coordinates that follow a reference beside the gaps.
+//
+// ```text
+// y'  = J T w + C g' + y_t           C = J M^-1 N^T W^-1
+// y'' = J T b + C (g'' - h) + k      Z q'' = b, h and k what g'' and y'' are without acceleration
+// J T b = y_r'' - k + C h - kp (y - y_r) - kd (J T w + y_t - y_r')
+// ```
+//
+// What impacts and contact forces do to `y` by `C` is left alone: in flight `y` follows `y_r + C g`,
+// in contact `y_r`. Where `J T` has fewer rows than columns, the rest follows the posture; where it
+// has not full rank, this is the solution by least squares.
+
+/// Squares of singular values below this part of the largest are zero.
+const SMALL: f64 = 1e-12;
+
+/// Functions of the coordinates: the gaps of a system whose masses and forces do not matter.
+#[derive(Clone, Debug)]
+pub struct Tasks<D> {
+    dynamics: D,
+    row: Vec<f64>,
+}
+
+impl<D> Tasks<D> {
+    /// The gaps of this system.
+    pub fn new<E>(dynamics: D) -> Self
+    where
+        D: Dynamics<E>,
+    {
+        let row = vec![0.0; dynamics.layout().len()];
+        Self { dynamics, row }
+    }
+
+    /// Changes accelerations that are wanted beside the gaps, by as little kinetic energy as will do,
+    /// so that the functions follow `goal`: values, first and second derivatives.
+    ///
+    /// # Errors
+    /// What the functions raise.
+    pub(super) fn steer<E>(
+        &mut self,
+        t: f64,
+        (q, w): (&[f64], &[f64]),
+        (goal, (kp, kd)): (&[f64], (f64, f64)),
+        kinetics: &mut GapKinetics,
+        wanted: &mut [f64],
+    ) -> Result<(), E>
+    where
+        D: Dynamics<E>,
+    {
+        self.dynamics.evaluate(t, q, w, &mut self.row)?;
+        let (layout, row) = (self.dynamics.layout(), &self.row);
+        let Layout { n, m: count, .. } = layout;
+        let every = vec![true; kinetics.layout().m];
+        let (mut along, mut turning) = (w.to_vec(), vec![0.0; n]);
+        kinetics.without_gaps(&every, &mut along);
+        kinetics.without_gaps(&every, wanted);
+        kinetics.push(&every, kinetics.curvatures().to_vec(), &mut turning);
+        let (mut directions, mut missing) = (Vec::with_capacity(count * n), vec![0.0; count]);
+        for i in 0..count {
+            let jacobian = &row[layout.gradient()][i * n..][..n];
+            let rate = dot(jacobian, &along) + row[layout.rate()][i];
+            let error = (row[layout.gap()][i] - goal[i], rate - goal[count + i]);
+            let drift = row[layout.curvature()][i] + dot(jacobian, &turning);
+            let asked = goal[2 * count + i] - drift - kp * error.0 - kd * error.1;
+            missing[i] = asked - dot(jacobian, wanted);
+            let mut direction = jacobian.to_vec();
+            cholesky::solve(&kinetics.mass, n, &mut direction);
+            kinetics.without_gaps(&every, &mut direction);
+            directions.extend(direction);
+        }
+        let jacobians = row[layout.gradient()].chunks_exact(n);
+        let reach: Vec<f64> = jacobians
+            .flat_map(|row| directions.chunks_exact(n).map(move |direction| dot(row, direction)))
+            .collect();
+        let found = Singular::new(&reach, count, count);
+        let parts = found.solve(&missing, found.rank(SMALL));
+        for (part, direction) in parts.iter().zip(directions.chunks_exact(n)) {
+            wanted.iter_mut().zip(direction).for_each(|(to, by)| *to += part * by);
+        }
+        Ok(())
+    }
+}
+
+// The controls that a law has sent: the last ones, and those that do not act yet.
+
+/// What was sent.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct SentControls {
+    /// The last controls, none before the first tick.
+    pub last: Option<Vec<f64>>,
+    /// Those of as many ticks as the delay at most, the oldest first.
+    pub queue: Vec<Vec<f64>>,
+}
+
+impl SentControls {
+    /// Whether they are `r` finite controls each.
+    pub(super) fn fits(&self, r: usize) -> bool {
+        let fits = |u: &Vec<f64>| u.len() == r && u.iter().all(|it| it.is_finite());
+        self.last.iter().chain(&self.queue).all(fits)
+    }
+
+    /// The last controls once more, 0 before any.
+    pub(super) fn hold(&self, u: &mut [f64]) {
+        match &self.last {
+            Some(last) => u.copy_from_slice(last),
+            None => u.fill(0.0),
+        }
+    }
+
+    /// Remembers what is sent.
+    pub(super) fn send(&mut self, u: &[f64], delay: usize) {
+        self.last = Some(u.to_vec());
+        if delay > 0 {
+            if self.queue.len() == delay {
+                self.queue.remove(0);
+            }
+            self.queue.push(u.to_vec());
+        }
+    }
+
+    /// The controls of the periods until that of this tick acts, one after the other.
+    pub(super) fn until(&self, delay: usize, r: usize) -> Vec<f64> {
+        let mut controls = vec![0.0; r * (delay - self.queue.len())];
+        self.queue.iter().for_each(|u| controls.extend_from_slice(u));
+        controls
+    }
+}
+
 #[cfg(test)]
-mod tests {
+mod believed_plant_tests {
     use super::*;
 
     #[test]

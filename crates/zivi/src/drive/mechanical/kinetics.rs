@@ -3,8 +3,8 @@
 use super::law_error::LawError;
 use crate::mechanics::shortest;
 use crate::numeric::cholesky;
-use crate::numeric::singular::Singular;
-use crate::numeric::vector::dot;
+use crate::numeric::dense::dot;
+use crate::numeric::elimination::Singular;
 use crate::system::dynamics::Layout;
 
 /// What must be left of a gap's mobility by the others, as a part.

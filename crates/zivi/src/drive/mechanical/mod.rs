@@ -13,28 +13,21 @@
 mod allocation;
 mod believed_plant;
 mod gap_tracker;
-mod in_box;
 mod kinetics;
-mod latch;
 mod law_error;
-mod pressing;
 mod reference;
 mod sampled;
-mod sent_controls;
 mod striker;
-mod tasks;
 mod tracking;
 
-pub use allocation::{controls, decoupling_force, Allocation};
-pub use believed_plant::{one_step_each, BelievedPlant, Moved};
-pub use gap_tracker::{GapTracker, GapTrackerSettings, GapTrackerState};
-pub use in_box::Limits;
+pub use allocation::{controls, decoupling_force, Allocation, Limits};
+pub use believed_plant::{one_step_each, BelievedPlant, Moved, SentControls, Tasks};
+pub use gap_tracker::{
+    GapTracker, GapTrackerSettings, GapTrackerState, Latch, Noise, Offsets, EXACT,
+};
 pub use kinetics::GapKinetics;
-pub use latch::{Latch, Noise, Offsets, EXACT};
 pub use law_error::LawError;
 pub use reference::{MechanicalReference, ReferenceSample};
 pub use sampled::{MechanicalController, MechanicalSensor, Observing, SampledLoop, TickRecord};
-pub use sent_controls::SentControls;
 pub use striker::{Striker, StrikerSettings, StrikerState, Striking};
-pub use tasks::Tasks;
 pub use tracking::Tracking;

@@ -5,9 +5,8 @@ use zivi_core::{Branch, Physical, SettingError};
 
 use super::believed_plant::BelievedPlant;
 use super::law_error::LawError;
-use crate::numeric::vector::dot;
-use crate::system::driven::Driven;
-use crate::system::dynamics::Dynamics;
+use crate::numeric::dense::dot;
+use crate::system::dynamics::{Driven, Dynamics};
 
 /// Where a reference is at one sample.
 #[derive(Clone, Copy, Debug)]
@@ -117,8 +116,7 @@ pub(super) fn waypoint(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::system::driven::InputMatrix;
-    use crate::system::dynamics::{FunctionDynamics, Layout};
+    use crate::system::dynamics::{FunctionDynamics, InputMatrix, Layout};
     use crate::AnyImpactLaw;
     use std::convert::Infallible;
 

@@ -13,10 +13,9 @@ use super::gap_tracker::GapTracker;
 use super::kinetics::GapKinetics;
 use super::law_error::LawError;
 use super::sampled::MechanicalController;
-use super::sent_controls::SentControls;
+use crate::drive::mechanical::believed_plant::SentControls;
 use crate::numeric::cholesky;
-use crate::system::driven::Driven;
-use crate::system::dynamics::{Dynamics, Layout};
+use crate::system::dynamics::{Driven, Dynamics, Layout};
 
 /// What does not change, beside the settings of the aim.
 #[derive(Clone, Debug, PartialEq)]

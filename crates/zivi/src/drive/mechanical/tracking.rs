@@ -5,8 +5,7 @@ use super::gap_tracker::GapTracker;
 use super::law_error::LawError;
 use super::reference::MechanicalReference;
 use super::sampled::MechanicalController;
-use crate::system::driven::Driven;
-use crate::system::dynamics::Dynamics;
+use crate::system::dynamics::{Driven, Dynamics};
 
 /// A tracker of gaps with the plant that it believes in and its reference.
 pub struct Tracking<'a, D, F, A, E> {

@@ -3,9 +3,9 @@
 use std::convert::Infallible;
 
 use super::*;
-use crate::mechanics::equation::State;
 use crate::mechanics::kinetics::{Kinetics, Model};
-use crate::system::friction::{Channel, Friction};
+use crate::mechanics::mode::State;
+use crate::system::force::{Channel, Friction};
 
 /// Bodies with walls of their own, `g_i = q_i`, which their masses couple. The forces turn round at a time.
 struct Bodies {

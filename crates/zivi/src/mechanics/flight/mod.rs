@@ -1,31 +1,28 @@
 //! The motion between events: steps under error control, each searched for the first impact and the
 //! first lift-off.
 
-mod missed_events;
-mod slip;
-
-use super::along_step::AlongStep;
-use super::contact_probes::ContactProbes;
-use super::equation::{AtEnd, InContact, Stages, State};
-use super::kinetics::{Kinetics, Model};
-use super::lift_off::{self, Release};
-use super::linear_flight::{Bounds, LinearFlight, Pull};
-use super::mode::{Limit, Next};
-use super::path::Curve;
-use super::state::MechanicalState;
-use crate::numeric::stages::Equation;
-use crate::numeric::step_error::Tolerances;
-use crate::numeric::step_size::Plan;
+use crate::mechanics::kinetics::{Kinetics, Model};
+use crate::mechanics::lift_off;
+use crate::mechanics::lift_off::Release;
+use crate::mechanics::linear_flight::{Bounds, LinearFlight, Pull};
+use crate::mechanics::mode::{
+    AlongStep, AtEnd, ContactProbes, InContact, Limit, Next, Stages, State, DEFECT,
+};
+use crate::mechanics::path::Curve;
+use crate::mechanics::state::MechanicalState;
+use crate::numeric::stages::{factor, worse, Equation, Plan, Tolerances, FACTORS};
 use crate::piecewise::flight::{Root, StepDecision, SteppedFlight};
 use crate::piecewise::steps::{Start, StepHistory, Steps};
-use crate::record::contact_mode::ContactMode;
-use crate::record::failure::Failure;
-use crate::record::gap_set::GapSet;
-use crate::switched::lookahead::Deviation;
+use crate::record::gap_set::{ContactMode, GapSet};
+use crate::record::status::Failure;
+use crate::switched::accumulation::Deviation;
 use crate::switched::{Flights, SwitchedRk};
 use crate::system::dynamics::{Dynamics, Layout};
-use crate::system::friction::Friction;
+use crate::system::force::Friction;
 use crate::Status;
+
+// The motion between events: steps under error control, each searched for the first impact and the
+// first lift-off.
 
 /// What closes within this part of a flight closes together.
 const TOGETHER: f64 = 1e-13;
@@ -513,5 +510,262 @@ impl<'m, D> Flying<'_, 'm, D> {
             v < 0.0 && x <= -v * near
         };
         self.state.open_gaps().filter(|&i| i == gap || is_hit(i)).collect()
+    }
+}
+
+// Features of the forces or of the surfaces that lie between the stages of a step.
+
+impl<D> Flying<'_, '_, D> {
+    /// Whether the step overlooks something that lies between its stages, and by which factor it
+    /// is to be shortened then; `contact` tells the gap that closes in it. The gaps that are
+    /// integrated must be those of their functions at its end, and where a step may be a whole arc,
+    /// the equation of motion must hold at the apex.
+    fn missed_events<E>(&mut self, contact: Option<usize>) -> Result<Option<f64>, Failure<E>>
+    where
+        D: Dynamics<E>,
+    {
+        if !self.motion.steps.limits().adaptive || self.motion.steps.is_jump() {
+            return Ok(None);
+        }
+        let mut excess = 0.0;
+        if contact.is_none() {
+            self.finish()?;
+            excess = self.misfit();
+        }
+        if excess <= 1.0 && !self.motion.experience.is_enough(self.motion.last().h) {
+            for i in self.state.open_gaps() {
+                let end = &self.motion.last().end;
+                let falls = contact == Some(i) || end.xdot[self.state.layout().n + i] < 0.0;
+                if self.state.gap(i).1 > 0.0 && falls {
+                    excess = worse(excess, self.defect_at_apex(i)?);
+                }
+            }
+        }
+        if excess <= 1.0 {
+            return Ok(None);
+        }
+        // the shorter step is looked at again
+        self.motion.experience = StepHistory::NONE;
+        let factor = factor(excess, self.motion.last().order_of_error());
+        Ok(Some(factor.max(FACTORS.0)))
+    }
+
+    /// How far the gaps at the end of the finished step are from their functions, in what is
+    /// allowed of it.
+    fn misfit(&self) -> f64 {
+        let Layout { n, m, .. } = self.state.layout();
+        let SmoothMotion { steps, at_end, .. } = &*self.motion;
+        let (step, tolerances) = (steps.last(), &steps.limits().tolerances);
+        let of = |c: usize| step.scales(c, tolerances)[0];
+        let largest = (0..n).map(of).fold(0.0_f64, f64::max);
+        let each = (0..m).map(|i| {
+            let far = (at_end.gap[i] - step.end.x[n + i]).abs();
+            far / (DEFECT * (of(n + i) + at_end.steepness[i] * largest))
+        });
+        each.fold(0.0, worse)
+    }
+
+    /// How far the polynomials of the step are from the equation of motion where a gap is largest.
+    fn defect_at_apex<E>(&mut self, gap: usize) -> Result<f64, Failure<E>>
+    where
+        D: Dynamics<E>,
+    {
+        self.complete()?;
+        let Layout { n, m, .. } = self.state.layout();
+        let mut along = self.along();
+        let rows = along.rows(n + m);
+        let theta = rows[n + gap][1].first_negative().unwrap_or(0.5);
+        along.defect(&rows, theta)
+    }
+}
+
+// Where the slip in a channel of friction ends.
+
+/// Iterations for the time when a slip ends, and what ends within this part of a step ends together.
+const STOPS: usize = 6;
+const TOGETHER_SLIPS: f64 = 1e-11;
+
+/// Gauss's nodes and weights of order 20 on `(0, 1)`: half of them, the others are their mirror images.
+const GAUSS: [(f64, f64); 5] = [
+    (0.013_046_735_741_414_139, 0.033_335_672_154_344_07),
+    (0.067_468_316_655_507_74, 0.074_725_674_575_290_3),
+    (0.160_295_215_850_487_8, 0.109_543_181_257_991_02),
+    (0.283_302_302_935_376_4, 0.134_633_359_654_998_18),
+    (0.425_562_830_509_184_4, 0.147_762_112_357_376_43),
+];
+
+impl<D> Flying<'_, '_, D> {
+    /// How far the polynomials of the last step move along the directions in which it sticks, by
+    /// channel: `int B q' + beta dt`, which should be nothing. Empty where these do not turn or move, and
+    /// so where the accelerations keep the step there, and for a step without a length.
+    fn drift<E>(&mut self) -> Result<Vec<f64>, Failure<E>>
+    where
+        D: Dynamics<E>,
+    {
+        let stick = self.state.mode().stick;
+        if stick.is_empty() || !self.motion.turns || self.motion.last().h == 0.0 {
+            return Ok(Vec::new());
+        }
+        self.complete()?;
+        let p = self.state.layout().p;
+        let mut along = self.along();
+        let rows = along.rows(along.aside.coordinates());
+        let mut drift = vec![0.0; p];
+        for (node, weight) in GAUSS.into_iter().flat_map(|(x, w)| [(x, w), (1.0 - x, w)]) {
+            along.evaluate(&rows, node)?;
+            let h = along.step.h;
+            let rates: Vec<f64> = rows.iter().map(|[x, _]| x.slope(node) / h).collect();
+            for channel in stick.iter() {
+                let row = along.aside.row(channel);
+                drift[channel] += weight * h * along.aside.rate(row, &rates);
+            }
+        }
+        Ok(drift)
+    }
+
+    /// Whether the channels that began to slip at the start of the step do so at its end.
+    fn released_channels_slip<E>(&mut self) -> Result<bool, Failure<E>>
+    where
+        D: Dynamics<E>,
+    {
+        let (released, mode) = (self.state.released(), self.state.mode());
+        if released.is_empty() {
+            return Ok(true);
+        }
+        self.finish()?;
+        let (row, last) = (self.state.kinetics().row(0), self.motion.last());
+        let first = self.state.layout().n + row;
+        Ok(released.iter().all(|channel| {
+            let (sign, c) = (mode.sign(channel), first + channel);
+            sign * last.end.xdot[c] > 0.0 && sign * last.end_slope(c) > 0.0
+        }))
+    }
+
+    /// The first channel whose slip ends in the step, and after which part of it.
+    fn first_stop<E>(&mut self) -> Result<Option<(f64, usize)>, Failure<E>>
+    where
+        D: Dynamics<E>,
+    {
+        let mode = self.state.mode();
+        let slipping = mode.slipping().without(self.state.released());
+        if slipping.is_empty() {
+            return Ok(None);
+        }
+        self.complete()?;
+        let first = self.state.layout().n + self.state.kinetics().row(0);
+        let root = |channel: usize| {
+            let [_, slip] = self.motion.last().polynomials_of(first + channel);
+            let slip = if mode.slip_minus.has(channel) { slip.negated() } else { slip };
+            slip.first_negative().map(|theta| (theta, channel))
+        };
+        let roots = slipping.iter().filter_map(root);
+        Ok(roots.min_by(|one, other| one.0.total_cmp(&other.0)))
+    }
+
+    /// Steps to where the slip in a channel ends, near `now + length`; that in others ends with it to
+    /// rounding.
+    fn stop_slip<E>(&mut self, length: f64, channel: usize) -> Result<Next, Failure<E>>
+    where
+        D: Dynamics<E>,
+    {
+        let first = self.state.layout().n + self.state.kinetics().row(0);
+        let whole = self.motion.last().h;
+        let rounding = |x: f64, t: f64| 4.0 * f64::EPSILON * (t.abs() + x);
+        let mut x = length;
+        for _ in 0..STOPS {
+            self.attempt(x)?;
+            self.finish()?;
+            let last = self.motion.last();
+            let next = x - last.end.xdot[first + channel] / last.end_slope(first + channel);
+            if !next.is_finite() || next <= 0.0 || next > 2.0 * whole {
+                break;
+            }
+            let moved = (next - x).abs();
+            x = next;
+            if moved <= rounding(x, self.state.now().t) {
+                break;
+            }
+        }
+        let near = TOGETHER_SLIPS * whole + rounding(x, self.state.now().t);
+        let (last, mode) = (self.motion.last(), self.state.mode());
+        let stops = |&other: &usize| {
+            let c = first + other;
+            other == channel || last.end.xdot[c].abs() <= last.end_slope(c).abs() * near
+        };
+        let channels = mode.slipping().iter().filter(stops).collect();
+        self.arrive(x, x - self.motion.last().h)?;
+        Ok(Next::Stop(channels))
+    }
+}
+
+#[cfg(test)]
+mod slip_tests {
+    use crate::mechanics::{simulate_mechanical, MechanicalOutput};
+    use crate::record::events::Occurrence;
+    use crate::switched::{Order, SwitchedRk};
+    use crate::system::dynamics::{Dynamics, Layout};
+    use crate::system::force::{Channel, Friction};
+    use crate::Silent;
+    use std::convert::Infallible;
+
+    /// A mass of 1 with the friction 30, and its acceleration while it slips.
+    struct Braked(Friction, fn(f64) -> f64);
+
+    impl Dynamics<Infallible> for Braked {
+        fn layout(&self) -> Layout {
+            Layout { n: 1, m: 0, p: 1 }
+        }
+
+        fn friction(&self) -> &Friction {
+            &self.0
+        }
+
+        fn evaluate(
+            &mut self,
+            t: f64,
+            _: &[f64],
+            _: &[f64],
+            out: &mut [f64],
+        ) -> Result<(), Infallible> {
+            out.copy_from_slice(&[1.0, 30.0 + (self.1)(t), 1.0, 0.0, 0.0, 30.0, 30.0]);
+            Ok(())
+        }
+    }
+
+    #[test]
+    fn a_stop_is_not_looked_for_far_from_the_step_that_has_it() {
+        // 1 m/s, stopped after 0.052 s: by -20 m/s^2, but for 2 ms that no step of 0.1 s looks at.
+        // The step onto 0.05 s ends in them, with a slope by which the slip would last to 1.05 s.
+        // After 0.15 s the mass is pulled on.
+        let acceleration = |t: f64| match t {
+            t if (t - 0.05).abs() < 1e-3 => -0.131,
+            t if t < 0.15 => -20.0,
+            _ => 1.0,
+        };
+        let settings = SwitchedRk {
+            order: Order::Five,
+            max_step: 0.1,
+            adaptive: false,
+            ..SwitchedRk::DEFAULT
+        };
+        let friction =
+            Friction { channels: vec![Channel { gap: None, e_t: 0.0 }], ..Friction::default() };
+        let run = simulate_mechanical(
+            settings,
+            &mut Braked(friction, acceleration),
+            &[],
+            (0.0, 3.0),
+            (&[0.0], &[1.0]),
+            MechanicalOutput::default(),
+            &mut Silent,
+        )
+        .unwrap();
+        let stops: Vec<f64> = (run.occurrences.iter())
+            .filter_map(|it| match *it {
+                Occurrence::Transition { t, after: 0, .. } => Some(t),
+                _ => None,
+            })
+            .collect();
+        assert!(stops.len() == 1 && (stops[0] - 0.052).abs() < 3e-3, "{stops:?}");
     }
 }

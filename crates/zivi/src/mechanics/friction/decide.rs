@@ -1,5 +1,5 @@
 //! Which contacts stay closed and which channels stick: every combination of a few, judged by its forces; of
-//! many that of [`super::coulomb`].
+//! many that of [`crate::mechanics::friction::contact`].
 //!
 //! A gap that touches without a speed stays closed or opens, a channel without a slip speed sticks or
 //! begins to slip one way. A combination obeys the laws where
@@ -11,13 +11,12 @@
 //! At one contact with `det K > 0` exactly one does, at the limits two with the same motion, and where
 //! `mu_s > mu` sticking continues: most closed, then most sticking, then most that stuck before.
 
-use super::coulomb::{Coulomb, Outcome, Rough, Site, MOST_PATTERNS};
+use crate::mechanics::friction::contact::{Coulomb, Outcome, Rough, Site, MOST_PATTERNS};
 use crate::mechanics::kinetics::Kinetics;
 use crate::mechanics::mode::{Contacts, Limit};
-use crate::numeric::vector::dot;
-use crate::record::contact_mode::ContactMode;
-use crate::record::failure::Failure;
-use crate::record::gap_set::GapSet;
+use crate::numeric::dense::dot;
+use crate::record::gap_set::{ContactMode, GapSet};
+use crate::record::status::Failure;
 use crate::Status;
 
 /// What a combination may violate, relative to the terms: at first, and if none is better.

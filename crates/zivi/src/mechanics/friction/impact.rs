@@ -13,14 +13,13 @@
 //! all `e_t` are the common `e`, nor at one contact with `e_t = 0` and `e^2 <= 1 - c^2`, where `c` is the
 //! kinetic cosine of normal and tangent; elsewhere it may, which is told.
 
-use super::coulomb::{Coulomb, Rough, Site, MOST_PATTERNS};
+use crate::mechanics::friction::contact::{Coulomb, Rough, Site, MOST_PATTERNS};
 use crate::mechanics::kinetics::Kinetics;
-use crate::numeric::vector::{axpy, dot};
-use crate::record::contact_mode::ContactMode;
-use crate::record::failure::Failure;
-use crate::record::gap_set::GapSet;
-use crate::system::friction::{Friction, FrictionalImpact};
-use crate::zeno::bounce::restored;
+use crate::numeric::dense::{axpy, dot};
+use crate::record::gap_set::{ContactMode, GapSet};
+use crate::record::status::Failure;
+use crate::system::force::{Friction, FrictionalImpact};
+use crate::zeno::arc::restored;
 use crate::Status;
 
 /// What a pattern may violate, relative to the speeds.
@@ -391,7 +390,7 @@ mod tests {
     use super::*;
     use crate::mechanics::kinetics::Model;
     use crate::system::dynamics::{FunctionDynamics, Layout};
-    use crate::system::friction::Channel;
+    use crate::system::force::Channel;
     use std::convert::Infallible;
 
     fn friction(gap: Option<usize>) -> Friction {

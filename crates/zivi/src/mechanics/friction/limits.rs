@@ -11,9 +11,8 @@
 use crate::mechanics::kinetics::Kinetics;
 use crate::mechanics::mode::Limit;
 use crate::mechanics::shares::Shares;
-use crate::numeric::vector::{axpy, largest};
-use crate::record::contact_mode::ContactMode;
-use crate::record::gap_set::GapSet;
+use crate::numeric::dense::{axpy, largest};
+use crate::record::gap_set::{ContactMode, GapSet};
 
 /// `det K` relative to the mobilities is zero below this.
 const REGULAR: f64 = 1e-9;
@@ -226,7 +225,7 @@ mod tests {
     use super::*;
     use crate::mechanics::kinetics::Model;
     use crate::system::dynamics::{FunctionDynamics, Layout};
-    use crate::system::friction::{Channel, Friction};
+    use crate::system::force::{Channel, Friction};
     use std::convert::Infallible;
 
     #[test]

@@ -10,7 +10,6 @@
 //! (Painlevé's paradox).
 
 mod contact;
-mod coulomb;
 mod decide;
 mod impact;
 mod limits;

@@ -13,11 +13,10 @@
 
 use super::impact::{chosen, Collision, FrictionalExchange, Violation};
 use crate::mechanics::kinetics::Kinetics;
-use crate::numeric::vector::{axpy, dot};
-use crate::record::contact_mode::ContactMode;
-use crate::record::failure::Failure;
-use crate::record::gap_set::GapSet;
-use crate::system::friction::{Channel, Friction};
+use crate::numeric::dense::{axpy, dot};
+use crate::record::gap_set::{ContactMode, GapSet};
+use crate::record::status::Failure;
+use crate::system::force::{Channel, Friction};
 use crate::Status;
 
 /// Most patterns of restitution that are tried.

@@ -4,13 +4,11 @@
 //! gaps and the contact forces in each are power series whose first roots end it ([`first_root`]).
 //! What happens at these is that of all mechanical systems.
 
-mod drive_rates;
 mod drives;
 mod first_root;
 mod one_coordinate;
 mod part;
 mod propagation;
-mod pull;
 mod scalar;
 mod variation;
 
@@ -21,17 +19,17 @@ use super::kinetics::Model;
 use super::mode::{Limit, Next};
 use super::path::Curve;
 use super::state::MechanicalState;
+use crate::numeric::dense::sum_of_products;
 use crate::numeric::power_series::{stretch, value, values_and_slopes, Series, TERMS};
-use crate::numeric::vector::sum_of_products;
-use crate::record::failure::Failure;
 use crate::record::gap_set::GapSet;
+use crate::record::status::Failure;
 use crate::system::dynamics::Dynamics;
 use crate::Status;
+pub(super) use drives::PullAlongArcs;
 use first_root::first_root;
 use one_coordinate::OneCoordinate;
 pub(super) use one_coordinate::Pull;
 use propagation::{Free, Propagation};
-pub(super) use pull::PullAlongArcs;
 pub(super) use variation::{FlightRates, Flown};
 
 /// A step is so many times shorter than the time of the fastest mode or load by its angle.
@@ -426,7 +424,7 @@ mod tests {
     use super::*;
     use crate::mechanics::mode::Contacts;
     use crate::system::dynamics::Layout;
-    use crate::system::friction::Friction;
+    use crate::system::force::Friction;
     use crate::system::linear_dynamics::LinearDynamics;
     use crate::system::linear_system::{GapMotion, LinearGap, LinearSystem, LoadWave};
     use crate::HarmonicWall;

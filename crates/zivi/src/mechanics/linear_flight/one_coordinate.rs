@@ -13,7 +13,7 @@ use crate::mechanics::state::MechanicalState;
 use crate::numeric::power_series::Series;
 use crate::switched::flight::series::{FlightPart, Linear, Reach, SeriesFlight};
 use crate::switched::flight::Arrival;
-use crate::switched::point::Point;
+use crate::switched::mode::Point;
 use crate::system::linear_system::{GapMotion, LinearGap, LinearSystem};
 use crate::{Force, HarmonicWall, LinearLaw, Wave};
 

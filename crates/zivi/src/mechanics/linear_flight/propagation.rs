@@ -14,9 +14,9 @@
 use super::drives::Drives;
 use crate::mechanics::kinetics::Undetermined;
 use crate::numeric::cholesky;
-use crate::numeric::linear_map::LinearMap;
+use crate::numeric::coordinates::LinearMap;
+use crate::numeric::dense::dot;
 use crate::numeric::power_series::{Series, TERMS};
-use crate::numeric::vector::dot;
 use crate::record::gap_set::GapSet;
 use crate::system::linear_system::LinearSystem;
 

@@ -6,9 +6,9 @@ use super::{hit_together, Bounds, LinearFlight};
 use crate::mechanics::mode::Next;
 use crate::mechanics::path::Curve;
 use crate::mechanics::state::MechanicalState;
-use crate::record::failure::Failure;
 use crate::record::gap_set::GapSet;
-use crate::system::stops::Smooth;
+use crate::record::status::Failure;
+use crate::system::force::Smooth;
 use crate::Status;
 
 impl LinearFlight {

@@ -17,13 +17,13 @@ use super::propagation::{
     Propagation,
 };
 use super::LinearFlight;
-use crate::mechanics::equation::State;
 use crate::mechanics::kinetics::Undetermined;
-use crate::numeric::linear_map::LinearMap;
+use crate::mechanics::mode::State;
+use crate::numeric::coordinates::LinearMap;
+use crate::numeric::dense::{axpy, dot};
 use crate::numeric::power_series::{value_and_slope, Series, TERMS};
-use crate::numeric::vector::{axpy, dot};
-use crate::record::failure::Failure;
 use crate::record::gap_set::GapSet;
+use crate::record::status::Failure;
 use crate::system::linear_system::LinearSystem;
 
 /// A step that was flown, or the part of it up to an event.

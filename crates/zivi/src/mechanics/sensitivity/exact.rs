@@ -8,7 +8,7 @@ use crate::mechanics::mode::Next;
 use crate::mechanics::piece::Piece;
 use crate::numeric::bernstein::Polynomial;
 use crate::numeric::power_series::TERMS;
-use crate::record::failure::Failure;
+use crate::record::status::Failure;
 use crate::switched::sensitivity::Limit;
 use crate::system::dynamics::Layout;
 use crate::system::partials::DifferentiableDynamics;

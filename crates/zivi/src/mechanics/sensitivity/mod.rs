@@ -9,12 +9,8 @@
 //! ```
 
 mod columns;
-mod contact;
 mod exact;
-mod flight;
-mod local;
 mod run;
-mod strike;
 mod variational_run;
 
 pub use crate::switched::sensitivity::{Derivatives, EventRates, Question};

@@ -4,12 +4,11 @@ use super::columns::MechanicalWrt;
 use super::variational_run::VariationalRun;
 use crate::mechanics::integrator::MechanicalIntegrator;
 use crate::mechanics::kinetics::Model;
-use crate::mechanics::recording::running;
-use crate::mechanics::run::{check_sizes, check_smooth, check_span, started};
+use crate::mechanics::recording::{check_sizes, check_smooth, check_span, running, started};
 use crate::mechanics::{MechanicalOutput, MechanicalRun};
 use crate::switched::sensitivity::{Derivatives, Question};
 use crate::switched::SwitchedRk;
-use crate::system::friction::Friction;
+use crate::system::force::Friction;
 use crate::system::partials::DifferentiableDynamics;
 use crate::{AnyImpactLaw, Monitor, SetupError};
 

@@ -1,23 +1,24 @@
 //! Follows a run of the machine with the columns: each step, impact, Zeno point and lift-off.
 
-use super::columns::{Columns, MechanicalWrt};
-use super::local::Direction;
-use crate::mechanics::equation::State;
+use crate::mechanics::flight::tolerances;
 use crate::mechanics::integrator::MechanicalIntegrator;
 use crate::mechanics::kinetics::Model;
 use crate::mechanics::linear_flight::FlightRates;
-use crate::mechanics::mode::Next;
+use crate::mechanics::mode::{InContact, Next, Stages, State};
 use crate::mechanics::piece::Piece;
+use crate::mechanics::sensitivity::columns::{Columns, Direction, Exchange, MechanicalWrt};
+use crate::numeric::stages::{factor, shorter, FACTORS};
 use crate::numeric::tableau::Pair;
-use crate::piecewise::method::Driver;
-use crate::record::failure::Failure;
+use crate::piecewise::steps::Driver;
+use crate::record::events::{FlagKind, Occurrence};
 use crate::record::gap_set::GapSet;
-use crate::record::occurrence::{FlagKind, Occurrence};
+use crate::record::status::Failure;
 use crate::switched::sensitivity::{EventRates, Limit, Validity};
 use crate::system::dynamics::Layout;
 use crate::system::partials::DifferentiableDynamics;
-use crate::zeno::rates::ChainRates;
+use crate::zeno::rates::{ChainRates, Rate};
 use crate::zeno::table::Landing;
+use crate::Status;
 
 /// The columns of a run under way.
 pub(super) struct VariationalRun<'a> {
@@ -293,5 +294,584 @@ impl<'f, E, D: DifferentiableDynamics<E>> Driver<MechanicalIntegrator, Model<'f,
             _ if is_linear => self.fly_exactly(machine, t_end, model),
             _ => self.fly_within(machine, t_end, model),
         }
+    }
+}
+
+// The columns in flight and in contact: through the steps of the motion, shorter ones where the
+// columns need them.
+
+/// Steps that are given up for the columns before one is taken as it is.
+const RETRIES: u32 = 40;
+/// How far the step onto an impact may be moved to it, relative to its length.
+const NUDGE: f64 = 1e-4;
+
+impl VariationalRun<'_> {
+    /// A step, shorter ones until the columns are within the tolerances too.
+    pub(super) fn fly_within<E, D: DifferentiableDynamics<E>>(
+        &mut self,
+        machine: &mut MechanicalIntegrator,
+        t_end: f64,
+        model: &mut Model<'_, D>,
+    ) -> Result<Piece, Failure<E>> {
+        let (visited, closed) = (self.columns.visited, machine.state().closed());
+        let before = machine.save();
+        let order = machine.motion().last().order_of_error();
+        let shortest = 16.0 * f64::EPSILON * before.state().now().t.abs();
+        for retry in 0.. {
+            let piece = machine.advance(t_end, model)?;
+            let h = machine.motion().last().h;
+            self.columns.visited = visited.filter(|_| retry == 0);
+            self.columns.advance(machine.motion().last(), closed, model)?;
+            let error = self.error(machine, model)?;
+            let factor = factor(error, order);
+            if error <= 1.0 || retry == RETRIES || h <= shortest {
+                if error > 0.0 {
+                    let longest = h * factor.clamp(FACTORS.0, FACTORS.1);
+                    machine.motion_mut().steps_mut().limit_next(longest);
+                }
+                self.flew(machine, model)?;
+                return Ok(piece);
+            }
+            machine.give_up_step(&before, shorter(factor) * h);
+        }
+        Err(Failure::Status(Status::Internal))
+    }
+
+    fn error<E, D: DifferentiableDynamics<E>>(
+        &mut self,
+        machine: &MechanicalIntegrator,
+        model: &mut Model<'_, D>,
+    ) -> Result<f64, Failure<E>> {
+        if !self.controlled || !machine.settings().adaptive {
+            return Ok(0.0);
+        }
+        let tolerances = tolerances(machine.settings());
+        self.columns.error(machine.motion().last(), &tolerances, (self.sizes, &self.lost), model)
+    }
+
+    /// What a step that was taken adds: samples, minima, the end of the columns.
+    pub(super) fn flew<E, D: DifferentiableDynamics<E>>(
+        &mut self,
+        machine: &mut MechanicalIntegrator,
+        model: &mut Model<'_, D>,
+    ) -> Result<(), Failure<E>> {
+        self.note_height(machine);
+        let (total, t) = (machine.motion().length(), machine.state().now().t);
+        let mut onto = None;
+        let closed = self.columns.closed;
+        if (total - machine.motion().last().h).abs() > NUDGE * machine.motion().last().h {
+            // the event was found on the polynomials, away from the end of the step
+            let mut stages = machine.motion().last().clone();
+            let (from, size) = (stages.from.clone(), self.columns.size());
+            let slope: Vec<f64> = (0..size).map(|c| stages.start_slope(c)).collect();
+            stages.step(&from, &slope, total, &mut self.motion(closed, model))?;
+            self.columns.visited = None;
+            self.columns.advance(&stages, closed, model)?;
+            onto = Some(stages);
+        }
+        if let Next::Step = machine.next() {
+            self.minima(machine, model)?;
+        }
+        let stages = onto.as_ref().unwrap_or(machine.motion().last());
+        self.sample(stages, t, model)?;
+        self.columns.take(stages, total - stages.h, model)?;
+        if !closed.is_empty() {
+            self.columns.visit(model, machine.state().now(), closed)?;
+            self.columns.project(closed, machine.state().now())?;
+        }
+        Ok(())
+    }
+
+    /// The motion itself, evaluated aside.
+    fn motion<'r, 'm, D>(
+        &'r mut self,
+        closed: GapSet,
+        model: &'r mut Model<'m, D>,
+    ) -> InContact<'r, 'm, D> {
+        InContact {
+            mode: closed.into(),
+            kinetics: &mut self.columns.local.kinetics,
+            model,
+            at_end: None,
+        }
+    }
+
+    /// Minima of the gaps within the step.
+    fn minima<E, D: DifferentiableDynamics<E>>(
+        &mut self,
+        machine: &mut MechanicalIntegrator,
+        model: &mut Model<'_, D>,
+    ) -> Result<(), Failure<E>> {
+        let (Layout { n, m, .. }, size) = (self.columns.layout, self.columns.size());
+        let closed = self.columns.closed;
+        for gap in (0..m).filter(|&gap| !closed.has(gap)) {
+            let (from, end) = (
+                machine.motion().last().from.xdot[n + gap],
+                machine.motion().last().end.xdot[n + gap],
+            );
+            if !(from < 0.0 && end > 0.0) {
+                continue;
+            }
+            let stages = machine.motion_mut().steps_mut().last_mut();
+            stages.complete(&mut self.motion(closed, model))?;
+            let [x, rate] = stages.polynomials_of(n + gap);
+            let Some(theta) = rate.negated().first_negative() else { continue };
+            self.columns.complete(stages, model)?;
+            let rates: Vec<f64> = (0..self.count())
+                .map(|column| {
+                    let entry = column * size + n + gap;
+                    self.columns.steps.polynomials_of(entry)[0].at(theta)
+                })
+                .collect();
+            let t = stages.from.t + theta * stages.h;
+            self.validity.note(Limit::Minimum, t, x.at(theta), rates);
+        }
+        Ok(())
+    }
+
+    /// Samples within the last step, before `until`.
+    fn sample<E, D: DifferentiableDynamics<E>>(
+        &mut self,
+        stages: &Stages,
+        until: f64,
+        model: &mut Model<'_, D>,
+    ) -> Result<(), Failure<E>> {
+        let (n, size) = (self.columns.layout.n, self.columns.size());
+        while let Some(t) = self.next_time().filter(|&t| t < until) {
+            self.columns.complete(stages, model)?;
+            let theta = ((t - stages.from.t) / stages.h).clamp(0.0, 1.0);
+            for part in 0..2 {
+                for column in 0..self.count() {
+                    for c in 0..n {
+                        let entry = column * size + c;
+                        let curves = self.columns.steps.polynomials_of(entry);
+                        self.samples.push(curves[part].at(theta));
+                    }
+                }
+            }
+        }
+        Ok(())
+    }
+}
+
+// Impacts: the saltation of the columns.
+//
+// ```text
+// dt = -dY/Y'-        D z- = dz- + z'- dt        M D w+ - N_S^T DP = ..., N_S D w+ + ... = D g'+
+// D g'+_i = -A_i' D g'-_i + dA_i                 dz+ = D z+ - z'+ dt
+// ```
+//
+// with `A_i(-g'-_i)` the speed after an impact by the law of the gap, by Newton's `-e_i g'-_i`, and
+// `S` the gaps that have an impulse: the solution of the complementarity problem is differentiable
+// where it is strict, every other closed gap opens at a speed or is orthogonal.
+
+/// A rate of a closed gap that an orthogonal impact should leave, relative to the others.
+const KINK: f64 = 1e-7;
+
+/// What an impact did.
+struct Struck {
+    before: State,
+    /// Accelerations before it.
+    slope: Vec<f64>,
+    closed: GapSet,
+    /// The gaps that were hit, and those with an impulse.
+    hit: GapSet,
+    set: GapSet,
+    impulses: Vec<f64>,
+}
+
+/// Derivatives along an event, by one column.
+#[derive(Clone, Debug, Default)]
+struct Shifted {
+    dt: f64,
+    /// Coordinates and gaps, velocities and rates.
+    x: Vec<f64>,
+    v: Vec<f64>,
+}
+
+impl VariationalRun<'_> {
+    /// Through an impact.
+    pub(super) fn strike<E, D: DifferentiableDynamics<E>>(
+        &mut self,
+        machine: &mut MechanicalIntegrator,
+        t_end: f64,
+        model: &mut Model<'_, D>,
+    ) -> Result<Piece, Failure<E>> {
+        let (before, closed, from) =
+            (machine.state().now().clone(), machine.state().closed(), machine.occurrences().len());
+        self.columns.visit(model, &before, closed)?;
+        let slope = self.columns.local.kinetics.acceleration.clone();
+        let piece = machine.advance(t_end, model)?;
+        machine.state_mut().know(model)?;
+        let (mut hit, mut set, mut impulses) = (GapSet::EMPTY, GapSet::EMPTY, Vec::new());
+        for it in &machine.occurrences()[from..] {
+            if let Occurrence::Impact { gap, before, impulse, .. } = *it {
+                if before < 0.0 {
+                    hit = hit.with(GapSet::of(gap));
+                }
+                if impulse > 0.0 {
+                    set = set.with(GapSet::of(gap));
+                    impulses.push(impulse);
+                }
+            }
+        }
+        let struck = Struck { before, slope, closed, hit, set, impulses };
+        let shifted = self.through(&struck, machine)?;
+        if shifted.is_empty() {
+            let unknown = vec![f64::NAN; self.count()];
+            self.note_events(machine, from, |_| None, |_| None, &unknown);
+            return Ok(piece);
+        }
+        let n = self.columns.layout.n;
+        let dt: Vec<f64> = shifted.iter().map(|it| it.dt).collect();
+        let stops = self.stops(&struck, &shifted, machine, model)?;
+        let impact = |gap: usize| {
+            let du = shifted.iter().map(|it| it.v[n + gap]).collect();
+            Some((dt.clone(), du))
+        };
+        self.note_events(machine, from, impact, |_| Some(dt.clone()), &stops);
+        self.land_columns(&shifted, machine);
+        self.weigh(&struck, &shifted, machine, model)?;
+        Ok(piece)
+    }
+
+    /// The derivatives along the impact of the state after it; the columns are lost where there are
+    /// none.
+    fn through<E>(
+        &mut self,
+        struck: &Struck,
+        machine: &MechanicalIntegrator,
+    ) -> Result<Vec<Shifted>, Failure<E>> {
+        let (Layout { n, m, .. }, size) = (self.columns.layout, self.columns.size());
+        let (t, Struck { before, slope, closed, hit, set, impulses }) =
+            (machine.state().now().t, struck);
+        let mut hits = hit.iter();
+        let (Some(gap), None) = (hits.next(), hits.next()) else {
+            self.lose_all(t);
+            return Ok(Vec::new());
+        };
+        let c = n + gap;
+        self.note_depth(struck, c);
+        let mut all = Vec::with_capacity(self.count());
+        let (rtol, atol) = (machine.settings().rtol, machine.settings().atol);
+        for column in 0..self.count() {
+            let end = &self.columns.now;
+            let (x, v) = (&end.x[column * size..][..size], &end.xdot[column * size..][..size]);
+            let dt = -x[c] / before.xdot[c];
+            let mut x: Vec<f64> = x.iter().zip(&before.xdot).map(|(x, v)| x + dt * v).collect();
+            let mut v: Vec<f64> = v.iter().zip(slope).map(|(v, a)| v + dt * a).collect();
+            x[c] = 0.0;
+            let largest = |of: &[f64]| of.iter().fold(0.0_f64, |a, b| a.max(b.abs()));
+            let tolerance = atol[1] + rtol * largest(&before.xdot);
+            let noise = KINK * (largest(&x) + largest(&v)) + 100.0 * tolerance / self.sizes[column];
+            let (w, rates) = v.split_at_mut(n);
+            let parameter = self.columns.parameter[column];
+            let local = &mut self.columns.local;
+            let row = local.along(Direction { t: dt, q: &x[..n], w, parameter });
+            let wrt = self.columns.wrt[column];
+            let after = &machine.state().now().xdot;
+            let stays = |i: usize| i == gap && machine.state().closed().has(i);
+            let target = |i: usize| match i {
+                i if stays(i) || i != gap => 0.0,
+                _ => {
+                    let (law, v) = (machine.law(i), -before.xdot[n + i]);
+                    -law.slope(v) * rates[i] + wrt.of_law(i, |parameter| law.by(parameter, v))
+                }
+            };
+            let wanted: Vec<f64> = (0..m).map(target).collect();
+            let how =
+                Exchange { set: *set, impulses, before: &before.xdot[..n], after: &after[..n] };
+            local.exchange(&how, &row, |i| wanted[i], w, rates)?;
+            let kink = |i: usize| rates[i].abs() > noise && after[n + i] == 0.0;
+            if closed.without(*set).iter().any(kink) {
+                self.lose(column, t);
+            }
+            all.push(Shifted { dt, x, v });
+        }
+        Ok(all)
+    }
+
+    /// An impact that is pulled off may vanish: `v^2/(2 a)` is how much higher its lowest point may
+    /// be.
+    fn note_depth(&mut self, struck: &Struck, c: usize) {
+        let (v, a) = (struck.before.xdot[c], struck.slope[c]);
+        if a > 0.0 {
+            let size = self.columns.size();
+            let x = &self.columns.now.x;
+            let rates = (0..self.count()).map(|column| x[column * size + c]);
+            self.validity.note(Limit::Impact, struck.before.t, v * v / (2.0 * a), rates);
+        }
+    }
+
+    /// The derivatives of the time at which a gap closes that the impact stops: with `e > 0` it
+    /// would bounce for `2 u/a` more.
+    fn stops<E, D: DifferentiableDynamics<E>>(
+        &mut self,
+        struck: &Struck,
+        shifted: &[Shifted],
+        machine: &MechanicalIntegrator,
+        model: &mut Model<'_, D>,
+    ) -> Result<Vec<f64>, Failure<E>> {
+        let n = self.columns.layout.n;
+        let mut dt: Vec<f64> = shifted.iter().map(|it| it.dt).collect();
+        let Some(gap) = struck.hit.iter().find(|&gap| machine.state().closed().has(gap)) else {
+            return Ok(dt);
+        };
+        let kinetics = &mut self.columns.local.kinetics;
+        let now = machine.state().now();
+        kinetics.evaluate(model, now.t, &now.x[..n], &now.xdot[..n])?;
+        kinetics.determined_contact(struck.closed)?;
+        self.columns.visited = None;
+        let pull = -kinetics.acceleration[n + gap];
+        if pull > 0.0 {
+            for (column, dt) in dt.iter_mut().enumerate() {
+                let (law, v) = (machine.law(gap), -struck.before.xdot[n + gap]);
+                let du = self.columns.wrt[column].of_law(gap, |parameter| law.by(parameter, v));
+                *dt += 2.0 * du / pull;
+            }
+        }
+        Ok(dt)
+    }
+
+    /// The columns at a fixed time after an event, from the derivatives along it.
+    fn land_columns(&mut self, shifted: &[Shifted], machine: &MechanicalIntegrator) {
+        let size = self.columns.size();
+        let end = &mut self.columns.now;
+        for (column, it) in shifted.iter().enumerate() {
+            for c in 0..size {
+                end.x[column * size + c] = it.x[c] - it.dt * machine.state().now().xdot[c];
+                end.xdot[column * size + c] = it.v[c] - it.dt * machine.state().slope()[c];
+            }
+            close(column * size + self.columns.layout.n, machine.state().closed(), end);
+        }
+        self.blank();
+    }
+
+    /// The part of the impact in its chain, and whether the derivatives of a Zeno point are known as
+    /// well as the point.
+    fn weigh<E, D: DifferentiableDynamics<E>>(
+        &mut self,
+        struck: &Struck,
+        shifted: &[Shifted],
+        machine: &mut MechanicalIntegrator,
+        model: &mut Model<'_, D>,
+    ) -> Result<(), Failure<E>> {
+        let Some(&last) = machine.chain().bounces().last() else { return Ok(()) };
+        let key = machine.chain().key();
+        if last.t != machine.state().now().t || key.hit != struck.hit {
+            return Ok(());
+        }
+        self.note_chain(shifted, machine, model)?;
+        if !matches!(machine.next(), Next::Jump(ahead) if ahead.corner.is_none()) {
+            return Ok(());
+        }
+        let (scales, rtol) = (machine.scales(last), machine.settings().rtol);
+        let gap = struck.hit.iter().next().unwrap_or_default();
+        let mut known = true;
+        self.zeno.clear();
+        for (column, chain) in self.chains.iter().enumerate() {
+            let size = self.sizes[column];
+            let law = machine.law(gap);
+            let de = self.columns.wrt[column].of_law(gap, |parameter| law.limit_by(parameter));
+            let scale = |c: usize, rate: f64| scales[c] / size + rtol * rate.abs();
+            match chain.landing(machine.chain(), de, scale) {
+                Some(zeno) => {
+                    known &= self.lost[column] || zeno.size <= 1.0;
+                    self.zeno.push(zeno);
+                }
+                None => known = false,
+            }
+        }
+        if !known && !machine.chain().is_over() && self.zeno_wanted() {
+            machine.cancel_jump();
+        }
+        Ok(())
+    }
+
+    /// Notes the last impact of a chain.
+    fn note_chain<E, D: DifferentiableDynamics<E>>(
+        &mut self,
+        shifted: &[Shifted],
+        machine: &mut MechanicalIntegrator,
+        model: &mut Model<'_, D>,
+    ) -> Result<(), Failure<E>> {
+        let (Layout { n, m, .. }, size, key) =
+            (self.columns.layout, self.columns.size(), machine.chain().key());
+        let (set, now) = (key.landed.closed, machine.state().now().clone());
+        let Some(gap) = key.hit.iter().next() else { return Ok(()) };
+        let z = machine.state_mut().without_speeds(set)?;
+        let w = &z[size..][..n];
+        // the state without the bounce, and how it moves along the event
+        let local = &mut self.columns.local;
+        local.visit(model, now.t, &now.x[..n], &now.xdot[..n])?;
+        local.kinetics.solve_regular(set, |_, i| -now.xdot[n + i])?;
+        let impulses = local.kinetics.solved()[..set.len()].to_vec();
+        let how = Exchange { set, impulses: &impulses, before: &now.xdot[..n], after: w };
+        let mut moved = Vec::with_capacity(shifted.len());
+        for (column, it) in shifted.iter().enumerate() {
+            let parameter = self.columns.parameter[column];
+            let row = local.along(Direction { t: it.dt, q: &it.x[..n], w: &it.v[..n], parameter });
+            let mut v = it.v.clone();
+            let (of_w, rates) = v.split_at_mut(n);
+            local.exchange(&how, &row, |_| 0.0, of_w, rates)?;
+            let mut x = it.x.clone();
+            set.iter().for_each(|i| x[n + i] = 0.0);
+            moved.push([x, v].concat());
+        }
+        // the pull on the gap, and the motion in contact
+        local.visit(model, now.t, &now.x[..n], w)?;
+        let mut pulls = Vec::with_capacity(shifted.len());
+        local.kinetics.determined_contact(key.flight.closed)?;
+        for (column, (it, dz)) in shifted.iter().zip(&moved).enumerate() {
+            let (q, w, parameter) = (&dz[..n], &dz[size..][..n], self.columns.parameter[column]);
+            let row = local.along(Direction { t: it.dt, q, w, parameter });
+            pulls.push(-local.acceleration(key.flight.closed, &row)?.0[n + gap]);
+        }
+        local.kinetics.determined_contact(set)?;
+        let flow = [&z[size..], &local.kinetics.acceleration[..]].concat();
+        for (column, (it, dz)) in shifted.iter().zip(&moved).enumerate() {
+            let (q, w, parameter) = (&dz[..n], &dz[size..][..n], self.columns.parameter[column]);
+            let row = local.along(Direction { t: it.dt, q, w, parameter });
+            let (turned, _) = local.acceleration(set, &row)?;
+            let by_flow = [&dz[size..], &turned[..]].concat();
+            let rate = Rate {
+                dt: it.dt,
+                du: it.v[n + gap],
+                dg: pulls[column],
+                de: self.columns.wrt[column].of_law(gap, |by| machine.law(gap).limit_by(by)),
+                flow: [&flow, &by_flow],
+                dz,
+            };
+            self.chains[column].note(machine.chain(), &rate);
+        }
+        debug_assert_eq!(flow.len(), 2 * (n + m));
+        self.columns.visited = None;
+        Ok(())
+    }
+}
+
+/// Zeros for the closed gaps of the column whose gaps start at an entry.
+fn close(first: usize, closed: GapSet, end: &mut State) {
+    for i in closed.iter() {
+        (end.x[first + i], end.xdot[first + i]) = (0.0, 0.0);
+    }
+}
+
+// Where contact begins and ends: Zeno points, corners, lift-offs.
+//
+// ```text
+// Zeno point   dz = D z_inf - F dt_inf, in the manifold of the contacts
+// lift-off     dt = -dlambda/lambda' along the motion in contact; the columns go on
+// ```
+
+impl VariationalRun<'_> {
+    /// Whether a Zeno point has to wait for its derivatives.
+    pub(super) fn zeno_wanted(&self) -> bool {
+        self.controlled
+    }
+
+    /// Through the rest of an accumulation.
+    pub(super) fn jump<E, D: DifferentiableDynamics<E>>(
+        &mut self,
+        machine: &mut MechanicalIntegrator,
+        t_end: f64,
+        model: &mut Model<'_, D>,
+    ) -> Result<Piece, Failure<E>> {
+        let corner = matches!(machine.next(), Next::Jump(ahead) if ahead.corner.is_some());
+        let (from, key) = (machine.occurrences().len(), machine.chain().key());
+        let piece = machine.advance(t_end, model)?;
+        let t = machine.state().now().t;
+        self.fill_samples(t);
+        if corner || self.zeno.len() != self.count() {
+            let unknown = vec![f64::NAN; self.count()];
+            self.note_events(machine, from, |_| None, |_| None, &unknown);
+            self.lose_all(t);
+            self.hold(machine, model)?;
+            return Ok(piece);
+        }
+        let dt: Vec<f64> = self.zeno.iter().map(|zeno| zeno.t).collect();
+        self.note_events(machine, from, |_| None, |_| Some(dt.clone()), &dt);
+        let (Layout { n, .. }, size) = (self.columns.layout, self.columns.size());
+        let end = &mut self.columns.now;
+        for (column, zeno) in self.zeno.iter().enumerate() {
+            let dz = zeno.state();
+            for c in 0..size {
+                let entry = column * size + c;
+                end.x[entry] = dz[c] - zeno.t * machine.state().now().xdot[c];
+                end.xdot[entry] = dz[size + c] - zeno.t * machine.state().slope()[c];
+            }
+        }
+        self.columns.visit(model, machine.state().now(), machine.state().closed())?;
+        if let Some(gap) = key.hit.iter().next() {
+            self.note_pull(n + gap, machine)?;
+        }
+        self.columns.project(machine.state().closed(), machine.state().now())?;
+        self.hold(machine, model)?;
+        self.zeno.clear();
+        Ok(piece)
+    }
+
+    /// At a Zeno point the pull on the gap has to stay a pull.
+    fn note_pull<E>(&mut self, c: usize, machine: &MechanicalIntegrator) -> Result<(), Failure<E>> {
+        let n = self.columns.layout.n;
+        let key_closed = machine.state().closed().without(GapSet::of(c - n));
+        let local = &mut self.columns.local;
+        local.kinetics.determined_contact(key_closed)?;
+        let pull = -local.kinetics.acceleration[c];
+        let mut rates = Vec::with_capacity(self.zeno.len());
+        for (column, zeno) in self.zeno.iter().enumerate() {
+            let dz = zeno.state();
+            let size = dz.len() / 2;
+            let (q, w) = (&dz[..n], &dz[size..][..n]);
+            let parameter = self.columns.parameter[column];
+            let row = local.along(Direction { t: zeno.t, q, w, parameter });
+            rates.push(local.acceleration(key_closed, &row)?.0[c]);
+        }
+        local.kinetics.determined_contact(machine.state().closed())?;
+        if pull > 0.0 {
+            self.validity.note(Limit::Zeno, machine.state().now().t, pull, rates);
+        }
+        Ok(())
+    }
+
+    /// Where the force of a contact vanishes.
+    pub(super) fn release<E, D: DifferentiableDynamics<E>>(
+        &mut self,
+        machine: &mut MechanicalIntegrator,
+        t_end: f64,
+        model: &mut Model<'_, D>,
+    ) -> Result<Piece, Failure<E>> {
+        let (Layout { n, .. }, size) = (self.columns.layout, self.columns.size());
+        let (closed, now, from) =
+            (machine.state().closed(), machine.state().now().clone(), machine.occurrences().len());
+        self.columns.visit(model, &now, closed)?;
+        let local = &mut self.columns.local;
+        let a = local.kinetics.acceleration[..n].to_vec();
+        let onwards = Direction { t: 1.0, q: &now.xdot[..n], w: &a, parameter: None };
+        let row = local.along(onwards);
+        let (_, fall) = local.acceleration(closed, &row)?;
+        let mut rates = Vec::with_capacity(self.sizes.len());
+        for (column, parameter) in self.columns.parameter.iter().enumerate() {
+            let end = &self.columns.now;
+            let (q, w) = (&end.x[column * size..][..n], &end.xdot[column * size..][..n]);
+            let row = local.along(Direction { t: 0.0, q, w, parameter: *parameter });
+            rates.push(local.acceleration(closed, &row)?.1);
+        }
+        let piece = machine.advance(t_end, model)?;
+        let dt = |gap: usize| {
+            let one = |rate: &Vec<f64>| match rate[gap] {
+                0.0 => 0.0,
+                rate => -rate / fall[gap],
+            };
+            Some(rates.iter().map(one).collect::<Vec<f64>>())
+        };
+        self.note_events(machine, from, |_| None, dt, &[]);
+        let together = machine.occurrences()[from..]
+            .iter()
+            .any(|it| matches!(it, Occurrence::Flag { kind: FlagKind::Simultaneous, .. }));
+        if together {
+            self.lose_all(machine.state().now().t);
+        }
+        Ok(piece)
     }
 }

@@ -5,14 +5,14 @@ pub(crate) mod series;
 
 use std::sync::Arc;
 
-use super::lookahead::Deviation;
 use super::mode::{Flight, Mode};
 use super::path::{Curve, DensePath};
-use super::point::Point;
 use super::settings::SwitchedRk;
 use super::stages::{Counted, Stages};
 use crate::piecewise::steps::Steps;
-use crate::record::failure::Failure;
+use crate::record::status::Failure;
+use crate::switched::accumulation::Deviation;
+use crate::switched::mode::Point;
 use crate::{Force, Status};
 use rk::PairSteps;
 use series::{FlightPart, Linear, Reach, SeriesFlight, Table};

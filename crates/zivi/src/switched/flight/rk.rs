@@ -2,16 +2,13 @@
 
 use super::series::Arrival;
 use crate::numeric::bernstein::Bernstein;
-use crate::numeric::stages::Equation;
-use crate::numeric::step_error::StepError;
-use crate::numeric::step_size::{factor, FACTORS};
+use crate::numeric::stages::{factor, Equation, StepError, FACTORS};
 use crate::piecewise::flight::{Root, StepDecision, SteppedFlight};
 use crate::piecewise::steps::{Start, StepHistory, Steps};
-use crate::record::failure::Failure;
-use crate::switched::lookahead::Deviation;
-use crate::switched::mode::{Flight, Mode};
+use crate::record::status::Failure;
+use crate::switched::accumulation::Deviation;
+use crate::switched::mode::{Flight, Mode, Point};
 use crate::switched::path::Curve;
-use crate::switched::point::Point;
 use crate::switched::settings::SwitchedRk;
 use crate::switched::stages::{Counted, Stages};
 use crate::{Dependence, Force, Status};

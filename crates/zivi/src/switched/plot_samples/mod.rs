@@ -7,31 +7,27 @@
 //! short for the fastest wave that it consists of. Times and positions are found in one go, all
 //! other quantities when they are asked for.
 
-mod apexes;
-mod contact;
-mod merged;
 mod outline;
-mod scale;
-mod tail;
 #[cfg(test)]
 mod tests;
-mod times;
 
+use crate::record::columns::QUANTITIES;
+use crate::switched::flight::series::TERMS;
+use crate::switched::path::{Curve, DensePath, Kind};
+use crate::switched::plot_samples::outline::{Guesses, Outline};
+use crate::zeno::tail::Tail;
+use crate::PathPoint;
+use pulp::{Simd, WithSimd};
 use std::collections::TryReserveError;
 
-use pulp::{Simd, WithSimd};
-
-use super::flight::series::TERMS;
-use super::path::{Curve, DensePath, Kind};
-use crate::record::columns::QUANTITIES;
-use crate::PathPoint;
-
-use apexes::Guesses;
-use merged::Merged;
-use outline::Outline;
-use scale::{joined, Scale};
-use tail::draw_tail;
-use times::{divide, insert};
+// Samples between the ends of steps, so that lines through all of them draw the motion.
+//
+// A step of high order spans a whole flight; a line between its ends shows none of it. The
+// polynomials of the dense output say how far they are from straight: over `n` equal parts of a
+// step a line is off by at most `max |p''|/(8 n^2)`. Bernstein coefficients bound `|p''|` of an
+// embedded pair; that of a power series follows from its values at three points, since steps are
+// short for the fastest wave that it consists of. Times and positions are found in one go, all
+// other quantities when they are asked for.
 
 /// A line may be off by this part of the height of what it draws: of a step, and of those before
 /// and after it in the same flight.
@@ -261,4 +257,341 @@ fn planned<S: Simd>(
 
 pub(in crate::switched) fn row(t: f64, PathPoint { x, xdot, sigma }: PathPoint) -> Row {
     [t, x, xdot, sigma]
+}
+
+// How high and fast a run is, and into how many parts lines divide its steps.
+
+/// The largest distance and speed of a run.
+#[derive(Clone, Copy, Debug)]
+struct Scale {
+    x: f64,
+    xdot: f64,
+}
+
+impl Scale {
+    /// By what the steps start from, and how high a parabola goes from there.
+    #[inline(always)]
+    fn of(path: &DensePath) -> Self {
+        let (mut highest, mut fastest) = (0.0, 0.0);
+        for segment in &path.segments {
+            let Some([x, v, bend]) = path.first_powers(segment) else { continue };
+            let top = if bend < 0.0 && v < -2.0 * bend { -0.5 * v / bend } else { 1.0 };
+            let above = if v > 0.0 { top * (v + bend * top) } else { 0.0 };
+            highest = larger(x + above, highest);
+            fastest = larger(v.abs() / path.length_of(segment), fastest);
+        }
+        Self { x: highest, xdot: fastest }
+    }
+
+    /// Into how many parts lines divide so much of a step.
+    #[inline(always)]
+    fn parts(&self, part: f64, bends: [f64; 2], [x, xdot]: [[f64; 2]; 2]) -> f64 {
+        let of_x = bends[0] / height(x, LOW * self.x);
+        let of_xdot = bends[1] / height(xdot, LOW * self.xdot);
+        // sqrt(max |p''|/(8 FLATNESS height))
+        let parts = (larger(of_x, of_xdot) * (0.125 / FLATNESS)).sqrt();
+        (part * parts).ceil().clamp(1.0, MOST_PARTS)
+    }
+}
+
+/// The largest absolute value in a range.
+#[inline(always)]
+fn largest([least, most]: [f64; 2]) -> f64 {
+    larger(least.abs(), most.abs())
+}
+
+/// The smaller of two numbers, the second unless the first is smaller than it.
+#[inline(always)]
+fn smaller(a: f64, b: f64) -> f64 {
+    if a < b {
+        a
+    } else {
+        b
+    }
+}
+
+#[inline(always)]
+fn larger(a: f64, b: f64) -> f64 {
+    if a > b {
+        a
+    } else {
+        b
+    }
+}
+
+/// The least and the largest of some numbers.
+#[inline(always)]
+fn range(all: impl Iterator<Item = f64>) -> [f64; 2] {
+    all.fold([f64::INFINITY, f64::NEG_INFINITY], |[least, most], it| {
+        [smaller(it, least), larger(it, most)]
+    })
+}
+
+/// The range of both.
+#[inline(always)]
+fn joined(a: [f64; 2], b: [f64; 2]) -> [f64; 2] {
+    [smaller(a[0], b[0]), larger(a[1], b[1])]
+}
+
+/// The height of what is drawn, at least `low`.
+#[inline(always)]
+fn height([least, most]: [f64; 2], low: f64) -> f64 {
+    larger(larger(most - least, low), f64::MIN_POSITIVE)
+}
+
+// When a step is sampled.
+
+/// Samples that are nearer to one another than so many units in the last place of the time are one.
+const SAME: f64 = 4.0;
+
+/// Notes the times that divide a span into so many parts, and says how many there are.
+#[inline(always)]
+fn divide((start, end): (f64, f64), parts: f64, times: &mut [f64; MOST]) -> usize {
+    let length = end - start;
+    // false for NaN, too
+    let told_apart = length > SAME * parts * ulp(end);
+    let (count, part) = if told_apart { (parts as i32 - 1, length / parts) } else { (0, 0.0) };
+    let count = count.max(0) as usize;
+    for (k, times) in times.chunks_exact_mut(LANES).enumerate().take(count.div_ceil(LANES)) {
+        for (l, t) in times.iter_mut().enumerate() {
+            *t = start + (LANES * k + l + 1) as f64 * part;
+        }
+    }
+    count
+}
+
+/// Notes a time within a span unless there is one already, and says how many there are.
+#[inline(always)]
+fn insert(t: f64, (start, end): (f64, f64), (times, count): (&mut [f64; MOST], usize)) -> usize {
+    let mut at = count;
+    while at > 0 && times[at - 1] >= t {
+        at -= 1;
+    }
+    let before = if at > 0 { times[at - 1] } else { start };
+    let after = if at < count { times[at] } else { end };
+    let least = SAME * ulp(t);
+    if !(t - before > least && after - t > least) {
+        return count;
+    }
+    times.copy_within(at..count, at + 1);
+    times[at] = t;
+    count + 1
+}
+
+/// The unit in the last place.
+fn ulp(t: f64) -> f64 {
+    t.abs().next_up() - t.abs()
+}
+
+// The last moment before an impact.
+
+/// Moments before an impact that are looked at, each twice as far from it as the one before.
+const MOMENTS: usize = 10;
+
+/// The last moment before an impact at the end of a step that can be told from it, above the wall,
+/// and how far.
+#[cold]
+fn before_contact(curve: &Curve, end: f64) -> Option<(f64, f64)> {
+    let moments = moments(end);
+    let mut first = 0;
+    while first < MOMENTS {
+        let mut t = [end; LANES];
+        let count = LANES.min(MOMENTS - first);
+        t[..count].copy_from_slice(&moments[first..first + count]);
+        let x = curve.positions(&t);
+        for k in 0..count {
+            if x[k] > 0.0 {
+                return Some((t[k], x[k]));
+            }
+        }
+        first += LANES;
+    }
+    None
+}
+
+/// Moments before an impact that are looked at.
+#[inline(always)]
+fn moments(t: f64) -> [f64; MOMENTS] {
+    let ulp = t - t.next_down();
+    let mut moments = [t; MOMENTS];
+    for (k, moment) in moments.iter_mut().enumerate() {
+        *moment -= f64::from(1 << k) * ulp;
+    }
+    moments
+}
+
+// The arcs of an accumulation.
+
+/// How many arcs of a tail are drawn: those higher than this part of the highest.
+const ARCS: usize = 64;
+const FINEST: f64 = 1e-3;
+
+fn draw_tail(
+    tail: &Tail,
+    end: f64,
+    scale: Scale,
+    rows: &mut Vec<Row>,
+) -> Result<(), TryReserveError> {
+    for arc in (0..ARCS).map_while(|m| tail.arc(m)) {
+        // the height of an arc, u h/4
+        let height = 0.25 * arc.u * (arc.end - arc.start);
+        if arc.start >= end || height < FINEST * scale.x {
+            break;
+        }
+        // a line is off by the height over the square of them; the apex is in the middle
+        let flat = FLATNESS * larger(height, LOW * scale.x);
+        let parts = 2.0 * (0.5 * (height / flat).sqrt()).ceil();
+        rows.try_reserve(parts as usize + 2)?;
+        let mut push = |t: f64| rows.push(row(t, arc.at(t)));
+        if arc.start > tail.start() {
+            push(arc.start);
+        }
+        let mut last = arc.start;
+        for k in 1..parts as usize {
+            let t = arc.start + k as f64 / parts * (arc.end - arc.start);
+            if arc.start < t && t < arc.end.min(end) {
+                push(t);
+                last = t;
+            }
+        }
+        if arc.end < end {
+            let before = moments(arc.end).into_iter().find(|&t| arc.at(t).x > 0.0);
+            before.into_iter().filter(|&t| t > last).for_each(push);
+        }
+    }
+    Ok(())
+}
+
+// Samples of steps and those between them, merged.
+
+/// Samples at the ends of steps and those between them, in the order of time: where there is one
+/// already it stays.
+struct Merged<'a> {
+    all: PlotSamples,
+    /// Times and positions.
+    steps: [&'a [f64]; 2],
+    next: usize,
+    segments: usize,
+}
+
+impl<'a> Merged<'a> {
+    fn new(steps: [&'a [f64]; 2], segments: usize) -> Self {
+        Self { all: PlotSamples::default(), steps, next: 0, segments }
+    }
+
+    /// Makes room for so many more samples of a segment besides those of the steps.
+    #[inline(always)]
+    fn make_room(&mut self, count: usize, segment: usize) -> Result<(), TryReserveError> {
+        let PlotSamples { t, x, runs, .. } = &self.all;
+        let left = self.steps[0].len() - self.next;
+        let room = (t.capacity() - t.len()).min(x.capacity() - x.len());
+        if room >= count + left && runs.capacity() - runs.len() > left + 1 {
+            return Ok(());
+        }
+        self.grow(count, segment)
+    }
+
+    /// As far as the segments so far lead to expect.
+    #[cold]
+    fn grow(&mut self, count: usize, segment: usize) -> Result<(), TryReserveError> {
+        /// Segments after which that is known, and samples of one before.
+        const KNOWN: usize = 40;
+        const USUAL: f64 = 16.0;
+        let PlotSamples { t, x, runs, .. } = &mut self.all;
+        let left = self.steps[0].len() - self.next;
+        let (each, ahead) = match segment {
+            0..KNOWN => (USUAL, (self.segments - segment).min(2 * KNOWN)),
+            _ => (1.05 * t.len() as f64 / segment as f64, self.segments - segment),
+        };
+        let expected = (each * ahead as f64).min(BUDGET) as usize;
+        let count = (count + left).max(expected).max(t.len() / 8);
+        for list in [t, x] {
+            list.try_reserve_exact(count)?;
+        }
+        runs.try_reserve(2 * left + 2)
+    }
+
+    /// Those of the steps up to a time.
+    #[inline(always)]
+    fn pass(&mut self, t: f64) {
+        while let Some(&step) = self.steps[0].get(self.next).filter(|&&step| step <= t) {
+            if self.all.t.last() != Some(&step) {
+                self.all.t.push(step);
+                self.all.x.push(self.steps[1][self.next]);
+                self.all.note(Source::Steps(self.next), 1);
+            }
+            self.next += 1;
+        }
+    }
+
+    /// Adds those of a curve at the first of these times, so many, for which there is room, and for
+    /// [`LANES`] more.
+    #[inline(always)]
+    fn push(&mut self, curve: &Curve, times: &[f64; MOST], count: usize) {
+        let PlotSamples { t, x, .. } = &mut self.all;
+        let all = t.len() + count;
+        for times in times.chunks_exact(LANES).take(count.div_ceil(LANES)) {
+            let mut at = [0.0; LANES];
+            at.copy_from_slice(times);
+            t.extend_from_slice(&at);
+            x.extend_from_slice(&curve.positions(&at));
+        }
+        t.truncate(all);
+        x.truncate(all);
+    }
+
+    /// Moves the last sample, just before an impact, back to where it can be told from it, if it
+    /// cannot: one of those from this one on, or none.
+    #[inline(always)]
+    fn last_before(&mut self, curve: &Curve, end: f64, first: usize) {
+        if self.all.x.last().is_none_or(|&x| x > 0.0) {
+            return;
+        }
+        let PlotSamples { t, x, .. } = &mut self.all;
+        t.pop();
+        x.pop();
+        if let Some((contact, above)) = before_contact(curve, end) {
+            if t.len() == first || t.last().is_some_and(|&last| last < contact) {
+                t.push(contact);
+                x.push(above);
+            }
+        }
+    }
+
+    /// Takes the samples from this one on as those of a source.
+    #[inline(always)]
+    fn close(&mut self, source: Source, first: usize) -> Result<(), TryReserveError> {
+        let t = &self.all.t;
+        let Some(&last) = t[first..].last() else { return Ok(()) };
+        let alone = self.steps[0].get(self.next).is_none_or(|&step| step > last);
+        if alone && (first == 0 || t[first - 1] < t[first]) {
+            self.all.note(source, t.len() - first);
+            return Ok(());
+        }
+        self.one_by_one(source, first)
+    }
+
+    /// The same where steps end among them.
+    #[cold]
+    fn one_by_one(&mut self, source: Source, first: usize) -> Result<(), TryReserveError> {
+        let (times, x) = (self.all.t.split_off(first), self.all.x.split_off(first));
+        self.grow(times.len(), self.segments)?;
+        self.all.runs.try_reserve(2 * times.len() + self.steps[0].len() - self.next)?;
+        for (k, (&t, x)) in times.iter().zip(x).enumerate() {
+            self.pass(t);
+            if self.all.t.last().is_none_or(|&last| last < t) {
+                self.all.t.push(t);
+                self.all.x.push(x);
+                self.all.note(source.after(k), 1);
+            }
+        }
+        Ok(())
+    }
+
+    /// The rest of the steps.
+    fn finish(mut self) -> Result<PlotSamples, TryReserveError> {
+        self.make_room(0, self.segments)?;
+        self.pass(f64::INFINITY);
+        Ok(self.all)
+    }
 }

@@ -2,7 +2,7 @@ use super::outline::{all_apexes, of_parabola, of_powers};
 use super::*;
 use crate::record::columns::Quantity;
 use crate::switched::path::Form;
-use crate::zeno::bounce::Bounce;
+use crate::zeno::arc::Bounce;
 use crate::zeno::chain::Chain;
 use crate::{
     simulate_switched_rk, Flights, LinearForce, Output, Physical, Restitution, Silent, SwitchedRk,

@@ -7,7 +7,7 @@
 
 use super::impulses::SequenceEquations;
 use crate::numeric::elimination::Elimination;
-use crate::record::failure::Failure;
+use crate::record::status::Failure;
 
 /// Where a solution is sought: unknowns and parameter scaled, as one vector.
 #[derive(Clone, Copy, Debug)]

@@ -10,8 +10,8 @@
 
 use super::columns::Wrt;
 use super::flights::{fly_apart, IndependentFlights};
-use super::flown::{Flight, Flown};
-use crate::record::failure::Failure;
+use crate::record::status::Failure;
+use crate::switched::sensitivity::flights::{Flight, Flown};
 use crate::switched::settings::SwitchedRk;
 use crate::system::slopes::DifferentiableForce;
 use crate::Status;

@@ -7,21 +7,16 @@
 
 mod columns;
 mod correction;
-mod derivatives;
 mod flights;
-mod flown;
 mod impulses;
-mod linear_flights;
 mod path;
 mod run;
 mod validity;
 mod variational_run;
 
-pub use columns::Wrt;
+pub use columns::{Derivatives, EventRates, Question, Wrt};
 pub use correction::{correct, Corrected, Hyperplane, Limits, NotCorrected};
-pub use derivatives::{Derivatives, EventRates, Question};
-pub use flights::{fly_apart, IndependentFlights};
-pub use flown::{Flight, Flown};
+pub use flights::{fly_apart, Flight, Flown, IndependentFlights};
 pub use impulses::{sequence_equations, ImpactSequence, SequenceEquations};
 pub use run::sensitivity;
 pub(crate) use validity::Validity;

@@ -1,16 +1,15 @@
 //! A whole run with its derivatives.
 
-use super::derivatives::{Derivatives, Question};
 use super::variational_run::VariationalRun;
 use crate::record::trajectory::SetupError;
 use crate::switched::output::{Output, SwitchedRun};
-use crate::switched::recording::running;
-use crate::switched::run::{check_span, check_stops};
+use crate::switched::recording::{check_span, check_stops, running};
+use crate::switched::sensitivity::columns::{Derivatives, Question};
 use crate::switched::settings::SwitchedRk;
 use crate::switched::stages::Counted;
 use crate::switched::SwitchedIntegrator;
+use crate::system::force::Stops;
 use crate::system::slopes::DifferentiableForce;
-use crate::system::stops::Stops;
 use crate::{AnyImpactLaw, Monitor, Physical, Status};
 
 /// Simulates as [`crate::simulate_switched_rk`], with the derivatives of the run.

@@ -4,9 +4,9 @@ use pulp::Simd;
 
 use crate::Force;
 
-use super::alone::OneByOne;
 use super::flight::{vectors, vectors_mut, Common, Lane, Lanes, HUGE, MARGIN, WIDTH};
 use super::law::Law;
+use crate::drive::batch::lanes::law::OneByOne;
 use crate::drive::batch::Stopped;
 
 #[repr(C, align(64))] // lanes begin where vectors of the machine do

@@ -9,10 +9,9 @@ use pulp::Simd;
 use crate::stepping::implicit::{ImplicitForce, TOLERANCE};
 use crate::Force;
 
-use super::alone::{Mass, OneByOne};
 use super::flight::{vectors, vectors_mut, Common, Flight, Lane, Lanes, WIDTH};
 use super::law::Law;
-use super::waves::Waves;
+use crate::drive::batch::lanes::law::{Mass, OneByOne, Waves};
 use crate::drive::batch::Stopped;
 
 #[repr(C, align(64))] // lanes begin where vectors of the machine do

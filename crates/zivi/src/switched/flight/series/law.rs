@@ -1,7 +1,7 @@
 //! A linear force with its waves on clocks of their own.
 
-use super::terms::{Law, WAVES};
-use crate::numeric::turns::{of_angle, sin_cos, Clock, Phase};
+pub(crate) use crate::numeric::power_series::{Series, TERMS};
+use crate::numeric::root::{of_angle, sin_cos, Clock, Phase};
 use crate::{Dependence, Force, LinearLaw};
 
 /// A wave `Re z e^(i omega t)`.
@@ -152,4 +152,126 @@ impl<E> Force<E> for Linear {
         let periods = self.waves.iter().flatten().map(|wave| wave.clock.period());
         Some(periods.fold(f64::INFINITY, f64::min))
     }
+}
+
+// Power series, and what a step under a linear force starts from.
+
+/// Most waves of a force.
+pub(crate) const WAVES: usize = 2;
+
+/// What a table is for: stiffness, damping and the angular frequencies of the waves, 0 where there
+/// is none.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Law {
+    pub(crate) stiffness: f64,
+    pub(crate) damping: f64,
+    pub(crate) omega: [f64; WAVES],
+}
+
+/// Where a step starts.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(crate) struct Start {
+    /// Position (m).
+    pub(crate) x: f64,
+    /// Velocity times the length of a step (m).
+    pub(crate) v: f64,
+    /// Constant force (m/s^2).
+    pub(crate) force: f64,
+    /// Waves: real and imaginary parts (m/s^2).
+    pub(crate) waves: [[f64; 2]; WAVES],
+}
+
+/// The sum of `of(n, a_n)`, the smallest first.
+pub(super) fn sum_by(a: &Series, of: impl Fn(f64, f64) -> f64) -> f64 {
+    a.iter().enumerate().rev().map(|(n, &a)| of(n as f64, a)).sum()
+}
+
+/// Equation (2).
+pub(crate) fn column(k: f64, c: f64, x: f64, v: f64, d: &Series) -> Series {
+    let mut a = [0.0; TERMS];
+    (a[0], a[1]) = (x, v);
+    for n in 0..TERMS - 2 {
+        let (one, two) = (n as f64 + 1.0, n as f64 + 2.0);
+        a[n + 2] = (d[n] - k * a[n] - c * one * a[n + 1]) / (one * two);
+    }
+    a
+}
+
+/// `h^2 Re z e^(i W s)` by powers of `s` for `z = 1` and `z = i`.
+pub(crate) fn wave(w: f64, h: f64) -> [Series; 2] {
+    let (mut cos, mut sin) = ([0.0; TERMS], [0.0; TERMS]);
+    let mut term = h * h;
+    for n in 0..TERMS {
+        match n % 4 {
+            0 => cos[n] = term,
+            1 => sin[n] = -term,
+            2 => cos[n] = -term,
+            _ => sin[n] = term,
+        }
+        term *= w / (n as f64 + 1.0);
+    }
+    [cos, sin]
+}
+
+// What is linear in where a step starts.
+
+/// What a flight is linear in: `x`, `V`, the constant, the two parts of each wave.
+pub(super) const COLUMNS: usize = 3 + 2 * WAVES;
+
+/// Numbers that are linear in where a step starts: by each of what it is linear in.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct Columns<const N: usize>(pub(super) [[f64; N]; COLUMNS]);
+
+impl<const N: usize> Columns<N> {
+    /// The first of them for a start with `W` waves.
+    #[inline(always)]
+    pub(super) fn of<const W: usize, const FIRST: usize>(&self, start: &Start) -> [f64; FIRST] {
+        // a loop is compiled for the vectors of whoever calls, a closure is not
+        let mut all = [0.0; FIRST];
+        for (n, sum) in all.iter_mut().enumerate() {
+            *sum = self.one::<W>(start, n);
+        }
+        all
+    }
+
+    /// One of them.
+    #[inline(always)]
+    pub(super) fn one<const W: usize>(&self, start: &Start, n: usize) -> f64 {
+        let (Start { x, v, force, waves }, by) = (*start, &self.0);
+        let mut sum = x * by[0][n] + v * by[1][n] + force * by[2][n];
+        for m in 0..W {
+            let [re, im] = waves[m];
+            sum += re * by[3 + 2 * m][n] + im * by[4 + 2 * m][n];
+        }
+        sum
+    }
+}
+
+/// A bound that is linear in the sizes of what a step starts from: by `|x|`, by `|V|`, by the
+/// constant, by `|z|` of each wave.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Bound(pub(super) [f64; 3 + WAVES]);
+
+impl Bound {
+    /// That of the sizes that columns have; the two of a wave are turned into each other.
+    pub(super) fn sizes(of: impl Fn(usize) -> f64) -> Self {
+        let wave = |m: usize| length(of(3 + 2 * m), of(4 + 2 * m));
+        Self([of(0), of(1), of(2), wave(0), wave(1)])
+    }
+
+    #[inline(always)]
+    pub(super) fn of<const W: usize>(&self, start: &Start) -> f64 {
+        let Self([x, v, force, waves @ ..]) = self;
+        let mut sum = x * start.x.abs() + v * start.v.abs() + force * start.force.abs();
+        for (of, z) in waves.iter().zip(&start.waves).take(W) {
+            // |z| is at most the sum of the absolute values of its parts
+            sum += of * (z[0].abs() + z[1].abs());
+        }
+        sum
+    }
+}
+
+/// `sqrt(a^2 + b^2)` for numbers whose squares are some.
+pub(super) fn length(a: f64, b: f64) -> f64 {
+    (a * a + b * b).sqrt()
 }

@@ -3,30 +3,24 @@
 //! A step evaluates no force and has no error to control. The clock of the first wave counts whole
 //! turns and the part of one, and the time is read from it: phase and time cannot drift apart.
 
-mod columns;
 mod law;
 mod level;
 mod period;
-mod reading;
 mod root;
-mod sign_test;
 mod step;
 mod table;
-mod terms;
 
 pub(crate) use crate::numeric::power_series::{derivative, value, value_and_slope};
-pub(crate) use law::Linear;
-pub(crate) use reading::Reading;
+pub(crate) use law::{column, wave, Linear, Series, Start, TERMS};
 pub(crate) use root::{first_fall, polished};
 pub(crate) use step::Step;
 use step::{Ahead, Outlook};
-pub(crate) use table::Table;
-pub(crate) use terms::{column, wave, Series, Start, TERMS};
+pub(crate) use table::{Reading, Table};
 
 use std::sync::Arc;
 
 use crate::numeric::power_series::{stretch, stretch_and_size};
-use crate::switched::point::Point;
+use crate::switched::mode::Point;
 use crate::LinearLaw;
 use period::Period;
 
@@ -383,7 +377,7 @@ impl SeriesFlight {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::numeric::turns::Phase;
+    use crate::numeric::root::Phase;
     use crate::Wave;
 
     /// Speeds and phases of impacts with `e = 0.8` that begin so many turns after `t = 0`.

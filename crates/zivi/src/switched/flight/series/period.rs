@@ -11,10 +11,9 @@
 //! where `delta` is what the rounding of times leaves: its square is below rounding. The matrix
 //! less the identity is small, and so is what its rounding adds up to.
 
-use super::columns::{Columns, COLUMNS};
 use super::table::Table;
-use super::terms::{Start, TERMS, WAVES};
-use crate::numeric::turns::sin_cos;
+use crate::numeric::root::sin_cos;
+use crate::switched::flight::series::law::{Columns, Start, COLUMNS, TERMS, WAVES};
 
 /// Largest `delta/p`: its square is rounding.
 const CLOSE: f64 = 1e-8;
@@ -128,9 +127,9 @@ impl Ends {
 
 #[cfg(test)]
 mod tests {
-    use super::super::terms::Law;
     use super::*;
     use crate::numeric::power_series::{derivative, value};
+    use crate::switched::flight::series::law::Law;
 
     const LAW: Law = Law { stiffness: 2.0, damping: 0.3, omega: [1.7, 0.9] };
     const START: Start = Start { x: 0.4, v: -0.7, force: 1.1, waves: [[0.5, -0.8], [-1.2, 0.3]] };

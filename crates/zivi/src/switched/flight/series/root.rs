@@ -5,10 +5,10 @@
 //! first: their values would be rounding. Degree 11 decides nearly always, the terms beyond being a
 //! slack; else the whole series is subdivided. A dip below rounding is none.
 
-use super::sign_test::{screened, SignTest};
 use super::table::{PART, SHORT};
 use crate::numeric::bernstein::Polynomial;
 use crate::numeric::power_series::{of_few, slopes, value_and_slope, Series, TERMS};
+use crate::switched::flight::series::level::{screened, SignTest};
 
 /// Rounding of a value, relative to the sum of the absolute values of the terms, where a series is
 /// subdivided.

@@ -3,10 +3,10 @@
 use pulp::{Simd, WithSimd};
 
 use super::root::{first_root, of_short_arc, only_root, Root};
-use super::sign_test::SignTest;
 use super::table::{Table, PART, SHORT};
-use super::terms::{Series, Start, TERMS};
 use crate::numeric::power_series::{of_few, stretch, value_and_slope};
+use crate::switched::flight::series::law::{Series, Start, TERMS};
+use crate::switched::flight::series::level::SignTest;
 
 /// A step that ends at most this part of it after its end is no longer: what rounding makes of it.
 const OVER: f64 = 1.0 + 1e-9;
@@ -291,9 +291,9 @@ fn power_of_two(x: f64) -> f64 {
 
 #[cfg(test)]
 mod tests {
-    use super::super::terms::Law;
     use super::*;
     use crate::numeric::power_series::{derivative, value};
+    use crate::switched::flight::series::law::Law;
 
     fn random(draw: &mut u64) -> f64 {
         *draw = draw.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);

@@ -1,0 +1,244 @@
+//! The reference that a tracker follows: where it is, and where a period takes it.
+
+use crate::control::port::checked_force;
+use crate::control::tracking::Target;
+use crate::control::TwistingTracker;
+use crate::setting::is_not_negative;
+use crate::step::{thorough, ImplicitEuler, StepSolution};
+use crate::{transform, Branch, Lifted, Physical, Real, Restitution, SettingError, ThetaGammaStep};
+
+/// A reference: its state and the side of the wall on which it was last.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct ReferenceState {
+    pub(super) z: Lifted,
+    pub(super) side: Real,
+}
+
+impl ReferenceState {
+    /// At a physical state, on a branch.
+    #[inline(never)]
+    pub(super) fn at(
+        Waypoint { state, branch }: Waypoint,
+        restitution: Restitution,
+    ) -> Result<Self, SettingError> {
+        let Physical { x, xdot } = state;
+        let refused = |name, value, range| Err(SettingError { name, value, range });
+        if !is_not_negative(x) {
+            return refused("x_ref", x, "a finite distance >= 0 from the wall (m)");
+        }
+        let Lifted { s, v } = transform::lift(state, Branch::Positive, restitution);
+        if !v.is_finite() {
+            return refused("xdot_ref", xdot, "a finite velocity (m/s)");
+        }
+        let sigma = branch.sigma();
+        // adding 0.0 turns -0.0 into 0.0
+        let z = Lifted { s: sigma * s + 0.0, v: sigma * v + 0.0 };
+        Ok(Self { z, side: transform::side(z, sigma) })
+    }
+
+    /// On the branch `+1`.
+    #[inline]
+    pub(super) fn folded(self) -> Self {
+        let Lifted { s, v } = self.z;
+        let z = if self.side < 0.0 { Lifted { s: 0.0 - s, v: 0.0 - v } } else { self.z };
+        Self { z, side: 1.0 }
+    }
+}
+
+/// A given reference at one sample: its state, and the side of the wall on which it is followed,
+/// which changes with each of its impacts.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Waypoint {
+    /// Distance from the wall, `>= 0` (m), and velocity (m/s).
+    pub state: Physical,
+    /// The side.
+    pub branch: Branch,
+}
+
+impl From<Physical> for Waypoint {
+    /// On the side `+1`.
+    fn from(state: Physical) -> Self {
+        Self { state, branch: Branch::Positive }
+    }
+}
+
+/// Where the reference of a tick comes from: it is the tracker's own, under this force, or it is given
+/// at this sample and at the next one, with its acceleration if that is known.
+pub(super) enum ReferenceSource<'a> {
+    Own(Real),
+    Given(&'a [Waypoint; 2], Option<Real>),
+}
+
+/// A period of the reference: from where, under which force.
+#[derive(Clone, Copy, Debug)]
+pub struct ReferencePeriod {
+    pub(super) now: ReferenceState,
+    pub(super) force: Real,
+    /// What the measured velocity is taken back by (m/s).
+    pub(super) back: Real,
+    /// Where it ends, if that is given.
+    pub(super) next: Option<ReferenceState>,
+}
+
+/// A sample, and what the plant has to follow over the period that starts with it.
+#[derive(Clone, Copy, Debug)]
+pub struct Planned {
+    pub(super) state: Physical,
+    /// The same as an implicit step would have it: its velocity taken back.
+    pub(super) measured: Physical,
+    pub(super) clamped: bool,
+    pub(super) force: Real,
+    pub(super) now: ReferenceState,
+    pub(super) next: ReferenceState,
+    /// The signs of the reference's step.
+    pub(super) signs: [Real; 2],
+    pub(super) target: Target,
+    /// The multiplier of `sgn v_r+` at the end that is followed.
+    pub(super) lambda_vr: Real,
+    /// What acts on the reference (m/s^2).
+    #[cfg_attr(feature = "single", allow(dead_code, reason = "only the VI asks for it"))]
+    pub(super) force_ref: Real,
+}
+
+/// The reference after a period with the signs of its step; what the plant has to follow over the
+/// horizon, and the multiplier of `sgn v_r+` there.
+pub(super) struct Outlook {
+    pub(super) next: ReferenceState,
+    pub(super) signs: [Real; 2],
+    pub(super) target: Target,
+    pub(super) lambda_vr: Real,
+}
+
+/// The end of a step of the reference, its signs, and its acceleration (m/s^2).
+pub(super) struct Advance {
+    pub(super) next: ReferenceState,
+    pub(super) signs: [Real; 2],
+    pub(super) acceleration: Real,
+}
+
+/// One implicit Euler step of the reference.
+#[inline(always)]
+pub(super) fn advanced(
+    reference: &ThetaGammaStep,
+    from: ReferenceState,
+    force_ref: Real,
+) -> Result<Advance, SettingError> {
+    checked_force("force_ref", force_ref)?;
+    let found = reference.implicit().solve(from.z, force_ref, from.side);
+    let found = found.map_err(|_| too_large(force_ref))?;
+    let acceleration = pulled(&found, reference.restitution(), force_ref);
+    let z = found.end();
+    let next = ReferenceState { z, side: transform::side(z, from.side) };
+    Ok(Advance { next, signs: [found.lambda_s, found.lambda_v], acceleration })
+}
+
+/// What the plant has to follow over `h`, where that is not a period of the reference, and the signs of
+/// that step: seldom asked for, and not a part of its caller.
+#[cold]
+#[inline(never)]
+pub(super) fn target_over(
+    h: Real,
+    restitution: Restitution,
+    from: ReferenceState,
+    force_ref: Real,
+) -> Result<(Target, [Real; 2]), SettingError> {
+    let found = thorough(h, restitution, ImplicitEuler, from.z, force_ref, from.side);
+    let found = found.map_err(|_| too_large(force_ref))?;
+    let target = Target { end: found.end(), acceleration: pulled(&found, restitution, force_ref) };
+    Ok((target, [found.lambda_s, found.lambda_v]))
+}
+
+/// `A = lsr F_r/R_r` of a step of the reference (m/s^2).
+#[inline(always)]
+fn pulled(found: &StepSolution, restitution: Restitution, force_ref: Real) -> Real {
+    found.lambda_s * force_ref / restitution.r(found.lambda_s, found.lambda_v)
+}
+
+fn too_large(force_ref: Real) -> SettingError {
+    let range = "small enough for the reference to stay finite (m/s^2)";
+    SettingError { name: "force_ref", value: force_ref, range }
+}
+
+// A reference that is given sample by sample, from a curve, a recording or another simulation.
+//
+// The tracker does not advance it: it is told where the reference is at the sample and at the next
+// one. What it plans towards is an implicit Euler step from there under the reference's
+// acceleration `a`, with the velocity of the reference and of the mass both half a period back in
+// the air: the step then ends where a parabola through the given state does, and a mass on the
+// reference is given `u = a - F`.
+
+impl TwistingTracker {
+    /// The control for the period that starts with this measurement, for a reference that is at
+    /// `now` at this sample and at `next` at the next one. `acceleration` is the reference's over
+    /// the period, `x_r''` (m/s^2). Without it, it is the difference quotient of the velocities in
+    /// the air; over an impact of the reference `force`, under which the mass meets the wall too.
+    ///
+    /// The tracker's own reference becomes `next`.
+    ///
+    /// # Errors
+    /// [`SettingError`] as [`TwistingTracker::tick`], and for a waypoint that is not finite or
+    /// behind the wall. Nothing has changed then.
+    ///
+    /// ```
+    /// use zivi_core::control::{Approach, Gains, TwistingTracker, Waypoint};
+    /// use zivi_core::{Branch, Physical, Restitution};
+    /// let restitution = Restitution::from_e(0.5)?;
+    /// let gains = Gains::new(30.0, 17.0)?;
+    /// let mut tracker =
+    ///     TwistingTracker::new(gains, 1e-3, restitution, restitution, Approach::Nearest)?;
+    /// let at = |x, xdot| Waypoint { state: Physical { x, xdot }, branch: Branch::Positive };
+    /// let (now, next) = (at(1.0, 0.5), at(1.0005 - 2e-6, 0.496)); // it brakes with 4 m/s^2
+    /// let u = tracker.tick_to(now.state, -9.81, now, next, None)?;
+    /// assert!((u - (-4.0 + 9.81)).abs() < 1e-9);
+    /// # Ok::<(), Box<dyn std::error::Error>>(())
+    /// ```
+    pub fn tick_to(
+        &mut self,
+        measured: Physical,
+        force: Real,
+        now: Waypoint,
+        next: Waypoint,
+        acceleration: Option<Real>,
+    ) -> Result<Real, SettingError> {
+        self.ticked(measured, force, ReferenceSource::Given(&[now, next], acceleration))
+    }
+}
+
+impl ReferencePeriod {
+    /// A period `h` (s) of a reference from one waypoint to the next, under its own `acceleration` if
+    /// that is known; `force` is the one without control: see [`TwistingTracker::tick_to`].
+    ///
+    /// # Errors
+    /// [`SettingError`] for a waypoint that is not finite or behind the wall, or an acceleration that
+    /// is not finite.
+    #[inline]
+    pub fn between(
+        (restitution, h): (Restitution, Real),
+        force: Real,
+        [now, next]: [Waypoint; 2],
+        acceleration: Option<Real>,
+    ) -> Result<Self, SettingError> {
+        let (start, end) =
+            (ReferenceState::at(now, restitution)?, ReferenceState::at(next, restitution)?);
+        let flies = now.branch == next.branch && now.state.x > 0.0 && next.state.x > 0.0;
+        let rests = start.z == end.z && start.z == Lifted::default();
+        let differenced = now.branch == next.branch || rests;
+        let acceleration = match acceleration {
+            Some(given) => given,
+            None if differenced => (next.state.xdot - now.state.xdot) / h,
+            None => force,
+        };
+        checked_force("acceleration", acceleration)?;
+        let back = if flies { 0.5 * h * acceleration } else { 0.0 };
+        let behind = |at: Physical| Physical { xdot: at.xdot - back, ..at };
+        let sigma = now.branch.sigma();
+        let Lifted { s, v } = transform::lift(behind(now.state), Branch::Positive, restitution);
+        let z = Lifted { s: sigma * s, v: sigma * v };
+        Ok(ReferencePeriod {
+            now: ReferenceState { z, ..start },
+            force: acceleration,
+            back,
+            next: Some(end),
+        })
+    }
+}

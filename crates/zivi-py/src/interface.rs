@@ -1,0 +1,305 @@
+//! What Python and Rust exchange: arrays, errors, capsules, calls, orderings, interrupts.
+
+use crate::leaving;
+use numpy::{Element, PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1};
+use pyo3::exceptions::{PyMemoryError, PyTypeError, PyValueError};
+use pyo3::ffi::{PyObject, PyObject_CallFunctionObjArgs};
+use pyo3::prelude::*;
+use pyo3::sync::PyOnceLock;
+use pyo3::types::{PyAnyMethods, PyCapsule, PyCapsuleMethods, PyTuple};
+use std::alloc::{alloc_zeroed, Layout};
+use std::convert::Infallible;
+use std::sync::Mutex;
+use zivi::mechanics::GapSet;
+use zivi::{Monitor, SetupError};
+
+// NumPy arrays of what a run leaves.
+
+pub(crate) type Vector<T> = Py<PyArray1<T>>;
+
+pub(crate) type Matrix<T> = Py<PyArray2<T>>;
+
+/// The error for so many numbers that do not fit.
+fn no_room(n: usize) -> PyErr {
+    PyMemoryError::new_err(format!("an array of {n} numbers does not fit into memory"))
+}
+
+/// An empty list with room for so many; a `MemoryError` where there is none.
+pub(crate) fn with_room<T>(n: usize) -> PyResult<Vec<T>> {
+    let mut list = Vec::new();
+    list.try_reserve_exact(n).map_err(|_| no_room(n))?;
+    Ok(list)
+}
+
+/// A list of values; a `MemoryError` where it does not fit (a `collect` would end the process).
+pub(crate) fn list<T>(values: impl IntoIterator<Item = T>) -> PyResult<Vec<T>> {
+    let values = values.into_iter();
+    let (least, most) = values.size_hint();
+    if most != Some(least) {
+        return try_list(values.map(Ok));
+    }
+    let mut list = with_room(least)?;
+    list.extend(values);
+    Ok(list)
+}
+
+/// The same of values each of which may fail.
+pub(crate) fn try_list<T>(values: impl IntoIterator<Item = PyResult<T>>) -> PyResult<Vec<T>> {
+    let values = values.into_iter();
+    let mut list = with_room(values.size_hint().0)?;
+    for value in values {
+        if list.len() == list.capacity() {
+            list.try_reserve(1).map_err(|_| no_room(2 * list.len()))?;
+        }
+        list.push(value?);
+    }
+    Ok(list)
+}
+
+/// The same as an array.
+pub(crate) fn array<T: Element>(
+    py: Python<'_>,
+    values: impl IntoIterator<Item = T>,
+) -> PyResult<Vector<T>> {
+    Ok(PyArray1::from_vec(py, list(values)?).unbind())
+}
+
+/// So many zeros, which take memory when they are written.
+pub(crate) fn zeros(n: usize) -> PyResult<Vec<f64>> {
+    let layout = Layout::array::<f64>(n).map_err(|_| no_room(n))?;
+    if n == 0 {
+        return Ok(Vec::new());
+    }
+    // SAFETY: the layout is not empty
+    let start = unsafe { alloc_zeroed(layout) }.cast::<f64>();
+    if start.is_null() {
+        return Err(no_room(n));
+    }
+    // SAFETY: of the global allocator, as long as the layout of as many numbers; zeros are numbers
+    Ok(unsafe { Vec::from_raw_parts(start, n, n) })
+}
+
+/// Rows of a matrix from one list: the columns `from .. from + width` of rows of length `stride`.
+pub(crate) fn columns(
+    py: Python<'_>,
+    values: &[f64],
+    stride: usize,
+    from: usize,
+    width: usize,
+) -> PyResult<Matrix<f64>> {
+    let rows = values.len().checked_div(stride).unwrap_or(0);
+    let picked = values.chunks_exact(stride.max(1)).flat_map(|row| row[from..][..width].iter());
+    let mut all = with_room(rows * width)?;
+    all.extend(picked);
+    Ok(PyArray1::from_vec(py, all).reshape([rows, width])?.unbind())
+}
+
+/// Which gaps are in each of the sets.
+pub(crate) fn members(py: Python<'_>, sets: &[GapSet], m: usize) -> PyResult<Matrix<bool>> {
+    let all = sets.iter().flat_map(|set| (0..m).map(|gap| set.has(gap)));
+    Ok(array(py, all)?.into_bound(py).reshape([sets.len(), m])?.unbind())
+}
+
+pub(crate) type Array = Py<PyArray1<f64>>;
+
+/// A NumPy vector as a slice; a TypeError-free copy where it is not contiguous.
+pub(crate) fn vector(array: &PyReadonlyArray1<'_, f64>) -> PyResult<Vec<f64>> {
+    list(array.as_array().iter().copied())
+}
+
+/// A motion as numbers, if they fit into memory.
+pub(crate) fn stored(
+    py: Python<'_>,
+    numbers: Option<Vec<f64>>,
+) -> PyResult<Bound<'_, PyArray1<f64>>> {
+    let refused =
+        || PyMemoryError::new_err("the motion of a run as numbers does not fit into memory");
+    Ok(PyArray1::from_vec(py, numbers.ok_or_else(refused)?))
+}
+
+// Errors of a set-up, as Python raises them, and what a run raised.
+
+/// The exception that ended a run; the first read takes it. Its traceback knows the frames that know
+/// the record: a record that kept it would keep itself.
+pub(crate) struct Raised(Mutex<Option<PyErr>>);
+
+impl Raised {
+    pub(crate) fn new(error: Option<PyErr>) -> Self {
+        Self(Mutex::new(error))
+    }
+}
+
+impl<'py> IntoPyObject<'py> for &Raised {
+    type Target = PyAny;
+    type Output = Bound<'py, PyAny>;
+    type Error = Infallible;
+
+    fn into_pyobject(self, py: Python<'py>) -> Result<Self::Output, Self::Error> {
+        let taken = self.0.lock().ok().and_then(|mut held| held.take());
+        Ok(match taken {
+            Some(error) => error.into_value(py).into_bound(py).into_any(),
+            None => py.None().into_bound(py),
+        })
+    }
+}
+
+pub(crate) fn setup_error(error: SetupError) -> PyErr {
+    match error {
+        SetupError::Memory(_) | SetupError::BatchMemory { .. } | SetupError::Threads(_) => {
+            PyMemoryError::new_err(error.to_string())
+        }
+        _ => PyValueError::new_err(error.to_string()),
+    }
+}
+
+// What a `scipy.LowLevelCallable` holds.
+
+/// A function with the data that it is called with, and how its signature is written.
+pub(crate) struct Capsule {
+    pub(crate) address: usize,
+    pub(crate) data: usize,
+    pub(crate) signature: String,
+}
+
+impl Capsule {
+    pub(crate) fn of(callable: &Bound<'_, PyTuple>, argument: &str) -> PyResult<Self> {
+        let item = callable.get_item(0)?;
+        let capsule = item.cast::<PyCapsule>().map_err(|_| {
+            PyTypeError::new_err(format!(
+                "{argument}: the LowLevelCallable holds no function capsule"
+            ))
+        })?;
+        let name = capsule.name()?;
+        // SAFETY: the capsule is alive and nobody renames it while its name is read here
+        let signature =
+            name.map_or(String::new(), |name| unsafe { name.as_cstr() }.to_string_lossy().into());
+        let address = capsule.pointer_checked(name.map(|name| unsafe { name.as_cstr() }))?;
+        // SAFETY: reading the context of a live capsule
+        let data = capsule.context()? as usize;
+        Ok(Self { address: address.as_ptr() as usize, data, signature })
+    }
+}
+
+// Calls of Python functions without a tuple of their arguments.
+//
+// `PyObject_Vectorcall` is public since Python 3.9, but in the stable interface from 3.12 on only:
+// an extension for 3.11 as well must not be linked to it, and asks the interpreter for it by name.
+
+type Vectorcall = unsafe extern "C" fn(
+    callable: *mut PyObject,
+    arguments: *const *mut PyObject,
+    count: usize,
+    names: *mut PyObject,
+) -> *mut PyObject;
+
+/// The bit of the count that allows the function to write in front of the arguments.
+const ROOM_IN_FRONT: usize = 1 << (usize::BITS - 1);
+
+/// Where the function is, if the interpreter tells.
+fn vectorcall(py: Python<'_>) -> Option<Vectorcall> {
+    static FOUND: PyOnceLock<Option<Vectorcall>> = PyOnceLock::new();
+    let find = || -> PyResult<usize> {
+        let ctypes = py.import("ctypes")?;
+        let function = ctypes.getattr("pythonapi")?.getattr("PyObject_Vectorcall")?;
+        let address = ctypes.getattr("cast")?.call1((function, ctypes.getattr("c_void_p")?))?;
+        address.getattr("value")?.extract()
+    };
+    *FOUND.get_or_init(py, || {
+        let address = find().ok().filter(|&address| address != 0)?;
+        // SAFETY: the function of that name, whose interface is fixed in all versions that have it
+        Some(unsafe { std::mem::transmute::<usize, Vectorcall>(address) })
+    })
+}
+
+/// A Python function that is called often.
+pub(crate) struct Function<'py> {
+    callable: Bound<'py, PyAny>,
+    vectorcall: Option<Vectorcall>,
+}
+
+impl<'py> Function<'py> {
+    pub(crate) fn new(callable: Bound<'py, PyAny>) -> Self {
+        let vectorcall = vectorcall(callable.py());
+        Self { callable, vectorcall }
+    }
+
+    #[inline]
+    pub(crate) fn py(&self) -> Python<'py> {
+        self.callable.py()
+    }
+
+    /// Its value for two or three arguments.
+    #[inline]
+    pub(crate) fn call(
+        &self,
+        one: &Bound<'py, PyAny>,
+        two: &Bound<'py, PyAny>,
+        three: Option<&Bound<'py, PyAny>>,
+    ) -> PyResult<Bound<'py, PyAny>> {
+        let null = std::ptr::null_mut::<PyObject>();
+        let function = self.callable.as_ptr();
+        let [one, two] = [one, two].map(|it| it.as_ptr());
+        let (three, count) = three.map_or((null, 2), |it| (it.as_ptr(), 3));
+        // SAFETY: objects that live as long as the call, behind one place that may be written to,
+        // or ended by null; it gives a new object, or null with an error
+        unsafe {
+            let value = match self.vectorcall {
+                Some(call) => {
+                    let mut places = [null, one, two, three];
+                    call(function, places.as_mut_ptr().add(1), count | ROOM_IN_FRONT, null)
+                }
+                None => PyObject_CallFunctionObjArgs(function, one, two, three, null),
+            };
+            Bound::from_owned_ptr_or_err(self.py(), value)
+        }
+    }
+}
+
+// Ctrl-C and progress: looking at the interpreter now and then during a run.
+
+/// Lets Python handle its signals, and reports the fraction done to a callable.
+pub(crate) struct Watch {
+    pub(crate) progress: Option<Py<PyAny>>,
+}
+
+impl Monitor<PyErr> for Watch {
+    fn poll(&mut self, done: usize, of: usize) -> PyResult<()> {
+        leaving::look()?;
+        Python::attach(|py| {
+            py.check_signals()?;
+            match &self.progress {
+                Some(report) => report.call1(py, (done, of)).map(drop),
+                None => Ok(()),
+            }
+        })
+    }
+
+    fn record_allocated(&mut self, start: *const f64, len: usize) {
+        advise(start, len);
+    }
+}
+
+/// Tells the system what so many numbers that are about to be filled are for.
+pub(crate) fn advise(start: *const f64, len: usize) {
+    advise_large_pages(start as usize, len * size_of::<f64>());
+}
+
+/// Asks for large pages behind memory that is about to be filled (as NumPy does for its own large
+/// arrays): with small ones, fresh memory costs more than the steps. Advice only; errors do not
+/// matter.
+#[cfg(target_os = "linux")]
+fn advise_large_pages(start: usize, bytes: usize) {
+    const PAGE: usize = 4096;
+    const LARGE: usize = 1 << 22;
+    if bytes < LARGE {
+        return;
+    }
+    let aligned = start.next_multiple_of(PAGE);
+    // SAFETY: the range lies in one live allocation, and the advice changes no content
+    unsafe {
+        libc::madvise(aligned as *mut libc::c_void, start + bytes - aligned, libc::MADV_HUGEPAGE);
+    }
+}
+
+#[cfg(not(target_os = "linux"))]
+fn advise_large_pages(_start: usize, _bytes: usize) {}

@@ -1,0 +1,522 @@
+//! Box VIs from Python. The lock is held while `F` is a Python callable, released otherwise.
+
+mod callbacks;
+use crate::interface::{list, vector, zeros, Array};
+use crate::vi::callbacks::{Callbacks, Interruptible, Interrupts, Watched, WithJacobian};
+use numpy::{PyArray1, PyReadonlyArray1, PyReadonlyArray2, PyUntypedArrayMethods};
+use pulp::{Simd, WithSimd};
+use pyo3::exceptions::{PyMemoryError, PyTypeError, PyValueError};
+use pyo3::prelude::*;
+use pyo3::types::PyDict;
+use zivi::numeric::lu::ByBlocks;
+use zivi_core::vi;
+use zivi_core::vi::{
+    Affine, Differenced, InvalidInput, Problem, Report, RowScale, Scheme, Settings, Start, Status,
+    Workspace,
+};
+
+/// Code of a solve that its time limit ended; those of the solver itself are smaller.
+const TIME_LIMIT: u8 = 10;
+
+/// The outcome of one solve.
+#[pyclass(frozen, get_all, module = "zivi._zivi")]
+pub(crate) struct ViRecord {
+    x: Py<PyArray1<f64>>,
+    f: Py<PyArray1<f64>>,
+    residual: f64,
+    scaled_residual: f64,
+    tolerance: f64,
+    status: u8,
+    message: String,
+    stage: &'static str,
+    n_iter: usize,
+    nfev: usize,
+    njev: usize,
+    n_pivots: usize,
+    n_semismooth_steps: usize,
+    n_gradient_steps: usize,
+    n_restarts: usize,
+    size: f64,
+    convergence_ratio: f64,
+    projected: bool,
+}
+
+fn invalid(error: InvalidInput) -> PyErr {
+    PyValueError::new_err(error.to_string())
+}
+
+/// Memory of a solve of `n` unknowns, which grows with `n^2`.
+fn workspace_of(n: usize) -> PyResult<(Vec<f64>, Vec<usize>)> {
+    // beyond all numbers where it overflows
+    let (reals, indices) = if n < 1 << 24 { vi::workspace_len(n) } else { (usize::MAX, n) };
+    let found = zeros(reals).and_then(|reals| Ok((reals, list(std::iter::repeat_n(0, indices))?)));
+    found.map_err(|_| {
+        PyMemoryError::new_err(format!(
+            "n must be small enough for dense matrices, got {n} unknowns, whose {:.1} GB do not fit \
+             into memory; give a sparse matrix, or a jac that returns one (scipy.sparse)",
+            reals as f64 * 8e-9
+        ))
+    })
+}
+
+/// Vectors of one solve, owned here.
+struct Vectors {
+    lower: Vec<f64>,
+    upper: Vec<f64>,
+    z: Vec<f64>,
+}
+
+/// A bound as Python hands it over: one number for all components, or one for each.
+#[derive(FromPyObject)]
+pub(crate) enum Bound1<'py> {
+    Common(f64),
+    Each(PyReadonlyArray1<'py, f64>),
+}
+
+impl Bound1<'_> {
+    fn to_vec(&self, n: usize) -> PyResult<Vec<f64>> {
+        match self {
+            Self::Common(value) => list(std::iter::repeat_n(*value, n)),
+            Self::Each(values) => vector(values),
+        }
+    }
+}
+
+impl Vectors {
+    fn new(
+        lower: &Bound1<'_>,
+        upper: &Bound1<'_>,
+        x0: &PyReadonlyArray1<'_, f64>,
+    ) -> PyResult<Self> {
+        let z = vector(x0)?;
+        Ok(Self { lower: lower.to_vec(z.len())?, upper: upper.to_vec(z.len())?, z })
+    }
+
+    /// Solves in memory of its own; `F` at the end comes with the report.
+    fn solve(
+        &mut self,
+        problem: &mut dyn Problem,
+        settings: &Settings<'_>,
+    ) -> PyResult<(Report, Vec<f64>)> {
+        let n = self.z.len();
+        vi::validate_bounds(n, &self.lower, &self.upper).map_err(invalid)?;
+        let (mut reals, mut indices) = workspace_of(n)?;
+        let mut f = zeros(n)?;
+        let work = Workspace::new(n, &mut reals, &mut indices).ok_or(InvalidInput::Workspace);
+        let mut work = work.map_err(invalid)?;
+        let bounds = (&self.lower[..], &self.upper[..]);
+        let problem = &mut ByBlocks(problem);
+        let report = vi::solve(problem, bounds, &mut self.z, settings, &mut work);
+        f.copy_from_slice(work.map());
+        Ok((report.map_err(invalid)?, f))
+    }
+
+    fn record(
+        self,
+        py: Python<'_>,
+        (report, f): (Report, Vec<f64>),
+        nfev: usize,
+        interrupts: &Interrupts,
+    ) -> ViRecord {
+        let timed_out = report.status == Status::Stopped && interrupts.timed_out();
+        ViRecord {
+            x: PyArray1::from_vec(py, self.z).unbind(),
+            f: PyArray1::from_vec(py, f).unbind(),
+            residual: report.residual,
+            scaled_residual: report.scaled_residual,
+            tolerance: report.tolerance,
+            status: if timed_out { TIME_LIMIT } else { report.status as u8 },
+            message: match timed_out {
+                true => "the time limit was reached: allow more time or start nearer".to_owned(),
+                false => report.status.message().to_owned(),
+            },
+            stage: report.stage.name(),
+            n_iter: report.counts.iterations,
+            nfev,
+            njev: report.counts.jacobian,
+            n_pivots: report.counts.pivots,
+            n_semismooth_steps: report.counts.semismooth_steps,
+            n_gradient_steps: report.counts.gradient_steps,
+            n_restarts: report.counts.restarts,
+            size: report.size,
+            convergence_ratio: report.convergence_ratio,
+            projected: report.projected,
+        }
+    }
+}
+
+/// Solves a box VI. `jac` is a callable or `"2-point"` or `"3-point"` for differences; `convert`
+/// makes arrays of what `f` and `jac` return where that is not a float64 array of the right shape.
+#[pyfunction]
+#[pyo3(signature = (f, lower, upper, x0, jac, convert, settings, time_limit=None, observe=None))]
+#[allow(clippy::too_many_arguments)]
+pub(crate) fn solve_vi<'py>(
+    py: Python<'py>,
+    f: Bound<'py, PyAny>,
+    lower: Bound1<'py>,
+    upper: Bound1<'py>,
+    x0: PyReadonlyArray1<'py, f64>,
+    jac: Bound<'py, PyAny>,
+    convert: (Bound<'py, PyAny>, Bound<'py, PyAny>),
+    settings: &Bound<'py, PyDict>,
+    time_limit: Option<f64>,
+    observe: Option<Py<PyAny>>,
+) -> PyResult<ViRecord> {
+    let _running = crate::leaving::running()?;
+    let mut vectors = Vectors::new(&lower, &upper, &x0)?;
+    let given = GivenSettings::from_dict(settings)?;
+    let interrupts = Interrupts::new(time_limit, observe);
+    let callbacks = Callbacks::new(py, f, convert);
+    let scheme = match jac.extract::<&str>() {
+        Ok("2-point") => Some(Scheme::TwoPoint),
+        Ok(_) => Some(Scheme::ThreePoint),
+        Err(_) => None,
+    };
+    let solved = match scheme {
+        None => {
+            let problem = WithJacobian::new(&callbacks, jac);
+            vectors.solve(&mut Watched::new(problem, &callbacks, &interrupts), &given.get())
+        }
+        Some(scheme) => {
+            let n = vectors.z.len();
+            let (lower, upper) = (lower.to_vec(n)?, upper.to_vec(n)?);
+            let mut work = zeros(4 * n)?;
+            let map = |z: &[f64], out: &mut [f64]| callbacks.map(z, out);
+            Differenced::new(map, &lower, &upper, &mut work)
+                .ok_or_else(|| invalid(InvalidInput::Workspace))
+                .map(|it| it.with_scheme(scheme).with_rounding(&callbacks.rounding))
+                .and_then(|problem| {
+                    vectors.solve(&mut Watched::new(problem, &callbacks, &interrupts), &given.get())
+                })
+        }
+    };
+    if let Some(error) = callbacks.raised.take().or_else(|| interrupts.raised()) {
+        return Err(error);
+    }
+    let end = solved?;
+    let mut record = vectors.record(py, end, callbacks.nfev.get(), &interrupts);
+    record.message.push_str(&callbacks.undefined());
+    Ok(record)
+}
+
+/// Whether all are numbers: looked at several at once, as a search for the first that is none
+/// cannot be.
+fn are_finite(values: &[f64]) -> bool {
+    pulp::Arch::new().dispatch(AreFinite(values))
+}
+
+struct AreFinite<'a>(&'a [f64]);
+
+impl WithSimd for AreFinite<'_> {
+    type Output = bool;
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) -> bool {
+        const MANY: usize = 64;
+        self.0.chunks(MANY).all(|some| some.iter().fold(true, |all, it| all & it.is_finite()))
+    }
+}
+
+/// Solves the affine VI with `F(x) = matrix x + q`.
+#[pyfunction]
+#[pyo3(signature = (matrix, q, lower, upper, x0, settings, time_limit=None, observe=None))]
+#[allow(clippy::too_many_arguments)]
+pub(crate) fn solve_avi<'py>(
+    py: Python<'py>,
+    matrix: PyReadonlyArray2<'py, f64>,
+    q: PyReadonlyArray1<'py, f64>,
+    lower: Bound1<'py>,
+    upper: Bound1<'py>,
+    x0: Option<PyReadonlyArray1<'py, f64>>,
+    settings: &Bound<'py, PyDict>,
+    time_limit: Option<f64>,
+    observe: Option<Py<PyAny>>,
+) -> PyResult<ViRecord> {
+    let _running = crate::leaving::running()?;
+    // the Python layer has made copies: nobody else writes into them
+    let (matrix, q) = (matrix.as_slice()?, q.as_slice()?);
+    let n = q.len();
+    if !are_finite(matrix) {
+        let k = matrix.iter().position(|entry| !entry.is_finite()).unwrap_or(0);
+        let (i, j, entry) = (k / n, k % n, matrix[k]);
+        return Err(PyValueError::new_err(format!("M[{i}, {j}] must be finite, got {entry}")));
+    }
+    if let Some(i) = q.iter().position(|entry| !entry.is_finite()) {
+        return Err(PyValueError::new_err(format!("q[{i}] must be finite, got {}", q[i])));
+    }
+    let z = x0.map_or_else(|| zeros(n), |x0| vector(&x0))?;
+    let mut vectors = Vectors { lower: lower.to_vec(n)?, upper: upper.to_vec(n)?, z };
+    let given = GivenSettings::from_dict(settings)?;
+    let interrupts = Interrupts::new(time_limit, observe);
+    let affine = Affine { matrix, q };
+    let mut problem = Interruptible { affine, interrupts };
+    let solved = py.detach(|| vectors.solve(&mut problem, &given.get()));
+    if let Some(error) = problem.interrupts.raised() {
+        return Err(error);
+    }
+    let end = solved?;
+    let nfev = end.0.counts.f;
+    Ok(vectors.record(py, end, nfev, &problem.interrupts))
+}
+
+/// The natural residual of `x`, given `F(x)`.
+#[pyfunction]
+pub(crate) fn natural_residual<'py>(
+    x: PyReadonlyArray1<'py, f64>,
+    f: PyReadonlyArray1<'py, f64>,
+    lower: Bound1<'py>,
+    upper: Bound1<'py>,
+) -> PyResult<f64> {
+    let _running = crate::leaving::running()?;
+    let vectors = Vectors::new(&lower, &upper, &x)?;
+    vi::validate_bounds(vectors.z.len(), &vectors.lower, &vectors.upper).map_err(invalid)?;
+    let f = vector(&f)?;
+    Ok(vi::natural_residual(&vectors.z, &f, &vectors.lower, &vectors.upper))
+}
+
+// The settings of a solve, from Python.
+
+/// Settings as Python hands them over: a dictionary of those that differ from the default.
+struct GivenSettings {
+    settings: Settings<'static>,
+    row_scale: Option<Vec<f64>>,
+}
+
+impl GivenSettings {
+    fn from_dict(given: &Bound<'_, PyDict>) -> PyResult<Self> {
+        let mut settings = Settings::default();
+        let mut row_scale = None;
+        for (key, value) in given {
+            let key: String = key.extract()?;
+            match key.as_str() {
+                "tol" => settings.tol = value.extract()?,
+                "rtol" => settings.rtol = value.extract()?,
+                "max_iterations" => settings.max_iterations = value.extract()?,
+                "stage_iterations" => settings.stage_iterations = value.extract()?,
+                "max_pivots" => settings.max_pivots = value.extract()?,
+                "total_pivots" => settings.total_pivots = value.extract()?,
+                "line_search" => settings.line_search = value.extract()?,
+                "memory" => settings.memory = value.extract()?,
+                "descent_steps" => settings.descent_steps = value.extract()?,
+                "active_set" => settings.active_set = value.extract()?,
+                "ray_start_first" => {
+                    settings.first_start =
+                        if value.extract()? { Start::Ray } else { Start::Regular };
+                }
+                "josephy_newton" => settings.josephy_newton = value.extract()?,
+                "smoothing" => settings.smoothing = value.extract()?,
+                "semismooth" => settings.semismooth = value.extract()?,
+                "proximal" => settings.proximal = value.extract()?,
+                "restarts" => settings.restarts = value.extract()?,
+                "enumerate_up_to" => settings.enumerate_up_to = value.extract()?,
+                "test_isolation" => settings.test_isolation = value.extract()?,
+                "scale_by_jacobian" => settings.row_scale = RowScale::Jacobian,
+                "row_scale" => {
+                    let scale: PyReadonlyArray1<'_, f64> = value.extract()?;
+                    row_scale = Some(vector(&scale)?);
+                }
+                _ => return Err(PyTypeError::new_err(format!("unknown setting {key:?}"))),
+            }
+        }
+        Ok(Self { settings, row_scale })
+    }
+
+    fn get(&self) -> Settings<'_> {
+        match &self.row_scale {
+            Some(scale) => Settings { row_scale: RowScale::Given(scale), ..self.settings },
+            None => self.settings,
+        }
+    }
+}
+
+// Bimatrix games from Python.
+
+/// Unscaled strategies at an equilibrium of a game with positive payoffs of equal shape, and the
+/// pivots; `None` where none was found within the limit of pivots, or of time (s).
+#[pyfunction]
+#[pyo3(signature = (a, b, limit, time_limit=None))]
+pub(crate) fn lemke_howson(
+    py: Python<'_>,
+    a: PyReadonlyArray2<'_, f64>,
+    b: PyReadonlyArray2<'_, f64>,
+    limit: usize,
+    time_limit: Option<f64>,
+) -> PyResult<Option<(Array, Array, usize)>> {
+    let (m, n) = a.as_array().dim();
+    let payoffs = |of: PyReadonlyArray2<'_, f64>| list(of.as_array().iter().copied());
+    let (a, b) = (payoffs(a)?, payoffs(b)?);
+    let (reals, indices) = vi::lemke_howson_len(m, n);
+    let (mut reals, mut indices) = (zeros(reals)?, list(std::iter::repeat_n(0, indices))?);
+    let (mut x, mut y) = (zeros(m)?, zeros(n)?);
+    let interrupts = Interrupts::new(time_limit, None);
+    let (found, x, y, interrupts) = py.detach(move || {
+        let work = (&mut reals[..], &mut indices[..]);
+        let poll = &mut || interrupts.look_detached();
+        let found = vi::lemke_howson((&a, &b), (&mut x, &mut y), limit, work, poll);
+        (found, x, y, interrupts)
+    });
+    if let Some(error) = interrupts.raised() {
+        return Err(error);
+    }
+    let array = |values| PyArray1::from_vec(py, values).unbind();
+    Ok(found.ok().flatten().map(|pivots| (array(x), array(y), pivots)))
+}
+
+// How small the numbers of an affine problem are: whether an absolute tolerance means something.
+
+/// Sums that a processor has at once.
+const LANES: usize = 8;
+/// Multiple of the limit from which on rounding cannot bring a size below it.
+const SAFE: f64 = 2.0;
+
+/// Whether some row or unknown of `F(x) = matrix x + q` on a box is smaller than `limit`, by what
+/// moves it at the start, the point of the box nearest to `x0` (zero without one).
+///
+/// The size of an unknown is what balances a row, `max_i |F_i/M_ij|`, at most the width of the box,
+/// and at least its value; that of a row its value and what those moves change. False where the
+/// numbers of the problem are none, which the solver refuses.
+#[pyfunction]
+#[pyo3(signature = (matrix, q, lower, upper, x0, limit))]
+pub(crate) fn is_off_scale<'py>(
+    matrix: PyReadonlyArray2<'py, f64>,
+    q: PyReadonlyArray1<'py, f64>,
+    lower: Bound1<'py>,
+    upper: Bound1<'py>,
+    x0: Option<PyReadonlyArray1<'py, f64>>,
+    limit: f64,
+) -> PyResult<bool> {
+    let (n, rows, q) = (matrix.shape()[0], matrix.as_slice()?, q.as_slice()?);
+    let (lower, upper) = (lower.to_vec(n)?, upper.to_vec(n)?);
+    if !lower.iter().zip(&upper).all(|(low, high)| low <= high) {
+        return Ok(false);
+    }
+    let start = x0.map_or_else(|| zeros(n), |x0| vector(&x0))?;
+    let bounds = lower.iter().zip(&upper);
+    let x = list(start.iter().zip(bounds).map(|(x, (l, u))| x.clamp(*l, *u)))?;
+    let sizes = Sizes { rows, q, lower: &lower, upper: &upper, x: &x };
+    let values = pulp::Arch::new().dispatch(Values(&sizes));
+    if sizes.are_safe(&values, SAFE * limit) {
+        return Ok(false);
+    }
+    let finite = [rows, q, &x].into_iter().all(are_finite);
+    Ok(finite && pulp::Arch::new().dispatch(Least(&sizes, &values)) < limit)
+}
+
+/// The numbers of a problem, and the point of its box where it is looked at.
+struct Sizes<'a> {
+    rows: &'a [f64],
+    q: &'a [f64],
+    lower: &'a [f64],
+    upper: &'a [f64],
+    x: &'a [f64],
+}
+
+/// `|F_i|` at the point.
+struct Values<'a>(&'a Sizes<'a>);
+
+impl WithSimd for Values<'_> {
+    type Output = Vec<f64>;
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) -> Vec<f64> {
+        self.0.values()
+    }
+}
+
+/// The least size, from the values.
+struct Least<'a>(&'a Sizes<'a>, &'a [f64]);
+
+impl WithSimd for Least<'_> {
+    type Output = f64;
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) -> f64 {
+        self.0.least(self.1)
+    }
+}
+
+fn or_one(size: f64) -> f64 {
+    if size > 0.0 {
+        size
+    } else {
+        1.0
+    }
+}
+
+impl Sizes<'_> {
+    #[inline(always)]
+    fn values(&self) -> Vec<f64> {
+        if self.x.iter().all(|x| *x == 0.0) {
+            return self.q.iter().map(|q| q.abs()).collect();
+        }
+        let rows = self.rows.chunks_exact(self.q.len()).zip(self.q);
+        let value = |(row, q): (&[f64], &f64)| {
+            let mut sums = [0.0; LANES];
+            for (row, x) in row.chunks(LANES).zip(self.x.chunks(LANES)) {
+                for (sum, (m, x)) in sums.iter_mut().zip(row.iter().zip(x)) {
+                    *sum += m * x;
+                }
+            }
+            (sums.iter().sum::<f64>() + q).abs()
+        };
+        rows.map(value).collect()
+    }
+
+    /// The size of an unknown that a row moves so far.
+    fn unknown(&self, j: usize, moved: f64) -> f64 {
+        let width = or_one(self.upper[j] - self.lower[j]);
+        or_one(moved).min(width).max(self.x[j].abs())
+    }
+
+    /// Whether a look at a few entries shows that nothing is smaller than `limit`. It is one row
+    /// that moves most unknowns, and most rows have a value of that size themselves.
+    fn are_safe(&self, values: &[f64], limit: f64) -> bool {
+        let n = self.q.len();
+        let rows = || self.rows.chunks_exact(n).zip(values);
+        let mut unknowns: Vec<f64> = self.x.iter().map(|x| x.abs()).collect();
+        let mut open: Vec<usize> = (0..n).filter(|&j| unknowns[j] < limit).collect();
+        for (row, value) in rows() {
+            if open.is_empty() {
+                break;
+            }
+            open.retain(|&j| {
+                let moved = value / row[j].abs();
+                if moved > 0.0 && moved < f64::INFINITY {
+                    unknowns[j] = self.unknown(j, moved);
+                }
+                unknowns[j] < limit
+            });
+        }
+        let moves = |row: &[f64]| {
+            let mut entries = row.iter().zip(&unknowns);
+            entries.any(|(m, unknown)| m.abs() * unknown.min(1.0) >= limit)
+        };
+        open.is_empty() && rows().all(|(row, value)| *value >= limit || moves(row))
+    }
+
+    #[inline(always)]
+    fn least(&self, values: &[f64]) -> f64 {
+        let n = self.q.len();
+        let mut moves = vec![0.0; n];
+        for (row, value) in self.rows.chunks_exact(n).zip(values) {
+            for (to, m) in moves.iter_mut().zip(row) {
+                let moved = if *m == 0.0 { 0.0 } else { value / m.abs() };
+                *to = if moved > *to { moved } else { *to };
+            }
+        }
+        let unknowns = moves.iter().enumerate().map(|(j, moved)| self.unknown(j, *moved));
+        let unknowns: Vec<f64> = unknowns.collect();
+        let mut least = unknowns.iter().copied().fold(f64::INFINITY, f64::min);
+        for (row, value) in self.rows.chunks_exact(n).zip(values) {
+            let mut most = [*value; LANES];
+            for (row, sizes) in row.chunks(LANES).zip(unknowns.chunks(LANES)) {
+                for (most, (m, size)) in most.iter_mut().zip(row.iter().zip(sizes)) {
+                    let moved = m.abs() * size.min(1.0);
+                    *most = if moved > *most { moved } else { *most };
+                }
+            }
+            least = least.min(or_one(most.into_iter().fold(*value, f64::max)));
+        }
+        least
+    }
+}
