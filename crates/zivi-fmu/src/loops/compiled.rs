@@ -2,7 +2,8 @@
 
 use core::ffi::{c_int, c_void};
 
-use zivi::system::dynamics::{Driven, Dynamics, InputMatrix, Layout};
+use zivi::system::dynamics::{Driven, InputMatrix};
+use zivi::system::dynamics::{Dynamics, Layout};
 use zivi::system::tree::TreeDynamics;
 use zivi::AnyImpactLaw;
 

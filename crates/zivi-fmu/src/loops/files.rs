@@ -1,17 +1,19 @@
 //! The files of a system or a loop in the folder of the resources.
 
-use crate::loops::compiled::{Function, Inputs, Part, System};
-use crate::loops::numbers::Numbers;
-use crate::loops::tree::ParametricTree;
-use crate::table::{Kind, Role, Variable};
 use core::ffi::{c_char, c_int, c_void};
 use std::ffi::CString;
 use std::path::{Path, PathBuf};
+
 use zivi::drive::mechanical::{GapTracker, GapTrackerSettings, MechanicalReference, Noise};
 use zivi::system::dynamics::Layout;
 use zivi::system::impact_law::newton_impacts;
 use zivi_core::control::{Approach, Gains, TwistingTracker};
 use zivi_core::Restitution;
+
+use super::compiled::{Function, Inputs, Part, System};
+use super::given::{Controller, Loop, Sizes};
+use super::numbers::Numbers;
+use super::tree::ParametricTree;
 
 /// Of the numbers.
 const VERSION: f64 = 3.0;
@@ -183,88 +185,5 @@ impl Library {
         let address = unsafe { dlsym(self.0, name.as_ptr()) };
         // SAFETY: the export gives functions of these names this signature; NULL is `None`
         unsafe { core::mem::transmute::<*mut c_void, Option<Function>>(address) }
-    }
-}
-
-// A system, or a loop, as its files tell it.
-
-/// A system, alone or with its controller, that was read from its files; it stays for the whole process.
-#[derive(Debug)]
-pub(super) struct Loop {
-    pub(super) token: Vec<u8>,
-    pub(super) number: u32,
-    pub(super) table: Vec<Variable>,
-    pub(super) layout: Layout,
-    /// How many controls there are.
-    pub(super) r: usize,
-    pub(super) plant: Part,
-    pub(super) controller: Option<Controller>,
-}
-
-/// A controller.
-#[derive(Debug)]
-pub(super) struct Controller {
-    pub(super) believed: Part,
-    pub(super) law: GapTracker,
-    /// The force with which a contact is pressed, if one is requested.
-    pub(super) forces: Vec<Option<f64>>,
-    pub(super) reference: Option<MechanicalReference>,
-}
-
-/// What is counted of the updates of a controller.
-pub(super) const COUNTED: [u8; 2] = [GapTracker::REFUSED, GapTracker::SATURATED];
-
-impl Loop {
-    /// The variables: time; a disturbance of each coordinate; coordinates, velocities, gaps, contacts,
-    /// contact forces; of a controller contacts that are held, controls, the status, how many updates
-    /// were rejected and saturated; the start, and the parameters of the system and of the one that the controller believes in.
-    pub(super) fn table(sizes: Sizes, start: &[f64]) -> Vec<Variable> {
-        let Sizes { layout: Layout { n, m, .. }, r, is_controlled } = sizes;
-        let held = if is_controlled { m } else { 0 };
-        let parts = [
-            (Kind::Real, Role::Time, 1),
-            (Kind::Real, Role::Input, n),
-            (Kind::Real, Role::Output, 2 * n + m),
-            (Kind::Boolean, Role::Output, m),
-            (Kind::Real, Role::Output, m),
-            (Kind::Boolean, Role::Output, held),
-            (Kind::Real, Role::Output, r),
-            (Kind::Integer, Role::Output, if is_controlled { 1 + COUNTED.len() } else { 0 }),
-        ];
-        let mut table = Vec::new();
-        for (kind, role, count) in parts {
-            table.extend((0..count).map(|_| Variable { kind, role, start: 0.0 }));
-        }
-        let parameter =
-            |start: &f64| Variable { kind: Kind::Real, role: Role::Parameter, start: *start };
-        table.extend(start.iter().map(parameter));
-        table
-    }
-
-    /// Where the first parameter is, a coordinate at the start.
-    pub(super) fn first_parameter(&self) -> usize {
-        let is_controlled = self.controller.is_some();
-        Sizes { layout: self.layout, r: self.r, is_controlled }.first_parameter()
-    }
-
-    /// The period of the controller (s), none of a system alone.
-    pub(super) fn h(&self) -> f64 {
-        self.controller.as_ref().map_or(0.0, |it| it.law.settings.h)
-    }
-}
-
-/// How many values of each kind there are.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Sizes {
-    pub(super) layout: Layout,
-    pub(super) r: usize,
-    pub(super) is_controlled: bool,
-}
-
-impl Sizes {
-    /// Where the first parameter is among the values.
-    pub(super) fn first_parameter(self) -> usize {
-        let Self { layout: Layout { n, m, .. }, r, is_controlled } = self;
-        1 + 3 * n + 3 * m + if is_controlled { m + r + 1 + COUNTED.len() } else { 0 }
     }
 }

@@ -8,6 +8,7 @@
 mod code;
 mod compiled;
 mod files;
+mod given;
 mod moving;
 mod numbers;
 mod tree;
@@ -18,7 +19,8 @@ use std::sync::Mutex;
 
 use zivi::drive::mechanical::{BelievedPlant, GapKinetics, LawError, Moved};
 use zivi::mechanics::{simulate_mechanical, MechanicalOutput};
-use zivi::system::dynamics::{Driven, Dynamics};
+use zivi::system::dynamics::Driven;
+use zivi::system::dynamics::Dynamics;
 use zivi::{Monitor, SwitchedRk};
 
 use crate::objects::{MOST, ROOM};
@@ -26,7 +28,7 @@ use crate::state::State;
 use crate::steps::{Parts, Refusal};
 use crate::table::Variable;
 use compiled::{Evaluated, Matrix};
-use files::{Controller, Loop};
+use given::{Controller, Loop};
 use moving::{Controlling, Moving};
 
 /// What an instance is.
@@ -223,7 +225,7 @@ impl Loop {
     fn period(&self, moving: &mut Moving, state: &State) -> Result<(), i32> {
         let (_, acting) = self.controls(moving, state)?;
         if let Some(Controlling { law, counts, .. }) = &mut moving.controller {
-            for (count, bit) in counts.iter_mut().zip(files::COUNTED) {
+            for (count, bit) in counts.iter_mut().zip(given::COUNTED) {
                 *count = count.saturating_add(u32::from(law.status & bit != 0));
             }
         }

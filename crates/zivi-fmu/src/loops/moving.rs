@@ -4,7 +4,7 @@ use zivi::drive::mechanical::{GapTrackerState, Latch, Offsets, SentControls};
 use zivi_core::control::{TickStatus, TrackerState};
 use zivi_core::Lifted;
 
-use crate::loops::files::{Controller, Loop, COUNTED};
+use super::given::{Controller, Loop, COUNTED};
 
 /// What changes from period to period.
 #[derive(Clone, Debug)]
