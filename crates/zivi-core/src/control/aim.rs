@@ -14,18 +14,6 @@ use crate::real::sqrt;
 use crate::Real;
 use core::ops::{Add, Div, Mul, Sub};
 
-// Aiming at the next impact: a racket that throws a body as high as requested, a hammer that meets a
-// wall with a requested speed.
-//
-// ```text
-// v- = -sqrt(v^2 + 2 G (x - z))      V = sqrt(2 G H)      w = v- + (V - v-)/gamma
-// ```
-//
-// The body comes to the place `z` with `v-`, in a time that its flight tells; met with the speed `w` it
-// leaves with `V` and rises by `H`. What strikes goes there with the least effort, cubic in time. What a
-// model lacks in masses and restitution is the one number `gamma`, learnt from each impact; what it
-// lacks in forces is a constant acceleration of what strikes, learnt between them.
-
 /// Periods before an impact in which the plan is played and not made anew.
 const FINAL: Real = 4.0;
 /// A change of the speed of a body beyond this part of the wanted one is an impact.

@@ -16,19 +16,6 @@ use crate::setting::{is_not_negative, is_positive, require};
 use crate::{sgn, Physical, Real, Restitution, SettingError};
 use core::fmt;
 
-// The gains of a twisting controller and the conditions for its stability.
-//
-// With `|d| <= M` the force that the controller does not know:
-//
-// ```text
-// tracker     M/R < mu2 < mu1 - M/R        R = 1 - kappa = 2e/(1 + e)
-// regulator   M - mu1 (1 - e^2)/(1 + e^2) < mu2 < mu1 - M
-// ```
-//
-// The tracker's gains act in the transform's coordinates, `e_s'' = R (..) + d`, and `R` is smallest
-// while the mass rises. The regulator falls with `D - M` at least (`D = mu1 - mu2`), and loses
-// energy from impact to impact if `e^2 (D + M)/(U - M) < 1` (`U = mu1 + mu2`): impacts help it.
-
 /// `mu1 > mu2 > 0`: the gains on the sign of the position and of the velocity (m/s^2).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Gains {

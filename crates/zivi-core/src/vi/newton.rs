@@ -16,17 +16,6 @@ use crate::vi::settings::{Stage, Start, Status, MEMORY};
 use crate::vi::smoothing::{proximal_newton, smoothing_newton, ProximalEnd};
 use crate::vi::{active_set, dense};
 
-// Josephy-Newton: at each iterate the affine VI of the linearised map is solved by pivoting.
-//
-// ```text
-// find z_N in [l, u]:   0 in F(z) + (J(z) + mu I)(z_N - z) + N_[l,u](z_N)
-// theta(z + t d) <= (1 - 2e-4 t) max of the last theta,     d = z_N - z,   theta = |Phi|^2 / 2
-// ```
-//
-// Josephy (MRC report 1965, Wisconsin 1979) for the step; the nonmonotone search is that of
-// Grippo, Lampariello & Lucidi, *SIAM J. Numer. Anal.* 23 (1986) 707-716, on the
-// Fischer-Burmeister merit as in Ferris, Kanzow & Munson, *Math. Program.* 86 (1999) 475-497.
-
 /// Unknowns from which a proof that there is no solution is sought before the first path; for fewer
 /// after it.
 const WORTH_A_PROOF: usize = 16;

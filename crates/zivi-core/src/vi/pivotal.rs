@@ -21,24 +21,6 @@ use crate::vi::natural::natural_residual;
 use crate::vi::problem::Interruption;
 use crate::vi::settings::Start;
 
-// A pivotal solver for the affine VI on a box.
-//
-// ```text
-// find l <= z <= u, w >= 0, v >= 0 with   M z + q = w - v,   w _|_ z - l,   v _|_ u - z
-// ```
-//
-// Of the three variables of an index at most one is basic (`z_i` strictly inside, `w_i` with
-// `z_i = l_i`, `v_i` with `z_i = u_i`), and an artificial `s` times a covering vector `c` joins
-// `q`. The path from a known solution at `s = s0` is followed, one complementary pivot after
-// another, until `s = 0`: Lemke's method, in the form of Cao & Ferris, *Mathematics of
-// Operations Research* 21 (1996) 44-60, on the box itself, so the basis stays `n x n`. Ties are
-// broken lexicographically (Cottle, Pang & Stone, *The Linear Complementarity Problem*, 4.9), so
-// no basis comes twice.
-//
-// A path that ends on a ray along which `s` stays the same continues: slacks that grow along the
-// ray need no cover, and with `c_i = 0` in their rows the same ray is the beginning of another path.
-// For bimatrix games that second path is Lemke and Howson's (*J. SIAM* 12 (1964) 413-423).
-
 /// How a path ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum PathEnd {

@@ -16,19 +16,6 @@ use crate::vi::natural::natural_component;
 use crate::vi::settings::Status;
 use crate::vi::{active_set, dense, fischer};
 
-// Smoothing Newton: the projection onto the box is rounded off, less and less.
-//
-// ```text
-// H(z) = z - p_mu(w) = 0,  w = z - F(z)/c,  c_i = max_j |J_ij|
-// p_mu(w) = (l + u)/2 + (h(w - l) - h(w - u))/2,  h(a) = sqrt(a^2 + 4 mu^2),   l, u finite
-// p_mu(w) = (w + l + h(w - l))/2,  (w + u - h(w - u))/2,  w                    one or no bound
-// ((1 - D) + D J/c) d = -H,  D = p_mu'(w) in [0, 1]
-// ```
-//
-// Chen & Harker, *SIAM J. Matrix Anal. Appl.* 14 (1993) 1168-1190, Kanzow, *SIAM J. Matrix Anal.
-// Appl.* 17 (1996) 851-868; on the box after Gabriel & Moré (1997). It ends by Newton's method on
-// the active set, from the set that the rounded solution tells.
-
 /// Sufficient decrease of `|H|`, and the shortest step.
 const ARMIJO: f64 = 1e-4;
 const SHORTEST: f64 = 1e-6;

@@ -20,17 +20,6 @@ use crate::vi::settings::{
 use crate::vi::smoothing::smoothing_newton;
 use crate::vi::workspace::Workspace;
 
-// The solver: stages of increasing patience, each checked by the recomputed residual.
-//
-// ```text
-// S0      Josephy-Newton, nonmonotone, from z0; affine problems by the active set and proximal steps
-// SM      smoothing Newton, from z0
-// S1      semismooth Newton, monotone, from z0
-// S2      proximal Josephy-Newton, ray start first, monotone, from z0
-// R0..R7  Josephy-Newton from random points around z0 and around zero, ever wider
-// E       n <= 6: every pattern of active bounds, from z0 and two of the random points
-// ```
-
 /// Unknowns from which the active-set method is tried: for fewer, pivots cost no more, and a path
 /// is less drawn to solutions at infinity.
 const WORTH_ACTIVE_SET: usize = 16;

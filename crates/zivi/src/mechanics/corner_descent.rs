@@ -24,17 +24,6 @@ use crate::system::dynamics::{Dynamics, Layout};
 use crate::zeno::table::{Landing, Table};
 use std::ops::Deref;
 
-// The way into a corner, drawn: the motion in contact, moved out of it by the heights of all gaps.
-//
-// ```text
-// x = c(t) + sum_i r_i(t) Y_i(tau(t))       tau = (t - t_0) + kappa (t - t_0)^2           (1)
-// ```
-//
-// with `c` of degree 5 through both ends as for one bouncing gap, `r_i` the line of the directions
-// in which gap `i` alone is moved, and `Y` the parabolas of [`super::nest`]. `kappa` makes the last
-// of them end in the corner, which is known better. Where one gap bounces with a ratio that friction
-// makes, each arc has two halves, under the friction of its rise and of its fall.
-
 /// Most arcs of two halves.
 const HALVES: usize = 2048;
 /// Largest part by which the times of the arcs are stretched to end in the corner.

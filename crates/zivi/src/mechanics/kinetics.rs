@@ -19,17 +19,6 @@ use crate::system::dynamics::{Dynamics, FunctionDynamics, Layout};
 use crate::system::force::{Friction, Smooth};
 use crate::Status;
 
-// The mechanics at one state: free accelerations, mobilities of the gaps, forces of contact.
-//
-// ```text
-// A = M^-1 F      b_i = n_i . A + h_i      D_ij = n_i . M^-1 n_j                          (1)
-// contacts C:     lambda_C = -D_CC^-1 b_C      q'' = A + M^-1 N_C^T lambda_C              (2)
-// g_k'' = b_k + D_kC lambda_C
-// ```
-//
-// The slip in a channel of friction is one more row below those of the gaps, with `B_c` for `n_i`. How
-// friction enters (2) is [`super::friction`].
-
 /// A system whose evaluations are counted, between times where it is smooth.
 pub(super) struct Model<'a, D> {
     pub(super) dynamics: &'a mut D,

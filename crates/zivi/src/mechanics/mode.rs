@@ -14,12 +14,6 @@ use crate::record::status::Failure;
 use crate::system::dynamics::{Dynamics, Layout};
 use crate::zeno::table::Landing;
 
-// What a mechanical system does: on which contacts it moves, and what comes next.
-//
-// The mode is the set of closed gaps, and what friction does. Flight is motion without any contact,
-// and one equation serves all modes, so that there are no two cases with data of their own as there
-// are for a mass, whose rest needs no equation.
-
 /// What the gaps do that touch, or touched when the last step began.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) struct Contacts {

@@ -6,11 +6,6 @@
 use pulp::{Simd, WithSimd};
 use std::fmt::Debug;
 
-// What a state consists of: one number, or several.
-//
-// A mass above a wall is the smallest case of a mechanical system, and costs no more than code
-// that is written for one number: its coordinates are an `f64`, seen as a slice of length one.
-
 /// Most stages that a pair has, further ones included.
 pub(crate) const MOST_STAGES: usize = 16;
 

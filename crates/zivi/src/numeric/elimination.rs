@@ -3,9 +3,6 @@
 
 use crate::numeric::dense::dot;
 
-// Square systems of a few unknowns that need not be symmetric nor regular: elimination with
-// complete pivoting.
-
 /// `P A Q = L U` of an `n x n` matrix whose entries are of order one.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Elimination {

@@ -7,13 +7,6 @@
 
 use std::f64::consts::TAU;
 
-// A root of a function between two points where it has different signs.
-//
-// Chandrupatla's method (T. R. Chandrupatla, *A new hybrid quadratic/bisection algorithm for
-// finding the zero of a nonlinear function without using derivatives*, Adv. Eng. Softw. 28,
-// 1997): inverse quadratic interpolation where the three last points make it safe, else
-// bisection. It needs no more evaluations than Brent's method and has no cases to tune.
-
 /// A point and the value there.
 type Point = (f64, f64);
 

@@ -18,21 +18,6 @@ use crate::numeric::coordinates::{Coordinates, Row, State};
 use crate::numeric::dense;
 use crate::numeric::tableau::{Estimate, Interpolant, Pair, Weights};
 
-// One step of an embedded pair on `x'' = a(t, x, x')`, for one coordinate or for several.
-//
-// With `y = (x, x')` the stages are velocities `V_i` and accelerations `k_i`:
-//
-// ```text
-// X_i = x + h sum_j a_ij V_j     V_i = x' + h sum_j a_ij k_j     k_i = a(t + c_i h, X_i, V_i)
-// ```
-//
-// What a uniform acceleration does is known exactly, and the sums are over the rest of it,
-// `k_j - k_0` and `V_j - x' - c_j h k_0`: with rounded coefficients up to 50 all flights of a ball
-// would be wrong by the same part of `1e-14`, which long accumulations add up.
-//
-// Only `a` is evaluated, and it is evaluated where the stages are: in a step that ends in an
-// impact they may be a little beyond it.
-
 /// What is integrated, `x'' = a(t, x, x')`, with the reason `X` where there is no `a`.
 pub(crate) trait Equation<Q, X> {
     /// Writes `a` at a state.

@@ -12,9 +12,6 @@ use crate::system::force::Smooth;
 use crate::Status;
 use std::ops::Range;
 
-// Steps of a pair under error control: the last of them, how long the next may be, how many there
-// were.
-
 /// A step near a Zeno point is a little longer than the arc under a constant pull.
 const ARC: f64 = 1.1;
 

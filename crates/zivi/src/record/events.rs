@@ -7,9 +7,6 @@ use std::collections::TryReserveError;
 use zivi_core::transform::impact_velocities;
 use zivi_core::{Lifted, Restitution};
 
-// Impacts, Zeno points, rest and lift-off at one gap: the reader of what happens there, and what
-// happens read off the steps of a fixed-step run.
-
 /// What happened at the wall in a run.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Events {

@@ -14,13 +14,6 @@ use zivi_core::step::PATTERNS;
 use zivi_core::transform::project;
 use zivi_core::{Physical, StepSolution, ThetaGammaStep};
 
-// The force at the end of a step that itself depends on the force.
-//
-// With the force frozen at a trial value the step has a closed form; what is left is one scalar
-// equation for that value, `mismatch(f) = f(t, x(f), x'(f)) - f = 0`. Within one sign pattern `x`
-// and `x'` are affine in the trial, so for a linear force one secant step is exact. The slope is
-// carried from step to step, and a bracket is kept wherever the mismatch has changed sign.
-
 /// The mismatch that is accepted, relative to the force of the step or of the one before.
 pub(crate) const TOLERANCE: f64 = 1e-12;
 /// Trial forces along the selected solutions.

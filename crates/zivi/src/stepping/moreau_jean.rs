@@ -33,26 +33,6 @@ use std::collections::TryReserveError;
 use zivi_core::setting::{Setting, Value, Values};
 use zivi_core::{sgn, transform, Branch, Lifted, Physical, Restitution, ThetaGammaStep};
 
-// The baseline of nonsmooth mechanics: Moreau-Jean time stepping in `(x, x')`.
-//
-// ```text
-// v+ = v + h f_theta + P        f_theta = theta f(t+, x+, v+) + (1 - theta) f(t, x, v)
-// x+ = x + h (theta v+ + (1 - theta) v)
-// 0 <= P  _|_  v+ + e v >= 0    where x + h v/2 <= 0, else P = 0                      (1)
-// ```
-//
-// The contact is decided at velocity level, where the predicted gap `x + h v/2` is closed; the
-// position is not corrected, so `x` may be negative, by up to about `h |v|`. See J. J. Moreau,
-// *Unilateral contact and dry friction in finite freedom dynamics* (1988), and M. Jean, *The
-// non-smooth contact dynamics method*, Comput. Methods Appl. Mech. Eng. 177 (1999).
-//
-// What is recorded. A step with `P > 0` from `v < 0` is an impact at its end, with the velocities
-// `v` and `v+ = -e v`. Velocities of at most `h |f_theta|` on both sides of a step with `P > 0`
-// are those of a mass that is pressed to the wall: there rest begins, and it ends with a
-// step without `P` on which the mass leaves, faster than `h |f_theta|` or pulled outward. Samples have `s = sigma x`, negative `x` included, on a branch `sigma` that
-// changes at each impact, and `v = sigma x'/(1 - kappa sgn x')`; their multipliers are the signs
-// (0 at rest), their residual is NaN.
-
 /// Settings of the method; the step size is the grid's.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct MoreauJean {

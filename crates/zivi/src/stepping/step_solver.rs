@@ -13,17 +13,6 @@ use zivi_core::step::{selection, StepInclusion};
 use zivi_core::vi::{Problem, RowScale, Settings, Workspace};
 use zivi_core::{sgn, transform, vi, Lifted, StepFailure, StepSolution, ThetaGammaStep};
 
-// How the signs of a step are found: exactly by cases, or by a general solver for box VIs.
-//
-// * [`Exact`] is the case analysis of `zivi_core::step`.
-// * [`General`] solves the inclusion as a VI. "Inner linearisation" ([`General::newton`])
-// linearises inside the VI solver, which searches along a merit function and has fall-backs.
-// "Outer linearisation" ([`General::outer`]) solves affine VIs one after another, each
-// linearised at the solution of the one before, and takes every full step.
-//
-// A general solver starts from the signs of the exact motion where the force pulls off the wall
-// (there are several solutions then), else from its own last signs.
-
 /// Finds the end of one step under a frozen force.
 pub trait StepSolver {
     /// The step from `z` under the frozen force `f`.

@@ -23,22 +23,6 @@ use std::f64::consts::TAU;
 use std::sync::Arc;
 use zivi_core::Restitution;
 
-// The map from one impact to the next under a linear force with at most one frequency.
-//
-// ```text
-// (phi, u) -> (phi', u'),    phi = omega t modulo 2 pi,  u > 0 the speed after an impact     (1)
-// ```
-//
-// A column `(X, V)` of derivatives of the flight solves the same linear equation as the flight,
-// with the derivative of the force on its right side. At the impact with the velocity `v` and the
-// acceleration `a`
-//
-// ```text
-// dt = -X/v      dphi' = dphi + omega dt + t domega      du' = -e (V + a dt) - v de          (2)
-// ```
-//
-// Where only `phi` and `u` vary, `det J = e^2 (u/u') exp(-c t)`.
-
 /// What follows an impact.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Return {

@@ -17,9 +17,6 @@ use crate::zeno::chain::Chain;
 use crate::zeno::tail::Tail;
 use crate::{AnyImpactLaw, Force, Impact, PathPoint, Physical, SetupError};
 
-// The switched method: its parts, and which of them comes next: flight, the jump through a Zeno
-// point, rest.
-
 /// The switched Runge-Kutta method as an object that is driven piece by piece.
 ///
 /// ```text

@@ -14,13 +14,6 @@ use crate::switched::mode::{Mode, Point, Rest};
 use crate::switched::stages::Counted;
 use crate::{Dependence, Force, Status};
 
-// When the mass at rest leaves the wall: the first `t` with `phi(t) = f(t, 0, 0) > 0`.
-//
-// Over a window the polynomial of degree 5 through `phi` at Chebyshev's points stands for it.
-// Its coefficients in Bernstein form bound it, and two more evaluations say how well it fits; a
-// window that does not decide is halved, and each that is accepted is probed between its nodes
-// ([`Probes`]).
-
 /// `(1 - cos(pi i/5))/2`.
 const NODES: [f64; 6] =
     [0.0, 0.09549150281252629, 0.3454915028125263, 0.6545084971874737, 0.9045084971874737, 1.0];

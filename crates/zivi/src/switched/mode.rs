@@ -12,16 +12,6 @@ use crate::numeric::coordinates::State;
 use crate::piecewise::steps::StepHistory;
 use crate::{Impact, Physical};
 
-// What a mass does, flight or rest, and what is known in each of them.
-//
-// ```text
-// Step, Leave  -- impact ---->  AfterImpact         Leave  -- step ------>  Step
-// AfterImpact  -- bounces -------->  Step           Rest   -- lift-off -->  Leave
-// AfterImpact  -- accumulates ---->  Jump  -->  Rest
-// AfterImpact  -- stops, stays --->  Step in the origin  -->  Rest
-// AfterImpact  -- stops, pulled -->  Leave
-// ```
-
 /// What the mass does now.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Mode {

@@ -18,17 +18,6 @@ use std::ops::Range;
 use std::sync::Arc;
 use zivi_core::Physical;
 
-// A mechanical system with unilateral constraints, `n` coordinates and `m` gaps, and dry friction in
-// `p` channels.
-//
-// ```text
-// M(t, q) q'' = F(t, q, q') + N^T lambda + B^T f      0 <= g(t, q)  perp  lambda >= 0
-// ```
-//
-// `N` has the rows `n_i = grad g_i`. The gap speeds are `g' = N q' + g_t` and their accelerations
-// `g'' = N q'' + h` with the numbers `h_i = q'^T (Hess g_i) q' + 2 (grad dg_i/dt) q' + d^2 g_i/dt^2`.
-// The slip speeds are `w = B q' + beta`, their accelerations `w' = B q'' + k`, see [`crate::system::force`].
-
 /// Most coordinates, and most gaps with the channels of friction.
 pub const MOST: usize = GapSet::MOST;
 

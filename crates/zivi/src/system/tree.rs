@@ -15,17 +15,6 @@ use crate::system::partials::{DifferentiableDynamics, TimedState};
 use std::ops::Range;
 use std::sync::Arc;
 
-// Trees of rigid bodies that hinges and slides join, with points of them as gaps.
-//
-// ```text
-// M(q) q'' = -b(q, q') - k (q - s) - c q' + tau + N^T lambda
-// ```
-//
-// Each joint has one coordinate and a frame whose third axis is its own. Coordinates, velocities and
-// accelerations of bodies are followed from the root outwards, in axes of the world ([`motion`]);
-// forces and composite bodies are gathered inwards, which gives `b` (the recursive Newton-Euler
-// equations) and `M` (the composite rigid body algorithm, [`gather`]).
-
 /// How a joint moves.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum JointKind {

@@ -16,16 +16,6 @@ use crate::record::stored::Reader;
 use crate::zeno::fit::TERMS;
 use crate::zeno::tail::Tail;
 
-// The table of extrapolation of the end of an accumulation, of times and states together.
-//
-// ```text
-// S_i^(j) = (S_i^(j-1) - e^(j+1) S_(i-1)^(j-1)) / (1 - e^(j+1))                         (1)
-// ```
-//
-// removes one power after the other from rows whose errors begin with `e^2`: `S^(j)` has an error
-// of order `u^(j+2)`. The columns are those of [`richardson`]; here is which entry is taken, and
-// what is known of its error.
-
 /// Rows of the table.
 pub(super) const ROWS: usize = 7;
 

@@ -17,14 +17,6 @@ use crate::system::dynamics::{Driven, Dynamics};
 use zivi_core::control::TwistingTracker;
 use zivi_core::{Physical, SettingError};
 
-// The tracker of gaps.
-//
-// ```text
-// g_i'' = a_i      a_i the control of a twisting tracker on gap i alone
-// Z q'' = Z (q_r'' - kp (q - q_r) - kd (q' - q_r'))
-// a_A   = -W_AA lambda_d      of contacts A that are held
-// ```
-
 /// Part of its own weakest pull by which the other contacts may push a gap that lands.
 const PUSHED: f64 = 0.8;
 

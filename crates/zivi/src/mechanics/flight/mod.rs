@@ -21,9 +21,6 @@ use crate::system::dynamics::{Dynamics, Layout};
 use crate::system::force::Friction;
 use crate::Status;
 
-// The motion between events: steps under error control, each searched for the first impact and the
-// first lift-off.
-
 /// What closes within this part of a flight closes together.
 const TOGETHER: f64 = 1e-13;
 /// Rounding of the time.

@@ -16,14 +16,6 @@ use crate::system::time_table::TimeTable;
 use crate::Force;
 use std::sync::Arc;
 
-// What drives a linear system, as the state of a linear equation of its own.
-//
-// ```text
-// 1' = 0      (cos, sin)' = W (-sin, cos)      (c_0, c_1, c_2, c_3)' = (c_1, 2 c_2, 3 c_3, 0)      W = w h
-// ```
-//
-// in the time `s = (t - t_0)/h` since the start of a step: a constant, a wave, a polynomial of a table.
-
 /// One of them.
 #[derive(Clone, Debug)]
 pub(super) enum Drive {

@@ -16,12 +16,6 @@ use crate::system::force::Friction;
 use crate::system::partials::{DifferentiableDynamics, TimedState};
 use crate::Status;
 
-// The variational columns of a mechanical system, in the Runge-Kutta steps of the motion.
-//
-// A column holds the derivatives of coordinates and gaps, and those of their rates, at a fixed
-// time. The gaps are carried along as in the motion itself: the shift of an impact is the ratio of
-// a small derivative to a small speed.
-
 /// What a column is the derivative by.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum MechanicalWrt {

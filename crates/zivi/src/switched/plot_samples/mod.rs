@@ -20,15 +20,6 @@ use crate::PathPoint;
 use pulp::{Simd, WithSimd};
 use std::collections::TryReserveError;
 
-// Samples between the ends of steps, so that lines through all of them draw the motion.
-//
-// A step of high order spans a whole flight; a line between its ends shows none of it. The
-// polynomials of the dense output say how far they are from straight: over `n` equal parts of a
-// step a line is off by at most `max |p''|/(8 n^2)`. Bernstein coefficients bound `|p''|` of an
-// embedded pair; that of a power series follows from its values at three points, since steps are
-// short for the fastest wave that it consists of. Times and positions are found in one go, all
-// other quantities when they are asked for.
-
 /// A line may be off by this part of the height of what it draws: of a step, and of those before
 /// and after it in the same flight.
 const FLATNESS: f64 = 1.0 / 200.0;

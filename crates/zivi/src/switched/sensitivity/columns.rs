@@ -20,17 +20,6 @@ use crate::switched::sensitivity::validity::Nearest;
 use crate::switched::stages::{Counted, Stages};
 use crate::system::slopes::{DifferentiableForce, Place, Slopes};
 
-// The variational columns, carried through the Runge-Kutta steps of the motion.
-//
-// With `X = dx/dq` and `V = dx'/dq` at a fixed time
-//
-// ```text
-// X' = V        V' = f_x X + f_v V + f_q
-// ```
-//
-// is integrated by the pair of the motion in its own steps, with the Jacobian once at each of its
-// stages: the columns are the exact derivative of the step that was made.
-
 /// What a column is the derivative by.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Wrt {

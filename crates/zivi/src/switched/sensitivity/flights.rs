@@ -21,16 +21,6 @@ use crate::switched::stages::{Counted, Stages};
 use crate::system::slopes::DifferentiableForce;
 use crate::{LinearLaw, LinearRate, Status, Wave};
 
-// Flights of known length, without any look for impacts, and their derivatives: what orbits that
-// are told by the times of their impacts and the speeds after them consist of.
-//
-// ```text
-// flight   from (t_i, 0, u_i) to t_j:   x, x', Phi = d(x, x')/d(x_i, x'_i), d(x, x')/dq
-// ```
-//
-// The force must continue below the wall, as for the switched method: a flight that is too long
-// goes there.
-
 /// What is requested of flights.
 #[derive(Clone, Copy, Debug)]
 pub struct IndependentFlights<'a> {

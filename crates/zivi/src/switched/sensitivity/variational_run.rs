@@ -18,14 +18,6 @@ use crate::system::slopes::{DifferentiableForce, Place};
 use crate::zeno::rates::{ChainRates, Rate};
 use crate::{AnyImpactLaw, Dependence, Impact, Status};
 
-// Follows a run of the switched method with the columns: each step, impact, Zeno point, rest and
-// lift-off.
-//
-// ```text
-// impact    dt = -X-/v-      dv- = V- + a- dt      du = -after'(-v-) dv- + after_q(-v-)
-// X+ = -u dt       V+ = du - a+ dt       a+- = f(t, 0, x'+-)
-// ```
-
 /// The columns of a run under way.
 pub(in crate::switched) struct VariationalRun {
     wrt: Vec<Wrt>,

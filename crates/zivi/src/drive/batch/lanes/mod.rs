@@ -38,27 +38,6 @@ use crate::{Dependence, Force, Grid, SetupError};
 use pulp::{Simd, WithSimd};
 use zivi_core::Restitution;
 
-// Many masses side by side, one step of the theta-gamma scheme at a time: kernels that the
-// compiler vectorises.
-//
-// Nearly all steps of a run are free flight or rest. They are the same arithmetic for every mass
-// and are done side by side, without a branch; the few others (an apex, an impact, the arrival at
-// rest, lift-off) go one by one through the [`Stepper`](crate::stepping::theta_gamma::Stepper) of runs alone. The arithmetic is that of
-// such a run, operation by operation: a mass in a batch moves as it moves alone, to the last bit.
-//
-// Which steps are taken side by side: those whose only solution is the one with the present signs,
-// with room to spare. Seen from the side of the mass, with `u` the larger of `|v|` and 0 if the
-// mass moves away,
-//
-// ```text
-// s > h (1 + kappa) u + h^2 |f|                      no sign of s can change
-// v f > 0  or  |v| > gamma h |f|/(1 - kappa)         no sign of v can change
-// ```
-//
-// Under `f <= 0` these imply what [`zivi_core::ThetaGammaStep::everyday`] asks for. Under `f > 0`, where there
-// may be several solutions, they exclude the eight other patterns, each by more than its tolerance:
-// the rule of [`zivi_core::step::selection`] has nothing to choose.
-
 /// Walls with a smaller `1 - kappa` leave the patterns too little room between each other.
 const LEAST_R: f64 = 1e-9;
 

@@ -25,23 +25,6 @@ use crate::switched::flight::series::level::{Level, Screen, SignTest, LEVELS};
 use std::cell::RefCell;
 use std::sync::Arc;
 
-// What a flight under a linear force consists of, once for all flights.
-//
-// ```text
-// x'' = -k x - c x' + f + sum_m Re z_m(t),      z_m' = i omega_m z_m                  (1)
-// ```
-//
-// Over a step from `t`, `s = (t' - t)/h`, the position is a power series that is linear in what the
-// step starts from, `x`, `V = h x'`, the constant `f` and the waves `z_m`. With `K = k h^2`,
-// `C = c h`, `W = omega h` the coefficients of each column are
-//
-// ```text
-// a_(n+2) = (d_n - K a_n - C (n + 1) a_(n+1)) / ((n + 1)(n + 2)),                     (2)
-// d = h^2 (1, 0, 0, ...) for f,    h^2 Re, h^2 Im of conj((i W)^n)/n! for a wave.
-// ```
-//
-// No case is special: not `k = 0`, not `c^2 = 4 k`, not `omega^2 = k`.
-
 /// Length of a step times the fastest rate of the motion: beyond the last coefficient there is
 /// `1.75^24/24! = 1e-18`, and 24 times that in the velocity.
 const STEP: f64 = 1.75;
