@@ -66,7 +66,7 @@ NAMES = {
     "study.folder": "FolderStore",
     "study.head": "read_head written",
     "study.outcome": "LONGEST message_of",
-    "study.pools": "Gate Pool compute_points=compute",
+    "study.pools": "Pool SignalGate=Gate compute_points=compute",
     "study.store": "Layout",
     "system.model_parts": "STEP differenced",
     "system.parameters": "parameter with_value",

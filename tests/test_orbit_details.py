@@ -63,7 +63,7 @@ def test_where_no_impacting_orbit_is_found_the_last_one_is_given(resting, monkey
 
     monkeypatch.setattr(switch, "periodic_orbit", none)
     event = SimpleNamespace(orbit=resting, value=1.5)
-    found = switch._beyond(SimpleNamespace(values=[1.3, 1.4], name="amplitude"), event)
+    found = switch._orbit_beyond(SimpleNamespace(values=[1.3, 1.4], name="amplitude"), event)
     assert found.number == len(tried) == len(switch.DISTANCES)
 
 

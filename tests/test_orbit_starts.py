@@ -256,12 +256,12 @@ def test_guesses_of_orbits_and_states():
 def test_after_how_many_impacts_free_motions_repeat(k):
     steps = np.tile(np.arange(1.0, k + 1), 12)[: 7 * k]
     rows = np.column_stack([np.cumsum(steps), 10 + steps])
-    assert free._repeats(rows) == k
-    assert free._repeats(rows[-k - 1 :]) == 1 or k == 1
+    assert free._free_repeats(rows) == k
+    assert free._free_repeats(rows[-k - 1 :]) == 1 or k == 1
     for size in (1e-5, 1e-3):
         noise = size * np.random.default_rng(4).normal(size=(7 * k, 2))
-        assert free._repeats(rows + noise) == k
-    assert free._repeats(np.column_stack([np.arange(9.0) ** 3, np.arange(9.0) ** 2])) == 1
+        assert free._free_repeats(rows + noise) == k
+    assert free._free_repeats(np.column_stack([np.arange(9.0) ** 3, np.arange(9.0) ** 2])) == 1
 
 
 def test_unknowns_of_free_orbits():

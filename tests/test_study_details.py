@@ -12,7 +12,7 @@ import pytest
 
 import zivi
 from inside import (
-    Gate,
+    SignalGate,
     study_digest as digest,
     study_drive as drive,
     study_folder as folder,
@@ -122,7 +122,7 @@ def test_workers_that_never_begin_are_given_up(monkeypatch):
     driver = drive.Driver.__new__(drive.Driver)
     never = SimpleNamespace(submit=lambda *_: concurrent.futures.Future())
     driver._pool, driver._job = SimpleNamespace(executor=never), None
-    driver._gate = Gate()
+    driver._gate = SignalGate()
     with pytest.raises(RuntimeError, match="the workers die before they compute"):
         driver._see_it_live()
 

@@ -392,7 +392,7 @@ class MechanicalBranch(OrbitsAlong[MechanicalEvent]):
         MechanicalOrbit
             Its ``status`` says whether it was found.
         """
-        orbit: MechanicalOrbit = late("zivi.orbits.follow", "switched")(self, event)
+        orbit: MechanicalOrbit = late("zivi.orbits.follow", "mechanical_switched")(self, event)
         return orbit
 
     def _table(self) -> ResultTable:

@@ -20,6 +20,7 @@ use crate::system::dynamics::{Dynamics, Layout};
 use crate::zeno::arc::Bounce;
 use crate::zeno::chain::Chain;
 use crate::zeno::table::Landing;
+use crate::zeno::tail::ROUNDINGS;
 use crate::{Dependence, Force};
 
 /// The forces of a linear system without tables change like a line in this part of the time of the fastest
@@ -366,11 +367,15 @@ impl ImpactChain {
             let Some(arc) = tail.arc(number) else { break };
             let mut left = vec![[0.0; POINTS.len()]; size];
             let mut end = Probe::default();
+            // what rounding of its times makes of the accelerations of an arc
+            let times = arc.start.abs().max(arc.end.abs()) / (arc.end - arc.start);
+            let rounding = ROUNDINGS * f64::EPSILON * (1.0 + times);
             for (point, theta) in POINTS.into_iter().enumerate() {
                 end = probe(arcs, (number, theta), flight, at)?;
                 let known = at.aside.acceleration.iter().zip(&end.a);
                 for (left, (a, known)) in left.iter_mut().zip(known).take(slips + p) {
-                    left[point] = a - known;
+                    let most = rounding * a.abs().max(known.abs());
+                    left[point] = if (a - known).abs() <= most { 0.0 } else { a - known };
                 }
                 if p > 0 {
                     let power = at.aside.friction_power(flight, &end.v[n..]);
@@ -381,8 +386,16 @@ impl ImpactChain {
             let bounce = tail.speed_of(number + 1) - arc.incoming;
             let way = self.way(landed, rates, at.aside)?;
             let stops = slip_ways(stopped, landed, at.aside)?;
-            let mut jump: Vec<f64> =
-                (0..size).map(|c| (way[c] - arcs.way(c, end.t)) * bounce).collect();
+            let turn = |c: usize| {
+                let (now, known) = (way[c], arcs.way(c, end.t));
+                let rounding = ROUNDINGS * f64::EPSILON * now.abs().max(known.abs());
+                if (now - known).abs() <= rounding {
+                    0.0
+                } else {
+                    now - known
+                }
+            };
+            let mut jump: Vec<f64> = (0..size).map(|c| turn(c) * bounce).collect();
             for ((stop, channel), slip) in stops.iter().zip(stopped.iter()).zip(&arcs.slips) {
                 let known = slip.speed(end.part);
                 let more: f64 =

@@ -32,7 +32,7 @@ const APART: f64 = 0.6;
 /// So many arcs.
 const ASKED: usize = 2;
 /// An acceleration that differs by no more, in roundings of the times of its arc, is the cubic's.
-const ROUNDINGS: f64 = 16.0;
+pub(crate) const ROUNDINGS: f64 = 16.0;
 
 /// The arcs between the last computed impact and the Zeno point.
 #[derive(Clone, Debug, PartialEq)]
