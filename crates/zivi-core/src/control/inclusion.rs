@@ -9,7 +9,7 @@
 
 use super::regulation::RegulationStep;
 use super::tracking::{Target, TrackingStep};
-use crate::control::aim::Dual;
+use crate::control::dual::Dual;
 use crate::vi::{self, natural_component};
 use crate::{Lifted, Restitution};
 

@@ -21,6 +21,8 @@
 
 mod aim;
 pub mod cubic;
+#[cfg(not(feature = "single"))]
+mod dual;
 mod explicit;
 pub mod gains;
 #[cfg(not(feature = "single"))]

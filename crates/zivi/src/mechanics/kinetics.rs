@@ -3,7 +3,7 @@
 //! ```text
 //! A = M^-1 F      b_i = n_i . A + h_i      D_ij = n_i . M^-1 n_j                          (1)
 //! contacts C:     lambda_C = -D_CC^-1 b_C      q'' = A + M^-1 N_C^T lambda_C              (2)
-//! g_k'' = b_k + D_kC lambda_C
+//!                 g_k'' = b_k + D_kC lambda_C
 //! ```
 //!
 //! The slip in a channel of friction is one more row below those of the gaps, with `B_c` for `n_i`. How

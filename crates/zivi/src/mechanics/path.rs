@@ -225,11 +225,11 @@ impl MechanicalPath {
 //
 // ```text
 // path     [ n, m, p, segments, coefficients, skipped arcs,  the segments,  the coefficients,
-// the skipped arcs,  t, closed, x, v of the end, if there is one ]
+//            the skipped arcs,  t, closed, x, v of the end, if there is one ]
 // segment  [ start, mode, kind (0 motion, 1 skipped), first, degree, h ]
 // arcs     [ start, end, whether a tail follows,  the tail,  8 numbers of each component,
-// how many slips that impacts stop, 2 numbers of each component and 10 of each of them,
-// how many corrections, the component and 25 numbers of each ]
+//            how many slips that impacts stop, 2 numbers of each component and 10 of each of them,
+//            how many corrections, the component and 25 numbers of each ]
 // mode     [ closed, slipping up, slipping down, sticking (numbers of 32 gaps each, two at least) ]
 // ```
 //

@@ -1,11 +1,11 @@
 //! Embedded Runge-Kutta pairs as data.
 //!
 //! * Dormand and Prince's 5(4) pair with the quartic dense output of Shampine: J. R. Dormand and
-//! P. J. Prince, *A family of embedded Runge-Kutta formulae*, J. Comp. Appl. Math. 6 (1980);
-//! L. F. Shampine, *Some practical Runge-Kutta formulas*, Math. Comp. 46 (1986).
+//!   P. J. Prince, *A family of embedded Runge-Kutta formulae*, J. Comp. Appl. Math. 6 (1980);
+//!   L. F. Shampine, *Some practical Runge-Kutta formulas*, Math. Comp. 46 (1986).
 //! * DOP853, order 8 with estimates of orders 5 and 3 and a dense output of order 7 from three
-//! more stages: E. Hairer, S. P. Norsett and G. Wanner, *Solving Ordinary Differential Equations
-//! I*, section II.10.
+//!   more stages: E. Hairer, S. P. Norsett and G. Wanner, *Solving Ordinary Differential Equations
+//!   I*, section II.10.
 //!
 //! The coefficients are rounded: `sum_j a_ij` differs from `c_i` by some `eps`, and rounding of
 //! sums with weights up to 50 adds more. Therefore no sum runs over slopes, but over what the

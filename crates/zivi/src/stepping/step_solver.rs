@@ -2,9 +2,9 @@
 //!
 //! * [`Exact`] is the case analysis of `zivi_core::step`.
 //! * [`General`] solves the inclusion as a VI. "Inner linearisation" ([`General::newton`])
-//! linearises inside the VI solver, which searches along a merit function and has fall-backs.
-//! "Outer linearisation" ([`General::outer`]) solves affine VIs one after another, each
-//! linearised at the solution of the one before, and takes every full step.
+//!   linearises inside the VI solver, which searches along a merit function and has fall-backs.
+//!   "Outer linearisation" ([`General::outer`]) solves affine VIs one after another, each
+//!   linearised at the solution of the one before, and takes every full step.
 //!
 //! A general solver starts from the signs of the exact motion where the force pulls off the wall
 //! (there are several solutions then), else from its own last signs.

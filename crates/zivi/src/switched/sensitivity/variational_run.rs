@@ -3,7 +3,7 @@
 //!
 //! ```text
 //! impact    dt = -X-/v-      dv- = V- + a- dt      du = -after'(-v-) dv- + after_q(-v-)
-//! X+ = -u dt       V+ = du - a+ dt       a+- = f(t, 0, x'+-)
+//!           X+ = -u dt       V+ = du - a+ dt       a+- = f(t, 0, x'+-)
 //! ```
 
 use crate::numeric::stages::{factor, shorter, FACTORS};
