@@ -165,7 +165,7 @@ pub struct Balance {
 /// switches are met at once (`y = p1 = p2`) both signs take the same value.
 ///
 /// ```
-/// use crate::control::cubic::{balance, Switch};
+/// use zivi_core::control::cubic::{balance, Switch};
 /// let slow = Switch { at: 0.0, weight: 3.0 };
 /// let fast = Switch { at: 1.0, weight: 2.0 };
 /// let found = balance(4.5, slow, fast); // y stays at the second switch

@@ -1,10 +1,10 @@
 //! The iterate of the outer methods: where it is, what it costs to move, the best point so far.
 
-use crate::vi::natural::{natural_component, natural_residual, worst_component};
-use crate::vi::problem::{Interruption, Problem, Progress};
-use crate::vi::settings::{Budget, Counts, RowScale, Settings, Stage, Status};
-use crate::vi::workspace::Workspace;
-use crate::vi::{dense, fischer};
+use super::natural::{natural_component, natural_residual, worst_component};
+use super::problem::{Interruption, Problem, Progress};
+use super::settings::{Budget, Counts, RowScale, Settings, Stage, Status};
+use super::workspace::Workspace;
+use super::{dense, fischer};
 
 /// What stops a stage: nothing but the caller does so from within.
 pub(super) type Outcome<T> = Result<T, Interruption>;

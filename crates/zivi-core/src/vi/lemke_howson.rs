@@ -15,7 +15,7 @@
 use core::ops::Range;
 
 use super::dense;
-use crate::vi::problem::Interruption;
+use super::problem::Interruption;
 
 /// Pivots that one unit of the sequence of budgets is worth, for each row or column of the game.
 const UNIT: f64 = 0.5;

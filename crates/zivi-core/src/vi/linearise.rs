@@ -2,8 +2,8 @@
 
 use super::iterate::{Iterate, Outcome};
 use super::natural::natural_component;
+use super::problem::steps_into;
 use super::{dense, fischer};
-use crate::vi::problem::steps_into;
 
 impl Iterate<'_, '_> {
     /// The Jacobian at the iterate, `Phi`, its slopes and the gradient of the merit

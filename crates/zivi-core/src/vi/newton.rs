@@ -9,12 +9,12 @@
 //! Grippo, Lampariello & Lucidi, *SIAM J. Numer. Anal.* 23 (1986) 707-716, on the
 //! Fischer-Burmeister merit as in Ferris, Kanzow & Munson, *Math. Program.* 86 (1999) 475-497.
 
-use crate::vi::infeasible::{is_infeasible, two_rows_exclude_each_other};
-use crate::vi::iterate::{advance, Iterate, Outcome, Stagnation};
-use crate::vi::pivotal::{follow, AffineVi, PathEnd};
-use crate::vi::settings::{Stage, Start, Status, MEMORY};
-use crate::vi::smoothing::{proximal_newton, smoothing_newton, ProximalEnd};
-use crate::vi::{active_set, dense};
+use super::infeasible::{is_infeasible, two_rows_exclude_each_other};
+use super::iterate::{advance, Iterate, Outcome, Stagnation};
+use super::pivotal::{follow, AffineVi, PathEnd};
+use super::settings::{Stage, Start, Status, MEMORY};
+use super::smoothing::{proximal_newton, smoothing_newton, ProximalEnd};
+use super::{active_set, dense};
 
 /// Unknowns from which a proof that there is no solution is sought before the first path; for fewer
 /// after it.

@@ -16,10 +16,10 @@
 //! ray need no cover, and with `c_i = 0` in their rows the same ray is the beginning of another path.
 //! For bimatrix games that second path is Lemke and Howson's (*J. SIAM* 12 (1964) 413-423).
 
-use crate::vi::dense;
-use crate::vi::natural::natural_residual;
-use crate::vi::problem::Interruption;
-use crate::vi::settings::Start;
+use super::dense;
+use super::natural::natural_residual;
+use super::problem::Interruption;
+use super::settings::Start;
 
 /// How a path ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -68,10 +68,10 @@ pub(super) fn follow(
 
 /// Which variable of an index is basic, as kept in the caller's slice of indices.
 mod held {
-    pub(in crate::vi::pivotal) const INSIDE: usize = 0;
-    pub(in crate::vi::pivotal) const AT_LOWER: usize = 1;
-    pub(in crate::vi::pivotal) const AT_UPPER: usize = 2;
-    pub(in crate::vi::pivotal) const NONE: usize = 3;
+    pub(super) const INSIDE: usize = 0;
+    pub(super) const AT_LOWER: usize = 1;
+    pub(super) const AT_UPPER: usize = 2;
+    pub(super) const NONE: usize = 3;
 }
 
 /// Smallest pivot, relative to its column, with which a column may enter a fresh basis.
@@ -832,47 +832,47 @@ fn lexicographically_smaller(pairs: impl Iterator<Item = (f64, f64)>) -> bool {
 
 /// What a path has cost.
 #[derive(Clone, Copy, Debug, Default)]
-pub(in crate::vi) struct WorkCounts {
+pub(super) struct WorkCounts {
     /// Pivots along the path, bound flips included.
-    pub(in crate::vi) pivots: usize,
+    pub(super) pivots: usize,
     /// These and the columns entered into fresh bases, of about the same cost.
-    pub(in crate::vi) columns: usize,
+    pub(super) columns: usize,
 }
 
 /// Asks whether to go on.
-pub(in crate::vi) type Poll<'a> = dyn FnMut() -> Result<(), Interruption> + 'a;
+pub(super) type Poll<'a> = dyn FnMut() -> Result<(), Interruption> + 'a;
 
 /// An affine VI on a box, with the matrix `M + shift I`, `M` row by row.
 #[derive(Clone, Copy, Debug)]
-pub(in crate::vi) struct AffineVi<'a> {
+pub(super) struct AffineVi<'a> {
     /// The matrix `M`, `n^2` entries.
-    pub(in crate::vi) matrix: &'a [f64],
+    pub(super) matrix: &'a [f64],
     /// A multiple of the identity added to it.
-    pub(in crate::vi) shift: f64,
+    pub(super) shift: f64,
     /// The constant term.
-    pub(in crate::vi) q: &'a [f64],
+    pub(super) q: &'a [f64],
     /// Lower bounds.
-    pub(in crate::vi) lower: &'a [f64],
+    pub(super) lower: &'a [f64],
     /// Upper bounds.
-    pub(in crate::vi) upper: &'a [f64],
+    pub(super) upper: &'a [f64],
 }
 
 impl AffineVi<'_> {
-    pub(in crate::vi) fn n(&self) -> usize {
+    pub(super) fn n(&self) -> usize {
         self.q.len()
     }
 
-    pub(in crate::vi) fn bounds(&self, i: usize) -> (f64, f64) {
+    pub(super) fn bounds(&self, i: usize) -> (f64, f64) {
         (dense::at(self.lower, i), dense::at(self.upper, i))
     }
 
-    pub(in crate::vi) fn is_fixed(&self, i: usize) -> bool {
+    pub(super) fn is_fixed(&self, i: usize) -> bool {
         let (lower, upper) = self.bounds(i);
         lower == upper
     }
 
     /// Column `j` of `M + shift I`.
-    pub(in crate::vi) fn column(&self, j: usize, out: &mut [f64]) {
+    pub(super) fn column(&self, j: usize, out: &mut [f64]) {
         for (out, row) in out.iter_mut().zip(dense::rows(self.matrix, self.n())) {
             *out = dense::at(row, j);
         }
@@ -880,12 +880,12 @@ impl AffineVi<'_> {
     }
 
     /// `F = (M + shift I) z + q`.
-    pub(in crate::vi) fn map(&self, z: &[f64], f: &mut [f64]) {
+    pub(super) fn map(&self, z: &[f64], f: &mut [f64]) {
         self.map_where(|_| true, z, f);
     }
 
     /// The components of `F` that are asked for.
-    pub(in crate::vi) fn map_where(&self, asked: impl Fn(usize) -> bool, z: &[f64], f: &mut [f64]) {
+    pub(super) fn map_where(&self, asked: impl Fn(usize) -> bool, z: &[f64], f: &mut [f64]) {
         let rows = dense::rows(self.matrix, self.n()).zip(z.iter().zip(self.q));
         for ((i, f), (row, (zi, q))) in f.iter_mut().enumerate().zip(rows) {
             if asked(i) {
@@ -895,7 +895,7 @@ impl AffineVi<'_> {
     }
 
     /// The natural residual at `z`, with `F` left in `f`.
-    pub(in crate::vi) fn residual(&self, z: &[f64], f: &mut [f64]) -> f64 {
+    pub(super) fn residual(&self, z: &[f64], f: &mut [f64]) -> f64 {
         self.map(z, f);
         natural_residual(z, f, self.lower, self.upper)
     }
@@ -903,26 +903,26 @@ impl AffineVi<'_> {
 
 /// What the pivotal solver works in: `n^2 + 7 n` reals and `2 n` indices.
 #[derive(Debug)]
-pub(in crate::vi) struct PivotalWorkspace<'a> {
-    pub(in crate::vi) inverse: &'a mut [f64],
-    pub(in crate::vi) values: &'a mut [f64],
-    pub(in crate::vi) direction: &'a mut [f64],
-    pub(in crate::vi) covering: &'a mut [f64],
-    pub(in crate::vi) resting: &'a mut [f64],
-    pub(in crate::vi) column: &'a mut [f64],
-    pub(in crate::vi) pivot_row: &'a mut [f64],
-    pub(in crate::vi) residual: &'a mut [f64],
-    pub(in crate::vi) members: &'a mut [usize],
-    pub(in crate::vi) held: &'a mut [usize],
+pub(super) struct PivotalWorkspace<'a> {
+    pub(super) inverse: &'a mut [f64],
+    pub(super) values: &'a mut [f64],
+    pub(super) direction: &'a mut [f64],
+    pub(super) covering: &'a mut [f64],
+    pub(super) resting: &'a mut [f64],
+    pub(super) column: &'a mut [f64],
+    pub(super) pivot_row: &'a mut [f64],
+    pub(super) residual: &'a mut [f64],
+    pub(super) members: &'a mut [usize],
+    pub(super) held: &'a mut [usize],
 }
 
 #[cfg(test)]
 #[allow(clippy::indexing_slicing, clippy::unwrap_used)]
 mod pivotal_tests {
     extern crate std;
+    use super::super::iterate::Random;
     use super::super::workspace::{workspace_len, Workspace};
     use super::*;
-    use crate::vi::iterate::Random;
     use std::vec;
     use std::vec::Vec;
 
@@ -1046,9 +1046,9 @@ mod basis_tests {
 #[allow(clippy::indexing_slicing, clippy::unwrap_used)]
 mod path_tests {
     extern crate std;
+    use super::super::iterate::Random;
+    use super::super::workspace::{workspace_len, Workspace};
     use super::{AffineVi, *};
-    use crate::vi::iterate::Random;
-    use crate::vi::workspace::{workspace_len, Workspace};
     use std::vec;
     use std::vec::Vec;
 

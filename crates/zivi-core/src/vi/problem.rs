@@ -1,7 +1,7 @@
 //! What a problem is: a map and its Jacobian, supplied by the caller.
 
-use crate::vi::dense;
-use crate::vi::settings::Stage;
+use super::dense;
+use super::settings::Stage;
 use core::cell::Cell;
 use core::fmt;
 

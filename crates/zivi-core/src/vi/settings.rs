@@ -374,7 +374,7 @@ pub enum InvalidInput {
         /// The admissible range, in words.
         range: &'static str,
     },
-    /// The workspace is smaller than [`crate::vi::workspace_len`] says.
+    /// The workspace is smaller than [`super::workspace_len`] says.
     Workspace,
 }
 

@@ -9,16 +9,16 @@
 //! E       n <= 6: every pattern of active bounds, from z0 and two of the random points
 //! ```
 
-use crate::vi::dense;
-use crate::vi::iterate::{Iterate, Outcome};
-use crate::vi::newton::{is_isolated, josephy_newton, semismooth_newton, Plan};
-use crate::vi::problem::{Interruption, Problem};
-use crate::vi::settings::{
+use super::dense;
+use super::iterate::{Iterate, Outcome};
+use super::newton::{is_isolated, josephy_newton, semismooth_newton, Plan};
+use super::problem::{Interruption, Problem};
+use super::settings::{
     require_finite, require_length, validate_bounds, weight, InvalidInput, Report, Settings, Stage,
     Start, Status,
 };
-use crate::vi::smoothing::smoothing_newton;
-use crate::vi::workspace::Workspace;
+use super::smoothing::smoothing_newton;
+use super::workspace::Workspace;
 
 /// Unknowns from which the active-set method is tried: for fewer, pivots cost no more, and a path
 /// is less drawn to solutions at infinity.
@@ -378,7 +378,7 @@ fn newton_on_pattern(at: &mut Iterate<'_, '_>, pattern: &[Place; MOST]) -> Outco
 /// True, and the iterate moved there, when the evaluated trial solves the problem.
 fn trial_is_solution(at: &mut Iterate<'_, '_>) -> Outcome<bool> {
     let work = &*at.work;
-    let residual = crate::vi::natural_residual(work.trial, work.trial_f, at.lower, at.upper);
+    let residual = super::natural_residual(work.trial, work.trial_f, at.lower, at.upper);
     if residual.is_nan() || residual > at.tol || dense::norm(work.trial) > FAR {
         return Ok(false);
     }
