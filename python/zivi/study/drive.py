@@ -5,6 +5,7 @@ from __future__ import annotations
 import concurrent.futures
 import contextlib
 import dataclasses
+import errno
 import math
 import time
 from collections import Counter, deque
@@ -186,7 +187,13 @@ class Driver:
     def _submit(self, task: Task) -> concurrent.futures.Future[Piece]:
         columns = self._design.columns(task.points)
         executor: concurrent.futures.Executor = self._pool.executor
-        return executor.submit(compute, self._job, task.points, columns)
+        try:
+            return executor.submit(compute, self._job, task.points, columns)
+        except OSError as error:
+            # a pool of processes that breaks meanwhile closes the files that starting one needs
+            if error.errno != errno.EBADF:
+                raise
+            raise concurrent.futures.BrokenExecutor(str(error)) from error
 
     def _collect(self, done: set[concurrent.futures.Future[Piece]]) -> None:
         alone = len(self._running) == 1
