@@ -1,6 +1,7 @@
 """Studies in detail: what names and digests are made of, and what becomes of broken workers."""
 
 import concurrent.futures
+import errno
 import json
 import sys
 import threading
@@ -125,6 +126,24 @@ def test_workers_that_never_begin_are_given_up(monkeypatch):
     driver._gate = SignalGate()
     with pytest.raises(RuntimeError, match="the workers die before they compute"):
         driver._see_it_live()
+
+
+@pytest.mark.parametrize(
+    ("number", "ours", "raised"),
+    [
+        (errno.EBADF, True, concurrent.futures.BrokenExecutor),
+        (errno.EBADF, False, OSError),
+        (errno.ENOMEM, True, OSError),
+    ],
+)
+def test_a_pool_that_breaks_while_a_worker_starts_is_broken(number, ours, raised):
+    def submit(*_):
+        raise OSError(number, "cannot start")
+
+    driver = drive.Driver.__new__(drive.Driver)
+    driver._pool = SimpleNamespace(executor=SimpleNamespace(submit=submit), ours=ours)
+    with pytest.raises(raised, match="cannot start"):
+        driver._send(print)
 
 
 def test_a_task_that_meets_a_broken_pool_is_tried_alone():

@@ -1,3 +1,5 @@
+//! Systems, tables and impact laws from Python, and arguments of runs.
+//!
 //! What is requested of a run: the system, where it starts, what it shall keep.
 
 use crate::dynamics::{AnyDynamics, CompiledDynamics, Model};

@@ -1,4 +1,4 @@
-"""Checks of numbers, arrays and functions that arrive from outside."""
+"""Validation of numbers, arrays and callables given by the user."""
 
 from __future__ import annotations
 

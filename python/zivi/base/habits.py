@@ -1,4 +1,4 @@
-"""Names and calls that people bring from other libraries or misspell, and the right ones here."""
+"""Hints for names and calls from other libraries, and for misspelled ones."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Source to machine code, compiled functions and their exceptions."""
+"""Compilation of source to machine code, and exceptions raised in compiled functions."""
 
 from __future__ import annotations
 

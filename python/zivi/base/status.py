@@ -1,4 +1,4 @@
-"""How runs and points of a study end, and what zivi warns of."""
+"""Statuses of runs and of points of a study; warnings."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What controllers and observers share: settings, state, copies, ranges of controls."""
+"""Settings, state, copies and control limits of controllers and observers."""
 
 from __future__ import annotations
 

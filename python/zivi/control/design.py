@@ -1,4 +1,4 @@
-"""Gains that are computed: from what is requested of a loop to a controller that does it."""
+"""Design of gains from the requirements of a loop."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Controllers of mechanical systems: one tracker a gap, and strikes at a wanted speed."""
+"""Controllers of mechanical systems: gap trackers and strikers."""
 
 from __future__ import annotations
 

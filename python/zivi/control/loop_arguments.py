@@ -1,4 +1,4 @@
-"""What is requested of a closed loop: its reference and its arguments, checked and translated."""
+"""Arguments of closed loops: references, models, noise; validation."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Many closed loops at once, on all cores: the study of gains and of tolerances."""
+"""Batches of closed loops, on all cores."""
 
 from __future__ import annotations
 

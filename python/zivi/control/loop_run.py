@@ -1,4 +1,4 @@
-"""The results of closed loops, of one and of many."""
+"""Results of closed loops, single and in batches."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Loops of a batch that run one by one, and many loops of a mechanical system."""
+"""Batches of closed loops that run one by one, also of mechanical systems."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What controllers and observers of mechanisms share that have a model of their plant."""
+"""Controllers and observers with a model of the mechanical plant."""
 
 from __future__ import annotations
 

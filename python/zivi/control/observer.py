@@ -76,7 +76,7 @@ FIELDS: dict[str, Field] = {
 """Dimensions, unit and meaning of what is in the dataset."""
 VERSION = 2
 """Of a state, first number of what it has more than the first version."""
-_HEAD, _SEEN = 8, 6
+_SEEN = 6
 
 
 def _is_later(later: Any) -> bool:

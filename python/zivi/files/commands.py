@@ -1,4 +1,4 @@
-"""What the commands do; each returns the exit code."""
+"""Implementation of the commands; each returns the exit code."""
 
 from __future__ import annotations
 

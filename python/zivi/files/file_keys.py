@@ -1,4 +1,4 @@
-"""All keys of all files: what they hold, their units, ranges and defaults."""
+"""Keys of all input files: types, units, ranges, defaults."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Kinds of values in a file: what each allows, and the mistakes that it notes."""
+"""Types of values in an input file, with their validation."""
 
 from __future__ import annotations
 

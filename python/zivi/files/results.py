@@ -1,4 +1,4 @@
-"""Single runs on disk: netCDF files that hold all that a run is."""
+"""Single runs in netCDF files."""
 
 from __future__ import annotations
 

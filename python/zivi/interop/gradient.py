@@ -1,4 +1,4 @@
-"""Runs and solutions of VIs as functions of their parameters, with derivatives: for optimisers."""
+"""Runs and solutions of VIs as differentiable functions of parameters."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""From runs to figures (plotly) and moving pictures (SVG)."""
+"""Figures (plotly) and animations (SVG) of runs."""
 
 from __future__ import annotations
 

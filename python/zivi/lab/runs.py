@@ -1,4 +1,4 @@
-"""From settings to runs, and what they come to in numbers."""
+"""Runs for the settings of the page, and their key figures."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Serve the page to browsers that have its token."""
+"""Server of the page; a token restricts the access."""
 
 from __future__ import annotations
 

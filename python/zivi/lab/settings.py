@@ -1,4 +1,4 @@
-"""Settings of the page: a frozen dataclass for each tab, ranges, presets and links."""
+"""Settings of the page: a frozen dataclass for each tab, ranges, presets, links."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the page shows of settings: the figure, the numbers and the Python, or a message."""
+"""Content of the page: figure, numbers, Python script or message."""
 
 from __future__ import annotations
 

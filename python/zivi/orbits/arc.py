@@ -1,4 +1,4 @@
-"""One direction of a branch: arcs of one word each, and what happens on them."""
+"""One direction of a branch: segments with one event sequence each, and their ends."""
 
 from __future__ import annotations
 

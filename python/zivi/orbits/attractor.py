@@ -1,4 +1,4 @@
-"""What runs settle on, and many runs that merge."""
+"""Attractors of runs, and batches of runs that converge to the same one."""
 
 from __future__ import annotations
 

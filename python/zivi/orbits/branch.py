@@ -1,4 +1,4 @@
-"""Branches of periodic orbits over a parameter, with their events, and orbits that rest."""
+"""Branches of periodic orbits over a parameter, their events, resting orbits."""
 
 from __future__ import annotations
 

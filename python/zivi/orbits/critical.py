@@ -1,4 +1,4 @@
-"""Singular points of the equations: what vanishes there, and the words beside them."""
+"""Singular points of the orbit equations, and the adjacent event sequences."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The equations of a word, in segments or in impulses, Newton's iteration for them, multipliers."""
+"""Equations of an event sequence, Newton iteration, Floquet multipliers."""
 
 from __future__ import annotations
 

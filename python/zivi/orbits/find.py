@@ -1,4 +1,4 @@
-"""From what a user has, a run, a state, an orbit, a word, to a periodic orbit."""
+"""Periodic orbits from a run, a state, an orbit or an event sequence."""
 
 from __future__ import annotations
 
@@ -216,8 +216,6 @@ def rows_of(start: ArrayLike) -> Array:
 
 # From what a user has, a run, a state, an orbit, a word, to an orbit of a mechanical system.
 
-MECHANICAL_SETTLING = 200
-"""Periods that are simulated from a state when nothing says how the motion repeats."""
 LOOSE = SwitchedRK(rtol=1e-9, atol=1e-10)
 """Of runs that give a guess."""
 
@@ -310,7 +308,7 @@ def _guess(
         if multiple is not None and not free:
             run = simulate(system, (t0, t0 + (multiple + 1) * period), state, method)
             return recent(system, run, multiple, period, free, method)
-        span = MECHANICAL_SETTLING * (10.0 if free else period)
+        span = SETTLING * (10.0 if free else period)
         run = simulate(system, (t0, t0 + span), state, LOOSE)
         return recent(system, run, multiple, period, free, method)
     return *_from_word(system, start, multiple, period, free, method), ""

@@ -1,4 +1,4 @@
-"""Flights and flows with derivatives: what the equations of orbits are made of."""
+"""Flights and flows with derivatives, for the orbit equations."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The way along a branch, in both directions, and to the branches that meet it."""
+"""Continuation of a branch in both directions, and branch switching."""
 
 from __future__ import annotations
 
@@ -366,9 +366,9 @@ MECHANICAL_AMPLITUDES = (5e-3, 1e-3, 1e-4, 1e-5)
 """How far the new orbit is from the event, in scaled unknowns."""
 ROUNDING = 1e-14
 """The residual of the new orbit: beside a doubling it is ill conditioned."""
-MECHANICAL_DISTANCES = (1e-3, 6e-4, 3e-4, 1e-4, 3e-5, 1e-5, 3e-6)
+DISTANCES = (1e-3, 6e-4, 3e-4, 1e-4, 3e-5, 1e-5, 3e-6)
 """How far beyond the end of a rest orbits are looked for, relative to the parameter."""
-MECHANICAL_RETURNS = 12
+RETURNS = 12
 """Periods of the motion that are simulated there."""
 
 
@@ -416,13 +416,13 @@ def _thrown_off(branch: MechanicalBranch, event: MechanicalEvent) -> MechanicalO
         orbit._word[s].contacts, float(orbit.segments["t0"][s]), orbit._starts[s, 1:], np.array([t])
     )
     n = path.shape[1] // 2
-    for distance in MECHANICAL_DISTANCES:
+    for distance in DISTANCES:
         value = event.value + sign * distance * max(abs(event.value), 1e-3)
         frame = moved_frame(orbit._frame, {name: float(value)})
         length = frame.length * (1 if frame.turn is None else 2)
         run = simulate(
             frame.system,
-            (t, t + MECHANICAL_RETURNS * length),
+            (t, t + RETURNS * length),
             (path[0, :n], path[0, n:]),
             frame.method,
         )
@@ -483,10 +483,6 @@ AMPLITUDES = (5e-4, 2e-5, 1e-6)
 impacts that are much slower than its fastest."""
 EDGE = 1e-8
 """How deep an orbit that touches the wall may be (m)."""
-DISTANCES = (1e-3, 6e-4, 3e-4, 1e-4, 3e-5, 1e-5, 3e-6)
-"""How far beyond the end of a rest orbits are looked for, relative to the parameter."""
-RETURNS = 12
-"""Periods of the motion that are simulated there."""
 CLOSE = 1e-9
 NOT_CONVERGED = "Newton's iteration did not converge beside the event."
 

@@ -42,7 +42,7 @@ __all__ = [
 
 ACCURATE = SwitchedRK(rtol=1e-9, atol=1e-11)
 PIECES = 200
-"""Parts of a run without impacts."""
+"""Intervals of a run without impacts, or of a system without excitation."""
 LOST = 1e-14
 """What rounding leaves of a direction that a contact has taken away, as a part of the others."""
 
@@ -261,9 +261,6 @@ def _means(maps: list[Array], times: Array) -> Array:
 
 # Lyapunov exponents of mechanical systems, from the derivatives of a run piece by piece.
 
-MECHANICAL_PIECES = 200
-"""Parts of a run of a system that nothing excites."""
-
 
 def piece_of(system: MechanicalSystem, piece: float | None, duration: float) -> float:
     """Give the length of a piece: the period of the excitation if it is known."""
@@ -272,7 +269,7 @@ def piece_of(system: MechanicalSystem, piece: float | None, duration: float) -> 
             raise ValueError(f"piece must be > 0 and within t_span, got {piece}")
         return piece
     omega = frequency_of(system)
-    own = duration / MECHANICAL_PIECES if omega is None else 2.0 * np.pi / omega
+    own = duration / PIECES if omega is None else 2.0 * np.pi / omega
     return float(min(own, duration))
 
 

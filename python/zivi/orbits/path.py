@@ -1,4 +1,4 @@
-"""The solutions of a word's equations over a parameter: margins, points, tangents, events."""
+"""Solutions of the orbit equations over a parameter: margins, tangents, events."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""From a run or a guess of a word to an orbit of a mechanical system."""
+"""Event sequences of runs, and orbits of mechanical systems from them."""
 
 from __future__ import annotations
 

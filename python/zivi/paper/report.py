@@ -1,4 +1,4 @@
-"""Measured rows, checked numbers and figures: what every stage of the paper writes."""
+"""Tables, checked numbers and figures of the stages of the paper."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Sets of steps for several solvers, Siconos' among them, and the residual that judges all."""
+"""Sets of steps, their solvers (zivi, Siconos), and the residual for comparison."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The motion as a film."""
+"""Animations of the motion."""
 
 from __future__ import annotations
 

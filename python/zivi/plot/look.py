@@ -1,4 +1,4 @@
-"""What all plots share: axes, colours, frames, and which runs a plot can draw."""
+"""Axes, colours and frames of all plots; checks of the runs to plot."""
 
 from __future__ import annotations
 

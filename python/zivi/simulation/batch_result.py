@@ -1,4 +1,4 @@
-"""Batches of runs: their arguments, and what they leave."""
+"""Arguments and results of batches of runs."""
 
 from __future__ import annotations
 

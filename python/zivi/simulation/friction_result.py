@@ -1,4 +1,4 @@
-"""What dry friction did in a run of a mechanical system, and its contact forces."""
+"""Friction quantities and contact forces of a run of a mechanical system."""
 
 from __future__ import annotations
 

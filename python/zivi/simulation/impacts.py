@@ -1,4 +1,4 @@
-"""What happened at walls and gaps, as tables: of one mass as of a mechanism."""
+"""Tables of events at walls and gaps."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""One call from a system, a span and a state to a trajectory."""
+"""`simulate`: one run of a system."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What all runs have: the motion at any time, tables of events, datasets, plots."""
+"""Base of all results of runs: dense output, tables of events, datasets, plots."""
 
 from __future__ import annotations
 

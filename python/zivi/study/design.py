@@ -1,4 +1,4 @@
-"""Where a study is computed: points on a grid, in a list or drawn by a sampler, and their seeds."""
+"""Points of a study: grids, lists, samples; their seeds."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What makes a study the same study: digests of functions and values by their content."""
+"""Identity of a study: digests of functions and values by content."""
 
 from __future__ import annotations
 

@@ -186,12 +186,15 @@ class Driver:
 
     def _submit(self, task: Task) -> concurrent.futures.Future[Piece]:
         columns = self._design.columns(task.points)
+        return self._send(compute, self._job, task.points, columns)
+
+    def _send(self, function: Any, *arguments: Any) -> concurrent.futures.Future[Any]:
         executor: concurrent.futures.Executor = self._pool.executor
         try:
-            return executor.submit(compute, self._job, task.points, columns)
+            return executor.submit(function, *arguments)
         except OSError as error:
-            # a pool of processes that breaks meanwhile closes the files that starting one needs
-            if error.errno != errno.EBADF:
+            # a process pool that breaks meanwhile closes the files that starting a worker needs
+            if error.errno != errno.EBADF or not self._pool.ours:
                 raise
             raise concurrent.futures.BrokenExecutor(str(error)) from error
 
@@ -247,7 +250,7 @@ class Driver:
         """Raise if a new worker cannot even be told what to do."""
         try:
             with self._gate.opened():
-                self._pool.executor.submit(is_ready, self._job).result(START)
+                self._send(is_ready, self._job).result(START)
         except (concurrent.futures.BrokenExecutor, TimeoutError) as error:
             raise RuntimeError(
                 "the workers die before they compute anything: can they import the function, is "

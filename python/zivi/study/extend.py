@@ -1,4 +1,4 @@
-"""Moves a study into a folder of more points, so that only the new ones are computed."""
+"""Extension of a stored study by points, of which only the new ones are computed."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ EXACT = 2**53
 
 
 def extended(store: FolderStore, design: Design, differences: str, *, draws: bool) -> FolderStore:
-    """Give a store of more points in the place of another one, with all that this one has.
+    """Replace a store by one of more points, with the results of the old one.
 
     Parameters
     ----------
@@ -85,7 +85,7 @@ def extended(store: FolderStore, design: Design, differences: str, *, draws: boo
 
 
 def put_back(path: Path) -> None:
-    """Finish what a run that was killed while it replaced a folder has left."""
+    """Complete the replacement of a folder that a killed run left unfinished."""
     place = Path(os.path.realpath(path))
     before = _before(place)
     if not before.is_dir():
@@ -106,7 +106,7 @@ def _before(place: Path) -> Path:
 
 
 def _replace(place: Path, draft: Path) -> None:
-    """Put a folder in the place of another one, which is removed when that is done."""
+    """Replace a folder by another one, then remove the old one."""
     before = _before(place)
     os.replace(place, before)
     try:
@@ -119,7 +119,7 @@ def _replace(place: Path, draft: Path) -> None:
 
 
 def _where(there: Design, here: Design) -> list[NDArray[np.int64]]:
-    """Tell for each place along each dimension where it was in a smaller study, -1 for new ones."""
+    """Return, for each index along each dimension, the index in the smaller study, -1 if new."""
     if here.kind != "grid":
         return [_places(list(there.values.values()), list(here.values.values()))]
     pairs = zip(there.values.values(), here.values.values(), strict=True)
@@ -127,7 +127,7 @@ def _where(there: Design, here: Design) -> list[NDArray[np.int64]]:
 
 
 def _places(old: list[NDArray[Any]], new: list[NDArray[Any]]) -> NDArray[np.int64]:
-    """Tell for each row of some columns which row of others it is; equal rows in their order."""
+    """Return, for each new row, the index of the equal old row, -1 if none; duplicates in order."""
     n = len(old[0])
     codes = np.zeros(n + len(new[0]), np.int64)
     for columns in zip(old, new, strict=True):
@@ -143,7 +143,7 @@ def _places(old: list[NDArray[Any]], new: list[NDArray[Any]]) -> NDArray[np.int6
 
 
 def _together(old: NDArray[Any], new: NDArray[Any]) -> NDArray[Any] | None:
-    """Put two columns together so that what is equal is the same; None if they are not alike."""
+    """Concatenate two columns for comparison by bytes; None if their types differ."""
     kinds = old.dtype.kind, new.dtype.kind
     if kinds[0] != kinds[1]:
         if set(kinds) != {"i", "f"}:
@@ -166,7 +166,7 @@ def _repeats(codes: NDArray[np.int64]) -> NDArray[np.int64]:
 
 
 def _keeps_numbers(there: Design, here: Design, where: list[NDArray[np.int64]]) -> bool:
-    """Tell whether points have the numbers that they had."""
+    """Return whether all old points keep their numbers."""
     lengths = zip(there.shape, where, strict=True)
     if not all(np.array_equal(axis[:n], np.arange(n)) for n, axis in lengths):
         return False
@@ -178,7 +178,7 @@ def _keeps_numbers(there: Design, here: Design, where: list[NDArray[np.int64]]) 
 
 
 def _copy(store: FolderStore, new: FolderStore, where: list[NDArray[np.int64]]) -> None:
-    """Copy all that is known, chunk by chunk."""
+    """Copy all results, chunk by chunk."""
     load = functools.lru_cache(LOADED)(store.load)
     there, here = store.layout, new.layout
     for chunk in range(len(here)):
@@ -201,7 +201,7 @@ def _copy(store: FolderStore, new: FolderStore, where: list[NDArray[np.int64]]) 
 
 
 def _take(block: Block, source: Block, to: NDArray[np.int64], points: NDArray[np.int64]) -> None:
-    """Put points of another chunk into places of a block."""
+    """Copy points of another chunk into a block."""
     rows = points - source.span.start
     block.status[to] = source.status[rows]
     for name, values in source.values.items():

@@ -1,4 +1,4 @@
-"""The head of a store, ``PATH/zarr.json``: what the study is, and what its arrays are."""
+"""Metadata of a store, ``PATH/zarr.json``: identity of the study and its arrays."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What points give: numbers, arrays, events, errors; and tasks of many points."""
+"""Results of points: numbers, arrays, events, errors; results of tasks."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Who computes: this process, threads, processes, or what a user brings; and what a worker does."""
+"""Executors (inline, threads, processes, of the user) and the work of a worker."""
 
 from __future__ import annotations
 

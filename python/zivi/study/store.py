@@ -1,4 +1,4 @@
-"""Where results go: chunks, the interface of stores, and the one in memory."""
+"""Chunks of a study, the interface of stores, and the store in memory."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The parts of a system as one function, compiled where they are."""
+"""Parts of a system combined into one function, compiled if all parts are."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Forces: those that the core evaluates by itself, and those of users, with parameters."""
+"""Forces: native ones and those of the user, with parameters."""
 
 from __future__ import annotations
 

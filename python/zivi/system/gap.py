@@ -1,4 +1,4 @@
-"""Walls that move, gaps and dry friction."""
+"""Moving walls, gaps and dry friction."""
 
 from __future__ import annotations
 

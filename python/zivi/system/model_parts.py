@@ -1,4 +1,4 @@
-"""Parts of a system as the user gives them, and their place in one row of numbers."""
+"""Parts of a system as given by the user, and their layout in one row of numbers."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The parameters of a system by their names: numbers, values, systems with other values."""
+"""Named parameters of a system: values, and systems with other values."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Tables of time: excitations, motions of walls and inputs that are known at knots."""
+"""Tables of time: excitations, wall motions and inputs given at breakpoints."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Bodies of a tree, each with the joint that carries it, and its gaps."""
+"""Bodies, joints and gaps of a tree."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The Jacobian of the map of a box VI: given, by differences, by complex steps, and checked."""
+"""Jacobian of the map of a box VI: given, by finite differences or complex steps; checks."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The solver of large sparse box VIs: its maps, its stages, its statuses, its result."""
+"""Solver for large sparse box VIs: maps, stages, statuses, result."""
 
 from __future__ import annotations
 

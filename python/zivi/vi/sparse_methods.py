@@ -1,4 +1,4 @@
-"""Methods of the sparse solver: active set, smoothing, interior point, certificates of Farkas."""
+"""Methods of the sparse solver: active set, smoothing, interior point, Farkas certificates."""
 
 from __future__ import annotations
 

@@ -1,3 +1,5 @@
+//! Scalar equations of a tick: cubic and piecewise linear monotone ones.
+//!
 //! The first root of a cubic that a bracket is known for: the only iteration of a tick.
 
 use crate::real::sqrt;

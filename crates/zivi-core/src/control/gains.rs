@@ -1,3 +1,5 @@
+//! Gains of twisting controllers, their conditions, and landing.
+//!
 //! The gains of a twisting controller and the conditions for its stability.
 //!
 //! With `|d| <= M` the force that the controller does not know:

@@ -1,3 +1,5 @@
+//! Interface of controllers: validation of samples, limits, delay lines.
+//!
 //! Where a controller meets the plant: what it accepts from a sensor, what an actuator can do.
 
 use crate::setting::{require, Setting, SettingError, Value, Values};

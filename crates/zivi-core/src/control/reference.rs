@@ -1,3 +1,5 @@
+//! References of a tracker: computed or given sample by sample.
+//!
 //! The reference that a tracker follows: where it is, and where a period takes it.
 
 use crate::control::port::checked_force;

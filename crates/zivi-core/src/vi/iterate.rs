@@ -1,3 +1,5 @@
+//! The iterate of the outer methods, detection of stagnation, random numbers.
+//!
 //! The iterate of the outer methods: where it is, what it costs to move, the best point so far.
 
 use super::natural::{natural_component, natural_residual, worst_component};

@@ -1,3 +1,5 @@
+//! Newton methods: Josephy-Newton, semismooth descent, test of isolation.
+//!
 //! Josephy-Newton: at each iterate the affine VI of the linearised map is solved by pivoting.
 //!
 //! ```text

@@ -1,3 +1,5 @@
+//! Problems: maps with Jacobians, finite differences, interruption.
+//!
 //! What a problem is: a map and its Jacobian, supplied by the caller.
 
 use super::dense;

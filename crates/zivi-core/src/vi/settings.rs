@@ -1,3 +1,5 @@
+//! Settings, statuses, budgets and validation of the solver.
+//!
 //! What can be set, and what comes back.
 
 use core::fmt;

@@ -1,3 +1,5 @@
+//! Smoothing Newton and proximal Josephy-Newton methods.
+//!
 //! Smoothing Newton: the projection onto the box is rounded off, less and less.
 //!
 //! ```text

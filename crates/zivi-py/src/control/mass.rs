@@ -1,3 +1,5 @@
+//! Controllers of one mass: tracker, regulator, explicit law.
+//!
 //! What the two controllers with a reference have in common.
 
 use crate::control::arguments::{

@@ -1,3 +1,5 @@
+//! Controllers of mechanical systems: plant model, gap tracker, striker, references.
+//!
 //! A plant as controllers of mechanical systems believe it to be, and what they make of a state of it.
 
 use super::mass::Tracker;

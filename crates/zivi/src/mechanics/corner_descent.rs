@@ -1,3 +1,5 @@
+//! Motion into a corner, and the log of its impacts.
+//!
 //! The way into a corner, drawn: the motion in contact, moved out of it by the heights of all gaps.
 //!
 //! ```text

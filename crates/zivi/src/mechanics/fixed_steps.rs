@@ -1,3 +1,5 @@
+//! Fixed-step schemes of mechanical systems: Moreau-Jean, theta-gamma, their joint friction.
+//!
 //! Runs with fixed steps: what the schemes share.
 
 use crate::mechanics::contact_problem::problem;

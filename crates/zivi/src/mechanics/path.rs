@@ -1,3 +1,5 @@
+//! Dense output of mechanical systems, and its stored form.
+//!
 //! The motion of a system as a function of time.
 
 use crate::mechanics::mode::{Stages, State};

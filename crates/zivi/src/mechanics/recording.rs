@@ -1,3 +1,5 @@
+//! Runs of mechanical systems: output, loop and record.
+//!
 //! A run under way: what each piece of the motion adds to the record.
 
 use crate::mechanics::integrator::MechanicalIntegrator;

@@ -1,3 +1,5 @@
+//! Real numbers with derivatives, and power series.
+//!
 //! Numbers, plain or with a derivative: what is written once for both gives its derivatives too.
 
 use pulp::{Scalar, Simd, WithSimd};

@@ -1,3 +1,5 @@
+//! Roots of scalar functions, by bracketing and along a step.
+//!
 //! A root of a function between two points where it has different signs.
 //!
 //! Chandrupatla's method (T. R. Chandrupatla, *A new hybrid quadratic/bisection algorithm for

@@ -1,3 +1,5 @@
+//! Steps of embedded pairs: stages, error norm, step-size control.
+//!
 //! One step of an embedded pair on `x'' = a(t, x, x')`, for one coordinate or for several.
 //!
 //! With `y = (x, x')` the stages are velocities `V_i` and accelerations `k_i`:

@@ -1,3 +1,5 @@
+//! Runge-Kutta tableaus and Richardson extrapolation.
+//!
 //! Embedded Runge-Kutta pairs as data.
 //!
 //! * Dormand and Prince's 5(4) pair with the quartic dense output of Shampine: J. R. Dormand and

@@ -1,3 +1,5 @@
+//! Columns of samples, and fallible memory for them.
+//!
 //! The samples of a run, a row for each quantity.
 
 use std::collections::TryReserveError;

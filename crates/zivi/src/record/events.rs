@@ -1,3 +1,5 @@
+//! Events at a gap: occurrences, their reader, impacts.
+//!
 //! Impacts, Zeno points, rest and lift-off at one gap: the reader of what happens there, and what
 //! happens read off the steps of a fixed-step run.
 

@@ -1,3 +1,5 @@
+//! Sets of gaps, and contact modes.
+//!
 //! Sets of gaps.
 
 /// Words of 64 gaps.

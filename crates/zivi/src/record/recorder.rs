@@ -1,3 +1,5 @@
+//! Recorder of a run, points of a motion, summaries.
+//!
 //! Fills the columns of a run.
 
 use crate::record::columns::{Columns, Quantity, Sample};

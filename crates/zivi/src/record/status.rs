@@ -1,3 +1,5 @@
+//! Statuses, failures and monitors of runs.
+//!
 //! How a run ended.
 
 use crate::record::dense_step::DenseStep;

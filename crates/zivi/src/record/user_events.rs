@@ -1,3 +1,5 @@
+//! Events of the user, and their location.
+//!
 //! Events that the user defines: zeros of functions of time and state along the motion.
 
 use crate::numeric::root;

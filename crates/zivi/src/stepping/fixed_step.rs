@@ -1,3 +1,5 @@
+//! The loop of fixed-step schemes, and their common interface.
+//!
 //! The loop that all fixed-step methods share: step, record, note the events, let others look.
 
 use crate::record::columns::{Reserve, Sample};

@@ -1,3 +1,5 @@
+//! Solvers for the signs of a step.
+//!
 //! How the signs of a step are found: exactly by cases, or by a general solver for box VIs.
 //!
 //! * [`Exact`] is the case analysis of `zivi_core::step`.

@@ -1,3 +1,5 @@
+//! Zeno accumulation of impacts, and the check that the force allows it.
+//!
 //! Impacts that accumulate, and what is known of the end of them.
 
 use crate::record::status::Failure;

@@ -1,3 +1,5 @@
+//! Rest of a mass, and the time of lift-off.
+//!
 //! When the mass at rest leaves the wall: the first `t` with `phi(t) = f(t, 0, 0) > 0`.
 //!
 //! Over a window the polynomial of degree 5 through `phi` at Chebyshev's points stands for it.

@@ -1,3 +1,5 @@
+//! Runs of the switched method: loop and record.
+//!
 //! A whole run: steps, samples, events, dense output.
 
 use crate::piecewise::running as piecewise;

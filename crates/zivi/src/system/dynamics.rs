@@ -1,3 +1,5 @@
+//! Dynamics of mechanical systems, also driven ones, and their evaluation.
+//!
 //! A mechanical system with unilateral constraints, `n` coordinates and `m` gaps, and dry friction in
 //! `p` channels.
 //!

@@ -1,3 +1,5 @@
+//! Forces, dry friction, and declared breaks of forces.
+//!
 //! Forces per unit mass, `f(t, x, x')` in m/s^2.
 
 use zivi_core::cosine;

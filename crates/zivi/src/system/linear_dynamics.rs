@@ -1,3 +1,5 @@
+//! Linear systems as models, and their partial derivatives.
+//!
 //! A linear system as a model of a run.
 
 use crate::numeric::coordinates::LinearMap;

@@ -1,3 +1,5 @@
+//! Extrapolated flights and their impacts.
+//!
 //! One of the arcs that a jump to rest skips.
 
 use crate::numeric::bernstein::{quintic, Bernstein};

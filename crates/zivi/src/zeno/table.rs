@@ -1,3 +1,5 @@
+//! The extrapolation table of an accumulation, and its stored form.
+//!
 //! The table of extrapolation of the end of an accumulation, of times and states together.
 //!
 //! ```text

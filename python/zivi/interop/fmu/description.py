@@ -1,4 +1,4 @@
-"""What FMUs declare: models, variables, and ``modelDescription.xml`` for FMI 2.0 and 3.0."""
+"""Models and variables of FMUs; ``modelDescription.xml`` for FMI 2.0 and 3.0."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""FMUs of zivi's models, of mechanical systems and of closed loops, as reproducible archives."""
+"""Export of models, mechanical systems and closed loops as FMUs."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Systems that MuJoCo computes, for what a tree has not."""
+"""Systems evaluated by MuJoCo, for models that a tree does not support."""
 
 from __future__ import annotations
 

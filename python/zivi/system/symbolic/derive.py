@@ -1,4 +1,4 @@
-"""From the energies of a system to its equations of motion, by SymPy."""
+"""Equations of motion from energies, by SymPy."""
 
 from __future__ import annotations
 

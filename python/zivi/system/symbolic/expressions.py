@@ -1,4 +1,4 @@
-"""Formulas as expressions of SymPy, and expressions as the source of a function."""
+"""Formulas as SymPy expressions, and code generation from expressions."""
 
 from __future__ import annotations
 

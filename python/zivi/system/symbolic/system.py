@@ -1,4 +1,4 @@
-"""A mechanical system from its energies, whose parameters can change without compiling."""
+"""Mechanical systems from their energies, with parameters that need no recompilation."""
 
 from __future__ import annotations
 

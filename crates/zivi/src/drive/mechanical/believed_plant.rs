@@ -1,3 +1,5 @@
+//! The plant model of a controller, its tasks, and the controls that were sent.
+//!
 //! A plant as a controller believes it to be.
 
 use crate::drive::mechanical::kinetics::GapKinetics;

@@ -1,3 +1,5 @@
+//! Contact forces with friction: modes, and patterns of many contacts.
+//!
 //! Contact forces with friction, equations (1).
 
 use crate::mechanics::kinetics::{Kinetics, Undetermined};

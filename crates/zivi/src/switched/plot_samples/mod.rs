@@ -1,3 +1,5 @@
+//! Samples for plots: outlines, apexes, contact, tails.
+//!
 //! Samples between the ends of steps, so that lines through all of them draw the motion.
 //!
 //! A step of high order spans a whole flight; a line between its ends shows none of it. The

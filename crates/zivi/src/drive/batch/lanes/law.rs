@@ -1,3 +1,5 @@
+//! Kernels of lanes: common interface, waves, single masses.
+//!
 //! What kernels for different forces have in common.
 
 use crate::drive::batch::lanes::flight::{Lane, Lanes, WIDTH};
