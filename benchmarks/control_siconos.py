@@ -108,16 +108,16 @@ def _sets(problems: int) -> Iterator[tuple[str, Array, Array]]:
     yield "the paper's loop, last signs", states, np.vstack([own[:1], signs[:-1]])
     yield "the paper's loop, signs of the state", states, own
     for j, speed in enumerate(tracking_steps.SPEEDS):
-        states = tracking_steps.random_states(speed, seed=j, problems=problems)
+        states = tracking_steps.random_loop_states(speed, seed=j, problems=problems)
         yield f"random, up to {speed:g} m/s", states, tracking_steps.signs_of(states)
 
 
 def _percent(states: Array, signs: Array) -> float:
-    return float(np.mean(tracking_steps.residual(states, signs) > TOLERANCE) * 100.0)
+    return float(np.mean(tracking_steps.loop_residual(states, signs) > TOLERANCE) * 100.0)
 
 
 def _beside(program: Path, label: str, states: Array, starts: Array, rounds: int) -> Beside:
-    solvers = tracking_steps.solvers()
+    solvers = tracking_steps.loop_solvers()
     signs = {name: solvers[name](states, starts) for name in ("tick", "inner")}
     ticks, inner, theirs = [], [], []
     for _ in range(rounds):

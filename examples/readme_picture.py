@@ -11,7 +11,7 @@ import numpy as np
 from scipy.integrate import solve_ivp
 
 import zivi
-from zivi.paper.ball import GRAVITY, XDOT0, Exact, run
+from zivi.paper.ball import GRAVITY, XDOT0, Exact, simulate_ball
 from zivi.plot import BLUE, GREEN, ORANGE
 
 MAX_EVENTS = 60
@@ -74,7 +74,7 @@ def main(path: str) -> None:
         (middle, zivi.ExplicitEuler(1e-3), "explicit signs: chattering", BLUE),
         (right, zivi.SwitchedRK(), "zivi: exactly at rest", GREEN),
     ]:
-        sol = run(method)
+        sol = simulate_ball(method)
         ax.plot(times, sol(times)[1], color=color, lw=1)
         ax.axvline(Exact.zeno, color="0.5", ls=":", lw=1)
         ax.set(xlabel="time $t$ (s)", ylim=(-0.35, 0.3))

@@ -56,7 +56,7 @@ def main(path: str, comparison: str | None = None) -> None:
     right.set_ylabel("")
     figure.savefig(path, dpi=160)
     if comparison is not None:
-        figure = chattering.figure().figure
+        figure = chattering.draw_chattering().figure
         figure.savefig(comparison, dpi=160)
 
 

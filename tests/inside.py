@@ -25,14 +25,14 @@ NAMES = {
     "files.results": "check_suffix drawn open_result",
     "files.runs": "prepare_control prepare_simulate",
     "interop.fmu.description": "MODELS",
-    "lab.controls": "chosen panel",
-    "lab.figures": "A_SECOND curves figure film thinned",
-    "lab.runs": "BeltRun ExplicitRegulator FAR compute facts warning_texts",
-    "lab.server": "Gate MOST_SESSIONS",
+    "lab.controls": "read_controls panel",
+    "lab.figures": "A_SECOND curves draw_runs film thinned",
+    "lab.runs": "BeltRun ExplicitRegulator FAR simulate_settings facts warning_texts",
+    "lab.server": "RequestGate MOST_SESSIONS",
     "lab.settings": (
-        "Ball Belt KINDS PRESETS Regulator Tracker ends name_of query ranges settings_of"
+        "Ball Belt KINDS PRESETS Regulator Tracker end_notices preset_name query ranges read_query"
     ),
-    "lab.view": "script sentence",
+    "lab.view": "script describe_signs",
     "orbits.arc": "_power",
     "orbits.attractor": "Attractor Settled least_rows",
     "orbits.branch": "Follower _is_chain chatter_exponent resting_orbit",
@@ -114,6 +114,7 @@ MODULES = {
     "paper_closed_loops": "paper.closed_loops",
     "paper_linearisation": "paper.linearisation",
     "paper_regulator": "paper.regulator",
+    "paper_report": "paper.report",
     "paper_rest": "paper.rest",
     "paper_robustness": "paper.robustness",
     "paper_step_solvers": "paper.step_solvers",

@@ -167,7 +167,7 @@ def test_the_error_in_the_air():
 
 
 def test_exact_rest():
-    measured = rest.measure()
+    measured = rest.measure_rest()
     rows = table("e")
     assert len(rows) == len(measured)
     for (e, sampled, paper, distance, speed), row in zip(rows, measured, strict=True):
@@ -263,7 +263,7 @@ def test_a_wrong_restitution_of_the_reference():
 
 
 def test_explicit_and_implicit():
-    measured = chattering.measure()
+    measured = chattering.measure_chattering()
     rows = table("reference")
     assert 3 * len(rows) == len(measured)
     for k, (where, h, *cells) in enumerate(rows):
@@ -284,7 +284,7 @@ def close(found, printed, rounding):
 
 def test_disturbances():
     rows = table("disturbance")
-    measured = robustness.measure()
+    measured = robustness.measure_robustness()
     assert 2 * len(rows) == len(measured)
     for k, (name, *cells) in enumerate(rows):
         for j, row in enumerate(measured[2 * k : 2 * k + 2]):

@@ -20,14 +20,14 @@ from inside import (
     BeltRun,
     Regulator,
     Tracker,
-    compute,
+    describe_signs,
     facts,
     film,
     query,
     ranges,
+    read_query,
     script,
-    sentence,
-    settings_of,
+    simulate_settings,
     thinned,
     warning_texts,
 )
@@ -66,7 +66,7 @@ def same(run, other):
 
 @pytest.mark.parametrize("case", CASES)
 def test_the_script_gives_the_runs_on_the_screen(case, capsys):
-    runs = compute(CASES[case])
+    runs = simulate_settings(CASES[case])
     made = {}
     exec(script(CASES[case]), made)
     assert all(same(made[name], run) for name, run in runs.items())
@@ -99,7 +99,7 @@ def test_a_script_can_be_a_file_of_its_own(tmp_path):
 
 def test_the_zeno_point_is_that_of_the_ball():
     ball = Ball(e=0.5, gravity=9.81, x0=1.0, xdot0=0.0)
-    run = compute(ball)["high_order"]
+    run = simulate_settings(ball)["high_order"]
     assert run.rest_time == pytest.approx(3 * np.sqrt(2 / 9.81), rel=1e-6)
 
 
@@ -108,21 +108,21 @@ def test_the_regulator_settles_when_the_closed_form_says():
     given = Regulator(e=0.33, h=1e-4, mu1=3.0, mu2=2.0, x0=1.0, xdot0=0.0)
     ratio = given.e * np.sqrt(1 / 5)
     exact = np.sqrt(2) + given.e * np.sqrt(2) * (1 / 5 + 1 / np.sqrt(5)) / (1 - ratio)
-    for run in compute(given).values():
+    for run in simulate_settings(given).values():
         assert run.rest_time == pytest.approx(exact, abs=2e-3)
 
 
 def test_explicit_signs_chatter_and_implicit_ones_do_not():
     # in free flight with the reference
     flight = Tracker(h=1e-3, force=-9.81, force_ref=-9.81, x0=3, xdot0=9, x_ref0=3, xdot_ref0=9)
-    implicit, explicit = facts(compute(flight), (0.2, 0.8))
+    implicit, explicit = facts(simulate_settings(flight), (0.2, 0.8))
     title = "Σ|Δu| a second (m/s² per s)"
     assert float(implicit[title]) < 1e-3
     assert float(explicit[title]) > 1e3
 
 
 def test_the_facts_have_the_variation_of_the_part_that_is_shown():
-    runs = compute(Tracker(observer=True, noise_x=1e-4))
+    runs = simulate_settings(Tracker(observer=True, noise_x=1e-4))
     for row, run in zip(facts(runs, (1.0, 3.0)), runs.values(), strict=True):
         shown = (run.t >= 1.0) & (run.t <= 3.0)
         steps = np.diff(run.u[shown])
@@ -130,13 +130,13 @@ def test_the_facts_have_the_variation_of_the_part_that_is_shown():
         off = (run.xdot_est - run.xdot)[shown]
         rms = np.hypot(off.std(), off.mean())
         assert float(row["observed velocity off by, rms (m/s)"]) == pytest.approx(rms, rel=0.06)
-    assert all("observed" not in title for title in facts(compute(Tracker()))[0])
+    assert all("observed" not in title for title in facts(simulate_settings(Tracker()))[0])
 
 
 def test_the_unknown_sine_pushes_the_mass_and_not_the_model():
     # u = -mu1 + mu2 while the mass falls
     given = Regulator(x0=5.0, xdot0=-6.0, amplitude=2.0, omega=4.0, disturbance=0.3, t_end=0.5)
-    run = compute(given)["explicit"]
+    run = simulate_settings(given)["explicit"]
     t, constant = run.t, 0.3 - given.mu1 + given.mu2
     exact = 5.0 - 6.0 * t + constant * t**2 / 2 + 2.0 / 16.0 * (1.0 - np.cos(4.0 * t))
     assert np.abs(run.x - exact).max() < 1e-8
@@ -144,20 +144,20 @@ def test_the_unknown_sine_pushes_the_mass_and_not_the_model():
 
 
 def test_the_switches_reach_the_loop():
-    runs = compute(Tracker(delay=2, observer=True, position_only=True, noise_x=1e-3))
+    runs = simulate_settings(Tracker(delay=2, observer=True, position_only=True, noise_x=1e-3))
     controller = runs["implicit"].config["controller"]
     assert (controller["landing"], controller["ahead"]) == (True, 3)
     for run in runs.values():
         assert run.config["observer"]["position_only"] is True
         assert run.config["observer"]["noise"][0] == 1e-3
-    runs = compute(Regulator(landing=False, delay=2))
+    runs = simulate_settings(Regulator(landing=False, delay=2))
     assert runs["implicit"].config["controller"]["landing"] is False
     assert "observer" not in runs["implicit"].config
 
 
 def test_a_drawn_reference_is_followed_through_its_heights_and_a_rest():
     given = Tracker(drawn=True, h=1e-3, e=0.8, x0=2.0, xdot0=0.0, x_ref0=1.0, t_end=5.0)
-    runs = compute(given)
+    runs = simulate_settings(given)
     for run in runs.values():
         assert np.allclose(run.x_ref[::1000], given.heights, atol=1e-12)
         slopes = np.gradient(run.x_ref, run.t)
@@ -171,7 +171,7 @@ def test_a_drawn_reference_is_followed_through_its_heights_and_a_rest():
 
 def test_an_observer_finds_the_unknown_force():
     flying = Tracker(observer=True, position_only=True, noise_x=1e-4, disturbance=2.0, h=1e-3)
-    for run in compute(flying).values():
+    for run in simulate_settings(flying).values():
         part = (run.t > 0.2) & (run.t < 0.4)
         assert run.resolved_impacts["t"][0] > 0.4
         assert np.abs(run.d_est[part] - 2.0).max() < 0.5
@@ -203,22 +203,22 @@ INVALID = {
 def test_invalid_settings_get_a_message(case):
     wrong, message = INVALID[case]
     with pytest.raises((ValueError, TypeError)) as error:
-        compute(wrong)
+        simulate_settings(wrong)
     assert message in str(error.value)
 
 
 def test_refused_samples_are_told():
-    runs = compute(Tracker(noise_x=0.1))
+    runs = simulate_settings(Tracker(noise_x=0.1))
     said = warning_texts(runs)
     assert len(said) == 2
     for words, run in zip(said, runs.values(), strict=True):
         assert run.n_refused > 0
         assert f"{run.n_refused} of {run.n_updates} control updates rejected" in words
-    assert warning_texts(compute(Tracker())) == []
+    assert warning_texts(simulate_settings(Tracker())) == []
 
 
 def test_a_run_that_ends_early_is_told():
-    runs = compute(Ball())
+    runs = simulate_settings(Ball())
     runs["implicit"] = dataclasses.replace(
         runs["implicit"], status=zivi.Status.STEP_BUDGET, message="ended"
     )
@@ -227,7 +227,7 @@ def test_a_run_that_ends_early_is_told():
 
 @pytest.mark.parametrize("case", CASES)
 def test_facts_are_those_of_the_runs(case):
-    runs = compute(CASES[case])
+    runs = simulate_settings(CASES[case])
     rows = facts(runs)
     assert [row[""] for row in rows][:2] == ["implicit signs", "explicit signs"]
     for row, run in zip(rows, runs.values(), strict=True):
@@ -283,12 +283,12 @@ class TestFigure:
 
     @pytest.mark.parametrize("case", CASES)
     def test_lines_are_short_and_all_are_in_the_figure(self, case):
-        from inside import curves, figure
+        from inside import curves, draw_runs
 
         given = dataclasses.replace(CASES[case], h=1e-4)
-        runs = compute(given)
+        runs = simulate_settings(given)
         lines = curves(runs)
-        drawn = figure(runs)
+        drawn = draw_runs(runs)
         assert len(drawn.data) == len(lines)
         assert all(0 < len(line.x) == len(line.y) <= 1000 for line in lines)
         by_panel = {line.panel for line in lines}
@@ -301,7 +301,7 @@ class TestFigure:
     def test_what_is_drawn_is_the_run(self):
         from inside import curves
 
-        runs = compute(Regulator())
+        runs = simulate_settings(Regulator())
         line = next(
             c for c in curves(runs) if c.panel == "control" and c.look.name == "implicit signs"
         )
@@ -313,7 +313,7 @@ class TestFigure:
     def test_a_window_shows_every_sample_in_it(self):
         from inside import curves
 
-        runs = compute(Tracker(h=1e-4))
+        runs = simulate_settings(Tracker(h=1e-4))
         for line in curves(runs, (2.0, 2.05)):
             if line.panel != "phase":
                 assert 2.0 <= np.nanmin(line.x) <= np.nanmax(line.x) <= 2.05
@@ -321,14 +321,14 @@ class TestFigure:
                 assert len(line.x) in (500, 501)
 
     def test_a_window_without_samples_is_empty(self):
-        from inside import figure
+        from inside import draw_runs
 
-        assert figure(compute(Ball()), (1.0012, 1.0013)).data
+        assert draw_runs(simulate_settings(Ball()), (1.0012, 1.0013)).data
 
     def test_an_impact_interrupts_the_velocity(self):
         from inside import curves
 
-        lines = {(c.panel, c.look.name): c for c in curves(compute(Ball()))}
+        lines = {(c.panel, c.look.name): c for c in curves(simulate_settings(Ball()))}
         assert np.isnan(lines["velocity", "SwitchedRK"].y).sum() > 3
         assert not np.isnan(lines["position", "SwitchedRK"].y).any()
 
@@ -342,7 +342,7 @@ def anything(draw):
 
 def attempt(chosen):
     try:
-        return compute(chosen), ""
+        return simulate_settings(chosen), ""
     except ValueError as error:
         return {}, str(error)
 
@@ -364,7 +364,7 @@ def test_every_position_of_the_sliders_is_possible_but_gains_in_the_wrong_order(
     from inside import curves
 
     chosen = data.draw(anything())
-    assert settings_of(dict(parse_qsl(query(chosen)[1:]))) == chosen
+    assert read_query(dict(parse_qsl(query(chosen)[1:]))) == chosen
     runs, message = attempt(chosen)
     wrong = not isinstance(chosen, Ball) and chosen.mu2 >= chosen.mu1
     assert bool(runs) != wrong
@@ -374,34 +374,34 @@ def test_every_position_of_the_sliders_is_possible_but_gains_in_the_wrong_order(
     assert all(len(line.x) <= 1000 for line in curves(runs, (0.0, chosen.t_end)))
     assert len(facts(runs)) == len(runs)
     assert all("\n" not in text for text in warning_texts(runs))
-    assert sentence(runs).endswith(".")
+    assert describe_signs(runs).endswith(".")
     assert xml.etree.ElementTree.fromstring(film(runs)).tag == "svg"
 
 
 @pytest.mark.parametrize("kind", [Ball, Regulator, Tracker])
 def test_every_setting_has_a_control_that_can_take_the_presets(kind):
     pytest.importorskip("marimo")
-    from inside import chosen, panel
+    from inside import panel, read_controls
 
     assert sorted(ranges(kind)) == sorted(field.name for field in dataclasses.fields(kind))
     assert next(iter(PRESETS[kind].values())) == kind()
     for preset in PRESETS[kind].values():
-        assert chosen(kind, panel(preset, lambda _: None)) == preset
-        assert settings_of(dict(parse_qsl(query(preset)[1:]))) == preset
+        assert read_controls(kind, panel(preset, lambda _: None)) == preset
+        assert read_query(dict(parse_qsl(query(preset)[1:]))) == preset
 
 
 class TestBelt:
     def test_the_mass_leaves_the_belt_when_the_spring_pulls_as_hard_as_it_holds(self):
         # limit + extra = stiffness x, with the speed of the belt
         for speed, leaves in ((0.2, 6.0), (0.4, 3.0)):
-            runs = compute(Belt(speed=speed, xdot0=speed, h=1e-3))
+            runs = simulate_settings(Belt(speed=speed, xdot0=speed, h=1e-3))
             for name, within in (("implicit", 2e-2), ("high_order", 1e-9)):
                 sticks = runs[name].run.stick
                 assert sticks["t_end"][0] == pytest.approx(leaves, abs=within)
 
     def test_what_is_shown_of_a_run_is_that_of_the_run(self):
         given = Belt(damping=0.1, x0=0.5, xdot0=-1.0)
-        runs = compute(given)
+        runs = simulate_settings(given)
         for run in runs.values():
             np.testing.assert_allclose(run.slip, run.xdot - given.speed, atol=1e-13)
             assert np.abs(run.friction).max() <= given.limit + given.extra + 1e-12
@@ -414,8 +414,8 @@ class TestBelt:
         assert np.abs(slopes - smooth[:-1])[clear].max() < 1e-9
 
     def test_the_explicit_sign_never_sticks(self):
-        runs = compute(Belt())
-        said = sentence(runs)
+        runs = simulate_settings(Belt())
+        said = describe_signs(runs)
         jumps = np.count_nonzero(np.diff(runs["explicit"].friction))
         assert f"its force jumps {jumps} times" in said
         assert jumps > 100
@@ -425,8 +425,8 @@ class TestBelt:
         assert [row["caught"] for row in facts(runs)][1] == "0 times"
 
     def test_a_brake_stops_the_mass_for_good(self):
-        runs = compute(PRESETS[Belt]["a brake"])
+        runs = simulate_settings(PRESETS[Belt]["a brake"])
         for name in ("implicit", "high_order"):
             assert runs[name].sticks[-1]
             assert runs[name].xdot[-1] == 0.0
-        assert "never sticks" in sentence(runs)
+        assert "never sticks" in describe_signs(runs)

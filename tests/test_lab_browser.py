@@ -10,7 +10,7 @@ import time
 import numpy as np
 import pytest
 
-from inside import KINDS, PRESETS, Ball, Regulator, Tracker, compute, curves, ranges
+from inside import KINDS, PRESETS, Ball, Regulator, Tracker, curves, ranges, simulate_settings
 from lab_server import PROGRAM, serving
 
 for module in ("marimo", "plotly", "uvicorn"):
@@ -68,7 +68,7 @@ class Lab:
 
     def shows(self, settings, window=None):
         """Whether the drawn lines are those of `settings`."""
-        wanted = curves(compute(settings), window)
+        wanted = curves(simulate_settings(settings), window)
         drawn = self.lines()
         return [line.look.name for line in wanted] == [line[0] for line in drawn] and all(
             np.array_equal(a, b, equal_nan=True)

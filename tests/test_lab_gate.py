@@ -9,7 +9,7 @@ import urllib.parse
 
 import pytest
 
-from inside import MOST_SESSIONS, Gate
+from inside import MOST_SESSIONS, RequestGate
 from lab_server import PROGRAM, serving
 
 TOKEN = "abcdefghijklmnopqrstuv"
@@ -144,7 +144,9 @@ def test_by_which_names_a_server_for_others_is_asked(host, everywhere, enters):
     async def send(message):
         said.append(message)
 
-    gate = Gate(page, port=2718, token=TOKEN, lasting=60.0, names=("desk",), any_address=everywhere)
+    gate = RequestGate(
+        page, port=2718, token=TOKEN, lasting=60.0, names=("desk",), any_address=everywhere
+    )
     scope = {"type": "http", "path": f"/{TOKEN}/", "headers": [(b"host", host.encode())]}
     asyncio.run(gate(scope, None, send))
     assert said[0]["status"] == (200 if enters else 403)
@@ -163,7 +165,7 @@ def test_a_session_that_has_ended_makes_room(monkeypatch):
         entered.append(scope["query_string"])
         await leave.wait()
 
-    gate = Gate(page, port=80, token=TOKEN, lasting=60.0)
+    gate = RequestGate(page, port=80, token=TOKEN, lasting=60.0)
 
     async def send(message):
         said.append(message)

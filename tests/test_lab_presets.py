@@ -15,27 +15,27 @@ from inside import (
     Belt,
     Regulator,
     Tracker,
-    compute,
-    ends,
+    describe_signs,
+    end_notices,
     film,
-    name_of,
+    preset_name,
     query,
-    sentence,
-    settings_of,
+    read_query,
+    simulate_settings,
 )
 
 EVERY = [(kind, name) for kind, presets in PRESETS.items() for name in presets]
 
 
 def of(kind, name):
-    return compute(PRESETS[kind][name])
+    return simulate_settings(PRESETS[kind][name])
 
 
 @pytest.mark.parametrize(("kind", "name"), EVERY, ids=lambda it: getattr(it, "__name__", it))
 def test_every_preset_runs_to_its_end(kind, name):
     runs = of(kind, name)
     assert all(run.success for run in runs.values())
-    assert sentence(runs)
+    assert describe_signs(runs)
 
 
 @pytest.mark.parametrize("kind", PRESETS)
@@ -47,13 +47,13 @@ def test_there_are_the_presets_that_were_promised(kind):
 
 @pytest.mark.parametrize(("kind", "name"), EVERY, ids=lambda it: getattr(it, "__name__", it))
 def test_a_preset_is_called_by_its_name(kind, name):
-    assert name_of(PRESETS[kind][name]) == name
-    assert name_of(dataclasses.replace(kind(), x0=1.2345)) == "first look"
+    assert preset_name(PRESETS[kind][name]) == name
+    assert preset_name(dataclasses.replace(kind(), x0=1.2345)) == "first look"
 
 
 def test_a_slider_at_an_end_of_its_range_is_told_unless_the_preset_is_there():
-    assert ends(Regulator(), Regulator()) == []
-    told = ends(Regulator(noise_x=0.1, h=1e-4, landing=False), Regulator())
+    assert end_notices(Regulator(), Regulator()) == []
+    told = end_notices(Regulator(noise_x=0.1, h=1e-4, landing=False), Regulator())
     assert [it.partition(";")[0] for it in told] == [
         "h, sampling period (s): 0.0001 is an end of its range, 0.0001 to 0.05",
         "noise of x (m): 0.1 is an end of its range, 0 to 0.1",
@@ -89,8 +89,8 @@ def test_positions_alone_under_an_unknown_sine_are_enough_to_land():
 
 
 def test_the_sentence_has_the_numbers_of_the_runs():
-    runs = compute(Ball())
-    said = sentence(runs)
+    runs = simulate_settings(Ball())
+    said = describe_signs(runs)
     rests = [f"{runs[name].rest_time:.4g} s" for name in ("implicit", "high_order")]
     assert re.findall(r"from (\S+ s)", said) == rests
     assert "not at rest within 4 s with explicit ones" in said
@@ -99,16 +99,16 @@ def test_the_sentence_has_the_numbers_of_the_runs():
     t = runs["implicit"].t
     late = t >= 0.5 * t[-1]  # neither comes to rest
     variations = [np.abs(np.diff(runs[name].u[late])).sum() for name in ("explicit", "implicit")]
-    said = sentence(runs)
+    said = describe_signs(runs)
     assert f"at most {np.abs(runs['implicit'].error[late]).max():.2g} m off" in said
     assert f"changes {variations[0] / variations[1]:.3g} times as much" in said
     assert "From 0.75 to 1.5 s" in said
-    still = compute(Regulator(x0=0.0))
-    assert "neither control changes" in sentence(still)
+    still = simulate_settings(Regulator(x0=0.0))
+    assert "neither control changes" in describe_signs(still)
 
 
 def test_the_film_shows_the_motion():
-    runs = compute(Ball(t_end=2.0))
+    runs = simulate_settings(Ball(t_end=2.0))
     drawn = xml.etree.ElementTree.fromstring(film(runs))
     circles = drawn.findall("circle")
     assert len(circles) == len(runs) == 3
@@ -121,7 +121,7 @@ def test_the_film_shows_the_motion():
         x = run(np.linspace(0.0, 2.0, len(heights)))[0]
         across = (heights.max() - heights) / np.ptp(heights)
         assert np.abs(across * x.max() - x).max() < 0.01 * top
-    with_reference = xml.etree.ElementTree.fromstring(film(compute(Tracker())))
+    with_reference = xml.etree.ElementTree.fromstring(film(simulate_settings(Tracker())))
     assert [text.text for text in with_reference.findall("text")] == [
         "implicit signs",
         "explicit signs",
@@ -142,7 +142,7 @@ def test_the_film_shows_the_motion():
     ],
 )
 def test_a_link_asks_for_settings_that_are_possible(asked, settings):
-    assert settings_of(asked) == settings
+    assert read_query(asked) == settings
 
 
 def test_a_link_names_what_is_no_default():
@@ -155,9 +155,9 @@ def test_a_link_names_what_is_no_default():
 @pytest.mark.parametrize("given", [Ball(), Tracker()], ids=["five", "six"])
 def test_panels_do_not_overlap(columns, given):
     pytest.importorskip("plotly")
-    from inside import figure
+    from inside import draw_runs
 
-    layout = figure(compute(given), columns=columns).layout
+    layout = draw_runs(simulate_settings(given), columns=columns).layout
     count = 5 if isinstance(given, Ball) else 6
     boxes = [
         (*layout[f"xaxis{k}"].domain, *layout[f"yaxis{k}"].domain) for k in range(1, count + 1)
@@ -172,4 +172,6 @@ def test_panels_do_not_overlap(columns, given):
             apart = other[1] < left or right < other[0] or other[3] < low or high < other[2]
             assert apart
     assert inside < 300 * rows
-    assert zivi.plot.BLUE in {trace.line.color for trace in figure(compute(given)).data}
+    assert zivi.plot.BLUE in {
+        trace.line.color for trace in draw_runs(simulate_settings(given)).data
+    }

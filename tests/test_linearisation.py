@@ -50,7 +50,7 @@ SOLVERS = {
 def rates():
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(step_solvers, "interpreter", lambda: None)
-        measured = linearisation.measure()
+        measured = linearisation.measure_failures()
     return {(rate.steps, rate.solver): rate.percent for rate in measured}
 
 
@@ -84,7 +84,7 @@ def test_the_tick_and_the_fall_backs_fail_nowhere(rates):
 def test_the_steps_of_the_loop_are_those_of_its_ticks(branch):
     states, signs = tracking_steps.loop_states(branch)
     assert len(states) == 2000
-    found = tracking_steps.solvers()["tick"](states, np.full_like(signs, np.nan))
+    found = tracking_steps.loop_solvers()["tick"](states, np.full_like(signs, np.nan))
     np.testing.assert_array_equal(found, signs)
     if branch == "positive":
         assert np.all(states[:, [0, 2]] >= 0)
@@ -105,19 +105,19 @@ def wrong(signs, rng):
 
 def test_the_residual_of_the_tracker_sees_wrong_signs():
     rng = np.random.default_rng(5)
-    states = tracking_steps.random_states(0.1, seed=6)
-    signs = tracking_steps.solvers()["tick"](states, tracking_steps.signs_of(states))
-    assert np.max(tracking_steps.residual(states, signs)) < 1e-14
-    assert np.min(tracking_steps.residual(states, wrong(signs, rng))) > 1e-7
-    assert np.all(tracking_steps.residual(states, np.full_like(signs, np.nan)) == np.inf)
+    states = tracking_steps.random_loop_states(0.1, seed=6)
+    signs = tracking_steps.loop_solvers()["tick"](states, tracking_steps.signs_of(states))
+    assert np.max(tracking_steps.loop_residual(states, signs)) < 1e-14
+    assert np.min(tracking_steps.loop_residual(states, wrong(signs, rng))) > 1e-7
+    assert np.all(tracking_steps.loop_residual(states, np.full_like(signs, np.nan)) == np.inf)
 
 
 def test_the_residual_of_the_ball_sees_wrong_signs():
     rng = np.random.default_rng(7)
-    states = ball_steps.random_states(0.1, 1e-3, seed=8)
-    signs = ball_steps.solvers(1e-3)["inner"](states, np.sign(states))
-    assert np.max(ball_steps.residual(1e-3, states, signs)) < 1e-11
-    assert np.min(ball_steps.residual(1e-3, states, wrong(signs, rng))) > 1e-7
+    states = ball_steps.random_ball_states(0.1, 1e-3, seed=8)
+    signs = ball_steps.ball_solvers(1e-3)["inner"](states, np.sign(states))
+    assert np.max(ball_steps.ball_residual(1e-3, states, signs)) < 1e-11
+    assert np.min(ball_steps.ball_residual(1e-3, states, wrong(signs, rng))) > 1e-7
 
 
 def solve(states, starts, solver="exact", linearisations=1):
@@ -138,7 +138,7 @@ def solve(states, starts, solver="exact", linearisations=1):
 
 def test_an_unknown_start_is_the_last_solution():
     # the second state is the first again: from its solution there is nothing left to do
-    states = np.repeat(tracking_steps.random_states(0.1, seed=9, problems=1), 2, axis=0)
+    states = np.repeat(tracking_steps.random_loop_states(0.1, seed=9, problems=1), 2, axis=0)
     starts = tracking_steps.signs_of(states)
     starts[1] = np.nan
     signs, solved = solve(states, starts, "newton")

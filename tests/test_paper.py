@@ -102,7 +102,7 @@ def test_tables_with_siconos_fit_as_well():
     label = "tracking, random, |v|<=1e+00"
     rates = [linearisation.Rate("tracking", name, label, 1, 800) for name in solvers]
     console = Console(width=80, record=True, file=io.StringIO())
-    console.print(linearisation.table(rates))
+    console.print(linearisation.failure_tables(rates))
     text = console.export_text()
     assert text.count("0.12") == len(solvers)
     assert "\u2026" not in text
@@ -137,7 +137,7 @@ def test_each_figure_states_what_it_was_made_with(written):
 
 def test_the_data_are_those_of_the_figure(written):
     out, _ = written
-    sol = ball.run(zivi.ThetaGamma(ball.H))
+    sol = ball.simulate_ball(zivi.ThetaGamma(ball.H))
     data = rows(out / "fig4_x_xdot.csv")
     np.testing.assert_array_equal([float(row["x"]) for row in data], sol.x)
     np.testing.assert_array_equal([float(row["xdot"]) for row in data], sol.xdot)
@@ -175,7 +175,7 @@ def test_the_stages_are_reported(tmp_path, monkeypatch):
 
 def test_a_number_that_is_off_fails(tmp_path, monkeypatch):
     wrong = [Check("a number", 1.0, 2.0, "exact", 0.5), Check("no number", np.nan, 0.0, "exact", 1)]
-    monkeypatch.setattr(ball, "checks", lambda sol: wrong)
+    monkeypatch.setattr(ball, "check_ball", lambda sol: wrong)
     result = paper(tmp_path, "--only", "ball", "--only", "regulator")
     assert result.exit_code == 1
     assert result.output.splitlines()[-1] == "9 of 11 agree"
@@ -184,16 +184,16 @@ def test_a_number_that_is_off_fails(tmp_path, monkeypatch):
 
 
 def test_the_checks_notice_a_wrong_scheme():
-    coarse = ball.run(zivi.ThetaGamma(3 * ball.H))
-    chattering = ball.run(zivi.ExplicitEuler(ball.H))
-    assert not all(check.ok for check in ball.checks(coarse))
-    assert not all(check.ok for check in ball.checks(chattering))
+    coarse = ball.simulate_ball(zivi.ThetaGamma(3 * ball.H))
+    chattering = ball.simulate_ball(zivi.ExplicitEuler(ball.H))
+    assert not all(check.ok for check in ball.check_ball(coarse))
+    assert not all(check.ok for check in ball.check_ball(chattering))
 
 
 def test_what_the_page_on_the_paper_says_of_the_ball():
-    rests = [ball.run(zivi.ThetaGamma(h)).rest_time for h in (9e-4, 7e-4, 6e-4, 5e-4)]
+    rests = [ball.simulate_ball(zivi.ThetaGamma(h)).rest_time for h in (9e-4, 7e-4, 6e-4, 5e-4)]
     assert (min(rests), max(rests)) == pytest.approx((2.448, 2.453), abs=6e-4)
-    sol = ball.run(zivi.ThetaGamma(ball.H))
+    sol = ball.simulate_ball(zivi.ThetaGamma(ball.H))
     first = [
         sol.t[np.argmax(signs < 1)]
         for signs in (sol.transformed.lambda_s, sol.transformed.lambda_v)

@@ -11,6 +11,7 @@ from inside import (
     paper_chattering as chattering,
     paper_closed_loops as closed_loops,
     paper_regulator as regulator,
+    paper_report as report,
     paper_rest as rest,
     paper_robustness as robustness,
     paper_tracker as tracker,
@@ -27,8 +28,8 @@ def test_the_settling_time_is_that_of_the_events():
         t += speed / (mu1 + mu2)
         t += math.sqrt(2 * height / (mu1 - mu2))
         speed = math.sqrt(2 * height * (mu1 - mu2))
-    assert regulator.settling_time() == pytest.approx(t, abs=1e-12)
-    assert regulator.settling_time() == pytest.approx(1.7727623, abs=1e-7)
+    assert regulator.exact_settling() == pytest.approx(t, abs=1e-12)
+    assert regulator.exact_settling() == pytest.approx(1.7727623, abs=1e-7)
 
 
 def test_the_zeno_points():
@@ -39,7 +40,7 @@ def test_the_zeno_points():
 
 
 def test_all_checks_hold():
-    for check in regulator.checks() + tracker.checks(tracker.runs()):
+    for check in regulator.check_regulator() + tracker.check_tracker(tracker.runs()):
         assert check.ok, check
 
 
@@ -55,18 +56,18 @@ def test_all_checks_hold():
 )
 def test_the_checks_notice_another_loop(change):
     runs = {name: closed_loops.track(**change) for name in tracker.runs()}
-    assert not all(check.ok for check in tracker.checks(runs))
+    assert not all(check.ok for check in tracker.check_tracker(runs))
 
 
 def test_the_checks_notice_a_wrong_settling_time(monkeypatch):
     monkeypatch.setattr(closed_loops, "REGULATOR", (3.0, 1.9))
-    assert not all(check.ok for check in regulator.checks())
+    assert not all(check.ok for check in regulator.check_regulator())
 
 
 def test_a_run_that_does_not_rest_is_no_number():
     run = closed_loops.track(force=closed_loops.FORCE + 1.5)
-    assert math.isnan(closed_loops.rest(run))
-    assert math.isnan(closed_loops.largest(run.x[:0]))
+    assert math.isnan(report.rest_time_of(run))
+    assert math.isnan(report.max_abs(run.x[:0]))
     assert math.isnan(closed_loops.last_above(run, 1e9))
 
 
@@ -82,7 +83,7 @@ def test_the_errors_are_of_the_lifted_states():
 
 def test_the_lifted_regulator_is_continuous():
     run = closed_loops.regulate()
-    s, v = closed_loops.lifted(run)
+    s, v = closed_loops.lift_run(run)
     np.testing.assert_array_equal(np.abs(s), run.x)
     assert len(run.resolved_impacts) > 3
     (mu1, mu2), kappa, h = closed_loops.REGULATOR, closed_loops.KAPPA, closed_loops.H
@@ -109,7 +110,8 @@ def test_both_velocities_are_broken_at_impacts_and_nowhere_else():
 
 def test_the_explicit_controller_chatters_and_the_implicit_one_does_not():
     found = {
-        (row.where, row.force_error, row.h, row.controller): row for row in chattering.measure()
+        (row.where, row.force_error, row.h, row.controller): row
+        for row in chattering.measure_chattering()
     }
     for h in chattering.STEPS:
         explicit = found["rising", 0.0, h, "explicit"]
@@ -128,9 +130,9 @@ def test_the_explicit_controller_chatters_and_the_implicit_one_does_not():
 
 
 def test_disturbances_are_bounded_and_repeatable():
-    rows = robustness.measure()
+    rows = robustness.measure_robustness()
     assert [row.disturbance for row in rows[::2]] == list(robustness.DISTURBANCES)
-    assert rows == robustness.measure()
+    assert rows == robustness.measure_robustness()
     for row in rows:
         assert row.reached < 1.8
         assert row.error < 1e-3
@@ -148,7 +150,7 @@ def test_disturbances_are_bounded_and_repeatable():
 
 
 def test_exact_rest_in_the_sampled_loop_depends_on_e():
-    rows = {row.e: row for row in rest.measure()}
+    rows = {row.e: row for row in rest.measure_rest()}
     assert all(row.paper == rest.STARTS for row in rows.values())
     for e, row in rows.items():
         if e <= 0.38:
@@ -161,7 +163,7 @@ def test_exact_rest_in_the_sampled_loop_depends_on_e():
 @pytest.mark.parametrize("e", [0.5, 0.7])
 def test_what_is_left_shrinks_with_the_period(e, monkeypatch):
     monkeypatch.setattr(rest, "RESTITUTIONS", (e,))
-    (coarse,), (fine,) = rest.measure(1e-2), rest.measure(1e-3)
+    (coarse,), (fine,) = rest.measure_rest(1e-2), rest.measure_rest(1e-3)
     assert coarse.distance / fine.distance == pytest.approx(100, rel=0.05)
     assert coarse.speed / fine.speed == pytest.approx(10, rel=0.05)
 
@@ -181,8 +183,8 @@ def test_the_regulator_rests_from_every_start(e):
 
 
 def test_rows_are_saved_in_full(tmp_path):
-    rows = robustness.measure()[:2]
-    zivi.paper.report.save(rows, tmp_path / "rows.csv")
+    rows = robustness.measure_robustness()[:2]
+    zivi.paper.report.save_rows(rows, tmp_path / "rows.csv")
     lines = (tmp_path / "rows.csv").read_text().splitlines()
     assert lines[0].split(",") == [field.name for field in dataclasses.fields(rows[0])]
     assert float(lines[1].split(",")[3]) == rows[0].reached

@@ -20,7 +20,7 @@ needs_siconos = pytest.mark.skipif(
 
 
 def ball_solvers():
-    return step_solvers.solvers("ball", KAPPA, GRAVITY, H)
+    return step_solvers.siconos_solvers("ball", KAPPA, GRAVITY, H)
 
 
 def row_errors(s, v, lambda_s, lambda_v):
@@ -80,20 +80,20 @@ def test_no_states(name):
 @needs_siconos
 @pytest.mark.parametrize("name", step_solvers.SOLVERS)
 def test_it_solves_steps_of_the_tracker(name):
-    states = tracking_steps.random_states(1.0, seed=1, problems=50)
+    states = tracking_steps.random_loop_states(1.0, seed=1, problems=50)
     starts = tracking_steps.signs_of(states)
     # the first again, from where its solve has ended
     states, starts = np.vstack([states[:1], states]), np.vstack([starts[:1], starts])
     starts[1] = np.nan
-    found = tracking_steps.solvers()[f"Siconos {name}"](states, starts)
-    solved = tracking_steps.residual(states, found) < 1e-9
+    found = tracking_steps.loop_solvers()[f"Siconos {name}"](states, starts)
+    solved = tracking_steps.loop_residual(states, found) < 1e-9
     assert np.mean(solved) > 0.9
     assert solved[0]
     np.testing.assert_allclose(found[1], found[0], atol=1e-12)
 
 
 STEPS = [
-    (_siconos_steps.Step(KAPPA, GRAVITY, 1e-2), 2),
+    (_siconos_steps.BallStep(KAPPA, GRAVITY, 1e-2), 2),
     (_siconos_steps.TrackingStep(30.0, 17.0, 0.5, 0.3, -9.81, -19.81, 1e-2), 4),
 ]
 
@@ -132,7 +132,9 @@ def test_what_does_not_end_is_not_solved(monkeypatch, tmp_path):
     monkeypatch.setattr(step_solvers, "TIMEOUT", 0.5)
     states = np.ones((3, 2))
     parameters = (KAPPA, GRAVITY, H)
-    solved = step_solvers._solve(str(script), "VI_BOX_QI", "ball", parameters, states, states)
+    solved = step_solvers._siconos_solve(
+        str(script), "VI_BOX_QI", "ball", parameters, states, states
+    )
     np.testing.assert_array_equal(solved, [[1, -1], [np.nan] * 2, [np.nan] * 2])
 
 

@@ -277,13 +277,13 @@ def paper(
 
     with _reported_errors():
         needed("matplotlib", "the figures of the paper").use("Agg")
-        from zivi.paper.write import check, run
+        from zivi.paper.write import check_stages, reproduce
 
         try:
-            check(only)
+            check_stages(only)
         except ValueError as error:
             raise FileError(f"{error}") from None
-        agree = run(out, only, quiet=quiet)
+        agree = reproduce(out, only, quiet=quiet)
     raise typer.Exit(0 if agree else 1)
 
 

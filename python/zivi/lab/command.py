@@ -40,7 +40,7 @@ def lab(
     """
     missing = [module for module in NEEDED if not have(module)]
     if missing:
-        raise _failed(f"the page needs {', '.join(missing)}: pip install 'zivi[lab]'")
+        raise _error_exit(f"the page needs {', '.join(missing)}: pip install 'zivi[lab]'")
     from zivi.lab.server import LOOPBACK, address, listen, serve
 
     try:
@@ -49,12 +49,12 @@ def lab(
         why = str(error.strerror).partition(" (while ")[0]
         where = f"port {port}" if host in LOOPBACK else f"port {port} of host {host}"
         said = f"{where} cannot be used ({why}); --port 0 takes a free one"
-        raise _failed(said) from None
+        raise _error_exit(said) from None
     token = secrets.token_urlsafe(16)
     typer.echo(f"zivi lab: {address(listener, token, host)} (Ctrl-C ends it)")
     serve(listener, token, browser=browser, host=host)
 
 
-def _failed(message: str) -> typer.Exit:
+def _error_exit(message: str) -> typer.Exit:
     typer.echo(f"zivi: {message}", err=True)
     return typer.Exit(WRONG)

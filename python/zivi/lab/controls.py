@@ -7,9 +7,9 @@ from typing import Any
 
 import marimo as mo
 
-from zivi.lab.settings import PRESETS, SECTIONS, Settings, between, ranges
+from zivi.lab.settings import PRESETS, SECTIONS, Settings, range_text, ranges
 
-__all__ = ["SHOWN", "chosen", "laid_out", "panel", "presets"]
+__all__ = ["SHOWN", "laid_out", "panel", "presets", "read_controls"]
 
 SHOWN = "shown"
 """The control of the window that is shown, which is no setting."""
@@ -53,13 +53,13 @@ def _element(given: dict[str, Any], value: Any) -> Any:
         return mo.ui.switch(value, label=given["label"], on_change=given["on_change"])
     if "options" in given:
         return mo.ui.dropdown(**given, value=value, full_width=True)
-    label = f"{given['label']}, {between(given)}"
+    label = f"{given['label']}, {range_text(given)}"
     return mo.ui.slider(
         **given | {"label": label}, value=value, include_input=True, full_width=True
     )
 
 
-def chosen(kind: type[Settings], elements: dict[str, Any]) -> Settings:
+def read_controls(kind: type[Settings], elements: dict[str, Any]) -> Settings:
     """Read the settings from the controls of a tab."""
     return kind(**{name: elements[name].value for name in ranges(kind)})
 

@@ -13,6 +13,7 @@ from zivi.control.loop_run import ClosedLoop
 from zivi.lab.runs import NAMES, BeltRun, Runs
 from zivi.plot import BLUE, GREEN, ORANGE, PURPLE
 from zivi.plot.curves import Line, line_of
+from zivi.plot.look import has_reference
 from zivi.simulation.trajectory import Trajectory
 
 if TYPE_CHECKING:
@@ -21,9 +22,9 @@ if TYPE_CHECKING:
 __all__ = [
     "POINTS",
     "Curve",
-    "Look",
+    "LineStyle",
     "curves",
-    "figure",
+    "draw_runs",
     "film",
     "thinned",
 ]
@@ -61,13 +62,13 @@ def thinned(
     (True, 1.0)
     """
     before = np.empty(0, dtype=int) if breaks is None else breaks
-    kept = _kept(columns, points - min(len(before), points // 2))
+    kept = _decimated_indices(columns, points - min(len(before), points // 2))
     gaps = np.unique(np.searchsorted(kept, before))
     gaps = gaps[(gaps > 0) & (gaps < len(kept))]
     return tuple(np.insert(column[kept], gaps, np.nan) for column in columns)
 
 
-def _kept(columns: tuple[Array, ...], points: int) -> np.ndarray:
+def _decimated_indices(columns: tuple[Array, ...], points: int) -> np.ndarray:
     """Choose indices: both ends, and where each column is least and greatest in every piece."""
     length = len(columns[0])
     if length <= points:
@@ -113,7 +114,7 @@ SIGNS = {
 
 
 @dataclasses.dataclass(frozen=True)
-class Look:
+class LineStyle:
     """Name in the legend, colour and style of a line.
 
     Parameters
@@ -144,19 +145,19 @@ class Curve:
     """
 
     panel: str
-    look: Look
+    look: LineStyle
     x: Array
     y: Array
     held: bool = False
 
 
-def figure(runs: Runs, window: tuple[float, float] | None = None, columns: int = 3) -> go.Figure:
+def draw_runs(runs: Runs, window: tuple[float, float] | None = None, columns: int = 3) -> go.Figure:
     """Draw runs: time series, phase plane, signs, of a closed loop the control.
 
     Parameters
     ----------
     runs : dict
-        What `zivi.lab.runs.compute` gave.
+        What `zivi.lab.runs.simulate_settings` gave.
     window : (float, float), optional
         Times to show (s); all by default. A line has at most 1000 points, those with the extremes:
         where a window holds fewer samples, all are shown.
@@ -179,77 +180,78 @@ def figure(runs: Runs, window: tuple[float, float] | None = None, columns: int =
 
 
 def curves(runs: Runs, window: tuple[float, float] | None = None) -> list[Curve]:
-    """Give all lines that are drawn, thinned; parameters as of `figure`."""
+    """Give all lines that are drawn, thinned; parameters as of `draw_runs`."""
     made: list[Curve] = []
     implicit = runs["implicit"]
     if isinstance(implicit, BeltRun):
         for name in BELOW:
             made += _on_belt(name, runs[name], window)
-        return [*made, _belt(implicit, window)]
+        return [*made, _belt_curve(implicit, window)]
     others: dict[str, Any] = {**runs}
     for name in BELOW:
         if name in others:
             made += _motion(name, others[name], window)
     if isinstance(implicit, ClosedLoop):
-        made += _reference(implicit, window)
+        made += _reference_curves(implicit, window)
         signs = implicit.signs
     else:
         signs = np.column_stack([implicit.transformed.lambda_s, implicit.transformed.lambda_v])
-    return made + _signs(implicit.t, signs, window)
+    return made + _sign_curves(implicit.t, signs, window)
 
 
 def _on_belt(name: str, run: Any, window: tuple[float, float] | None) -> list[Curve]:
-    look = Look(NAMES[name], COLORS[name], "dot" if name == "high_order" else "solid")
-    t, x, xdot, slip, force = _within(run.t, window, run.x, run.xdot, run.slip, run.friction)
+    look = LineStyle(NAMES[name], COLORS[name], "dot" if name == "high_order" else "solid")
+    t, x, xdot, slip, force = _clip(run.t, window, run.x, run.xdot, run.slip, run.friction)
     lines = {"position": (t, x), "velocity": (t, xdot), "phase": (x, xdot), "slip": (t, slip)}
-    made = [_curve(panel, look, *pair) for panel, pair in lines.items()]
-    return [*made, _curve("friction", look, t, force)]
+    made = [_thinned_curve(panel, look, *pair) for panel, pair in lines.items()]
+    return [*made, _thinned_curve("friction", look, t, force)]
 
 
-def _belt(run: BeltRun, window: tuple[float, float] | None) -> Curve:
-    (t,) = _within(run.t, window)
-    return _curve("velocity", Look("belt", GREEN, "dash"), t, np.full(len(t), run.speed))
+def _belt_curve(run: BeltRun, window: tuple[float, float] | None) -> Curve:
+    (t,) = _clip(run.t, window)
+    look = LineStyle("belt", GREEN, "dash")
+    return _thinned_curve("velocity", look, t, np.full(len(t), run.speed))
 
 
 def _motion(
     name: str, run: Trajectory | ClosedLoop, window: tuple[float, float] | None
 ) -> list[Curve]:
-    look = Look(NAMES[name], COLORS[name], "dot" if name == "high_order" else "solid")
+    look = LineStyle(NAMES[name], COLORS[name], "dot" if name == "high_order" else "solid")
     line = _cut(line_of(run), window)
     made = [
-        _curve("position", look, line.t, line.x),
-        _curve("velocity", look, line.t, line.xdot, line.impacts),
-        _curve("phase", look, line.x, line.xdot, line.impacts),
+        _thinned_curve("position", look, line.t, line.x),
+        _thinned_curve("velocity", look, line.t, line.xdot, line.impacts),
+        _thinned_curve("phase", look, line.x, line.xdot, line.impacts),
     ]
     if not isinstance(run, ClosedLoop):
         lifted = (line.s, line.v)
-        return made + [_curve("lifted", look, line.t, values) for values in lifted]
-    t, u, error = _within(run.t, window, run.u, run.error)
-    made.append(_curve("control", look, t, u, held=True))
-    return [*made, _curve("error", look, t, error)] if _has_reference(run) else made
+        return made + [_thinned_curve("lifted", look, line.t, values) for values in lifted]
+    t, u, error = _clip(run.t, window, run.u, run.error)
+    made.append(_thinned_curve("control", look, t, u, held=True))
+    return [*made, _thinned_curve("error", look, t, error)] if has_reference(run) else made
 
 
-def _reference(run: ClosedLoop, window: tuple[float, float] | None) -> list[Curve]:
-    if not _has_reference(run):
+def _reference_curves(run: ClosedLoop, window: tuple[float, float] | None) -> list[Curve]:
+    if not has_reference(run):
         return []
-    t, x, xdot = _within(run.t, window, run.x_ref, run.xdot_ref)
+    t, x, xdot = _clip(run.t, window, run.x_ref, run.xdot_ref)
     pairs = {"position": (t, x), "velocity": (t, xdot), "phase": (x, xdot)}
-    look = Look("reference", COLORS["reference"], "dash")
-    return [_curve(panel, look, *pair) for panel, pair in pairs.items()]
+    look = LineStyle("reference", COLORS["reference"], "dash")
+    return [_thinned_curve(panel, look, *pair) for panel, pair in pairs.items()]
 
 
-def _signs(t: Array, signs: Array, window: tuple[float, float] | None) -> list[Curve]:
-    times, shown = _within(t, window, signs)
+def _sign_curves(t: Array, signs: Array, window: tuple[float, float] | None) -> list[Curve]:
+    times, shown = _clip(t, window, signs)
     return [
-        _curve("signs", Look(name, *style), times, values, held=True)
+        _thinned_curve("signs", LineStyle(name, *style), times, values, held=True)
         for values, (name, style) in zip(shown.T, SIGNS.items(), strict=False)
         if not np.all(np.isnan(values))
     ]
 
 
-def _curve(
+def _thinned_curve(
     panel: str,
-    look: Look,
+    look: LineStyle,
     x: Array,
     y: Array,
     breaks: np.ndarray | None = None,
@@ -260,21 +262,17 @@ def _curve(
     return Curve(panel, look, few_x, few_y, held)
 
 
-def _within(t: Array, window: tuple[float, float] | None, *columns: Array) -> tuple[Array, ...]:
+def _clip(t: Array, window: tuple[float, float] | None, *columns: Array) -> tuple[Array, ...]:
     shown = slice(None) if window is None else (t >= window[0]) & (t <= window[1])
     return t[shown], *(column[shown] for column in columns)
 
 
 def _cut(line: Line, window: tuple[float, float] | None) -> Line:
-    t, x, xdot = _within(line.t, window, line.x, line.xdot)
-    s, v = _within(line.t, window, line.s, line.v)[1:] if line.s.size else (line.s, line.v)
+    t, x, xdot = _clip(line.t, window, line.x, line.xdot)
+    s, v = _clip(line.t, window, line.s, line.v)[1:] if line.s.size else (line.s, line.v)
     first = 0 if window is None else int(np.searchsorted(line.t, window[0]))
     after = line.impacts - first
     return Line(t, x, xdot, s, v, after[(after > 0) & (after < len(t))])
-
-
-def _has_reference(run: ClosedLoop) -> bool:
-    return not bool(np.all(np.isnan(run.x_ref)))
 
 
 def _panels(runs: Runs) -> list[str]:
@@ -284,7 +282,7 @@ def _panels(runs: Runs) -> list[str]:
         return ["position", "velocity", "phase", "friction", "slip"]
     if not isinstance(run, ClosedLoop):
         return ["position", "velocity", "phase", "lifted", "signs"]
-    if _has_reference(run):
+    if has_reference(run):
         return ["position", "velocity", "phase", "control", "error", "signs"]
     return ["position", "velocity", "phase", "control", "signs"]
 
@@ -337,7 +335,7 @@ def _layout(panels: list[str], columns: int) -> dict[str, Any]:
         if panel == "signs":
             layout[f"yaxis{number}"]["range"] = (-1.15, 1.15)
             corner = (left + width, top + 2.0 / height)
-    return layout | _style(height, corner)
+    return layout | _layout_settings(height, corner)
 
 
 def _axis(title: str, domain: tuple[float, float], anchor: str) -> dict[str, Any]:
@@ -353,7 +351,7 @@ def _axis(title: str, domain: tuple[float, float], anchor: str) -> dict[str, Any
     }
 
 
-def _style(height: int, corner: tuple[float, float]) -> dict[str, Any]:
+def _layout_settings(height: int, corner: tuple[float, float]) -> dict[str, Any]:
     """Give the rest of the layout; `corner` is the upper right one of the panel of signs."""
     return {
         "height": ABOVE + height + BELOW_ALL,
@@ -392,7 +390,7 @@ def film(runs: Runs) -> str:
     Parameters
     ----------
     runs : dict
-        What `zivi.lab.runs.compute` gave.
+        What `zivi.lab.runs.simulate_settings` gave.
 
     Returns
     -------
@@ -403,11 +401,11 @@ def film(runs: Runs) -> str:
     times = np.linspace(0.0, end, min(max(int(A_SECOND * end), 2), MOST))
     if isinstance(runs["implicit"], BeltRun):
         return _belts(runs, times)
-    lanes = _positions({**runs}, times)
+    lanes = _positions_at({**runs}, times)
     top = max(1e-12, *(float(x.max()) for x in lanes.values()))
     width = LANE * len(lanes)
     drawn = [
-        _mass(name, LANE * (number + 0.5), x / top, end)
+        _mass_svg(name, LANE * (number + 0.5), x / top, end)
         for number, (name, x) in enumerate(lanes.items())
     ]
     return (
@@ -444,7 +442,7 @@ def _belts(runs: dict[str, Any], times: Array) -> str:
     )
 
 
-def _positions(runs: dict[str, Any], times: Array) -> dict[str, Array]:
+def _positions_at(runs: dict[str, Any], times: Array) -> dict[str, Array]:
     found = {}
     for name, run in runs.items():
         line = line_of(run)
@@ -455,7 +453,7 @@ def _positions(runs: dict[str, Any], times: Array) -> dict[str, Array]:
     return found
 
 
-def _mass(name: str, across: float, heights: Array, end: float) -> str:
+def _mass_svg(name: str, across: float, heights: Array, end: float) -> str:
     """Draw one mass; `heights` are parts of the highest."""
     up = FLOOR - RADIUS - heights * (FLOOR - 2.0 * RADIUS - 8.0)
     places = [f"{y:.1f}" for y in up]

@@ -19,7 +19,7 @@ def _():
 def _(mo, settings):
     # what the address asks for; its states are bound to no name, so that nothing runs again
     asked = mo.query_params().to_dict()
-    first = settings.settings_of(asked)
+    first = settings.read_query(asked)
     columns = int(asked["columns"]) if asked.get("columns") in ("1", "2") else 3
     tabs = mo.ui.tabs(dict.fromkeys(settings.KINDS, ""), value=type(first).__name__)
     moves, set_moves = mo.state(0)
@@ -27,7 +27,7 @@ def _(mo, settings):
         {kind: first if kind is type(first) else kind() for kind in settings.KINDS.values()}
     )
     # the preset of each tab, and the tabs whose settings differ from it
-    names = {kind: settings.name_of(start) for kind, start in starts().items()}
+    names = {kind: settings.preset_name(start) for kind, start in starts().items()}
     changed, set_changed = mo.state(frozenset())
     panels, before = {}, {}
     tabs  # noqa: B018 the output of the cell
@@ -69,7 +69,7 @@ def _(settings, tabs):
 def _(changed, controls, kind, made, mo, names, panels, set_starts, settings):
     def take(name):
         names[kind] = name
-        now = {it: controls.chosen(it, panels[it]) for it in made}
+        now = {it: controls.read_controls(it, panels[it]) for it in made}
         set_starts(now | {kind: settings.PRESETS[kind][name]})
 
     choice, reset = controls.presets(kind, names[kind], kind in changed(), take)
@@ -93,11 +93,11 @@ def _(
     view,
 ):
     made, moves()  # this cell runs again when a control has moved, or controls were made
-    asks = controls.chosen(kind, panels[kind])
+    asks = controls.read_controls(kind, panels[kind])
     preset = settings.PRESETS[kind][names[kind]]
     if (asks != preset) != (kind in changed()):
         set_changed(changed() ^ {kind})
-    view.shown(asks, preset, panels[kind][controls.SHOWN].value, columns, before)
+    view.show_tab(asks, preset, panels[kind][controls.SHOWN].value, columns, before)
     return
 
 

@@ -22,7 +22,7 @@ from zivi.lab.settings import (
     Regulator,
     Settings,
     Tracker,
-    check,
+    check_settings,
     landing_of,
     observer_of,
 )
@@ -44,8 +44,8 @@ __all__ = [
     "Runs",
     "SignedSlip",
     "belt_runs",
-    "compute",
     "facts",
+    "simulate_settings",
     "warning_texts",
 ]
 
@@ -239,7 +239,7 @@ Runs: TypeAlias = dict[str, Trajectory] | dict[str, ClosedLoop] | dict[str, Belt
 """The run of each method or controller, by the name that the page gives it."""
 
 
-def compute(settings: Settings) -> Runs:
+def simulate_settings(settings: Settings) -> Runs:
     """Simulate what the settings ask for.
 
     Parameters
@@ -257,9 +257,9 @@ def compute(settings: Settings) -> Runs:
     ValueError, TypeError
         For a setting out of range, with the library's message.
     """
-    check(settings)
+    check_settings(settings)
     if isinstance(settings, Ball):
-        return _ball(settings)
+        return _run_ball(settings)
     if isinstance(settings, Belt):
         return belt_runs(settings)
     if isinstance(settings, Regulator):
@@ -274,7 +274,7 @@ def compute(settings: Settings) -> Runs:
     return {name: _loop(settings, made, **reference) for name, made in trackers}
 
 
-def _ball(ball: Ball) -> dict[str, Trajectory]:
+def _run_ball(ball: Ball) -> dict[str, Trajectory]:
     force = LinearForce(gravity=ball.gravity, amplitude=ball.amplitude, omega=ball.omega)
     system = ImpactSystem(force, e=ball.e)
     methods: dict[str, Method] = {
@@ -356,14 +356,15 @@ def facts(runs: Runs, window: tuple[float, float] | None = None) -> list[dict[st
         From a column's title to its text.
     """
     if any(isinstance(run, BeltRun) for run in runs.values()):
-        return [{"": NAMES[name]} | _belt(run, window) for name, run in runs.items()]
+        return [{"": NAMES[name]} | _belt_facts(run, window) for name, run in runs.items()]
     others: dict[str, Any] = {**runs}
     return [
-        {"": NAMES[name]} | _wall(name, run) | _control(run, window) for name, run in others.items()
+        {"": NAMES[name]} | _wall_facts(name, run) | _control_facts(run, window)
+        for name, run in others.items()
     ]
 
 
-def _belt(run: Any, window: tuple[float, float] | None) -> dict[str, str]:
+def _belt_facts(run: Any, window: tuple[float, float] | None) -> dict[str, str]:
     start, end = window or (run.t[0], run.t[-1])
     part = (run.t >= start) & (run.t <= end)
     jumps = np.abs(np.diff(run.friction[part])).sum()
@@ -375,14 +376,16 @@ def _belt(run: Any, window: tuple[float, float] | None) -> dict[str, str]:
     }
 
 
-def _wall(name: str, run: Trajectory | ClosedLoop) -> dict[str, str]:
+def _wall_facts(name: str, run: Trajectory | ClosedLoop) -> dict[str, str]:
     rest = "no" if run.rest_time is None else f"from {run.rest_time:.6g} s"
     infinite = name == "high_order" and len(run.zeno_times) > 0
     impacts = "infinitely many" if infinite else str(len(run.impacts))
     return {"at rest at the end": rest, "impacts": impacts}
 
 
-def _control(run: Trajectory | ClosedLoop, window: tuple[float, float] | None) -> dict[str, str]:
+def _control_facts(
+    run: Trajectory | ClosedLoop, window: tuple[float, float] | None
+) -> dict[str, str]:
     if not isinstance(run, ClosedLoop):
         return {}
     start, end = window or (run.t[0], run.t[-1])

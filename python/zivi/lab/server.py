@@ -23,7 +23,7 @@ __all__ = [
     "HOST",
     "LOOPBACK",
     "MOST_SESSIONS",
-    "Gate",
+    "RequestGate",
     "address",
     "listen",
     "serve",
@@ -67,7 +67,7 @@ SAFE = (
 )
 
 
-class Gate:
+class RequestGate:
     """Refuses requests with 403, as an ASGI application before another one.
 
     Parameters
@@ -115,7 +115,7 @@ class Gate:
             await self._app(scope, receive, _guarded(send))
 
     def _may_enter(self, scope: Message) -> bool:
-        hosts, origins = _values(scope, b"host"), _values(scope, b"origin")
+        hosts, origins = _header_values(scope, b"host"), _header_values(scope, b"origin")
         token = scope["path"].split("/", 2)[1] if scope["path"].startswith("/") else ""
         return (
             len(hosts) == 1
@@ -159,7 +159,7 @@ def _is_address(name: str) -> bool:
     return True
 
 
-def _values(scope: Message, wanted: bytes) -> list[bytes]:
+def _header_values(scope: Message, wanted: bytes) -> list[bytes]:
     return [value for name, value in scope["headers"] if name == wanted]
 
 
@@ -247,7 +247,7 @@ def serve(listener: socket.socket, token: str, *, browser: bool, host: str = HOS
     """Serve the page, an app whose code cannot be edited, until Ctrl-C; it ends the process."""
     app = marimo.create_asgi_app(quiet=True, html_head=HEAD, session_ttl=LASTING)
     page = app.with_app(path=f"/{token}", root=str(PAGE)).build()
-    gate = Gate(
+    gate = RequestGate(
         page,
         port=listener.getsockname()[1],
         token=token,

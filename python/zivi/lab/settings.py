@@ -20,16 +20,16 @@ __all__ = [
     "Regulator",
     "Settings",
     "Tracker",
-    "between",
-    "check",
-    "ends",
+    "check_settings",
+    "end_notices",
     "landing_of",
-    "name_of",
-    "nearest",
+    "nearest_value",
     "observer_of",
+    "preset_name",
     "query",
+    "range_text",
     "ranges",
-    "settings_of",
+    "read_query",
 ]
 
 # What the page asks for: one frozen dataclass for each of its tabs.
@@ -218,7 +218,7 @@ class Belt:
 Settings: TypeAlias = Ball | Regulator | Tracker | Belt
 
 
-def check(settings: Settings) -> None:
+def check_settings(settings: Settings) -> None:
     """Refuse what would keep the page busy; the library checks the rest.
 
     Raises
@@ -295,7 +295,7 @@ def _gains(largest: float, step: float) -> dict[str, Any]:
     return {"mu1": span | {"label": "μ1 (m/s²)"}, "mu2": span | {"label": "μ2 (m/s²)"}}
 
 
-def _forces(largest: float) -> dict[str, Any]:
+def _force_sliders(largest: float) -> dict[str, Any]:
     span = {"start": -largest, "stop": largest}
     return {
         "force": span | {"step": 0.01, "label": "force, known (m/s²)"},
@@ -318,7 +318,7 @@ SECTIONS: dict[type[Settings], dict[str, dict[str, Any]]] = {
     Regulator: {
         "Wall and period": E | PERIOD,
         "Gains": _gains(20.0, 0.1) | LANDING,
-        "Forces": _forces(10.0),
+        "Forces": _force_sliders(10.0),
         "Sensor": SENSOR,
         "Observer": OBSERVER,
         "Run": START | END,
@@ -328,7 +328,7 @@ SECTIONS: dict[type[Settings], dict[str, dict[str, Any]]] = {
         "Gains": _gains(150.0, 1.0)
         | {"branch": {"options": ["positive", "nearest"], "label": "branch"}}
         | LANDING,
-        "Forces": _forces(30.0),
+        "Forces": _force_sliders(30.0),
         "Reference": {
             "force_ref": {"start": -30.0, "stop": 5.0, "step": 0.01, "label": "its force (m/s²)"},
             "x_ref0": START["x0"] | {"label": "its x at t = 0 (m)"},
@@ -378,19 +378,19 @@ def ranges(kind: type[Settings]) -> dict[str, dict[str, Any]]:
     return {name: given for group in SECTIONS[kind].values() for name, given in group.items()}
 
 
-def between(given: dict[str, Any]) -> str:
+def range_text(given: dict[str, Any]) -> str:
     """Return the range of a slider as text, such as ``0.01 to 1``."""
-    low, high = _ends(given)
+    low, high = _slider_ends(given)
     return f"{low:g} to {high:g}"
 
 
-def _ends(given: dict[str, Any]) -> tuple[float, float]:
+def _slider_ends(given: dict[str, Any]) -> tuple[float, float]:
     if "steps" in given:
         return given["steps"][0], given["steps"][-1]
     return given["start"], given["stop"]
 
 
-def ends(settings: Settings, before: Settings) -> list[str]:
+def end_notices(settings: Settings, before: Settings) -> list[str]:
     """Return a sentence for each slider that has moved to an end of its range.
 
     Parameters
@@ -406,15 +406,16 @@ def ends(settings: Settings, before: Settings) -> list[str]:
     ['e, restitution: 1 is an end of its range, 0.01 to 1; numbers outside it are set to the end.']
     """
     return [
-        f"{given['label']}: {value:g} is an end of its range, {between(given)}; "
+        f"{given['label']}: {value:g} is an end of its range, {range_text(given)}; "
         "numbers outside it are set to the end."
         for name, given in ranges(type(settings)).items()
         if "switch" not in given and "options" not in given
-        if (value := getattr(settings, name)) in _ends(given) and value != getattr(before, name)
+        if (value := getattr(settings, name)) in _slider_ends(given)
+        and value != getattr(before, name)
     ]
 
 
-def nearest(given: dict[str, Any], text: str) -> Any:
+def nearest_value(given: dict[str, Any], text: str) -> Any:
     """Take a text to the nearest value that a slider can have.
 
     Parameters
@@ -492,7 +493,7 @@ PRESETS: dict[type[Settings], dict[str, Settings]] = {
 """By tab and name; the first is what the page begins with: the defaults."""
 
 
-def name_of(settings: Settings) -> str:
+def preset_name(settings: Settings) -> str:
     """Return the name of the preset with these settings; without one, that of the defaults."""
     presets = PRESETS[type(settings)]
     return next((name for name, it in presets.items() if it == settings), next(iter(presets)))
@@ -537,7 +538,7 @@ def query(settings: Settings) -> str:
     return "?" + urlencode({"tab": kind.__name__} | changed)
 
 
-def settings_of(asked: Mapping[str, Any]) -> Settings:
+def read_query(asked: Mapping[str, Any]) -> Settings:
     """Read what `query` wrote, or what somebody typed.
 
     Parameters
@@ -560,6 +561,6 @@ def settings_of(asked: Mapping[str, Any]) -> Settings:
     given = {
         name: value
         for name, control in ranges(kind).items()
-        if name in asked and (value := nearest(control, str(asked[name]))) is not None
+        if name in asked and (value := nearest_value(control, str(asked[name]))) is not None
     }
     return kind(**given)

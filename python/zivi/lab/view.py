@@ -11,7 +11,7 @@ import marimo as mo
 import numpy as np
 
 from zivi.control.loop_run import ClosedLoop
-from zivi.lab.figures import figure, film
+from zivi.lab.figures import draw_runs, film
 from zivi.lab.runs import (
     FAR,
     BeltRun,
@@ -20,8 +20,8 @@ from zivi.lab.runs import (
     ExplicitRegulator,
     Runs,
     SignedSlip,
-    compute,
     facts,
+    simulate_settings,
     warning_texts,
 )
 from zivi.lab.settings import (
@@ -30,7 +30,7 @@ from zivi.lab.settings import (
     Regulator,
     Settings,
     Tracker,
-    ends,
+    end_notices,
     landing_of,
     observer_of,
     query,
@@ -38,9 +38,9 @@ from zivi.lab.settings import (
 from zivi.simulation.trajectory import Trajectory
 
 __all__ = [
+    "describe_signs",
     "script",
-    "sentence",
-    "shown",
+    "show_tab",
 ]
 
 # What is seen, in a sentence or two.
@@ -51,13 +51,13 @@ ALIKE = 1.5
 """Changes of the control that differ by less than this factor are called alike."""
 
 
-def sentence(runs: Runs) -> str:
+def describe_signs(runs: Runs) -> str:
     """Say what implicit signs do on the screen, and what explicit ones do.
 
     Parameters
     ----------
     runs : dict
-        What `zivi.lab.runs.compute` gave.
+        What `zivi.lab.runs.simulate_settings` gave.
 
     Returns
     -------
@@ -73,10 +73,9 @@ def sentence(runs: Runs) -> str:
         return _ball_message(implicit, explicit, runs["high_order"])
     assert isinstance(explicit, ClosedLoop)
     if np.all(np.isnan(implicit.x_ref)):
-        return f"The mass is {_rest(implicit)} with implicit signs, {_rest(explicit)} with " + (
-            f"explicit ones. {_switching(implicit, explicit)}"
-        )
-    start, end = _part(implicit, explicit)
+        said = f"The mass is {_rest_text(implicit)} with implicit signs, "
+        return f"{said}{_rest_text(explicit)} with explicit ones. {_switching(implicit, explicit)}"
+    start, end = _late_window(implicit, explicit)
     errors = [
         f"{np.abs(run.error[(run.t >= start) & (run.t <= end)]).max():.2g} m"
         for run in (implicit, explicit)
@@ -88,11 +87,10 @@ def sentence(runs: Runs) -> str:
 
 
 def _ball_message(implicit: Trajectory, explicit: Trajectory, high_order: Any) -> str:
-    said = (
-        f"The ball is {_rest(implicit)} with implicit signs, {_rest(explicit)} with explicit ones."
-    )
+    said = f"The ball is {_rest_text(implicit)} with implicit signs, "
+    said += f"{_rest_text(explicit)} with explicit ones."
     if isinstance(high_order, Trajectory) and high_order.rest_time is not None:
-        said += f" SwitchedRK, to its tolerance: {_rest(high_order)}."
+        said += f" SwitchedRK, to its tolerance: {_rest_text(high_order)}."
     return said
 
 
@@ -105,7 +103,7 @@ def _belt_message(implicit: BeltRun, explicit: BeltRun, high_order: Any) -> str:
     return said
 
 
-def _rest(run: Trajectory | ClosedLoop) -> str:
+def _rest_text(run: Trajectory | ClosedLoop) -> str:
     if run.rest_time is None:
         return f"not at rest within {run.t[-1]:.4g} s"
     return f"exactly at rest from {run.rest_time:.4g} s"
@@ -113,7 +111,7 @@ def _rest(run: Trajectory | ClosedLoop) -> str:
 
 def _switching(implicit: ClosedLoop, explicit: ClosedLoop) -> str:
     """Compare how much the controls change late in the motion."""
-    start, end = _part(implicit, explicit)
+    start, end = _late_window(implicit, explicit)
     quiet, loud = (
         float(np.abs(np.diff(run.u[(run.t >= start) & (run.t <= end)])).sum())
         for run in (implicit, explicit)
@@ -128,7 +126,7 @@ def _switching(implicit: ClosedLoop, explicit: ClosedLoop) -> str:
     return "Both controls then change alike."
 
 
-def _part(*runs: ClosedLoop) -> tuple[float, float]:
+def _late_window(*runs: ClosedLoop) -> tuple[float, float]:
     """Give the later part of the time in which a mass moves (s)."""
     first, last = float(runs[0].t[0]), float(runs[0].t[-1])
     ends = [last if run.rest_time is None else float(run.rest_time) for run in runs]
@@ -140,7 +138,7 @@ def _part(*runs: ClosedLoop) -> tuple[float, float]:
 
 
 def script(settings: Settings) -> str:
-    """Write a script that gives the runs of `zivi.lab.runs.compute` and plots one.
+    """Write a script that gives the runs of `zivi.lab.runs.simulate_settings` and plots one.
 
     Parameters
     ----------
@@ -157,7 +155,9 @@ def script(settings: Settings) -> str:
         return _ball_script(settings)
     if isinstance(settings, Belt):
         return _belt_script(settings)
-    return _regulator(settings) if isinstance(settings, Regulator) else _tracker(settings)
+    if isinstance(settings, Regulator):
+        return _regulator_script(settings)
+    return _tracker_script(settings)
 
 
 def _ball_script(ball: Ball) -> str:
@@ -212,7 +212,7 @@ figure = zivi.plot.modes(high_order).figure  # figure.savefig("belt.png")
 """
 
 
-def _regulator(given: Regulator) -> str:
+def _regulator_script(given: Regulator) -> str:
     gains = f"{given.mu1!r}, {given.mu2!r}, h={given.h!r}"
     return f"""\
 import math
@@ -223,13 +223,13 @@ import zivi
 {inspect.getsource(ExplicitRegulator)}
 
 {_world(given)}
-regulator = zivi.TwistingRegulator({gains}, e={given.e!r}, {_named(landing_of(given))})
+regulator = zivi.TwistingRegulator({gains}, e={given.e!r}, {_keyword_text(landing_of(given))})
 baseline = ExplicitRegulator({gains})
 
 {RUN_BOTH.format(controller="regulator", name="regulator")}"""
 
 
-def _tracker(given: Tracker) -> str:
+def _tracker_script(given: Tracker) -> str:
     gains = f"{given.mu1!r}, {given.mu2!r}, h={given.h!r}, e={given.e!r}"
     reference = (
         f"    y_ref0=({given.x_ref0!r}, {given.xdot_ref0!r}),\n    force_ref={given.force_ref!r},\n"
@@ -245,7 +245,7 @@ import zivi
 {sources}
 {_world(given, reference)}
 tracker = zivi.TwistingTracker(
-    {gains}, branch="{given.branch}", {_named(landing_of(given))}
+    {gains}, branch="{given.branch}", {_keyword_text(landing_of(given))}
 )
 baseline = {baseline}({gains})
 
@@ -270,7 +270,7 @@ def _world(given: Regulator | Tracker, reference: str = "") -> str:
         force = f"zivi.LinearForce(gravity=-({force}), {sine})"
     observer = "None"
     if given.observer:
-        named = _named(observer_of(given))
+        named = _keyword_text(observer_of(given))
         observer = f"zivi.ImpactObserver(\n        {given.e!r}, {given.h!r}, {named}\n    )"
     return f"""\
 plant = zivi.ImpactSystem({force}, e={given.e!r})
@@ -284,14 +284,14 @@ world = dict(
 )"""
 
 
-def _named(arguments: dict[str, Any]) -> str:
+def _keyword_text(arguments: dict[str, Any]) -> str:
     return ", ".join(f"{name}={value!r}" for name, value in arguments.items())
 
 
 # What the page shows of settings: the figure, the numbers and the Python, or a message.
 
 
-def shown(
+def show_tab(
     settings: Settings,
     preset: Settings,
     part: tuple[float, float],
@@ -321,17 +321,17 @@ def shown(
     """
     start = time.perf_counter()
     try:
-        runs = compute(settings)
+        runs = simulate_settings(settings)
     except (ValueError, TypeError) as error:
         said = _message(f"Not possible: {error}. Below is what was shown before.")
         return mo.vstack([said, before.get(type(settings), mo.Html(""))])
     window = (settings.t_end * part[0] / 100.0, settings.t_end * part[1] / 100.0)
-    drawn = mo.ui.plotly(figure(runs, window, columns), config={"displaylogo": False})
-    table = _table(facts(runs, window))
+    drawn = mo.ui.plotly(draw_runs(runs, window, columns), config={"displaylogo": False})
+    table = _html_table(facts(runs, window))
     took = f"<small>computed and drawn in {(time.perf_counter() - start) * 1e3:.0f} ms</small>"
     below = mo.hstack([mo.Html(took), _link(settings)], justify="start", gap=2, wrap=True)
     notes = [_message(text) for text in warning_texts(runs)]
-    said = " ".join([sentence(runs), *ends(settings, preset)])
+    said = " ".join([describe_signs(runs), *end_notices(settings, preset)])
     seen = mo.Html(f"<p>{html.escape(said)}</p>")
     more = mo.accordion({"The motion": mo.Html(film(runs)), CODE: _code(settings)})
     before[type(settings)] = mo.vstack([*notes, seen, drawn, table, below, more])
@@ -342,7 +342,7 @@ def _message(text: str) -> Any:
     return mo.callout(mo.Html(html.escape(text)), kind="warn")
 
 
-def _table(rows: list[dict[str, str]]) -> Any:
+def _html_table(rows: list[dict[str, str]]) -> Any:
     cell = '<{tag} style="padding: 0.2em 1.2em 0.2em 0; text-align: left">{text}</{tag}>'
     titles = "".join(cell.format(tag="th", text=html.escape(title)) for title in rows[0])
     lines = (

@@ -26,7 +26,7 @@ TOLERANCE = 1e-12
 the multipliers can do, which is much more there than what is left of the motion."""
 
 
-class Step:
+class BallStep:
     """The VI of one implicit Euler step, as Siconos wants it.
 
     ``F(Lambda) = -(s+, v+)`` with ``v+ = v - h lambda_s g / R``, ``s+ = s + h R v+`` and
@@ -76,7 +76,7 @@ class TrackingStep:
         v+ = v + h [ ls^2 C + ls (1 - ls^2) F / R ]      s+ = s + h R v+
         F(Lambda) = -(s+, v+, s_r+, v_r+, s+ - s_r+, v+ - v_r+)    on [-1, 1]^6
 
-    Rows are scaled as those of `Step`, by as much as the multipliers can change them.
+    Rows are scaled as those of `BallStep`, by as much as the multipliers can change them.
     """
 
     signs = 6
@@ -146,7 +146,7 @@ class TrackingStep:
         J *= self.factors[:, np.newaxis]
 
 
-PROBLEMS: dict[str, type[Step] | type[TrackingStep]] = {"ball": Step, "tracking": TrackingStep}
+PROBLEMS: dict[str, Any] = {"ball": BallStep, "tracking": TrackingStep}
 
 
 def options(numerics: Any, solver: str) -> Any:
@@ -159,10 +159,10 @@ def options(numerics: Any, solver: str) -> Any:
     return settings
 
 
-def solve(
+def write_solutions(
     out: BinaryIO,
     solver: str,
-    step: Step | TrackingStep,
+    step: BallStep | TrackingStep,
     states: list[list[float]],
     starts: NDArray[np.float64],
 ) -> None:
@@ -195,7 +195,7 @@ def solve(
         out.flush()
 
 
-def main() -> None:
+def solve_request() -> None:
     """Solve what standard input asks for; nothing else, C's messages included, is written."""
     del sys.path[0]  # this folder, whose siconos.py would stand in for Siconos
     asked = np.load(io.BytesIO(sys.stdin.buffer.read()))
@@ -203,8 +203,8 @@ def main() -> None:
     with os.fdopen(os.dup(1), "wb") as out, open(os.devnull, "w") as nowhere:
         os.dup2(nowhere.fileno(), 1)
         os.dup2(nowhere.fileno(), 2)
-        solve(out, str(asked["solver"]), step, asked["states"].tolist(), asked["starts"])
+        write_solutions(out, str(asked["solver"]), step, asked["states"].tolist(), asked["starts"])
 
 
 if __name__ == "__main__":
-    main()
+    solve_request()

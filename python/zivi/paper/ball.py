@@ -13,7 +13,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from zivi import plot
-from zivi.paper.report import Check, Picture, plane, run_data
+from zivi.paper.report import (
+    Check,
+    Picture,
+    draw_sv_plane,
+    farthest_from,
+    max_abs,
+    rest_time_of,
+    run_data,
+)
 from zivi.simulation.methods import ExplicitEuler, Method, ThetaGamma
 from zivi.simulation.run import simulate
 from zivi.simulation.trajectory import Trajectory
@@ -23,13 +31,13 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-__all__ = ["checks", "explicit_and_implicit", "figures", "run"]
+__all__ = ["check_ball", "draw_ball", "explicit_and_implicit", "simulate_ball"]
 
 KAPPA, X0, XDOT0, GRAVITY = 0.41, 1.0, 6.0, 9.81
 H, T_END = 1e-3, 3.0
 
 
-def run(method: Method, t_end: float = T_END) -> Trajectory:
+def simulate_ball(method: Method, t_end: float = T_END) -> Trajectory:
     """Simulate the paper's ball up to `t_end` (s)."""
     return simulate(ImpactSystem(-GRAVITY, kappa=KAPPA), (0.0, t_end), (X0, XDOT0), method)
 
@@ -64,13 +72,14 @@ SETTINGS: dict[str, float | str] = {
 IMPLICIT: dict[str, float | str] = {"scheme": "implicit Euler"}
 
 
-def figures(sol: Trajectory) -> Iterator[Picture]:
+def draw_ball(sol: Trajectory) -> Iterator[Picture]:
     """Draw figures 1 to 4."""
+    lambdas = ["lambda_s", "lambda_v"]
     pictures = (
-        ("fig1_sv_plane", "The ball in the (s, v) plane", _plane, ["s", "v"], ""),
-        ("fig2_s_v", "The ball: s and v over time", _lifted, ["s", "v"], ""),
-        ("fig3_signs", "The ball: its signs over time", _signs, ["lambda_s", "lambda_v"], AT_REST),
-        ("fig4_x_xdot", "The ball: position and velocity", _physical, ["x", "xdot"], ""),
+        ("fig1_sv_plane", "The ball in the (s, v) plane", _draw_ball_plane, ["s", "v"], ""),
+        ("fig2_s_v", "The ball: s and v over time", _draw_lifted, ["s", "v"], ""),
+        ("fig3_signs", "The ball: its signs over time", _draw_signs, lambdas, AT_REST),
+        ("fig4_x_xdot", "The ball: position and velocity", _draw_physical, ["x", "xdot"], ""),
     )
     for name, title, draw, quantities, remark in pictures:
         data = {"": run_data(sol, quantities)}
@@ -83,11 +92,11 @@ AT_REST = (
 )
 
 
-def _plane(sol: Trajectory) -> Figure:
-    return plane(sol.transformed.s, sol.transformed.v, (0.02, 0.45))
+def _draw_ball_plane(sol: Trajectory) -> Figure:
+    return draw_sv_plane(sol.transformed.s, sol.transformed.v, (0.02, 0.45))
 
 
-def _lifted(sol: Trajectory) -> Figure:
+def _draw_lifted(sol: Trajectory) -> Figure:
     import matplotlib.pyplot as plt
 
     figure, ax = plt.subplots(layout="constrained", figsize=(6.4, 4.0))
@@ -97,7 +106,7 @@ def _lifted(sol: Trajectory) -> Figure:
     return figure
 
 
-def _physical(sol: Trajectory) -> Figure:
+def _draw_physical(sol: Trajectory) -> Figure:
     import matplotlib.pyplot as plt
 
     figure, (above, below) = plt.subplots(
@@ -113,14 +122,14 @@ def _physical(sol: Trajectory) -> Figure:
 
 def _mark_rest(sol: Trajectory, ax: Axes) -> None:
     """Mark the exact Zeno point, and beside it where the scheme rests."""
-    rest = _rest(sol)
+    rest = rest_time_of(sol)
     exact = f"exact Zeno point, {Exact.zeno:.4f} s"
     ax.axvline(Exact.zeno, color="0.4", ls=":", lw=1.2, label=exact)
     scheme = f"rest of the scheme, {rest:g} s"
     ax.plot(rest, 0, "s", color="black", ms=5, mfc="none", label=scheme)
 
 
-def _signs(sol: Trajectory) -> Figure:
+def _draw_signs(sol: Trajectory) -> Figure:
     import matplotlib.pyplot as plt
 
     figure, (whole, zoom) = plt.subplots(2, 1, layout="constrained", figsize=(6.4, 4.8))
@@ -136,7 +145,7 @@ def explicit_and_implicit() -> Picture:
     """Draw both schemes at the accumulation, at the same step size."""
     import matplotlib.pyplot as plt
 
-    runs = {"explicit": run(ExplicitEuler(H)), "implicit": run(ThetaGamma(H))}
+    runs = {"explicit": simulate_ball(ExplicitEuler(H)), "implicit": simulate_ball(ThetaGamma(H))}
     figure, rows = plt.subplots(
         2, 2, sharex=True, sharey="row", layout="constrained", figsize=(7.2, 4.6)
     )
@@ -157,23 +166,23 @@ def explicit_and_implicit() -> Picture:
     return Picture("explicit_and_implicit", title, SETTINGS, figure, data)
 
 
-def checks(sol: Trajectory) -> list[Check]:
+def check_ball(sol: Trajectory) -> list[Check]:
     """Hold the run against closed forms and against another implementation of the scheme."""
-    rest = _rest(sol)
+    rest = rest_time_of(sol)
     at_rest = np.abs([sol.x, sol.xdot, sol.transformed.s, sol.transformed.v])[:, sol.t >= rest]
     held = sol.transformed.lambda_s[sol.t > rest]
     e_measured = -sol.resolved_impacts["xdot_after"] / sol.resolved_impacts["xdot_before"]
-    fine, coarse, limit = (_rest(run(ThetaGamma(h))) for h in (1e-4, 1e-2, 1e-6))
+    fine, coarse, limit = (rest_time_of(simulate_ball(ThetaGamma(h))) for h in (1e-4, 1e-2, 1e-6))
     result = [
         Check("impacts accumulate (s)", rest, 2.45, "paper", 1e-2, "about 2.45"),
         Check("rest time, h=1e-3 (s)", rest, 2.444, "scheme", 1e-9),
         Check("rest time, h=1e-2 (s)", coarse, 2.34, "scheme", 1e-9),
         Check("rest time, h=1e-4 (s)", fine, 2.4626, "scheme", 1e-9),
         Check("rest time, h=1e-6 (s)", limit, Exact.zeno, "exact", 1e-4),
-        Check("max |x,x',s,v| at rest", _largest(at_rest), 0.0, "exact", 0.0),
-        Check("max |lambda_s| at rest", _largest(held), 0.0, "exact", 0.0),
-        Check("restitution e", _farthest(e_measured, Exact.e), Exact.e, "exact", 1e-12),
-        Check("largest residual", _largest(sol.residual), 0.0, "exact", 1e-13),
+        Check("max |x,x',s,v| at rest", max_abs(at_rest), 0.0, "exact", 0.0),
+        Check("max |lambda_s| at rest", max_abs(held), 0.0, "exact", 0.0),
+        Check("restitution e", farthest_from(e_measured, Exact.e), Exact.e, "exact", 1e-12),
+        Check("largest residual", max_abs(sol.residual), 0.0, "exact", 1e-13),
     ]
     for n in range(3):
         result.append(
@@ -190,16 +199,3 @@ def checks(sol: Trajectory) -> list[Check]:
         peak = sol.x[(sol.t > left + 5 * H) & (sol.t < right - 5 * H)].max()
         result.append(Check(f"peak {n} (m)", peak, Exact.peak(n), "exact", 20 * H))
     return result
-
-
-def _rest(sol: Trajectory) -> float:
-    return math.nan if sol.rest_time is None else sol.rest_time
-
-
-def _largest(values: np.ndarray) -> float:
-    # an empty selection must not pass for zero
-    return float(np.max(np.abs(values))) if values.size else math.nan
-
-
-def _farthest(values: np.ndarray, center: float) -> float:
-    return float(values[np.argmax(np.abs(values - center))])

@@ -17,10 +17,10 @@ from rich.table import Table
 from zivi import plot
 from zivi.control.loop_run import ClosedLoop
 from zivi.paper import report
-from zivi.paper.closed_loops import FORCE, KAPPA, MU1, MU2, largest, track
-from zivi.paper.report import Picture, loop_data
+from zivi.paper.closed_loops import FORCE, KAPPA, MU1, MU2, track
+from zivi.paper.report import Picture, loop_data, max_abs
 
-__all__ = ["Chattering", "figure", "measure", "run", "table"]
+__all__ = ["Chattering", "chattering_table", "draw_chattering", "measure_chattering", "run_case"]
 
 CONTROLLERS = ("explicit", "positive", "nearest")
 STEPS = (1e-2, 1e-3, 1e-4)
@@ -67,7 +67,7 @@ class Chattering:
     velocity: float
 
 
-def run(where: str, force_error: float, h: float, controller: str) -> ClosedLoop:
+def run_case(where: str, force_error: float, h: float, controller: str) -> ClosedLoop:
     """Run one case until the end of its window."""
     force, t_end = FORCE + force_error, WINDOWS[where][1]
     if where == "wall":
@@ -76,18 +76,18 @@ def run(where: str, force_error: float, h: float, controller: str) -> ClosedLoop
     return track(controller, h, start=up, start_ref=up, force=force, force_ref=FORCE, t_end=t_end)
 
 
-def measure() -> list[Chattering]:
+def measure_chattering() -> list[Chattering]:
     """Run all cases."""
     return [
-        _measured(where, force_error, h, controller)
+        _measure_case(where, force_error, h, controller)
         for where, force_error in CASES
         for h in STEPS
         for controller in CONTROLLERS
     ]
 
 
-def _measured(where: str, force_error: float, h: float, controller: str) -> Chattering:
-    made = run(where, force_error, h, controller)
+def _measure_case(where: str, force_error: float, h: float, controller: str) -> Chattering:
+    made = run_case(where, force_error, h, controller)
     start, end = WINDOWS[where]
     window = made.t >= start
     u, error = made.u[window], made.error[window]
@@ -100,27 +100,27 @@ def _measured(where: str, force_error: float, h: float, controller: str) -> Chat
         u_variation=float(np.abs(np.diff(u)).sum()) / (end - start),
         error_range=float(np.ptp(error)),
         error_mean=float(error.mean()),
-        velocity=largest(made.xdot[window] - made.xdot_ref[window]),
+        velocity=max_abs(made.xdot[window] - made.xdot_ref[window]),
     )
 
 
-def table(rows: Iterable[Chattering]) -> Table:
+def chattering_table(rows: Iterable[Chattering]) -> Table:
     """Lay the rows out for a terminal."""
-    return report.table(
+    return report.terminal_table(
         "Explicit and implicit signs",
         "sum |du| per second; u in m/s^2, x in m, x' in m/s; dF: outward, unknown",
         ("where", "dF", "h", "signs", "range u", "sum|du|", "range e", "mean e", "max|e'|"),
-        [_cells(row) for row in rows],
+        [_chattering_cells(row) for row in rows],
     )
 
 
-def _cells(row: Chattering) -> tuple[str, ...]:
+def _chattering_cells(row: Chattering) -> tuple[str, ...]:
     where, force_error, h, controller, *measured = dataclasses.astuple(row)
     numbers = (f"{number:.3g}" if 1 <= number < 1e3 else f"{number:.2g}" for number in measured)
     return (where, f"{force_error:g}", f"{h:g}", controller, *numbers)
 
 
-def figure() -> Picture:
+def draw_chattering() -> Picture:
     """Draw control and error of both: rising, and on the wall with the unknown force."""
     import matplotlib.pyplot as plt
 
@@ -130,7 +130,7 @@ def figure() -> Picture:
     for (above, below), (where, force_error, title) in zip(axes.T, titles, strict=True):
         start, _ = WINDOWS[where]
         for controller, label in (("explicit", "explicit"), ("positive", "implicit")):
-            sol = made[f"{where}_{controller}"] = run(where, force_error, 1e-3, controller)
+            sol = made[f"{where}_{controller}"] = run_case(where, force_error, 1e-3, controller)
             window = (sol.t >= start) & (sol.t <= start + 0.04)
             color = plot.ORANGE if controller == "explicit" else plot.BLUE
             above.step(sol.t[window], sol.u[window], where="post", color=color, lw=1, label=label)

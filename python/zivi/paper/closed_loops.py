@@ -16,8 +16,7 @@ from zivi.control.twisting import ExplicitTwisting, TwistingRegulator, TwistingT
 from zivi.simulation.methods import ThetaGamma
 from zivi.system.mass import Force, ImpactSystem, lift
 
-__all__ = ["KAPPA", "closed_form_zeno", "largest", "last_above", "lifted", "regulate", "rest"]
-__all__ += ["track"]
+__all__ = ["KAPPA", "closed_form_zeno", "last_above", "lift_run", "regulate", "track"]
 
 KAPPA = 0.5
 E = (1 - KAPPA) / (1 + KAPPA)
@@ -133,7 +132,7 @@ def track(
         )
 
 
-def lifted(run: ClosedLoop, kappa: float = KAPPA) -> tuple[Array, Array]:
+def lift_run(run: ClosedLoop, kappa: float = KAPPA) -> tuple[Array, Array]:
     """Lift the plant to ``(s, v)`` without jumps: the side changes at impacts."""
     s, v = lift(run.x, run.xdot, kappa=kappa)
     side = (-1.0) ** np.searchsorted(run.resolved_impacts["t"], run.t, side="right")
@@ -151,13 +150,3 @@ def last_above(run: ClosedLoop, bound: float) -> float:
     """Last sample (s) at which ``|x - x_r|`` is above `bound`; NaN if it never is."""
     above = run.t[np.abs(run.error) > bound]
     return float(above[-1]) if above.size else math.nan
-
-
-def largest(values: Array) -> float:
-    """Largest magnitude; NaN for an empty selection, which must not pass for zero."""
-    return float(np.max(np.abs(values))) if values.size else math.nan
-
-
-def rest(run: ClosedLoop) -> float:
-    """Time from which the plant stays at rest (s), NaN if it does not."""
-    return math.nan if run.rest_time is None else run.rest_time

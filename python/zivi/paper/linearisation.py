@@ -20,7 +20,7 @@ from rich.table import Table
 
 from zivi.paper import ball_steps, report, tracking_steps
 
-__all__ = ["Rate", "measure", "save", "table"]
+__all__ = ["Rate", "failure_tables", "measure_failures", "save_rates"]
 
 TOLERANCE = 1e-9
 
@@ -64,10 +64,10 @@ CAPTIONS = {
 }
 
 
-def measure() -> list[Rate]:
+def measure_failures() -> list[Rate]:
     """Measure zivi's solvers and, where a Python with Siconos is found, those of Siconos."""
     rates = []
-    for steps in (*ball_steps.sets(), *tracking_steps.sets()):
+    for steps in (*ball_steps.ball_step_sets(), *tracking_steps.loop_step_sets()):
         for name, solve in steps.solvers.items():
             found = steps.residual(steps.states, solve(steps.states, steps.starts))
             failed = int(np.sum(found > TOLERANCE))
@@ -75,14 +75,15 @@ def measure() -> list[Rate]:
     return rates
 
 
-def table(rates: Iterable[Rate]) -> Group:
+def failure_tables(rates: Iterable[Rate]) -> Group:
     """Lay out the failures in percent, a table for each problem with solvers in columns."""
     rates = list(rates)
     problems = dict.fromkeys(rate.problem for rate in rates)
-    return Group(*(_table([rate for rate in rates if rate.problem == it]) for it in problems))
+    each = ([rate for rate in rates if rate.problem == problem] for problem in problems)
+    return Group(*map(_failure_table, each))
 
 
-def _table(rates: list[Rate]) -> Table:
+def _failure_table(rates: list[Rate]) -> Table:
     problem = rates[0].problem
     solvers = list(dict.fromkeys(rate.solver for rate in rates))
     title = f"Section V.A, {problem}: steps not solved, in percent"
@@ -92,16 +93,16 @@ def _table(rates: list[Rate]) -> Table:
         heading = solver.removeprefix("Siconos VI_BOX_").replace("_", " ").replace(" ", "\n")
         result.add_column(heading, justify="right", no_wrap=True)
     for steps in dict.fromkeys(rate.steps for rate in rates):
-        cells = {rate.solver: _short(rate.percent) for rate in rates if rate.steps == steps}
+        cells = {rate.solver: _percent_text(rate.percent) for rate in rates if rate.steps == steps}
         result.add_row(steps.removeprefix("tracking, "), *(cells[it] for it in solvers))
     return result
 
 
-def _short(percent: float) -> str:
+def _percent_text(percent: float) -> str:
     return f"{percent:.3g}" if percent >= 1.0 else f"{round(percent, 2):g}"
 
 
-def save(rates: Iterable[Rate], path: Path) -> None:
+def save_rates(rates: Iterable[Rate], path: Path) -> None:
     """Write the rates as CSV."""
     with path.open("w", newline="") as file:
         rows = csv.writer(file)

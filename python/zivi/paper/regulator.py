@@ -20,23 +20,21 @@ from zivi.paper.closed_loops import (
     REGULATOR,
     START_REGULATOR,
     E,
-    largest,
-    lifted,
+    lift_run,
     regulate,
-    rest,
 )
-from zivi.paper.report import Check, Picture, loop_data, plane
+from zivi.paper.report import Check, Picture, draw_sv_plane, loop_data, max_abs, rest_time_of
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["checks", "figures", "settling_time"]
+__all__ = ["check_regulator", "draw_regulator", "exact_settling"]
 
 STEPS = (1e-2, 1e-3, 1e-4)
 FINE = 1e-6
 
 
-def settling_time() -> float:
+def exact_settling() -> float:
     """Exact settling time (s): flights of constant deceleration, speeds in a geometric series."""
     mu1, mu2 = REGULATOR
     x0, _ = START_REGULATOR
@@ -47,24 +45,26 @@ def settling_time() -> float:
     return first + E * speed * flight / (1 - ratio)
 
 
-def figures(run: ClosedLoop) -> Iterator[Picture]:
+def draw_regulator(run: ClosedLoop) -> Iterator[Picture]:
     """Draw figure 5, in the (s, v) plane, and the same run over time."""
     settings = REGULATION | {"loop": PAPER_LOOP}
-    s, v = lifted(run)
+    s, v = lift_run(run)
     data = {"": loop_data(run, "x", "xdot").assign(s=s, v=v)}
     title = "The regulator in the (s, v) plane"
     remark = "Gains, kappa and start are ours: the paper gives no numbers."
-    figure = plane(s, v, (6e-4, 0.025))
+    figure = draw_sv_plane(s, v, (6e-4, 0.025))
     yield Picture("fig5_regulator_sv_plane", title, settings, figure, data, remark)
     title, data = "The regulator over time", {"": loop_data(run)}
-    yield Picture("regulator_over_time", title, settings, _over_time(run), data)
+    yield Picture("regulator_over_time", title, settings, _draw_regulator_history(run), data)
 
 
-def _over_time(run: ClosedLoop) -> Figure:
+def _draw_regulator_history(run: ClosedLoop) -> Figure:
     result = plot.overview(run)
     for ax in result.axes:
-        ax.axvline(settling_time(), color="0.5", ls=":", lw=1)
-    result.axes[0].text(settling_time(), 0.9, f" settling time\n {settling_time():.4f} s", va="top")
+        ax.axvline(exact_settling(), color="0.5", ls=":", lw=1)
+    result.axes[0].text(
+        exact_settling(), 0.9, f" settling time\n {exact_settling():.4f} s", va="top"
+    )
     result.axes[3].legend(loc="center left")
     return result
 
@@ -72,21 +72,21 @@ def _over_time(run: ClosedLoop) -> Figure:
 LOOPS = {"paper": False, "sampled": True}
 
 
-def checks() -> list[Check]:
+def check_regulator() -> list[Check]:
     """Hold both loops against the closed form of the settling time."""
-    exact = settling_time()
+    exact = exact_settling()
     result = []
     for name, sampled in LOOPS.items():
         for h in STEPS:
             # like the Zeno point of the ball, h log(1/h)
             bound = 2 * h * math.log(1 / h)
-            settled = rest(regulate(h, sampled=sampled))
+            settled = rest_time_of(regulate(h, sampled=sampled))
             result.append(Check(f"settles, {name}, h={h:.0e} (s)", settled, exact, "exact", bound))
-    limit = rest(regulate(FINE, t_end=2.0))
+    limit = rest_time_of(regulate(FINE, t_end=2.0))
     result.append(Check(f"settles, paper, h={FINE:.0e} (s)", limit, exact, "exact", 3e-5))
     for name, sampled in LOOPS.items():
         run = regulate(sampled=sampled)
-        still = run.t > rest(run)
-        unrest = largest(np.stack([run.x[still], run.xdot[still]]))
+        still = run.t > rest_time_of(run)
+        unrest = max_abs(np.stack([run.x[still], run.xdot[still]]))
         result.append(Check(f"regulator at rest, {name}", unrest, 0.0, "exact", 0.0))
     return result

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import csv
 import dataclasses
+import math
 import textwrap
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 from rich import box
 from rich.table import Table
 
@@ -22,23 +24,14 @@ if TYPE_CHECKING:
     import pandas as pd
     from matplotlib.figure import Figure
 
-__all__ = [
-    "Check",
-    "Picture",
-    "checks_table",
-    "empty",
-    "loop_data",
-    "plane",
-    "run_data",
-    "save",
-    "save_checks",
-    "table",
-]
+__all__ = ["Check", "Picture", "checks_table", "draw_sv_plane", "empty", "farthest_from"]
+__all__ += ["loop_data", "max_abs", "rest_time_of", "run_data", "save_checks", "save_rows"]
+__all__ += ["terminal_table"]
 
 # Tables of measured rows: on the terminal and as CSV.
 
 
-def save(rows: Iterable[Any], path: Path) -> None:
+def save_rows(rows: Iterable[Any], path: Path) -> None:
     """Write rows (all of one dataclass) as CSV, every number in full."""
     with path.open("w", newline="") as file:
         writer = None
@@ -60,7 +53,7 @@ def empty(title: str, caption: str) -> Table:
     )
 
 
-def table(
+def terminal_table(
     title: str, caption: str, columns: Sequence[str], rows: Iterable[Sequence[object]]
 ) -> Table:
     """Lay rows out for a terminal: text as it is, numbers with three digits."""
@@ -117,7 +110,7 @@ CAPTION = (
 )
 
 
-def _cells(check: Check) -> tuple[str, ...]:
+def _check_cells(check: Check) -> tuple[str, ...]:
     return (
         check.what,
         f"{check.computed:.6g}",
@@ -136,7 +129,7 @@ def checks_table(checks: Iterable[Check]) -> Table:
     for column in shown:
         result.add_column(column, no_wrap=True)
     for check in checks:
-        cells = dict(zip(COLUMNS, _cells(check), strict=True))
+        cells = dict(zip(COLUMNS, _check_cells(check), strict=True))
         result.add_row(*(cells[it] for it in shown), style="" if check.ok else "bold red")
     return result
 
@@ -146,7 +139,7 @@ def save_checks(checks: Iterable[Check], path: Path) -> None:
     with path.open("w", newline="") as file:
         rows = csv.writer(file)
         rows.writerow(COLUMNS)
-        rows.writerows(_cells(check) for check in checks)
+        rows.writerows(_check_cells(check) for check in checks)
 
 
 # A figure, the settings that made it, and the data behind it.
@@ -200,7 +193,7 @@ class Picture:
     @property
     def stated(self) -> dict[str, str]:
         """The settings as text, with their units."""
-        return {name: _text(name, value) for name, value in self.settings.items()}
+        return {name: _setting_text(name, value) for name, value in self.settings.items()}
 
     @property
     def caption(self) -> str:
@@ -233,7 +226,7 @@ class Picture:
                 table.to_csv(file)
 
 
-def _text(name: str, value: float | str) -> str:
+def _setting_text(name: str, value: float | str) -> str:
     if isinstance(value, str):
         return value
     return f"{value:g} {UNITS.get(name, '')}".rstrip()
@@ -252,7 +245,7 @@ def loop_data(run: ClosedLoop, *quantities: str) -> pd.DataFrame:
     return table[list(quantities)] if quantities else table
 
 
-def plane(s: Array, v: Array, near: tuple[float, float]) -> Figure:
+def draw_sv_plane(s: Array, v: Array, near: tuple[float, float]) -> Figure:
     """Draw a run that comes to rest in the (s, v) plane, and what is `near` rest enlarged."""
     import matplotlib.pyplot as plt
 
@@ -270,3 +263,21 @@ def plane(s: Array, v: Array, near: tuple[float, float]) -> Figure:
     enlarged.tick_params(labelsize="small")
     enlarged.set_title("enlarged", fontsize="small")
     return figure
+
+
+# Numbers of runs that tables and checks have.
+
+
+def rest_time_of(run: Trajectory | ClosedLoop) -> float:
+    """Return the time from which the mass stays at rest (s), NaN if it does not."""
+    return math.nan if run.rest_time is None else run.rest_time
+
+
+def max_abs(values: Array) -> float:
+    """Return the largest magnitude; NaN for an empty selection, which must not pass for zero."""
+    return float(np.max(np.abs(values))) if values.size else math.nan
+
+
+def farthest_from(values: Array, center: float) -> float:
+    """Return the value with the largest distance from `center`."""
+    return float(values[np.argmax(np.abs(values - center))])

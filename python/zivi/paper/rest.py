@@ -16,11 +16,12 @@ from rich.table import Table
 from zivi.control.closed_loop import simulate_closed_loop
 from zivi.control.twisting import TwistingTracker
 from zivi.paper import report
-from zivi.paper.closed_loops import FORCE, MU1, MU2, H, largest
+from zivi.paper.closed_loops import FORCE, MU1, MU2, H
+from zivi.paper.report import max_abs
 from zivi.simulation.methods import ThetaGamma
 from zivi.system.mass import ImpactSystem
 
-__all__ = ["Rest", "measure", "table"]
+__all__ = ["Rest", "measure_rest", "rest_table"]
 
 RESTITUTIONS = (0.05, 0.1, 0.2, 0.3, 1 / 3, 0.38, 0.4, 0.45, 0.5, 0.6, 0.7, 0.8, 0.9)
 STARTS = 50
@@ -52,12 +53,12 @@ class Rest:
     speed: float
 
 
-def measure(h: float = H) -> list[Rest]:
+def measure_rest(h: float = H) -> list[Rest]:
     """Run all starts for every restitution."""
-    return [_measured(e, h) for e in RESTITUTIONS]
+    return [_measure_restitution(e, h) for e in RESTITUTIONS]
 
 
-def _measured(e: float, h: float) -> Rest:
+def _measure_restitution(e: float, h: float) -> Rest:
     generator = np.random.default_rng(SEED)
     starts = np.stack(
         [10 ** generator.uniform(-6, 0, STARTS), generator.normal(0.0, 1.0, STARTS)], axis=1
@@ -73,14 +74,14 @@ def _measured(e: float, h: float) -> Rest:
             at_rest[loop] += run.rest_time is not None
             if loop == "sampled":
                 tail = run.t >= TAIL
-                distance = max(distance, largest(run.x[tail]))
-                speed = max(speed, largest(run.xdot[tail]))
+                distance = max(distance, max_abs(run.x[tail]))
+                speed = max(speed, max_abs(run.xdot[tail]))
     return Rest(e, STARTS, at_rest["sampled"], at_rest["paper"], distance, speed)
 
 
-def table(rows: Iterable[Rest]) -> Table:
+def rest_table(rows: Iterable[Rest]) -> Table:
     """Lay the rows out for a terminal."""
-    return report.table(
+    return report.terminal_table(
         "Exact rest of the tracker, reference on the wall",
         "starts that end at exact rest; largest x and |x'| in the last second (sampled loop)",
         ("e", "starts", "sampled loop", "paper's loop", "max x", "max |x'|"),

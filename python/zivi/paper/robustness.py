@@ -14,9 +14,10 @@ import numpy as np
 from rich.table import Table
 
 from zivi.paper import report
-from zivi.paper.closed_loops import FORCE, IMPLICIT, START, largest, last_above, track
+from zivi.paper.closed_loops import FORCE, IMPLICIT, START, last_above, track
+from zivi.paper.report import max_abs
 
-__all__ = ["DISTURBANCES", "Robustness", "measure", "table"]
+__all__ = ["DISTURBANCES", "Robustness", "measure_robustness", "robustness_table"]
 
 SEED = 20161212
 STARTS = 20
@@ -82,7 +83,7 @@ class Robustness:
     u_high: float
 
 
-def measure() -> list[Robustness]:
+def measure_robustness() -> list[Robustness]:
     """Run every disturbance in both branch strategies."""
     return [
         _worst(name, branch, given) for name, given in DISTURBANCES.items() for branch in IMPLICIT
@@ -92,7 +93,7 @@ def measure() -> list[Robustness]:
 def _worst(name: str, branch: str, given: dict[str, Any]) -> Robustness:
     jitter = np.random.default_rng(SEED).uniform(-SPREAD, SPREAD, (STARTS, 2))
     runs = [
-        _measured(branch, START + jitter[k], {**given, "seed": SEED + k}) for k in range(STARTS)
+        _run_start(branch, START + jitter[k], {**given, "seed": SEED + k}) for k in range(STARTS)
     ]
     reached, error, speed, u_low, u_high = np.array(runs).T
     return Robustness(
@@ -107,26 +108,26 @@ def _worst(name: str, branch: str, given: dict[str, Any]) -> Robustness:
     )
 
 
-def _measured(branch: str, start: np.ndarray, given: dict[str, Any]) -> tuple[float, ...]:
+def _run_start(branch: str, start: np.ndarray, given: dict[str, Any]) -> tuple[float, ...]:
     run = track(branch, start=(float(start[0]), float(start[1])), t_end=T_END, **given)
     tail = run.t >= TAIL
-    error, speed = largest(run.error[tail]), largest(run.xdot[tail])
+    error, speed = max_abs(run.error[tail]), max_abs(run.xdot[tail])
     u = run.u[tail]
     return last_above(run, NEAR), error, speed, float(u.min()), float(u.max())
 
 
-def table(rows: Iterable[Robustness]) -> Table:
+def robustness_table(rows: Iterable[Robustness]) -> Table:
     """Lay the rows out for a terminal."""
-    return report.table(
+    return report.terminal_table(
         "The tracker under disturbances",
         f"worst of {STARTS} starts; reached: last |x - x_r| > 1 cm; rest: runs at exact rest; "
         "that and |e|, |x'|, u in the last second, where the reference rests",
         ("disturbance", "branch", "rest", "reached", "|e|", "|x'|", "min u", "max u"),
-        [_cells(row) for row in rows],
+        [_robustness_cells(row) for row in rows],
     )
 
 
-def _cells(row: Robustness) -> tuple[str, ...]:
+def _robustness_cells(row: Robustness) -> tuple[str, ...]:
     name, branch, at_rest, reached, error, speed, low, high = dataclasses.astuple(row)
     measured = (f"{error:.2g}", f"{speed:.2g}", f"{low:.1f}", f"{high:.1f}")
     return (name, branch, str(at_rest), f"{reached:.2f}", *measured)

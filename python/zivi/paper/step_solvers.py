@@ -20,8 +20,8 @@ __all__ = [
     "Solver",
     "Steps",
     "interpreter",
-    "natural_residual",
-    "solvers",
+    "siconos_solvers",
+    "worst_row_residual",
 ]
 
 # Siconos' solvers for the step's VI, where a Python that has Siconos is found.
@@ -47,7 +47,7 @@ Solver = Callable[[Array, Array], Array]
 the solver raised, crashed or did not end."""
 
 
-def solvers(problem: str, *parameters: float) -> dict[str, Solver]:
+def siconos_solvers(problem: str, *parameters: float) -> dict[str, Solver]:
     """Return Siconos' solvers of a step, by name; none without Siconos.
 
     Parameters
@@ -62,7 +62,7 @@ def solvers(problem: str, *parameters: float) -> dict[str, Solver]:
         return {}
 
     def solver(name: str) -> Solver:
-        return lambda states, starts: _solve(python, name, problem, parameters, states, starts)
+        return functools.partial(_siconos_solve, python, name, problem, parameters)
 
     return {f"Siconos {name}": solver(name) for name in SOLVERS}
 
@@ -92,7 +92,7 @@ def _has_siconos(python: str) -> bool:
     return probe.returncode == 0
 
 
-def _solve(
+def _siconos_solve(
     python: str,
     solver: str,
     problem: str,
@@ -107,7 +107,7 @@ def _solve(
     for _ in range(ENDLESS_SOLVES):
         asked = io.BytesIO()
         np.savez(asked, states=states[done:], starts=starts[done:], **posed)  # type: ignore[arg-type]
-        written = _run(python, asked.getvalue(), starts.shape[1])
+        written = _run_siconos_script(python, asked.getvalue(), starts.shape[1])
         multipliers[done : done + len(written)] = written
         done += len(written) + 1
         if done >= len(states):
@@ -115,7 +115,7 @@ def _solve(
     return multipliers
 
 
-def _run(python: str, asked: bytes, columns: int) -> Array:
+def _run_siconos_script(python: str, asked: bytes, columns: int) -> Array:
     """Return the whole rows of doubles that the script wrote until it ended or was ended."""
     script = Path(__file__).with_name("_siconos_steps.py")
     # its dense algebra is 6 x 6 at most: more threads than one only get in each other's way
@@ -166,7 +166,7 @@ class Steps:
     residual: Callable[[Array, Array], Array]
 
 
-def natural_residual(rows: Iterable[tuple[Array, Array, Array]]) -> Array:
+def worst_row_residual(rows: Iterable[tuple[Array, Array, Array]]) -> Array:
     """Return the worst row of ``lambda in sgn(z)``: 0 where all of them hold exactly.
 
     Each row is ``lambda``, ``z`` and the size of the terms of ``z``.

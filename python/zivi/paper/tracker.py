@@ -23,11 +23,10 @@ from zivi.paper.closed_loops import (
     TRACKING,
     H,
     closed_form_zeno,
-    largest,
     last_above,
     track,
 )
-from zivi.paper.report import Check, Picture, loop_data
+from zivi.paper.report import Check, Picture, farthest_from, loop_data, max_abs
 from zivi.simulation.methods import ThetaGamma
 from zivi.simulation.run import simulate
 from zivi.simulation.trajectory import Trajectory
@@ -37,7 +36,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-__all__ = ["checks", "errors", "figures", "runs", "sampled_and_paper"]
+__all__ = ["check_tracker", "draw_tracker", "errors", "runs", "sampled_and_paper"]
 
 NEAR = 1e-2
 """The reference counts as reached within this distance (m)."""
@@ -69,24 +68,24 @@ def errors(run: ClosedLoop) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
 PAPER: dict[str, float | str] = TRACKING | {"branch": "positive", "loop": PAPER_LOOP}
 
 
-def figures(run: ClosedLoop) -> Iterator[Picture]:
+def draw_tracker(run: ClosedLoop) -> Iterator[Picture]:
     """Draw figures 6 to 8, and the errors and the signs of the same run."""
     e_s, e_v = errors(run)
     pictures = (
-        ("fig6_positions", "Positions of both systems", _positions, ("x", "x_ref")),
-        ("fig7_velocities", "Velocities of both systems", _velocities, ("xdot", "xdot_ref")),
-        ("fig8_control", "The control", _control, ("u",)),
-        ("tracking_errors", "Errors of the tracker, lifted to s >= 0", _errors, ("x", "xdot")),
-        ("tracking_signs", "Signs of the tracker's steps", _signs, SIGNS),
+        ("fig6_positions", "Positions of both systems", _draw_positions, ("x", "x_ref")),
+        ("fig7_velocities", "Velocities of both systems", _draw_velocities, ("xdot", "xdot_ref")),
+        ("fig8_control", "The control", _draw_control, ("u",)),
+        ("tracking_errors", "Errors of the tracker, lifted to s >= 0", _draw_errors, ("x", "xdot")),
+        ("tracking_signs", "Signs of the tracker's steps", _draw_tick_signs, SIGNS),
     )
     for name, title, draw, quantities in pictures:
         data = loop_data(run, *quantities)
-        if draw is _errors:
+        if draw is _draw_errors:
             data = data.assign(e_s=e_s, e_v=e_v)[["e_s", "e_v"]]
         yield Picture(name, title, PAPER, draw(run), {"": data})
 
 
-def _over_time(height: float) -> tuple[Figure, Axes]:
+def _axes_over_time(height: float) -> tuple[Figure, Axes]:
     import matplotlib.pyplot as plt
 
     figure, ax = plt.subplots(layout="constrained", figsize=(6.4, height))
@@ -94,21 +93,21 @@ def _over_time(height: float) -> tuple[Figure, Axes]:
     return figure, ax
 
 
-def _positions(run: ClosedLoop) -> Figure:
-    figure, ax = _over_time(4.0)
+def _draw_positions(run: ClosedLoop) -> Figure:
+    figure, ax = _axes_over_time(4.0)
     plot.position(run, ax).set_xlim(0, SHOWN)
     return figure
 
 
-def _velocities(run: ClosedLoop) -> Figure:
-    figure, ax = _over_time(4.0)
+def _draw_velocities(run: ClosedLoop) -> Figure:
+    figure, ax = _axes_over_time(4.0)
     plot.velocity(run, ax).set_xlim(0, SHOWN)
     _legend_above(ax)
     return figure
 
 
-def _control(run: ClosedLoop) -> Figure:
-    figure, ax = _over_time(3.8)
+def _draw_control(run: ClosedLoop) -> Figure:
+    figure, ax = _axes_over_time(3.8)
     plot.control(run, ax, lw=1).set_xlim(0, SHOWN)
     ax.axhline(-FORCE, color="0.5", lw=0.8, label=f"$-F$ = {-FORCE:g} m/s$^2$, which holds it")
     _legend_above(ax)
@@ -119,7 +118,7 @@ def _legend_above(ax: Axes) -> None:
     ax.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=3, frameon=False)
 
 
-def _errors(run: ClosedLoop) -> Figure:
+def _draw_errors(run: ClosedLoop) -> Figure:
     import matplotlib.pyplot as plt
 
     e_s, e_v = errors(run)
@@ -144,7 +143,7 @@ PAIRS = (
 """The six signs in the order of the columns of a run."""
 
 
-def _signs(run: ClosedLoop) -> Figure:
+def _draw_tick_signs(run: ClosedLoop) -> Figure:
     import matplotlib.pyplot as plt
 
     figure, axes = plt.subplots(3, 1, sharex=True, layout="constrained", figsize=(6.4, 4.8))
@@ -183,7 +182,7 @@ def sampled_and_paper(made: dict[str, ClosedLoop]) -> Picture:
     return Picture("tracking_loops", title, TRACKING, figure, data)
 
 
-def checks(made: dict[str, ClosedLoop]) -> list[Check]:
+def check_tracker(made: dict[str, ClosedLoop]) -> list[Check]:
     """Hold the runs against closed forms and against another implementation."""
     result = [
         _zeno("Zeno point, reference (s)", START_REF, FORCE_REF),
@@ -191,36 +190,28 @@ def checks(made: dict[str, ClosedLoop]) -> list[Check]:
     ]
     # by a prototype in Python with the same selection rule
     expected = {"paper_positive": 1.198, "sampled_positive": 1.21, "sampled_nearest": 1.195}
-    for name, time in expected.items():
-        what = f"1 cm off, {_short(name)} (s)"
-        result.append(Check(what, last_above(made[name], NEAR), time, "scheme", 2 * H))
-    for name, run in made.items():
-        after = run.t >= SETTLED
+    for key, time in expected.items():
+        what = f"1 cm off, {key.replace('_', ' ')} (s)"
+        result.append(Check(what, last_above(made[key], NEAR), time, "scheme", 2 * H))
+    for key, run in made.items():
+        name, after = key.replace("_", " "), run.t >= SETTLED
         result += [
-            Check(f"|e|, |x'|, {_short(name)}", _unrest(run, after), 0.0, "exact", 0.0),
-            Check(f"u at rest, {_short(name)}", _farthest(run.u[after]), -FORCE, "exact", 0.0),
+            Check(f"|e|, |x'|, {name}", _unrest(run, after), 0.0, "exact", 0.0),
+            Check(f"u at rest, {name}", farthest_from(run.u[after], -FORCE), -FORCE, "exact", 0.0),
         ]
     for branch in ("positive", "nearest"):
         run = track(branch, force=FORCE + UNMODELLED)
         after = run.t >= SETTLED
         what = f"F +{UNMODELLED}, {branch}:"
         result += [
-            Check(f"{what} |e| (m)", largest(run.error[after]), 0.0, "bound", 1e-6),
-            Check(f"{what} |x'| (m/s)", largest(run.xdot[after]), 0.0, "bound", 2e-3),
+            Check(f"{what} |e| (m)", max_abs(run.error[after]), 0.0, "bound", 1e-6),
+            Check(f"{what} |x'| (m/s)", max_abs(run.xdot[after]), 0.0, "bound", 2e-3),
         ]
     return result
 
 
-def _short(name: str) -> str:
-    return name.replace("_", " ")
-
-
 def _unrest(run: ClosedLoop, after: NDArray[np.bool_]) -> float:
-    return largest(np.stack([run.error[after], run.xdot[after]]))
-
-
-def _farthest(u: NDArray[np.float64]) -> float:
-    return float(u[np.argmax(np.abs(u + FORCE))])
+    return max_abs(np.stack([run.error[after], run.xdot[after]]))
 
 
 def _zeno(what: str, state: tuple[float, float], force: float) -> Check:

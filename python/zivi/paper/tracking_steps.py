@@ -21,11 +21,12 @@ from zivi.paper.closed_loops import (
     START_REF,
     H,
 )
-from zivi.paper.step_solvers import Array, Solver, Steps, natural_residual
+from zivi.paper.step_solvers import Array, Solver, Steps, worst_row_residual
 from zivi.simulation.methods import ThetaGamma
 from zivi.system.mass import ImpactSystem
 
-__all__ = ["loop_states", "random_states", "residual", "sets", "signs_of", "solvers"]
+__all__ = ["loop_residual", "loop_solvers", "loop_states", "loop_step_sets", "signs_of"]
+__all__ += ["random_loop_states"]
 
 T_END = 2.0
 SPEEDS = (1.0, 1e-1, 1e-2, 1e-3, 1e-4)
@@ -35,7 +36,7 @@ Branch = Literal["positive", "nearest"]
 BRANCHES: tuple[Branch, ...] = ("positive", "nearest")
 
 
-def _own(solver: str, linearisations: int = 1, fall_backs: bool = True) -> Solver:
+def _loop_solver(solver: str, linearisations: int = 1, fall_backs: bool = True) -> Solver:
     def solve(states: Array, starts: Array) -> Array:
         signs, _ = _zivi.solve_tracking_steps(
             states,
@@ -55,19 +56,20 @@ def _own(solver: str, linearisations: int = 1, fall_backs: bool = True) -> Solve
     return solve
 
 
-def solvers() -> dict[str, Solver]:
+def loop_solvers() -> dict[str, Solver]:
     """Return zivi's general solvers, the tick, and Siconos' solvers where they are found.
 
     "outer n": at most n linearisations; "inner only": without the fall-backs behind Josephy-Newton.
     """
-    own = {f"outer {n}": _own("outer", n) for n in (1, 5, 20, 100)}
-    own |= {"inner only": _own("newton", fall_backs=False), "inner": _own("newton")}
-    own["tick"] = _own("exact")
-    return own | step_solvers.solvers("tracking", MU1, MU2, KAPPA, KAPPA, F, F_REF, H)
+    own = {f"outer {n}": _loop_solver("outer", n) for n in (1, 5, 20, 100)}
+    own["inner only"] = _loop_solver("newton", fall_backs=False)
+    own["inner"] = _loop_solver("newton")
+    own["tick"] = _loop_solver("exact")
+    return own | step_solvers.siconos_solvers("tracking", MU1, MU2, KAPPA, KAPPA, F, F_REF, H)
 
 
 @np.errstate(all="ignore")  # a failed solve may have left anything
-def residual(states: Array, multipliers: Array) -> Array:
+def loop_residual(states: Array, multipliers: Array) -> Array:
     """Relative natural residual of the six inclusions."""
     (s, v, s_ref, v_ref), (ls, lv, lsr, lvr, les, lev) = states.T, multipliers.T
     r, r_ref = 1.0 - KAPPA * ls * lv, 1.0 - KAPPA * lsr * lvr
@@ -89,7 +91,7 @@ def residual(states: Array, multipliers: Array) -> Array:
         (les, plant_s - reference_s, of_s + of_s_ref),
         (lev, plant_v - reference_v, of_v + of_v_ref),
     )
-    return natural_residual(rows)
+    return worst_row_residual(rows)
 
 
 def signs_of(states: Array) -> Array:
@@ -99,7 +101,7 @@ def signs_of(states: Array) -> Array:
     return signs
 
 
-def random_states(speed: float, seed: int, problems: int = PROBLEMS) -> Array:
+def random_loop_states(speed: float, seed: int, problems: int = PROBLEMS) -> Array:
     """States near the wall and near the reference, uniform.
 
     ``|v|, |v_r - v| <= speed`` and ``|s|, |s_r - s| <= h speed``.
@@ -137,12 +139,12 @@ def loop_states(branch: Branch) -> tuple[Array, Array]:
     return np.column_stack([measured, reference]), run.signs[:-1]
 
 
-def sets() -> Iterator[Steps]:
+def loop_step_sets() -> Iterator[Steps]:
     """Yield all steps that are measured."""
-    available = solvers()
+    available = loop_solvers()
 
     def steps(label: str, states: Array, starts: Array) -> Steps:
-        return Steps("tracking", f"tracking, {label}", states, starts, available, residual)
+        return Steps("tracking", f"tracking, {label}", states, starts, available, loop_residual)
 
     for branch in BRANCHES:
         states, signs = loop_states(branch)
@@ -152,5 +154,5 @@ def sets() -> Iterator[Steps]:
         yield steps(f"{branch}, state", states, own)
         yield steps(f"{branch}, own last", states, np.vstack([first, unknown]))
     for j, speed in enumerate(SPEEDS):
-        states = random_states(speed, seed=j)
+        states = random_loop_states(speed, seed=j)
         yield steps(f"random, |v|<={speed:.0e}", states, signs_of(states))

@@ -18,8 +18,8 @@ from zivi.simulation.methods import ThetaGamma
 __all__ = [
     "STAGES",
     "Reproduction",
-    "check",
-    "run",
+    "check_stages",
+    "reproduce",
     "write",
 ]
 
@@ -116,54 +116,54 @@ def write(
     return found
 
 
-def _ball(folder: Path, found: Reproduction) -> None:
-    sol = ball.run(ThetaGamma(ball.H))
-    _save_all(ball.figures(sol), folder)
+def _write_ball(folder: Path, found: Reproduction) -> None:
+    sol = ball.simulate_ball(ThetaGamma(ball.H))
+    _save_all(ball.draw_ball(sol), folder)
     ball.explicit_and_implicit().save(folder)
-    found.checks += ball.checks(sol)
+    found.checks += ball.check_ball(sol)
 
 
-def _regulator(folder: Path, found: Reproduction) -> None:
-    _save_all(regulator.figures(regulate()), folder)
-    found.checks += regulator.checks()
+def _write_regulator(folder: Path, found: Reproduction) -> None:
+    _save_all(regulator.draw_regulator(regulate()), folder)
+    found.checks += regulator.check_regulator()
 
 
-def _tracker(folder: Path, found: Reproduction) -> None:
+def _write_tracker(folder: Path, found: Reproduction) -> None:
     runs = tracker.runs()
-    _save_all(tracker.figures(next(iter(runs.values()))), folder)
+    _save_all(tracker.draw_tracker(next(iter(runs.values()))), folder)
     tracker.sampled_and_paper(runs).save(folder)
-    found.checks += tracker.checks(runs)
+    found.checks += tracker.check_tracker(runs)
 
 
-def _linearisation(folder: Path, found: Reproduction) -> None:
-    found.rates = linearisation.measure()
-    linearisation.save(found.rates, folder / "linearisation.csv")
+def _write_linearisation(folder: Path, found: Reproduction) -> None:
+    found.rates = linearisation.measure_failures()
+    linearisation.save_rates(found.rates, folder / "linearisation.csv")
 
 
-def _chattering(folder: Path, found: Reproduction) -> None:
-    chattering.figure().save(folder)
-    found.chattering = chattering.measure()
+def _write_chattering(folder: Path, found: Reproduction) -> None:
+    chattering.draw_chattering().save(folder)
+    found.chattering = chattering.measure_chattering()
     _save_rows(found.chattering, folder / "chattering.csv")
 
 
-def _robustness(folder: Path, found: Reproduction) -> None:
-    found.robustness = robustness.measure()
+def _write_robustness(folder: Path, found: Reproduction) -> None:
+    found.robustness = robustness.measure_robustness()
     _save_rows(found.robustness, folder / "robustness.csv")
 
 
-def _rest(folder: Path, found: Reproduction) -> None:
-    found.rests = rest.measure()
+def _write_rest(folder: Path, found: Reproduction) -> None:
+    found.rests = rest.measure_rest()
     _save_rows(found.rests, folder / "rest.csv")
 
 
 STAGES: dict[str, Callable[[Path, Reproduction], None]] = {
-    "ball": _ball,
-    "regulator": _regulator,
-    "tracker": _tracker,
-    "linearisation": _linearisation,
-    "chattering": _chattering,
-    "robustness": _robustness,
-    "rest": _rest,
+    "ball": _write_ball,
+    "regulator": _write_regulator,
+    "tracker": _write_tracker,
+    "linearisation": _write_linearisation,
+    "chattering": _write_chattering,
+    "robustness": _write_robustness,
+    "rest": _write_rest,
 }
 """What can be run on its own: the first three are the paper's figures and checked numbers."""
 
@@ -174,20 +174,20 @@ def _save_all(pictures: Iterable[Picture], folder: Path) -> None:
 
 
 def _save_rows(rows: list[Any], path: Path) -> None:
-    report.save(rows, path)
+    report.save_rows(rows, path)
 
 
 # ``zivi paper``: progress over the stages, tables, and a last line.
 
 
-def check(only: Collection[str] | None) -> None:
+def check_stages(only: Collection[str] | None) -> None:
     """Raise ValueError for a stage that does not exist."""
     for name in only or ():
         if name not in STAGES:
             raise ValueError(f"zivi: --only must be one of {', '.join(STAGES)}, got {name!r}")
 
 
-def run(out: Path, only: Collection[str] | None, *, quiet: bool) -> bool:
+def reproduce(out: Path, only: Collection[str] | None, *, quiet: bool) -> bool:
     """Write everything, or the stages `only`; return whether all checked numbers agree."""
     console = Console(stderr=True)
     columns = TextColumn("{task.description:13}"), BarColumn(), MofNCompleteColumn()
@@ -204,7 +204,7 @@ def run(out: Path, only: Collection[str] | None, *, quiet: bool) -> bool:
         )
     console = Console()
     if not quiet:
-        for table in _tables(found):
+        for table in _result_tables(found):
             console.print(table)
         console.print(f"Figures, the data behind them and all tables (CSV): {out}", soft_wrap=True)
     if found.checks:
@@ -215,14 +215,14 @@ def run(out: Path, only: Collection[str] | None, *, quiet: bool) -> bool:
     return found.ok
 
 
-def _tables(found: Reproduction) -> Iterator[RenderableType]:
+def _result_tables(found: Reproduction) -> Iterator[RenderableType]:
     if found.rates:
-        yield linearisation.table(found.rates)
+        yield linearisation.failure_tables(found.rates)
     if found.chattering:
-        yield chattering.table(found.chattering)
+        yield chattering.chattering_table(found.chattering)
     if found.robustness:
-        yield robustness.table(found.robustness)
+        yield robustness.robustness_table(found.robustness)
     if found.rests:
-        yield rest.table(found.rests)
+        yield rest.rest_table(found.rests)
     if found.checks:
         yield report.checks_table(found.checks)
