@@ -154,7 +154,7 @@ def rest(n):
 
 def as_mechanism(system):
     """The same system as functions of the interpreter."""
-    return zivi.MechanicalSystem(mass=system.M, force=system._load, gaps=system.gaps, e=system.e)
+    return zivi.MechanicalSystem(mass=system.M, force=system._force, gaps=system.gaps, e=system.e)
 
 
 def test_rests_and_lift_offs_are_those_of_the_general_method():

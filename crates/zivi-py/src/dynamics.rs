@@ -1,7 +1,7 @@
 //! Mechanical systems that come from Python.
 
 use crate::force::{Raised, Wall};
-use crate::interface::{vector, Capsule, Vector};
+use crate::interface::{vector, Capsule};
 use crate::time_table::TimeTable;
 use numpy::{PyArray1, PyArrayMethods, PyReadonlyArray1, PyUntypedArrayMethods};
 use pyo3::exceptions::{PyRuntimeError, PyTypeError, PyValueError};
@@ -71,8 +71,7 @@ impl Model {
         }
     }
 
-    /// The row of numbers that a compiled function gives, `size` of them, which no other call writes
-    /// over.
+    /// The row of numbers at a state, `size` of them, which no other call writes over.
     fn evaluate<'py>(
         &self,
         t: f64,
@@ -80,12 +79,27 @@ impl Model {
         qdot: PyReadonlyArray1<'py, f64>,
         size: usize,
     ) -> PyResult<Bound<'py, PyArray1<f64>>> {
-        let Kind::Compiled(function, _) = &self.kind else {
-            return Err(PyTypeError::new_err("only a compiled model is evaluated so"));
+        let (py, q, qdot) = (q.py(), q.as_slice()?, qdot.as_slice()?);
+        let layout = match &self.kind {
+            Kind::Compiled(function, _) => {
+                // without a look at what it returns: numbers that are not finite are named later
+                let mut row = vec![0.0; size];
+                function.call(t, q, qdot, &mut row);
+                return Ok(PyArray1::from_vec(py, row));
+            }
+            Kind::Linear(system) => Layout::smooth(system.load.len(), system.gaps.len()),
+            Kind::Tree(tree) => tree.layout(),
+            Kind::Callable(..) => {
+                return Err(PyTypeError::new_err("a callable model is evaluated by its function"))
+            }
         };
+        if [q.len(), qdot.len()] != [layout.n; 2] || layout.len() != size {
+            let n = layout.n;
+            return Err(PyValueError::new_err(format!("q and qdot must have {n} entries")));
+        }
         let mut row = vec![0.0; size];
-        function.call(t, q.as_slice()?, qdot.as_slice()?, &mut row);
-        Ok(PyArray1::from_vec(q.py(), row))
+        AnyDynamics::of(py, self, layout).evaluate(t, q, qdot, &mut row)?;
+        Ok(PyArray1::from_vec(py, row))
     }
 
     /// Matrices row by row, the constant load, amplitude, frequency and phase of its waves, its
@@ -488,28 +502,5 @@ impl Tree {
         let tree = gaps.and_then(|gaps| tree::Tree { joints, gaps, numbers }.validated());
         let tree = tree.ok_or_else(|| PyValueError::new_err("the parts do not fit together"))?;
         Ok(Self { inner: Arc::new(tree) })
-    }
-
-    /// The numbers of an evaluation, one row.
-    fn evaluate(
-        &self,
-        py: Python<'_>,
-        t: f64,
-        q: PyReadonlyArray1<'_, f64>,
-        qdot: PyReadonlyArray1<'_, f64>,
-    ) -> PyResult<Vector<f64>> {
-        let (q, w, n) = (vector(&q)?, vector(&qdot)?, self.inner.joints.len());
-        if [q.len(), w.len()] != [n; 2] {
-            return Err(PyValueError::new_err(format!("q and qdot must have {n} entries")));
-        }
-        let mut row = vec![0.0; self.inner.layout().len()];
-        Dynamics::<PyErr>::evaluate(
-            &mut TreeDynamics::new(self.inner.clone()),
-            t,
-            &q,
-            &w,
-            &mut row,
-        )?;
-        Ok(PyArray1::from_vec(py, row).unbind())
     }
 }

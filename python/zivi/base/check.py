@@ -36,6 +36,7 @@ __all__ = [
     "not_negative",
     "of_three",
     "positive",
+    "read_only",
     "reads_time",
     "real",
     "real_array",
@@ -81,6 +82,12 @@ def real_array(name: str, value: object) -> Array:
     if array.dtype.kind not in "biuf":
         raise TypeError(f"{name} must hold real numbers, got dtype {array.dtype}")
     return array.astype(np.float64, order="C", copy=True)
+
+
+def read_only(array: Array) -> Array:
+    """Return the array, which nobody can write into from now on."""
+    array.flags.writeable = False
+    return array
 
 
 def unmasked(name: str, value: object) -> None:

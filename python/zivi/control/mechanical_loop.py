@@ -33,7 +33,6 @@ from zivi.simulation.mechanical_run import (
     Asked,
     check_friction,
     configuration,
-    mechanism,
     state_of,
 )
 from zivi.simulation.mechanical_trajectory import MechanicalTrajectory
@@ -272,7 +271,7 @@ def simulate_mechanical(
     with ProgressBar(progress) as bar, listening_always() as ear:
         stops = np.unique(np.concatenate([times[1:-1], system._breaks(span)]))
         record = _zivi.simulate_mechanical_loop(
-            mechanism(system, plant),
+            system.mechanism(plant),
             inputs.spec(),
             chosen[0]._core,
             times,

@@ -10,7 +10,6 @@ from numpy.typing import ArrayLike, NDArray
 import zivi._zivi as _zivi
 from zivi.base.check import Array, real, real_array
 from zivi.control.component import limits_of
-from zivi.simulation.mechanical_run import mechanism
 from zivi.system.gap_coordinates import GapKinetics
 from zivi.system.mechanism import ControlInputs, MechanicalSystem
 
@@ -49,8 +48,8 @@ class BelievedPlant:
         self.r, inputs = controls.r, controls.spec()
         functions = None
         if tasks is not None and self.tasks is not None:
-            functions = mechanism(tasks, self.tasks)
-        self.core = _zivi.Believed(mechanism(system, self.model), inputs, h, functions)
+            functions = tasks.mechanism(self.tasks)
+        self.core = _zivi.Believed(system.mechanism(self.model), inputs, h, functions)
 
     def moved(
         self, t: float, q: Array, qdot: Array, controls: Array

@@ -20,7 +20,7 @@ from zivi.simulation.mechanical_run import Asked, closer_of, setup_of, state_of
 from zivi.simulation.mechanical_trajectory import MechanicalTrajectory
 from zivi.simulation.methods import SwitchedRK
 from zivi.simulation.run_result import as_raised, with_partial
-from zivi.system.impact_law import ImpactLaw, NewtonImpact, core_of, law_parameters
+from zivi.system.impact_law import ImpactLaw, NewtonImpact, law_parameters
 from zivi.system.mechanism import MechanicalSystem, Model
 from zivi.system.start import check_start
 
@@ -277,10 +277,9 @@ class _Problem:
     def record(
         self, span: tuple[float, float], times: Array, dense: bool, progress: bool | None = False
     ) -> _zivi.MechanicalSensitivityRecord:
-        layout = self.model.layout
         with ProgressBar(progress, "sensitivity") as bar:
             return _zivi.mechanical_sensitivity(
-                _zivi.Mechanism(self.model.spec, n=layout.n, m=layout.m, e=core_of(self.system._e)),
+                self.system.mechanism(self.model),
                 self.partials.spec,
                 self.method._core,
                 span,

@@ -18,7 +18,6 @@ from zivi.simulation.methods import FixedSteps, MoreauJean, Settings, SwitchedRK
 from zivi.simulation.run_result import Closer, closer_mechanism
 from zivi.simulation.trajectory import describe_restitutions
 from zivi.system.gap_coordinates import kinetic_cosines
-from zivi.system.impact_law import core_of
 from zivi.system.mechanism import MechanicalSystem, Model
 from zivi.system.start import check_start
 
@@ -131,20 +130,6 @@ def check_friction(system: MechanicalSystem, method: Any) -> None:
         )
 
 
-def mechanism(system: MechanicalSystem, model: Model) -> _zivi.Mechanism:
-    """Give what the extension runs: a model with its restitution and friction."""
-    layout, friction = model.layout, None
-    if system._channels:
-        friction = _zivi.Friction(
-            [(channel.gap, channel.e_t) for channel in system._channels],
-            law=system.impact_law,
-            impact_without_collision=system.paradox == "impact",
-        )
-    return _zivi.Mechanism(
-        model.spec, n=layout.n, m=layout.m, e=core_of(system._e), friction=friction
-    )
-
-
 IMPLICIT = (1.0, 1.0, "exact")
 """theta, gamma and solver of the member that comes to rest exactly."""
 
@@ -189,7 +174,7 @@ def record_of(
         counts=asked.counts,
     )
     record = _zivi.simulate(
-        mechanism(system, model),
+        system.mechanism(model),
         method._core,
         asked.span,
         _zivi.Configuration(asked.q, asked.qdot),

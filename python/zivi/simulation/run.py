@@ -136,8 +136,10 @@ def warn_of_flight_from_gap(system: MechanicalSystem, sol: MechanicalTrajectory)
     still = isinstance(gap, LinearGap) and gap.motion is None
     if not still or system.channel_names or system._inputs is not None:
         return
+    if sol.status is not Status.COMPLETED or not gap.normal @ sol.qdot[-1] > 0.0:
+        return
     pull = gap.normal @ np.linalg.solve(mass, force)
-    if pull > 0.0 and sol.status is Status.COMPLETED and gap.normal @ sol.qdot[-1] > 0.0:
+    if pull > 0.0:
         warn(
             f"force opens the gap {system.gap_names[0]} for ever, with a constant {pull:.6g}; "
             "write the opposite sign if it shall close again"

@@ -75,7 +75,7 @@ def driven(force: Any, inputs: Any) -> Part:
 # The parts of a system as one function that fills one row of numbers.
 
 Evaluate: TypeAlias = Callable[[float, Array, Array], Array]
-"""``(t, q, qdot)`` to the row of a `Layout`; each call writes over the last row."""
+"""``(t, q, qdot)`` to the row of a `Layout`, a new one at each call."""
 
 Filler: TypeAlias = Callable[[float, Array, Array], None]
 
@@ -87,7 +87,33 @@ def assembled(
     gaps: Sequence[Gap],
     slips: Sequence[tuple[Channel, Slip]] = (),
 ) -> Evaluate:
-    """Join the parts of a system; an error names the part whose result has another shape."""
+    """Join the parts of a system; an error names the part whose result has another shape.
+
+    Each evaluation has a row of its own: several threads may be in one, and parts may evaluate
+    their system.
+    """
+    unused = [_workspace(layout, mass, force, gaps, slips)]
+
+    def evaluate(t: float, q: Array, qdot: Array) -> Array:
+        try:
+            fill = unused.pop()
+        except IndexError:
+            fill = _workspace(layout, mass, force, gaps, slips)
+        try:
+            return fill(t, q, qdot).copy()
+        finally:
+            unused.append(fill)
+
+    return evaluate
+
+
+def _workspace(
+    layout: Layout,
+    mass: Part,
+    force: Part,
+    gaps: Sequence[Gap],
+    slips: Sequence[tuple[Channel, Slip]] = (),
+) -> Evaluate:
     row = np.zeros(layout.size)
     views = layout.views(row)
     fillers = [

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 import zivi._zivi as _zivi
-from zivi.base.check import Array, check_arguments, finite, real_array
+from zivi.base.check import Array, check_arguments, finite, read_only, real_array
 from zivi.base.habits import hinted
 from zivi.system.model_parts import Compiled, Part, differenced, number_part, part
 from zivi.system.table import Table
@@ -31,6 +31,30 @@ __all__ = [
     "slip_of_gap",
     "tangential_restitution",
 ]
+
+ARGUMENTS = (
+    *("value", "gradient", "curvature", "rate", "normal", "offset", "motion"),
+    *("direction", "limit", "static", "velocity"),
+)
+"""Attributes of gaps and friction that systems have read."""
+
+
+class Unchanging:
+    """A part of a system whose arguments stay: systems keep the models that are made of them."""
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        if name in ARGUMENTS and name in vars(self):
+            kind = type(self).__name__
+            raise AttributeError(f"{name} of a zivi.{kind} cannot be changed; make another {kind}")
+        object.__setattr__(self, name, value)
+
+
+def own(value: Any) -> Any:
+    """Return a read-only copy of an array, a copy of a list, and anything else as it is."""
+    if isinstance(value, np.ndarray):
+        return read_only(value.copy())
+    return list(value) if isinstance(value, list) else value
+
 
 # Walls that move: ``x >= w(t)`` with ``w``, ``w'`` and ``w''`` given.
 
@@ -230,7 +254,7 @@ class Channel:
 
 
 @hinted("DryFriction")
-class DryFriction:
+class DryFriction(Unchanging):
     r"""Dry friction in a joint, in a guide, or on a belt under a given load.
 
     .. math::
@@ -287,7 +311,7 @@ class DryFriction:
         curvature: Callable[..., Any] | float | Any | None = None,
         name: str | None = None,
     ) -> None:
-        self.direction, self.limit, self.static = direction, limit, static
+        self.direction, self.limit, self.static = own(direction), limit, static
         self.velocity, self.curvature = velocity, curvature
         self._name = None if name is None else str(name)
         called = "friction" if name is None else f"friction {name!r}"
@@ -461,7 +485,7 @@ def one_of(name: str, value: Any, known: tuple[str, ...]) -> str:
 
 
 @hinted("Gap")
-class Gap:
+class Gap(Unchanging):
     r"""A unilateral constraint :math:`g(t, q) \ge 0`.
 
     Parameters
@@ -540,7 +564,7 @@ class Gap:
     ) -> None:
         called = "gap" if name is None else f"gap {name!r}"
         self._name = None if name is None else str(name)
-        self.value, self.gradient, self.curvature, self.rate = value, gradient, curvature, rate
+        self.value, self.gradient, self.curvature, self.rate = value, own(gradient), curvature, rate
         self._value = part(f"value of {called}", value, "t, q")
         if isinstance(self._value, np.ndarray):
             raise TypeError(f"value of {called} must be a function of (t, q), got {value!r}")
@@ -576,7 +600,7 @@ class Gap:
             raise ValueError(f"e_t of {called} needs a tangent, the direction of slip")
         if self._slip is not None and self._slip.is_smooth() and self._e_t == 0.0:
             self._slip = None
-        self._friction = {} if tangent is None else given
+        self._friction = {} if tangent is None else {k: own(it) for k, it in given.items()}
 
     @property
     def name(self) -> str | None:
@@ -660,7 +684,7 @@ class LinearGap(Gap):
         e_t: float = 0.0,
         belt: float | HarmonicWall | MovingWall | None = None,
     ) -> None:
-        n = np.atleast_1d(real_array("normal", normal)).copy()
+        n = read_only(np.atleast_1d(real_array("normal", normal)))
         if n.ndim != 1 or not np.all(np.isfinite(n)) or not np.any(n):
             whose = f" of gap {name!r}" if name else ""
             raise ValueError(
@@ -688,7 +712,7 @@ class LinearGap(Gap):
             )
         called = "gap" if name is None else f"gap {name!r}"
         if tangent is not None:
-            tangent = np.atleast_1d(real_array(f"tangent of {called}", tangent)).copy()
+            tangent = np.atleast_1d(real_array(f"tangent of {called}", tangent))
         given = {"tangent": tangent, "mu": mu, "mu_static": mu_static, "e_t": e_t, "belt": belt}
         self._rub(given, called, belt)
 

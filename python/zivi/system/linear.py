@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 from collections.abc import Sequence
 from typing import Any, TypeAlias, overload
 
@@ -10,9 +11,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 import zivi._zivi as _zivi
-from zivi.base.check import Array, finite, integer, real_array
+from zivi.base.check import Array, finite, integer, read_only, real_array
 from zivi.base.habits import hinted
-from zivi.system.callbacks import assembled
 from zivi.system.gap import Gap, LinearGap, MovingWall
 from zivi.system.impact_law import GivenRestitutions, written
 from zivi.system.mechanism import MechanicalSystem, Model, check_names
@@ -63,7 +63,7 @@ class Harmonic:
         amplitude = np.atleast_1d(real_array("amplitude", self.amplitude))
         if amplitude.ndim != 1 or not np.all(np.isfinite(amplitude)):
             raise ValueError(f"amplitude must be a finite vector, got {amplitude.tolist()}")
-        object.__setattr__(self, "amplitude", amplitude)
+        object.__setattr__(self, "amplitude", read_only(amplitude))
         for name in ("omega", "phase"):
             object.__setattr__(self, name, finite(name, getattr(self, name)))
 
@@ -205,7 +205,7 @@ class LinearSystem(MechanicalSystem):
         shapes: Array | None,
     ) -> None:
         """Take what was checked; with shapes, from the coordinates to the modal amplitudes."""
-        self.shapes = shapes
+        self._shapes = None if shapes is None else read_only(shapes)
         if shapes is not None:
             mass, damping, stiffness = (shapes.T @ it @ shapes for it in matrices)
             matrices = mass, damping, stiffness
@@ -213,9 +213,37 @@ class LinearSystem(MechanicalSystem):
             gaps = tuple(
                 LinearGap(gap.normal @ shapes, gap.offset, gap.motion, gap.name) for gap in gaps
             )
-        self.M, self.C, self.K = matrices
-        self.excitation = parts
-        super().__init__(mass=self.M, force=self._load, gaps=gaps, e=e, coordinates=coordinates)
+        for array in (*matrices, *parts):
+            if isinstance(array, np.ndarray):
+                read_only(array)
+        self._matrices, self._excitation = matrices, parts
+        force = functools.partial(_load, matrices, parts)
+        super().__init__(mass=matrices[0], force=force, gaps=gaps, e=e, coordinates=coordinates)
+
+    @property
+    def M(self) -> Array:  # noqa: N802
+        """The mass matrix in the coordinates of runs."""
+        return self._matrices[0]
+
+    @property
+    def C(self) -> Array:  # noqa: N802
+        """The damping matrix."""
+        return self._matrices[1]
+
+    @property
+    def K(self) -> Array:  # noqa: N802
+        """The stiffness matrix."""
+        return self._matrices[2]
+
+    @property
+    def shapes(self) -> Array | None:
+        """The shapes of the modes, if the coordinates are their amplitudes."""
+        return self._shapes
+
+    @property
+    def excitation(self) -> tuple[Array | Harmonic | Table, ...]:
+        """The parts of the load."""
+        return self._excitation
 
     @classmethod
     def modal(
@@ -287,7 +315,7 @@ class LinearSystem(MechanicalSystem):
             at_points.append(LinearGap(gap.normal @ at, gap.offset, gap.motion, gap.name))
         system = cls.__new__(cls)
         system._set(matrices, parts, tuple(at_points), e, None, None)
-        system.shapes = None if shapes is None else at
+        system._shapes = None if shapes is None else read_only(at)
         return system
 
     @overload
@@ -394,34 +422,16 @@ class LinearSystem(MechanicalSystem):
         """Give a copy with other parts of the load and gaps, of the same kinds."""
         new = object.__new__(type(self))
         vars(new).update(vars(self))
-        new.excitation, new._gaps = excitation, gaps
-        new._force = new._load
-        new._given = {"mass": new.M, "force": new._load}
+        new._excitation, new._gaps = excitation, gaps
+        new._force = functools.partial(_load, self._matrices, excitation)
+        new._given = {"mass": new.M, "force": new._force}
+        new._kept_model = new._kept_mechanism = None
         return new
 
-    def _load(self, t: float, q: Array, qdot: Array) -> Array:
-        """Give the forces, for the interpreter."""
-        force: Array = -self.K @ q - self.C @ qdot
-        for part in self.excitation:
-            if isinstance(part, Harmonic):
-                force = force + np.asarray(part.amplitude) * np.cos(part.omega * t + part.phase)
-            elif isinstance(part, Table):
-                u = np.empty(part.width or 1)
-                part._core.fill(t, u)
-                force = force + u
-            else:
-                force = force + part
-        return force
-
-    def model(self, n: int) -> Model:
-        """Give what the extension integrates, for its number of coordinates."""
-        if n != len(self.M):
-            raise ValueError(f"q0 must have {len(self.M)} entries, got {n}")
+    def _new_model(self, n: int) -> Model:
         if any(isinstance(getattr(gap, "motion", None), MovingWall) for gap in self._gaps):
-            return super().model(n)
-        layout = Layout(n, self.m)
-        evaluate = assembled(layout, self._mass, self._force, self._gaps)
-        return Model(layout, self._linear_spec(), evaluate)
+            return super()._new_model(n)
+        return Model.native(Layout(n, self.m), self._linear_spec())
 
     def _linear_spec(self) -> _zivi.Model:
         constants = [part for part in self.excitation if isinstance(part, np.ndarray)]
@@ -448,18 +458,18 @@ class LinearSystem(MechanicalSystem):
 
     def __getstate__(self) -> dict[str, Any]:
         return {
-            "matrices": (self.M, self.C, self.K),
-            "parts": self.excitation,
+            "matrices": self._matrices,
+            "parts": self._excitation,
             "gaps": self._gaps,
             "e": self._e,
             "coordinates": self._coordinates,
-            "shapes": self.shapes,
+            "shapes": self._shapes,
         }
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         shapes = state["shapes"]
         self._set(**{**state, "shapes": None})
-        self.shapes = shapes
+        self._shapes = None if shapes is None else read_only(shapes)
 
     def __repr__(self) -> str:
         gaps = ", ".join(self.gap_names)
@@ -475,6 +485,28 @@ def _square(name: str, given: Any, n: int | None = None) -> Array:
     if not np.all(np.isfinite(matrix)):
         raise ValueError(f"{name} must be finite")
     return matrix
+
+
+def _load(
+    matrices: tuple[Array, Array, Array],
+    parts: Sequence[Array | Harmonic | Table],
+    t: float,
+    q: Array,
+    qdot: Array,
+) -> Array:
+    """Return the forces, for a system that needs the interpreter because of a `MovingWall`."""
+    _, damping, stiffness = matrices
+    force: Array = -stiffness @ q - damping @ qdot
+    for part in parts:
+        if isinstance(part, Harmonic):
+            force = force + np.asarray(part.amplitude) * np.cos(part.omega * t + part.phase)
+        elif isinstance(part, Table):
+            u = np.empty(part.width or 1)
+            part._core.fill(t, u)
+            force = force + u
+        else:
+            force = force + part
+    return force
 
 
 def _linear_gaps(gaps: Any) -> tuple[LinearGap, ...]:

@@ -12,7 +12,15 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 import zivi._zivi as _zivi
-from zivi.base.check import Array, check_arguments, finite, of_three, real_array, switch
+from zivi.base.check import (
+    Array,
+    check_arguments,
+    finite,
+    of_three,
+    read_only,
+    real_array,
+    switch,
+)
 from zivi.base.habits import attribute_error, hinted
 from zivi.system.callbacks import Evaluate, assembled, driven, glued
 from zivi.system.force import force_spec
@@ -31,6 +39,7 @@ from zivi.system.impact_law import (
     GivenRestitutions,
     ImpactLaw,
     Restitutions,
+    core_of,
     laws_of,
     restitutions,
     written,
@@ -93,7 +102,7 @@ def matrix_of(mass: Array) -> Array:
     if matrix.ndim != 2 or matrix.shape[0] != matrix.shape[1] or not matrix.size:
         raise ValueError(f"mass must have shape (n, n) with n >= 1, got {mass.shape}")
     check_mass(matrix)
-    return matrix
+    return read_only(matrix)
 
 
 def check_mass(matrix: Array) -> None:
@@ -234,7 +243,14 @@ class Model:
     @classmethod
     def of_code(cls, layout: Layout, code: Native, data: int, owner: object) -> Model:
         """Give a model in machine code, with the address of its data and what owns these."""
-        spec, size = _zivi.Model.compiled(code.address, data=data, owner=(code, owner)), layout.size
+        return cls.native(
+            layout, _zivi.Model.compiled(code.address, data=data, owner=(code, owner))
+        )
+
+    @classmethod
+    def native(cls, layout: Layout, spec: _zivi.Model) -> Model:
+        """Return a model that the extension evaluates, each time into another row."""
+        size = layout.size
 
         def evaluate(t: float, q: Array, qdot: Array) -> Array:
             q, qdot = np.ascontiguousarray(q, np.float64), np.ascontiguousarray(qdot, np.float64)
@@ -352,6 +368,11 @@ class MechanicalSystem:
     _impact_law = "newton"
     _paradox = "stop"
     _reentrant = True
+    _kept_model: tuple[object, Model] | None = None
+    """The model, and the `_revision` at which it was made."""
+    _kept_mechanism: tuple[Model, Restitutions, _zivi.Mechanism] | None = None
+    _checked_start: tuple[tuple[float, float] | None, bytes] = (None, b"")
+    """Span and mass matrix of the last start that passed the checks."""
 
     def __init__(
         self,
@@ -369,7 +390,6 @@ class MechanicalSystem:
     ) -> None:
         for name, given in (("mass", mass), ("force", force)):
             check_size(name, given)  # before it is copied
-        self._given = {"mass": mass, "force": force}
         self._given_inputs = inputs
         if inputs is not None and not isinstance(inputs, Table):
             self._controls, inputs = control_inputs(inputs), None
@@ -382,7 +402,12 @@ class MechanicalSystem:
         if isinstance(self._mass, np.ndarray):
             self._mass = matrix_of(self._mass)
         if isinstance(self._force, np.ndarray):
-            self._force = np.atleast_1d(self._force)
+            self._force = read_only(np.atleast_1d(self._force))
+        parts = {"mass": (self._mass, mass), "force": (self._force, force)}
+        self._given = {
+            name: read if isinstance(read, np.ndarray) else given
+            for name, (read, given) in parts.items()
+        }
         self._gap_names = names_of(
             "gaps", [gap.name or f"gap{i}" for i, gap in enumerate(self._gaps)]
         )
@@ -517,17 +542,50 @@ class MechanicalSystem:
         return self._coordinates or tuple(f"q{i}" for i in range(n))
 
     def model(self, n: int) -> Model:
-        """Give what the extension integrates, for `n` coordinates.
+        """Return the model that the extension integrates, for `n` coordinates.
+
+        The model is made once and kept with the system. Two threads that start together may both
+        make one, of the same numbers.
 
         Raises
         ------
         ValueError
             If the system has another number of coordinates.
         """
-        if self._n not in (None, n):
-            raise ValueError(f"q0 must have {self._n} entries, got {n}")
-        if not 1 <= n <= MAX_SIZE:
-            raise ValueError(f"q0 must have from 1 to {MAX_SIZE} entries, got {n}")
+        kept, state = self._kept_model, self._revision()
+        if kept is None or kept[0] is not state or kept[1].layout.n != n:
+            if self._n not in (None, n):
+                raise ValueError(f"q0 must have {self._n} entries, got {n}")
+            if not 1 <= n <= MAX_SIZE:
+                raise ValueError(f"q0 must have from 1 to {MAX_SIZE} entries, got {n}")
+            self._kept_model = kept = state, self._new_model(n)
+        return kept[1]
+
+    def _revision(self) -> object:
+        """Return an object that is another one after a change of the system's numbers."""
+        return None
+
+    def mechanism(self, model: Model) -> _zivi.Mechanism:
+        """Return a model with impact laws and friction, which the extension runs; it is kept."""
+        kept = self._kept_mechanism
+        if kept is None or kept[0] is not model or kept[1] is not self._e:
+            layout, friction = model.layout, None
+            if self._channels:
+                friction = _zivi.Friction(
+                    [(channel.gap, channel.e_t) for channel in self._channels],
+                    law=self._impact_law,
+                    impact_without_collision=self._paradox == "impact",
+                )
+            made = _zivi.Mechanism(
+                model.spec, n=layout.n, m=layout.m, e=core_of(self._e), friction=friction
+            )
+            kept = model, self._e, made
+            if self._kept_model is not None and model is self._kept_model[1]:
+                self._kept_mechanism = kept
+        return kept[2]
+
+    def _new_model(self, n: int) -> Model:
+        """Make the model for `n` coordinates."""
         layout = Layout(n, self.m, len(self._channels))
         slips = list(zip(self._channels, self._slips(), strict=True))
         evaluate = assembled(layout, self._mass, self._force, self._gaps, slips)
@@ -540,7 +598,9 @@ class MechanicalSystem:
 
     def _told(self) -> tuple[str | None, dict[str, float] | None]:
         """Give what a run keeps of what may change after it: the repr, if that does; parameters."""
-        parameters = getattr(self, "parameters", None)
+        # the class first: the error of a missing attribute looks for similar names
+        known = hasattr(type(self), "parameters")
+        parameters = getattr(self, "parameters", None) if known else None
         return None, dict(parameters) if parameters else None
 
     def _is_steady(self) -> bool:

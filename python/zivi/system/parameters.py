@@ -137,8 +137,7 @@ class ParametricSystem(MechanicalSystem):
         new.__setstate__({"build": self._build, "parameters": values, "e": chosen})
         return new
 
-    def model(self, n: int) -> Model:
-        """Give what the extension integrates."""
+    def _new_model(self, n: int) -> Model:
         return self._built.model(n)
 
     def partials(self, model: Model) -> Partials:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,20 +24,14 @@ STEPS = (*(1e-3 * 100.0**-k for k in range(8)), 1e-1)
 TIMES = 9
 """So many times in the span show whether a gap without a rate moves."""
 
-CHECKED: WeakKeyDictionary[MechanicalSystem, tuple[tuple[float, float], bytes]] = (
-    WeakKeyDictionary()
-)
-"""Systems whose derivatives were compared with differences, span and mass of their last start.
-
-Once a system: what its functions compute does not change from run to run, and the differences are
-most of what a short run costs.
-"""
-
 
 def check_start(
     system: MechanicalSystem, model: Model, span: tuple[float, float], q: Array, qdot: Array
 ) -> None:
     """Raise a ValueError that names what is wrong with a system at its start.
+
+    Derivatives are compared with differences once a system: what its functions compute does not
+    change from run to run, and the differences are most of what a short run costs.
 
     Parameters
     ----------
@@ -54,7 +47,7 @@ def check_start(
     n, m = model.layout.n, model.layout.m
     row = model.evaluate(span[0], q, qdot)
     mass = row[: n * n].tobytes()
-    span_before, mass_before = CHECKED.get(system, (None, b""))
+    span_before, mass_before = system._checked_start
     known = span_before == span or (system.derived and span_before is not None)
     if known and mass == mass_before and not system._channels and _zivi.is_sound(row, n, m):
         return
@@ -77,7 +70,7 @@ def check_start(
         _check_curvatures(system, look, span, q)
     if not system.derived and span_before != span:
         _check_rates(system, look, span, q, here)
-    CHECKED[system] = span, mass
+    system._checked_start = span, mass
 
 
 def check_functions(system: MechanicalSystem, model: Model, q: Array) -> None:

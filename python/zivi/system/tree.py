@@ -257,10 +257,16 @@ class TreeParameters(MutableMapping[str, float]):
     ----------
     values : dict
         Names and values.
+
+    Attributes
+    ----------
+    state : object
+        Another object after each change.
     """
 
     def __init__(self, values: Mapping[str, float]) -> None:
         self._values = dict(values)
+        self.state = object()
 
     def __getitem__(self, name: str) -> float:
         return self._values[self._known(name)]
@@ -270,6 +276,7 @@ class TreeParameters(MutableMapping[str, float]):
         if self._known(name).endswith((".mass", ".armature")) and value < 0.0:
             raise ValueError(f"parameters[{name!r}] must be >= 0, got {value}")
         self._values[name] = value
+        self.state = object()
 
     def _known(self, name: str) -> str:
         if name not in self._values:
@@ -515,16 +522,11 @@ class Tree(MechanicalSystem):
             new._e = restitutions(e, self.m)
         return new
 
-    def model(self, n: int) -> Model:
-        """Give what the extension integrates; `n` must be the number of joints."""
-        if n != self._n:
-            raise ValueError(f"q0 must have {self._n} entries, got {n}")
-        core = self._core_tree()
+    def _revision(self) -> object:
+        return self._parameters.state
 
-        def evaluate(t: float, q: Array, qdot: Array) -> Array:
-            return core.evaluate(t, np.asarray(q, np.float64), np.asarray(qdot, np.float64))
-
-        return Model(Layout(n, self.m), _zivi.Model.tree(core), evaluate)
+    def _new_model(self, n: int) -> Model:
+        return Model.native(Layout(n, self.m), _zivi.Model.tree(self._core_tree()))
 
     def _units(self) -> dict[str, list[str]]:
         kinds = {"hinge": "rad", "slide": "m"}

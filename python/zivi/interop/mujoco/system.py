@@ -321,10 +321,7 @@ class MujocoSystem(MechanicalSystem):
         self._coordinates = tuple(name_of(model, "joint", i) for i in range(model.njnt))
         self._e = restitutions(e, len(self._gap_names))
 
-    def model(self, n: int) -> Model:
-        """Give what the extension integrates; `n` must be the number of joints."""
-        if n != self._n:
-            raise ValueError(f"q0 must have {self._n} entries, got {n}")
+    def _new_model(self, n: int) -> Model:
         return Model.of_code(Layout(n, self.m), self._native, self._glue.address, self._glue)
 
     def __repr__(self) -> str:

@@ -212,8 +212,6 @@ class SymbolicSystem(MechanicalSystem):
     """
 
     derived = True
-    _made: tuple[Parameters, Model] | None = None
-    """The model, and the parameters whose numbers it reads."""
     _last_told: tuple[bytes, Restitutions, str, dict[str, float]] | None = None
     """What was told of the system last, and with which parameters."""
 
@@ -305,16 +303,10 @@ class SymbolicSystem(MechanicalSystem):
         names, numbers = self._coordinates or (), dict(self._parameters)
         return SymbolicSystem(sources, names, (), numbers, 0.0, self._compiler, equations)
 
-    def model(self, n: int) -> Model:
-        """Give what the extension integrates; `n` must be the number of coordinates."""
-        if n != self._n:
-            raise ValueError(f"q0 must have {self._n} entries, got {n}")
-        parameters = self._parameters
-        if self._made is None or self._made[0] is not parameters:
-            layout = Layout(n, self.m, len(self._channels))
-            made = Model.of_code(layout, self._native, parameters.address, parameters)
-            self._made = parameters, made
-        return self._made[1]
+    def _new_model(self, n: int) -> Model:
+        """Make the model; it reads the parameters where they are, whatever their values."""
+        layout, parameters = Layout(n, self.m, len(self._channels)), self._parameters
+        return Model.of_code(layout, self._native, parameters.address, parameters)
 
     def _told(self) -> tuple[str, dict[str, float]]:
         now = self._parameters.values_as_bytes, self._e
