@@ -68,6 +68,7 @@ NAMES = {
     "study.outcome": "LONGEST message_of",
     "study.pools": "Pool SignalGate=Gate compute_points=compute",
     "study.store": "Layout",
+    "system.impact_law.restitutions": "law_class",
     "system.model_parts": "STEP differenced",
     "system.parameters": "parameter with_value",
     "system.start": "_Look _check_curvatures _check_gradients _check_rates check_start",

@@ -100,7 +100,7 @@ def documented_parameters(thing):
 
 def test_the_public_list_is_complete_and_sorted():
     assert sorted(set(zivi.__all__)) == zivi.__all__
-    assert len(zivi.__all__) < 80
+    assert len(zivi.__all__) < 90
     assert not IN_ROOMS & set(zivi.__all__)
     tree = ast.parse((PACKAGE / "__init__.py").read_text())
     imported = {

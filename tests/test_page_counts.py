@@ -10,7 +10,7 @@ from page_blocks import DOCS
 PAGES = sorted(path for path in DOCS.glob("*.md") if not path.name.startswith("_"))
 LONGEST = 1300
 """Words of a page."""
-ALL = 30_000
+ALL = 30_700  # tables and functions of the impact speed, kicks, pulses
 """Words of all pages, as `wc -w docs/*.md` counts them."""
 RUN = 7
 """So many words that two pages share are a copy."""

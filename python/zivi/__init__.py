@@ -118,7 +118,13 @@ if TYPE_CHECKING:
     from zivi.study import Design, Study, grid, open_study, points, sample, sweep
     from zivi.system.force import ParametricForce
     from zivi.system.gap import DryFriction, Gap, HarmonicWall, LinearGap, MovingWall
-    from zivi.system.impact_law import ImpactLaw, NewtonImpact, SpeedDependentImpact
+    from zivi.system.impact_law import (
+        ImpactLaw,
+        NewtonImpact,
+        Restitution,
+        RestitutionTable,
+        SpeedDependentImpact,
+    )
     from zivi.system.linear import Harmonic, LinearSystem
     from zivi.system.mass import ImpactSystem, LinearForce, lift, project
     from zivi.system.mechanism import MechanicalSystem
@@ -172,6 +178,8 @@ __all__ = [
     "ParametricForce",
     "ParametricSystem",
     "RKPeriod",
+    "Restitution",
+    "RestitutionTable",
     "SpeedDependentImpact",
     "Status",
     "Striker",
@@ -258,8 +266,8 @@ _LATE = {
     "system": (
         *("DryFriction", "Gap", "Harmonic", "HarmonicWall", "ImpactLaw", "ImpactSystem"),
         *("LinearForce", "LinearGap", "LinearSystem", "MechanicalSystem", "MovingWall"),
-        *("NewtonImpact", "ParametricForce", "ParametricSystem", "SpeedDependentImpact"),
-        *("Table", "Tree", "lift", "project"),
+        *("NewtonImpact", "ParametricForce", "ParametricSystem", "Restitution"),
+        *("RestitutionTable", "SpeedDependentImpact", "Table", "Tree", "lift", "project"),
     ),
     "vi": (
         *("Equilibrium", "JacobianError", "VIDerivative", "VIOptions", "VIProgress", "VIResult"),

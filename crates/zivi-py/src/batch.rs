@@ -113,7 +113,7 @@ pub(crate) fn simulate_batch(
             py.check_signals()?;
         }
         members.push(Member {
-            law: laws[if laws.len() == 1 { 0 } else { i }].get().inner,
+            law: laws[if laws.len() == 1 { 0 } else { i }].get().inner.clone(),
             force: forces[if forces.len() == 1 { 0 } else { i }],
             initial: Physical { x: state[0], xdot: state[1] },
             tstops: tstops.get(if tstops.len() == 1 { 0 } else { i }).copied().unwrap_or_default(),

@@ -82,7 +82,7 @@ pub(crate) fn sensitivity(
     progress: Option<Py<PyAny>>,
 ) -> PyResult<SensitivityRecord> {
     let _running = crate::leaving::running()?;
-    let (method, law, initial) = (method.switched()?, system.law, start.inner);
+    let (method, law, initial) = (method.switched()?, system.law(), start.inner);
     let wrt: Vec<Wrt> = wrt.into_iter().map(wrt_of).collect::<PyResult<_>>()?;
     let (sizes, times, tstops) = (sizes.as_slice()?, times.as_slice()?, tstops.as_slice()?);
     let question = &Question { wrt: &wrt, sizes, controlled, times };
@@ -92,7 +92,14 @@ pub(crate) fn sensitivity(
         // compiled once for all kinds of forces
         let force: &mut &mut dyn DifferentiableForce<PyErr> = &mut (force as _);
         zivi::switched::sensitivity::sensitivity(
-            method, law, force, span, initial, output, question, watch,
+            method,
+            law.clone(),
+            force,
+            span,
+            initial,
+            output,
+            question,
+            watch,
         )
     });
     let (run, derivatives) = result.map_err(setup_error)?;
@@ -103,7 +110,7 @@ pub(crate) fn sensitivity(
         .iter()
         .map(|it| it.map(|it| Nearest { limit: it.limit as u8, t: it.t, depth: it.depth }));
     Ok(SensitivityRecord {
-        run: Py::new(py, RunRecord::new(py, PointRun::switched(run, &law))?)?,
+        run: Py::new(py, RunRecord::new(py, PointRun::switched(run, law))?)?,
         x: array(derivatives.q),
         xdot: array(derivatives.qdot),
         impact_dt: array(impact_dt),
@@ -279,7 +286,7 @@ fn evaluated(
 
 fn map_of(py: Python<'_>, system: &PointMass) -> PyResult<ImpactMap> {
     let native = natives(py, &[system.force.clone_ref(py)])?;
-    let Some(restitution) = system.law.constant() else {
+    let Some(restitution) = system.law().constant() else {
         return Err(PyValueError::new_err("e must be a number, Newton's impact law"));
     };
     ImpactMap::new(&native[0], restitution).map_err(setup_error)

@@ -82,19 +82,19 @@ fn run_point(
     let (t_eval, tstops) =
         (Times::new(py, keep.t_eval.as_ref())?, Times::new(py, keep.tstops.as_ref())?);
     let (t_eval, tstops) = (t_eval.given()?, tstops.given()?.unwrap_or_default());
-    let (law, dense) = (system.law, keep.dense);
+    let (law, dense) = (system.law(), keep.dense);
     let given = system.force.get();
     if keep.events.is_empty() {
         return Ok(with_force!(py, given, |force| {
             let output = Output { t_eval, tstops, dense, in_rows: true, ..Output::default() };
-            method.run(zivi::PointMass { force, law }, span, start, output, watch)
+            method.run(zivi::PointMass { force, law: law.clone() }, span, start, output, watch)
         }));
     }
     // the events need the interpreter
     let events = keep.events.iter().map(|it| it.get().of_point(py)).collect();
     let output = Output { t_eval, tstops, dense, events, in_rows: true, ..Output::default() };
     let force = &mut given.on(py);
-    Ok(method.run(zivi::PointMass { force, law }, span, start, output, watch))
+    Ok(method.run(zivi::PointMass { force, law: law.clone() }, span, start, output, watch))
 }
 
 fn run_mechanism(

@@ -3,7 +3,7 @@
 //! What is requested of a run: the system, where it starts, what it shall keep.
 
 use crate::dynamics::{AnyDynamics, CompiledDynamics, Model};
-use crate::force::Force;
+use crate::force::{compiled_ratio, Force};
 use crate::friction::{Friction, Rubbing};
 use crate::interface::{array, setup_error, vector, Array};
 use crate::method::{Event, Setting};
@@ -15,25 +15,33 @@ use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use zivi::system::dynamics::Layout;
 use zivi::system::force::Friction as Given;
-use zivi::system::impact_law::newton_impacts;
+use zivi::system::impact_law::{newton_impacts, FunctionImpact, TabulatedImpact};
 use zivi::{AnyImpactLaw, Physical};
 
 /// A mass above a wall.
 #[pyclass(frozen, module = "zivi._zivi")]
 pub(crate) struct PointMass {
     pub(crate) force: Py<Force>,
-    pub(crate) law: AnyImpactLaw,
+    impact: Py<ImpactLaw>,
+}
+
+impl PointMass {
+    /// Its impact law.
+    pub(crate) fn law(&self) -> &AnyImpactLaw {
+        &self.impact.get().inner
+    }
 }
 
 #[pymethods]
 impl PointMass {
     #[new]
-    fn new(force: Py<Force>, law: PyRef<'_, ImpactLaw>) -> Self {
-        Self { force, law: law.inner }
+    fn new(force: Py<Force>, law: Py<ImpactLaw>) -> Self {
+        Self { force, impact: law }
     }
 
     fn __traverse__(&self, visit: PyVisit<'_>) -> Result<(), PyTraverseError> {
-        visit.call(&self.force)
+        visit.call(&self.force)?;
+        visit.call(&self.impact)
     }
 }
 
@@ -55,7 +63,7 @@ impl State {
 #[derive(FromPyObject)]
 enum Restitutions<'py> {
     Newton(PyReadonlyArray1<'py, f64>),
-    Laws(Vec<PyRef<'py, ImpactLaw>>),
+    Laws(Vec<Py<ImpactLaw>>),
 }
 
 /// A mechanical system of `n` coordinates and `m` gaps, with or without friction.
@@ -66,6 +74,8 @@ pub(crate) struct Mechanism {
     pub(crate) m: usize,
     /// An impact law for each gap.
     pub(crate) laws: Vec<AnyImpactLaw>,
+    /// What owns the functions of the laws.
+    owners: Vec<Py<ImpactLaw>>,
     friction: Option<Py<Friction>>,
 }
 
@@ -107,17 +117,21 @@ impl Mechanism {
         e: Restitutions<'_>,
         friction: Option<Py<Friction>>,
     ) -> PyResult<Self> {
-        let laws = match e {
-            Restitutions::Laws(laws) => laws.iter().map(|law| law.inner).collect(),
+        let (laws, owners) = match e {
+            Restitutions::Laws(given) => {
+                (given.iter().map(|law| law.get().inner.clone()).collect(), given)
+            }
             Restitutions::Newton(e) => {
-                newton_impacts(&vector(&e)?).map_err(|error| setup_error(error.into()))?
+                let laws = newton_impacts(&vector(&e)?);
+                (laws.map_err(|error| setup_error(error.into()))?, Vec::new())
             }
         };
-        Ok(Self { model, n, m, laws, friction })
+        Ok(Self { model, n, m, laws, owners, friction })
     }
 
     fn __traverse__(&self, visit: PyVisit<'_>) -> Result<(), PyTraverseError> {
-        visit.call(&self.model)
+        visit.call(&self.model)?;
+        self.owners.iter().try_for_each(|it| visit.call(it))
     }
 }
 
@@ -185,6 +199,14 @@ impl Keep {
 #[pyclass(frozen, module = "zivi._zivi")]
 pub(crate) struct ImpactLaw {
     pub(crate) inner: AnyImpactLaw,
+    /// What owns its compiled functions, if it has some.
+    owner: Option<Py<PyAny>>,
+}
+
+impl From<AnyImpactLaw> for ImpactLaw {
+    fn from(inner: AnyImpactLaw) -> Self {
+        Self { inner, owner: None }
+    }
 }
 
 #[pymethods]
@@ -193,7 +215,7 @@ impl ImpactLaw {
     #[new]
     fn new(name: &str, values: Vec<f64>) -> PyResult<Self> {
         match AnyImpactLaw::named(name, &values) {
-            Some(law) => Ok(Self { inner: law.map_err(|error| setup_error(error.into()))? }),
+            Some(law) => Ok(law.map_err(|error| setup_error(error.into()))?.into()),
             None => Err(PyValueError::new_err(format!("there is no impact law {name:?}"))),
         }
     }
@@ -201,7 +223,39 @@ impl ImpactLaw {
     /// Newton's, from both coefficients, which must be each other's image.
     #[staticmethod]
     fn newton(e: f64, kappa: f64) -> PyResult<Self> {
-        Ok(Self { inner: from_both(e, kappa)?.into() })
+        Ok(AnyImpactLaw::from(from_both(e, kappa)?).into())
+    }
+
+    /// Linear between speeds, with these coefficients at them.
+    #[staticmethod]
+    fn table(v: PyReadonlyArray1<'_, f64>, e: PyReadonlyArray1<'_, f64>) -> PyResult<Self> {
+        let law = TabulatedImpact::new(&vector(&v)?, &vector(&e)?);
+        Ok(AnyImpactLaw::from(law.map_err(|error| setup_error(error.into()))?).into())
+    }
+
+    /// A function `double e(double v)` and, if known, its derivative, by their addresses; its limit as
+    /// `v -> 0`, the speed up to which it is smooth, and what owns the code.
+    #[staticmethod]
+    fn compiled(
+        address: usize,
+        slope: Option<usize>,
+        limit: f64,
+        geometric_up_to: f64,
+        owner: Py<PyAny>,
+    ) -> Self {
+        let slope = slope.map(|address| Box::new(compiled_ratio(address)) as Box<_>);
+        let law = FunctionImpact::new(compiled_ratio(address), slope, (limit, geometric_up_to));
+        Self { inner: law.into(), owner: Some(owner) }
+    }
+
+    /// Whether it calls a function of C, which may be one in the interpreter.
+    #[getter]
+    fn is_compiled(&self) -> bool {
+        self.owner.is_some()
+    }
+
+    fn __traverse__(&self, visit: PyVisit<'_>) -> Result<(), PyTraverseError> {
+        visit.call(&self.owner)
     }
 
     /// Speeds after impacts at speeds.

@@ -69,7 +69,9 @@ pub use switched::{
 pub use system::force::{
     ConstantForce, Dependence, Force, FunctionForce, LinearForce, LinearLaw, LinearRate, Wave,
 };
-pub use system::impact_law::{AnyImpactLaw, ImpactLaw, SpeedDependentImpact};
+pub use system::impact_law::{
+    AnyImpactLaw, FunctionImpact, ImpactLaw, ParametricLaw, SpeedDependentImpact, TabulatedImpact,
+};
 pub use system::moving_wall::{HarmonicWall, OnMovingWall, WallMotion};
 pub use system::time_table::{TableForce, TimeTable};
 pub use zeno::Tail;

@@ -335,7 +335,7 @@ _DEAF = contextlib.nullcontext(Ear(None))
 
 
 def listening(
-    specs: Iterable[_zivi.Force], *, threads: bool = False
+    specs: Iterable[_zivi.Force | _zivi.ImpactLaw], *, threads: bool = False
 ) -> contextlib.AbstractContextManager[Ear]:
     """Listen to the compiled forces among some while they are run, in this thread or in several."""
     for spec in specs:
@@ -349,14 +349,20 @@ def listening_always(*, threads: bool = False) -> contextlib.AbstractContextMana
     return Ear(None if threads else threading.get_ident())
 
 
+ENDED = (int(Status.FORCE_NOT_FINITE), int(Status.STATE_NOT_FINITE), int(Status.IMPACT_NOT_SOLVED))
+"""How runs end in which a function has no value."""
+
+
 def tell(ear: Ear, status: NDArray[np.uint8]) -> None:
     """Warn of what was raised in runs of a batch that it ended; raise what is no `Exception`."""
-    ended = int(np.count_nonzero(status == int(Status.FORCE_NOT_FINITE)))
+    ended = int(np.count_nonzero(np.isin(status, ENDED)))
     if not isinstance(error := ear.ends(not ended), Exception | None):
         raise error
     if error is not None:
         warnings.warn(
-            f"a compiled force raised {error!r}; {ended} runs ended with FORCE_NOT_FINITE",
+            f"a compiled force raised {error!r}; {ended} runs ended with FORCE_NOT_FINITE"
+            if np.any(status == ENDED[0])
+            else f"an impact law raised {error!r}; it ended {ended} runs",
             RuntimeWarning,
             stacklevel=3,
         )

@@ -86,7 +86,7 @@ class _Problem:
             )
 
     def solve(self, dense: bool = False, progress: bool | None = False) -> Sensitivity:
-        with listening([self.system._spec]) as ear:
+        with listening([self.system._spec, self.system._impact]) as ear:
             record = self.record(self.span, np.empty(0), dense, progress)
         run = record.run
         told = (self.system, self.method, self.span, self.state, self.stops)

@@ -300,8 +300,14 @@ def _written(value: str | float) -> str:
     return str(value) if isinstance(value, int) else f"{value:g}".replace("e-0", "e-")
 
 
+_TABULATED = (
+    Key("v", Numbers(NOT_NEGATIVE), "increasing speeds of impact", "m/s"),
+    Key("e", Numbers(UNIT), "coefficients of restitution at them, linear between", "1"),
+)
 LAW = Tagged(
-    "law", {name: tuple(map(_setting, given)) for name, given in _zivi.IMPACT_LAWS.items()}
+    "law",
+    {name: tuple(map(_setting, given)) for name, given in _zivi.IMPACT_LAWS.items()}
+    | {"RestitutionTable": _TABULATED},
 )
 _ONE = "one of e and kappa is required"
 

@@ -179,10 +179,11 @@ def simulate_batch(
     workers = check_threads(threads)
     stops = stops_of(several, tstops, method, span)
     specs = [system._spec for system in several]
-    with ProgressBar(progress) as bar, listening(specs, threads=True) as ear:
+    laws = [system._impact for system in several]
+    with ProgressBar(progress) as bar, listening([*specs, *laws], threads=True) as ear:
         record = _zivi.simulate_batch(
             specs,
-            [system._impact for system in several],
+            laws,
             states,
             method._core,
             span=span,

@@ -338,8 +338,8 @@ def simulate(
         keep = _zivi.Keep(t_eval=times, tstops=stops, events=watched, dense=dense_output)
     run = (system._core, method._core, span, _zivi.State(*state), keep)
     ear: Ear | None = None
-    if is_shown(progress) or system._spec.is_compiled:
-        with ProgressBar(progress) as bar, listening([system._spec]) as ear:
+    if is_shown(progress) or system._calls_functions:
+        with ProgressBar(progress) as bar, listening([system._spec, system._impact]) as ear:
             record = _zivi.simulate(*run, bar.report)
     else:  # as most are: nobody looks on, and nothing can be heard
         record = _zivi.simulate(*run)

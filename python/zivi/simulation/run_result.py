@@ -167,8 +167,7 @@ def _nearby(law: ImpactLaw) -> float | ImpactLaw:
     if isinstance(law, NewtonImpact):
         moved: float = _moved(law.e)
         return moved
-    first = dataclasses.fields(law)[0].name
-    return dataclasses.replace(law, **{first: _moved(getattr(law, first))})
+    return law._scaled(1 - ULPS)
 
 
 def _nearby_of_gaps(e: Restitutions) -> Restitutions:

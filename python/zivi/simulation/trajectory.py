@@ -74,7 +74,7 @@ def describe_system(system: ImpactSystem) -> dict[str, Any]:
     law, newton = system.law, isinstance(system.law, NewtonImpact)
     return {
         "force": describe(system.force),
-        "e": system.e if newton else describe(law),
+        "e": system.e if newton else law._described(),
         "kappa": system.kappa if newton else None,
         "wall": None if system.wall is None else describe(system.wall),
     }
@@ -82,7 +82,7 @@ def describe_system(system: ImpactSystem) -> dict[str, Any]:
 
 def describe_restitutions(e: Restitutions) -> list[Any]:
     """Plain values that tell the coefficients or laws of gaps again."""
-    return [describe(law) for law in e] if isinstance(e, tuple) else e.tolist()
+    return [law._described() for law in e] if isinstance(e, tuple) else e.tolist()
 
 
 def describe(force: Any) -> Any:

@@ -3,7 +3,13 @@
 from zivi.base.former import of_zivi
 from zivi.system.force import ParametricForce
 from zivi.system.gap import DryFriction, Gap, HarmonicWall, LinearGap, MovingWall
-from zivi.system.impact_law import ImpactLaw, NewtonImpact, SpeedDependentImpact
+from zivi.system.impact_law import (
+    ImpactLaw,
+    NewtonImpact,
+    Restitution,
+    RestitutionTable,
+    SpeedDependentImpact,
+)
 from zivi.system.linear import Harmonic, LinearSystem
 from zivi.system.mass import Force, ImpactSystem, LinearForce, lift, project
 from zivi.system.mechanism import MechanicalSystem
@@ -27,6 +33,8 @@ __all__ = [
     "NewtonImpact",
     "ParametricForce",
     "ParametricSystem",
+    "Restitution",
+    "RestitutionTable",
     "SpeedDependentImpact",
     "Table",
     "Tree",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+from collections.abc import Callable
 from typing import Any, Literal, Self
 
 import numpy as np
@@ -14,7 +15,7 @@ from zivi.base.extras import late
 from zivi.base.habits import attribute_error, hinted
 from zivi.system.force import Force, LinearForce, force_spec
 from zivi.system.gap import DryFriction, HarmonicWall, MovingWall
-from zivi.system.impact_law import ImpactLaw, NewtonImpact
+from zivi.system.impact_law import ImpactLaw, NewtonImpact, law_of
 from zivi.system.table import Table, declared_breaks
 
 __all__ = [
@@ -172,9 +173,10 @@ class ImpactSystem:
         and is raised by the run. The ``user_data`` of a `LowLevelCallable` is passed as a fourth
         argument, ``void *``, if the signature has one; nothing is checked there, and it must live
         as long as the system.
-    e : float or ImpactLaw, optional
+    e : float, ImpactLaw or callable, optional
         Coefficient of restitution in [0, 1]: 0 plastic, 1 elastic. Or an impact law:
-        `NewtonImpact`, which is the same, or `SpeedDependentImpact`.
+        `SpeedDependentImpact`, `RestitutionTable` or `Restitution`; a function ``e(v)`` of the
+        speed is ``Restitution(e)``.
     kappa : float, optional
         :math:`\kappa = (1-e)/(1+e)` in [0, 1]. Exactly one of `e` and `kappa` is given.
     wall : HarmonicWall, MovingWall or Table, optional
@@ -223,19 +225,21 @@ class ImpactSystem:
         self,
         force: Force,
         *,
-        e: float | ImpactLaw | None = None,
+        e: float | ImpactLaw | Callable[[float], float] | None = None,
         kappa: float | None = None,
         wall: HarmonicWall | MovingWall | Table | None = None,
         friction: DryFriction | None = None,
     ) -> None:
         self._e: float | ImpactLaw
         self._kappa: float | None
-        if isinstance(e, ImpactLaw) and not isinstance(e, NewtonImpact):
+        law = law_of(e)
+        if isinstance(law, ImpactLaw) and not isinstance(law, NewtonImpact):
             if kappa is not None:
                 raise ValueError("exactly one of e and kappa must be given, got both")
-            self._e, self._kappa = e, None
+            self._e, self._kappa = law, None
         else:
-            self._e, self._kappa = coefficients(e.e if isinstance(e, NewtonImpact) else e, kappa)
+            given = law.e if isinstance(law, NewtonImpact) else law
+            self._e, self._kappa = coefficients(given, kappa)
         self._force = force
         if isinstance(wall, Table):
             wall._wall("wall")
@@ -266,6 +270,11 @@ class ImpactSystem:
                 "an ImpactSystem with friction is for zivi.simulate and zivi.simulate_batch"
             )
         raise attribute_error("system", self, name)
+
+    @property
+    def _calls_functions(self) -> bool:
+        """Whether the force or the impact law calls compiled functions."""
+        return self._spec.is_compiled or self._impact.is_compiled
 
     @property
     def _call_form(self) -> str:

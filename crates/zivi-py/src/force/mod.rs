@@ -18,7 +18,8 @@ use wall::AnyWall;
 
 pub(crate) use callable::{with_force, AnyForce};
 pub(crate) use native::{
-    force_raised, with_native, with_native_slopes, AnyNative, CompiledForce, NativeSlopes, Raised,
+    compiled_ratio, force_raised, with_native, with_native_slopes, AnyNative, CompiledForce,
+    NativeSlopes, Raised,
 };
 pub(crate) use wall::Wall;
 

@@ -21,6 +21,7 @@ use crate::numeric::dense::largest;
 use crate::record::events::{FlagKind, Occurrence};
 use crate::record::gap_set::{ContactMode, GapSet};
 use crate::record::status::Failure;
+use crate::switched::SwitchedRk;
 use crate::system::dynamics::Dynamics;
 use crate::system::force::{Friction, FrictionalImpact};
 use crate::zeno::arc::restored;
@@ -42,6 +43,8 @@ const STILL: f64 = 1e-12;
 pub(super) struct Impacts {
     /// The laws by gap, and their coefficients of restitution for slow impacts.
     laws: Vec<AnyImpactLaw>,
+    /// Speeds below the tolerance (m/s).
+    slow: f64,
     e: Vec<f64>,
     friction: Friction,
     rtol: f64,
@@ -101,11 +104,12 @@ struct Exchanged {
 }
 
 impl Impacts {
-    pub(super) fn new(laws: &[AnyImpactLaw], friction: &Friction, rtol: f64) -> Self {
+    pub(super) fn new(laws: &[AnyImpactLaw], friction: &Friction, settings: &SwitchedRk) -> Self {
         let (laws, friction) = (laws.to_vec(), friction.clone());
         let e = laws.iter().map(|law| law.ratio(0.0)).collect();
         let shared = (GapSet::EMPTY, GapSet::EMPTY);
-        Self { laws, e, friction, rtol, last: f64::NEG_INFINITY, count: 0, shared }
+        let (rtol, slow) = (settings.rtol, settings.atol[1]);
+        Self { laws, e, friction, rtol, slow, last: f64::NEG_INFINITY, count: 0, shared }
     }
 
     /// A run starts at a time.
@@ -125,7 +129,11 @@ impl Impacts {
 
     /// The coefficients of restitution of an impact with these rates before it.
     fn ratios(&self, before: &[f64]) -> Vec<f64> {
-        self.laws.iter().zip(before).map(|(law, rate)| law.ratio(-rate)).collect()
+        self.laws
+            .iter()
+            .zip(before)
+            .map(|(law, rate)| law.ratio_unless_slow(-rate, self.slow))
+            .collect()
     }
 
     /// How many there were.
@@ -230,7 +238,7 @@ impl Impacts {
         let rates = &mut now.xdot[kinetics.coordinates()..];
         let before = rates[gap].min(0.0);
         let law = &self.laws[gap];
-        let e = law.ratio(-before);
+        let e = law.ratio_unless_slow(-before, self.slow);
         let wanted = (1.0 + e) * before;
         let bounces = wanted < 0.0;
         let impulse = if bounces { kinetics.impulse(gap, -wanted)? } else { 0.0 };

@@ -81,7 +81,7 @@ impl MechanicalIntegrator {
         Self {
             settings,
             state: MechanicalState::new(layout, friction),
-            impacts: Impacts::new(laws, friction, settings.rtol),
+            impacts: Impacts::new(laws, friction, &settings),
             accumulation: Accumulation::new(settings, layout, friction),
             motion: SmoothMotion::new(&settings, layout, friction),
             next: Next::Step,

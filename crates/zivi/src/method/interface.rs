@@ -28,7 +28,7 @@ pub trait Settings {
     ///
     /// # Errors
     /// [`SetupError`] names what is out of range.
-    fn check_start(&self, initial: Physical, law: AnyImpactLaw) -> Result<(), SetupError>;
+    fn check_start(&self, initial: Physical, law: &AnyImpactLaw) -> Result<(), SetupError>;
 
     /// The step size (s) of a method of fixed steps.
     fn step(&self) -> Option<f64> {

@@ -37,8 +37,8 @@ impl<S: Scheme> Settings for FixedSteps<S> {
         self.scheme.check(self.h, Restitution::ELASTIC)
     }
 
-    fn check_start(&self, initial: Physical, law: AnyImpactLaw) -> Result<(), SetupError> {
-        let restitution = newton(&law)?;
+    fn check_start(&self, initial: Physical, law: &AnyImpactLaw) -> Result<(), SetupError> {
+        let restitution = newton(law)?;
         self.scheme.check(self.h, restitution)?;
         self.scheme.check_start(initial, restitution)
     }
@@ -153,7 +153,7 @@ macro_rules! methods {
             fn check_start(
                 &self,
                 initial: Physical,
-                law: AnyImpactLaw,
+                law: &AnyImpactLaw,
             ) -> Result<(), SetupError> {
                 match self {
                     $(Self::$name(method) => method.check_start(initial, law),)*

@@ -66,7 +66,7 @@ impl Settings for SwitchedRk {
         self.validated().map(drop)
     }
 
-    fn check_start(&self, initial: Physical, _: AnyImpactLaw) -> Result<(), SetupError> {
+    fn check_start(&self, initial: Physical, _: &AnyImpactLaw) -> Result<(), SetupError> {
         self.check().and(check_initial(initial))
     }
 }
@@ -92,7 +92,7 @@ impl<'f, E, F: Force<E>> Method<E, PointMass<'f, F>> for SwitchedRk {
         keep: Output<'_, E>,
         monitor: &mut impl Monitor<E>,
     ) -> Result<PointRun<E>, SetupError> {
-        let run = simulate_switched_rk(*self, law, force, span, y0, keep, monitor)?;
+        let run = simulate_switched_rk(*self, law.clone(), force, span, y0, keep, monitor)?;
         Ok(PointRun::switched(run, &law))
     }
 }

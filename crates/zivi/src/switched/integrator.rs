@@ -15,7 +15,7 @@ use crate::system::dynamics::check_initial;
 use crate::zeno::arc::{unless_underflowing, Bounce};
 use crate::zeno::chain::Chain;
 use crate::zeno::tail::Tail;
-use crate::{AnyImpactLaw, Force, Impact, PathPoint, Physical, SetupError};
+use crate::{AnyImpactLaw, Force, Impact, PathPoint, Physical, SetupError, Status};
 
 /// The switched Runge-Kutta method as an object that is driven piece by piece.
 ///
@@ -66,6 +66,7 @@ impl SwitchedIntegrator {
     /// [`SetupError::Setting`] for a setting out of its range.
     pub fn new(settings: SwitchedRk, law: impl Into<AnyImpactLaw>) -> Result<Self, SetupError> {
         let (settings, law) = (settings.validated()?, law.into());
+        let slow = (law.limit().unwrap_or(1.0), law.is_newton_when_slow());
         Ok(Self {
             settings,
             law,
@@ -73,7 +74,7 @@ impl SwitchedIntegrator {
             sigma: 1.0,
             mode: Mode::REST,
             flight: FreeFlight::new(&settings),
-            accumulation: Accumulation::new(law.limit().unwrap_or(1.0)),
+            accumulation: Accumulation::new(slow),
             lookout: ForceMonitor::default(),
             tail: None,
             nfev: 0,
@@ -263,16 +264,39 @@ impl SwitchedIntegrator {
             let until = (self.sigma, t_end);
             zeno = self.accumulation.note(bounce, until, &self.settings, force)?;
         } else if self.law.constant().is_none() {
-            let bounce = Bounce { t, u, g: -self.flight.at_wall(self.now, force)? };
-            let e = e.max(self.law.after(u) / u);
-            if self.accumulation.note_alone(bounce, e, &self.settings)? {
-                self.now.xdot = 0.0;
-            }
+            zeno = self.settle_alone(e, t_end, force)?;
         } else {
             self.accumulation.note_elastic();
         }
         self.mode = zeno.map_or(Mode::FLIGHT, |zeno| Mode::Flight(Flight::Jump { zeno }));
         Ok(())
+    }
+
+    /// The same after an impact that is in no geometric chain, whose slow ones leave the part `e`.
+    fn settle_alone<E, F: Force<E>>(
+        &mut self,
+        e: f64,
+        t_end: f64,
+        force: &mut Counted<'_, F>,
+    ) -> Result<Option<f64>, Failure<E>> {
+        let Point { t, xdot: u, .. } = self.now;
+        if !u.is_finite() {
+            return Err(Failure::Status(Status::StateNotFinite));
+        }
+        let bounce = Bounce { t, u, g: -self.flight.at_wall(self.now, force)? };
+        let next = e.max(self.law.after(u) / u);
+        if self.accumulation.note_alone(bounce, next, &self.settings)? {
+            self.now.xdot = 0.0;
+        } else if bounce.g > 0.0 && u <= self.settings.atol[1] {
+            // what is left is below the tolerance of the speed: its time alone is not
+            let Some(sum) = self.law.sum_of_speeds(u) else { return Ok(None) };
+            let zeno = t + 2.0 * sum / bounce.g;
+            if zeno <= t_end {
+                self.accumulation.end_alone(bounce, zeno)?;
+                return Ok(Some(zeno));
+            }
+        }
+        Ok(None)
     }
 
     /// The next piece of the motion once that is done.

@@ -63,7 +63,7 @@ fn implicit(span: (f64, f64), h: f64) -> Task {
 
 /// A run by the function of its method, not by the entry that batches use.
 fn alone<F: Force<Infallible> + Copy>(member: &Member<'_, F>, task: Task) -> Run<Infallible> {
-    let Member { law, mut force, initial, tstops } = *member;
+    let Member { law, mut force, initial, tstops } = member.clone();
     let restitution = law.constant().unwrap();
     let (force, Task { method, span, .. }) = (&mut force, task);
     let grid = |h: f64| Grid::new(span.0, span.1, h).unwrap();
@@ -534,11 +534,12 @@ fn runs_that_end_at_times_of_their_own_are_those_of_batches_up_to_there() {
     let task = |end| Task { method: SwitchedRk::default().into(), span: (0.0, end), slowest: 1e-3 };
     let members: Vec<_> = balls(40).into_iter().filter(|it| it.force.0.abs() < 100.0).collect();
     let ends: Vec<f64> = (0..members.len()).map(|i| 0.3 + 0.17 * i as f64).collect();
-    let both: Vec<_> = members.iter().copied().zip(ends.iter().copied()).collect();
+    let both: Vec<_> = members.iter().cloned().zip(ends.iter().copied()).collect();
     for save in [Save::Final, Save::Events, Save::Grazing] {
         let found = simulate_batch_to(&both, task(1.0), save, 2, &mut Silent).unwrap();
         for ((member, end), found) in both.iter().zip(&found) {
-            let alone = simulate_batch(&[*member], task(*end), save, 1, &mut Silent).unwrap();
+            let alone =
+                simulate_batch(&[member.clone()], task(*end), save, 1, &mut Silent).unwrap();
             assert_eq!(format!("{found:?}"), format!("{:?}", alone[0]));
         }
     }
@@ -629,7 +630,7 @@ fn a_fault_costs_no_other_run_its_result() {
 #[test]
 fn what_cannot_fit_into_memory_is_refused_before_anything_is_computed() {
     // beyond what any system promises, and years of work
-    let members = vec![balls(1)[0]; 100_000];
+    let members = vec![balls(1)[0].clone(); 100_000];
     let (span, h) = ((0.0, 1e3), 1e-6);
     let refused = |method, save| match simulate_batch(&members, method, save, 1 << 20, &mut Silent)
     {

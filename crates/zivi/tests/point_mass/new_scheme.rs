@@ -146,7 +146,7 @@ fn its_settings_are_checked_as_those_of_every_method() {
     assert_eq!(refused.to_string(), "h must be a finite step size > 0, got -1.0");
     let plastic = FixedSteps { h: 1.0, scheme: SemiImplicit };
     assert!(plastic
-        .check_start(Physical::default(), Restitution::from_e(0.0).unwrap().into())
+        .check_start(Physical::default(), &Restitution::from_e(0.0).unwrap().into())
         .is_err());
 }
 

@@ -26,6 +26,9 @@ type With3 = unsafe extern "C" fn(f64, f64, f64, f64, f64, f64) -> f64;
 type With4 = unsafe extern "C" fn(f64, f64, f64, f64, f64, f64, f64) -> f64;
 type With5 = unsafe extern "C" fn(f64, f64, f64, f64, f64, f64, f64, f64) -> f64;
 
+/// `double e(double v)`, a coefficient of restitution.
+type Ratio = unsafe extern "C" fn(f64) -> f64;
+
 const PLAIN: &str = "double (double, double, double)";
 const WITH_DATA: &str = "double (double, double, double, void *)";
 
@@ -64,6 +67,22 @@ impl Raised {
         let changed = count != self.seen;
         self.seen = count;
         changed && RAISED_HERE.take()
+    }
+}
+
+/// The coefficient of restitution at a speed by a compiled function, `double e(double v)`; NaN where
+/// it raised an exception. The `ImpactLaw` holds what owns its code.
+pub(crate) fn compiled_ratio(address: usize) -> impl Fn(f64) -> f64 + Send + Sync {
+    move |v| {
+        let mut raised = Raised::now();
+        // SAFETY: the Python layer (`zivi.system.impact_law`) passes only the address of a function
+        // of this signature, and the law holds the object that owns the code.
+        let e = unsafe { std::mem::transmute::<usize, Ratio>(address)(v) };
+        if raised.here() {
+            f64::NAN
+        } else {
+            e
+        }
     }
 }
 

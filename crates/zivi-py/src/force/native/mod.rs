@@ -10,7 +10,7 @@ use zivi::{
 
 use force::NativeForce;
 
-pub(crate) use compiled::{force_raised, CompiledForce, Raised};
+pub(crate) use compiled::{compiled_ratio, force_raised, CompiledForce, Raised};
 
 /// All that is made of the list: for each force its names, above a wall at rest and above one that
 /// vibrates, and its type. (`$d` is a dollar.)

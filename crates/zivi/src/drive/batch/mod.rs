@@ -66,7 +66,7 @@ impl<'a> Plan<'a> {
 }
 
 /// One run of a batch.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Member<'a, F> {
     /// What an impact does.
     pub law: AnyImpactLaw,
@@ -122,7 +122,7 @@ pub fn simulate_batch<E, F: Force<Stopped> + Copy + Send + Sync>(
     let mut alone = false;
     check_each(members, monitor, |member| {
         alone |= !side_by_side(member, plan.method);
-        plan.method.check_start(member.initial, member.law)
+        plan.method.check_start(member.initial, &member.law)
     })?;
     check_memory(members.len(), alone, plan, threads)?;
     let work = pool::Work {
@@ -156,7 +156,7 @@ pub fn simulate_batch_to<E, F: Force<Stopped> + Copy + Send + Sync>(
     }
     let start = plan.span.0;
     check_each(members, monitor, |(member, end)| {
-        plan.method.check_start(member.initial, member.law)?;
+        plan.method.check_start(member.initial, &member.law)?;
         check_span(start, *end, None)
     })?;
     let work = pool::Work {
@@ -302,16 +302,17 @@ fn alike<F: Force<Stopped> + Copy>(
     let save = (plan.save, plan.slowest);
     match plan.method {
         AnyMethod::ThetaGamma(FixedSteps { scheme: ThetaGamma { theta, gamma, .. }, .. }) => {
-            let mass = |&&Member { law, force, initial, .. }: &&Member<'_, F>| {
-                let step = ThetaGammaStep::new(grid.h(), theta, gamma, newton(&law)?)?;
-                Ok(lanes::Mass { step, force, initial })
+            let mass = |member: &&Member<'_, F>| {
+                let step = ThetaGammaStep::new(grid.h(), theta, gamma, newton(&member.law)?)?;
+                Ok(lanes::Mass { step, force: member.force, initial: member.initial })
             };
             let masses = members.iter().map(mass).collect::<Result<Vec<_>, SetupError>>()?;
             lanes::run(&masses, dependence, grid, save, stop)
         }
         AnyMethod::MoreauJean(FixedSteps { scheme: MoreauJean { theta }, .. }) => {
-            let mass = |&&Member { law, force, initial, .. }: &&Member<'_, F>| {
-                Ok(lanes::moreau::Mass { e: newton(&law)?.e(), force, initial })
+            let mass = |member: &&Member<'_, F>| {
+                let e = newton(&member.law)?.e();
+                Ok(lanes::moreau::Mass { e, force: member.force, initial: member.initial })
             };
             let masses = members.iter().map(mass).collect::<Result<Vec<_>, SetupError>>()?;
             lanes::moreau::run(&masses, theta, grid, save, stop)
@@ -346,19 +347,19 @@ fn one<F: Force<Stopped> + Copy>(
     Plan { method, span, save, slowest, .. }: Plan<'_>,
     stop: &dyn Fn() -> bool,
 ) -> Result<Outcome, SetupError> {
-    let Member { law, mut force, initial, tstops } = *member;
+    let &Member { ref law, mut force, initial, tstops } = member;
     let every = save.every();
     let keep = if let Save::Steps(_) = save { Keep::All } else { Keep::Every(every) };
     let watch = &mut Unobserved { keep, stop };
     let t_eval = if let Save::At(times) = save { Some(times) } else { None };
     let output = Output { t_eval, tstops, ..Output::default() };
-    let system = PointMass { force: &mut force, law };
+    let system = PointMass { force: &mut force, law: law.clone() };
     let (PointRun { trajectory, end, motion, .. }, grazing) = match (method, save) {
         (AnyMethod::SwitchedRk(method), Save::Grazing) => {
             let force = system.force;
             let (run, grazes) =
-                simulate_watching(method, law, force, (span, tstops), initial, watch)?;
-            (PointRun::switched(run, &law), grazes)
+                simulate_watching(method, system.law, force, (span, tstops), initial, watch)?;
+            (PointRun::switched(run, law), grazes)
         }
         _ => (method.run(system, span, initial, output, watch)?, false),
     };

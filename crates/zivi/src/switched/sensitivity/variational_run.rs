@@ -15,6 +15,7 @@ use crate::switched::sensitivity::columns::{ColumnStep, EventRates, Wrt};
 use crate::switched::sensitivity::validity::{Limit, Validity};
 use crate::switched::stages::{Counted, Stages};
 use crate::system::slopes::{DifferentiableForce, Place};
+use crate::zeno::arc::Bounce;
 use crate::zeno::rates::{ChainRates, Rate};
 use crate::{AnyImpactLaw, Dependence, Impact, Status};
 
@@ -169,6 +170,10 @@ impl VariationalRun {
         let tolerance = integrator.settings().zeno_tolerance(integrator.chain(), last.g);
         let (rtol, mut known) = (integrator.settings().rtol, true);
         self.zeno.clear();
+        if integrator.law().geometric_up_to() == 0.0 {
+            self.weigh_alone(integrator, last);
+            return Ok(());
+        }
         for (column, chain) in self.chains.iter().enumerate() {
             let (de, size) = (self.limit_by(column, integrator), self.sizes[column]);
             let landing = chain.landing(integrator.chain(), de, |_, _| 1.0);
@@ -180,6 +185,17 @@ impl VariationalRun {
             integrator.cancel_jump();
         }
         Ok(())
+    }
+
+    /// The derivatives of the end `t + 2 S(u)/g` of impacts that are in no geometric chain.
+    fn weigh_alone(&mut self, integrator: &SwitchedIntegrator, last: Bounce) {
+        const STEP: f64 = 1e-4;
+        let Bounce { u, g, .. } = last;
+        let sum = |u: f64| integrator.law().sum_of_speeds(u).unwrap_or(f64::NAN);
+        let slope = (sum(u * (1.0 + STEP)) - sum(u * (1.0 - STEP))) / (2.0 * STEP * u);
+        for (dt, du) in self.dt.iter().zip(&self.du) {
+            self.zeno.push(dt + 2.0 * slope * du / g);
+        }
     }
 
     /// The derivative of the ratio of speeds in a chain.
@@ -321,7 +337,7 @@ impl VariationalRun {
         onto: Option<&mut Stages>,
         force: &mut Counted<'_, F>,
     ) -> Result<(), Failure<E>> {
-        let law = *integrator.law();
+        let law = integrator.law().clone();
         let flight = integrator.flight();
         self.highest = self.highest.max(flight.last_mut().from.x.abs());
         if impact.is_none() {

@@ -3,8 +3,8 @@
 use zivi_core::setting::Setting;
 use zivi_core::{Restitution, SettingError};
 
-/// What an impact does to the speed.
-pub trait ImpactLaw: Copy {
+/// A law that has a name and parameters.
+pub trait ParametricLaw: ImpactLaw {
     /// Its parameters.
     const PARAMETERS: &'static [Setting];
 
@@ -13,7 +13,10 @@ pub trait ImpactLaw: Copy {
     /// # Errors
     /// [`SettingError`] names the first that is out of range.
     fn of(values: &[f64]) -> Result<Self, SettingError>;
+}
 
+/// What an impact does to the speed.
+pub trait ImpactLaw: Clone {
     /// The speed after an impact at the speed `v > 0` (m/s): at most `v`, an impact adds no energy.
     fn after(&self, v: f64) -> f64;
 
@@ -21,7 +24,9 @@ pub trait ImpactLaw: Copy {
     fn slope(&self, v: f64) -> f64;
 
     /// The derivative of the speed after by a parameter, by its number.
-    fn by(&self, parameter: usize, v: f64) -> f64;
+    fn by(&self, _parameter: usize, _v: f64) -> f64 {
+        0.0
+    }
 
     /// The ratio `e` of the speeds in the limit `v -> 0`; nothing where there is none. Between 0 and
     /// 1 impacts accumulate as a geometric chain. With 1 they do not accumulate, with 0 faster than
@@ -29,12 +34,26 @@ pub trait ImpactLaw: Copy {
     fn limit(&self) -> Option<f64>;
 
     /// The derivative of that by a parameter.
-    fn limit_by(&self, parameter: usize) -> f64;
+    fn limit_by(&self, _parameter: usize) -> f64 {
+        0.0
+    }
 
     /// Up to which speed before an impact (m/s) the ratio is `e(0) + O(v)`, smoothly: from there on a
     /// chain of impacts is extrapolated. Everywhere, unless the law says otherwise.
     fn geometric_up_to(&self) -> f64 {
         f64::INFINITY
+    }
+
+    /// Whether the ratio is its limit, exactly, up to that speed.
+    fn is_newton_when_slow(&self) -> bool {
+        true
+    }
+
+    /// The sum of the speeds after an impact with the speed `u` after it (m/s) and after all that
+    /// follow it under a constant pull `g`, which end `2/g` times the sum later. Nothing where it is
+    /// infinite, or not known.
+    fn sum_of_speeds(&self, _u: f64) -> Option<f64> {
+        None
     }
 
     /// The coefficient of restitution where it is the same for all speeds.

@@ -4,24 +4,52 @@
 //! x'+ = after(v)      v = -x'- > 0      0 <= after(v) <= v                                  (1)
 //! ```
 //!
-//! A new law is a file, in which its settings implement [`ImpactLaw`], and a line in the list of
-//! [`AnyImpactLaw`].
+//! A new law is a file, in which its settings implement [`ImpactLaw`] and [`ParametricLaw`], and a
+//! line in the list of [`AnyImpactLaw`]. Laws that are not a few numbers follow behind it.
 
+mod function;
 mod law;
 mod newton;
 mod speed_dependent;
+mod tabulated;
 
-pub use law::ImpactLaw;
+pub use function::FunctionImpact;
+pub use law::{ImpactLaw, ParametricLaw};
 pub use speed_dependent::SpeedDependentImpact;
+pub use tabulated::TabulatedImpact;
 
 use zivi_core::setting::Setting;
 use zivi_core::{Restitution, SettingError};
 
-/// The list of the laws: for each its name and its type.
+/// The list of the laws, for each its name and its type: first those of a name and parameters.
 macro_rules! impact_laws {
+    (
+        parametric { $($(#[$parametric_doc:meta])* $parametric:ident($parametric_law:ty);)* }
+        others { $($(#[$other_doc:meta])* $other:ident($other_law:ty);)* }
+    ) => {
+        impact_laws! {
+            $($(#[$parametric_doc])* $parametric($parametric_law);)*
+            $($(#[$other_doc])* $other($other_law);)*
+        }
+
+        impl AnyImpactLaw {
+            /// The names of all laws that have parameters, with these.
+            pub const ALL: &'static [(&'static str, &'static [Setting])] =
+                &[$((stringify!($parametric), <$parametric_law>::PARAMETERS),)*];
+
+            /// The law of this name; nothing if there is none.
+            #[must_use]
+            pub fn named(name: &str, values: &[f64]) -> Option<Result<Self, SettingError>> {
+                $(if name == stringify!($parametric) {
+                    return Some(<$parametric_law>::of(values).map(Self::$parametric));
+                })*
+                None
+            }
+        }
+    };
     ($($(#[$doc:meta])* $name:ident($law:ty);)*) => {
         /// Any of the impact laws.
-        #[derive(Clone, Copy, Debug, PartialEq)]
+        #[derive(Clone, Debug, PartialEq)]
         pub enum AnyImpactLaw {
             $($(#[$doc])* $name($law),)*
         }
@@ -34,19 +62,6 @@ macro_rules! impact_laws {
         })*
 
         impl AnyImpactLaw {
-            /// The names of all laws, with their parameters.
-            pub const ALL: &'static [(&'static str, &'static [Setting])] =
-                &[$((stringify!($name), <$law>::PARAMETERS),)*];
-
-            /// The law of this name; nothing if there is none.
-            #[must_use]
-            pub fn named(name: &str, values: &[f64]) -> Option<Result<Self, SettingError>> {
-                $(if name == stringify!($name) {
-                    return Some(<$law>::of(values).map(Self::$name));
-                })*
-                None
-            }
-
             /// The speed after an impact at the speed `v > 0` (m/s).
             #[inline]
             #[must_use]
@@ -86,6 +101,18 @@ macro_rules! impact_laws {
                 match self { $(Self::$name(law) => law.geometric_up_to(),)* }
             }
 
+            /// As [`ImpactLaw::is_newton_when_slow`].
+            #[must_use]
+            pub fn is_newton_when_slow(&self) -> bool {
+                match self { $(Self::$name(law) => law.is_newton_when_slow(),)* }
+            }
+
+            /// As [`ImpactLaw::sum_of_speeds`].
+            #[must_use]
+            pub fn sum_of_speeds(&self, u: f64) -> Option<f64> {
+                match self { $(Self::$name(law) => law.sum_of_speeds(u),)* }
+            }
+
             /// As [`ImpactLaw::constant`].
             #[inline]
             #[must_use]
@@ -104,6 +131,20 @@ macro_rules! impact_laws {
                 }
             }
 
+            /// As [`Self::ratio`], but 0 where the speeds that follow have a sum of at most `slow`
+            /// (m/s), and are no geometric chain.
+            #[inline]
+            #[must_use]
+            pub fn ratio_unless_slow(&self, v: f64, slow: f64) -> f64 {
+                if let Some(newton) = self.constant() {
+                    return newton.e();
+                }
+                let e = self.ratio(v);
+                let spent = e * v <= slow && self.geometric_up_to() == 0.0;
+                let sum = if spent { self.sum_of_speeds(e * v) } else { None };
+                if sum.is_some_and(|sum| sum <= slow) { 0.0 } else { e }
+            }
+
             /// As [`ImpactLaw::transform`].
             #[must_use]
             pub fn transform(&self) -> Restitution {
@@ -114,10 +155,18 @@ macro_rules! impact_laws {
 }
 
 impact_laws! {
-    /// Newton's: one coefficient of restitution for all speeds.
-    NewtonImpact(Restitution);
-    /// A coefficient that is a power of the speed.
-    SpeedDependentImpact(SpeedDependentImpact);
+    parametric {
+        /// Newton's: one coefficient of restitution for all speeds.
+        NewtonImpact(Restitution);
+        /// A coefficient that is a power of the speed.
+        SpeedDependentImpact(SpeedDependentImpact);
+    }
+    others {
+        /// A coefficient that is linear between measured speeds.
+        TabulatedImpact(TabulatedImpact);
+        /// A coefficient that is a function of the speed.
+        FunctionImpact(FunctionImpact);
+    }
 }
 
 /// Newton's law with each of these coefficients, as mechanical systems take them.

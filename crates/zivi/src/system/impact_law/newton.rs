@@ -1,6 +1,6 @@
 //! Newton's impact law, `x'+ = -e x'-`.
 
-use super::law::{value, ImpactLaw};
+use super::law::{value, ImpactLaw, ParametricLaw};
 use zivi_core::setting::{Setting, Value, Values};
 use zivi_core::{Restitution, SettingError};
 
@@ -13,14 +13,16 @@ const E: Setting = Setting {
     default: Value::Required,
 };
 
-impl ImpactLaw for Restitution {
+impl ParametricLaw for Restitution {
     const PARAMETERS: &'static [Setting] = &[E];
 
     fn of(values: &[f64]) -> Result<Self, SettingError> {
         let e = value(values, 0);
         Self::from_e(e).map_err(|_| SettingError { name: E.name, value: e, range: E.range })
     }
+}
 
+impl ImpactLaw for Restitution {
     #[inline]
     fn after(&self, v: f64) -> f64 {
         self.e() * v

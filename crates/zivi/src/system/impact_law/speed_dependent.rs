@@ -17,7 +17,7 @@
 //! few impacts, and from there on the chain is geometric. For `k < 0` the point `v*` repels: speeds
 //! below it fall faster than any geometric chain, to rest after a few impacts.
 
-use super::law::{value, ImpactLaw};
+use super::law::{value, ImpactLaw, ParametricLaw};
 use zivi_core::setting::{Setting, Value, Values};
 use zivi_core::{Restitution, SettingError};
 
@@ -26,7 +26,7 @@ use std::ops::Bound;
 /// The law (1).
 ///
 /// ```
-/// use zivi::system::impact_law::{ImpactLaw, SpeedDependentImpact};
+/// use zivi::system::impact_law::{ImpactLaw, ParametricLaw, SpeedDependentImpact};
 /// let law = SpeedDependentImpact::of(&[0.5, 1.0, 0.25, 1.0])?;
 /// assert!((law.after(16.0) - 4.0).abs() < 1e-15); // 0.5 * 16^(-1/4) = 0.25
 /// assert_eq!((law.after(1e-3), law.limit()), (1e-3, Some(1.0)));
@@ -85,7 +85,7 @@ impl SpeedDependentImpact {
     }
 }
 
-impl ImpactLaw for SpeedDependentImpact {
+impl ParametricLaw for SpeedDependentImpact {
     const PARAMETERS: &'static [Setting] = &[Self::E0, Self::V0, Self::K, Self::E_MAX];
 
     fn of(values: &[f64]) -> Result<Self, SettingError> {
@@ -99,7 +99,9 @@ impl ImpactLaw for SpeedDependentImpact {
         }
         Ok(Self { e0, v0, k, e_max })
     }
+}
 
+impl ImpactLaw for SpeedDependentImpact {
     fn after(&self, v: f64) -> f64 {
         self.power(v).min(self.e_max) * v
     }

@@ -1,10 +1,9 @@
-"""Impact laws: the speed after an impact from the speed before it."""
+"""Impact laws of a few numbers, and the base class of all."""
 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
-from typing import Any, TypeAlias
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -12,24 +11,12 @@ from numpy.typing import ArrayLike
 import zivi._zivi as _zivi
 from zivi.base.check import Array, real, real_array
 
-__all__ = [
-    "LAWS",
-    "GivenRestitutions",
-    "ImpactLaw",
-    "NewtonImpact",
-    "Restitutions",
-    "SpeedDependentImpact",
-    "core_of",
-    "law_parameters",
-    "laws_of",
-    "restitutions",
-    "written",
-]
+__all__ = ["ImpactLaw", "NewtonImpact", "SpeedDependentImpact", "law_parameters"]
 
 
 @dataclasses.dataclass(frozen=True)
 class ImpactLaw:
-    r"""What an impact does to the speed: base class of `NewtonImpact` and `SpeedDependentImpact`.
+    r"""What an impact does to the speed: base class of `NewtonImpact` and the laws below.
 
     .. math:: \dot x^+ = e(v)\,v, \qquad v = -\dot x^- > 0, \qquad 0 \le e(v) \le 1
 
@@ -92,6 +79,15 @@ class ImpactLaw:
     def slope(self, v: ArrayLike) -> Array:
         """Give the derivative of the speed after an impact by the speed `v` before it."""
         return self._at(v, self._core.slope)
+
+    def _described(self) -> dict[str, Any]:
+        """Give plain values that describe the law."""
+        return {"name": type(self).__name__, **dataclasses.asdict(self)}
+
+    def _scaled(self, factor: float) -> Self:
+        """Give the law with its first coefficient multiplied."""
+        first = dataclasses.fields(self)[0].name
+        return dataclasses.replace(self, **{first: factor * getattr(self, first)})
 
     def _at(self, v: ArrayLike, of: Any) -> Array:
         speeds = real_array("v", v)
@@ -188,76 +184,6 @@ class SpeedDependentImpact(ImpactLaw):
     v0: float
     k: float
     e_max: float = 1.0
-
-
-def law_class(name: str) -> type[ImpactLaw]:
-    """Make the class of a law that only the core knows, from its parameters."""
-    parameters = _zivi.IMPACT_LAWS[name]
-    fields: list[Any] = [
-        (it.name, float) if it.required else (it.name, float, dataclasses.field(default=it.default))
-        for it in parameters
-    ]
-    told = "\n".join(f"{it.name}: {it.meaning} ({it.unit}), {it.range}." for it in parameters)
-    kind = dataclasses.make_dataclass(name, fields, bases=(ImpactLaw,), frozen=True)
-    kind.__doc__, kind.__module__ = f"The impact law {name} of the core.\n\n{told}", __name__
-    return kind
-
-
-LAWS: dict[str, type[ImpactLaw]] = {
-    name: globals().get(name) or law_class(name) for name in _zivi.IMPACT_LAWS
-}
-"""The class of each law of the core."""
-globals().update(LAWS)
-
-GivenRestitutions: TypeAlias = float | ArrayLike | ImpactLaw | Sequence[float | ImpactLaw]
-"""What `e` of a mechanical system may be: one for all gaps, or one for each."""
-
-Restitutions: TypeAlias = Array | tuple[ImpactLaw, ...]
-"""What the gaps have: coefficients, or laws where one is not Newton's."""
-
-
-def restitutions(e: Any, m: int) -> Restitutions:
-    """Read the coefficients of restitution or the laws of `m` gaps: one for all, one for each."""
-    each = list(e) if isinstance(e, list | tuple) else [e]
-    if all(isinstance(law, NewtonImpact) or not isinstance(law, ImpactLaw) for law in each):
-        numbers = [law.e if isinstance(law, NewtonImpact) else law for law in each]
-        return _coefficients(numbers if isinstance(e, list | tuple) else numbers[0], m)
-    if not isinstance(e, list | tuple):
-        each *= m
-    if len(each) != m:
-        raise ValueError(f"e must be one law or one for each of the {m} gaps, got {len(each)}")
-    return tuple(
-        law if isinstance(law, ImpactLaw) else NewtonImpact(real(f"e[{i}]", law))
-        for i, law in enumerate(each)
-    )
-
-
-def _coefficients(e: Any, m: int) -> Array:
-    given = real_array("e", e)
-    if given.ndim == 0:
-        given = np.full(m, float(given))
-    if given.shape != (m,):
-        raise ValueError(f"e must be one number or one for each of the {m} gaps, got {given.shape}")
-    for i, value in enumerate(given):
-        if not 0.0 <= value <= 1.0:
-            raise ValueError(f"e[{i}] must be in [0, 1], got {value}")
-    return given.copy()
-
-
-def laws_of(e: Restitutions) -> tuple[ImpactLaw, ...]:
-    """Give the law of each gap."""
-    return e if isinstance(e, tuple) else tuple(map(NewtonImpact, e.tolist()))
-
-
-def core_of(e: Restitutions) -> Array | list[_zivi.ImpactLaw]:
-    """Give them as the core takes them."""
-    return [law._core for law in e] if isinstance(e, tuple) else e
-
-
-def written(e: Restitutions) -> str:
-    """Write them, as ``(0.5, 0.3)``."""
-    each = map(repr, e) if isinstance(e, tuple) else (f"{value:g}" for value in e)
-    return f"({', '.join(each)})"
 
 
 def law_parameters(law: ImpactLaw) -> dict[str, float]:
