@@ -539,7 +539,8 @@ fn runs_that_end_at_times_of_their_own_are_those_of_batches_up_to_there() {
         let found = simulate_batch_to(&both, task(1.0), save, 2, &mut Silent).unwrap();
         for ((member, end), found) in both.iter().zip(&found) {
             let alone =
-                simulate_batch(&[member.clone()], task(*end), save, 1, &mut Silent).unwrap();
+                simulate_batch(std::slice::from_ref(member), task(*end), save, 1, &mut Silent)
+                    .unwrap();
             assert_eq!(format!("{found:?}"), format!("{:?}", alone[0]));
         }
     }
