@@ -23,7 +23,7 @@ import numpy as np
 
 import zivi
 from zivi.study.outcome import Piece, Schema
-from zivi.study.store import Layout
+from zivi.study.store import Chunks
 
 BALLS, ROUNDS = 200_000, 5
 BILLION = 10**9
@@ -107,7 +107,7 @@ def coordinator(number: int) -> None:
         opened = time.perf_counter() - start
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
     a_point = took / side**2
-    shards = len(Layout((1000, 1000, 1000), sharded=True, size=8 * RESULTS))
+    shards = len(Chunks((1000, 1000, 1000), sharded=True, size=8 * RESULTS))
     print(
         f"coordinator, {side**2:,} points: {files} files, opened in {opened:.2f} s, "
         f"{a_point * 1e6:.2f} us a point, peak of the process {peak:.0f} MB"

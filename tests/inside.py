@@ -19,10 +19,10 @@ NAMES = {
     "control.loop_run": "LOOP_NUMBERS=NUMBERS SIGNS",
     "control.mechanical_reference": "_sides reference_of",
     "control.twisting": "CONTROLLERS",
-    "files.file_keys": "FILE_CONTROLLERS=CONTROLLERS METHODS rows",
+    "files.file_keys": "FILE_CONTROLLERS=CONTROLLERS METHODS flatten_keys",
     "files.kinds": "FileError",
     "files.picture": "_edges",
-    "files.results": "check_suffix drawn open_result",
+    "files.results": "check_suffix read_curve open_result",
     "files.runs": "prepare_control prepare_simulate",
     "interop.fmu.description": "MODELS",
     "lab.controls": "read_controls panel",
@@ -59,15 +59,16 @@ NAMES = {
     "simulation.run": "argument_text",
     "study.design": "child generators points seeds",
     "study.digest": (
-        "UndigestibleError digest identity is_ours named source state_of unformatted used uses "
+        "UndigestibleError digest function_name function_state identity is_local source_digest "
+        "unformatted used uses"
     ),
     "study.drive": "Driver OPEN",
     "study.experiments": "ball_rest_time",
     "study.folder": "FolderStore",
-    "study.head": "read_head written",
+    "study.head": "read_head write_below",
     "study.outcome": "LONGEST message_of",
-    "study.pools": "Pool SignalGate=Gate compute_points=compute",
-    "study.store": "Layout",
+    "study.pools": "Pool SignalGate compute_points=compute",
+    "study.store": "Chunks",
     "system.impact_law.restitutions": "law_class",
     "system.model_parts": "STEP differenced",
     "system.parameters": "parameter with_value",

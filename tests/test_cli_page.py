@@ -8,7 +8,12 @@ import pytest
 from typer.testing import CliRunner
 
 import zivi
-from inside import FILE_CONTROLLERS as CONTROLLERS, METHODS, files_file_keys as file_keys, rows
+from inside import (
+    FILE_CONTROLLERS as CONTROLLERS,
+    METHODS,
+    files_file_keys as file_keys,
+    flatten_keys,
+)
 from zivi import files
 from zivi.cli import app
 from zivi.files import FileError
@@ -74,7 +79,7 @@ def test_objects_have_one_table_each():
 @pytest.mark.parametrize("command", PREPARE)
 def test_every_accepted_key_is_documented_once(command):
     listed = [(key, kind) for key, kind, *_ in documented(command)]
-    accepted = [(row.path, row.variant) for row in rows(file_keys.COMMANDS[command])]
+    accepted = [(row.path, row.variant) for row in flatten_keys(file_keys.COMMANDS[command])]
     assert sorted(listed) == sorted(accepted)
     assert len(set(listed)) == len(listed) > 15
 

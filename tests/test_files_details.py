@@ -54,7 +54,7 @@ def test_titles_say_what_it_is(ball):
     law = zivi.TwistingRegulator(3, 2, h=1e-2, kappa=0.5)
     loop = zivi.simulate_closed_loop(zivi.ImpactSystem(0.0, kappa=0.5), law, (0, 0.1), (1, 0))
     assert summary.run_table(loop).title == "Closed loop"
-    assert summary.experiments().show_lines
+    assert summary.experiments_table().show_lines
 
 
 def test_pictures_of_studies_have_the_numbers_of_the_study():
@@ -74,14 +74,14 @@ def test_pictures_of_studies_have_the_numbers_of_the_study():
     assert len(figure.axes) == 2
     plt.close(figure)
     figure, ax = plt.subplots()
-    files_picture._lines(grid, "a", ax)
+    files_picture._draw_lines(grid, "a", ax)
     assert [list(line.get_ydata()) for line in ax.lines] == [[1.0, 2.0, 3.0], [2.0, 4.0, 6.0]]
     assert all(list(line.get_xdata()) == [1.0, 2.0, 3.0] for line in ax.lines)
     assert [text.get_text() for text in ax.get_legend().texts] == ["kind = x", "kind = yy"]
     assert (ax.get_xlabel(), ax.get_ylabel()) == ("size", "a")
     plt.close(figure)
     figure, ax = plt.subplots()
-    files_picture._points(listed, "a", ax)
+    files_picture._draw_points(listed, "a", ax)
     (dots,) = ax.collections
     np.testing.assert_array_equal(dots.get_offsets(), [[1.0, 2.0], [2.0, 2.0]])
     # names by their order in the alphabet
@@ -98,7 +98,7 @@ def test_keys_of_settings_have_the_bounds_of_the_core():
     # infinite bounds are none
     assert (law["k"].above, law["k"].below) == (None, 1.0)
     assert (law["v0"].above, law["v0"].below) == (0.0, None)
-    assert [key.name for key in file_keys._restitution("_ref", "0.5")] == ["e_ref", "kappa_ref"]
+    assert [key.name for key in file_keys._e_or_kappa("_ref", "0.5")] == ["e_ref", "kappa_ref"]
     assert file_keys._tagged(file_keys.SIMULATE, "method") is file_keys.OBJECTS["method"][1]
     with pytest.raises(TypeError, match="t_span has no variants"):
         file_keys._tagged(file_keys.SIMULATE, "t_span")
@@ -111,7 +111,7 @@ def test_keys_below_a_variant_are_listed_with_it():
     def key(name, kind=word):
         return file_keys.Key(name, kind, "one")
 
-    inner = file_keys.Table((key("deep"),))
+    inner = file_keys.KeyTable((key("deep"),))
     box = (
         key("plain", inner),
         key("either", kinds.Either(word, inner)),
@@ -119,7 +119,7 @@ def test_keys_below_a_variant_are_listed_with_it():
         key("open", file_keys.Open(inner, "names")),
     )
     shape = file_keys.Tagged("kind", {"box": (key("all"), *box), "ball": (key("all"), key("r"))})
-    listed = [(row.path, row.variant) for row in file_keys.rows((key("shape", shape),))]
+    listed = [(row.path, row.variant) for row in file_keys.flatten_keys((key("shape", shape),))]
     below = ["plain", "plain.deep", "either", "either.deep", "each", "each.deep"]
     below += ["open", "open.NAME", "open.NAME.deep"]
     assert listed == [
@@ -130,7 +130,7 @@ def test_keys_below_a_variant_are_listed_with_it():
     # the tag is required, or has a default that is written as in a file
     for default, told in ((None, None), ("ball", '"ball"')):
         either = file_keys.Tagged("kind", {"box": (), "ball": ()}, default=default)
-        _, tag = file_keys.rows((key("shape", either),))
+        _, tag = file_keys.flatten_keys((key("shape", either),))
         assert (tag.path, tag.key.default) == ("shape.kind", told)
 
 

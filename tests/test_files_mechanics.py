@@ -17,7 +17,7 @@ from zivi.files import FileError
 pytest.importorskip("h5netcdf")
 pytestmark = pytest.mark.xdist_group("mechanical models")
 
-EXAMPLE = commands.example("mechanics")
+EXAMPLE = commands.example_file("mechanics")
 
 
 def changed(tmp_path, pattern, line):

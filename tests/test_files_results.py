@@ -13,7 +13,7 @@ import pytest
 import xarray
 
 import zivi
-from inside import check_suffix, drawn, files_results as results, open_result
+from inside import check_suffix, files_results as results, open_result, read_curve
 from zivi.files import ResultError, load, save
 
 pytest.importorskip("h5netcdf")
@@ -247,7 +247,7 @@ def test_what_is_drawn_is_what_the_run_draws(tmp_path):
     for name in ("switched", "steps", "loop"):
         run = RUNS[name]()
         save(run, tmp_path / f"{name}.nc")
-        found = drawn(open_result(tmp_path / f"{name}.nc"))
+        found = read_curve(open_result(tmp_path / f"{name}.nc"))
         for draw in (zivi.plot.position, zivi.plot.velocity):
             lines = [draw(it).lines[0].get_xydata() for it in (found, run)]
             np.testing.assert_array_equal(*lines)

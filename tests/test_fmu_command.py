@@ -37,7 +37,7 @@ def steps_as(tree, start, path, folder):
 
 def test_a_tree_of_a_file_is_a_unit(tmp_path):
     file, out = tmp_path / "arm.toml", tmp_path / "fmus"
-    file.write_text(commands.example("tree"))
+    file.write_text(commands.example_file("tree"))
     told = run(file, "--out", out, "--name", "Arm", "--fmi", 3)
     assert told.split() == [str(out / "Arm3.fmu")]
     system, (q0, _) = zivi.files.mechanism_of(file)
@@ -74,7 +74,7 @@ def test_what_is_wrong_is_named(tmp_path):
     out, ball = tmp_path / "fmus", tmp_path / "ball.toml"
     ball.write_text(BALL)
     tree = tmp_path / "tree.toml"
-    tree.write_text(commands.example("tree"))
+    tree.write_text(commands.example_file("tree"))
     cases = [
         ((ball,), "--model mass"),
         ((tmp_path / "none.xml",), "is no file"),

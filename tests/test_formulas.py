@@ -337,9 +337,11 @@ def test_files_and_python_have_one_language(tmp_path):
             derived(V=text)
         path = tmp_path / "file.toml"
         energy = [
-            line for line in commands.example("mechanics").splitlines() if line.startswith("V =")
+            line
+            for line in commands.example_file("mechanics").splitlines()
+            if line.startswith("V =")
         ]
-        path.write_text(commands.example("mechanics").replace(energy[0], f'V = "{text}"'))
+        path.write_text(commands.example_file("mechanics").replace(energy[0], f'V = "{text}"'))
         with pytest.raises(FileError) as refused:
             files.prepare_simulate(path)
         assert str(told.value).split(": ", 1)[1] in str(refused.value)

@@ -39,9 +39,9 @@ class Shifted:
 
 
 def test_callable_objects_are_named_and_told_by_their_class():
-    assert digest.named(Scaled(2.0)) == f"{__name__}.Scaled"
-    assert digest.source(Scaled(2.0)) == digest.source(Scaled) is not None
-    assert digest.source(Scaled(2.0)) != digest.source(Shifted())
+    assert digest.function_name(Scaled(2.0)) == f"{__name__}.Scaled"
+    assert digest.source_digest(Scaled(2.0)) == digest.source_digest(Scaled) is not None
+    assert digest.source_digest(Scaled(2.0)) != digest.source_digest(Shifted())
     # what the call itself writes is no setting
     assert digest.kept_attributes(Scaled(2.0)) == {"calls"}
     assert digest.kept_attributes(Shifted()) == set()

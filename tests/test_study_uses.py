@@ -12,7 +12,7 @@ import pytest
 
 import study_pairs
 import zivi
-from inside import digest, is_ours, source, state_of, unformatted, used, uses
+from inside import digest, function_state, is_local, source_digest, unformatted, used, uses
 
 pytest.importorskip("zarr", reason="the extra 'study' is not installed")
 
@@ -158,8 +158,8 @@ def test_a_global_is_looked_at_when_it_is_asked(monkeypatch):
 
 def test_the_text_of_a_cached_function_counts():
     one, other = functools.cache(plain), functools.cache(helper)
-    assert source(one) == source(plain) != source(other)
-    assert state_of(one) is state_of(plain) is None
+    assert source_digest(one) == source_digest(plain) != source_digest(other)
+    assert function_state(one) is function_state(plain) is None
     assert uses(other) == uses(helper)
 
 
@@ -169,8 +169,8 @@ def test_libraries_count_by_name():
     class Own:
         pass
 
-    assert [is_ours(it) for it in (np, np.mean, Path, zivi, zivi.simulate, int)] == [False] * 6
-    assert [is_ours(it) for it in (Own, helper, study_pairs)] == [True] * 3
+    assert [is_local(it) for it in (np, np.mean, Path, zivi, zivi.simulate, int)] == [False] * 6
+    assert [is_local(it) for it in (Own, helper, study_pairs)] == [True] * 3
 
 
 def test_layout_and_comments_do_not_count():

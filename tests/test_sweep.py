@@ -11,7 +11,7 @@ from scipy.stats import qmc
 
 import sweep_functions as functions
 import zivi
-from inside import Layout, base_extras
+from inside import Chunks, base_extras
 
 pytest.importorskip("zarr", reason="the extra 'study' is not installed")
 pytest.importorskip("pyarrow", reason="the extra 'study' is not installed")
@@ -80,7 +80,7 @@ def test_parameters_keep_their_kinds(out):
 @pytest.mark.parametrize("shape", [(1,), (7,), (3, 5), (5, 3), (2, 1, 9), (4, 3, 2), (70, 70)])
 @pytest.mark.parametrize("points", [None, 1, 2, 4, 7, 1000])
 def test_chunks_are_runs_of_points_that_cover_all_once(shape, points):
-    layout = Layout(shape, points)
+    layout = Chunks(shape, points)
     numbers = np.arange(np.prod(shape)).reshape(shape)
     seen = []
     for chunk in range(len(layout)):

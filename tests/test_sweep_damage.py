@@ -8,7 +8,7 @@ import pytest
 
 import sweep_functions as functions
 import zivi
-from inside import LONGEST, message_of, written
+from inside import LONGEST, message_of, write_below
 
 pytest.importorskip("zarr", reason="the extra 'study' is not installed")
 pytest.importorskip("pyarrow", reason="the extra 'study' is not installed")
@@ -109,7 +109,7 @@ def test_room_is_made_only_where_it_is_needed(tmp_path):
         file.write_text("new")
 
     (tmp_path / "a").write_text("a file where a folder should be")
-    written(tmp_path, file, write)
+    write_below(tmp_path, file, write)
     assert file.read_text() == "new"
     assert [it.read_text() for it in tmp_path.glob(".a.*")] == ["a file where a folder should be"]
     called = []
@@ -119,6 +119,6 @@ def test_room_is_made_only_where_it_is_needed(tmp_path):
         raise OSError("the disk is full")
 
     with pytest.raises(OSError, match="the disk is full"):
-        written(tmp_path, file, fail)
+        write_below(tmp_path, file, fail)
     assert called == [1]
     assert len(list(Path(tmp_path).iterdir())) == 2

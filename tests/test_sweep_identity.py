@@ -18,7 +18,7 @@ import xarray as xr
 
 import sweep_functions as functions
 import zivi
-from inside import UndigestibleError, digest, named, source, state_of
+from inside import UndigestibleError, digest, function_name, function_state, source_digest
 
 pytest.importorskip("zarr", reason="the extra 'study' is not installed")
 pytest.importorskip("pyarrow", reason="the extra 'study' is not installed")
@@ -165,17 +165,17 @@ def test_tables_are_told_by_what_they_hold_and_not_by_how():
 
 def test_functions_are_told_by_text_and_by_what_they_hold():
     one, other = TWO
-    assert source(one) != source(other)
-    assert state_of(one) is None
-    assert state_of(closure(1)) != state_of(closure(2))
-    assert state_of(Push(1)) == state_of(Push(1)) != state_of(Push(2))
-    assert state_of(Push(1).at) != state_of(Push(2).at)
+    assert source_digest(one) != source_digest(other)
+    assert function_state(one) is None
+    assert function_state(closure(1)) != function_state(closure(2))
+    assert function_state(Push(1)) == function_state(Push(1)) != function_state(Push(2))
+    assert function_state(Push(1).at) != function_state(Push(2).at)
     nested = [lambda: lambda: 1, lambda: lambda: 2]
-    assert source(nested[0]) != source(nested[1])
-    assert source(nested[0]()) != source(nested[1]())
-    assert source(nested[0]()) != source(nested[0])
+    assert source_digest(nested[0]) != source_digest(nested[1])
+    assert source_digest(nested[0]()) != source_digest(nested[1]())
+    assert source_digest(nested[0]()) != source_digest(nested[0])
     made = [eval("lambda: 1"), eval("lambda: 2")]  # without a text
-    assert source(made[0]) != source(made[1])
+    assert source_digest(made[0]) != source_digest(made[1])
 
 
 @pytest.mark.parametrize("kind", ["a table", "a labelled array", "a force", "a method", "keys"])
@@ -266,5 +266,7 @@ def test_an_object_that_is_called_has_the_name_of_its_class():
         def __call__(self, k):
             return k
 
-    assert named(Steps()).endswith("Steps")
-    assert named(test_an_object_that_is_called_has_the_name_of_its_class).endswith("its_class")
+    assert function_name(Steps()).endswith("Steps")
+    assert function_name(test_an_object_that_is_called_has_the_name_of_its_class).endswith(
+        "its_class"
+    )

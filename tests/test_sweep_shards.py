@@ -19,7 +19,7 @@ import xarray as xr
 
 import sweep_functions as functions
 import zivi
-from inside import FolderStore, Layout, study_drive, study_head, study_store
+from inside import Chunks, FolderStore, study_drive, study_head, study_store
 from interrupting import calls_in, wait_for
 from test_sweep_executors import files
 
@@ -90,7 +90,7 @@ class Jumbled(concurrent.futures.ThreadPoolExecutor):
 )
 @pytest.mark.parametrize("size", [0, 300, 3000, 10**6])
 def test_shards_are_runs_of_points_and_have_whole_parts(shape, size, small):
-    layout = Layout(shape, sharded=True, size=size)
+    layout = Chunks(shape, sharded=True, size=size)
     numbers, seen = np.arange(np.prod(shape)).reshape(shape), []
     pairs = list(zip(layout.chunk, layout.inner, strict=True))
     assert all(own % part == 0 for own, part in pairs)
@@ -115,7 +115,7 @@ def test_shards_are_runs_of_points_and_have_whole_parts(shape, size, small):
     ],
 )
 def test_numbers_of_shards(shape, size, shards):
-    layout = Layout(shape, sharded=True, size=size)
+    layout = Chunks(shape, sharded=True, size=size)
     assert len(layout) == shards
     assert layout.room * size <= 2**28
 
@@ -412,5 +412,5 @@ def test_folders_without_shards_go_on_as_they_are(tmp_path, monkeypatch):
 
 
 def test_a_layout_is_a_value():
-    layout = Layout((10,), sharded=True)
-    assert dataclasses.replace(layout, size=1) != layout == Layout((10,), sharded=True)
+    layout = Chunks((10,), sharded=True)
+    assert dataclasses.replace(layout, size=1) != layout == Chunks((10,), sharded=True)

@@ -367,7 +367,7 @@ def test_a_file_of_a_tree_gives_the_run_of_the_tree(tmp_path):
     ],
 )
 def test_what_is_wrong_in_a_file_of_a_tree_names_its_key(tmp_path, line, wrong, told):
-    text = commands.example("tree").replace("# parameters", "parameters")
+    text = commands.example_file("tree").replace("# parameters", "parameters")
     assert line in text
     (tmp_path / "tree.toml").write_text(text.replace(line, wrong))
     with pytest.raises(zivi.files.FileError, match=told):

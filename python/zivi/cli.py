@@ -39,19 +39,19 @@ def _version(wanted: bool) -> None:
         raise typer.Exit
 
 
-def _example(command: str) -> Callable[[bool], None]:
+def _show_example(command: str) -> Callable[[bool], None]:
     def print_example(wanted: bool) -> None:
         if wanted:
             from zivi.files import commands
             from zivi.files.commands import say
 
-            say(commands.example(command), end="")
+            say(commands.example_file(command), end="")
             raise typer.Exit
 
     return print_example
 
 
-def _keys(*kinds: str) -> Callable[[bool], None]:
+def _show_keys(*kinds: str) -> Callable[[bool], None]:
     def print_keys(wanted: bool) -> None:
         if wanted:
             from zivi.files import file_keys
@@ -63,12 +63,12 @@ def _keys(*kinds: str) -> Callable[[bool], None]:
     return print_keys
 
 
-def _experiments(wanted: bool) -> None:
+def _show_experiments(wanted: bool) -> None:
     if wanted:
         from zivi.files import summary
         from zivi.files.commands import show_table
 
-        show_table(summary.experiments())
+        show_table(summary.experiments_table())
         raise typer.Exit
 
 
@@ -76,25 +76,25 @@ def _experiments(wanted: bool) -> None:
 def _reported_errors() -> Iterator[None]:
     """Tell what is wrong in one line each, and end with the right code."""
     from zivi.files import FileError, commands
-    from zivi.files.commands import warn
+    from zivi.files.commands import echo_error
 
     try:
         yield
     except KeyboardInterrupt:
         raise typer.Exit(commands.INTERRUPTED) from None
     except MemoryError:
-        warn("zivi: the memory is not enough")
+        echo_error("zivi: the memory is not enough")
         raise typer.Exit(commands.EARLY) from None
     except RuntimeError as error:  # of a study: another run writes to it, or nothing can compute
-        warn(f"zivi: {error}")
+        echo_error(f"zivi: {error}")
         raise typer.Exit(commands.EARLY) from None
     except (FileError, OSError, ImportError) as error:
-        warn(f"{error}" if isinstance(error, FileError) else f"zivi: {error}")
+        echo_error(f"{error}" if isinstance(error, FileError) else f"zivi: {error}")
         raise typer.Exit(commands.WRONG) from None
 
 
 @app.callback()
-def main(
+def command_line(
     version: Annotated[
         bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version.")
     ] = False,
@@ -106,8 +106,8 @@ Example = "Print an example file."
 Keys = "List the keys of a file."
 
 
-@app.command()
-def simulate(
+@app.command("simulate")
+def simulate_file(
     file: File,
     out: Out = None,
     force: Force = False,
@@ -115,13 +115,13 @@ def simulate(
     as_json: Json = False,
     example: Annotated[
         bool,
-        typer.Option("--example", callback=_example("simulate"), is_eager=True, help=Example),
+        typer.Option("--example", callback=_show_example("simulate"), is_eager=True, help=Example),
     ] = False,
     example_mechanics: Annotated[
         bool,
         typer.Option(
             "--example-mechanics",
-            callback=_example("mechanics"),
+            callback=_show_example("mechanics"),
             is_eager=True,
             help="Print an example file of a mechanical system.",
         ),
@@ -130,7 +130,7 @@ def simulate(
         bool,
         typer.Option(
             "--example-tree",
-            callback=_example("tree"),
+            callback=_show_example("tree"),
             is_eager=True,
             help="Print an example file of a tree of bodies.",
         ),
@@ -138,7 +138,7 @@ def simulate(
     keys: Annotated[
         bool,
         typer.Option(
-            "--keys", callback=_keys("simulate", "mechanics", "tree"), is_eager=True, help=Keys
+            "--keys", callback=_show_keys("simulate", "mechanics", "tree"), is_eager=True, help=Keys
         ),
     ] = False,
 ) -> None:
@@ -156,8 +156,8 @@ def simulate(
     raise typer.Exit(code)
 
 
-@app.command()
-def control(
+@app.command("control")
+def control_file(
     file: File,
     out: Out = None,
     force: Force = False,
@@ -165,10 +165,10 @@ def control(
     as_json: Json = False,
     example: Annotated[
         bool,
-        typer.Option("--example", callback=_example("control"), is_eager=True, help=Example),
+        typer.Option("--example", callback=_show_example("control"), is_eager=True, help=Example),
     ] = False,
     keys: Annotated[
-        bool, typer.Option("--keys", callback=_keys("control"), is_eager=True, help=Keys)
+        bool, typer.Option("--keys", callback=_show_keys("control"), is_eager=True, help=Keys)
     ] = False,
 ) -> None:
     """Simulate one closed loop from a file; write a netCDF file.
@@ -185,8 +185,8 @@ def control(
     raise typer.Exit(code)
 
 
-@app.command()
-def sweep(
+@app.command("sweep")
+def sweep_file(
     file: File,
     out: Out = None,
     force: Annotated[bool, typer.Option("--force", help="Remove a study that is there.")] = False,
@@ -200,16 +200,16 @@ def sweep(
     as_json: Json = False,
     example: Annotated[
         bool,
-        typer.Option("--example", callback=_example("sweep"), is_eager=True, help=Example),
+        typer.Option("--example", callback=_show_example("sweep"), is_eager=True, help=Example),
     ] = False,
     experiments: Annotated[
         bool,
         typer.Option(
-            "--experiments", callback=_experiments, is_eager=True, help="List the experiments."
+            "--experiments", callback=_show_experiments, is_eager=True, help="List the experiments."
         ),
     ] = False,
     keys: Annotated[
-        bool, typer.Option("--keys", callback=_keys("sweep"), is_eager=True, help=Keys)
+        bool, typer.Option("--keys", callback=_show_keys("sweep"), is_eager=True, help=Keys)
     ] = False,
 ) -> None:
     """Compute a study, or what of it is missing; write a Zarr folder.
@@ -327,7 +327,7 @@ def fmu(
     where the binaries are missing.
     """
     from zivi.files import FileError, commands, mechanism_of
-    from zivi.files.commands import say, warn
+    from zivi.files.commands import echo_error, say
     from zivi.fmu import export_fmu
 
     paths = []
@@ -350,7 +350,7 @@ def fmu(
         except FileError:
             raise
         except (ValueError, TypeError, NotImplementedError) as error:
-            warn(f"zivi: {error}")
+            echo_error(f"zivi: {error}")
     if not quiet:
         for path in paths:
             say(str(path))

@@ -252,7 +252,7 @@ def of_three(name: str, function: Any, *, more_than_y: bool) -> Callable[..., An
     With `more_than_y` an optional argument behind ``(t, y)`` keeps its default; else whether it is
     one, or the third of ``(t, x, xdot)``, is not for us to guess.
     """
-    counts = _counts(function)
+    counts = _arity(function)
     _check_order(name, function, "(t, x, xdot), or of (t, y) with y = [x, xdot]")
     if counts is None:  # a builtin that does not tell
         return function  # type: ignore[no-any-return]
@@ -269,15 +269,15 @@ def of_three(name: str, function: Any, *, more_than_y: bool) -> Callable[..., An
         return function  # type: ignore[no-any-return]
     raise TypeError(
         f"{name} must be a function of (t, x, xdot), or of (t, y) with y = [x, xdot], "
-        f"got {_shown(function)}"
+        f"got {_signature(function)}"
     )
 
 
 def check_arguments(name: str, function: Any, arguments: str) -> None:
     """Refuse a function that does not take as many arguments by position as are named."""
-    counts, given = _counts(function), arguments.count(",") + 1
+    counts, given = _arity(function), arguments.count(",") + 1
     if counts is not None and not counts[0] <= given <= counts[1]:
-        raise TypeError(f"{name} must be a function of ({arguments}), got {_shown(function)}")
+        raise TypeError(f"{name} must be a function of ({arguments}), got {_signature(function)}")
     if arguments.startswith("t, "):
         _check_order(name, function, f"({arguments})")
 
@@ -298,12 +298,12 @@ def _check_order(name: str, function: Any, arguments: str) -> None:
     without = len(names) > 1 and names[0] in POSITIONS and names[1] in VELOCITIES
     if (late and names[0] not in ("t", "time", "self", "_t", "_time", "_")) or without:
         raise TypeError(
-            f"{name} must be a function of {arguments}, got {_shown(function)}; "
+            f"{name} must be a function of {arguments}, got {_signature(function)}; "
             "time is its first argument"
         )
 
 
-def _counts(function: Any) -> tuple[float, float] | None:
+def _arity(function: Any) -> tuple[float, float] | None:
     """Count the arguments that a function needs and the most that it takes, by position."""
     if type(function) is types.FunctionType and not hasattr(function, "__wrapped__"):
         code = function.__code__
@@ -348,7 +348,7 @@ def _names_first(code: types.CodeType) -> bool:
     return False
 
 
-def _shown(function: Any) -> str:
+def _signature(function: Any) -> str:
     name = getattr(function, "__name__", type(function).__name__)
     return f"{'a lambda' if name == '<lambda>' else name}{inspect.signature(function)}"
 

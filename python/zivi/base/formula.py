@@ -195,7 +195,7 @@ def _measure(node: ast.expr, depth: int) -> _Measure:
             raise FormulaError("a power is **")
         if type(link.op) not in _OPERATORS:
             raise FormulaError(f"{type(link.op).__name__} is no part of a formula")
-        measure = _joined(link.op, measure, _measure(link.right, depth + 1))
+        measure = _measure_operation(link.op, measure, _measure(link.right, depth + 1))
     return measure
 
 
@@ -215,11 +215,11 @@ def _atom(node: ast.expr, depth: int) -> _Measure:
         value = CONSTANTS.get(node.id)
         return _Measure(value, int(value is None), (1, int(value is None), 0))
     if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and not node.keywords:
-        return _called(node.func.id, node.args, depth)
+        return _measure_call(node.func.id, node.args, depth)
     raise FormulaError(f"{type(node).__name__} is no part of a formula")
 
 
-def _called(name: str, arguments: list[ast.expr], depth: int) -> _Measure:
+def _measure_call(name: str, arguments: list[ast.expr], depth: int) -> _Measure:
     if name not in FUNCTIONS:
         raise FormulaError(f"{name} is no function; {meant(name, FUNCTIONS)}".rstrip("; "))
     wanted, function = FUNCTIONS[name]
@@ -232,7 +232,7 @@ def _called(name: str, arguments: list[ast.expr], depth: int) -> _Measure:
     return _Measure(value, int(value is None), _chain_rule(inner))
 
 
-def _joined(op: ast.operator, a: _Measure, b: _Measure) -> _Measure:
+def _measure_operation(op: ast.operator, a: _Measure, b: _Measure) -> _Measure:
     """Measure what an operator makes of two parts."""
     value = _worked_out(_OPERATORS[type(op)], [a, b])
     if isinstance(op, ast.Add | ast.Sub):

@@ -665,12 +665,12 @@ Called = TypeVar("Called", bound=Callable[..., Any])
 
 def closest(name: str, known: Iterable[str], cutoff: float = 0.6) -> str | None:
     """Find the known name that is spelt most alike; capitals and underscores do not count."""
-    plain = {_plain(it): it for it in known}
-    close = difflib.get_close_matches(_plain(name), plain, 1, cutoff)
+    plain = {_normalised(it): it for it in known}
+    close = difflib.get_close_matches(_normalised(name), plain, 1, cutoff)
     return plain[close[0]] if close else None
 
 
-def _plain(name: str) -> str:
+def _normalised(name: str) -> str:
     return name.lower().replace("_", "")
 
 

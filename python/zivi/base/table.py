@@ -62,16 +62,16 @@ def listed_by(total: int, what: str, reasons: Iterable[str]) -> str:
 
 def text_of(value: Any) -> str:
     """Write plain values as JSON; numbers that are not finite become null."""
-    return json.dumps(_finite(value), allow_nan=False)
+    return json.dumps(_finite_or_none(value), allow_nan=False)
 
 
-def _finite(value: Any) -> Any:
+def _finite_or_none(value: Any) -> Any:
     if isinstance(value, float):
         return value if math.isfinite(value) else None
     if isinstance(value, Mapping):
-        return {name: _finite(it) for name, it in value.items()}
+        return {name: _finite_or_none(it) for name, it in value.items()}
     if isinstance(value, list | tuple):
-        return [_finite(it) for it in value]
+        return [_finite_or_none(it) for it in value]
     return value
 
 
@@ -189,7 +189,7 @@ def frame(result: Any, table: ResultTable) -> pandas.DataFrame:
         elif len(dims) == 2:
             other = dims[1 - dims.index(rows)]
             values = np.moveaxis(values, dims.index(rows), 0)
-            for k, label in enumerate(_labels(result, table, other)):
+            for k, label in enumerate(_coordinate_labels(result, table, other)):
                 columns[f"{name}_{label}"] = values[:, k]
     if rows in table.coords:
         return pandas.DataFrame(columns, index=pandas.Index(table.value(result, rows), name=rows))
@@ -202,7 +202,7 @@ def _dims(field: Field) -> tuple[str, ...]:
     return (field[0],) if isinstance(field[0], str) else field[0]
 
 
-def _labels(result: Any, table: ResultTable, dim: str) -> list[str]:
+def _coordinate_labels(result: Any, table: ResultTable, dim: str) -> list[str]:
     """Give the names along a dimension, none if it has numbers only."""
     if dim not in table.coords:
         return []

@@ -22,14 +22,14 @@ from zivi.base.status import StudyStatus
 from zivi.files import summary
 from zivi.files.kinds import FileError
 from zivi.files.results import (
-    check_kind,
+    check_netcdf,
     check_suffix,
-    drawn,
     open_result,
+    read_curve,
+    read_run,
     require_library,
     require_regular,
     restored,
-    run_of,
     save,
 )
 from zivi.files.runs import Prepared, Run
@@ -44,8 +44,9 @@ __all__ = [
     "EARLY",
     "INTERRUPTED",
     "WRONG",
-    "check",
-    "example",
+    "check_result",
+    "echo_error",
+    "example_file",
     "has_display",
     "is_study",
     "open_window",
@@ -54,10 +55,9 @@ __all__ = [
     "say",
     "show_record",
     "show_table",
-    "shown",
     "single",
     "study",
-    "warn",
+    "summarise",
     "write_picture",
 ]
 
@@ -103,7 +103,7 @@ def show_record(record: dict[str, Any]) -> None:
     say(json.dumps(record, allow_nan=False, ensure_ascii=False))
 
 
-def warn(text: str) -> None:
+def echo_error(text: str) -> None:
     """Print one line on standard error, if there is any."""
     with contextlib.suppress(OSError):
         typer.echo(text, err=True)
@@ -117,16 +117,16 @@ def is_study(path: Path) -> bool:
     return path.is_dir()
 
 
-def check(path: Path) -> None:
+def check_result(path: Path) -> None:
     """Raise an OSError for what is no result, before anything else is looked at."""
     if not is_study(path):
-        check_kind(path)
+        check_netcdf(path)
 
 
-def shown(path: Path) -> tuple[Table, Figure, dict[str, Any]]:
+def summarise(path: Path) -> tuple[Table, Figure, dict[str, Any]]:
     """Sum up and draw a result; a `FileError` or an OSError if it cannot be read."""
     try:
-        return _shown(path)
+        return _summarise(path)
     except (FileError, OSError, ImportError, MemoryError):
         raise
     except ValueError as error:
@@ -136,7 +136,7 @@ def shown(path: Path) -> tuple[Table, Figure, dict[str, Any]]:
         raise FileError(f"{path}: cannot be shown ({reason:.200})") from error
 
 
-def _shown(path: Path) -> tuple[Table, Figure, dict[str, Any]]:
+def _summarise(path: Path) -> tuple[Table, Figure, dict[str, Any]]:
     from zivi.files.picture import run_picture, study_picture  # with matplotlib
 
     if is_study(path):
@@ -144,7 +144,7 @@ def _shown(path: Path) -> tuple[Table, Figure, dict[str, Any]]:
         table, record = summary.study_table(study), summary.record_of_study(study)
         return table, study_picture(study), record
     dataset = open_result(path)
-    run, curve = restored(path, dataset, run_of), restored(path, dataset, drawn)
+    run, curve = restored(path, dataset, read_run), restored(path, dataset, read_curve)
     return summary.run_table(run), run_picture(curve), summary.record_of_run(run)
 
 
@@ -181,7 +181,7 @@ PICTURES = (".png", ".svg", ".pdf")
 """Endings of pictures."""
 
 
-def example(command: str) -> str:
+def example_file(command: str) -> str:
     """Give the example file of a command."""
     return (resources.files("zivi.files") / "examples" / f"{command}.toml").read_text("utf-8")
 
@@ -224,7 +224,7 @@ def single(
         check_suffix("--out", path)
     except ValueError as error:
         raise FileError(f"zivi: {error}") from None
-    run, code = _computed(prepared, quiet)
+    run, code = _run_prepared(prepared, quiet)
     if not _saved(run, path, force):
         return WRONG
     if as_json:
@@ -234,11 +234,11 @@ def single(
         say(f"{path}: {summary.opening(path, study=False)}")
     if code:
         end = f"{run.t[-1]:.9g} s" if len(run.t) else "the start"
-        warn(f"zivi: the run ended early, at {end}: {run.message}")
+        echo_error(f"zivi: the run ended early, at {end}: {run.message}")
     return code
 
 
-def _computed(prepared: Prepared, quiet: bool) -> tuple[Run, int]:
+def _run_prepared(prepared: Prepared, quiet: bool) -> tuple[Run, int]:
     try:
         run = prepared.run(progress=False if quiet else None)
     except (Exception, KeyboardInterrupt) as error:
@@ -253,7 +253,7 @@ def _saved(run: Run, path: Path, force: bool) -> bool:
     try:
         save(run, path, overwrite=force)
     except OSError as error:
-        warn(f"zivi: {path}: cannot be written: {error}")
+        echo_error(f"zivi: {path}: cannot be written: {error}")
         return False
     return True
 
@@ -284,7 +284,7 @@ def study(
         if not isinstance(partial, Study):
             raise
         stopped = isinstance(error, KeyboardInterrupt)
-        warn(f"zivi: {'stopped by Ctrl-C' if stopped else error}")
+        echo_error(f"zivi: {'stopped by Ctrl-C' if stopped else error}")
         found, code = partial, INTERRUPTED if stopped else EARLY
         if isinstance(error, OSError):
             code = WRONG
@@ -324,7 +324,7 @@ def picture(
     as_json: bool = False,
 ) -> int:
     """Sum up and draw a result."""
-    check(result)
+    check_result(result)
     if out is not None and out.suffix.lower() not in PICTURES:
         raise FileError(f"{out}: must end in {', '.join(PICTURES)}")
     path = None if window else output(out, result, ".png", replace=force)
@@ -332,9 +332,9 @@ def picture(
         raise FileError("zivi show: there is no display for --window; --out writes a picture")
     with warnings.catch_warnings(record=True) as noted:
         warnings.simplefilter("always", UserWarning)
-        table, figure, record = shown(result)
+        table, figure, record = summarise(result)
     for warning in noted:
-        warn(f"zivi: {warning.message}")
+        echo_error(f"zivi: {warning.message}")
     if not quiet and not as_json:
         show_table(table)
     if path is None:

@@ -29,8 +29,8 @@ from zivi.files.kinds import (
     Pair,
     Switch,
     Whole,
+    dotted,
     got_value,
-    joined,
     read_each,
     suggestion,
 )
@@ -52,16 +52,16 @@ __all__ = [
     "SWEEP",
     "TREE",
     "Key",
+    "KeyTable",
     "Open",
     "Row",
-    "Table",
     "Tagged",
+    "flatten_keys",
     "insert",
-    "is_mechanical",
+    "is_mechanism",
     "is_tree",
     "keys_as_text",
     "markdown",
-    "rows",
     "tree_text",
 ]
 
@@ -94,7 +94,7 @@ class Key:
 
 
 @dataclasses.dataclass(frozen=True)
-class Table:
+class KeyTable:
     """A table of known keys."""
 
     keys: tuple[Key, ...]
@@ -131,7 +131,7 @@ class Tagged:
         if not isinstance(value, dict):
             mistakes.add(key, f"must be {self.allowed}, {got_value(value)}")
             return None
-        where = joined(key, self.tag)
+        where = dotted(key, self.tag)
         choice = Choice(tuple(self.variants), others=self.others)
         if self.tag not in value and self.default is None:
             mistakes.add(where, f"is missing: it must be {choice.allowed}")
@@ -142,7 +142,7 @@ class Tagged:
         rest = {name: it for name, it in value.items() if name != self.tag}
         for name in [name for name in rest if name in self._elsewhere(tag)]:
             others = " and ".join(self._elsewhere(tag)[name])
-            mistakes.add(joined(key, name), f"is no setting of {tag}, but of {others}")
+            mistakes.add(dotted(key, name), f"is no setting of {tag}, but of {others}")
             del rest[name]
         return {self.tag: tag} | read_keys(self.variants[tag], rest, key, mistakes)
 
@@ -174,7 +174,7 @@ class Open:
         if not isinstance(value, dict):
             mistakes.add(key, f"must be {self.allowed}, {got_value(value)}")
             return None
-        return {name: self.kind.read(it, joined(key, name), mistakes) for name, it in value.items()}
+        return {name: self.kind.read(it, dotted(key, name), mistakes) for name, it in value.items()}
 
 
 def read_keys(
@@ -184,13 +184,13 @@ def read_keys(
     known = {key.name: key for key in keys}
     for name in value:
         if name not in known:
-            mistakes.add(joined(path, name), f"is no key{suggestion(name, known)}")
+            mistakes.add(dotted(path, name), f"is no key{suggestion(name, known)}")
     for key in keys:
         if key.default is None and key.name not in value:
             text = f"is missing: {key.meaning}, {key.kind.allowed}"
-            mistakes.add(joined(path, key.name), text)
+            mistakes.add(dotted(path, key.name), text)
     return {
-        name: known[name].kind.read(it, joined(path, name), mistakes)
+        name: known[name].kind.read(it, dotted(path, name), mistakes)
         for name, it in value.items()
         if name in known
     }
@@ -205,10 +205,10 @@ class Row:
     key: Key
 
 
-def rows(keys: tuple[Key, ...], path: str = "", variant: str = "") -> Iterator[Row]:
+def flatten_keys(keys: tuple[Key, ...], path: str = "", variant: str = "") -> Iterator[Row]:
     """List keys with all keys below them."""
     for key in keys:
-        here = joined(path, key.name)
+        here = dotted(path, key.name)
         yield Row(here, variant, key)
         yield from _below(key.kind, here, variant)
 
@@ -216,8 +216,8 @@ def rows(keys: tuple[Key, ...], path: str = "", variant: str = "") -> Iterator[R
 def _below(kind: Kind, path: str, variant: str) -> Iterator[Row]:
     if isinstance(kind, Either):
         yield from _below(kind.table, path, variant)
-    elif isinstance(kind, Table):
-        yield from rows(kind.keys, path, variant)
+    elif isinstance(kind, KeyTable):
+        yield from flatten_keys(kind.keys, path, variant)
     elif isinstance(kind, Each):
         yield from _below(kind.of, path, variant)
     elif isinstance(kind, Open):
@@ -227,12 +227,12 @@ def _below(kind: Kind, path: str, variant: str) -> Iterator[Row]:
     elif isinstance(kind, Tagged):
         choice = Choice(tuple(kind.variants))
         default = None if kind.default is None else f'"{kind.default}"'
-        yield Row(joined(path, kind.tag), variant, Key(kind.tag, choice, "which", default=default))
+        yield Row(dotted(path, kind.tag), variant, Key(kind.tag, choice, "which", default=default))
         first, *others = kind.variants.values()
         shared = tuple(key for key in first if all(key in keys for keys in others))
-        yield from rows(shared, path, variant)
+        yield from flatten_keys(shared, path, variant)
         for tag, keys in kind.variants.items():
-            yield from rows(tuple(key for key in keys if key not in shared), path, tag)
+            yield from flatten_keys(tuple(key for key in keys if key not in shared), path, tag)
 
 
 # All keys of all files: what they hold, their units, ranges and defaults.
@@ -249,7 +249,7 @@ SPAN = Key("t_span", Pair(ANY, ANY, ("t0", "t1 > t0")), "start and end", "s")
 STATE = Pair(NOT_NEGATIVE, ANY, ("x", "xdot"))
 START = Key("y0", STATE, "initial distance from the wall and velocity", "m, m/s")
 
-LINEAR = Table(
+LINEAR = KeyTable(
     (
         Key("stiffness", ANY, "k in -k x - c x' - g + A cos(omega t + phase)", "1/s^2", "0"),
         Key("damping", ANY, "c", "1/s", "0"),
@@ -261,7 +261,7 @@ LINEAR = Table(
 )
 FORCE = Either(ANY, LINEAR)
 
-WALL = Table(
+WALL = KeyTable(
     (
         Key("amplitude", ANY, "a in offset + a cos(omega t + phase)", "m"),
         Key("omega", ANY, "omega", "rad/s"),
@@ -271,7 +271,7 @@ WALL = Table(
 )
 
 
-def _restitution(of: str, default: str) -> tuple[Key, Key]:
+def _e_or_kappa(of: str, default: str) -> tuple[Key, Key]:
     return (
         Key(f"e{of}", UNIT, "coefficient of restitution", "1", default),
         Key(f"kappa{of}", UNIT, "(1 - e)/(1 + e), instead of e", "1", default),
@@ -289,11 +289,11 @@ def _setting(it: _zivi.Setting) -> Key:
         below, most = (None if bound == math.inf else bound for bound in (it.below, it.most))
         above = None if it.above == -math.inf else it.above
         kind = Number(above, it.least, below, most, infinite=it.most == math.inf)
-    default = it.comes or (None if it.required else _written(it.default))
+    default = it.comes or (None if it.required else _toml_default(it.default))
     return Key(it.name, kind, it.meaning, it.unit, default)
 
 
-def _written(value: str | float) -> str:
+def _toml_default(value: str | float) -> str:
     """Write a default as a file has it."""
     if isinstance(value, str):
         return f'"{value}"'
@@ -312,7 +312,7 @@ LAW = Tagged(
 _ONE = "one of e and kappa is required"
 
 
-FRICTION = Table(
+FRICTION = KeyTable(
     (
         Key("limit", NOT_NEGATIVE, "largest friction while it slips, per unit mass", "m/s^2"),
         Key("static", NOT_NEGATIVE, "the same while it sticks", "m/s^2", "limit"),
@@ -321,7 +321,7 @@ FRICTION = Table(
 )
 
 
-def _system(e: Kind, meaning: str, *more: Key) -> Key:
+def _system_key(e: Kind, meaning: str, *more: Key) -> Key:
     """Give the key of a system whose wall has an `e` of this kind."""
     keys = (
         Key("force", FORCE, "force per unit mass", "m/s^2"),
@@ -330,15 +330,15 @@ def _system(e: Kind, meaning: str, *more: Key) -> Key:
         Key("wall", WALL, "a wall that vibrates", default="the wall is fixed"),
         *more,
     )
-    return Key("system", Table(keys), "the mass and its wall")
+    return Key("system", KeyTable(keys), "the mass and its wall")
 
 
-MASS_SYSTEM = _system(
+MASS_SYSTEM = _system_key(
     Either(UNIT, LAW),
     "coefficient of restitution, or an impact law",
     Key("friction", FRICTION, "dry friction in a guide, beside a wall at rest", default="none"),
 )
-PLANT = _system(UNIT, "coefficient of restitution")
+PLANT = _system_key(UNIT, "coefficient of restitution")
 
 
 METHODS = {
@@ -358,7 +358,7 @@ SIMULATE = (
     Key("method", Tagged("name", METHODS, "SwitchedRK"), "the method", default="SwitchedRK"),
     Key(
         "t_eval",
-        Either(Numbers(), Table(RANGE)),
+        Either(Numbers(), KeyTable(RANGE)),
         "increasing times within t_span to report",
         "s",
         "all steps",
@@ -374,7 +374,7 @@ TWISTING = (
     Key("mu1", POSITIVE, "gain on the sign of the position", "m/s^2"),
     Key("mu2", POSITIVE, "gain on the sign of the velocity, mu2 < mu1", "m/s^2"),
     Key("h", POSITIVE, "sampling period", "s"),
-    *_restitution("", "that of system"),
+    *_e_or_kappa("", "that of system"),
     Key("bound", NOT_NEGATIVE, "bound of the unknown force; checks the gains", "m/s^2", "no check"),
     _DEPTH,
     Key(
@@ -393,7 +393,7 @@ LANDING = (
     _SOLVER,
     _LINEARISATIONS,
 )
-REFERENCE = _restitution("_ref", "that of the controller")
+REFERENCE = _e_or_kappa("_ref", "that of the controller")
 TRACKING = (
     Key("branch", Choice(twisting.BRANCHES), "how a measurement is lifted", default='"positive"'),
     Key("press", NOT_NEGATIVE, "acceleration towards the wall at rest", "m/s^2", "the law's"),
@@ -435,7 +435,7 @@ CONTROL = (
 
 VALUES = Either(
     Numbers(),
-    Table(
+    KeyTable(
         (
             Key("start", ANY, "first value, or lower bound of a sample", "the parameter's"),
             Key("stop", ANY, "last value, or upper bound", "the parameter's"),
@@ -489,7 +489,7 @@ RESTITUTIONS = Key(
 )
 SHARED = {key.name: key for key in SIMULATE}
 
-MECHANICAL_SYSTEM = Table(
+MECHANICAL_SYSTEM = KeyTable(
     (
         Key("q", Names(), "the coordinates; the velocity of x is xdot, the time t"),
         Key("T", FORMULA, "kinetic energy, quadratic in the velocities"),
@@ -548,7 +548,7 @@ MECHANICS = (
 )
 
 
-def is_mechanical(content: Mapping[str, Any]) -> bool:
+def is_mechanism(content: Mapping[str, Any]) -> bool:
     """Whether a file describes a mechanical system, and not a mass above a wall."""
     system = content.get("system")
     return isinstance(system, dict) and bool({"q", "T", "V", "Q", "gaps"} & set(system))
@@ -656,9 +656,9 @@ GAP = Tagged(
         ),
     },
 )
-TREE_SYSTEM = Table(
+TREE_SYSTEM = KeyTable(
     (
-        Key("bodies", Each(Table(BODY), "tables"), "the bodies, parents before children"),
+        Key("bodies", Each(KeyTable(BODY), "tables"), "the bodies, parents before children"),
         Key("gaps", Each(GAP, "tables"), "the gaps", default="none"),
         Key("gravity", POINT, "acceleration of free fall", "m/s^2", "[0, 0, -9.81]"),
         RESTITUTIONS,
@@ -712,12 +712,12 @@ def tree_text(tree: Tree, t_span: tuple[float, float], y0: Any) -> str:
     system = {"gravity": gravity, "e": _laws(tree)} if len(tree._e) else {"gravity": gravity}
     if changed:
         system["parameters"] = changed
-    parts = [_lines(first), "[system]", _lines(system)]
+    parts = [_toml_lines(first), "[system]", _toml_lines(system)]
     kinds = {kind: name for name, kind in GAPS.items()}
     for body in tree.bodies:
-        parts += ["[[system.bodies]]", _lines(_not_default(body))]
+        parts += ["[[system.bodies]]", _toml_lines(_not_default(body))]
     for gap in tree._structure.gaps:
-        parts += ["[[system.gaps]]", _lines({"kind": kinds[type(gap)]} | _not_default(gap))]
+        parts += ["[[system.gaps]]", _toml_lines({"kind": kinds[type(gap)]} | _not_default(gap))]
     return "\n".join(parts)
 
 
@@ -747,16 +747,16 @@ def _not_default(it: Any) -> dict[str, Any]:
     return found
 
 
-def _lines(values: Mapping[str, Any]) -> str:
-    return "".join(f"{key} = {_value(value)}\n" for key, value in values.items()).rstrip("\n")
+def _toml_lines(values: Mapping[str, Any]) -> str:
+    return "".join(f"{key} = {_toml_value(value)}\n" for key, value in values.items()).rstrip("\n")
 
 
-def _value(value: Any) -> str:
+def _toml_value(value: Any) -> str:
     if isinstance(value, Mapping):
-        inner = ", ".join(f"{json.dumps(key)} = {_value(it)}" for key, it in value.items())
+        inner = ", ".join(f"{json.dumps(key)} = {_toml_value(it)}" for key, it in value.items())
         return f"{{ {inner} }}"
     if isinstance(value, list):
-        return f"[{', '.join(map(_value, value))}]"
+        return f"[{', '.join(map(_toml_value, value))}]"
     return json.dumps(value, ensure_ascii=False)
 
 
@@ -782,12 +782,12 @@ def _tagged(keys: tuple[Key, ...], name: str) -> Tagged:
     return kind
 
 
-OBJECTS: dict[str, tuple[str, Table | Tagged]] = {
+OBJECTS: dict[str, tuple[str, KeyTable | Tagged]] = {
     "force": ("force force_ref force_model", LINEAR),
     "wall": ("wall", WALL),
     "method": ("method", _tagged(SIMULATE, "method")),
     "controller": ("controller", _tagged(CONTROL, "controller")),
-    "times": ("t_eval", Table(RANGE)),
+    "times": ("t_eval", KeyTable(RANGE)),
 }
 """What has a table of its own: the keys that may hold it, and its own keys."""
 
@@ -796,20 +796,20 @@ def markdown(keys: tuple[Key, ...]) -> str:
     """Give the table of the keys of a command, with links where an object is a value."""
     linked = ""
     shown: list[tuple[str, tuple[str, ...]]] = []
-    for row in rows(keys):
+    for row in flatten_keys(keys):
         if linked and row.path.startswith(linked):
             continue
         link = next((it for it, (of, _) in OBJECTS.items() if row.key.name in of.split()), None)
         linked = f"{row.path}." if link else ""
-        shown.append((row.variant, _cells(row, _see(link, row.key) if link else "")))
-    return _table(iter(shown))
+        shown.append((row.variant, _key_cells(row, _see(link, row.key) if link else "")))
+    return _markdown_table(iter(shown))
 
 
 def of_object(name: str) -> str:
     """Give the table of the keys of an object."""
     kind = OBJECTS[name][1]
-    found = rows((Key(name, kind, ""),))
-    return _table((row.variant, _cells(row)) for row in found if row.path != name)
+    found = flatten_keys((Key(name, kind, ""),))
+    return _markdown_table((row.variant, _key_cells(row)) for row in found if row.path != name)
 
 
 def _see(name: str, key: Key) -> str:
@@ -823,7 +823,7 @@ def _see(name: str, key: Key) -> str:
     return said
 
 
-def _table(found: Iterator[tuple[str, tuple[str, ...]]]) -> str:
+def _markdown_table(found: Iterator[tuple[str, tuple[str, ...]]]) -> str:
     """Write rows; those that several kinds of a thing share are one."""
     kinds: dict[tuple[str, ...], list[str]] = {}
     for variant, cells in found:
@@ -834,7 +834,7 @@ def _table(found: Iterator[tuple[str, tuple[str, ...]]]) -> str:
     )
 
 
-def _cells(row: Row, more: str = "") -> tuple[str, ...]:
+def _key_cells(row: Row, more: str = "") -> tuple[str, ...]:
     key = row.key
     default = "**required**" if key.default is None else key.default
     allowed = getattr(key.kind, "words", "") or key.kind.allowed

@@ -31,8 +31,8 @@ __all__ = [
     "Pair",
     "Switch",
     "Whole",
+    "dotted",
     "got_value",
-    "joined",
     "suggestion",
 ]
 
@@ -109,7 +109,7 @@ def _argument(message: str) -> tuple[str, str]:
     return (found[2] or found[1], found[3]) if found else ("", message)
 
 
-def joined(path: str, name: str) -> str:
+def dotted(path: str, name: str) -> str:
     """Append a name to the path of a table."""
     shown = name if BARE.fullmatch(name) else json.dumps(name)
     return f"{path}.{shown}" if path else shown

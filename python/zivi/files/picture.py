@@ -37,7 +37,7 @@ def run_picture(run: Trajectory | ClosedLoop | MechanicalTrajectory) -> Figure:
     """Draw one run."""
     if not isinstance(run, Trajectory):
         return plot.overview(run)
-    figure = _figure((9.0, 6.0))
+    figure = _new_figure((9.0, 6.0))
     axes = figure.subplots(2, 2)
     plot.position(run, axes[0, 0])
     plot.velocity(run, axes[0, 1])
@@ -59,7 +59,7 @@ def study_picture(study: Study) -> Figure:
         raise FileError("the study has no numbers over its parameters")
     columns = math.ceil(math.sqrt(len(names)))
     lines = math.ceil(len(names) / columns)
-    figure = _figure((1.0 + 4.0 * columns, 0.5 + 3.2 * lines))
+    figure = _new_figure((1.0 + 4.0 * columns, 0.5 + 3.2 * lines))
     for name, ax in zip(names, figure.subplots(lines, columns, squeeze=False).flat, strict=False):
         _draw(study, name, ax)
     for ax in figure.axes[len(names) :]:
@@ -68,7 +68,7 @@ def study_picture(study: Study) -> Figure:
     return figure
 
 
-def _figure(size: tuple[float, float]) -> Figure:
+def _new_figure(size: tuple[float, float]) -> Figure:
     import matplotlib.pyplot as plt
 
     return plt.figure(figsize=size, layout="constrained")
@@ -77,14 +77,14 @@ def _figure(size: tuple[float, float]) -> Figure:
 def _draw(study: Study, name: str, ax: Axes) -> None:
     result = study.dataset[name]
     if result.dims == ("point",) or result.ndim > 2:
-        _points(study, name, ax)
+        _draw_points(study, name, ax)
     elif result.ndim == 1 or min(result.shape) <= LINES:
-        _lines(study, name, ax)
+        _draw_lines(study, name, ax)
     else:
         _map(study, name, ax)
 
 
-def _lines(study: Study, name: str, ax: Axes) -> None:
+def _draw_lines(study: Study, name: str, ax: Axes) -> None:
     """Draw a result over the parameter with more values, one line for each value of the other."""
     result = study.dataset[name]
     along = max(result.dims, key=lambda dim: result.sizes[dim])
@@ -94,13 +94,13 @@ def _lines(study: Study, name: str, ax: Axes) -> None:
     colours = _colours(len(values))
     for number, (value, colour) in enumerate(zip(values, colours, strict=True)):
         line = result if other is None else result.isel({other: number})
-        label = None if other is None else f"{other} = {_shown(value)}"
+        label = None if other is None else f"{other} = {_value_text(value)}"
         ax.plot(x, line.values, ".-", color=colour, label=label)
     if other is not None:
         ax.legend(fontsize="small")
     if _spreads(x):
         ax.set_xscale("log")
-    ax.set(xlabel=_label(study, str(along)), ylabel=_label(study, name))
+    ax.set(xlabel=_axis_label(study, str(along)), ylabel=_axis_label(study, name))
 
 
 def _colours(number: int) -> list[Any]:
@@ -112,7 +112,7 @@ def _colours(number: int) -> list[Any]:
     )
 
 
-def _shown(value: Any) -> str:
+def _value_text(value: Any) -> str:
     return value if isinstance(value, str) else f"{value:.4g}"
 
 
@@ -130,8 +130,8 @@ def _map(study: Study, name: str, ax: Axes) -> None:
         ax.set_xticks(range(len(x)), [str(value) for value in x])
     if y.dtype.kind not in NUMERIC:
         ax.set_yticks(range(len(y)), [str(value) for value in y])
-    ax.set(xlabel=_label(study, str(along)), ylabel=_label(study, str(down)))
-    _bar(ax, mesh, _label(study, name))
+    ax.set(xlabel=_axis_label(study, str(along)), ylabel=_axis_label(study, str(down)))
+    _bar(ax, mesh, _axis_label(study, name))
 
 
 def _edges(values: Any) -> Array:
@@ -151,7 +151,7 @@ def _spreads(values: Any) -> bool:
     return bool(np.min(values) > 0 and np.max(values) > 30 * np.min(values))
 
 
-def _points(study: Study, name: str, ax: Axes) -> None:
+def _draw_points(study: Study, name: str, ax: Axes) -> None:
     """Draw a result over the first parameter; the second is the colour."""
     dataset = study.dataset
     parameters = [str(it) for it in dataset.coords][:2]
@@ -163,9 +163,9 @@ def _points(study: Study, name: str, ax: Axes) -> None:
     drawn = ax.scatter(columns[0], dataset[name].values.ravel(), s=12, **colour)
     if _spreads(columns[0]):
         ax.set_xscale("log")
-    ax.set(xlabel=_label(study, parameters[0]), ylabel=_label(study, name))
+    ax.set(xlabel=_axis_label(study, parameters[0]), ylabel=_axis_label(study, name))
     if len(columns) == 2:
-        _bar(ax, drawn, _label(study, parameters[1]))
+        _bar(ax, drawn, _axis_label(study, parameters[1]))
 
 
 def _bar(ax: Axes, drawn: Any, label: str) -> None:
@@ -174,6 +174,6 @@ def _bar(ax: Axes, drawn: Any, label: str) -> None:
     figure.colorbar(drawn, ax=ax, label=label)
 
 
-def _label(study: Study, name: str) -> str:
+def _axis_label(study: Study, name: str) -> str:
     unit = study.dataset[name].attrs.get("units", "1")
     return name if unit == "1" else f"{name} ({unit})"

@@ -43,8 +43,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "ResultError",
-    "check_kind",
-    "drawn",
+    "check_netcdf",
     "holds_mechanical",
     "load",
     "loop_variables",
@@ -52,11 +51,12 @@ __all__ = [
     "mechanical_run",
     "open_result",
     "path_variables",
+    "read_curve",
+    "read_run",
     "require_folder",
     "require_library",
     "require_regular",
     "restored",
-    "run_of",
     "save",
 ]
 
@@ -116,7 +116,7 @@ def mechanical_run(dataset: xarray.Dataset) -> MechanicalTrajectory:
         **more,
         t=dataset["time"].values,
         **sampled | {"contacts": dataset["contacts"].values.astype(bool)},
-        **{ATTRIBUTE.get(name, name): _table(dataset, name, len(names)) for name in TABLES},
+        **{ATTRIBUTE.get(name, name): _read_table(dataset, name, len(names)) for name in TABLES},
         slowest=float(attrs.get("slowest", SLOWEST)),
         status=Status(int(attrs["status"])),
         message=str(attrs["message"]),
@@ -171,7 +171,7 @@ def _mechanical_path(dataset: xarray.Dataset) -> Any:
     return LinearMotion(**steps | {"contacts": steps["contacts"].astype(bool)}, friction=friction)
 
 
-def _table(dataset: xarray.Dataset, name: str, m: int) -> Any:
+def _read_table(dataset: xarray.Dataset, name: str, m: int) -> Any:
     fields, dim = FIELDS[name], TABLES[name]
     if "channel_gap" in dataset:
         fields = {"impacts": IMPACTS}.get(name, fields)
@@ -195,16 +195,16 @@ MOTION, NOTHING, LOST = "MotionPath", "none", ""
 """Other names: the dense output of a method, no path, and that of files which never held one."""
 
 
-def run_of(dataset: xarray.Dataset) -> Trajectory | ClosedLoop | MechanicalTrajectory:
+def read_run(dataset: xarray.Dataset) -> Trajectory | ClosedLoop | MechanicalTrajectory:
     """Give the run that a dataset holds."""
     if holds_mechanical(dataset):
         return mechanical_run(dataset)
     return _closed_loop(dataset) if "u" in dataset else _trajectory(dataset)
 
 
-def drawn(dataset: xarray.Dataset) -> Trajectory | ClosedLoop | MechanicalTrajectory:
+def read_curve(dataset: xarray.Dataset) -> Trajectory | ClosedLoop | MechanicalTrajectory:
     """Give the run with the samples that its plots show."""
-    run = run_of(dataset)
+    run = read_run(dataset)
     if "curve_time" not in dataset or not isinstance(run, Trajectory):
         return run
     x, xdot, s, v = (dataset[f"curve_{name}"].values for name in ("x", "xdot", "s", "v"))
@@ -216,11 +216,11 @@ def drawn(dataset: xarray.Dataset) -> Trajectory | ClosedLoop | MechanicalTrajec
     return dataclasses.replace(run, t=times, **curve, resolved_impacts=impacts, _path=None)
 
 
-def _common(dataset: xarray.Dataset) -> dict[str, Any]:
+def _common_fields(dataset: xarray.Dataset) -> dict[str, Any]:
     attrs = dataset.attrs
     return {
         "t": dataset["time"].values,
-        "resolved_impacts": _impacts(dataset),
+        "resolved_impacts": _read_impacts(dataset),
         "slowest": float(attrs.get("slowest", SLOWEST)),
         "zeno_times": dataset["zeno_time"].values,
         "liftoff_times": dataset["liftoff_time"].values,
@@ -236,7 +236,7 @@ def _config(dataset: xarray.Dataset) -> dict[str, Any]:
     return config
 
 
-def _impacts(dataset: xarray.Dataset) -> NDArray[np.void]:
+def _read_impacts(dataset: xarray.Dataset) -> NDArray[np.void]:
     # version 0.1 had those that were computed where now those are that are listed
     name = "resolved_impact" if "resolved_impact_time" in dataset else "impact"
     impacts = np.empty(len(dataset[f"{name}_time"]), IMPACT)
@@ -250,9 +250,9 @@ def _closed_loop(dataset: xarray.Dataset) -> ClosedLoop:
     names = (*loop_run.QUANTITIES, "signs", "tick_status", *loop_run.ESTIMATES)
     sampled: dict[str, Any] = {it: dataset[it].values for it in names if it in dataset}
     config, span = _config(dataset), dataset.attrs.get("span")
-    times, states = _events(dataset)
+    times, states = _split_events(dataset)
     return ClosedLoop(
-        **_common(dataset),
+        **_common_fields(dataset),
         **sampled,
         config=config,
         updates=Updates.of_attrs(dataset.attrs, sampled["tick_status"]),
@@ -301,10 +301,10 @@ def _loop_reference(dataset: xarray.Dataset) -> SampledReference | None:
 
 
 def _trajectory(dataset: xarray.Dataset) -> Trajectory:
-    attrs, common = dataset.attrs, _common(dataset)
+    attrs, common = dataset.attrs, _common_fields(dataset)
     samples: dict[str, Any] = {name: dataset[name].values for name in QUANTITIES}
     config = _config(dataset)
-    times, states = _events(dataset)
+    times, states = _split_events(dataset)
     path = _path(dataset, common["t"], samples, config["kappa"])
     lifted = Transformed(*(samples.pop(name) for name in LIFTED))
     return Trajectory(
@@ -318,7 +318,7 @@ def _trajectory(dataset: xarray.Dataset) -> Trajectory:
         t_events=times,
         y_events=states,
         _path=path,
-        _wall=_wall(config["wall"]),
+        _wall=_read_wall(config["wall"]),
     )
 
 
@@ -330,13 +330,13 @@ def path_variables(run: Trajectory) -> tuple[str, dict[str, Array]]:
     name = type(path).__name__
     if path is None or name not in PATHS:
         return NOTHING if path is None else LOST, {}
-    samples = {field: getattr(path, field) for field in _sampled(PATHS[name])}
+    samples = {field: getattr(path, field) for field in _sampled_fields(PATHS[name])}
     own = {"t": run.t, "x": run.x, "xdot": run.xdot, **vars(run.transformed)}
     same = all(np.array_equal(own[field], samples[field]) for field in samples)
     return name, {} if same else {f"path_{field}": samples[field] for field in samples}
 
 
-def _sampled(kind: Any) -> list[str]:
+def _sampled_fields(kind: Any) -> list[str]:
     """Name the samples that a path goes through."""
     known = ("t", *QUANTITIES)
     return [field.name for field in dataclasses.fields(kind) if field.name in known]
@@ -352,12 +352,12 @@ def _path(
         return None if name == NOTHING else LostPath()
     kind, known = PATHS[name], {"t": t, **samples}
     if "path_t" in dataset:
-        known = {field: dataset[f"path_{field}"].values for field in _sampled(kind)}
-    path: LinearPath = kind(**{field: known[field] for field in _sampled(kind)}, kappa=kappa)
+        known = {field: dataset[f"path_{field}"].values for field in _sampled_fields(kind)}
+    path: LinearPath = kind(**{field: known[field] for field in _sampled_fields(kind)}, kappa=kappa)
     return path
 
 
-def _events(dataset: xarray.Dataset) -> tuple[list[Array], list[Array]]:
+def _split_events(dataset: xarray.Dataset) -> tuple[list[Array], list[Array]]:
     """Part the events by their functions."""
     function, times = dataset["event_function"].values, dataset["event_time"].values
     states = np.column_stack([dataset["event_x"].values, dataset["event_xdot"].values])
@@ -365,7 +365,7 @@ def _events(dataset: xarray.Dataset) -> tuple[list[Array], list[Array]]:
     return [times[own] for own in each], [states[own] for own in each]
 
 
-def _wall(told: dict[str, Any] | None) -> HarmonicWall | MovingWall | TableMotion | None:
+def _read_wall(told: dict[str, Any] | None) -> HarmonicWall | MovingWall | TableMotion | None:
     if told is None:
         return None
     values = {name: value for name, value in told.items() if name != "name"}
@@ -459,7 +459,7 @@ def save(run: Tabulated, path: str | PathLike[str], *, overwrite: bool = False) 
     check_suffix("path", path)
     if path.suffix.lower() != TABLE:
         require_library()
-    _refuse(path, overwrite)
+    _check_target(path, overwrite)
     require_folder(path)
     draft = path.with_name(f".{path.name}.{uuid.uuid4().hex[:8]}")
     try:
@@ -468,13 +468,13 @@ def save(run: Tabulated, path: str | PathLike[str], *, overwrite: bool = False) 
         else:
             dataset_of(run).to_netcdf(draft, engine=ENGINE, format="NETCDF4")
             _seal(draft)
-        _refuse(path, overwrite)
+        _check_target(path, overwrite)
         os.replace(draft, path)
     finally:
         draft.unlink(missing_ok=True)
 
 
-def _refuse(path: Path, overwrite: bool) -> None:
+def _check_target(path: Path, overwrite: bool) -> None:
     if path.exists() and not overwrite:
         raise FileExistsError(f"{path} is there already")
     require_regular(path)
@@ -504,7 +504,7 @@ def _seal(file: Path) -> None:
         os.fsync(opened.fileno())
 
 
-def check_kind(file: Path) -> None:
+def check_netcdf(file: Path) -> None:
     """Raise an OSError if there is no file, or none that begins as a netCDF file does."""
     if not file.is_file():
         raise FileNotFoundError(f"{file}: there is no such file")
@@ -553,7 +553,7 @@ def load(path: str | PathLike[str]) -> Trajectory | ClosedLoop | MechanicalTraje
     ResultError
         If it is something else, or damaged.
     """
-    return restored(path, open_result(path), run_of)
+    return restored(path, open_result(path), read_run)
 
 
 def restored(
@@ -591,7 +591,7 @@ def open_result(path: str | PathLike[str]) -> xarray.Dataset:
     import xarray
 
     path = Path(path)
-    check_kind(path)
+    check_netcdf(path)
     _check_seal(path)
     try:
         with xarray.open_dataset(path, engine=ENGINE) as opened:

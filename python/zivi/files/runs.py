@@ -20,7 +20,7 @@ from zivi.files.file_keys import (
     SIMULATE,
     TREE,
     Key,
-    is_mechanical,
+    is_mechanism,
     is_tree,
     read_keys,
 )
@@ -38,24 +38,24 @@ from zivi.system.tree import Tree
 from zivi.system.tree_bodies import Body
 
 __all__ = [
-    "Content",
+    "FileContent",
     "Prepared",
     "Run",
+    "argument_keys",
+    "build_controller",
+    "build_force",
+    "build_mechanism",
+    "build_method",
+    "build_system",
+    "build_tree",
     "command_of",
-    "controller",
-    "force",
-    "mechanics",
     "mechanism_of",
-    "method",
-    "named",
     "plant_of",
     "prepare_control",
     "prepare_simulate",
-    "read",
-    "restitution",
+    "read_file",
+    "restitution_key",
     "spaced",
-    "system",
-    "tree",
 ]
 
 # Reads a file into checked values.
@@ -71,7 +71,7 @@ DEEP = re.compile(rf"(?<![\w-])(?:{PART}\.[ \t]*+){{{DEEPEST}}}")
 
 
 @dataclasses.dataclass(frozen=True)
-class Content:
+class FileContent:
     """What a file says.
 
     Parameters
@@ -86,9 +86,9 @@ class Content:
     mistakes: Mistakes
 
 
-def read(
+def read_file(
     path: Path, keys: Keys | Callable[[dict[str, Any]], Keys], command: str | None = None
-) -> Content:
+) -> FileContent:
     """Read a file; a `FileError` tells all that is wrong with it.
 
     Parameters
@@ -101,13 +101,13 @@ def read(
         The command that reads it; a file for another one is rejected in one line.
     """
     mistakes = Mistakes(path)
-    content = _parsed(path)
+    content = _parse_toml(path)
     meant = command_of(content)
     if command is not None and meant not in (command, None):
         raise FileError(f"{path}: is a file for zivi {meant}, not for zivi {command}")
     values = read_keys(keys(content) if callable(keys) else keys, content, "", mistakes)
     mistakes.stop()
-    return Content(values, mistakes)
+    return FileContent(values, mistakes)
 
 
 def command_of(content: dict[str, Any]) -> str | None:
@@ -124,7 +124,7 @@ def command_of(content: dict[str, Any]) -> str | None:
     return found[0]
 
 
-def _parsed(path: Path) -> dict[str, Any]:
+def _parse_toml(path: Path) -> dict[str, Any]:
     try:
         if path.stat().st_size > LARGEST:
             raise FileError(f"{path}: is larger than {LARGEST // 10**6} MB")
@@ -148,22 +148,22 @@ def _parsed(path: Path) -> dict[str, Any]:
 # Builds systems, methods and controllers from checked values.
 
 
-def force(value: Any) -> Force:
+def build_force(value: Any) -> Force:
     """Build a force from a number or coefficients."""
     return LinearForce(**value) if isinstance(value, dict) else value
 
 
-def system(values: dict[str, Any], mistakes: Mistakes) -> ImpactSystem:
+def build_system(values: dict[str, Any], mistakes: Mistakes) -> ImpactSystem:
     """Build a system."""
     wall = values.get("wall")
     given: dict[str, Any] = {name: values[name] for name in ("e", "kappa") if name in values}
     given = with_law(given, mistakes)
     if friction := values.get("friction"):
-        with mistakes.naming(named("system.friction", friction), "system.friction"):
+        with mistakes.naming(argument_keys("system.friction", friction), "system.friction"):
             given["friction"] = DryFriction(**friction)
-    with mistakes.naming(named("system", (*given, "wall")), "system"):
+    with mistakes.naming(argument_keys("system", (*given, "wall")), "system"):
         return ImpactSystem(
-            force(values["force"]),
+            build_force(values["force"]),
             wall=None if wall is None else HarmonicWall(**wall),
             **given,
         )
@@ -182,22 +182,22 @@ def law(value: Any, key: str, mistakes: Mistakes) -> Any:
     if not isinstance(value, dict):
         return value
     settings = {name: it for name, it in value.items() if name != "law"}
-    with mistakes.naming(named(key, settings), key):
+    with mistakes.naming(argument_keys(key, settings), key):
         return LAWS[value["law"]](**settings)
 
 
-def mechanics(values: dict[str, Any], mistakes: Mistakes) -> MechanicalSystem:
+def build_mechanism(values: dict[str, Any], mistakes: Mistakes) -> MechanicalSystem:
     """Build a mechanical system from its energies."""
     values = with_law(values, mistakes)
-    with mistakes.naming(named("system", values), "system"):
+    with mistakes.naming(argument_keys("system", values), "system"):
         return symbolic_system(**values)
 
 
-def tree(values: dict[str, Any], mistakes: Mistakes) -> Tree:
+def build_tree(values: dict[str, Any], mistakes: Mistakes) -> Tree:
     """Build a tree of bodies."""
     given = {name: it for name, it in values.items() if name in ("gravity", "e")}
     settings = with_law(given, mistakes)
-    with mistakes.naming(named("system", ("bodies", "gaps", "gravity", "e")), "system"):
+    with mistakes.naming(argument_keys("system", ("bodies", "gaps", "gravity", "e")), "system"):
         bodies = [Body(**body) for body in values["bodies"]]
         gaps = [
             GAPS[gap["kind"]](**{name: it for name, it in gap.items() if name != "kind"})
@@ -215,19 +215,19 @@ def tree(values: dict[str, Any], mistakes: Mistakes) -> Tree:
     return found
 
 
-def method(values: dict[str, Any], mistakes: Mistakes) -> Any:
+def build_method(values: dict[str, Any], mistakes: Mistakes) -> Any:
     """Build a method by its name."""
     settings = {name: value for name, value in values.items() if name != "name"}
-    with mistakes.naming(named("method", settings), "method"):
+    with mistakes.naming(argument_keys("method", settings), "method"):
         return METHODS[values["name"]](**settings)
 
 
-def controller(
+def build_controller(
     values: dict[str, Any], plant: ImpactSystem, keys: dict[str, str], mistakes: Mistakes
 ) -> Any:
     """Build a controller by its name; it believes in the wall of the plant unless told another."""
     settings = {name: value for name, value in values.items() if name != "name"}
-    names = named("controller", settings)
+    names = argument_keys("controller", settings)
     names |= dict.fromkeys(("u_min", "u_max"), "controller.u_limits")
     if not ("e" in settings or "kappa" in settings):
         settings["kappa"] = plant.kappa
@@ -236,12 +236,12 @@ def controller(
         return getattr(twisting, values["name"])(**settings)
 
 
-def named(table: str, names: Iterable[str]) -> dict[str, str]:
+def argument_keys(table: str, names: Iterable[str]) -> dict[str, str]:
     """Give the key of each argument that a table holds."""
     return {name: f"{table}.{name}" for name in names}
 
 
-def restitution(values: dict[str, Any]) -> dict[str, str]:
+def restitution_key(values: dict[str, Any]) -> dict[str, str]:
     """Give the key behind the restitution of a system, whichever of the two was given."""
     key = "system.kappa" if "kappa" in values else "system.e"
     return {"e": key, "kappa": key}
@@ -288,13 +288,13 @@ class Prepared:
 
 def plant_of(path: Path) -> tuple[dict[str, Any], Any, Mistakes]:
     """Read a file of ``zivi simulate``: its values, the system, and where mistakes of it go."""
-    content = read(path, _keys, "simulate")
+    content = read_file(path, _keys_for, "simulate")
     values, mistakes = content.values, content.mistakes
-    builds: Callable[[dict[str, Any], Mistakes], Any] = system
+    builds: Callable[[dict[str, Any], Mistakes], Any] = build_system
     if is_tree(values):
-        builds = tree
-    elif is_mechanical(values):
-        builds = mechanics
+        builds = build_tree
+    elif is_mechanism(values):
+        builds = build_mechanism
     return values, builds(values["system"], mistakes), mistakes
 
 
@@ -305,12 +305,12 @@ def prepare_simulate(path: Path) -> Prepared:
     if isinstance(plant, MechanicalSystem):
         keys |= {"q0": "y0", "qdot0": "y0"}
     else:
-        keys |= PAIRS | restitution(values["system"])
-    arguments: dict[str, Any] = {"t_eval": _times(values.get("t_eval"), mistakes)}
+        keys |= PAIRS | restitution_key(values["system"])
+    arguments: dict[str, Any] = {"t_eval": _read_times(values.get("t_eval"), mistakes)}
     if "tstops" in values:
         arguments["tstops"] = np.array(values["tstops"])
     if "method" in values:
-        arguments["method"] = method(values["method"], mistakes)
+        arguments["method"] = build_method(values["method"], mistakes)
 
     def call(progress: bool | None) -> Run:
         run: Run = simulate(plant, values["t_span"], values["y0"], progress=progress, **arguments)
@@ -319,13 +319,13 @@ def prepare_simulate(path: Path) -> Prepared:
     return Prepared(call, keys, mistakes)
 
 
-def _keys(content: dict[str, Any]) -> tuple[Key, ...]:
+def _keys_for(content: dict[str, Any]) -> tuple[Key, ...]:
     if is_tree(content):
         return TREE
-    return MECHANICS if is_mechanical(content) else SIMULATE
+    return MECHANICS if is_mechanism(content) else SIMULATE
 
 
-def _times(value: Any, mistakes: Mistakes) -> np.ndarray | None:
+def _read_times(value: Any, mistakes: Mistakes) -> np.ndarray | None:
     if not isinstance(value, dict):
         return None if value is None else np.array(value)
     if value["start"] > value["stop"]:
@@ -341,11 +341,11 @@ FORCES = ("force_ref", "force_model")
 
 def prepare_control(path: Path) -> Prepared:
     """Read a file of ``zivi control``."""
-    content = read(path, CONTROL, "control")
+    content = read_file(path, CONTROL, "control")
     values, mistakes = content.values, content.mistakes
-    plant = system(values["system"], mistakes)
-    wall = restitution(values["system"])
-    law = controller(values["controller"], plant, wall, mistakes)
+    plant = build_system(values["system"], mistakes)
+    wall = restitution_key(values["system"])
+    law = build_controller(values["controller"], plant, wall, mistakes)
     if not hasattr(law, "x_ref"):
         name = values["controller"]["name"]
         for key in ("y_ref0", "force_ref"):
@@ -353,9 +353,9 @@ def prepare_control(path: Path) -> Prepared:
                 mistakes.add(key, f"is given, but a {name} follows no reference")
         mistakes.stop()
     options = {name: values[name] for name in OPTIONS if name in values}
-    options |= {name: force(values[name]) for name in FORCES if name in values}
+    options |= {name: build_force(values[name]) for name in FORCES if name in values}
     if "method" in values:
-        options["method"] = method(values["method"], mistakes)
+        options["method"] = build_method(values["method"], mistakes)
     keys = {name: name for name in (*OPTIONS, *FORCES, "t_span", "y0")} | PAIRS | wall
     keys |= {"h": "controller.h", "method": "method", "controller": "controller"}
 

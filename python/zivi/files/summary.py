@@ -14,13 +14,13 @@ from rich.text import Text
 from zivi.base.check import Array
 from zivi.base.status import StudyStatus
 from zivi.control.closed_loop import ClosedLoop
-from zivi.files.sweeps import parameters_of
+from zivi.files.sweeps import experiment_parameters
 from zivi.simulation.mechanical_trajectory import MechanicalTrajectory, rows_of
 from zivi.simulation.trajectory import Trajectory
 from zivi.study import EXPERIMENTS, Study
 
 __all__ = [
-    "experiments",
+    "experiments_table",
     "opening",
     "record_of_run",
     "record_of_study",
@@ -39,7 +39,7 @@ def opening(path: Path, study: bool) -> str:
     return f'xarray.{"open_zarr" if study else "open_dataset"}("{path}")'
 
 
-def _table(title: str, rows: Iterable[tuple[str, str]]) -> Table:
+def _summary_table(title: str, rows: Iterable[tuple[str, str]]) -> Table:
     table = Table(title=title, show_header=False, title_justify="left")
     # both columns wrap where the terminal is narrow
     table.add_column(overflow="fold", min_width=NARROWEST)
@@ -69,17 +69,17 @@ def record_of_run(run: Trajectory | ClosedLoop | MechanicalTrajectory) -> dict[s
         "impacts": len(run.impacts),
         "rest_time": getattr(run, "rest_time", None),
         "nfev": run.nfev,
-        "summary": dict(_rows(run)),
+        "summary": dict(_run_rows(run)),
     }
 
 
 def run_table(run: Trajectory | ClosedLoop | MechanicalTrajectory) -> Table:
     """Sum up one run."""
     titles = {"ClosedLoop": "Closed loop", "MechanicalTrajectory": "Mechanical system"}
-    return _table(titles.get(type(run).__name__, "Trajectory"), _rows(run))
+    return _summary_table(titles.get(type(run).__name__, "Trajectory"), _run_rows(run))
 
 
-def _rows(run: Trajectory | ClosedLoop | MechanicalTrajectory) -> list[tuple[str, str]]:
+def _run_rows(run: Trajectory | ClosedLoop | MechanicalTrajectory) -> list[tuple[str, str]]:
     if isinstance(run, MechanicalTrajectory):
         return list(rows_of(run).items())
     rows = [("status", f"{run.status.name.lower()}: {run.message}"), ("time", _span(run.t, "s"))]
@@ -93,8 +93,8 @@ def _wall_rows(run: Trajectory | ClosedLoop) -> list[tuple[str, str]]:
     rest = "no" if run.rest_time is None else f"from {run.rest_time:.9g} s"
     return [
         ("impacts", f"{len(run.impacts)}, {len(run.resolved_impacts)} resolved"),
-        ("Zeno points", _times(run.zeno_times)),
-        ("lift-offs", _times(run.liftoff_times)),
+        ("Zeno points", _times_text(run.zeno_times)),
+        ("lift-offs", _times_text(run.liftoff_times)),
         ("at rest at the end", rest),
     ]
 
@@ -129,7 +129,7 @@ def _span(values: Array, unit: str) -> str:
     return f"{np.min(values):.6g} .. {np.max(values):.6g} {unit}"
 
 
-def _times(times: Array) -> str:
+def _times_text(times: Array) -> str:
     shown = ", ".join(f"{time:.9g}" for time in times[:SHOWN])
     more = ", ..." if len(times) > SHOWN else ""
     return f"{len(times)}" + (f", at {shown}{more} s" if shown else "")
@@ -174,27 +174,27 @@ def study_table(study: Study) -> Table:
         failed = study.failed.head(SHOWN)
         for number, point in failed.iterrows():
             rows.append((f"point {number}", str(point["message"])))
-    return _table(str(study.dataset.attrs.get("title", "Study")), rows)
+    return _summary_table(str(study.dataset.attrs.get("title", "Study")), rows)
 
 
 def _unit(unit: object) -> str:
     return "" if unit in (None, "1") else str(unit)
 
 
-def experiments() -> Table:
+def experiments_table() -> Table:
     """List the experiments that a file of ``zivi sweep`` can name."""
     table = Table("experiment", "parameters and their defaults", "results", show_lines=True)
     for name, function in EXPERIMENTS.items():
         units = getattr(function, "units", {})
-        known = parameters_of(name)
+        known = experiment_parameters(name)
         first = (inspect.getdoc(function) or "").partition("\n")[0].replace(":math:", "")
-        told = "\n".join(_parameter(it, units.get(it.name, "")) for it in known.values())
+        told = "\n".join(_parameter_text(it, units.get(it.name, "")) for it in known.values())
         results = [f"{it} ({unit})" for it, unit in units.items() if it not in known]
         table.add_row(f"{name}\n{first}", told, "\n".join(results))
     return table
 
 
-def _parameter(parameter: inspect.Parameter, unit: str) -> str:
+def _parameter_text(parameter: inspect.Parameter, unit: str) -> str:
     default = parameter.default
     shown = "" if default is parameter.empty else f" = {default:.6g}"
     return f"{parameter.name}{shown} {f'({unit})' if _unit(unit) else ''}".rstrip()

@@ -11,11 +11,11 @@ from typing import Any
 import numpy as np
 
 from zivi.files.file_keys import SWEEP
-from zivi.files.kinds import Mistakes, joined, suggestion
-from zivi.files.runs import read, spaced
+from zivi.files.kinds import Mistakes, dotted, suggestion
+from zivi.files.runs import read_file, spaced
 from zivi.study import EXPERIMENTS, Design, Study, grid, points, sample, sweep
 
-__all__ = ["MAX_POINTS", "PreparedSweep", "parameters_of", "prepare_sweep"]
+__all__ = ["MAX_POINTS", "PreparedSweep", "experiment_parameters", "prepare_sweep"]
 
 MAX_POINTS = 10_000_000
 """Most points of a study from a file."""
@@ -50,28 +50,28 @@ class PreparedSweep:
             return sweep(self.experiment, self.design, out=out, **self.options, **options)
 
 
-def parameters_of(experiment: str) -> dict[str, inspect.Parameter]:
+def experiment_parameters(experiment: str) -> dict[str, inspect.Parameter]:
     """Give the parameters of an experiment."""
     return dict(inspect.signature(EXPERIMENTS[experiment]).parameters)
 
 
 def prepare_sweep(path: Path) -> PreparedSweep:
     """Read a file of ``zivi sweep``."""
-    content = read(path, SWEEP, "sweep")
+    content = read_file(path, SWEEP, "sweep")
     values, mistakes = content.values, content.mistakes
-    known = parameters_of(values["experiment"])
+    known = experiment_parameters(values["experiment"])
     fixed = values.get("fixed", {})
-    _check_names(values["parameters"], fixed, known, mistakes)
+    _check_parameter_names(values["parameters"], fixed, known, mistakes)
     mistakes.stop()
     kind = values.get("design", {"kind": "grid"})
-    make = _sampled if kind["kind"] == "sample" else _listed
+    make = _read_sample if kind["kind"] == "sample" else _read_list
     design = make(values["parameters"], kind, known, mistakes)
     options: dict[str, Any] = {
         name: values[name] for name in ("workers", "seed", "chunk") if name in values
     }
     options |= {
         "executor": EXECUTORS[values.get("executor", "serial")],
-        "fixed": {name: _kept(fixed[name], known[name], joined("fixed", name), mistakes)
+        "fixed": {name: _as_integers(fixed[name], known[name], dotted("fixed", name), mistakes)
                   for name in fixed},
     }  # fmt: skip
     mistakes.stop()
@@ -81,7 +81,7 @@ def prepare_sweep(path: Path) -> PreparedSweep:
     return PreparedSweep(values["experiment"], design, options, mistakes)
 
 
-def _check_names(
+def _check_parameter_names(
     given: dict[str, Any],
     fixed: dict[str, Any],
     known: dict[str, inspect.Parameter],
@@ -91,9 +91,9 @@ def _check_names(
         for name in names:
             if name not in known:
                 text = f"is no parameter of the experiment{suggestion(name, known)}"
-                mistakes.add(joined(table, name), text)
+                mistakes.add(dotted(table, name), text)
     for name in set(given) & set(fixed):
-        mistakes.add(joined("fixed", name), "is among the parameters, too")
+        mistakes.add(dotted("fixed", name), "is among the parameters, too")
     if not given:
         mistakes.add("parameters", f"must have one at least{suggestion('', known)}")
     for name, parameter in known.items():
@@ -101,7 +101,7 @@ def _check_names(
             mistakes.add(f"parameters.{name}", "is missing: the experiment has no default for it")
 
 
-def _listed(
+def _read_list(
     given: dict[str, Any],
     kind: dict[str, Any],
     known: dict[str, inspect.Parameter],
@@ -110,15 +110,15 @@ def _listed(
     """Make a grid or a list of points."""
     columns = {}
     for name, value in given.items():
-        key = joined("parameters", name)
+        key = dotted("parameters", name)
         column = _range(value, key, mistakes) if isinstance(value, dict) else np.array(value)
-        columns[name] = _kept(column, known[name], key, mistakes)
+        columns[name] = _as_integers(column, known[name], key, mistakes)
     mistakes.stop()
-    _check_size({name: len(column) for name, column in columns.items()}, kind["kind"], mistakes)
+    _check_count({name: len(column) for name, column in columns.items()}, kind["kind"], mistakes)
     return grid(**columns) if kind["kind"] == "grid" else points(**columns)
 
 
-def _check_size(lengths: dict[str, int], kind: str, mistakes: Mistakes) -> None:
+def _check_count(lengths: dict[str, int], kind: str, mistakes: Mistakes) -> None:
     number = math.prod(lengths.values())
     if kind == "grid" and number > MAX_POINTS:
         mistakes.add("parameters", f"must give at most {MAX_POINTS} points, they give {number}")
@@ -151,7 +151,7 @@ def _ends(value: dict[str, Any], key: str, mistakes: Mistakes) -> bool:
     return not (missing or wrong)
 
 
-def _sampled(
+def _read_sample(
     given: dict[str, Any],
     kind: dict[str, Any],
     known: dict[str, inspect.Parameter],
@@ -159,12 +159,12 @@ def _sampled(
 ) -> Design:
     """Draw points."""
     for name, value in given.items():
-        key = joined("parameters", name)
+        key = dotted("parameters", name)
         if not isinstance(value, dict):
             text = "must be a table with start and stop, the bounds of a sample"
             mistakes.add(key, f"{text}, got a list")
         else:
-            _check_bounds(value, key, mistakes)
+            _check_sample_range(value, key, mistakes)
         if known[name].annotation in ("int", int):
             mistakes.add(key, "takes whole numbers, and a sample draws others")
     mistakes.stop()
@@ -175,14 +175,14 @@ def _sampled(
         return sample(settings["sampler"], settings["n"], bounds, log=logs, seed=settings["seed"])
 
 
-def _check_bounds(value: dict[str, Any], key: str, mistakes: Mistakes) -> None:
+def _check_sample_range(value: dict[str, Any], key: str, mistakes: Mistakes) -> None:
     if "num" in value:
         mistakes.add(f"{key}.num", "has no place in a sample: design.n is the number of points")
     if _ends(value, key, mistakes) and not value["start"] < value["stop"]:
         mistakes.add(f"{key}.stop", f"must be > start in a sample, got {value['stop']}")
 
 
-def _kept(values: Any, parameter: inspect.Parameter, key: str, mistakes: Mistakes) -> Any:
+def _as_integers(values: Any, parameter: inspect.Parameter, key: str, mistakes: Mistakes) -> Any:
     """Make whole numbers of those for a parameter that takes them."""
     if parameter.annotation not in ("int", int):
         return values

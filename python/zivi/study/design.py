@@ -117,7 +117,7 @@ def grid(**axes: ArrayLike) -> Design:
     >>> zivi.grid(e=np.linspace(0.1, 0.9, 9), h=[1e-3, 1e-2])
     <Design grid of 9 x 2 points: e, h>
     """
-    return Design("grid", _columns(axes))
+    return Design("grid", _parameter_columns(axes))
 
 
 def points(**columns: ArrayLike) -> Design:
@@ -143,7 +143,7 @@ def points(**columns: ArrayLike) -> Design:
     >>> zivi.points(e=[0.2, 0.5], h=[1e-3, 1e-2])
     <Design list of 2 points: e, h>
     """
-    return _listed("list", columns)
+    return _list_design("list", columns)
 
 
 @hinted("sample")
@@ -211,7 +211,7 @@ def sample(
         scale = np.exp if name in log else np.asarray
         ends = (math.log(low), math.log(high)) if name in log else (low, high)
         columns[name] = np.clip(scale(ends[0] + draws * (ends[1] - ends[0])), low, high)
-    return _listed("sample", columns)
+    return _list_design("sample", columns)
 
 
 def design_of(given: Any) -> Design:
@@ -228,7 +228,7 @@ def _design_of(given: Any) -> Design:
     if isinstance(given, Design):
         return given
     if isinstance(given, Mapping):
-        return Design("grid", _columns(given))
+        return Design("grid", _parameter_columns(given))
     if isinstance(given, Sequence) and given and all(isinstance(it, Mapping) for it in given):
         names = list(given[0])
         for number, one in enumerate(given):
@@ -236,28 +236,28 @@ def _design_of(given: Any) -> Design:
                 raise ValueError(
                     f"points[{number}] has the parameters {sorted(one)}, points[0] {sorted(names)}"
                 )
-        return _listed("list", {name: [one[name] for one in given] for name in names})
+        return _list_design("list", {name: [one[name] for one in given] for name in names})
     raise TypeError(
         "points must be a dict of values (a grid), a list of dicts, or what zivi.grid, zivi.points "
         f"or zivi.sample give, got {type(given).__name__} {given!r:.100}"
     )
 
 
-def _listed(kind: str, columns: Mapping[str, ArrayLike]) -> Design:
-    values = _columns(columns)
+def _list_design(kind: str, columns: Mapping[str, ArrayLike]) -> Design:
+    values = _parameter_columns(columns)
     lengths = {name: len(column) for name, column in values.items()}
     if len(set(lengths.values())) > 1:
         raise ValueError(f"listed parameters must have one length, got {lengths}")
     return Design(kind, values)
 
 
-def _columns(given: Mapping[str, ArrayLike]) -> dict[str, NDArray[Any]]:
+def _parameter_columns(given: Mapping[str, ArrayLike]) -> dict[str, NDArray[Any]]:
     if not given:
         raise ValueError("a study needs at least one parameter")
-    return {name_of("parameter", name): _column(name, values) for name, values in given.items()}
+    return {valid_name("parameter", name): _levels(name, values) for name, values in given.items()}
 
 
-def name_of(what: str, name: Any) -> str:
+def valid_name(what: str, name: Any) -> str:
     """Return `name` if a parameter or a result can have it."""
     if not isinstance(name, str):
         raise TypeError(f"the name of a {what} must be a string, got {name!r}")
@@ -273,7 +273,7 @@ def name_of(what: str, name: Any) -> str:
     return name
 
 
-def _column(name: str, values: ArrayLike) -> NDArray[Any]:
+def _levels(name: str, values: ArrayLike) -> NDArray[Any]:
     unmasked(name, values)
     try:
         column = np.asarray(values)

@@ -34,14 +34,14 @@ __all__ = [
     "UndigestibleError",
     "differences",
     "digest",
+    "function_name",
+    "function_state",
     "identity",
-    "is_ours",
+    "is_local",
     "kept_attributes",
     "kept_cells",
     "module_of",
-    "named",
-    "source",
-    "state_of",
+    "source_digest",
     "unformatted",
     "used",
     "uses",
@@ -67,7 +67,7 @@ def used(function: types.FunctionType) -> Iterator[tuple[str, Any]]:
     codes = list(_codes(function.__code__))
     names = {name for code in codes for name in code.co_names}
     texts = {it for code in codes for it in code.co_consts if isinstance(it, str)}
-    written = _written(function)
+    written = _assigned_names(function)
     if names & DYNAMIC:
         names |= texts
     for name in sorted(names & function.__globals__.keys() - written):
@@ -81,7 +81,7 @@ def used(function: types.FunctionType) -> Iterator[tuple[str, Any]]:
 
 def kept_cells(function: types.FunctionType) -> Iterator[tuple[str, types.CellType]]:
     """Give the variables of a closure that the function does not write itself."""
-    written = _written(function)
+    written = _assigned_names(function)
     for name, cell in zip(function.__code__.co_freevars, function.__closure__ or (), strict=True):
         if name not in written:
             yield name, cell
@@ -96,7 +96,7 @@ def kept_attributes(value: Any) -> set[str]:
     return {it.argval for it in steps if it.opname in ("STORE_ATTR", "DELETE_ATTR")}
 
 
-def is_ours(thing: Any) -> bool:
+def is_local(thing: Any) -> bool:
     """Whether a function, class or module belongs to the user, not to an installed library."""
     name = thing.__name__ if isinstance(thing, types.ModuleType) else thing.__module__
     return name is None or _is_users(str(name))
@@ -151,7 +151,7 @@ def _is_module(value: Any) -> bool:
 
 def _of_module(module: types.ModuleType, names: set[str], known: set[int]) -> Any:
     """Give what may be looked up in a module of the user; a library by its name."""
-    if not is_ours(module) or id(module) in known:
+    if not is_local(module) or id(module) in known:
         return module
     known.add(id(module))
     there = sorted(names & vars(module).keys())
@@ -191,7 +191,7 @@ def _text_of_module(name: str) -> str:
         return MISSING
 
 
-def _written(function: types.FunctionType) -> set[str]:
+def _assigned_names(function: types.FunctionType) -> set[str]:
     """Name the variables outside of a function that it assigns, or changes in place."""
     steps = (it for code in _codes(function.__code__) for it in dis.get_instructions(code))
     found = {it.argval for it in steps if it.opname in ("STORE_GLOBAL", "DELETE_GLOBAL")}
@@ -247,10 +247,10 @@ def digest(value: Any) -> str:
     except UndigestibleError:
         raise
     except Exception as error:  # whatever an object says as it is taken apart
-        raise UndigestibleError(f"{_kind(value)} ({type(error).__name__}: {error})") from None
+        raise UndigestibleError(f"{_type_name(value)} ({type(error).__name__}: {error})") from None
 
 
-def state_of(function: Callable[..., Any]) -> str | None:
+def function_state(function: Callable[..., Any]) -> str | None:
     """Tell what a function holds besides its text: defaults, closure, the object of a method.
 
     Returns
@@ -260,15 +260,15 @@ def state_of(function: Callable[..., Any]) -> str | None:
     """
     parts: tuple[Any, ...]
     if isinstance(function, functools.partial):
-        parts = function.args, function.keywords, state_of(function.func)
+        parts = function.args, function.keywords, function_state(function.func)
     elif isinstance(function, types.MethodType):
-        parts = function.__self__, state_of(function.__func__)
+        parts = function.__self__, function_state(function.__func__)
     elif isinstance(function, types.FunctionType):
         parts = _held_by(function)
     elif isinstance(function, type):
         parts = ()
     elif (inner := _inner(function)) is not None:
-        return state_of(inner)
+        return function_state(inner)
     else:
         parts = _state(function)
     return digest(parts) if any(parts) else None
@@ -290,13 +290,13 @@ def uses(function: Callable[..., Any]) -> str | None:
         return uses(inner)
     content = _Content(tolerant=True)
     if isinstance(function, types.FunctionType):
-        found = list(used(function)) if is_ours(function) else []
+        found = list(used(function)) if is_local(function) else []
         return hashlib.sha256(content.token(found)).hexdigest()[:SHOWN] if found else None
     kind = function if isinstance(function, type) else type(function)
-    return hashlib.sha256(content.token(kind)).hexdigest()[:SHOWN] if is_ours(kind) else None
+    return hashlib.sha256(content.token(kind)).hexdigest()[:SHOWN] if is_local(kind) else None
 
 
-def source(function: Callable[..., Any]) -> str | None:
+def source_digest(function: Callable[..., Any]) -> str | None:
     """Tell the text of a function, or of the class of a callable object, in a few characters."""
     while isinstance(function, functools.partial):
         function = function.func
@@ -339,7 +339,7 @@ def _lambdas(text: str) -> list[ast.Lambda]:
 
 def _held_by(function: types.FunctionType) -> tuple[Any, ...]:
     cells = [
-        (name, _Empty if _is_empty(cell) else cell.cell_contents)
+        (name, _Empty if _is_empty_cell(cell) else cell.cell_contents)
         for name, cell in kept_cells(function)
     ]
     return function.__defaults__, function.__kwdefaults__, cells, function.__dict__
@@ -349,7 +349,7 @@ class _Empty:
     """What a variable of a closure is before it gets its value."""
 
 
-def _is_empty(cell: types.CellType) -> bool:
+def _is_empty_cell(cell: types.CellType) -> bool:
     try:
         _ = cell.cell_contents
     except ValueError:
@@ -363,7 +363,7 @@ def module_of(thing: Any) -> str | None:
     return "zivi" if module is not None and str(module).startswith("zivi.") else module
 
 
-def _kind(value: Any) -> str:
+def _type_name(value: Any) -> str:
     return f"{module_of(type(value))}.{type(value).__qualname__}"
 
 
@@ -385,7 +385,7 @@ class _Content:
             return self._known[id(value)]
         self._alive.append(value)
         self._known[id(value)] = f"around {len(self._alive)} ".encode()
-        found = hashlib.sha256(_kind(value).encode())
+        found = hashlib.sha256(_type_name(value).encode())
         try:
             for part in self._parts(value):
                 found.update(part if isinstance(part, memoryview) else self.token(part))
@@ -415,11 +415,11 @@ class _Content:
         if kind in (set, frozenset):
             return sorted(self.token(part) for part in value)
         if kind in (np.ndarray, np.memmap) or isinstance(value, np.generic):
-            return _of_array(np.asarray(value))
+            return _array_parts(np.asarray(value))
         if isinstance(value, types.CodeType):
             names = value.co_names, value.co_varnames, value.co_freevars, value.co_cellvars
             return (value.co_code, value.co_consts, *names, value.co_flags)
-        if isinstance(value, type) and is_ours(value):
+        if isinstance(value, type) and is_local(value):
             return (value.__module__, value.__qualname__, self._tolerated(_of_class(value)))
         if isinstance(value, types.ModuleType | types.BuiltinFunctionType | type):
             owner = getattr(value, "__self__", None)
@@ -427,7 +427,7 @@ class _Content:
             return (*named, value.__name__, None if isinstance(owner, types.ModuleType) else owner)
         if isinstance(value, types.FunctionType):
             named = (module_of(value), value.__qualname__)
-            if not is_ours(value):
+            if not is_local(value):
                 return (*named, _text(value), *_held_by(value))
             more = self._tolerated(list(used(value)))
             return (*named, _unformatted(value), *_held_by(value), more)
@@ -450,7 +450,7 @@ class _Content:
         if callable(getattr(value, "__dask_tokenize__", None)):
             return (value.__dask_tokenize__(),)
         kind = type(value)
-        return (kind if is_ours(kind) else None, *_state(value))
+        return (kind if is_local(kind) else None, *_state(value))
 
 
 def _unformatted(function: types.FunctionType) -> bytes:
@@ -467,7 +467,7 @@ def _inner(value: Any) -> types.FunctionType | None:
 
     A wrapper of the user has a state of its own.
     """
-    if isinstance(value, types.FunctionType | type) or not callable(value) or is_ours(type(value)):
+    if isinstance(value, types.FunctionType | type) or not callable(value) or is_local(type(value)):
         return None
     inner = getattr(value, "__wrapped__", None)
     return inner if isinstance(inner, types.FunctionType) else None
@@ -528,7 +528,7 @@ def _taken_apart(value: Any) -> tuple[Any, ...]:
     try:
         reduced: Any = reducer(value) if reducer else value.__reduce_ex__(4)
     except Exception as error:  # whatever a library says
-        raise UndigestibleError(f"{_kind(value)} ({error})") from None
+        raise UndigestibleError(f"{_type_name(value)} ({error})") from None
     if isinstance(reduced, str):  # the name of something global
         return (module_of(value), reduced)
     make, arguments, state, items, pairs = [*reduced, None, None, None][:5]
@@ -536,7 +536,7 @@ def _taken_apart(value: Any) -> tuple[Any, ...]:
     return (named, arguments, state, list(items or ()), list(pairs or ()))
 
 
-def _of_array(array: Any) -> Iterable[Any]:
+def _array_parts(array: Any) -> Iterable[Any]:
     yield from (array.dtype.str, array.shape)
     if array.dtype.names is not None:  # not the bytes between the fields
         yield from (part for name in array.dtype.names for part in (name, array[name]))
@@ -619,9 +619,9 @@ def identity(
     """
     of = functools.partial(plain, faithful=faithful)
     return {
-        "function": named(function),
-        "source": source(function),
-        "held": of("the function", function, state_of),
+        "function": function_name(function),
+        "source": source_digest(function),
+        "held": of("the function", function, function_state),
         "uses": of("the function", function, uses),
         "digests": VERSION,
         "kind": design.kind,
@@ -654,7 +654,7 @@ def differences(there: Mapping[str, Any], here: Mapping[str, Any], *, mild: bool
         key: f"{words}: {there.get(key)!r} there, {here[key]!r} here"
         for key, words in WORDS.items()
         # as text: NaN is not equal to itself
-        if key not in left_out and _json_text(there.get(key)) != _json_text(here[key])
+        if key not in left_out and canonical_json(there.get(key)) != canonical_json(here[key])
     }
 
 
@@ -669,16 +669,17 @@ def _bare(value: Any) -> Any:
     return _ROOM.sub("zivi.", _DIGEST.sub("", value)) if isinstance(value, str) else value
 
 
-def _json_text(value: Any) -> str:
+def canonical_json(value: Any) -> str:
+    """Write a value as JSON, in which 1, 1.0 and true differ."""
     return json.dumps(value, sort_keys=True)
 
 
-def named(function: Callable[..., Any]) -> str:
+def function_name(function: Callable[..., Any]) -> str:
     """Name a function, or what it was made of."""
     if isinstance(function, functools.partial):
-        given = [_shown(it) for it in function.args]
-        given += [f"{key}={_shown(value)}" for key, value in function.keywords.items()]
-        return f"{named(function.func)}({', '.join(given)})"
+        given = [_plain_repr(it) for it in function.args]
+        given += [f"{key}={_plain_repr(value)}" for key, value in function.keywords.items()]
+        return f"{function_name(function.func)}({', '.join(given)})"
     name = getattr(function, "__qualname__", None) or type(function).__qualname__
     module = module_of(function) or module_of(type(function))
     return f"{module}.{name}"
@@ -688,7 +689,7 @@ def _kind_name(value: Any) -> str:
     return f"{module_of(type(value))}.{type(value).__qualname__}"
 
 
-def _shown(value: Any) -> str:
+def _plain_repr(value: Any) -> str:
     return repr(plain("", value, faithful=False))
 
 
@@ -724,5 +725,5 @@ def _plain(value: Any) -> Any:
         bytes_ = np.ascontiguousarray(value).tobytes()
         return f"array {value.dtype} {value.shape} {hashlib.sha256(bytes_).hexdigest()[:16]}"
     if callable(value):
-        return f"{named(value)} {digest(value)}"
+        return f"{function_name(value)} {digest(value)}"
     return f"{_kind_name(value)} {digest(value)}"

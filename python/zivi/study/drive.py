@@ -19,8 +19,8 @@ from zivi.base.extras import ProgressBar
 from zivi.base.status import StudyStatus
 from zivi.study.design import Design
 from zivi.study.outcome import Piece, check_same_schema, message_of
-from zivi.study.pools import SLICE, Gate, Job, Pool, compute, is_ready
-from zivi.study.store import Block, Store, count
+from zivi.study.pools import SLICE, Job, Pool, SignalGate, compute, is_ready
+from zivi.study.store import Block, Store, count_points
 
 __all__ = ["Driver"]
 
@@ -90,7 +90,7 @@ class Driver:
         self._size = self._given or min(FIRST, math.ceil(total / SHARES))
         self._events: np.dtype[Any] | None = None
         self._breaks = 0
-        self._gate = Gate()
+        self._gate = SignalGate()
         self._raised: BaseException | None = None
         self.computed = 0
         self.first_failure: str | None = None
@@ -101,7 +101,7 @@ class Driver:
         retried = (StudyStatus.FAILED,) if retry_failed else ()
         self._wanted = (StudyStatus.MISSING, *retried)
         total = len(self._design)
-        before = count(self._store, *(set(StudyStatus) - set(self._wanted)))
+        before = count_points(self._store, *(set(StudyStatus) - set(self._wanted)))
         self._fresh = self._tasks(0)
         with self._gate:
             self._drive(before, total, bar)

@@ -139,14 +139,14 @@ def table_period(
     orbit = np.stack([run.x / (g * period**2), run.xdot / (g * period)])
     late = run.impacts[run.impacts["t"] > times[longest]]
     return {
-        "period": _period(orbit, longest, tolerance),
+        "period": _samples_per_period(orbit, longest, tolerance),
         "impacts": float(len(late)),
         "speed": float(np.max(late["xdot_after"], initial=0.0)),
         "sticks": float(np.any(run.zeno_times > times[0])),
     }
 
 
-def _period(orbit: Array, longest: int, tolerance: float) -> float:
+def _samples_per_period(orbit: Array, longest: int, tolerance: float) -> float:
     """Find after how many samples a motion repeats itself."""
     for step in range(1, longest + 1):
         if np.max(np.abs(orbit[:, step:] - orbit[:, :-step])) <= tolerance:

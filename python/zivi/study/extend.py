@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from zivi.study.design import Design
 from zivi.study.folder import FolderStore, head_of, locked, write_empty
 from zivi.study.head import EVENTS
-from zivi.study.outcome import joined
+from zivi.study.outcome import concatenate_tables
 from zivi.study.store import Block
 
 __all__ = ["extended", "put_back"]
@@ -121,28 +121,28 @@ def _replace(place: Path, draft: Path) -> None:
 def _where(there: Design, here: Design) -> list[NDArray[np.int64]]:
     """Return, for each index along each dimension, the index in the smaller study, -1 if new."""
     if here.kind != "grid":
-        return [_places(list(there.values.values()), list(here.values.values()))]
+        return [_match_rows(list(there.values.values()), list(here.values.values()))]
     pairs = zip(there.values.values(), here.values.values(), strict=True)
-    return [_places([old], [new]) for old, new in pairs]
+    return [_match_rows([old], [new]) for old, new in pairs]
 
 
-def _places(old: list[NDArray[Any]], new: list[NDArray[Any]]) -> NDArray[np.int64]:
+def _match_rows(old: list[NDArray[Any]], new: list[NDArray[Any]]) -> NDArray[np.int64]:
     """Return, for each new row, the index of the equal old row, -1 if none; duplicates in order."""
     n = len(old[0])
     codes = np.zeros(n + len(new[0]), np.int64)
     for columns in zip(old, new, strict=True):
-        both = _together(*columns)
+        both = _comparable(*columns)
         if both is None:
             return np.full(len(new[0]), -1)
         _, found = np.unique(both, return_inverse=True)
         _, codes = np.unique(codes * len(codes) + found, return_inverse=True)
-    keys = codes * len(codes) + np.concatenate([_repeats(codes[:n]), _repeats(codes[n:])])
+    keys = codes * len(codes) + np.concatenate([_tie_ranks(codes[:n]), _tie_ranks(codes[n:])])
     order = np.argsort(keys[:n])
     at = np.minimum(np.searchsorted(keys[:n], keys[n:], sorter=order), n - 1)
     return np.where(keys[order[at]] == keys[n:], order[at], -1)
 
 
-def _together(old: NDArray[Any], new: NDArray[Any]) -> NDArray[Any] | None:
+def _comparable(old: NDArray[Any], new: NDArray[Any]) -> NDArray[Any] | None:
     """Concatenate two columns for comparison by bytes; None if their types differ."""
     kinds = old.dtype.kind, new.dtype.kind
     if kinds[0] != kinds[1]:
@@ -156,7 +156,7 @@ def _together(old: NDArray[Any], new: NDArray[Any]) -> NDArray[Any] | None:
     return both.view(np.int64) if both.dtype.kind == "f" else both
 
 
-def _repeats(codes: NDArray[np.int64]) -> NDArray[np.int64]:
+def _tie_ranks(codes: NDArray[np.int64]) -> NDArray[np.int64]:
     """Count for each entry the equal ones before it."""
     order = np.argsort(codes, kind="stable")
     _, first, counts = np.unique(codes[order], return_index=True, return_counts=True)
@@ -193,7 +193,7 @@ def _copy(store: FolderStore, new: FolderStore, where: list[NDArray[np.int64]]) 
             own = chunks == source
             _take(block, load(source), known[own], numbers[own])
         if block.status.any():
-            events = joined(block.events)
+            events = concatenate_tables(block.events)
             if events is not None:
                 order = np.argsort(events[0], kind="stable")
                 block.events = [(events[0][order], events[1][order])]

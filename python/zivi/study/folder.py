@@ -23,17 +23,17 @@ from zivi.study.head import (
     KINDS,
     Encoder,
     Head,
-    difference,
     json_text,
+    metadata_difference,
     no_link,
     read_head,
     read_json,
+    write_below,
     write_bytes,
     write_json,
-    written,
 )
 from zivi.study.outcome import EventTable, Schema
-from zivi.study.store import Block, Labels, Layout
+from zivi.study.store import Block, Chunks, Labels
 
 __all__ = [
     "DamagedError",
@@ -153,7 +153,7 @@ class FolderStore:
         self._messages: set[int] = set()
 
     @property
-    def layout(self) -> Layout:
+    def layout(self) -> Chunks:
         """The chunks of points."""
         return self.head.layout
 
@@ -225,7 +225,7 @@ class FolderStore:
             if file.parent.name == EVENTS:  # in place: this file is the lock
                 file.write_text(json_text(document), encoding="utf-8")
             else:
-                written(self.path, file, functools.partial(write_json, file, document))
+                write_below(self.path, file, functools.partial(write_json, file, document))
         for name, column in design.values.items():
             try:
                 there = self._column(name)
@@ -245,7 +245,7 @@ class FolderStore:
         for name, document in (self.head.documents() | {EVENTS: GROUP}).items():
             file = self.path / name / "zarr.json"
             try:
-                wrong = difference(read_json(file), document)
+                wrong = metadata_difference(read_json(file), document)
             except (OSError, ValueError, RecursionError):
                 wrong = "file"
             if wrong:
@@ -260,7 +260,7 @@ class FolderStore:
             places = [
                 ((*place, number), folder / str(number))
                 for place, folder in places
-                for number in _numbers(folder)
+                for number in _numbered_entries(folder)
                 if number < length
             ]
         return sorted(self.layout.number(place) for place, _ in places)
@@ -453,7 +453,7 @@ class FolderStore:
                     write = functools.partial(write_events, file, *table)
                 else:
                     write = functools.partial(file.unlink, missing_ok=True)
-                written(self.path, file, write)
+                write_below(self.path, file, write)
                 put("n_events", block.counts())
         if block.messages or chunk in self._messages:
             texts = [block.messages.get(point, "") for point in block.span]
@@ -471,7 +471,7 @@ def _damaged(file: Path, error: Exception) -> DamagedError:
     return DamagedError(f"{file} is damaged: {type(error).__name__}: {error}")
 
 
-def _numbers(folder: Path) -> list[int]:
+def _numbered_entries(folder: Path) -> list[int]:
     """List the numbers that name what is in a folder."""
     try:
         names = os.listdir(folder)

@@ -14,10 +14,11 @@ from pathlib import Path
 from typing import Any
 
 from zivi.base.extras import needed
-from zivi.study.design import MOST_POINTS, name_of
+from zivi.study.design import MOST_POINTS, valid_name
+from zivi.study.digest import canonical_json
 from zivi.study.outcome import Schema
 from zivi.study.pools import MAX_SEED
-from zivi.study.store import DESCRIPTIONS, INNER, SHARD, Labels, Layout, attributes, dims_of
+from zivi.study.store import DESCRIPTIONS, INNER, SHARD, Chunks, Labels, dataset_attributes, dims_of
 
 __all__ = [
     "EVENTS",
@@ -25,22 +26,22 @@ __all__ = [
     "KINDS",
     "Encoder",
     "Head",
-    "difference",
     "documents",
     "json_text",
+    "metadata_difference",
     "no_link",
     "read_head",
     "read_json",
+    "write_below",
     "write_bytes",
     "write_json",
     "write_whole",
-    "written",
 ]
 
 # Files of a store, there as a whole or not at all, also where something else is in their place.
 
 
-def written(top: Path, file: Path, write: Callable[[], None]) -> None:
+def write_below(top: Path, file: Path, write: Callable[[], None]) -> None:
     """Write a file below a folder; what is in its place and no file is moved aside, not removed."""
     for it in file.parents:
         if it != top and it.is_relative_to(top):
@@ -64,7 +65,7 @@ def no_link(place: Path) -> None:
 
 def write_bytes(top: Path, file: Path, data: bytes) -> None:
     """Write a file below a folder, whatever is in its place."""
-    written(top, file, functools.partial(write_whole, file, data))
+    write_below(top, file, functools.partial(write_whole, file, data))
 
 
 def write_whole(file: Path, data: bytes) -> None:
@@ -154,7 +155,7 @@ BYTES = {
 
 
 def documents(
-    kind: str, parameters: Mapping[str, str], layout: Layout, labels: Labels, schema: Schema | None
+    kind: str, parameters: Mapping[str, str], layout: Chunks, labels: Labels, schema: Schema | None
 ) -> dict[str, Any]:
     """Give the metadata of all arrays of a store, by their names.
 
@@ -182,7 +183,7 @@ def documents(
         return {"units": units[name]} if name in units else {}
 
     found = {
-        name: _document(kept, _column(n, layout), (name,) if is_grid else design, unit(name))
+        name: _document(kept, _column_places(n, layout), (name,) if is_grid else design, unit(name))
         for (name, kept), n in zip(parameters.items(), lengths, strict=True)
     }
     over_points = {"status": "int8", "message": "string"}
@@ -211,7 +212,7 @@ class Places:
         return Places((*self.shape, *inner), (*self.file, *more), part)
 
 
-def _column(n: int, layout: Layout) -> Places:
+def _column_places(n: int, layout: Chunks) -> Places:
     """Give the places of a parameter: one file, as long as that is not too large for a codec."""
     if layout.has_shards and n > SHARD:
         return Places((n,), (SHARD,), (SHARD // INNER,))
@@ -254,7 +255,7 @@ def _document(
     }
 
 
-def difference(found: Any, wanted: Mapping[str, Any]) -> str | None:
+def metadata_difference(found: Any, wanted: Mapping[str, Any]) -> str | None:
     """Name what of the metadata of an array is not as zivi writes it, None if all is."""
     if not isinstance(found, dict):
         return "metadata"
@@ -266,7 +267,7 @@ def difference(found: Any, wanted: Mapping[str, Any]) -> str | None:
         here = wanted[key]
         if key == "codecs":
             there, here = _plain_codecs(there), _plain_codecs(here)
-        if _text(there) != _text(here):
+        if canonical_json(there) != canonical_json(here):
             return key
     return None
 
@@ -286,11 +287,6 @@ def _plain_codecs(given: Any) -> Any:
             setting = setting | {key: _plain_codecs(setting.get(key)) for key in inner}
         found.append({"name": codec.get("name"), "setting": setting, **more})
     return found
-
-
-def _text(value: Any) -> str:
-    # so that 1, 1.0 and true differ
-    return json.dumps(value, sort_keys=True)
 
 
 # The head of a store, ``PATH/zarr.json``: what the study is, and what its arrays are.
@@ -330,7 +326,7 @@ class Head:
         """Make the head of a store without results."""
         kept = {"units": labels.units, "dims": {k: list(v) for k, v in labels.dims.items()}}
         given = {
-            **attributes(identity),
+            **dataset_attributes(identity),
             "labels": json.dumps(kept),
             "schema": json.dumps(None),
             "coordinates": " ".join(parameters),
@@ -344,10 +340,10 @@ class Head:
         return dataclasses.replace(self, schema=schema, attributes=given)
 
     @property
-    def layout(self) -> Layout:
+    def layout(self) -> Chunks:
         """The chunks of points."""
         told, size = self.identity, 0 if self.schema is None else self.schema.size
-        return Layout(tuple(told["shape"]), told["chunk"], told.get("shards", False), size)
+        return Chunks(tuple(told["shape"]), told["chunk"], told.get("shards", False), size)
 
     def documents(self) -> dict[str, Any]:
         """Give the metadata of all arrays."""
@@ -420,7 +416,7 @@ def read_head(path: Path) -> Head:
     except (ValueError, KeyError, TypeError, RecursionError):
         raise ValueError(f"{path} is a Zarr group, but not a study of zivi") from None
     try:
-        return _checked(raw, identity, attrs)
+        return _valid_head(raw, identity, attrs)
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
         said = f"it has no {error}" if isinstance(error, KeyError) else str(error)
         raise OSError(
@@ -428,7 +424,7 @@ def read_head(path: Path) -> Head:
         ) from None
 
 
-def _checked(raw: Mapping[str, Any], identity: dict[str, Any], attrs: dict[str, Any]) -> Head:
+def _valid_head(raw: Mapping[str, Any], identity: dict[str, Any], attrs: dict[str, Any]) -> Head:
     for key in _wrong(identity):
         raise ValueError(f"{key} is {identity.get(key)!r:.80} in its config")
     names = identity["parameters"]
@@ -440,7 +436,7 @@ def _checked(raw: Mapping[str, Any], identity: dict[str, Any], attrs: dict[str, 
     events = nodes.pop(EVENTS)
     if events not in (GROUP, _consolidated(GROUP, {})):
         raise ValueError(f"{EVENTS} is {events!r:.80}")
-    labels = _labels(json.loads(attrs["labels"]))
+    labels = _read_labels(json.loads(attrs["labels"]))
     schema = _schema(json.loads(attrs["schema"]))
     if schema is not None:
         labels.check(schema, names)
@@ -456,7 +452,7 @@ def _checked(raw: Mapping[str, Any], identity: dict[str, Any], attrs: dict[str, 
         different = sorted(set(wanted) ^ set(nodes))
         raise ValueError(f"these arrays are missing or unknown: {', '.join(different)}")
     for name, document in wanted.items():
-        if wrong := difference(nodes[name], document):
+        if wrong := metadata_difference(nodes[name], document):
             there = nodes[name].get(wrong) if isinstance(nodes[name], dict) else nodes[name]
             raise ValueError(f"the {wrong} of the array {name!r} is {there!r:.120}")
     return head
@@ -492,7 +488,7 @@ def _are_names(given: Any) -> bool:
     if not isinstance(given, list) or not given:
         return False
     try:
-        return len({name_of("parameter", name) for name in given}) == len(given)
+        return len({valid_name("parameter", name) for name in given}) == len(given)
     except (TypeError, ValueError):
         return False
 
@@ -501,7 +497,7 @@ def _are_whole(given: Any, least: int) -> bool:
     return isinstance(given, list) and all(type(it) is int and it >= least for it in given)
 
 
-def _labels(kept: Any) -> Labels:
+def _read_labels(kept: Any) -> Labels:
     dims = {name: tuple(names) for name, names in kept["dims"].items()}
     return Labels(kept["units"], dims)
 
@@ -510,7 +506,7 @@ def _schema(kept: Any) -> Schema | None:
     if kept is None:
         return None
     for name, shape in kept["shapes"].items():
-        name_of("result", name)
+        valid_name("result", name)
         if not _are_whole(shape, 0):
             raise ValueError(f"the shape of {name!r} is {shape!r:.80}")
     if not isinstance(kept["has_events"], bool):

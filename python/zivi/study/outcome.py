@@ -18,7 +18,7 @@ from zivi.base.check import Array, unmasked
 from zivi.simulation.batch_result import Runs
 from zivi.simulation.mechanical_trajectory import MechanicalTrajectory
 from zivi.simulation.run_result import MassRun
-from zivi.study.design import name_of
+from zivi.study.design import valid_name
 
 __all__ = [
     "LONGEST",
@@ -31,11 +31,11 @@ __all__ = [
     "Schema",
     "Values",
     "check_same_schema",
-    "joined",
+    "concatenate_tables",
     "many_of",
     "message_of",
+    "result_units",
     "split",
-    "units_of",
     "writable",
 ]
 
@@ -103,28 +103,28 @@ def split(returned: Any) -> tuple[Values, Events | None, bool]:
     """Split what a function returned into values and events, and tell whether it gave events."""
     has_events = isinstance(returned, tuple)
     if not has_events:
-        return values_of(returned), None, False
+        return point_values(returned), None, False
     if len(returned) != 2:
         raise TypeError(f"a tuple must be (values, events), got {len(returned)} things")
-    return values_of(returned[0]), events_of(returned[1]), True
+    return point_values(returned[0]), point_events(returned[1]), True
 
 
-def values_of(returned: Any) -> Values:
+def point_values(returned: Any) -> Values:
     """Give the values that are kept, by name."""
     if isinstance(returned, Mapping):
         if not returned:
             raise ValueError("the function returned an empty dict")
-        return {name: _value(name, value) for name, value in returned.items()}
+        return {name: _real_value(name, value) for name, value in returned.items()}
     if isinstance(returned, MassRun):
         return _summary(returned)
     if isinstance(returned, MechanicalTrajectory):
         return _mechanical_summary(returned)
     if hasattr(returned, "_summary"):  # quicker than the protocol: numbers come here
-        return {name: _value(name, value) for name, value in returned._summary()[0].items()}
-    return {"value": _value("the result", returned)}
+        return {name: _real_value(name, value) for name, value in returned._summary()[0].items()}
+    return {"value": _real_value("the result", returned)}
 
 
-def _value(name: str, value: Any) -> float | Array:
+def _real_value(name: str, value: Any) -> float | Array:
     if type(value) is float or isinstance(value, float | int):
         return float(value)
     if value is None:
@@ -176,7 +176,7 @@ def _mechanical_summary(run: MechanicalTrajectory) -> Values:
     return {"t": float(run.t[-1]), **last, "contacts": contacts, **counted}
 
 
-def units_of(returned: Any) -> dict[str, str]:
+def result_units(returned: Any) -> dict[str, str]:
     """Give the units of what is kept, as far as they are known: of runs."""
     given = returned[0] if isinstance(returned, tuple) else returned
     if isinstance(given, MassRun):
@@ -188,7 +188,7 @@ def units_of(returned: Any) -> dict[str, str]:
     return {}
 
 
-def events_of(given: Any) -> Events | None:
+def point_events(given: Any) -> Events | None:
     """Give the events of a point as a structured array."""
     if given is None:
         return None
@@ -200,7 +200,7 @@ def events_of(given: Any) -> Events | None:
             f"length, got {type(given).__name__} {given!r:.60}"
         )
     for field in given.dtype.names:
-        name_of("field of events", field)
+        valid_name("field of events", field)
         kind = given.dtype[field]
         if kind.kind not in "biuf" or kind.shape:
             raise TypeError(f"events must hold real numbers, got {kind} in {field!r}")
@@ -260,26 +260,26 @@ class Many:
 def many_of(returned: Any, n: int) -> Many:
     """Understand what a vectorized function returned for `n` points."""
     if not isinstance(returned, tuple):
-        return _values_of(returned, n)
+        return _many_values(returned, n)
     if len(returned) != 2:
         raise TypeError(f"a tuple must be (values, events), got {len(returned)} things")
-    many = _values_of(returned[0], n)
-    many.has_events, many.events = True, _events_of(returned[1], n)
+    many = _many_values(returned[0], n)
+    many.has_events, many.events = True, _many_events(returned[1], n)
     return many
 
 
-def _values_of(returned: Any, n: int) -> Many:
+def _many_values(returned: Any, n: int) -> Many:
     if isinstance(returned, Runs):
         return _of_batch(returned, n)
     if not isinstance(returned, Mapping):
-        return Many({"value": _rows("the result", returned, n)}, {}, {})
-    values = {name: _rows(name, it, n) for name, it in returned.items() if name != MESSAGE}
+        return Many({"value": _real_rows("the result", returned, n)}, {}, {})
+    values = {name: _real_rows(name, it, n) for name, it in returned.items() if name != MESSAGE}
     if not values:
         raise ValueError("the function returned no values")
-    return Many(values, {}, _failed(returned.get(MESSAGE), n))
+    return Many(values, {}, _failed_points(returned.get(MESSAGE), n))
 
 
-def _rows(name: str, given: Any, n: int) -> Array:
+def _real_rows(name: str, given: Any, n: int) -> Array:
     unmasked(name, given)
     array = np.asarray(given)
     if array.dtype.kind not in "biuf":
@@ -293,7 +293,7 @@ def _rows(name: str, given: Any, n: int) -> Array:
     return array.astype(np.float64)
 
 
-def _failed(messages: Any, n: int) -> dict[int, str]:
+def _failed_points(messages: Any, n: int) -> dict[int, str]:
     if messages is None:
         return {}
     if isinstance(messages, str) or len(messages) != n:
@@ -311,12 +311,12 @@ def _of_batch(batch: Runs, n: int) -> Many:
     for name, (dims, unit, _) in table.fields.items():
         if ((dims,) if isinstance(dims, str) else dims)[0] == "run":
             own = "run_status" if name == "status" else name
-            values[own] = _rows(name, table.value(batch, name), n)
+            values[own] = _real_rows(name, table.value(batch, name), n)
             units |= {own: unit} if unit else {}
     return Many(values, units, {})
 
 
-def _events_of(given: Any, n: int) -> tuple[NDArray[np.int64], Events] | None:
+def _many_events(given: Any, n: int) -> tuple[NDArray[np.int64], Events] | None:
     """Put the events of all points into one table."""
     if given is None:
         return None
@@ -327,7 +327,7 @@ def _events_of(given: Any, n: int) -> tuple[NDArray[np.int64], Events] | None:
             f"events must be a list with those of each of {n} points, or one table with the field "
             "'point', its place among them"
         )
-    tables = [(place, events_of(it)) for place, it in enumerate(given)]
+    tables = [(place, point_events(it)) for place, it in enumerate(given)]
     known = [(place, table) for place, table in tables if table is not None]
     if not known:
         return None
@@ -338,13 +338,13 @@ def _events_of(given: Any, n: int) -> tuple[NDArray[np.int64], Events] | None:
 
 
 def _by_place(given: Any, n: int) -> tuple[NDArray[np.int64], Events]:
-    columns = dict(given) if isinstance(given, Mapping) else _columns(given)
+    columns = dict(given) if isinstance(given, Mapping) else _field_columns(given)
     places = np.asarray(columns.pop("point", None))
     if places.dtype.kind not in "iu" or places.ndim != 1:
         raise TypeError("a table of events must have a column 'point' of whole numbers")
     if len(places) and not 0 <= places.min() <= places.max() < n:
         raise ValueError(f"the column 'point' of events must be >= 0 and < {n}")
-    table = events_of(columns)
+    table = point_events(columns)
     assert table is not None
     if len(table) != len(places):
         raise ValueError("events must be columns of one length")
@@ -352,7 +352,7 @@ def _by_place(given: Any, n: int) -> tuple[NDArray[np.int64], Events]:
     return places[order].astype(np.int64), table[order]
 
 
-def _columns(given: Any) -> dict[str, Any]:
+def _field_columns(given: Any) -> dict[str, Any]:
     if given.dtype.names is None:
         raise TypeError(f"events must be a structured array, got {given.dtype}")
     return {name: given[name] for name in given.dtype.names}
@@ -460,7 +460,7 @@ class Piece:
         self.done, self.values, self.events = self.done[:0], {}, None
 
 
-def joined(tables: list[EventTable]) -> EventTable | None:
+def concatenate_tables(tables: list[EventTable]) -> EventTable | None:
     """Put tables of events together."""
     if not sum(len(points) for points, _ in tables):
         return None
@@ -470,12 +470,12 @@ def joined(tables: list[EventTable]) -> EventTable | None:
 def check_same_schema(schema: Schema, shapes: dict[str, tuple[int, ...]], has_events: bool) -> None:
     """Raise if what a point gave is not what the others give."""
     if shapes != schema.shapes:
-        raise ValueError(f"returned {_shown(shapes)}; other points gave {_shown(schema.shapes)}")
+        raise ValueError(f"returned {_shapes(shapes)}; other points gave {_shapes(schema.shapes)}")
     if has_events != schema.has_events:
         raise ValueError("either all points return (values, events) or none does")
 
 
-def _shown(shapes: dict[str, tuple[int, ...]]) -> str:
+def _shapes(shapes: dict[str, tuple[int, ...]]) -> str:
     return ", ".join(f"{name} {shape}" if shape else name for name, shape in shapes.items())
 
 
@@ -512,7 +512,7 @@ class Collector:
         values, events, has_events = split(returned)
         shapes = {name: np.shape(value) for name, value in values.items()}
         dtype = None if events is None else events.dtype
-        self._fit(shapes, has_events, dtype, lambda: units_of(returned))
+        self._fit(shapes, has_events, dtype, lambda: result_units(returned))
         if events is not None and len(events):
             self._events.append((np.full(len(events), point), events.copy()))
         self._rows.append(values)
@@ -565,7 +565,7 @@ class Collector:
         """Raise if something is not as before."""
         if self.schema is None:
             for name in shapes:
-                if name_of("result", name) in self._parameters:
+                if valid_name("result", name) in self._parameters:
                     raise ValueError(f"the result {name!r} has the name of a parameter")
             self.schema = Schema(shapes, has_events, units())
         check_same_schema(self.schema, shapes, has_events)
@@ -590,7 +590,7 @@ class Collector:
             schema=self.schema if self._parts else None,
             done=np.concatenate([np.empty(0, np.int64), *(done for done, _ in self._parts)]),
             values={name: np.concatenate([it[name] for _, it in self._parts]) for name in names},
-            events=joined(self._events),
+            events=concatenate_tables(self._events),
             failed=self.failed,
             rest=rest,
             raised=raised,

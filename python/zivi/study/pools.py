@@ -24,9 +24,9 @@ from zivi.study.outcome import Collector, Piece, message_of
 __all__ = [
     "MAX_SEED",
     "SLICE",
-    "Gate",
     "Job",
     "Pool",
+    "SignalGate",
     "begin_thread",
     "compute",
     "is_ready",
@@ -41,7 +41,7 @@ MAX_SEED = 2**63 - 1
 """Largest seed of a study."""
 
 
-class Gate:
+class SignalGate:
     """Ctrl-C comes through only where it is open: what was computed is not lost on its way.
 
     It holds within ``with``, in the main thread, if Ctrl-C calls a function of Python there.
@@ -56,9 +56,9 @@ class Gate:
         self.open = False
         self._heard = False
         self._before: Any = None
-        self._outer: Gate | None = None
+        self._outer: SignalGate | None = None
 
-    def __enter__(self) -> Gate:
+    def __enter__(self) -> SignalGate:
         main = threading.current_thread() is threading.main_thread()
         before = signal.getsignal(signal.SIGINT) if main else None
         if callable(before):
@@ -210,9 +210,9 @@ def _must_stop() -> bool:
     return stopped is not None and stopped.is_set()
 
 
-def _gate() -> Gate:
+def _gate() -> SignalGate:
     """Give that of the study whose points this thread itself computes."""
-    return getattr(_thread, "gate", None) or Gate()
+    return getattr(_thread, "gate", None) or SignalGate()
 
 
 def begin_thread(stopped: threading.Event) -> None:
@@ -379,10 +379,10 @@ def _processes(number: int) -> concurrent.futures.Executor:
     # not by fork: this process has threads, and a fork copies the locks that they hold
     methods = multiprocessing.get_all_start_methods()
     context = multiprocessing.get_context("forkserver" if "forkserver" in methods else "spawn")
-    return concurrent.futures.ProcessPoolExecutor(number, context, initializer=_begin)
+    return concurrent.futures.ProcessPoolExecutor(number, context, initializer=_initialise_worker)
 
 
-def _begin() -> None:
+def _initialise_worker() -> None:
     """Leave Ctrl-C to the parent, and end with it."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_end_with_parent, daemon=True).start()

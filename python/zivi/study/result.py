@@ -64,7 +64,7 @@ class Study:
         if not isinstance(events, np.ndarray) or not have("pyarrow"):
             return events
         inner = [name for name in events.dtype.names or () if name != "point"]
-        return _table(events["point"], events[inner])
+        return _arrow_table(events["point"], events[inner])
 
     @property
     def status(self) -> NDArray[np.int8]:
@@ -190,10 +190,10 @@ def open_study(path: str | PathLike[str], *, verify: bool = False) -> Study:
             stacklevel=2,
         )
         return _salvaged(store, known)
-    return Study(_dataset(path), path, StoredEvents(path))
+    return Study(_open_dataset(path), path, StoredEvents(path))
 
 
-def _dataset(path: Path) -> xarray.Dataset:
+def _open_dataset(path: Path) -> xarray.Dataset:
     import xarray
 
     # the metadata in the head, which were checked, and no others
@@ -258,7 +258,7 @@ class StoredEvents:
                 continue
             if rows is None:
                 continue
-            table = _table(*rows)
+            table = _arrow_table(*rows)
             if tables and table.schema != tables[0].schema:
                 broken.append(f"the events of chunk {chunk} have other columns than those before")
             else:
@@ -270,7 +270,7 @@ class StoredEvents:
         return pyarrow.concat_tables(tables)
 
 
-def _table(points: NDArray[np.int64], events: NDArray[np.void]) -> Any:
+def _arrow_table(points: NDArray[np.int64], events: NDArray[np.void]) -> Any:
     pyarrow = needed("pyarrow", "tables of events")
     names = events.dtype.names or ()
     columns = {name: np.ascontiguousarray(events[name]) for name in names}

@@ -25,7 +25,7 @@ from zivi.study.folder import FolderStore, create
 from zivi.study.head import read_head
 from zivi.study.pools import MAX_SEED, Job, Pool, pool_of, sendable
 from zivi.study.result import Study, study_of
-from zivi.study.store import Labels, Layout, MemoryStore, Store, count
+from zivi.study.store import Chunks, Labels, MemoryStore, Store, count_points
 
 __all__ = ["sweep"]
 
@@ -176,11 +176,11 @@ def sweep(
         raise ValueError(f"chunk must be >= 1, got {chunk}")
     if seed is not None and not 0 <= integer("seed", seed) <= MAX_SEED:
         raise ValueError(f"seed must be >= 0 and fit into 63 bits, got {seed}")
-    labels = _labels(work, units, dims)
+    labels = _labels_of(work, units, dims)
     labels.check_names(design.names)
     pool = pool_of(executor, workers)
     try:
-        number = _in_flight(in_flight, pool)
+        number = _max_in_flight(in_flight, pool)
         told = identity(
             work,
             design,
@@ -196,10 +196,10 @@ def sweep(
         raise
     job = Job(work, design.names, constants, store.identity["seed"], wants, vectorized)
     driver = Driver(job, design, store, pool, number)
-    return _run(driver, store, pool, job, retry_failed, progress)
+    return _run_study(driver, store, pool, job, retry_failed, progress)
 
 
-def _run(
+def _run_study(
     driver: Driver, store: Store, pool: Pool, job: Job, retry_failed: bool, progress: bool | None
 ) -> Study:
     at_once = True
@@ -226,7 +226,7 @@ def _with_study(error: BaseException, store: Store) -> BaseException:
     """Attach what was computed to the exception that ended a run."""
     with contextlib.suppress(Exception):
         study = study_of(store)
-        known = count(store, StudyStatus.COMPLETED, StudyStatus.FAILED)
+        known = count_points(store, StudyStatus.COMPLETED, StudyStatus.FAILED)
         error.study = study  # type: ignore[attr-defined]
         where = "" if study.path is None else f" and in {study.path}"
         error.add_note(
@@ -269,7 +269,7 @@ def _wants(
     return wants
 
 
-def _labels(
+def _labels_of(
     function: Any,
     units: Mapping[str, str] | None,
     dims: Mapping[str, Sequence[str]] | None,
@@ -282,7 +282,7 @@ def _labels(
     return Labels(known, dims or {})
 
 
-def _in_flight(given: int | None, pool: Pool) -> int:
+def _max_in_flight(given: int | None, pool: Pool) -> int:
     if given is None:
         return 2 * pool.workers
     if integer("in_flight", given) < 1:
@@ -306,7 +306,7 @@ def _store(
         raise ValueError("resume=True needs a folder, out=...")
     if path is not None:
         put_back(path)
-    if path is not None and path.exists() and not _is_empty(path):
+    if path is not None and path.exists() and not _is_empty_folder(path):
         return _continued(path, design, told, resume, draws=draws)
     if path is not None and resume:
         raise FileNotFoundError(f"resume=True, but there is no study at {path}")
@@ -314,13 +314,13 @@ def _store(
     if draws and new["seed"] is None:
         new["seed"] = int(np.random.SeedSequence().generate_state(1, np.uint64)[0] >> 1)
     if path is None:
-        return MemoryStore(design, Layout(design.shape, new["chunk"], sharded=True), new, labels)
+        return MemoryStore(design, Chunks(design.shape, new["chunk"], sharded=True), new, labels)
     if not create(path, design, new, labels):
         return _continued(path, design, told, resume, draws=draws)  # another run was quicker
     return FolderStore(path, write=True)
 
 
-def _is_empty(path: Path) -> bool:
+def _is_empty_folder(path: Path) -> bool:
     return path.is_dir() and not any(path.iterdir())
 
 

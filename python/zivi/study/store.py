@@ -17,7 +17,7 @@ from zivi.base.check import Array
 from zivi.base.extras import needed
 from zivi.base.status import StudyStatus
 from zivi.study.design import RESERVED, Design
-from zivi.study.outcome import EventTable, Piece, Schema, joined
+from zivi.study.outcome import EventTable, Piece, Schema, concatenate_tables
 
 if TYPE_CHECKING:
     import xarray
@@ -27,12 +27,12 @@ __all__ = [
     "INNER",
     "SHARD",
     "Block",
+    "Chunks",
     "Labels",
-    "Layout",
     "MemoryStore",
     "Store",
-    "attributes",
-    "count",
+    "count_points",
+    "dataset_attributes",
     "dims_of",
 ]
 
@@ -98,7 +98,7 @@ class Block:
 
     def table(self) -> EventTable | None:
         """Give all events in the order of the points, with the number of the point of each."""
-        table = joined(self.events)
+        table = concatenate_tables(self.events)
         if table is None:
             return None
         if len(self.events) > 1:
@@ -121,7 +121,7 @@ LEAST = 128
 
 
 @dataclasses.dataclass(frozen=True)
-class Layout:
+class Chunks:
     """Chunks of consecutive points, counted in the order of C. Each is one file of each array.
 
     Parameters
@@ -307,7 +307,7 @@ class Store(Protocol):
     """What keeps the results of a study."""
 
     @property
-    def layout(self) -> Layout:
+    def layout(self) -> Chunks:
         """The chunks of points, which may be others once it is known what the points give."""
 
     @property
@@ -337,13 +337,13 @@ class Store(Protocol):
         """Let others write."""
 
 
-def count(store: Store, *states: StudyStatus) -> int:
+def count_points(store: Store, *states: StudyStatus) -> int:
     """Count the points of a store in some states, chunk by chunk."""
     own = (store.status_of(chunk) for chunk in store.written())
     return sum(int(np.count_nonzero(np.isin(status, states))) for status in own)
 
 
-def attributes(identity: Mapping[str, Any]) -> dict[str, Any]:
+def dataset_attributes(identity: Mapping[str, Any]) -> dict[str, Any]:
     """Give the attributes of the dataset."""
     found = {
         "title": f"Study of {identity['function']}",
@@ -377,7 +377,7 @@ class MemoryStore:
     """
 
     def __init__(
-        self, design: Design, layout: Layout, identity: dict[str, Any], labels: Labels
+        self, design: Design, layout: Chunks, identity: dict[str, Any], labels: Labels
     ) -> None:
         self._design, self._labels = design, labels
         self.layout, self.identity = layout, identity
@@ -465,7 +465,7 @@ class MemoryStore:
             name: ((name,) if design.kind == "grid" else dims, column, unit(name))
             for name, column in design.values.items()
         }
-        return xarray.Dataset(columns, coordinates, attributes(self.identity))
+        return xarray.Dataset(columns, coordinates, dataset_attributes(self.identity))
 
 
 def _status(block: Block) -> NDArray[np.int8]:

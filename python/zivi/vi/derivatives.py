@@ -201,7 +201,7 @@ def solution_derivative(
         raise ValueError(f"tol must be in (0, 1), got {tol}")
     x, F = vector("solution.x", solution.x), vector("solution.F", solution.F)
     n = len(x)
-    J, slopes = _matrix("jac", jac, (n, n)), _matrix("dF", dF, (n, None))
+    J, slopes = _read_matrix("jac", jac, (n, n)), _read_matrix("dF", dF, (n, None))
     box = [
         np.broadcast_to(bound(name, value, n), n)
         for name, value in (("lower", lower), ("upper", upper))
@@ -219,7 +219,7 @@ def solution_derivative(
         slopes_of_bounds = np.zeros((n, k))
         for name, given, at in (("dlower", dlower, at_lower), ("dupper", dupper, at_upper)):
             if given is not None:
-                slopes_of_bounds[at] = np.asarray(_dense(_matrix(name, given, (n, k))))[at]
+                slopes_of_bounds[at] = np.asarray(_to_dense(_read_matrix(name, given, (n, k))))[at]
     return VIDerivative(
         free=np.flatnonzero(~at_bound),
         at_lower=np.flatnonzero(at_lower),
@@ -231,11 +231,11 @@ def solution_derivative(
     )
 
 
-def _dense(matrix: Any) -> Any:
+def _to_dense(matrix: Any) -> Any:
     return matrix.toarray() if is_sparse(matrix) else matrix
 
 
-def _matrix(name: str, value: Any, shape: tuple[int, int | None]) -> Any:
+def _read_matrix(name: str, value: Any, shape: tuple[int, int | None]) -> Any:
     """Return a finite matrix, one that is sparse by rows."""
     if is_sparse(value):
         from scipy.sparse import csr_array

@@ -349,7 +349,7 @@ def check_jacobian(
         given = matrices(both.jac(point.copy()))
     else:
         given = matrices(jac(point.copy(), *args) if callable(jac) else jac)
-    expected, uncertain = _differences(lambda x: values(map_(x)), point)
+    expected, uncertain = _central_jacobian(lambda x: values(map_(x)), point)
     size = np.maximum(np.abs(given), np.abs(expected))
     with np.errstate(invalid="ignore"):
         excess = np.maximum(np.abs(given - expected) - uncertain, 0.0)
@@ -365,7 +365,7 @@ def check_jacobian(
     )
 
 
-def _differences(F: Callable[[Array], tuple[Array, float]], x: Array) -> tuple[Array, Array]:
+def _central_jacobian(F: Callable[[Array], tuple[Array, float]], x: Array) -> tuple[Array, Array]:
     """Return central differences of `F`, and what they are uncertain by.
 
     Truncation is told by the differences over twice the step, rounding by the size of `F`.

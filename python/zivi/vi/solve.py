@@ -51,11 +51,11 @@ __all__ = [
     "checked_affine",
     "dense_is_off_scale",
     "is_off_scale",
-    "limits",
     "natural_residual",
     "observer",
     "pattern_for",
     "polished",
+    "read_bounds",
     "seconds",
     "settings_of",
     "solve_avi",
@@ -80,7 +80,7 @@ def arranged(lower: Any, upper: Any, x0: Any, bounds: Any) -> tuple[Any, Any, An
     if bounds is not None:
         if lower is not None or upper is not None:
             raise TypeError("bounds were given twice: by lower or upper, and by bounds")
-        lower, upper = _pair(bounds)
+        lower, upper = _split_bounds(bounds)
     if x0 is None:
         raise TypeError("x0 must be given: where to begin")
     return lower, upper, x0
@@ -91,7 +91,7 @@ def _is_bounds(value: Any) -> bool:
     return hasattr(value, "lb") and hasattr(value, "ub")
 
 
-def _pair(bounds: Any) -> tuple[Any, Any]:
+def _split_bounds(bounds: Any) -> tuple[Any, Any]:
     if _is_bounds(bounds):
         return bounds.lb, bounds.ub
     told = "bounds must be a scipy.optimize.Bounds or a sequence of pairs (lower, upper)"
@@ -105,12 +105,12 @@ def _pair(bounds: Any) -> tuple[Any, Any]:
     return [pair[0] for pair in pairs], [pair[1] for pair in pairs]
 
 
-def limits(lower: Any, upper: Any, n: int) -> tuple[Array | float, Array | float]:
+def read_bounds(lower: Any, upper: Any, n: int) -> tuple[Array | float, Array | float]:
     """Read both bounds; a bound with one entry stands for all components, as in SciPy."""
-    return _limit("lower", lower, n), _limit("upper", upper, n)
+    return _read_bound("lower", lower, n), _read_bound("upper", upper, n)
 
 
-def _limit(name: str, value: Any, n: int) -> Array | float:
+def _read_bound(name: str, value: Any, n: int) -> Array | float:
     if isinstance(value, np.ndarray) and value.shape == (1,) and n > 1:
         value = value[0]  # scipy.optimize.Bounds makes arrays of numbers
     return bound(name, value, n)
@@ -221,7 +221,7 @@ class _Entries:
             moved = np.where(self._dense > 0, value[:, None] / self._dense, 0.0)
             return np.asarray(moved.max(axis=0))
         moved = np.where(self._values > 0, value[self._row] / self._values, 0.0)
-        return _largest(moved, self._column, len(value))
+        return _segment_max(moved, self._column, len(value))
 
     def largest(self, rows: Array, columns: Array) -> tuple[Array, Array]:
         """Return the largest of each row and of each column of ``rows_i |M_ij| columns_j``."""
@@ -230,16 +230,16 @@ class _Entries:
             return scaled.max(axis=1), scaled.max(axis=0)
         scaled = rows[self._row] * self._values * columns[self._column]
         n = len(rows)
-        return _largest(scaled, self._row, n), _largest(scaled, self._column, n)
+        return _segment_max(scaled, self._row, n), _segment_max(scaled, self._column, n)
 
 
-def _largest(values: Array, places: Any, n: int) -> Array:
+def _segment_max(values: Array, places: Any, n: int) -> Array:
     found = np.zeros(n)
     np.maximum.at(found, places, values)
     return found
 
 
-def _times(rows: Array, M: Any, columns: Array) -> Any:
+def _scale_matrix(rows: Array, M: Any, columns: Array) -> Any:
     """Return ``rows_i M_ij columns_j``."""
     if isinstance(M, np.ndarray):
         return rows[:, None] * M * columns
@@ -295,7 +295,7 @@ def solve_scaled(a: Affine, solve: Solve) -> VIResult:
     """Solve in units of the problem's own, then to the absolute tolerance as well."""
     rows, columns = _units(a)
     scaled = Affine(
-        _times(rows, a.M, columns),
+        _scale_matrix(rows, a.M, columns),
         rows * a.q,
         a.lower / columns,
         a.upper / columns,
@@ -308,7 +308,7 @@ def solve_scaled(a: Affine, solve: Solve) -> VIResult:
         residual = _zivi.natural_residual(x, F, a.lower, a.upper)
         return dataclasses.replace(found, x=x, F=F, residual=residual)
     last = solve(dataclasses.replace(a, x0=x))
-    counts = _counts(found, last)
+    counts = _total_work(found, last)
     return dataclasses.replace(
         last, stage=found.stage if last.n_iter == 0 else last.stage, projected=False, **counts
     )
@@ -326,7 +326,7 @@ _COUNTS = (
 )
 
 
-def _counts(first: VIResult, last: VIResult) -> dict[str, Any]:
+def _total_work(first: VIResult, last: VIResult) -> dict[str, Any]:
     """Return the work of both."""
     counts = {name: getattr(first, name) + getattr(last, name) for name in _COUNTS}
     return counts | {"fill": max(first.fill, last.fill)}
@@ -380,7 +380,7 @@ def polished(first: VIResult, size: float, solve: Callable[[Array, float], VIRes
     if not first.success or not size or size >= _SMALL or first.residual <= TOL * size:
         return first
     last = solve(first.x, TOL * size)
-    counts = _counts(first, last)
+    counts = _total_work(first, last)
     if not last.success and first.residual <= max(_NOISE, _NEAR * size):
         return dataclasses.replace(first, **counts)
     return dataclasses.replace(last, projected=first.projected, **counts)
@@ -401,7 +401,7 @@ def pattern_for(jac_sparsity: Any, jac: Any, n: int) -> tuple[Any, str]:
     return pattern_of(jac_sparsity, n), scheme
 
 
-def _checked(
+def _validated_bounds(
     box: tuple[Array | float, Array | float], start: Array, settings: dict[str, Any]
 ) -> tuple[Array, Array]:
     """Return both bounds as arrays; the extension refuses bounds and settings that are wrong."""
@@ -434,7 +434,7 @@ def checked_affine(
     require_finite_entries("M", matrix)
     require_finite("q", q)
     begin = np.zeros(n) if start is None else start
-    lower, upper = _checked(box, begin, settings)
+    lower, upper = _validated_bounds(box, begin, settings)
     return Affine(matrix, q, lower, upper, begin)
 
 
@@ -488,7 +488,7 @@ class SparseVI:
         """Solve it, perhaps from another start to another tolerance."""
         start = self.start if x0 is None else x0
         settings = self.settings if tol is None else self.settings | {"tol": tol}
-        lower, upper = _checked(self.box, start, settings)
+        lower, upper = _validated_bounds(self.box, start, settings)
         jac = self.jac
         if not callable(jac) and not isinstance(jac, tuple):
             constant = sparse_matrix("jac", jac, len(start))
@@ -609,7 +609,7 @@ def solve_vi(
     if args and not isinstance(args, tuple):
         raise TypeError(f"args must be a tuple, got {type(args).__name__}")
     map_: Any = (lambda x: F(x, *args)) if args else F
-    box = limits(lower, upper, n)
+    box = read_bounds(lower, upper, n)
     settings = settings_of(tol, rtol, max_iter, options)
     algebra = settings.pop("linear_algebra", "auto")
     limit, observe = seconds(time_limit), observer(callback)
@@ -777,7 +777,7 @@ def solve_avi(
     start = None if x0 is None else vector("x0", x0)
     if start is not None and len(start) != n:
         raise ValueError(f"x0 must have {n} entries, as q has, got {len(start)}")
-    box = limits(lower, upper, n)
+    box = read_bounds(lower, upper, n)
     limit, observe = seconds(time_limit), observer(callback)
     is_adaptive = _is_adaptive(tol, rtol, settings)
 

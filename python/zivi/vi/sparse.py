@@ -298,7 +298,7 @@ def solve_sparse(
         status = VIStatus.STALLED
     projected = not np.array_equal(inside, start)
     if status in (VIStatus.STALLED, VIStatus.DOMAIN_ERROR) and dense and search.n <= MAX_DENSE:
-        return _merged(search, dense(search.time_left), projected)
+        return _with_work_before(search, dense(search.time_left), projected)
     if status is VIStatus.SOLVED and settings.get("test_isolation", True):
         try:
             if not _is_isolated(search):
@@ -311,7 +311,7 @@ def solve_sparse(
 
 def _stages(search: Search, settings: dict[str, Any]) -> VIStatus:
     """Go through the stages until one succeeds."""
-    begun = _begin(search, bool(settings.get("scale_by_jacobian")))
+    begun = _interior_start(search, bool(settings.get("scale_by_jacobian")))
     if begun is None:
         return VIStatus.DOMAIN_ERROR
     x, F, J = begun
@@ -350,7 +350,7 @@ def _stages(search: Search, settings: dict[str, Any]) -> VIStatus:
     return VIStatus.STALLED
 
 
-def _begin(search: Search, scales: bool) -> tuple[Array, Array, Any] | None:
+def _interior_start(search: Search, scales: bool) -> tuple[Array, Array, Any] | None:
     """Return the start, off its bounds where it must be, with `F` and its Jacobian there."""
     width = search.upper - search.lower
     for push in _PUSHES:
@@ -475,7 +475,7 @@ def _result(search: Search, status: VIStatus, projected: bool) -> VIResult:
     )
 
 
-def _merged(search: Search, found: VIResult, projected: bool) -> VIResult:
+def _with_work_before(search: Search, found: VIResult, projected: bool) -> VIResult:
     """Return the end of the dense solver with the work that was done before it."""
     return dataclasses.replace(
         found,

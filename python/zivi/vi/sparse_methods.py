@@ -14,10 +14,10 @@ __all__ = [
     "SETTLED",
     "ActiveSetEnd",
     "a_row_is_infeasible",
+    "active_set",
     "active_set_newton",
     "interior_point",
     "is_infeasible",
-    "places",
     "proximal_newton",
     "smoothing_newton",
 ]
@@ -54,7 +54,7 @@ class ActiveSetEnd(NamedTuple):
     """Largest component of the smallest step, 0 without one."""
 
 
-def places(search: Search, x: Array, F: Array, c: Array) -> Any:
+def active_set(search: Search, x: Array, F: Array, c: Array) -> Any:
     """Return -1 where ``x - F/c`` is at or below the lower bound, 1 at the upper, 0 inside."""
     w = x - F / c
     up = (w >= search.upper).astype(np.int8)
@@ -76,7 +76,7 @@ def active_set_newton(
         Steps whose changes of the active set may be more than half of those before.
     """
     c = rows_of_sizes(J)
-    at = places(search, x, F, c)
+    at = active_set(search, x, F, c)
     sizes = [float(np.linalg.norm(natural_map(x, F, search.lower, search.upper)))]
     fewest, slow, moves = search.n + 1, 0, (0.0, 0.0)
     while True:
@@ -85,7 +85,7 @@ def active_set_newton(
             return ActiveSetEnd(False, *moves)
         largest = float(np.max(np.abs(step)))
         moves = moves[0] or float(np.sqrt(np.mean(step**2))), min(moves[1] or largest, largest)
-        moved = _moved(search, x, step, sizes)
+        moved = _next_point(search, x, step, sizes)
         if moved is None:
             return ActiveSetEnd(False, *moves)
         x, F = moved
@@ -96,7 +96,7 @@ def active_set_newton(
             if J is None:
                 return ActiveSetEnd(False, *moves)
             c = rows_of_sizes(J)
-        now = places(search, x, F, c)
+        now = active_set(search, x, F, c)
         changes = int(np.count_nonzero(now != at))
         if changes == 0 and search.map.is_affine:
             return ActiveSetEnd(False, *moves)  # as exact as it gets
@@ -123,7 +123,9 @@ def _step(search: Search, x: Array, F: Array, J: Any, at: Any) -> Array | None:
     return step
 
 
-def _moved(search: Search, x: Array, step: Array, sizes: list[float]) -> tuple[Array, Array] | None:
+def _next_point(
+    search: Search, x: Array, step: Array, sizes: list[float]
+) -> tuple[Array, Array] | None:
     """Return the next point with `F` there: a full step for affine `F`, else a search in the box.
 
     ``|natural map| <= (1 - 1e-4 t) max of the last five``.
@@ -220,7 +222,7 @@ def _rounding(a: Array, mu: float) -> tuple[Array, Array]:
     return np.where(a > 0, 2 * mu**2 / (h + np.abs(a)), 0.5 * (h - a)), h
 
 
-class _Point(NamedTuple):
+class _Iterate(NamedTuple):
     """A point with its `F`, and ``|H|/sqrt(n)`` there."""
 
     x: Array
@@ -263,7 +265,7 @@ class _Smoothing:
         self._least = _LEAST_MU * mu
         self._rises = 0
         self.J = J
-        self.point = _Point(x, F, np.inf)
+        self.point = _Iterate(x, F, np.inf)
 
     def _proximal(self, x: Array, F: Array) -> Array:
         """Return ``F + weight c (x - centre)``."""
@@ -273,12 +275,12 @@ class _Smoothing:
         H = x - self._project.value(x - self._proximal(x, F) / self.c, mu)
         return float(np.linalg.norm(H) / np.sqrt(len(H)))
 
-    def _at(self, x: Array, mu: float) -> _Point | None:
+    def _at(self, x: Array, mu: float) -> _Iterate | None:
         """Evaluate a trial; None where `F` is not finite."""
         if not self.search.map.is_affine:
             x = self.search.inside(x)
         F = self.search.value(x)
-        return None if F is None else _Point(x, F, self._size(x, F, mu))
+        return None if F is None else _Iterate(x, F, self._size(x, F, mu))
 
     def _directions(self) -> list[Array] | None:
         """Return the Newton step and the tangent ``dx/dmu``; None where there is none."""
@@ -317,7 +319,7 @@ class _Smoothing:
             t *= 0.5
         return False
 
-    def _ahead(self, newton: Array, tangent: Array) -> tuple[_Point, float] | None:
+    def _ahead(self, newton: Array, tangent: Array) -> tuple[_Iterate, float] | None:
         """Return the point along both directions where `mu` is least near the path, with `mu`."""
         x = self.point.x
         for fall in self._falls:
@@ -344,7 +346,7 @@ class _Smoothing:
                 return True
             if not search.map.is_affine and not self._linearise():
                 return False
-            now = places(search, x, F, self.c)
+            now = active_set(search, x, F, self.c)
             changes = search.n if at is None else int(np.count_nonzero(now != at))
             at, wait = now, wait - 1
             if self.mu < mu and changes <= settled and wait <= 0 and not self._weight:
@@ -592,7 +594,7 @@ def interior_point(
         if F is None or short > _SHORTS_INTERIOR:
             return False
         if search.end_iteration(bounded, F):
-            _settle(search, bounded, F, M, now)
+            _polish(search, bounded, F, M, now)
             return True
         changes = search.n if at is None else int(np.count_nonzero(now != at))
         moved += 0 if at is None else changes
@@ -608,7 +610,7 @@ def interior_point(
     return False
 
 
-def _settle(search: Search, x: Array, F: Array, M: Any, at: Any) -> None:
+def _polish(search: Search, x: Array, F: Array, M: Any, at: Any) -> None:
     """Make a solution on an active set exact where the Jacobian inside may be singular.
 
     ``M_II d = -F_I`` by proximal steps, which the rest of a singular but consistent system takes.
@@ -680,7 +682,7 @@ def is_infeasible(search: Search, M: Any, q: Array) -> bool:
     if not len(positive) + len(negative):
         return False
     y = np.zeros(search.n)
-    found = _multipliers(search, M, q, positive, negative)
+    found = _phase_one(search, M, q, positive, negative)
     if found is None:
         return False
     y[positive] += np.maximum(found[: len(positive)], 0.0)
@@ -689,7 +691,7 @@ def is_infeasible(search: Search, M: Any, q: Array) -> bool:
     return bool(np.any(y)) and _proves(search, M, q, y)
 
 
-def _multipliers(search: Search, M: Any, q: Array, positive: Any, negative: Any) -> Array | None:
+def _phase_one(search: Search, M: Any, q: Array, positive: Any, negative: Any) -> Array | None:
     """Return multipliers of ``min sum s``, ``F_i + s_i >= 0`` (or ``-F_i``), over the box."""
     from scipy.optimize import linprog
     from scipy.sparse import eye_array, hstack, vstack
