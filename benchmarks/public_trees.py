@@ -21,7 +21,7 @@ import numpy as np
 
 import zivi
 from zivi.interop.mujoco import scalar_joints
-from zivi.interop.mujoco.read import parts_of
+from zivi.interop.mujoco.read import read_parts
 from zivi.mechanics import PlaneGap
 
 STATES = 20
@@ -94,7 +94,7 @@ def apart(found: Any, exact: Any, scale: float) -> float:
 def compared(model: Any) -> tuple[int, list[float]]:
     """Compare the tree of a model with it at random states: degrees of freedom, differences."""
     rng = np.random.default_rng(0)
-    parts = parts_of(model, [], None, "refuse")
+    parts = read_parts(model, [], None, "refuse")
     bodies = [body for body in range(1, model.nbody) if model.body_weldid[body] != 0]
     chosen = rng.permutation(bodies)[:8]
     points = [(int(body), rng.normal(size=3) * 0.2) for body in chosen]

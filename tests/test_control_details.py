@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import zivi
-from inside import Law
+from inside import ControlLaw
 from mechanical_arms import PADDLE, START, follow, tapping, tracker, two_links
 
 
@@ -14,7 +14,7 @@ def test_a_tracker_has_the_least_gains_that_hold_an_unknown_force(exact):
     bound, ratio = 1.7, np.geomspace(0.05, 8.0, 60)
     binding = set()
     for e in (0.1, 0.3, 0.5, 0.7, 0.9):
-        law, R = Law("tracker", e, -9.81, None), 2.0 * e / (1.0 + e)
+        law, R = ControlLaw("tracker", e, -9.81, None), 2.0 * e / (1.0 + e)
         for per, least in zip(ratio, law.least(ratio, bound, exact), strict=True):
             if not np.isfinite(least):
                 continue

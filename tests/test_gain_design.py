@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import zivi
-from inside import Landing, settled
+from inside import Landing, bound_landing
 
 SCRIPT = Path(__file__).parents[1] / "benchmarks" / "design_promises.py"
 
@@ -67,7 +67,7 @@ def bounce(e, rising, falling, x):
 def bounded(e, U, D, start, *, bound=0.0, h=1e-9, force=0.0, delay=0, quiet=0.0):
     """The promise of one landing."""
     landing = Landing(e, force, bound, start, delay, quiet)
-    found = settled(landing, np.array([U]), np.array([D]), np.array([h]))
+    found = bound_landing(landing, np.array([U]), np.array([D]), np.array([h]))
     return float(found.time[0]), float(found.height[0])
 
 
@@ -222,7 +222,7 @@ def test_the_best_ratio_is_the_numeric_minimum(kind, e):
     else:
         rising, falling = 1 + ratios, 1 - ratios
     landing = Landing(e, 0.0, 0.0, (1.0, 0.0), 0, 0.0)
-    time = settled(landing, rising, falling, np.full(ratios.shape, 1e-7)).time
+    time = bound_landing(landing, rising, falling, np.full(ratios.shape, 1e-7)).time
     scaled = time * np.sqrt(np.maximum(rising, falling))
     assert zivi.best_ratio(e, kind) == pytest.approx(ratios[np.argmin(scaled)], abs=1e-3)
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import zivi
-from inside import FLATTEST, STEEPEST, Law, _sides, check_ahead
+from inside import FLATTEST, STEEPEST, ControlLaw, _gap_branches, check_ahead
 
 FORCE = ctypes.CFUNCTYPE(*[ctypes.c_double] * 4)
 
@@ -15,7 +15,7 @@ def test_a_regulator_has_the_least_gain_whose_ratio_is_in_range():
     low, high = ((1.0 - it) / (1.0 + it) for it in (FLATTEST, STEEPEST))
     ratio = np.geomspace(1e-4, 1e4, 41)
     for force in (-3.0, -0.2, 0.0, 0.7, 5.0):
-        least = Law("regulator", 0.5, force, None)._ordered(ratio)
+        least = ControlLaw("regulator", 0.5, force, None)._ordered(ratio)
         for per, found in zip(ratio, least, strict=True):
             # mu2/mu1 of the net accelerations U and D = per U
             given = np.geomspace(1e-6, 1e6, 2000)
@@ -56,7 +56,7 @@ def test_the_branch_of_a_gap_changes_at_each_of_its_impacts():
     first = np.sqrt(2.0 / 9.81)
     impacts = first + first * np.cumsum([0.0, 1.0, 0.5, 0.25])  # closed form
     times = np.concatenate([[0.0], impacts - 1e-3, impacts + 1e-3])
-    sides = _sides(run, times, 1)[:, 0]
+    sides = _gap_branches(run, times, 1)[:, 0]
     assert sides.tolist() == [1, 1, -1, 1, -1, -1, 1, -1, 1]
 
 

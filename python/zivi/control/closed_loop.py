@@ -25,23 +25,23 @@ from zivi.control.loop_arguments import (
     check_ahead,
     check_delay,
     check_interface,
-    check_method,
     check_not_negative,
     check_observer,
+    check_plant_method,
     check_reference,
     check_stays,
     describe_reference,
     described,
     described_observer,
-    forces_of,
+    has_own_tick,
     interface_of,
-    is_ours,
-    motion_of,
+    loop_forces,
     noise_of,
     on_wall,
-    period_of,
+    plant_motion,
+    sampling_period,
     spec_of,
-    told_of,
+    with_step_to,
 )
 from zivi.control.loop_run import (
     ESTIMATES,
@@ -73,9 +73,9 @@ __all__ = [
     "SAMPLED",
     "ClosedLoop",
     "Controller",
-    "ended_by_event",
+    "end_loop_at_event",
     "keep",
-    "restrict",
+    "restrict_loop",
     "simulate_closed_loop",
     "tracker_gains",
 ]
@@ -86,7 +86,7 @@ SAMPLED = ("x", "xdot", "x_ref", "u")
 """What a batch keeps of each loop at given times."""
 
 
-def restrict(run: ClosedLoop, times: Array) -> ClosedLoop:
+def restrict_loop(run: ClosedLoop, times: Array) -> ClosedLoop:
     """Report a run at `times` (those within the computed span) instead of at its samples."""
     if run._span is None:
         return run
@@ -95,14 +95,14 @@ def restrict(run: ClosedLoop, times: Array) -> ClosedLoop:
 
 def keep(rows: Array, run: ClosedLoop, times: Array) -> None:
     """Put the quantities of a loop of a batch at `times` into their rows."""
-    there = restrict(run, times)
+    there = restrict_loop(run, times)
     for row, name in zip(rows, SAMPLED, strict=True):
         values = getattr(there, name)
         if values is not None:
             row[: len(there.t)] = values
 
 
-def ended_by_event(run: ClosedLoop, h: float) -> ClosedLoop:
+def end_loop_at_event(run: ClosedLoop, h: float) -> ClosedLoop:
     """End a run at its last event, within its last period."""
     end = max(float(times[-1]) for times in run.t_events if len(times))
     times = np.append(run.t[run.t < end], end)
@@ -396,12 +396,12 @@ def simulate_closed_loop(
         raise TypeError("disturbance is for a zivi.MechanicalSystem: here system.force is true")
     part = check_slowest(slowest)
     check_system(system)
-    h = period_of(controller)
-    own, controller = controller, on_wall(told_of(controller, reference), system)
+    h = sampling_period(controller)
+    own, controller = controller, on_wall(with_step_to(controller, reference), system)
     interface = interface_of(controller)
     span = pair("t_span", t_span, "(t0, t1)")
     state = pair("y0", y0, "(x0, xdot0)")
-    forces, specs = forces_of(system, force_model, force_ref)
+    forces, specs = loop_forces(system, force_model, force_ref)
     check_observer(observer, h)
     check_interface(controller, interface, specs[-1], y_ref0=y_ref0, force_ref=force_ref)
     check_reference(controller, reference, y_ref0=y_ref0, force_ref=force_ref)
@@ -413,7 +413,7 @@ def simulate_closed_loop(
     resolution = check_not_negative("quantization", quantization)
     periods = check_delay(delay)
     check_ahead(controller, periods, deviations[1] if observer is None else 0.0)
-    check_method(method, h)
+    check_plant_method(method, h)
     times = None if t_eval is None else times_within(t_eval, span)
     watched = events_of(events)
     if not isinstance(dense_output, bool):
@@ -450,28 +450,28 @@ def simulate_closed_loop(
             h=h,
             span=span,
             start=_zivi.State(*state),
-            **motion_of(method),
+            **plant_motion(method),
             noise=samples,
             resolution=resolution,
             delay=periods,
             observer=observer,
             interface=interface,
-            ours=is_ours(controller),
+            ours=has_own_tick(controller),
             dense=dense_output or times is not None or bool(watched),
             given=told,
             restitution_ref=restitution_ref,
             events=watched,
             progress=bar.report,
         )
-    run, raised = _run(record, config, part), record.raised
+    run, raised = _loop_result(record, config, part), record.raised
     if reference is not None:
         run = _with_reference(run, reference)
     if raised is None and (raised := ear.ends(run.success)):
         run = as_raised(run)
     if run.status is Status.TERMINATED_BY_EVENT:
-        run = ended_by_event(run, h)
+        run = end_loop_at_event(run, h)
     if times is not None:
-        run = restrict(run, times)
+        run = restrict_loop(run, times)
     if raised is None:
         run.updates.warn(config["controller"]["name"])
         return run
@@ -481,7 +481,7 @@ def simulate_closed_loop(
         del raised, ear
 
 
-def _run(record: _zivi.LoopRecord, config: dict[str, Any], slowest: float) -> ClosedLoop:
+def _loop_result(record: _zivi.LoopRecord, config: dict[str, Any], slowest: float) -> ClosedLoop:
     t, *sampled = record.columns
     samples: dict[str, Any] = dict(zip(QUANTITIES, sampled, strict=True))
     impacts, wall = impacts_of(record), (config["e"], config["kappa"])

@@ -20,8 +20,8 @@ __all__ = [
     "DEPTH",
     "HORIZON",
     "TickStatus",
+    "limit_pairs",
     "limits_of",
-    "pairs",
 ]
 
 # Ranges of controls.
@@ -37,7 +37,7 @@ def limits_of(limits: Any) -> Array | None:
     return rows
 
 
-def pairs(limits: Array | None) -> list[tuple[float, float]] | None:
+def limit_pairs(limits: Array | None) -> list[tuple[float, float]] | None:
     """Give them as the extension takes them."""
     return None if limits is None else [(float(low), float(high)) for low, high in limits]
 
@@ -73,7 +73,7 @@ class TickStatus(enum.IntFlag):
     """A contact that a `GapTracker` held opened: `force` is less than what its model lacks."""
 
 
-def is_state(state: Any) -> bool:
+def is_controller_state(state: Any) -> bool:
     try:
         s, v, side, u, signs, bits = state
         numbers = [float(number) for number in (s, v, side, u, *signs)]
@@ -163,7 +163,7 @@ class Component:
 class Shared(Component):
     """What the controllers have in common beside their ticks."""
 
-    _is_state = staticmethod(is_state)
+    _is_state = staticmethod(is_controller_state)
     _kind = "a controller's"
 
     if TYPE_CHECKING:  # the extension's classes have them
@@ -223,7 +223,7 @@ class Shared(Component):
     def state(self, state: tuple[Any, ...]) -> None:
         delay = self._settings.get("delay", 0)
         own = state[:6] if delay and isinstance(state, tuple) else state
-        if not (is_state(own) and (not delay or are_under_way(state[6:], delay))):
+        if not (is_controller_state(own) and (not delay or are_under_way(state[6:], delay))):
             raise ValueError(f"state must be what {self._kind} state gave, got {state!r}")
         self._set_state(own)
         if delay:
@@ -254,7 +254,7 @@ class Following(Shared):
         return self._number("kappa_ref")
 
 
-class Landing(Shared):
+class LandingController(Shared):
     """What the controllers that land have in common."""
 
     @property
@@ -294,7 +294,7 @@ def rebuilt(kind: type[Any], attributes: dict[str, Any], state: tuple[Any, ...])
     return controller
 
 
-def common(
+def common_settings(
     mu1: float,
     mu2: float,
     h: float,

@@ -19,20 +19,20 @@ from zivi.system.mass import coefficients
 
 __all__ = [
     "LARGEST",
-    "Asked",
-    "Found",
+    "Candidate",
+    "ControlLaw",
+    "DesignSpec",
     "GainDesign",
     "InfeasibleError",
     "Landing",
-    "Law",
-    "Settled",
+    "LandingEnd",
     "best_ratio",
+    "bound_landing",
     "design_regulator",
     "design_tracker",
     "feasible_time",
     "least_limit",
     "search",
-    "settled",
 ]
 
 # How long a sampled landing takes at most, for any unknown force within its bound.
@@ -101,7 +101,7 @@ class Landing:
 
 
 @dataclasses.dataclass(frozen=True)
-class Settled:
+class LandingEnd:
     """How a landing ends.
 
     Parameters
@@ -116,7 +116,7 @@ class Settled:
     height: Array
 
 
-class _Flights:
+class _LandingFlights:
     """Flights of the landings with these accelerations, one entry for each."""
 
     def __init__(self, it: Landing, braking: Array, falling: Array, h: Array) -> None:
@@ -158,9 +158,9 @@ class _Flights:
         return np.where(self.strong, below_d, below_u)
 
 
-def settled(
+def bound_landing(
     it: Landing, braking: Array, falling: Array, h: Array, within: float = math.inf
-) -> Settled:
+) -> LandingEnd:
     """Bound the time of a landing; times beyond `within` may be given as infinite.
 
     Parameters
@@ -175,17 +175,17 @@ def settled(
         The longest time that is of interest (s).
     """
     with np.errstate(all="ignore"):
-        return _settled(it, braking, falling, np.asarray(h), within)
+        return _bound_end(it, braking, falling, np.asarray(h), within)
 
 
-def _settled(it: Landing, braking: Array, falling: Array, h: Array, within: float) -> Settled:
+def _bound_end(it: Landing, braking: Array, falling: Array, h: Array, within: float) -> LandingEnd:
     e, M = it.e, it.bound
     shrinks = (falling > M) & (braking > M) & (e * e * (falling + M) < braking - M)
     rests = shrinks & (e * e * (falling + M) < np.minimum(braking, falling) - M)
     U, D = np.where(shrinks, braking, M + 2.0), np.where(shrinks, falling, M + 1.0)
-    flights = _Flights(it, U, D, h)
+    flights = _LandingFlights(it, U, D, h)
     time, w = _first_impact(it, flights, h)
-    until = np.where(rests, flights.stops, np.maximum(flights.stops, NEAR * _cycle(flights)))
+    until = np.where(rests, flights.stops, np.maximum(flights.stops, NEAR * _cycle_speed(flights)))
     for _ in range(FLIGHTS):
         on = (w > until) & (time <= within) & shrinks
         if not on.any():
@@ -194,10 +194,10 @@ def _settled(it: Landing, braking: Array, falling: Array, h: Array, within: floa
         time, w = np.where(on, time + longer, time), np.where(on, after, w)
     time = np.where(rests, time + flights.tail(np.where(rests, w, 0.0)), time) + h
     height = np.where(rests, 0.0, flights.flight(until)[1])
-    return Settled(np.where(shrinks & (time <= within), time, np.inf), height)
+    return LandingEnd(np.where(shrinks & (time <= within), time, np.inf), height)
 
 
-def _first_impact(it: Landing, flights: _Flights, h: Array) -> tuple[Array, Array]:
+def _first_impact(it: Landing, flights: _LandingFlights, h: Array) -> tuple[Array, Array]:
     """Give the time of the first impact and the speed after it."""
     x, slowest, fastest = it.released(h)
     up, down = np.maximum(fastest, 0.0), np.maximum(-fastest, 0.0)
@@ -216,7 +216,7 @@ def _first_impact(it: Landing, flights: _Flights, h: Array) -> tuple[Array, Arra
 TINY = 1e-300
 
 
-def _cycle(flights: _Flights) -> Array:
+def _cycle_speed(flights: _LandingFlights) -> Array:
     r"""Give the speed at which the bounces of a mass that does not rest no longer shrink.
 
     :math:`w^2 = 2 e^2 (D + M) X(w)` with the height of a late brake,
@@ -245,7 +245,7 @@ MARGIN = 1e-9
 
 
 @dataclasses.dataclass(frozen=True)
-class Law:
+class ControlLaw:
     """What the gains make of a controller.
 
     Parameters
@@ -371,7 +371,7 @@ LONGEST = 1e6
 
 
 @dataclasses.dataclass(frozen=True)
-class Asked:
+class DesignSpec:
     """What is requested.
 
     Parameters
@@ -388,7 +388,7 @@ class Asked:
         Whether the mass has to rest exactly.
     """
 
-    law: Law
+    law: ControlLaw
     landing: Landing
     time: float
     limits: tuple[float, float]
@@ -413,7 +413,7 @@ class Asked:
 
     def in_time(self, braking: Array, h: Array) -> NDArray[np.bool_]:
         """Whether so much brake is enough, for each ratio."""
-        found = settled(self.landing, braking, RATIOS * braking, h, PART * self.time)
+        found = bound_landing(self.landing, braking, RATIOS * braking, h, PART * self.time)
         enough: NDArray[np.bool_] = found.time <= PART * self.time
         return enough
 
@@ -426,7 +426,7 @@ class Asked:
 
 
 @dataclasses.dataclass(frozen=True)
-class Found:
+class Candidate:
     """Accelerations U and D, the sampling period, and what they promise."""
 
     braking: float
@@ -436,7 +436,7 @@ class Found:
     height: float
 
 
-def search(asked: Asked) -> Found | None:
+def search(asked: DesignSpec) -> Candidate | None:
     """Give the least accelerations, None where there are none."""
     low, high = asked.ends()
     some = low <= high
@@ -444,11 +444,13 @@ def search(asked: Asked) -> Found | None:
     for h in asked.periods():
         possible = some & asked.in_time(high, h)
         if possible.any():
-            return _least(asked, (low, high), possible, h)
+            return _least_braking(asked, (low, high), possible, h)
     return None
 
 
-def _least(asked: Asked, ends: tuple[Array, Array], possible: NDArray[np.bool_], h: Array) -> Found:
+def _least_braking(
+    asked: DesignSpec, ends: tuple[Array, Array], possible: NDArray[np.bool_], h: Array
+) -> Candidate:
     """Find the least U for each ratio between its ends; of these the least acceleration."""
     low, high = np.log(ends[0]), np.log(ends[1])
     at_once = asked.in_time(ends[0], h)
@@ -460,11 +462,11 @@ def _least(asked: Asked, ends: tuple[Array, Array], possible: NDArray[np.bool_],
     most = np.where(possible, braking * np.maximum(1.0, RATIOS), np.inf)
     k = int(np.argmin(most))
     U, D = braking[k : k + 1], RATIOS[k] * braking[k : k + 1]
-    found = settled(asked.landing, U, D, h[k : k + 1])
-    return Found(*(float(it[0]) for it in (U, D, h[k : k + 1], found.time, found.height)))
+    found = bound_landing(asked.landing, U, D, h[k : k + 1])
+    return Candidate(*(float(it[0]) for it in (U, D, h[k : k + 1], found.time, found.height)))
 
 
-def feasible_time(asked: Asked) -> float | None:
+def feasible_time(asked: DesignSpec) -> float | None:
     """Give the least settling time that the actuator allows, None where it allows none."""
 
     def feasible(time: float) -> bool:
@@ -473,7 +475,7 @@ def feasible_time(asked: Asked) -> float | None:
     return _least_of(feasible, asked.time, LONGEST * asked.time)
 
 
-def least_limit(asked: Asked) -> float | None:
+def least_limit(asked: DesignSpec) -> float | None:
     """Give the least limit of the absolute control that allows what is requested."""
 
     def feasible(limit: float) -> bool:
@@ -698,7 +700,7 @@ def design_tracker(
     """
     e, _ = _restitution(e, kappa)
     largest = None if force_ref is None else finite("force_ref", force_ref)
-    law = Law("tracker", e, finite("force", force), largest)
+    law = ControlLaw("tracker", e, finite("force", force), largest)
     return _design(law, (settling_time, bound, start, quiet), u_limits, delay, rest)
 
 
@@ -767,12 +769,12 @@ def design_regulator(
     True
     """
     e, _ = _restitution(e, kappa)
-    law = Law("regulator", e, finite("force", force), None)
+    law = ControlLaw("regulator", e, finite("force", force), None)
     return _design(law, (settling_time, bound, start, quiet), u_limits, delay, rest)
 
 
 def _design(
-    law: Law,
+    law: ControlLaw,
     asked: tuple[Any, Any, Any, Any],
     u_limits: Any,
     delay: Any,
@@ -787,14 +789,14 @@ def _design(
     if rest not in ("exact", "practical"):
         raise ValueError(f"rest must be 'exact' or 'practical', got {rest!r}")
     landing = Landing(law.e, law.force, bound, state, check_delay(delay), quiet)
-    wanted = Asked(law, landing, time, _limits(u_limits), rest == "exact")
+    wanted = DesignSpec(law, landing, time, _limits(u_limits), rest == "exact")
     found = search(wanted)
     if found is None:
         raise _infeasible(wanted)
-    return _design_of(wanted, found)
+    return _gain_design(wanted, found)
 
 
-def _design_of(asked: Asked, found: Found) -> GainDesign:
+def _gain_design(asked: DesignSpec, found: Candidate) -> GainDesign:
     law, landing = asked.law, asked.landing
     mu1, mu2 = law.gains(found.braking, found.falling)
     u_min, u_max = law.controls(mu1, mu2, landing.delay > 0)
@@ -817,7 +819,7 @@ def _design_of(asked: Asked, found: Found) -> GainDesign:
     )
 
 
-def _infeasible(asked: Asked) -> InfeasibleError:
+def _infeasible(asked: DesignSpec) -> InfeasibleError:
     """Say what the actuator can."""
     low, high = asked.limits
     needs = f"no gains rest within {asked.time:g} s"

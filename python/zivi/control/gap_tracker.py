@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 import zivi._zivi as _zivi
 from zivi.base.check import Array, by_name, finite, not_negative, positive, real, switch
-from zivi.control.component import TickStatus, delay_of, limits_of, pairs
+from zivi.control.component import TickStatus, delay_of, limit_pairs, limits_of
 from zivi.control.mechanical_reference import MechanicalReference, ReferenceSample
 from zivi.control.model_based import ModelBased, believed
 from zivi.control.twisting import TwistingTracker
@@ -179,7 +179,7 @@ class GapTracker(ModelBased):
                 for name, it in by_name("gains", gains).items()
             },
             "posture": pair("posture", posture, "(kp, kd)"),
-            "force": _forces({} if force is None else by_name("force", force)),
+            "force": _force_levels({} if force is None else by_name("force", force)),
             "u_limits": u_limits,
             "horizon": real("horizon", horizon),
             "shift": switch("shift", shift),
@@ -210,7 +210,7 @@ class GapTracker(ModelBased):
             self._trackers,
             h=settings["h"],
             posture=settings["posture"],
-            limits=pairs(limits_of(u_limits)),
+            limits=limit_pairs(limits_of(u_limits)),
             latch=settings["latch"],
             delay=settings["delay"],
             learn_offsets=settings["learn_offset"],
@@ -386,7 +386,7 @@ def _pressing(name: str, force: Any) -> Any:
     return lambda t: positive(f"force[{name!r}]({t:.9g})", force(t))
 
 
-def _forces(force: Mapping[str, Any]) -> dict[str, Any]:
+def _force_levels(force: Mapping[str, Any]) -> dict[str, Any]:
     return {
         name: it if callable(it) else positive(f"force[{name!r}]", it) for name, it in force.items()
     }
@@ -534,7 +534,7 @@ class Striker(ModelBased):
             h=settings["h"],
             learns=settings["learn"],
             learning=(LEARNT, LEAST, PUSHES, MEAN),
-            limits=pairs(limits_of(u_limits)),
+            limits=limit_pairs(limits_of(u_limits)),
             posture=settings["posture"],
             delay=settings["delay"],
             target=_target(name, target),

@@ -31,29 +31,29 @@ __all__ = [
     "GivenReference",
     "Reference",
     "asked_of",
+    "at_samples",
     "check_ahead",
     "check_delay",
     "check_follows",
     "check_interface",
-    "check_method",
     "check_not_negative",
     "check_observer",
+    "check_plant_method",
     "check_reference",
     "check_seed",
     "check_stays",
     "describe_reference",
     "described",
     "described_observer",
-    "forces_of",
+    "has_own_tick",
     "interface_of",
-    "is_ours",
-    "motion_of",
+    "loop_forces",
     "noise_of",
     "on_wall",
-    "period_of",
-    "rows_of",
+    "plant_motion",
+    "sampling_period",
     "spec_of",
-    "told_of",
+    "with_step_to",
 ]
 
 # References that a closed loop is given: a run, a function of time, or values at the samples.
@@ -128,7 +128,7 @@ class Told:
         return self.controller.step(x, xdot, force, **{name: known[name] for name in self._names})
 
 
-def told_of(controller: Any, reference: Any) -> Any:
+def with_step_to(controller: Any, reference: Any) -> Any:
     """Give a controller of the user that has no ``step_to`` one, if there is a reference."""
     ours = reference is None or isinstance(controller, CONTROLLERS)
     return controller if ours or hasattr(controller, "step_to") else Told(controller)
@@ -144,23 +144,23 @@ def describe_reference(reference: Any) -> str:
 def spec_of(reference: Any, span: tuple[float, float], h: float) -> Spec:
     """Translate a reference: a function stays one, all else is known at the samples."""
     if callable(reference) and not isinstance(reference, Trajectory):
-        return _function(reference)
-    return rows_of(reference, span, h)
+        return _checked_function(reference)
+    return at_samples(reference, span, h)
 
 
-def rows_of(reference: Any, span: tuple[float, float], h: float) -> Array:
+def at_samples(reference: Any, span: tuple[float, float], h: float) -> Array:
     """Give a reference at the samples, also a function."""
     times = _zivi.grid_times(*span, h, 1)
     if isinstance(reference, Trajectory):
-        return _of_run(reference, times)
+        return _rows_of_run(reference, times)
     if callable(reference):
-        function = _function(reference)
+        function = _checked_function(reference)
         called = np.array([function(float(t)) for t in times])
         return np.column_stack([called[:, :2], np.zeros(len(times)), called[:, 2]])
-    return _of_array(reference, times)
+    return _rows_of_array(reference, times)
 
 
-def _of_run(run: Trajectory, times: Array) -> Array:
+def _rows_of_run(run: Trajectory, times: Array) -> Array:
     """Give a run at the samples, with its branch and its mean acceleration in each period."""
     start, end = run._extent()
     if not (start <= times[0] and times[-1] <= end):
@@ -183,7 +183,7 @@ def sampled_run(run: Trajectory, times: Array) -> tuple[Array, Array, Array, Arr
     return x, xdot, np.where(s == 0.0, np.sign(v), np.sign(s)), pull
 
 
-def _of_array(reference: Any, times: Array) -> Array:
+def _rows_of_array(reference: Any, times: Array) -> Array:
     values = real_array("reference", reference)
     n = len(times)
     if values.ndim == 2 and values.shape[0] not in (2, 3) and values.shape[0] == n:
@@ -193,17 +193,17 @@ def _of_array(reference: Any, times: Array) -> Array:
             f"reference must have shape (2, {n}) or (3, {n}): x_r, xdot_r and, where it is known, "
             f"the acceleration at the {n} samples, got {np.shape(reference)}"
         )
-    _check("reference", values)
+    _check_samples("reference", values)
     pull = values[2] if len(values) == 3 else np.full(n, np.nan)
     return np.column_stack([values[0], values[1], np.zeros(n), pull])
 
 
-def _check(name: str, values: Array) -> None:
+def _check_samples(name: str, values: Array) -> None:
     if not (np.all(np.isfinite(values)) and np.all(values[0] >= 0.0)):
         raise ValueError(f"{name} must be finite, with x_r >= 0")
 
 
-def _function(reference: Callable[[float], Sequence[float]]) -> Callable[[float], Any]:
+def _checked_function(reference: Callable[[float], Sequence[float]]) -> Callable[[float], Any]:
     def called(t: float) -> tuple[float, float, float]:
         answer: Any = reference(t)
         try:
@@ -250,7 +250,7 @@ class GivenReference:
         if isinstance(self.source, Trajectory):
             path: Path = self.source._known()
             return path.physical(times)
-        function = _function(self.source)
+        function = _checked_function(self.source)
         x, xdot, _ = np.array([function(float(t)) for t in times]).reshape(-1, 3).T
         return x, xdot
 
@@ -271,7 +271,7 @@ BETWEEN_SAMPLES = SwitchedRK(rtol=1e-9, atol=1e-12)
 """How a plant moves whose force is not constant."""
 
 
-def forces_of(
+def loop_forces(
     system: ImpactSystem, force_model: Any, force_ref: Any
 ) -> tuple[dict[str, Any], list[_zivi.Force]]:
     """Return the forces on the plant, in the model and on the reference, and their specs."""
@@ -286,7 +286,7 @@ def forces_of(
     return forces, specs
 
 
-def motion_of(method: ThetaGamma | SwitchedRK | None) -> dict[str, Any]:
+def plant_motion(method: ThetaGamma | SwitchedRK | None) -> dict[str, Any]:
     """Return how the plant moves between samples, as the extension takes it."""
     return {
         "method": (BETWEEN_SAMPLES if method is None else method)._core,
@@ -294,7 +294,7 @@ def motion_of(method: ThetaGamma | SwitchedRK | None) -> dict[str, Any]:
     }
 
 
-def period_of(controller: Any) -> float:
+def sampling_period(controller: Any) -> float:
     """Return the sampling period of what can be run as a controller."""
     if isinstance(controller, type) or not (
         hasattr(controller, "h") and callable(getattr(controller, "step", None))
@@ -434,7 +434,7 @@ MAX_NOISE = 1e8
 """Samples up to which noise is drawn: 1.6 GB."""
 
 
-def is_ours(controller: Any) -> bool:
+def has_own_tick(controller: Any) -> bool:
     """Whether the ticks are those of one of our classes, not those of a subclass."""
     kind = type(controller)
     return any(
@@ -515,7 +515,7 @@ def check_follows(controller: Any, **given: Any) -> None:
             raise TypeError(f"{name} is given, but {kind} follows no reference")
 
 
-def check_method(method: ThetaGamma | SwitchedRK | None, h: float) -> None:
+def check_plant_method(method: ThetaGamma | SwitchedRK | None, h: float) -> None:
     """Refuse a motion between samples that is none, or is not on the controller's grid."""
     if method is None or isinstance(method, SwitchedRK):
         return

@@ -17,30 +17,31 @@ from zivi.base.status import warn
 from zivi.control.closed_loop import SAMPLED, ClosedLoop, Controller, keep, simulate_closed_loop
 from zivi.control.loop_arguments import (
     Reference,
+    at_samples,
     check_ahead,
     check_delay,
     check_follows,
-    check_method,
     check_not_negative,
     check_observer,
+    check_plant_method,
     check_reference,
     check_stays,
     describe_reference,
     described,
     described_observer,
-    motion_of,
     on_wall,
-    period_of,
-    rows_of,
+    plant_motion,
+    sampling_period,
 )
 from zivi.control.loop_run import ClosedLoopBatch, warn_of_batch
 from zivi.control.mechanical_loop import MechanicalController, RKPeriod
 from zivi.control.mechanical_loop_batch import (
     MechanicalLoopBatch,
     check_starts,
-    columns_of,
     columns_of_record,
-    copied,
+    copy_for_loop,
+    entry,
+    loop_columns,
     noises_of,
     numbers_of,
     outcomes,
@@ -68,14 +69,14 @@ from zivi.system.mechanism import MechanicalSystem
 
 __all__ = [
     "ClosedLoopBatch",
-    "common",
+    "as_list",
+    "batch_forces",
     "entry",
-    "forces_of",
+    "loop_count",
     "observers_of",
     "on_walls",
-    "placed",
+    "place_controllers",
     "references_of",
-    "several",
     "simulate_closed_loop_batch",
 ]
 
@@ -84,14 +85,14 @@ __all__ = [
 
 def observers_of(observer: Any, controllers: list[Any]) -> list[Any]:
     """Return the observers, each of its controller's period."""
-    observers = [] if observer is None else several("observer", observer)
+    observers = [] if observer is None else as_list("observer", observer)
     for i in range(max(len(observers), len(controllers)) if observers else 0):
         if i < len(observers) or len(observers) == 1:
             check_observer(entry(observers, i), controllers[min(i, len(controllers) - 1)].h)
     return observers
 
 
-def several(name: str, things: Any) -> list[Any]:
+def as_list(name: str, things: Any) -> list[Any]:
     """Return one thing, or several, as a list."""
     try:
         one = isinstance(things, (ImpactSystem, ImpactObserver, *CONTROLLERS))
@@ -103,7 +104,7 @@ def several(name: str, things: Any) -> list[Any]:
     return found
 
 
-def common(lists: dict[str, Any]) -> int:
+def loop_count(lists: dict[str, Any]) -> int:
     """Return the number of loops; every list has an entry for each, or one for all."""
     n = max(len(it) for it in lists.values())
     for name, it in lists.items():
@@ -112,7 +113,7 @@ def common(lists: dict[str, Any]) -> int:
     return n
 
 
-def placed(controllers: list[Any], references: Array, n: int) -> list[Any]:
+def place_controllers(controllers: list[Any], references: Array, n: int) -> list[Any]:
     """Copy the controllers, with their references where they start."""
     copies = []
     for i in range(n):
@@ -139,15 +140,10 @@ def references_of(
     """Give the references at the samples, and the kappas of their walls."""
     count = n if max(len(references), len({(it.h, it.kappa_ref) for it in controllers})) > 1 else 1
     pairs = [(entry(references, i), entry(controllers, i)) for i in range(count)]
-    return [(rows_of(it, span, controller.h), controller.kappa_ref) for it, controller in pairs]
+    return [(at_samples(it, span, controller.h), controller.kappa_ref) for it, controller in pairs]
 
 
-def entry(things: Sequence[Any] | Array, i: int) -> Any:
-    """Return the entry of one loop, or the one for all."""
-    return things[i if len(things) > 1 else 0]
-
-
-def forces_of(
+def batch_forces(
     plants: list[ImpactSystem], force_model: Any, force_ref: Any
 ) -> tuple[list[_zivi.Force], list[_zivi.Force], list[_zivi.Force]]:
     """Translate the forces on the plants, in the models and on the references."""
@@ -355,14 +351,14 @@ def simulate_closed_loop_batch(
     if mechanical:
         raise TypeError(f"{min(mechanical)} is for a zivi.MechanicalSystem")
     span, slowest = pair("t_span", t_span, "(t0, t1)"), check_slowest(slowest)
-    plants, ticking = several("systems", systems), several("controllers", controllers)
+    plants, ticking = as_list("systems", systems), as_list("controllers", controllers)
     for i, plant in enumerate(plants):
         if not isinstance(plant, ImpactSystem):
             kind = type(plant).__name__
             raise TypeError(f"systems must be zivi.ImpactSystem, got {kind} (number {i})")
     ours = all(type(controller) in CONTROLLERS for controller in ticking)
     for controller in ticking:
-        period_of(controller)
+        sampling_period(controller)
         check_follows(controller, y_ref0=y_ref0, force_ref=force_ref)
         check_reference(controller, reference, y_ref0=y_ref0, force_ref=force_ref)
     states = states_of("y0", y0)
@@ -373,17 +369,17 @@ def simulate_closed_loop_batch(
     lists |= {"reference": followed} | ({"observer": observers} if observers else {})
     deviations = noises_of(noise)
     lists |= {"noise": deviations} | ({} if seed is None or np.ndim(seed) == 0 else {"seed": seed})
-    n = common(lists)
+    n = loop_count(lists)
     noisy = any(it != (0.0, 0.0) for it in deviations)
     seeds = seeds_of(seed, n) if noisy or seed is not None else []
     times = None if t_eval is None else times_of(t_eval, save, span)
     rows = None if times is None else room_for(len(SAMPLED), n, len(times))
     if y_ref0 is not None and ours:
-        ticking = placed(ticking, references, n)
-    forces = forces_of(plants, force_model, force_ref)
+        ticking = place_controllers(ticking, references, n)
+    forces = batch_forces(plants, force_model, force_ref)
     ticking = on_walls(ticking, plants, n)
     for controller in ticking:
-        check_method(method, controller.h)
+        check_plant_method(method, controller.h)
         check_ahead(controller, check_delay(delay), max(it[1] for it in deviations))
     own = plants[0].force if force_model is None else force_model
     given_place = not (y_ref0 is None and reference is None)
@@ -402,7 +398,7 @@ def simulate_closed_loop_batch(
             given |= {"noise": entry(deviations, i), "seed": entry(seeds, i)}
         run: ClosedLoop = simulate_closed_loop(
             entry(plants, i),
-            copied(entry(ticking, i), i),
+            copy_for_loop(entry(ticking, i), i),
             span,
             entry(states, i),
             reference=entry(followed, i),
@@ -427,7 +423,7 @@ def simulate_closed_loop_batch(
     with ProgressBar(progress) as bar:
         if noisy or not ours or rows is not None:
             check_starts(states)
-            found = columns_of(outcomes(numbers, n, workers, bar.report), every)
+            found = loop_columns(outcomes(numbers, n, workers, bar.report), every)
         else:
             given = [] if reference is None else references_of(followed, ticking, span, n)
             with listening(specs, threads=True) as ear:
@@ -438,7 +434,7 @@ def simulate_closed_loop_batch(
                     np.array([(plant.e, plant.kappa) for plant in plants]),
                     np.ascontiguousarray(np.broadcast_to(states, (n, 2))),
                     span=span,
-                    **motion_of(method),
+                    **plant_motion(method),
                     resolution=resolution,
                     delay=check_delay(delay),
                     within=float(within),

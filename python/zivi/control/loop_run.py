@@ -37,9 +37,9 @@ __all__ = [
     "Updated",
     "UpdatedBatch",
     "Updates",
+    "branches_at",
     "on_side",
     "path_of",
-    "sides",
     "warn_of_batch",
     "with_updates",
 ]
@@ -201,7 +201,7 @@ LISTED = 1000
 """Impacts that a period lists; further ones are skipped in closed form."""
 
 
-def sides(times: Array, impacts: Array) -> Array:
+def branches_at(times: Array, impacts: Array) -> Array:
     """Give the branch at `times`, which increase: 1, and the other after each impact."""
     ends = np.concatenate(([0], np.searchsorted(times, impacts), [len(times)]))
     branches = np.ones(len(impacts) + 1)
@@ -289,7 +289,7 @@ def path_of(record: _zivi.LoopRecord, impacts: NDArray[np.void], wall: tuple[flo
     """Give the motion of the plant between its samples, None if it was not kept."""
     t, x, xdot, _, _, u = record.columns
     if record.own_force is not None:
-        side, net = sides(t, impacts["t"]), record.own_force + u
+        side, net = branches_at(t, impacts["t"]), record.own_force + u
         return BallisticPath(t, x, xdot, net, side, wall, _full(t, impacts))
     if record.lifted is not None:
         s, v = record.lifted.s[: len(t)], record.lifted.v[: len(t)]
@@ -498,7 +498,7 @@ class ClosedLoop(Updated, MassRun):
     def _lifted(self) -> tuple[Array, Array]:
         if self._path is not None and len(self.t):
             return self._path.lifted(self.t)
-        side = sides(self.t, self.resolved_impacts["t"])
+        side = branches_at(self.t, self.resolved_impacts["t"])
         return on_side(self.x, self.xdot, side, self.config["kappa"])
 
     @property

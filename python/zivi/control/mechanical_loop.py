@@ -21,7 +21,7 @@ from zivi.control.loop_arguments import (
     check_predicted,
     check_seed,
     described,
-    period_of,
+    sampling_period,
 )
 from zivi.control.loop_run import NONE, Updated, Updates, with_updates
 from zivi.control.mechanical_reference import MechanicalReference, check_coupling, reference_of
@@ -241,9 +241,9 @@ def simulate_mechanical(
     progress: bool | None = None,
 ) -> MechanicalClosedLoop:
     """Simulate the closed loop of a mechanical system, as `simulate_closed_loop` has it."""
-    h, span = period_of(controller), pair("t_span", t_span, "(t0, t1)")
+    h, span = sampling_period(controller), pair("t_span", t_span, "(t0, t1)")
     q, qdot = state_of(y0, system._n)
-    part, chosen = check_slowest(slowest), check_method(method)
+    part, chosen = check_slowest(slowest), read_plant_method(method)
     check_friction(system, chosen[0])
     model, times = system.model(len(q)), _zivi.grid_times(*span, h, 1)
     check_start(system, model, span, q, qdot)
@@ -256,18 +256,22 @@ def simulate_mechanical(
     sensor = Sensor.of(noise, quantization, seed, len(times), len(q))
     periods = check_delay(delay)
     own = controller
-    controller = copied(controller)
+    controller = copy_controller(controller)
     ahead = int(getattr(controller, "delay", 0))
     check_predicted(ahead, periods)
     asked_at = times_ahead(times, h, ahead, reference)
     tasks = tuple(getattr(controller, "tasks", ()))
     given = reference_of(reference, asked_at, system.gap_names, q, tasks)
-    check_reference(controller, given, model, (q, qdot), (asked_at, system.gap_names, tasks))
+    check_gap_reference(controller, given, model, (q, qdot), (asked_at, system.gap_names, tasks))
     watching = watching_of(observer, system, h, q)
     tell_sensor(controller, sensor, watching)
     plant = model if disturbance is None else disturbed(model, disturbance, len(q))
     native = type(controller) in (GapTracker, Striker)
-    loop = controller.in_loop(len(q), given) if native else called(controller, given, inputs.names)
+    loop = (
+        controller.in_loop(len(q), given)
+        if native
+        else called_loop(controller, given, inputs.names)
+    )
     with ProgressBar(progress) as bar, listening_always() as ear:
         stops = np.unique(np.concatenate([times[1:-1], system._breaks(span)]))
         record = _zivi.simulate_mechanical_loop(
@@ -289,7 +293,7 @@ def simulate_mechanical(
     asked = Asked(span, q, qdot, None, stops, [], dense_output)
     config = configuration(system, model, chosen[0], asked) | {
         "controller": described(own),
-        "reference": None if reference is None else told_of(reference),
+        "reference": None if reference is None else describe_reference(reference),
         "noise": list(sensor.deviations),
         "quantization": list(sensor.steps),
         "seed": sensor.seed,
@@ -312,7 +316,7 @@ def simulate_mechanical(
         del raised, ear
 
 
-def check_method(method: Any) -> tuple[SwitchedRK, bool]:
+def read_plant_method(method: Any) -> tuple[SwitchedRK, bool]:
     """Read how the plant moves: a method, and whether by one step a period."""
     if method is None:
         return BETWEEN_SAMPLES, False
@@ -326,12 +330,12 @@ def check_method(method: Any) -> tuple[SwitchedRK, bool]:
     return method, False
 
 
-def told_of(reference: Any) -> str:
+def describe_reference(reference: Any) -> str:
     """Tell what a reference is."""
     return repr(reference) if isinstance(reference, str) else f"a {type(reference).__name__}"
 
 
-def copied(controller: Any) -> Any:
+def copy_controller(controller: Any) -> Any:
     """Copy a controller that can be: the run leaves it as it is."""
     return controller.copy() if callable(getattr(controller, "copy", None)) else controller
 
@@ -346,7 +350,7 @@ def times_ahead(times: Array, h: float, ahead: int, reference: Any) -> Array:
     return np.concatenate([times, more])
 
 
-def check_reference(
+def check_gap_reference(
     controller: Any,
     given: MechanicalReference | None,
     model: Model,
@@ -443,7 +447,7 @@ def tell_sensor(controller: Any, sensor: Sensor, watching: Any) -> None:
         controller.sensed(watching.deviations, sensor.steps)
 
 
-def called(
+def called_loop(
     controller: Any, reference: MechanicalReference | None, names: Sequence[str]
 ) -> _zivi.CalledLoop:
     """Give what a loop runs for a controller of the interpreter."""
@@ -471,7 +475,7 @@ def loop_of(
 ) -> MechanicalClosedLoop:
     """Make the result of a loop from its record."""
     inputs, times = more
-    held = driven(plant, inputs, times, record.u)
+    held = driven_model(plant, inputs, times, record.u)
     stepped = config["method"]["name"] != "SwitchedRK"
     run: Any = MechanicalClosedLoop._from_record(
         record.run, system, held, config, None, stepped=stepped
@@ -501,7 +505,7 @@ def loop_of(
     return known
 
 
-def driven(model: Model, inputs: ControlInputs, times: Array, controls: Array) -> Model:
+def driven_model(model: Model, inputs: ControlInputs, times: Array, controls: Array) -> Model:
     """Give a model under the controls of a loop, for contact forces between the samples."""
     n = model.layout.n
 

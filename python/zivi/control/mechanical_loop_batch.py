@@ -17,7 +17,7 @@ from zivi.base.check import Array, by_name, real_array
 from zivi.base.extras import ProgressBar
 from zivi.base.status import ModelWarning
 from zivi.base.table import Field, ResultTable
-from zivi.control.loop_arguments import check_not_negative, check_seed, described, period_of
+from zivi.control.loop_arguments import check_not_negative, check_seed, described, sampling_period
 from zivi.control.loop_run import UpdatedBatch
 from zivi.control.mechanical_loop import MechanicalClosedLoop, simulate_mechanical, times_ahead
 from zivi.control.mechanical_reference import reference_of
@@ -33,9 +33,9 @@ if TYPE_CHECKING:
 __all__ = [
     "MechanicalLoopBatch",
     "check_starts",
-    "columns_of",
     "columns_of_record",
-    "copied",
+    "copy_for_loop",
+    "loop_columns",
     "noises_of",
     "numbers_of",
     "outcomes",
@@ -65,7 +65,7 @@ def seeds_of(seed: Any, n: int) -> list[int]:
     return [check_seed(it) for it in several]
 
 
-def copied(controller: Any, i: int) -> Any:
+def copy_for_loop(controller: Any, i: int) -> Any:
     """Copy a controller for a loop of its own; zivi's are copied by the loop."""
     if isinstance(controller, CONTROLLERS):
         return controller
@@ -135,7 +135,7 @@ def _rms(values: Array) -> float:
     return float(np.sqrt(_sum(values * values) / len(values))) if len(values) else np.nan
 
 
-def columns_of(found: Sequence[dict[str, Any]], every: int) -> dict[str, Any]:
+def loop_columns(found: Sequence[dict[str, Any]], every: int) -> dict[str, Any]:
     """Put the numbers of the loops into arrays, and the samples into rows, filled up with NaN."""
     names = [name for name in found[0] if name != "saved"]
     kinds = {name: np.uint64 for name in names if name.startswith("n_")} | {"status": np.uint8}
@@ -144,11 +144,11 @@ def columns_of(found: Sequence[dict[str, Any]], every: int) -> dict[str, Any]:
         for name in names
     }
     for k, name in enumerate(SAVED):
-        columns[f"sample_{name}"] = _rows([it["saved"][k] for it in found]) if every else None
+        columns[f"sample_{name}"] = _padded([it["saved"][k] for it in found]) if every else None
     return columns
 
 
-def _rows(several: list[Array]) -> Array:
+def _padded(several: list[Array]) -> Array:
     rows = np.full((len(several), max(map(len, several))), np.nan)
     for row, values in zip(rows, several, strict=True):
         row[: len(values)] = values
@@ -289,7 +289,7 @@ def simulate_mechanical_batch(
     """Simulate many closed loops of a mechanical system, as `simulate_closed_loop_batch` has it."""
     if save not in ("final", "runs"):
         raise ValueError(f"save must be 'final' or 'runs' for a mechanical system, got {save!r}")
-    states = starts_of(starts)
+    states = read_starts(starts)
     plants = plants_of(system, {} if parameters is None else by_name("parameters", parameters))
     deviations = noises_of(noise)
     noisy = any(it != (0.0, 0.0) for it in deviations)
@@ -297,7 +297,7 @@ def simulate_mechanical_batch(
     lists = {"starts": states, "parameters": plants, "noise": deviations, "seed": given}
     n = common_length(lists)
     numbers = seeds_of(seeds, n) if noisy or seeds is not None else []
-    span, h = pair("t_span", t_span, "(t0, t1)"), period_of(controller)
+    span, h = pair("t_span", t_span, "(t0, t1)"), sampling_period(controller)
     if isinstance(reference, MechanicalTrajectory):
         ahead = int(getattr(controller, "delay", 0))
         times = times_ahead(_zivi.grid_times(*span, h, 1), h, ahead, reference)
@@ -350,7 +350,7 @@ def simulate_mechanical_batch(
     return MechanicalLoopBatch(**columns, runs=whole, config=config)
 
 
-def starts_of(starts: Any) -> list[tuple[Array, Array]]:
+def read_starts(starts: Any) -> list[tuple[Array, Array]]:
     """Read initial states: ``(q0, qdot0)`` of shapes (n,) or (N, n), or an array (N, 2, n)."""
     if isinstance(starts, tuple) and len(starts) == 2:
         q, qdot = (np.atleast_1d(real_array("starts", it)) for it in starts)
@@ -397,9 +397,9 @@ def common_length(lists: Mapping[str, Sequence[Any]]) -> int:
     return max([1, *lengths.values()])
 
 
-def entry(given: Sequence[Any], i: int) -> Any:
-    """Give what belongs to loop `i`."""
-    return given[i] if len(given) > 1 else given[0]
+def entry(things: Sequence[Any] | Array, i: int) -> Any:
+    """Return the entry of one loop, or the one for all."""
+    return things[i if len(things) > 1 else 0]
 
 
 def mechanical_numbers_of(run: MechanicalClosedLoop) -> dict[str, Any]:

@@ -153,7 +153,7 @@ def of_run(
         raise ValueError(f"reference must have {len(q0)} coordinates, it has {q.shape[1]}")
     gaps, rates = np.where(contacts, 0.0, gaps), np.where(contacts, 0.0, rates)
     qddot, accelerations = _without_contacts(model, times, (q, qdot), contacts)
-    sides = _sides(run, times, len(names))
+    sides = _gap_branches(run, times, len(names))
     return MechanicalReference(q, qdot, qddot, gaps, rates, accelerations, sides, contacts)
 
 
@@ -190,7 +190,7 @@ def _pushed(D: Array, free: Array, closed: NDArray[np.bool_]) -> Array:
     return pushed
 
 
-def _sides(run: MechanicalTrajectory, times: Array, m: int) -> Array:
+def _gap_branches(run: MechanicalTrajectory, times: Array, m: int) -> Array:
     """Give the branch of each gap: 1, and the other after each of its impacts."""
     impacts = run.impacts_down_to(SLOWEST, limit=MOST_IMPACTS)
     sides = np.ones((len(times), m))
@@ -338,7 +338,7 @@ def check_coupling(
         return  # the gaps are those of a motion of the system, or rest
     several = given.apart and given.gaps.shape[1] > 1
     q, found = start[0], [_cosine(model, *start)] if several else [0.0]
-    for k in _places(given.gaps, goals):
+    for k in _checked_samples(given.gaps, goals):
         more = None if goals is None or tasks is None else (tasks, goals[k, 0])
         near = [q] if more is not None else [given.q[k], q, start[0]]
         q = _reached(model, near, given.gaps[k], more, (float(known[0][k]), *known[1:]))
@@ -353,7 +353,7 @@ def check_coupling(
         )
 
 
-def _places(gaps: Array, goals: Array | None) -> list[int]:
+def _checked_samples(gaps: Array, goals: Array | None) -> list[int]:
     """Give the samples that are looked at: even ones, and those of the extremes."""
     rows = [gaps] if goals is None else [gaps, goals[:, 0]]
     count = len(gaps)
@@ -379,7 +379,7 @@ def _reached(
     """Give a configuration with these gaps and functions, near one of others; or tell the lack."""
     lacks = []
     for q in near:
-        q, has = _configuration(model, q, gaps, more)
+        q, has = _solve_configuration(model, q, gaps, more)
         wanted = gaps if more is None else np.concatenate([gaps, more[1]])
         lack = np.abs(has - wanted) / (1.0 + np.abs(wanted))
         if len(wanted) > len(q):  # more than can be: functions follow as far as there is room
@@ -400,7 +400,7 @@ def _reached(
     )
 
 
-def _configuration(
+def _solve_configuration(
     model: Model, q: Array, gaps: Array, more: tuple[Model, Array] | None = None
 ) -> tuple[Array, Array]:
     """Give coordinates with these gaps and functions, near others, and what they do have."""

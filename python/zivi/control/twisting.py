@@ -12,10 +12,10 @@ from zivi.control.component import (
     DEPTH,
     HORIZON,
     Following,
-    Landing,
+    LandingController,
     Shared,
     TickStatus,
-    common,
+    common_settings,
     core,
     delay_of,
     horizon_of,
@@ -42,7 +42,7 @@ def _solve_by(
     return {"solver": solver, "linearisations": count}
 
 
-class TwistingRegulator(_zivi.Regulator, Landing):
+class TwistingRegulator(_zivi.Regulator, LandingController):
     r"""The twisting regulator: brings the mass to rest at the wall in finite time.
 
     .. math::
@@ -141,7 +141,7 @@ class TwistingRegulator(_zivi.Regulator, Landing):
         linearisations: int = LINEARISATIONS,
     ) -> Self:
         kappa = plant_kappa(e, kappa)
-        settings = common(mu1, mu2, h, kappa, bound, depth, u_limits)
+        settings = common_settings(mu1, mu2, h, kappa, bound, depth, u_limits)
         horizon = horizon_of(landing, ahead)
         more: dict[str, Any] = {
             "quiet": quiet_of(landing, quiet),
@@ -153,7 +153,7 @@ class TwistingRegulator(_zivi.Regulator, Landing):
         return with_wall(self)
 
 
-class TwistingTracker(_zivi.Tracker, Following, Landing):
+class TwistingTracker(_zivi.Tracker, Following, LandingController):
     r"""The twisting tracker: makes the mass follow a bouncing reference through its Zeno point.
 
     .. math::
@@ -282,7 +282,7 @@ class TwistingTracker(_zivi.Tracker, Following, Landing):
         if not (isinstance(branch, str) and branch in BRANCHES):
             raise ValueError(f"branch must be one of {', '.join(BRANCHES)}, got {branch!r}")
         kappa = plant_kappa(e, kappa)
-        settings = common(mu1, mu2, h, kappa, bound, depth, u_limits)
+        settings = common_settings(mu1, mu2, h, kappa, bound, depth, u_limits)
         settings["kappa_ref"] = reference_kappa(e_ref, kappa_ref, kappa)
         periods = horizon_of(landing, ahead)
         more: dict[str, Any] = {
@@ -395,7 +395,7 @@ class ExplicitTwisting(_zivi.Explicit, Following):
         u_limits: Sequence[float] | None = None,
     ) -> Self:
         kappa = plant_kappa(e, kappa)
-        settings = common(mu1, mu2, h, kappa, bound, depth, u_limits)
+        settings = common_settings(mu1, mu2, h, kappa, bound, depth, u_limits)
         settings["kappa_ref"] = reference_kappa(e_ref, kappa_ref, kappa)
         self = super().__new__(cls, **core(settings))
         self._settings = settings

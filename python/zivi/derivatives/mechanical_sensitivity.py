@@ -100,7 +100,7 @@ def columns_of(
         elif name in known:
             found.append(known[name])
         else:
-            raise ValueError(_unknown(name, coordinates, laws, parameters))
+            raise ValueError(_unknown_column(name, coordinates, laws, parameters))
     names = [column.name for column in found]
     if not found or len(set(names)) != len(names):
         raise ValueError(f"wrt must be one or more different names, got {tuple(wrt)!r}")
@@ -123,7 +123,7 @@ def _of_laws(laws: Mapping[str, ImpactLaw]) -> dict[str, Column]:
     return found
 
 
-def _unknown(
+def _unknown_column(
     name: str,
     coordinates: Sequence[str],
     laws: Mapping[str, ImpactLaw],
@@ -271,7 +271,7 @@ class _Problem:
         return [(*column.code, column.of) for column in self.columns]
 
     def with_wrt(self, wrt: Sequence[str]) -> _Problem:
-        columns = _columns(self.system, self.model, self.partials, self.span, self.state, wrt)
+        columns = _read_columns(self.system, self.model, self.partials, self.span, self.state, wrt)
         return dataclasses.replace(self, columns=columns)
 
     def record(
@@ -372,7 +372,7 @@ class _Problem:
         return np.stack([record.q.reshape(k, n).T, record.qdot.reshape(k, n).T])
 
 
-def _columns(
+def _read_columns(
     system: MechanicalSystem,
     model: Model,
     partials: Partials,
@@ -402,6 +402,6 @@ def differentiate_mechanical(
     model: Model = system.model(len(state[0]))
     check_start(system, model, span, *state)
     partials = system.partials(model)
-    columns = _columns(system, model, partials, span, state, wrt)
+    columns = _read_columns(system, model, partials, span, state, wrt)
     problem = _Problem(system, model, partials, span, state, columns, method, errsens, stops)
     return problem.solve(dense, progress)

@@ -35,16 +35,16 @@ from zivi.vi.derivatives import VIDerivative, solution_derivative
 from zivi.vi.solve import VIOptions, VIResult, solve_vi
 
 __all__ = [
-    "MassRun",
     "MechanicalRun",
     "Moved",
     "ParameterFunction",
     "RunFunction",
     "RunPoint",
+    "SmoothMassRun",
     "SolutionFunction",
     "SolutionPoint",
     "run_function",
-    "run_of",
+    "smooth_run",
     "solution_function",
 ]
 
@@ -143,7 +143,7 @@ Moved: TypeAlias = tuple[Any, tuple[float, float], Any]
 
 
 @dataclasses.dataclass(frozen=True)
-class MassRun:
+class SmoothMassRun:
     """A run of one mass."""
 
     system: ImpactSystem
@@ -221,12 +221,12 @@ def _built(build: Any, laws: tuple[ImpactLaw, ...], **parameters: float) -> Mech
     return _with_laws(build(**parameters), laws)
 
 
-def run_of(system: Any, span: tuple[float, float], y0: Any, wrt: tuple[str, ...]) -> Any:
+def smooth_run(system: Any, span: tuple[float, float], y0: Any, wrt: tuple[str, ...]) -> Any:
     """Check the start and the names, and give the run."""
     check_smooth(system)
     if not isinstance(system, MechanicalSystem):
         codes_of(system, wrt)
-        return MassRun(system, span, pair("y0", y0, "(x0, xdot0)"), wrt)
+        return SmoothMassRun(system, span, pair("y0", y0, "(x0, xdot0)"), wrt)
     state = state_of(y0, system._n)
     model = system.model(len(state[0]))
     columns = columns_of(
@@ -235,12 +235,12 @@ def run_of(system: Any, span: tuple[float, float], y0: Any, wrt: tuple[str, ...]
         span[0],
         dict(zip(system.gap_names, system.laws, strict=True)),
         system.coordinate_names(model.layout.n),
-        _parameters(system),
+        _model_parameters(system),
     )
     return MechanicalRun(system, span, state, tuple(columns))
 
 
-def _parameters(system: MechanicalSystem) -> Mapping[str, float]:
+def _model_parameters(system: MechanicalSystem) -> Mapping[str, float]:
     found: Mapping[str, float] = getattr(system, "parameters", {})
     return found
 
@@ -318,7 +318,7 @@ class RunFunction(ParameterFunction[RunPoint]):
         What is given where there is no result.
     """
 
-    run: MassRun | MechanicalRun
+    run: SmoothMassRun | MechanicalRun
     output: Output
     number: int
     times: Array | None
@@ -414,7 +414,7 @@ class RunFunction(ParameterFunction[RunPoint]):
             if ended:
                 return self._nothing(OrbitStatus.RUN_ENDED, s.trajectory.message)
             return RunPoint(*self._states(s), s.status, told)
-        values, rates = _events(s, self.output)
+        values, rates = _event_derivatives(s, self.output)
         if self.number >= min(len(values), len(rates)):
             if ended:
                 return self._nothing(OrbitStatus.RUN_ENDED, s.trajectory.message)
@@ -447,7 +447,7 @@ class RunFunction(ParameterFunction[RunPoint]):
 KINDS: tuple[Literal["position"], Literal["velocity"]] = ("position", "velocity")
 
 
-def _events(s: Sensitivity, output: Output) -> tuple[Array, Array]:
+def _event_derivatives(s: Sensitivity, output: Output) -> tuple[Array, Array]:
     """Give the times or speeds of events, and their derivatives."""
     sol: Any = s.trajectory
     if output == "zeno_time":
@@ -528,7 +528,7 @@ def run_function(
     if not isinstance(system, MechanicalSystem):
         check_system(system)
     span, names = pair("t_span", t_span, "(t0, t1)"), (wrt,) if isinstance(wrt, str) else tuple(wrt)
-    run = run_of(system, span, y0, names)
+    run = smooth_run(system, span, y0, names)
     if output not in OUTPUTS:
         told = ", ".join(repr(name) for name in OUTPUTS)
         raise ValueError(f"output must be one of {told}, got {output!r}")
@@ -538,11 +538,13 @@ def run_function(
         raise ValueError(f"outside must be 'inf', 'nan' or 'raise', got {outside!r}")
     if not isinstance(method, SwitchedRK):
         raise TypeError(f"method must be a zivi.SwitchedRK, got {method!r}")
-    samples = _sampled(times, output, span)
+    samples = _check_times(times, output, span)
     return RunFunction(run, output, number, samples, outside, method)
 
 
-def _sampled(times: ArrayLike | None, output: Output, span: tuple[float, float]) -> Array | None:
+def _check_times(
+    times: ArrayLike | None, output: Output, span: tuple[float, float]
+) -> Array | None:
     """Check the times of samples, which some outputs need and the others do not take."""
     if output not in SAMPLED:
         if times is not None:
@@ -637,7 +639,7 @@ class SolutionFunction(ParameterFunction[SolutionPoint]):
     def _computed(self, p: Array) -> SolutionPoint:
         last = next(iter(self._last.values()), None)
         start = last.solution.x if last is not None and last.solution.success else self.x0
-        lower, upper = (_at(box, p) for box in (self.lower, self.upper))
+        lower, upper = (_evaluate_at(box, p) for box in (self.lower, self.upper))
         solution = solve_vi(
             lambda x: self.F(x, p),
             lower,
@@ -666,7 +668,7 @@ class SolutionFunction(ParameterFunction[SolutionPoint]):
     def _slopes(self, x: Array, p: Array) -> Any:
         """Give ``dF/dp``, by central differences if it is not given."""
         if self.map_slopes is None:
-            return _differences(lambda q: real_array("F(x, p)", self.F(x, q)), p)
+            return _differenced_columns(lambda q: real_array("F(x, p)", self.F(x, q)), p)
         slopes = self.map_slopes(x, p)
         return slopes if is_sparse(slopes) else np.reshape(slopes, (len(x), len(p)))
 
@@ -760,7 +762,7 @@ def solution_function(
     return SolutionFunction(F, lower, upper, start, names, jac, dF, options)
 
 
-def _at(box: Any, p: Array) -> Any:
+def _evaluate_at(box: Any, p: Array) -> Any:
     return box(p) if callable(box) else box
 
 
@@ -769,11 +771,11 @@ def _bound_slopes(box: Any, p: Array, n: int) -> Array | None:
     if not callable(box):
         return None
     with np.errstate(invalid="ignore"):
-        slopes = _differences(lambda q: np.broadcast_to(np.asarray(box(q), float), (n,)), p)
+        slopes = _differenced_columns(lambda q: np.broadcast_to(np.asarray(box(q), float), (n,)), p)
     return np.nan_to_num(slopes)
 
 
-def _differences(function: Callable[[Array], Array], p: Array) -> Array:
+def _differenced_columns(function: Callable[[Array], Array], p: Array) -> Array:
     columns = []
     for j, value in enumerate(p):
         ends = np.array([p, p])

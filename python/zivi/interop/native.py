@@ -118,8 +118,8 @@ def gap_tracker_source(
     parts = [
         _head(controller, name, single, (n, m)),
         _types(real, "zivi_f32_" if single else "zivi_", (n, m, len(system.parameters))),
-        _settings(controller, system, n),
-        _model(system, inputs, real, n),
+        _settings_source(controller, system, n),
+        _model_source(system, inputs, real, n),
         LAW.read_text(encoding="ascii"),
     ]
     whole = "\n".join(parts)
@@ -199,7 +199,7 @@ uint32_t controller_size(void);
 """
 
 
-def _settings(controller: GapTracker, system: SymbolicSystem, n: int) -> str:
+def _settings_source(controller: GapTracker, system: SymbolicSystem, n: int) -> str:
     told = controller.settings
     gains = [told["gains"][name] for name in system.gap_names]
     forces = [told["force"].get(name, 0.0) for name in system.gap_names]
@@ -222,28 +222,28 @@ def _settings(controller: GapTracker, system: SymbolicSystem, n: int) -> str:
     ]
     lines = [f"static const real {name} = {_braced(values)};" for name, values in rows]
     numbers = {"PERIOD": told["h"], "HORIZON": told["horizon"], "REDUNDANT": 1e-10}
-    lines += [f"static const real {name} = {_number(it)};" for name, it in numbers.items()]
+    lines += [f"static const real {name} = {_c_number(it)};" for name, it in numbers.items()]
     lines += [f"enum {{ SHIFT = {int(told['shift'])} }};", ""]
     return "\n".join(lines)
 
 
 def _braced(values: Iterable[Any]) -> str:
     inner = [
-        _braced(it) if isinstance(it, Sequence) and not isinstance(it, str) else _number(it)
+        _braced(it) if isinstance(it, Sequence) and not isinstance(it, str) else _c_number(it)
         for it in values
     ]
     return "{" + ", ".join(inner) + "}"
 
 
-def _number(value: Any) -> str:
+def _c_number(value: Any) -> str:
     return value if isinstance(value, str) else repr(float(value))
 
 
-def _model(system: SymbolicSystem, inputs: Any, real: str, n: int) -> str:
+def _model_source(system: SymbolicSystem, inputs: Any, real: str, n: int) -> str:
     """Write the system and its inputs as functions of the source."""
     told = system._symbolic_inputs
     if isinstance(told, SymbolicInputs) and told.sources:
-        fill = _function(told.sources["c"], "inputs_of", real)
+        fill = _function_source(told.sources["c"], "inputs_of", real)
         fill += "\nstatic void inputs_at(real t, const real *q, real *out, real *p)\n"
         fill += "{\n    inputs_of(t, q, q, out, p);\n}\n"
     elif callable(inputs.matrix):
@@ -252,10 +252,10 @@ def _model(system: SymbolicSystem, inputs: Any, real: str, n: int) -> str:
         values = np.ravel(np.asarray(inputs.matrix, dtype=np.float64)).tolist()
         fill = "static void inputs_at(real t, const real *q, real *out, real *p)\n{\n"
         fill += "    (void)t; (void)q; (void)p;\n"
-        fill += "".join(f"    out[{k}] = {_number(it)};\n" for k, it in enumerate(values)) + "}\n"
-    return _function(system.source, "system_at", real) + "\n" + fill
+        fill += "".join(f"    out[{k}] = {_c_number(it)};\n" for k, it in enumerate(values)) + "}\n"
+    return _function_source(system.source, "system_at", real) + "\n" + fill
 
 
-def _function(source: str, name: str, real: str) -> str:
+def _function_source(source: str, name: str, real: str) -> str:
     body = source.replace("#include <math.h>\n", "").replace("int model(", f"static int {name}(")
     return re.sub(r"\bdouble\b", "real", body) if real == "float" else body

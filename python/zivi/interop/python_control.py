@@ -19,8 +19,8 @@ from zivi.base.check import Array, real
 from zivi.base.extras import needed
 from zivi.base.status import ModelWarning
 from zivi.control.closed_loop import Controller, simulate_closed_loop
-from zivi.control.loop_arguments import Told, asked_of, interface_of, period_of
-from zivi.control.mechanical_loop_batch import copied
+from zivi.control.loop_arguments import Told, asked_of, interface_of, sampling_period
+from zivi.control.mechanical_loop_batch import copy_for_loop
 from zivi.control.twisting import CONTROLLERS, TickStatus
 from zivi.simulation.methods import SwitchedRK, ThetaGamma
 from zivi.system.mass import Force, ImpactSystem
@@ -80,16 +80,16 @@ def impact_plant(
     """
     if not isinstance(system, ImpactSystem):
         raise TypeError(f"system must be a zivi.ImpactSystem, got {type(system).__name__}")
-    period = _period("h", h)
+    period = _check_period("h", h)
     # nothing depends on the time: the same period every time, to the last bit
     timeless = isinstance(system.force, numbers.Real) and system.wall is None
 
     def update(t: float, state: Array, u: Array, params: Any) -> Array:
         start = 0.0 if timeless else float(t)
-        return _moved(system, period, start, state, float(u[0]), method)
+        return _plant_step(system, period, start, state, float(u[0]), method)
 
     still = ImpactSystem(0.0, kappa=system.kappa)
-    _moved(still, period, 0.0, np.zeros(2), 0.0, method)  # a bad method shows here
+    _plant_step(still, period, 0.0, np.zeros(2), 0.0, method)  # a bad method shows here
     return _library().nlsys(
         update,
         lambda t, state, u, params: state,
@@ -144,7 +144,7 @@ def controller_block(controller: Controller, *, name: str = "controller") -> Any
     """
     if not isinstance(controller, CONTROLLERS):
         return _own_block(controller, name)
-    _checked(controller)
+    _controller_state(controller)
     twin: Any = controller.copy()
     follows = hasattr(twin, "x_ref")
 
@@ -174,13 +174,13 @@ def controller_block(controller: Controller, *, name: str = "controller") -> Any
         inputs=["x", "xdot", "force", *(["force_ref"] if follows else [])],
         outputs=["u", *(["x_ref", "xdot_ref"] if follows else [])],
         states=list(STATES),
-        dt=_period("controller.h", controller.h),
+        dt=_check_period("controller.h", controller.h),
         name=name,
     )
 
 
 def _own_block(controller: Any, name: str) -> Any:
-    period = _period("controller.h", period_of(controller))
+    period = _check_period("controller.h", sampling_period(controller))
     ticking = _Ticking(controller)
     return _library().nlsys(
         None,
@@ -202,7 +202,7 @@ class _Ticking:
         self.given = ["x", "xdot", "force", *(["force_ref"] if takes.get("force_ref") else [])]
         self.reference = [it for it in ("x_ref", "xdot_ref") if takes.get(it)]
         self._timed = takes.get("t", False)
-        self._start = copied(controller, 0)
+        self._start = copy_for_loop(controller, 0)
         self._t, self._before, self._after = np.nan, self._start, self._start
 
     def at(self, t: float, sample: Array) -> Array:
@@ -212,7 +212,7 @@ class _Ticking:
             self._before = self._after if t > self._t else self._start
             self._t = t
         reference = [float(getattr(self._before, name)) for name in self.reference]
-        self._after = copied(self._before, 0)
+        self._after = copy_for_loop(self._before, 0)
         values = [float(it) for it in sample]
         count = len(self.given)
         by_name = dict(zip(self.named, values[count:], strict=True))
@@ -268,7 +268,7 @@ def force_block(
         lambda t, state, y, params: np.array([evaluate(float(t), float(y[0]), float(y[1]))]),
         inputs=[position, velocity],
         outputs=[output],
-        dt=_period("h", h),
+        dt=_check_period("h", h),
         name=output if name is None else name,
     )
 
@@ -299,7 +299,7 @@ def state_vector(controller: Controller) -> Array:
     >>> [float(number) for number in state_vector(tracker)[:3]]
     [3.0, 6.0, 1.0]
     """
-    s, v, side, u, signs, bits = _checked(controller)
+    s, v, side, u, signs, bits = _controller_state(controller)
     return np.array([s, v, side, u, *signs, bits], dtype=float)
 
 
@@ -314,7 +314,7 @@ class _Held:
         return self._u
 
 
-def _moved(
+def _plant_step(
     system: ImpactSystem,
     h: float,
     t: float,
@@ -340,7 +340,7 @@ def _moved(
     return np.array([run.x[-1], run.xdot[-1]])
 
 
-def _checked(controller: Any) -> tuple[Any, ...]:
+def _controller_state(controller: Any) -> tuple[Any, ...]:
     """Return the state of a controller of ours."""
     state = None if isinstance(controller, type) else getattr(controller, "state", None)
     if not (isinstance(state, tuple) and len(state) == 6 and hasattr(controller, "copy")):
@@ -373,7 +373,7 @@ def _tick(controller: Any, sample: Array) -> ValueError | None:
     return None
 
 
-def _period(name: str, h: Any) -> float:
+def _check_period(name: str, h: Any) -> float:
     period = real(name, h)
     if not 0.0 < period < np.inf:
         raise ValueError(f"{name} must be > 0 and finite, got {h}")

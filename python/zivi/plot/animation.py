@@ -75,7 +75,7 @@ class MechanicalScene:
         self._curve = drawn(run, "gaps")
         self._given = bodies is not None
         left, right = figure.subplots(1, 2, width_ratios=(1, 1.5))
-        self._bodies = self._lines("bodies", bodies or points)
+        self._bodies = self._lines("bodies", bodies or coordinate_points)
         if walls is None and bodies is None:
             walls = linear_walls(run)
         self._walls = [] if walls is None else self._lines("walls", walls)
@@ -159,7 +159,7 @@ def motion_at(run: MechanicalTrajectory, times: Array) -> tuple[Array, Array]:
     return between(run.q), between(run.gaps)
 
 
-def points(t: float, q: Array) -> list[tuple[Any, Any]]:
+def coordinate_points(t: float, q: Array) -> list[tuple[Any, Any]]:
     """Give the system as points: the plane of two coordinates, else each over its number."""
     if len(q) == 2:
         return [(q[0], q[1])]
@@ -211,7 +211,7 @@ def linear_walls(run: MechanicalTrajectory) -> Lines | None:
 
 
 def point_label(names: Sequence[str], axis: int) -> str:
-    """Name an axis of `points`."""
+    """Name an axis of `coordinate_points`."""
     if len(names) == 2:
         return names[axis]
     return "coordinates" if axis else "number"
@@ -299,17 +299,17 @@ def animate(
             raise TypeError(f"{name} must be a function (t, q), for a run of a mechanical system")
     if not mechanical:
         check_run("animate", run)
-    times = _times(run, finite("speed", speed), finite("fps", fps))
+    times = _frames(run, finite("speed", speed), finite("fps", fps))
     needed("matplotlib.animation", "animations")
     from zivi.plot.film import Film
 
     where = figure_of(figure, 8.0, 4.0)
-    scene: _Scene | MechanicalScene
+    scene: _MassScene | MechanicalScene
     if mechanical:
         system = cast("MechanicalTrajectory", run)
         scene = MechanicalScene(system, times, where, bodies, walls)
     else:
-        scene = _Scene(cast("Trajectory | ClosedLoop", run), times, where)
+        scene = _MassScene(cast("Trajectory | ClosedLoop", run), times, where)
     # laid out once: every picture has the same places
     scene.show(0)
     where.draw_without_rendering()
@@ -317,7 +317,7 @@ def animate(
     return Film(scene, len(times), fps)
 
 
-def _times(run: Trajectory | ClosedLoop | MechanicalTrajectory, speed: float, fps: float) -> Array:
+def _frames(run: Trajectory | ClosedLoop | MechanicalTrajectory, speed: float, fps: float) -> Array:
     for name, value in (("speed", speed), ("fps", fps)):
         if not value > 0.0:
             raise ValueError(f"{name} must be > 0, got {value}")
@@ -334,7 +334,7 @@ def _times(run: Trajectory | ClosedLoop | MechanicalTrajectory, speed: float, fp
     return times
 
 
-class _Scene:
+class _MassScene:
     """The mass and its wall on the left, its position over time on the right."""
 
     def __init__(self, run: Trajectory | ClosedLoop, times: Array, figure: Figure) -> None:

@@ -18,11 +18,11 @@ from zivi.plot.look import (
     PURPLE,
     WALL,
     axes_of,
+    axis_labels,
     check_run,
     figure_of,
     has_reference,
     in_frame,
-    labels,
     legend,
     next_colour,
     wall_of,
@@ -58,7 +58,7 @@ __all__ = [
     "Line",
     "impacts",
     "line_of",
-    "reference_of",
+    "reference_line",
 ]
 
 # A run as lines that can be drawn: smooth between samples, broken at impacts.
@@ -102,13 +102,13 @@ def line_of(run: Trajectory | ClosedLoop) -> Line:
     if held or not (hasattr(path, "tails") and path.dense and len(run.t) > 1):
         s, v = run.transformed.s, run.transformed.v
         return Line(run.t, run.x, run.xdot, s, v, _after(run.t, run.resolved_impacts["t"]))
-    times, impacts = _times(run, path.starts())  # type: ignore[arg-type]
+    times, impacts = _curve_times(run, path.starts())  # type: ignore[arg-type]
     x, xdot = path.physical(times)
     s, v = path.lifted(times)
     return Line(times, x, xdot, s, v, _after(times, impacts))
 
 
-def reference_of(run: ClosedLoop) -> Line:
+def reference_line(run: ClosedLoop) -> Line:
     """Give the samples of a reference, broken where it turns within a step of the wall."""
     x, xdot = run.x_ref, run.xdot_ref
     turned = (xdot[:-1] < 0.0) & (xdot[1:] > 0.0)
@@ -117,7 +117,7 @@ def reference_of(run: ClosedLoop) -> Line:
     return Line(run.t, x, xdot, np.empty(0), np.empty(0), after)
 
 
-def _times(sol: Trajectory, begun: Array) -> tuple[Array, Array]:
+def _curve_times(sol: Trajectory, begun: Array) -> tuple[Array, Array]:
     """Choose times that show every arc, with the last moment before each impact."""
     fastest = float(np.max(sol.impacts["xdot_after"], initial=0.0))
     known = sol.impacts_down_to(FINEST * fastest)["t"] if fastest > 0.0 else sol.impacts["t"]
@@ -178,7 +178,7 @@ def position(
     if has_reference(sol):
         ax.plot(sol.t, sol.x_ref, color=next_colour(ax, GREEN), ls="--", label="$x_r$")
         legend(ax)
-    ax.set(xlabel="time $t$ (s)", ylabel=labels(sol, frame)[0])
+    ax.set(xlabel="time $t$ (s)", ylabel=axis_labels(sol, frame)[0])
     return ax
 
 
@@ -199,11 +199,11 @@ def velocity(
     _, xdot = in_frame(sol, frame, curve.t, curve.x, curve.xdot)
     ax.plot(curve.broken(curve.t), curve.broken(xdot), **_look(ax, ORANGE, r"$\dot x$", line))
     if has_reference(sol):
-        other = reference_of(sol)
+        other = reference_line(sol)
         times, values = other.broken(other.t), other.broken(other.xdot)
         ax.plot(times, values, color=next_colour(ax, PURPLE), ls="--", label=r"$\dot x_r$")
         legend(ax)
-    ax.set(xlabel="time $t$ (s)", ylabel=labels(sol, frame)[1])
+    ax.set(xlabel="time $t$ (s)", ylabel=axis_labels(sol, frame)[1])
     return ax
 
 
@@ -273,11 +273,11 @@ def phase_plane(
         ax.plot(curve.broken(x), curve.broken(xdot), **_look(ax, BLUE, r"$(x, \dot x)$", line))
         if has_reference(sol):
             colour = next_colour(ax, GREEN)
-            other = reference_of(sol)
+            other = reference_line(sol)
             x_ref, xdot_ref = other.broken(other.x), other.broken(other.xdot)
             ax.plot(x_ref, xdot_ref, color=colour, ls="--", label="reference")
             legend(ax)
-        ax.set(**dict(zip(("xlabel", "ylabel"), labels(sol, frame), strict=True)))
+        ax.set(**dict(zip(("xlabel", "ylabel"), axis_labels(sol, frame), strict=True)))
     else:
         raise ValueError(f"coordinates must be 'lifted' or 'physical', got {coordinates!r}")
     return ax
@@ -393,7 +393,7 @@ def overview(
     4
     """
     if is_mechanical(run):
-        drawings = _of_mechanical(cast("MechanicalTrajectory", run), units)
+        drawings = _mechanical_drawings(cast("MechanicalTrajectory", run), units)
     else:
         check_run("overview", run)
         plane = partial(phase_plane, coordinates="physical")
@@ -403,7 +403,7 @@ def overview(
             drawings[2:] = [control, signs if signed else plane]
     figure = figure_of(figure, 9.0, 6.0)
     first = None
-    for place, draw in zip(_places(figure, len(drawings)), drawings, strict=True):
+    for place, draw in zip(_divide_figure(figure, len(drawings)), drawings, strict=True):
         over_time = getattr(draw, "func", draw) not in PLANES
         ax = figure.add_subplot(place, sharex=first if over_time else None)
         first = first or ax
@@ -411,7 +411,7 @@ def overview(
     return figure
 
 
-def _of_mechanical(run: MechanicalTrajectory, units: Units) -> list[Callable[..., Axes]]:
+def _mechanical_drawings(run: MechanicalTrajectory, units: Units) -> list[Callable[..., Axes]]:
     """Choose what is not empty."""
     drawings: list[Callable[..., Axes]] = [partial(coordinates, units=units)]
     drawings += [partial(gaps, units=units)] if run.gap_names else []
@@ -427,7 +427,7 @@ PLANES = (phase_plane, configuration)
 """What is not drawn over time."""
 
 
-def _places(figure: Figure, number: int) -> list[SubplotSpec]:
+def _divide_figure(figure: Figure, number: int) -> list[SubplotSpec]:
     """Divide a figure: two rows and columns, of three places the last one high."""
     if number == 2:
         row = figure.add_gridspec(1, 2)
@@ -497,7 +497,7 @@ def poincare(
         raise ValueError(f"skip must be >= 0, got {skip}")
     if by_period:
         across, along = _strobe(sol, period, phase)
-        named = labels(sol, "wall")
+        named = axis_labels(sol, "wall")
     elif section == "impacts":
         across = np.mod((sol.impacts["t"] - phase) / period, 1.0)
         along = sol.impacts["xdot_after"]

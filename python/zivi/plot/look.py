@@ -34,13 +34,13 @@ Frame: TypeAlias = Literal["wall", "fixed"]
 def axes_of(ax: Axes | None) -> Axes:
     """Give the axes to draw into: those given, or those of a new figure."""
     if ax is not None:
-        return _checked(ax)
+        return _check_axes(ax)
     plt = needed("matplotlib.pyplot", "plots")
     axes: Axes = plt.subplots(layout="constrained")[1]
     return axes
 
 
-def _checked(ax: Axes) -> Axes:
+def _check_axes(ax: Axes) -> Axes:
     """Refuse what is no axes of Matplotlib, and say how to get them from it."""
     if hasattr(ax, "plot") and hasattr(ax, "set_xlabel"):
         return ax
@@ -114,7 +114,7 @@ def wall_of(run: Trajectory | ClosedLoop) -> Any:
     return getattr(run, "_wall", None)
 
 
-def labels(run: Trajectory | ClosedLoop, frame: Frame) -> tuple[str, str]:
+def axis_labels(run: Trajectory | ClosedLoop, frame: Frame) -> tuple[str, str]:
     """Say what the position and the velocity are measured from."""
     if wall_of(run) is None:
         return "position $x$ (m)", r"velocity $\dot x$ (m/s)"

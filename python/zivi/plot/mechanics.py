@@ -59,7 +59,7 @@ def drawn(sol: MechanicalTrajectory, quantity: Quantity) -> tuple[Array, Array]:
     path = sol._path
     unknown = quantity == "reactions" and not isinstance(path, LinearMotion) and sol._model is None
     if path is None or not getattr(path, "dense", True) or len(sol.t) < 2 or unknown:
-        return sol.t, _sampled(sol, quantity)
+        return sol.t, _sample_values(sol, quantity)
     start, end = float(sol.t[0]), float(sol.t[-1])
     tables = (sol.impacts, sol.zeno, sol.liftoffs, sol.openings, sol.transitions)
     events = np.concatenate([rows["t"] for rows in tables])
@@ -70,7 +70,7 @@ def drawn(sol: MechanicalTrajectory, quantity: Quantity) -> tuple[Array, Array]:
         known.append(np.linspace(start, end, EVEN + PER_STEP * sol.n_steps + 1))
     times = np.unique(np.concatenate(known))
     times = times[(times >= start) & (times <= end)]
-    values = _at(sol, quantity, times)
+    values = _along_motion(sol, quantity, times)
     return (
         (times, values) if isinstance(path, LinearMotion) else _halved(sol, quantity, times, values)
     )
@@ -98,7 +98,7 @@ def _halved(
         if not len(left) or len(times) + len(left) > MOST:
             break
         middle = 0.5 * (times[left] + times[left + 1])
-        found = _at(sol, quantity, middle)
+        found = _along_motion(sol, quantity, middle)
         off = np.abs(found - 0.5 * (values[left] + values[left + 1])) > allowed
         far = left[off.any(axis=1)]
         # an interval that is halved gives two that are open
@@ -111,17 +111,17 @@ def _halved(
     return times, values
 
 
-def _at(sol: MechanicalTrajectory, quantity: Quantity, times: Array) -> Array:
+def _along_motion(sol: MechanicalTrajectory, quantity: Quantity, times: Array) -> Array:
     """Evaluate a quantity along the motion."""
     if quantity in ("reactions", "slips"):
-        return _sampled(sol.resample(times), quantity)
+        return _sample_values(sol.resample(times), quantity)
     path: Any = sol._path
     q, qdot, gaps, *_ = path.at(np.ascontiguousarray(times))
     columns: Array = {"q": q, "gaps": gaps, "phase": np.hstack([q, qdot])}[quantity]
     return columns
 
 
-def _sampled(sol: MechanicalTrajectory, quantity: Quantity) -> Array:
+def _sample_values(sol: MechanicalTrajectory, quantity: Quantity) -> Array:
     """Give a quantity at the samples."""
     if quantity == "phase":
         return np.hstack([sol.q, sol.qdot])
@@ -182,7 +182,7 @@ def gaps(
     for k, height in walls.items():
         wall: dict[str, Any] = {"color": _colour(k), "ls": "--", "lw": 0.8, "zorder": 0}
         ax.axhline(height, label=f"{names[k]} closed", **wall)
-    for what, (events, mark) in _events_of(sol).items():
+    for what, (events, mark) in _marked_events(sol).items():
         for k in np.unique(events["gap"]):
             times = events["t"][events["gap"] == k]
             at = np.full(len(times), walls.get(int(k), 0.0))
@@ -216,7 +216,7 @@ SAME = 1e-9
 """Relative variation of the sum of two gaps that is rounding."""
 
 
-def _events_of(sol: MechanicalTrajectory) -> dict[str, tuple[Any, str]]:
+def _marked_events(sol: MechanicalTrajectory) -> dict[str, tuple[Any, str]]:
     return {
         "impact": (sol.impacts, "|"),
         "accumulation": (sol.zeno, "v"),
@@ -306,7 +306,7 @@ def configuration(
             ylabel=with_unit(speed, given[0] and f"{given[0]}/s"),
         )
         return ax
-    chosen = [_number(names, item) for item in (over if over is not None else (0, 1))]
+    chosen = [_coordinate_index(names, item) for item in (over if over is not None else (0, 1))]
     if len(chosen) != 2:
         raise ValueError(f"over must be two coordinates, got {over!r}")
     first, second = chosen
@@ -434,7 +434,7 @@ MOST_NAMED = 16
 """Lines that a legend names: of more it would be higher than the plot."""
 
 
-def _number(names: tuple[str, ...], item: int | str) -> int:
+def _coordinate_index(names: tuple[str, ...], item: int | str) -> int:
     if isinstance(item, str) and item in names:
         return names.index(item)
     if isinstance(item, int | np.integer) and -len(names) <= item < len(names):

@@ -130,11 +130,11 @@ def mechanical_branch(b: MechanicalBranch, y: str, ax: Axes, line: dict[str, Any
     for arc in b.arcs:
         rests = any(orbit.kind == "resting" for orbit in arc.orbits)
         look: dict[str, Any] = {"color": GREEN if rests else "black", "lw": 1.2} | line
-        rows = np.array([_of_mechanical(orbit, y) for orbit in arc.orbits])
+        rows = np.array([_mechanical_values(orbit, y) for orbit in arc.orbits])
         solid = np.array([orbit.stable and orbit.admissible for orbit in arc.orbits], dtype=bool)
         _draw_arc(ax, arc.values, rows, solid, look)
     for event in b.events:
-        _mark(ax, event.kind, event.value, _of_mechanical(event.orbit, y))
+        _mark(ax, event.kind, event.value, _mechanical_values(event.orbit, y))
     ax.set(xlabel=b.name, ylabel=label)
     _add_legend(ax)
     return ax
@@ -151,7 +151,7 @@ def _label(b: MechanicalBranch, y: str) -> str:
     return own[y]
 
 
-def _of_mechanical(orbit: Any, y: str) -> Array:
+def _mechanical_values(orbit: Any, y: str) -> Array:
     if y == "multiplier":
         return np.array([np.max(np.abs(orbit.multipliers))])
     if y in ("u", "phase"):
@@ -310,7 +310,7 @@ def basins(b: Basins, ax: Axes | None = None, **image: Any) -> Axes:
     norm = BoundaryNorm(np.arange(n + 1) - 0.5, n)
     given: dict[str, Any] = {"cmap": ListedColormap(colours), "norm": norm, "shading": "nearest"}
     ax.pcolormesh(b.x0s, b.v0s, np.ma.masked_less(b.label, 0), **given | image)
-    names = [_named(it.kind, it.multiple) for it in b.attractors]
+    names = [_kind_text(it.kind, it.multiple) for it in b.attractors]
     handles: list[Any] = [Patch(color=c, label=it) for c, it in zip(colours, names, strict=True)]
     if b.grazing.any():
         i, j = np.nonzero(b.grazing)
@@ -323,7 +323,7 @@ def basins(b: Basins, ax: Axes | None = None, **image: Any) -> Axes:
     return ax
 
 
-def _named(kind: str, multiple: int) -> str:
+def _kind_text(kind: str, multiple: int) -> str:
     periods = f", {multiple} period{'s' if multiple > 1 else ''}"
     return kind + (periods if multiple else "")
 
@@ -349,7 +349,7 @@ def _event_label(kind: str) -> str:
     return EVENTS[kind][2] if kind in EVENTS else kind.replace("_", " ")
 
 
-def _is_free(ax: Axes, place: tuple[float, float]) -> bool:
+def _has_room(ax: Axes, place: tuple[float, float]) -> bool:
     """Whether no name is written near a place."""
     to_points = ax.transData.transform
     told = [it.xy for it in ax.texts if hasattr(it, "xy")]
@@ -400,7 +400,7 @@ def curve(c: EventCurve, ax: Axes | None = None, *, words: bool = False, **line:
         first, _, ratio = point.kind.partition("resonance_")
         told = ratio.replace("_", ":") or _event_label(first)
         place = (float(point.values[0]), float(point.values[1]))
-        if _is_free(ax, place):
+        if _has_room(ax, place):
             ax.annotate(told, place, (3, 3), textcoords="offset points", fontsize="x-small")
     if words and len(c._found):
         from zivi.orbits.flows import shortened as short

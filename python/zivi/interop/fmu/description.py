@@ -10,10 +10,10 @@ from xml.etree import ElementTree as Xml
 import zivi._zivi as _zivi
 
 __all__ = [
+    "FMU",
     "IDENTIFIER",
     "MODELS",
     "Kind",
-    "Model",
     "Role",
     "Variable",
     "description",
@@ -41,7 +41,7 @@ class Variable:
 
 
 @dataclass(frozen=True)
-class Model:
+class FMU:
     """A model that is exported."""
 
     key: str
@@ -56,7 +56,7 @@ class Model:
     any_step: bool = field(default=False)
     """Whether a communication step need not be a multiple of `h`."""
 
-    def with_token(self, token: str) -> Model:
+    def with_token(self, token: str) -> FMU:
         """Return it with the token with which an importer instantiates it."""
         return replace(self, token=token)
 
@@ -142,7 +142,7 @@ REFERENCE_START = ("x_ref0", "xdot_ref0", "e", "e_ref")
 MODELS = {
     model.key: model
     for model in (
-        Model(
+        FMU(
             "mass",
             "ImpactingMass",
             "zivi-impacting-mass-1",
@@ -169,7 +169,7 @@ MODELS = {
             },
             any_step=True,
         ),
-        Model(
+        FMU(
             "regulator",
             "TwistingRegulator",
             "zivi-twisting-regulator-1",
@@ -188,7 +188,7 @@ MODELS = {
             feedthrough={"u": ("x", "xdot", "force"), "status": ("x", "xdot", "force")},
             initial={"u": ("x", "xdot", "force"), "status": ("x", "xdot", "force")},
         ),
-        Model(
+        FMU(
             "tracker",
             "TwistingTracker",
             "zivi-twisting-tracker-1",
@@ -214,7 +214,7 @@ MODELS = {
                 "status": ("x", "xdot", "force", "force_ref"),
             },
         ),
-        Model(
+        FMU(
             "loop",
             "TwistingLoop",
             "zivi-twisting-loop-1",
@@ -241,7 +241,7 @@ MODELS = {
                 "status": ("force", "force_ref"),
             },
         ),
-        Model(
+        FMU(
             "observer",
             "ImpactObserver",
             "zivi-impact-observer-1",
@@ -294,7 +294,7 @@ TYPES = {
 }
 
 
-def description(model: Model, fmi: int) -> bytes:
+def description(model: FMU, fmi: int) -> bytes:
     """Write the description of one model."""
     root = Xml.Element(
         "fmiModelDescription",
@@ -325,7 +325,7 @@ def description(model: Model, fmi: int) -> bytes:
     return b'<?xml version="1.0" encoding="UTF-8"?>\n' + Xml.tostring(root) + b"\n"
 
 
-def _abilities(model: Model, fmi: int) -> dict[str, str]:
+def _abilities(model: FMU, fmi: int) -> dict[str, str]:
     state = "FMUstate" if fmi == 2 else "FMUState"
     abilities = {
         "modelIdentifier": IDENTIFIER,
@@ -339,13 +339,13 @@ def _abilities(model: Model, fmi: int) -> dict[str, str]:
     return abilities
 
 
-def _number(variable: Variable) -> str:
+def _start_text(variable: Variable) -> str:
     if variable.kind == "boolean":
         return "true" if variable.start else "false"
     return repr(float(variable.start)) if variable.kind == "real" else str(int(variable.start))
 
 
-def _common(variable: Variable, reference: int) -> dict[str, str]:
+def _common_attributes(variable: Variable, reference: int) -> dict[str, str]:
     common = {
         "name": variable.name,
         "valueReference": str(reference),
@@ -363,26 +363,26 @@ def _common(variable: Variable, reference: int) -> dict[str, str]:
     return common
 
 
-def _values(variable: Variable) -> dict[str, str]:
+def _unit_and_start(variable: Variable) -> dict[str, str]:
     values = {}
     if variable.unit is not None:
         values["unit"] = variable.unit
     if variable.role in ("parameter", "input"):
-        values["start"] = _number(variable)
+        values["start"] = _start_text(variable)
     return values
 
 
 def _variable2(parent: Xml.Element, variable: Variable, reference: int) -> None:
-    scalar = Xml.SubElement(parent, "ScalarVariable", _common(variable, reference))
-    Xml.SubElement(scalar, TYPES[2][variable.kind], _values(variable))
+    scalar = Xml.SubElement(parent, "ScalarVariable", _common_attributes(variable, reference))
+    Xml.SubElement(scalar, TYPES[2][variable.kind], _unit_and_start(variable))
 
 
 def _variable3(parent: Xml.Element, variable: Variable, reference: int) -> None:
-    attributes = _common(variable, reference) | _values(variable)
+    attributes = _common_attributes(variable, reference) | _unit_and_start(variable)
     Xml.SubElement(parent, TYPES[3][variable.kind], attributes)
 
 
-def _structure2(structure: Xml.Element, model: Model) -> None:
+def _structure2(structure: Xml.Element, model: FMU) -> None:
     index = {variable.name: place + 1 for place, variable in enumerate(model.variables)}
     for title, dependencies in (("Outputs", model.feedthrough), ("InitialUnknowns", model.initial)):
         unknowns = Xml.SubElement(structure, title)
@@ -391,7 +391,7 @@ def _structure2(structure: Xml.Element, model: Model) -> None:
             Xml.SubElement(unknowns, "Unknown", index=str(index[name]), dependencies=known)
 
 
-def _structure3(structure: Xml.Element, model: Model) -> None:
+def _structure3(structure: Xml.Element, model: FMU) -> None:
     reference = {variable.name: place for place, variable in enumerate(model.variables)}
     for title, dependencies in (("Output", model.feedthrough), ("InitialUnknown", model.initial)):
         for name in _outputs(model):
@@ -400,7 +400,7 @@ def _structure3(structure: Xml.Element, model: Model) -> None:
             Xml.SubElement(structure, title, unknown)
 
 
-def _outputs(model: Model) -> Iterable[str]:
+def _outputs(model: FMU) -> Iterable[str]:
     return (variable.name for variable in model.variables if variable.role == "output")
 
 

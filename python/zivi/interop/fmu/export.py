@@ -18,15 +18,15 @@ import zivi._zivi as _zivi
 from zivi.base.check import Array, identifier, integer
 from zivi.base.machine_code import shared_library
 from zivi.control.gap_tracker import GapTracker, check_gap_tracker
-from zivi.control.loop_arguments import period_of
-from zivi.control.mechanical_loop import check_reference, times_ahead
+from zivi.control.loop_arguments import sampling_period
+from zivi.control.mechanical_loop import check_gap_reference, times_ahead
 from zivi.control.mechanical_reference import MechanicalReference, reference_of
 from zivi.control.model_based import check_believes
 from zivi.interop.fmu.description import (
+    FMU,
     IDENTIFIER,
     MODELS,
     Kind,
-    Model,
     Role,
     Variable,
     description,
@@ -79,7 +79,7 @@ EPOCH = (1980, 1, 1, 0, 0, 0)
 
 def write_archive(
     out: str | os.PathLike[str],
-    model: Model,
+    model: FMU,
     fmi: int,
     binaries: dict[str, bytes],
     beside: dict[str, bytes] | None = None,
@@ -88,7 +88,7 @@ def write_archive(
     folder = Path(out)
     folder.mkdir(parents=True, exist_ok=True)
     path = folder / f"{model.name}{fmi}.fmu"
-    _write_whole(path, _archive(model, fmi, binaries, beside or {}))
+    _replace_file(path, _archive(model, fmi, binaries, beside or {}))
     return path
 
 
@@ -120,11 +120,11 @@ def binaries_of(kind: str) -> dict[str, bytes]:
     return found
 
 
-def _archive(model: Model, fmi: int, binaries: dict[str, bytes], beside: dict[str, bytes]) -> bytes:
+def _archive(model: FMU, fmi: int, binaries: dict[str, bytes], beside: dict[str, bytes]) -> bytes:
     files = {
         **beside,
         "modelDescription.xml": description(model, fmi),
-        "documentation/index.html": _page(model).encode(),
+        "documentation/index.html": _documentation(model).encode(),
     }
     for target, binary in binaries.items():
         old, ending = PLATFORMS[target]
@@ -145,7 +145,7 @@ def _archive(model: Model, fmi: int, binaries: dict[str, bytes], beside: dict[st
     return out.getvalue()
 
 
-def _write_whole(path: Path, contents: bytes) -> None:
+def _replace_file(path: Path, contents: bytes) -> None:
     beside = path.with_name(f".{path.name}.{os.getpid()}")
     try:
         beside.write_bytes(contents)
@@ -154,7 +154,7 @@ def _write_whole(path: Path, contents: bytes) -> None:
         beside.unlink(missing_ok=True)
 
 
-def _page(model: Model) -> str:
+def _documentation(model: FMU) -> str:
     rows = "\n".join(
         "<tr>"
         + "".join(
@@ -296,12 +296,12 @@ def write_systems(
     kind: str,
     systems: dict[str, Exported],
     numbers: Iterable[float],
-    model: Model,
+    model: FMU,
     versions: Sequence[int],
     binary: tuple[str, bytes],
 ) -> list[Path]:
     """Write the FMUs of systems, plant and model, with their numbers and code."""
-    source = _source(kind, systems)
+    source = _c_source(kind, systems)
     content = np.array(list(numbers), dtype="<f8").tobytes()
     digest = hashlib.sha256(source.encode() + b"\0" + content).hexdigest()[:32]
     token = f"zivi-{kind}-{digest}"
@@ -318,7 +318,7 @@ def write_systems(
     return [write_archive(out, model, it, {here: code}, beside) for it in versions]
 
 
-def _source(kind: str, systems: dict[str, Exported]) -> str:
+def _c_source(kind: str, systems: dict[str, Exported]) -> str:
     """Write systems, and how controls act on them, as functions of one C source."""
     functions = []
     for name, system in systems.items():
@@ -326,13 +326,13 @@ def _source(kind: str, systems: dict[str, Exported]) -> str:
             raise ValueError(f"an FMU of a {kind} has no friction, the {name} has")
         if isinstance(system, Tree):
             continue
-        functions.append(_named(system.source, name))
+        functions.append(_named_source(system.source, name))
         if isinstance(inputs := system._symbolic_inputs, SymbolicInputs) and inputs.sources:
-            functions.append(_named(inputs.sources["c"], f"{name}_inputs"))
+            functions.append(_named_source(inputs.sources["c"], f"{name}_inputs"))
     return "\n".join(functions)
 
 
-def _named(source: str, name: str) -> str:
+def _named_source(source: str, name: str) -> str:
     return source.replace("int model(", f"int {name}(")
 
 
@@ -341,7 +341,7 @@ def system_numbers(system: Exported, q: Array, qdot: Array) -> Iterator[float]:
     yield from (VERSION, len(q), system.m, 0, 0, *q, *qdot)
     yield from (float(it) for it in system.e)
     yield from optional(())
-    yield from _parameters(system)
+    yield from _parameter_numbers(system)
 
 
 def part_numbers(system: Exported, q: Array) -> Iterator[float]:
@@ -353,10 +353,10 @@ def part_numbers(system: Exported, q: Array) -> Iterator[float]:
     if not compiled and callable(matrix):
         raise TypeError("inputs of a system in an FMU must be numbers or expressions")
     yield from optional(None if compiled else np.ravel(np.asarray(matrix)))
-    yield from _parameters(system)
+    yield from _parameter_numbers(system)
 
 
-def _parameters(system: Exported) -> Iterator[float]:
+def _parameter_numbers(system: Exported) -> Iterator[float]:
     yield len(system.parameters)
     yield from system.parameters.values()
     yield isinstance(system, Tree)
@@ -421,11 +421,11 @@ class Rows:
         text: str,
         forces: tuple[list[str], list[str]],
         parameters: tuple[str, ...],
-    ) -> Model:
+    ) -> FMU:
         """Describe the unit: contact forces depend on what pushes, outputs on all parameters."""
         of_contacts, pushed = forces
         outputs = [it.name for it in self.all if it.role == "output"]
-        return Model(
+        return FMU(
             key,
             name,
             "",
@@ -436,7 +436,7 @@ class Rows:
         )
 
 
-def variables_of(system: Exported, name: str, start: tuple[Array, Array]) -> Model:
+def variables_of(system: Exported, name: str, start: tuple[Array, Array]) -> FMU:
     """Describe the unit of a system alone."""
     coordinates, gaps = system.coordinate_names(len(start[0])), system.gap_names
     rows = Rows()
@@ -525,7 +525,7 @@ def export_loop(
         raise ValueError(f"tasks must not be set in an FMU of a loop, got {controller.tasks}")
     identifier("name", name)
     versions, binary = chosen_versions(fmi), binary_here()
-    span, h = pair("t_span", t_span, "(t0, t1)"), period_of(controller)
+    span, h = pair("t_span", t_span, "(t0, t1)"), sampling_period(controller)
     q, qdot = state_of(y0, system._n)
     model = system.model(len(q))
     check_start(system, model, span, q, qdot)
@@ -533,14 +533,14 @@ def export_loop(
     times = times_ahead(_zivi.grid_times(*span, h, 1), h, controller.delay, reference)
     given = reference_of(reference, times, system.gap_names, q, controller.tasks)
     sampled = times, system.gap_names, controller.tasks
-    check_reference(controller, given, model, (q, qdot), sampled)
-    numbers = _numbers((plant, believed), controller, q, qdot, given)
-    loop = _model(plant, believed, name, (q, qdot))
+    check_gap_reference(controller, given, model, (q, qdot), sampled)
+    numbers = _loop_numbers((plant, believed), controller, q, qdot, given)
+    loop = _describe_loop(plant, believed, name, (q, qdot))
     systems = {"plant": plant, "model": believed}
     return write_systems(out, "loop", systems, numbers, loop, versions, binary)
 
 
-def _numbers(
+def _loop_numbers(
     systems: tuple[Exported, Exported],
     controller: GapTracker,
     q: Array,
@@ -579,12 +579,12 @@ def _numbers(
             yield from rows.ravel()
 
 
-def _model(
+def _describe_loop(
     plant: Exported,
     believed: Exported,
     name: str,
     start: tuple[Array, Array],
-) -> Model:
+) -> FMU:
     """Describe the variables, in the order of the binary."""
     coordinates, gaps = plant.coordinate_names(len(start[0])), plant.gap_names
     controls = plant.control_inputs(start[0]).names
@@ -681,7 +681,7 @@ def export_fmu(
             f"out must be a path, got {type(out).__name__}; write zivi.export_fmu(folder, model)"
         )
     if isinstance(model, SymbolicSystem | Tree):
-        return _mechanism(out, model, fmi, y0, "MechanicalSystem" if name is None else name)
+        return _export_mechanism(out, model, fmi, y0, "MechanicalSystem" if name is None else name)
     models = [MODELS[key] for key in _chosen_models(model)]
     if y0 is not None or name is not None:
         given = "y0" if name is None else "name"
@@ -692,7 +692,7 @@ def export_fmu(
     return [write_archive(folder, it, version, binaries) for it in models for version in versions]
 
 
-def _mechanism(
+def _export_mechanism(
     out: str | os.PathLike[str],
     system: SymbolicSystem | Tree,
     fmi: int | Iterable[int] | None,

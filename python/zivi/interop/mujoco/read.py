@@ -23,10 +23,10 @@ from zivi.system.tree_bodies import BallGap, Body, JointLimit, PlaneGap, TreeGap
 __all__ = [
     "Drive",
     "check_sizes",
-    "controls",
     "drives",
-    "gaps_of",
-    "name_of",
+    "element_name",
+    "read_ctrl",
+    "read_gaps",
     "read_mjcf",
     "read_text",
     "read_urdf",
@@ -39,7 +39,7 @@ __all__ = [
 # What a tree has not, refused by its name.
 
 
-def name_of(model: Any, kind: str, index: int) -> str:
+def element_name(model: Any, kind: str, index: int) -> str:
     """Give the name of an element, or one by its number."""
     return str(getattr(model, kind)(index).name) or f"{kind}{index}"
 
@@ -49,7 +49,7 @@ def _which(kind: str, condition: Callable[[Any], Any]) -> Callable[[Any], str | 
 
     def found(model: Any) -> str | None:
         wrong = np.flatnonzero(np.asarray(condition(model)))
-        return None if not len(wrong) else f"{kind} {name_of(model, kind, int(wrong[0]))!r}"
+        return None if not len(wrong) else f"{kind} {element_name(model, kind, int(wrong[0]))!r}"
 
     return found
 
@@ -139,16 +139,16 @@ FOR_TREE: dict[str, Callable[[Any], str | None]] = {
 
 def refuse_for_all(model: Any) -> None:
     """Refuse what is not a smooth mechanism in scalar coordinates."""
-    _refuse(model, FOR_ALL, "zivi takes no {what} of MuJoCo: {which}")
+    _reject(model, FOR_ALL, "zivi takes no {what} of MuJoCo: {which}")
 
 
 def refuse_for_tree(model: Any) -> None:
     """Refuse what a tree has not."""
     refuse_for_all(model)
-    _refuse(model, FOR_TREE, "zivi.Tree takes no {what}: {which}; zivi.interop.mujoco.system does")
+    _reject(model, FOR_TREE, "zivi.Tree takes no {what}: {which}; zivi.interop.mujoco.system does")
 
 
-def _refuse(model: Any, table: dict[str, Callable[[Any], str | None]], told: str) -> None:
+def _reject(model: Any, table: dict[str, Callable[[Any], str | None]], told: str) -> None:
     for what, look in table.items():
         if (which := look(model)) is not None:
             raise NotImplementedError(told.format(what=what, which=which))
@@ -188,10 +188,10 @@ def read_text(path: str) -> str:
 
 def check_sizes(text: str, folder: str) -> None:
     """Raise a ValueError for a model, with the files that it includes, that is too large."""
-    _count(text, folder, 1, [LARGEST, ELEMENTS], ())
+    _charge(text, folder, 1, [LARGEST, ELEMENTS], ())
 
 
-def _count(text: str, folder: str, copies: int, left: list[int], files: tuple[str, ...]) -> None:
+def _charge(text: str, folder: str, copies: int, left: list[int], files: tuple[str, ...]) -> None:
     """Take what a text holds, so many times, from the characters and elements that are left."""
     left[0] -= len(text)
     if left[0] < 0:
@@ -210,12 +210,12 @@ def _count(text: str, folder: str, copies: int, left: list[int], files: tuple[st
                 f"a model must have at most {ELEMENTS} elements with all copies, got more at "
                 f"<{tag}>; lower its count"
             )
-        _check(tag, given)
+        _check_sizes(tag, given)
         file = os.path.join(folder, given.get("file", ""))
         if tag in ("include", "model") and os.path.isfile(file):
             if file in files:
                 raise ValueError(f"{file} must not include itself")
-            _count(read_text(file), folder, inside[-1], left, (*files, file))
+            _charge(read_text(file), folder, inside[-1], left, (*files, file))
         if tag == "replicate" and not rest.endswith("/"):
             inside.append(inside[-1] * times)
 
@@ -229,7 +229,7 @@ def _without_comments(text: str) -> str:
     return "".join([*parts, text[at:]])
 
 
-def _check(tag: str, given: dict[str, str]) -> None:
+def _check_sizes(tag: str, given: dict[str, str]) -> None:
     limits = {(name,): SIZE for name in given} if tag == "size" else LIMITS
     for names, limit in limits.items():
         sizes = [_whole(it) for name in names for it in given.get(name, "").split()]
@@ -255,7 +255,7 @@ class Drive:
     damping: float = 0.0
 
 
-def controls(model: Any, ctrl: Any) -> Array:
+def read_ctrl(model: Any, ctrl: Any) -> Array:
     """Read the controls."""
     if ctrl is None:
         return np.zeros(model.nu)
@@ -269,12 +269,12 @@ def drives(model: Any, ctrl: Any) -> dict[int, Drive]:
     """Give what acts on each joint."""
     import mujoco
 
-    given, found = controls(model, ctrl), {i: Drive() for i in range(model.njnt)}
+    given, found = read_ctrl(model, ctrl), {i: Drive() for i in range(model.njnt)}
     joints = [int(mujoco.mjtTrn.mjTRN_JOINT), int(mujoco.mjtTrn.mjTRN_JOINTINPARENT)]
     none, affine = int(mujoco.mjtBias.mjBIAS_NONE), int(mujoco.mjtBias.mjBIAS_AFFINE)
     fixed = int(mujoco.mjtGain.mjGAIN_FIXED)
     for i in range(model.nactuator):
-        called = f"actuator {name_of(model, 'actuator', i)!r}"
+        called = f"actuator {element_name(model, 'actuator', i)!r}"
         one = (model.actuator_ctrlnum[i], model.actuator_outnum[i]) == (1, 1)
         if model.actuator_trntype[i] not in joints or not one:
             raise NotImplementedError(
@@ -319,11 +319,11 @@ def rotation_of(quat: Any) -> Array:
     return out.reshape(3, 3)
 
 
-def gaps_of(model: Any, gaps: Sequence[Any] | None, friction: str) -> list[TreeGap]:
+def read_gaps(model: Any, gaps: Sequence[Any] | None, friction: str) -> list[TreeGap]:
     """Read joints, pairs of geoms and gaps of zivi; all limits by default."""
     if friction not in ("refuse", "ignore"):
         raise ValueError(f"friction must be 'refuse' or 'ignore', got {friction!r}")
-    joints = {name_of(model, "joint", i): i for i in range(model.njnt)}
+    joints = {element_name(model, "joint", i): i for i in range(model.njnt)}
     if gaps is None:
         gaps = [name for name, i in joints.items() if model.jnt_limited[i]]
     found: list[TreeGap] = []
@@ -331,7 +331,7 @@ def gaps_of(model: Any, gaps: Sequence[Any] | None, friction: str) -> list[TreeG
         if isinstance(given, str):
             if given not in joints:
                 raise ValueError(f"gaps[{i}] must be a joint, got {given!r}: {', '.join(joints)}")
-            found.append(_limit(model, given, joints[given]))
+            found.append(_joint_limit(model, given, joints[given]))
         elif isinstance(given, JointLimit | PlaneGap | BallGap):
             found.append(given)
         else:
@@ -339,7 +339,7 @@ def gaps_of(model: Any, gaps: Sequence[Any] | None, friction: str) -> list[TreeG
     return found
 
 
-def _limit(model: Any, name: str, joint: int) -> JointLimit:
+def _joint_limit(model: Any, name: str, joint: int) -> JointLimit:
     if not model.jnt_limited[joint]:
         raise ValueError(f"joint {name!r} has no limits")
     if model.jnt_margin[joint] != 0:
@@ -351,7 +351,7 @@ def _limit(model: Any, name: str, joint: int) -> JointLimit:
 def _of_pair(model: Any, where: str, given: Any, friction: str) -> list[TreeGap]:
     import mujoco
 
-    geoms = {name_of(model, "geom", i): i for i in range(model.ngeom)}
+    geoms = {element_name(model, "geom", i): i for i in range(model.ngeom)}
     if not (isinstance(given, tuple | list) and len(given) == 2):
         raise TypeError(f"{where} must be a joint, a pair of geoms or a gap, got {given!r}")
     for name in given:
@@ -401,7 +401,7 @@ def _refuse_contact(model: Any, called: str, pair: list[int], friction: str) -> 
 
 def _body(model: Any, geom: int) -> str | None:
     body = int(model.geom_bodyid[geom])
-    return None if body == 0 else name_of(model, "body", body)
+    return None if body == 0 else element_name(model, "body", body)
 
 
 def _above_plane(model: Any, called: str, geom: int, plane: int) -> list[TreeGap]:
@@ -446,7 +446,7 @@ def _balls(model: Any, geom: int) -> tuple[list[Array], float]:
     if kind not in of:
         told = mujoco.mjtGeom(kind).name[7:].lower()
         raise NotImplementedError(
-            f"zivi takes no gaps of a {told}: geom {name_of(model, 'geom', geom)!r}"
+            f"zivi takes no gaps of a {told}: geom {element_name(model, 'geom', geom)!r}"
         )
     points, radius = of[kind]()
     return [origin + rotation @ np.asarray(point) for point in points], float(radius)
@@ -490,20 +490,20 @@ def tree(
     NotImplementedError
         For what a tree has not, by its name.
     """
-    return Tree._of(parts_of(model, gaps, ctrl, friction), e)
+    return Tree._of(read_parts(model, gaps, ctrl, friction), e)
 
 
 def read_mjcf(path: Any, *, gaps: Any, ctrl: Any, friction: str) -> dict[str, Any]:
     """Read the parts of a tree from MJCF."""
-    return parts_of(_compiled(path, "from_mjcf"), gaps, ctrl, friction)
+    return read_parts(_compile_model(path, "from_mjcf"), gaps, ctrl, friction)
 
 
 def read_urdf(path: Any, *, gaps: Any, friction: str) -> dict[str, Any]:
     """Read the parts of a tree from URDF; links keep their names."""
-    return parts_of(_compiled(path, "from_urdf"), gaps, None, friction)
+    return read_parts(_compile_model(path, "from_urdf"), gaps, None, friction)
 
 
-def _compiled(path: Any, caller: str) -> Any:
+def _compile_model(path: Any, caller: str) -> Any:
     """Read a file or its text, with bodies as they are written."""
     mujoco = needed("mujoco", "models in MJCF and URDF")
     text = os.fspath(path)
@@ -528,7 +528,7 @@ def _compiled(path: Any, caller: str) -> Any:
     return model
 
 
-def parts_of(model: Any, gaps: Any, ctrl: Any, friction: str) -> dict[str, Any]:
+def read_parts(model: Any, gaps: Any, ctrl: Any, friction: str) -> dict[str, Any]:
     """Give bodies, gaps and gravity of a model."""
     mujoco = needed("mujoco", "models of MuJoCo")
     if not isinstance(model, mujoco.MjModel):
@@ -538,14 +538,14 @@ def parts_of(model: Any, gaps: Any, ctrl: Any, friction: str) -> dict[str, Any]:
     bodies = [part for body in range(1, model.nbody) for part in _bodies(model, body, driven)]
     off = model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_GRAVITY
     gravity = np.zeros(3) if off else np.array(model.opt.gravity)
-    return {"bodies": bodies, "gaps": gaps_of(model, gaps, friction), "gravity": gravity}
+    return {"bodies": bodies, "gaps": read_gaps(model, gaps, friction), "gravity": gravity}
 
 
 def _bodies(model: Any, body: int, driven: dict[int, Drive]) -> list[Body]:
     """Give a body, behind one without mass for each joint but its last."""
-    name = name_of(model, "body", body)
+    name = element_name(model, "body", body)
     parent = int(model.body_parentid[body])
-    carrier = None if parent == 0 else name_of(model, "body", parent)
+    carrier = None if parent == 0 else element_name(model, "body", parent)
     inertial = rotation_of(model.body_iquat[body])
     own: dict[str, Any] = {
         "mass": float(model.body_mass[body]),
@@ -562,7 +562,7 @@ def _bodies(model: Any, body: int, driven: dict[int, Drive]) -> list[Body]:
     parts = []
     for joint in range(first, first + count):
         last = joint == first + count - 1
-        coordinate = name_of(model, "joint", joint)
+        coordinate = element_name(model, "joint", joint)
         called = name if last else f"{name}:{coordinate}"
         more = _joint(model, joint, driven[joint]) | (own if last else {})
         parts.append(Body(called, carrier, coordinate=coordinate, **placed, **more))

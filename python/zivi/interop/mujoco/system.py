@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 from zivi.base.check import Array
 from zivi.base.extras import needed
 from zivi.base.machine_code import compiled
-from zivi.interop.mujoco.read import controls, gaps_of, name_of, refuse_for_all
+from zivi.interop.mujoco.read import element_name, read_ctrl, read_gaps, refuse_for_all
 from zivi.system.impact_law import GivenRestitutions, restitutions, written
 from zivi.system.mechanism import MAX_SIZE, MechanicalSystem, Model, names_of
 from zivi.system.model_parts import Layout
@@ -23,9 +23,9 @@ from zivi.system.tree_bodies import JointLimit, PlaneGap, TreeGap
 
 __all__ = [
     "SOURCE",
+    "GapStruct",
     "Glue",
     "MujocoSystem",
-    "Point",
     "scalar_joints",
     "system",
 ]
@@ -177,7 +177,7 @@ class _Slot(ctypes.Structure):
     ]
 
 
-class Point(ctypes.Structure):
+class GapStruct(ctypes.Structure):
     """A gap, as the code in C has it."""
 
     _fields_ = [
@@ -187,7 +187,7 @@ class Point(ctypes.Structure):
     ]
 
 
-class _Model(ctypes.Structure):
+class _ModelStruct(ctypes.Structure):
     _fields_ = [
         ("m", ctypes.c_void_p),
         *((name, ctypes.c_long) for name in ("n", "gaps", "slots", "tendons", "actuators")),
@@ -217,8 +217,8 @@ class Glue:
             it for it in sorted(folder.iterdir()) if it.name.startswith(("libmujoco", "mujoco.dll"))
         )
         self._library = ctypes.CDLL(str(library))
-        self.names, points = _points(model, gaps)
-        self._points = (Point * max(1, len(points)))(*points)
+        self.names, points = _gap_structs(model, gaps)
+        self._points = (GapStruct * max(1, len(points)))(*points)
         count = max(4, os.cpu_count() or 1)
         self._data = [mujoco.MjData(model) for _ in range(count)]
         self._work = np.zeros((count, 9 * model.nv))
@@ -226,7 +226,7 @@ class Glue:
         functions = [
             ctypes.cast(getattr(self._library, name), ctypes.c_void_p).value for name in FUNCTIONS
         ]
-        self._head = _Model(
+        self._head = _ModelStruct(
             model._address,
             model.nv,
             len(points),
@@ -251,11 +251,11 @@ class Glue:
         return _Slot(0, data._address, *(array.ctypes.data for array in arrays))
 
 
-def _points(model: Any, gaps: Sequence[TreeGap]) -> tuple[list[str], list[Point]]:
+def _gap_structs(model: Any, gaps: Sequence[TreeGap]) -> tuple[list[str], list[GapStruct]]:
     """Give names and gaps, one by one."""
-    bodies: dict[str | None, int] = {name_of(model, "body", i): i for i in range(model.nbody)}
+    bodies: dict[str | None, int] = {element_name(model, "body", i): i for i in range(model.nbody)}
     bodies[None] = 0
-    dofs = {name_of(model, "joint", i): int(model.jnt_dofadr[i]) for i in range(model.njnt)}
+    dofs = {element_name(model, "joint", i): int(model.jnt_dofadr[i]) for i in range(model.njnt)}
     names, points = [], []
     three = ctypes.c_double * 3
     for gap in gaps:
@@ -263,18 +263,18 @@ def _points(model: Any, gaps: Sequence[TreeGap]) -> tuple[list[str], list[Point]
             for kind, side in enumerate(("lower", "upper")):
                 if (bound := getattr(gap, side)) is not None:
                     names.append(f"{gap.joint}.{side}")
-                    points.append(Point(kind, dofs[gap.joint], 0, c=bound))
+                    points.append(GapStruct(kind, dofs[gap.joint], 0, c=bound))
             continue
         names.append(gap.name or gap.body)
         at = three(*np.asarray(gap.point))
         if isinstance(gap, PlaneGap):
             normal = three(*np.asarray(gap.normal))
             beyond = gap.offset + gap.radius
-            points.append(Point(2, bodies[gap.body], 0, at, three(), normal, beyond))
+            points.append(GapStruct(2, bodies[gap.body], 0, at, three(), normal, beyond))
         else:
             other = three(*np.asarray(gap.other_point))
             pair = bodies[gap.body], bodies[gap.other]
-            points.append(Point(3, *pair, at, other, three(), gap.radius))
+            points.append(GapStruct(3, *pair, at, other, three(), gap.radius))
     return names, points
 
 
@@ -311,14 +311,14 @@ class MujocoSystem(MechanicalSystem):
         self._state = {"model": model, "gaps": gaps, "ctrl": ctrl, "friction": friction}
         own, flags = copy.copy(model), mujoco.mjtDisableBit
         own.opt.disableflags |= int(flags.mjDSBL_CONTACT) | int(flags.mjDSBL_CONSTRAINT)
-        self._glue = Glue(own, gaps_of(model, gaps, friction), controls(model, ctrl))
+        self._glue = Glue(own, read_gaps(model, gaps, friction), read_ctrl(model, ctrl))
         self._native = compiled({"c": SOURCE}, "c")
         self._gaps = ()
         self._gap_names = names_of("gaps", self._glue.names)
         if len(self._gap_names) > MAX_SIZE:
             raise ValueError(f"gaps must be at most {MAX_SIZE}, got {len(self._gap_names)}")
         self._n = int(model.nv)
-        self._coordinates = tuple(name_of(model, "joint", i) for i in range(model.njnt))
+        self._coordinates = tuple(element_name(model, "joint", i) for i in range(model.njnt))
         self._e = restitutions(e, len(self._gap_names))
 
     def _new_model(self, n: int) -> Model:
