@@ -54,7 +54,7 @@ NAMES = {
     "plot.curves": "SIGN_ROW line_of",
     "simulation.friction_result": "forces_at",
     "simulation.mechanical_batch": "BATCH_NUMBERS=NUMBERS",
-    "simulation.mechanical_trajectory": "rows_of",
+    "simulation.mechanical_trajectory": "summary_rows",
     "simulation.method_settings": "FixedSteps class_of",
     "simulation.run": "argument_text",
     "study.design": "child generators points seeds",

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import zivi
-from inside import STEP, differenced, forces_at, rows_of
+from inside import STEP, differenced, forces_at, summary_rows
 
 
 def test_forces_that_nobody_can_tell_are_nan_where_there_is_one():
@@ -39,7 +39,7 @@ def test_a_summary_tells_when_friction_sticks():
     guide = zivi.DryFriction([1.0], limit=0.7, name="guide")
     system = zivi.MechanicalSystem(mass=[[1.0]], force=[0.2], friction=[guide])
     run = zivi.simulate(system, (0, 3), ([0.0], [1.0]))
-    assert rows_of(run)["sticks"] == "guide 2 .. 3"
+    assert summary_rows(run)["sticks"] == "guide 2 .. 3"
 
 
 def test_errors_name_parts_of_gaps():

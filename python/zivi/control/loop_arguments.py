@@ -20,7 +20,7 @@ from zivi.base.status import warn
 from zivi.control.loop_run import SampledReference, on_side
 from zivi.control.observer import ImpactObserver
 from zivi.control.twisting import CONTROLLERS
-from zivi.simulation.dense import Path
+from zivi.simulation.dense import DenseMotion
 from zivi.simulation.methods import SwitchedRK, ThetaGamma
 from zivi.simulation.run import argument_text, pair
 from zivi.simulation.trajectory import Trajectory, describe
@@ -248,7 +248,7 @@ class GivenReference:
     def physical(self, times: Array) -> tuple[Array, Array]:
         """Give ``(x_r, xdot_r)``."""
         if isinstance(self.source, Trajectory):
-            path: Path = self.source._known()
+            path: DenseMotion = self.source._known()
             return path.physical(times)
         function = _checked_function(self.source)
         x, xdot, _ = np.array([function(float(t)) for t in times]).reshape(-1, 3).T
@@ -257,7 +257,7 @@ class GivenReference:
     def lifted(self, times: Array) -> tuple[Array, Array]:
         """Give ``(s_r, v_r)``."""
         if isinstance(self.source, Trajectory):
-            path: Path = self.source._known()
+            path: DenseMotion = self.source._known()
             return path.lifted(times)
         x, xdot = self.physical(times)
         s, _ = self.sampled.lifted(times)

@@ -56,9 +56,9 @@ from zivi.simulation.batch_result import (
     check_native,
     check_threads,
     every_of,
+    kept_times,
     room_for,
-    states_of,
-    times_of,
+    state_rows,
 )
 from zivi.simulation.impacts import SLOWEST, check_slowest
 from zivi.simulation.methods import SwitchedRK, ThetaGamma
@@ -361,8 +361,8 @@ def simulate_closed_loop_batch(
         sampling_period(controller)
         check_follows(controller, y_ref0=y_ref0, force_ref=force_ref)
         check_reference(controller, reference, y_ref0=y_ref0, force_ref=force_ref)
-    states = states_of("y0", y0)
-    references = np.empty((1, 0)) if y_ref0 is None else states_of("y_ref0", y_ref0)
+    states = state_rows("y0", y0)
+    references = np.empty((1, 0)) if y_ref0 is None else state_rows("y_ref0", y_ref0)
     followed = reference if isinstance(reference, list) else [reference]
     observers = observers_of(observer, ticking)
     lists = {"systems": plants, "controllers": ticking, "y0": states, "y_ref0": references}
@@ -372,7 +372,7 @@ def simulate_closed_loop_batch(
     n = loop_count(lists)
     noisy = any(it != (0.0, 0.0) for it in deviations)
     seeds = seeds_of(seed, n) if noisy or seed is not None else []
-    times = None if t_eval is None else times_of(t_eval, save, span)
+    times = None if t_eval is None else kept_times(t_eval, save, span)
     rows = None if times is None else room_for(len(SAMPLED), n, len(times))
     if y_ref0 is not None and ours:
         ticking = place_controllers(ticking, references, n)

@@ -16,8 +16,8 @@ from zivi.base.check import Array, MaybeNone
 from zivi.base.status import Status, warn
 from zivi.base.table import Field, ResultTable
 from zivi.control.component import TickStatus
-from zivi.simulation.batch_result import Runs
-from zivi.simulation.dense import LinearPath, Path
+from zivi.simulation.batch_result import BatchRuns
+from zivi.simulation.dense import DenseMotion, LinearPath
 from zivi.simulation.impacts import SLOWEST
 from zivi.simulation.run_result import EVENT_COORDS, EVENT_FIELDS, MassRun
 from zivi.simulation.trajectory import FormerName, Transformed
@@ -169,7 +169,7 @@ def with_updates(state: dict[str, Any]) -> dict[str, Any]:
     return kept | {"updates": Updates.of_bits(state["tick_status"][:-1])}
 
 
-class UpdatedBatch(Runs):
+class UpdatedBatch(BatchRuns):
     """The counts of control updates of a batch of loops."""
 
     _called = "loops"
@@ -464,7 +464,7 @@ class ClosedLoop(Updated, MassRun):
     x_est: Array | MaybeNone = None
     xdot_est: Array | MaybeNone = None
     d_est: Array | MaybeNone = None
-    _path: Path | None = None
+    _path: DenseMotion | None = None
     _reference: Reference | None = None
     _span: tuple[float, float] | None = None
     slowest: float = SLOWEST

@@ -15,7 +15,7 @@ from zivi.base.check import Array
 from zivi.base.status import StudyStatus
 from zivi.control.closed_loop import ClosedLoop
 from zivi.files.sweeps import experiment_parameters
-from zivi.simulation.mechanical_trajectory import MechanicalTrajectory, rows_of
+from zivi.simulation.mechanical_trajectory import MechanicalTrajectory, summary_rows
 from zivi.simulation.trajectory import Trajectory
 from zivi.study import EXPERIMENTS, Study
 
@@ -81,7 +81,7 @@ def run_table(run: Trajectory | ClosedLoop | MechanicalTrajectory) -> Table:
 
 def _run_rows(run: Trajectory | ClosedLoop | MechanicalTrajectory) -> list[tuple[str, str]]:
     if isinstance(run, MechanicalTrajectory):
-        return list(rows_of(run).items())
+        return list(summary_rows(run).items())
     rows = [("status", f"{run.status.name.lower()}: {run.message}"), ("time", _span(run.t, "s"))]
     rows += _wall_rows(run)
     rows += _loop_rows(run) if isinstance(run, ClosedLoop) else _step_rows(run)

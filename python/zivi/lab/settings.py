@@ -402,7 +402,7 @@ def end_notices(settings: Settings, before: Settings) -> list[str]:
 
     Examples
     --------
-    >>> ends(Ball(e=1.0), Ball())
+    >>> end_notices(Ball(e=1.0), Ball())
     ['e, restitution: 1 is an end of its range, 0.01 to 1; numbers outside it are set to the end.']
     """
     return [
@@ -554,7 +554,7 @@ def read_query(asked: Mapping[str, Any]) -> Settings:
 
     Examples
     --------
-    >>> settings_of({"tab": "Ball", "e": "7", "h": "fast"})
+    >>> read_query({"tab": "Ball", "e": "7", "h": "fast"})
     Ball(e=1.0, h=0.01, gravity=9.81, amplitude=0.0, omega=15.0, x0=1.0, xdot0=4.0, t_end=4.0)
     """
     kind = KINDS.get(str(asked.get("tab")), Ball)

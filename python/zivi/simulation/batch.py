@@ -206,11 +206,11 @@ def simulate_batch(
         "y0": states[:MAX_DESCRIBED].tolist(),
         "n_runs": len(states),
     }
-    batch = _batch(record, span, method, every, str(save), config)
+    batch = _batch_result(record, span, method, every, str(save), config)
     return batch if sampling.times is None else sampled(batch, record, several, method, sampling)
 
 
-def _batch(
+def _batch_result(
     record: _zivi.BatchRecord,
     span: tuple[float, float],
     method: Any,
@@ -238,7 +238,7 @@ def _batch(
         x_max=record.x_max if extremes else None,
         speed_max=record.speed_max if extremes else None,
         grazing=record.grazing if save == "grazing" else None,
-        events=_events(record) if save == "events" else None,
+        events=_event_columns(record) if save == "events" else None,
         sample_t=None if every is None else _zivi.grid_times(*span, method.h, every),
         sample_x=None if every is None else record.samples_x,
         sample_xdot=None if every is None else record.samples_xdot,
@@ -246,14 +246,14 @@ def _batch(
     )
 
 
-def _events(record: _zivi.BatchRecord) -> list[dict[str, Any]]:
+def _event_columns(record: _zivi.BatchRecord) -> list[dict[str, Any]]:
     # each look at one of these makes a new list
     listed, resolved = record.impacts, record.resolved_impacts
     zeno_times, liftoff_times = record.zeno_times, record.liftoff_times
     columns = (
-        _parts(listed, lambda flat: _rows_of_all(flat.view(IMPACT), listed), 3),
-        _parts(zeno_times, lambda times: rows_of_events("zeno", times)),
-        _parts(liftoff_times, lambda times: rows_of_events("liftoffs", times)),
+        _split_rows(listed, lambda flat: _rows_of_all(flat.view(IMPACT), listed), 3),
+        _split_rows(zeno_times, lambda times: rows_of_events("zeno", times)),
+        _split_rows(liftoff_times, lambda times: rows_of_events("liftoffs", times)),
         [rows.view(IMPACT) for rows in resolved],
         zeno_times,
         liftoff_times,
@@ -270,7 +270,7 @@ def _rows_of_all(impacts: NDArray[np.void], several: list[Array]) -> Any:
     return rows
 
 
-def _parts(several: list[Array], table: Callable[[Array], Any], width: int = 1) -> list[Any]:
+def _split_rows(several: list[Array], table: Callable[[Array], Any], width: int = 1) -> list[Any]:
     """Make the tables of all runs at once, which are many, and part them."""
     ends = np.cumsum([0, *map(len, several)]) // width
     rows = table(np.concatenate([*several, np.empty(0)]))

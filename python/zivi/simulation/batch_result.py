@@ -24,20 +24,20 @@ __all__ = [
     "MAX_DESCRIBED",
     "NUMBERS",
     "Batch",
-    "Runs",
+    "BatchRuns",
     "Sampling",
     "check_native",
     "check_threads",
     "every_of",
+    "kept_times",
     "room_for",
     "sampled",
     "sampling_of",
+    "state_rows",
     "states_for",
-    "states_of",
     "stops_of",
     "systems_of",
     "threads_for",
-    "times_of",
     "with_friction",
 ]
 
@@ -116,7 +116,7 @@ def with_friction(
     return [mechanism_of(system) for system in several], np.split(states, 2, axis=1)
 
 
-def states_of(name: str, value: ArrayLike) -> Array:
+def state_rows(name: str, value: ArrayLike) -> Array:
     """Return states as rows."""
     rows = np.atleast_2d(real_array(name, value))
     if rows.ndim != 2 or rows.shape[1] != 2:
@@ -126,7 +126,7 @@ def states_of(name: str, value: ArrayLike) -> Array:
 
 def states_for(y0: ArrayLike, n_systems: int) -> Array:
     """Return the initial states of the runs of some systems as rows."""
-    states = states_of("y0", y0)
+    states = state_rows("y0", y0)
     if np.ndim(y0) == 1:
         states = np.tile(states, (n_systems, 1))
     if n_systems not in (1, len(states)):
@@ -150,7 +150,7 @@ def every_of(save: Any, names: Sequence[str]) -> int | None:
     return every
 
 
-def times_of(t_eval: Any, save: Any, span: tuple[float, float]) -> Array:
+def kept_times(t_eval: Any, save: Any, span: tuple[float, float]) -> Array:
     """Return the times at which states are kept, which nothing else can be then."""
     if save != "final":
         raise ValueError(f"t_eval goes with save='final' only, got save={save!r}")
@@ -201,7 +201,7 @@ SAMPLES: dict[str, Field] = {
 """The same for samples."""
 
 
-class Runs(Tabulated):
+class BatchRuns(Tabulated):
     """What all batches have."""
 
     if TYPE_CHECKING:
@@ -234,7 +234,7 @@ class Runs(Tabulated):
 
 
 @dataclasses.dataclass(frozen=True, eq=False, repr=False)
-class Batch(Runs):
+class Batch(BatchRuns):
     """Results of a batch: an entry for each run.
 
     In all batches a plain name is the value at the end of each run, ``sample_`` its samples.
@@ -342,7 +342,7 @@ def sampling_of(t_eval: Any, save: Any, span: tuple[float, float], method: Any, 
     """Find what is to be kept for the states at given times."""
     if t_eval is None:
         return Sampling()
-    times = times_of(t_eval, save, span)
+    times = kept_times(t_eval, save, span)
     rows = room_for(2, n, len(times))
     if isinstance(method, SwitchedRK):
         return Sampling(times, at=times, rows=rows)

@@ -10,10 +10,10 @@ import numpy as np
 from zivi.base.check import Array
 from zivi.system.mass import project
 
-__all__ = ["LinearPath", "LostPath", "Path", "PenetratingPath"]
+__all__ = ["DenseMotion", "LinearPath", "LostPath", "PenetratingPath"]
 
 
-class Path(Protocol):
+class DenseMotion(Protocol):
     """The motion as a function of time."""
 
     @property

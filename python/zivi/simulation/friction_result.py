@@ -20,11 +20,11 @@ __all__ = [
     "FRICTION",
     "IMPACTS",
     "TRANSITIONS",
+    "FrictionRun",
     "FrictionSamples",
     "LinearMotion",
-    "Rubbing",
     "forces_at",
-    "friction_of",
+    "friction_samples",
     "impacts_with",
 ]
 
@@ -83,7 +83,7 @@ class FrictionSamples:
     transitions: Rows
 
 
-def friction_of(
+def friction_samples(
     record: _zivi.FrictionRecord | None, channels: tuple[Channel, ...]
 ) -> FrictionSamples | None:
     """Give what a record tells of friction, None without."""
@@ -124,7 +124,7 @@ def impacts_with(
     return columns | more
 
 
-class Rubbing:
+class FrictionRun:
     """The friction of a run: `MechanicalTrajectory` has it."""
 
     if TYPE_CHECKING:

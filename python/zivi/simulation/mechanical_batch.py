@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from zivi.base.check import Array, MaybeNone, real_array
 from zivi.base.extras import ProgressBar
 from zivi.base.table import Field, ResultTable
-from zivi.simulation.batch_result import Runs, room_for, stops_of, threads_for
+from zivi.simulation.batch_result import BatchRuns, room_for, stops_of, threads_for
 from zivi.simulation.mechanical_run import (
     Asked,
     FixedOrSwitched,
@@ -22,7 +22,7 @@ from zivi.simulation.mechanical_run import (
     record_of,
     run_mechanical,
 )
-from zivi.simulation.mechanical_trajectory import MechanicalTrajectory, resting
+from zivi.simulation.mechanical_trajectory import MechanicalTrajectory, time_of_rest
 from zivi.simulation.methods import SwitchedRK
 from zivi.system.mechanism import MechanicalSystem
 
@@ -68,7 +68,7 @@ LABELS: dict[str, Field] = {
 
 
 @dataclasses.dataclass(frozen=True, eq=False, repr=False)
-class MechanicalBatch(Runs):
+class MechanicalBatch(BatchRuns):
     """Results of a batch of mechanical systems: an entry for each of N runs.
 
     Attributes
@@ -186,7 +186,7 @@ def mechanical_batch(
     threads = threads_for(several, threads)
     check_mechanical_method(method)
     stops = stops_of(several, tstops, method, span)
-    q, qdot = _states(y0, len(several))
+    q, qdot = _read_states(y0, len(several))
     if len(several) == 1:
         several, stops = several * len(q), stops * len(q)
     samples = None if times is None else room_for(2, len(q), len(times), q.shape[1])
@@ -204,7 +204,7 @@ def mechanical_batch(
     def one(number: int, report: Any) -> Kept:
         system, asked = tasks[number]
         if is_counted:
-            return _counted(system, method, asked, report, is_first=number == 0)
+            return _count_run(system, method, asked, report, is_first=number == 0)
         run, error = run_mechanical(system, method, asked, report)
         if error is not None:
             raise error
@@ -212,7 +212,7 @@ def mechanical_batch(
             reached = times[times <= run.t[-1]]
             samples[:, number, : len(reached)] = run(reached)
         vars(run)["slowest"] = slowest
-        return _kept(run, save)
+        return _kept_numbers(run, save)
 
     with ProgressBar(progress) as bar:
         rows = _computed(one, len(tasks), threads, bar.report)
@@ -265,7 +265,7 @@ def _systems(systems: Any) -> list[MechanicalSystem]:
     return several
 
 
-def _states(y0: Any, n_systems: int) -> tuple[Array, Array]:
+def _read_states(y0: Any, n_systems: int) -> tuple[Array, Array]:
     """Read ``(q0, qdot0)``, each of shape (n,) or (N, n)."""
     given = tuple(y0) if isinstance(y0, Iterable) else ()
     if len(given) != 2:
@@ -289,7 +289,7 @@ def _states(y0: Any, n_systems: int) -> tuple[Array, Array]:
     return np.broadcast_to(q, shape).copy(), np.broadcast_to(qdot, shape).copy()
 
 
-def _counted(
+def _count_run(
     system: MechanicalSystem,
     method: FixedOrSwitched,
     asked: Asked,
@@ -304,7 +304,7 @@ def _counted(
     assert record.totals is not None
     assert record.speeds is not None
     (impacts, zeno, liftoffs, corners, flags), (first, last) = record.totals
-    rest = resting(record.speeds, rests=record.contacts[-1].any())
+    rest = time_of_rest(record.speeds, rests=record.contacts[-1].any())
     numbers = {
         "n_impacts": impacts,
         "n_zeno": zeno,
@@ -326,7 +326,7 @@ TABLES = ("impacts", "zeno", "liftoffs", "openings", "corners", "flags")
 OF_FRICTION = ("transitions", "stick")
 
 
-def _kept(run: MechanicalTrajectory, save: str) -> Kept:
+def _kept_numbers(run: MechanicalTrajectory, save: str) -> Kept:
     rows = np.asarray(run.impacts)  # whose fields are quick to get
     impacts, groups = rows["t"], rows["group"]
     numbers = {f"n_{name}": len(getattr(run, name)) for name in COUNTED} | {

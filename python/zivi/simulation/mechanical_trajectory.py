@@ -19,11 +19,11 @@ from zivi.base.table import Field, ResultTable
 from zivi.simulation.friction_result import (
     FRICTION,
     IMPACTS,
+    FrictionRun,
     FrictionSamples,
     LinearMotion,
-    Rubbing,
     forces_at,
-    friction_of,
+    friction_samples,
     impacts_with,
 )
 from zivi.simulation.impacts import FIELDS, SLOWEST, Rows, down_to_of_gaps, listed_of_gaps, table
@@ -39,12 +39,12 @@ __all__ = [
     "MEANING",
     "TABLES",
     "MechanicalTrajectory",
-    "ending",
+    "end_message",
     "labels_of",
-    "resting",
-    "rows_of",
+    "summary_rows",
     "table",
     "table_of",
+    "time_of_rest",
 ]
 
 # What the end of a run of a mechanical system is called, with the names of its gaps.
@@ -67,7 +67,7 @@ PARADOXES = (
 )
 
 
-def ending(
+def end_message(
     record: _zivi.MechanicalRecord,
     gaps: Sequence[str],
     model: Model,
@@ -140,7 +140,7 @@ COORDS: dict[str, Field] = {
 }
 
 
-def rows_of(sol: Any) -> dict[str, str]:
+def summary_rows(sol: Any) -> dict[str, str]:
     """Tell a run in rows of a table."""
 
     def times(events: Any) -> str:
@@ -153,10 +153,10 @@ def rows_of(sol: Any) -> dict[str, str]:
         "status": f"{sol.status.name.lower()}: {sol.message}",
         "time": f"{sol.t[0]:.6g} to {sol.t[-1]:.6g} s" if len(sol.t) else "no samples",
         "coordinates": ", ".join(sol.coordinate_names),
-        "impacts": ", ".join(_counts(sol)) + " resolved",
+        "impacts": ", ".join(_impact_counts(sol)) + " resolved",
         "Zeno points": times(sol.zeno),
         "lift-offs": times(sol.liftoffs),
-        **_friction_of(sol),
+        **_stick_rows(sol),
         "corners": ", ".join(f"{t:.9g}" for t in sol.corners["t"][:5]) or "none",
         "flags": ", ".join(f"{f['kind']} at {f['t']:.6g}" for f in sol.flags[:5]) or "none",
         "closed at the end": ", ".join(closed) or "none",
@@ -165,7 +165,7 @@ def rows_of(sol: Any) -> dict[str, str]:
     }
 
 
-def _friction_of(sol: Any) -> dict[str, str]:
+def _stick_rows(sol: Any) -> dict[str, str]:
     """Tell when friction sticks, if there is any."""
     if not sol.channel_names:
         return {}
@@ -177,7 +177,7 @@ def _friction_of(sol: Any) -> dict[str, str]:
     return {"sticks": (", ".join(told) + more) or "never"}
 
 
-def _counts(sol: Any) -> list[str]:
+def _impact_counts(sol: Any) -> list[str]:
     return [str(len(np.unique(it["group"]))) for it in (sol.impacts, sol.resolved_impacts)]
 
 
@@ -235,7 +235,7 @@ def labels_of(sol: Any) -> ResultTable:
 
 
 @dataclasses.dataclass(frozen=True, eq=False, repr=False)
-class MechanicalTrajectory(Rubbing, SampledRun):
+class MechanicalTrajectory(FrictionRun, SampledRun):
     """Samples and events of one run of a mechanical system: n coordinates, m gaps.
 
     Calling it, ``sol(t)``, gives ``(q, qdot)`` between the samples. Tables of events are record
@@ -378,7 +378,7 @@ class MechanicalTrajectory(Rubbing, SampledRun):
     ) -> Self:
         """Make it of a record; `stepped` if the steps of the method are all there is."""
         channels, gap_names = system._channels, system.gap_names
-        friction = friction_of(record.friction, channels)
+        friction = friction_samples(record.friction, channels)
         path: Any = record.path
         if stepped:
             parts = {name: getattr(record, name) for name in STEPS}
@@ -389,7 +389,7 @@ class MechanicalTrajectory(Rubbing, SampledRun):
             {name: getattr(record, name) for name in STEPS},
             **_tables_of(record, model.layout.m, channels),
             status=Status(record.status),
-            message=ending(record, gap_names, model, channels),
+            message=end_message(record, gap_names, model, channels),
             nfev=record.nfev,
             n_steps=record.n_steps,
             n_rejected=record.n_rejected,
@@ -408,7 +408,7 @@ class MechanicalTrajectory(Rubbing, SampledRun):
         if record.speeds is not None:
             # samples of steps would tell it
             rests = sol.contacts[-1].any() or (sol.modes[-1:] == 0).any()
-            vars(sol)["rest_time"] = resting(record.speeds, rests=rests)
+            vars(sol)["rest_time"] = time_of_rest(record.speeds, rests=rests)
         return sol
 
     def __call__(self, t: ArrayLike) -> Array:
@@ -497,7 +497,7 @@ class MechanicalTrajectory(Rubbing, SampledRun):
         speeds = np.abs(self.qdot)
         fastest_since = speeds[self.t >= since].max(initial=0.0)
         rests = self.contacts[-1].any() or (self.modes[-1:] == 0).any()
-        return resting((since, speeds.max(), fastest_since), rests=rests)
+        return time_of_rest((since, speeds.max(), fastest_since), rests=rests)
 
     def __repr__(self) -> str:
         span = f"{self.t[0]:.6g} .. {self.t[-1]:.6g}" if len(self.t) else "no samples"
@@ -518,7 +518,7 @@ class MechanicalTrajectory(Rubbing, SampledRun):
         )
 
     def _facts(self) -> dict[str, str]:
-        return rows_of(self)
+        return summary_rows(self)
 
     def _as_frame(self) -> pandas.DataFrame:
         needed("pandas", "tables")
@@ -528,7 +528,7 @@ class MechanicalTrajectory(Rubbing, SampledRun):
         return labels_of(self)
 
 
-def resting(speeds: tuple[float, float, float], *, rests: bool) -> float | None:
+def time_of_rest(speeds: tuple[float, float, float], *, rests: bool) -> float | None:
     """Give since when nothing moves, if anything is at rest in the end.
 
     Of when something last happened, the largest speed, and that from then on.
@@ -544,7 +544,7 @@ def _tables_of(
     known, rubbing = record.occurrences, record.friction
     fields = FIELDS if rubbing is None else WITH_FRICTION
     if known is None:
-        return _named(_nothing(m, rubbing is not None))
+        return _by_result_name(_empty_tables(m, rubbing is not None))
     impacts = {name: getattr(known, f"impact_{name}") for name in FIELDS["impacts"]}
     if rubbing is not None:
         impacts = impacts_with(impacts, rubbing, channels)
@@ -561,11 +561,11 @@ def _tables_of(
             "size": known.flag_size,
         },
     }
-    return _named({name: table(fields[name], m, it) for name, it in columns.items()})
+    return _by_result_name({name: table(fields[name], m, it) for name, it in columns.items()})
 
 
 @functools.lru_cache
-def _nothing(m: int, rubbing: bool) -> dict[str, Rows]:
+def _empty_tables(m: int, rubbing: bool) -> dict[str, Rows]:
     """Give the tables of a run in which nothing happened."""
     fields = WITH_FRICTION if rubbing else FIELDS
     return {name: table(it, m, {"t": ()}) for name, it in fields.items()}
@@ -575,7 +575,7 @@ WITH_FRICTION = FIELDS | {"impacts": IMPACTS}
 """The tables of a run with dry friction."""
 
 
-def _named(tables: dict[str, Rows]) -> dict[str, Rows]:
+def _by_result_name(tables: dict[str, Rows]) -> dict[str, Rows]:
     """Give the tables by the names of the result."""
     named = tables.copy()
     named["resolved_impacts"] = named.pop("impacts")

@@ -7,8 +7,8 @@ import numbers
 from typing import Any, ClassVar, Protocol
 
 import zivi._zivi as _zivi
-from zivi.base.check import Array, real
-from zivi.simulation.dense import LinearPath, Path, PenetratingPath
+from zivi.base.check import Array, integer, real
+from zivi.simulation.dense import DenseMotion, LinearPath, PenetratingPath
 
 __all__ = ["FixedSteps", "Method", "Settings", "annotation", "class_of"]
 
@@ -28,7 +28,7 @@ class Settings:
 
     def __post_init__(self) -> None:
         for setting in self._entry.settings:
-            value = _read(setting, getattr(self, setting.name))
+            value = _read_setting(setting, getattr(self, setting.name))
             object.__setattr__(self, setting.name, value)
         _ = self._core
 
@@ -55,7 +55,7 @@ class FixedSteps(Settings):
 
     _takes_tstops: ClassVar[bool] = False
 
-    def _path(self, kappa: float, t: Array, samples: dict[str, Array]) -> Path:
+    def _path(self, kappa: float, t: Array, samples: dict[str, Array]) -> DenseMotion:
         s, v = samples["s"], samples["v"]
         if self._entry.penetrates:
             return PenetratingPath(t, s, v, kappa, x=samples["x"], xdot=samples["xdot"])
@@ -99,7 +99,7 @@ def _documentation(entry: _zivi.MethodEntry) -> str:
     lines += ["", "Parameters", "----------"]
     for it in entry.settings:
         unit = f" ({it.unit})" if it.unit not in ("", "1") else ""
-        lines += [f"{it.name} : {_kind(it)}", f"    {_sentence(it.meaning + unit)}"]
+        lines += [f"{it.name} : {_type_text(it)}", f"    {_sentence(it.meaning + unit)}"]
         lines[-1] += f" It must be {it.range}."
         if it.comes is not None:
             lines[-1] += f" By default {it.comes}."
@@ -109,7 +109,7 @@ def _documentation(entry: _zivi.MethodEntry) -> str:
 OUT_OF_RANGE = "If a setting is out of range."
 
 
-def _kind(setting: _zivi.Setting) -> str:
+def _type_text(setting: _zivi.Setting) -> str:
     if setting.choices is not None:
         return "{" + ", ".join(repr(it) for it in setting.choices) + "}"
     kind = annotation(setting).removesuffix(" | None")
@@ -121,23 +121,15 @@ def _sentence(words: str) -> str:
     return f"{words[0].upper()}{words[1:]}."
 
 
-def _read(setting: _zivi.Setting, value: Any) -> Any:
+def _read_setting(setting: _zivi.Setting, value: Any) -> Any:
     """Read a value of a setting; its range is left to the core."""
     if value is None and setting.comes is not None:
         return None
     if setting.whole or (setting.choices is not None and isinstance(setting.choices[0], int)):
-        return _integer(setting.name, value)
+        return integer(setting.name, value)
     if setting.choices is not None:
         return value
     return _one_or_two(setting.name, value) if setting.pair else real(setting.name, value)
-
-
-def _integer(name: str, value: Any) -> int:
-    if isinstance(value, bool) or not isinstance(value, numbers.Integral):
-        raise TypeError(f"{name} must be an integer, got {value!r}")
-    if abs(number := int(value)) >= 2**63:
-        raise ValueError(f"{name} must be a whole number below 2**63, got {value}")
-    return number
 
 
 def _one_or_two(name: str, value: Any) -> float | tuple[float, float]:

@@ -26,7 +26,7 @@ from zivi.simulation.mechanical_run import (
 from zivi.simulation.mechanical_trajectory import MechanicalTrajectory
 from zivi.simulation.methods import METHODS, FixedSteps, Method, Settings, SwitchedRK
 from zivi.simulation.run_result import as_raised, with_partial
-from zivi.simulation.trajectory import NO_STOPS, Trajectory, ended_by_event, restrict
+from zivi.simulation.trajectory import NO_STOPS, Trajectory, end_run_at_event, restrict_run
 from zivi.system.force import LinearForce
 from zivi.system.gap import LinearGap
 from zivi.system.mass import WRAPPED, ImpactSystem, check_system
@@ -352,9 +352,9 @@ def simulate(
         sol = as_raised(sol)
     if record.path is None:  # a method of fixed steps: its steps are all there is
         if sol.status is Status.TERMINATED_BY_EVENT:
-            sol = ended_by_event(sol)
+            sol = end_run_at_event(sol)
         if times is not None:
-            sol = restrict(sol, times)
+            sol = restrict_run(sol, times)
     if error is None:
         warn_of_flight(system, sol)
         return sol

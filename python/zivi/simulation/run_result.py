@@ -18,7 +18,7 @@ from zivi.base.former import with_resolved_impacts
 from zivi.base.habits import Hinted
 from zivi.base.status import Status
 from zivi.base.table import Field, Tabulated, counted
-from zivi.simulation.dense import LinearPath, LostPath, Path
+from zivi.simulation.dense import DenseMotion, LinearPath, LostPath
 from zivi.simulation.impacts import SLOWEST, Rows, down_to, listed, rows_of_events, rows_of_impacts
 from zivi.system.impact_law import ImpactLaw, NewtonImpact, Restitutions, restitutions
 
@@ -165,7 +165,7 @@ def _tighter(method: SwitchedRK) -> SwitchedRK:
 def _nearby(law: ImpactLaw) -> float | ImpactLaw:
     """Move a law by some roundings."""
     if isinstance(law, NewtonImpact):
-        moved: float = _moved(law.e)
+        moved: float = _perturbed(law.e)
         return moved
     return law._scaled(1 - ULPS)
 
@@ -174,11 +174,11 @@ def _nearby_of_gaps(e: Restitutions) -> Restitutions:
     """Move those of all gaps."""
     if isinstance(e, tuple):
         return restitutions([_nearby(law) for law in e], len(e))
-    moved: Array = _moved(e)
+    moved: Array = _perturbed(e)
     return moved
 
 
-def _moved(e: Any) -> Any:
+def _perturbed(e: Any) -> Any:
     """Move restitutions by some roundings; 1 stays elastic, 0 plastic."""
     moved = np.where(np.asarray(e) < 1.0, np.asarray(e) * (1 - ULPS), e)
     return float(moved) if moved.ndim == 0 else moved
@@ -457,7 +457,7 @@ class MassRun(SampledRun):
         """
         return self._between(self._known(), self._within(t))
 
-    def _between(self, path: Path | Any, times: Array) -> Array:
+    def _between(self, path: DenseMotion | Any, times: Array) -> Array:
         x, xdot = path.physical(times.ravel())
         return np.stack([x.reshape(times.shape), xdot.reshape(times.shape)])
 

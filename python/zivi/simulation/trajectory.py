@@ -15,7 +15,7 @@ import zivi._zivi as _zivi
 from zivi.base.check import Array, MaybeNone
 from zivi.base.status import Status, warn
 from zivi.base.table import Field, ResultTable
-from zivi.simulation.dense import LinearPath, Path, PenetratingPath
+from zivi.simulation.dense import DenseMotion, LinearPath, PenetratingPath
 from zivi.simulation.impacts import IMPACT, SLOWEST, impacts_of
 from zivi.simulation.methods import SwitchedRK
 from zivi.simulation.run_result import (
@@ -49,8 +49,8 @@ __all__ = [
     "describe",
     "describe_restitutions",
     "describe_system",
-    "ended_by_event",
-    "restrict",
+    "end_run_at_event",
+    "restrict_run",
 ]
 
 # Systems, forces and runs as plain values, which files and results keep.
@@ -252,7 +252,7 @@ class Trajectory(MassRun):
     y_events: list[Array] = dataclasses.field(default_factory=list)
     slowest: float = SLOWEST
     # no defaults of the class: these are made when they are asked for, too
-    _path: Path | None = dataclasses.field(repr=False, default_factory=lambda: None)
+    _path: DenseMotion | None = dataclasses.field(repr=False, default_factory=lambda: None)
     _wall: HarmonicWall | MovingWall | TableMotion | None = dataclasses.field(
         repr=False, default_factory=lambda: None
     )
@@ -439,18 +439,18 @@ ROWS = {name: row for name, row in QUANTITY_ROWS.items() if name not in LIFTED}
 """What a run samples, and where it is in the record."""
 
 
-def _path_of(
+def _motion_path(
     sol: Trajectory, system: ImpactSystem, method: Method, *_: Any
-) -> Path | _zivi.MotionPath | None:
+) -> DenseMotion | _zivi.MotionPath | None:
     own: _zivi.MotionPath | None = vars(sol)["_record"].path
     if own is not None:
         return own
     samples = {"x": sol.x, "xdot": sol.xdot, **vars(sol.transformed)}
-    made: Path = method._path(system.kappa, sol.t, samples)  # type: ignore[attr-defined]
+    made: DenseMotion = method._path(system.kappa, sol.t, samples)  # type: ignore[attr-defined]
     return made
 
 
-def _setup_of(
+def _mass_setup(
     sol: Trajectory,
     system: ImpactSystem,
     method: Method,
@@ -461,7 +461,7 @@ def _setup_of(
     return functools.partial(configuration_of, system, method, span, state)
 
 
-def _closer_of(
+def _mass_closer(
     sol: Trajectory,
     system: ImpactSystem,
     method: Method,
@@ -474,18 +474,18 @@ def _closer_of(
     return functools.partial(closer_mass, system, method, span[0], state, stops)
 
 
-def _wall_of(sol: Trajectory, system: ImpactSystem, *_: Any) -> Any:
+def _moving_wall(sol: Trajectory, system: ImpactSystem, *_: Any) -> Any:
     return motion_of(system.wall)
 
 
-def _states_of(record: _zivi.RunRecord) -> list[Array]:
+def _event_states(record: _zivi.RunRecord) -> list[Array]:
     return [np.hstack([hits.q, hits.qdot]) for hits in record.hits]
 
 
 OF_RECORD: dict[str, Callable[[_zivi.RunRecord], Any]] = {
     "resolved_impacts": impacts_of,
     "t_events": lambda record: [hits.t for hits in record.hits],
-    "y_events": _states_of,
+    "y_events": _event_states,
 } | {
     name: operator.attrgetter(name)
     for name in (
@@ -495,10 +495,10 @@ OF_RECORD: dict[str, Callable[[_zivi.RunRecord], Any]] = {
 }
 """How the attributes of a run are read from its record."""
 OF_ARGUMENTS: dict[str, Callable[..., Any]] = {
-    "_setup": _setup_of,
-    "_path": _path_of,
-    "_wall": _wall_of,
-    "_closer": _closer_of,
+    "_setup": _mass_setup,
+    "_path": _motion_path,
+    "_wall": _moving_wall,
+    "_closer": _mass_closer,
 }
 """How those are made that follow from what was run."""
 
@@ -506,15 +506,15 @@ OF_ARGUMENTS: dict[str, Callable[..., Any]] = {
 # Runs of fixed steps, reported otherwise than step by step: at given times, up to an event.
 
 
-def restrict(sol: Trajectory, times: Array) -> Trajectory:
+def restrict_run(sol: Trajectory, times: Array) -> Trajectory:
     """Report a run at `times` (those within the computed span) instead of at its steps."""
     return sol._resampled(times[times <= sol.t[-1]])
 
 
-def ended_by_event(sol: Trajectory) -> Trajectory:
+def end_run_at_event(sol: Trajectory) -> Trajectory:
     """End a fixed-step run at its last event, within its last step."""
     end = max(float(times[-1]) for times in sol.t_events if len(times))
-    kept = restrict(sol, np.append(sol.t[sol.t < end], end))
+    kept = restrict_run(sol, np.append(sol.t[sol.t < end], end))
     rests = sol.rest_time is not None and sol.rest_time <= end
     # a rest that ended later was one until here
     last = sol.zeno_times[sol.zeno_times <= end]
@@ -535,7 +535,7 @@ def ended_by_event(sol: Trajectory) -> Trajectory:
     )
 
 
-def _path_until(path: Path, kept: Trajectory) -> Path:
+def _path_until(path: DenseMotion, kept: Trajectory) -> DenseMotion:
     """Return the path of a fixed-step run through the samples that are left of it."""
     changes: dict[str, Any] = {"t": kept.t, "s": kept.transformed.s, "v": kept.transformed.v}
     if isinstance(path, PenetratingPath):

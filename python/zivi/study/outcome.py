@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from zivi.base.check import Array, unmasked
-from zivi.simulation.batch_result import Runs
+from zivi.simulation.batch_result import BatchRuns
 from zivi.simulation.mechanical_trajectory import MechanicalTrajectory
 from zivi.simulation.run_result import MassRun
 from zivi.study.design import valid_name
@@ -269,7 +269,7 @@ def many_of(returned: Any, n: int) -> Many:
 
 
 def _many_values(returned: Any, n: int) -> Many:
-    if isinstance(returned, Runs):
+    if isinstance(returned, BatchRuns):
         return _of_batch(returned, n)
     if not isinstance(returned, Mapping):
         return Many({"value": _real_rows("the result", returned, n)}, {}, {})
@@ -301,7 +301,7 @@ def _failed_points(messages: Any, n: int) -> dict[int, str]:
     return {place: str(text) for place, text in enumerate(messages) if text}
 
 
-def _of_batch(batch: Runs, n: int) -> Many:
+def _of_batch(batch: BatchRuns, n: int) -> Many:
     """Keep what a batch tells of each run; `status` is how it ended."""
     if len(batch) != n:
         raise ValueError(f"a batch must have one run for each of {n} points, got {len(batch)}")
