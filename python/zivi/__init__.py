@@ -117,7 +117,16 @@ if TYPE_CHECKING:
     from zivi.simulation.trajectory import Trajectory as Trajectory
     from zivi.study import Design, Study, grid, open_study, points, sample, sweep
     from zivi.system.force import ParametricForce
-    from zivi.system.gap import DryFriction, Gap, HarmonicWall, LinearGap, MovingWall
+    from zivi.system.gap import (
+        DryFriction,
+        Gap,
+        HarmonicWall,
+        Hertz,
+        HuntCrossley,
+        LinearGap,
+        MovingWall,
+        SpringDamper,
+    )
     from zivi.system.impact_law import (
         ImpactLaw,
         NewtonImpact,
@@ -158,6 +167,8 @@ __all__ = [
     "GapTracker",
     "Harmonic",
     "HarmonicWall",
+    "Hertz",
+    "HuntCrossley",
     "ImpactLaw",
     "ImpactObserver",
     "ImpactSystem",
@@ -181,6 +192,7 @@ __all__ = [
     "Restitution",
     "RestitutionTable",
     "SpeedDependentImpact",
+    "SpringDamper",
     "Status",
     "Striker",
     "Study",
@@ -264,7 +276,8 @@ _LATE = {
     ),
     "study": ("Design", "Study", "grid", "open_study", "points", "sample", "sweep"),
     "system": (
-        *("DryFriction", "Gap", "Harmonic", "HarmonicWall", "ImpactLaw", "ImpactSystem"),
+        *("DryFriction", "Gap", "Harmonic", "HarmonicWall", "Hertz", "HuntCrossley"),
+        *("ImpactLaw", "ImpactSystem", "SpringDamper"),
         *("LinearForce", "LinearGap", "LinearSystem", "MechanicalSystem", "MovingWall"),
         *("NewtonImpact", "ParametricForce", "ParametricSystem", "Restitution"),
         *("RestitutionTable", "SpeedDependentImpact", "Table", "Tree", "lift", "project"),

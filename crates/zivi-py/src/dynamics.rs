@@ -1,6 +1,7 @@
 //! Mechanical systems that come from Python.
 
 use crate::force::{Raised, Wall};
+use crate::friction::{Friction, Rubbing};
 use crate::interface::{vector, Capsule};
 use crate::time_table::TimeTable;
 use numpy::{PyArray1, PyArrayMethods, PyReadonlyArray1, PyUntypedArrayMethods};
@@ -11,8 +12,8 @@ use pyo3::types::PyTuple;
 use std::ffi::{c_int, c_void};
 use std::sync::Arc;
 use zivi::mechanics::{ContactMode, GapSet};
-use zivi::system::dynamics::{Dynamics, Layout};
-use zivi::system::force::{Channel, Friction};
+use zivi::record::status::Failure;
+use zivi::system::dynamics::{Dynamics, FunctionDynamics, Layout};
 use zivi::system::linear_dynamics::LinearDynamics;
 use zivi::system::linear_system::{GapMotion, LinearGap, LinearSystem, LoadWave};
 use zivi::system::tree;
@@ -426,27 +427,26 @@ pub(crate) fn is_sound(row: PyReadonlyArray1<'_, f64>, n: usize, m: usize) -> Py
         && gradients.all(|gradient| gradient.iter().any(|&it| it != 0.0)))
 }
 
-/// Contact forces by gap, then forces of friction by channel, at an evaluation of a system of `n` coordinates:
-/// `gap_of` are the gaps of its channels, `closed` its closed gaps, `modes` the numbers of what its
-/// channels do. None where no forces keep the gaps closed.
+/// Contact forces by gap, then forces of friction by channel, at an evaluation of a system with velocities
+/// `w`: `friction` are its channels and compliant gaps, `closed` its gaps in contact, `modes` the numbers of
+/// what its channels do. None where no forces keep the gaps closed.
 #[pyfunction]
 pub(crate) fn contact_forces<'py>(
     py: Python<'py>,
     row: PyReadonlyArray1<'_, f64>,
-    n: usize,
-    gap_of: Vec<Option<usize>>,
+    w: PyReadonlyArray1<'_, f64>,
+    friction: Option<&Friction>,
     closed: Vec<bool>,
     modes: Vec<i8>,
 ) -> PyResult<Option<Bound<'py, PyArray1<f64>>>> {
-    let layout = Layout { n, m: closed.len(), p: gap_of.len() };
-    let row = row.as_slice()?;
+    let channels = Friction::given(friction).channels.len();
+    let (row, w) = (row.as_slice()?, w.as_slice()?);
+    let layout = Layout { n: w.len(), m: closed.len(), p: channels };
     if row.len() != layout.len() || modes.len() != layout.p || layout.rows() > GapSet::MOST {
         return Err(PyValueError::new_err(
             "row, closed and modes must have the sizes of one system",
         ));
     }
-    let channels = gap_of.into_iter().map(|gap| Channel { gap, e_t: 0.0 }).collect();
-    let friction = Friction { channels, ..Friction::default() };
     let closed: GapSet = (0..layout.m).filter(|&gap| closed[gap]).collect();
     let acts = |(mode, (channel, number)): (ContactMode, (usize, i8))| match number {
         2 => mode,
@@ -454,8 +454,16 @@ pub(crate) fn contact_forces<'py>(
     };
     let each = modes.into_iter().enumerate();
     let mode = each.fold(ContactMode::from(closed), |mode, it| acts((mode, it)));
-    let found = py.detach(|| zivi::mechanics::contact_forces((layout, &friction), row, mode));
-    Ok(found.ok().map(|forces| PyArray1::from_vec(py, forces)))
+    let function = |_: f64, _: &[f64], _: &[f64], out: &mut [f64]| {
+        out.copy_from_slice(row);
+        Ok(())
+    };
+    let mut dynamics = Rubbing { dynamics: FunctionDynamics { layout, function }, friction };
+    match py.detach(|| zivi::mechanics::contact_forces(&mut dynamics, w, mode)) {
+        Ok(forces) => Ok(Some(PyArray1::from_vec(py, forces))),
+        Err(Failure::Status(_)) => Ok(None),
+        Err(Failure::Raised(error)) => Err(error),
+    }
 }
 
 // Trees of bodies from Python.

@@ -3,31 +3,46 @@
 use std::sync::Arc;
 
 use numpy::PyArrayMethods;
-use pyo3::exceptions::PyValueError;
+use pyo3::exceptions::{PyTypeError, PyValueError};
+use pyo3::gc::{PyTraverseError, PyVisit};
 use pyo3::prelude::*;
 use zivi::mechanics::{MechanicalRun, Occurrence};
 use zivi::record::gap_set::ContactMode;
 use zivi::system::dynamics::{Dynamics, Layout};
-use zivi::system::force::{Channel, Friction as Given, FrictionalImpact};
+use zivi::system::force::{Channel, ContactForce, Friction as Given, FrictionalImpact};
 use zivi::system::linear_system::LinearSystem;
 
 use crate::interface::{array, columns, Matrix, Vector};
 
-/// The channels of friction of a system, those of gaps first, and how impacts go on.
+/// A compliant gap: its number, the name of its law, the numbers of that, or a function.
+type CompliantGap = (usize, String, Vec<f64>, Option<Py<PyAny>>);
+
+/// The channels of friction of a system, those of gaps first, how impacts go on, and the compliant gaps.
 #[pyclass(frozen, module = "zivi._zivi")]
 pub(crate) struct Friction {
-    pub(crate) given: Given,
+    given: Given,
+    /// The contact forces that are functions `(depth, rate)`, by gap.
+    functions: Vec<(usize, Py<PyAny>)>,
+}
+
+impl Friction {
+    /// That of a system, of no channels and rigid gaps if it has none.
+    pub(crate) fn given(of: Option<&Self>) -> &Given {
+        of.map_or_else(|| Given::none(), |it| &it.given)
+    }
 }
 
 #[pymethods]
 impl Friction {
-    /// For each channel its gap, or None for a joint, and its tangential restitution.
+    /// For each channel its gap, or None for a joint, and its tangential restitution; the compliant gaps,
+    /// ascending.
     #[new]
-    #[pyo3(signature = (channels, *, law, impact_without_collision))]
+    #[pyo3(signature = (channels, *, law, impact_without_collision, compliant=vec![]))]
     fn new(
         channels: Vec<(Option<usize>, f64)>,
         law: &str,
         impact_without_collision: bool,
+        compliant: Vec<CompliantGap>,
     ) -> PyResult<Self> {
         let law = match law {
             "newton" => FrictionalImpact::Newton,
@@ -36,37 +51,68 @@ impl Friction {
             _ => return Err(PyValueError::new_err(format!("no law of impacts is called {law:?}"))),
         };
         let channels = channels.into_iter().map(|(gap, e_t)| Channel { gap, e_t }).collect();
-        Ok(Self { given: Given { channels, law, impact_without_collision } })
+        let mut functions = Vec::new();
+        let mut laws = Vec::new();
+        for (gap, kind, numbers, function) in compliant {
+            let force = match (kind.as_str(), numbers.as_slice()) {
+                ("spring_damper", &[k, c]) => ContactForce::SpringDamper { k, c },
+                ("power", &[k, p]) => ContactForce::Power { k, p },
+                ("hunt_crossley", &[k, p, alpha]) => ContactForce::HuntCrossley { k, p, alpha },
+                _ => ContactForce::Function,
+            };
+            functions.extend(function.map(|it| (gap, it)));
+            laws.push((gap, force));
+        }
+        let given = Given { channels, law, impact_without_collision, compliant: laws };
+        Ok(Self { given, functions })
+    }
+
+    fn __traverse__(&self, visit: PyVisit<'_>) -> Result<(), PyTraverseError> {
+        self.functions.iter().try_for_each(|(_, function)| visit.call(function))
     }
 }
 
 /// A system with its friction.
 pub(crate) struct Rubbing<'a, D> {
     pub(crate) dynamics: D,
-    pub(crate) friction: &'a Given,
+    pub(crate) friction: Option<&'a Friction>,
 }
 
-impl<E, D: Dynamics<E>> Dynamics<E> for Rubbing<'_, D> {
+impl<D: Dynamics<PyErr>> Dynamics<PyErr> for Rubbing<'_, D> {
     fn layout(&self) -> Layout {
         self.dynamics.layout()
     }
 
     fn friction(&self) -> &Given {
-        self.friction
+        Friction::given(self.friction)
+    }
+
+    fn contact_force(&mut self, gap: usize, depth: f64, rate: f64) -> PyResult<f64> {
+        let of_gap = |(number, _): &&(usize, Py<PyAny>)| *number == gap;
+        let functions = self.friction.map_or(&[][..], |it| &it.functions);
+        let Some((_, function)) = functions.iter().find(of_gap) else { return Ok(0.0) };
+        Python::attach(|py| {
+            let value = function.bind(py).call1((depth, rate))?;
+            crate::leaving::look()?;
+            value.extract().map_err(|_| {
+                let kind = value.get_type();
+                PyTypeError::new_err(format!("contact(depth, rate) must return a float, got {kind}"))
+            })
+        })
     }
 
     #[inline]
-    fn evaluate(&mut self, t: f64, q: &[f64], w: &[f64], out: &mut [f64]) -> Result<(), E> {
+    fn evaluate(&mut self, t: f64, q: &[f64], w: &[f64], out: &mut [f64]) -> PyResult<()> {
         self.dynamics.evaluate(t, q, w, out)
     }
 
     #[inline]
-    fn evaluate_again(&mut self, t: f64, q: &[f64], w: &[f64], out: &mut [f64]) -> Result<(), E> {
+    fn evaluate_again(&mut self, t: f64, q: &[f64], w: &[f64], out: &mut [f64]) -> PyResult<()> {
         self.dynamics.evaluate_again(t, q, w, out)
     }
 
     #[inline]
-    fn evaluate_gaps(&mut self, t: f64, q: &[f64], w: &[f64], out: &mut [f64]) -> Result<(), E> {
+    fn evaluate_gaps(&mut self, t: f64, q: &[f64], w: &[f64], out: &mut [f64]) -> PyResult<()> {
         self.dynamics.evaluate_gaps(t, q, w, out)
     }
 
@@ -74,8 +120,9 @@ impl<E, D: Dynamics<E>> Dynamics<E> for Rubbing<'_, D> {
         self.dynamics.is_steady()
     }
 
+    /// None with compliant gaps: those in contact have another matrix.
     fn linear(&self) -> Option<&Arc<LinearSystem>> {
-        self.dynamics.linear()
+        self.dynamics.linear().filter(|_| self.friction().compliant.is_empty())
     }
 }
 

@@ -54,6 +54,8 @@ pub(crate) struct Occurrences {
     zeno_t: Vector<f64>,
     zeno_gap: Vector<i64>,
     zeno_closed: Matrix<bool>,
+    contact_t: Vector<f64>,
+    contact_gap: Vector<i64>,
     liftoff_t: Vector<f64>,
     liftoff_gap: Vector<i64>,
     opened_t: Vector<f64>,
@@ -87,7 +89,7 @@ impl MechanicalRecord {
         let (Layout { n, m, .. }, size) = (run.layout, run.layout.size());
         let samples = &run.samples;
         let picked = |values: &[f64], from, width| columns(py, values, size, from, width);
-        let closed = list(samples.modes.iter().map(|mode| mode.closed))?;
+        let closed = list(samples.modes.iter().map(|mode| mode.in_contact()))?;
         let friction = FrictionRecord::of(py, &run)?;
         let reactions = match run.layout.rows() {
             0 => PyArray1::from_vec(py, Vec::new()).reshape([samples.t.len(), 0])?.unbind(),
@@ -160,6 +162,8 @@ impl Occurrences {
                 zeno_t: floats(field!(Zeno, t))?,
                 zeno_gap: integers(field!(Zeno, gap as i64))?,
                 zeno_closed: sets(field!(Zeno, closed))?,
+                contact_t: floats(field!(Contact, t))?,
+                contact_gap: integers(field!(Contact, gap as i64))?,
                 liftoff_t: floats(field!(LiftOff, t))?,
                 liftoff_gap: integers(field!(LiftOff, gap as i64))?,
                 opened_t: floats(field!(Opened, t))?,

@@ -61,7 +61,7 @@ impl MechanicalPath {
     fn at(&self, py: Python<'_>, times: PyReadonlyArray1<'_, f64>) -> PyResult<Motion> {
         let (layout, (x, v, modes)) = (self.path.layout(), self.points(&times)?);
         let (n, m) = (layout.n, layout.m);
-        let closed = list(modes.iter().map(|mode| mode.closed))?;
+        let closed = list(modes.iter().map(|mode| mode.in_contact()))?;
         let of = |values: &[f64], from, width| columns(py, values, layout.size(), from, width);
         let (q, qdot) = (of(&x, 0, n)?, of(&v, 0, n)?);
         Ok((q, qdot, of(&x, n, m)?, of(&v, n, m)?, members(py, &closed, m)?))

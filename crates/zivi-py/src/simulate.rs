@@ -112,7 +112,7 @@ fn run_mechanism(
     let Keep { ends, dense, arcs, .. } = *keep;
     let laws = system.laws.as_slice();
     let start = (start.q.as_slice(), start.qdot.as_slice());
-    let (layout, friction) = (system.layout(), system.friction());
+    let (layout, friction) = (system.layout(), system.laws_of_contact());
     let dynamics = AnyDynamics::of(py, system.model.get(), layout);
     let output = |events| MechanicalOutput { t_eval, tstops, ends, dense, arcs, events };
     // compiled once for all kinds of systems

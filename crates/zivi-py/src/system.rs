@@ -82,7 +82,12 @@ pub(crate) struct Mechanism {
 impl Mechanism {
     /// Its friction, that of no channels if it has none.
     pub(crate) fn friction(&self) -> &Given {
-        self.friction.as_ref().map_or_else(|| Given::none(), |it| &it.get().given)
+        Friction::given(self.laws_of_contact())
+    }
+
+    /// The same with the laws of its compliant gaps.
+    pub(crate) fn laws_of_contact(&self) -> Option<&Friction> {
+        self.friction.as_ref().map(|it| it.get())
     }
 
     pub(crate) fn layout(&self) -> Layout {
@@ -92,14 +97,14 @@ impl Mechanism {
     /// What evaluates it.
     pub(crate) fn rubbing<'a>(&'a self, py: Python<'a>) -> Rubbing<'a, AnyDynamics<'a>> {
         let dynamics = AnyDynamics::of(py, self.model.get(), self.layout());
-        Rubbing { dynamics, friction: self.friction() }
+        Rubbing { dynamics, friction: self.laws_of_contact() }
     }
 
     /// The same without the interpreter; `None` if it is needed.
     pub(crate) fn rubbing_alone(&self, py: Python<'_>) -> Option<Rubbing<'_, CompiledDynamics>> {
         match AnyDynamics::of(py, self.model.get(), self.layout()) {
             AnyDynamics::Compiled(dynamics) => {
-                Some(Rubbing { dynamics, friction: self.friction() })
+                Some(Rubbing { dynamics, friction: self.laws_of_contact() })
             }
             _ => None,
         }

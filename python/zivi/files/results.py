@@ -178,7 +178,9 @@ def _read_table(dataset: xarray.Dataset, name: str, m: int) -> Any:
     # version 0.1 had the impacts that were computed where now those are that are listed
     if f"resolved_{dim}_t" in dataset:
         dim = f"resolved_{dim}"
-    columns = {field: dataset[f"{dim}_{field}"].values for field in fields}
+    # version 0.2 had no touchdowns
+    known = name != "touchdowns" or f"{dim}_t" in dataset
+    columns = {field: dataset[f"{dim}_{field}"].values for field in fields} if known else {"t": ()}
     return table(fields, m, columns)
 
 

@@ -277,7 +277,6 @@ class LinearMotion:
 
 def forces_at(
     model: Model | None,
-    channels: tuple[Channel, ...],
     states: tuple[Array, Array, Array],
     contacts: NDArray[np.bool_],
     modes: NDArray[np.int8] | None = None,
@@ -296,8 +295,6 @@ def forces_at(
     ----------
     model : Model or None
         The system, None if it is not known.
-    channels : tuple of Channel
-        The channels of friction.
     states : (ndarray, ndarray, ndarray)
         ``(t, q, qdot)``, of shapes (k,), (k, n), (k, n).
     contacts : ndarray of bool
@@ -315,13 +312,12 @@ def forces_at(
     if modes is None:
         modes = np.full((len(t), 0), 2, dtype=np.int8)
     reactions, friction = np.zeros(contacts.shape), np.zeros(modes.shape)
-    gap_of = [channel.gap for channel in channels]
     for k in np.flatnonzero(contacts.any(axis=1) | (modes != 2).any(axis=1)):
         found = None
         if model is not None:
             row = model.evaluate(float(t[k]), q[k], qdot[k])
             closed, does = contacts[k].tolist(), modes[k].tolist()
-            found = _zivi.contact_forces(row, q.shape[1], gap_of, closed, does)
+            found = _zivi.contact_forces(row, qdot[k], model.friction, closed, does)
         if found is None:
             reactions[k, contacts[k]] = np.nan
             friction[k, modes[k] != 2] = np.nan

@@ -73,6 +73,7 @@ FIELDS = {
         "group": "i8",
     },
     "zeno": EVENT | {"closed": "?m"},
+    "touchdowns": EVENT,
     "liftoffs": EVENT,
     "openings": EVENT,
     "corners": {"t": "f8", "gaps": "?m"},

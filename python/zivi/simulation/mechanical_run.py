@@ -114,7 +114,14 @@ def check_mechanical_method(method: Any) -> None:
 
 
 def check_friction(system: MechanicalSystem, method: Any) -> None:
-    """Refuse methods that do not take the friction of a system."""
+    """Refuse methods that do not take the friction of a system, or its compliant gaps."""
+    compliant = system._compliant()
+    if compliant and not isinstance(method, SwitchedRK):
+        name = system.gap_names[compliant[0][0]]
+        raise NotImplementedError(
+            f"gap {name!r} is compliant, which {type(method).__name__} does not take: use "
+            "zivi.SwitchedRK()"
+        )
     at_gaps = [channel.name for channel in system._channels if channel.gap is not None]
     if at_gaps and isinstance(method, ThetaGamma):
         raise ValueError(

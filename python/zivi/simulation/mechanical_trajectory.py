@@ -118,6 +118,7 @@ def _paradox(
 TABLES = {
     "impacts": "impact",
     "zeno": "zeno",
+    "touchdowns": "touchdown",
     "liftoffs": "liftoff",
     "openings": "opening",
     "corners": "corner",
@@ -155,6 +156,7 @@ def summary_rows(sol: Any) -> dict[str, str]:
         "coordinates": ", ".join(sol.coordinate_names),
         "impacts": ", ".join(_impact_counts(sol)) + " resolved",
         "Zeno points": times(sol.zeno),
+        **({"touchdowns": times(sol.touchdowns)} if len(sol.touchdowns) else {}),
         "lift-offs": times(sol.liftoffs),
         **_stick_rows(sol),
         "corners": ", ".join(f"{t:.9g}" for t in sol.corners["t"][:5]) or "none",
@@ -234,6 +236,11 @@ def labels_of(sol: Any) -> ResultTable:
 # The result of a run of a mechanical system.
 
 
+def no_touchdowns() -> Rows:
+    """Give the table of a run without compliant gaps."""
+    return table(FIELDS["touchdowns"], 0, {"t": ()})
+
+
 @dataclasses.dataclass(frozen=True, eq=False, repr=False)
 class MechanicalTrajectory(FrictionRun, SampledRun):
     """Samples and events of one run of a mechanical system: n coordinates, m gaps.
@@ -263,6 +270,8 @@ class MechanicalTrajectory(FrictionRun, SampledRun):
         Zeno point skips are not among them.
     zeno : recarray
         Accumulations: ``t``, ``gap``, and ``closed``, the m flags of the gaps closed after it.
+    touchdowns : recarray
+        Where compliant gaps came into contact: ``t``, ``gap``.
     liftoffs : recarray
         Contacts that ended because their force vanished: ``t``, ``gap``.
     openings : recarray
@@ -324,6 +333,7 @@ class MechanicalTrajectory(FrictionRun, SampledRun):
     q_events: list[Array] = dataclasses.field(default_factory=list)
     qdot_events: list[Array] = dataclasses.field(default_factory=list)
     slowest: float = SLOWEST
+    touchdowns: Rows = dataclasses.field(default_factory=lambda: no_touchdowns())
     _path: Any = None
     _model: Model | None = None
     _closer: Closer | None = None
@@ -338,6 +348,10 @@ class MechanicalTrajectory(FrictionRun, SampledRun):
     def __getstate__(self) -> dict[str, Any]:
         # samples can be sent where a model cannot
         return self.__dict__ | {"_setup": self.config, "_model": None, "_closer": None}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        # version 0.2 had no compliant gaps
+        self.__dict__.update({"touchdowns": no_touchdowns()} | state)
 
     @functools.cached_property
     def trusted_until(self) -> float:
@@ -442,7 +456,7 @@ class MechanicalTrajectory(FrictionRun, SampledRun):
         elif self._friction is not None:
             slips, distances, dissipated, modes = self._path.friction_at(times)
             states = times, q, qdot
-            forces = forces_at(self._model, self._channels, states, contacts, modes)
+            forces = forces_at(self._model, states, contacts, modes)
             reactions, rubbing = forces
             friction = dataclasses.replace(
                 self._friction,
@@ -453,7 +467,7 @@ class MechanicalTrajectory(FrictionRun, SampledRun):
                 friction_forces=rubbing,
             )
         else:
-            (reactions, _), friction = forces_at(self._model, (), (times, q, qdot), contacts), None
+            (reactions, _), friction = forces_at(self._model, (times, q, qdot), contacts), None
         return dataclasses.replace(
             self,
             t=times,
@@ -492,7 +506,7 @@ class MechanicalTrajectory(FrictionRun, SampledRun):
     def rest_time(self) -> float | None:
         """Time from which nothing moves until the end of the run, None if something does."""
         gaps = (self.resolved_impacts, self.zeno, self.liftoffs, self.openings, self.corners)
-        tables = (*gaps, self.transitions)
+        tables = (*gaps, self.touchdowns, self.transitions)
         since = max(self.t[0], *(rows["t"].max(initial=-np.inf) for rows in tables))
         speeds = np.abs(self.qdot)
         fastest_since = speeds[self.t >= since].max(initial=0.0)
@@ -505,6 +519,8 @@ class MechanicalTrajectory(FrictionRun, SampledRun):
         if len(self.zeno):
             counts += f" that accumulate at {self.zeno['t'][0]:.6g}"
             counts += f" and {len(self.zeno) - 1} more times" if len(self.zeno) > 1 else ""
+        if len(self.touchdowns):
+            counts += f", {len(self.touchdowns)} touchdowns"
         counts += f", {len(self.liftoffs)} lift-offs"
         if len(self.corners):
             counts += f", {len(self.corners)} corners"
@@ -551,6 +567,7 @@ def _tables_of(
     columns: dict[str, dict[str, Any]] = {
         "impacts": impacts,
         "zeno": {"t": known.zeno_t, "gap": known.zeno_gap, "closed": known.zeno_closed},
+        "touchdowns": {"t": known.contact_t, "gap": known.contact_gap},
         "liftoffs": {"t": known.liftoff_t, "gap": known.liftoff_gap},
         "openings": {"t": known.opened_t, "gap": known.opened_gap},
         "corners": {"t": known.corner_t, "gaps": known.corner_gaps},

@@ -2,7 +2,16 @@
 
 from zivi.base.former import of_zivi
 from zivi.system.force import ParametricForce
-from zivi.system.gap import DryFriction, Gap, HarmonicWall, LinearGap, MovingWall
+from zivi.system.gap import (
+    DryFriction,
+    Gap,
+    HarmonicWall,
+    Hertz,
+    HuntCrossley,
+    LinearGap,
+    MovingWall,
+    SpringDamper,
+)
 from zivi.system.impact_law import (
     ImpactLaw,
     NewtonImpact,
@@ -23,6 +32,8 @@ __all__ = [
     "Gap",
     "Harmonic",
     "HarmonicWall",
+    "Hertz",
+    "HuntCrossley",
     "ImpactLaw",
     "ImpactSystem",
     "LinearForce",
@@ -36,6 +47,7 @@ __all__ = [
     "Restitution",
     "RestitutionTable",
     "SpeedDependentImpact",
+    "SpringDamper",
     "Table",
     "Tree",
     "lift",

@@ -32,6 +32,7 @@ from zivi.system.gap import (
     Gap,
     LinearGap,
     Slip,
+    compliant_gaps,
     joints_of,
     one_of,
 )
@@ -56,6 +57,7 @@ __all__ = [
     "ControlInputs",
     "MechanicalSystem",
     "Model",
+    "check_compliant",
     "check_mass",
     "check_names",
     "check_size",
@@ -138,6 +140,20 @@ def coordinates_of(names: Sequence[str] | None, n: int | None) -> tuple[str, ...
     if n is not None and len(names) != n:
         raise ValueError(f"coordinates must be {n} names, got {len(names)}")
     return names_of("coordinates", list(names))
+
+
+def check_compliant(e: Any, gaps: Sequence[Gap], names: Sequence[str]) -> None:
+    """Refuse a restitution of a compliant gap: its law says how it is left."""
+    soft = [i for i, gap in enumerate(gaps) if gap.contact is not None]
+    several = isinstance(e, Sequence) or np.ndim(e) > 0
+    if not soft or not several and (len(soft) < len(gaps) or e == 0):
+        return
+    for i in soft:
+        if not several or not isinstance(e[i], numbers.Real) or e[i] != 0:
+            raise ValueError(
+                f"e of gap {names[i]!r} must be 0, got {e[i] if several else e}: the gap is "
+                "compliant, and its contact law says how it is left"
+            )
 
 
 # The matrix through which controls act on a mechanical system.
@@ -234,11 +250,14 @@ class Model:
         The model, compiled or not; it holds the owner of compiled code.
     evaluate : callable
         The same model for the interpreter.
+    friction : _zivi.Friction, optional
+        Its friction and compliant gaps, where contact forces are asked for.
     """
 
     layout: Layout
     spec: _zivi.Model
     evaluate: Evaluate
+    friction: _zivi.Friction | None = None
 
     @classmethod
     def of_code(cls, layout: Layout, code: Native, data: int, owner: object) -> Model:
@@ -412,6 +431,7 @@ class MechanicalSystem:
             "gaps", [gap.name or f"gap{i}" for i, gap in enumerate(self._gaps)]
         )
         self._e: Restitutions = restitutions(e, self.m)
+        check_compliant(e, self._gaps, self._gap_names)
         self._joints = joints_of(friction)
         self._channels = self._rubbing()
         self._impact_law = one_of("impact_law", impact_law, IMPACT_LAWS)
@@ -558,7 +578,10 @@ class MechanicalSystem:
                 raise ValueError(f"q0 must have {self._n} entries, got {n}")
             if not 1 <= n <= MAX_SIZE:
                 raise ValueError(f"q0 must have from 1 to {MAX_SIZE} entries, got {n}")
-            self._kept_model = kept = state, self._new_model(n)
+            model, friction = self._new_model(n), self._friction_spec()
+            if friction is not None:
+                model = dataclasses.replace(model, friction=friction)
+            self._kept_model = kept = state, model
         return kept[1]
 
     def _revision(self) -> object:
@@ -569,15 +592,12 @@ class MechanicalSystem:
         """Return a model with impact laws and friction, which the extension runs; it is kept."""
         kept = self._kept_mechanism
         if kept is None or kept[0] is not model or kept[1] is not self._e:
-            layout, friction = model.layout, None
-            if self._channels:
-                friction = _zivi.Friction(
-                    [(channel.gap, channel.e_t) for channel in self._channels],
-                    law=self._impact_law,
-                    impact_without_collision=self._paradox == "impact",
-                )
             made = _zivi.Mechanism(
-                model.spec, n=layout.n, m=layout.m, e=core_of(self._e), friction=friction
+                model.spec,
+                n=model.layout.n,
+                m=model.layout.m,
+                e=core_of(self._e),
+                friction=model.friction,
             )
             kept = model, self._e, made
             if self._kept_model is not None and model is self._kept_model[1]:
@@ -595,6 +615,22 @@ class MechanicalSystem:
             return Model(layout, spec, evaluate)
         spec = _zivi.Model.compiled(native.native.address, data=native.address, owner=native)
         return Model(layout, spec, evaluate)
+
+    def _compliant(self) -> list[tuple[int, str, list[float], Any]]:
+        """Give the laws of the compliant gaps: gap, name, numbers, function."""
+        return compliant_gaps(self._gaps)
+
+    def _friction_spec(self) -> _zivi.Friction | None:
+        """Give what the extension takes of friction and compliant gaps, None of a system without."""
+        compliant = self._compliant()
+        if not self._channels and not compliant:
+            return None
+        return _zivi.Friction(
+            [(channel.gap, channel.e_t) for channel in self._channels],
+            law=self._impact_law,
+            impact_without_collision=self._paradox == "impact",
+            compliant=compliant,
+        )
 
     def _told(self) -> tuple[str | None, dict[str, float] | None]:
         """Give what a run keeps of what may change after it: the repr, if that does; parameters."""

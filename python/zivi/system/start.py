@@ -98,8 +98,9 @@ def _check_open(system: MechanicalSystem, here: Evaluation, q: Array) -> None:
     # of the coordinates, and of the terms of a gap that cancel each other
     terms = np.maximum(1.0, np.abs(here.gradients).sum(axis=1))
     rounding = RESOLUTION * (1.0 + float(np.max(np.abs(q)))) * terms
+    compliant = {system.gap_names[it[0]] for it in system._compliant()}
     for name, gap, least in zip(system.gap_names, here.gaps, -rounding, strict=True):
-        if gap < least:
+        if gap < least and name not in compliant:
             raise ValueError(f"gap {name!r} must be >= 0 at the start, got {gap:.6g}")
 
 

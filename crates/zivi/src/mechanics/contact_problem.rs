@@ -24,7 +24,7 @@ pub(super) fn settle<E>(kinetics: &mut Kinetics, touching: GapSet) -> Result<Con
         }
     }
     let mode = touching.without(left).into();
-    Ok(Contacts { mode, left, released: GapSet::EMPTY })
+    Ok(Contacts { mode, left, ..Contacts::default() })
 }
 
 /// `D_CC` row by row and the right side of a complementarity problem.

@@ -157,6 +157,7 @@ impl MechanicalIntegrator {
             Next::Jump(_) | Next::Step => (),
         }
         self.accumulation.check_budget()?;
+        self.state.open_unloaded();
         let through = self.state.through();
         if !through.is_empty() {
             return self.strike(through, model);
@@ -242,6 +243,14 @@ impl MechanicalIntegrator {
         hit: GapSet,
         model: &mut Model<'_, D>,
     ) -> Result<Piece, Failure<E>> {
+        let soft = hit.iter().filter(|&gap| self.state.compliant().has(gap)).collect();
+        let hit = hit.without(soft);
+        if !soft.is_empty() {
+            self.cross(soft, model)?;
+            if hit.is_empty() {
+                return Ok(Piece::Instant);
+            }
+        }
         let Self { state, impacts, accumulation, occurrences, .. } = self;
         let struck = impacts.solve(hit, state, occurrences, model)?;
         self.motion.forget_experience();
@@ -249,6 +258,29 @@ impl MechanicalIntegrator {
         let ahead = accumulation.note((&struck, pull), (impacts.e(), state), model)?;
         self.next = Next::jump(ahead);
         Ok(Piece::Instant)
+    }
+
+    /// Compliant gaps come into contact, or leave it.
+    fn cross<E, D: Dynamics<E>>(
+        &mut self,
+        gaps: GapSet,
+        model: &mut Model<'_, D>,
+    ) -> Result<(), Failure<E>> {
+        let Self { state, occurrences, .. } = self;
+        let (t, mode) = (state.now().t, state.mode());
+        state.cross(gaps, model)?;
+        for gap in gaps.iter() {
+            match (mode.pressed.has(gap), state.mode().pressed.has(gap)) {
+                (true, _) => occurrences.push(Occurrence::LiftOff { t, gap }),
+                (_, true) => occurrences.push(Occurrence::Contact { t, gap }),
+                _ => (),
+            }
+        }
+        state.note_transitions(mode, occurrences);
+        note_lifted(t, state.left(), occurrences);
+        self.motion.press(mode.pressed, state.mode().pressed);
+        self.accumulation.clear();
+        Ok(())
     }
 
     /// The slip in some channels ends: they stick, or slip the other way.
@@ -296,6 +328,14 @@ impl MechanicalIntegrator {
         let Self { state, occurrences, .. } = self;
         let mode = state.mode();
         let left = self.motion.open((limit, h), self.stalled, state, model)?;
+        if let Limit::Law(gap) = limit {
+            self.motion.press(mode.pressed, state.mode().pressed);
+            let t = state.now().t;
+            occurrences.push(match mode.pressed.has(gap) {
+                true => Occurrence::LiftOff { t, gap },
+                false => Occurrence::Contact { t, gap },
+            });
+        }
         state.note_transitions(mode, occurrences);
         note_lifted(state.now().t, left, occurrences);
         flag_together(left, state, occurrences);

@@ -6,6 +6,8 @@
 //!                 g_k'' = b_k + D_kC lambda_C
 //! ```
 //!
+//! The force of a compliant gap is no unknown of (2): while it is pressed, `N^T lambda` belongs to `F`.
+//!
 //! The slip in a channel of friction is one more row below those of the gaps, with `B_c` for `n_i`. How
 //! friction enters (2) is [`super::friction`].
 
@@ -15,8 +17,8 @@ use crate::numeric::cholesky::Factor;
 use crate::numeric::dense::{axpy, dot, largest, sum_of_products};
 use crate::record::gap_set::{ContactMode, GapSet};
 use crate::record::status::Failure;
-use crate::system::dynamics::{Dynamics, FunctionDynamics, Layout};
-use crate::system::force::{Friction, Smooth};
+use crate::system::dynamics::{Dynamics, Layout};
+use crate::system::force::{ContactForce, Friction, Smooth};
 use crate::Status;
 
 /// A system whose evaluations are counted, between times where it is smooth.
@@ -31,36 +33,50 @@ impl<'a, D> Model<'a, D> {
     pub(super) fn new(dynamics: &'a mut D) -> Self {
         Self { dynamics, count: 0, smooth: Smooth::ALWAYS }
     }
+
+    /// The contact force of a compliant gap whose law is a function. Above zero, where the law need not have a
+    /// value, its values below are reflected at that at zero, so that no step sees a kink there.
+    pub(super) fn contact_force<E>(
+        &mut self,
+        gap: usize,
+        depth: f64,
+        rate: f64,
+    ) -> Result<f64, Failure<E>>
+    where
+        D: Dynamics<E>,
+    {
+        let mut at = |depth: f64| {
+            let force = self.dynamics.contact_force(gap, depth, rate);
+            force.map_err(Failure::Raised)
+        };
+        match depth >= 0.0 {
+            true => at(depth),
+            false => Ok(2.0 * at(0.0)? - at(-depth)?),
+        }
+    }
 }
 
-/// Contact forces by gap, then those of friction by channel, in a mode: of those that the motion does not
-/// determine the least within their limits. `row` is an evaluation of the system, as [`Layout`] has it.
+/// Contact forces by gap, then those of friction by channel, with velocities in a mode, whose closed gaps are
+/// those in contact: of those that the motion does not determine the least within their limits. The system
+/// gives its numbers at one state.
 ///
 /// # Errors
 ///
-/// The status of why there are none.
-pub fn contact_forces(
-    (layout, friction): (Layout, &Friction),
-    row: &[f64],
+/// Why there are none.
+pub fn contact_forces<E>(
+    system: &mut impl Dynamics<E>,
+    w: &[f64],
     mode: ContactMode,
-) -> Result<Vec<f64>, Status> {
-    let function = |_: f64, _: &[f64], _: &[f64], out: &mut [f64]| {
-        out.copy_from_slice(row);
-        Ok::<(), std::convert::Infallible>(())
-    };
-    let mut system = FunctionDynamics { layout, function };
-    let mut kinetics = Kinetics::new(layout, friction);
-    let still = vec![0.0; layout.n];
-    let evaluated = kinetics.evaluate(&mut Model::new(&mut system), 0.0, &still, &still);
-    let found = evaluated.and_then(|()| Ok(kinetics.contact(mode)?));
-    match found {
-        Ok(()) => {
-            kinetics.share_least(mode);
-            Ok(kinetics.lambda)
-        }
-        Err(Failure::Status(why)) => Err(why),
-        Err(Failure::Raised(never)) => match never {},
-    }
+) -> Result<Vec<f64>, Failure<E>> {
+    let mut kinetics = Kinetics::new(system.layout(), system.friction());
+    let compliant = kinetics.compliant();
+    let pressed = mode.closed.iter().filter(|&gap| compliant.has(gap)).collect();
+    let mode = ContactMode { closed: mode.closed.without(pressed), pressed, ..mode };
+    kinetics.carry(pressed);
+    kinetics.evaluate(&mut Model::new(system), 0.0, w, w)?;
+    kinetics.contact(mode)?;
+    kinetics.share_least(mode);
+    Ok(kinetics.lambda)
 }
 
 /// What is known of the mechanics at one state.
@@ -111,6 +127,47 @@ pub(super) struct Kinetics {
     pub(super) undetermined: Vec<Vec<f64>>,
     /// Whether the motion depends on how contacts share their forces.
     pub(super) is_shared_motion: bool,
+    /// The compliant gaps, if there are any.
+    compliant: Option<Box<Compliant>>,
+}
+
+/// The compliant gaps of a system at one state.
+#[derive(Clone, Debug)]
+struct Compliant {
+    laws: Vec<(usize, ContactForce)>,
+    /// The same gaps.
+    all: GapSet,
+    /// Those whose forces are in `A` and `b`.
+    pressed: GapSet,
+    /// Contact forces by gap.
+    forces: Vec<f64>,
+    /// `A` and `b` without these forces.
+    free: Vec<f64>,
+    b: Vec<f64>,
+    /// The gaps of channels at compliant gaps: `mu` times the force is the limit of such a channel.
+    gap_of: Vec<Option<usize>>,
+    /// The coefficients of these channels, in slip and in stick.
+    coefficients: Vec<(f64, f64)>,
+}
+
+impl Compliant {
+    fn new(layout: Layout, friction: &Friction) -> Option<Box<Self>> {
+        if friction.compliant.is_empty() {
+            return None;
+        }
+        let all: GapSet = friction.compliant.iter().map(|it| it.0).collect();
+        let is_soft = |gap: Option<usize>| gap.filter(|&gap| all.has(gap));
+        Some(Box::new(Self {
+            laws: friction.compliant.clone(),
+            all,
+            pressed: GapSet::EMPTY,
+            forces: vec![0.0; layout.m],
+            free: vec![0.0; layout.n],
+            b: vec![0.0; layout.rows()],
+            gap_of: friction.channels.iter().map(|it| is_soft(it.gap)).collect(),
+            coefficients: vec![(0.0, 0.0); layout.p],
+        }))
+    }
 }
 
 /// Left of a diagonal entry of `D_CC` by the other gaps: below this they determine it.
@@ -147,7 +204,10 @@ impl Kinetics {
     pub(super) fn new(layout: Layout, friction: &Friction) -> Self {
         let (Layout { n, m, .. }, rows) = (layout, layout.rows());
         let zeros = |length: usize| vec![0.0; length];
-        let gap_of: Vec<Option<usize>> = friction.channels.iter().map(|c| c.gap).collect();
+        let compliant = Compliant::new(layout, friction);
+        let is_rigid = |gap: &usize| !compliant.as_ref().is_some_and(|it| it.all.has(*gap));
+        let gap_of: Vec<Option<usize>> =
+            friction.channels.iter().map(|c| c.gap.filter(is_rigid)).collect();
         let channel_of = (0..m).map(|i| gap_of.iter().position(|&gap| gap == Some(i))).collect();
         Self {
             layout,
@@ -177,6 +237,7 @@ impl Kinetics {
             acceleration: zeros(layout.size()),
             undetermined: Vec::new(),
             is_shared_motion: false,
+            compliant,
         }
     }
 
@@ -215,7 +276,112 @@ impl Kinetics {
             *b = dot(normal, &self.free) + curvature;
         }
         self.has_forces = true;
+        match self.compliant.take() {
+            None => Ok(()),
+            Some(mut compliant) => {
+                let evaluated = self.evaluate_compliant(&mut compliant, model, w);
+                self.compliant = Some(compliant);
+                self.add_compliant();
+                evaluated
+            }
+        }
+    }
+
+    /// The forces of the laws of compliant gaps, of those that are not open.
+    fn evaluate_compliant<E, D: Dynamics<E>>(
+        &mut self,
+        compliant: &mut Compliant,
+        model: &mut Model<'_, D>,
+        w: &[f64],
+    ) -> Result<(), Failure<E>> {
+        compliant.free.copy_from_slice(&self.free);
+        compliant.b.copy_from_slice(&self.b);
+        for &(gap, law) in &compliant.laws {
+            let (depth, rate) = (-self.gap(gap), -self.rate(gap, w));
+            let force = match law.at(depth, rate) {
+                Some(force) => force,
+                None => model.contact_force(gap, depth, rate)?,
+            };
+            check_finite(&[force])?;
+            compliant.forces[gap] = force;
+        }
+        for (channel, limits) in compliant.coefficients.iter_mut().enumerate() {
+            *limits = self.friction_limits(channel);
+        }
         Ok(())
+    }
+
+    /// The compliant gaps.
+    pub(super) fn compliant(&self) -> GapSet {
+        self.compliant.as_ref().map_or(GapSet::EMPTY, |it| it.all)
+    }
+
+    /// From here on these compliant gaps push: the next evaluation, and the last one, have their forces.
+    #[inline]
+    pub(super) fn carry(&mut self, pressed: GapSet) {
+        if let Some(compliant) = &mut self.compliant {
+            if compliant.pressed != pressed {
+                compliant.pressed = pressed;
+                self.add_compliant();
+            }
+        }
+    }
+
+    /// `A` and `b` with the forces of the pressed gaps, and what limits friction there.
+    fn add_compliant(&mut self) {
+        let Some(compliant) = self.compliant.take() else { return };
+        self.free.copy_from_slice(&compliant.free);
+        self.b.copy_from_slice(&compliant.b);
+        let n = self.layout.n;
+        for gap in compliant.pressed.iter() {
+            self.mobility(gap);
+            axpy(&mut self.free, compliant.forces[gap], &self.mobility[gap * n..][..n]);
+        }
+        if !compliant.pressed.is_empty() {
+            for row in 0..self.b.len() {
+                self.b[row] = dot(self.normal(row), &self.free) + self.curvature(row);
+            }
+        }
+        for (channel, gap) in compliant.gap_of.iter().enumerate() {
+            let Some(gap) = *gap else { continue };
+            let force = if compliant.pressed.has(gap) { compliant.forces[gap].max(0.0) } else { 0.0 };
+            let (slip, stick) = compliant.coefficients[channel];
+            self.set_friction_limit(channel, slip * force);
+            let at = self.layout.static_limit().start + channel;
+            self.values[at] = stick * force;
+        }
+        self.compliant = Some(compliant);
+    }
+
+    /// Writes the forces of the pressed gaps into the contact forces.
+    pub(super) fn note_compliant(&mut self) {
+        if let Some(compliant) = &self.compliant {
+            for gap in compliant.pressed.iter() {
+                self.lambda[gap] = compliant.forces[gap];
+            }
+        }
+    }
+
+    /// Whether the law of a compliant gap would pull here, with this rate.
+    pub(super) fn pulls(&self, gap: usize, rate: f64) -> bool {
+        let force = self.compliant.as_ref().map_or(0.0, |it| it.forces[gap]);
+        match self.law(gap).and_then(ContactForce::sign) {
+            // its force vanishes at zero, and its sign does not
+            Some([of_1, of_g, of_rate]) => of_1 + of_g * self.gap(gap) + of_rate * rate < 0.0,
+            None => force < 0.0,
+        }
+    }
+
+    /// The law of a compliant gap.
+    pub(super) fn law(&self, gap: usize) -> Option<ContactForce> {
+        let laws = self.compliant.as_ref().map_or(&[][..], |it| &it.laws);
+        laws.iter().find(|it| it.0 == gap).map(|it| it.1)
+    }
+
+    /// Whether a channel without a rigid gap has friction: a joint, or at a compliant gap that is pressed.
+    pub(super) fn is_loaded(&self, channel: usize) -> bool {
+        let Some(compliant) = &self.compliant else { return true };
+        compliant.gap_of[channel].is_none_or(|gap| compliant.pressed.has(gap))
     }
 
     /// Keeps where the system is evaluated.
@@ -670,6 +836,7 @@ impl Kinetics {
         self.acceleration[..n].copy_from_slice(&self.free);
         self.acceleration[n..n + self.b.len()].copy_from_slice(&self.b);
         if set.is_empty() {
+            self.note_compliant();
             return Ok(());
         }
         self.undetermined = self.solve_forces(set)?;
@@ -680,6 +847,7 @@ impl Kinetics {
         for i in set.iter() {
             self.acceleration[n + i] = 0.0;
         }
+        self.note_compliant();
         Ok(())
     }
 

@@ -118,6 +118,26 @@ pub(super) fn first_release<E, D: Dynamics<E>>(
     Ok(first.map_or(Release::None, |(theta, number)| Release::At(theta, number)))
 }
 
+/// Where a function that is positive at the start of a step becomes negative; if it is zero there, after that.
+pub(super) fn first_turn<E>(
+    is_zero: bool,
+    mut force: impl FnMut(f64) -> Result<f64, Failure<E>>,
+) -> Result<Release, Failure<E>> {
+    let mut values = [0.0; MOST_DEGREE + 3];
+    for (value, theta) in values.iter_mut().zip(NODES.into_iter().chain(CHECKS)) {
+        *value = force(theta)?;
+    }
+    if is_zero {
+        values[0] = 0.0;
+    }
+    let fit = Fit::new(0, &values, 0.0);
+    if fit.misfit > MISFIT.0 * fit.scale {
+        return Ok(Release::Unclear);
+    }
+    let p = if is_zero { fit.p.starting_at(0.0).without_root_at_zero() } else { fit.p };
+    Ok(p.first_negative().map_or(Release::None, |theta| Release::At(theta, 0)))
+}
+
 /// The limits of the mode along a step. A force below what rounding leaves of it is none, as that
 /// between bodies in free fall.
 fn fits_along<E, D: Dynamics<E>>(
@@ -240,6 +260,10 @@ pub(super) fn open<E, D: Dynamics<E>>(
     if limit == Limit::Regularity {
         return Err(Failure::Status(Status::PainleveSingular));
     }
+    if let Limit::Law(gap) = limit {
+        state.toggle_law(gap, model)?;
+        return Ok(state.left());
+    }
     state.project(state.kinetics().rows_of(mode), model)?;
     let (kinetics, now) = state.parts();
     kinetics.contact(mode)?;
@@ -250,6 +274,7 @@ pub(super) fn open<E, D: Dynamics<E>>(
             (now.x[c] + later * (now.xdot[c] + 0.5 * later * a[c]), v)
         })
         .unzip();
+    aside.carry(mode.pressed);
     aside.evaluate(model, now.t + later, &q, &w)?;
     if state.layout().p == 0 {
         let left = settle(aside, closed)?.left;
@@ -264,7 +289,7 @@ pub(super) fn open<E, D: Dynamics<E>>(
     let held = match limit {
         Limit::Stick(channel, _) => mode.stick.without(GapSet::of(channel)),
         Limit::Force(_) => mode.stick,
-        Limit::Margin | Limit::Regularity => GapSet::EMPTY,
+        Limit::Law(_) | Limit::Margin | Limit::Regularity => GapSet::EMPTY,
     };
     let mut contacts = decide(aside, closed, &slips, held)?;
     if contacts.mode == mode && again {
@@ -298,7 +323,7 @@ fn force(limit: Limit, mut contacts: Contacts, aside: &Kinetics) -> Contacts {
             contacts.mode = contacts.mode.with_channel(channel, -sign);
             contacts.released = contacts.released.with(GapSet::of(channel));
         }
-        Limit::Margin | Limit::Regularity => (),
+        Limit::Law(_) | Limit::Margin | Limit::Regularity => (),
     }
     contacts
 }

@@ -191,7 +191,7 @@ impl<D> Mechanism<'_, '_, D> {
 fn holds(at: &mut Kinetics, mode: ContactMode) -> bool {
     mode.is_frictionless()
         || at.limits(mode).iter().all(|level| match level.limit {
-            Limit::Force(_) => true,
+            Limit::Force(_) | Limit::Law(_) => true,
             Limit::Stick(..) | Limit::Margin | Limit::Regularity => level.value > 0.0,
         })
 }

@@ -23,6 +23,8 @@ pub(super) struct Contacts {
     pub(super) left: GapSet,
     /// The channels that begin to slip: their slip does not end in the first step.
     pub(super) released: GapSet,
+    /// The compliant gaps whose law changes its sign here: it does not change back at once.
+    pub(super) turned: GapSet,
 }
 
 /// What limits a mode: a number that must stay positive.
@@ -36,6 +38,8 @@ pub(super) enum Limit {
     Margin,
     /// The determinant of `K`.
     Regularity,
+    /// The sign of the law of a compliant gap.
+    Law(usize),
 }
 
 /// What comes next.
@@ -152,6 +156,7 @@ impl<D> AlongStep<'_, '_, D> {
         let (q, w): (Vec<f64>, Vec<f64>) =
             coordinates.map(|[x, v]| (x.at(theta), v.at(theta))).unzip();
         let t = self.step.from.t + theta * self.step.h;
+        self.aside.carry(self.mode.pressed);
         self.aside.evaluate(self.model, t, &q, &w)?;
         Ok(self.aside.contact(self.mode)?)
     }
@@ -217,6 +222,7 @@ pub(super) struct InContact<'r, 'm, D> {
 impl<E, D: Dynamics<E>> Equation<Vec<f64>, Failure<E>> for InContact<'_, '_, D> {
     fn acceleration(&mut self, at: &State, into: &mut Vec<f64>) -> Result<(), Failure<E>> {
         let n = self.kinetics.coordinates();
+        self.kinetics.carry(self.mode.pressed);
         self.kinetics.evaluate(self.model, at.t, &at.x[..n], &at.xdot[..n])?;
         self.kinetics.contact(self.mode)?;
         into.copy_from_slice(&self.kinetics.acceleration);

@@ -215,8 +215,8 @@ impl MechanicalPath {
                 }
             }
         }
-        for gap in n..n + m {
-            point.x[gap] = point.x[gap].max(0.0);
+        for gap in (0..m).filter(|&gap| !mode.is_deep(gap)) {
+            point.x[n + gap] = point.x[n + gap].max(0.0);
         }
         Some(point)
     }
@@ -226,23 +226,25 @@ impl MechanicalPath {
 // [`crate::record::stored`].
 //
 // ```text
-// path     [ n, m, p, segments, coefficients, skipped arcs,  the segments,  the coefficients,
+// path     [ n, m, p, segments, coefficients, skipped arcs, sets,  the segments,  the coefficients,
 //            the skipped arcs,  t, closed, x, v of the end, if there is one ]
 // segment  [ start, mode, kind (0 motion, 1 skipped), first, degree, h ]
 // arcs     [ start, end, whether a tail follows,  the tail,  8 numbers of each component,
 //            how many slips that impacts stop, 2 numbers of each component and 10 of each of them,
 //            how many corrections, the component and 25 numbers of each ]
-// mode     [ closed, slipping up, slipping down, sticking (numbers of 32 gaps each, two at least) ]
+// mode     [ closed, slipping up, slipping down, sticking (numbers of 32 gaps each, two at least),
+//            with 6 sets the compliant gaps that are pressed, and those that are unloaded ]
 // ```
 //
-// Before format 6 arcs had neither slips nor corrections. Before format 5 there was no friction, nor `p`, before format 4 tails had no accelerations.
+// Before format 7 there were 4 sets. Before format 6 arcs had neither slips nor corrections. Before format 5 there was no friction, nor `p`, before format 4 tails had no accelerations.
 
-fn numbers_of(mode: ContactMode, rows: usize) -> impl Iterator<Item = f64> {
-    let ContactMode { closed, slip_plus, slip_minus, stick } = mode;
-    [closed, slip_plus, slip_minus, stick].into_iter().flat_map(move |set| set.halves(rows))
+fn numbers_of(mode: ContactMode, rows: usize, sets: usize) -> impl Iterator<Item = f64> {
+    let ContactMode { closed, slip_plus, slip_minus, stick, pressed, unloaded } = mode;
+    let all = [closed, slip_plus, slip_minus, stick, pressed, unloaded];
+    all.into_iter().take(sets).flat_map(move |set| set.halves(rows))
 }
 
-fn read_mode(from: &mut Reader<'_>, rows: usize, without_friction: bool) -> Option<ContactMode> {
+fn read_mode(from: &mut Reader<'_>, rows: usize, sets: usize) -> Option<ContactMode> {
     let half = |&value: &f64| as_count(value).and_then(|bits| u32::try_from(bits).ok());
     let mut set = || {
         let halves = from.take(GapSet::n_halves(rows))?;
@@ -250,11 +252,15 @@ fn read_mode(from: &mut Reader<'_>, rows: usize, without_friction: bool) -> Opti
         halves.map(|halves| GapSet::of_halves(&halves))
     };
     let closed = set()?;
-    if without_friction {
+    if sets == 1 {
         return Some(closed.into());
     }
     let (slip_plus, slip_minus, stick) = (set()?, set()?, set()?);
-    Some(ContactMode { closed, slip_plus, slip_minus, stick })
+    let (pressed, unloaded) = match sets {
+        6 => (set()?, set()?),
+        _ => (GapSet::EMPTY, GapSet::EMPTY),
+    };
+    Some(ContactMode { closed, slip_plus, slip_minus, stick, pressed, unloaded })
 }
 
 impl MechanicalPath {
@@ -266,9 +272,14 @@ impl MechanicalPath {
         for count in [n, m, p, self.segments.len(), self.coefficients.len(), self.skipped.len()] {
             out.count(count);
         }
+        let is_deep = |mode: ContactMode| !mode.pressed.with(mode.unloaded).is_empty();
+        let end = self.end.iter().map(|it| it.1.mode);
+        let soft = self.segments.iter().map(|it| it.mode).chain(end).any(is_deep);
+        let sets = if soft { 6 } else { 4 };
+        out.count(sets);
         for Segment { start, mode, kind } in &self.segments {
             out.number(*start);
-            out.numbers(&numbers_of(*mode, m + p).collect::<Vec<_>>());
+            out.numbers(&numbers_of(*mode, m + p, sets).collect::<Vec<_>>());
             out.numbers(&match *kind {
                 Kind::Motion { first, degree, h } => [0.0, first as f64, degree as f64, h],
                 Kind::Skipped(number) => [1.0, number as f64, 0.0, 0.0],
@@ -293,7 +304,7 @@ impl MechanicalPath {
         }
         if let Some((t, point)) = &self.end {
             out.number(*t);
-            out.numbers(&numbers_of(point.mode, m + p).collect::<Vec<_>>());
+            out.numbers(&numbers_of(point.mode, m + p, sets).collect::<Vec<_>>());
             out.numbers(point.x.iter().chain(&point.v));
         }
         out.finish()
@@ -313,7 +324,11 @@ impl MechanicalPath {
         let [n, m] = from.counts()?;
         let [p] = if old { [0] } else { from.counts()? };
         let [segments, coefficients, skipped] = from.counts()?;
-        if !finite || n == 0 || n > MOST || m > MOST || p > MOST || m + p > MOST {
+        let sets = match from.format() {
+            format if format >= 7.0 => from.counts::<1>()?[0],
+            _ => 4 - 3 * usize::from(old),
+        };
+        if !finite || ![1, 4, 6].contains(&sets) || n == 0 || n > MOST || m > MOST || p > MOST || m + p > MOST {
             return None;
         }
         let layout = Layout { n, m, p };
@@ -321,7 +336,7 @@ impl MechanicalPath {
         let mut path = Self::new(layout);
         for _ in 0..segments {
             let [start] = from.row()?;
-            let mode = read_mode(from, m + p, old)?;
+            let mode = read_mode(from, m + p, sets)?;
             path.segments.push(segment_of(
                 (start, mode),
                 from.row()?,
@@ -346,7 +361,7 @@ impl MechanicalPath {
         }
         if !from.is_empty() {
             let [t] = from.row()?;
-            let mode = read_mode(from, m + p, old)?;
+            let mode = read_mode(from, m + p, sets)?;
             let (x, v) = (from.take(size)?.to_vec(), from.take(size)?.to_vec());
             path.end = Some((t, MotionPoint { x, v, mode }));
         }

@@ -240,6 +240,12 @@ impl<const M: usize> Polynomial<M> {
         self
     }
 
+    /// The sum with one of the same degree.
+    pub(crate) fn sum(mut self, other: &Self) -> Self {
+        self.c.iter_mut().zip(&other.c).for_each(|(c, more)| *c += more);
+        self
+    }
+
     /// `p(theta)/theta` for a polynomial with `p(0) = 0`.
     pub(crate) fn without_root_at_zero(&self) -> Self {
         let n = self.n;

@@ -45,10 +45,29 @@ fn hermite(rise: f64, [first, last]: [f64; 2]) -> [f64; 3] {
 }
 
 /// The cubic through the ends of a step with accelerations `k`, and by how much the coordinate may
-/// differ from it (relative to `theta` if the step starts at zero): the accelerations of the stages
-/// say how far the motion is from one with a linear acceleration. None where more stages would not
+/// differ from it (relative to `theta` if the step starts at zero). None where more stages would not
 /// tell more.
+#[inline]
 pub(crate) fn screen(
+    pair: &Pair,
+    h: f64,
+    from: ((f64, f64), f64),
+    end: (f64, f64),
+    row: &Row,
+) -> Option<(Bernstein, f64)> {
+    let (cubic, worst) = near_cubic(pair, h, from, end, row)?;
+    // e = 0 at both ends: |e| <= worst/8, |e'| <= worst/2
+    Some(if from.0 .0 == 0.0 {
+        (cubic.without_root_at_zero(), 0.5 * worst)
+    } else {
+        (cubic, 0.125 * worst)
+    })
+}
+
+/// The cubic, and how large the second derivative of the difference `e` may be: the accelerations of the
+/// stages say how far the motion is from one with a linear acceleration.
+#[inline]
+pub(crate) fn near_cubic(
     pair: &Pair,
     h: f64,
     ((x0, v0), k): ((f64, f64), f64),
@@ -64,12 +83,7 @@ pub(crate) fn screen(
     for (c, stage) in pair.c[1..pair.b.len()].iter().zip(&row[1..]) {
         worst = worst.max((h * h * stage.k - beyond - c * growth).abs());
     }
-    // |e''| <= worst and e = 0 at both ends: |e| <= worst/8, |e'| <= worst/2
-    Some(if x0 == 0.0 {
-        (cubic.without_root_at_zero(), 0.5 * worst)
-    } else {
-        (cubic, 0.125 * worst)
-    })
+    Some((cubic, worst))
 }
 
 // Products and sums of vectors.

@@ -25,17 +25,44 @@ impl<Q: Coordinates> Stages<Q> {
     #[inline]
     pub(crate) fn root_of_polynomial(&self, c: usize) -> Option<f64> {
         let [x, _] = self.polynomials_of(c);
-        // after an impact theta = 0 is a root, and known
-        let starts_there = self.from.x.as_slice()[c] == 0.0;
-        let p = if starts_there { x.without_root_at_zero() } else { x };
-        p.first_negative()
+        self.without_known_root(c, x).first_negative()
     }
 
-    /// The root of the coordinate nearest to the end of the finished step, if it is not too far:
-    /// how much later, and the rate there.
+    /// The part of the step after which a coordinate that was negative is positive, if it comes to that.
+    pub(crate) fn first_rise<X>(
+        &mut self,
+        c: usize,
+        equation: &mut impl Equation<Q, X>,
+    ) -> Result<Option<f64>, X> {
+        let below = |(p, slack): (Bernstein, f64)| p.coefficients().iter().all(|&c| c < -slack);
+        if self.screen(c).is_some_and(below) {
+            return Ok(None);
+        }
+        self.complete(equation)?;
+        Ok(self.rise_of_polynomial(c))
+    }
+
+    /// The same by the polynomial of a complete step.
+    pub(crate) fn rise_of_polynomial(&self, c: usize) -> Option<f64> {
+        let [x, _] = self.polynomials_of(c);
+        self.without_known_root(c, x.negated()).first_negative()
+    }
+
+    /// After an impact `theta = 0` is a root, and known.
     #[inline]
-    pub(crate) fn root_at_end(&self, c: usize) -> Option<(f64, f64)> {
-        let (x, xdot) = (self.end.x.as_slice()[c], self.end.xdot.as_slice()[c]);
-        touchdown(x, xdot, self.end_slope(c)).filter(|it| it.0.abs() < 0.5 * self.h)
+    fn without_known_root(&self, c: usize, x: Bernstein) -> Bernstein {
+        match self.from.x.as_slice()[c] == 0.0 {
+            true => x.without_root_at_zero(),
+            false => x,
+        }
+    }
+
+    /// The root of the coordinate nearest to the end of the finished step, if it is not too far: how much
+    /// later, and the rate there. It comes from above, with -1 for `side` from below.
+    #[inline(always)]
+    pub(crate) fn root_at_end(&self, c: usize, side: f64) -> Option<(f64, f64)> {
+        let (x, xdot) = (side * self.end.x.as_slice()[c], side * self.end.xdot.as_slice()[c]);
+        let root = touchdown(x, xdot, side * self.end_slope(c));
+        root.filter(|it| it.0.abs() < 0.5 * self.h).map(|(delta, rate)| (delta, side * rate))
     }
 }

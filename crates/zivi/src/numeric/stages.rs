@@ -290,6 +290,20 @@ impl<Q: Coordinates> Stages<Q> {
         dense::screen(self.pair, self.h, (from, self.start_slope(c)), end, self.row(c))
     }
 
+    /// Whether `a + b x + c x'` of a coordinate is surely positive in the step: as in [`dense::screen`], the
+    /// rate differs from that of the cubic by half of what the second derivatives may.
+    pub(crate) fn is_surely_positive(&self, i: usize, [a, b, c]: [f64; 3]) -> bool {
+        let [from, end] =
+            [&self.from, &self.end].map(|it| (it.x.as_slice()[i], it.xdot.as_slice()[i]));
+        let start = (from, self.start_slope(i));
+        let Some((x, worst)) = dense::near_cubic(self.pair, self.h, start, end, self.row(i)) else {
+            return false;
+        };
+        let slack = worst * (0.125 * b.abs() + 0.5 * (c / self.h).abs());
+        let p = x.derivative().times(c / self.h).sum(&x.times(b)).plus(a);
+        p.coefficients().iter().all(|&it| it > slack)
+    }
+
     /// The polynomials of a coordinate and of its rate over the step, once it is complete.
     #[inline]
     pub(crate) fn polynomials_of(&self, c: usize) -> [Bernstein; 2] {

@@ -142,10 +142,21 @@ pub(crate) trait SteppedFlight<Q: Coordinates, E> {
         steps.last_mut().first_root(c, &mut equation)
     }
 
+    /// The part of the last step after which a coordinate that was negative is positive.
+    fn first_rise(&mut self, c: usize) -> Result<Option<f64>, Failure<E>> {
+        let (steps, _, mut equation) = self.parts();
+        steps.last_mut().first_rise(c, &mut equation)
+    }
+
     /// Steps onto the root of a coordinate near a length, at most twice; none if that step passes
-    /// it closely.
+    /// it closely, on the side from which it comes.
     #[inline(always)]
-    fn step_onto(&mut self, c: usize, mut length: f64) -> Result<Option<Root>, Failure<E>> {
+    fn step_onto(
+        &mut self,
+        c: usize,
+        mut length: f64,
+        side: f64,
+    ) -> Result<Option<Root>, Failure<E>> {
         /// How near the end of the step must be to the root, relative to its length.
         const NEAR: f64 = 1e-3;
         let mut root = None;
@@ -154,7 +165,7 @@ pub(crate) trait SteppedFlight<Q: Coordinates, E> {
                 return Err(Failure::Status(Status::StepSizeTooSmall));
             }
             self.finish()?;
-            root = self.steps().last().root_at_end(c);
+            root = self.steps().last().root_at_end(c, side);
             match root {
                 Some((delta, _)) if delta.abs() > NEAR * length => length += delta,
                 _ => break,
@@ -163,12 +174,16 @@ pub(crate) trait SteppedFlight<Q: Coordinates, E> {
         if let Some((delta, xdot)) = root {
             return Ok(Some(Root::Near { delta, xdot }));
         }
-        if self.steps().last().end.x.as_slice()[c] > 0.0 {
+        if side * self.steps().last().end.x.as_slice()[c] > 0.0 {
             return Ok(None);
         }
         // where the motion is as small as the tolerance, two steps need not agree on it any better
         self.complete()?;
-        let theta = self.steps().last().root_of_polynomial(c);
+        let last = self.steps().last();
+        let theta = match side > 0.0 {
+            true => last.root_of_polynomial(c),
+            false => last.rise_of_polynomial(c),
+        };
         Ok(Some(Root::Within(theta.unwrap_or(1.0))))
     }
 }
@@ -238,7 +253,7 @@ mod tests {
             if let Some(why) = self.no_stop {
                 return Err(Failure::Status(why));
             }
-            let root = self.step_onto(0, length)?;
+            let root = self.step_onto(0, length, 1.0)?;
             let last = self.steps.last();
             Ok(root.map(|root| match root {
                 Root::Near { delta, .. } => Some(last.from.t + last.h + delta),

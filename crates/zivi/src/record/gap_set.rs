@@ -132,6 +132,10 @@ pub struct ContactMode {
     pub slip_minus: GapSet,
     /// and those that stick. Those in none of these sets belong to open gaps.
     pub stick: GapSet,
+    /// The compliant gaps that are in contact: a law gives their forces. They are in no other set.
+    pub pressed: GapSet,
+    /// The compliant gaps below zero whose law would pull: they have no force.
+    pub unloaded: GapSet,
 }
 
 impl From<GapSet> for ContactMode {
@@ -145,6 +149,22 @@ impl ContactMode {
     #[must_use]
     pub fn is_frictionless(&self) -> bool {
         self.slipping().with(self.stick).is_empty()
+    }
+
+    /// Whether there is friction in no channel, and a force or depth at no compliant gap.
+    pub(crate) fn is_plain(&self) -> bool {
+        self.is_frictionless() && self.pressed.with(self.unloaded).is_empty()
+    }
+
+    /// Whether a compliant gap is below zero.
+    pub(crate) fn is_deep(&self, gap: usize) -> bool {
+        self.pressed.has(gap) || self.unloaded.has(gap)
+    }
+
+    /// The gaps in contact: rigid ones that are closed, and compliant ones that are pressed.
+    #[must_use]
+    pub fn in_contact(&self) -> GapSet {
+        self.closed.with(self.pressed)
     }
 
     /// The channels that slip.
@@ -193,10 +213,10 @@ impl ContactMode {
     pub fn without_channel(self, channel: usize) -> Self {
         let one = GapSet::of(channel);
         Self {
-            closed: self.closed,
             slip_plus: self.slip_plus.without(one),
             slip_minus: self.slip_minus.without(one),
             stick: self.stick.without(one),
+            ..self
         }
     }
 }

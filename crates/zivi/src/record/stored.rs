@@ -6,16 +6,16 @@
 //! ```
 //!
 //! `length` is how many numbers there are in all. Counts are below 2^53 and exact. Whoever changes
-//! what the numbers mean raises [`FORMAT`]. All formats before are read as well: 3 to 5 have the same header,
+//! what the numbers mean raises [`FORMAT`]. All formats before are read as well: 3 to 6 have the same header,
 //! before that each kind had formats of its own, after which its numbers followed at once.
 
 use std::fmt;
 
 /// The meaning of the numbers, and of the other contents of files.
-pub const FORMAT: u32 = 6;
+pub const FORMAT: u32 = 7;
 
 /// The formats before with the same header.
-const SAME_HEADER: [f64; 3] = [3.0, 4.0, 5.0];
+const SAME_HEADER: [f64; 4] = [3.0, 4.0, 5.0, 6.0];
 
 /// Whose motion is stored.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -266,9 +266,9 @@ mod tests {
             numbers[k] = value;
             assert_eq!(read(Kind::Point, &numbers), Err(MotionError::Damaged), "{k}: {value}");
         }
-        let later = [7.0, 1.0, 3.0];
-        assert_eq!(read(Kind::Point, &later), Err(MotionError::Format(7.0)));
-        let message = "the stored motion has format 7, this zivi reads 6";
-        assert_eq!(MotionError::Format(7.0).to_string(), message);
+        let later = [8.0, 1.0, 3.0];
+        assert_eq!(read(Kind::Point, &later), Err(MotionError::Format(8.0)));
+        let message = "the stored motion has format 8, this zivi reads 7";
+        assert_eq!(MotionError::Format(8.0).to_string(), message);
     }
 }

@@ -154,6 +154,14 @@ pub trait Dynamics<E> {
         self.evaluate_again(t, q, w, out)
     }
 
+    /// The contact force of a compliant gap whose law is a function, at a depth `>= 0` and its rate.
+    ///
+    /// # Errors
+    /// As [`Self::evaluate`].
+    fn contact_force(&mut self, _gap: usize, _depth: f64, _rate: f64) -> Result<f64, E> {
+        Ok(0.0)
+    }
+
     /// Whether `M`, `F`, `N` and `g_t` are constants: contact forces hold no surprise then, such as
     /// a pulse, and are not probed for one.
     fn is_steady(&self) -> bool {
@@ -186,6 +194,10 @@ impl<E, D: Dynamics<E> + ?Sized> Dynamics<E> for &mut D {
 
     fn evaluate_gaps(&mut self, t: f64, q: &[f64], w: &[f64], out: &mut [f64]) -> Result<(), E> {
         (**self).evaluate_gaps(t, q, w, out)
+    }
+
+    fn contact_force(&mut self, gap: usize, depth: f64, rate: f64) -> Result<f64, E> {
+        (**self).contact_force(gap, depth, rate)
     }
 
     fn is_steady(&self) -> bool {
@@ -327,6 +339,10 @@ where
         let gaps = &mut out[self.dynamics.layout().gap()];
         gaps.iter_mut().zip(&self.offsets).for_each(|(gap, offset)| *gap -= offset);
         Ok(())
+    }
+
+    fn contact_force(&mut self, gap: usize, depth: f64, rate: f64) -> Result<f64, E> {
+        self.dynamics.contact_force(gap, depth, rate)
     }
 
     fn is_steady(&self) -> bool {

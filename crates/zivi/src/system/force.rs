@@ -320,7 +320,61 @@ pub enum FrictionalImpact {
     Stronge,
 }
 
-/// The friction of a system.
+/// The contact force of a compliant gap as a function of its depth `d = -g >= 0` and rate `d'`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum ContactForce {
+    /// `k d + c d'`, Kelvin and Voigt.
+    SpringDamper {
+        /// Stiffness (N/m).
+        k: f64,
+        /// Damping (N s/m).
+        c: f64,
+    },
+    /// `k d^p`, after Hertz with `p = 3/2`.
+    Power {
+        /// Stiffness (N/m^p).
+        k: f64,
+        /// Exponent.
+        p: f64,
+    },
+    /// `k d^p (1 + alpha d')`, Hunt and Crossley.
+    HuntCrossley {
+        /// Stiffness (N/m^p).
+        k: f64,
+        /// Exponent.
+        p: f64,
+        /// Damping by stiffness (s/m).
+        alpha: f64,
+    },
+    /// What [`crate::system::dynamics::Dynamics::contact_force`] says.
+    Function,
+}
+
+impl ContactForce {
+    /// The force at a depth and a rate, where it is none of a function. Above zero it goes on as smoothly as it
+    /// can: the stages of a step that ends there ask for it.
+    pub(crate) fn at(self, depth: f64, rate: f64) -> Option<f64> {
+        let power = |p: f64| depth.abs().powf(p).copysign(depth);
+        Some(match self {
+            Self::SpringDamper { k, c } => k * depth + c * rate,
+            Self::Power { k, p } => k * power(p),
+            Self::HuntCrossley { k, p, alpha } => k * power(p) * (1.0 + alpha * rate),
+            Self::Function => return None,
+        })
+    }
+
+    /// The numbers `a`, `b`, `c` with which `a + b g + c g'` has the sign of the force below zero; `None` of a
+    /// law that never pulls there, and of a function.
+    pub(crate) fn sign(self) -> Option<[f64; 3]> {
+        match self {
+            Self::SpringDamper { k, c } if c > 0.0 => Some([0.0, -k, -c]),
+            Self::HuntCrossley { alpha, .. } if alpha > 0.0 => Some([1.0, 0.0, -alpha]),
+            _ => None,
+        }
+    }
+}
+
+/// The friction of a system, and which of its gaps are compliant.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Friction {
     /// Those of the gaps first, in their order.
@@ -329,6 +383,8 @@ pub struct Friction {
     pub law: FrictionalImpact,
     /// Where no motion in contact is possible: an impact without a collision, instead of an end.
     pub impact_without_collision: bool,
+    /// The compliant gaps, ascending, with their laws. The friction of such a gap is `mu` times its force.
+    pub compliant: Vec<(usize, ContactForce)>,
 }
 
 impl Friction {
@@ -339,6 +395,7 @@ impl Friction {
             channels: Vec::new(),
             law: FrictionalImpact::Newton,
             impact_without_collision: false,
+            compliant: Vec::new(),
         };
         &NONE
     }

@@ -18,7 +18,7 @@ use crate::record::status::Failure;
 use crate::switched::accumulation::Deviation;
 use crate::switched::{Flights, SwitchedRk};
 use crate::system::dynamics::{Dynamics, Layout};
-use crate::system::force::Friction;
+use crate::system::force::{ContactForce, Friction};
 use crate::Status;
 
 /// What closes within this part of a flight closes together.
@@ -58,7 +58,12 @@ pub(super) struct SmoothMotion {
     flights: Flights,
     /// From when on the motion within steps is requested (s).
     drawn_from: f64,
+    /// How long steps were last with other compliant gaps pressed (s).
+    lengths: Vec<(GapSet, f64)>,
 }
+
+/// So many sets of pressed gaps are remembered.
+const MOST_LENGTHS: usize = 16;
 
 impl SmoothMotion {
     pub(super) fn new(settings: &SwitchedRk, layout: Layout, friction: &Friction) -> Self {
@@ -76,6 +81,7 @@ impl SmoothMotion {
             linear: None,
             flights: if layout.p > 0 { Flights::RungeKutta } else { settings.flights },
             drawn_from: f64::INFINITY,
+            lengths: Vec::new(),
         }
     }
 
@@ -187,6 +193,21 @@ impl SmoothMotion {
         self.probes = ContactProbes::default();
     }
 
+    /// Other compliant gaps are pressed from here on: steps are as long as the last time, or estimated.
+    pub(super) fn press(&mut self, before: GapSet, now: GapSet) {
+        if before == now {
+            return;
+        }
+        if let Some(length) = self.steps.next() {
+            self.lengths.retain(|it| it.0 != before);
+            self.lengths.insert(0, (before, length));
+            self.lengths.truncate(MOST_LENGTHS);
+        }
+        let known = self.lengths.iter().find(|it| it.0 == now);
+        self.steps.set_next(known.map(|it| it.1));
+        self.experience = StepHistory::NONE;
+    }
+
     /// After an event nothing speaks for long steps.
     pub(super) fn forget_experience(&mut self) {
         self.experience = StepHistory::NONE;
@@ -206,10 +227,11 @@ impl SmoothMotion {
         mode: ContactMode,
         model: &mut Model<'_, D>,
     ) -> Result<&[f64], Failure<E>> {
-        if mode.closed.is_empty() && mode.is_frictionless() {
+        if mode.closed.is_empty() && mode.is_plain() {
             self.aside.lambda.fill(0.0);
         } else {
             let n = self.aside.coordinates();
+            self.aside.carry(mode.pressed);
             self.aside.evaluate(model, t, &x[..n], &v[..n])?;
             self.aside.contact(mode)?;
             self.aside.share_least(mode);
@@ -227,7 +249,9 @@ impl SmoothMotion {
         model: &mut Model<'_, D>,
     ) -> Result<GapSet, Failure<E>> {
         let left = lift_off::open((limit, h), events > OFTEN, state, &mut self.aside, model)?;
-        self.steps.set_next(Some(PART * h));
+        if !matches!(limit, Limit::Law(_)) {
+            self.steps.set_next(Some(PART * h));
+        }
         Ok(left)
     }
 
@@ -278,6 +302,8 @@ enum Event {
     Release(usize),
     /// The slip in a channel ends.
     Stop(usize),
+    /// The law of a compliant gap changes its sign.
+    Law(usize),
 }
 
 /// A step under way.
@@ -330,6 +356,16 @@ impl<E, D: Dynamics<E>> SteppedFlight<Vec<f64>, E> for Flying<'_, '_, D> {
                 first = Some((theta, Event::Stop(channel)));
             }
         }
+        for gap in self.state.mode().pressed.with(self.state.mode().unloaded).iter() {
+            let theta = match self.first_turn(gap)? {
+                Release::None => continue,
+                Release::At(theta, _) => theta,
+                _ => return Ok(StepDecision::Shorten(0.5, Status::StepSizeTooSmall)),
+            };
+            if first.is_none_or(|(before, _)| theta < before) {
+                first = Some((theta, Event::Law(gap)));
+            }
+        }
         let release = match self.first_release(first.map_or(1.0, |(theta, _)| theta))? {
             Release::None => None,
             Release::At(theta, number) => Some((theta, number)),
@@ -356,6 +392,7 @@ impl<E, D: Dynamics<E>> SteppedFlight<Vec<f64>, E> for Flying<'_, '_, D> {
             Event::Closing(gap) => self.land(length, gap),
             Event::Release(number) => self.lift(length, number).map(Some),
             Event::Stop(channel) => self.stop_slip(length, channel).map(Some),
+            Event::Law(gap) => self.turn(length, gap).map(Some),
         }
     }
 
@@ -392,8 +429,15 @@ impl<'m, D> Flying<'_, 'm, D> {
     {
         let (n, left) = (self.state.layout().n, self.state.left());
         let mut first: Option<(f64, usize)> = None;
-        for i in self.state.open_gaps().filter(|&i| !left.has(i)) {
-            if let Some(theta) = self.first_root(n + i)? {
+        for i in self.state.open_gaps().chain(self.state.compliant().iter()) {
+            let root = match (left.has(i), self.state.is_deep(i)) {
+                (true, _) => None,
+                (_, false) => self.first_root(n + i)?,
+                (_, true) if self.state.mode().pressed.has(i) => self.first_rise(n + i)?,
+                // it has no force on either side of zero
+                (_, true) => None,
+            };
+            if let Some(theta) = root {
                 if first.is_none_or(|(before, _)| theta < before) {
                     first = Some((theta, i));
                 }
@@ -433,7 +477,8 @@ impl<'m, D> Flying<'_, 'm, D> {
     where
         D: Dynamics<E>,
     {
-        let root = self.step_onto(self.state.layout().n + gap, length)?;
+        let side = if self.state.is_deep(gap) { -1.0 } else { 1.0 };
+        let root = self.step_onto(self.state.layout().n + gap, length, side)?;
         let h = self.motion.last().h;
         let delta = match root {
             None => return Ok(None),
@@ -507,6 +552,93 @@ impl<'m, D> Flying<'_, 'm, D> {
             v < 0.0 && x <= -v * near
         };
         self.state.open_gaps().filter(|&i| i == gap || is_hit(i)).collect()
+    }
+}
+
+// Where the law of a compliant gap changes its sign: `a + b g + c g'` does, or the function itself.
+
+/// Steps onto such a place, and how near to it the last one ends, relative to its length.
+const TURNS: usize = 6;
+const NEAR_TURN: f64 = 1e-3;
+
+impl<D> Flying<'_, '_, D> {
+    /// Where the law of a compliant gap that is below zero changes its sign in the step.
+    fn first_turn<E>(&mut self, gap: usize) -> Result<Release, Failure<E>>
+    where
+        D: Dynamics<E>,
+    {
+        let law = self.state.kinetics().law(gap).unwrap_or(ContactForce::Function);
+        let sign = if self.state.mode().pressed.has(gap) { 1.0 } else { -1.0 };
+        if law.sign().is_none() && law != ContactForce::Function {
+            return Ok(Release::None);
+        }
+        let c = self.state.layout().n + gap;
+        let signed = law.sign().map(|of| of.map(|it| sign * it));
+        let turned = self.state.turned().has(gap);
+        if !turned && signed.is_some_and(|of| self.motion.last().is_surely_positive(c, of)) {
+            return Ok(Release::None);
+        }
+        self.complete()?;
+        let [x, v] = self.motion.last().polynomials_of(c);
+        let after_opening = |turn: Release| match turn {
+            // a step that ends before it finds the gap open
+            Release::At(theta, _) if sign < 0.0 && x.at(theta) > 0.0 => Release::Unclear,
+            turn => turn,
+        };
+        if let Some([of_1, of_x, of_v]) = signed {
+            let force = x.times(of_x).sum(&v.times(of_v)).plus(of_1);
+            let root = match turned {
+                true => force.starting_at(0.0).without_root_at_zero().first_negative(),
+                false => force.first_negative(),
+            };
+            return Ok(after_opening(root.map_or(Release::None, |theta| Release::At(theta, gap))));
+        }
+        let turn = lift_off::first_turn(turned, |theta| {
+            let force = self.model.contact_force(gap, -x.at(theta), -v.at(theta))?;
+            Ok(sign * force)
+        })?;
+        Ok(after_opening(turn))
+    }
+
+    /// Steps to where the law of a compliant gap changes its sign, near `now + length`.
+    fn turn<E>(&mut self, length: f64, gap: usize) -> Result<Next, Failure<E>>
+    where
+        D: Dynamics<E>,
+    {
+        let (whole, c) = (self.motion.last().h, self.state.layout().n + gap);
+        let law = self.state.kinetics().law(gap).unwrap_or(ContactForce::Function);
+        let (mut h, mut delta) = (length, 0.0);
+        for _ in 0..TURNS {
+            self.attempt(h)?;
+            self.finish()?;
+            let last = self.motion.last();
+            let (x, v, a) = (last.end.x[c], last.end.xdot[c], last.end_slope(c));
+            let (force, slope) = match law.sign() {
+                Some([of_1, of_x, of_v]) => (of_1 + of_x * x + of_v * v, of_x * v + of_v * a),
+                None => {
+                    // by a difference along the motion
+                    let dt = (1e-6 * h).max(f64::MIN_POSITIVE);
+                    let mut at = |t: f64| {
+                        let (x, v) = (x + t * (v + 0.5 * t * a), v + t * a);
+                        self.model.contact_force(gap, -x, -v)
+                    };
+                    let (before, here, after) = (at(-dt)?, at(0.0)?, at(dt)?);
+                    (here, 0.5 * (after - before) / dt)
+                }
+            };
+            delta = -force / slope;
+            if !delta.is_finite() || (h + delta - length).abs() > 0.5 * whole {
+                delta = 0.0;
+                break;
+            }
+            if delta.abs() <= NEAR_TURN * h {
+                break;
+            }
+            (h, delta) = (h + delta, 0.0);
+        }
+        let last = self.motion.last().h;
+        self.arrive((last + delta).max(0.0), delta)?;
+        Ok(Next::Release { limit: Limit::Law(gap), h: whole })
     }
 }
 

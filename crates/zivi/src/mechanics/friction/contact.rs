@@ -281,6 +281,7 @@ impl Kinetics {
         for &row in edges.rows() {
             self.acceleration[n + row] = 0.0;
         }
+        self.note_compliant();
         Ok(())
     }
 

@@ -86,7 +86,7 @@ pub(in crate::mechanics) fn decide<E>(
         choices.push(Choice::Gap(gap, kinetics.channel_of(gap).map(|c| (c, slips[c]))));
     }
     for (channel, &slip) in slips.iter().enumerate() {
-        if kinetics.gap_of(channel).is_none() {
+        if kinetics.gap_of(channel).is_none() && kinetics.is_loaded(channel) {
             if slip == 0.0 {
                 choices.push(Choice::Joint(channel));
             } else {
@@ -131,7 +131,7 @@ pub(in crate::mechanics) fn decide<E>(
     let left = touching.without(mode.closed);
     let begins = |&c: &usize| slips[c] == 0.0;
     let released: GapSet = mode.slipping().iter().filter(begins).collect();
-    Ok(Contacts { mode, left, released })
+    Ok(Contacts { mode, left, released, ..Contacts::default() })
 }
 
 /// A combination with its violation, unless its equations have no solution.

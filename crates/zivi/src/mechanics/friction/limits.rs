@@ -90,7 +90,7 @@ impl Kinetics {
                     most(channel) * pressed - sign * forces[self.row(channel)]
                 }
                 Limit::Force(gap) => forces[gap],
-                Limit::Margin | Limit::Regularity => 0.0,
+                Limit::Law(_) | Limit::Margin | Limit::Regularity => 0.0,
             };
             let fixed = match limit {
                 Limit::Stick(channel, _) if self.gap_of(channel).is_none() => most(channel),
@@ -132,7 +132,7 @@ impl Kinetics {
         match limit {
             Limit::Force(gap) => self.roots[gap],
             Limit::Stick(channel, _) => self.roots[self.row(channel)],
-            Limit::Margin | Limit::Regularity => 1.0,
+            Limit::Law(_) | Limit::Margin | Limit::Regularity => 1.0,
         }
     }
 
@@ -146,7 +146,7 @@ impl Kinetics {
                 let pressed = self.gap_of(channel).map_or(factor, |gap| factor * of(self, gap));
                 of(self, row) + pressed
             }
-            Limit::Margin | Limit::Regularity => {
+            Limit::Law(_) | Limit::Margin | Limit::Regularity => {
                 let rows = 0..self.layout.rows();
                 let of = |row: usize| of(self, row) * self.d(row, row).sqrt();
                 rows.map(of).fold(f64::MIN_POSITIVE, f64::max)

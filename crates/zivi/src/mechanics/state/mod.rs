@@ -84,14 +84,17 @@ impl MechanicalState {
             let of_gap = of_gap.max(NEAR * self.kinetics.steepness(i));
             // of a state at rest the velocities are all rounding: that of a fall through the terms of the gap
             let of_fall = (16.0 * f64::EPSILON * of_gap * self.kinetics.b(i).abs()).sqrt();
-            if gap < -8.0 * of_gap {
+            let is_soft = self.kinetics.compliant().has(i);
+            if gap < -8.0 * of_gap && !is_soft {
                 return Ok(Start::Overlap(gap));
             }
             let zero = |value: f64, noise: f64| if value.abs() <= noise { 0.0 } else { value };
             let of_rate = (4.0 * of_rate + of_v).max(of_fall);
             let (x, v) = (zero(gap, 8.0 * of_gap + of_x), zero(rate, of_rate));
             (self.now.x[n + i], self.now.xdot[n + i]) = (x, v);
-            if x == 0.0 && v <= 0.0 {
+            if is_soft {
+                self.press_at_start(i);
+            } else if x == 0.0 && v <= 0.0 {
                 let set = if v < 0.0 { &mut hit } else { &mut touching };
                 *set = set.with(GapSet::of(i));
             }
@@ -100,7 +103,7 @@ impl MechanicalState {
             let (rate, noise) = (self.kinetics.rate(row, w), self.kinetics.rounding(row, q, w).1);
             self.now.xdot[n + row] = if rate.abs() <= 4.0 * noise + of_v { 0.0 } else { rate };
         }
-        self.contacts = Contacts { mode: touching.into(), ..Contacts::default() };
+        self.enter(Contacts { mode: touching.into(), ..Contacts::default() });
         if hit.is_empty() && !(touching.is_empty() && self.layout.p == 0) {
             self.project(touching, model)?;
             self.settle(touching)?;
@@ -132,10 +135,25 @@ impl MechanicalState {
         self.contacts.left
     }
 
-    /// The gaps that are not closed.
+    /// The rigid gaps that are not closed.
     pub(super) fn open_gaps(&self) -> impl Iterator<Item = usize> {
-        let closed = self.closed();
-        (0..self.layout.m).filter(move |&i| !closed.has(i))
+        let others = self.closed().with(self.kinetics.compliant());
+        (0..self.layout.m).filter(move |&i| !others.has(i))
+    }
+
+    /// The compliant gaps.
+    pub(super) fn compliant(&self) -> GapSet {
+        self.kinetics.compliant()
+    }
+
+    /// The compliant gaps whose law changes its sign here.
+    pub(super) fn turned(&self) -> GapSet {
+        self.contacts.turned
+    }
+
+    /// Whether a compliant gap is below zero.
+    pub(super) fn is_deep(&self, gap: usize) -> bool {
+        self.contacts.mode.is_deep(gap)
     }
 
     /// A gap and its rate.
@@ -184,7 +202,12 @@ impl MechanicalState {
     /// The gaps that are hit at once, though none of them was seen to come near.
     pub(super) fn through(&self) -> GapSet {
         let hit = |&i: &usize| matches!(self.gap(i), (x, v) if x <= 0.0 && v < 0.0);
-        self.open_gaps().filter(hit).collect()
+        let crossed = |&i: &usize| match self.contacts.mode.pressed.has(i) {
+            true => matches!(self.gap(i), (x, v) if x >= 0.0 && v > 0.0),
+            false => !self.is_deep(i) && hit(&i),
+        };
+        let soft = self.compliant().iter().filter(crossed);
+        self.open_gaps().filter(hit).chain(soft).collect()
     }
 
     /// Whether a gap is zero but for rounding, where the system has just been evaluated.
@@ -303,7 +326,8 @@ impl MechanicalState {
     #[inline]
     pub(super) fn anchor_beside(&mut self, size: f64, i: usize, (gap, rate): (f64, f64)) {
         let n = self.layout.n;
-        let clear = gap > ANCHOR * (size + gap) && self.now.x[n + i] > 0.0;
+        let beside = self.now.x[n + i] > 0.0 || gap < 0.0 && self.is_deep(i);
+        let clear = gap.abs() > ANCHOR * (size + gap.abs()) && beside;
         if clear && !self.closed().has(i) {
             (self.now.x[n + i], self.now.xdot[n + i]) = (gap, rate);
         }
@@ -396,19 +420,22 @@ impl MechanicalState {
     /// Of the gaps that touch without a speed some stay closed, and the forces open the others,
     /// where the system has just been evaluated: `0 <= lambda  perp  b + D lambda >= 0`.
     pub(super) fn settle<E>(&mut self, touching: GapSet) -> Result<(), Failure<E>> {
-        self.contacts = match self.layout.p {
+        let contacts = match self.layout.p {
             0 => settle(&mut self.kinetics, touching)?,
             _ => {
                 let slips = self.slips().to_vec();
                 decide(&mut self.kinetics, touching, &slips, self.contacts.mode.stick)?
             }
         };
+        self.enter(contacts);
         Ok(())
     }
 
-    /// From here on the contacts are these.
+    /// From here on the contacts of rigid gaps and what friction does are these.
     pub(super) fn enter(&mut self, contacts: Contacts) {
+        let ContactMode { pressed, unloaded, .. } = self.contacts.mode;
         self.contacts = contacts;
+        (self.contacts.mode.pressed, self.contacts.mode.unloaded) = (pressed, unloaded);
     }
 
     /// The same after an impact that leaves no contact; the forces are evaluated once they are asked for.
@@ -430,7 +457,7 @@ impl MechanicalState {
     /// Some of the closed gaps open.
     pub(super) fn open(&mut self, left: GapSet) {
         let mode = self.closed().without(left).into();
-        self.contacts = Contacts { mode, left, released: GapSet::EMPTY };
+        self.enter(Contacts { mode, left, ..Contacts::default() });
     }
 
     /// To a time and a state, `x` before `x'`, in which the gaps of a mode are closed, and those
@@ -489,7 +516,7 @@ impl MechanicalState {
             (self.now.t, self.now.late) = (end, 0.0);
         }
         self.contacts.left = GapSet::EMPTY;
-        self.contacts.released = GapSet::EMPTY;
+        (self.contacts.released, self.contacts.turned) = (GapSet::EMPTY, GapSet::EMPTY);
         self.undo_drift(drift, model)?;
         let rows = self.kinetics.rows_of(self.contacts.mode);
         if !rows.is_empty() {
@@ -598,6 +625,86 @@ impl MechanicalState {
             x[n + i] = 0.0;
         }
         Ok(())
+    }
+}
+
+// The compliant gaps of a mechanical system.
+
+impl MechanicalState {
+    /// A compliant gap is pressed, or not, at the start of a run.
+    fn press_at_start(&mut self, gap: usize) {
+        let pulls = self.kinetics.pulls(gap, self.gap(gap).1);
+        match self.gap(gap) {
+            (x, v) if x > 0.0 || x == 0.0 && v > 0.0 => self.set_deep(gap, None),
+            _ => self.set_deep(gap, Some(!pulls)),
+        }
+    }
+
+    /// A compliant gap is below zero, pressed or not, or above it.
+    fn set_deep(&mut self, gap: usize, pressed: Option<bool>) {
+        let (one, mode) = (GapSet::of(gap), &mut self.contacts.mode);
+        mode.pressed = mode.pressed.without(one);
+        mode.unloaded = mode.unloaded.without(one);
+        match pressed {
+            Some(true) => mode.pressed = mode.pressed.with(one),
+            Some(false) => mode.unloaded = mode.unloaded.with(one),
+            None => (),
+        }
+        self.kinetics.carry(mode.pressed);
+    }
+
+    /// Unloaded gaps that are above zero are open.
+    pub(super) fn open_unloaded(&mut self) {
+        for gap in self.contacts.mode.unloaded.iter() {
+            if self.gap(gap).0 > 0.0 {
+                self.set_deep(gap, None);
+            }
+        }
+    }
+
+    /// Some compliant gaps cross zero here: they come into contact, or leave it.
+    pub(super) fn cross<E, D: Dynamics<E>>(
+        &mut self,
+        gaps: GapSet,
+        model: &mut Model<'_, D>,
+    ) -> Result<(), Failure<E>> {
+        let n = self.layout.n;
+        for gap in gaps.iter() {
+            self.now.x[n + gap] = 0.0;
+        }
+        self.evaluate(model)?;
+        for gap in gaps.iter() {
+            let pulls = self.kinetics.pulls(gap, self.gap(gap).1);
+            self.set_deep(gap, (!self.is_deep(gap)).then_some(!pulls));
+        }
+        self.settle_again(model)
+    }
+
+    /// The law of a compliant gap below zero pulls from here on, or no longer.
+    pub(super) fn toggle_law<E, D: Dynamics<E>>(
+        &mut self,
+        gap: usize,
+        model: &mut Model<'_, D>,
+    ) -> Result<(), Failure<E>> {
+        self.evaluate(model)?;
+        self.set_deep(gap, Some(!self.mode().pressed.has(gap)));
+        self.settle_again(model)?;
+        self.contacts.turned = GapSet::of(gap);
+        Ok(())
+    }
+
+    /// Which contacts stay closed, and what friction does, with other forces of compliant gaps.
+    fn settle_again<E, D: Dynamics<E>>(
+        &mut self,
+        model: &mut Model<'_, D>,
+    ) -> Result<(), Failure<E>> {
+        let (closed, rows) = (self.closed(), self.kinetics.rows_of(self.mode()));
+        match rows.is_empty() {
+            true => self.is_known = false,
+            false => self.project(rows, model)?,
+        }
+        self.settle(closed)?;
+        self.refresh()
     }
 }
 

@@ -193,7 +193,7 @@ impl<E, F: Force<E>> SteppedFlight<f64, E> for Flying<'_, '_, F> {
         let (length, xdot) = match told {
             Some(xdot) => (length, xdot),
             None => {
-                let Some(root) = self.step_onto(0, length)? else { return Ok(None) };
+                let Some(root) = self.step_onto(0, length, 1.0)? else { return Ok(None) };
                 let h = self.pair.steps.last().h;
                 match root {
                     Root::Near { delta, xdot } => (h + delta, xdot),
