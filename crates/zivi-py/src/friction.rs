@@ -28,7 +28,10 @@ pub(crate) struct Friction {
 impl Friction {
     /// That of a system, of no channels and rigid gaps if it has none.
     pub(crate) fn given(of: Option<&Self>) -> &Given {
-        of.map_or_else(|| Given::none(), |it| &it.given)
+        match of {
+            Some(friction) => &friction.given,
+            None => Given::none(),
+        }
     }
 }
 
@@ -96,7 +99,9 @@ impl<D: Dynamics<PyErr>> Dynamics<PyErr> for Rubbing<'_, D> {
             crate::leaving::look()?;
             value.extract().map_err(|_| {
                 let kind = value.get_type();
-                PyTypeError::new_err(format!("contact(depth, rate) must return a float, got {kind}"))
+                PyTypeError::new_err(format!(
+                    "contact(depth, rate) must return a float, got {kind}"
+                ))
             })
         })
     }

@@ -19,7 +19,7 @@ from zivi.simulation.methods import SwitchedRK
 from zivi.simulation.run import pair, simulate
 from zivi.simulation.trajectory import Trajectory
 from zivi.system.gap_coordinates import GapKinetics, check_independent, kinetic_cosines
-from zivi.system.mechanism import MechanicalSystem, Model
+from zivi.system.mechanism import MechanicalSystem, Model, check_rigid
 from zivi.system.model_parts import Partials, places
 
 __all__ = [
@@ -550,6 +550,7 @@ class Decoupled(MechanicalSystem):
         layout = own.layout
         if layout.p:
             raise ValueError("reference_run takes systems without dry friction")
+        check_rigid(self._own, "reference runs")
         names, (kp, kd) = self._gap_names, self._gains
 
         def evaluate(t: float, q: Array, qdot: Array) -> Array:

@@ -11,7 +11,7 @@ import zivi._zivi as _zivi
 from zivi.base.check import Array, real, real_array
 from zivi.control.component import limits_of
 from zivi.system.gap_coordinates import GapKinetics
-from zivi.system.mechanism import ControlInputs, MechanicalSystem
+from zivi.system.mechanism import ControlInputs, MechanicalSystem, check_rigid
 
 __all__ = [
     "BelievedPlant",
@@ -166,6 +166,7 @@ def believed(system: Any) -> MechanicalSystem:
     """Check that a model was given."""
     if not isinstance(system, MechanicalSystem):
         raise TypeError(f"system must be a zivi.MechanicalSystem, got {type(system).__name__}")
+    check_rigid(system, "controllers")
     return system
 
 

@@ -12,6 +12,7 @@ import numpy as np
 import zivi._zivi as _zivi
 from zivi.base.check import identifier
 from zivi.control.gap_tracker import GapTracker, check_gap_tracker
+from zivi.system.mechanism import check_rigid
 from zivi.system.symbolic.system import SymbolicInputs, SymbolicSystem
 
 __all__ = ["gap_tracker_source", "prefix"]
@@ -107,6 +108,7 @@ def gap_tracker_source(
             raise ValueError(f"{setting} must not be set in C, got {settings[setting]}")
     n, m = len(system.coordinate_names(0) or ()), system.m
     inputs = system.control_inputs(np.zeros(n))
+    check_rigid(system, "controllers")
     if system._channels:
         raise ValueError("controller must believe in a system without friction in C")
     if inputs.r != n or not m:

@@ -26,7 +26,7 @@ from zivi.simulation.trajectory import Trajectory
 from zivi.system.gap import HarmonicWall, LinearGap
 from zivi.system.linear import Harmonic, LinearSystem
 from zivi.system.mass import ImpactSystem
-from zivi.system.mechanism import MechanicalSystem
+from zivi.system.mechanism import MechanicalSystem, check_rigid
 from zivi.system.parameters import check_newton
 
 __all__ = [
@@ -177,6 +177,7 @@ def lyapunov_exponents(
     if not 0.0 <= finite("transient", transient) < span[1] - span[0]:
         raise ValueError(f"transient must be >= 0 and shorter than t_span, got {transient}")
     if isinstance(system, MechanicalSystem):
+        check_rigid(system, "Lyapunov exponents")
         return _of_mechanism(system, span, y0, transient, piece, method, progress)
     if piece is not None:
         raise ValueError("piece is for a zivi.MechanicalSystem: one mass goes impact by impact")

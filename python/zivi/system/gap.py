@@ -20,8 +20,8 @@ __all__ = [
     "IMPACT_LAWS",
     "PARADOXES",
     "Channel",
-    "DryFriction",
     "ContactLaw",
+    "DryFriction",
     "Gap",
     "HarmonicWall",
     "Hertz",
@@ -935,6 +935,10 @@ class LinearGap(Gap):
             tangent = np.atleast_1d(real_array(f"tangent of {called}", tangent))
         given = {"tangent": tangent, "mu": mu, "mu_static": mu_static, "e_t": e_t, "belt": belt}
         self._rub(given, called, belt)
+
+    def with_normal(self, normal: Array) -> LinearGap:
+        """Return the gap of other coordinates, with this normal and without friction."""
+        return LinearGap(normal, self.offset, self.motion, self.name, contact=self.contact)
 
     def __repr__(self) -> str:
         motion = "" if self.motion is None else f", motion={self.motion!r}"

@@ -210,9 +210,7 @@ class LinearSystem(MechanicalSystem):
             mass, damping, stiffness = (shapes.T @ it @ shapes for it in matrices)
             matrices = mass, damping, stiffness
             parts = tuple(projected(part, shapes) for part in parts)
-            gaps = tuple(
-                LinearGap(gap.normal @ shapes, gap.offset, gap.motion, gap.name) for gap in gaps
-            )
+            gaps = tuple(gap.with_normal(gap.normal @ shapes) for gap in gaps)
         for array in (*matrices, *parts):
             if isinstance(array, np.ndarray):
                 read_only(array)
@@ -312,7 +310,7 @@ class LinearSystem(MechanicalSystem):
                     f"normals of gaps must have a number for each of {points} points, "
                     f"got {gap.normal.tolist()}"
                 )
-            at_points.append(LinearGap(gap.normal @ at, gap.offset, gap.motion, gap.name))
+            at_points.append(gap.with_normal(gap.normal @ at))
         system = cls.__new__(cls)
         system._set(matrices, parts, tuple(at_points), e, None, None)
         system._shapes = None if shapes is None else read_only(at)

@@ -60,6 +60,7 @@ __all__ = [
     "check_compliant",
     "check_mass",
     "check_names",
+    "check_rigid",
     "check_size",
     "control_inputs",
     "coordinates_of",
@@ -142,11 +143,20 @@ def coordinates_of(names: Sequence[str] | None, n: int | None) -> tuple[str, ...
     return names_of("coordinates", list(names))
 
 
+def check_rigid(system: MechanicalSystem, what: str) -> None:
+    """Raise a NotImplementedError for compliant gaps, which `what` does not take."""
+    for i, *_ in system._compliant():
+        raise NotImplementedError(
+            f"{what} take rigid gaps, got gap {system.gap_names[i]!r} with a contact law: use "
+            "zivi.simulate, or a batch of runs"
+        )
+
+
 def check_compliant(e: Any, gaps: Sequence[Gap], names: Sequence[str]) -> None:
     """Refuse a restitution of a compliant gap: its law says how it is left."""
     soft = [i for i, gap in enumerate(gaps) if gap.contact is not None]
     several = isinstance(e, Sequence) or np.ndim(e) > 0
-    if not soft or not several and (len(soft) < len(gaps) or e == 0):
+    if not soft or (not several and (len(soft) < len(gaps) or e == 0)):
         return
     for i in soft:
         if not several or not isinstance(e[i], numbers.Real) or e[i] != 0:
@@ -621,7 +631,7 @@ class MechanicalSystem:
         return compliant_gaps(self._gaps)
 
     def _friction_spec(self) -> _zivi.Friction | None:
-        """Give what the extension takes of friction and compliant gaps, None of a system without."""
+        """Give what the extension takes of friction and compliant gaps, None without any."""
         compliant = self._compliant()
         if not self._channels and not compliant:
             return None

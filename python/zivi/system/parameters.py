@@ -13,7 +13,7 @@ from zivi.system.force import NativeForce, ParametricForce
 from zivi.system.gap import HarmonicWall
 from zivi.system.impact_law import GivenRestitutions, NewtonImpact, law_parameters
 from zivi.system.mass import ImpactSystem, check_system
-from zivi.system.mechanism import MechanicalSystem, Model, check_names
+from zivi.system.mechanism import MechanicalSystem, Model, check_names, check_rigid
 from zivi.system.model_parts import Partials
 from zivi.system.table import refuse_tables
 
@@ -193,8 +193,10 @@ def check_differentiable(system: Any) -> None:
 
 
 def check_smooth(system: Any) -> None:
-    """Refuse a system with dry friction: derivatives through stick and slip are not there yet."""
+    """Refuse dry friction and compliant gaps: derivatives through them are not there yet."""
     mechanical = isinstance(system, MechanicalSystem)
+    if mechanical:
+        check_rigid(system, "derivatives and orbits")
     if system.channel_names if mechanical else system.friction:
         more = "; diagrams and basins take a zivi.MechanicalSystem with friction"
         raise NotImplementedError(

@@ -287,7 +287,7 @@ impl Kinetics {
         }
     }
 
-    /// The forces of the laws of compliant gaps, of those that are not open.
+    /// The forces of the pressed gaps.
     fn evaluate_compliant<E, D: Dynamics<E>>(
         &mut self,
         compliant: &mut Compliant,
@@ -296,7 +296,7 @@ impl Kinetics {
     ) -> Result<(), Failure<E>> {
         compliant.free.copy_from_slice(&self.free);
         compliant.b.copy_from_slice(&self.b);
-        for &(gap, law) in &compliant.laws {
+        for &(gap, law) in compliant.laws.iter().filter(|it| compliant.pressed.has(it.0)) {
             let (depth, rate) = (-self.gap(gap), -self.rate(gap, w));
             let force = match law.at(depth, rate) {
                 Some(force) => force,
@@ -316,14 +316,11 @@ impl Kinetics {
         self.compliant.as_ref().map_or(GapSet::EMPTY, |it| it.all)
     }
 
-    /// From here on these compliant gaps push: the next evaluation, and the last one, have their forces.
+    /// From here on these compliant gaps push: the next evaluation has their forces.
     #[inline]
     pub(super) fn carry(&mut self, pressed: GapSet) {
         if let Some(compliant) = &mut self.compliant {
-            if compliant.pressed != pressed {
-                compliant.pressed = pressed;
-                self.add_compliant();
-            }
+            compliant.pressed = pressed;
         }
     }
 
@@ -344,7 +341,8 @@ impl Kinetics {
         }
         for (channel, gap) in compliant.gap_of.iter().enumerate() {
             let Some(gap) = *gap else { continue };
-            let force = if compliant.pressed.has(gap) { compliant.forces[gap].max(0.0) } else { 0.0 };
+            let force =
+                if compliant.pressed.has(gap) { compliant.forces[gap].max(0.0) } else { 0.0 };
             let (slip, stick) = compliant.coefficients[channel];
             self.set_friction_limit(channel, slip * force);
             let at = self.layout.static_limit().start + channel;
@@ -362,14 +360,20 @@ impl Kinetics {
         }
     }
 
-    /// Whether the law of a compliant gap would pull here, with this rate.
-    pub(super) fn pulls(&self, gap: usize, rate: f64) -> bool {
-        let force = self.compliant.as_ref().map_or(0.0, |it| it.forces[gap]);
-        match self.law(gap).and_then(ContactForce::sign) {
+    /// Whether the law of a compliant gap that is not above zero would pull with this value and rate.
+    pub(super) fn pulls<E, D: Dynamics<E>>(
+        &self,
+        gap: usize,
+        (value, rate): (f64, f64),
+        model: &mut Model<'_, D>,
+    ) -> Result<bool, Failure<E>> {
+        let Some(law) = self.law(gap) else { return Ok(false) };
+        Ok(match (law.sign(), law) {
             // its force vanishes at zero, and its sign does not
-            Some([of_1, of_g, of_rate]) => of_1 + of_g * self.gap(gap) + of_rate * rate < 0.0,
-            None => force < 0.0,
-        }
+            (Some([of_1, of_g, of_rate]), _) => of_1 + of_g * value + of_rate * rate < 0.0,
+            (None, ContactForce::Function) => model.contact_force(gap, -value, -rate)? < 0.0,
+            (None, _) => false,
+        })
     }
 
     /// The law of a compliant gap.

@@ -328,7 +328,14 @@ impl MechanicalPath {
             format if format >= 7.0 => from.counts::<1>()?[0],
             _ => 4 - 3 * usize::from(old),
         };
-        if !finite || ![1, 4, 6].contains(&sets) || n == 0 || n > MOST || m > MOST || p > MOST || m + p > MOST {
+        if !finite
+            || ![1, 4, 6].contains(&sets)
+            || n == 0
+            || n > MOST
+            || m > MOST
+            || p > MOST
+            || m + p > MOST
+        {
             return None;
         }
         let layout = Layout { n, m, p };

@@ -34,7 +34,7 @@ from zivi.interop.fmu.description import (
 from zivi.simulation.mechanical_run import state_of
 from zivi.simulation.run import pair
 from zivi.system.mass import ImpactSystem
-from zivi.system.mechanism import MechanicalSystem
+from zivi.system.mechanism import MechanicalSystem, check_rigid
 from zivi.system.start import check_start
 from zivi.system.symbolic.system import SymbolicInputs, SymbolicSystem
 from zivi.system.tree import Tree
@@ -322,6 +322,7 @@ def _c_source(kind: str, systems: dict[str, Exported]) -> str:
     """Write systems, and how controls act on them, as functions of one C source."""
     functions = []
     for name, system in systems.items():
+        check_rigid(system, "FMUs")
         if system._channels:
             raise ValueError(f"an FMU of a {kind} has no friction, the {name} has")
         if isinstance(system, Tree):

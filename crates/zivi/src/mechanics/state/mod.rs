@@ -93,7 +93,7 @@ impl MechanicalState {
             let (x, v) = (zero(gap, 8.0 * of_gap + of_x), zero(rate, of_rate));
             (self.now.x[n + i], self.now.xdot[n + i]) = (x, v);
             if is_soft {
-                self.press_at_start(i);
+                self.press_at_start(i, model)?;
             } else if x == 0.0 && v <= 0.0 {
                 let set = if v < 0.0 { &mut hit } else { &mut touching };
                 *set = set.with(GapSet::of(i));
@@ -632,12 +632,16 @@ impl MechanicalState {
 
 impl MechanicalState {
     /// A compliant gap is pressed, or not, at the start of a run.
-    fn press_at_start(&mut self, gap: usize) {
-        let pulls = self.kinetics.pulls(gap, self.gap(gap).1);
-        match self.gap(gap) {
-            (x, v) if x > 0.0 || x == 0.0 && v > 0.0 => self.set_deep(gap, None),
-            _ => self.set_deep(gap, Some(!pulls)),
-        }
+    fn press_at_start<E, D: Dynamics<E>>(
+        &mut self,
+        gap: usize,
+        model: &mut Model<'_, D>,
+    ) -> Result<(), Failure<E>> {
+        let (x, v) = self.gap(gap);
+        let is_open = x > 0.0 || x == 0.0 && v > 0.0;
+        let pulls = !is_open && self.kinetics.pulls(gap, (x, v), model)?;
+        self.set_deep(gap, (!is_open).then_some(!pulls));
+        Ok(())
     }
 
     /// A compliant gap is below zero, pressed or not, or above it.
@@ -672,9 +676,8 @@ impl MechanicalState {
         for gap in gaps.iter() {
             self.now.x[n + gap] = 0.0;
         }
-        self.evaluate(model)?;
         for gap in gaps.iter() {
-            let pulls = self.kinetics.pulls(gap, self.gap(gap).1);
+            let pulls = self.kinetics.pulls(gap, self.gap(gap), model)?;
             self.set_deep(gap, (!self.is_deep(gap)).then_some(!pulls));
         }
         self.settle_again(model)
@@ -686,7 +689,6 @@ impl MechanicalState {
         gap: usize,
         model: &mut Model<'_, D>,
     ) -> Result<(), Failure<E>> {
-        self.evaluate(model)?;
         self.set_deep(gap, Some(!self.mode().pressed.has(gap)));
         self.settle_again(model)?;
         self.contacts.turned = GapSet::of(gap);
@@ -699,10 +701,7 @@ impl MechanicalState {
         model: &mut Model<'_, D>,
     ) -> Result<(), Failure<E>> {
         let (closed, rows) = (self.closed(), self.kinetics.rows_of(self.mode()));
-        match rows.is_empty() {
-            true => self.is_known = false,
-            false => self.project(rows, model)?,
-        }
+        self.project(rows, model)?;
         self.settle(closed)?;
         self.refresh()
     }
