@@ -388,6 +388,7 @@ class Friction:
         *,
         law: str,
         impact_without_collision: bool,
+        compliant: list[tuple[int, str, list[float], Any]] = [],
     ) -> Self: ...
 
 @final
@@ -534,8 +535,8 @@ def compiled_model(callable: Any, argument: str) -> CompiledFunction: ...
 def is_sound(row: _Array, n: int, m: int) -> bool: ...
 def contact_forces(
     row: _Array,
-    n: int,
-    gap_of: list[int | None],
+    w: _Array,
+    friction: Friction | None,
     closed: list[bool],
     modes: list[int],
 ) -> _Array | None: ...
@@ -565,6 +566,8 @@ class Occurrences:
     zeno_t: _Array
     zeno_gap: NDArray[np.int64]
     zeno_closed: NDArray[np.bool_]
+    contact_t: _Array
+    contact_gap: NDArray[np.int64]
     liftoff_t: _Array
     liftoff_gap: NDArray[np.int64]
     opened_t: _Array

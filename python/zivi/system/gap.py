@@ -674,7 +674,7 @@ def _contact_of(called: str, contact: Any) -> ContactLaw | None:
 
 def compliant_gaps(gaps: Iterable[Gap]) -> list[tuple[int, str, list[float], Any]]:
     """Give what the extension takes of the laws of the compliant gaps: those of their numbers."""
-    given = []
+    given: list[tuple[int, str, list[float], Any]] = []
     for i, gap in enumerate(gaps):
         law = gap.contact
         if isinstance(law, SpringDamper | Hertz | HuntCrossley):
