@@ -296,3 +296,17 @@ def test_a_function_that_fails_ends_the_run_with_what_was_computed():
     assert caught.value.trajectory.t[-1] > 0.4
     with pytest.raises(TypeError, match="must return a float"):
         drop(lambda depth, rate: "hard")
+
+
+def test_symbolic_systems_have_them():
+    pytest.importorskip("sympy")
+    law = zivi.SpringDamper(1e4, 20.0)
+    given = {"T": "m*xdot**2/2", "V": "m*g*x", "gaps": {"floor": "x"}}
+    ball = zivi.symbolic.system("x", **given, parameters={"m": 1.0, "g": G}, contact={"floor": law})
+    for system in (ball, ball.replace(g=G), pickle.loads(pickle.dumps(ball))):
+        sol = zivi.simulate(system, (0, 2), ([1.0], [0.0]), METHOD)
+        assert np.abs(switches(sol) - SWITCHES).max() < 1e-9
+    with pytest.raises(ValueError, match=r"contact\['roof'\] must be of a gap: there are floor"):
+        zivi.symbolic.system("x", **given, parameters={"m": 1.0, "g": G}, contact={"roof": law})
+    with pytest.raises(ValueError, match="e of gap 'floor' must be 0"):
+        ball.replace(e=0.5)

@@ -31,6 +31,7 @@ __all__ = [
     "Slip",
     "SpringDamper",
     "compliant_gaps",
+    "contact_law",
     "joints_of",
     "one_of",
     "slip_of_gap",
@@ -659,7 +660,7 @@ ContactLaw: TypeAlias = SpringDamper | Hertz | HuntCrossley | Callable[[float, f
 """The force of a compliant gap as a function of its depth and rate."""
 
 
-def _contact_of(called: str, contact: Any) -> ContactLaw | None:
+def contact_law(called: str, contact: Any) -> ContactLaw | None:
     """Read the law of a compliant gap, None of a rigid one."""
     if contact is None or isinstance(contact, SpringDamper | Hertz | HuntCrossley):
         return contact
@@ -672,11 +673,12 @@ def _contact_of(called: str, contact: Any) -> ContactLaw | None:
     return contact  # type: ignore[no-any-return]
 
 
-def compliant_gaps(gaps: Iterable[Gap]) -> list[tuple[int, str, list[float], Any]]:
-    """Give what the extension takes of the laws of the compliant gaps: those of their numbers."""
+def compliant_gaps(
+    laws: Iterable[ContactLaw | None],
+) -> list[tuple[int, str, list[float], Any]]:
+    """Give what the extension takes of the laws of gaps: of those that are compliant."""
     given: list[tuple[int, str, list[float], Any]] = []
-    for i, gap in enumerate(gaps):
-        law = gap.contact
+    for i, law in enumerate(laws):
         if isinstance(law, SpringDamper | Hertz | HuntCrossley):
             numbers = [getattr(law, field.name) for field in dataclasses.fields(law)]
             given.append((i, law._kind, numbers, None))
@@ -773,7 +775,7 @@ class Gap(Unchanging):
     ) -> None:
         called = "gap" if name is None else f"gap {name!r}"
         self._name = None if name is None else str(name)
-        self._contact = _contact_of(called, contact)
+        self._contact = contact_law(called, contact)
         self.value, self.gradient, self.curvature, self.rate = value, own(gradient), curvature, rate
         self._value = part(f"value of {called}", value, "t, q")
         if isinstance(self._value, np.ndarray):

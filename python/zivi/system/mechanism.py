@@ -28,6 +28,7 @@ from zivi.system.gap import (
     IMPACT_LAWS,
     PARADOXES,
     Channel,
+    ContactLaw,
     DryFriction,
     Gap,
     LinearGap,
@@ -152,11 +153,11 @@ def check_rigid(system: MechanicalSystem, what: str) -> None:
         )
 
 
-def check_compliant(e: Any, gaps: Sequence[Gap], names: Sequence[str]) -> None:
+def check_compliant(e: Any, laws: Sequence[ContactLaw | None], names: Sequence[str]) -> None:
     """Refuse a restitution of a compliant gap: its law says how it is left."""
-    soft = [i for i, gap in enumerate(gaps) if gap.contact is not None]
+    soft = [i for i, law in enumerate(laws) if law is not None]
     several = isinstance(e, Sequence) or np.ndim(e) > 0
-    if not soft or (not several and (len(soft) < len(gaps) or e == 0)):
+    if not soft or (not several and (len(soft) < len(laws) or e == 0)):
         return
     for i in soft:
         if not several or not isinstance(e[i], numbers.Real) or e[i] != 0:
@@ -441,7 +442,7 @@ class MechanicalSystem:
             "gaps", [gap.name or f"gap{i}" for i, gap in enumerate(self._gaps)]
         )
         self._e: Restitutions = restitutions(e, self.m)
-        check_compliant(e, self._gaps, self._gap_names)
+        check_compliant(e, self._contact_laws(), self._gap_names)
         self._joints = joints_of(friction)
         self._channels = self._rubbing()
         self._impact_law = one_of("impact_law", impact_law, IMPACT_LAWS)
@@ -626,9 +627,13 @@ class MechanicalSystem:
         spec = _zivi.Model.compiled(native.native.address, data=native.address, owner=native)
         return Model(layout, spec, evaluate)
 
+    def _contact_laws(self) -> list[ContactLaw | None]:
+        """Give the contact law of each gap, None of a rigid one."""
+        return [gap.contact for gap in self._gaps]
+
     def _compliant(self) -> list[tuple[int, str, list[float], Any]]:
         """Give the laws of the compliant gaps: gap, name, numbers, function."""
-        return compliant_gaps(self._gaps)
+        return compliant_gaps(self._contact_laws())
 
     def _friction_spec(self) -> _zivi.Friction | None:
         """Give what the extension takes of friction and compliant gaps, None without any."""

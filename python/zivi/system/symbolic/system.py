@@ -14,9 +14,15 @@ from zivi.base.check import Array, finite
 from zivi.base.formula import normal
 from zivi.base.habits import hinted
 from zivi.base.machine_code import Native, compiled
-from zivi.system.gap import IMPACT_LAWS, PARADOXES, Channel, one_of
+from zivi.system.gap import IMPACT_LAWS, PARADOXES, Channel, ContactLaw, contact_law, one_of
 from zivi.system.impact_law import GivenRestitutions, Restitutions, restitutions
-from zivi.system.mechanism import ControlInputs, MechanicalSystem, Model, control_inputs
+from zivi.system.mechanism import (
+    ControlInputs,
+    MechanicalSystem,
+    Model,
+    check_compliant,
+    control_inputs,
+)
 from zivi.system.model_parts import Layout, Partials
 from zivi.system.symbolic.derive import Derived, Rubbing, derive
 from zivi.system.symbolic.expressions import c_source, python_source
@@ -209,6 +215,8 @@ class SymbolicSystem(MechanicalSystem):
         As for `zivi.MechanicalSystem`.
     inputs : SymbolicInputs or ControlInputs, optional
         How controls act.
+    contact : dict, optional
+        Contact laws of compliant gaps, by name.
     """
 
     derived = True
@@ -228,12 +236,15 @@ class SymbolicSystem(MechanicalSystem):
         impact_law: str = "newton",
         paradox: str = "stop",
         inputs: SymbolicInputs | ControlInputs | None = None,
+        contact: Mapping[str, ContactLaw] | None = None,
     ) -> None:
         self._gaps = ()
         self._gap_names = tuple(gaps)
         self._coordinates = tuple(coordinates)
         self._n = len(self._coordinates)
         self._e = restitutions(e, len(self._gap_names))
+        self._contact = contact_laws(contact, self._gap_names)
+        check_compliant(e, self._contact_laws(), self._gap_names)
         self._channels = tuple(channels)
         self._impact_law = one_of("impact_law", impact_law, IMPACT_LAWS)
         self._paradox = one_of("paradox", paradox, PARADOXES)
@@ -288,9 +299,13 @@ class SymbolicSystem(MechanicalSystem):
             self._impact_law,
             self._paradox,
             self._symbolic_inputs,
+            self._contact,
         )
         other._parameters.update(parameters)
         return other
+
+    def _contact_laws(self) -> list[ContactLaw | None]:
+        return [self._contact.get(name) for name in self._gap_names]
 
     def _without_gaps(self) -> SymbolicSystem | None:
         """Give the system without gaps and friction, compiled when it is first asked for.
@@ -341,6 +356,7 @@ class SymbolicSystem(MechanicalSystem):
         return (
             channels
             | ({} if inputs is None else {"inputs": inputs})
+            | ({"contact": self._contact} if self._contact else {})
             | self._chosen()
             | {
                 "sources": self._sources,
@@ -355,6 +371,21 @@ class SymbolicSystem(MechanicalSystem):
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         SymbolicSystem.__init__(self, **state)
+
+
+def contact_laws(given: Any, gaps: Sequence[str]) -> dict[str, ContactLaw]:
+    """Read the contact laws of gaps by their names."""
+    if given is None:
+        return {}
+    if not isinstance(given, Mapping):
+        raise TypeError(f"contact must be a dict with the law of each gap by name, got {given!r}")
+    laws: dict[str, ContactLaw] = {}
+    for name, law in given.items():
+        if name not in gaps:
+            raise ValueError(f"contact[{name!r}] must be of a gap: there are {', '.join(gaps)}")
+        if (read := contact_law(f"gap {name!r}", law)) is not None:
+            laws[name] = read
+    return laws
 
 
 @hinted("symbolic")
@@ -376,6 +407,7 @@ def system(
     impact_law: str = "newton",
     paradox: str = "stop",
     inputs: Any = None,
+    contact: Mapping[str, ContactLaw] | None = None,
 ) -> SymbolicSystem:
     r"""Derive and compile a mechanical system from its energies.
 
@@ -428,6 +460,9 @@ def system(
         Controls of closed loops by name: the column of :math:`B` of each, n expressions in
         coordinates and parameters, such as ``{"torque": [1, 0]}``. Or :math:`B` without names,
         of shape (n, r); or a function ``B(q)`` in Python.
+    contact : dict, optional
+        Contact laws of gaps by their names, which makes them compliant: `zivi.SpringDamper`,
+        `zivi.Hertz`, `zivi.HuntCrossley` or a function of depth and rate.
 
     Returns
     -------
@@ -495,4 +530,5 @@ def system(
         impact_law,
         paradox,
         SymbolicInputs.of(found.controls, found.inputs) if found.controls else called,
+        contact,
     )
