@@ -48,6 +48,20 @@ def test_the_hopper_and_the_arm_touch_when_mujoco_says(tmp_path, capsys):
         assert sol.success
 
 
+def test_the_hopper_stands_where_friction_holds_it(tmp_path, capsys):
+    pytest.importorskip("mujoco")
+    models = example("mujoco_standing_hopper")
+    models.main(str(tmp_path / "out.png"))
+    assert (tmp_path / "out.png").stat().st_size > 10_000
+    told = capsys.readouterr().out
+    pairs = re.findall(r"(\d+\.\d{4,})[^(\d]*\((\d+\.\d{4,})\)", told)
+    assert len(pairs) == 4
+    for found, expected in pairs:
+        digits = len(expected.split(".")[1])
+        assert float(found) == pytest.approx(float(expected), abs=1.5 * 10.0**-digits)
+    assert told.count("largest slip while it sticks 0.0 m/s (0)") == 2
+
+
 def test_the_pages_show_all_of_them():
     gallery = (Path(__file__).parents[1] / "docs" / "gallery.md").read_text()
     assert all(f"../examples/{name}.py)" in gallery for name in NAMES)

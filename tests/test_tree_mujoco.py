@@ -176,7 +176,6 @@ REFUSED = {
     "equality constraints": model(
         more='<equality><joint name="k" joint1="j" polycoef="0 1 0 0 0"/></equality>'
     ),
-    "friction in joints .*'j'": model(joint='<joint name="j" frictionloss=".1"/>'),
     "friction in tendons": model(more=TENDON.format('frictionloss=".1"')),
     "limits of tendons": model(more=TENDON.format('limited="true" range="0 1"')),
     "tendons: tendon 't'": model(more=TENDON.format("")),
@@ -214,9 +213,6 @@ REFUSED = {
     "damping of actuators.*'a'": model(
         more='<actuator><motor name="a" joint="j" damping=".1"/></actuator>'
     ),
-    "margins of limits: joint 'j'": model(
-        joint='<joint name="j" limited="true" range="-1 1" margin=".1"/>'
-    ),
 }
 
 
@@ -233,7 +229,15 @@ def test_what_a_tree_has_not_is_refused_by_name(words):
 
 SMOOTH = 'condim="1"'
 PAIRS = {
-    "friction of pairs: 'g-floor'": (model(), ("g", "floor")),
+    "friction of pairs: 'g-ball'": (
+        model(more='<worldbody><geom name="ball" size=".1" pos="2 0 0"/></worldbody>'),
+        ("g", "ball"),
+    ),
+    "rolling friction: 'g-floor'": (model(geom='condim="6"'), ("g", "floor")),
+    "velocities of surfaces in pairs: 'g-floor'; set": (
+        model(geom='condim="1" surfacevel="1 0 0"'),
+        ("g", "floor"),
+    ),
     "margins of geoms": (model(geom='condim="1" margin=".1"'), ("g", "floor")),
     "gaps of geoms": (model(geom='condim="1" gap=".1"'), ("g", "floor")),
     "gaps of a cylinder": (

@@ -342,6 +342,7 @@ class Tree:
         cls,
         joints: list[tuple[int, bool]],
         gaps: list[tuple[str, int, int]],
+        friction: list[tuple[str, int]],
         numbers: _Array,
     ) -> Self: ...
     def evaluate(self, t: float, q: _Array, qdot: _Array) -> _Array: ...

@@ -17,7 +17,7 @@ use zivi::system::dynamics::{Dynamics, FunctionDynamics, Layout};
 use zivi::system::linear_dynamics::LinearDynamics;
 use zivi::system::linear_system::{GapMotion, LinearGap, LinearSystem, LoadWave};
 use zivi::system::tree;
-use zivi::system::tree::{Joint, JointKind, TreeDynamics, TreeGap};
+use zivi::system::tree::{Joint, JointKind, TreeDynamics, TreeFriction, TreeGap};
 
 type Evaluate = unsafe extern "C" fn(f64, *const f64, *const f64, *mut f64) -> c_int;
 type EvaluateWith =
@@ -489,15 +489,25 @@ fn gap_of((kind, a, b): &(String, i64, i64)) -> Option<TreeGap> {
     }
 }
 
+fn friction_of((kind, at): &(String, usize)) -> Option<TreeFriction> {
+    match kind.as_str() {
+        "joint" => Some(TreeFriction::Joint(*at)),
+        "plane" => Some(TreeFriction::Plane(*at)),
+        _ => None,
+    }
+}
+
 #[pymethods]
 impl Tree {
     /// Parent (-1 for the world) and whether it is a slide, of each joint; kind and joints of each
-    /// gap: "lower", "upper", "plane" or "balls"; the numbers as `zivi::system::tree::Tree` has them.
+    /// gap: "lower", "upper", "plane" or "balls"; kind and number of each channel of friction: "joint", or
+    /// "plane" with the number of its gap; the numbers as `zivi::system::tree::Tree` has them.
     #[new]
-    #[pyo3(signature = (joints, gaps, numbers))]
+    #[pyo3(signature = (joints, gaps, friction, numbers))]
     fn new(
         joints: Vec<(i64, bool)>,
         gaps: Vec<(String, i64, i64)>,
+        friction: Vec<(String, usize)>,
         numbers: PyReadonlyArray1<'_, f64>,
     ) -> PyResult<Self> {
         let kind = |slide| if slide { JointKind::Slide } else { JointKind::Hinge };
@@ -506,8 +516,11 @@ impl Tree {
             .map(|(parent, slide)| Joint { parent: joint(parent), kind: kind(slide) })
             .collect();
         let gaps: Option<Vec<TreeGap>> = gaps.iter().map(gap_of).collect();
+        let friction: Option<Vec<TreeFriction>> = friction.iter().map(friction_of).collect();
         let numbers = vector(&numbers)?;
-        let tree = gaps.and_then(|gaps| tree::Tree { joints, gaps, numbers }.validated());
+        let tree = gaps.zip(friction).and_then(|(gaps, friction)| {
+            tree::Tree { joints, gaps, friction, numbers }.validated()
+        });
         let tree = tree.ok_or_else(|| PyValueError::new_err("the parts do not fit together"))?;
         Ok(Self { inner: Arc::new(tree) })
     }

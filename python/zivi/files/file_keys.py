@@ -645,6 +645,8 @@ GAP = Tagged(
             Key("normal", POINT, "n in n . p - offset - radius", default="[0, 0, 1]"),
             Key("offset", ANY, "offset", "m", "0"),
             Key("radius", NOT_NEGATIVE, "radius of the ball", "m", "0"),
+            Key("mu", NOT_NEGATIVE, "coefficient of dry friction", "1", "0"),
+            Key("mu_static", NOT_NEGATIVE, "coefficient of friction in stick", "1", "mu"),
             CALLED,
         ),
         "ball": (
@@ -656,12 +658,22 @@ GAP = Tagged(
         ),
     },
 )
+OF_JOINT = KeyTable(
+    (
+        Key("joint", NAME, "the coordinate"),
+        Key("limit", NOT_NEGATIVE, "largest friction while it slips", "N m or N"),
+        Key("static", NOT_NEGATIVE, "largest friction while it sticks", "N m or N", "limit"),
+    )
+)
+CHOICES = tuple(key for key in MECHANICAL_SYSTEM.keys if key.name in ("impact_law", "paradox"))
 TREE_SYSTEM = KeyTable(
     (
         Key("bodies", Each(KeyTable(BODY), "tables"), "the bodies, parents before children"),
         Key("gaps", Each(GAP, "tables"), "the gaps", default="none"),
         Key("gravity", POINT, "acceleration of free fall", "m/s^2", "[0, 0, -9.81]"),
         RESTITUTIONS,
+        Key("friction", Each(OF_JOINT, "tables"), "dry friction of joints", default="none"),
+        *CHOICES,
         Key("parameters", Open(ANY, "parameters"), "other values, by their names", default="none"),
     )
 )
@@ -710,6 +722,7 @@ def tree_text(tree: Tree, t_span: tuple[float, float], y0: Any) -> str:
     changed = {name: value for name, value in tree.parameters.items() if made[name] != value}
     gravity = np.asarray(tree._gravity).tolist()
     system = {"gravity": gravity, "e": _laws(tree)} if len(tree._e) else {"gravity": gravity}
+    system |= tree._chosen()
     if changed:
         system["parameters"] = changed
     parts = [_toml_lines(first), "[system]", _toml_lines(system)]
@@ -718,6 +731,10 @@ def tree_text(tree: Tree, t_span: tuple[float, float], y0: Any) -> str:
         parts += ["[[system.bodies]]", _toml_lines(_not_default(body))]
     for gap in tree._structure.gaps:
         parts += ["[[system.gaps]]", _toml_lines({"kind": kinds[type(gap)]} | _not_default(gap))]
+    for it in tree.friction:
+        given = {"joint": it.direction, "limit": it.limit, "static": it.static}
+        of_joint = {name: value for name, value in given.items() if value is not None}
+        parts += ["[[system.friction]]", _toml_lines(of_joint)]
     return "\n".join(parts)
 
 

@@ -195,15 +195,21 @@ def build_mechanism(values: dict[str, Any], mistakes: Mistakes) -> MechanicalSys
 
 def build_tree(values: dict[str, Any], mistakes: Mistakes) -> Tree:
     """Build a tree of bodies."""
-    given = {name: it for name, it in values.items() if name in ("gravity", "e")}
+    settings_of = ("gravity", "e", "impact_law", "paradox")
+    given = {name: it for name, it in values.items() if name in settings_of}
     settings = with_law(given, mistakes)
-    with mistakes.naming(argument_keys("system", ("bodies", "gaps", "gravity", "e")), "system"):
+    names = ("bodies", "gaps", "friction", *settings_of)
+    with mistakes.naming(argument_keys("system", names), "system"):
         bodies = [Body(**body) for body in values["bodies"]]
         gaps = [
             GAPS[gap["kind"]](**{name: it for name, it in gap.items() if name != "kind"})
             for gap in values.get("gaps", ())
         ]
-        found = Tree(bodies, gaps=gaps, **settings)
+        friction = [
+            DryFriction(it["joint"], limit=it["limit"], static=it.get("static"))
+            for it in values.get("friction", ())
+        ]
+        found = Tree(bodies, gaps=gaps, friction=friction, **settings)
     for name, value in values.get("parameters", {}).items():
         key = f"system.parameters.{name}"
         if name not in found.parameters:

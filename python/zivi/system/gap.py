@@ -272,9 +272,9 @@ class DryFriction(Unchanging):
 
     Parameters
     ----------
-    direction : array_like or callable
+    direction : array_like, callable or str
         :math:`b`, of shape (n,), or ``b(t, q)``, or compiled as the parts of a `MechanicalSystem`.
-        By default 1, for one coordinate.
+        By default 1, for one coordinate. In a `zivi.Tree` the name of a joint.
     limit : float or callable
         :math:`L \ge 0`, the force of friction in slip: a number, ``L(t, q, qdot)`` (which may
         depend on the slip speed), or compiled.
@@ -323,7 +323,8 @@ class DryFriction(Unchanging):
         called = "friction" if name is None else f"friction {name!r}"
         if limit is None:
             raise ValueError(f"limit of {called} must be given, the force of friction in slip")
-        row = _row(f"direction of {called}", direction)
+        named = isinstance(direction, str)  # then the tree knows the row
+        row = np.ones(1) if named else _row(f"direction of {called}", direction)
         held = number_part(f"limit of {called}", limit, "t, q, qdot")
         most = None if static is None else number_part(f"static of {called}", static, "t, q, qdot")
         _check_limits(f"limit of {called}", held, f"static of {called}", most)
@@ -477,6 +478,11 @@ def joints_of(friction: Any) -> tuple[DryFriction, ...]:
     for i, joint in enumerate(several):
         if not isinstance(joint, DryFriction):
             raise TypeError(f"friction[{i}] must be a zivi.DryFriction, got {joint!r}")
+        if isinstance(joint.direction, str):
+            raise TypeError(
+                f"friction[{i}] must have a direction of shape (n,), got the name "
+                f"{joint.direction!r}: names of joints are for a zivi.Tree"
+            )
     return several
 
 

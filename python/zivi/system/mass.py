@@ -14,7 +14,7 @@ from zivi.base.check import Array, MaybeNone, OfState, of_three, real, real_arra
 from zivi.base.extras import late
 from zivi.base.habits import attribute_error, hinted
 from zivi.system.force import Force, LinearForce, force_spec
-from zivi.system.gap import DryFriction, HarmonicWall, MovingWall
+from zivi.system.gap import DryFriction, HarmonicWall, MovingWall, joints_of
 from zivi.system.impact_law import ImpactLaw, NewtonImpact, law_of
 from zivi.system.table import Table, declared_breaks
 
@@ -257,6 +257,7 @@ class ImpactSystem:
     def _check_friction(self) -> None:
         if not isinstance(self._friction, DryFriction):
             raise TypeError(f"friction must be a zivi.DryFriction, got {self._friction!r}")
+        joints_of(self._friction)  # which refuses the name of a joint
         if self._wall is not None:
             raise ValueError(
                 "wall must be None where there is friction, a wall at rest: a "

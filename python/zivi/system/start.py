@@ -395,7 +395,7 @@ def _check_tangent(channel: Channel, here: Evaluation, row: Array) -> None:
     if abs(row @ normal) >= (1.0 - 1e-12) * np.linalg.norm(row) * np.linalg.norm(normal):
         raise ValueError(
             f"tangent of gap {channel.name!r} must not be along its gradient at the start, got "
-            f"{row.tolist()}"
+            f"{row.tolist()}; set mu=0 where one coordinate moves the point"
         )
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 from collections.abc import Iterator, Mapping, MutableMapping, Sequence
 from os import PathLike
 from typing import Any
@@ -13,6 +14,7 @@ from numpy.typing import ArrayLike
 import zivi._zivi as _zivi
 from zivi.base.check import Array, finite
 from zivi.base.extras import late
+from zivi.system.gap import IMPACT_LAWS, PARADOXES, DryFriction, one_of
 from zivi.system.impact_law import GivenRestitutions, restitutions, written
 from zivi.system.mechanism import (
     MAX_SIZE,
@@ -32,6 +34,13 @@ from zivi.system.tree_bodies import (
     body_values,
     joint_values,
     vector,
+)
+from zivi.system.tree_friction import (
+    LIMITS,
+    Rubbing,
+    friction_of_joints,
+    inputs_of_tree,
+    rubbings,
 )
 
 __all__ = [
@@ -77,10 +86,13 @@ class Structure:
         Parents before children.
     gaps : sequence of TreeGap
         The gaps.
+    friction : sequence of DryFriction
+        The dry friction of joints.
     """
 
     bodies: tuple[Body, ...]
     gaps: tuple[TreeGap, ...]
+    friction: tuple[DryFriction, ...] = ()
 
     @property
     def moving(self) -> list[Body]:
@@ -94,7 +106,15 @@ class Structure:
             values |= body_values(body) | joint_values(body)
         for side in self.sides():
             values |= _of_side(side)
+        for rubbing in self.rubbings:
+            values |= rubbing.limits
         return values
+
+    @functools.cached_property
+    def rubbings(self) -> list[Rubbing]:
+        """The channels of dry friction."""
+        gaps = [(side.name, side.gap) for side in self.sides()]
+        return rubbings(self.bodies, gaps, self.friction)
 
     def carriers(self) -> dict[str, int]:
         """Give the joint that moves each body, -1 for the world."""
@@ -147,6 +167,7 @@ class Structure:
             of_joint = [values[name] for name in joint_values(body)]
             rows += [*placement, np.sum(mass, axis=0), np.array([*of_joint, body.reference])]
         rows += [_gap(side, frames, values) for side in self.sides()]
+        rows += [np.array(rubbing.numbers(values)) for rubbing in self.rubbings]
         return np.concatenate(rows)
 
     def directions(self, values: Mapping[str, float]) -> Array:
@@ -273,7 +294,7 @@ class TreeParameters(MutableMapping[str, float]):
 
     def __setitem__(self, name: str, value: float) -> None:
         value = finite(f"parameters[{name!r}]", value)
-        if self._known(name).endswith((".mass", ".armature")) and value < 0.0:
+        if self._known(name).endswith((".mass", ".armature", *LIMITS)) and value < 0.0:
             raise ValueError(f"parameters[{name!r}] must be >= 0, got {value}")
         self._values[name] = value
         self.state = object()
@@ -317,11 +338,21 @@ class Tree(MechanicalSystem):
         Acceleration of free fall (m/s^2), in axes of the world.
     e : float or array_like
         As for `MechanicalSystem`.
+    friction : sequence of DryFriction
+        Dry friction of joints, by their names: ``zivi.DryFriction("elbow", limit=0.1)``, with
+        numbers for `limit` and `static`. That of points above planes is ``PlaneGap(..., mu=)``.
+    inputs : array_like, callable or dict, optional
+        As for `MechanicalSystem`; a dict may give a joint, or gears by joint, in place of a column:
+        ``{"thigh": "hip", "belt": {"hip": 1.0, "knee": -1.0}}``.
+    impact_law, paradox : str
+        As for `MechanicalSystem`.
 
     Raises
     ------
     ValueError, TypeError
         If a name is not known or used twice, or the mass matrix is singular at coordinates of zero.
+    NotImplementedError
+        For friction above a plane of a body that does not move in a plane, by its name.
 
     See Also
     --------
@@ -331,8 +362,9 @@ class Tree(MechanicalSystem):
     -----
     The parameters are ``body.mass``, ``body.com.x``, ``body.position.x``, ``body.inertia.xx``, ...;
     ``joint.stiffness``, ``.spring``, ``.damping``, ``.armature``, ``.torque``; ``gravity.z``; of
-    gaps ``joint.lower``, ``joint.upper``, ``gap.offset``, ``gap.radius``. `zivi.sensitivity` takes
-    derivatives by them.
+    gaps ``joint.lower``, ``joint.upper``, ``gap.offset``, ``gap.radius``; of friction ``gap.mu``,
+    ``gap.mu_static``, ``joint.friction``, ``joint.friction_static``. `zivi.sensitivity` takes
+    derivatives by them, of systems without friction.
 
     Examples
     --------
@@ -358,6 +390,10 @@ class Tree(MechanicalSystem):
         gaps: Sequence[TreeGap] = (),
         gravity: ArrayLike = (0.0, 0.0, -9.81),
         e: GivenRestitutions = 0.0,
+        friction: Sequence[DryFriction] = (),
+        inputs: Any = None,
+        impact_law: str = "newton",
+        paradox: str = "stop",
     ) -> None:
         self._structure = Structure(ordered(bodies), tuple(gaps))
         self._gravity = vector("gravity", gravity)
@@ -373,9 +409,28 @@ class Tree(MechanicalSystem):
             raise ValueError(f"gaps must be at most {MAX_SIZE}, got {len(sides)}")
         self._gap_names = names_of("gaps", [side.name for side in sides])
         self._e = restitutions(e, len(sides))
+        self._read_friction(friction)
+        self._given_inputs = inputs
+        if inputs is not None:
+            self._controls = inputs_of_tree(inputs, self._coordinates or ())
+        self._impact_law = one_of("impact_law", impact_law, IMPACT_LAWS)
+        self._paradox = one_of("paradox", paradox, PARADOXES)
         self._parameters = TreeParameters(self._structure.values(self._gravity))
         rest = np.zeros(self._n)
         check_mass(self.at(0.0, rest, rest).mass)
+
+    def _read_friction(self, friction: Any) -> None:
+        """Read the dry friction of joints and gaps."""
+        self._joints = friction_of_joints(friction, self._coordinates or ())
+        self._structure = dataclasses.replace(self._structure, friction=self._joints)
+        self._channels = tuple(rubbing.channel for rubbing in self._structure.rubbings)
+        of_joints = [channel.name for channel in self._channels if channel.gap is None]
+        names_of("gaps and friction", [*self._gap_names, *of_joints])
+        if self.m + len(self._channels) > MAX_SIZE:
+            raise ValueError(
+                f"gaps and friction must be at most {MAX_SIZE} together, a gap with friction "
+                f"counts as two, got {self.m + len(self._channels)}"
+            )
 
     def _check_gaps(self) -> None:
         bodies = {body.name for body in self._structure.bodies}
@@ -407,30 +462,41 @@ class Tree(MechanicalSystem):
     @classmethod
     def from_mjcf(
         cls,
-        path: str | PathLike[str],
+        path: str | PathLike[str] | Any,
         *,
-        gaps: Sequence[Any] | None = None,
+        gaps: Sequence[Any] | str | None = None,
         e: GivenRestitutions = 0.0,
         ctrl: ArrayLike | None = None,
-        friction: str = "refuse",
+        friction: str = "read",
+        inputs: Any = None,
+        impact_law: str = "newton",
+        paradox: str = "stop",
     ) -> Tree:
         """Read a model of MuJoCo (MJCF); MuJoCo is needed for this only.
 
         Parameters
         ----------
-        path : str or path-like
-            The file; or its text, which starts with ``<``.
-        gaps : sequence, optional
+        path : str, path-like, mujoco.MjSpec or mujoco.MjModel
+            The file; or its text, which starts with ``<``; or the model as MuJoCo has it.
+        gaps : sequence or "all", optional
             Which joints and pairs of geoms are gaps: names of limited joints, and pairs of names
             ``("geom1", "geom2")``. A sphere is one gap, a capsule two, a box its eight corners,
-            a mesh its vertices; they are above planes or beside spheres. By default the limits of
-            all joints, and no pairs.
+            a mesh its vertices; they are above planes or beside spheres. ``"all"``: the limits of
+            all joints, and all geoms above all planes that ``contype`` and ``conaffinity`` allow.
+            By default the limits of all joints, and no pairs.
         e : float or array_like
             As for `MechanicalSystem`; what the file says of contacts is not read.
         ctrl : array_like, optional
             Constant controls of the actuators at joints, of shape (nu,); by default zero.
-        friction : {"refuse", "ignore"}
-            What happens to pairs with friction: it is refused, or left out.
+        friction : {"read", "refuse", "ignore"}
+            Dry friction of joints (``frictionloss``) and of geoms above planes, with the greater
+            coefficient of both: it is read, rejected, or left out.
+        inputs : dict or array_like, optional
+            As for `Tree`. By default the actuators, by name; one without a name has that of its
+            joint. The control of a closed loop is added to `ctrl`; ``ctrlrange`` does not limit
+            it, ``u_limits`` of the controllers do.
+        impact_law, paradox : str
+            As for `MechanicalSystem`.
 
         Returns
         -------
@@ -440,32 +506,42 @@ class Tree(MechanicalSystem):
         Raises
         ------
         NotImplementedError
-            For what a tree has not, by its name.
+            For what a tree does not have, by its name: with friction also for geoms that do not
+            move in a plane.
         ImportError
             Without MuJoCo: ``pip install 'zivi[mujoco]'``.
 
         See Also
         --------
-        zivi.interop.mujoco.system : what is refused here, computed by MuJoCo.
+        zivi.interop.mujoco.system : what is rejected here, computed by MuJoCo.
+
+        Notes
+        -----
+        Margins of limits are not read: they say where MuJoCo's soft force begins.
         """
         read = late("zivi.interop.mujoco", "read_mjcf")
-        return cls._of(read(path, gaps=gaps, ctrl=ctrl, friction=friction), e)
+        parts = read(path, gaps=gaps, ctrl=ctrl, friction=friction)
+        chosen = {} if inputs is None else {"inputs": inputs}
+        return cls(**parts | chosen, e=e, impact_law=impact_law, paradox=paradox)
 
     @classmethod
     def from_urdf(
         cls,
-        path: str | PathLike[str],
+        path: str | PathLike[str] | Any,
         *,
-        gaps: Sequence[Any] | None = None,
+        gaps: Sequence[Any] | str | None = None,
         e: GivenRestitutions = 0.0,
-        friction: str = "refuse",
+        friction: str = "read",
+        inputs: Any = None,
+        impact_law: str = "newton",
+        paradox: str = "stop",
     ) -> Tree:
         """Read a URDF file; MuJoCo is needed for this only.
 
         Parameters
         ----------
-        path, gaps, e, friction
-            As for `from_mjcf`.
+        path, gaps, e, friction, inputs, impact_law, paradox
+            As for `from_mjcf`; a URDF file has no actuators.
 
         Returns
         -------
@@ -476,13 +552,23 @@ class Tree(MechanicalSystem):
         ------
         NotImplementedError, ImportError
             As for `from_mjcf`.
+
+        Warns
+        -----
+        ModelWarning
+            If numbers of the file are changed: an inertia that violates the triangle inequality
+            becomes its mean (MuJoCo's ``balanceinertia``), and where the mass matrix would be
+            singular, masses (kg) and inertias (kg m^2) of zero become 1e-6 (``boundmass``).
+
+        Notes
+        -----
+        Visual geometry is not read. Links without mass keep none where others give the mass matrix
+        full rank.
         """
         read = late("zivi.interop.mujoco", "read_urdf")
-        return cls._of(read(path, gaps=gaps, friction=friction), e)
-
-    @classmethod
-    def _of(cls, parts: Mapping[str, Any], e: GivenRestitutions) -> Tree:
-        return cls(parts["bodies"], gaps=parts["gaps"], gravity=parts["gravity"], e=e)
+        parts = read(path, gaps=gaps, friction=friction)
+        chosen = {} if inputs is None else {"inputs": inputs}
+        return cls(**parts | chosen, e=e, impact_law=impact_law, paradox=paradox)
 
     @property
     def bodies(self) -> tuple[Body, ...]:
@@ -526,7 +612,8 @@ class Tree(MechanicalSystem):
         return self._parameters.state
 
     def _new_model(self, n: int) -> Model:
-        return Model.native(Layout(n, self.m), _zivi.Model.tree(self._core_tree()))
+        layout = Layout(n, self.m, len(self._channels))
+        return Model.native(layout, _zivi.Model.tree(self._core_tree()))
 
     def _units(self) -> dict[str, list[str]]:
         kinds = {"hinge": "rad", "slide": "m"}
@@ -540,7 +627,9 @@ class Tree(MechanicalSystem):
     def _core_tree(self) -> _zivi.Tree:
         structure = self._structure
         sides = [(side.kind, *side.joints) for side in structure.sides()]
-        return _zivi.Tree(structure.joints(), sides, structure.numbers(self._parameters))
+        friction = [(rubbing.kind, rubbing.at) for rubbing in structure.rubbings]
+        numbers = structure.numbers(self._parameters)
+        return _zivi.Tree(structure.joints(), sides, friction, numbers)
 
     def partials(self, model: Model) -> Partials:
         """Give how the parameters move the numbers of the tree."""
@@ -549,16 +638,24 @@ class Tree(MechanicalSystem):
 
     def __repr__(self) -> str:
         told = f"joints=({', '.join(self._coordinates or ())}), gaps=({', '.join(self._gap_names)})"
-        return f"Tree({told}, e={written(self._e)})"
+        rough = f", friction=({', '.join(self.channel_names)})" if self._channels else ""
+        chosen = "".join(f", {name}={value!r}" for name, value in self._chosen().items())
+        return f"Tree({told}, e={written(self._e)}{rough}{chosen})"
 
     def __getstate__(self) -> dict[str, Any]:
-        return {
-            "bodies": self._structure.bodies,
-            "gaps": self._structure.gaps,
-            "gravity": self._gravity,
-            "e": self._e,
-            "parameters": dict(self._parameters),
-        }
+        more: dict[str, Any] = {"friction": self._joints} if self._joints else {}
+        more |= {} if self._given_inputs is None else {"inputs": self._given_inputs}
+        return (
+            more
+            | self._chosen()
+            | {
+                "bodies": self._structure.bodies,
+                "gaps": self._structure.gaps,
+                "gravity": self._gravity,
+                "e": self._e,
+                "parameters": dict(self._parameters),
+            }
+        )
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         parameters = state.pop("parameters")

@@ -18,6 +18,7 @@ __all__ = [
     "PlaneGap",
     "TreeGap",
     "body_values",
+    "is_rough",
     "joint_values",
 ]
 
@@ -241,11 +242,18 @@ class PlaneGap:
         :math:`r` (m), >= 0.
     name : str, optional
         By default that of the body.
+    mu : float
+        Coefficient of dry friction, >= 0. With friction the body must move in a plane: the axes of
+        all hinges that carry it are parallel, its slides and the normal orthogonal to these. The
+        slip speed is the velocity of the point of contact along axis x normal (without hinges,
+        along the first slide).
+    mu_static : float, optional
+        Coefficient in stick, at least `mu`; by default `mu`.
 
     Raises
     ------
     ValueError, TypeError
-        If a number is not finite, `normal` is zero or the radius negative.
+        If a number is not finite, `normal` is zero, or the radius or a coefficient out of range.
     """
 
     body: str
@@ -254,9 +262,20 @@ class PlaneGap:
     offset: float = 0.0
     radius: float = 0.0
     name: str | None = None
+    mu: float = 0.0
+    mu_static: float | None = None
 
     def __post_init__(self) -> None:
         called = f"of the gap of body {self.body!r}"
+        object.__setattr__(self, "mu", finite(f"mu {called}", self.mu))
+        if self.mu < 0.0:
+            raise ValueError(f"mu {called} must be >= 0, got {self.mu}")
+        if self.mu_static is not None:
+            object.__setattr__(self, "mu_static", finite(f"mu_static {called}", self.mu_static))
+            if self.mu_static < self.mu:
+                raise ValueError(
+                    f"mu_static {called} must be at least mu, got {self.mu_static} < {self.mu}"
+                )
         for field in ("point", "normal"):
             value = vector(f"{field} {called}", getattr(self, field))
             object.__setattr__(self, field, value)
@@ -311,6 +330,11 @@ class BallGap:
         _lengths(self, called)
         if self.radius == 0.0:
             raise ValueError(f"radius {called} must be > 0, got 0.0")
+
+
+def is_rough(gap: Any) -> bool:
+    """Whether a gap has dry friction."""
+    return isinstance(gap, PlaneGap) and (gap.mu > 0.0 or bool(gap.mu_static))
 
 
 TreeGap: TypeAlias = JointLimit | PlaneGap | BallGap

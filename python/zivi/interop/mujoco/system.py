@@ -15,11 +15,14 @@ from numpy.typing import ArrayLike
 from zivi.base.check import Array
 from zivi.base.extras import needed
 from zivi.base.machine_code import compiled
-from zivi.interop.mujoco.read import element_name, read_ctrl, read_gaps, refuse_for_all
+from zivi.interop.mujoco.actuators import read_ctrl
+from zivi.interop.mujoco.contacts import read_gaps
+from zivi.interop.mujoco.refusals import element_name, refuse_for_system
+from zivi.system.gap import one_of
 from zivi.system.impact_law import GivenRestitutions, restitutions, written
 from zivi.system.mechanism import MAX_SIZE, MechanicalSystem, Model, names_of
 from zivi.system.model_parts import Layout
-from zivi.system.tree_bodies import JointLimit, PlaneGap, TreeGap
+from zivi.system.tree_bodies import JointLimit, PlaneGap, TreeGap, is_rough
 
 __all__ = [
     "SOURCE",
@@ -297,7 +300,7 @@ class MujocoSystem(MechanicalSystem):
     def __init__(
         self,
         model: Any,
-        gaps: Sequence[Any] | None = None,
+        gaps: Sequence[Any] | str | None = None,
         e: GivenRestitutions = 0.0,
         ctrl: ArrayLike | None = None,
         friction: str = "refuse",
@@ -305,13 +308,20 @@ class MujocoSystem(MechanicalSystem):
         mujoco = needed("mujoco", "models of MuJoCo")
         if not isinstance(model, mujoco.MjModel):
             raise TypeError(f"model must be a mujoco.MjModel, got {model!r}")
-        refuse_for_all(model)
+        one_of("friction", friction, ("refuse", "ignore"))
+        refuse_for_system(model)
         if not 1 <= model.nv <= MAX_SIZE:
             raise ValueError(f"model must have from 1 to {MAX_SIZE} coordinates, got {model.nv}")
         self._state = {"model": model, "gaps": gaps, "ctrl": ctrl, "friction": friction}
         own, flags = copy.copy(model), mujoco.mjtDisableBit
         own.opt.disableflags |= int(flags.mjDSBL_CONTACT) | int(flags.mjDSBL_CONSTRAINT)
-        self._glue = Glue(own, read_gaps(model, gaps, friction), read_ctrl(model, ctrl))
+        found = read_gaps(model, gaps, friction)
+        for gap in (it for it in found if isinstance(it, PlaneGap) and is_rough(it)):
+            raise NotImplementedError(
+                f"zivi.interop.mujoco.system takes no friction of gaps: {gap.name!r}; "
+                "zivi.Tree does"
+            )
+        self._glue = Glue(own, found, read_ctrl(model, ctrl))
         self._native = compiled({"c": SOURCE}, "c")
         self._gaps = ()
         self._gap_names = names_of("gaps", self._glue.names)
@@ -337,7 +347,7 @@ class MujocoSystem(MechanicalSystem):
 
 def system(
     model: Any,
-    gaps: Sequence[Any] | None = None,
+    gaps: Sequence[Any] | str | None = None,
     e: GivenRestitutions = 0.0,
     ctrl: ArrayLike | None = None,
     friction: str = "refuse",
@@ -354,8 +364,10 @@ def system(
     ----------
     model : mujoco.MjModel
         The model; it is copied.
-    gaps, e, ctrl, friction
+    gaps, e, ctrl
         As for `zivi.Tree.from_mjcf`.
+    friction : {"refuse", "ignore"}
+        Pairs with friction are rejected, or taken without.
 
     Returns
     -------

@@ -18,6 +18,7 @@ __all__ = [
     "Rubbing",
     "derive",
     "slips_of",
+    "with_states",
 ]
 
 # Slip speeds and limits of dry friction as expressions, and the derivatives of the speeds.
@@ -391,6 +392,31 @@ def _inputs(words: _Words, inputs: dict[str, Any]) -> tuple[Any, ...]:
         with worked_on(f"inputs[{name!r}]"):
             columns.append([sound(entry) for entry in read])
     return tuple(column[i] for i in range(n) for column in columns)
+
+
+def with_states(q: Any, T: Any, Q: Any, qdot: Any, states: Any) -> tuple[Any, Any, Any, Any]:
+    r"""Return q, T, Q and qdot with first-order states.
+
+    A state z is the velocity of a coordinate of mass 1 that no gap depends on: of
+    :math:`T + z^2/2` the equation is :math:`\dot z = Q_z`.
+    """
+    sympy = needed("sympy", "symbolic systems")
+    names = [_name_of(item) for item in _sequence(sympy, states)]
+    given = _sequence(sympy, q)
+    known = [f"{_name_of(item)}dot" for item in given]
+    rates = [*(known if qdot is None else _sequence(sympy, qdot)), *names]
+    integrals = {name: f"{name}_integral" for name in names}
+    if isinstance(Q, Mapping):
+        Q = {integrals.get(_name_of(key), key): entry for key, entry in Q.items()}
+        missing = [name for name, integral in integrals.items() if integral not in Q]
+        if missing:
+            raise ValueError(f"Q must have the rate of each state, got none of {missing[0]!r}")
+    squares = " + ".join(f"{name}**2/2" for name in names)
+    if isinstance(T, str):
+        T = f"({T}) + {squares}"
+    else:
+        T = T + sum(sympy.Symbol(name) ** 2 for name in names) / 2
+    return [*given, *integrals.values()], T, Q, rates
 
 
 def _named(gaps: Any) -> dict[str, Any]:

@@ -24,7 +24,7 @@ from zivi.system.mechanism import (
     control_inputs,
 )
 from zivi.system.model_parts import Layout, Partials
-from zivi.system.symbolic.derive import Derived, Rubbing, derive
+from zivi.system.symbolic.derive import Derived, Rubbing, derive, with_states
 from zivi.system.symbolic.expressions import c_source, python_source
 
 __all__ = [
@@ -408,6 +408,7 @@ def system(
     paradox: str = "stop",
     inputs: Any = None,
     contact: Mapping[str, ContactLaw] | None = None,
+    states: Sequence[Any] = (),
 ) -> SymbolicSystem:
     r"""Derive and compile a mechanical system from its energies.
 
@@ -463,6 +464,10 @@ def system(
     contact : dict, optional
         Contact laws of gaps by their names, which makes them compliant: `zivi.SpringDamper`,
         `zivi.Hertz`, `zivi.HuntCrossley` or a function of depth and rate.
+    states : sequence, optional
+        First-order states, such as the current of a motor: each is a name that all expressions but
+        the gaps may have, and `Q` gives its rate by this name. In results the state is the velocity
+        of a last coordinate ``name_integral``: ``sol.qdot[:, n]``.
 
     Returns
     -------
@@ -511,7 +516,23 @@ def system(
     ... )
     >>> disc.at(0.0, [0.0, 0.1, 0.0], [1.0, 0.0, 0.0]).tangents
     array([[1. , 0. , 0.1]])
+
+    A motor with the current i that pushes against a stop:
+
+    >>> motor = zivi.symbolic.system(
+    ...     "th",
+    ...     T="J*thdot**2/2",
+    ...     Q={"th": "k*i", "i": "(U - R*i - k*thdot)/L"},
+    ...     states=["i"],
+    ...     gaps={"stop": "1 - th"},
+    ...     parameters={"J": 0.01, "k": 0.1, "U": 6.0, "R": 2.0, "L": 0.05},
+    ... )
+    >>> sol = zivi.simulate(motor, (0, 2), ([0, 0], [0, 0]))
+    >>> sol.qdot[-1, 1].round(9)  # U/R, at rest on the stop
+    np.float64(3.0)
     """
+    if len(states):
+        q, T, Q, qdot = with_states(q, T, Q, qdot, states)
     given = {"slips": slips, "mu": mu, "friction": friction, "e_t": e_t}
     rubbing = Rubbing(**{name: {} if it is None else it for name, it in given.items()})
     called = control_inputs(inputs) if callable(inputs) else None

@@ -5,9 +5,21 @@
 //! ```
 //!
 //! Each joint has one coordinate and a frame whose third axis is its own. Coordinates, velocities and
-//! accelerations of bodies are followed from the root outwards, in axes of the world ([`motion`]);
+//! accelerations of bodies are followed from the root outwards, in axes of the world ([`frame`]);
 //! forces and composite bodies are gathered inwards, which gives `b` (the recursive Newton-Euler
-//! equations) and `M` (the composite rigid body algorithm, [`gather`]).
+//! equations) and `M` (the composite rigid body algorithm, [`gather`]). Gaps and dry friction are in [`gap`].
+
+mod frame;
+mod gap;
+
+pub use frame::{Joint, JointKind};
+pub use gap::{TreeFriction, TreeGap};
+
+use frame::{
+    add, cross, dot, place, read, scaled, shift, sub, times, turned, turned_inertia, Frame,
+    Symmetric, Vector,
+};
+use gap::{Row, SlipRow};
 
 use crate::numeric::power_series::{Dual, Real};
 use crate::system::dynamics::{Dynamics, Layout};
@@ -15,85 +27,16 @@ use crate::system::partials::{DifferentiableDynamics, TimedState};
 use std::ops::Range;
 use std::sync::Arc;
 
-/// How a joint moves.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum JointKind {
-    /// About its axis, by an angle (rad).
-    Hinge,
-    /// Along its axis (m).
-    Slide,
-}
-
-/// A joint and what it moves.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Joint {
-    /// The joint that moves it, with a smaller number; none for the world.
-    pub parent: Option<usize>,
-    /// How it moves.
-    pub kind: JointKind,
-}
-
-/// A gap of a tree.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum TreeGap {
-    /// `q_j - bound`: one number.
-    Lower(usize),
-    /// `bound - q_j`: one number.
-    Upper(usize),
-    /// `n.p - c` of a point of a body: `p` in the frame of the joint, `n`, `c`.
-    Plane(usize),
-    /// `|p_a - p_b| - c` of points of two bodies, the world if none: `p_a`, `p_b`, `c`.
-    Balls(Option<usize>, Option<usize>),
-}
-
-impl TreeGap {
-    fn numbers(self) -> usize {
-        match self {
-            Self::Lower(_) | Self::Upper(_) => 1,
-            Self::Plane(_) | Self::Balls(..) => 7,
-        }
-    }
-
-    fn joints(self) -> [Option<usize>; 2] {
-        match self {
-            Self::Lower(j) | Self::Upper(j) | Self::Plane(j) => [Some(j), None],
-            Self::Balls(a, b) => [a, b],
-        }
-    }
-}
-
-/// Where the numbers of a joint lie, from the first of them on.
-mod place {
-    /// The origin of its frame in that of the parent.
-    pub(super) const POSITION: usize = 0;
-    /// The columns of its axes in those of the parent.
-    pub(super) const AXES: usize = 3;
-    /// Of what it moves: the mass,
-    pub(super) const MASS: usize = 12;
-    /// the first moment,
-    pub(super) const MOMENT: usize = 13;
-    /// the inertia about the origin: `xx, yy, zz, xy, xz, yz`.
-    pub(super) const INERTIA: usize = 16;
-    /// `k`, `s`, `c`, what is added to the diagonal of `M`, `tau`.
-    pub(super) const STIFFNESS: usize = 22;
-    pub(super) const SPRING: usize = 23;
-    pub(super) const DAMPING: usize = 24;
-    pub(super) const ARMATURE: usize = 25;
-    pub(super) const TORQUE: usize = 26;
-    /// The coordinate at which the frame is where position and axes say.
-    pub(super) const REFERENCE: usize = 27;
-    /// How many there are.
-    pub(super) const ALL: usize = 28;
-}
-
-/// A tree: joints, gaps, and their numbers, those of gravity (3) first, then of each joint, then of
-/// each gap.
+/// A tree: joints, gaps, dry friction, and their numbers, those of gravity (3) first, then of each joint,
+/// of each gap, and of each channel of friction.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Tree {
     /// The joints.
     pub joints: Vec<Joint>,
     /// The gaps.
     pub gaps: Vec<TreeGap>,
+    /// The channels of dry friction.
+    pub friction: Vec<TreeFriction>,
     /// The numbers.
     pub numbers: Vec<f64>,
 }
@@ -105,9 +48,11 @@ impl Tree {
         let n = self.joints.len();
         let grown = self.joints.iter().enumerate().all(|(i, it)| it.parent.is_none_or(|p| p < i));
         let known = |gap: &TreeGap| gap.joints().into_iter().flatten().all(|joint| joint < n);
-        let numbers = self.gap_numbers(self.gaps.len()).start;
+        let rubs = |it: &TreeFriction| it.is_known(&self.joints, &self.gaps);
+        let of_friction: usize = self.friction.iter().map(|it| it.numbers()).sum();
+        let numbers = self.gap_numbers(self.gaps.len()).start + of_friction;
         let fits = n > 0 && grown && self.gaps.iter().all(known) && self.numbers.len() == numbers;
-        fits.then_some(self)
+        (fits && self.friction.iter().all(rubs)).then_some(self)
     }
 
     fn joint_numbers(&self, joint: usize) -> Range<usize> {
@@ -120,189 +65,6 @@ impl Tree {
         let before: usize = self.gaps[..gap].iter().map(|it| it.numbers()).sum();
         let start = 3 + self.joints.len() * place::ALL + before;
         start..start + self.gaps.get(gap).map_or(0, |it| it.numbers())
-    }
-}
-
-// Vectors in space and symmetric matrices.
-
-/// A vector.
-type Vector<T> = [T; 3];
-/// Columns of a matrix.
-type Columns<T> = [Vector<T>; 3];
-/// A symmetric matrix: `xx, yy, zz, xy, xz, yz`.
-type Symmetric<T> = [T; 6];
-
-#[inline(always)]
-fn zero<T: Real>() -> Vector<T> {
-    [T::of(0.0); 3]
-}
-
-#[inline(always)]
-fn add<T: Real>(a: Vector<T>, b: Vector<T>) -> Vector<T> {
-    [a[0] + b[0], a[1] + b[1], a[2] + b[2]]
-}
-
-#[inline(always)]
-fn sub<T: Real>(a: Vector<T>, b: Vector<T>) -> Vector<T> {
-    [a[0] - b[0], a[1] - b[1], a[2] - b[2]]
-}
-
-#[inline(always)]
-fn scaled<T: Real>(a: Vector<T>, s: T) -> Vector<T> {
-    [a[0] * s, a[1] * s, a[2] * s]
-}
-
-#[inline(always)]
-fn dot<T: Real>(a: Vector<T>, b: Vector<T>) -> T {
-    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-}
-
-#[inline(always)]
-fn cross<T: Real>(a: Vector<T>, b: Vector<T>) -> Vector<T> {
-    [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
-}
-
-/// The three numbers that start here.
-#[inline(always)]
-fn read<T: Real>(numbers: &[T], start: usize) -> Vector<T> {
-    [numbers[start], numbers[start + 1], numbers[start + 2]]
-}
-
-/// `R x`.
-#[inline(always)]
-fn turned<T: Real>(r: &Columns<T>, x: Vector<T>) -> Vector<T> {
-    add(add(scaled(r[0], x[0]), scaled(r[1], x[1])), scaled(r[2], x[2]))
-}
-
-/// `S x`.
-#[inline(always)]
-fn times<T: Real>(s: &Symmetric<T>, x: Vector<T>) -> Vector<T> {
-    [
-        s[0] * x[0] + s[3] * x[1] + s[4] * x[2],
-        s[3] * x[0] + s[1] * x[1] + s[5] * x[2],
-        s[4] * x[0] + s[5] * x[1] + s[2] * x[2],
-    ]
-}
-
-/// `R S R^T`.
-#[inline(always)]
-fn turned_inertia<T: Real>(r: &Columns<T>, s: &Symmetric<T>) -> Symmetric<T> {
-    let rows = [[s[0], s[3], s[4]], [s[3], s[1], s[5]], [s[4], s[5], s[2]]];
-    let half: Columns<T> = rows.map(|row| turned(r, row));
-    let entry =
-        |i: usize, j: usize| half[0][i] * r[0][j] + half[1][i] * r[1][j] + half[2][i] * r[2][j];
-    [entry(0, 0), entry(1, 1), entry(2, 2), entry(0, 1), entry(0, 2), entry(1, 2)]
-}
-
-/// What a mass `m` with the first moment `h` adds to its inertia about a point `-d` from its own:
-/// `(2 h.d + m d^2) 1 - h d^T - d h^T - m d d^T`.
-#[inline(always)]
-fn shift<T: Real>(m: T, h: Vector<T>, d: Vector<T>) -> Symmetric<T> {
-    // with e = h + m d: e.d + h.d on the diagonal, less h d^T + d e^T
-    let e = add(h, scaled(d, m));
-    let both = dot(e, d) + dot(h, d);
-    let product = |i: usize, j: usize| h[i] * d[j] + d[i] * e[j];
-    [
-        both - product(0, 0),
-        both - product(1, 1),
-        both - product(2, 2),
-        -product(0, 1),
-        -product(0, 2),
-        -product(1, 2),
-    ]
-}
-
-// How the frames of the joints move, from the root outwards.
-
-/// The frame of a joint, in axes of the world; accelerations are those without `q''` and gravity.
-#[derive(Clone, Copy, Debug)]
-struct Frame<T> {
-    /// Its axes.
-    axes: Columns<T>,
-    /// Its origin.
-    origin: Vector<T>,
-    /// The origin less that of the parent.
-    arm: Vector<T>,
-    omega: Vector<T>,
-    velocity: Vector<T>,
-    alpha: Vector<T>,
-    acceleration: Vector<T>,
-}
-
-impl<T: Real> Frame<T> {
-    /// That of the world.
-    fn world() -> Self {
-        let (one, zero) = (T::of(1.0), zero());
-        let [mut x, mut y, mut z] = [zero; 3];
-        (x[0], y[1], z[2]) = (one, one, one);
-        Self {
-            axes: [x, y, z],
-            origin: zero,
-            arm: zero,
-            omega: zero,
-            velocity: zero,
-            alpha: zero,
-            acceleration: zero,
-        }
-    }
-
-    /// The axis of the joint.
-    #[inline(always)]
-    fn axis(&self) -> Vector<T> {
-        self.axes[2]
-    }
-
-    /// `omega x r`.
-    #[inline(always)]
-    fn velocity_at(&self, arm: Vector<T>) -> Vector<T> {
-        add(self.velocity, cross(self.omega, arm))
-    }
-
-    /// `a + alpha x r + omega x (omega x r)`.
-    #[inline(always)]
-    fn acceleration_at(&self, arm: Vector<T>) -> Vector<T> {
-        let turning = add(cross(self.alpha, arm), cross(self.omega, cross(self.omega, arm)));
-        add(self.acceleration, turning)
-    }
-
-    /// The frame of a joint on this one.
-    #[inline(always)]
-    fn next(&self, joint: Joint, numbers: &[T], q: T, w: T) -> Self {
-        let axis_of = |k: usize| turned(&self.axes, read(numbers, place::AXES + 3 * k));
-        let [x, y, axis] = [axis_of(0), axis_of(1), axis_of(2)];
-        let mut arm = turned(&self.axes, read(numbers, place::POSITION));
-        let moved = q - numbers[place::REFERENCE];
-        let swept = cross(self.omega, scaled(axis, w));
-        match joint.kind {
-            JointKind::Hinge => {
-                let (sin, cos) = moved.sin_cos();
-                Self {
-                    axes: [
-                        add(scaled(x, cos), scaled(y, sin)),
-                        add(scaled(y, cos), scaled(x, -sin)),
-                        axis,
-                    ],
-                    origin: add(self.origin, arm),
-                    arm,
-                    omega: add(self.omega, scaled(axis, w)),
-                    velocity: self.velocity_at(arm),
-                    alpha: add(self.alpha, swept),
-                    acceleration: self.acceleration_at(arm),
-                }
-            }
-            JointKind::Slide => {
-                arm = add(arm, scaled(axis, moved));
-                Self {
-                    axes: [x, y, axis],
-                    origin: add(self.origin, arm),
-                    arm,
-                    omega: self.omega,
-                    velocity: add(self.velocity_at(arm), scaled(axis, w)),
-                    alpha: self.alpha,
-                    acceleration: add(self.acceleration_at(arm), add(swept, swept)),
-                }
-            }
-        }
     }
 }
 
@@ -424,103 +186,6 @@ fn couple<T: Real>(
     }
 }
 
-// Gaps between points of a tree.
-
-/// The places in an evaluation that belong to one gap.
-struct Row<'a, T> {
-    gap: &'a mut T,
-    gradient: &'a mut [T],
-    curvature: &'a mut T,
-}
-
-/// A point of a body, with its velocity, and its acceleration without `q''`.
-struct Point<T> {
-    joint: Option<usize>,
-    at: Vector<T>,
-    velocity: Vector<T>,
-    acceleration: Vector<T>,
-}
-
-impl<T: Real> Point<T> {
-    #[inline(always)]
-    fn of(joint: Option<usize>, own: Vector<T>, frames: &[Frame<T>]) -> Self {
-        let Some(index) = joint else {
-            let still = [T::of(0.0); 3];
-            return Self { joint, at: own, velocity: still, acceleration: still };
-        };
-        let frame = &frames[index];
-        let arm = turned(&frame.axes, own);
-        Self {
-            joint,
-            at: add(frame.origin, arm),
-            velocity: frame.velocity_at(arm),
-            acceleration: frame.acceleration_at(arm),
-        }
-    }
-
-    /// Adds how the point moves along `n` with each coordinate.
-    #[inline(always)]
-    fn pull(&self, n: Vector<T>, joints: &[Joint], frames: &[Frame<T>], out: &mut [T]) {
-        let mut at = self.joint;
-        while let Some(index) = at {
-            let frame = &frames[index];
-            let moved = match joints[index].kind {
-                JointKind::Hinge => cross(frame.axis(), sub(self.at, frame.origin)),
-                JointKind::Slide => frame.axis(),
-            };
-            out[index] = out[index] + dot(n, moved);
-            at = joints[index].parent;
-        }
-    }
-}
-
-impl TreeGap {
-    /// Writes the gap, its gradient and its curvature; `numbers` are its own.
-    #[inline(always)]
-    fn fill<T: Real>(
-        self,
-        numbers: &[T],
-        q: &[T],
-        (joints, frames): (&[Joint], &[Frame<T>]),
-        row: Row<'_, T>,
-    ) {
-        row.gradient.fill(T::of(0.0));
-        match self {
-            Self::Lower(joint) => {
-                *row.gap = q[joint] - numbers[0];
-                row.gradient[joint] = T::of(1.0);
-                *row.curvature = T::of(0.0);
-            }
-            Self::Upper(joint) => {
-                *row.gap = numbers[0] - q[joint];
-                row.gradient[joint] = T::of(-1.0);
-                *row.curvature = T::of(0.0);
-            }
-            Self::Plane(joint) => {
-                let (point, n) =
-                    (Point::of(Some(joint), read(numbers, 0), frames), read(numbers, 3));
-                *row.gap = dot(n, point.at) - numbers[6];
-                point.pull(n, joints, frames, row.gradient);
-                *row.curvature = dot(n, point.acceleration);
-            }
-            Self::Balls(a, b) => {
-                let a = Point::of(a, read(numbers, 0), frames);
-                let b = Point::of(b, read(numbers, 3), frames);
-                // l'' = u.s'' + (|s'|^2 - (u.s')^2)/l  with s = p_a - p_b, l = |s|, u = s/l
-                let [s, rate] = [sub(a.at, b.at), sub(a.velocity, b.velocity)];
-                let distance = dot(s, s).sqrt();
-                let u = scaled(s, distance.inverse());
-                *row.gap = distance - numbers[6];
-                a.pull(u, joints, frames, row.gradient);
-                b.pull(scaled(u, T::of(-1.0)), joints, frames, row.gradient);
-                let closing = dot(u, rate);
-                let swing = (dot(rate, rate) - closing * closing) * distance.inverse();
-                *row.curvature = dot(u, sub(a.acceleration, b.acceleration)) + swing;
-            }
-        }
-    }
-}
-
 // A tree as a model of a run, with its partial derivatives.
 
 /// What is known of the bodies at a state.
@@ -566,10 +231,10 @@ impl TreeDynamics {
 }
 
 impl Tree {
-    /// Coordinates and gaps.
+    /// Coordinates, gaps and channels of friction.
     #[must_use]
     pub fn layout(&self) -> Layout {
-        Layout::smooth(self.joints.len(), self.gaps.len())
+        Layout { n: self.joints.len(), m: self.gaps.len(), p: self.friction.len() }
     }
 
     /// Fills in all numbers of an evaluation.
@@ -586,12 +251,27 @@ impl Tree {
         let (mass, rest) = out.split_at_mut(layout.n * layout.n);
         mass.fill(T::of(0.0));
         self.gather(numbers, (q, w), bodies, mass, &mut rest[..layout.n]);
-        let (gap, gradient, curvature) = (layout.gap(), layout.gradient(), layout.curvature());
-        let (gaps, rest) = out[gap.start..].split_at_mut(gap.len());
-        let (gradients, rest) = rest.split_at_mut(gradient.len());
-        let (curvatures, rates) = rest.split_at_mut(curvature.len());
-        rates.fill(T::of(0.0));
         let known = (&self.joints[..], &bodies.frames[..]);
+        self.fill_gaps(numbers, q, known, &mut out[layout.gap().start..]);
+        if layout.p > 0 {
+            self.fill_friction(numbers, known, out);
+        }
+    }
+
+    /// Gaps, their gradients, curvatures and rates; `out` starts at the gaps.
+    #[inline(always)]
+    fn fill_gaps<T: Real>(
+        &self,
+        numbers: &[T],
+        q: &[T],
+        known: (&[Joint], &[Frame<T>]),
+        out: &mut [T],
+    ) {
+        let layout = self.layout();
+        let (gaps, rest) = out.split_at_mut(layout.m);
+        let (gradients, rest) = rest.split_at_mut(layout.gradient().len());
+        let (curvatures, rates) = rest.split_at_mut(layout.rows());
+        rates[..layout.rows()].fill(T::of(0.0));
         let mut own = self.gap_numbers(0);
         for (i, it) in self.gaps.iter().enumerate() {
             let gradient = &mut gradients[i * layout.n..][..layout.n];
@@ -599,6 +279,32 @@ impl Tree {
             own = own.start..own.start + it.numbers();
             it.fill(&numbers[own.clone()], q, known, row);
             own.start = own.end;
+        }
+    }
+
+    /// Directions of slip, their curvatures and the limits of friction.
+    fn fill_friction<T: Real>(&self, numbers: &[T], known: (&[Joint], &[Frame<T>]), out: &mut [T]) {
+        let layout = self.layout();
+        let mut start = self.gap_numbers(self.gaps.len()).start;
+        for (c, it) in self.friction.iter().enumerate() {
+            let of_gap = match it {
+                TreeFriction::Plane(gap) => &numbers[self.gap_numbers(*gap)],
+                TreeFriction::Joint(_) => &[],
+            };
+            let row = layout.m + c;
+            let (gradients, rest) = out.split_at_mut(layout.curvature().start);
+            let (curvatures, rest) = rest.split_at_mut(layout.rows());
+            let (limits, statics) = rest[layout.rows()..].split_at_mut(layout.p);
+            let first = layout.gradient().start + row * layout.n;
+            let slip = SlipRow {
+                direction: &mut gradients[first..][..layout.n],
+                curvature: &mut curvatures[row],
+                limit: &mut limits[c],
+                static_limit: &mut statics[c],
+            };
+            let own = &numbers[start..start + it.numbers()];
+            it.fill((own, of_gap), &self.gaps, known, slip);
+            start += it.numbers();
         }
     }
 
@@ -688,7 +394,7 @@ impl<E> DifferentiableDynamics<E> for TreeDynamics {
 mod dynamics_tests {
     use std::convert::Infallible;
 
-    use super::{Joint, JointKind, TreeGap, *};
+    use super::{Joint, JointKind, TreeFriction, TreeGap, *};
     use crate::system::partials::{DifferencedDynamics, Neighbours, MOVES};
 
     /// A branched tree whose numbers are those of a generator.
@@ -712,8 +418,9 @@ mod dynamics_tests {
             seed = seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
             (seed >> 33) as f64 / f64::from(1_u32 << 30) - 1.0
         };
-        let numbers = (0..3 + 4 * place::ALL + 23).map(|_| number()).collect();
-        Tree { joints, gaps, numbers }.validated().unwrap()
+        let friction = vec![TreeFriction::Plane(1), TreeFriction::Joint(3)];
+        let numbers = (0..3 + 4 * place::ALL + 23 + 8).map(|_| number()).collect();
+        Tree { joints, gaps, friction, numbers }.validated().unwrap()
     }
 
     #[test]

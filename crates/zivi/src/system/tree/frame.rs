@@ -1,0 +1,228 @@
+//! Joints of a tree and the motion of their frames, from the root outwards.
+
+use crate::numeric::power_series::Real;
+
+/// How a joint moves.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum JointKind {
+    /// About its axis, by an angle (rad).
+    Hinge,
+    /// Along its axis (m).
+    Slide,
+}
+
+/// A joint and what it moves.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Joint {
+    /// The joint that moves it, with a smaller number; none for the world.
+    pub parent: Option<usize>,
+    /// How it moves.
+    pub kind: JointKind,
+}
+
+/// Where the numbers of a joint lie, from the first of them on.
+pub(super) mod place {
+    /// The origin of its frame in that of the parent.
+    pub(in super::super) const POSITION: usize = 0;
+    /// The columns of its axes in those of the parent.
+    pub(in super::super) const AXES: usize = 3;
+    /// Of what it moves: the mass,
+    pub(in super::super) const MASS: usize = 12;
+    /// the first moment,
+    pub(in super::super) const MOMENT: usize = 13;
+    /// the inertia about the origin: `xx, yy, zz, xy, xz, yz`.
+    pub(in super::super) const INERTIA: usize = 16;
+    /// `k`, `s`, `c`, what is added to the diagonal of `M`, `tau`.
+    pub(in super::super) const STIFFNESS: usize = 22;
+    pub(in super::super) const SPRING: usize = 23;
+    pub(in super::super) const DAMPING: usize = 24;
+    pub(in super::super) const ARMATURE: usize = 25;
+    pub(in super::super) const TORQUE: usize = 26;
+    /// The coordinate at which the frame is where position and axes say.
+    pub(in super::super) const REFERENCE: usize = 27;
+    /// How many there are.
+    pub(in super::super) const ALL: usize = 28;
+}
+
+// Vectors in space and symmetric matrices.
+
+/// A vector.
+pub(super) type Vector<T> = [T; 3];
+/// Columns of a matrix.
+pub(super) type Columns<T> = [Vector<T>; 3];
+/// A symmetric matrix: `xx, yy, zz, xy, xz, yz`.
+pub(super) type Symmetric<T> = [T; 6];
+
+#[inline(always)]
+pub(super) fn zero<T: Real>() -> Vector<T> {
+    [T::of(0.0); 3]
+}
+
+#[inline(always)]
+pub(super) fn add<T: Real>(a: Vector<T>, b: Vector<T>) -> Vector<T> {
+    [a[0] + b[0], a[1] + b[1], a[2] + b[2]]
+}
+
+#[inline(always)]
+pub(super) fn sub<T: Real>(a: Vector<T>, b: Vector<T>) -> Vector<T> {
+    [a[0] - b[0], a[1] - b[1], a[2] - b[2]]
+}
+
+#[inline(always)]
+pub(super) fn scaled<T: Real>(a: Vector<T>, s: T) -> Vector<T> {
+    [a[0] * s, a[1] * s, a[2] * s]
+}
+
+#[inline(always)]
+pub(super) fn dot<T: Real>(a: Vector<T>, b: Vector<T>) -> T {
+    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+}
+
+#[inline(always)]
+pub(super) fn cross<T: Real>(a: Vector<T>, b: Vector<T>) -> Vector<T> {
+    [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
+}
+
+/// The three numbers that start here.
+#[inline(always)]
+pub(super) fn read<T: Real>(numbers: &[T], start: usize) -> Vector<T> {
+    [numbers[start], numbers[start + 1], numbers[start + 2]]
+}
+
+/// `R x`.
+#[inline(always)]
+pub(super) fn turned<T: Real>(r: &Columns<T>, x: Vector<T>) -> Vector<T> {
+    add(add(scaled(r[0], x[0]), scaled(r[1], x[1])), scaled(r[2], x[2]))
+}
+
+/// `S x`.
+#[inline(always)]
+pub(super) fn times<T: Real>(s: &Symmetric<T>, x: Vector<T>) -> Vector<T> {
+    [
+        s[0] * x[0] + s[3] * x[1] + s[4] * x[2],
+        s[3] * x[0] + s[1] * x[1] + s[5] * x[2],
+        s[4] * x[0] + s[5] * x[1] + s[2] * x[2],
+    ]
+}
+
+/// `R S R^T`.
+#[inline(always)]
+pub(super) fn turned_inertia<T: Real>(r: &Columns<T>, s: &Symmetric<T>) -> Symmetric<T> {
+    let rows = [[s[0], s[3], s[4]], [s[3], s[1], s[5]], [s[4], s[5], s[2]]];
+    let half: Columns<T> = rows.map(|row| turned(r, row));
+    let entry =
+        |i: usize, j: usize| half[0][i] * r[0][j] + half[1][i] * r[1][j] + half[2][i] * r[2][j];
+    [entry(0, 0), entry(1, 1), entry(2, 2), entry(0, 1), entry(0, 2), entry(1, 2)]
+}
+
+/// What a mass `m` with the first moment `h` adds to its inertia about a point `-d` from its own:
+/// `(2 h.d + m d^2) 1 - h d^T - d h^T - m d d^T`.
+#[inline(always)]
+pub(super) fn shift<T: Real>(m: T, h: Vector<T>, d: Vector<T>) -> Symmetric<T> {
+    // with e = h + m d: e.d + h.d on the diagonal, less h d^T + d e^T
+    let e = add(h, scaled(d, m));
+    let both = dot(e, d) + dot(h, d);
+    let product = |i: usize, j: usize| h[i] * d[j] + d[i] * e[j];
+    [
+        both - product(0, 0),
+        both - product(1, 1),
+        both - product(2, 2),
+        -product(0, 1),
+        -product(0, 2),
+        -product(1, 2),
+    ]
+}
+
+// How the frames of the joints move, from the root outwards.
+
+/// The frame of a joint, in axes of the world; accelerations are those without `q''` and gravity.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Frame<T> {
+    /// Its axes.
+    pub(super) axes: Columns<T>,
+    /// Its origin.
+    pub(super) origin: Vector<T>,
+    /// The origin less that of the parent.
+    pub(super) arm: Vector<T>,
+    pub(super) omega: Vector<T>,
+    pub(super) velocity: Vector<T>,
+    pub(super) alpha: Vector<T>,
+    pub(super) acceleration: Vector<T>,
+}
+
+impl<T: Real> Frame<T> {
+    /// That of the world.
+    pub(super) fn world() -> Self {
+        let (one, zero) = (T::of(1.0), zero());
+        let [mut x, mut y, mut z] = [zero; 3];
+        (x[0], y[1], z[2]) = (one, one, one);
+        Self {
+            axes: [x, y, z],
+            origin: zero,
+            arm: zero,
+            omega: zero,
+            velocity: zero,
+            alpha: zero,
+            acceleration: zero,
+        }
+    }
+
+    /// The axis of the joint.
+    #[inline(always)]
+    pub(super) fn axis(&self) -> Vector<T> {
+        self.axes[2]
+    }
+
+    /// `omega x r`.
+    #[inline(always)]
+    pub(super) fn velocity_at(&self, arm: Vector<T>) -> Vector<T> {
+        add(self.velocity, cross(self.omega, arm))
+    }
+
+    /// `a + alpha x r + omega x (omega x r)`.
+    #[inline(always)]
+    pub(super) fn acceleration_at(&self, arm: Vector<T>) -> Vector<T> {
+        let turning = add(cross(self.alpha, arm), cross(self.omega, cross(self.omega, arm)));
+        add(self.acceleration, turning)
+    }
+
+    /// The frame of a joint on this one.
+    #[inline(always)]
+    pub(super) fn next(&self, joint: Joint, numbers: &[T], q: T, w: T) -> Self {
+        let axis_of = |k: usize| turned(&self.axes, read(numbers, place::AXES + 3 * k));
+        let [x, y, axis] = [axis_of(0), axis_of(1), axis_of(2)];
+        let mut arm = turned(&self.axes, read(numbers, place::POSITION));
+        let moved = q - numbers[place::REFERENCE];
+        let swept = cross(self.omega, scaled(axis, w));
+        match joint.kind {
+            JointKind::Hinge => {
+                let (sin, cos) = moved.sin_cos();
+                Self {
+                    axes: [
+                        add(scaled(x, cos), scaled(y, sin)),
+                        add(scaled(y, cos), scaled(x, -sin)),
+                        axis,
+                    ],
+                    origin: add(self.origin, arm),
+                    arm,
+                    omega: add(self.omega, scaled(axis, w)),
+                    velocity: self.velocity_at(arm),
+                    alpha: add(self.alpha, swept),
+                    acceleration: self.acceleration_at(arm),
+                }
+            }
+            JointKind::Slide => {
+                arm = add(arm, scaled(axis, moved));
+                Self {
+                    axes: [x, y, axis],
+                    origin: add(self.origin, arm),
+                    arm,
+                    omega: self.omega,
+                    velocity: add(self.velocity_at(arm), scaled(axis, w)),
+                    alpha: self.alpha,
+                    acceleration: add(self.acceleration_at(arm), add(swept, swept)),
+                }
+            }
+        }
+    }
+}

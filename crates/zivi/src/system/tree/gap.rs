@@ -1,0 +1,207 @@
+//! Gaps between points of a tree, and its dry friction.
+//!
+//! ```text
+//! w = t . (p' - r omega x n)      w' = t . (p'' - r omega' x n)
+//! ```
+//!
+//! is the speed at which a ball of radius `r` about `p` slips over a plane with the normal `n`, where the body
+//! moves in a plane that contains `n` and `t`: what `omega` turns is orthogonal to `t` then.
+
+use super::frame::{add, cross, dot, read, scaled, sub, turned, Frame, Joint, JointKind, Vector};
+use crate::numeric::power_series::Real;
+
+/// A gap of a tree.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum TreeGap {
+    /// `q_j - bound`: one number.
+    Lower(usize),
+    /// `bound - q_j`: one number.
+    Upper(usize),
+    /// `n.p - c` of a point of a body: `p` in the frame of the joint, `n`, `c`.
+    Plane(usize),
+    /// `|p_a - p_b| - c` of points of two bodies, the world if none: `p_a`, `p_b`, `c`.
+    Balls(Option<usize>, Option<usize>),
+}
+
+impl TreeGap {
+    pub(super) fn numbers(self) -> usize {
+        match self {
+            Self::Lower(_) | Self::Upper(_) => 1,
+            Self::Plane(_) | Self::Balls(..) => 7,
+        }
+    }
+
+    pub(super) fn joints(self) -> [Option<usize>; 2] {
+        match self {
+            Self::Lower(j) | Self::Upper(j) | Self::Plane(j) => [Some(j), None],
+            Self::Balls(a, b) => [a, b],
+        }
+    }
+}
+
+/// A channel of dry friction of a tree.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum TreeFriction {
+    /// In a joint: the force in slip, and what it holds in stick.
+    Joint(usize),
+    /// Along the plane of a gap, of a body that moves in a plane: the direction `t` of slip, the radius of the ball
+    /// about the point of the gap, `mu` in slip and in stick.
+    Plane(usize),
+}
+
+impl TreeFriction {
+    pub(super) fn numbers(self) -> usize {
+        match self {
+            Self::Joint(_) => 2,
+            Self::Plane(_) => 6,
+        }
+    }
+
+    /// Whether it is of a joint, or of a gap above a plane, that there is.
+    pub(super) fn is_known(self, joints: &[Joint], gaps: &[TreeGap]) -> bool {
+        match self {
+            Self::Joint(joint) => joint < joints.len(),
+            Self::Plane(gap) => matches!(gaps.get(gap), Some(TreeGap::Plane(_))),
+        }
+    }
+}
+
+/// The places in an evaluation that belong to one gap.
+pub(super) struct Row<'a, T> {
+    pub(super) gap: &'a mut T,
+    pub(super) gradient: &'a mut [T],
+    pub(super) curvature: &'a mut T,
+}
+
+/// The places in an evaluation that belong to one channel of friction.
+pub(super) struct SlipRow<'a, T> {
+    pub(super) direction: &'a mut [T],
+    pub(super) curvature: &'a mut T,
+    pub(super) limit: &'a mut T,
+    pub(super) static_limit: &'a mut T,
+}
+
+/// A point of a body, with its velocity, and its acceleration without `q''`.
+struct Point<T> {
+    joint: Option<usize>,
+    at: Vector<T>,
+    velocity: Vector<T>,
+    acceleration: Vector<T>,
+}
+
+impl<T: Real> Point<T> {
+    #[inline(always)]
+    fn of(joint: Option<usize>, own: Vector<T>, frames: &[Frame<T>]) -> Self {
+        let Some(index) = joint else {
+            let still = [T::of(0.0); 3];
+            return Self { joint, at: own, velocity: still, acceleration: still };
+        };
+        Self::on(index, turned(&frames[index].axes, own), frames)
+    }
+
+    /// The point of a body at an arm, in axes of the world.
+    #[inline(always)]
+    fn on(index: usize, arm: Vector<T>, frames: &[Frame<T>]) -> Self {
+        let frame = &frames[index];
+        Self {
+            joint: Some(index),
+            at: add(frame.origin, arm),
+            velocity: frame.velocity_at(arm),
+            acceleration: frame.acceleration_at(arm),
+        }
+    }
+
+    /// Adds how the point moves along `n` with each coordinate.
+    #[inline(always)]
+    fn pull(&self, n: Vector<T>, joints: &[Joint], frames: &[Frame<T>], out: &mut [T]) {
+        let mut at = self.joint;
+        while let Some(index) = at {
+            let frame = &frames[index];
+            let moved = match joints[index].kind {
+                JointKind::Hinge => cross(frame.axis(), sub(self.at, frame.origin)),
+                JointKind::Slide => frame.axis(),
+            };
+            out[index] = out[index] + dot(n, moved);
+            at = joints[index].parent;
+        }
+    }
+}
+
+impl TreeGap {
+    /// Writes the gap, its gradient and its curvature; `numbers` are its own.
+    #[inline(always)]
+    pub(super) fn fill<T: Real>(
+        self,
+        numbers: &[T],
+        q: &[T],
+        (joints, frames): (&[Joint], &[Frame<T>]),
+        row: Row<'_, T>,
+    ) {
+        row.gradient.fill(T::of(0.0));
+        match self {
+            Self::Lower(joint) => {
+                *row.gap = q[joint] - numbers[0];
+                row.gradient[joint] = T::of(1.0);
+                *row.curvature = T::of(0.0);
+            }
+            Self::Upper(joint) => {
+                *row.gap = numbers[0] - q[joint];
+                row.gradient[joint] = T::of(-1.0);
+                *row.curvature = T::of(0.0);
+            }
+            Self::Plane(joint) => {
+                let (point, n) =
+                    (Point::of(Some(joint), read(numbers, 0), frames), read(numbers, 3));
+                *row.gap = dot(n, point.at) - numbers[6];
+                point.pull(n, joints, frames, row.gradient);
+                *row.curvature = dot(n, point.acceleration);
+            }
+            Self::Balls(a, b) => {
+                let a = Point::of(a, read(numbers, 0), frames);
+                let b = Point::of(b, read(numbers, 3), frames);
+                // l'' = u.s'' + (|s'|^2 - (u.s')^2)/l  with s = p_a - p_b, l = |s|, u = s/l
+                let [s, rate] = [sub(a.at, b.at), sub(a.velocity, b.velocity)];
+                let distance = dot(s, s).sqrt();
+                let u = scaled(s, distance.inverse());
+                *row.gap = distance - numbers[6];
+                a.pull(u, joints, frames, row.gradient);
+                b.pull(scaled(u, T::of(-1.0)), joints, frames, row.gradient);
+                let closing = dot(u, rate);
+                let swing = (dot(rate, rate) - closing * closing) * distance.inverse();
+                *row.curvature = dot(u, sub(a.acceleration, b.acceleration)) + swing;
+            }
+        }
+    }
+}
+
+impl TreeFriction {
+    /// Writes direction, curvature and limits; `numbers` are its own, those of a gap above a plane are `of_gap`.
+    #[inline(always)]
+    pub(super) fn fill<T: Real>(
+        self,
+        (numbers, of_gap): (&[T], &[T]),
+        gaps: &[TreeGap],
+        (joints, frames): (&[Joint], &[Frame<T>]),
+        row: SlipRow<'_, T>,
+    ) {
+        row.direction.fill(T::of(0.0));
+        *row.curvature = T::of(0.0);
+        let limits = match self {
+            Self::Joint(joint) => {
+                row.direction[joint] = T::of(1.0);
+                numbers
+            }
+            Self::Plane(gap) => {
+                if let TreeGap::Plane(joint) = gaps[gap] {
+                    let (t, n) = (read(numbers, 0), read(of_gap, 3));
+                    let arm = turned(&frames[joint].axes, read(of_gap, 0));
+                    let touching = Point::on(joint, sub(arm, scaled(n, numbers[3])), frames);
+                    touching.pull(t, joints, frames, row.direction);
+                    *row.curvature = dot(t, touching.acceleration);
+                }
+                &numbers[4..]
+            }
+        };
+        (*row.limit, *row.static_limit) = (limits[0], limits[1]);
+    }
+}

@@ -1,0 +1,294 @@
+"""Gaps between the geoms of MuJoCo's models."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any
+
+import numpy as np
+
+from zivi.base.check import Array
+from zivi.interop.mujoco.refusals import element_name, is_off
+from zivi.system.tree import Tree
+from zivi.system.tree_bodies import BallGap, Body, JointLimit, PlaneGap, TreeGap, is_rough
+
+__all__ = ["CHOICES", "read_gaps", "rotation_of"]
+
+CHOICES = ("read", "refuse", "ignore")
+"""What becomes of the friction of a model."""
+
+
+def rotation_of(quat: Any) -> Array:
+    """Return the rotation matrix of a quaternion."""
+    import mujoco
+
+    out = np.empty(9)
+    mujoco.mju_quat2Mat(out, np.asarray(quat, np.float64))
+    return out.reshape(3, 3)
+
+
+# Joints, pairs of geoms and gaps of zivi as the gaps of a system.
+
+
+def read_gaps(
+    model: Any, gaps: Sequence[Any] | str | None, friction: str, bodies: Sequence[Body] = ()
+) -> list[TreeGap]:
+    """Read joints, pairs of geoms and gaps of zivi; all limits by default.
+
+    With the bodies of a tree, points of a geom with friction that are always equally far from a
+    plane become one gap, and of ``"all"`` all such points.
+    """
+    if friction not in CHOICES:
+        raise ValueError(f"friction must be one of {', '.join(CHOICES)}, got {friction!r}")
+    joints = {element_name(model, "joint", i): i for i in range(model.njnt)}
+    off = is_off(model, "LIMIT")
+    limited = [name for name, i in joints.items() if model.jnt_limited[i] and not off]
+    every = isinstance(gaps, str) and gaps == "all"
+    if gaps is None:
+        gaps = limited
+    elif isinstance(gaps, str):
+        gaps = [*limited, *_above_planes(model)] if every else [gaps]
+    geoms = {element_name(model, "geom", i): i for i in range(model.ngeom)}
+    found: list[TreeGap] = []
+    for i, given in enumerate(gaps):
+        if isinstance(given, str):
+            if given not in joints:
+                raise ValueError(f"gaps[{i}] must be a joint, got {given!r}: {', '.join(joints)}")
+            found.append(_joint_limit(model, given, joints[given]))
+        elif isinstance(given, JointLimit | PlaneGap | BallGap):
+            found.append(given)
+        else:
+            where = f"gaps[{i}]"
+            several = _of_pair(model, where, _named(where, given, geoms), friction)
+            rough = any(map(is_rough, several))
+            found += _distinct(bodies, several) if bodies and rough and not every else several
+    return _distinct(bodies, found) if bodies and every else found
+
+
+def _distinct(bodies: Sequence[Body], gaps: Sequence[TreeGap]) -> list[TreeGap]:
+    """Leave out points above planes that are as far as another one before, wherever the bodies are.
+
+    The corners of a box in front and behind are one point of a motion in a plane, and so is the end
+    of a leg that is a point of the trunk, too.
+    """
+    above = [(i, gap) for i, gap in enumerate(gaps) if isinstance(gap, PlaneGap)]
+    if len(above) < 2:
+        return list(gaps)
+    smooth = [
+        dataclasses.replace(gap, mu=0.0, mu_static=None, name=f"point{i}") for i, gap in above
+    ]
+    tree, rng = Tree(bodies, gaps=smooth), np.random.default_rng(0)
+    places = rng.normal(size=(3, len(tree.coordinate_names(0))))
+    values = np.array([tree.at(0.0, q, np.zeros_like(q)).gaps for q in places]).T
+    kept: list[int] = []
+    for k, value in enumerate(values):
+        if np.all([np.max(np.abs(value - values[other])) > 1e-9 for other in kept]):
+            kept.append(k)
+    again = {i for k, (i, _) in enumerate(above) if k not in kept}
+    return [gap for i, gap in enumerate(gaps) if i not in again]
+
+
+def _above_planes(model: Any) -> Iterator[tuple[str, str]]:
+    """Name the pairs of a geom that moves and a plane that may touch."""
+    import mujoco
+
+    if is_off(model, "CONTACT"):
+        return
+    plane = int(mujoco.mjtGeom.mjGEOM_PLANE)
+    is_plane = np.asarray(model.geom_type) == plane
+    bodies = np.asarray(model.geom_bodyid)
+    moves = np.asarray(model.body_weldid)[bodies] != 0
+    excluded = {(int(it) >> 16, int(it) & 0xFFFF) for it in model.exclude_signature}
+    for geom in np.flatnonzero(moves & ~is_plane):
+        for other in np.flatnonzero(is_plane & ~moves):
+            pair = int(geom), int(other)
+            between = int(min(bodies[[*pair]])), int(max(bodies[[*pair]]))
+            masks = (model.geom_contype[list(pair)] & model.geom_conaffinity[list(pair[::-1])]) != 0
+            if _explicit(model, pair) is not None or (masks.any() and between not in excluded):
+                yield element_name(model, "geom", pair[0]), element_name(model, "geom", pair[1])
+
+
+def _joint_limit(model: Any, name: str, joint: int) -> JointLimit:
+    """Read the limits of a joint; their margin says only where MuJoCo's soft force begins."""
+    if not model.jnt_limited[joint]:
+        raise ValueError(f"joint {name!r} has no limits")
+    lower, upper = model.jnt_range[joint]
+    return JointLimit(name, float(lower), float(upper))
+
+
+def _named(where: str, given: Any, geoms: dict[str, int]) -> tuple[int, int]:
+    if not (isinstance(given, tuple | list) and len(given) == 2):
+        raise TypeError(f"{where} must be a joint, a pair of geoms or a gap, got {given!r}")
+    for name in given:
+        if name not in geoms:
+            raise ValueError(f"{where} names the geom {name!r}: there are {', '.join(geoms)}")
+    return geoms[given[0]], geoms[given[1]]
+
+
+def _of_pair(model: Any, where: str, pair: tuple[int, int], friction: str) -> list[TreeGap]:
+    import mujoco
+
+    names = [element_name(model, "geom", geom) for geom in pair]
+    called = f"{names[0]}-{names[1]}"
+    _refuse_contact(model, called, pair)
+    mu = _coefficient(model, called, pair, friction)
+    plane, sphere = int(mujoco.mjtGeom.mjGEOM_PLANE), int(mujoco.mjtGeom.mjGEOM_SPHERE)
+    kinds = [int(model.geom_type[geom]) for geom in pair]
+    if kinds[1] != plane and kinds[0] == plane:
+        pair, kinds = pair[::-1], kinds[::-1]
+    if kinds[1] == plane and kinds[0] != plane:
+        return _above_plane(model, called, pair, mu)
+    if kinds == [sphere, sphere]:
+        if mu:
+            raise NotImplementedError(
+                f"zivi takes no friction of pairs: {called!r}, but of geoms above planes; "
+                "friction='ignore' leaves it out"
+            )
+        (one, radius), (other, more) = (_balls(model, geom) for geom in pair)
+        bodies = [_body(model, geom) for geom in pair]
+        points = [one[0], other[0]]
+        if bodies[0] is None:
+            bodies, points = bodies[::-1], points[::-1]
+        if bodies[0] is None:
+            raise ValueError(f"{where}: neither {names[0]!r} nor {names[1]!r} moves")
+        return [BallGap(bodies[0], points[0], bodies[1], points[1], radius + more, called)]
+    told = " and ".join(mujoco.mjtGeom(int(kind)).name[7:].lower() for kind in kinds)
+    raise NotImplementedError(
+        f"zivi takes no gaps between {told}: {called!r}; spheres, capsules, boxes and meshes above "
+        "planes, and spheres beside spheres"
+    )
+
+
+# Friction and other properties of a contact.
+
+
+def _explicit(model: Any, pair: tuple[int, int]) -> int | None:
+    """Find the element ``pair`` of two geoms."""
+    for i in range(model.npair):
+        if {int(model.pair_geom1[i]), int(model.pair_geom2[i])} == set(pair):
+            return i
+    return None
+
+
+def _coefficient(model: Any, called: str, pair: tuple[int, int], friction: str) -> float:
+    """Return the coefficient of friction: the greater one, or that of the geom with priority."""
+    if (own := _explicit(model, pair)) is not None:
+        dimension, of = int(model.pair_dim[own]), np.array(model.pair_friction[own])
+        both, rolling = of[:2], of[3:]
+    else:
+        priority = np.asarray(model.geom_priority)[[*pair]]
+        first = np.flatnonzero(priority == priority.max())
+        dimension = int(np.max(model.geom_condim[[*pair]][first]))
+        of = np.max(np.array(model.geom_friction[[*pair]])[first], axis=0)
+        both, rolling = of[[0, 0]], of[2:]
+    if dimension == 1 or not np.any(both) or friction == "ignore":
+        return 0.0
+    if friction == "refuse":
+        raise NotImplementedError(
+            f"zivi takes no friction of pairs: {called!r}; friction='ignore' leaves it out, "
+            "condim='1' of both geoms is a pair without"
+        )
+    if both[0] != both[1]:
+        raise NotImplementedError(
+            f"zivi takes no friction that differs by direction: pair {called!r}; give its friction "
+            "two equal numbers first"
+        )
+    if dimension == 6 and np.any(rolling):
+        raise NotImplementedError(
+            f"zivi takes no rolling friction: {called!r}; condim='3' is sliding friction alone"
+        )
+    return float(both[0])
+
+
+def _refuse_contact(model: Any, called: str, pair: tuple[int, int]) -> None:
+    """Reject what a gap does not have."""
+    own = _explicit(model, pair)
+    for field, what in (("margin", "margins"), ("gap", "gaps"), ("adhesion", "adhesion")):
+        values = np.asarray(getattr(model, f"geom_{field}"))[[*pair]]
+        if own is not None:
+            values = np.asarray(getattr(model, f"pair_{field}"))[own]
+        if np.any(values != 0):
+            raise NotImplementedError(
+                f"zivi takes no {what} of geoms in pairs: {called!r}; set {field}='0', contacts "
+                "are at the surfaces"
+            )
+    if np.any(np.asarray(model.geom_surfacevel)[[*pair]] != 0):
+        raise NotImplementedError(
+            f"zivi takes no velocities of surfaces in pairs: {called!r}; set surfacevel='0 0 0'"
+        )
+
+
+# Points and balls of geoms above planes.
+
+
+def _body(model: Any, geom: int) -> str | None:
+    body = int(model.geom_bodyid[geom])
+    return None if body == 0 else element_name(model, "body", body)
+
+
+def _above_plane(model: Any, called: str, pair: tuple[int, int], mu: float) -> list[TreeGap]:
+    """Return the gaps of the balls of a geom above a plane."""
+    geom, plane = pair
+    if model.body_weldid[model.geom_bodyid[plane]] != 0:
+        raise NotImplementedError(
+            f"zivi takes no planes that move: {called!r}; fix the plane to the world"
+        )
+    body = _body(model, geom)
+    if body is None:
+        raise ValueError(f"{called!r}: neither geom moves")
+    # of a body that is fixed to the world
+    rotation, origin = np.eye(3), np.array(model.geom_pos[plane])
+    rotation = rotation_of(model.geom_quat[plane])
+    at = int(model.geom_bodyid[plane])
+    while at:
+        turn = rotation_of(model.body_quat[at])
+        rotation, origin = turn @ rotation, model.body_pos[at] + turn @ origin
+        at = int(model.body_parentid[at])
+    normal = rotation[:, 2]
+    points, radius = _balls(model, geom)
+    one = len(points) == 1
+    return [
+        PlaneGap(
+            body,
+            point,
+            normal,
+            float(normal @ origin),
+            radius,
+            called if one else f"{called}.{k}",
+            mu=mu,
+        )
+        for k, point in enumerate(points)
+    ]
+
+
+def _balls(model: Any, geom: int) -> tuple[list[Array], float]:
+    """Return the balls of which a geom is the hull, in the frame of its body."""
+    import mujoco
+
+    kinds, kind = mujoco.mjtGeom, int(model.geom_type[geom])
+    size, origin = np.array(model.geom_size[geom]), np.array(model.geom_pos[geom])
+    rotation = rotation_of(model.geom_quat[geom])
+    of: dict[int, Callable[[], tuple[Any, float]]] = {
+        int(kinds.mjGEOM_SPHERE): lambda: ([[0, 0, 0]], size[0]),
+        int(kinds.mjGEOM_CAPSULE): lambda: ([[0, 0, -size[1]], [0, 0, size[1]]], size[0]),
+        int(kinds.mjGEOM_BOX): lambda: (size * np.array(CORNERS), 0.0),
+        int(kinds.mjGEOM_MESH): lambda: (_vertices(model, geom), 0.0),
+    }
+    if kind not in of:
+        told = mujoco.mjtGeom(kind).name[7:].lower()
+        raise NotImplementedError(
+            f"zivi takes no gaps of a {told}: geom {element_name(model, 'geom', geom)!r}; give it "
+            "the type sphere, capsule, box or mesh"
+        )
+    points, radius = of[kind]()
+    return [origin + rotation @ np.asarray(point) for point in points], float(radius)
+
+
+CORNERS = [[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]
+
+
+def _vertices(model: Any, geom: int) -> Array:
+    mesh = int(model.geom_dataid[geom])
+    start, count = int(model.mesh_vertadr[mesh]), int(model.mesh_vertnum[mesh])
+    return np.unique(np.asarray(model.mesh_vert[start : start + count], np.float64), axis=0)

@@ -1,0 +1,221 @@
+"""Dry friction of trees: in joints, and of bodies that move in a plane on fixed planes."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from zivi.base.check import Array, finite, real_array
+from zivi.system.gap import Channel, DryFriction
+from zivi.system.mechanism import ControlInputs, control_inputs
+from zivi.system.tree_bodies import Body, PlaneGap, TreeGap, is_rough
+
+__all__ = [
+    "LIMITS",
+    "Rubbing",
+    "friction_of_joints",
+    "inputs_of_tree",
+    "rubbings",
+]
+
+PARALLEL = 1e-9
+"""Sine of the angle up to which directions are parallel."""
+LIMITS = (".mu", ".mu_static", ".friction", ".friction_static")
+"""Endings of the parameters that limit friction."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Rubbing:
+    """A channel of dry friction of a tree.
+
+    Parameters
+    ----------
+    kind : {"plane", "joint"}
+        Whether it is of a gap or of a joint.
+    at : int
+        The number of the gap or joint.
+    channel : Channel
+        The same for a run.
+    limits : dict
+        Names and values of the parameters: the limit in slip, and that in stick if it differs.
+    tangent : ndarray
+        Direction of slip in axes of the world, empty for a joint.
+    radius : str
+        Parameter of the radius of the ball, empty for a joint.
+    """
+
+    kind: str
+    at: int
+    channel: Channel
+    limits: Mapping[str, float]
+    tangent: Array = dataclasses.field(default_factory=lambda: np.empty(0))
+    radius: str = ""
+
+    def numbers(self, values: Mapping[str, Any]) -> list[Any]:
+        """Return the numbers of the channel."""
+        names = list(self.limits)
+        radius = [values[self.radius]] if self.radius else []
+        return [*self.tangent, *radius, values[names[0]], values[names[-1]]]
+
+
+def rubbings(
+    bodies: Sequence[Body],
+    gaps: Sequence[tuple[str, TreeGap]],
+    joints: Sequence[DryFriction],
+) -> list[Rubbing]:
+    """Return the channels of friction: those of gaps with their names, then those of joints.
+
+    Raises
+    ------
+    NotImplementedError
+        For the friction of a body that does not move in a plane, by the names of gap and joint.
+    """
+    found = []
+    for i, (name, gap) in enumerate(gaps):
+        if not is_rough(gap):
+            continue
+        assert isinstance(gap, PlaneGap)
+        tangent = tangent_of(bodies, gap, name)
+        if tangent is not None:
+            limits = {f"{name}.mu": gap.mu}
+            if gap.mu_static is not None:
+                limits[f"{name}.mu_static"] = gap.mu_static
+            found.append(Rubbing("plane", i, Channel(name, i), limits, tangent, f"{name}.radius"))
+    coordinates = [body.joint for body in bodies if body.moves]
+    for friction in joints:
+        joint = str(friction.direction)
+        limits = {f"{joint}.friction": finite("limit", friction.limit)}
+        if friction.static is not None:
+            limits[f"{joint}.friction_static"] = finite("static", friction.static)
+        channel = Channel(friction.name or joint, None)
+        found.append(Rubbing("joint", coordinates.index(joint), channel, limits))
+    return found
+
+
+def friction_of_joints(friction: Any, coordinates: Sequence[str]) -> tuple[DryFriction, ...]:
+    """Read the dry friction of joints, ``DryFriction("elbow", limit=0.1)`` by their names."""
+    several = (friction,) if isinstance(friction, DryFriction) else tuple(friction)
+    names = []
+    for i, it in enumerate(several):
+        where = f"friction[{i}]"
+        if not isinstance(it, DryFriction):
+            raise TypeError(f"{where} must be a zivi.DryFriction, got {it!r}")
+        if not isinstance(it.direction, str):
+            raise TypeError(
+                f"{where} must name a joint of the tree, zivi.DryFriction({coordinates[0]!r}, "
+                f"limit=...), got {it!r}"
+            )
+        if it.direction not in coordinates:
+            raise ValueError(
+                f"{where} names {it.direction!r}: there are {', '.join(sorted(coordinates))}"
+            )
+        for field in ("limit", "static", "velocity"):
+            value = getattr(it, field)
+            if callable(value) or (field == "velocity" and value != 0.0):
+                raise NotImplementedError(
+                    f"{field} of {where} must be {'0' if field == 'velocity' else 'a number'} in a "
+                    "zivi.Tree; a zivi.MechanicalSystem takes functions and moving surfaces"
+                )
+        names.append(it.direction)
+    twice = sorted({name for name in names if names.count(name) > 1})
+    if twice:
+        raise ValueError(f"friction must name each joint once, got {twice[0]!r} twice")
+    return several
+
+
+# Bodies that move in a plane.
+
+
+def tangent_of(bodies: Sequence[Body], gap: PlaneGap, name: str) -> Array | None:
+    """Return the direction in which a body slips along a plane, None if it does not."""
+    normal = np.asarray(gap.normal)
+    hinges, slides = _axes(bodies, gap.body)
+    if hinges:
+        first, axis = hinges[0]
+        for joint, other in hinges[1:]:
+            if np.linalg.norm(np.cross(axis, other)) > PARALLEL:
+                raise _in_space(name, f"hinge {joint!r} is not parallel to {first!r}")
+        for joint, other in slides:
+            if abs(axis @ other) > PARALLEL:
+                raise _in_space(name, f"slide {joint!r} is not orthogonal to the hinge {first!r}")
+        if abs(axis @ normal) > PARALLEL:
+            raise _in_space(name, f"the normal is not orthogonal to the hinge {first!r}")
+        tangent = np.cross(axis, normal)
+        return np.asarray(tangent / np.linalg.norm(tangent))
+    along = [(joint, axis - normal * (normal @ axis)) for joint, axis in slides]
+    along = [(joint, it) for joint, it in along if np.linalg.norm(it) > PARALLEL]
+    if not along:
+        return None
+    first, tangent = along[0]
+    tangent = tangent / np.linalg.norm(tangent)
+    for joint, other in along[1:]:
+        if np.linalg.norm(np.cross(tangent, other)) > PARALLEL * np.linalg.norm(other):
+            raise _in_space(name, f"slides {first!r} and {joint!r} span the plane of contact")
+    return np.asarray(tangent)
+
+
+def _in_space(name: str, why: str) -> NotImplementedError:
+    return NotImplementedError(
+        f"friction of gap {name!r} is not supported by zivi.Tree for a body that moves in space: "
+        f"{why}; set mu=0 (friction='ignore' in from_mjcf and from_urdf)"
+    )
+
+
+def _axes(
+    bodies: Sequence[Body], body: str
+) -> tuple[list[tuple[str, Array]], list[tuple[str, Array]]]:
+    """Return names and unit axes, in axes of the world, of the hinges and slides of a body."""
+    known = {it.name: it for it in bodies}
+    turns = _rotations(bodies)
+    hinges: list[tuple[str, Array]] = []
+    slides: list[tuple[str, Array]] = []
+    at: str | None = body
+    while at is not None:
+        it = known[at]
+        if it.moves:
+            axis = np.asarray(it.axis) / np.linalg.norm(np.asarray(it.axis))
+            (hinges if it.kind == "hinge" else slides).append((it.joint, turns[at] @ axis))
+        at = it.parent
+    return hinges[::-1], slides[::-1]
+
+
+def _rotations(bodies: Sequence[Body]) -> dict[str | None, Array]:
+    """Return the axes of all bodies at their references, in axes of the world."""
+    turns: dict[str | None, Array] = {None: np.eye(3)}
+    for it in bodies:
+        turns[it.name] = turns[it.parent] @ np.asarray(it.rotation)
+    return turns
+
+
+# Controls that act on joints.
+
+
+def inputs_of_tree(given: Any, coordinates: Sequence[str]) -> ControlInputs:
+    """Read inputs: as for a `MechanicalSystem`, or by joint, or by joints with their gears."""
+    if isinstance(given, Mapping):
+        given = {name: _column(name, it, coordinates) for name, it in given.items()}
+    inputs = control_inputs(given)
+    if isinstance(inputs.matrix, np.ndarray) and len(inputs.matrix) != len(coordinates):
+        raise ValueError(
+            f"inputs must have {len(coordinates)} rows, one for each joint, got "
+            f"{len(inputs.matrix)}"
+        )
+    return inputs
+
+
+def _column(name: Any, given: Any, coordinates: Sequence[str]) -> Any:
+    """Return the forces on the coordinates for a control of 1."""
+    gears = {given: 1.0} if isinstance(given, str) else given
+    if not isinstance(gears, Mapping):
+        return given
+    column = np.zeros(len(coordinates))
+    for joint, gear in gears.items():
+        if joint not in coordinates:
+            raise ValueError(
+                f"inputs[{name!r}] names {joint!r}: there are {', '.join(sorted(coordinates))}"
+            )
+        column[list(coordinates).index(joint)] = real_array(f"inputs[{name!r}]", gear)
+    return column
