@@ -29,10 +29,12 @@ def switches(sol):
     return np.sort(np.concatenate([sol.touchdowns["t"], sol.liftoffs["t"]]))
 
 
+def spring_and_damper(depth, rate):
+    return 1e4 * depth + 20 * rate
+
+
 @pytest.mark.parametrize("tolerance", [1e-6, 1e-8, 1e-11])
-@pytest.mark.parametrize(
-    "law", [zivi.SpringDamper(1e4, 20.0), lambda depth, rate: 1e4 * depth + 20 * rate]
-)
+@pytest.mark.parametrize("law", [zivi.SpringDamper(1e4, 20.0), spring_and_damper])
 def test_a_ball_on_a_spring_and_damper(law, tolerance):
     sol = drop(law, tolerance)
     assert sol.success
@@ -310,3 +312,21 @@ def test_symbolic_systems_have_them():
         zivi.symbolic.system("x", **given, parameters={"m": 1.0, "g": G}, contact={"roof": law})
     with pytest.raises(ValueError, match="e of gap 'floor' must be 0"):
         ball.replace(e=0.5)
+
+
+class Idle:
+    """A controller that does nothing, ten times in a contact."""
+
+    h = 3e-3
+
+    def step(self, t, q, qdot):
+        return [0.0]
+
+
+@pytest.mark.parametrize("law", [zivi.SpringDamper(1e4, 20.0), spring_and_damper])
+def test_closed_loops_have_them(law):
+    floor = zivi.LinearGap([1.0], contact=law)
+    ball = zivi.MechanicalSystem(mass=1.0, force=[-G], gaps=[floor], inputs=[[1.0]])
+    run = zivi.simulate_closed_loop(ball, Idle(), (0, 1.998), ([1.0], [0.0]), method=METHOD)
+    assert np.abs(switches(run) - SWITCHES).max() < 1e-8
+    assert run.contacts.sum() > 25
