@@ -330,3 +330,35 @@ def test_closed_loops_have_them(law):
     run = zivi.simulate_closed_loop(ball, Idle(), (0, 1.998), ([1.0], [0.0]), method=METHOD)
     assert np.abs(switches(run) - SWITCHES).max() < 1e-8
     assert run.contacts.sum() > 25
+
+
+def test_trees_have_them():
+    # a pendulum that falls from the horizontal on a rubber stop, and a ball on a mat
+    stop = zivi.mechanics.JointLimit("arm", lower=-0.5, contact=zivi.SpringDamper(40.0, 0.5))
+    arm = zivi.mechanics.Body(
+        "arm",
+        kind="hinge",
+        axis=[0, -1, 0],
+        mass=1.0,
+        com=[0.5, 0, 0],
+        inertia=[1e-9, 1e-9, 1e-9],
+    )
+    pendulum = zivi.Tree([arm], gaps=[stop])
+    sol = zivi.simulate(pendulum, (0, 2), ([0.0], [0.0]), METHOD)
+
+    def rate(t, z):
+        depth = -0.5 - z[0]
+        stopped = max(0.0, 40.0 * depth - 0.5 * z[1]) if depth > 0 else 0.0
+        return [z[1], (-G * 0.5 * np.cos(z[0]) + stopped) / (0.25 + 1e-9)]
+
+    other = scipy.integrate.solve_ivp(
+        rate, (0, 2), [0, 0], "DOP853", rtol=1e-10, atol=1e-12, max_step=1e-3
+    )
+    assert len(sol.touchdowns) >= 1
+    assert np.abs([sol.q[-1, 0] - other.y[0, -1], sol.qdot[-1, 0] - other.y[1, -1]]).max() < 1e-6
+    with pytest.raises(ValueError, match=r"e of gap 'arm.lower' must be 0"):
+        pendulum.replace(e=0.5)
+    ball = zivi.mechanics.Body("ball", kind="slide", axis=[0, 0, 1], mass=1.0)
+    mat = zivi.mechanics.PlaneGap("ball", contact=zivi.SpringDamper(1e4, 20.0))
+    sol = zivi.simulate(zivi.Tree([ball], gaps=[mat]), (0, 2), ([1.0], [0.0]), METHOD)
+    assert np.abs(switches(sol) - SWITCHES).max() < 1e-8

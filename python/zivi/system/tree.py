@@ -14,12 +14,13 @@ from numpy.typing import ArrayLike
 import zivi._zivi as _zivi
 from zivi.base.check import Array, finite
 from zivi.base.extras import late
-from zivi.system.gap import IMPACT_LAWS, PARADOXES, DryFriction, one_of
+from zivi.system.gap import IMPACT_LAWS, PARADOXES, ContactLaw, DryFriction, one_of
 from zivi.system.impact_law import GivenRestitutions, restitutions, written
 from zivi.system.mechanism import (
     MAX_SIZE,
     MechanicalSystem,
     Model,
+    check_compliant,
     check_mass,
     coordinates_of,
     names_of,
@@ -409,6 +410,7 @@ class Tree(MechanicalSystem):
             raise ValueError(f"gaps must be at most {MAX_SIZE}, got {len(sides)}")
         self._gap_names = names_of("gaps", [side.name for side in sides])
         self._e = restitutions(e, len(sides))
+        check_compliant(e, self._contact_laws(), self._gap_names)
         self._read_friction(friction)
         self._given_inputs = inputs
         if inputs is not None:
@@ -418,6 +420,9 @@ class Tree(MechanicalSystem):
         self._parameters = TreeParameters(self._structure.values(self._gravity))
         rest = np.zeros(self._n)
         check_mass(self.at(0.0, rest, rest).mass)
+
+    def _contact_laws(self) -> list[ContactLaw | None]:
+        return [side.gap.contact for side in self._structure.sides()]
 
     def _read_friction(self, friction: Any) -> None:
         """Read the dry friction of joints and gaps."""
@@ -606,6 +611,7 @@ class Tree(MechanicalSystem):
         new._parameters.update(parameters)
         if e is not None:
             new._e = restitutions(e, self.m)
+            check_compliant(e, self._contact_laws(), self._gap_names)
         return new
 
     def _revision(self) -> object:

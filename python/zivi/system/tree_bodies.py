@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from zivi.base.check import Array, finite, real_array
+from zivi.system.gap import ContactLaw, contact_law
 
 __all__ = [
     "KINDS",
@@ -199,6 +200,8 @@ class JointLimit:
         The coordinate.
     lower, upper : float, optional
         The limits, one at least; each is a gap, ``joint.lower`` and ``joint.upper``.
+    contact : SpringDamper, Hertz, HuntCrossley or callable, optional
+        Makes both gaps compliant, as for `zivi.Gap`: torques over angles at a hinge.
 
     Raises
     ------
@@ -209,8 +212,10 @@ class JointLimit:
     joint: str
     lower: float | None = None
     upper: float | None = None
+    contact: ContactLaw | None = None
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "contact", contact_law(f"joint {self.joint!r}", self.contact))
         if self.lower is None and self.upper is None:
             raise ValueError(f"the limit of joint {self.joint!r} needs lower or upper")
         for side in ("lower", "upper"):
@@ -249,6 +254,8 @@ class PlaneGap:
         along the first slide).
     mu_static : float, optional
         Coefficient in stick, at least `mu`; by default `mu`.
+    contact : SpringDamper, Hertz, HuntCrossley or callable, optional
+        Makes the gap compliant, as for `zivi.Gap`.
 
     Raises
     ------
@@ -264,9 +271,11 @@ class PlaneGap:
     name: str | None = None
     mu: float = 0.0
     mu_static: float | None = None
+    contact: ContactLaw | None = None
 
     def __post_init__(self) -> None:
         called = f"of the gap of body {self.body!r}"
+        object.__setattr__(self, "contact", contact_law(called.removeprefix("of "), self.contact))
         object.__setattr__(self, "mu", finite(f"mu {called}", self.mu))
         if self.mu < 0.0:
             raise ValueError(f"mu {called} must be >= 0, got {self.mu}")
@@ -306,6 +315,8 @@ class BallGap:
         :math:`r`, the sum of both radii (m), > 0.
     name : str, optional
         By default the name of the body.
+    contact : SpringDamper, Hertz, HuntCrossley or callable, optional
+        Makes the gap compliant, as for `zivi.Gap`.
 
     Raises
     ------
@@ -319,9 +330,11 @@ class BallGap:
     other_point: ArrayLike = (0.0, 0.0, 0.0)
     radius: float = 0.0
     name: str | None = None
+    contact: ContactLaw | None = None
 
     def __post_init__(self) -> None:
         called = f"of the gap of body {self.body!r}"
+        object.__setattr__(self, "contact", contact_law(called.removeprefix("of "), self.contact))
         for field in ("point", "other_point"):
             value = vector(f"{field} {called}", getattr(self, field))
             object.__setattr__(self, field, value)
