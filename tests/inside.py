@@ -33,23 +33,23 @@ NAMES = {
         "Ball Belt KINDS PRESETS Regulator Tracker end_notices preset_name query ranges read_query"
     ),
     "lab.view": "script describe_signs",
-    "orbits.arc": "_power",
+    "orbits.arc": "_chain _power",
     "orbits.attractor": "Attractor Settled least_rows",
-    "orbits.branch": "Follower _is_chain chatter_exponent resting_orbit",
+    "orbits.branch": "chatter_exponent",
     "orbits.critical": "Turning crossed",
     "orbits.curve": "CodimensionTwo Line run",
     "orbits.equations": (
         "Frame ImpulseTerms Terms evaluate multipliers_of newton of_segments row_sizes sizes_of "
     ),
-    "orbits.find": "depth_of is_free why_not",
+    "orbits.find": "is_free",
     "orbits.flows": "FlightError MassFlow PRECISE impact_maps parsed",
     "orbits.follow": "doubled",
-    "orbits.orbit": "SequenceFrame=MassFrame as_rows as_word rows_along unknowns_of",
+    "orbits.orbit": "SequenceFrame=MassFrame rows_along word_of_rows",
     "orbits.path": (
-        "Margins Path Point by_parameter flow_of located located_near moved_frame period_of secant "
-        "value_of "
+        "Margins Path Point by_parameter flow_of frame_of located located_near moved_frame "
+        "period_of secant value_of "
     ),
-    "orbits.words": "canonical recent weaker_reason",
+    "orbits.words": "canonical recent repeating resting_orbit weaker_reason",
     "paper.closed_loops": "last_above track",
     "plot.curves": "SIGN_ROW line_of",
     "simulation.friction_result": "forces_at",
@@ -100,13 +100,9 @@ MODULES = {
     "orbits_attractor": "orbits.attractor",
     "orbits_cells": "orbits.attractor",
     "orbits_follow": "orbits.follow",
-    "orbits_free": "orbits.find",
     "orbits_lyapunov": "orbits.lyapunov",
     "orbits_mechanical_curve": "orbits.curve",
     "orbits_mechanical_find": "orbits.words",
-    "orbits_mechanical_follow": "orbits.follow",
-    "orbits_rest": "orbits.branch",
-    "orbits_rest_branch": "orbits.branch",
     "orbits_start": "orbits.find",
     "orbits_switch": "orbits.follow",
     "paper__siconos_steps": "paper._siconos_steps",

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 import zivi
-from inside import PRECISE, SequenceFrame as Frame, Terms, as_word, evaluate
+from inside import PRECISE, SequenceFrame as Frame, Terms, evaluate, period_of
 from oscillator import Oscillator
 
 TURN = 2 * math.pi
@@ -35,6 +35,22 @@ def single(amplitude: float = 1.3, e: float = 0.5) -> np.ndarray:
     """The orbit of one impact in one period, rows (t, u)."""
     cosine = math.pi * (1 - e) / ((1 + e) * amplitude)
     return np.array([[math.acos(cosine), TURN * e / (1 + e)]])
+
+
+def as_word(system: zivi.ImpactSystem, own: Frame, y: np.ndarray) -> tuple[Any, np.ndarray]:
+    """The word of a sequence, and its unknowns."""
+    free = float(y[1] if y.ndim == 1 else y[0, 0]) if own.free else None
+    return own.word(system, y, free or period_of(system, own.period))
+
+
+def as_rows(terms: Terms) -> np.ndarray:
+    """The rows (t, u) of a word's impacts, or the state of a flight; free, with its length."""
+    x, free = terms.x, terms.frame.free
+    if terms.frame.word[0].kind == "P":
+        return np.array([x[0, 1], terms.length]) if free else x[0, 1:3]
+    if not free:
+        return np.column_stack([x[:, 3], np.roll(x[:, 2], -1)])
+    return np.vstack([[terms.length, x[0, 2]], x[1:, [0, 2]]])
 
 
 def equations(system: zivi.ImpactSystem, own: Frame, y: np.ndarray) -> Terms:

@@ -12,17 +12,14 @@ from inside import (
     Margins,
     Path,
     Point,
-    as_rows,
-    as_word,
     least_rows,
     located,
     located_near,
     orbits_mechanical_find as find,
     rows_along,
     secant,
-    why_not,
 )
-from orbit_tables import MODES, TURN, equations, frame, single, table
+from orbit_tables import MODES, TURN, as_rows, as_word, equations, frame, single, table
 
 
 def curve(y: np.ndarray | None = None, system: Any = None) -> Path:
@@ -119,19 +116,19 @@ def test_secants_within_a_bracket():
 
 
 def test_why_an_orbit_is_no_motion():
-    assert why_not(Margins(equations(table(), frame(), single()))) is None
+    assert Margins(equations(table(), frame(), single())).why_not() is None
     behind = equations(table(), frame(), np.array([[0.6, -0.3]]))
     object.__setattr__(behind, "rates", np.array([0.6]))
-    assert "t = 0.6 s would leave the wall at -0.3 m/s" in str(why_not(Margins(behind)))
+    assert "t = 0.6 s would leave the wall at -0.3 m/s" in str(Margins(behind).why_not())
     low = equations(MODES.system(0.9), frame(), np.array([0.5, 0.0]))
     ((t, height),) = low.flights.lows
     assert height < 0
-    assert f"to {height:.3g} m at t = {t:.9g} s" in str(why_not(Margins(low)))
+    assert f"to {height:.3g} m at t = {t:.9g} s" in str(Margins(low).why_not())
     held = equations(table(e=0.0), frame(), np.array([[4.0, 0.0]]))
-    assert "t = 4 s the force holds the mass" in str(why_not(Margins(held)))
+    assert "t = 4 s the force holds the mass" in str(Margins(held).why_not())
     # by rounding it is one
     object.__setattr__(behind, "rates", np.array([1e-13]))
-    assert "leave the wall" not in str(why_not(Margins(behind)))
+    assert "leave the wall" not in str(Margins(behind).why_not())
 
 
 # the least period

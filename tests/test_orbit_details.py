@@ -8,14 +8,12 @@ import pytest
 
 import zivi
 from inside import (
-    Follower,
     Frame,
     _power,
     chatter_exponent,
     crossed,
     flow_of,
     located,
-    orbits_free as free,
     orbits_mechanical_curve as mechanical_curve,
     orbits_switch as switch,
     parsed,
@@ -30,40 +28,40 @@ def resting():
     return orbit
 
 
-def test_a_resting_orbit_is_followed_from_where_it_rests(resting):
-    # f = -1 + 1.3 cos(t - pi/2), which pulls off from the lift-off on
-    def force(t):
-        return -1.0 + 1.3 * np.cos(t - np.pi / 2)
+def test_a_branch_of_resting_orbits_lifts_off_where_the_force_turns(resting):
+    # f = -1 + F cos(t - pi/2) = 0
+    branch = zivi.continue_orbit(resting, "amplitude", (1.2, 1.4), step=0.1)
+    assert len(branch) > 3
+    for value, orbit in zip(branch.values, branch.orbits, strict=True):
+        assert orbit.liftoff_time == pytest.approx(np.arcsin(1 / value), abs=1e-11)
+        assert orbit.margin > 0.1
+        alone = zivi.periodic_orbit(orbit.system, (0, (0, 0)))
+        assert orbit.zeno_time == pytest.approx(alone.zeno_time, abs=1e-9)
 
-    phase = Follower(resting, "amplitude").phase
-    assert force(resting.liftoff_time) == pytest.approx(0.0, abs=1e-9)
-    assert resting.margin > 0.1
-    assert resting.liftoff_time - resting.margin < phase < resting.liftoff_time
-    assert force(phase) < 0.0
 
-
-def test_an_orbit_that_touches_the_wall_says_so():
+def test_an_orbit_that_touches_the_wall_says_so(monkeypatch):
     status = zivi.OrbitStatus
     force = zivi.LinearForce(gravity=1, amplitude=1.52, phase=-np.pi / 2)
     orbit = zivi.periodic_orbit(zivi.ImpactSystem(force, e=0.5), (0, (2, 2)))
-    left = dataclasses.replace(orbit, status=status.LEFT_ADMISSIBLE, depth=0.0)
-    told = switch._on_edge(left)
-    assert (told.status, told.message) == (status.COMPLETED, "The orbit touches the wall.")
-    assert told.admissible
-    deep = dataclasses.replace(left, depth=1e-3)
-    assert switch._on_edge(deep) is deep
+    event = SimpleNamespace(orbit=orbit, kind="grazing")
+    for depth, said in ((0.0, status.COMPLETED), (1e-3, status.LEFT_ADMISSIBLE)):
+        left = dataclasses.replace(orbit, status=status.LEFT_ADMISSIBLE, depth=depth)
+        monkeypatch.setattr(switch, "solve_word", lambda *_, it=left: it)
+        told = switch._crossed(None, event)
+        assert told.status is said
+        assert (told.message == "It grazes.") == (said is status.COMPLETED)
 
 
 def test_where_no_impacting_orbit_is_found_the_last_one_is_given(resting, monkeypatch):
     tried = []
 
-    def none(system, run, multiple, **_):
-        tried.append(system)
+    def none(frame, *_):
+        tried.append(frame.system)
         return SimpleNamespace(kind="resting", success=True, number=len(tried))
 
-    monkeypatch.setattr(switch, "periodic_orbit", none)
-    event = SimpleNamespace(orbit=resting, value=1.5)
-    found = switch._orbit_beyond(SimpleNamespace(values=[1.3, 1.4], name="amplitude"), event)
+    monkeypatch.setattr(switch, "solve_word", none)
+    event = zivi.BranchEvent("end_of_rest", 1.5, resting)
+    found = switch._thrown_off(SimpleNamespace(values=[1.3, 1.4], name="amplitude"), event)
     assert found.number == len(tried) == len(switch.DISTANCES)
 
 
@@ -82,13 +80,6 @@ def test_a_run_of_a_mechanism_that_ends_has_no_exponents():
     found = zivi.lyapunov_exponents(system, (0, 9), ([1.0], [0.0]), transient=4.0, piece=1.0)
     assert np.isnan(found.exponents).all()
     assert found.status is zivi.OrbitStatus.RUN_ENDED
-
-
-def test_a_guess_of_a_free_motion_has_one_period():
-    force = zivi.LinearForce(stiffness=1.0, gravity=-3.0)
-    run = zivi.simulate(zivi.ImpactSystem(force, e=0.5), (0, 30), (4, 0))
-    guess = free._from_run(run)
-    assert (guess.multiple, guess.rest) == (1, None)
 
 
 def test_a_crossing_is_found_in_few_corrections():

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -14,15 +13,16 @@ import zivi
 from inside import (
     PRECISE,
     Attractor,
+    MassFlow,
     Settled,
-    _is_chain,
+    _chain,
+    chatter_exponent,
     orbits_attractor as attractor,
     orbits_cells as cells,
     orbits_lyapunov as lyapunov,
-    orbits_rest as rest,
-    orbits_rest_branch as rest_branch,
+    resting_orbit,
 )
-from orbit_tables import THREE, TURN, table
+from orbit_tables import THREE, TURN, equations, frame, table
 from zivi.simulation.methods import SwitchedRK
 
 
@@ -256,35 +256,41 @@ def test_means_of_exponents():
 
 
 def test_when_a_resting_mass_lifts_off():
-    # -1 + 1.3 sin t > 0 from arcsin(1/1.3) on; the looks are a 256th of a period apart
-    (found,) = rest.rises(table(), TURN)
-    exact = math.asin(1 / 1.3)
-    assert exact - TURN / 256 <= found <= exact
-    (later,) = rest.rises(table(), TURN, 1.0)
-    assert exact + TURN * (1 - 1 / 256) <= later <= exact + TURN
-    assert rest.rises(table(0.9), TURN) == []
-    (short,) = rest.rises(table(1 + 1e-9), TURN)  # positive for less than a look
-    assert abs(short - math.pi / 2) < 0.05
-    assert short < math.pi / 2
-    assert rest.rises(table(5.0), TURN, 1.0) == rest.rises(table(5.0), TURN, 1.0)
-    assert len(rest.rises(table(5.0), 3 * TURN)) == 3
+    # -1 + F sin t > 0 from arcsin(1/F) on, also where it is so for a short time
+    for amplitude in (1.3, 1.5, 1 + 1e-9):
+        orbit = resting_orbit(table(amplitude), PRECISE, TURN)
+        assert orbit.liftoff_time == pytest.approx(math.asin(1 / amplitude), abs=1e-7)
+        later = resting_orbit(table(amplitude), PRECISE, TURN, 6.0)
+        assert later.liftoff_time == pytest.approx(orbit.liftoff_time, abs=1e-9)
+    assert resting_orbit(table(0.9), PRECISE, TURN).status is zivi.OrbitStatus.RESTS
     up = zivi.ImpactSystem(zivi.LinearForce(gravity=-1.0, amplitude=0.1), e=0.5)
-    assert rest.rises(up, TURN) == []
-    assert rest.highest_pull(table(0.9), TURN) == pytest.approx(-0.1, abs=1e-13)
-    assert rest.highest_pull(table(1.3), TURN) == pytest.approx(0.3, abs=1e-13)
+    assert resting_orbit(up, PRECISE, TURN).message == "The mass never stays at rest."
 
 
 def test_the_force_on_a_mass_at_rest():
-    assert rest.force_at_rest(table(), 0.7) == pytest.approx(-1 + 1.3 * math.sin(0.7))
+    def pull(system, t):
+        flow, still = MassFlow(system, PRECISE), np.zeros(2)
+        (force,) = flow.reactions((0,), np.array([t]), still[None])[0]
+        one = flow.reaction((0,), 0, t, still)
+        assert one.value == force
+        # by differences of another order
+        h = 1e-4
+        ends = flow.reactions((0,), np.array([t + h, t - h]), np.zeros((2, 2)))[:, 0]
+        assert one.by_t == pytest.approx((ends[0] - ends[1]) / (2 * h), abs=1e-6)
+        return -force
+
+    assert pull(table(), 0.7) == pytest.approx(-1 + 1.3 * math.sin(0.7))
     wall = zivi.HarmonicWall(0.1, 2.0, 0.3)
     moving = zivi.ImpactSystem(
         zivi.LinearForce(stiffness=3, damping=0.5, gravity=1), e=0.5, wall=wall
     )
     w, wdot, wddot = (float(it) for it in wall(0.7))
-    assert rest.force_at_rest(moving, 0.7) == pytest.approx(-3 * w - 0.5 * wdot - 1 - wddot)
-    assert rest.force_at_rest(zivi.ImpactSystem(-9.81, e=0.5), 0.7) == -9.81
+    assert pull(moving, 0.7) == pytest.approx(-3 * w - 0.5 * wdot - 1 - wddot)
+    slopes = MassFlow(moving, PRECISE).reaction((0,), 0, 0.7, np.zeros(2)).by_z
+    np.testing.assert_allclose(slopes, [3, 0.5], rtol=1e-9)
+    assert pull(zivi.ImpactSystem(-9.81, e=0.5), 0.7) == -9.81
     for force in (lambda t, x, v: t + x + v - 2, lambda t, y: t + y[0] + y[1] - 2):
-        assert rest.force_at_rest(zivi.ImpactSystem(force, e=0.5), 0.5) == -1.5
+        assert pull(zivi.ImpactSystem(force, e=0.5), 0.5) == -1.5
 
 
 def test_exponents_at_the_end_of_a_rest():
@@ -292,7 +298,7 @@ def test_exponents_at_the_end_of_a_rest():
         (0.5, 0.660442, 1.989600, 0.603031),
         (0.3, 0.488144, 3.247151, 0.608896),
     ):
-        assert rest.chatter_exponent(e) == pytest.approx(beta, abs=1e-6)
+        assert chatter_exponent(e) == pytest.approx(beta, abs=1e-6)
         assert math.log(1 / lam) / math.log(mu) == pytest.approx(beta, abs=2e-6)
     # lam at any e by bisection of its equation, with the printed mu
     for e in (0.05, 0.7, 0.95):
@@ -303,28 +309,21 @@ def test_exponents_at_the_end_of_a_rest():
         tau = 1 - lam
         top = (0.5 - 2 * tau / 3) * (1 - tau) + 2 * (tau / 2 - tau**2 / 3)
         mu = e * top / ((1 - tau) ** 3 * (0.5 - tau / 3))
-        assert rest.chatter_exponent(e) == pytest.approx(math.log(1 / lam) / math.log(mu))
-
-
-def test_secants_of_the_margin():
-    orbits = [SimpleNamespace(margin=m) for m in (0.09, 0.04)]
-    points: Any = [(1.0, orbits[0]), (1.1, orbits[1])]
-    # margin^(1/0.5): .0081 and .0016, a line that vanishes at 1.1 + .1 .0016/.0065
-    assert rest_branch._root(points, 0.5) == pytest.approx(1.1 + 0.1 * 0.0016 / 0.0065)
-    assert math.isnan(rest_branch._root(points[:1], 0.5))
-    assert math.isnan(rest_branch._root([points[0], points[0]], 0.5))
-    assert rest_branch._next_guess(1.5, 1.0, 2.0) == pytest.approx(1.495)
-    assert rest_branch._next_guess(1.5, 2.0, 1.0) == pytest.approx(1.505)
-    for root in (0.9, 2.1, math.nan):
-        assert rest_branch._next_guess(root, 1.0, 2.0) == 1.5
+        assert chatter_exponent(e) == pytest.approx(math.log(1 / lam) / math.log(mu))
 
 
 def test_chains_of_impacts():
-    assert _is_chain(np.array([3.0, 2.0, 1.0, 0.5]))
-    assert _is_chain(np.array([1.0, 0.5, 3.0, 2.0]))  # in any turn
-    assert not _is_chain(np.array([3.0, 2.0, 1.0]))
-    assert not _is_chain(np.array([3.0, 2.0, 2.5, 1.0]))
-    assert _is_chain(np.array([3.0, 2.0, 1.0, 0.5, 0.7]))
+    def chain(speeds):
+        rows = np.column_stack([np.arange(len(speeds)) + 0.1, speeds])
+        terms = equations(table(), frame(), rows)
+        object.__setattr__(terms, "rates", -np.array(speeds))
+        return _chain(terms)
+
+    assert chain([3.0, 2.0, 1.0, 0.5]) == 0
+    assert chain([1.0, 0.5, 3.0, 2.0]) == 2  # in any turn
+    assert chain([3.0, 2.0, 1.0]) is None
+    assert chain([3.0, 2.0, 2.5, 1.0]) is None
+    assert chain([3.0, 2.0, 1.0, 0.5, 0.7]) == 0
 
 
 def test_exponents_of_a_flight_are_those_of_equal_parts(monkeypatch):

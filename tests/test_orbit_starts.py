@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -14,11 +14,14 @@ from inside import (
     PRECISE,
     is_free,
     orbits_attractor as attractor,
-    orbits_free as free,
-    orbits_start as start,
-    unknowns_of,
+    orbits_start as find,
+    recent,
+    repeating,
+    word_of_rows,
 )
-from orbit_tables import THREE, TURN, frame, table
+from orbit_tables import THREE, TURN, table
+
+DONE = zivi.OrbitStatus.COMPLETED
 
 
 def test_the_middle_of_the_last_long_flight():
@@ -33,105 +36,67 @@ def test_the_middle_of_the_last_long_flight():
     assert attractor.quiet(np.vstack([[-9.0, 1], many[2:]]), 8.5) == 8.25
 
 
-def test_the_impacts_of_the_last_period():
-    rows = np.column_stack([[0.5, 1.5, 2.5, 3.5, 4.5], [1, 2, 3, 4, 5]])
-    # seen from 4 s, the middle of the last flight of at least half of the longest
-    window = start._window(rows, 4.6, 2.0)
-    np.testing.assert_array_equal(window, rows[2:4])
-    np.testing.assert_array_equal(start._window(rows, 4.6, 2.0, 2.0), rows[:2])
-    # the later end belongs to it, the earlier one does not
-    np.testing.assert_array_equal(start._window(rows, 4.6, 2.5), rows[2:4])
-    np.testing.assert_array_equal(start._window(rows, 4.6, 2.5, 0.5), rows[1:4])
-
-
 @pytest.mark.parametrize("m", [1, 2, 3, 5])
-def test_after_how_many_periods_impacts_repeat(m):
-    speeds = np.tile(np.arange(1.0, m + 1), 20)[: 8 * m]
-    rows = np.column_stack([TURN * np.arange(8 * m) + 0.3, speeds])
-    assert start._repeats(rows, rows[-1, 0] + 3, TURN) == m
-    random = np.random.default_rng(4).normal(size=(8 * m, 2))
-    noisy = rows + 1e-5 * random
-    assert start._repeats(noisy, rows[-1, 0] + 3, TURN) == m
-    coarse = rows + 1e-3 * random
-    assert start._repeats(coarse, rows[-1, 0] + 3, TURN) == m
+def test_after_how_many_periods_states_repeat(m):
+    states = np.tile(np.column_stack([np.arange(1.0, m + 1), np.ones(m)]), (8, 1))
+    assert repeating(states) == m
+    random = np.random.default_rng(4).normal(size=states.shape)
+    for size in (1e-5, 1e-3):
+        assert repeating(states + size * random) == m
+    assert repeating(np.random.default_rng(5).normal(size=(30, 2))) is None
 
 
-def test_impacts_that_repeat_nowhere():
-    rows = np.column_stack([TURN * np.arange(30) + 0.3, np.arange(1.0, 31) ** 2])
-    assert start._repeats(rows, rows[-1, 0] + 3, TURN) is None
-    assert start._repeats(rows[:0], 9.0, TURN) is None
-    shown = from_run(run_like(rows, rows[-1, 0] + 3), None)
-    assert shown.multiple == 1
-    assert shown.shown == (
-        "The last period of the run holds 1 impact, and nothing repeats to a hundredth; "
-        "give multiple=, or a longer run."
-    )
-    # speeds relative to the fastest, also where there are none
-    still = np.column_stack([TURN * np.arange(6.0), np.zeros(6)])
-    assert start._repeats(still, 5 * TURN + 3, TURN) == 1
-    two = np.column_stack([TURN * np.arange(8) + 0.5 * (np.arange(8) % 2), np.zeros(8)])
-    assert start._repeats(two, 7 * TURN + 3, TURN) == 2
+def shown_by(amplitude: float, periods: float, multiple: int | None = None) -> Any:
+    run = zivi.simulate(table(amplitude), (0, periods * TURN), (0.1, 2.0))
+    frame, x, count, told = recent(table(amplitude), run, multiple, TURN, False, PRECISE)
+    return frame, x, count, told, run
 
 
-def run_like(impacts: Any, end: float, zeno: Any = (), rest_time: float | None = None) -> Any:
-    rows = np.array(impacts, float).reshape(-1, 2)
-    record = np.zeros(len(rows), [("t", "f8"), ("xdot_after", "f8")])
-    record["t"], record["xdot_after"] = rows.T if len(rows) else ((), ())
-    return SimpleNamespace(
-        t=np.array([0.0, end]),
-        x=np.array([9.0, 0.25]),
-        xdot=np.array([9.0, -0.5]),
-        resolved_impacts=record,
-        zeno_times=np.array(zeno, float),
-        rest_time=rest_time,
-    )
+@pytest.mark.parametrize("part", [0.0, 0.2, 0.5, 0.9])
+def test_what_the_end_of_a_run_shows(part):
+    # two impacts in two periods, wherever the run ends: its times and speeds
+    frame, x, count, told, run = shown_by(1.6, 120 + part)
+    assert (count, [it.kind for it in frame.word]) == (2, ["I", "I"])
+    assert told == "The last 2 periods of the run hold 2 impacts; give multiple=, or a longer run."
+    late = run.resolved_impacts[-6:]
+    for t, u in zip(x[:, -1], np.roll(x[:, 2], -1), strict=True):
+        off = np.abs((late["t"] - t + 0.5) % (2 * TURN) - 0.5) + np.abs(late["xdot_after"] - u)
+        assert off.min() < 1e-6
+    np.testing.assert_allclose(x[1, 0], x[0, -1])
+    assert 0 <= x[0, -1] < 2 * TURN
+    # as many periods as are asked for
+    frame, _, count, told, _ = shown_by(1.6, 120 + part, 4)
+    assert (count, len(frame.word)) == (4, 4)
+    assert told.startswith("The last 4 periods of the run hold 4 impacts; give multiple=")
 
 
-def from_run(run: Any, multiple: int | None) -> start.Guess:
-    return start.from_run(table(), run, multiple, TURN, PRECISE)
-
-
-def test_what_the_end_of_a_run_shows():
-    times = TURN * np.arange(40) + 0.3
-    rows = np.column_stack([times, 1.0 + np.arange(40) % 2])
-    end = times[-1] + 3.0
-    guess = from_run(run_like(rows, end), None)
-    assert (guess.multiple, guess.rest, len(guess.y)) == (2, None, 2)
-    assert guess.shown.startswith("The last 2 periods of the run hold 2 impacts; give multiple=")
-    # the last flight ends with the run and is not a whole one: seen from the one before it
-    np.testing.assert_array_equal(guess.y, rows[-3:-1])
-    assert len(from_run(run_like(rows, end), 3).y) == 3
-    # a Zeno point within 64 periods may be of a motion that rests again, an older one is not
-    for zeno, rests in (
-        (end - 1.9 * TURN, True),
-        (end - 63.9 * TURN, True),
-        (end - 65 * TURN, False),
-    ):
-        guess = from_run(run_like(rows, end, [-999.0, zeno]), None)
-        assert guess.rest == (zeno if rests else None)
-        assert (guess.multiple, guess.end) == (2, end)
-        np.testing.assert_array_equal(guess.y, rows[-3:-1])
-    guess = from_run(run_like(rows, end, rest_time=4.0), 7)
-    assert (guess.rest, guess.multiple, guess.y.shape) == (end, 1, (0, 2))
+def test_a_run_that_repeats_nowhere_says_so():
+    run = zivi.simulate(table(2.9, 0.8), (0, 320), (0.1, 1))
+    _, _, count, told = recent(table(2.9, 0.8), run, None, TURN, False, PRECISE)
+    assert told.startswith("The last ")
+    assert told.endswith(", and nothing repeats to a hundredth; give multiple=, or a longer run.")
+    assert count <= 4
 
 
 def test_a_run_without_recent_impacts_is_a_flight():
-    # the state at the end, at its phase
-    for impacts in ([], [(1.0, 2.0)]):
-        guess = from_run(run_like(impacts, 5 * TURN + 0.7), 1)
-        assert (guess.rest, guess.multiple) == (None, 1)
-        np.testing.assert_array_equal(guess.y, [0.25, -0.5])
-        assert abs(guess.start - 0.7) < 1e-12
-        assert guess.shown.startswith("The last period of the run holds no impacts;")
-    # four periods are looked at, or as many as are asked for; a long flight takes several
-    guess = from_run(run_like([(1.5 * TURN, 2.0)], 5 * TURN), None)
-    assert (guess.y.shape, guess.multiple) == ((1, 2), 2)
-    guess = from_run(run_like([(1.5 * TURN, 2.0)], 5 * TURN), 3)
-    assert (guess.y.shape, guess.multiple) == ((2,), 3)
-    assert from_run(run_like([(1.5 * TURN, 2.0)], 5 * TURN), 4).y.shape == (1, 2)
-    # a further run has impacts, and rests at its end
-    guess = from_run(run_like([(0.9 * TURN, 2.0)], 5 * TURN), None)
-    assert guess.rest == pytest.approx((5 + 128) * TURN)
+    force = zivi.LinearForce(stiffness=1.0, damping=0.1, gravity=-2.0, amplitude=0.3, omega=0.7)
+    swing, period = zivi.ImpactSystem(force, e=0.5), TURN / 0.7
+    # x = 2 + (F/D) cos(w t - phase)
+    gain = 1.0 / complex(1 - 0.7**2, 0.1 * 0.7)
+    for end in (200.0, 203.1, 207.9):
+        orbit = zivi.periodic_orbit(swing, zivi.simulate(swing, (0, end), (9, 0)))
+        assert (orbit.kind, orbit.multiple, orbit.status) == ("flight", 1, DONE)
+        run = orbit.trajectory
+        exact = 2 + 0.3 * (gain * np.exp(0.7j * run.t[0])).real
+        assert run.x[0] == pytest.approx(exact, abs=1e-9)
+        assert 0 <= run.t[0] < period
+    # a short run goes on, here to a motion that rests in each period
+    short = zivi.simulate(table(), (0, 0.9 * TURN), (0.5, 0.0))
+    assert zivi.periodic_orbit(table(), short).kind == "resting"
+    # without its dense output, too
+    states = zivi.simulate(table(1.6), (0, 800), (0.1, 2.0), dense_output=False)
+    orbit = zivi.periodic_orbit(table(1.6), states)
+    assert (orbit.kind, orbit.multiple, orbit.status) == ("impacting", 2, DONE)
 
 
 @pytest.mark.parametrize("multiple", [None, 3])
@@ -163,17 +128,18 @@ def test_an_orbit_with_two_rests_begins_with_one_of_them_wherever_the_run_ends()
 
 
 def test_a_run_that_rested_and_left_for_another_motion_shows_that():
-    # the table that rests at e = 0.5 is one where the ball bounces from a fast start
-    fast = zivi.simulate(table(), (0, 20 * TURN), (0.05, 2.0))
-    rested = zivi.simulate(table(), (0, 3 * TURN), (0.5, 0.0))
-    both = run_like(
-        np.column_stack([fast.impacts["t"], fast.impacts["xdot_after"]]), fast.t[-1],
-        rested.zeno["t"][:1],
+    # a wall that stays, from a time on, lets the ball of the table bounce as fast as it does
+    fast = zivi.periodic_orbit(table(), [(0.6, 2.1)])
+    rested = zivi.simulate(table(), (0, 20 * TURN), (0.5, 0.0))
+    t, u = fast.impacts[0][["t", "u"]]
+    after = zivi.simulate(table(), (20 * TURN + t, 60 * TURN), (0.0, u))
+    both = dataclasses.replace(
+        after, zeno_times=np.append(rested.zeno_times, after.zeno_times),
+        liftoff_times=np.append(rested.liftoff_times, after.liftoff_times),
     )  # fmt: skip
-    guess = from_run(both, None)
-    assert guess.rest == rested.zeno["t"][0]
-    assert guess.rest + TURN < guess.end
-    assert guess.multiple == 1 == len(guess.y)
+    orbit = zivi.periodic_orbit(table(), both)
+    assert (orbit.kind, orbit.multiple) == ("impacting", 1)
+    assert orbit.impacts["u"][0] == pytest.approx(u, abs=1e-9)
 
 
 def test_flights_of_many_periods_and_between_impacts():
@@ -200,19 +166,19 @@ def test_an_orbit_that_a_run_does_not_show_says_what_it_shows():
 def test_rows_of_arrays():
     made = np.zeros(2, [("t", "f8"), ("u", "f4"), ("xdot_after", "f8")])
     made["t"], made["u"], made["xdot_after"] = (1, 2), (3, 4), (5, 6)
-    np.testing.assert_array_equal(start.rows_of(made), [[1, 3], [2, 4]])
-    assert start.rows_of(made).dtype == float
-    np.testing.assert_array_equal(start.rows_of(made[["t", "xdot_after"]]), [[1, 5], [2, 6]])
-    np.testing.assert_array_equal(start.rows_of([(1, 2), (3, 4)]), [[1.0, 2], [3, 4]])
+    np.testing.assert_array_equal(find.rows_of(made), [[1, 3], [2, 4]])
+    assert find.rows_of(made).dtype == float
+    np.testing.assert_array_equal(find.rows_of(made[["t", "xdot_after"]]), [[1, 5], [2, 6]])
+    np.testing.assert_array_equal(find.rows_of([(1, 2), (3, 4)]), [[1.0, 2], [3, 4]])
     for bad in ([1.0, 2.0], [[1.0, 2.0, 3.0]], np.empty((0, 2))):
         with pytest.raises(ValueError, match=r"start must have rows \(t, u\), got an array"):
-            start.rows_of(bad)
+            find.rows_of(bad)
     for bad in ([(1, 2), (1, 3)], [(2, 2), (1, 3)], [(math.nan, 2)], [(1, math.inf)]):
         with pytest.raises(ValueError, match=r"finite rows .* at increasing times"):
-            start.rows_of(bad)
+            find.rows_of(bad)
 
 
-def test_guesses_of_rows_count_periods():
+def test_rows_count_periods():
     for times, multiple in (
         ([0.1], 1),
         ([0.1, 0.1 + 0.9 * TURN], 1),
@@ -220,78 +186,61 @@ def test_guesses_of_rows_count_periods():
         ([0.1, 3, 0.1 + 2.5 * TURN], 3),
         ([0.1, 0.1 + TURN], 1),
     ):
-        guess = start.guess_of(table(), [(t, 1.0) for t in times], None, TURN, PRECISE)
-        assert guess.multiple == multiple
-        assert start.guess_of(table(), [(t, 1.0) for t in times], 5, TURN, PRECISE).multiple == 5
+        rows = [(t, 1.0) for t in times]
+        assert zivi.periodic_orbit(table(), rows, max_iter=1).multiple == multiple
+        assert zivi.periodic_orbit(table(), rows, 7, max_iter=1).multiple == 7
 
 
-def test_guesses_of_orbits_and_states():
+def test_starts_from_orbits_and_states():
     resting = zivi.periodic_orbit(table(), (0.0, (0.5, 0.0)))
-    guess = start.guess_of(table(), resting, None, TURN, PRECISE)
-    assert (guess.rest, guess.multiple) == (resting.liftoff_time - 0.5 * resting.margin, 1)
-    assert not len(guess.y)
+    moved = zivi.periodic_orbit(table(1.35), resting)
+    assert (moved.kind, moved.status) == ("resting", DONE)
+    assert moved.liftoff_time == pytest.approx(math.asin(1 / 1.35), abs=1e-12)
     impacting = zivi.periodic_orbit(table(), [(0.6, 2.1)])
-    guess = start.guess_of(table(), impacting, None, TURN, PRECISE)
-    assert (guess.rest, guess.multiple, guess.start) == (None, 1, 0.0)
-    np.testing.assert_array_equal(guess.y, impacting._y)
-    assert start.guess_of(table(), impacting, 4, TURN, PRECISE).multiple == 4
-    # a state with a multiple: the impacts of one period of the motion
-    guess = start.guess_of(table(), (0.5, (0.05, 2.0)), 2, TURN, PRECISE)
-    run = zivi.simulate(table(), (0.5, 0.5 + 2 * TURN), (0.05, 2.0), PRECISE)
-    np.testing.assert_array_equal(guess.y[:, 0], run.impacts["t"])
-    np.testing.assert_array_equal(guess.y[:, 1], run.impacts["xdot_after"])
-    assert (guess.multiple, guess.rest) == (2, None)
-    rests = start.guess_of(table(), (0.0, (0.5, 0.0)), 1, TURN, PRECISE)
-    assert (rests.multiple, rests.y.shape) == (1, (0, 2))
-    assert 0 < rests.rest < TURN
-    high = start.guess_of(table(), (0.25, (900.0, 0.0)), 3, TURN, PRECISE)
-    assert (high.start, high.multiple, high.rest) == (0.25, 3, None)
-    np.testing.assert_array_equal(high.y, [900.0, 0.0])
+    moved = zivi.periodic_orbit(table(1.31), impacting)
+    assert (moved.status, moved.iterations <= 4) == (DONE, True)
+    # a state with a multiple: the impacts of these periods, of a motion that never settles
+    single_one = impacting.trajectory
+    state = (float(single_one.t[0]) + 1.0, single_one(single_one.t[0] + 1.0))
+    orbit = zivi.periodic_orbit(table(), state, 1)
+    assert (orbit.status, orbit.iterations) == (DONE, 0)
+    np.testing.assert_allclose(orbit.impacts["t"], impacting.impacts["t"], rtol=1e-10)
+    rests = zivi.periodic_orbit(table(), (0.0, (0.5, 0.0)), 1)
+    assert (rests.kind, rests.multiple) == ("resting", 1)
 
 
 # orbits without a period
 
 
-@pytest.mark.parametrize("k", [1, 2, 3])
-def test_after_how_many_impacts_free_motions_repeat(k):
-    steps = np.tile(np.arange(1.0, k + 1), 12)[: 7 * k]
-    rows = np.column_stack([np.cumsum(steps), 10 + steps])
-    assert free._free_repeats(rows) == k
-    assert free._free_repeats(rows[-k - 1 :]) == 1 or k == 1
-    for size in (1e-5, 1e-3):
-        noise = size * np.random.default_rng(4).normal(size=(7 * k, 2))
-        assert free._free_repeats(rows + noise) == k
-    assert free._free_repeats(np.column_stack([np.arange(9.0) ** 3, np.arange(9.0) ** 2])) == 1
-
-
 def test_unknowns_of_free_orbits():
     rows = np.array([[3.0, 1.0], [5.0, 2.0]])
-    np.testing.assert_array_equal(unknowns_of(rows, 4.5), [[4.5, 1], [2, 2]])
+    word, y = word_of_rows(SWING, PRECISE, rows, 4.5, free=True)
+    np.testing.assert_array_equal(y, [4.5, 0, 1, 2, 2, 0, 2, 4.5])
     np.testing.assert_array_equal(rows, [[3.0, 1.0], [5.0, 2.0]])
-    own = frame(free=True)
-    np.testing.assert_array_equal(own.unknowns(rows, 4.5), [[4.5, 1], [2, 2]])
-    assert frame().unknowns(rows, 4.5) is rows
-    y = own.unknowns(rows, 4.5)
-    np.testing.assert_array_equal(own.listed(y), [[0, 1], [2, 2]])
-    np.testing.assert_array_equal(own.rows(table(), y), [[0, 0, 1, 2], [2, 0, 2, 4.5]])
-    assert own.length(table(), y) == 4.5
-    assert own.length(table(), np.array([1.0, 7.0])) == 7.0
-    np.testing.assert_array_equal(own.rows(table(), np.array([1.0, 7.0])), [[0, 1, 0, 7]])
+    x, length = word.split(y)
+    np.testing.assert_array_equal(x, [[0, 0, 1, 2], [2, 0, 2, 4.5]])
+    assert length == 4.5
+    word, y = word_of_rows(SWING, PRECISE, np.array([1.0, 0.0]), 7.0, free=True)
+    x, length = word.split(y)
+    np.testing.assert_array_equal(x, [[0, 1, 0, 7]])
+    assert length == 7.0
+
+
+SWING = zivi.ImpactSystem(zivi.LinearForce(stiffness=1, damping=-0.1, gravity=-1), e=0.8)
 
 
 def test_the_last_turn_of_a_motion_without_impacts():
-    class Swing:
-        t = np.array([0.0, 40.0])
-
-        def __call__(self, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-            return 3 + np.cos(1.7 * t - 0.4), -1.7 * np.sin(1.7 * t - 0.4)
-
-    high, period = free._cycle(Swing())  # type: ignore[arg-type]
-    assert abs(high - 4) < 1e-4
-    assert abs(period - TURN / 1.7) < 1e-6
-    Swing.t = np.array([0.0, 3.0])
-    with pytest.raises(ValueError, match="neither impacts nor two highest points"):
-        free._cycle(Swing())  # type: ignore[arg-type]
+    cycle = zivi.ImpactSystem(lambda t, x, v: 0.5 * (1 - (x - 4) ** 2) * v - (x - 4), e=0.5)
+    run = zivi.simulate(cycle, (0, 90), (4.5, 0.0))
+    orbit = zivi.periodic_orbit(cycle, run)
+    assert (orbit.kind, orbit.status, orbit.multiple) == ("flight", DONE, 1)
+    highest = orbit.trajectory
+    assert highest.xdot[0] == pytest.approx(0, abs=1e-9)
+    t = np.linspace(90 - orbit.period, 90, 4001)
+    assert highest.x[0] == pytest.approx(run(t)[0].max(), abs=1e-5)
+    np.testing.assert_allclose(run(90.0), run(90 - orbit.period), atol=1e-5)
+    with pytest.raises(ValueError, match="no two equal events, nor two highest points"):
+        zivi.periodic_orbit(cycle, zivi.simulate(cycle, (0, 5), (4.5, 0.0)))
 
 
 def test_which_systems_nothing_excites():
@@ -314,7 +263,7 @@ def test_which_systems_nothing_excites():
         (early, None, False),
     ):
         system = zivi.ImpactSystem(force, e=0.5, wall=wall)
-        assert free.is_autonomous(system) is alone
+        assert find.is_autonomous(system) is alone
         assert is_free(system, None, None) is alone
         assert is_free(system, 2.0, None) is False
     assert is_free(zivi.ImpactSystem(drag, e=0.5), "free", 1)
@@ -328,37 +277,21 @@ def test_which_systems_nothing_excites():
         is_free(table(), "free", None)
 
 
-def test_the_highest_point_of_a_flight():
-    # x = u t - t^2/2
-    ball = zivi.ImpactSystem(zivi.LinearForce(gravity=1.0), e=0.5)
-    t, x = free.apex(ball, np.array([0.0, 0.0, 2.0, 4.0]), PRECISE)
-    assert abs(t - 2) < 1e-12
-    assert abs(x - 2) < 1e-12
-    t, x = free.apex(ball, np.array([1.0, 0.5, 2.0, 5.0]), PRECISE)
-    assert abs(t - 3) < 1e-12
-    assert abs(x - 2.5) < 1e-12
-
-
-def test_guesses_of_free_motions():
-    swing = zivi.ImpactSystem(zivi.LinearForce(stiffness=1, damping=-0.1, gravity=-1), e=0.8)
-    orbit = zivi.periodic_orbit(swing, (0.0, (0.5, 0.0)))
-    guess = free.free_guess(swing, orbit, PRECISE)
-    assert (guess.multiple, guess.rest) == (1, None)
-    np.testing.assert_array_equal(guess.y, orbit._y)
+def test_starts_of_free_motions():
+    orbit = zivi.periodic_orbit(SWING, (0.0, (0.5, 0.0)))
+    again = zivi.periodic_orbit(SWING, orbit)
+    assert (again.status, again.iterations) == (DONE, 0)
     u = orbit.impacts["u"][0]
-    guess = free.free_guess(swing, [(7.0, u)], PRECISE)
-    np.testing.assert_allclose(guess.y, [[orbit.period, u]], rtol=1e-6)
-    run = zivi.simulate(swing, (0, 800), (0.5, 0.0))
-    np.testing.assert_allclose(free.free_guess(swing, run, PRECISE).y, guess.y, rtol=1e-4)
-    np.testing.assert_allclose(
-        free.free_guess(swing, (3.0, (0.5, 0.0)), PRECISE).y, guess.y, rtol=1e-4
-    )
+    run = zivi.simulate(SWING, (0, 800), (0.5, 0.0))
+    for start in ([(7.0, u)], run, (3.0, (0.5, 0.0))):
+        other = zivi.periodic_orbit(SWING, start)
+        assert (other.status, other.multiple) == (DONE, 1)
+        assert other.period == pytest.approx(orbit.period, rel=1e-9)
     drop = zivi.ImpactSystem(zivi.LinearForce(gravity=1.0), e=0.5)
-    rests = free.free_guess(drop, (0.0, (0.5, 0.0)), PRECISE)
-    assert (rests.rest, rests.multiple) == (10.0, 1)
-    assert rests.y.shape == (0, 2)
-    assert free._flight(drop, -3.0) == pytest.approx(6.0)
-    assert free._flight(drop, 200.0) == pytest.approx(400.0)
+    rests = zivi.periodic_orbit(drop, (0.0, (0.5, 0.0)))
+    assert (rests.status, rests.multiple) == (zivi.OrbitStatus.RESTS, 1)
+    assert find._flight(drop, -3.0) == pytest.approx(6.0)
+    assert find._flight(drop, 200.0) == pytest.approx(400.0)
     away = zivi.ImpactSystem(zivi.LinearForce(gravity=-1.0), e=0.5)
     with pytest.raises(ValueError, match="followed by no other within 10000 s"):
-        free._flight(away, 1.0)
+        find._flight(away, 1.0)

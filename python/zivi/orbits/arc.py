@@ -13,7 +13,7 @@ from zivi.derivatives.result import OrbitStatus
 from zivi.orbits.branch import chatter_exponent
 from zivi.orbits.critical import crossed
 from zivi.orbits.equations import Frame, Terms, after_event, evaluate, row_sizes
-from zivi.orbits.flows import MOST_LETTERS, FlightError, Segment, Word
+from zivi.orbits.flows import MOST_LETTERS, FlightError, MassFlow, Segment, Word
 from zivi.orbits.path import (
     Low,
     Margins,
@@ -29,6 +29,7 @@ from zivi.orbits.words import NotDifferentiable, recent
 from zivi.simulation.run import simulate
 
 __all__ = [
+    "STILL",
     "Arc",
     "Found",
     "Way",
@@ -60,7 +61,7 @@ __all__ = [
 DISTANCES = (5e-3, 2e-3, 1e-2, 3e-2)
 """How far beyond the event, in scaled unknowns, the new orbit is looked for."""
 REOPENING_LOOKS = 257
-REOPENING_SHORT = 0.02
+REOPENING_SHORT, SHORT_OF_MASS = 0.02, 0.1
 """A flight that lasts less, relative to the word, may be about to vanish."""
 REOPENING_PROBE, FAR = 1e-4, 0.3
 """How far, in scaled unknowns, a margin is looked at for its slope, and where it may vanish."""
@@ -198,7 +199,13 @@ def is_vanishing(points: Sequence[Point]) -> bool:
     if s is None:
         return False
     now, then = (float(it.x[s, -1] - it.x[s, 0]) for it in (last, before))
-    return now < min(then, REOPENING_SHORT * abs(last.length))
+    return now < min(then, _short(last))
+
+
+def _short(terms: Terms) -> float:
+    """Give how long a flight is that may be about to vanish: of one mass all are as short."""
+    mass = isinstance(terms.frame.flow, MassFlow)
+    return (SHORT_OF_MASS if mass else REOPENING_SHORT) * abs(terms.length)
 
 
 def _shortest(terms: Terms) -> int | None:
@@ -266,11 +273,7 @@ def _without_flight(terms: Terms) -> tuple[Frame, Array, str, int] | None:
     frame, x, word = terms.frame, terms.x.copy(), terms.frame.word
     k = len(word)
     s = _shortest(terms)
-    if (
-        s is None
-        or x[s, -1] - x[s, 0] > REOPENING_SHORT * abs(terms.length)
-        or frame.turn is not None
-    ):
+    if s is None or x[s, -1] - x[s, 0] > _short(terms) or frame.turn is not None:
         return None
     before, gap, after = (s - 1) % k, word[s].gap, (s + 1) % k
     if word[before].kind != "L":
@@ -398,7 +401,8 @@ def with_duration(path: Path, near: Sequence[Point], short: Low, duration: float
     at = short.segment * size
     normal[at], normal[at + size - 1] = -path.scale[at], path.scale[at + size - 1]
     if len(near) > 1:
-        powers = (0.0, 1.0, _power(last, short))
+        power = _power(last, short)
+        powers = (0.0, 1.0, power if power != 1.0 else 2.0)
         guess = np.array([it.z for it in near]).T @ _weights(near, short, powers, duration)
     else:
         part = (duration - _duration(last, short)) / (normal @ last.tangent)
@@ -453,7 +457,7 @@ def _duration(point: Point, short: Low) -> float:
 # followed to a chain of `MOST` impacts; the orbit that rests is then looked for on both sides, and
 # the event ``rest_appears`` is the end of that rest.
 
-CHAIN_MOST = 8
+CHAIN_MOST, CHAIN_OF_MASS = 8, 4
 """Impacts of a chain, each slower than the one before, with which a rest is looked for."""
 FIRST, CHAIN_LOOKS = 1e-4, 12
 """How far away it is looked for first, relative to the range, and how often, twice as far each."""
@@ -494,15 +498,21 @@ def _values(value: float, span: tuple[float, float]) -> Iterator[float]:
 
 
 def _chain(terms: Terms) -> int | None:
-    """Give the first of a chain of impacts of a gap, each slower than the one before."""
+    """Give the first of a chain of impacts of a gap, each slower than the one before.
+
+    Of one mass a plastic impact is one, that before the flight whose start the force pulls least.
+    """
     word, k, speeds = terms.frame.word, len(terms.frame.word), -np.asarray(terms.rates)
+    mass = isinstance(terms.frame.flow, MassFlow)
+    if mass and terms.frame.flow.e[0] == 0.0:
+        return (int(np.argmin(terms.flights.first[:, 1])) - 1) % k
     for s, hit in enumerate(word):
         if hit.kind != "I" or hit.contacts:
             continue
         n = 1
         while n < k and word[(s + n) % k] == hit and speeds[(s + n) % k] < speeds[(s + n - 1) % k]:
             n += 1
-        if n >= CHAIN_MOST:
+        if n >= (CHAIN_OF_MASS if mass else CHAIN_MOST):
             return s
     return None
 
@@ -510,14 +520,14 @@ def _chain(terms: Terms) -> int | None:
 def _resting(path: Path, edge: Point, first: int, value: float) -> tuple[Path, Point] | None:
     """Give the orbit that rests on which a run from a long chain settles, at another parameter."""
     frame, before = path.frame_at(value), edge.terms
-    t, z = float(before.x[first, 0]), before.x[first, 1:-1]
-    n, span = frame.flow.n, (t, t + RETURNS * frame.length)
+    t, state = float(before.x[first, 0]), frame.flow.initial(before.x[first, 1:-1])
+    span = t, t + RETURNS * frame.length
     try:
-        run = simulate(frame.system, span, (z[:n], z[n:]), frame.method)
+        run = simulate(frame.system, span, state, frame.method)
         new, x, *_ = recent(frame.system, run, 1, frame.length, False, frame.method)
         gap = frame.word[first].gap
         rests, before_it = (
-            sum(it.kind == "Z" and it.gap == gap for it in word) for word in (new.word, frame.word)
+            sum(it.kind in "SZ" and it.gap == gap for it in word) for word in (new.word, frame.word)
         )
         if rests <= before_it:
             return None
@@ -551,6 +561,8 @@ SHORT = 0.01
 """The first step where a contact, or its end, lasts a short time, relative to the longest."""
 
 
+STILL = Segment((0,), "P", -1, (0,))
+"""One mass that stays at rest: a branch of what lifts off ends where that begins."""
 OPENING = ("contact_ends", "opening")
 """Beyond them a contact opens for a short time."""
 VANISHING = ("grazing", "simultaneous", "end_of_rest")
@@ -611,6 +623,8 @@ class Way:
     def _advance(self) -> OrbitStatus | None:
         arc = self.arcs[-1]
         last = arc.points[-1]
+        if isinstance(arc.path.frame.flow, MassFlow) and arc.path.frame.word[0] == STILL:
+            return OrbitStatus.LEFT_ADMISSIBLE
         if self.through and is_vanishing(arc.points) and self._join(arc, last):
             return None
         rests = is_near(arc.points)
@@ -768,7 +782,8 @@ class Way:
         if found is None:
             return False
         path, event, low = found
-        arc.events.append(Found(low.kind, event, low))
+        still = isinstance(path.frame.flow, MassFlow) and path.frame.word[0] == STILL
+        arc.events.append(Found("end_of_liftoff" if still else low.kind, event, low))
         self.arcs.append(Arc(path, [event]))
         self.count += 1
         self.step = 0.2 * self.longest

@@ -18,11 +18,10 @@ from zivi.base.machine_code import listening, tell
 from zivi.base.status import Status
 from zivi.derivatives.result import OrbitStatus
 from zivi.derivatives.sensitivity import sensitivity
-from zivi.orbits.branch import cycle_of, earliest, resting_orbit
 from zivi.orbits.equations import newton
 from zivi.orbits.flows import PRECISE, FlightError
-from zivi.orbits.orbit import MassFrame, as_rows, as_word
-from zivi.orbits.words import NEAR, least
+from zivi.orbits.orbit import word_of_rows
+from zivi.orbits.words import NEAR, cycle_of, earliest, least, resting_orbit
 from zivi.simulation.batch import simulate_batch
 from zivi.simulation.batch_result import check_threads
 from zivi.simulation.impacts import SLOWEST
@@ -177,12 +176,15 @@ def least_rows(
     divisors = [p for p in range(2, len(rows) + 1) if len(rows) % p == multiple % p == 0]
     if all(_apart(rows, period, multiple, parts) > NEAR for parts in divisors):
         return multiple, rows
-    word, y = as_word(system, MassFrame(multiple, period, PRECISE), rows)
+    word, y = word_of_rows(system, PRECISE, rows, multiple * period)
     try:
         _, fewer, found = least(word, multiple, y, newton(word, y), MOST_STEPS)
     except FlightError:
         return multiple, rows
-    return (multiple, rows) if fewer == multiple else (fewer, as_rows(found.terms))
+    x = found.terms.x
+    return (multiple, rows) if fewer == multiple else (
+        fewer, np.column_stack([x[:, 3], np.roll(x[:, 2], -1)])
+    )  # fmt: skip
 
 
 def _apart(rows: Array, period: float, multiple: int, parts: int) -> float:
@@ -210,7 +212,7 @@ def _rested(system: ImpactSystem, settled: Settled, period: float, keep: int) ->
     else:
         # fewer periods were noted than it takes
         rest = end if settled.rests else float(zenos[-1])
-        orbit = resting_orbit(system, MassFrame(1, period, PRECISE), rest)
+        orbit = resting_orbit(system, PRECISE, period, rest)
         if orbit.status is OrbitStatus.RESTS:
             return Attractor("rest", 0, np.empty((0, 2)))
         if not orbit.success or rest + orbit.multiple * period < end:

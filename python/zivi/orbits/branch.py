@@ -1,4 +1,4 @@
-"""Branches of periodic orbits over a parameter, their events, resting orbits."""
+"""Branches of periodic orbits over a parameter, and their events."""
 
 from __future__ import annotations
 
@@ -8,17 +8,13 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, Generic, NamedTuple, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
-from zivi.base.check import Array, of_three
+from zivi.base.check import Array
 from zivi.base.extras import late
 from zivi.base.table import Field, ResultTable, Tabulated, listed_by
 from zivi.derivatives.result import OrbitStatus
 from zivi.orbits.flows import shortened
-from zivi.orbits.orbit import ORBIT_IMPACT, MassFrame, MechanicalOrbit, PeriodicOrbit
-from zivi.simulation.run import simulate
-from zivi.system.mass import ImpactSystem
-from zivi.system.parameters import parameter, with_value
+from zivi.orbits.orbit import MechanicalOrbit, PeriodicOrbit
 
 __all__ = [
     "BRANCH_FIELDS",
@@ -28,20 +24,11 @@ __all__ = [
     "Branch",
     "BranchArc",
     "BranchEvent",
-    "Follower",
     "MechanicalBranch",
     "MechanicalEvent",
     "OrbitsAlong",
     "chatter_exponent",
-    "cycle_of",
-    "ending",
     "failed_text",
-    "follow_rest",
-    "force_at_rest",
-    "highest_pull",
-    "rest_beyond",
-    "resting_orbit",
-    "rises",
     "with_failed",
 ]
 
@@ -172,7 +159,8 @@ class BranchEvent(NamedTuple):
         ``fold``, ``period_doubling``, ``grazing`` (an impact dies), ``interior_impact`` (a new
         one), ``end_of_rest`` (the time at rest vanishes), ``end_of_liftoff``, ``rest_appears``
         (near a new impact they become infinitely many, and the orbit rests), ``neimark_sacker``
-        (a pair of multipliers passes the unit circle).
+        (a pair of multipliers passes the unit circle), ``contact_ends`` (the force lifts a mass
+        that rests off once more).
     value : float
         The parameter.
     orbit : PeriodicOrbit
@@ -205,7 +193,7 @@ class Branch(OrbitsAlong[BranchEvent]):
     message : str
         What happened.
     n_flights : int
-        Flights that were computed; for a resting branch simulations.
+        Flights that were computed.
     """
 
     name: str
@@ -392,7 +380,7 @@ class MechanicalBranch(OrbitsAlong[MechanicalEvent]):
         MechanicalOrbit
             Its ``status`` says whether it was found.
         """
-        orbit: MechanicalOrbit = late("zivi.orbits.follow", "mechanical_switched")(self, event)
+        orbit: MechanicalOrbit = late("zivi.orbits.follow", "switched")(self, event)
         return orbit
 
     def _table(self) -> ResultTable:
@@ -414,159 +402,7 @@ class MechanicalBranch(OrbitsAlong[MechanicalEvent]):
         )
 
 
-# Orbits that rest: they start at a lift-off, and one simulation is the orbit.
-
-MOST_PERIODS = 64
-REST_LOOKS = 256
-
-
-def rises(system: ImpactSystem, period: float, start: float = 0.0) -> list[float]:
-    """Give times, one for each lift-off of a period, shortly before which the force holds."""
-    times = start + period * np.arange(REST_LOOKS + 1) / REST_LOOKS
-    force = np.array([force_at_rest(system, float(t)) for t in times])
-    found = [float(times[i]) for i in range(REST_LOOKS) if force[i] <= 0.0 < force[i + 1]]
-    if found or force[0] > 0.0:
-        return found
-    # the force may be positive between two looks
-    t, highest = _maximum(system, times, force)
-    return [t - period / REST_LOOKS] if highest > 0.0 else []
-
-
-def _maximum(system: ImpactSystem, times: Array, force: Array) -> tuple[float, float]:
-    """Give when the force at rest is largest, and how large."""
-    i = int(np.argmax(force))
-    t, h = float(times[i]), float(times[1] - times[0])
-    best = float(force[i])
-    for _ in range(4):
-        left, right = (force_at_rest(system, t + side) for side in (-h, h))
-        bend = left - 2.0 * best + right
-        if bend >= 0.0:
-            break
-        there = t - 0.5 * h * (right - left) / bend
-        value = force_at_rest(system, there)
-        if value <= best:
-            break
-        t, best, h = there, value, 0.1 * h
-    return t, best
-
-
-def highest_pull(system: ImpactSystem, period: float) -> float:
-    """Give the largest force on the mass at rest over a period."""
-    times = period * np.arange(REST_LOOKS + 1) / REST_LOOKS
-    force = np.array([force_at_rest(system, float(t)) for t in times])
-    return _maximum(system, times, force)[1]
-
-
-def force_at_rest(system: ImpactSystem, t: float) -> float:
-    """Give the force on the mass at rest at the wall."""
-    w, wdot, wddot = (0.0, 0.0, 0.0) if system.wall is None else map(float, system.wall(t))
-    force = system.force
-    value = float(force) if isinstance(force, int | float) else float(_called(system, t, w, wdot))
-    return value - wddot
-
-
-def _called(system: ImpactSystem, t: float, x: float, xdot: float) -> float:
-    force: Any = system.force
-    # a compiled callable is called as it is; a function may be one of (t, y)
-    compiled = getattr(force, "ctypes", None)
-    function = compiled or of_three("force", force, more_than_y=False)
-    return float(function(t, x, xdot))
-
-
-def cycle_of(lifts: Array, period: float) -> tuple[int, int] | None:
-    """Give the first two lift-offs with the same phase, None if there are none.
-
-    The motion after a lift-off is a function of its phase, so it repeats from there on.
-    """
-    turns = (lifts - lifts[:, None]) / period
-    whole = np.rint(turns)
-    same = (np.abs(turns - whole) < 1e-8) & (whole >= 1.0)
-    ends = np.flatnonzero(same.any(axis=0))
-    return (int(np.flatnonzero(same[:, ends[0]])[-1]), int(ends[0])) if len(ends) else None
-
-
-def earliest(lifts: Array, period: float) -> int:
-    """Give the lift-off of the smallest phase, with which a cycle of several begins."""
-    return int(np.argmin((lifts / period + 1e-9) % 1.0))
-
-
-def resting_orbit(
-    system: ImpactSystem, frame: MassFrame, phase: float, most: int | None = None
-) -> PeriodicOrbit:
-    """Simulate the motion that lifts off first after a time, until it does so at the same phase.
-
-    At most so many periods are simulated, at first two, and the motion must come back to that
-    lift-off. By default it may do so from another one on, within `MOST_PERIODS`, and the orbit
-    begins with its lift-off of the smallest phase.
-    """
-    period, longest = frame.period_of(system), most or MOST_PERIODS
-    nothing, empty = OrbitStatus.NOT_CONVERGED, np.empty(0, ORBIT_IMPACT)
-    starts = rises(system, period, phase)
-    if not starts:
-        resting = force_at_rest(system, phase) <= 0.0
-        why = "The mass rests and never lifts off." if resting else "The mass never stays at rest."
-        status = OrbitStatus.RESTS if resting else nothing
-        return _orbit(system, frame, None, None, empty, status, why)
-    for periods in sorted({min(it, longest) for it in (2, 8, longest)}):
-        span = (starts[0], starts[0] + periods * period)
-        run = simulate(system, span, (0.0, 0.0), frame.method, dense_output=False)
-        lifts, zenos = run.liftoff_times, run.zeno_times
-        cycle = cycle_of(lifts, period)
-        if cycle is not None and len(zenos):
-            break
-    if cycle is None or not len(zenos) or (most is not None and cycle[0]):
-        why = f"The motion after the lift-off does not rest again within {longest} periods."
-        if len(lifts) > 1 and len(zenos):
-            why = f"The motion lifts off at no phase a second time within {longest} periods."
-        return _orbit(system, frame, None, None, empty, nothing, why)
-    first, end = cycle
-    multiple = round((lifts[end] - lifts[first]) / period)
-    if most is None and (other := earliest(lifts[first:end], period)):
-        lift = float(lifts[first + other])
-        rest = 0.5 * (float(zenos[zenos < lift][-1]) + lift)
-        return resting_orbit(system, frame, rest, multiple + 1)
-    own = run.resolved_impacts
-    own = own[(own["t"] > lifts[first]) & (own["t"] < lifts[end])]
-    shift = float(lifts[first] % period - lifts[first])
-    impacts = np.empty(len(own), ORBIT_IMPACT)
-    impacts["t"], impacts["u"] = own["t"] + shift, own["xdot_after"]
-    impacts["xdot_before"], impacts["xdot_after"] = own["xdot_before"], own["xdot_after"]
-    zeno, lifted = float(zenos[zenos < lifts[end]][-1]), float(lifts[first])
-    new = MassFrame(multiple, frame.period, frame.method, frame.start)
-    why = "The motion rests and lifts off again at the same phase."
-    completed = OrbitStatus.COMPLETED
-    return _orbit(system, new, lifted + shift, zeno + shift, impacts, completed, why)
-
-
-def _orbit(
-    system: ImpactSystem,
-    frame: MassFrame,
-    lift: float | None,
-    zeno: float | None,
-    impacts: NDArray[np.void],
-    status: OrbitStatus,
-    message: str,
-) -> PeriodicOrbit:
-    found = status is OrbitStatus.COMPLETED
-    rests = status is OrbitStatus.RESTS
-    return PeriodicOrbit(
-        system=system,
-        kind="resting",
-        period=frame.period_of(system),
-        multiple=frame.multiple,
-        impacts=impacts,
-        multipliers=np.zeros(2, np.complex128) if found or rests else np.full(2, np.nan + 0j),
-        residual=0.0 if found or rests else np.inf,
-        iterations=0,
-        depth=np.inf,
-        admissible=found or rests,
-        status=status,
-        message=message,
-        _frame=frame,
-        _y=np.column_stack([impacts["t"], impacts["u"]]),
-        zeno_time=zeno,
-        liftoff_time=lift,
-    )
+# How a resting orbit ends.
 
 
 def chatter_exponent(e: float) -> float:
@@ -591,240 +427,3 @@ def chatter_exponent(e: float) -> float:
     top = e * ((0.5 - 2.0 * tau / 3.0) * (1.0 - tau) + 2.0 * half)
     mu = top / ((1.0 - tau) ** 3 * (0.5 - tau / 3.0))
     return math.log(1.0 / lam) / math.log(mu)
-
-
-# Branches of orbits that rest, and the parameter at which they end.
-
-Inside = tuple[float, PeriodicOrbit]
-"""A value of the parameter, and the resting orbit there."""
-
-CLOSEST = 1e-13
-ENOUGH = 1e-11
-"""Two roots in turn that differ by less, relative to them, are the end."""
-SHORT = 1e-2
-"""How far a look stays short of a root, relative to its distance: beyond is nothing to see."""
-MOST_SECANTS = 12
-
-
-class Follower:
-    """Simulates the orbit at values of the parameter."""
-
-    def __init__(self, orbit: PeriodicOrbit, name: str) -> None:
-        self.orbit, self.name, self.runs = orbit, name, 0
-        self.phase = (orbit.liftoff_time or 0.0) - 0.5 * (orbit.margin or 0.0)
-
-    def at(self, value: float) -> PeriodicOrbit | None:
-        """Give the orbit with as many periods as the first, None where there is none."""
-        self.runs += 1
-        first = self.orbit
-        system = with_value(first.system, self.name, value)
-        frame = MassFrame(first.multiple, first._frame.period, first._frame.method)
-        found = resting_orbit(system, frame, self.phase, first.multiple + 1)
-        same = found.success and found.multiple == first.multiple
-        return found if same and (found.margin or 0.0) > 0.0 else None
-
-
-def follow_rest(
-    orbit: PeriodicOrbit, name: str, span: tuple[float, float], step: float, most: int
-) -> Branch:
-    """Follow an orbit that rests to both ends of a range, or of itself."""
-    follower = Follower(orbit, name)
-    width = span[1] - span[0]
-    arms = [_arm(follower, end, step * width, most // 2) for end in span]
-    (below, first, ends_below), (above, last, ends_above) = arms
-    orbits = [*below[::-1], orbit, *above]
-    values = np.array([parameter(it.system, name) for it in orbits])
-    events = [it for it in (first, last) if it is not None]
-    status = OrbitStatus.RANGE_END
-    for ended in (ends_below, ends_above):
-        status = ended if ended is not OrbitStatus.RANGE_END else status
-    message = with_failed(MASS_MESSAGES[status], failed_text(orbits))
-    return Branch(name, orbits, values, events, status, message, follower.runs)
-
-
-def _arm(
-    follower: Follower, end: float, step: float, most: int
-) -> tuple[list[PeriodicOrbit], BranchEvent | None, OrbitStatus]:
-    """Go from the first orbit towards one end of the range."""
-    now = follower.orbit
-    value = parameter(now.system, follower.name)
-    sign = 1.0 if end > value else -1.0
-    found: list[PeriodicOrbit] = []
-    before: Inside | None = None
-    while len(found) < most and value != end:
-        new = value + sign * step
-        if sign * (end - new) <= 1e-12 * step:
-            new = end
-        there = follower.at(new)
-        if there is None:
-            event = ending(follower, (value, now), new, before)
-            return found, event, OrbitStatus.LEFT_ADMISSIBLE
-        found.append(there)
-        before, value, now = (value, now), new, there
-    status = OrbitStatus.RANGE_END if value == end else OrbitStatus.MAX_POINTS
-    return found, None, status
-
-
-def ending(
-    follower: Follower, inside: Inside, outside: float, before: Inside | None = None
-) -> BranchEvent:
-    """Find where the branch ends: where the time at rest vanishes, or the lift-off does.
-
-    With ``s`` the time at rest ``s^(1/beta)`` is a smooth function of the parameter that vanishes
-    at the end: its secants converge, those of ``s`` hardly do. `before` is a point further inside.
-    """
-    lifts = _end_of_liftoff(follower, inside, outside)
-    if lifts is not None:
-        return lifts
-    beta = chatter_exponent(follower.orbit.system.e)
-    value, orbit = inside
-    step = outside - value
-    points = [inside]
-    if before is None and (near := follower.at(value - 0.25 * step)) is not None:
-        before = (value - 0.25 * step, near)
-    points = points if before is None else [before, inside]
-    root = np.nan
-    for _ in range(MOST_SECANTS):
-        last, root = root, _root(points, beta)
-        if abs(root - last) <= ENOUGH * abs(root):
-            break
-        guess = _next_guess(root, value, outside)
-        if abs(guess - value) <= CLOSEST * max(abs(value), 1e-3):
-            break
-        there = follower.at(guess)
-        if there is None:
-            outside, root = guess, np.nan
-            if abs(outside - value) <= 4e-12 * abs(value):
-                break
-            continue
-        value, orbit = guess, there
-        points.append((value, orbit))
-    end = _root(points, beta)
-    return BranchEvent("end_of_rest", end if np.isfinite(end) else value, orbit)
-
-
-def _end_of_liftoff(follower: Follower, inside: Inside, outside: float) -> BranchEvent | None:
-    """Find where the force at rest no longer becomes positive, if that is why there is no orbit."""
-    first, period = follower.orbit, follower.orbit.period
-
-    def highest(value: float) -> float:
-        return highest_pull(with_value(first.system, follower.name, value), period)
-
-    (low, orbit), high = inside, outside
-    one, other = highest(low), highest(high)
-    if other > 0.0 or one <= 0.0:
-        return None
-    for _ in range(60):
-        middle = low - one * (high - low) / (other - one)
-        if not min(low, high) < middle < max(low, high):
-            middle = 0.5 * (low + high)
-        value = highest(middle)
-        if value > 0.0:
-            low, one = middle, value
-        else:
-            high, other = middle, value
-        if abs(value) < 1e-14 or abs(high - low) < 1e-15 * abs(high):
-            break
-    return BranchEvent("end_of_liftoff", middle, orbit)
-
-
-def _root(points: list[Inside], beta: float) -> float:
-    """Give the zero of the line through the last two values of ``s^(1/beta)``."""
-    if len(points) < 2:
-        return np.nan
-    (p, one), (q, other) = points[-2:]
-    a, b = ((it.margin or 0.0) ** (1.0 / beta) for it in (one, other))
-    return q - b * (q - p) / (b - a) if a != b else np.nan
-
-
-def _next_guess(root: float, inside: float, outside: float) -> float:
-    """Give the next place to look: short of the root, or the middle of the bracket."""
-    if min(inside, outside) < root < max(inside, outside):
-        return float(inside + (1.0 - SHORT) * (root - inside))
-    return 0.5 * (inside + outside)
-
-
-# Where an orbit with ever more impacts turns into one that rests.
-#
-# Near the end of a resting orbit, on its other side, there are orbits with a chain of impacts that
-# the force throws off before they accumulate. Their number grows without bound towards the end, by
-# one at each grazing: a branch of any of them ends there, and the point at which rest appears lies
-# near it. It is the end of the resting orbit, located from within it.
-
-CHAIN = 3
-"""Impacts, each slower than the one before, that make a chain."""
-ALIKE = 0.05
-"""How far the fastest impacts of both orbits may be apart, relative to the period and its speed."""
-REST_APPEARS_LOOKS = 12
-FIRST = 1e-4
-
-
-def rest_beyond(
-    edge: PeriodicOrbit, name: str, end: float, span: tuple[float, float]
-) -> tuple[float, PeriodicOrbit] | None:
-    """Give the parameter near the end of a branch at which rest appears, and the orbit there.
-
-    `edge` is where the branch ends with one impact more; it may have turned before, so both sides
-    are looked at. None where there is no such orbit near it.
-    """
-    impacts, e = edge.impacts, edge.system.e
-    if edge._frame.free or not len(impacts):
-        return None
-    speeds = -impacts["xdot_before"]
-    if e > 0.0 and not _is_chain(speeds):
-        return None
-    # where the chain, or the one plastic impact that the force holds, is
-    pulls = speeds if e > 0.0 else [force_at_rest(edge.system, float(t)) for t in impacts["t"]]
-    slowest = int(np.argmin(pulls))
-    near = _Impacting(impacts["t"], speeds, float(impacts["t"][slowest]))
-    outside = {1.0: end, -1.0: end}
-    for look in range(REST_APPEARS_LOOKS):
-        for side in outside:
-            value = end + side * FIRST * 2.0**look * (span[1] - span[0])
-            if not span[0] <= value <= span[1]:
-                continue
-            orbit = _resting(edge, name, near, value)
-            if orbit is None:
-                outside[side] = value
-                continue
-            event = ending(Follower(orbit, name), (value, orbit), outside[side])
-            return (event.value, event.orbit) if event.kind == "end_of_rest" else None
-    return None
-
-
-@dataclasses.dataclass(frozen=True)
-class _Impacting:
-    """The orbit at the end of the branch."""
-
-    times: Array
-    speeds: Array
-    """Of the impacts, before them."""
-    slowest: float
-    """When it nearly rests."""
-
-
-def _is_chain(speeds: Array) -> bool:
-    """Whether impacts, in any turn of the cycle, end with slower and slower ones."""
-    k = len(speeds)
-    if k <= CHAIN:
-        return False
-    turned = np.roll(speeds, -int(np.argmax(speeds)))
-    falls = np.diff(turned) < 0.0
-    return int(np.argmin(np.append(falls, False))) >= CHAIN
-
-
-def _resting(
-    edge: PeriodicOrbit, name: str, near: _Impacting, value: float
-) -> PeriodicOrbit | None:
-    """Give the resting orbit with the fastest impact of an impacting one."""
-    system = with_value(edge.system, name, value)
-    frame = dataclasses.replace(edge._frame, start=0.0)
-    period, i = frame.period_of(system), int(np.argmax(near.speeds))
-    phase = near.slowest - 0.125 * period
-    orbit = resting_orbit(system, frame, phase, frame.multiple + 1)
-    if not orbit.success or orbit.multiple != frame.multiple or not len(orbit.impacts):
-        return None
-    fastest = orbit.impacts[np.argmin(orbit.impacts["xdot_before"])]
-    turn = (fastest["t"] - near.times[i]) / (frame.multiple * period)
-    faster = -fastest["xdot_before"] / near.speeds[i] - 1.0
-    return orbit if max(abs(turn - round(turn)), abs(faster)) < ALIKE else None

@@ -416,7 +416,7 @@ def _dropped(terms: Terms, s: int) -> tuple[Frame, Array] | None:
 
 
 def _without(terms: Terms) -> tuple[Frame, Array]:
-    """Give the motion without its only impact: a section instead of it."""
+    """Give the motion without its only impact: a section, half a period from where it was."""
     frame, x = terms.frame, terms.x.copy()
     segment = frame.word[0]
     word = (Segment(segment.contacts, "P", -1, segment.contacts),)
@@ -424,6 +424,9 @@ def _without(terms: Terms) -> tuple[Frame, Array]:
         gap = frame.flow.gap(segment.gap, float(x[0, -1]), terms.segments.flights.z[0])
         section: float | int = int(np.argmax(np.abs(gap.by_z[: frame.flow.n])))
     else:
+        middle = float(x[0, 0]) + 0.5 * terms.length
+        x[0, 1:-1] = frame.flow.path(segment.contacts, x[0, 0], x[0, 1:-1], np.array([middle]))[0]
+        x[0, 0], x[0, -1] = middle, middle + terms.length
         section = float(x[0, -1])
     new = dataclasses.replace(frame, word=word, section=section)
     return new, new.joined(x, terms.length)

@@ -14,7 +14,7 @@ from zivi.base.check import Array, finite, integer
 from zivi.base.table import Field, ResultTable, Tabulated
 from zivi.derivatives.result import OrbitStatus
 from zivi.orbits.arc import about, end_of_rest, shortest_rest, with_duration
-from zivi.orbits.branch import BranchEvent, MechanicalEvent, follow_rest, resting_orbit, with_failed
+from zivi.orbits.branch import BranchEvent, MechanicalEvent, with_failed
 from zivi.orbits.critical import (
     Critical,
     Grazing,
@@ -27,11 +27,10 @@ from zivi.orbits.critical import (
 )
 from zivi.orbits.equations import Frame, Terms, evaluate, sizes_of
 from zivi.orbits.flows import FlightError
-from zivi.orbits.orbit import MechanicalOrbit, PeriodicOrbit, as_word
-from zivi.orbits.path import Margins, Path, Point, located, moved_frame, value_of
-from zivi.orbits.words import orbit_of_word
-from zivi.simulation.run import pair
-from zivi.system.parameters import parameter, with_value
+from zivi.orbits.orbit import MechanicalOrbit, PeriodicOrbit
+from zivi.orbits.path import Low, Margins, Path, Point, located, moved_frame, value_of
+from zivi.orbits.words import FOUND, NotDifferentiable, orbit_of_mechanism, recent, rolled
+from zivi.simulation.run import pair, simulate
 
 __all__ = [
     "CodimensionTwo",
@@ -359,10 +358,12 @@ def _closes(points: list[CurvePoint], start: CurvePoint) -> bool:
 
 # The end of rest in two parameters: its one-parameter event, again and again.
 
-ASIDE = (0.02, 0.01, 0.005, 0.05)
-"""How far from the expected end the motion that rests begins, relative to it."""
+ASIDE = (0.0, 0.02, 0.05, 0.1, 0.2)
+"""How far on the side of rest an orbit is looked for, relative to the expected one."""
 RESTING = 0.02
-"""The duration of the rests, in lengths of the word, from which ends of a mechanism are told."""
+"""The duration of the rests, in lengths of the word, from which ends are told."""
+RETURNS = 12
+"""Lengths of the word that are simulated where an orbit is not near the last one."""
 SHORTEST = 0.02
 """A step of the second parameter below this part of the first is given up."""
 Names = tuple[str, str]
@@ -372,19 +373,15 @@ def rest_curve(
     event: BranchEvent | MechanicalEvent, names: Names, ranges: Array, step: float, most: int
 ) -> tuple[Array, list[CurvePoint], OrbitStatus]:
     """Give the values of both parameters, a row each, by the second one, and what was there."""
-    orbit: Any = event.orbit
-    ends: _OneMass | _Mechanism
-    if isinstance(event, BranchEvent):
-        second, ends = float(parameter(orbit.system, names[1])), _OneMass(orbit, names)
-    else:
-        second, ends = value_of(orbit.system, names[1]), _Mechanism(event, names)
+    ends = _Ends(event, names)
+    second = ends.second
     spacing = 2.5 * step * float(np.ptp(ranges[1]))
     sides: list[list[Array]] = []
     kept: list[list[CurvePoint]] = []
     status = OrbitStatus.RANGE_END
     for sign in (-1.0, 1.0):
         ends.begin()
-        found, points = [np.array([event.value, second])], ends.first()
+        found, points = [np.array([event.value, second])], [ends.first()]
         behind = sides[0][1] if sides and len(sides[0]) > 1 else None
         far = spacing
         while len(found) < most // 2:
@@ -408,53 +405,20 @@ def rest_curve(
             if not ranges[0, 0] <= end <= ranges[0, 1]:
                 break
             found.append(np.array([end, value]))
-            points += ends.point
+            points.append(ends.point)
         sides.append(found)
         kept.append(points)
     values = np.array([*sides[0][:0:-1], *sides[1]])
     return values, [*kept[0][:0:-1], *kept[1]], status
 
 
-class _OneMass:
-    """The ends of rest of one mass."""
+class _Ends:
+    """The ends of rest: each from an orbit whose rest has one duration."""
 
-    point: list[CurvePoint]
+    point: CurvePoint
 
-    def __init__(self, orbit: Any, names: Names) -> None:
-        self.orbit, self.names, self.point = orbit, names, []
-
-    def begin(self) -> None:
-        """Start anew from the event."""
-
-    def first(self) -> list[CurvePoint]:
-        """Give what is kept of the event: nothing."""
-        return []
-
-    def at(self, second: float, expected: float) -> float | None:
-        """Find the end of rest at a value of the second parameter."""
-        orbit, names = self.orbit, self.names
-        for aside in ASIDE:
-            for side in (-1.0, 1.0):
-                first = expected * (1.0 + side * aside)
-                system = with_value(with_value(orbit.system, names[1], second), names[0], first)
-                phase = (orbit.liftoff_time or 0.0) - 0.02 * orbit.period
-                near = resting_orbit(system, orbit._frame, phase)
-                if near.status is not OrbitStatus.COMPLETED or near.multiple != orbit.multiple:
-                    continue
-                span = sorted((first, expected * (1.0 - 3.0 * side * aside)))
-                branch = follow_rest(near, names[0], (span[0], span[1]), 0.05, 100)
-                ends = [it.value for it in branch.events if it.kind == "end_of_rest"]
-                if ends:
-                    return float(min(ends, key=lambda it: abs(it - expected)))
-        return None
-
-
-class _Mechanism:
-    """The ends of rest of a mechanical system: each from an orbit whose rest has one duration."""
-
-    def __init__(self, event: MechanicalEvent, names: Names) -> None:
+    def __init__(self, event: BranchEvent | MechanicalEvent, names: Names) -> None:
         self.event, self.names = event, names
-        self.point: list[CurvePoint] = []
         frame, y = event.orbit._frame, event.orbit._y
         path = Path(frame, names[0], y, abs(event.value) or 1.0)
         near = [path.start(y, value_of(frame.system, names[0]))]
@@ -464,23 +428,18 @@ class _Mechanism:
         self.short, self.duration = short, RESTING * abs(near[0].terms.length)
         self.second = value_of(frame.system, names[1])
         self.start = near[0]
-        length = short.value
-        while length < self.duration:
-            length = min(1.5 * length, self.duration)
-            found = with_duration(path, near[-3:], short, length)
-            if found is None:
-                raise ValueError("event: the orbits before it could not be found")
-            near.append(found)
-        self.origin = near[-1]
+        if (origin := _lasting(path, near, short, self.duration)) is None:
+            raise ValueError("event: the orbits before it could not be found")
+        self.origin = origin
         self.begin()
 
     def begin(self) -> None:
         """Start anew from the event."""
         self.near = [(self.second, self.origin)]
 
-    def first(self) -> list[CurvePoint]:
+    def first(self) -> CurvePoint:
         """Give the orbit of the event."""
-        return [_kept(self.start, np.array([self.event.value, self.second]))]
+        return _kept(self.start, np.array([self.event.value, self.second]))
 
     def at(self, second: float, expected: float) -> float | None:
         """Find the end of rest at a value of the second parameter."""
@@ -489,23 +448,75 @@ class _Mechanism:
         if there != before:
             part = (second - there) / (there - before)
             y, first = y + part * (y - other.terms.y), first + part * (first - other.value)
-        try:
-            frame = moved_frame(last.terms.frame, {self.names[1]: second, self.names[0]: first})
-            path = Path(frame, self.names[0], y, abs(self.event.value) or 1.0)
-            guess = dataclasses.replace(last, z=path.scaled(y, first))
-            found = with_duration(path, [guess], self.short, self.duration)
-            nearer = found and with_duration(path, [found], self.short, 0.7 * self.duration)
-        except (FlightError, ValueError, ArithmeticError):
+        inwards = self.origin.value - self.event.value
+        for aside in ASIDE:
+            value = float(first) + math.copysign(aside * first, inwards)
+            pair_of = self._found(last, y, second, value)
+            if pair_of is not None:
+                break
+        else:
             return None
-        if found is None or nearer is None:
-            return None
+        path, found, nearer = pair_of
         wide = 10.0 * max(abs(nearer.value - found.value), abs(expected - found.value))
         end = end_of_rest(path, [found, nearer], (found.value - wide, found.value + wide))
         if end is None:
             return None
         self.near.append((second, found))
-        self.point = [_kept(end[0], np.array([end[0].value, second]))]
+        self.point = _kept(end[0], np.array([end[0].value, second]))
         return end[0].value
+
+    def _found(
+        self, last: Point, y: Array, second: float, first: float
+    ) -> tuple[Path, Point, Point] | None:
+        """Find orbits whose rests last as long as all, and less, from one near the parameters."""
+        try:
+            frame = moved_frame(last.terms.frame, {self.names[1]: second, self.names[0]: first})
+            path = Path(frame, self.names[0], y, abs(self.event.value) or 1.0)
+            near = dataclasses.replace(last, z=path.scaled(y, first))
+            found = with_duration(path, [near], self.short, self.duration)
+        except (FlightError, ValueError, ArithmeticError):
+            found = None
+        try:
+            if found is None:
+                y = self._simulated(last, frame)
+                path = Path(frame, self.names[0], y, abs(self.event.value) or 1.0)
+                start = path.at_value(path.scaled(y, first), first)
+                found = start and _lasting(path, [start], self.short, self.duration)
+            nearer = found and with_duration(path, [found], self.short, 0.7 * self.duration)
+        except (FlightError, NotDifferentiable, ValueError, ArithmeticError):
+            return None
+        return None if found is None or nearer is None else (path, found, nearer)
+
+    def _simulated(self, last: Point, frame: Frame) -> Array:
+        """Give the unknowns of the word as a run from the middle of the rest shows them."""
+        terms, s = last.terms, self.short.segment
+        word, (begin, *z, end) = terms.frame.word, terms.x[s]
+        t, length = 0.5 * (begin + end), frame.length * (1 if frame.turn is None else 2)
+        state = frame.flow.path(word[s].contacts, begin, np.array(z), np.array([t]))[0]
+        span = (t, t + RETURNS * length)
+        run = simulate(frame.system, span, frame.flow.initial(state), frame.method)
+        multiple = self.event.orbit.multiple
+        new, x, *_ = recent(
+            frame.system, run, multiple, length / multiple, frame.free, frame.method
+        )
+        turns = [rolled(new.word, x, length, k) for k in range(len(x))]
+        own = next((x for turn, x in turns if turn == word), None)
+        if own is None:
+            raise ValueError("the run has another word")
+        own[:, [0, -1]] -= length * round((own[0, 0] - terms.x[0, 0]) / length)
+        return frame.joined(own, frame.length)
+
+
+def _lasting(path: Path, near: list[Point], short: Low, duration: float) -> Point | None:
+    """Give the orbit whose rest lasts so long, from one whose rest does not."""
+    now = float(near[-1].terms.x[short.segment, -1] - near[-1].terms.x[short.segment, 0])
+    while now != duration:
+        now = min(1.5 * now, duration) if now < duration else max(now / 1.5, duration)
+        found = with_duration(path, near[-3:], short, now)
+        if found is None:
+            return None
+        near.append(found)
+    return near[-1]
 
 
 def _kept(point: Point, values: Array) -> CurvePoint:
@@ -609,8 +620,7 @@ class EventCurve(Tabulated):
         Parameters
         ----------
         i : int
-            Which. An end of rest of one mass keeps none; of a mechanical system it is the
-            shortest rest that was computed.
+            Which. At an end of rest it is the shortest rest that was computed.
 
         Returns
         -------
@@ -772,8 +782,8 @@ def _of_one_mass(orbit: PeriodicOrbit) -> MechanicalOrbit:
     """Give an orbit of one mass with its word."""
     if orbit.kind == "resting":
         raise ValueError("event: a resting orbit of one mass has no curve but that of its end")
-    terms = evaluate(*as_word(orbit.system, orbit._frame, orbit._y))
-    return orbit_of_word(terms, orbit.multiple, orbit.residual, 0, None)
+    terms, done = evaluate(orbit._frame, orbit._y), OrbitStatus.COMPLETED
+    return orbit_of_mechanism(terms, orbit.multiple, orbit.residual, 0, done, FOUND)
 
 
 def _followed(
@@ -876,11 +886,8 @@ def _why_not(point: CurvePoint) -> str | None:
 def orbit_at(point: CurvePoint, multiple: int) -> MechanicalOrbit:
     """Give the orbit at a point."""
     why = _why_not(point)
-    return orbit_of_word(
-        point.terms,
-        multiple,
-        point.residual,
-        point.corrections,
-        why,
-        message="A point of a curve.",
+    status = OrbitStatus.COMPLETED if why is None else OrbitStatus.LEFT_ADMISSIBLE
+    message = why or "A point of a curve."
+    return orbit_of_mechanism(
+        point.terms, multiple, point.residual, point.corrections, status, message
     )

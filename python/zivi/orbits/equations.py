@@ -31,6 +31,8 @@ from zivi.orbits.flows import (
 )
 from zivi.simulation.methods import SwitchedRK
 from zivi.simulation.run import simulate
+from zivi.simulation.trajectory import Trajectory
+from zivi.system.mass import ImpactSystem
 from zivi.system.mechanism import MechanicalSystem
 
 __all__ = [
@@ -45,6 +47,7 @@ __all__ = [
     "after_event",
     "evaluate",
     "gaps_turned",
+    "impact_rows",
     "monodromy_at",
     "multipliers_of",
     "newton",
@@ -262,7 +265,7 @@ def onto(flow: Flow, closed: Sequence[int], t: float, z: Array, rates: Sequence[
 
 
 def after_event(
-    system: MechanicalSystem,
+    system: Any,
     method: SwitchedRK,
     flow: Flow,
     segment: Segment,
@@ -283,7 +286,7 @@ def after_event(
 
 
 def accumulated(
-    system: MechanicalSystem,
+    system: Any,
     method: SwitchedRK,
     start: tuple[float, Array],
     gap: int,
@@ -299,6 +302,8 @@ def accumulated(
         If the impacts on the gap do not accumulate within the horizon.
     """
     t, z = start
+    if isinstance(system, ImpactSystem):
+        return _accumulated_mass(system, method, t, float(z[1]), horizon, slopes=slopes)
     n = len(z) // 2
     state = z[:n], z[n:]
     after = AFTER * horizon
@@ -330,6 +335,37 @@ def accumulated(
     whole = np.vstack([moved, columns])
     own = float(sol.zeno["t"][place[0]])
     return Accumulation(own, own + (end - zeno), z, whole[:, : 2 * n], whole[:, 2 * n], hits)
+
+
+def _accumulated_mass(
+    system: ImpactSystem, method: SwitchedRK, t: float, u: float, horizon: float, *, slopes: bool
+) -> Accumulation:
+    """Simulate that of one mass, which rests from the end of it on."""
+    run = simulate(system, (t, t + horizon), (0.0, u), method, dense_output=False)
+    if not len(run.zeno_times):
+        raise FlightError(Status.STEP_SIZE_TOO_SMALL)
+    zeno, hits = float(run.zeno_times[0]), impact_rows(run)
+    by = np.zeros((3, 3))
+    if slopes:
+        span, names = (t, zeno + AFTER * horizon), ("x0", "xdot0", "t0")
+        s = sensitivity(system, span, (0.0, u), names, method, dense_output=False)
+        by[0] = s.zeno_times[0]
+    hits = hits[(hits["t"] <= zeno) & (hits["t"] > t)]
+    return Accumulation(zeno, zeno, np.zeros(2), by[:, :2], by[:, 2], hits)
+
+
+HIT = np.dtype([(name, "f8") for name in ("t", "speed_before", "speed_after", "impulse")]
+               + [("gap", "i8"), ("group", "i8")])  # fmt: skip
+
+
+def impact_rows(run: Trajectory) -> NDArray[np.void]:
+    """Give the computed impacts of one mass, as those of a gap."""
+    own = run.resolved_impacts
+    found = np.zeros(len(own), HIT)
+    found["t"], before, after = own["t"], own["xdot_before"], own["xdot_after"]
+    found["speed_before"], found["speed_after"], found["impulse"] = before, after, after - before
+    found["group"] = np.arange(len(own))
+    return found
 
 
 def _rate(system: MechanicalSystem, t: float, z: Array, sol: Any, n: int) -> Array:
@@ -560,12 +596,15 @@ def _flown(frame: Frame, x: Array) -> Flights:
         return frame.flow.fly(kinds[0], x[:, 0], x[:, 1:-1], x[:, -1])
     k, width = len(x), x.shape[1] - 2
     rows = [np.empty((k, width)) for _ in range(3)]
-    found = Flights(rows[0], np.empty((k, width, width)), rows[1], rows[2])
+    lows = np.empty((k, 2)) if isinstance(frame.flow, MassFlow) else None
+    found = Flights(rows[0], np.empty((k, width, width)), rows[1], rows[2], lows)
     for contacts in dict.fromkeys(kinds):
         own = [s for s in range(k) if kinds[s] == contacts]
         part = frame.flow.fly(contacts, x[own, 0], x[own, 1:-1], x[own, -1])
         found.z[own], found.phi[own] = part.z, part.phi
         found.first[own], found.last[own] = part.first, part.last
+        if lows is not None:
+            lows[own] = part.lows
     return found
 
 
@@ -609,12 +648,15 @@ def _mapped(
     by_z[1:], by_t[1:] = jump.by_z, jump.by_t
     if segment.kind != "Z":
         return _Mapped(tau, jump.z, by_z, by_t, jump.impulses)
-    closed = [segment.gap, *segment.kept]
+    horizon, closed = abs(length), [segment.gap, *segment.kept]
+    how: Any = frame.system, frame.method
+    if isinstance(flow, MassFlow):
+        own = jump.by_z.copy()
+        own[0] = 0.0
+        chain = accumulated(*how, (tau, jump.z), 0, horizon, slopes=slopes)
+        return _Mapped(chain.t, chain.z, chain.by_z @ own, chain.by_t, jump.impulses, chain)
     begin = onto(flow, closed, tau, jump.z, segment.kept)
-    horizon = abs(length)
-    chain = accumulated(
-        frame.system, frame.method, (tau, begin), segment.gap, horizon, slopes=slopes
-    )
+    chain = accumulated(*how, (tau, begin), segment.gap, horizon, slopes=slopes)
     # the start is put onto the closed gaps: what is across them does not count
     across = np.array([flow.gap(i, tau, begin).by_z[: flow.n] for i in closed])
     inverse = np.linalg.pinv(across)

@@ -343,6 +343,9 @@ class Flow(Protocol):
     accuracy: float
     """What flights leave of residuals, relative to their sizes: less cannot be asked for."""
 
+    def initial(self, z: Array) -> Any:
+        """Give the state with which a run begins."""
+
     def fly(self, contacts: Contacts, t0: Array, z0: Array, t1: Array) -> Flights:
         """Fly k times, from times and states to times."""
 
@@ -370,6 +373,8 @@ class Flow(Protocol):
 
 def uncoupled(flow: Flow, gaps: Sequence[int], t: float, z: Array) -> bool:
     """Whether impacts of some gaps leave the rates of the others: their order does not matter."""
+    if len(gaps) == 1:
+        return True
     for i in gaps:
         after = flow.impact(i, (), t, z, 1.0).z
         both = flow.gaps(np.array([t, t]), np.array([z, after]))[1]
@@ -528,6 +533,10 @@ class LinearFlow:
             found[:, 1::2], found[:, 2::2] = np.cos(angles), np.sin(angles)
         return found
 
+    def initial(self, z: Array) -> tuple[Array, Array]:
+        """Give the state with which a run begins."""
+        return z[: self.n], z[self.n :]
+
     def _with_inputs(self, times: Array, z: Array) -> Array:
         return np.hstack([z, self.inputs(times)])
 
@@ -637,6 +646,10 @@ class NonlinearFlow:
     def __setstate__(self, state: dict[str, Any]) -> None:
         NonlinearFlow.__init__(self, state["system"], state["method"])
         self.e = state["e"]
+
+    def initial(self, z: Array) -> tuple[Array, Array]:
+        """Give the state with which a run begins."""
+        return z[: self.n], z[self.n :]
 
     def at(self, t: float, z: Array) -> Evaluation:
         """Evaluate the system."""
@@ -792,20 +805,20 @@ def differenced(function: Callable[[Array], Array], at: Array, count: int | None
 
 # One mass above a wall: the smallest system whose orbits are words.
 #
-# Its coordinate is the gap. Flights are those of `zivi.orbits.flights`, for any force and wall. As
-# of a linear system the impulses :math:`P_k` and the times :math:`t_k` are the unknowns: from
+# Its coordinate is the gap. Flights are those of `fly`, for any force and wall. As of a linear
+# system the impulses :math:`P_k` and the times :math:`t_k` are the unknowns: from
 # :math:`(t_k, 0, u_k)`, :math:`u_k = e P_k / (1 + e)`, to the next one,
 #
 # .. math:: x(t_{k+1}) = 0, \qquad (1 + e)\,\dot x(t_{k+1}^-) + P_{k+1} = 0.
 #
-# A mass that rests needs no equations: its lift-off is known, see `zivi.orbits.rest`.
+# At rest :math:`\ddot x = 0`, and the force of the wall is minus the acceleration in flight.
 
 MASS_STEP = 1e-6
 """Of differences of the Jacobian: only the convergence depends on it."""
 
 
 class MassFlow:
-    """The motions of an `ImpactSystem` in flight."""
+    """The motions of an `ImpactSystem`, in flight and at rest at its wall."""
 
     n = m = 1
 
@@ -813,10 +826,19 @@ class MassFlow:
         self.system, self.method, self.e = system, method, np.array([system.e])
         self.accuracy = 20.0 * max(method.rtol, 1e-14)
 
+    def initial(self, z: Array) -> tuple[float, float]:
+        """Give the state with which a run begins: rounding is not behind the wall."""
+        return max(float(z[0]), 0.0), float(z[1])
+
     def fly(
         self, contacts: Contacts, t0: Array, z0: Array, t1: Array, name: str | None = None
     ) -> Flights:
         """Fly k times, from times and states to times; `name` is a parameter to derive by."""
+        if contacts:
+            phi = np.tile(np.eye(2), (len(t0), 1, 1))
+            phi[:, 0, 1] = t1 - t0
+            z, rates = np.einsum("kij,kj->ki", phi, z0), np.column_stack([z0[:, 1], 0.0 * t0])
+            return Flights(z, phi, rates, rates.copy(), np.full((len(t0), 2), np.inf))
         rows = np.empty((len(t0), 4))
         rows[:, 0], rows[:, 1:3], rows[:, 3] = t0, z0, t1
         if not ((t1 > t0).all() and np.isfinite(rows).all()):
@@ -834,11 +856,15 @@ class MassFlow:
 
     def path(self, contacts: Contacts, t0: float, z0: Array, times: Array) -> Array:
         """Give states along a flight, shape (len(times), 2)."""
+        if contacts:
+            return np.column_stack([z0[0] + (times - t0) * z0[1], np.full(len(times), z0[1])])
         rows = np.column_stack([np.tile([t0, *z0], (len(times), 1)), times])
         return fly(self.system, rows, self.method)[0][:, :2]
 
     def rate(self, contacts: Contacts, t: float, z: Array) -> Array:
         """Give the rate of the state."""
+        if contacts:
+            return np.array([z[1], 0.0])
         ends, _ = fly(self.system, np.array([[t, *z, t]]), self.method)
         return ends[0, 1:3].copy()
 
@@ -852,19 +878,24 @@ class MassFlow:
 
     def reaction(self, contacts: Contacts, i: int, t: float, z: Array) -> Scalar:
         """Give the force of a contact."""
-        raise NotImplementedError(RESTS)
+        at, parts = np.append(t, z), np.array([[j, -j] for j, _ in WEIGHTS]).ravel()
+        h = NONLINEAR_STEP * np.maximum(1.0, np.abs(at))
+        moved = at + parts[:, None, None] * np.diag(h)
+        rows = np.vstack([at, moved.reshape(-1, 3)])
+        forces = self.reactions(contacts, rows[:, 0], rows[:, 1:])[:, 0]
+        weights = np.array([[w, -w] for _, w in WEIGHTS]).ravel()
+        slopes = weights @ forces[1:].reshape(-1, 3) / h
+        return Scalar(float(forces[0]), slopes[1:], float(slopes[0]))
 
     def reactions(self, contacts: Contacts, times: Array, z: Array) -> Array:
-        """Give the forces of contacts."""
-        raise NotImplementedError(RESTS)
+        """Give the forces of all contacts, shape (len(times), len(contacts))."""
+        rows = np.column_stack([times, z, times])
+        return -fly(self.system, rows, self.method)[0][:, 2:3]
 
     def impact(self, i: int, kept: Sequence[int], t: float, z: Array, e: float) -> Jump:
         """Give an impact."""
         after, impulse = np.array([z[0], -e * z[1]]), np.array([-(1.0 + e) * z[1]])
         return Jump(after, impulse, np.diag([1.0, -e]), np.zeros(2))
-
-
-RESTS = "a mass that rests is simulated from its lift-off"
 
 
 class Evaluated(NamedTuple):

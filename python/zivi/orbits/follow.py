@@ -5,51 +5,48 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Callable, Sequence
-from typing import NamedTuple, overload
+from typing import Any, NamedTuple, TypeAlias, overload
 
 import numpy as np
 
 from zivi.base.check import Array, finite, integer
 from zivi.base.habits import hinted
 from zivi.derivatives.result import OrbitStatus
-from zivi.orbits.arc import Arc, Found, Way, single_doubling
+from zivi.orbits.arc import STILL, Arc, Found, Way, rest_beyond, single_doubling
 from zivi.orbits.branch import (
     MASS_MESSAGES,
     MECHANICAL_MESSAGES,
     Branch,
     BranchArc,
     BranchEvent,
-    Follower,
     MechanicalBranch,
     MechanicalEvent,
     failed_text,
-    follow_rest,
-    rest_beyond,
     with_failed,
 )
 from zivi.orbits.critical import crossed, cubic_coefficient, twice
-from zivi.orbits.equations import Frame, Frame as WordFrame, Terms, evaluate
-from zivi.orbits.find import apex, checked, orbit_of, periodic_orbit, solve, why_not
-from zivi.orbits.flows import FlightError, fly
-from zivi.orbits.orbit import MassFrame, MechanicalOrbit, PeriodicOrbit, as_word, rows_along
-from zivi.orbits.path import Margins, Path, Point, moved_frame, value_of
-from zivi.orbits.words import NotDifferentiable, orbit_of_word, recent, solve_word
+from zivi.orbits.equations import Frame, Terms, evaluate
+from zivi.orbits.flows import FlightError, MassFlow
+from zivi.orbits.orbit import MechanicalOrbit, PeriodicOrbit
+from zivi.orbits.path import TOLERANCE, Low, Margins, Path, Point, is_resting, moved_frame, value_of
+from zivi.orbits.words import (
+    NotDifferentiable,
+    checked,
+    orbit_of_word,
+    recent,
+    resting_orbit,
+    solve_word,
+)
 from zivi.simulation.run import pair, simulate
-from zivi.system.parameters import with_value
 
-__all__ = [
-    "Followed",
-    "both_ways",
-    "continue_orbit",
-    "follow",
-    "mechanical_point_orbit",
-    "mechanical_switched",
-    "path_of",
-    "switched",
-]
+__all__ = ["Followed", "both_ways", "continue_orbit", "doubled", "follow", "path_of", "switched"]
+
+Span: TypeAlias = tuple[float, float]
 
 # The way along a branch of orbits of a mechanical system, in both directions from one.
 
+BEYOND = 3
+"""Points of one mass that are followed where an orbit is no motion any more."""
 WEIGHTS = (
     OrbitStatus.RETRACED,
     OrbitStatus.RANGE_END,
@@ -70,37 +67,6 @@ class Followed(NamedTuple):
     """Of the two ends the one that needs more attention."""
     flights: int
     ways: list[Way]
-
-
-def follow(
-    orbit: MechanicalOrbit,
-    name: str,
-    span: tuple[float, float],
-    step: float,
-    most: int,
-    *,
-    through: bool,
-) -> MechanicalBranch:
-    """Follow an orbit over a parameter: `zivi.continue_orbit` of a mechanical system."""
-    path, start = path_of(orbit._frame, name, orbit._y, span)
-    away = orbit._away
-    side = None if away is None else float(start.tangent[:-1] @ (away / path.scale[:-1]))
-
-    def way(start: Point, most: int) -> Way:
-        return Way(path, start, span, step, most, through=through)
-
-    found = both_ways(way, start, most, most, side)
-    multiple, names = orbit.multiple, orbit.system.gap_names
-    arcs = [_arc(arc, multiple) for arc in found.arcs]
-    failed = failed_text([orbit for arc in arcs for orbit in arc.orbits])
-    return MechanicalBranch(
-        name=name,
-        arcs=arcs,
-        events=[_mechanical_event(it, multiple, names, name) for it in found.events],
-        status=found.status,
-        message=with_failed(MECHANICAL_MESSAGES[found.status], failed),
-        n_flights=found.flights,
-    )
 
 
 def path_of(frame: Frame, name: str, y: Array, span: tuple[float, float]) -> tuple[Path, Point]:
@@ -164,17 +130,62 @@ def _unlike(found: list[Found]) -> list[Found]:
     return kept
 
 
-def mechanical_point_orbit(point: Point, multiple: int, *, here: bool = False) -> MechanicalOrbit:
+def follow(
+    orbit: MechanicalOrbit, name: str, span: Span, step: float, most: int, *, through: bool
+) -> MechanicalBranch:
+    """Follow an orbit of a mechanical system over a parameter."""
+    multiple, names = orbit.multiple, orbit.system.gap_names
+    found = _found(orbit, name, span, step, most, most, through=through)
+    arcs = [_arc(arc, multiple) for arc in found.arcs]
+    failed = failed_text([orbit for arc in arcs for orbit in arc.orbits])
+    return MechanicalBranch(
+        name=name,
+        arcs=arcs,
+        events=[_mechanical_event(it, multiple, names, name) for it in found.events],
+        status=found.status,
+        message=with_failed(MECHANICAL_MESSAGES[found.status], failed),
+        n_flights=found.flights,
+    )
+
+
+def _found(
+    orbit: Any,
+    name: str,
+    span: Span,
+    step: float,
+    most: int,
+    first: int,
+    *,
+    through: bool,
+    beyond: int = 0,
+) -> Followed:
+    """Go both ways from an orbit, or away from the event that it came from."""
+    path, start = path_of(orbit._frame, name, orbit._y, span)
+    away = orbit._away
+    side = None if away is None else float(start.tangent[:-1] @ (away / path.scale[:-1]))
+
+    def way(start: Point, most: int) -> Way:
+        return Way(path, start, span, step, most, through=through, beyond=beyond)
+
+    return both_ways(way, start, most, first, side)
+
+
+def point_orbit(point: Point, multiple: int, *, here: bool = False) -> Any:
     """Give the orbit at a point; at an event (`here`) it is on the edge of being a motion."""
-    why = None if here else point.margins.why_not(1e-9)
-    message = "A point of a branch."
+    mass = isinstance(point.terms.frame.flow, MassFlow)
     return orbit_of_word(
-        point.terms, multiple, point.residual, point.corrections, why, message=message
+        point.terms,
+        multiple,
+        point.residual,
+        point.corrections,
+        None if here else point.margins.why_not(1e-11 if mass else 1e-9),
+        message="A point of a branch.",
+        multipliers=point.multipliers if mass else None,
     )
 
 
 def _arc(arc: Arc, multiple: int) -> BranchArc:
-    orbits = [mechanical_point_orbit(point, multiple) for point in arc.points]
+    orbits = [point_orbit(point, multiple) for point in arc.points]
     return BranchArc(orbits[0].word, orbits, np.array([point.value for point in arc.points]))
 
 
@@ -182,7 +193,7 @@ def _mechanical_event(
     found: Found, multiple: int, gaps: tuple[str, ...], name: str
 ) -> MechanicalEvent:
     point, kappa, gap = found.point, None, None
-    orbit = mechanical_point_orbit(point, multiple, here=True)
+    orbit = point_orbit(point, multiple, here=True)
     if found.kind == "neimark_sacker":
         own = point.multipliers[np.imag(point.multipliers) > 0.0]
         near = own[int(np.argmin(np.abs(np.abs(own) - 1.0)))]
@@ -192,12 +203,6 @@ def _mechanical_event(
     doubles = found.kind in ("period_doubling", "pitchfork")
     cubic = cubic_coefficient(point.terms) if doubles else None
     return MechanicalEvent(found.kind, point.value, orbit, gap, kappa, name, cubic)
-
-
-# The way along a branch of periodic orbits, in both directions from one.
-
-BEYOND = 3
-"""Points that are followed where an orbit is no motion any more."""
 
 
 @overload
@@ -291,34 +296,24 @@ def continue_orbit(
         raise ValueError(f"orbit was not found: {orbit.message}")
     if isinstance(orbit, MechanicalOrbit):
         return follow(orbit, name, (low, high), step, max_points, through=through)
-    if orbit.kind == "resting":
-        return follow_rest(orbit, name, (low, high), step, max_points)
     return _follow(orbit, name, (low, high), step, max_points)
 
 
-def _follow(
-    orbit: PeriodicOrbit, name: str, span: tuple[float, float], step: float, most: int
-) -> Branch:
-    word, y = as_word(orbit.system, orbit._frame, orbit._y)
-    path, start = path_of(word, name, y, span)
-    step = step / 3.0 ** math.log2(orbit.multiple)
-    away, side = orbit._away, None
-    if away is not None:
-        apart = rows_along(start.terms, (start.tangent * path.scale)[:-1]).reshape(away.shape)
-        side = float(np.sum(apart * away / np.max(np.abs(orbit._y), axis=0) ** 2))
-
-    def way(start: Point, most: int) -> Way:
-        return Way(path, start, span, step, most, through=False, beyond=BEYOND)
-
-    found = both_ways(way, start, most, most - most // 2, side)
-    (arc,) = found.arcs
-    orbits = [point_orbit(orbit._frame, point) for point in arc.points]
-    events = [_event(orbit._frame, name, it, span) for it in found.events]
-    behind, ahead = found.ways[-1], found.ways[0]
+def _follow(orbit: PeriodicOrbit, name: str, span: Span, step: float, most: int) -> Branch:
+    """Follow an orbit of one mass; one that rests goes from word to word."""
+    rests, multiple = orbit.kind == "resting", orbit.multiple
+    step = step if rests else step / 3.0 ** math.log2(multiple)
+    ahead, beyond = most - most // 2, 0 if rests else BEYOND
+    found = _found(orbit, name, span, step, most, ahead, through=rests, beyond=beyond)
+    points = [
+        point for arc in found.arcs if arc.path.frame.word[0] != STILL for point in arc.points
+    ]
+    orbits = [point_orbit(point, multiple) for point in points]
+    events = [_event(multiple, it, found.arcs[0].path, span) for it in found.events]
     if len(found.ways) > 1:
-        events = [*_beyond(orbit._frame, name, behind, span), *events]
-    events += _beyond(orbit._frame, name, ahead, span)
-    values = np.array([point.value for point in arc.points])
+        events = [*_beyond(multiple, found.ways[-1]), *events]
+    events += _beyond(multiple, found.ways[0])
+    values = np.array([point.value for point in points])
     status = found.status
     if status is OrbitStatus.RETRACED:
         status = OrbitStatus.COMPLETED
@@ -326,116 +321,116 @@ def _follow(
     return Branch(name, orbits, values, events, status, message, found.flights)
 
 
-def _event(frame: MassFrame, name: str, found: Found, span: tuple[float, float]) -> BranchEvent:
+def _event(multiple: int, found: Found, path: Path, span: Span) -> BranchEvent:
     """Make an event: with the orbit there, or with the one that rests where rest appears."""
-    orbit, value = point_orbit(frame, found.point, here=True), found.point.value
-    rests = rest_beyond(orbit, name, value, span) if found.kind == "rest_appears" else None
-    return BranchEvent(found.kind, value, orbit if rests is None else rests[1])
+    point = found.point
+    if found.kind == "rest_appears" and not is_resting(point.terms.frame.word):
+        rests = rest_beyond(path, point, span)
+        point = point if rests is None else rests[1]
+    return BranchEvent(found.kind, found.point.value, point_orbit(point, multiple, here=True))
 
 
-def _beyond(frame: MassFrame, name: str, way: Way, span: tuple[float, float]) -> list[BranchEvent]:
+def _beyond(multiple: int, way: Way) -> list[BranchEvent]:
     """Give what is at the end of a way: a rest that appears, a doubling of the single orbit."""
     arc = way.arcs[-1]
-    if way.status is OrbitStatus.LEFT_ADMISSIBLE and arc.events:
+    if way.status is OrbitStatus.LEFT_ADMISSIBLE and arc.events and not way.through:
         last = arc.events[-1]
-        orbit = point_orbit(frame, last.point, here=True)
         inserted = last.kind == "interior_impact"
-        found = rest_beyond(orbit, name, last.point.value, span) if inserted else None
-        return [] if found is None else [BranchEvent("rest_appears", *found)]
+        rests = rest_beyond(arc.path, last.point, way.span) if inserted else None
+        found = None if rests is None else Found("rest_appears", rests[1])
+        return [] if found is None else [_event(multiple, found, arc.path, way.span)]
     if way.status is not OrbitStatus.RETRACED:
         return []
     single = single_doubling(arc.path, arc.points[-1])
-    if single is None or not span[0] <= single.value <= span[1]:
+    if single is None or not way.span[0] <= single.value <= way.span[1]:
         return []
-    half = frame if frame.free else dataclasses.replace(frame, multiple=frame.multiple // 2)
-    return [BranchEvent("period_doubling", single.value, point_orbit(half, single, here=True))]
-
-
-def point_orbit(frame: MassFrame, point: Point, *, here: bool = False) -> PeriodicOrbit:
-    """Give the orbit at a point; at an event (`here`) it is on the edge of being a motion."""
-    why = None if here else why_not(point.margins)
-    status = OrbitStatus.COMPLETED if why is None else OrbitStatus.LEFT_ADMISSIBLE
-    message = why or "A point of a branch."
-    error, steps = point.residual, point.corrections
-    return orbit_of(frame, point.terms, error, steps, status, message, point.multipliers)
+    half = multiple if arc.path.frame.free else multiple // 2
+    return [_event(half, Found("period_doubling", single), arc.path, way.span)]
 
 
 # From an event of a branch to the branch that meets it there.
 
-MECHANICAL_AMPLITUDES = (5e-3, 1e-3, 1e-4, 1e-5)
-"""How far the new orbit is from the event, in scaled unknowns."""
+AMPLITUDES, MECHANICAL_AMPLITUDES = (5e-4, 2e-5, 1e-6), (5e-3, 1e-3, 1e-4, 1e-5)
+"""How far the new orbit is from the event, in scaled unknowns: less for one with impacts that are
+much slower than its fastest."""
 ROUNDING = 1e-14
 """The residual of the new orbit: beside a doubling it is ill conditioned."""
 DISTANCES = (1e-3, 6e-4, 3e-4, 1e-4, 3e-5, 1e-5, 3e-6)
 """How far beyond the end of a rest orbits are looked for, relative to the parameter."""
 RETURNS = 12
 """Periods of the motion that are simulated there."""
+EDGE = 1e-8
+"""How deep an orbit that touches the wall may be."""
+CLOSE = 1e-9
+NOT_CONVERGED = "Newton's iteration did not converge beside the event."
 
 
-def mechanical_switched(branch: MechanicalBranch, event: MechanicalEvent) -> MechanicalOrbit:
+def switched(branch: Any, event: Any) -> Any:
     """Give an orbit on the other branch."""
-    if event.kind in ("period_doubling", "pitchfork"):
-        return _mechanical_doubled(branch, event)
-    if event.kind in ("grazing", "interior_impact"):
-        return _crossed(event)
-    if event.kind == "end_of_rest":
-        return _thrown_off(branch, event)
-    return event.orbit
+    kinds = {
+        "period_doubling": _doubled,
+        "pitchfork": _doubled,
+        "grazing": _crossed,
+        "interior_impact": _crossed,
+        "end_of_rest": _thrown_off,
+    }
+    if isinstance(event, BranchEvent):
+        kinds |= {"interior_impact": _inserted, "rest_appears": _resting}
+    return kinds[event.kind](branch, event) if event.kind in kinds else event.orbit
 
 
-def _crossed(event: MechanicalEvent) -> MechanicalOrbit:
+def _crossed(branch: Any, event: Any) -> Any:
+    """Solve the word without the impact that dies, or with the one that begins, at the event."""
+    del branch
     orbit = event.orbit
     terms = evaluate(orbit._frame, orbit._y)
-    own = [low for low in Margins(terms).lows if low.kind == event.kind]
-    least = min(own, key=lambda it: abs(it.value) / it.size, default=None)
-    beyond = None if least is None else crossed(terms, least)
+    low = _touching(terms, event.kind)
+    beyond = None if low is None else crossed(terms, low)
     if beyond is None:
         return orbit
     found = solve_word(*beyond, orbit.multiple)
-    if found.status is OrbitStatus.LEFT_ADMISSIBLE and found.depth < 1e-8:
+    if found.status is OrbitStatus.LEFT_ADMISSIBLE and found.depth < EDGE:
         # whether a simulation sees an impact that grazes is rounding
         done = OrbitStatus.COMPLETED
         return dataclasses.replace(found, status=done, admissible=True, message="It grazes.")
     return found
 
 
-def _thrown_off(branch: MechanicalBranch, event: MechanicalEvent) -> MechanicalOrbit:
+def _touching(terms: Terms, kind: str) -> Low | None:
+    own = [low for low in Margins(terms).lows if low.kind == kind]
+    return min(own, key=lambda it: abs(it.value) / it.size, default=None)
+
+
+def _thrown_off(branch: Any, event: Any) -> Any:
     """Find the orbit of finitely many impacts that meets the resting one at its end.
 
     The nearer the end, the more impacts it has, and it grazes wherever their number changes: of
     some distances the first at which a run leads to a motion is taken.
     """
-    orbit, name = event.orbit, branch.name
+    orbit, name, last = event.orbit, branch.name, None
+    own: Frame = orbit._frame
+    x, word = own.split(orbit._y)[0], own.word
     sign = np.sign(event.value - float(np.mean(branch.values))) or 1.0
-    s = max(
-        (k for k, it in enumerate(orbit._word) if it.kind == "Z"),
-        key=lambda k: float(orbit.segments["t1"][k] - orbit.segments["t0"][k]),
-    )
-    t = 0.5 * float(orbit.segments["t0"][s] + orbit.segments["t1"][s])
-    path = orbit._frame.flow.path(
-        orbit._word[s].contacts, float(orbit.segments["t0"][s]), orbit._starts[s, 1:], np.array([t])
-    )
-    n = path.shape[1] // 2
+    s = max((k for k, it in enumerate(word) if it.kind in "SZ"), key=lambda k: x[k, -1] - x[k, 0])
+    t = 0.5 * float(x[s, 0] + x[s, -1])
+    z = own.flow.path(word[s].contacts, float(x[s, 0]), x[s, 1:-1], np.array([t]))[0]
     for distance in DISTANCES:
         value = event.value + sign * distance * max(abs(event.value), 1e-3)
-        frame = moved_frame(orbit._frame, {name: float(value)})
+        frame = moved_frame(own, {name: float(value)})
         length = frame.length * (1 if frame.turn is None else 2)
-        run = simulate(
-            frame.system,
-            (t, t + RETURNS * length),
-            (path[0, :n], path[0, n:]),
-            frame.method,
-        )
+        span, state = (t, t + RETURNS * length), frame.flow.initial(z)
+        run = simulate(frame.system, span, state, frame.method)
+        period = length / orbit.multiple
         try:
             guess, x, multiple, _ = recent(
-                frame.system, run, orbit.multiple, length / orbit.multiple, frame.free, frame.method
+                frame.system, run, orbit.multiple, period, frame.free, frame.method
             )
         except (NotDifferentiable, FlightError, ValueError):
             continue
-        found = solve_word(guess, guess.joined(x, guess.length), multiple)
-        if found.success and found.kind == "impacting":
-            return found
-    return orbit
+        last = solve_word(guess, guess.joined(x, guess.length), multiple)
+        if last.success and last.kind == "impacting":
+            return last
+    return orbit if last is None or isinstance(event, MechanicalEvent) else last
 
 
 def doubled(terms: Terms) -> tuple[Frame, Array, Array]:
@@ -446,178 +441,76 @@ def doubled(terms: Terms) -> tuple[Frame, Array, Array]:
     return frame, y, -direction if later else direction
 
 
-def _mechanical_doubled(branch: MechanicalBranch, event: MechanicalEvent) -> MechanicalOrbit:
-    orbit = event.orbit
-    frame, y, direction = doubled(evaluate(orbit._frame, orbit._y))
-    multiple = orbit.multiple if orbit._frame.turn is not None or frame.free else 2 * orbit.multiple
-    values = branch.values
-    width = float(np.ptp(values)) or abs(event.value) or 1.0
-    path = Path(frame, branch.name, y, width)
-    normal = np.append(direction / path.scale[:-1], 0.0)
-    normal = normal / np.linalg.norm(normal)
-    z = path.scaled(y, event.value)
-    for amplitude in MECHANICAL_AMPLITUDES:
-        try:
-            point = path.correct(z + amplitude * normal, normal, ROUNDING)
-        except FlightError:
-            continue
-        if point is None:
-            continue
-        found = orbit_of_word(
-            point.terms,
-            multiple,
-            point.residual,
-            point.corrections,
-            point.margins.why_not(),
-            message="An orbit beside a period doubling.",
-        )
-        if found.success:
-            return dataclasses.replace(found, _away=direction)
-    return orbit
-
-
-# From an event of a branch to the branch that meets it there.
-
-AMPLITUDES = (5e-4, 2e-5, 1e-6)
-"""How far the new orbit is from the event, relative to the period and the speeds: less for one with
-impacts that are much slower than its fastest."""
-EDGE = 1e-8
-"""How deep an orbit that touches the wall may be (m)."""
-CLOSE = 1e-9
-NOT_CONVERGED = "Newton's iteration did not converge beside the event."
-
-
-def switched(branch: Branch, event: BranchEvent) -> PeriodicOrbit:
-    """Give an orbit on the other branch."""
-    kinds = {
-        "period_doubling": _doubled,
-        "grazing": _without,
-        "interior_impact": _inserted,
-        "end_of_rest": _orbit_beyond,
-        "rest_appears": _resting,
-    }
-    if event.kind not in kinds:
-        return event.orbit
-    return kinds[event.kind](branch, event)
-
-
-def _doubled(branch: Branch, event: BranchEvent) -> PeriodicOrbit:
-    """Solve twice the sequence, moved along the eigenvector of the multiplier -1."""
-    orbit = event.orbit
-    if len(orbit._y) < len(branch.orbits[0]._y):
+def _doubled(branch: Any, event: Any) -> Any:
+    """Solve the word written twice, moved along the eigenvector of the multiplier -1."""
+    orbit, mass = event.orbit, isinstance(event, BranchEvent)
+    own: Frame = orbit._frame
+    if mass and len(own.word) < len(branch.orbits[0]._frame.word):
         return orbit  # the single orbit at which a doubled one begins
-    if orbit._y.ndim == 1:
+    if mass and own.word[0].kind == "P":
         raise ValueError("an orbit without impacts has no multiplier -1 to follow")
-    word, y, direction = doubled(evaluate(*as_word(orbit.system, orbit._frame, orbit._y)))
-    frame = orbit._frame
-    frame = dataclasses.replace(frame, multiple=frame.multiple * (1 if frame.free else 2))
-    return _at_amplitude(branch, event, frame, word, y, direction)
+    frame, y, direction = doubled(evaluate(own, orbit._y))
+    multiple = orbit.multiple * (1 if own.turn is not None or own.free else 2)
+    return _at_amplitude(branch, event, multiple, frame, y, direction)
 
 
-def _inserted(branch: Branch, event: BranchEvent) -> PeriodicOrbit:
-    """Solve the sequence with the new impact, at a small speed."""
-    orbit = event.orbit
-    terms = evaluate(*as_word(orbit.system, orbit._frame, orbit._y))
-    lows = [it for it in Margins(terms).lows if it.kind == "interior_impact"]
-    low = min(lows, key=lambda it: it.value)
-    beyond = crossed(terms, low)
-    assert beyond is not None
+def _inserted(branch: Any, event: Any) -> Any:
+    """Solve the word with the new impact, at a small speed."""
+    terms = evaluate(event.orbit._frame, event.orbit._y)
+    low = _touching(terms, event.kind)
+    beyond = None if low is None else crossed(terms, low)
+    if low is None or beyond is None:
+        return event.orbit
     word, y = beyond
     # the impulse of the new impact, or the speed with which the segment after it begins
     direction, after = np.zeros(len(y)), (low.segment + 1) % len(word.word)
     direction[2 * low.segment if word.impulses is not None else 4 * after + 2] = 1.0
-    return _at_amplitude(branch, event, orbit._frame, word, y, direction)
+    return _at_amplitude(branch, event, event.orbit.multiple, word, y, direction)
 
 
 def _at_amplitude(
-    branch: Branch,
-    event: BranchEvent,
-    frame: MassFrame,
-    word: WordFrame,
-    y: Array,
-    direction: Array,
-) -> PeriodicOrbit:
+    branch: Any, event: Any, multiple: int, frame: Frame, y: Array, direction: Array
+) -> Any:
     """Solve with the parameter free and so much of a direction."""
+    mass, found = isinstance(event, BranchEvent), None
     width = float(np.ptp(branch.values)) or abs(event.value) or 1.0
-    path = Path(word, branch.name, y, width)
-    normal = np.append(direction, 0.0) / path.scale
+    path = Path(frame, branch.name, y, width)
+    normal = np.append(direction / path.scale[:-1], 0.0)
     normal /= np.linalg.norm(normal)
-    scaled = path.scaled(y, event.value)
-    found = None
-    for amplitude in AMPLITUDES:
-        point = path.correct(scaled + amplitude * normal, normal)
+    z = path.scaled(y, event.value)
+    for amplitude in AMPLITUDES if mass else MECHANICAL_AMPLITUDES:
+        try:
+            point = path.correct(z + amplitude * normal, normal, TOLERANCE if mass else ROUNDING)
+        except FlightError:
+            continue
         if point is None:
             continue
-        orbit = checked(frame, point.terms, point.residual, point.corrections)
-        away = rows_along(point.terms, direction).reshape(orbit._y.shape)
-        found = dataclasses.replace(orbit, _away=away)
+        if mass:
+            orbit = checked(point.terms, multiple, point.residual, point.corrections)
+        else:
+            orbit = point_orbit(point, multiple)
+            orbit = dataclasses.replace(orbit, message="An orbit beside a period doubling.")
+        found = dataclasses.replace(orbit, _away=direction)
         if found.success:
-            break
-    if found is not None:
+            return found
+    if found is not None and mass:
         return found
+    if not mass:
+        return event.orbit
     failed, message = OrbitStatus.NOT_CONVERGED, NOT_CONVERGED
     return dataclasses.replace(event.orbit, status=failed, admissible=False, message=message)
 
 
-def _without(branch: Branch, event: BranchEvent) -> PeriodicOrbit:
-    """Solve the sequence without the impact that dies, or the motion that touches the wall."""
-    del branch
-    orbit = event.orbit
-    system, frame, rows = orbit.system, orbit._frame, orbit._frame.listed(orbit._y)
-    length, dies = frame.length(system, orbit._y), int(np.argmin(rows[:, 1]))
-    rest = np.delete(rows, dies, axis=0)
-    if len(rest):
-        return _on_edge(solve(system, frame, frame.unknowns(rest, length)))
-    t, u = rows[dies]
-    if frame.free:
-        _, high = apex(system, np.array([t, 0.0, u, t + length]), frame.method)
-        return _on_edge(solve(system, frame, np.array([high, length])))
-    middle = t + 0.5 * length
-    ends, _ = fly(system, np.array([[t, 0.0, u, middle]]), frame.method)
-    frame = dataclasses.replace(frame, start=float(middle))
-    return _on_edge(solve(system, frame, ends[0, :2]))
-
-
-def _on_edge(orbit: PeriodicOrbit) -> PeriodicOrbit:
-    """Give an orbit that touches the wall: whether a simulation sees an impact is rounding."""
-    if orbit.status is not OrbitStatus.LEFT_ADMISSIBLE or orbit.depth > EDGE:
-        return orbit
-    done = OrbitStatus.COMPLETED
-    return dataclasses.replace(
-        orbit, status=done, admissible=True, message="The orbit touches the wall."
-    )
-
-
-def _orbit_beyond(branch: Branch, event: BranchEvent) -> PeriodicOrbit:
-    """Find the orbit of finitely many impacts that meets the resting one at its end.
-
-    The nearer the end, the more impacts it has, and it grazes wherever their number changes: of
-    some distances the first at which a run from the lift-off leads to a motion is taken.
-    """
-    orbit, found = event.orbit, None
-    sign = np.sign(event.value - float(np.mean(branch.values))) or 1.0
-    for distance in DISTANCES:
-        beyond = event.value + sign * distance * max(abs(event.value), 1e-3)
-        system = with_value(orbit.system, branch.name, float(beyond))
-        length = orbit.multiple * orbit.period
-        t = (orbit.liftoff_time or 0.0) - 0.25 * (orbit.margin or 0.0)
-        span = (t, t + RETURNS * length)
-        method, period = orbit._frame.method, orbit._frame.period
-        run = simulate(system, span, (0.0, 0.0), method, dense_output=False)
-        found = periodic_orbit(system, run, orbit.multiple, period=period, method=method)
-        if found.kind == "impacting" and found.success:
-            return found
-    assert found is not None
-    return found
-
-
-def _resting(branch: Branch, event: BranchEvent) -> PeriodicOrbit:
+def _resting(branch: Any, event: Any) -> Any:
     """Give the resting orbit, away from where it appears by as much as the last orbit is."""
+    orbit, frame = event.orbit, event.orbit._frame
     near = float(branch.values[np.argmin(np.abs(branch.values - event.value))])
-    orbit, away = event.orbit, event.value - near
-    follower = Follower(orbit, branch.name)
+    away, phase = event.value - near, (orbit.liftoff_time or 0.0) - 0.5 * (orbit.margin or 0.0)
     while abs(away) > CLOSE * abs(event.value):
-        if (found := follower.at(event.value + away)) is not None:
+        there = moved_frame(frame, {branch.name: event.value + away})
+        period = there.length / orbit.multiple
+        found = resting_orbit(there.system, frame.method, period, phase, orbit.multiple + 1)
+        if found.success and found.multiple == orbit.multiple:
             return found
         away *= 0.5
     return orbit

@@ -4,18 +4,18 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-import math
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from zivi.base.check import Array, MaybeNone, finite
+from zivi.base.extras import late
 from zivi.base.table import Field, ResultTable, Tabulated, counted
 from zivi.derivatives.result import OrbitStatus
 from zivi.derivatives.sensitivity import sensitivity
-from zivi.orbits.equations import Frame, Frame as WordFrame, Terms, evaluate, monodromy_at, onto
-from zivi.orbits.flows import MassFlow, Segment, Word, named, shortened
+from zivi.orbits.equations import Frame, Terms, evaluate, monodromy_at, onto
+from zivi.orbits.flows import Flow, MassFlow, Segment, Word, named, shortened
 from zivi.orbits.path import by_parameter
 from zivi.simulation.mechanical_trajectory import MechanicalTrajectory
 from zivi.simulation.methods import SwitchedRK
@@ -23,116 +23,84 @@ from zivi.simulation.run import simulate
 from zivi.simulation.trajectory import Trajectory
 from zivi.system.mass import ImpactSystem
 from zivi.system.mechanism import MechanicalSystem
-from zivi.system.parameters import excitation, parameter
+from zivi.system.parameters import parameter
 
 __all__ = [
+    "ORBIT_IMPACT",
     "MassFrame",
     "MechanicalOrbit",
     "PeriodicOrbit",
-    "as_rows",
-    "as_word",
-    "derivative",
+    "middle_of",
+    "resting_frame",
     "rows_along",
-    "unknowns_of",
+    "word_of_rows",
 ]
 
-# Orbits of one mass as sequences of impacts, rows ``(t, u)``, and as words of the equations.
-#
-# Where nothing excites the system the first impact is put at ``t = 0``, and the period `T` takes
-# the place of its time. A motion without impacts is ``(x, xdot)`` at a time, or ``(x, T)`` where it
-# is highest.
+# Orbits of one mass as rows ``(t, u)`` of impacts, and as words of the equations.
+
+
+def word_of_rows(
+    system: ImpactSystem,
+    method: SwitchedRK,
+    y: Array,
+    length: float,
+    *,
+    free: bool = False,
+    start: float = 0.0,
+) -> tuple[Frame, Array]:
+    """Give the word of impacts, rows ``(t, u)``, or of a flight, ``(x, xdot)`` at its start.
+
+    Where nothing excites the system the first impact is put at ``t = 0``, and a flight begins where
+    it is highest.
+    """
+    count, hits = len(y) if y.ndim == 2 else 1, y.ndim == 2
+    x, e = np.zeros((count, 4)), system.e
+    if hits:
+        x[:, 0], x[:, 2] = y[:, 0] - (y[0, 0] if free else 0.0), y[:, 1]
+        x[:, 3] = np.append(x[1:, 0], x[0, 0] + length)
+    else:
+        x[0] = start, *y, start + length
+    segment = Segment((), "I", 0, ()) if hits else Segment((), "P", -1, ())
+    section: int | float = 0 if free else float(x[0, 3])
+    flow = MassFlow(system, method)
+    frame = Frame(system, flow, (segment,) * count, method, length, free, None, section)
+    if not hits or free:
+        return frame, frame.joined(x, length)
+    if e > 0.0:
+        return frame, np.column_stack([(1.0 + e) / e * y[:, 1], y[:, 0]]).ravel()
+    # a segment of a word ends with its event: the first one begins with the last impact
+    x = np.roll(x, 1, axis=0)
+    x[0, [0, 3]] -= length
+    return frame, frame.joined(x, length)
+
+
+def resting_frame(system: ImpactSystem, method: SwitchedRK, length: float, t: float = 0.0) -> Frame:
+    """Give the frame of a mass that stays at rest."""
+    word = (Segment((0,), "P", -1, (0,)),)
+    return Frame(system, MassFlow(system, method), word, method, length, False, None, t)
 
 
 @dataclasses.dataclass(frozen=True)
 class MassFrame:
-    """What stays the same while unknowns move: how many periods, and the phase of a flight."""
+    """What pickles of versions up to 0.2 have instead of a `Frame`."""
 
     multiple: int
     period: float | None
-    """The period where the system does not tell."""
     method: SwitchedRK
     start: float = 0.0
-    """Where an orbit without impacts is looked at (s)."""
     free: bool = False
-    """Whether nothing excites the system, and the period is an unknown."""
 
-    def period_of(self, system: ImpactSystem) -> float:
-        """Give the period of the excitation of a system."""
-        if self.period is not None:
-            return self.period
-        omega, _ = excitation(system)
-        if omega is None:
-            raise ValueError("period: the excitation has no single period")
-        return 2.0 * math.pi / omega
-
-    def length(self, system: ImpactSystem, y: Array) -> float:
-        """Give after how long an orbit repeats."""
+    def word(self, system: ImpactSystem, y: Array, period: float) -> tuple[Frame, Array]:
+        """Give the word of such an orbit, and its unknowns."""
+        length = self.multiple * period
         if self.free:
-            return float(y[1] if y.ndim == 1 else y[0, 0])
-        return self.multiple * self.period_of(system)
-
-    def rows(self, system: ImpactSystem, y: Array) -> Array:
-        """Give the flights of an orbit: start, state, end."""
-        length = self.length(system, y)
-        if y.ndim == 1:
-            xdot = 0.0 if self.free else y[1]
-            return np.array([[self.start, y[0], xdot, self.start + length]])
-        listed = self.listed(y)
-        ends = np.append(listed[1:, 0], listed[0, 0] + length)
-        return np.column_stack([listed[:, 0], np.zeros(len(y)), y[:, 1], ends])
-
-    def listed(self, y: Array) -> Array:
-        """Give the impacts, rows ``(t, u)``, of the unknowns of an orbit."""
-        if not self.free:
-            return y
-        rows = y.copy()
-        rows[0, 0] = 0.0
-        return rows
-
-    def unknowns(self, rows: Array, length: float) -> Array:
-        """Give the unknowns of the orbit with these impacts."""
-        return unknowns_of(rows, length) if self.free else rows
-
-
-def unknowns_of(rows: Array, length: float) -> Array:
-    """Give the unknowns of an orbit with a free period: its length instead of the first time."""
-    y = rows - np.array([rows[0, 0], 0.0])
-    y[0, 0] = length
-    return np.asarray(y, np.float64)
-
-
-def as_word(system: ImpactSystem, frame: MassFrame, y: Array) -> tuple[WordFrame, Array]:
-    """Give the word of an orbit, and its unknowns."""
-    rows, length, method = frame.rows(system, y), frame.length(system, y), frame.method
-    hits = y.ndim == 2
-    segment = Segment((), "I", 0, ()) if hits else Segment((), "P", -1, ())
-    section: int | float = 0 if frame.free else float(rows[0, 3])
-    word = WordFrame(
-        system, MassFlow(system, method), (segment,) * len(rows), method, length, frame.free, None,
-        section,
-    )  # fmt: skip
-    if not hits or frame.free:
-        return word, word.joined(rows, length)
-    if system.e > 0.0:
-        return word, np.column_stack([(1.0 + system.e) / system.e * y[:, 1], y[:, 0]]).ravel()
-    # a segment of a word ends with its event: the first one begins with the last impact
-    rows = np.roll(rows, 1, axis=0)
-    rows[0, [0, 3]] -= length
-    return word, word.joined(rows, length)
-
-
-def as_rows(terms: Terms) -> Array:
-    """Give the unknowns of a sequence, of a word."""
-    x, free = terms.x, terms.frame.free
-    if terms.frame.word[0].kind == "P":
-        return np.array([x[0, 1], terms.length]) if free else x[0, 1:3].copy()
-    if free:
-        return unknowns_of(x[:, [0, 2]], terms.length)
-    return np.column_stack([x[:, 3], np.roll(x[:, 2], -1)])
+            rows = np.array([y[0], 0.0]) if y.ndim == 1 else np.vstack([[0.0, y[0, 1]], y[1:]])
+            return word_of_rows(system, self.method, rows, length, free=True)
+        return word_of_rows(system, self.method, y, length, start=self.start)
 
 
 def rows_along(terms: Terms, move: Array) -> Array:
-    """Give the change of the unknowns of a sequence with that of those of its word."""
+    """Give the change of the impacts, rows ``(t, u)``, or of a flight, with that of unknowns."""
     frame = terms.frame
     if frame.impulses is not None:
         e = float(frame.flow.e[0])
@@ -140,20 +108,8 @@ def rows_along(terms: Terms, move: Array) -> Array:
     rows = move.reshape(-1, 4)
     if frame.word[0].kind == "I":
         return rows[:, [0, 2]]
-    if frame.free:
-        return rows[0, [1, 0]]
-    # at the time at which it is looked at
-    return np.asarray(rows[0, 1:3] - rows[0, 0] * terms.flights.first[0], np.float64)
-
-
-def derivative(terms: Terms, name: str) -> Array:
-    """Give the derivative of the unknowns of a sequence by a parameter."""
-    frame = terms.frame
-    move: Array = -np.linalg.solve(terms.matrix(), by_parameter(frame, terms.y, name))
-    found = rows_along(terms, move)
-    if name == "e" and frame.impulses is not None:
-        found[:, 1] += terms.y[::2] / (1.0 + float(frame.flow.e[0])) ** 2
-    return found
+    # at the time of the section, or the highest point and the period
+    return rows[0, [1, 0]] if frame.free else rows[0, 1:3]
 
 
 # A periodic orbit: its times, speeds, multipliers, and what follows from them.
@@ -234,12 +190,17 @@ class PeriodicOrbit(Tabulated):
     admissible: bool
     status: OrbitStatus
     message: str
-    _frame: MassFrame
+    _frame: Frame
     _y: Array
     zeno_time: float | MaybeNone = None
     liftoff_time: float | MaybeNone = None
     _away: Array | None = None
-    """Where the orbit lies beside the event that it came from."""
+    """The direction in which the orbit lies beside the event that it came from."""
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        if isinstance(state["_frame"], MassFrame):
+            state |= late("zivi.orbits.words", "renewed")(state)
+        vars(self).update(state)
 
     @property
     def success(self) -> bool:
@@ -281,17 +242,15 @@ class PeriodicOrbit(Tabulated):
     def _beginning(self) -> tuple[float, tuple[float, float]]:
         if self.liftoff_time is not None:
             return self.liftoff_time, (0.0, 0.0)
-        if self.kind == "flight":
-            t, x, xdot, _ = self._frame.rows(self.system, self._y)[0]
-            return float(t), (float(x), float(xdot))
-        if self.status is OrbitStatus.RESTS:
-            return self._frame.start, (0.0, 0.0)
         if not len(self._y):
             raise ValueError(f"no orbit was found: {self.message}")
-        speed = float(self._y[0, 1])
-        if self.system.e == 0.0:
-            speed = max(speed, 0.0)  # rounding
-        return float(self.impacts["t"][0]), (0.0, speed)
+        if self.kind == "impacting":
+            speed = float(self.impacts["u"][0])
+            if self.system.e == 0.0:
+                speed = max(speed, 0.0)  # rounding
+            return float(self.impacts["t"][0]), (0.0, speed)
+        (begin, *z, end), *_ = self._frame.split(self._y)[0]
+        return float(begin if self._frame.free else end), self._frame.flow.initial(np.array(z))
 
     def monodromy(self, t0: float | None = None) -> Array:
         """Give the derivative of the state after one period of the motion by the state at `t0`.
@@ -347,8 +306,12 @@ class PeriodicOrbit(Tabulated):
             s = self._sensitivity(name)
             lift = s.liftoff_times[:1, 0]
             return np.concatenate([s.zeno_times[-1:, 0], lift])
-        terms = evaluate(*as_word(self.system, self._frame, self._y))
-        return derivative(terms, name).ravel()
+        terms = evaluate(self._frame, self._y)
+        move: Array = -np.linalg.solve(terms.matrix(), by_parameter(self._frame, self._y, name))
+        found = rows_along(terms, move)
+        if name == "e" and self._frame.impulses is not None:
+            found[:, 1] += self._y[::2] / (1.0 + self.system.e) ** 2
+        return found.ravel()
 
     def _sensitivity(self, name: str) -> Any:
         """Differentiate a resting orbit, from the rest before its lift-off."""
@@ -378,6 +341,19 @@ class PeriodicOrbit(Tabulated):
 
 
 # A periodic orbit of a mechanical system.
+
+
+def middle_of(flow: Flow, word: Word, starts: Array, ends: Array) -> tuple[float, Array]:
+    """Give time and state in the middle of the longest segment with the most contacts."""
+    lengths = ends - starts[:, 0]
+    most = max(len(it.contacts) for it in word)
+    own = [s for s, it in enumerate(word) if len(it.contacts) == most]
+    s = max(own, key=lambda it: float(lengths[it]))
+    t0, contacts = float(starts[s, 0]), word[s].contacts
+    t = t0 + 0.5 * float(lengths[s])
+    z = flow.path(contacts, t0, starts[s, 1:], np.array([t]))[0]
+    return t, onto(flow, contacts, t, z, contacts) if contacts else z
+
 
 IMPACT = np.dtype([("t", "f8"), ("gap", "i8"), ("u", "f8"), ("impulse", "f8")])
 CONTACT = np.dtype([("t0", "f8"), ("t1", "f8"), ("gap", "i8")])
@@ -495,10 +471,8 @@ class MechanicalOrbit(Tabulated):
     def trajectory(self) -> MechanicalTrajectory:
         """A simulation over one period of the motion, from the middle of a flight."""
         t, z = self._middle()
-        n = len(z) // 2
         span = (t, t + self.multiple * self.period)
-        state = tuple(z) if isinstance(self._frame.flow, MassFlow) else (z[:n], z[n:])
-        return simulate(self.system, span, state, self._frame.method)
+        return simulate(self.system, span, self._frame.flow.initial(z), self._frame.method)
 
     def _along(self, count: int = 64) -> tuple[Array, Array]:
         """Give times and states ``(q, qdot)`` along the segments, so many each."""
@@ -513,16 +487,7 @@ class MechanicalOrbit(Tabulated):
 
     def _middle(self) -> tuple[float, Array]:
         """Give time and state in the middle of the longest segment with the most contacts."""
-        lengths = self.segments["t1"] - self.segments["t0"]
-        most = max(len(it.contacts) for it in self._word)
-        own = [s for s, it in enumerate(self._word) if len(it.contacts) == most]
-        s = max(own, key=lambda it: float(lengths[it]))
-        t0 = float(self._starts[s, 0])
-        t = t0 + 0.5 * float(lengths[s])
-        contacts = self._word[s].contacts
-        flow = self._frame.flow
-        z = flow.path(contacts, t0, self._starts[s, 1:], np.array([t]))[0]
-        return t, onto(flow, contacts, t, z, contacts)
+        return middle_of(self._frame.flow, self._word, self._starts, self.segments["t1"])
 
     def monodromy(self, t: float | None = None) -> Array:
         """Give the derivative of the state after one period of the motion by the state at `t`.

@@ -28,6 +28,7 @@ from zivi.orbits.flows import (
     MassFlow,
     MassImpulses,
     NonlinearFlow,
+    Word,
     corrected,
     is_exact,
 )
@@ -55,6 +56,7 @@ __all__ = [
     "flow_of",
     "frame_of",
     "frequency_of",
+    "is_resting",
     "length_of",
     "located",
     "located_near",
@@ -348,7 +350,7 @@ def by_parameter(frame: Frame, y: Array, name: str, *, precise: bool = False) ->
     """Give the derivative of the equations by a parameter, by central differences."""
     value = value_of(frame.system, name)
     h = STEPS[precise] * max(abs(value), 1e-2)
-    if isinstance(frame.flow, MassFlow):
+    if isinstance(frame.flow, MassFlow) and not is_resting(frame.word):
         return of_mass(evaluate(frame, y, name=name), name)
 
     def at(steps: float) -> Array:
@@ -367,6 +369,24 @@ def by_parameter(frame: Frame, y: Array, name: str, *, precise: bool = False) ->
                 continue
         return centred(1e-6)
     return 1.5 * centred(1) - 0.6 * centred(2) + 0.1 * centred(3)
+
+
+def ahead(terms: Terms, name: str) -> Array:
+    """Give the derivative of the equations by a parameter, by a difference of first order."""
+    frame, value = terms.frame, value_of(terms.frame.system, name)
+    for k in NEARER:
+        h = k * 1e-2 * STEPS[0] * max(abs(value), 1e-2)
+        try:
+            moved = evaluate(moved_frame(frame, {name: value + h}), terms.y, slopes=False)
+        except FlightError:
+            continue
+        return np.asarray((moved.residual - terms.residual) / h, np.float64)
+    return by_parameter(frame, terms.y, name)
+
+
+def is_resting(word: Word) -> bool:
+    """Whether a gap is closed at some time."""
+    return any(it.contacts for it in word)
 
 
 def of_mass(terms: Terms, name: str) -> Array:
@@ -430,6 +450,13 @@ OUT = {
     "simultaneous": "At t = {t:.9g} s two events have changed places, by {value:.3g} < 0.",
 }
 """What is not there in a motion, by the event at which it begins."""
+OUT_OF_MASS = {
+    "grazing": "The impact at t = {t:.9g} s would leave the wall at {u:.3g} m/s < 0.",
+    "rest_appears": "After the plastic impact at t = {t:.9g} s the force holds the mass at the "
+    "wall.",
+    "interior_impact": "The flight goes behind the wall, to {value:.3g} m at t = {t:.9g} s.",
+}
+"""The same of one mass."""
 
 
 class Low(NamedTuple):
@@ -466,27 +493,45 @@ class Margins:
     def why_not(self, rounding: float = 1e-11, *, grazing: bool = False) -> str | None:
         """Say why it is no motion; None if it is one.
 
-        Where it grazes all of its impacts may be as slow as rounding: it counts by other speeds.
+        Where it grazes all of its impacts may be as slow as rounding: it counts by other speeds, as
+        always that of one mass.
         """
-        lows = self.lows
-        if grazing:
+        lows, mass = self.lows, isinstance(self.terms.frame.flow, MassFlow)
+        if lows and (grazing or mass):
             limit = -rounding * float(row_sizes(self.terms)[-2])
             lows = [it for it in lows if it.kind != "grazing" or it.value < limit]
-        least = min(lows, key=lambda it: it.value / it.size, default=None)
-        if least is None or least.value > -rounding * least.size:
+        out = [it for it in lows if it.value <= -rounding * it.size]
+        if not out:
             return None
-        return OUT[least.kind].format(t=least.t, value=least.value)
+        # of one mass an impact that dies hides what is behind the wall
+        dying = [it for it in out if mass and it.kind == "grazing"]
+        least = min(dying or out, key=lambda it: it.value / it.size)
+        why = (OUT | OUT_OF_MASS if mass else OUT)[least.kind]
+        u = float(self.terms.frame.flow.e[least.gap]) * least.value
+        return why.format(t=least.t, value=least.value, u=u)
 
     @property
     def depth(self) -> float:
         """How far the nearest grazing is: the least minimum of a gap or height of an impact."""
         terms, heights = self.terms, [math.inf]
+        if terms.flights.lows is not None:
+            return self._depth_of_mass()
         for s, segment in enumerate(terms.frame.word):
             if segment.kind in "ISZ":
                 pull = abs(self._pull(s, segment.gap))
                 heights.append(terms.rates[s] ** 2 / (2.0 * pull) if pull else math.inf)
         gaps = [abs(low.value) for low in self.lows if low.kind == "interior_impact"]
         return float(min([*heights, *gaps]))
+
+    def _depth_of_mass(self) -> float:
+        """Give that of one mass: a force that presses hides none."""
+        terms = self.terms
+        lowest = float(np.min(np.abs(np.asarray(terms.flights.lows)[:, 1])))
+        if terms.frame.word[0].kind == "P":
+            return lowest
+        v, pull = terms.flights.z[:, 1], terms.flights.last[:, 1]
+        pulled = pull > 0.0
+        return min(lowest, float(np.min(v[pulled] ** 2 / (2.0 * pull[pulled]), initial=np.inf)))
 
     def _pull(self, s: int, gap: int) -> float:
         """Give the acceleration of a gap before an impact."""
@@ -565,9 +610,9 @@ class Margins:
         t0, t1 = float(terms.x[s, 0]), float(terms.x[s, -1])
         if t1 <= t0:
             return []
-        if (lows := terms.flights.lows) is not None:
+        lows, times = terms.flights.lows, t0 + (t1 - t0) * LOOKS
+        if lows is not None and not segment.contacts:
             return self._of_mass(s, *lows[s])
-        times = t0 + (t1 - t0) * LOOKS
         z = flow.path(segment.contacts, t0, terms.x[s, 1:-1], times)
         gaps, rates = flow.gaps(times, z)
         found, widest = [], float(np.max(np.abs(z[:, : flow.n])))
@@ -771,7 +816,10 @@ class Path:
     def column(self, terms: Terms) -> Array:
         """Give the derivative of the equations by the parameter."""
         if isinstance(terms.frame.flow, MassFlow):
-            return of_mass(terms, self.name)
+            if not is_resting(terms.frame.word):
+                return of_mass(terms, self.name)
+            self.flights += len(terms.frame.word)
+            return ahead(terms, self.name)
         self.flights += 2 * len(terms.frame.word)
         return by_parameter(terms.frame, terms.y, self.name)
 

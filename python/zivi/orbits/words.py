@@ -1,12 +1,13 @@
-"""Event sequences of runs, and orbits of mechanical systems from them."""
+"""Event sequences of runs, and orbits from them."""
 
 from __future__ import annotations
 
 import dataclasses
 import math
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
 from zivi.base.check import Array
 from zivi.derivatives.result import OrbitStatus
@@ -16,28 +17,48 @@ from zivi.orbits.equations import (
     Terms,
     after_event,
     evaluate,
+    impact_rows,
     multipliers_of,
     newton,
     row_sizes,
+    sizes_of,
     whole_word,
 )
-from zivi.orbits.flows import FlightError, Flow, Segment, Word, uncoupled
-from zivi.orbits.orbit import CONTACT, IMPACT, MechanicalOrbit
-from zivi.orbits.path import Margins, flow_of
+from zivi.orbits.flows import FlightError, Flow, MassFlow, Segment, Word, uncoupled
+from zivi.orbits.orbit import (
+    CONTACT,
+    IMPACT,
+    ORBIT_IMPACT,
+    MechanicalOrbit,
+    PeriodicOrbit,
+    middle_of,
+    resting_frame,
+)
+from zivi.orbits.path import Margins, flow_of, is_resting
 from zivi.simulation.mechanical_trajectory import MechanicalTrajectory
 from zivi.simulation.methods import SwitchedRK
-from zivi.system.mechanism import MechanicalSystem
+from zivi.simulation.run import simulate
+from zivi.simulation.trajectory import Trajectory
+from zivi.system.mass import ImpactSystem
 
 __all__ = [
+    "FOUND",
     "MOST_MULTIPLE",
+    "NEAR",
     "TOLERANCES",
     "NotDifferentiable",
     "canonical",
+    "checked",
+    "cycle_of",
+    "earliest",
     "failed",
     "least",
+    "orbit_of_mechanism",
     "orbit_of_word",
     "recent",
+    "renewed",
     "repeating",
+    "resting_orbit",
     "rolled",
     "shown",
     "solve_word",
@@ -69,11 +90,43 @@ class Happened(NamedTuple):
     kind: str
     gap: int
     opened: tuple[int, ...] = ()
+    speed: float = math.nan
+    """Of the gap before the impact, where the run tells it."""
+
+
+NO_CORNERS, NO_OPENINGS = np.empty(0, [("t", "f8")]), np.empty(0, [("t", "f8"), ("gap", "i8")])
+
+
+class MassTables:
+    """The run of one mass since a time, with the tables of a mechanism."""
+
+    corners, openings = NO_CORNERS, NO_OPENINGS
+
+    def __init__(self, run: Trajectory, since: float = -math.inf) -> None:
+        self.run, self.t, self.success, self.message = run, run.t, run.success, run.message
+        self.since = since
+
+    def __getattr__(self, name: str) -> Any:
+        late = self.t >= self.since
+        if name == "q":
+            return self.run.x[late, None]
+        if name == "qdot":
+            return self.run.xdot[late, None]
+        rows = impact_rows(self.run) if name == "resolved_impacts" else getattr(self.run, name)
+        setattr(self, name, rows[rows["t"] >= self.since])
+        return vars(self)[name]
+
+    def __call__(self, t: Any) -> Array:
+        """Give the states at times, shape (2, ..., 1)."""
+        return self.run(t)[..., None]
+
+
+AnyRun: TypeAlias = MechanicalTrajectory | MassTables
 
 
 def recent(
-    system: MechanicalSystem,
-    run: MechanicalTrajectory,
+    system: Any,
+    run: MechanicalTrajectory | Trajectory | MassTables,
     multiple: int | None,
     period: float,
     free: bool,
@@ -88,16 +141,20 @@ def recent(
     NotDifferentiable
         If its last period has what no word describes.
     """
+    if isinstance(run, Trajectory):
+        since = -math.inf if free else float(run.t[-1]) - 2 * MOST_MULTIPLE * period
+        return recent(system, MassTables(run, since), multiple, period, free, method)
+    what, mass = ("impact", True) if isinstance(run, MassTables) else ("event", False)
     if not run.success:
         raise ValueError(f"start: the run ended early: {run.message}")
     flow = flow_of(system, method)
-    events = _events(system, flow, run)
+    events = _events(flow, run, period if mass and not free else math.inf)
     count, repeats = 1, multiple
     if free:
         length, end = _free_length(run, events)
     else:
         span = float(run.t[-1] - run.t[0])
-        if span < (multiple or 1) * period * (1.0 - 1e-9):
+        if span < (multiple or 1) * period * (1.0 - 1e-9) and not mass:
             raise ValueError(f"start: the run must last a period, {period:.6g}, got {span:.6g}")
         repeats = multiple or _repeats(run, events, period)
         count = repeats or 1
@@ -118,7 +175,7 @@ def recent(
         raise NotDifferentiable(f"{why} The motion has no derivatives there.", frame, x, count)
     if len(inside) > MOST_EVENTS:
         raise ValueError(f"start: a word has at most {MOST_EVENTS} events, got {len(inside)}")
-    told = "" if free else shown(count, len(inside), "event", repeats=bool(repeats))
+    told = "" if free else shown(count, len(inside), what, repeats=bool(repeats))
     if not inside:
         return *_smooth(system, flow, run, length, end, free, method), count, told
     shift = 0.0 if free else _floor(float(inside[0].t) / period) * period
@@ -132,9 +189,11 @@ def _floor(number: float) -> float:
     return float(np.floor(number))
 
 
-def _events(system: MechanicalSystem, flow: Flow, run: MechanicalTrajectory) -> list[Happened]:
-    """Give what happens in a run, impacts of accumulations as one event, in order."""
-    found: list[Happened] = []
+def _events(flow: Flow, run: AnyRun, longest: float = math.inf) -> list[Happened]:
+    """Give what happens in a run, impacts of accumulations as one event, in order.
+
+    Impacts that are longer before the end of one are apart: all that follows depends on them.
+    """
     rows: Any = run.resolved_impacts
     lifts: Any = run.liftoffs
     zenos: Any = run.zeno
@@ -147,19 +206,11 @@ def _events(system: MechanicalSystem, flow: Flow, run: MechanicalTrajectory) -> 
         lifts = np.delete(lifts, own[:-1])
         zenos = zenos[zenos["t"] != row["t"]]
         rows = rows[(rows["gap"] != row["gap"]) | (np.abs(rows["t"] - row["t"]) > near)]
-    for group in np.unique(rows["group"]):
-        own = rows[rows["group"] == group]
-        # one that grazes has no speed
-        fastest = float(np.min(own["speed_before"]))
-        hit = own[own["speed_before"] <= (1e-9 * fastest if fastest < 0.0 else fastest)]
-        t = float(own["t"][0])
-        hits = [int(gap) for gap in np.unique(hit["gap"])]
-        before = run(max(t - BEFORE, float(run.t[0]))).ravel()
-        if len(hits) < len(hit) or not uncoupled(flow, hits, t, before):
-            found.append(Happened(t, "C", -1))
-            continue
-        opened = run.openings["gap"][np.abs(run.openings["t"] - t) <= 1e-12 * max(1.0, abs(t))]
-        found += [Happened(t, "I", gap, tuple(int(it) for it in opened)) for gap in hits]
+    if isinstance(run, MassTables):
+        pairs = zip(rows["t"].tolist(), rows["speed_before"].tolist(), strict=True)
+        found = [Happened(t, "I", 0, (), speed) for t, speed in pairs]
+    else:
+        found = _hits_of_gaps(flow, run, rows)
     closings = [(float(row["t"]), int(row["gap"])) for row in zenos]
     left = {(float(it["t"]), int(it["gap"])) for it in lifts[left_at_once(run, lifts)]}
     lifts = lifts[~left_at_once(run, lifts)]
@@ -174,19 +225,40 @@ def _events(system: MechanicalSystem, flow: Flow, run: MechanicalTrajectory) -> 
     found += [Happened(float(it["t"]), "L", int(it["gap"])) for it in lifts]
     found.sort(key=lambda it: it.t)
     for t, gap in sorted(closings):
-        found = _accumulated(found, t, gap, float(system.e[gap]))
+        found = _accumulated(found, t, gap, float(flow.e[gap]), t - longest)
     return found
 
 
-def left_at_once(run: MechanicalTrajectory, lifts: Any) -> Any:
+def _hits_of_gaps(flow: Flow, run: MechanicalTrajectory, rows: Any) -> list[Happened]:
+    """Give the impacts of a mechanism; those of several gaps at once where their order matters."""
+    found: list[Happened] = []
+    for group in np.unique(rows["group"]):
+        own = rows[rows["group"] == group]
+        # one that grazes has no speed
+        fastest = float(np.min(own["speed_before"]))
+        hit = own[own["speed_before"] <= (1e-9 * fastest if fastest < 0.0 else fastest)]
+        t = float(own["t"][0])
+        hits = [int(gap) for gap in np.unique(hit["gap"])]
+        before = run(max(t - BEFORE, float(run.t[0]))).ravel()
+        if len(hits) < len(hit) or not uncoupled(flow, hits, t, before):
+            found.append(Happened(t, "C", -1))
+            continue
+        opened = run.openings["gap"][np.abs(run.openings["t"] - t) <= 1e-12 * max(1.0, abs(t))]
+        found += [Happened(t, "I", gap, tuple(int(it) for it in opened)) for gap in hits]
+    return found
+
+
+def left_at_once(run: AnyRun, lifts: Any) -> Any:
     """Tell which gaps lift off where they are hit: others are closed, and their forces pull."""
     near = ROUNDING * np.maximum(1.0, np.abs(lifts["t"]))
     apart = np.abs(lifts["t"][:, None] - run.corners["t"])
     return np.any(apart <= near[:, None], axis=1)
 
 
-def _accumulated(found: list[Happened], zeno: float, gap: int, e: float) -> list[Happened]:
-    """Replace the impacts of an accumulation by one event, at the first of them."""
+def _accumulated(
+    found: list[Happened], zeno: float, gap: int, e: float, since: float
+) -> list[Happened]:
+    """Replace the impacts of an accumulation since a time by one event, at the first of them."""
     last = [k for k, it in enumerate(found) if it.t <= zeno and it.kind == "I" and it.gap == gap]
     if not last:
         return found
@@ -194,12 +266,14 @@ def _accumulated(found: list[Happened], zeno: float, gap: int, e: float) -> list
     if e == 0.0:
         return [*found[:first], found[first]._replace(kind="S"), *found[first + 1 :]]
     while first > 0 and found[first - 1].kind == "I" and found[first - 1].gap == gap:
+        if found[first - 1].t < since:
+            break
         first -= 1
     chain = found[first]._replace(kind="Z")
     return [*found[:first], chain, *found[last[-1] + 1 :]]
 
 
-def _busy(run: MechanicalTrajectory, events: list[Happened]) -> list[tuple[float, float]]:
+def _busy(run: AnyRun, events: list[Happened]) -> list[tuple[float, float]]:
     """Give the spans of time of accumulations, which a window must not cut."""
     spans = []
     for row in run.zeno:
@@ -210,9 +284,7 @@ def _busy(run: MechanicalTrajectory, events: list[Happened]) -> list[tuple[float
     return spans
 
 
-def _quiet(
-    run: MechanicalTrajectory, events: list[Happened], length: float, *, repeats: bool = True
-) -> float:
+def _quiet(run: AnyRun, events: list[Happened], length: float, *, repeats: bool = True) -> float:
     """Give the middle of the longest pause shortly before the end of a run."""
     end = float(run.t[-1])
     begin = max(end - length, float(run.t[0]) + length)
@@ -228,12 +300,18 @@ def _quiet(
     return 0.5 * (low + high)
 
 
-def _repeats(run: MechanicalTrajectory, events: list[Happened], period: float) -> int | None:
+def _repeats(run: AnyRun, events: list[Happened], period: float) -> int | None:
     """Give after how many periods the state repeats; None if it does not."""
     end, begin = _quiet(run, events, period, repeats=False), float(run.t[0])
     most = min(MOST_MULTIPLE, int((end - begin) / period))
-    times = np.maximum(end - period * np.arange(most + 1), begin)
-    return repeating(run(times).transpose(1, 0, 2).reshape(most + 1, -1), run.q, run.qdot)
+    if isinstance(run, MassTables):
+        most = min(MOST_MULTIPLE, int((end - begin) / period / 2.0))
+    times = np.maximum(end - period * np.arange(2 * most + 1), begin)
+    states = run(times).transpose(1, 0, 2).reshape(len(times), -1)
+    m = repeating(states[: most + 1], run.q, run.qdot)
+    # a chaotic motion comes near itself once, by chance
+    again = m is None or repeating(states[: 2 * m + 1 : m][[0, -1]], run.q, run.qdot)
+    return m if again or not isinstance(run, MassTables) else None
 
 
 def repeating(states: Array, *parts: Array) -> int | None:
@@ -260,7 +338,7 @@ def shown(multiple: int, events: int, what: str = "impact", *, repeats: bool = T
     return f"The last {last} of the run {hold} {many}{told}; give multiple=, or a longer run."
 
 
-def _free_length(run: MechanicalTrajectory, events: list[Happened]) -> tuple[float, float]:
+def _free_length(run: AnyRun, events: list[Happened]) -> tuple[float, float]:
     """Give after how long a motion that nothing excites repeats, and where it is looked at."""
     end, begin = float(run.t[-1]), float(run.t[0])
     own = [it for it in events if it.t > 0.5 * (begin + end)]
@@ -291,9 +369,9 @@ def _free_length(run: MechanicalTrajectory, events: list[Happened]) -> tuple[flo
 
 
 def _smooth(
-    system: MechanicalSystem,
+    system: Any,
     flow: Flow,
-    run: MechanicalTrajectory,
+    run: AnyRun,
     length: float,
     end: float,
     free: bool,
@@ -313,15 +391,17 @@ def _smooth(
     return Frame(system, flow, word, method, length, free, None, section), x
 
 
-def _closed(run: MechanicalTrajectory, t: float) -> tuple[int, ...]:
+def _closed(run: AnyRun, t: float) -> tuple[int, ...]:
+    if isinstance(run, MassTables):
+        return () if run(t).any() else (0,)
     at = run.resample(np.array([t]))
     return tuple(int(i) for i in np.flatnonzero(at.contacts[0]))
 
 
 def _unknowns(
-    system: MechanicalSystem,
+    system: Any,
     flow: Flow,
-    run: MechanicalTrajectory,
+    run: AnyRun,
     events: list[Happened],
     length: float,
     free: bool,
@@ -333,7 +413,10 @@ def _unknowns(
         after = {*contacts} - {*it.opened}
         after = after | {it.gap} if it.kind in "SZ" else after - {it.gap}
         segment = Segment(contacts, it.kind, it.gap, tuple(sorted(after)))
-        before = run(max(it.t - 1e-9 * length, float(run.t[0]))).ravel()
+        if isinstance(run, MassTables):
+            before = np.array([0.0, 0.0 if it.kind == "L" else it.speed])
+        else:
+            before = run(max(it.t - 1e-9 * length, float(run.t[0]))).ravel()
         rows.append(after_event(system, method, flow, segment, it.t, before, length))
         word.append(segment)
         contacts = segment.after
@@ -353,7 +436,10 @@ NEAR = 0.05
 """Parts of a guess that differ by less may be."""
 
 
-def solve_word(frame: Frame, y: Array, multiple: int, most: int = 20) -> MechanicalOrbit:
+FOUND = "The orbit was found, and a simulation follows it."
+
+
+def solve_word(frame: Frame, y: Array, multiple: int, most: int = 20) -> Any:
     """Solve for an orbit, reduce it to its least period, and look whether it is a motion."""
     try:
         found = newton(frame, y, most)
@@ -362,19 +448,21 @@ def solve_word(frame: Frame, y: Array, multiple: int, most: int = 20) -> Mechani
     except (FlightError, ValueError) as error:
         return failed(frame, y, multiple, f"A flight could not be computed: {error}")
     if not found.converged:
-        why = f"Newton's iteration did not converge: the residual is {found.residual:.3g}."
+        near = f"in {steps} steps: the residual is {found.residual:.3g}."
+        why = f"Newton's iteration did not converge {near}"
         return orbit_of_word(found.terms, multiple, found.residual, steps, why, found=False)
-    terms = canonical(found.terms, multiple)
+    return checked(canonical(found.terms, multiple), multiple, found.residual, steps)
+
+
+def checked(terms: Terms, multiple: int, residual: float, steps: int) -> Any:
+    """Look whether an orbit is a motion: its signs, and one simulation of it."""
     why_not = Margins(terms).why_not()
-    orbit = orbit_of_word(terms, multiple, found.residual, steps, why_not)
-    if why_not is not None:
-        return orbit
-    reason = weaker_reason(orbit)
+    orbit = orbit_of_word(terms, multiple, residual, steps, why_not)
+    reason = None if why_not else weaker_reason(orbit)
     if reason is None:
         return orbit
-    return dataclasses.replace(
-        orbit, admissible=False, status=OrbitStatus.LEFT_ADMISSIBLE, message=reason
-    )
+    left = OrbitStatus.LEFT_ADMISSIBLE
+    return dataclasses.replace(orbit, admissible=False, status=left, message=reason)
 
 
 def least(
@@ -484,15 +572,25 @@ def orbit_of_word(
     why_not: str | None,
     *,
     found: bool = True,
-    message: str = "The orbit was found, and a simulation follows it.",
-) -> MechanicalOrbit:
+    message: str = FOUND,
+    multipliers: NDArray[np.complex128] | None = None,
+) -> Any:
     """Make the orbit that the equations describe."""
+    left = OrbitStatus.LEFT_ADMISSIBLE if found else OrbitStatus.NOT_CONVERGED
+    status = OrbitStatus.COMPLETED if why_not is None else left
+    known = (multiple, residual, iterations, status, why_not or message)
+    if isinstance(terms.frame.flow, MassFlow):
+        return orbit_of_mass(terms, *known, multipliers)
+    return orbit_of_mechanism(terms, *known)
+
+
+def orbit_of_mechanism(
+    terms: Terms, multiple: int, residual: float, iterations: int, status: OrbitStatus, message: str
+) -> MechanicalOrbit:
+    """Make the orbit of a mechanical system, or that of one mass with its word."""
     frame = terms.frame
     word, x, impulses = whole_word(terms)
     length = terms.length * (1 if frame.turn is None else 2)
-    status = OrbitStatus.COMPLETED if why_not is None else OrbitStatus.LEFT_ADMISSIBLE
-    if not found:
-        status = OrbitStatus.NOT_CONVERGED
     zenos = {s: it.zeno for s, it in terms.accumulations.items()}
     return MechanicalOrbit(
         system=frame.system,
@@ -506,10 +604,10 @@ def orbit_of_word(
         multipliers=multipliers_of(terms),
         residual=residual,
         iterations=iterations,
-        depth=Margins(terms).depth if found else math.nan,
+        depth=math.nan if status is OrbitStatus.NOT_CONVERGED else Margins(terms).depth,
         admissible=status is OrbitStatus.COMPLETED,
         status=status,
-        message=why_not or message,
+        message=message,
         _frame=frame,
         _y=terms.y,
         _word=word,
@@ -554,9 +652,9 @@ def _contacts(word: Word, x: Array, length: float, zenos: dict[int, float]) -> A
     return np.array(rows, CONTACT)
 
 
-def weaker_reason(orbit: MechanicalOrbit) -> str | None:
+def weaker_reason(orbit: Any) -> str | None:
     """Say where a simulation over one period leaves an orbit; None if it does not."""
-    run = orbit.trajectory
+    run = _followed(orbit) if isinstance(orbit, PeriodicOrbit) else orbit.trajectory
     if not run.success:
         return f"A simulation of it ends early: {run.message}"
     t0, length = float(run.t[0]), orbit.multiple * orbit.period
@@ -575,7 +673,8 @@ def weaker_reason(orbit: MechanicalOrbit) -> str | None:
     if len(hits) != len(mine):
         return f"A simulation has {len(hits)} impacts within the period, the orbit {len(mine)}."
     lifts = sum(kind == "L" for kind, _, _ in flips)
-    seen = len(run.liftoffs) - int(np.count_nonzero(left_at_once(run, run.liftoffs)))
+    at_once = left_at_once(run, run.liftoffs) if len(run.corners) else ()
+    seen = len(run.liftoffs) - int(np.count_nonzero(at_once))
     if seen != lifts:
         return f"A simulation has {seen} lift-offs, the orbit {lifts}."
     largest = np.abs(orbit.multipliers[np.isfinite(orbit.multipliers)])
@@ -586,15 +685,31 @@ def weaker_reason(orbit: MechanicalOrbit) -> str | None:
     return None
 
 
-def _in_order(orbit: MechanicalOrbit, t0: float, length: float) -> list[tuple[Segment, float]]:
-    ends = [(it, t0 + (t - t0) % length) for it, t in zip(orbit._word, orbit.segments["t1"],
-                                                          strict=True)]  # fmt: skip
+def _followed(orbit: PeriodicOrbit) -> MassTables:
+    """Simulate an orbit of one mass from the middle of a flight, or of its rest."""
+    frame, length = orbit._frame, orbit.multiple * orbit.period
+    x = frame.split(orbit._y)[0]
+    t, z = middle_of(frame.flow, frame.word, x[:, :-1], x[:, -1])
+    state = frame.flow.initial(z)
+    return MassTables(
+        simulate(frame.system, (t, t + length), state, frame.method, dense_output=False)
+    )
+
+
+def _in_order(orbit: Any, t0: float, length: float) -> list[tuple[Segment, float]]:
+    if isinstance(orbit, PeriodicOrbit):
+        word, times = orbit._frame.word, orbit._frame.split(orbit._y)[0][:, -1]
+    else:
+        word, times = orbit._word, orbit.segments["t1"]
+    ends = [(it, t0 + (t - t0) % length) for it, t in zip(word, times.tolist(), strict=True)]
     return sorted(ends, key=lambda it: it[1])
 
 
 def _hits(run: Any) -> list[tuple[float, int]]:
     """Give the impacts of a run: of each the time and the gap that was hit."""
     rows = run.resolved_impacts
+    if isinstance(run, MassTables):
+        return [(t, 0) for t in rows["t"].tolist()]
     found = []
     for group in np.unique(rows["group"]):
         own = rows[rows["group"] == group]
@@ -611,10 +726,15 @@ def failed(
     multiple: int,
     message: str,
     status: OrbitStatus = OrbitStatus.NOT_CONVERGED,
-) -> MechanicalOrbit:
+) -> Any:
     """Give what there is where no flight can be computed."""
     x, length = frame.split(y)
     n = frame.flow.n
+    if isinstance(frame.flow, MassFlow):
+        speeds = x[:, 2] if frame.free else np.roll(x[:, 2], -1)
+        times = x[:, 0] if frame.free else x[:, 3]
+        impacts = _mass_impacts(times, speeds, np.full(len(x), np.nan))
+        return mass_orbit(frame, y, multiple, length, impacts, status, message)
     return MechanicalOrbit(
         system=frame.system,
         period=length * (1 if frame.turn is None else 2) / multiple,
@@ -636,3 +756,197 @@ def failed(
         _word=frame.word,
         _starts=x[:, :-1].copy(),
     )
+
+
+# Orbits of one mass: views of their words.
+
+
+def mass_orbit(
+    frame: Frame,
+    y: Array,
+    multiple: int,
+    length: float,
+    impacts: NDArray[np.void],
+    status: OrbitStatus,
+    message: str,
+    **known: Any,
+) -> PeriodicOrbit:
+    """Make an orbit of one mass; what is not known is that of none."""
+    smooth = all(it.kind == "P" for it in frame.word)
+    rests = is_resting(frame.word)
+    none: dict[str, Any] = {"multipliers": np.full(2, np.nan + 0j), "iterations": 0}
+    none |= {"residual": math.inf, "depth": math.inf if rests else math.nan}
+    return PeriodicOrbit(
+        system=frame.system,
+        kind="resting" if rests else "flight" if smooth else "impacting",
+        period=length / multiple,
+        multiple=multiple,
+        impacts=impacts[:0] if smooth else impacts,
+        admissible=status in (OrbitStatus.COMPLETED, OrbitStatus.RESTS),
+        status=status,
+        message=message,
+        _frame=frame,
+        _y=y,
+        **none | known,
+    )
+
+
+def _mass_impacts(times: Array, speeds: Array, before: Array) -> NDArray[np.void]:
+    impacts = np.empty(len(times), ORBIT_IMPACT)
+    impacts["t"], impacts["u"], impacts["xdot_before"] = times, speeds, before
+    impacts["xdot_after"] = speeds
+    return impacts
+
+
+def orbit_of_mass(
+    terms: Terms,
+    multiple: int,
+    residual: float,
+    iterations: int,
+    status: OrbitStatus,
+    message: str,
+    multipliers: NDArray[np.complex128] | None = None,
+) -> PeriodicOrbit:
+    """Make the orbit of one mass that the equations describe."""
+    frame, x, rates = terms.frame, terms.x, np.asarray(terms.rates)
+    known: dict[str, Any] = {"residual": residual, "iterations": iterations}
+    if any(it.kind == "L" for it in frame.word):
+        impacts, times = _from_lift_off(terms, terms.length / multiple)
+        known |= times
+    elif frame.free:
+        impacts = _mass_impacts(x[:, 0], x[:, 2], np.roll(rates, 1))
+    else:
+        impacts = _mass_impacts(x[:, 3], np.roll(x[:, 2], -1), rates)
+    values = multipliers_of(terms) if multipliers is None else multipliers
+    if not np.all(np.isfinite(values)):
+        values = np.array([np.inf, 0.0], np.complex128)
+    elif frame.free:
+        values = np.append(values, 1.0)
+    if not is_resting(frame.word):
+        known["depth"] = Margins(terms).depth
+    known["multipliers"] = values
+    return mass_orbit(frame, terms.y, multiple, terms.length, impacts, status, message, **known)
+
+
+def _from_lift_off(terms: Terms, period: float) -> tuple[NDArray[np.void], dict[str, float]]:
+    """Give the impacts from the lift-off of the smallest phase on, its time, that of the rest."""
+    word, x, k, e = terms.frame.word, terms.x, len(terms.x), float(terms.frame.flow.e[0])
+    lifts = [s for s, it in enumerate(word) if it.kind == "L"]
+    first = min(lifts, key=lambda s: (float(x[s, -1]) / period + 1e-9) % 1.0)
+    lift, rows, zeno = float(x[first, -1]), [], math.nan
+    for j in range(first + 1, first + k):
+        s, turn = j % k, terms.length * (j // k)
+        if word[s].kind not in "ISZ":
+            continue
+        before, chain = float(terms.rates[s]), terms.accumulations.get(s)
+        after = 0.0 if word[s].kind == "S" else -e * before
+        zeno = turn + (float(x[s, -1]) if chain is None else chain.zeno)
+        rows.append((turn + x[s, -1], after, before, after))
+        for it in () if chain is None else chain.impacts:
+            rows.append((turn + it["t"], it["speed_after"], it["speed_before"], it["speed_after"]))
+    shift = lift % period - lift
+    impacts = np.array(rows, ORBIT_IMPACT)
+    impacts["t"] += shift
+    return impacts, {"liftoff_time": lift + shift, "zeno_time": zeno + shift}
+
+
+# Orbits that rest: they start at a lift-off, and one simulation is the start of the equations.
+
+MOST_PERIODS = 64
+REST_LOOKS = 256
+
+
+def cycle_of(lifts: Array, period: float) -> tuple[int, int] | None:
+    """Give the first two lift-offs with the same phase, None if there are none.
+
+    The motion after a lift-off is a function of its phase, so it repeats from there on.
+    """
+    turns = (lifts - lifts[:, None]) / period
+    whole = np.rint(turns)
+    same = (np.abs(turns - whole) < 1e-8) & (whole >= 1.0)
+    ends = np.flatnonzero(same.any(axis=0))
+    return (int(np.flatnonzero(same[:, ends[0]])[-1]), int(ends[0])) if len(ends) else None
+
+
+def earliest(lifts: Array, period: float) -> int:
+    """Give the lift-off of the smallest phase, with which a cycle of several begins."""
+    return int(np.argmin((lifts / period + 1e-9) % 1.0))
+
+
+def _before_lift_off(flow: MassFlow, phase: float, period: float) -> float | None:
+    """Give when the force last holds the mass before it lifts off; None if it never holds."""
+    times = phase + period * np.arange(REST_LOOKS + 1) / REST_LOOKS
+    holds = flow.reactions((0,), times, np.zeros((len(times), 2)))[:, 0] >= 0.0
+    (rises,) = np.nonzero(holds[:-1] & ~holds[1:])
+    # else the force may be positive between two looks
+    place = rises if len(rises) else np.flatnonzero(holds)
+    return float(times[place[0]]) if len(place) else None
+
+
+def resting_orbit(
+    system: ImpactSystem,
+    method: SwitchedRK,
+    period: float,
+    phase: float = 0.0,
+    most: int | None = None,
+) -> PeriodicOrbit:
+    """Simulate the motion that lifts off first after a time, until it does so at the same phase.
+
+    At most so many periods are simulated, at first two, and the motion must come back to that
+    lift-off. By default it may do so from another one on, within `MOST_PERIODS`.
+    """
+    flow, longest = MassFlow(system, method), most or MOST_PERIODS
+    begin = _before_lift_off(flow, phase, period)
+    none, empty = OrbitStatus.NOT_CONVERGED, np.empty(0, ORBIT_IMPACT)
+    frame = resting_frame(system, method, period)
+    if begin is None:
+        why = "The mass never stays at rest."
+        return mass_orbit(frame, np.empty(0), 1, period, empty, none, why)
+    for periods in sorted({min(it, longest) for it in (2, 8, longest)}):
+        span = (begin, begin + periods * period)
+        run = simulate(system, span, (0.0, 0.0), method)
+        lifts, zenos = run.liftoff_times, run.zeno_times
+        cycle = cycle_of(lifts, period)
+        if (cycle is not None and len(zenos)) or not len(lifts):
+            break
+    if not len(lifts):
+        rests, y = OrbitStatus.RESTS, np.array([-period, 0.0, 0.0, 0.0])
+        known = {"multipliers": np.zeros(2, np.complex128), "residual": 0.0}
+        why = "The mass rests and never lifts off."
+        return mass_orbit(frame, y, 1, period, empty, rests, why, **known)
+    if cycle is None or not len(zenos) or (most is not None and cycle[0]):
+        why = f"The motion after the lift-off does not rest again within {longest} periods."
+        if len(lifts) > 1 and len(zenos):
+            why = f"The motion lifts off at no phase a second time within {longest} periods."
+        return mass_orbit(frame, np.empty(0), 1, period, empty, none, why)
+    first, end = (float(lifts[i]) for i in cycle)
+    multiple, tables = round((end - first) / period), MassTables(run)
+    events = [it for it in _events(flow, tables, period) if first < it.t <= end]
+    try:
+        frame, x = _unknowns(system, flow, tables, events, multiple * period, False, method)
+        x[:, [0, -1]] -= _floor(x[0, -1] / period) * period  # far from 0 times have fewer digits
+        terms = evaluate(frame, frame.joined(x, frame.length))
+    except FlightError as error:
+        why = f"A flight could not be computed: {error}"
+        return mass_orbit(frame, np.empty(0), 1, period, empty, none, why)
+    residual = float(np.max(np.abs(terms.residual / sizes_of(terms)[1])))
+    why = "The motion rests and lifts off again at the same phase."
+    return orbit_of_mass(terms, multiple, residual, 0, OrbitStatus.COMPLETED, why)
+
+
+def renewed(state: dict[str, Any]) -> dict[str, Any]:
+    """Give what is new in an orbit of one mass that a version up to 0.2 pickled."""
+    old, system, y, period = (state[it] for it in ("_frame", "system", "_y", "period"))
+    if state["kind"] != "resting":
+        frame, new = old.word(system, y, period)
+        if (away := state.get("_away")) is not None:
+            away = (old.word(system, y + 1e-6 * away, period)[1] - new) / 1e-6
+        return {"_frame": frame, "_y": new, "_away": away}
+    if (lift := state["liftoff_time"]) is not None:
+        rest = lift + old.multiple * period - state["zeno_time"]
+        orbit = resting_orbit(system, old.method, period, lift - 0.5 * rest, old.multiple + 1)
+        return {"_frame": orbit._frame, "_y": orbit._y}
+    rests = state["status"] is OrbitStatus.RESTS
+    frame = resting_frame(system, old.method, period, old.start)
+    y = np.array([old.start - period, 0.0, 0.0, old.start]) if rests else np.empty(0)
+    return {"_frame": frame, "_y": y}
