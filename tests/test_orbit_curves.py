@@ -141,13 +141,13 @@ def test_parts_of_orbits():
     rows = np.tile(single(), (4, 1))
     rows += np.array([[0.0, 0.0], [TURN, 0.1], [2 * TURN, 0.0], [3 * TURN, 0.1]])
     terms = equations(table(), frame(4), rows)
-    apart, mean = find._parts(terms.frame, terms.y, 2, terms)
+    apart, mean = find._equal_parts(terms.frame, terms.y, 2, terms)
     assert apart == pytest.approx(0.0, abs=1e-14)
     np.testing.assert_allclose(mean, terms.x[:2], atol=1e-14)
     rows[:, 0] += [0.0, 0.0, 0.2, 0.2]
     terms = equations(table(), frame(4), rows)
     # times relative to half of the four periods
-    assert find._parts(terms.frame, terms.y, 2, terms)[0] == pytest.approx(0.2 / (2 * TURN))
+    assert find._equal_parts(terms.frame, terms.y, 2, terms)[0] == pytest.approx(0.2 / (2 * TURN))
 
 
 def test_rows_of_a_run_that_alternates_still():

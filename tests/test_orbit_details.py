@@ -47,7 +47,7 @@ def test_an_orbit_that_touches_the_wall_says_so(monkeypatch):
     for depth, said in ((0.0, status.COMPLETED), (1e-3, status.LEFT_ADMISSIBLE)):
         left = dataclasses.replace(orbit, status=status.LEFT_ADMISSIBLE, depth=depth)
         monkeypatch.setattr(switch, "solve_word", lambda *_, it=left: it)
-        told = switch._crossed(None, event)
+        told = switch._cross_event(None, event)
         assert told.status is said
         assert (told.message == "It grazes.") == (said is status.COMPLETED)
 
@@ -61,8 +61,8 @@ def test_where_no_impacting_orbit_is_found_the_last_one_is_given(resting, monkey
 
     monkeypatch.setattr(switch, "solve_word", none)
     event = zivi.BranchEvent("end_of_rest", 1.5, resting)
-    found = switch._thrown_off(SimpleNamespace(values=[1.3, 1.4], name="amplitude"), event)
-    assert found.number == len(tried) == len(switch.DISTANCES)
+    found = switch._leave_rest(SimpleNamespace(values=[1.3, 1.4], name="amplitude"), event)
+    assert found.number == len(tried) == len(switch.BEYOND_REST)
 
 
 def test_a_transient_is_shorter_than_the_span():

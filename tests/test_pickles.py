@@ -272,3 +272,47 @@ def test_a_study_of_the_last_version_goes_on(tmp_path: Any) -> None:
     study = zivi.sweep(ball_rest_time, {"e": [0.3, 0.5]}, out=folder, progress=False)
     assert np.max(np.abs(study.rest_time - study.exact)) < 1e-12
     assert before == {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+
+
+ORBITS = Path(__file__).parent / "data" / "orbits_0_2.zip"
+"""Orbits of one mass as version 0.2 pickled them: rows of impacts instead of words."""
+
+
+def kept_orbit(name):
+    return pickle.loads(zipfile.ZipFile(ORBITS).read(f"{name}.pickle"))
+
+
+@pytest.mark.parametrize("name", ["resting", "free", "flight", "doubled", "plastic"])
+def test_orbits_of_one_mass_that_a_version_pickled_are_found_again(name):
+    orbit = kept_orbit(name)
+    again = zivi.periodic_orbit(orbit.system, orbit)
+    assert again.status is orbit.status is zivi.OrbitStatus.COMPLETED
+    assert (again.kind, again.multiple) == (orbit.kind, orbit.multiple)
+    assert again.period == pytest.approx(orbit.period, rel=1e-10)
+    for field in ("t", "u"):
+        count = len(orbit.impacts)
+        assert again.impacts[field][:count] == pytest.approx(orbit.impacts[field], abs=1e-9)
+    assert np.abs(again.multipliers) == pytest.approx(np.abs(orbit.multipliers), abs=1e-7)
+    parameter = "damping" if name == "free" else "amplitude"
+    if name != "flight":
+        slope = again.derivative(parameter)
+        assert orbit.derivative(parameter) == pytest.approx(slope, rel=1e-6, abs=1e-9)
+    run = orbit.trajectory
+    assert run.t[-1] - run.t[0] == pytest.approx(orbit.multiple * orbit.period)
+    value = getattr(orbit.system.force, parameter)
+    branch = zivi.continue_orbit(orbit, parameter, (value - 0.01, value + 0.01), max_points=6)
+    assert len(branch) > 1
+    assert pickle.loads(pickle.dumps(orbit)).impacts.tolist() == orbit.impacts.tolist()
+
+
+def test_other_results_of_one_mass_that_a_version_pickled():
+    assert kept_orbit("still").status is zivi.OrbitStatus.RESTS
+    assert not kept_orbit("still").trajectory.x.any()
+    assert kept_orbit("lost").status is zivi.OrbitStatus.NOT_CONVERGED
+    branch = kept_orbit("resting_branch")
+    (end,) = branch.of_kind("end_of_rest")
+    assert branch.switch(end).kind == "impacting"
+    assert zivi.continue_orbit(branch.orbits[0], "amplitude", (1.2, 1.3)).values[-1] > 1.25
+    curve = kept_orbit("rest_curve")
+    assert curve.kind == "end_of_rest"
+    assert len(curve) > 1

@@ -478,7 +478,7 @@ def rest_beyond(
     if first is None or path.frame.free or path.frame.turn is not None:
         return None
     for value in _values(edge.value, span):
-        found = _resting(path, edge, first, value)
+        found = _resting_near(path, edge, first, value)
         if found is None:
             continue
         own, point = found
@@ -517,7 +517,7 @@ def _chain(terms: Terms) -> int | None:
     return None
 
 
-def _resting(path: Path, edge: Point, first: int, value: float) -> tuple[Path, Point] | None:
+def _resting_near(path: Path, edge: Point, first: int, value: float) -> tuple[Path, Point] | None:
     """Give the orbit that rests on which a run from a long chain settles, at another parameter."""
     frame, before = path.frame_at(value), edge.terms
     t, state = float(before.x[first, 0]), frame.flow.initial(before.x[first, 1:-1])
@@ -551,7 +551,7 @@ TOGETHER = 1e-7
 """Parts of a step that are no further apart are one place."""
 HALVES_MEET = 1e-4
 """Half differences that are less, relative to the motion, are those of a single orbit."""
-ROUNDING = 1e-9
+NO_TURNING = 1e-9
 CIRCLE = 1e-6
 """How near the unit circle a located pair must be."""
 ALIGNED = 0.9
@@ -828,7 +828,7 @@ class Way:
         for test in (_pairs, _turning):
             ends = test(last), test(new)
             # without damping and loss it is rounding along the whole branch
-            if ends[0] * ends[1] < 0.0 and max(map(abs, ends)) > ROUNDING:
+            if ends[0] * ends[1] < 0.0 and max(map(abs, ends)) > NO_TURNING:
                 point = located(arc.path, last, new, test)
                 # two real ones whose product is 1 turn nothing
                 if point is not None and abs(point.turning) < CIRCLE:

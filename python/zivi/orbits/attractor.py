@@ -277,7 +277,7 @@ def settle(
     ]  # fmt: skip
     if before == transient:
         return found
-    left = [i for i in np.flatnonzero(good).tolist() if not _repeats(found[i], periods[i], keep)]
+    left = [i for i in np.flatnonzero(good).tolist() if not _is_settled(found[i], periods[i], keep)]
     more = settle(
         [systems[i] for i in left], after[left], [periods[i] for i in left],
         transient - before - keep, keep, method, threads, progress, look=2 * look,
@@ -317,7 +317,7 @@ class _Runs:
         return record
 
 
-def _repeats(settled: Settled, period: float, keep: int) -> bool:
+def _is_settled(settled: Settled, period: float, keep: int) -> bool:
     """Whether all periods that were noted are the same to rounding, or some of them in turns."""
     rows = settled.impacts
     if len(settled.zeno_times) or settled.rests or len(rows) < 2:
@@ -506,7 +506,7 @@ def _merged(states: Array, method: SwitchedRK) -> tuple[Array, NDArray[np.int64]
 SLOW = 0.05
 """Impacts of an accumulation below this part of the fastest are not told."""
 
-SETTLED_NEAR, NEARER = 100.0, 0.9
+SETTLED_NEAR, FALLING = 100.0, 0.9
 """A motion that nearly repeats after fewer periods settles on that, if the differences fall."""
 
 
@@ -548,13 +548,15 @@ def settle_mechanical(
     for length in dict.fromkeys(periods):
         own = [i for i, period in enumerate(periods) if period == length]
         group = [systems[i] for i in own]
-        several = _settle(group, states[own], length, transient, keep, method, threads, progress)
+        several = _settle_batch(
+            group, states[own], length, transient, keep, method, threads, progress
+        )
         for i, it in zip(own, several, strict=True):
             found[i] = it
     return [it for it in found if it is not None]
 
 
-def _settle(
+def _settle_batch(
     systems: Sequence[MechanicalSystem],
     states: Array,
     length: float,
@@ -643,7 +645,7 @@ def _settling(states: Array, multiple: int, tolerance: float) -> int:
             continue
         apart = np.abs(states[d:] - states[:-d]).max(axis=1)
         late, early = apart[-multiple:].max(), apart[:multiple].max()
-        if late <= min(SETTLED_NEAR * tolerance, NEARER * early):
+        if late <= min(SETTLED_NEAR * tolerance, FALLING * early):
             return d
     return multiple
 

@@ -257,7 +257,7 @@ class Turning(Critical):
 # where :math:`J_\mu` is the derivative of the matrix by the multiplier. The doubling is
 # supercritical, with stable orbits of twice the period beside it, where `c` > 0.
 
-FIRST, LONGEST, PART = 1e-4, 3e-3, 5e-3
+FIRST_STEP, LONGEST, PART = 1e-4, 3e-3, 5e-3
 """Steps of differences in scaled unknowns, and that relative to the cubic term."""
 CUBIC_STEP = 1e-6
 """Of a difference for the direction of a doubled orbit."""
@@ -302,7 +302,7 @@ def cubic_test(terms: Terms, scale: Array, sizes: Array, *, precise: bool = True
     """
     try:
         cubic = _Cubic(terms, scale, sizes)
-        value = cubic.precise() if precise else cubic.numerator(FIRST)
+        value = cubic.precise() if precise else cubic.numerator(FIRST_STEP)
         sign, size = np.linalg.slogdet(terms.matrix() * scale / sizes[:, None])
         return float(value * cubic.orientation() * sign * np.exp(min(size, 300.0)))
     except (FlightError, ValueError, np.linalg.LinAlgError):
@@ -344,7 +344,7 @@ class _Cubic:
 
         They are short beside the amplitude at which the cubic term is as large as the linear one.
         """
-        h = min(LONGEST, PART / math.sqrt(abs(self.numerator(FIRST) / self.slope) + 1e-300))
+        h = min(LONGEST, PART / math.sqrt(abs(self.numerator(FIRST_STEP) / self.slope) + 1e-300))
         return (4.0 * self.numerator(h) - self.numerator(2.0 * h)) / 3.0
 
     def numerator(self, h: float) -> float:

@@ -364,7 +364,7 @@ RESTING = 0.02
 """The duration of the rests, in lengths of the word, from which ends are told."""
 RETURNS = 12
 """Lengths of the word that are simulated where an orbit is not near the last one."""
-SHORTEST = 0.02
+LEAST_SPACING = 0.02
 """A step of the second parameter below this part of the first is given up."""
 Names = tuple[str, str]
 
@@ -397,7 +397,7 @@ def rest_curve(
             end = ends.at(value, float(expected))
             if end is None:
                 far *= 0.5
-                if far < SHORTEST * spacing:
+                if far < LEAST_SPACING * spacing:
                     status = OrbitStatus.NOT_CONVERGED
                     break
                 continue
@@ -665,7 +665,7 @@ class EventCurve(Tabulated):
         return point.orbit
 
     def _failed_text(self) -> str:
-        failed = failed_text(self._found)
+        failed = text_of_failures(self._found)
         return f", {failed}" if failed else ""
 
     def _table(self) -> ResultTable:
@@ -774,7 +774,9 @@ def continue_curve(
     if kappa is None and event.kind == "neimark_sacker":
         turning = orbit.multipliers[np.imag(orbit.multipliers) > 0.0]
         kappa = float(np.real(turning[0]) / np.abs(turning[0]))
-    found = _followed(event.kind, frame, y, (both[0], both[1]), ranges, step, max_points, kappa)
+    found = _both_directions(
+        event.kind, frame, y, (both[0], both[1]), ranges, step, max_points, kappa
+    )
     return _curve(event.kind, (both[0], both[1]), found, orbit.multiple)
 
 
@@ -786,7 +788,7 @@ def _of_one_mass(orbit: PeriodicOrbit) -> MechanicalOrbit:
     return orbit_of_mechanism(terms, orbit.multiple, orbit.residual, 0, done, FOUND)
 
 
-def _followed(
+def _both_directions(
     kind: str,
     frame: Frame,
     y: Array,
@@ -829,7 +831,7 @@ def _curve(
             CodimensionTwo(it.kind, it.point.values, orbit_at(it.point, multiple)) for it in named
         ],
         status=status,
-        message=with_failed(MESSAGES[status], failed_text(points)),
+        message=with_failed(MESSAGES[status], text_of_failures(points)),
         _found=points,
         _multiple=multiple,
     )
@@ -844,13 +846,13 @@ def _of_rest(
 ) -> EventCurve:
     none = np.full(len(values), np.nan)
     residual = np.array([it.residual for it in found]) if found else none
-    message = with_failed(MESSAGES[status], failed_text(found))
+    message = with_failed(MESSAGES[status], text_of_failures(found))
     return EventCurve(
         "end_of_rest", names, values, none, residual, [], status, message, found, multiple
     )
 
 
-def failed_text(found: list[CurvePoint]) -> str:
+def text_of_failures(found: list[CurvePoint]) -> str:
     """Say at how many points the orbit is no motion, nothing if it is one everywhere."""
     number = sum(_why_not(it) is not None for it in found)
     return f"{number} of {len(found)} points where the orbit is no motion" if number else ""

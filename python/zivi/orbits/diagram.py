@@ -40,10 +40,10 @@ from zivi.system.parameters import check_newton, parameter
 __all__ = [
     "Basins",
     "Diagram",
-    "Found",
     "MassPlan",
     "MechanicalPlan",
     "Plan",
+    "RunFound",
     "basins",
     "bifurcation_diagram",
     "number_of",
@@ -54,10 +54,10 @@ __all__ = [
 
 # What is done at each value of a bifurcation diagram.
 
-Found = tuple[Array, Attractor]
+RunFound = tuple[Array, Attractor]
 """The points of a run, rows of two numbers and a gap, and what it settled on."""
 
-KINDS = ("flight", "impacting", "resting", "rest", "irregular", "failed")
+ATTRACTOR_KINDS = ("flight", "impacting", "resting", "rest", "irregular", "failed")
 OF_POINT = ("first", "second", "gap")
 OF_ORBIT = ("in_orbit", "orbit_phase", "orbit_speed", "orbit_gap")
 POINT = np.dtype([(name, "f8") for name in (*OF_POINT, *OF_ORBIT)])
@@ -80,7 +80,7 @@ class Plan(ABC):
         """Run each from its state; how: threads, and whether progress is shown."""
 
     @abstractmethod
-    def points(self, system: Any, settled: Any, period: float) -> Found:
+    def points(self, system: Any, settled: Any, period: float) -> RunFound:
         """Give the points of a run, and what it settled on."""
 
     def at(self, value: float) -> tuple[Any, float]:
@@ -94,7 +94,7 @@ class Plan(ABC):
 
     def batch(
         self, grid: Array, states: Array, threads: int | None, progress: bool | None
-    ) -> list[Found]:
+    ) -> list[RunFound]:
         """Run each value from each state."""
         pairs = [self.at(value) for value in np.repeat(grid, len(states))]
         systems, periods = [it[0] for it in pairs], [it[1] for it in pairs]
@@ -102,13 +102,13 @@ class Plan(ABC):
         settled = self.settle(systems, rows, periods, threads, progress)
         return [self.points(*it) for it in zip(systems, settled, periods, strict=True)]
 
-    def one(self, value: float, state: Array) -> tuple[Found, Array]:
+    def one(self, value: float, state: Array) -> tuple[RunFound, Array]:
         """Run one value from one state; also its end."""
         system, period = self.at(value)
         (settled,) = self.settle([system], state[None], [period], 1, False)
         return self.points(system, settled, period), settled.end
 
-    def following(self, grid: Array, state: Array) -> list[Found]:
+    def following(self, grid: Array, state: Array) -> list[RunFound]:
         """Run each value from the end of the run at the last."""
         all_found = []
         for value in grid:
@@ -119,7 +119,7 @@ class Plan(ABC):
 
     def study(
         self, grid: Array, states: Array, out: Any, executor: Any, progress: bool | None
-    ) -> list[Found]:
+    ) -> list[RunFound]:
         """Run each value from each state as a study."""
         from zivi.study import grid as product, sweep
 
@@ -140,7 +140,7 @@ class Plan(ABC):
             listed = own["in_orbit"] > 0
             orbit = np.column_stack([own["orbit_phase"][listed], own["orbit_speed"][listed]])
             gaps = own["orbit_gap"][listed].astype(np.int64)
-            kind = "failed" if np.isnan(kinds[i]) else KINDS[int(kinds[i])]
+            kind = "failed" if np.isnan(kinds[i]) else ATTRACTOR_KINDS[int(kinds[i])]
             multiple = 0 if np.isnan(multiples[i]) else int(multiples[i])
             points = np.column_stack([own[name] for name in OF_POINT])
             points = points[~np.isnan(points[:, 2])]
@@ -168,7 +168,7 @@ def settled_point(value: float, start: int, *, plan: Plan, states: Array) -> Any
     events["in_orbit"][:n] = 1.0
     events["orbit_phase"][:n], events["orbit_speed"][:n] = orbit.T
     events["orbit_gap"][:n] = 0 if attractor.gaps is None else attractor.gaps
-    return {"kind": KINDS.index(attractor.kind), "multiple": attractor.multiple}, events
+    return {"kind": ATTRACTOR_KINDS.index(attractor.kind), "multiple": attractor.multiple}, events
 
 
 @dataclasses.dataclass(frozen=True)
@@ -190,7 +190,7 @@ class MassPlan(Plan):
         both = zip(settled, np.stack(rows, axis=1), strict=True)
         return [dataclasses.replace(it, states=own) for it, own in both]
 
-    def points(self, system: ImpactSystem, settled: Settled, period: float) -> Found:
+    def points(self, system: ImpactSystem, settled: Settled, period: float) -> RunFound:
         """Give phases and speeds of the impacts, or states at the starts of periods."""
         kind = classify(system, settled, period, self.keep)
         if self.section == "impacts":
@@ -267,7 +267,9 @@ class MechanicalPlan(Plan):
             systems, states, periods, self.transient, self.keep, self.method, *how
         )
 
-    def points(self, system: MechanicalSystem, settled: MechanicalSettled, period: float) -> Found:
+    def points(
+        self, system: MechanicalSystem, settled: MechanicalSettled, period: float
+    ) -> RunFound:
         """Give phases and speeds of the impacts, or states."""
         kind = classify_mechanical(settled, period, self.keep, TOLERANCE)
         if self.section == "impacts":
@@ -476,11 +478,11 @@ def bifurcation_diagram(
     given = None if follows or starts is None else real_array("starts", starts)
     common = (system, name, section, transient, keep, period, method)
     if isinstance(system, MechanicalSystem):
-        states, plan = _of_mechanism(common, given, gap, coordinate)
+        states, plan = _mechanical_plan(common, given, gap, coordinate)
     else:
         if gap is not None or coordinate is not None:
             raise ValueError("gap and coordinate are for a zivi.MechanicalSystem")
-        states, plan = _of_mass(common, given)
+        states, plan = _mass_plan(common, given)
     if follows:
         found = plan.following(grid, states[0])
     elif out is not None or executor is not None:
@@ -490,7 +492,7 @@ def bifurcation_diagram(
     return _diagram(plan, np.repeat(grid, len(states)), len(states), found)
 
 
-def _of_mass(common: Any, given: Array | None) -> tuple[Array, Plan]:
+def _mass_plan(common: Any, given: Array | None) -> tuple[Array, Plan]:
     check_newton(common[0])
     parameter(common[0], common[1])
     states = np.atleast_2d([1.0, 0.0] if given is None else given)
@@ -499,7 +501,7 @@ def _of_mass(common: Any, given: Array | None) -> tuple[Array, Plan]:
     return states, MassPlan(*common)
 
 
-def _of_mechanism(
+def _mechanical_plan(
     common: Any, given: Array | None, gap: str | None, coordinate: str | None
 ) -> tuple[Array, Plan]:
     system: MechanicalSystem = common[0]
@@ -516,7 +518,7 @@ def _of_mechanism(
     return states, dataclasses.replace(plan, gap=of_gap, coordinate=of_coordinate)
 
 
-def _diagram(plan: Plan, values: Array, n_starts: int, found: list[Found]) -> Diagram:
+def _diagram(plan: Plan, values: Array, n_starts: int, found: list[RunFound]) -> Diagram:
     counts = [len(rows) for rows, _ in found]
     rows = np.vstack([rows for rows, _ in found]) if sum(counts) else np.empty((0, 3))
     run = np.repeat(np.arange(len(found)), counts)
@@ -536,7 +538,7 @@ def _diagram(plan: Plan, values: Array, n_starts: int, found: list[Found]) -> Di
 
 # Basins of attraction: which initial states settle on what.
 
-NEAR = 100.0
+SAME_ATTRACTOR = 100.0
 """Runs are of one attractor if they differ by less than so many times the tolerance."""
 BASIN_FIELDS: dict[str, Field] = {
     "label": (("xdot0", "x0"), "", "number of the attractor"),
@@ -699,7 +701,7 @@ def basins(
         raise ValueError(f"transient must be >= 0 and keep >= 2, got {transient} and {keep}")
     if not tolerance > 0.0:
         raise ValueError(f"tolerance must be > 0, got {tolerance}")
-    found = _Found(transient, keep, tolerance, method, threads, progress)
+    found = _Cells(transient, keep, tolerance, method, threads, progress)
     states = np.stack(np.meshgrid(across, along), axis=-1).reshape(-1, 2)
     known = [_of_orbit(orbit, is_mass) for orbit in attractors or ()]
     if isinstance(system, MechanicalSystem):
@@ -720,7 +722,7 @@ Labels = tuple[NDArray[np.int64], NDArray[np.bool_]]
 
 
 @dataclasses.dataclass(frozen=True)
-class _Found:
+class _Cells:
     """How it is found what the states settle on."""
 
     transient: int
@@ -775,7 +777,9 @@ class _Found:
         label = np.empty(len(kinds), dtype=np.int64)
         for i in np.argsort(np.unique(which, return_index=True)[1]):
             same = (
-                j for j, other in enumerate(known) if kinds[i].is_same(other, NEAR * self.tolerance)
+                j
+                for j, other in enumerate(known)
+                if kinds[i].is_same(other, SAME_ATTRACTOR * self.tolerance)
             )
             label[i] = next(same, len(known))
             if label[i] == len(known):

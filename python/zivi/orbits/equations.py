@@ -102,17 +102,17 @@ def _modes(state: bytes, inverse: bytes, normals: bytes, n: int) -> _Modes | Non
     inputs = back[:, n:] @ spread
     weights = (rows @ vectors[:n])[:, None, :] * inputs.T[None, :, :]
     parts = {
-        "rates": _parts(values),
-        "kernels": _parts(weights * values ** np.arange(4)[:, None, None, None]),
-        "vectors": _parts(vectors),
-        "inputs": _parts(inputs.T),
+        "rates": _real_pairs(values),
+        "kernels": _real_pairs(weights * values ** np.arange(4)[:, None, None, None]),
+        "vectors": _real_pairs(vectors),
+        "inputs": _real_pairs(inputs.T),
         "pushes": np.vstack([np.zeros_like(spread), spread]).T.copy(),
         "mobilities": np.einsum("in,ni->i", rows, spread),
     }
     return _Modes(whole, values.astype(np.complex128), parts)
 
 
-def _parts(values: NDArray[Any]) -> Array:
+def _real_pairs(values: NDArray[Any]) -> Array:
     return np.stack([np.real(values), np.imag(values)], axis=-1)
 
 
@@ -559,7 +559,7 @@ def of_segments(
     for s, segment in enumerate(frame.word):
         own = flights.of(s)
         tau = float(x[s, -1])
-        event = _event(frame, segment, tau, own.z)
+        event = _event_function(frame, segment, tau, own.z)
         # dz- = Phi dz - Phi f0 dt + f1 dtau
         ends = np.column_stack([-own.phi @ own.first, own.phi, own.last])
         mapped = _mapped(frame, segment, tau, own.z, length, slopes)
@@ -608,7 +608,7 @@ def _flown(frame: Frame, x: Array) -> Flights:
     return found
 
 
-def _event(frame: Frame, segment: Segment, tau: float, z: Array) -> Scalar:
+def _event_function(frame: Frame, segment: Segment, tau: float, z: Array) -> Scalar:
     """Give what vanishes at the end of a segment."""
     flow, n = frame.flow, frame.flow.n
     if segment.kind == "P":

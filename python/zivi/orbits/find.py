@@ -36,7 +36,7 @@ from zivi.system.mechanism import MechanicalSystem
 from zivi.system.parameters import check_newton, check_smooth, excitation
 from zivi.system.table import Table
 
-__all__ = ["is_autonomous", "mass_orbit", "mechanical_orbit", "periodic_orbit"]
+__all__ = ["find_mass_orbit", "find_mechanical_orbit", "is_autonomous", "periodic_orbit"]
 
 SETTLING = 200
 """Periods that are simulated from a state when nothing says how the motion repeats."""
@@ -47,7 +47,7 @@ LOOSE = SwitchedRK(rtol=1e-9, atol=1e-10)
 """Of runs that give a guess."""
 
 
-def mechanical_orbit(
+def find_mechanical_orbit(
     system: MechanicalSystem,
     start: Any,
     multiple: int | None,
@@ -270,13 +270,13 @@ def _from_orbit(
 
 SPANS = (10.0, 100.0, 1e3, 1e4)
 """Durations of a run from a state, until it shows how it repeats where nothing excites it (s)."""
-ENOUGH = 60
+ENOUGH_IMPACTS = 60
 """Impacts that show it."""
-LOOKS = (0.0, 0.173, 0.71, 1.9, 3.3, 7.1, 19.7, 53.9)
+FORCE_TIMES = (0.0, 0.173, 0.71, 1.9, 3.3, 7.1, 19.7, 53.9)
 """Times at which a force is evaluated to see whether it depends on them (s)."""
 
 
-def mass_orbit(
+def find_mass_orbit(
     system: ImpactSystem,
     start: Any,
     multiple: int | None,
@@ -296,7 +296,11 @@ def mass_orbit(
         t0, state = real("start[0]", start[0]), pair("start[1]", start[1], "(x0, xdot0)")
         for span in SPANS if free else ((multiple or SETTLING) * length,):
             run = simulate(system, (t0, t0 + span), state, method)
-            if len(run.resolved_impacts) >= ENOUGH or run.rest_time is not None or not run.success:
+            if (
+                len(run.resolved_impacts) >= ENOUGH_IMPACTS
+                or run.rest_time is not None
+                or not run.success
+            ):
                 break
         return _of_run(system, run, multiple, length, method, max_iter)
     if isinstance(start, PeriodicOrbit):
@@ -380,7 +384,7 @@ def is_autonomous(system: ImpactSystem) -> bool:
         return False
     if isinstance(force, LinearForce):
         return force.amplitude == 0.0
-    times, still = np.array(LOOKS), np.zeros((len(LOOKS), 2))
+    times, still = np.array(FORCE_TIMES), np.zeros((len(FORCE_TIMES), 2))
     return bool(np.ptp(MassFlow(system, PRECISE).reactions((0,), times, still)) == 0.0)
 
 
@@ -505,8 +509,8 @@ def periodic_orbit(
     if symmetry is not None and not isinstance(system, MechanicalSystem):
         raise TypeError("symmetry is for a zivi.MechanicalSystem")
     orbit: PeriodicOrbit | MechanicalOrbit = (
-        mechanical_orbit(system, start, multiple, period, symmetry, method, max_iter)
+        find_mechanical_orbit(system, start, multiple, period, symmetry, method, max_iter)
         if isinstance(system, MechanicalSystem)
-        else mass_orbit(system, start, multiple, period, method, max_iter)
+        else find_mass_orbit(system, start, multiple, period, method, max_iter)
     )
     return orbit

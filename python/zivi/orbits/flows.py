@@ -246,7 +246,7 @@ def parsed(letters: Sequence[str], gaps: Sequence[str]) -> Word:
     """
     if not 1 <= len(letters) <= MOST_LETTERS:
         raise ValueError(f"start: a word has from 1 to {MOST_LETTERS} letters, got {len(letters)}")
-    events = [_event(str(letter), list(gaps)) for letter in letters]
+    events = [_read_event(str(letter), list(gaps)) for letter in letters]
     first: dict[int, str] = {}
     for kind, gap in events:
         if kind in "SZL":
@@ -274,7 +274,7 @@ def of_events(events: Sequence[tuple[str, int]], closed: Sequence[int]) -> Word:
     return tuple(word)
 
 
-def _event(letter: str, gaps: list[str]) -> tuple[str, int]:
+def _read_event(letter: str, gaps: list[str]) -> tuple[str, int]:
     kind, _, name = letter.strip().partition(" ")
     if kind not in LETTERS or len(kind) != 1:
         raise ValueError(f"start: a letter is one of I, S, Z, L, P, got {letter!r}")
@@ -621,7 +621,7 @@ class LinearFlow:
 
 NONLINEAR_STEP = 1e-3
 """The step of differences of sixth order, relative to the size of what is moved."""
-WEIGHTS = ((1, 0.75), (2, -0.15), (3, 1.0 / 60.0))
+STENCIL = ((1, 0.75), (2, -0.15), (3, 1.0 / 60.0))
 
 
 class NonlinearFlow:
@@ -798,7 +798,7 @@ def differenced(function: Callable[[Array], Array], at: Array, count: int | None
         h = NONLINEAR_STEP * max(1.0, abs(float(at[k])))
         step = np.zeros(len(at))
         step[k] = h
-        parts = [w * (function(at + j * step) - function(at - j * step)) for j, w in WEIGHTS]
+        parts = [w * (function(at + j * step) - function(at - j * step)) for j, w in STENCIL]
         columns.append(np.sum(parts, axis=0) / h)
     return np.array(columns).T
 
@@ -878,12 +878,12 @@ class MassFlow:
 
     def reaction(self, contacts: Contacts, i: int, t: float, z: Array) -> Scalar:
         """Give the force of a contact."""
-        at, parts = np.append(t, z), np.array([[j, -j] for j, _ in WEIGHTS]).ravel()
+        at, parts = np.append(t, z), np.array([[j, -j] for j, _ in STENCIL]).ravel()
         h = NONLINEAR_STEP * np.maximum(1.0, np.abs(at))
         moved = at + parts[:, None, None] * np.diag(h)
         rows = np.vstack([at, moved.reshape(-1, 3)])
         forces = self.reactions(contacts, rows[:, 0], rows[:, 1:])[:, 0]
-        weights = np.array([[w, -w] for _, w in WEIGHTS]).ravel()
+        weights = np.array([[w, -w] for _, w in STENCIL]).ravel()
         slopes = weights @ forces[1:].reshape(-1, 3) / h
         return Scalar(float(forces[0]), slopes[1:], float(slopes[0]))
 

@@ -47,7 +47,7 @@ Span: TypeAlias = tuple[float, float]
 
 BEYOND = 3
 """Points of one mass that are followed where an orbit is no motion any more."""
-WEIGHTS = (
+SEVERITY = (
     OrbitStatus.RETRACED,
     OrbitStatus.RANGE_END,
     OrbitStatus.CLOSED,
@@ -91,14 +91,14 @@ def both_ways(
     arcs = ways[0].arcs
     if side is None and status is not OrbitStatus.CLOSED:
         ways.append(way(backward, most - ways[0].count + 1))
-        status = max(status, ways[1].go(), key=WEIGHTS.index)
+        status = max(status, ways[1].go(), key=SEVERITY.index)
         arcs = _both(ways[1].arcs, arcs)
     paths = {id(arc.path): arc.path for it in ways for arc in it.arcs}
     flights = sum(path.flights for path in paths.values())
-    return Followed(arcs, _unlike(_events(arcs)), status, flights, ways)
+    return Followed(arcs, _unlike(_all_events(arcs)), status, flights, ways)
 
 
-def _events(arcs: list[Arc]) -> list[Found]:
+def _all_events(arcs: list[Arc]) -> list[Found]:
     return [event for arc in arcs for event in arc.events]
 
 
@@ -296,10 +296,10 @@ def continue_orbit(
         raise ValueError(f"orbit was not found: {orbit.message}")
     if isinstance(orbit, MechanicalOrbit):
         return follow(orbit, name, (low, high), step, max_points, through=through)
-    return _follow(orbit, name, (low, high), step, max_points)
+    return _follow_mass(orbit, name, (low, high), step, max_points)
 
 
-def _follow(orbit: PeriodicOrbit, name: str, span: Span, step: float, most: int) -> Branch:
+def _follow_mass(orbit: PeriodicOrbit, name: str, span: Span, step: float, most: int) -> Branch:
     """Follow an orbit of one mass; one that rests goes from word to word."""
     rests, multiple = orbit.kind == "resting", orbit.multiple
     step = step if rests else step / 3.0 ** math.log2(multiple)
@@ -309,7 +309,7 @@ def _follow(orbit: PeriodicOrbit, name: str, span: Span, step: float, most: int)
         point for arc in found.arcs if arc.path.frame.word[0] != STILL for point in arc.points
     ]
     orbits = [point_orbit(point, multiple) for point in points]
-    events = [_event(multiple, it, found.arcs[0].path, span) for it in found.events]
+    events = [_branch_event(multiple, it, found.arcs[0].path, span) for it in found.events]
     if len(found.ways) > 1:
         events = [*_beyond(multiple, found.ways[-1]), *events]
     events += _beyond(multiple, found.ways[0])
@@ -321,7 +321,7 @@ def _follow(orbit: PeriodicOrbit, name: str, span: Span, step: float, most: int)
     return Branch(name, orbits, values, events, status, message, found.flights)
 
 
-def _event(multiple: int, found: Found, path: Path, span: Span) -> BranchEvent:
+def _branch_event(multiple: int, found: Found, path: Path, span: Span) -> BranchEvent:
     """Make an event: with the orbit there, or with the one that rests where rest appears."""
     point = found.point
     if found.kind == "rest_appears" and not is_resting(point.terms.frame.word):
@@ -338,14 +338,14 @@ def _beyond(multiple: int, way: Way) -> list[BranchEvent]:
         inserted = last.kind == "interior_impact"
         rests = rest_beyond(arc.path, last.point, way.span) if inserted else None
         found = None if rests is None else Found("rest_appears", rests[1])
-        return [] if found is None else [_event(multiple, found, arc.path, way.span)]
+        return [] if found is None else [_branch_event(multiple, found, arc.path, way.span)]
     if way.status is not OrbitStatus.RETRACED:
         return []
     single = single_doubling(arc.path, arc.points[-1])
     if single is None or not way.span[0] <= single.value <= way.span[1]:
         return []
     half = multiple if arc.path.frame.free else multiple // 2
-    return [_event(half, Found("period_doubling", single), arc.path, way.span)]
+    return [_branch_event(half, Found("period_doubling", single), arc.path, way.span)]
 
 
 # From an event of a branch to the branch that meets it there.
@@ -353,33 +353,33 @@ def _beyond(multiple: int, way: Way) -> list[BranchEvent]:
 AMPLITUDES, MECHANICAL_AMPLITUDES = (5e-4, 2e-5, 1e-6), (5e-3, 1e-3, 1e-4, 1e-5)
 """How far the new orbit is from the event, in scaled unknowns: less for one with impacts that are
 much slower than its fastest."""
-ROUNDING = 1e-14
+DOUBLED_RESIDUAL = 1e-14
 """The residual of the new orbit: beside a doubling it is ill conditioned."""
-DISTANCES = (1e-3, 6e-4, 3e-4, 1e-4, 3e-5, 1e-5, 3e-6)
+BEYOND_REST = (1e-3, 6e-4, 3e-4, 1e-4, 3e-5, 1e-5, 3e-6)
 """How far beyond the end of a rest orbits are looked for, relative to the parameter."""
 RETURNS = 12
 """Periods of the motion that are simulated there."""
-EDGE = 1e-8
+TOUCHING = 1e-8
 """How deep an orbit that touches the wall may be."""
-CLOSE = 1e-9
+LEAST_AWAY = 1e-9
 NOT_CONVERGED = "Newton's iteration did not converge beside the event."
 
 
 def switched(branch: Any, event: Any) -> Any:
     """Give an orbit on the other branch."""
     kinds = {
-        "period_doubling": _doubled,
-        "pitchfork": _doubled,
-        "grazing": _crossed,
-        "interior_impact": _crossed,
-        "end_of_rest": _thrown_off,
+        "period_doubling": _double_orbit,
+        "pitchfork": _double_orbit,
+        "grazing": _cross_event,
+        "interior_impact": _cross_event,
+        "end_of_rest": _leave_rest,
     }
     if isinstance(event, BranchEvent):
-        kinds |= {"interior_impact": _inserted, "rest_appears": _resting}
+        kinds |= {"interior_impact": _insert_impact, "rest_appears": _appearing_rest}
     return kinds[event.kind](branch, event) if event.kind in kinds else event.orbit
 
 
-def _crossed(branch: Any, event: Any) -> Any:
+def _cross_event(branch: Any, event: Any) -> Any:
     """Solve the word without the impact that dies, or with the one that begins, at the event."""
     del branch
     orbit = event.orbit
@@ -389,7 +389,7 @@ def _crossed(branch: Any, event: Any) -> Any:
     if beyond is None:
         return orbit
     found = solve_word(*beyond, orbit.multiple)
-    if found.status is OrbitStatus.LEFT_ADMISSIBLE and found.depth < EDGE:
+    if found.status is OrbitStatus.LEFT_ADMISSIBLE and found.depth < TOUCHING:
         # whether a simulation sees an impact that grazes is rounding
         done = OrbitStatus.COMPLETED
         return dataclasses.replace(found, status=done, admissible=True, message="It grazes.")
@@ -401,7 +401,7 @@ def _touching(terms: Terms, kind: str) -> Low | None:
     return min(own, key=lambda it: abs(it.value) / it.size, default=None)
 
 
-def _thrown_off(branch: Any, event: Any) -> Any:
+def _leave_rest(branch: Any, event: Any) -> Any:
     """Find the orbit of finitely many impacts that meets the resting one at its end.
 
     The nearer the end, the more impacts it has, and it grazes wherever their number changes: of
@@ -414,7 +414,7 @@ def _thrown_off(branch: Any, event: Any) -> Any:
     s = max((k for k, it in enumerate(word) if it.kind in "SZ"), key=lambda k: x[k, -1] - x[k, 0])
     t = 0.5 * float(x[s, 0] + x[s, -1])
     z = own.flow.path(word[s].contacts, float(x[s, 0]), x[s, 1:-1], np.array([t]))[0]
-    for distance in DISTANCES:
+    for distance in BEYOND_REST:
         value = event.value + sign * distance * max(abs(event.value), 1e-3)
         frame = moved_frame(own, {name: float(value)})
         length = frame.length * (1 if frame.turn is None else 2)
@@ -441,7 +441,7 @@ def doubled(terms: Terms) -> tuple[Frame, Array, Array]:
     return frame, y, -direction if later else direction
 
 
-def _doubled(branch: Any, event: Any) -> Any:
+def _double_orbit(branch: Any, event: Any) -> Any:
     """Solve the word written twice, moved along the eigenvector of the multiplier -1."""
     orbit, mass = event.orbit, isinstance(event, BranchEvent)
     own: Frame = orbit._frame
@@ -454,7 +454,7 @@ def _doubled(branch: Any, event: Any) -> Any:
     return _at_amplitude(branch, event, multiple, frame, y, direction)
 
 
-def _inserted(branch: Any, event: Any) -> Any:
+def _insert_impact(branch: Any, event: Any) -> Any:
     """Solve the word with the new impact, at a small speed."""
     terms = evaluate(event.orbit._frame, event.orbit._y)
     low = _touching(terms, event.kind)
@@ -480,7 +480,9 @@ def _at_amplitude(
     z = path.scaled(y, event.value)
     for amplitude in AMPLITUDES if mass else MECHANICAL_AMPLITUDES:
         try:
-            point = path.correct(z + amplitude * normal, normal, TOLERANCE if mass else ROUNDING)
+            point = path.correct(
+                z + amplitude * normal, normal, TOLERANCE if mass else DOUBLED_RESIDUAL
+            )
         except FlightError:
             continue
         if point is None:
@@ -501,12 +503,12 @@ def _at_amplitude(
     return dataclasses.replace(event.orbit, status=failed, admissible=False, message=message)
 
 
-def _resting(branch: Any, event: Any) -> Any:
+def _appearing_rest(branch: Any, event: Any) -> Any:
     """Give the resting orbit, away from where it appears by as much as the last orbit is."""
     orbit, frame = event.orbit, event.orbit._frame
     near = float(branch.values[np.argmin(np.abs(branch.values - event.value))])
     away, phase = event.value - near, (orbit.liftoff_time or 0.0) - 0.5 * (orbit.margin or 0.0)
-    while abs(away) > CLOSE * abs(event.value):
+    while abs(away) > LEAST_AWAY * abs(event.value):
         there = moved_frame(frame, {branch.name: event.value + away})
         period = there.length / orbit.multiple
         found = resting_orbit(there.system, frame.method, period, phase, orbit.multiple + 1)

@@ -47,7 +47,7 @@ LOST = 1e-14
 """What rounding leaves of a direction that a contact has taken away, as a part of the others."""
 
 
-MESSAGES = {
+EXPONENT_MESSAGES = {
     OrbitStatus.COMPLETED: "The exponents are means over the run.",
     OrbitStatus.RESTS: "The run comes to rest: nothing is left of a difference.",
     OrbitStatus.RUN_ENDED: "The run ended early: there are no exponents.",
@@ -90,7 +90,7 @@ class Lyapunov(Tabulated):
     @property
     def message(self) -> str:
         """What happened, and how many exponents are not numbers."""
-        known = MESSAGES.get(self.status, f"The run ended: {self.status.name.lower()}.")
+        known = EXPONENT_MESSAGES.get(self.status, f"The run ended: {self.status.name.lower()}.")
         if self.trajectory is not None and not self.trajectory.success:
             known += f" {self.trajectory.message}"
         return with_failed(known, self._failed_text())
@@ -178,7 +178,7 @@ def lyapunov_exponents(
         raise ValueError(f"transient must be >= 0 and shorter than t_span, got {transient}")
     if isinstance(system, MechanicalSystem):
         check_rigid(system, "Lyapunov exponents")
-        return _of_mechanism(system, span, y0, transient, piece, method, progress)
+        return _mechanism_exponents(system, span, y0, transient, piece, method, progress)
     if piece is not None:
         raise ValueError("piece is for a zivi.MechanicalSystem: one mass goes impact by impact")
     check_newton(system)
@@ -200,7 +200,7 @@ def lyapunov_exponents(
     return Lyapunov(_means(maps, rows[:, 0]), duration, len(maps), OrbitStatus.COMPLETED, run)
 
 
-def _of_mechanism(
+def _mechanism_exponents(
     system: MechanicalSystem,
     span: tuple[float, float],
     y0: Any,

@@ -60,8 +60,8 @@ __all__ = [
     "length_of",
     "located",
     "located_near",
+    "mass_column",
     "moved_frame",
-    "of_mass",
     "period_of",
     "secant",
     "trend_of",
@@ -162,7 +162,7 @@ def value_of(system: MechanicalSystem | ImpactSystem, name: str) -> float:
 def with_values(system: System, values: Mapping[str, float]) -> System:
     """Give the same system with other values of some numbers."""
     if isinstance(system, ImpactSystem):
-        return _of_mass(system, values)  # type: ignore[return-value]
+        return _mass_with(system, values)  # type: ignore[return-value]
     new: Any = system
     own = _parameters(system)
     given = {name: value for name, value in values.items() if name in own}
@@ -184,7 +184,7 @@ def with_values(system: System, values: Mapping[str, float]) -> System:
     return new  # type: ignore[no-any-return]
 
 
-def _of_mass(system: ImpactSystem, values: Mapping[str, float]) -> ImpactSystem:
+def _mass_with(system: ImpactSystem, values: Mapping[str, float]) -> ImpactSystem:
     """Give one mass with other values: a step over 1 may go to an e that no system has."""
     e, new = values.get("e", system.e), system
     if not 0.0 <= system.e <= 1.0:
@@ -290,7 +290,7 @@ def period_of(
 
 STEPS = (1e-5, 2e-3)
 """Of a difference of second order, and of one of sixth, relative to the parameter."""
-NEARER = (1.0, 1e-2, 1e-4)
+SHORTER_STEPS = (1.0, 1e-2, 1e-4)
 """Parts of the step that are tried near the end of a rest."""
 
 
@@ -351,7 +351,7 @@ def by_parameter(frame: Frame, y: Array, name: str, *, precise: bool = False) ->
     value = value_of(frame.system, name)
     h = STEPS[precise] * max(abs(value), 1e-2)
     if isinstance(frame.flow, MassFlow) and not is_resting(frame.word):
-        return of_mass(evaluate(frame, y, name=name), name)
+        return mass_column(evaluate(frame, y, name=name), name)
 
     def at(steps: float) -> Array:
         moved = moved_frame(frame, {name: value + steps * h})
@@ -361,7 +361,7 @@ def by_parameter(frame: Frame, y: Array, name: str, *, precise: bool = False) ->
         return np.asarray((at(steps) - at(-steps)) / (2.0 * steps * h), np.float64)
 
     if not precise:
-        for k in NEARER:
+        for k in SHORTER_STEPS:
             try:
                 return centred(k)
             except FlightError:
@@ -374,7 +374,7 @@ def by_parameter(frame: Frame, y: Array, name: str, *, precise: bool = False) ->
 def ahead(terms: Terms, name: str) -> Array:
     """Give the derivative of the equations by a parameter, by a difference of first order."""
     frame, value = terms.frame, value_of(terms.frame.system, name)
-    for k in NEARER:
+    for k in SHORTER_STEPS:
         h = k * 1e-2 * STEPS[0] * max(abs(value), 1e-2)
         try:
             moved = evaluate(moved_frame(frame, {name: value + h}), terms.y, slopes=False)
@@ -389,7 +389,7 @@ def is_resting(word: Word) -> bool:
     return any(it.contacts for it in word)
 
 
-def of_mass(terms: Terms, name: str) -> Array:
+def mass_column(terms: Terms, name: str) -> Array:
     """Give the derivative of the equations of one mass, whose flights have it."""
     frame, x = terms.frame, terms.x
     flow, longer = frame.flow, _longer(frame, name)
@@ -738,14 +738,14 @@ class Placed(Protocol):
     def tangent(self) -> Array: ...
 
 
-Found = TypeVar("Found", bound=Placed)
-FoundCo = TypeVar("FoundCo", bound=Placed, covariant=True)
+AnyPoint = TypeVar("AnyPoint", bound=Placed)
+AnyPointCo = TypeVar("AnyPointCo", bound=Placed, covariant=True)
 
 
-class Solutions(Protocol[FoundCo]):
+class Solutions(Protocol[AnyPointCo]):
     """A curve of solutions."""
 
-    def correct(self, guess: Array, normal: Array) -> FoundCo | None:
+    def correct(self, guess: Array, normal: Array) -> AnyPointCo | None:
         """Solve in the hyperplane through a guess with a normal; None if that fails."""
 
 
@@ -817,7 +817,7 @@ class Path:
         """Give the derivative of the equations by the parameter."""
         if isinstance(terms.frame.flow, MassFlow):
             if not is_resting(terms.frame.word):
-                return of_mass(terms, self.name)
+                return mass_column(terms, self.name)
             self.flights += len(terms.frame.word)
             return ahead(terms, self.name)
         self.flights += 2 * len(terms.frame.word)
@@ -957,8 +957,8 @@ def sigma(terms: Terms, factor: complex, borders: tuple[Any, Any]) -> Any:
 
 
 def located(
-    path: Solutions[Found], one: Found, other: Found, test: Callable[[Found], float]
-) -> Found | None:
+    path: Solutions[AnyPoint], one: AnyPoint, other: AnyPoint, test: Callable[[AnyPoint], float]
+) -> AnyPoint | None:
     """Find where a test function vanishes between two points, by secants in a bracket."""
     chord = other.z - one.z
     length = float(np.linalg.norm(chord))

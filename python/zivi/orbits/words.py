@@ -69,7 +69,7 @@ __all__ = [
 
 MOST_MULTIPLE, MOST_EVENTS = 64, 256
 TOLERANCES = (1e-6, 1e-4, 1e-2)
-ROUNDING = 1e-12
+SAME_TIME = 1e-12
 """How near two events are that are one, relative to the time."""
 BEFORE = 1e-9
 """How long before an impact of several gaps a run is looked at (s)."""
@@ -148,7 +148,7 @@ def recent(
     if not run.success:
         raise ValueError(f"start: the run ended early: {run.message}")
     flow = flow_of(system, method)
-    events = _events(flow, run, period if mass and not free else math.inf)
+    events = _events_of(flow, run, period if mass and not free else math.inf)
     count, repeats = 1, multiple
     if free:
         length, end = _free_length(run, events)
@@ -156,16 +156,16 @@ def recent(
         span = float(run.t[-1] - run.t[0])
         if span < (multiple or 1) * period * (1.0 - 1e-9) and not mass:
             raise ValueError(f"start: the run must last a period, {period:.6g}, got {span:.6g}")
-        repeats = multiple or _repeats(run, events, period)
+        repeats = multiple or _periods_to_repeat(run, events, period)
         count = repeats or 1
-        length, end = count * period, _quiet(run, events, count * period)
+        length, end = count * period, _longest_pause(run, events, count * period)
         # a flight of more than a period, or a motion without events
         near = repeats is None and any(it.t > end - 4.0 * period for it in events)
         while near and length < 4.0 * period and (count + 1) * period <= span:
             if any(end - length < it.t <= end for it in events):
                 break
             count += 1
-            length, end = count * period, _quiet(run, events, count * period)
+            length, end = count * period, _longest_pause(run, events, count * period)
     inside = [it for it in events if end - length < it.t <= end]
     several = next((it.t for it in inside if it.kind == "C"), None)
     if several is not None:
@@ -189,7 +189,7 @@ def _floor(number: float) -> float:
     return float(np.floor(number))
 
 
-def _events(flow: Flow, run: AnyRun, longest: float = math.inf) -> list[Happened]:
+def _events_of(flow: Flow, run: AnyRun, longest: float = math.inf) -> list[Happened]:
     """Give what happens in a run, impacts of accumulations as one event, in order.
 
     Impacts that are longer before the end of one are apart: all that follows depends on them.
@@ -199,7 +199,7 @@ def _events(flow: Flow, run: AnyRun, longest: float = math.inf) -> list[Happened
     zenos: Any = run.zeno
     for row in run.zeno:
         # a gap that lifts off and is closed in the same instant, by rounding, stays closed
-        near = ROUNDING * max(1.0, abs(float(row["t"])))
+        near = SAME_TIME * max(1.0, abs(float(row["t"])))
         (own,) = np.nonzero((lifts["gap"] == row["gap"]) & (np.abs(lifts["t"] - row["t"]) <= near))
         if len(own) < 2:
             continue
@@ -220,12 +220,12 @@ def _events(flow: Flow, run: AnyRun, longest: float = math.inf) -> list[Happened
         new = [int(i) for i in np.flatnonzero(corner["gaps"]) if i not in kept]
         if len(new) != 1:
             found.append(Happened(t, "C", -1))
-        elif all(gap != new[0] or abs(at - t) > ROUNDING * max(1.0, abs(t)) for at, gap in left):
+        elif all(gap != new[0] or abs(at - t) > SAME_TIME * max(1.0, abs(t)) for at, gap in left):
             closings.append((t, new[0]))
     found += [Happened(float(it["t"]), "L", int(it["gap"])) for it in lifts]
     found.sort(key=lambda it: it.t)
     for t, gap in sorted(closings):
-        found = _accumulated(found, t, gap, float(flow.e[gap]), t - longest)
+        found = _merge_accumulation(found, t, gap, float(flow.e[gap]), t - longest)
     return found
 
 
@@ -250,12 +250,12 @@ def _hits_of_gaps(flow: Flow, run: MechanicalTrajectory, rows: Any) -> list[Happ
 
 def left_at_once(run: AnyRun, lifts: Any) -> Any:
     """Tell which gaps lift off where they are hit: others are closed, and their forces pull."""
-    near = ROUNDING * np.maximum(1.0, np.abs(lifts["t"]))
+    near = SAME_TIME * np.maximum(1.0, np.abs(lifts["t"]))
     apart = np.abs(lifts["t"][:, None] - run.corners["t"])
     return np.any(apart <= near[:, None], axis=1)
 
 
-def _accumulated(
+def _merge_accumulation(
     found: list[Happened], zeno: float, gap: int, e: float, since: float
 ) -> list[Happened]:
     """Replace the impacts of an accumulation since a time by one event, at the first of them."""
@@ -284,7 +284,9 @@ def _busy(run: AnyRun, events: list[Happened]) -> list[tuple[float, float]]:
     return spans
 
 
-def _quiet(run: AnyRun, events: list[Happened], length: float, *, repeats: bool = True) -> float:
+def _longest_pause(
+    run: AnyRun, events: list[Happened], length: float, *, repeats: bool = True
+) -> float:
     """Give the middle of the longest pause shortly before the end of a run."""
     end = float(run.t[-1])
     begin = max(end - length, float(run.t[0]) + length)
@@ -300,9 +302,9 @@ def _quiet(run: AnyRun, events: list[Happened], length: float, *, repeats: bool 
     return 0.5 * (low + high)
 
 
-def _repeats(run: AnyRun, events: list[Happened], period: float) -> int | None:
+def _periods_to_repeat(run: AnyRun, events: list[Happened], period: float) -> int | None:
     """Give after how many periods the state repeats; None if it does not."""
-    end, begin = _quiet(run, events, period, repeats=False), float(run.t[0])
+    end, begin = _longest_pause(run, events, period, repeats=False), float(run.t[0])
     most = min(MOST_MULTIPLE, int((end - begin) / period))
     if isinstance(run, MassTables):
         most = min(MOST_MULTIPLE, int((end - begin) / period / 2.0))
@@ -364,7 +366,7 @@ def _free_length(run: AnyRun, events: list[Happened]) -> tuple[float, float]:
             (near,) = np.nonzero(same & (apart <= tolerance * scale))
             if len(near):
                 length = float(times[last] - times[near[-1]])
-                return length, _quiet(run, events, length)
+                return length, _longest_pause(run, events, length)
     raise ValueError("start: the run does not repeat itself to a hundredth")
 
 
@@ -479,7 +481,7 @@ def least(
         if any(word[k] != word[k % length] for k in range(len(word))):
             continue
         y = found.terms.y if found.converged else guess
-        apart, mean = (_of_flight if flies else _parts)(frame, y, parts, found.terms)
+        apart, mean = (_of_flight if flies else _equal_parts)(frame, y, parts, found.terms)
         if apart > (NEAR if found.converged else 5.0 * NEAR):
             continue
         section = frame.section
@@ -508,7 +510,7 @@ def _primes(number: int) -> list[int]:
     return [p for p in found if all(p % q for q in range(2, p))]
 
 
-def _parts(frame: Frame, y: Array, parts: int, terms: Terms) -> tuple[float, Array]:
+def _equal_parts(frame: Frame, y: Array, parts: int, terms: Terms) -> tuple[float, Array]:
     """Give how far equal parts of an orbit differ, and their mean."""
     x, length = frame.split(y)
     rows = x.reshape(parts, -1, x.shape[1]).copy()
@@ -654,7 +656,7 @@ def _contacts(word: Word, x: Array, length: float, zenos: dict[int, float]) -> A
 
 def weaker_reason(orbit: Any) -> str | None:
     """Say where a simulation over one period leaves an orbit; None if it does not."""
-    run = _followed(orbit) if isinstance(orbit, PeriodicOrbit) else orbit.trajectory
+    run = _simulated_mass(orbit) if isinstance(orbit, PeriodicOrbit) else orbit.trajectory
     if not run.success:
         return f"A simulation of it ends early: {run.message}"
     t0, length = float(run.t[0]), orbit.multiple * orbit.period
@@ -685,7 +687,7 @@ def weaker_reason(orbit: Any) -> str | None:
     return None
 
 
-def _followed(orbit: PeriodicOrbit) -> MassTables:
+def _simulated_mass(orbit: PeriodicOrbit) -> MassTables:
     """Simulate an orbit of one mass from the middle of a flight, or of its rest."""
     frame, length = orbit._frame, orbit.multiple * orbit.period
     x = frame.split(orbit._y)[0]
@@ -734,7 +736,7 @@ def failed(
         speeds = x[:, 2] if frame.free else np.roll(x[:, 2], -1)
         times = x[:, 0] if frame.free else x[:, 3]
         impacts = _mass_impacts(times, speeds, np.full(len(x), np.nan))
-        return mass_orbit(frame, y, multiple, length, impacts, status, message)
+        return new_mass_orbit(frame, y, multiple, length, impacts, status, message)
     return MechanicalOrbit(
         system=frame.system,
         period=length * (1 if frame.turn is None else 2) / multiple,
@@ -761,7 +763,7 @@ def failed(
 # Orbits of one mass: views of their words.
 
 
-def mass_orbit(
+def new_mass_orbit(
     frame: Frame,
     y: Array,
     multiple: int,
@@ -825,7 +827,7 @@ def orbit_of_mass(
     if not is_resting(frame.word):
         known["depth"] = Margins(terms).depth
     known["multipliers"] = values
-    return mass_orbit(frame, terms.y, multiple, terms.length, impacts, status, message, **known)
+    return new_mass_orbit(frame, terms.y, multiple, terms.length, impacts, status, message, **known)
 
 
 def _from_lift_off(terms: Terms, period: float) -> tuple[NDArray[np.void], dict[str, float]]:
@@ -901,7 +903,7 @@ def resting_orbit(
     frame = resting_frame(system, method, period)
     if begin is None:
         why = "The mass never stays at rest."
-        return mass_orbit(frame, np.empty(0), 1, period, empty, none, why)
+        return new_mass_orbit(frame, np.empty(0), 1, period, empty, none, why)
     for periods in sorted({min(it, longest) for it in (2, 8, longest)}):
         span = (begin, begin + periods * period)
         run = simulate(system, span, (0.0, 0.0), method)
@@ -913,22 +915,22 @@ def resting_orbit(
         rests, y = OrbitStatus.RESTS, np.array([-period, 0.0, 0.0, 0.0])
         known = {"multipliers": np.zeros(2, np.complex128), "residual": 0.0}
         why = "The mass rests and never lifts off."
-        return mass_orbit(frame, y, 1, period, empty, rests, why, **known)
+        return new_mass_orbit(frame, y, 1, period, empty, rests, why, **known)
     if cycle is None or not len(zenos) or (most is not None and cycle[0]):
         why = f"The motion after the lift-off does not rest again within {longest} periods."
         if len(lifts) > 1 and len(zenos):
             why = f"The motion lifts off at no phase a second time within {longest} periods."
-        return mass_orbit(frame, np.empty(0), 1, period, empty, none, why)
+        return new_mass_orbit(frame, np.empty(0), 1, period, empty, none, why)
     first, end = (float(lifts[i]) for i in cycle)
     multiple, tables = round((end - first) / period), MassTables(run)
-    events = [it for it in _events(flow, tables, period) if first < it.t <= end]
+    events = [it for it in _events_of(flow, tables, period) if first < it.t <= end]
     try:
         frame, x = _unknowns(system, flow, tables, events, multiple * period, False, method)
         x[:, [0, -1]] -= _floor(x[0, -1] / period) * period  # far from 0 times have fewer digits
         terms = evaluate(frame, frame.joined(x, frame.length))
     except FlightError as error:
         why = f"A flight could not be computed: {error}"
-        return mass_orbit(frame, np.empty(0), 1, period, empty, none, why)
+        return new_mass_orbit(frame, np.empty(0), 1, period, empty, none, why)
     residual = float(np.max(np.abs(terms.residual / sizes_of(terms)[1])))
     why = "The motion rests and lifts off again at the same phase."
     return orbit_of_mass(terms, multiple, residual, 0, OrbitStatus.COMPLETED, why)
