@@ -345,7 +345,8 @@ def test_all_settings_of_the_library_are_there():
         assert taken - keys == always | {"samples"}
     taken = set(inspect.signature(zivi.symbolic.system).parameters)
     (system,) = (key for key in file_keys.COMMANDS["mechanics"] if key.name == "system")
-    assert taken - {key.name for key in system.kind.keys} == {"qdot", "compiler", "inputs"}
+    others = {"qdot", "compiler", "inputs", "contact", "states"}
+    assert taken - {key.name for key in system.kind.keys} == others
 
 
 @pytest.mark.parametrize("command", PREPARE)

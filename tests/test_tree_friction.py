@@ -291,6 +291,13 @@ def test_numbers_of_friction_are_parameters():
         zivi.sensitivity(tree, (0, 1), ([0, 0], [1, 0]), wrt=["floor.mu"])
 
 
+def test_a_joint_and_a_gap_of_one_body_have_names():
+    bodies = [Body("x", kind="slide", axis=[1, 0, 0]), Body("box", "x", "slide", mass=1.0)]
+    rough = [zivi.DryFriction("box", limit=0.1), zivi.DryFriction("x", limit=0.1)]
+    tree = zivi.Tree(bodies, gaps=[PlaneGap("box", mu=0.2)], friction=rough)
+    assert tree.channel_names == ("box", "box.friction", "x")
+
+
 def test_a_batch_is_its_runs():
     _, _, tree, start = random_tree(3)
     foot = tree.channel_names[0]

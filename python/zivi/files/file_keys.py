@@ -622,6 +622,8 @@ BODY = (
     Key("spring", ANY, "where the spring is at rest", "rad or m", "0"),
     Key("damping", ANY, "c", "N m s or N s/m", "0"),
     Key("armature", NOT_NEGATIVE, "inertia of a rotor", "kg m^2 or kg", "0"),
+    Key("friction", NOT_NEGATIVE, "dry friction of the joint in slip", "N m or N", "0"),
+    Key("friction_static", NOT_NEGATIVE, "what it holds in stick", "N m or N", "friction"),
     Key("torque", ANY, "a constant torque or force", "N m or N", "0"),
     Key("reference", ANY, "coordinate at which the frame is at position", "rad or m", "0"),
     Key("coordinate", NAME, "name of the coordinate", default="that of the body"),
@@ -658,13 +660,6 @@ GAP = Tagged(
         ),
     },
 )
-OF_JOINT = KeyTable(
-    (
-        Key("joint", NAME, "the coordinate"),
-        Key("limit", NOT_NEGATIVE, "largest friction while it slips", "N m or N"),
-        Key("static", NOT_NEGATIVE, "largest friction while it sticks", "N m or N", "limit"),
-    )
-)
 CHOICES = tuple(key for key in MECHANICAL_SYSTEM.keys if key.name in ("impact_law", "paradox"))
 TREE_SYSTEM = KeyTable(
     (
@@ -672,7 +667,6 @@ TREE_SYSTEM = KeyTable(
         Key("gaps", Each(GAP, "tables"), "the gaps", default="none"),
         Key("gravity", POINT, "acceleration of free fall", "m/s^2", "[0, 0, -9.81]"),
         RESTITUTIONS,
-        Key("friction", Each(OF_JOINT, "tables"), "dry friction of joints", default="none"),
         *CHOICES,
         Key("parameters", Open(ANY, "parameters"), "other values, by their names", default="none"),
     )
@@ -727,14 +721,15 @@ def tree_text(tree: Tree, t_span: tuple[float, float], y0: Any) -> str:
         system["parameters"] = changed
     parts = [_toml_lines(first), "[system]", _toml_lines(system)]
     kinds = {kind: name for name, kind in GAPS.items()}
+    rough = {
+        it.direction: {"friction": it.limit, "friction_static": it.static} for it in tree.friction
+    }
     for body in tree.bodies:
-        parts += ["[[system.bodies]]", _toml_lines(_not_default(body))]
+        of_joint = rough.get(body.joint, {}) if body.moves else {}
+        told = {name: value for name, value in of_joint.items() if value is not None}
+        parts += ["[[system.bodies]]", _toml_lines(_not_default(body) | told)]
     for gap in tree._structure.gaps:
         parts += ["[[system.gaps]]", _toml_lines({"kind": kinds[type(gap)]} | _not_default(gap))]
-    for it in tree.friction:
-        given = {"joint": it.direction, "limit": it.limit, "static": it.static}
-        of_joint = {name: value for name, value in given.items() if value is not None}
-        parts += ["[[system.friction]]", _toml_lines(of_joint)]
     return "\n".join(parts)
 
 

@@ -198,16 +198,21 @@ def build_tree(values: dict[str, Any], mistakes: Mistakes) -> Tree:
     settings_of = ("gravity", "e", "impact_law", "paradox")
     given = {name: it for name, it in values.items() if name in settings_of}
     settings = with_law(given, mistakes)
-    names = ("bodies", "gaps", "friction", *settings_of)
+    names = ("bodies", "gaps", *settings_of)
     with mistakes.naming(argument_keys("system", names), "system"):
-        bodies = [Body(**body) for body in values["bodies"]]
+        of_joints = ("friction", "friction_static")
+        bodies = [
+            Body(**{name: it for name, it in body.items() if name not in of_joints})
+            for body in values["bodies"]
+        ]
+        friction = [
+            DryFriction(body.joint, it.get("friction", 0.0), it.get("friction_static"))
+            for body, it in zip(bodies, values["bodies"], strict=True)
+            if any(it.get(name) for name in of_joints)
+        ]
         gaps = [
             GAPS[gap["kind"]](**{name: it for name, it in gap.items() if name != "kind"})
             for gap in values.get("gaps", ())
-        ]
-        friction = [
-            DryFriction(it["joint"], limit=it["limit"], static=it.get("static"))
-            for it in values.get("friction", ())
         ]
         found = Tree(bodies, gaps=gaps, friction=friction, **settings)
     for name, value in values.get("parameters", {}).items():

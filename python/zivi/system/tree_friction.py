@@ -90,7 +90,9 @@ def rubbings(
         limits = {f"{joint}.friction": finite("limit", friction.limit)}
         if friction.static is not None:
             limits[f"{joint}.friction_static"] = finite("static", friction.static)
-        channel = Channel(friction.name or joint, None)
+        # a gap has the name of its body, which may be that of the joint
+        name = f"{joint}.friction" if joint in {gap for gap, _ in gaps} else joint
+        channel = Channel(friction.name or name, None)
         found.append(Rubbing("joint", coordinates.index(joint), channel, limits))
     return found
 

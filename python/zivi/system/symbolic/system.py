@@ -528,8 +528,8 @@ def system(
     ...     parameters={"J": 0.01, "k": 0.1, "U": 6.0, "R": 2.0, "L": 0.05},
     ... )
     >>> sol = zivi.simulate(motor, (0, 2), ([0, 0], [0, 0]))
-    >>> sol.qdot[-1, 1].round(6)  # U/R, at rest on the stop
-    np.float64(3.0)
+    >>> float(sol.qdot[-1, 1].round(6))  # U/R, at rest on the stop
+    3.0
     """
     if len(states):
         q, T, Q, qdot = with_states(q, T, Q, qdot, states)
