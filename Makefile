@@ -44,9 +44,10 @@ paper: $(VENV)/.figures
 test: test-rust test-python
 
 # programs to measure with (examples/) are compiled by the linter; other crates have no examples in
-# their documentation
+# their documentation; tests beside the code run in seconds, optimised they take a minute to compile
 test-rust: $(VENV)/.packages
-	cargo test --locked --quiet --tests
+	cargo test --locked --quiet --test '*'
+	cargo test --locked --quiet --lib --config profile.test.package.zivi.opt-level=0
 	cargo test --locked --quiet --doc --package zivi-core --package zivi
 
 # on all processors; what shares an expensive fixture, a server or the clock stays together
@@ -129,7 +130,7 @@ lint-rust: $(VENV)/.packages
 	    cargo clippy --locked --quiet --workspace --all-targets -- -D warnings && \
 	    cargo clippy --locked --quiet --package zivi-c --features exports -- -D warnings && \
 	    cargo clippy --locked --quiet --package zivi-c --features exports,single -- -D warnings && \
-	    cargo clippy --locked --quiet --package zivi-fmu --features loops -- -D warnings; \
+	    cargo clippy --locked --quiet --package zivi-fmu --features loops,avx512 -- -D warnings; \
 	else echo 'cargo clippy is missing: rustup component add clippy'; test -n '$(SKIP_MISSING)'; fi
 
 lint-python: $(READY)

@@ -1,5 +1,6 @@
 """What all tests share."""
 
+import gc
 import os
 import signal
 
@@ -20,6 +21,13 @@ import figure_data
 hypothesis.settings.register_profile("zivi", derandomize=True, deadline=None, max_examples=150)
 hypothesis.settings.register_profile("explore", deadline=None, max_examples=1000)
 hypothesis.settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "zivi"))
+
+
+@pytest.hookimpl(trylast=True)
+def pytest_collection_finish():
+    """The collector need not look at what stays to the end: 9,000 tests and their libraries."""
+    gc.collect()
+    gc.freeze()
 
 
 @pytest.fixture(autouse=True)

@@ -229,7 +229,7 @@ mod tests {
     fn what_was_written_is_read() {
         for kind in Kind::ALL {
             let numbers = written(kind);
-            assert_eq!(numbers, [6.0, kind.number(), 7.0, 2.0, 1.0, 0.5, -7.0]);
+            assert_eq!(numbers, [f64::from(FORMAT), kind.number(), 7.0, 2.0, 1.0, 0.5, -7.0]);
             assert_eq!(read(kind, &numbers), Ok(vec![0.5, -7.0]));
             for form in SAME_HEADER {
                 let before = [&[form], &numbers[1..]].concat();
