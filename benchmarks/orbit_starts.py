@@ -20,7 +20,6 @@ import numpy as np
 import zivi
 from zivi.orbits.equations import evaluate
 from zivi.orbits.flows import PRECISE
-from zivi.orbits.orbit import as_word
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 
@@ -74,7 +73,7 @@ def cost(oscillator: Oscillator, u: float) -> tuple[int, int]:
     system = zivi.ImpactSystem(counted, e=oscillator.e)
     orbit = zivi.periodic_orbit(system, [(t, u)], 1, period=oscillator.period)
     counter.calls = 0
-    evaluate(*as_word(system, orbit._frame, orbit._y))
+    evaluate(orbit._frame, orbit._y)
     step, counter.calls = counter.calls, 0
     middle = t + 0.5 * oscillator.period
     state = orbit.trajectory(middle)

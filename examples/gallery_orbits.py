@@ -124,7 +124,7 @@ def main(path: str | None = None) -> None:
     gaps = np.diff(values)
     print(f"ratios of their gaps {', '.join(f'{it:.2f}' for it in gaps[:-1] / gaps[1:])}")
     end = rests.of_kind("end_of_rest")[0].value
-    print(f"rest once a period ends at {end:.12f}, found by {rests.n_flights} runs")
+    print(f"rest once a period ends at {end:.12f}, found by {rests.n_flights} flights")
     d, a, b = closed()
     touch = smooth.of_kind("interior_impact")[0].value
     print(f"grazing {touch:.12f}, closed form {math.sqrt(d):.12f}")
