@@ -11,7 +11,7 @@ use zivi::{Events, Grid, Physical, Restitution};
 
 use crate::force::{AnyNative, Force};
 use crate::interface::{array, list, setup_error, try_list, with_room, Watch};
-use crate::method::Method;
+use crate::method::PyMethod;
 use crate::record::rows_of;
 use crate::system::ImpactLaw;
 use crate::transform::from_both;
@@ -91,7 +91,7 @@ pub(crate) fn simulate_batch(
     forces: Vec<Py<Force>>,
     laws: Vec<Py<ImpactLaw>>,
     states: PyReadonlyArray2<'_, f64>,
-    method: PyRef<'_, Method>,
+    method: PyRef<'_, PyMethod>,
     span: (f64, f64),
     save: &Bound<'_, PyAny>,
     slowest: f64,

@@ -22,13 +22,13 @@ use zivi_core::observer::ImpactObserver;
 
 use crate::control::run_copy;
 use crate::force::{AnyForce, AnyNative, Force as GivenForce};
-use crate::interface::{array, list, setup_error, Raised, Watch};
-use crate::method::{Event, Hits, Method, MotionPath};
-use crate::observer::Observer;
+use crate::interface::{array, list, setup_error, EndedBy, Watch};
+use crate::method::{Hits, MotionPath, PyEvent, PyMethod};
+use crate::observer::PyObserver;
 use crate::record::rows_of;
 use crate::simulate::grid_of;
 use crate::system::State;
-use crate::transform::Restitution as GivenRestitution;
+use crate::transform::PyRestitution;
 
 /// What a controller has beside `step`, and what this takes beside `x, xdot, force`.
 #[derive(Clone, Copy, FromPyObject)]
@@ -120,14 +120,14 @@ impl Controller<PyErr> for PythonController<'_> {
 }
 
 /// A reference that is given.
-pub(crate) enum Source<'py> {
+pub(crate) enum ReferenceSource<'py> {
     /// A function of time that gives `x, x'` and the acceleration, NaN where that is not known.
     Function(Bound<'py, PyAny>),
     /// What it is at the samples.
     Samples(Vec<ReferencePoint>),
 }
 
-impl<'py> Source<'py> {
+impl<'py> ReferenceSource<'py> {
     pub(crate) fn new(given: Bound<'py, PyAny>) -> PyResult<Self> {
         match given.extract::<PyReadonlyArray2<'_, f64>>() {
             Ok(rows) => {
@@ -149,7 +149,7 @@ pub(crate) fn given_of_row(row: ArrayView1<'_, f64>) -> ReferencePoint {
     ReferencePoint { state, branch, acceleration: Some(row[3]).filter(|it| !it.is_nan()) }
 }
 
-impl Reference<PyErr> for Source<'_> {
+impl Reference<PyErr> for ReferenceSource<'_> {
     fn at(&mut self, k: usize, t: f64) -> PyResult<ReferencePoint> {
         match self {
             Self::Samples(samples) => Reference::<PyErr>::at(&mut Samples(samples), k, t),
@@ -208,15 +208,17 @@ impl Surroundings<'_> {
         controller: &mut (dyn Controller<PyErr> + Send),
         forces: &mut [AnyForce<'_>; 3],
         events: Vec<UserEvent<'_, PyErr>>,
-        mut given: Option<Source<'_>>,
+        mut given: Option<ReferenceSource<'_>>,
         watch: &mut Watch,
     ) -> Outcome {
         let native: Vec<AnyNative> = forces.iter().filter_map(AnyForce::native).collect();
         match <[AnyNative; 3]>::try_from(native) {
             // events and functions need the interpreter
-            Ok(mut native) if events.is_empty() && !matches!(given, Some(Source::Function(_))) => {
+            Ok(mut native)
+                if events.is_empty() && !matches!(given, Some(ReferenceSource::Function(_))) =>
+            {
                 let samples = match given {
-                    Some(Source::Samples(samples)) => Some(samples),
+                    Some(ReferenceSource::Samples(samples)) => Some(samples),
                     _ => None,
                 };
                 py.detach(|| {
@@ -235,7 +237,7 @@ impl Surroundings<'_> {
 
 /// How a plant moves between samples: by the theta-gamma scheme on the controller's grid or by the
 /// switched method, but exactly where the force is constant and `exact` is set.
-pub(crate) fn motion_of(method: &Method, exact: bool) -> PyResult<Motion> {
+pub(crate) fn motion_of(method: &PyMethod, exact: bool) -> PyResult<Motion> {
     Ok(match method.inner {
         AnyMethod::ThetaGamma(FixedSteps { scheme: ThetaGamma { theta, gamma, .. }, .. }) => {
             Motion::Scheme { theta, gamma }
@@ -259,24 +261,24 @@ pub(crate) fn simulate_closed_loop(
     py: Python<'_>,
     controller: &Bound<'_, PyAny>,
     forces: [Py<GivenForce>; 3],
-    restitution: PyRef<'_, GivenRestitution>,
+    restitution: PyRef<'_, PyRestitution>,
     h: f64,
     span: (f64, f64),
     start: PyRef<'_, State>,
-    method: PyRef<'_, Method>,
+    method: PyRef<'_, PyMethod>,
     exact: bool,
     noise: (PyReadonlyArray1<'_, f64>, PyReadonlyArray1<'_, f64>),
     resolution: (f64, f64),
     delay: usize,
-    observer: Option<PyRef<'_, Observer>>,
+    observer: Option<PyRef<'_, PyObserver>>,
     interface: Interface,
     ours: bool,
     dense: bool,
-    events: Vec<PyRef<'_, Event>>,
+    events: Vec<PyRef<'_, PyEvent>>,
     given: Option<Bound<'_, PyAny>>,
-    restitution_ref: PyRef<'_, GivenRestitution>,
+    restitution_ref: PyRef<'_, PyRestitution>,
     progress: Option<Py<PyAny>>,
-) -> PyResult<LoopRecord> {
+) -> PyResult<PyLoopRecord> {
     let _running = crate::leaving::running()?;
     let motion = motion_of(&method, exact)?;
     let sensor =
@@ -287,7 +289,7 @@ pub(crate) fn simulate_closed_loop(
     let observer = observer.map(|it| it.inner);
     let surroundings =
         Surroundings { start, motion, sensor, observer, delay, dense, restitution_ref };
-    let mut given = given.map(Source::new).transpose()?;
+    let mut given = given.map(ReferenceSource::new).transpose()?;
     let mut forces = forces.each_ref().map(|force| force.get().on(py));
     let mut events: Vec<_> = events.iter().map(|it| it.of_point(py)).collect();
     let watch = &mut Watch { progress };
@@ -297,7 +299,7 @@ pub(crate) fn simulate_closed_loop(
             surroundings.run_native(py, copy, &mut forces, events, given.take(), watch)
         });
         if let Some(run) = run {
-            return LoopRecord::new(py, run.map_err(setup_error)?, start.restitution);
+            return PyLoopRecord::new(py, run.map_err(setup_error)?, start.restitution);
         }
     }
     let raised = Cell::new(None);
@@ -306,7 +308,7 @@ pub(crate) fn simulate_closed_loop(
         let given = given.as_mut().map(|it| it as &mut dyn Reference<PyErr>);
         surroundings.run(&mut controller, &mut forces, (events, given), watch)
     };
-    LoopRecord::new(py, run.map_err(setup_error)?, start.restitution)
+    PyLoopRecord::new(py, run.map_err(setup_error)?, start.restitution)
 }
 
 /// Control updates: all, rejected, saturated, unsolved, lost contacts.
@@ -318,8 +320,8 @@ pub(crate) fn numbers_of(updates: Updates) -> [u64; 5] {
 type Array = Py<PyArray1<f64>>;
 
 /// The columns, events and outcome of a closed loop.
-#[pyclass(frozen, get_all, module = "zivi._zivi")]
-pub(crate) struct LoopRecord {
+#[pyclass(frozen, get_all, module = "zivi._zivi", name = "LoopRecord")]
+pub(crate) struct PyLoopRecord {
     /// An array for each of `t, x, xdot, x_ref, xdot_ref, u`.
     columns: Vec<Array>,
     signs: Py<LoopSigns>,
@@ -343,10 +345,10 @@ pub(crate) struct LoopRecord {
     status: u8,
     message: &'static str,
     nfev: u64,
-    raised: Raised,
+    raised: EndedBy,
 }
 
-impl LoopRecord {
+impl PyLoopRecord {
     fn new(py: Python<'_>, run: LoopRun<PyErr>, restitution: Restitution) -> PyResult<Self> {
         let LoopRun { columns, signs, estimates, ticks, updates, .. } = run;
         let LoopRun { events, path, hits, status, nfev, raised, .. } = run;
@@ -378,7 +380,7 @@ impl LoopRecord {
             status: status as u8,
             message: status.message(),
             nfev,
-            raised: Raised::new(raised),
+            raised: EndedBy::new(raised),
         })
     }
 }

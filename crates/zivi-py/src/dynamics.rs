@@ -3,7 +3,7 @@
 use crate::force::{Raised, Wall};
 use crate::friction::{Friction, Rubbing};
 use crate::interface::{vector, Capsule};
-use crate::time_table::TimeTable;
+use crate::time_table::PyTimeTable;
 use numpy::{PyArray1, PyArrayMethods, PyReadonlyArray1, PyUntypedArrayMethods};
 use pyo3::exceptions::{PyRuntimeError, PyTypeError, PyValueError};
 use pyo3::gc::{PyTraverseError, PyVisit};
@@ -113,7 +113,7 @@ impl Model {
         stiffness: Vec<f64>,
         load: Vec<f64>,
         waves: Vec<(Vec<f64>, f64, f64)>,
-        tables: Vec<Py<TimeTable>>,
+        tables: Vec<Py<PyTimeTable>>,
         gaps: Vec<(Vec<f64>, f64, Option<Py<Wall>>)>,
     ) -> PyResult<Self> {
         let wave = |(amplitude, omega, phase)| LoadWave { amplitude, omega, phase };

@@ -9,7 +9,7 @@ use pyo3::prelude::*;
 use zivi::mechanics::{MechanicalRun, Occurrence};
 use zivi::record::gap_set::ContactMode;
 use zivi::system::dynamics::{Dynamics, Layout};
-use zivi::system::force::{Channel, ContactForce, Friction as Given, FrictionalImpact};
+use zivi::system::force::{Channel, ContactForce, Friction, FrictionalImpact};
 use zivi::system::linear_system::LinearSystem;
 
 use crate::interface::{array, columns, Matrix, Vector};
@@ -18,25 +18,25 @@ use crate::interface::{array, columns, Matrix, Vector};
 type CompliantGap = (usize, String, Vec<f64>, Option<Py<PyAny>>);
 
 /// The channels of friction of a system, those of gaps first, how impacts go on, and the compliant gaps.
-#[pyclass(frozen, module = "zivi._zivi")]
-pub(crate) struct Friction {
-    given: Given,
+#[pyclass(frozen, module = "zivi._zivi", name = "Friction")]
+pub(crate) struct PyFriction {
+    given: Friction,
     /// The contact forces that are functions `(depth, rate)`, by gap.
     functions: Vec<(usize, Py<PyAny>)>,
 }
 
-impl Friction {
+impl PyFriction {
     /// That of a system, of no channels and rigid gaps if it has none.
-    pub(crate) fn given(of: Option<&Self>) -> &Given {
+    pub(crate) fn given(of: Option<&Self>) -> &Friction {
         match of {
             Some(friction) => &friction.given,
-            None => Given::none(),
+            None => Friction::none(),
         }
     }
 }
 
 #[pymethods]
-impl Friction {
+impl PyFriction {
     /// For each channel its gap, or None for a joint, and its tangential restitution; the compliant gaps,
     /// ascending.
     #[new]
@@ -66,7 +66,7 @@ impl Friction {
             functions.extend(function.map(|it| (gap, it)));
             laws.push((gap, force));
         }
-        let given = Given { channels, law, impact_without_collision, compliant: laws };
+        let given = Friction { channels, law, impact_without_collision, compliant: laws };
         Ok(Self { given, functions })
     }
 
@@ -78,7 +78,7 @@ impl Friction {
 /// A system with its friction.
 pub(crate) struct Rubbing<'a, D> {
     pub(crate) dynamics: D,
-    pub(crate) friction: Option<&'a Friction>,
+    pub(crate) friction: Option<&'a PyFriction>,
 }
 
 impl<D: Dynamics<PyErr>> Dynamics<PyErr> for Rubbing<'_, D> {
@@ -86,7 +86,7 @@ impl<D: Dynamics<PyErr>> Dynamics<PyErr> for Rubbing<'_, D> {
         self.dynamics.layout()
     }
 
-    fn friction(&self) -> &Given {
+    fn friction(&self) -> &Friction {
         Friction::given(self.friction)
     }
 

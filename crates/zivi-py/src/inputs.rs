@@ -11,14 +11,14 @@ use crate::friction::Rubbing;
 use crate::system::Mechanism;
 
 /// The matrix of inputs `B` of a mechanical system.
-#[pyclass(frozen, module = "zivi._zivi")]
-pub(crate) struct Inputs {
+#[pyclass(frozen, module = "zivi._zivi", name = "Inputs")]
+pub(crate) struct PyInputs {
     /// How many.
     pub(crate) r: usize,
-    kind: Kind,
+    kind: InputsKind,
 }
 
-enum Kind {
+enum InputsKind {
     Constant(Vec<f64>),
     /// A compiled function, and what owns it.
     Compiled(CompiledFunction, Py<PyAny>),
@@ -27,30 +27,30 @@ enum Kind {
 }
 
 #[pymethods]
-impl Inputs {
+impl PyInputs {
     /// A constant matrix, row by row.
     #[staticmethod]
     fn constant(r: usize, matrix: Vec<f64>) -> Self {
-        Self { r, kind: Kind::Constant(matrix) }
+        Self { r, kind: InputsKind::Constant(matrix) }
     }
 
     /// As `Model.compiled`; it fills in the matrix row by row.
     #[staticmethod]
     fn compiled(r: usize, address: usize, data: usize, owner: Py<PyAny>) -> Self {
         let function = CompiledFunction::with_data(address, data);
-        Self { r, kind: Kind::Compiled(function, owner) }
+        Self { r, kind: InputsKind::Compiled(function, owner) }
     }
 
     /// A function of time and coordinates that gives a contiguous matrix.
     #[staticmethod]
     fn callable(r: usize, function: Py<PyAny>) -> Self {
-        Self { r, kind: Kind::Callable(function) }
+        Self { r, kind: InputsKind::Callable(function) }
     }
 
     fn __traverse__(&self, visit: PyVisit<'_>) -> Result<(), PyTraverseError> {
         match &self.kind {
-            Kind::Constant(_) => Ok(()),
-            Kind::Compiled(_, held) | Kind::Callable(held) => visit.call(held),
+            InputsKind::Constant(_) => Ok(()),
+            InputsKind::Compiled(_, held) | InputsKind::Callable(held) => visit.call(held),
         }
     }
 }
@@ -67,12 +67,12 @@ pub(crate) type Evaluated<'a, 'py> = Driven<Rubbing<'a, AnyDynamics<'py>>, Matri
 /// A system that needs no interpreter, with its controls.
 pub(crate) type Native<'a> = Driven<Rubbing<'a, CompiledDynamics>, NativeMatrices>;
 
-impl Inputs {
+impl PyInputs {
     /// The matrix; `None` if it needs the interpreter.
     fn native(&self) -> Option<InputMatrix<NativeMatrices>> {
         match &self.kind {
-            Kind::Constant(matrix) => Some(InputMatrix::Constant(matrix.clone())),
-            Kind::Compiled(function, _) => {
+            InputsKind::Constant(matrix) => Some(InputMatrix::Constant(matrix.clone())),
+            InputsKind::Compiled(function, _) => {
                 let function = *function;
                 Some(InputMatrix::Function(Box::new(move |t, q, out| {
                     match function.call(t, q, q, out) {
@@ -83,12 +83,12 @@ impl Inputs {
                     }
                 })))
             }
-            Kind::Callable(_) => None,
+            InputsKind::Callable(_) => None,
         }
     }
 
     fn matrix<'a>(&'a self, py: Python<'a>) -> InputMatrix<Matrices<'a>> {
-        if let Kind::Callable(function) = &self.kind {
+        if let InputsKind::Callable(function) = &self.kind {
             let function = function.bind(py).clone();
             return InputMatrix::Function(Box::new(move |t, q, out| {
                 let q = PyArray1::from_slice(function.py(), q);

@@ -121,15 +121,15 @@ pub(crate) fn stored(
 
 /// The exception that ended a run; the first read takes it. Its traceback knows the frames that know
 /// the record: a record that kept it would keep itself.
-pub(crate) struct Raised(Mutex<Option<PyErr>>);
+pub(crate) struct EndedBy(Mutex<Option<PyErr>>);
 
-impl Raised {
+impl EndedBy {
     pub(crate) fn new(error: Option<PyErr>) -> Self {
         Self(Mutex::new(error))
     }
 }
 
-impl<'py> IntoPyObject<'py> for &Raised {
+impl<'py> IntoPyObject<'py> for &EndedBy {
     type Target = PyAny;
     type Output = Bound<'py, PyAny>;
     type Error = Infallible;

@@ -22,17 +22,17 @@ thread_local! {
 }
 
 /// A call that may give the lock away before it returns.
-pub(crate) struct Running;
+pub(crate) struct UnlockedCall;
 
 /// Begins a run; `SystemExit`, of which threads make no words, if the interpreter ends.
-pub(crate) fn running() -> PyResult<Running> {
+pub(crate) fn running() -> PyResult<UnlockedCall> {
     RUNNING.fetch_add(1, Ordering::SeqCst);
     OWN.set(OWN.get() + 1);
-    let run = Running;
+    let run = UnlockedCall;
     look().map(|()| run)
 }
 
-impl Drop for Running {
+impl Drop for UnlockedCall {
     fn drop(&mut self) {
         OWN.set(OWN.get() - 1);
         RUNNING.fetch_sub(1, Ordering::SeqCst);

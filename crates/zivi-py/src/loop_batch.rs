@@ -14,8 +14,8 @@ use crate::closed_loop::{given_of_row, motion_of};
 use crate::control::of_ours;
 use crate::force::Force;
 use crate::interface::{array, list, with_room, Watch};
-use crate::method::Method;
-use crate::observer::Observer;
+use crate::method::PyMethod;
+use crate::observer::PyObserver;
 use crate::simulate::grid_of;
 use crate::transform::restitution_of;
 
@@ -37,12 +37,12 @@ fn native(controller: &Bound<'_, PyAny>) -> PyResult<AnyController> {
 pub(crate) fn simulate_closed_loop_batch(
     py: Python<'_>,
     controllers: Vec<Bound<'_, PyAny>>,
-    observers: Vec<PyRef<'_, Observer>>,
+    observers: Vec<PyRef<'_, PyObserver>>,
     forces: [Vec<Py<Force>>; 3],
     restitutions: PyReadonlyArray2<'_, f64>,
     states: PyReadonlyArray2<'_, f64>,
     span: (f64, f64),
-    method: PyRef<'_, Method>,
+    method: PyRef<'_, PyMethod>,
     exact: bool,
     resolution: (f64, f64),
     delay: usize,

@@ -14,11 +14,13 @@ use zivi::system::dynamics::{Driven, Dynamics, Layout};
 use zivi::{AnyImpactLaw, AnyMethod, SetupError, SwitchedRk};
 
 use crate::closed_loop::numbers_of;
-use crate::control::mechanical::{law_error, pressed, Believed, GapTracker, Reference, Striker};
-use crate::inputs::Inputs;
+use crate::control::mechanical::{
+    law_error, pressed, Believed, PyGapTracker, PyReference, PyStriker,
+};
+use crate::inputs::PyInputs;
 use crate::interface::{list, setup_error, vector, Matrix, Watch};
 use crate::mechanics::MechanicalRecord;
-use crate::method::Method;
+use crate::method::PyMethod;
 use crate::system::{Configuration, Mechanism};
 
 /// A loop: its run at the samples, the controls there, and what happened at the ticks.
@@ -64,15 +66,19 @@ impl MechanicalLoopRecord {
 /// A tracker of gaps in a loop: the law, what it believes in, where it is to be.
 #[pyclass(frozen, module = "zivi._zivi")]
 pub(crate) struct GapLoop {
-    law: Py<GapTracker>,
+    law: Py<PyGapTracker>,
     believed: Py<Believed>,
-    reference: Option<Py<Reference>>,
+    reference: Option<Py<PyReference>>,
 }
 
 #[pymethods]
 impl GapLoop {
     #[new]
-    fn new(law: Py<GapTracker>, believed: Py<Believed>, reference: Option<Py<Reference>>) -> Self {
+    fn new(
+        law: Py<PyGapTracker>,
+        believed: Py<Believed>,
+        reference: Option<Py<PyReference>>,
+    ) -> Self {
         Self { law, believed, reference }
     }
 
@@ -86,14 +92,14 @@ impl GapLoop {
 /// What aims at impacts in a loop: the law, and what it believes in.
 #[pyclass(frozen, module = "zivi._zivi")]
 pub(crate) struct StrikeLoop {
-    law: Py<Striker>,
+    law: Py<PyStriker>,
     believed: Py<Believed>,
 }
 
 #[pymethods]
 impl StrikeLoop {
     #[new]
-    fn new(law: Py<Striker>, believed: Py<Believed>) -> Self {
+    fn new(law: Py<PyStriker>, believed: Py<Believed>) -> Self {
         Self { law, believed }
     }
 
@@ -212,9 +218,9 @@ impl MechanicalController<PyErr> for Called<'_, '_> {
 }
 
 /// An observer of the interpreter: `step(t, q, qdot, u)` gives coordinates and velocities.
-struct Observer<'py>(Bound<'py, PyAny>);
+struct CalledObserver<'py>(Bound<'py, PyAny>);
 
-impl Observing<PyErr> for Observer<'_> {
+impl Observing<PyErr> for CalledObserver<'_> {
     fn estimate(&mut self, t: f64, (q, w): (&mut [f64], &mut [f64]), u: &[f64]) -> PyResult<()> {
         let py = self.0.py();
         let (at, u) = (PyArray1::from_slice(py, q), PyArray1::from_slice(py, u));
@@ -293,8 +299,8 @@ impl Course<'_> {
 pub(crate) fn simulate_mechanical_loop(
     py: Python<'_>,
     system: PyRef<'_, Mechanism>,
-    inputs: PyRef<'_, Inputs>,
-    method: PyRef<'_, Method>,
+    inputs: PyRef<'_, PyInputs>,
+    method: PyRef<'_, PyMethod>,
     times: PyReadonlyArray1<'_, f64>,
     stops: PyReadonlyArray1<'_, f64>,
     start: PyRef<'_, Configuration>,
@@ -333,7 +339,7 @@ pub(crate) fn simulate_mechanical_loop(
     } else {
         let given = controller.cast::<CalledLoop>()?.get();
         let mut driven = inputs.driven(py, system)?;
-        course.run(&mut driven, Called { py, given }, observer.map(Observer), watch)
+        course.run(&mut driven, Called { py, given }, observer.map(CalledObserver), watch)
     };
     let (run, record) = done?.map_err(setup_error)?;
     MechanicalLoopRecord::new(py, run, record, r)
@@ -344,7 +350,7 @@ fn run_tracker(
     py: Python<'_>,
     course: Course<'_>,
     own: &GapLoop,
-    (system, inputs): (&Mechanism, &Inputs),
+    (system, inputs): (&Mechanism, &PyInputs),
     observer: Option<Bound<'_, PyAny>>,
     watch: &mut Watch,
 ) -> Done {
@@ -378,7 +384,7 @@ fn run_tracker(
     let plant = BelievedPlant { driven: &mut model, tasks: tasks.as_mut(), laws, h };
     let asked = |i: usize, t: f64| pressed(py, &tracker.pressing, i, t);
     let tracking = Tracking { law, plant, reference, asked, wrong };
-    course.run(&mut driven, tracking, observer.map(Observer), watch)
+    course.run(&mut driven, tracking, observer.map(CalledObserver), watch)
 }
 
 /// A loop of what aims at impacts.
@@ -386,7 +392,7 @@ fn run_striker(
     py: Python<'_>,
     course: Course<'_>,
     own: &StrikeLoop,
-    (system, inputs): (&Mechanism, &Inputs),
+    (system, inputs): (&Mechanism, &PyInputs),
     observer: Option<Bound<'_, PyAny>>,
     watch: &mut Watch,
 ) -> Done {
@@ -414,5 +420,5 @@ fn run_striker(
     let plant = BelievedPlant { driven: &mut model, tasks: None, laws, h };
     let target = |stroke: u32| striker.target.of(py, stroke);
     let striking = Striking { law, plant, target, wrong };
-    course.run(&mut driven, striking, observer.map(Observer), watch)
+    course.run(&mut driven, striking, observer.map(CalledObserver), watch)
 }

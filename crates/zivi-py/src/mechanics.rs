@@ -1,9 +1,9 @@
 //! Mechanical systems from Python: the record of a run.
 
 use crate::friction::FrictionRecord;
-use crate::interface::{array, columns, list, members, vector, Array, Matrix, Raised, Vector};
+use crate::interface::{array, columns, list, members, vector, Array, EndedBy, Matrix, Vector};
 use crate::method::Hits;
-use crate::motion::MechanicalPath;
+use crate::motion::PyMechanicalPath;
 use numpy::{PyArray1, PyArrayMethods, PyReadonlyArray1, PyReadonlyArrayDyn};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
@@ -36,8 +36,8 @@ pub(crate) struct MechanicalRecord {
     n_steps: u64,
     n_rejected: u64,
     n_impacts: u64,
-    raised: Raised,
-    path: Option<Py<MechanicalPath>>,
+    raised: EndedBy,
+    path: Option<Py<PyMechanicalPath>>,
     /// What friction did, where there is any.
     friction: Option<Py<FrictionRecord>>,
 }
@@ -97,7 +97,7 @@ impl MechanicalRecord {
         };
         let occurrences = Occurrences::of(py, &run.occurrences, m)?;
         let hits = Hits::of(py, &run.hits, n)?;
-        let path = run.path.map(|path| Py::new(py, MechanicalPath { path })).transpose()?;
+        let path = run.path.map(|path| Py::new(py, PyMechanicalPath { path })).transpose()?;
         Ok(Self {
             t: array(py, samples.t.iter().copied())?,
             q: picked(&samples.x, 0, n)?,
@@ -116,7 +116,7 @@ impl MechanicalRecord {
             n_steps: run.counts.accepted,
             n_rejected: run.counts.rejected,
             n_impacts: run.counts.impacts,
-            raised: Raised::new(run.raised),
+            raised: EndedBy::new(run.raised),
             path,
             friction: friction.map(|it| Py::new(py, it)).transpose()?,
         })

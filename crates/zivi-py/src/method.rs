@@ -14,17 +14,17 @@ use zivi::{
     AnyMethod, DensePath, Direction, Level, LocatedEvent, Motion, MotionPoint, PathPoint, Physical,
     Solver, SwitchedRk, UserEvent,
 };
-use zivi_core::setting::{Setting as Described, Value, Values as Range};
+use zivi_core::setting::{Setting, Value, Values as Range};
 use zivi_core::{transform, Branch, ThetaGammaStep};
 
 /// A method with its settings, all of them in range.
-#[pyclass(frozen, module = "zivi._zivi")]
-pub(crate) struct Method {
+#[pyclass(frozen, module = "zivi._zivi", name = "Method")]
+pub(crate) struct PyMethod {
     pub(crate) inner: AnyMethod,
 }
 
 #[pymethods]
-impl Method {
+impl PyMethod {
     #[new]
     #[pyo3(signature = (name, **settings))]
     fn new(name: &str, settings: Option<&Bound<'_, PyDict>>) -> PyResult<Self> {
@@ -50,7 +50,7 @@ impl Method {
     }
 }
 
-impl Method {
+impl PyMethod {
     /// The settings of the switched method, which some work needs.
     pub(crate) fn switched(&self) -> PyResult<SwitchedRk> {
         match self.inner {
@@ -61,14 +61,14 @@ impl Method {
 }
 
 /// An error that names a setting, its value and its range.
-fn refused(setting: &Described, value: impl std::fmt::Display) -> PyErr {
-    let Described { name, range, .. } = setting;
+fn refused(setting: &Setting, value: impl std::fmt::Display) -> PyErr {
+    let Setting { name, range, .. } = setting;
     PyValueError::new_err(format!("{name} must be {range}, got {value}"))
 }
 
 /// A value of Python's for a setting; none where the run finds it. Ranges of numbers are left to
 /// the method.
-fn given(setting: &Described, value: &Bound<'_, PyAny>) -> PyResult<Option<Value>> {
+fn given(setting: &Setting, value: &Bound<'_, PyAny>) -> PyResult<Option<Value>> {
     if value.is_none() && matches!(setting.default, Value::Open(_)) {
         return Ok(None);
     }
@@ -84,13 +84,13 @@ fn given(setting: &Described, value: &Bound<'_, PyAny>) -> PyResult<Option<Value
 }
 
 /// A whole number, which may arrive below 0.
-fn count(setting: &Described, value: i64) -> PyResult<usize> {
+fn count(setting: &Setting, value: i64) -> PyResult<usize> {
     let found = usize::try_from(value).ok().filter(|it| setting.values.hold_count(*it));
     found.ok_or_else(|| refused(setting, value))
 }
 
 /// One of the names that a setting may be.
-fn choice(setting: &Described, value: &Bound<'_, PyAny>) -> PyResult<Value> {
+fn choice(setting: &Setting, value: &Bound<'_, PyAny>) -> PyResult<Value> {
     let Range::Choice(names) = setting.values else { return Err(refused(setting, value.repr()?)) };
     let name = value.extract::<String>().ok();
     let found =
@@ -111,8 +111,8 @@ pub(crate) fn step_solver(name: &Bound<'_, PyAny>, linearisations: i64) -> PyRes
 }
 
 /// What a setting is and may be.
-#[pyclass(frozen, get_all, module = "zivi._zivi")]
-pub(crate) struct Setting {
+#[pyclass(frozen, get_all, module = "zivi._zivi", name = "Setting")]
+pub(crate) struct PySetting {
     name: &'static str,
     meaning: &'static str,
     unit: &'static str,
@@ -157,9 +157,9 @@ fn limits(limit: Limit<f64>) -> (Option<f64>, Option<f64>) {
     }
 }
 
-impl Setting {
-    pub(crate) fn new(py: Python<'_>, of: &Described) -> PyResult<Self> {
-        let Described { name, meaning, unit, values, range, default } = *of;
+impl PySetting {
+    pub(crate) fn new(py: Python<'_>, of: &Setting) -> PyResult<Self> {
+        let Setting { name, meaning, unit, values, range, default } = *of;
         let (mut above, mut below, mut least, mut most, mut choices) =
             (None, None, None, None, None);
         match values {
@@ -203,8 +203,8 @@ impl Setting {
     }
 }
 
-pub(crate) fn described(py: Python<'_>, settings: &[Described]) -> PyResult<Vec<Setting>> {
-    settings.iter().map(|it| Setting::new(py, it)).collect()
+pub(crate) fn described(py: Python<'_>, settings: &[Setting]) -> PyResult<Vec<PySetting>> {
+    settings.iter().map(|it| PySetting::new(py, it)).collect()
 }
 
 /// A method of the list of the library.
@@ -373,8 +373,8 @@ impl MotionPath {
 // Events of the user: functions from Python, and what happened of them.
 
 /// An event of the user: where a function of time and state changes its sign.
-#[pyclass(frozen, get_all, module = "zivi._zivi")]
-pub(crate) struct Event {
+#[pyclass(frozen, get_all, module = "zivi._zivi", name = "Event")]
+pub(crate) struct PyEvent {
     /// `g(t, x, x')`, or `g(t, q, q')` of a mechanical system.
     function: Py<PyAny>,
     /// Upwards only, downwards only (below 0) or both (0).
@@ -388,7 +388,7 @@ pub(crate) struct Event {
 }
 
 #[pymethods]
-impl Event {
+impl PyEvent {
     #[new]
     #[pyo3(signature = (function, *, direction, terminal, level_x=None, level_xdot=None))]
     fn new(
@@ -414,7 +414,7 @@ fn number(value: &Bound<'_, PyAny>) -> PyResult<f64> {
     })
 }
 
-impl Event {
+impl PyEvent {
     fn direction(&self) -> Direction {
         match self.direction {
             0 => Direction::Either,
@@ -462,14 +462,14 @@ pub(crate) struct Hits {
 }
 
 /// A state at which an event happened.
-pub(crate) trait Place {
+pub(crate) trait EventState {
     /// Coordinates.
     fn q(&self) -> &[f64];
     /// Velocities.
     fn qdot(&self) -> &[f64];
 }
 
-impl Place for PathPoint {
+impl EventState for PathPoint {
     fn q(&self) -> &[f64] {
         from_ref(&self.x)
     }
@@ -480,7 +480,7 @@ impl Place for PathPoint {
 }
 
 /// Gaps and their rates follow the coordinates and velocities.
-impl Place for MotionPoint {
+impl EventState for MotionPoint {
     fn q(&self) -> &[f64] {
         &self.x
     }
@@ -492,7 +492,7 @@ impl Place for MotionPoint {
 
 impl Hits {
     /// Those of each event, at states of `n` coordinates.
-    pub(crate) fn of<S: Place>(
+    pub(crate) fn of<S: EventState>(
         py: Python<'_>,
         events: &[Vec<LocatedEvent<S>>],
         n: usize,

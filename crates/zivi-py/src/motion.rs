@@ -2,11 +2,11 @@
 
 use crate::friction::{modes_of, slips_of};
 use crate::interface::{array, columns, list, members, stored, vector, Array, Matrix, Vector};
-use crate::transform::Restitution;
+use crate::transform::PyRestitution;
 use numpy::{PyArray1, PyReadonlyArray1, PyReadonlyArray2, PyUntypedArrayMethods};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
-use zivi::mechanics::MechanicalPath as Path;
+use zivi::mechanics::MechanicalPath;
 use zivi::record::gap_set::ContactMode;
 use zivi::stepping::ballistic;
 use zivi::{Events, Physical};
@@ -26,12 +26,12 @@ type FourArrays = (Array, Array, Array, Array);
 type Points = (Vec<f64>, Vec<f64>, Vec<ContactMode>);
 
 /// The motion of a mechanical system as a function of time.
-#[pyclass(frozen, module = "zivi._zivi")]
-pub(crate) struct MechanicalPath {
-    pub(crate) path: Path,
+#[pyclass(frozen, module = "zivi._zivi", name = "MechanicalPath")]
+pub(crate) struct PyMechanicalPath {
+    pub(crate) path: MechanicalPath,
 }
 
-impl MechanicalPath {
+impl PyMechanicalPath {
     /// Positions, rates and modes at the times, one after the other.
     fn points(&self, times: &PyReadonlyArray1<'_, f64>) -> PyResult<Points> {
         let (size, n) = (self.path.layout().size(), times.len());
@@ -50,7 +50,7 @@ impl MechanicalPath {
 }
 
 #[pymethods]
-impl MechanicalPath {
+impl PyMechanicalPath {
     /// The times between which the motion is known.
     #[getter]
     fn span(&self) -> Option<(f64, f64)> {
@@ -99,7 +99,7 @@ impl MechanicalPath {
     #[staticmethod]
     fn restored(numbers: PyReadonlyArray1<'_, f64>) -> PyResult<Self> {
         let numbers = vector(&numbers)?;
-        let path = Path::from_numbers(&numbers);
+        let path = MechanicalPath::from_numbers(&numbers);
         Ok(Self { path: path.map_err(|error| PyValueError::new_err(error.to_string()))? })
     }
 
@@ -124,7 +124,7 @@ pub(crate) struct Ballistic {
 pub(crate) fn ballistic_motion(
     py: Python<'_>,
     rows: PyReadonlyArray2<'_, f64>,
-    restitution: PyRef<'_, Restitution>,
+    restitution: PyRef<'_, PyRestitution>,
 ) -> PyResult<Ballistic> {
     let rows = rows.as_array();
     let motions = rows.rows().into_iter().map(|row| {

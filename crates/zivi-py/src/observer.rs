@@ -29,13 +29,13 @@ type Array<'py> = Bound<'py, PyArray1<f64>>;
 type Observed<'py> = (Vec<Array<'py>>, Vec<Array<'py>>, Bound<'py, PyArray1<bool>>);
 
 /// The observer; `zivi.ImpactObserver` is what users see.
-#[pyclass(subclass, module = "zivi._zivi")]
-pub(crate) struct Observer {
+#[pyclass(subclass, module = "zivi._zivi", name = "Observer")]
+pub(crate) struct PyObserver {
     pub(crate) inner: ImpactObserver,
 }
 
 #[pymethods]
-impl Observer {
+impl PyObserver {
     #[new]
     #[pyo3(signature = (e, h, *, noise, q_d, se, dmax, position_only, learn_e, q_e))]
     #[allow(clippy::too_many_arguments)]

@@ -20,8 +20,8 @@ use zivi::{AnyImpactLaw, SetupError, SwitchedRk};
 use crate::dynamics::{AnyDynamics, CompiledDynamics, Model, PythonDynamics};
 use crate::interface::{setup_error, vector, Array, Watch};
 use crate::mechanics::MechanicalRecord;
-use crate::method::Method;
-use crate::sensitivity::Nearest;
+use crate::method::PyMethod;
+use crate::sensitivity::PyNearest;
 use crate::system::{Configuration, Mechanism};
 
 /// A system, and a function that fills in all its partial derivatives.
@@ -71,12 +71,12 @@ impl<D: Dynamics<PyErr>, P: Dynamics<PyErr>> DifferentiableDynamics<PyErr> for W
 /// What the partial derivatives of a model are taken from.
 #[pyclass(frozen, module = "zivi._zivi")]
 pub(crate) struct Partials {
-    source: Source,
+    source: PartialsSource,
 }
 
-enum Source {
+enum PartialsSource {
     /// Differences: of the model itself by time and state, of moved models by each parameter.
-    Differences(Vec<Py<Moved>>),
+    Differences(Vec<Py<MovedModel>>),
     /// A function that fills in all of them, by time, coordinates, velocities and so many
     /// parameters, one after the other.
     Function(Py<Model>, usize),
@@ -87,38 +87,38 @@ enum Source {
 #[pymethods]
 impl Partials {
     #[staticmethod]
-    fn differences(moved: Vec<Py<Moved>>) -> Self {
-        Self { source: Source::Differences(moved) }
+    fn differences(moved: Vec<Py<MovedModel>>) -> Self {
+        Self { source: PartialsSource::Differences(moved) }
     }
 
     #[staticmethod]
     fn function(function: Py<Model>, parameters: usize) -> Self {
-        Self { source: Source::Function(function, parameters) }
+        Self { source: PartialsSource::Function(function, parameters) }
     }
 
     #[staticmethod]
     fn tree(directions: Vec<Vec<f64>>) -> Self {
-        Self { source: Source::Tree(Arc::new(directions)) }
+        Self { source: PartialsSource::Tree(Arc::new(directions)) }
     }
 
     fn __traverse__(&self, visit: PyVisit<'_>) -> Result<(), PyTraverseError> {
         match &self.source {
-            Source::Differences(moved) => moved.iter().try_for_each(|it| visit.call(it)),
-            Source::Function(function, _) => visit.call(function),
-            Source::Tree(_) => Ok(()),
+            PartialsSource::Differences(moved) => moved.iter().try_for_each(|it| visit.call(it)),
+            PartialsSource::Function(function, _) => visit.call(function),
+            PartialsSource::Tree(_) => Ok(()),
         }
     }
 }
 
 /// A model with a parameter moved by multiples of a step.
-#[pyclass(frozen, module = "zivi._zivi")]
-pub(crate) struct Moved {
+#[pyclass(frozen, module = "zivi._zivi", name = "Moved")]
+pub(crate) struct MovedModel {
     step: f64,
     models: Vec<Py<Model>>,
 }
 
 #[pymethods]
-impl Moved {
+impl MovedModel {
     #[new]
     fn new(step: f64, models: Vec<Py<Model>>) -> Self {
         Self { step, models }
@@ -132,12 +132,12 @@ impl Moved {
 /// The same system with moved parameters, of the kind of the system itself.
 fn neighbours<'py, D>(
     py: Python<'py>,
-    moved: &[Py<Moved>],
+    moved: &[Py<MovedModel>],
     layout: Layout,
     of: impl Fn(AnyDynamics<'py>) -> Option<D>,
 ) -> PyResult<Vec<Neighbours<D>>> {
-    let one = |moved: &Py<Moved>| {
-        let Moved { step, models } = moved.get();
+    let one = |moved: &Py<MovedModel>| {
+        let MovedModel { step, models } = moved.get();
         let systems = models.iter().map(|model| of(AnyDynamics::of(py, model.get(), layout)));
         let systems: Option<Vec<D>> = systems.collect();
         let systems = systems.and_then(|systems| <[D; MOVES.len()]>::try_from(systems).ok());
@@ -195,7 +195,7 @@ pub(crate) struct MechanicalSensitivityRecord {
     liftoff_times: Array,
     radius: Array,
     /// The event that limits each column.
-    nearest: Vec<Option<Nearest>>,
+    nearest: Vec<Option<PyNearest>>,
     grazing: bool,
     lost_at: Option<f64>,
     samples: Array,
@@ -216,7 +216,7 @@ fn wrt_of((kind, index, of): &(u8, usize, usize)) -> MechanicalWrt {
 }
 
 /// What a run takes besides the system.
-struct Task<'a> {
+struct RunArguments<'a> {
     method: SwitchedRk,
     laws: &'a [AnyImpactLaw],
     span: (f64, f64),
@@ -228,7 +228,7 @@ struct Task<'a> {
 
 type Outcome = Result<(MechanicalRun<PyErr>, Derivatives), SetupError>;
 
-impl Task<'_> {
+impl RunArguments<'_> {
     /// Compiled once for all kinds of systems: an evaluation takes many times what it takes to find it.
     fn run(
         &self,
@@ -251,7 +251,7 @@ impl Task<'_> {
     ) -> PyResult<Outcome> {
         let duration = self.span.1 - self.span.0;
         Ok(match (model, &partials.source) {
-            (AnyDynamics::Compiled(model), Source::Differences(moved)) => {
+            (AnyDynamics::Compiled(model), PartialsSource::Differences(moved)) => {
                 let more = neighbours(py, moved, layout, compiled)?;
                 if let Some(mut system) = linear(&model, &more) {
                     return Ok(py.detach(|| self.run(&mut system, watch)));
@@ -259,17 +259,17 @@ impl Task<'_> {
                 let mut system = DifferencedDynamics::new(model, more, duration);
                 py.detach(|| self.run(&mut system, watch))
             }
-            (AnyDynamics::Callable(model), Source::Differences(moved)) => {
+            (AnyDynamics::Callable(model), PartialsSource::Differences(moved)) => {
                 let more = neighbours(py, moved, layout, callable)?;
                 self.run(&mut DifferencedDynamics::new(model, more, duration), watch)
             }
-            (AnyDynamics::Compiled(model), Source::Tree(directions)) => {
+            (AnyDynamics::Compiled(model), PartialsSource::Tree(directions)) => {
                 let tree = model.tree().ok_or_else(no_tree)?.clone();
                 let mut system = TreeDynamics::with_directions(tree, directions.clone());
                 py.detach(|| self.run(&mut system, watch))
             }
-            (AnyDynamics::Callable(_), Source::Tree(_)) => return Err(no_tree()),
-            (model, Source::Function(function, parameters)) => {
+            (AnyDynamics::Callable(_), PartialsSource::Tree(_)) => return Err(no_tree()),
+            (model, PartialsSource::Function(function, parameters)) => {
                 match (model, AnyDynamics::of(py, function.get(), layout)) {
                     (AnyDynamics::Compiled(model), AnyDynamics::Compiled(partials)) => {
                         let mut system = WithPartials::new(model, partials, *parameters);
@@ -301,7 +301,7 @@ pub(crate) fn mechanical_sensitivity(
     py: Python<'_>,
     system: PyRef<'_, Mechanism>,
     partials: PyRef<'_, Partials>,
-    method: PyRef<'_, Method>,
+    method: PyRef<'_, PyMethod>,
     span: (f64, f64),
     start: PyRef<'_, Configuration>,
     wrt: Vec<(u8, usize, usize)>,
@@ -320,7 +320,7 @@ pub(crate) fn mechanical_sensitivity(
     let layout = Layout::smooth(system.n, system.m);
     let question = Question { wrt: &wrt, sizes: &sizes, controlled, times: &times };
     let start = (&q[..], &qdot[..]);
-    let task = Task { method, laws, span, start, tstops: &tstops, dense, question };
+    let task = RunArguments { method, laws, span, start, tstops: &tstops, dense, question };
     let model = AnyDynamics::of(py, system.model.get(), layout);
     let watch = &mut Watch { progress };
     let outcome = task.dispatch(py, model, &partials, layout, watch)?;
@@ -329,7 +329,7 @@ pub(crate) fn mechanical_sensitivity(
     let nearest = found
         .nearest
         .iter()
-        .map(|it| it.map(|it| Nearest { limit: it.limit as u8, t: it.t, depth: it.depth }));
+        .map(|it| it.map(|it| PyNearest { limit: it.limit as u8, t: it.t, depth: it.depth }));
     let EventRates { impact_dt, impact_du, zeno_times, liftoff_times } = found.events;
     Ok(MechanicalSensitivityRecord {
         nearest: nearest.collect(),

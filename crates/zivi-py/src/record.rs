@@ -11,7 +11,7 @@ use zivi::{
     Status, QUANTITIES,
 };
 
-use crate::interface::{advise, setup_error, Raised};
+use crate::interface::{advise, setup_error, EndedBy};
 use crate::method::{Hits, MotionPath};
 
 /// The columns, events and outcome of one run.
@@ -57,7 +57,7 @@ pub(crate) struct RunRecord {
     #[pyo3(get)]
     nfev: u64,
     #[pyo3(get)]
-    raised: Raised,
+    raised: EndedBy,
 }
 
 #[pymethods]
@@ -192,7 +192,7 @@ impl RunRecord {
             status: status as u8,
             message: status.message(),
             nfev,
-            raised: Raised::new(raised),
+            raised: EndedBy::new(raised),
         })
     }
 }

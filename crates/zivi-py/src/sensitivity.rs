@@ -4,7 +4,7 @@ use crate::batch::{natives, refused};
 use crate::force::kind::with_slopes;
 use crate::force::Force;
 use crate::interface::{array, list, setup_error, Array, Watch};
-use crate::method::Method;
+use crate::method::PyMethod;
 use crate::record::RunRecord;
 use crate::system::{PointMass, State};
 use numpy::{PyArray1, PyArray2, PyArray3, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2};
@@ -31,16 +31,16 @@ pub(crate) struct SensitivityRecord {
     liftoff_times: Array,
     radius: Array,
     /// The event that limits each column.
-    nearest: Vec<Option<Nearest>>,
+    nearest: Vec<Option<PyNearest>>,
     grazing: bool,
     samples: Array,
     n_slopes: u64,
 }
 
 /// The event that is nearest to another order of events.
-#[pyclass(frozen, get_all, module = "zivi._zivi")]
+#[pyclass(frozen, get_all, module = "zivi._zivi", name = "Nearest")]
 #[derive(Clone, Copy)]
-pub(crate) struct Nearest {
+pub(crate) struct PyNearest {
     /// Which of the limits of a derivative it is.
     pub(crate) limit: u8,
     pub(crate) t: f64,
@@ -69,7 +69,7 @@ fn wrt_of(code: i64) -> PyResult<Wrt> {
 pub(crate) fn sensitivity(
     py: Python<'_>,
     system: PyRef<'_, PointMass>,
-    method: PyRef<'_, Method>,
+    method: PyRef<'_, PyMethod>,
     span: (f64, f64),
     start: PyRef<'_, State>,
     wrt: Vec<i64>,
@@ -108,7 +108,7 @@ pub(crate) fn sensitivity(
     let nearest = derivatives
         .nearest
         .iter()
-        .map(|it| it.map(|it| Nearest { limit: it.limit as u8, t: it.t, depth: it.depth }));
+        .map(|it| it.map(|it| PyNearest { limit: it.limit as u8, t: it.t, depth: it.depth }));
     Ok(SensitivityRecord {
         run: Py::new(py, RunRecord::new(py, PointRun::switched(run, law))?)?,
         x: array(derivatives.q),
@@ -133,7 +133,7 @@ pub(crate) fn sensitivity(
 pub(crate) fn fly_apart(
     py: Python<'_>,
     force: PyRef<'_, Force>,
-    method: PyRef<'_, Method>,
+    method: PyRef<'_, PyMethod>,
     flights: PyReadonlyArray1<'_, f64>,
     by: Vec<usize>,
     sizes: PyReadonlyArray1<'_, f64>,
@@ -185,7 +185,7 @@ fn numbers_of(flown: Vec<Flown>) -> Vec<f64> {
 pub(crate) fn sequence_equations(
     py: Python<'_>,
     force: PyRef<'_, Force>,
-    method: PyRef<'_, Method>,
+    method: PyRef<'_, PyMethod>,
     unknowns: PyReadonlyArray1<'_, f64>,
     last: [f64; 2],
     period: f64,
@@ -221,7 +221,7 @@ type Solution = (Array, Array, usize, f64, [Array; 5]);
 pub(crate) fn correct_sequence(
     py: Python<'_>,
     at: Bound<'_, PyAny>,
-    method: PyRef<'_, Method>,
+    method: PyRef<'_, PyMethod>,
     code: i64,
     guess: PyReadonlyArray1<'_, f64>,
     normal: PyReadonlyArray1<'_, f64>,

@@ -15,7 +15,7 @@ use crate::force::with_force;
 use crate::friction::Rubbing;
 use crate::interface::{with_room, Watch};
 use crate::mechanics::MechanicalRecord;
-use crate::method::{step_of, step_solver, Method};
+use crate::method::{step_of, step_solver, PyMethod};
 use crate::record::RunRecord;
 use crate::system::{Configuration, Keep, Mechanism, PointMass, State};
 use crate::transform::restitution_of;
@@ -45,7 +45,7 @@ impl<'py> Times<'py> {
 pub(crate) fn simulate(
     py: Python<'_>,
     system: &Bound<'_, PyAny>,
-    method: PyRef<'_, Method>,
+    method: PyRef<'_, PyMethod>,
     span: (f64, f64),
     start: &Bound<'_, PyAny>,
     keep: PyRef<'_, Keep>,

@@ -4,9 +4,9 @@
 
 use crate::dynamics::{AnyDynamics, CompiledDynamics, Model};
 use crate::force::{compiled_ratio, Force};
-use crate::friction::{Friction, Rubbing};
+use crate::friction::{PyFriction, Rubbing};
 use crate::interface::{array, setup_error, vector, Array};
-use crate::method::{Event, Setting};
+use crate::method::{PyEvent, PySetting};
 use crate::transform::from_both;
 use numpy::{PyArray1, PyReadonlyArray1};
 use pyo3::exceptions::PyValueError;
@@ -14,7 +14,7 @@ use pyo3::gc::{PyTraverseError, PyVisit};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use zivi::system::dynamics::Layout;
-use zivi::system::force::Friction as Given;
+use zivi::system::force::Friction;
 use zivi::system::impact_law::{newton_impacts, FunctionImpact, TabulatedImpact};
 use zivi::{AnyImpactLaw, Physical};
 
@@ -76,13 +76,13 @@ pub(crate) struct Mechanism {
     pub(crate) laws: Vec<AnyImpactLaw>,
     /// What owns the functions of the laws.
     owners: Vec<Py<ImpactLaw>>,
-    friction: Option<Py<Friction>>,
+    friction: Option<Py<PyFriction>>,
 }
 
 impl Mechanism {
     /// Its friction, that of no channels if it has none.
-    pub(crate) fn friction(&self) -> &Given {
-        Friction::given(self.laws_of_contact())
+    pub(crate) fn friction(&self) -> &Friction {
+        PyFriction::given(self.laws_of_contact())
     }
 
     /// The same with the laws of its compliant gaps.
@@ -120,7 +120,7 @@ impl Mechanism {
         n: usize,
         m: usize,
         e: Restitutions<'_>,
-        friction: Option<Py<Friction>>,
+        friction: Option<Py<PyFriction>>,
     ) -> PyResult<Self> {
         let (laws, owners) = match e {
             Restitutions::Laws(given) => {
@@ -162,7 +162,7 @@ pub(crate) struct Keep {
     pub(crate) t_eval: Option<Py<PyArray1<f64>>>,
     /// Times where the force is not smooth.
     pub(crate) tstops: Option<Py<PyArray1<f64>>>,
-    pub(crate) events: Vec<Py<Event>>,
+    pub(crate) events: Vec<Py<PyEvent>>,
     /// Whether without times only the ends are sampled.
     pub(crate) ends: bool,
     /// Whether the motion between the samples is kept.
@@ -184,7 +184,7 @@ impl Keep {
     fn new(
         t_eval: Option<Py<PyArray1<f64>>>,
         tstops: Option<Py<PyArray1<f64>>>,
-        events: Vec<Py<Event>>,
+        events: Vec<Py<PyEvent>>,
         ends: bool,
         dense: bool,
         arcs: bool,
@@ -284,7 +284,8 @@ impl ImpactLaw {
 pub(crate) fn all_laws(py: Python<'_>) -> PyResult<Bound<'_, PyDict>> {
     let all = PyDict::new(py);
     for &(name, parameters) in AnyImpactLaw::ALL {
-        let of = parameters.iter().map(|it| Setting::new(py, it)).collect::<PyResult<Vec<_>>>()?;
+        let of =
+            parameters.iter().map(|it| PySetting::new(py, it)).collect::<PyResult<Vec<_>>>()?;
         all.set_item(name, of)?;
     }
     Ok(all)

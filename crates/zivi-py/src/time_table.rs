@@ -10,8 +10,8 @@ use pyo3::prelude::*;
 use crate::interface::{array, vector};
 
 /// Piecewise polynomials of time.
-#[pyclass(frozen, module = "zivi._zivi")]
-pub(crate) struct TimeTable {
+#[pyclass(frozen, module = "zivi._zivi", name = "TimeTable")]
+pub(crate) struct PyTimeTable {
     pub(crate) inner: Arc<zivi::TimeTable>,
 }
 
@@ -19,7 +19,7 @@ pub(crate) struct TimeTable {
 type PartOfModel = unsafe extern "C" fn(f64, *const f64, *const f64, *mut f64, *const c_void);
 
 #[pymethods]
-impl TimeTable {
+impl PyTimeTable {
     /// Knots, and by interval and column `order` coefficients; `ends` are the values beyond them,
     /// of all columns before and then after; without them the table is periodic.
     #[new]
@@ -82,7 +82,7 @@ impl TimeTable {
     }
 }
 
-impl TimeTable {
+impl PyTimeTable {
     /// The table for as long as its owner is held.
     pub(crate) fn held(owner: &Py<Self>) -> &'static zivi::TimeTable {
         // SAFETY: the object is frozen and does not move; whoever asks holds it for as long as

@@ -20,14 +20,14 @@ const STATE: usize = 4;
 const SIGNS: usize = 6;
 
 /// The tracker's scheme under constant forces.
-struct Scheme {
+struct TrackerScheme {
     step: TrackingStep,
     reference: ThetaGammaStep,
     f: f64,
     f_ref: f64,
 }
 
-impl Scheme {
+impl TrackerScheme {
     /// The signs as the tick finds them; `None` where the reference's step has no solution.
     #[inline]
     fn exact(&self, [s, v, s_ref, v_ref]: [f64; STATE]) -> Option<[f64; SIGNS]> {
@@ -93,7 +93,7 @@ pub(crate) fn solve_tracking_steps<'py>(
     let reference = ThetaGammaStep::new(h, 1.0, 1.0, restitution_of(kappa_ref)?);
     let reference = reference.map_err(|error| setup_error(error.into()))?;
     let step = TrackingStep { h, restitution: restitution_of(kappa)?, gains };
-    let scheme = Scheme { step, reference, f, f_ref };
+    let scheme = TrackerScheme { step, reference, f, f_ref };
     let states = rows::<STATE>("states", &states)?;
     let starts = rows::<SIGNS>("starts", &starts)?;
     if states.len() != starts.len() {

@@ -4,9 +4,7 @@ use crate::interface::zeros;
 use numpy::{PyArray1, PyReadonlyArray1};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
-use zivi_core::{
-    transform, Branch, Lifted, Physical, Restitution as Coefficients, RestitutionError,
-};
+use zivi_core::{transform, Branch, Lifted, Physical, Restitution, RestitutionError};
 
 fn refused(error: RestitutionError) -> PyErr {
     PyValueError::new_err(error.to_string())
@@ -14,20 +12,20 @@ fn refused(error: RestitutionError) -> PyErr {
 
 /// What a wall gives back, both as `e` and as `kappa`: one as it was given, the other its image, so
 /// that neither loses digits.
-#[pyclass(frozen, module = "zivi._zivi")]
-pub(crate) struct Restitution {
-    pub(crate) inner: Coefficients,
+#[pyclass(frozen, module = "zivi._zivi", name = "Restitution")]
+pub(crate) struct PyRestitution {
+    pub(crate) inner: Restitution,
 }
 
 #[pymethods]
-impl Restitution {
+impl PyRestitution {
     /// From exactly one of them.
     #[new]
     #[pyo3(signature = (*, e=None, kappa=None))]
     fn new(e: Option<f64>, kappa: Option<f64>) -> PyResult<Self> {
         let inner = match (e, kappa) {
-            (Some(e), None) => Coefficients::from_e(e),
-            (None, Some(kappa)) => Coefficients::from_kappa(kappa),
+            (Some(e), None) => Restitution::from_e(e),
+            (None, Some(kappa)) => Restitution::from_kappa(kappa),
             _ => {
                 let given = if e.is_some() { "both" } else { "neither" };
                 return Err(PyValueError::new_err(format!(
@@ -55,13 +53,13 @@ impl Restitution {
     }
 }
 
-pub(crate) fn from_both(e: f64, kappa: f64) -> PyResult<Coefficients> {
-    Coefficients::from_both(e, kappa).map_err(refused)
+pub(crate) fn from_both(e: f64, kappa: f64) -> PyResult<Restitution> {
+    Restitution::from_both(e, kappa).map_err(refused)
 }
 
 /// Where only the parameter of the transform matters.
-pub(crate) fn restitution_of(kappa: f64) -> PyResult<Coefficients> {
-    Coefficients::from_kappa(kappa).map_err(refused)
+pub(crate) fn restitution_of(kappa: f64) -> PyResult<Restitution> {
+    Restitution::from_kappa(kappa).map_err(refused)
 }
 
 type Pair<'py> = (Bound<'py, PyArray1<f64>>, Bound<'py, PyArray1<f64>>);

@@ -115,8 +115,8 @@ macro_rules! with_reference {
 // The implicit tracker.
 
 /// The implicit tracker; `zivi.TwistingTracker` is what users see.
-#[pyclass(subclass, module = "zivi._zivi")]
-pub(crate) struct Tracker {
+#[pyclass(subclass, module = "zivi._zivi", name = "Tracker")]
+pub(crate) struct PyTracker {
     pub(super) inner: TwistingTracker,
     /// How its steps are solved.
     solver: Solver,
@@ -124,7 +124,7 @@ pub(crate) struct Tracker {
     under_way: Option<Box<UnderWay>>,
 }
 
-impl Tracker {
+impl PyTracker {
     pub(super) fn solved(&self) -> Solved<TwistingTracker> {
         Solved { controller: self.inner, solver: self.solver }
     }
@@ -216,7 +216,7 @@ fn waypoint(name: &str, (x, xdot, branch): (f64, f64, f64)) -> PyResult<Waypoint
     Ok(Waypoint { state: Physical { x, xdot }, branch })
 }
 
-with_reference! { Tracker,
+with_reference! { PyTracker,
     #[new]
     #[pyo3(signature = (
         mu1, mu2, *, h, kappa, kappa_ref, nearest, bound, depth, actuator, ahead, quiet, press,
@@ -350,8 +350,8 @@ with_reference! { Tracker,
 // The regulator.
 
 /// The regulator; `zivi.TwistingRegulator` is what users see.
-#[pyclass(subclass, module = "zivi._zivi")]
-pub(crate) struct Regulator {
+#[pyclass(subclass, module = "zivi._zivi", name = "Regulator")]
+pub(crate) struct PyRegulator {
     pub(super) inner: TwistingRegulator,
     /// How its steps are solved.
     solver: Solver,
@@ -359,7 +359,7 @@ pub(crate) struct Regulator {
     under_way: Option<Box<UnderWay>>,
 }
 
-impl Regulator {
+impl PyRegulator {
     pub(super) fn solved(&self) -> Solved<TwistingRegulator> {
         Solved { controller: self.inner, solver: self.solver }
     }
@@ -390,7 +390,7 @@ impl Regulator {
 }
 
 #[pymethods]
-impl Regulator {
+impl PyRegulator {
     #[new]
     #[pyo3(signature = (mu1, mu2, *, h, kappa, bound, depth, actuator, ahead, quiet, delay))]
     #[allow(clippy::too_many_arguments)]

@@ -2,11 +2,11 @@
 //!
 //! A plant as controllers of mechanical systems believe it to be, and what they make of a state of it.
 
-use super::mass::Tracker;
+use super::mass::PyTracker;
 use crate::control::arguments::{restored, tracker_state, State};
 use crate::dynamics::AnyDynamics;
 use crate::friction::Rubbing;
-use crate::inputs::{Inputs, Matrices};
+use crate::inputs::{Matrices, PyInputs};
 use crate::interface::{list, setup_error, vector, Array};
 use crate::system::Mechanism;
 use numpy::{PyArray1, PyReadonlyArray1, PyReadonlyArray2};
@@ -34,7 +34,7 @@ pub(crate) fn law_error(error: LawError<PyErr>) -> PyErr {
 #[pyclass(frozen, module = "zivi._zivi")]
 pub(crate) struct Believed {
     pub(crate) mechanism: Py<Mechanism>,
-    pub(crate) inputs: Py<Inputs>,
+    pub(crate) inputs: Py<PyInputs>,
     /// The system whose gaps are functions of the coordinates that may follow a reference.
     pub(crate) tasks: Option<Py<Mechanism>>,
     /// Length of a period (s).
@@ -69,7 +69,7 @@ impl Believed {
     #[pyo3(signature = (mechanism, inputs, h, tasks=None))]
     fn new(
         mechanism: Py<Mechanism>,
-        inputs: Py<Inputs>,
+        inputs: Py<PyInputs>,
         h: f64,
         tasks: Option<Py<Mechanism>>,
     ) -> Self {
@@ -210,14 +210,14 @@ type TrackerNumbers = (
     (Vec<f64>, Vec<u32>, Vec<u32>),
 );
 
-/// The tracker of gaps; `zivi.GapTracker` is what users see.
-#[pyclass(module = "zivi._zivi")]
-pub(crate) struct GapTracker {
+/// The tracker of gaps; `zivi.PyGapTracker` is what users see.
+#[pyclass(module = "zivi._zivi", name = "GapTracker")]
+pub(crate) struct PyGapTracker {
     pub(crate) law: law::GapTracker,
     pub(crate) pressing: Vec<Option<Pressing>>,
 }
 
-impl GapTracker {
+impl PyGapTracker {
     /// The forces that are requested; `None` if the interpreter is needed.
     pub(crate) fn constants(&self) -> Option<Vec<Option<f64>>> {
         let constant = |it: &Option<Pressing>| match it {
@@ -244,12 +244,12 @@ pub(crate) fn pressed(
 }
 
 #[pymethods]
-impl GapTracker {
+impl PyGapTracker {
     #[new]
     #[pyo3(signature = (trackers, *, h, posture, limits, latch, delay, pressing, learn_offsets))]
     #[allow(clippy::too_many_arguments)]
     fn new(
-        trackers: Vec<PyRef<'_, Tracker>>,
+        trackers: Vec<PyRef<'_, PyTracker>>,
         h: f64,
         posture: (f64, f64),
         limits: Option<Vec<(f64, f64)>>,
@@ -286,7 +286,7 @@ impl GapTracker {
             return Err(PyValueError::new_err(text));
         }
         let count = believed.tasks.as_ref().map_or(0, |it| it.get().m);
-        let of = |told| Sample::of(told, layout, count);
+        let of = |told| PySample::of(told, layout, count);
         let samples = match &ends {
             Some((now, next)) => Some((of(now)?, of(next)?)),
             None => None,
@@ -384,13 +384,13 @@ impl GapTracker {
 
 /// The height, or the speed, of each stroke.
 #[derive(FromPyObject)]
-pub(crate) enum Target {
+pub(crate) enum StrokeTarget {
     Constant(f64),
     /// A function of its number.
     Function(Py<PyAny>),
 }
 
-impl Target {
+impl StrokeTarget {
     pub(crate) fn of(&self, py: Python<'_>, stroke: u32) -> PyResult<f64> {
         match self {
             Self::Constant(value) => Ok(*value),
@@ -435,15 +435,15 @@ type StrikerNumbers = (
     u8,
 );
 
-/// The law; `zivi.Striker` is what users see.
-#[pyclass(module = "zivi._zivi")]
-pub(crate) struct Striker {
+/// The law; `zivi.PyStriker` is what users see.
+#[pyclass(module = "zivi._zivi", name = "Striker")]
+pub(crate) struct PyStriker {
     pub(crate) law: law::Striker,
-    pub(crate) target: Target,
+    pub(crate) target: StrokeTarget,
 }
 
 #[pymethods]
-impl Striker {
+impl PyStriker {
     #[new]
     #[pyo3(signature = (
         *, gap, e, of_wall, place, interval, h, learns, learning, limits, posture, delay, target
@@ -461,7 +461,7 @@ impl Striker {
         limits: Option<Vec<(f64, f64)>>,
         posture: f64,
         delay: usize,
-        target: Target,
+        target: StrokeTarget,
     ) -> Self {
         let (share, least, pushes, mean) = learning;
         let learning = Learning { share, least, pushes, mean };
@@ -525,8 +525,8 @@ impl Striker {
 
     fn copy(&self, py: Python<'_>) -> Self {
         let target = match &self.target {
-            Target::Constant(value) => Target::Constant(*value),
-            Target::Function(function) => Target::Function(function.clone_ref(py)),
+            StrokeTarget::Constant(value) => StrokeTarget::Constant(*value),
+            StrokeTarget::Function(function) => StrokeTarget::Function(function.clone_ref(py)),
         };
         Self { law: self.law.clone(), target }
     }
@@ -559,8 +559,8 @@ impl Striker {
 
     fn __traverse__(&self, visit: PyVisit<'_>) -> Result<(), PyTraverseError> {
         match &self.target {
-            Target::Constant(_) => Ok(()),
-            Target::Function(function) => visit.call(function),
+            StrokeTarget::Constant(_) => Ok(()),
+            StrokeTarget::Function(function) => visit.call(function),
         }
     }
 }
@@ -568,8 +568,8 @@ impl Striker {
 // References of mechanical systems from Python.
 
 /// A reference at all samples.
-#[pyclass(frozen, module = "zivi._zivi")]
-pub(crate) struct Reference {
+#[pyclass(frozen, module = "zivi._zivi", name = "Reference")]
+pub(crate) struct PyReference {
     pub(crate) inner: MechanicalReference,
 }
 
@@ -580,7 +580,7 @@ fn rows(of: &Rows<'_>) -> PyResult<Vec<f64>> {
 }
 
 #[pymethods]
-impl Reference {
+impl PyReference {
     /// Rows of coordinates, velocities and accelerations, then of gaps, rates, accelerations and
     /// sides, and which are closed; of functions that follow, with their derivatives.
     #[new]
@@ -632,7 +632,7 @@ pub(super) type Told<'py> = (
 );
 
 /// The same with its numbers.
-pub(super) struct Sample {
+pub(super) struct PySample {
     q: Vec<f64>,
     w: Vec<f64>,
     sides: Vec<f64>,
@@ -643,7 +643,7 @@ pub(super) struct Sample {
     tasks: Option<Vec<f64>>,
 }
 
-impl Sample {
+impl PySample {
     pub(super) fn of(told: &Told<'_>, Layout { n, m, .. }: Layout, count: usize) -> PyResult<Self> {
         let (q, w, sides, contacts, gaps, rates, accelerations, turning, tasks) = told;
         let optional = |of: &Option<PyReadonlyArray1<'_, f64>>| of.as_ref().map(vector).transpose();

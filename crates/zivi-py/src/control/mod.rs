@@ -13,14 +13,14 @@ mod arguments;
 mod mass;
 pub(crate) mod mechanical;
 
-use mass::{Explicit, Regulator, Tracker};
+use mass::{Explicit, PyRegulator, PyTracker};
 
 /// The classes of controllers, what users call them, and their settings with a default.
 macro_rules! controllers {
     ($each:ident) => {
         $each! {
-            Regulator, "TwistingRegulator", [Port::DEPTH];
-            Tracker, "TwistingTracker", [Port::DEPTH, TwistingTracker::HORIZON];
+            PyRegulator, "TwistingRegulator", [Port::DEPTH];
+            PyTracker, "TwistingTracker", [Port::DEPTH, TwistingTracker::HORIZON];
             Explicit, "ExplicitTwisting", [Port::DEPTH];
         }
     };

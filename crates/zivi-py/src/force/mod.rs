@@ -11,7 +11,7 @@ use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyTuple};
 use zivi::system::slopes::Differenced;
 
-use crate::time_table::TimeTable;
+use crate::time_table::PyTimeTable;
 use callable::{ParametricForce, WithJacobian};
 use kind::{AnySlopes, Callable, Kind, Native};
 use wall::AnyWall;
@@ -78,10 +78,10 @@ impl Force {
 
     /// A linear force, of its numbers in their order, whose excitation has a table, too.
     #[staticmethod]
-    fn with_table(numbers: [f64; 6], table: Py<TimeTable>) -> Self {
+    fn with_table(numbers: [f64; 6], table: Py<PyTimeTable>) -> Self {
         let [stiffness, damping, gravity, amplitude, omega, phase] = numbers;
         let linear = zivi::LinearForce { stiffness, damping, gravity, amplitude, omega, phase };
-        let force = zivi::TableForce { linear, table: TimeTable::held(&table) };
+        let force = zivi::TableForce { linear, table: PyTimeTable::held(&table) };
         Self::of(Native { force: AnyNative::Table(force), owner: Some(table.into_any()) })
     }
 

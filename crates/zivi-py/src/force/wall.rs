@@ -5,7 +5,7 @@ use pyo3::prelude::*;
 use zivi::system::linear_system::GapMotion;
 use zivi::{HarmonicWall, WallMotion};
 
-use crate::time_table::TimeTable;
+use crate::time_table::PyTimeTable;
 
 /// The motion of a wall, of one of its kinds.
 #[pyclass(frozen, module = "zivi._zivi")]
@@ -16,7 +16,7 @@ pub(crate) struct Wall {
 enum Kind {
     Harmonic(HarmonicWall),
     /// Moves as the first column.
-    Table(Py<TimeTable>),
+    Table(Py<PyTimeTable>),
     /// Gives position, velocity and acceleration.
     Callable(Py<PyAny>),
 }
@@ -30,7 +30,7 @@ impl Wall {
     }
 
     #[staticmethod]
-    fn table(table: Py<TimeTable>) -> Self {
+    fn table(table: Py<PyTimeTable>) -> Self {
         Self { kind: Kind::Table(table) }
     }
 
@@ -68,7 +68,7 @@ impl Wall {
 /// A wall that is ready to be asked where it is.
 pub(crate) enum AnyWall<'py> {
     Harmonic(HarmonicWall),
-    Table(Bound<'py, TimeTable>),
+    Table(Bound<'py, PyTimeTable>),
     Callable(Bound<'py, PyAny>),
 }
 

@@ -393,8 +393,8 @@ pub(crate) fn is_off_scale<'py>(
     let start = x0.map_or_else(|| zeros(n), |x0| vector(&x0))?;
     let bounds = lower.iter().zip(&upper);
     let x = list(start.iter().zip(bounds).map(|(x, (l, u))| x.clamp(*l, *u)))?;
-    let sizes = Sizes { rows, q, lower: &lower, upper: &upper, x: &x };
-    let values = pulp::Arch::new().dispatch(Values(&sizes));
+    let sizes = ProblemSizes { rows, q, lower: &lower, upper: &upper, x: &x };
+    let values = pulp::Arch::new().dispatch(NaturalValues(&sizes));
     if sizes.are_safe(&values, SAFE * limit) {
         return Ok(false);
     }
@@ -403,7 +403,7 @@ pub(crate) fn is_off_scale<'py>(
 }
 
 /// The numbers of a problem, and the point of its box where it is looked at.
-struct Sizes<'a> {
+struct ProblemSizes<'a> {
     rows: &'a [f64],
     q: &'a [f64],
     lower: &'a [f64],
@@ -412,9 +412,9 @@ struct Sizes<'a> {
 }
 
 /// `|F_i|` at the point.
-struct Values<'a>(&'a Sizes<'a>);
+struct NaturalValues<'a>(&'a ProblemSizes<'a>);
 
-impl WithSimd for Values<'_> {
+impl WithSimd for NaturalValues<'_> {
     type Output = Vec<f64>;
 
     #[inline(always)]
@@ -424,7 +424,7 @@ impl WithSimd for Values<'_> {
 }
 
 /// The least size, from the values.
-struct Least<'a>(&'a Sizes<'a>, &'a [f64]);
+struct Least<'a>(&'a ProblemSizes<'a>, &'a [f64]);
 
 impl WithSimd for Least<'_> {
     type Output = f64;
@@ -443,7 +443,7 @@ fn or_one(size: f64) -> f64 {
     }
 }
 
-impl Sizes<'_> {
+impl ProblemSizes<'_> {
     #[inline(always)]
     fn values(&self) -> Vec<f64> {
         if self.x.iter().all(|x| *x == 0.0) {
