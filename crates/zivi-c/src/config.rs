@@ -122,7 +122,7 @@ pub(crate) fn restitution_ref(
 
 /// Which condition the gains have to meet for the `bound` of the unknown force.
 #[derive(Clone, Copy, PartialEq)]
-pub(crate) enum Task {
+pub(crate) enum GainCondition {
     Regulate,
     Track,
 }
@@ -131,7 +131,7 @@ pub(crate) enum Task {
 /// controller whose settings are good ones. (Once for both controllers.)
 #[inline(never)]
 pub(crate) fn law(
-    task: Task,
+    task: GainCondition,
     given: Given,
     (mu1, mu2): (Real, Real),
     bound: Real,
@@ -151,8 +151,8 @@ pub(crate) fn law(
     }
     let restitution = restitution(given, e, kappa)?;
     let gains = Gains::bounded(mu1, mu2, bound, restitution).and_then(|gains| match task {
-        Task::Regulate => gains.regulate(bound, restitution),
-        Task::Track => gains.track(bound, restitution),
+        GainCondition::Regulate => gains.regulate(bound, restitution),
+        GainCondition::Track => gains.track(bound, restitution),
     });
     gains.map_err(code::of_gain)?;
     let landing = Landing::new(1, h).map_err(code::of)?;

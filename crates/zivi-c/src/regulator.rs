@@ -5,7 +5,7 @@ use zivi_core::control::{Gains, Landing, Port, RegulatorState, TwistingRegulator
 use zivi_core::{Physical, Real, Restitution};
 
 use crate::code::{self, Code, ZIVI_OK};
-use crate::config::{self, Given, Task};
+use crate::config::{self, GainCondition, Given};
 use crate::seal::{Sealed, Word};
 
 /// Settings of a regulator. A member that is zero takes its default, unless its bit
@@ -128,7 +128,7 @@ impl Regulator {
         let given = Given::checked(config.given, config::CONTROLLER)?;
         let (landing, walls) = ((tick, ahead, quiet), (e, kappa));
         let (restitution, ahead) =
-            config::law(Task::Regulate, given, (mu1, mu2), bound, h, walls, landing)?;
+            config::law(GainCondition::Regulate, given, (mu1, mu2), bound, h, walls, landing)?;
         let port = config::port(given, config.depth, config.u_min, config.u_max)?;
         let (e, kappa, depth) = (restitution.e(), restitution.kappa(), port.depth());
         let (u_min, u_max) = port.actuator();

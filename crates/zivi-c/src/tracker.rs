@@ -10,7 +10,8 @@ use crate::code::{
     self, Code, Refusal, ZIVI_E_BRANCH, ZIVI_E_PRESS, ZIVI_E_SHIFT, ZIVI_E_SIDE, ZIVI_OK,
 };
 use crate::config::{
-    self, Given, Task, ZIVI_GIVEN_E_REF, ZIVI_GIVEN_HORIZON, ZIVI_GIVEN_KAPPA_REF, ZIVI_GIVEN_PRESS,
+    self, GainCondition, Given, ZIVI_GIVEN_E_REF, ZIVI_GIVEN_HORIZON, ZIVI_GIVEN_KAPPA_REF,
+    ZIVI_GIVEN_PRESS,
 };
 use crate::seal::{Sealed, Word};
 
@@ -232,7 +233,7 @@ impl Tracker {
         let given = Given::checked(config.given, GIVEN)?;
         let (landing, walls) = ((tick, ahead, quiet), (e, kappa));
         let (restitution, ahead) =
-            config::law(Task::Track, given, (mu1, mu2), bound, h, walls, landing)?;
+            config::law(GainCondition::Track, given, (mu1, mu2), bound, h, walls, landing)?;
         let TrackerConfig { branch, shift, .. } = *config;
         let press = match given.said(ZIVI_GIVEN_PRESS, config.press) {
             Some(press) if ahead == 0 || press < bound || !press.is_finite() => {

@@ -4,9 +4,9 @@ use core::ffi::{c_char, c_void, CStr};
 use core::ptr::NonNull;
 
 use crate::instance::{kept, Instance, Log, Status, ERROR, OK};
-use crate::model::Model;
-use crate::state::State;
-use crate::table::Kind;
+use crate::model::AnyModel;
+use crate::state::FmuState;
+use crate::table::VariableType;
 
 extern "C" {
     fn calloc(count: usize, size: usize) -> *mut c_void;
@@ -50,7 +50,7 @@ pub(crate) unsafe fn instantiated(
 ) -> *mut Instance {
     // SAFETY: strings of the importer
     let (name, token, resources) = unsafe { (bytes(name), bytes(token), bytes(resources)) };
-    let Some(model) = Model::of_token(token, resources) else {
+    let Some(model) = AnyModel::of_token(token, resources) else {
         let words = c"the token is of another FMU, or of another version";
         log.tell(environment, &kept(name), ERROR, words);
         return core::ptr::null_mut();
@@ -87,7 +87,7 @@ pub(crate) struct Variables<T> {
     pub(crate) values: T,
     /// How many values there are, in FMI 3.
     pub(crate) room: usize,
-    pub(crate) kind: Kind,
+    pub(crate) kind: VariableType,
 }
 
 impl<T> Variables<T> {
@@ -155,7 +155,7 @@ pub(crate) unsafe fn set<V: Copy>(
 }
 
 /// Copies the state to `*to`, which is allocated if it is NULL.
-pub(crate) unsafe fn get_state(it: *mut Instance, to: *mut *mut State) -> Status {
+pub(crate) unsafe fn get_state(it: *mut Instance, to: *mut *mut FmuState) -> Status {
     // SAFETY: see `instance`; `to` points to NULL or to a state
     unsafe {
         let (Some(it), Some(to)) = (instance(it), place(to)) else { return ERROR };
@@ -173,7 +173,7 @@ pub(crate) unsafe fn get_state(it: *mut Instance, to: *mut *mut State) -> Status
 }
 
 /// Puts a state back.
-pub(crate) unsafe fn set_state(it: *mut Instance, from: *mut State) -> Status {
+pub(crate) unsafe fn set_state(it: *mut Instance, from: *mut FmuState) -> Status {
     // SAFETY: see `instance`; a state of this library
     unsafe {
         let (Some(it), Some(from)) = (instance(it), place(from)) else { return ERROR };
@@ -186,7 +186,7 @@ pub(crate) unsafe fn set_state(it: *mut Instance, from: *mut State) -> Status {
 }
 
 /// Frees a state; NULL is harmless.
-pub(crate) unsafe fn free_state(state: *mut *mut State) -> Status {
+pub(crate) unsafe fn free_state(state: *mut *mut FmuState) -> Status {
     // SAFETY: NULL or a state of this library
     unsafe {
         if let Some(state) = place(state) {
@@ -202,7 +202,7 @@ pub(crate) unsafe fn stored_size(size: *mut usize) -> Status {
     // SAFETY: NULL or a place for a number
     match unsafe { place(size) } {
         Some(size) => {
-            *size = size_of::<State>();
+            *size = size_of::<FmuState>();
             OK
         }
         None => ERROR,
@@ -212,14 +212,14 @@ pub(crate) unsafe fn stored_size(size: *mut usize) -> Status {
 /// A state as bytes.
 pub(crate) unsafe fn store(
     it: *mut Instance,
-    from: *const State,
+    from: *const FmuState,
     to: *mut u8,
     size: usize,
 ) -> Status {
     // SAFETY: see `instance`; `to` has `size` bytes
     unsafe {
         let Some(it) = instance(it) else { return ERROR };
-        if from.is_null() || to.is_null() || size != size_of::<State>() {
+        if from.is_null() || to.is_null() || size != size_of::<FmuState>() {
             return it.tell(ERROR, c"a stored state has another size");
         }
         core::ptr::copy_nonoverlapping(from.cast(), to, size);
@@ -232,15 +232,15 @@ pub(crate) unsafe fn restore(
     it: *mut Instance,
     from: *const u8,
     size: usize,
-    to: *mut *mut State,
+    to: *mut *mut FmuState,
 ) -> Status {
     // SAFETY: see `instance`; `from` has `size` bytes; any bytes are a state
     unsafe {
         let (Some(it), Some(to)) = (instance(it), place(to)) else { return ERROR };
-        if from.is_null() || size != size_of::<State>() {
+        if from.is_null() || size != size_of::<FmuState>() {
             return it.tell(ERROR, c"a stored state has another size");
         }
-        let state: State = from.cast::<State>().read_unaligned();
+        let state: FmuState = from.cast::<FmuState>().read_unaligned();
         if state.model != it.model.number() {
             return it.tell(ERROR, c"the state is of another model");
         }

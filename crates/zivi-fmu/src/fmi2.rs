@@ -7,12 +7,12 @@ use core::ffi::{c_char, c_int, c_void};
 use crate::common::{self, instance, instantiated, place};
 use crate::instance::{Instance, Log, Logger2, Status, DISCARD, ERROR, OK};
 use crate::shared::{absent, lifecycle, variables};
-use crate::state::{mode, State};
-use crate::table::Kind;
+use crate::state::{mode, FmuState};
+use crate::table::VariableType;
 
 /// What an importer gives for an instance; the memory is our own business.
 #[repr(C)]
-pub(crate) struct Callbacks {
+pub(crate) struct Fmi2Callbacks {
     logger: Option<Logger2>,
     allocate_memory: *const c_void,
     free_memory: *const c_void,
@@ -39,7 +39,7 @@ unsafe extern "C" fn fmi2Instantiate(
     kind: c_int,
     token: *const c_char,
     resources: *const c_char,
-    callbacks: *mut Callbacks,
+    callbacks: *mut Fmi2Callbacks,
     _visible: c_int,
     _logging: c_int,
 ) -> *mut Instance {

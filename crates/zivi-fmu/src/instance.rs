@@ -2,10 +2,10 @@
 
 use core::ffi::{c_char, c_void, CStr};
 
-use crate::model::{message, Model};
-use crate::state::{mode, State};
-use crate::steps::Refusal;
-use crate::table::Kind;
+use crate::model::{message, AnyModel};
+use crate::state::{mode, FmuState};
+use crate::steps::StepRefusal;
+use crate::table::VariableType;
 
 /// What a function of FMI gives, in both versions.
 pub(crate) type Status = i32;
@@ -43,18 +43,18 @@ pub(crate) fn kept(name: &[u8]) -> [u8; NAME] {
 
 /// An instance of a model.
 pub(crate) struct Instance {
-    pub(crate) model: Model,
-    pub(crate) state: State,
+    pub(crate) model: AnyModel,
+    pub(crate) state: FmuState,
     pub(crate) log: Log,
     pub(crate) environment: *mut c_void,
     name: [u8; NAME],
 }
 
 impl Instance {
-    pub(crate) fn new(model: Model, name: &[u8], log: Log, environment: *mut c_void) -> Self {
+    pub(crate) fn new(model: AnyModel, name: &[u8], log: Log, environment: *mut c_void) -> Self {
         Self {
             model,
-            state: State::new(model.number(), model.table()),
+            state: FmuState::new(model.number(), model.table()),
             log,
             environment,
             name: kept(name),
@@ -119,12 +119,12 @@ impl Instance {
     }
 
     pub(crate) fn reset(&mut self) -> Status {
-        self.state = State::new(self.model.number(), self.model.table());
+        self.state = FmuState::new(self.model.number(), self.model.table());
         OK
     }
 
     /// The state with its outputs as they are now.
-    pub(crate) fn seen(&self) -> State {
+    pub(crate) fn seen(&self) -> FmuState {
         let mut seen = self.state;
         let ready = match seen.mode {
             mode::INSTANTIATED => false,
@@ -152,9 +152,9 @@ impl Instance {
         if let Err(refusal) = self.model.step(&mut self.state, length) {
             self.state = before;
             let words = match refusal {
-                Refusal::Length => c"the communication step must be > 0 and at most 1e9 h",
-                Refusal::Multiple => c"the communication step must be a multiple of h",
-                Refusal::Code(code) => message(code),
+                StepRefusal::Length => c"the communication step must be > 0 and at most 1e9 h",
+                StepRefusal::Multiple => c"the communication step must be a multiple of h",
+                StepRefusal::Code(code) => message(code),
             };
             return self.tell(ERROR, words);
         }
@@ -166,7 +166,7 @@ impl Instance {
     }
 
     /// Sets one variable.
-    pub(crate) fn set(&mut self, reference: u32, kind: Kind, value: f64) -> Status {
+    pub(crate) fn set(&mut self, reference: u32, kind: VariableType, value: f64) -> Status {
         if self.state.set(self.model.table(), reference, kind, value) {
             OK
         } else {

@@ -6,15 +6,15 @@ use zivi_c::{
     ZIVI_TICK_PAPER,
 };
 
-use crate::state::State;
-use crate::steps::{Parts, Refusal};
-use crate::table::{closed_loop, mass, observer, regulator, tracker, Variable};
+use crate::state::FmuState;
+use crate::steps::{Parts, StepRefusal};
+use crate::table::{closed_loop, mass, observer, regulator, tracker, ScalarVariable};
 
 pub(crate) use zivi_c::message;
 
 /// Which model an instance is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Model {
+pub(crate) enum AnyModel {
     Mass,
     Regulator,
     Tracker,
@@ -22,15 +22,15 @@ pub(crate) enum Model {
     Observer,
 }
 
-const MODELS: [(Model, &[u8]); 5] = [
-    (Model::Mass, b"zivi-impacting-mass-1"),
-    (Model::Regulator, b"zivi-twisting-regulator-1"),
-    (Model::Tracker, b"zivi-twisting-tracker-1"),
-    (Model::Loop, b"zivi-twisting-loop-1"),
-    (Model::Observer, b"zivi-impact-observer-1"),
+const MODELS: [(AnyModel, &[u8]); 5] = [
+    (AnyModel::Mass, b"zivi-impacting-mass-1"),
+    (AnyModel::Regulator, b"zivi-twisting-regulator-1"),
+    (AnyModel::Tracker, b"zivi-twisting-tracker-1"),
+    (AnyModel::Loop, b"zivi-twisting-loop-1"),
+    (AnyModel::Observer, b"zivi-impact-observer-1"),
 ];
 
-impl Model {
+impl AnyModel {
     /// The model with this token.
     pub(crate) fn of_token(token: &[u8], _resources: &[u8]) -> Option<Self> {
         MODELS.iter().find(|(_, name)| *name == token).map(|(model, _)| *model)
@@ -40,23 +40,23 @@ impl Model {
         self as u32 + 1
     }
 
-    pub(crate) fn table(self) -> &'static [Variable] {
+    pub(crate) fn table(self) -> &'static [ScalarVariable] {
         match self {
-            Model::Mass => mass::TABLE,
-            Model::Regulator => regulator::TABLE,
-            Model::Tracker => tracker::TABLE,
-            Model::Loop => closed_loop::TABLE,
-            Model::Observer => observer::TABLE,
+            AnyModel::Mass => mass::TABLE,
+            AnyModel::Regulator => regulator::TABLE,
+            AnyModel::Tracker => tracker::TABLE,
+            AnyModel::Loop => closed_loop::TABLE,
+            AnyModel::Observer => observer::TABLE,
         }
     }
 
     /// Makes the objects from the parameters: a code of `zivi-c`.
-    pub(crate) fn configure(self, state: &mut State) -> i32 {
+    pub(crate) fn configure(self, state: &mut FmuState) -> i32 {
         match self {
-            Model::Mass => configure_mass(state, mass::H, mass::E, [mass::X0, mass::XDOT0]),
-            Model::Regulator => configure_regulator(state),
-            Model::Tracker => configure_tracker(state, &TRACKER),
-            Model::Loop => {
+            AnyModel::Mass => configure_mass(state, mass::H, mass::E, [mass::X0, mass::XDOT0]),
+            AnyModel::Regulator => configure_regulator(state),
+            AnyModel::Tracker => configure_tracker(state, &TRACKER),
+            AnyModel::Loop => {
                 use closed_loop::{E, H, X0, XDOT0};
                 let code = configure_mass(state, H, E, [X0, XDOT0]);
                 if code < 0 {
@@ -64,22 +64,22 @@ impl Model {
                 }
                 configure_tracker(state, &LOOP)
             }
-            Model::Observer => configure_observer(state),
+            AnyModel::Observer => configure_observer(state),
         }
     }
 
     /// Advances by a communication step of this length, the inputs held.
-    pub(crate) fn step(self, state: &mut State, length: f64) -> Result<(), Refusal> {
+    pub(crate) fn step(self, state: &mut FmuState, length: f64) -> Result<(), StepRefusal> {
         let h = match self {
-            Model::Mass => mass::H,
-            Model::Regulator => regulator::H,
-            Model::Tracker => tracker::H,
-            Model::Loop => closed_loop::H,
-            Model::Observer => observer::H,
+            AnyModel::Mass => mass::H,
+            AnyModel::Regulator => regulator::H,
+            AnyModel::Tracker => tracker::H,
+            AnyModel::Loop => closed_loop::H,
+            AnyModel::Observer => observer::H,
         };
         let parts = Parts::of(length, state.value(h))?;
-        if self != Model::Mass && !parts.whole {
-            return Err(Refusal::Multiple);
+        if self != AnyModel::Mass && !parts.whole {
+            return Err(StepRefusal::Multiple);
         }
         for _ in 0..parts.count {
             self.period(state, parts.h)?;
@@ -89,21 +89,21 @@ impl Model {
     }
 
     /// One step of the mass, one tick of a controller, or both.
-    fn period(self, state: &mut State, h: f64) -> Result<(), Refusal> {
+    fn period(self, state: &mut FmuState, h: f64) -> Result<(), StepRefusal> {
         match self {
-            Model::Mass => {
+            AnyModel::Mass => {
                 let force = -state.value(mass::G) + state.value(mass::U);
                 move_mass(state, h, force)?;
             }
-            Model::Regulator => {
+            AnyModel::Regulator => {
                 let [x, xdot, force] = regulator_inputs(state);
                 state.code = state.objects.regulator.step(x, xdot, force);
             }
-            Model::Tracker => {
+            AnyModel::Tracker => {
                 let [x, xdot, force, force_ref] = tracker_inputs(state);
                 state.code = state.objects.tracker.step(x, xdot, force, force_ref);
             }
-            Model::Loop => {
+            AnyModel::Loop => {
                 let (x, xdot) = (state.objects.mass.x, state.objects.mass.xdot);
                 let force = state.value(closed_loop::FORCE);
                 let force_ref = state.value(closed_loop::FORCE_REF);
@@ -112,7 +112,7 @@ impl Model {
                 let u = state.objects.tracker.u;
                 move_mass(state, h, acting + u)?;
             }
-            Model::Observer => {
+            AnyModel::Observer => {
                 let [x, xdot, force, u] = observer_inputs(state);
                 state.code = state.objects.observer.step(x, xdot, force, u);
             }
@@ -121,25 +121,25 @@ impl Model {
     }
 
     /// Puts the outputs of this moment into the values.
-    pub(crate) fn outputs(self, state: &mut State) {
+    pub(crate) fn outputs(self, state: &mut FmuState) {
         match self {
-            Model::Mass => mass_outputs(state),
-            Model::Regulator => regulator_outputs(state),
-            Model::Tracker => tracker_outputs(state),
-            Model::Loop => loop_outputs(state),
-            Model::Observer => observer_outputs(state),
+            AnyModel::Mass => mass_outputs(state),
+            AnyModel::Regulator => regulator_outputs(state),
+            AnyModel::Tracker => tracker_outputs(state),
+            AnyModel::Loop => loop_outputs(state),
+            AnyModel::Observer => observer_outputs(state),
         }
     }
 }
 
-fn move_mass(state: &mut State, h: f64, force: f64) -> Result<(), Refusal> {
+fn move_mass(state: &mut FmuState, h: f64, force: f64) -> Result<(), StepRefusal> {
     match state.objects.mass.advance(h, force) {
-        code if code < 0 => Err(Refusal::Code(code)),
+        code if code < 0 => Err(StepRefusal::Code(code)),
         _ => Ok(()),
     }
 }
 
-fn configure_mass(state: &mut State, h: usize, e: usize, [x0, xdot0]: [usize; 2]) -> i32 {
+fn configure_mass(state: &mut FmuState, h: usize, e: usize, [x0, xdot0]: [usize; 2]) -> i32 {
     let config = MassConfig { h: state.value(h), e: state.value(e), ..MassConfig::defaults() };
     let (x, xdot) = (state.value(x0), state.value(xdot0));
     match state.objects.mass.init(&config) {
@@ -148,7 +148,7 @@ fn configure_mass(state: &mut State, h: usize, e: usize, [x0, xdot0]: [usize; 2]
     }
 }
 
-fn configure_regulator(state: &mut State) -> i32 {
+fn configure_regulator(state: &mut FmuState) -> i32 {
     use regulator::{AHEAD, BOUND, DEPTH, E, H, LANDING, MU1, MU2, QUIET, U_MAX, U_MIN};
     let Some(ahead) = periods(state.value(AHEAD)) else { return code::ZIVI_E_AHEAD };
     let config = RegulatorConfig {
@@ -169,7 +169,7 @@ fn configure_regulator(state: &mut State) -> i32 {
     state.objects.regulator.init(&config)
 }
 
-fn configure_observer(state: &mut State) -> i32 {
+fn configure_observer(state: &mut FmuState) -> i32 {
     use observer::{DMAX, E, H, LEARN_E, NOISE_X, NOISE_XDOT, POSITION_ONLY, Q_D, Q_E, SE};
     let config = ObserverConfig {
         position_only: u32::from(state.value(POSITION_ONLY) != 0.0),
@@ -198,7 +198,7 @@ const TRACKER: TrackerPlaces = TrackerPlaces { first: tracker::MU1 };
 const LOOP: TrackerPlaces = TrackerPlaces { first: closed_loop::MU1 };
 const _: () = assert!(tracker::QUIET - tracker::MU1 == closed_loop::QUIET - closed_loop::MU1);
 
-fn configure_tracker(state: &mut State, places: &TrackerPlaces) -> i32 {
+fn configure_tracker(state: &mut FmuState, places: &TrackerPlaces) -> i32 {
     use tracker::{
         AHEAD, BOUND, DEPTH, E, E_REF, H, HORIZON, LANDING, MU1, MU2, NEAREST, PRESS, QUIET, SHIFT,
         U_MAX, U_MIN, XDOT_REF0, X_REF0,
@@ -245,21 +245,21 @@ fn tick_of(landing: f64) -> u32 {
     }
 }
 
-fn regulator_inputs(state: &State) -> [f64; 3] {
+fn regulator_inputs(state: &FmuState) -> [f64; 3] {
     [regulator::X, regulator::XDOT, regulator::FORCE].map(|place| state.value(place))
 }
 
-fn tracker_inputs(state: &State) -> [f64; 4] {
+fn tracker_inputs(state: &FmuState) -> [f64; 4] {
     use tracker::{FORCE, FORCE_REF, X, XDOT};
     [X, XDOT, FORCE, FORCE_REF].map(|place| state.value(place))
 }
 
-fn observer_inputs(state: &State) -> [f64; 4] {
+fn observer_inputs(state: &FmuState) -> [f64; 4] {
     use observer::{FORCE, U, X, XDOT};
     [X, XDOT, FORCE, U].map(|place| state.value(place))
 }
 
-fn mass_outputs(state: &mut State) {
+fn mass_outputs(state: &mut FmuState) {
     let mass = state.objects.mass;
     state.put(mass::X, mass.x);
     state.put(mass::XDOT, mass.xdot);
@@ -270,7 +270,7 @@ fn mass_outputs(state: &mut State) {
 }
 
 /// The control for the inputs that were set since the last step, else that of the last period.
-fn regulator_outputs(state: &mut State) {
+fn regulator_outputs(state: &mut FmuState) {
     let (mut ahead, mut code) = (state.objects.regulator, state.code);
     if state.asked != 0 {
         let [x, xdot, force] = regulator_inputs(state);
@@ -281,7 +281,7 @@ fn regulator_outputs(state: &mut State) {
 }
 
 /// The same; the reference is that of this sample.
-fn tracker_outputs(state: &mut State) {
+fn tracker_outputs(state: &mut FmuState) {
     let (mut ahead, mut code) = (state.objects.tracker, state.code);
     state.put(tracker::X_REF, ahead.x_ref);
     state.put(tracker::XDOT_REF, ahead.xdot_ref);
@@ -294,7 +294,7 @@ fn tracker_outputs(state: &mut State) {
 }
 
 /// The estimates at the measurement that was set since the last step, else the last ones.
-fn observer_outputs(state: &mut State) {
+fn observer_outputs(state: &mut FmuState) {
     use observer::{D_EST, E_EST, E_STD, REFUSED, STATUS, XDOT_EST, X_EST};
     let (mut ahead, mut code) = (state.objects.observer, state.code);
     if state.asked != 0 {
@@ -311,7 +311,7 @@ fn observer_outputs(state: &mut State) {
 }
 
 /// The control is that of the sample that is taken now.
-fn loop_outputs(state: &mut State) {
+fn loop_outputs(state: &mut FmuState) {
     use closed_loop::{FORCE, FORCE_REF, STATUS, U, X, XDOT, XDOT_REF, X_REF};
     let mut ahead = state.objects.tracker;
     let (x, xdot) = (state.objects.mass.x, state.objects.mass.xdot);

@@ -1,7 +1,7 @@
 //! Everything that changes while a model runs.
 
 use crate::objects::{Objects, MOST};
-use crate::table::{Kind, Role, Variable};
+use crate::table::{Role, ScalarVariable, VariableType};
 
 /// What an instance may be asked for.
 pub(crate) mod mode {
@@ -14,7 +14,7 @@ pub(crate) mod mode {
 /// Plain numbers without gaps between them: stored and restored as bytes.
 #[repr(C)]
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct State {
+pub(crate) struct FmuState {
     /// The token of the model, 1, 2, ...
     pub(crate) model: u32,
     pub(crate) mode: u32,
@@ -27,9 +27,9 @@ pub(crate) struct State {
     pub(crate) objects: Objects,
 }
 
-impl State {
+impl FmuState {
     /// As after instantiation.
-    pub(crate) fn new(model: u32, table: &[Variable]) -> Self {
+    pub(crate) fn new(model: u32, table: &[ScalarVariable]) -> Self {
         let mut values = [0.0; MOST];
         for (value, variable) in values.iter_mut().zip(table) {
             *value = variable.start;
@@ -45,7 +45,12 @@ impl State {
     }
 
     /// The variable with this reference, if it is of this kind; what an output is now.
-    pub(crate) fn get(&self, table: &[Variable], reference: u32, kind: Kind) -> Option<f64> {
+    pub(crate) fn get(
+        &self,
+        table: &[ScalarVariable],
+        reference: u32,
+        kind: VariableType,
+    ) -> Option<f64> {
         let variable = table.get(reference as usize)?;
         (variable.kind == kind).then(|| self.value(reference as usize))
     }
@@ -53,9 +58,9 @@ impl State {
     /// Sets a variable where that is allowed.
     pub(crate) fn set(
         &mut self,
-        table: &[Variable],
+        table: &[ScalarVariable],
         reference: u32,
-        kind: Kind,
+        kind: VariableType,
         value: f64,
     ) -> bool {
         let Some(variable) = table.get(reference as usize) else { return false };

@@ -2,7 +2,7 @@
 
 /// How a communication step is refused.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Refusal {
+pub(crate) enum StepRefusal {
     /// It is not a positive number, or has too many steps of `h`.
     Length,
     /// It is not a multiple of `h`.
@@ -23,11 +23,11 @@ pub(crate) struct Parts {
 impl Parts {
     /// As many parts as steps `h` fit, each exactly `h` where the length is a multiple of it, else
     /// a little shorter.
-    pub(crate) fn of(length: f64, h: f64) -> Result<Self, Refusal> {
+    pub(crate) fn of(length: f64, h: f64) -> Result<Self, StepRefusal> {
         const MOST: f64 = 1e9;
         let ratio = length / h;
         if !(ratio > 0.0 && ratio <= MOST) {
-            return Err(Refusal::Length);
+            return Err(StepRefusal::Length);
         }
         let nearest = (ratio + 0.5) as u64;
         if nearest >= 1 && (ratio - nearest as f64).abs() <= 1e-6 {

@@ -4,7 +4,7 @@
 
 /// The type of a variable.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Kind {
+pub(crate) enum VariableType {
     Real,
     Integer,
     Boolean,
@@ -25,8 +25,8 @@ pub(crate) enum Role {
 
 /// A variable without its name.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Variable {
-    pub(crate) kind: Kind,
+pub(crate) struct ScalarVariable {
+    pub(crate) kind: VariableType,
     pub(crate) role: Role,
     pub(crate) start: f64,
 }
@@ -36,13 +36,13 @@ macro_rules! variables {
     ($name:ident: $($index:ident $kind:ident $role:ident $start:expr;)*) => {
         #[allow(dead_code, reason = "not every place is asked for by name")]
         pub(crate) mod $name {
-            use super::{Kind, Role, Variable};
+            use super::{VariableType, Role, ScalarVariable};
 
             #[allow(non_camel_case_types, clippy::upper_case_acronyms)]
             enum Place { $($index),* }
             $(pub(crate) const $index: usize = Place::$index as usize;)*
-            pub(crate) const TABLE: &[Variable] = &[
-                $(Variable { kind: Kind::$kind, role: Role::$role, start: $start }),*
+            pub(crate) const TABLE: &[ScalarVariable] = &[
+                $(ScalarVariable { kind: VariableType::$kind, role: Role::$role, start: $start }),*
             ];
         }
     };

@@ -126,4 +126,4 @@ pub(crate) fn checked_size<T>(size: u32) -> Result<(), Refused> {
 
 /// A function of the caller failed.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Raised;
+pub(crate) struct CallerFailed;

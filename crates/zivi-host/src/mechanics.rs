@@ -7,7 +7,7 @@ use zivi::system::dynamics::{FunctionDynamics, Layout};
 use zivi::system::impact_law::newton_impacts;
 use zivi::SetupError;
 
-use crate::border::{array, checked_size, guarded, read, written, Raised, Refused};
+use crate::border::{array, checked_size, guarded, read, written, CallerFailed, Refused};
 use crate::simulation::{How, Method, Unwatched};
 
 /// Writes a system at `t`, `q`, `w = q'` into `out`, one after another: the mass matrix (n x n), the
@@ -44,7 +44,7 @@ pub struct Mechanics {
 }
 
 /// A run of a mechanical system.
-pub struct MechanicalHandle(MechanicalRun<Raised>);
+pub struct MechanicalHandle(MechanicalRun<CallerFailed>);
 
 /// Simulates from `q0`, `w0` and gives the run, to be freed by `zivi_mechanical_free`. Codes are those
 /// of `zivi_simulate`; `method` may be NULL, and must not have an `h`.
@@ -76,7 +76,7 @@ pub unsafe extern "C" fn zivi_simulate_mechanical(
             // SAFETY: the caller's function with its pointer; the arrays are as long as it says
             match unsafe { function(user, t, q.as_ptr(), w.as_ptr(), out.as_mut_ptr()) } {
                 0 => Ok(()),
-                _ => Err(Raised),
+                _ => Err(CallerFailed),
             }
         };
         let mut dynamics = FunctionDynamics { layout: Layout::smooth(n, m), function };

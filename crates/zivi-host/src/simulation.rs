@@ -8,7 +8,7 @@ use zivi::{
     Physical, Quantity, Restitution, Status, SwitchedRk, ThetaGamma, Trajectory,
 };
 
-use crate::border::{array, checked_size, guarded, read, written, Raised, Refused};
+use crate::border::{array, checked_size, guarded, read, written, CallerFailed, Refused};
 
 /// A force per unit mass: writes `f(t, x, xdot)` (m/s^2) to `*force`; not 0 ends the run, which
 /// keeps what was computed. `user` is the pointer of the system.
@@ -251,7 +251,7 @@ impl How<'_> {
 
     fn run(
         &self,
-        force: &mut impl Force<Raised>,
+        force: &mut impl Force<CallerFailed>,
         restitution: Restitution,
         span: (f64, f64),
         start: Physical,
@@ -284,13 +284,13 @@ struct Callback {
     user: *mut c_void,
 }
 
-impl Force<Raised> for Callback {
-    fn at(&mut self, t: f64, x: f64, xdot: f64) -> Result<f64, Raised> {
+impl Force<CallerFailed> for Callback {
+    fn at(&mut self, t: f64, x: f64, xdot: f64) -> Result<f64, CallerFailed> {
         let mut force = f64::NAN;
         // SAFETY: the caller's function with its pointer
         match unsafe { (self.function)(self.user, t, x, xdot, &mut force) } {
             0 => Ok(force),
-            _ => Err(Raised),
+            _ => Err(CallerFailed),
         }
     }
 }
@@ -298,8 +298,8 @@ impl Force<Raised> for Callback {
 /// Nobody watches a run.
 pub(crate) struct Unwatched;
 
-impl Monitor<Raised> for Unwatched {
-    fn poll(&mut self, _: usize, _: usize) -> Result<(), Raised> {
+impl Monitor<CallerFailed> for Unwatched {
+    fn poll(&mut self, _: usize, _: usize) -> Result<(), CallerFailed> {
         Ok(())
     }
 }

@@ -92,7 +92,7 @@ pub unsafe extern "C" fn zivi_solve_vi(
 ) -> i32 {
     guarded(|| {
         // SAFETY: the caller's
-        let given = unsafe { Given::of(problem)? };
+        let given = unsafe { BoundedProblem::of(problem)? };
         let map = given.problem.map.ok_or_else(Refused::null)?;
         let (n, user) = (given.problem.n, given.problem.user);
         let mut evaluations = 0;
@@ -103,7 +103,7 @@ pub unsafe extern "C" fn zivi_solve_vi(
         };
         let outcome = match given.problem.jacobian {
             Some(jacobian) => {
-                let mut problem = WithJacobian { map, jacobian, user };
+                let mut problem = CallerJacobian { map, jacobian, user };
                 // SAFETY: the caller's array
                 unsafe { given.solve(&mut problem, z)? }
             }
@@ -132,7 +132,7 @@ pub unsafe extern "C" fn zivi_solve_avi(
 ) -> i32 {
     guarded(|| {
         // SAFETY: the caller's
-        let given = unsafe { Given::of(problem)? };
+        let given = unsafe { BoundedProblem::of(problem)? };
         let n = given.problem.n;
         let entries = n.checked_mul(n).ok_or("n must be small enough for n^2 numbers")?;
         // SAFETY: the caller's arrays
@@ -207,13 +207,13 @@ fn copied(of: &[f64]) -> Result<Vec<f64>, Refused> {
 }
 
 /// A problem with bounds for all components.
-struct Given<'a> {
+struct BoundedProblem<'a> {
     problem: &'a ViProblem,
     lower: Vec<f64>,
     upper: Vec<f64>,
 }
 
-impl Given<'_> {
+impl BoundedProblem<'_> {
     unsafe fn of(problem: *const ViProblem) -> Result<Self, Refused> {
         // SAFETY: the caller's
         let problem = unsafe { read(problem)? };
@@ -260,13 +260,13 @@ impl Given<'_> {
 }
 
 /// A map with its Jacobian, both the caller's.
-struct WithJacobian<M> {
+struct CallerJacobian<M> {
     map: M,
     jacobian: unsafe extern "C" fn(*mut c_void, usize, *const f64, *mut f64) -> i32,
     user: *mut c_void,
 }
 
-impl<M: FnMut(&[f64], &mut [f64]) -> Result<(), EvaluationError>> Problem for WithJacobian<M> {
+impl<M: FnMut(&[f64], &mut [f64]) -> Result<(), EvaluationError>> Problem for CallerJacobian<M> {
     fn map(&mut self, z: &[f64], f: &mut [f64]) -> Result<(), EvaluationError> {
         (self.map)(z, f)
     }

@@ -1,11 +1,11 @@
 //! The controllers, and their loop with a mass that moves by the implicit step.
 
-use crate::table::{Row, TABLE};
+use crate::table::{SampleRow, TABLE};
 use zivi_core::control::regulation::RegulationStep;
 use zivi_core::control::{ExplicitTwisting, Gains, TwistingRegulator, TwistingTracker};
 use zivi_core::{sgn, transform, Branch, Lifted, Physical, Restitution, ThetaGammaStep};
 
-pub(crate) enum Law {
+pub(crate) enum LoopLaw {
     /// `u = -mu1 - mu2 sgn x'` with the sign of the sample.
     Sampled(Gains),
     Regulator(TwistingRegulator, RegulationStep),
@@ -15,7 +15,7 @@ pub(crate) enum Law {
 
 /// Forces on the mass, in the controller's model of it, and on the reference (m/s^2).
 #[derive(Clone, Copy)]
-pub(crate) struct Forces {
+pub(crate) struct LoopForces {
     pub(crate) plant: f64,
     pub(crate) model: f64,
     pub(crate) reference: f64,
@@ -23,34 +23,34 @@ pub(crate) struct Forces {
 
 const NONE: f64 = f64::NAN;
 
-impl Law {
-    fn tick(&mut self, measured: Physical, forces: Forces) -> Option<(f64, [f64; 6])> {
-        let Forces { model: f, reference: f_ref, .. } = forces;
+impl LoopLaw {
+    fn tick(&mut self, measured: Physical, forces: LoopForces) -> Option<(f64, [f64; 6])> {
+        let LoopForces { model: f, reference: f_ref, .. } = forces;
         match self {
-            Law::Sampled(gains) => {
+            LoopLaw::Sampled(gains) => {
                 Some((-gains.mu1() - gains.mu2() * sgn(measured.xdot), [NONE; 6]))
             }
-            Law::Regulator(law, _) => {
+            LoopLaw::Regulator(law, _) => {
                 let u = law.tick(measured, f).ok()?;
                 let [lambda_s, lambda_v] = law.state().signs;
                 Some((u, [lambda_s, lambda_v, NONE, NONE, NONE, NONE]))
             }
-            Law::Tracker(law) => Some((law.tick(measured, f, f_ref).ok()?, law.state().signs)),
-            Law::Explicit(law) => Some((law.tick(measured, f, f_ref).ok()?, law.state().signs)),
+            LoopLaw::Tracker(law) => Some((law.tick(measured, f, f_ref).ok()?, law.state().signs)),
+            LoopLaw::Explicit(law) => Some((law.tick(measured, f, f_ref).ok()?, law.state().signs)),
         }
     }
 
     /// The end of the regulator's own step: its force at the wall is not that of a control that is held.
     fn planned(&self, z: Lifted, side: f64, force: f64) -> Option<Lifted> {
-        let Law::Regulator(_, step) = self else { return None };
+        let LoopLaw::Regulator(_, step) = self else { return None };
         let mirror = |z: Lifted| Lifted { s: side * z.s, v: side * z.v };
         Some(mirror(step.solve(mirror(z), force).end))
     }
 
     fn reference(&self) -> Physical {
         match self {
-            Law::Tracker(law) => law.reference(),
-            Law::Explicit(law) => law.reference(),
+            LoopLaw::Tracker(law) => law.reference(),
+            LoopLaw::Explicit(law) => law.reference(),
             _ => Physical { x: NONE, xdot: NONE },
         }
     }
@@ -64,9 +64,9 @@ pub(crate) fn lifted(start: Physical, restitution: Restitution) -> Option<Lifted
 
 /// The loop: measure, tick, move the mass by one implicit step, with the control held or as planned.
 pub(crate) fn close(
-    mut law: Law,
+    mut law: LoopLaw,
     scheme: ThetaGammaStep,
-    forces: Forces,
+    forces: LoopForces,
     start: Physical,
     n: u32,
 ) -> Option<u32> {
@@ -92,6 +92,6 @@ pub(crate) fn close(
         let Physical { x, xdot } = state;
         let Physical { x: x_ref, xdot: xdot_ref } = reference;
         let (s, v) = (z.s, z.v);
-        Some(Row { x, xdot, s, v, x_ref, xdot_ref, u, lambda_s, lambda_v, others })
+        Some(SampleRow { x, xdot, s, v, x_ref, xdot_ref, u, lambda_s, lambda_v, others })
     })
 }

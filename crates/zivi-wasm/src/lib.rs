@@ -15,8 +15,8 @@
 mod laws;
 mod table;
 
-use laws::{lifted, Forces, Law};
-use table::{Row, TABLE};
+use laws::{lifted, LoopForces, LoopLaw};
+use table::{SampleRow, TABLE};
 use zivi_core::control::regulation::RegulationStep;
 use zivi_core::control::{Approach, ExplicitTwisting, Gains, TwistingRegulator, TwistingTracker};
 use zivi_core::{sgn, transform, Lifted, Physical, Restitution, ThetaGammaStep};
@@ -81,13 +81,13 @@ pub extern "C" fn regulator(
         let scheme = scheme(h, e)?;
         let gains = Gains::new(mu1, mu2).ok()?;
         let law = if explicit != 0 {
-            Law::Sampled(gains)
+            LoopLaw::Sampled(gains)
         } else {
             let regulator = TwistingRegulator::new(gains, h, scheme.restitution()).ok()?;
             let step = RegulationStep { h, restitution: scheme.restitution(), gains };
-            Law::Regulator(regulator.with_landing(None), step)
+            LoopLaw::Regulator(regulator.with_landing(None), step)
         };
-        laws::close(law, scheme, Forces { plant: f, model: f, reference: 0.0 }, start, n)
+        laws::close(law, scheme, LoopForces { plant: f, model: f, reference: 0.0 }, start, n)
     };
     run().unwrap_or(0)
 }
@@ -119,14 +119,14 @@ pub extern "C" fn tracker(
         let law = if kind == 2 {
             let mut law = ExplicitTwisting::new(gains, h, restitution, restitution).ok()?;
             law.reset(reference).ok()?;
-            Law::Explicit(law)
+            LoopLaw::Explicit(law)
         } else {
             let law = TwistingTracker::new(gains, h, restitution, restitution, approach).ok()?;
             let mut law = law.with_landing(None);
             law.reset(reference).ok()?;
-            Law::Tracker(law)
+            LoopLaw::Tracker(law)
         };
-        laws::close(law, scheme, Forces { plant: true_f, model: f, reference: f_ref }, start, n)
+        laws::close(law, scheme, LoopForces { plant: true_f, model: f, reference: f_ref }, start, n)
     };
     run().unwrap_or(0)
 }
@@ -159,6 +159,6 @@ fn fall(
         }
         let Physical { x, xdot } = transform::project(z, restitution);
         let [lambda_s, lambda_v] = signs;
-        Some(Row { x, xdot, s: z.s, v: z.v, lambda_s, lambda_v, ..Row::EMPTY })
+        Some(SampleRow { x, xdot, s: z.s, v: z.v, lambda_s, lambda_v, ..SampleRow::EMPTY })
     })
 }

@@ -8,7 +8,7 @@ pub(crate) const WIDTH: usize = 13;
 pub(crate) const ROWS: usize = 20_001;
 
 /// One sample.
-pub(crate) struct Row {
+pub(crate) struct SampleRow {
     pub(crate) x: f64,
     pub(crate) xdot: f64,
     pub(crate) s: f64,
@@ -22,7 +22,7 @@ pub(crate) struct Row {
     pub(crate) others: [f64; 4],
 }
 
-impl Row {
+impl SampleRow {
     /// A run has none of it.
     pub(crate) const EMPTY: Self = Self {
         x: f64::NAN,
@@ -47,21 +47,21 @@ impl Row {
     }
 }
 
-pub(crate) struct Table(UnsafeCell<[[f64; WIDTH]; ROWS]>);
+pub(crate) struct SampleTable(UnsafeCell<[[f64; WIDTH]; ROWS]>);
 
 // SAFETY: a browser calls the functions of a module one after another
-unsafe impl Sync for Table {}
+unsafe impl Sync for SampleTable {}
 
-pub(crate) static TABLE: Table = Table(UnsafeCell::new([[0.0; WIDTH]; ROWS]));
+pub(crate) static TABLE: SampleTable = SampleTable(UnsafeCell::new([[0.0; WIDTH]; ROWS]));
 
-impl Table {
+impl SampleTable {
     pub(crate) fn start(&self) -> *const f64 {
         self.0.get().cast()
     }
 
     /// Fills the rows 0 to `n`, if there are as many, as long as there is a next one, and counts
     /// them.
-    pub(crate) fn fill(&self, n: u32, mut row: impl FnMut(usize) -> Option<Row>) -> Option<u32> {
+    pub(crate) fn fill(&self, n: u32, mut row: impl FnMut(usize) -> Option<SampleRow>) -> Option<u32> {
         let last = n as usize;
         if last >= ROWS {
             return None;

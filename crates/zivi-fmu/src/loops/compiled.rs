@@ -9,7 +9,7 @@ use zivi::AnyImpactLaw;
 
 use super::code::EVALUATION;
 use super::tree::ParametricTree;
-use crate::state::State;
+use crate::state::FmuState;
 
 /// `int f(double t, const double *q, const double *w, double *out, void *parameters)`, 0 for success.
 pub(super) type Function =
@@ -26,15 +26,15 @@ pub(super) enum Inputs {
 
 /// What is evaluated.
 #[derive(Debug)]
-pub(super) enum System {
+pub(super) enum LoopSystem {
     Compiled(Function),
     Tree(ParametricTree),
 }
 
 /// A system: the plant, or what the controller believes in.
 #[derive(Debug)]
-pub(super) struct Part {
-    pub(super) system: System,
+pub(super) struct CompiledSystem {
+    pub(super) system: LoopSystem,
     pub(super) inputs: Inputs,
     pub(super) laws: Vec<AnyImpactLaw>,
     /// Where its parameters are among the values, and how many there are.
@@ -85,13 +85,13 @@ impl Dynamics<i32> for Evaluated<'_> {
     }
 }
 
-impl Part {
+impl CompiledSystem {
     /// The system with this many inputs; a disturbance of each coordinate is the last of them.
     pub(super) fn driven<'a>(
         &'a self,
         layout: Layout,
         inputs: usize,
-        state: &'a State,
+        state: &'a FmuState,
         disturbed: bool,
     ) -> Driven<Evaluated<'a>, Matrix<'a>> {
         let (first, count) = self.parameters;
@@ -123,10 +123,12 @@ impl Part {
             }
         };
         let system = match &self.system {
-            System::Compiled(function) => {
+            LoopSystem::Compiled(function) => {
                 Evaluated::Compiled { layout, function: *function, parameters }
             }
-            System::Tree(tree) => Evaluated::Tree(Box::new(TreeDynamics::new(tree.at(parameters)))),
+            LoopSystem::Tree(tree) => {
+                Evaluated::Tree(Box::new(TreeDynamics::new(tree.at(parameters))))
+            }
         };
         let empty = system.clone();
         // a constant matrix has this size

@@ -10,8 +10,8 @@ use zivi::system::impact_law::newton_impacts;
 use zivi_core::control::{Approach, Gains, TwistingTracker};
 use zivi_core::Restitution;
 
-use super::compiled::{Function, Inputs, Part, System};
-use super::given::{Controller, Loop, Sizes};
+use super::compiled::{CompiledSystem, Function, Inputs, LoopSystem};
+use super::given::{LoadedLoop, LoopController, Sizes};
 use super::numbers::Numbers;
 use super::tree::ParametricTree;
 
@@ -19,7 +19,7 @@ use super::tree::ParametricTree;
 const VERSION: f64 = 3.0;
 
 /// Reads a system or a loop; `None` for files that are missing or of another version.
-pub(super) fn read(token: &[u8], resources: &[u8]) -> Option<Loop> {
+pub(super) fn read(token: &[u8], resources: &[u8]) -> Option<LoadedLoop> {
     let folder = folder_of(resources)?;
     let name = std::str::from_utf8(token).ok()?;
     let is_name = |it: u8| it.is_ascii_alphanumeric() || it == b'-';
@@ -46,15 +46,15 @@ pub(super) fn read(token: &[u8], resources: &[u8]) -> Option<Loop> {
             let start = (start, &mut values);
             let believed = part(&mut from, library.as_ref(), c"model", start, (n, m, r))?;
             let reference = reference(&mut from, (n, m))?;
-            Some(Controller { believed, law, forces, reference })
+            Some(LoopController { believed, law, forces, reference })
         }
     };
     if !from.is_empty() {
         return None;
     }
-    let (number, table) = (number_of(token), Loop::table(sizes, &values));
+    let (number, table) = (number_of(token), LoadedLoop::table(sizes, &values));
     let (token, layout) = (token.to_vec(), sizes.layout);
-    Some(Loop { token, number, table, layout, r, plant, controller })
+    Some(LoadedLoop { token, number, table, layout, r, plant, controller })
 }
 
 /// The controller, and the forces with which contacts are pressed.
@@ -87,7 +87,7 @@ fn part(
     name: &core::ffi::CStr,
     (start, values): (usize, &mut Vec<f64>),
     (n, m, r): (usize, usize, usize),
-) -> Option<Part> {
+) -> Option<CompiledSystem> {
     let laws = newton_impacts(&from.many(m)?).ok()?;
     let inputs = match from.optional(n * r)? {
         Some(matrix) => Inputs::Constant(matrix),
@@ -101,11 +101,11 @@ fn part(
     let parameters = (start + values.len(), count);
     let given = from.many(count)?;
     let system = match from.one()? {
-        0.0 => System::Compiled(library?.function(name)?),
-        _ => System::Tree(ParametricTree::read(from, (n, m), &given)?),
+        0.0 => LoopSystem::Compiled(library?.function(name)?),
+        _ => LoopSystem::Tree(ParametricTree::read(from, (n, m), &given)?),
     };
     values.extend(given);
-    Some(Part { system, inputs, laws, parameters })
+    Some(CompiledSystem { system, inputs, laws, parameters })
 }
 
 fn reference(

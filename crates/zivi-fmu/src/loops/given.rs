@@ -3,26 +3,26 @@
 use zivi::drive::mechanical::{GapTracker, MechanicalReference};
 use zivi::system::dynamics::Layout;
 
-use super::compiled::Part;
-use crate::table::{Kind, Role, Variable};
+use super::compiled::CompiledSystem;
+use crate::table::{Role, ScalarVariable, VariableType};
 
 /// A system, alone or with its controller, that was read from its files; it stays for the whole process.
 #[derive(Debug)]
-pub(super) struct Loop {
+pub(super) struct LoadedLoop {
     pub(super) token: Vec<u8>,
     pub(super) number: u32,
-    pub(super) table: Vec<Variable>,
+    pub(super) table: Vec<ScalarVariable>,
     pub(super) layout: Layout,
     /// How many controls there are.
     pub(super) r: usize,
-    pub(super) plant: Part,
-    pub(super) controller: Option<Controller>,
+    pub(super) plant: CompiledSystem,
+    pub(super) controller: Option<LoopController>,
 }
 
 /// A controller.
 #[derive(Debug)]
-pub(super) struct Controller {
-    pub(super) believed: Part,
+pub(super) struct LoopController {
+    pub(super) believed: CompiledSystem,
     pub(super) law: GapTracker,
     /// The force with which a contact is pressed, if one is requested.
     pub(super) forces: Vec<Option<f64>>,
@@ -32,29 +32,36 @@ pub(super) struct Controller {
 /// What is counted of the updates of a controller.
 pub(super) const COUNTED: [u8; 2] = [GapTracker::REFUSED, GapTracker::SATURATED];
 
-impl Loop {
+impl LoadedLoop {
     /// The variables: time; a disturbance of each coordinate; coordinates, velocities, gaps, contacts,
     /// contact forces; of a controller contacts that are held, controls, the status, how many updates
     /// were rejected and saturated; the start, and the parameters of the system and of the one that the controller believes in.
-    pub(super) fn table(sizes: Sizes, start: &[f64]) -> Vec<Variable> {
+    pub(super) fn table(sizes: Sizes, start: &[f64]) -> Vec<ScalarVariable> {
         let Sizes { layout: Layout { n, m, .. }, r, is_controlled } = sizes;
         let held = if is_controlled { m } else { 0 };
         let parts = [
-            (Kind::Real, Role::Time, 1),
-            (Kind::Real, Role::Input, n),
-            (Kind::Real, Role::Output, 2 * n + m),
-            (Kind::Boolean, Role::Output, m),
-            (Kind::Real, Role::Output, m),
-            (Kind::Boolean, Role::Output, held),
-            (Kind::Real, Role::Output, r),
-            (Kind::Integer, Role::Output, if is_controlled { 1 + COUNTED.len() } else { 0 }),
+            (VariableType::Real, Role::Time, 1),
+            (VariableType::Real, Role::Input, n),
+            (VariableType::Real, Role::Output, 2 * n + m),
+            (VariableType::Boolean, Role::Output, m),
+            (VariableType::Real, Role::Output, m),
+            (VariableType::Boolean, Role::Output, held),
+            (VariableType::Real, Role::Output, r),
+            (
+                VariableType::Integer,
+                Role::Output,
+                if is_controlled { 1 + COUNTED.len() } else { 0 },
+            ),
         ];
         let mut table = Vec::new();
         for (kind, role, count) in parts {
-            table.extend((0..count).map(|_| Variable { kind, role, start: 0.0 }));
+            table.extend((0..count).map(|_| ScalarVariable { kind, role, start: 0.0 }));
         }
-        let parameter =
-            |start: &f64| Variable { kind: Kind::Real, role: Role::Parameter, start: *start };
+        let parameter = |start: &f64| ScalarVariable {
+            kind: VariableType::Real,
+            role: Role::Parameter,
+            start: *start,
+        };
         table.extend(start.iter().map(parameter));
         table
     }

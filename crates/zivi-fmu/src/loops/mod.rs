@@ -24,19 +24,19 @@ use zivi::system::dynamics::Dynamics;
 use zivi::{Monitor, SwitchedRk};
 
 use crate::objects::{MOST, ROOM};
-use crate::state::State;
-use crate::steps::{Parts, Refusal};
-use crate::table::Variable;
+use crate::state::FmuState;
+use crate::steps::{Parts, StepRefusal};
+use crate::table::ScalarVariable;
 use compiled::{Evaluated, Matrix};
-use given::{Controller, Loop};
-use moving::{Controlling, Moving};
+use given::{LoadedLoop, LoopController};
+use moving::{Controlling, LoopState};
 
 /// What an instance is.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Model(&'static Loop);
+pub(crate) struct LoopModel(&'static LoadedLoop);
 
 /// All loops that this process has read.
-static KNOWN: Mutex<Vec<Model>> = Mutex::new(Vec::new());
+static KNOWN: Mutex<Vec<LoopModel>> = Mutex::new(Vec::new());
 
 /// What a code means.
 pub(crate) fn message(code: i32) -> &'static CStr {
@@ -79,7 +79,7 @@ const MOST_STEPS: usize = 100_000;
 /// A system under the controls of a loop.
 type Controlled<'a> = Driven<Evaluated<'a>, Matrix<'a>>;
 
-impl Model {
+impl LoopModel {
     /// The loop with this token, from the folder of its resources; a folder is as FMI 2 or 3 gives it.
     pub(crate) fn of_token(token: &[u8], resources: &[u8]) -> Option<Self> {
         let mut known = KNOWN.lock().ok()?;
@@ -87,7 +87,7 @@ impl Model {
             return Some(*model);
         }
         let read = guarded(|| files::read(token, resources).ok_or(code::FAULT)).ok()?;
-        if read.table.len() > MOST || Moving::size(&read) > ROOM {
+        if read.table.len() > MOST || LoopState::size(&read) > ROOM {
             return None;
         }
         let model = Self(Box::leak(Box::new(read)));
@@ -99,15 +99,15 @@ impl Model {
         self.0.number
     }
 
-    pub(crate) fn table(self) -> &'static [Variable] {
+    pub(crate) fn table(self) -> &'static [ScalarVariable] {
         &self.0.table
     }
 
     /// Begins where the parameters say.
-    pub(crate) fn configure(self, state: &mut State) -> i32 {
+    pub(crate) fn configure(self, state: &mut FmuState) -> i32 {
         let of = self.0;
         let (q, w) = (of.first_parameter(), of.layout.n);
-        let mut moving = Moving::start(of);
+        let mut moving = LoopState::start(of);
         moving.t0 = state.value(0);
         moving.q = (0..w).map(|j| state.value(q + j)).collect();
         moving.w = (0..w).map(|j| state.value(q + w + j)).collect();
@@ -133,21 +133,21 @@ impl Model {
     }
 
     /// Advances by a communication step of this length, the inputs held.
-    pub(crate) fn step(self, state: &mut State, length: f64) -> Result<(), Refusal> {
+    pub(crate) fn step(self, state: &mut FmuState, length: f64) -> Result<(), StepRefusal> {
         let count = match &self.0.controller {
             // of any length
             None if length > 0.0 && length.is_finite() => 0,
-            None => return Err(Refusal::Length),
+            None => return Err(StepRefusal::Length),
             Some(controller) => {
                 let parts = Parts::of(length, controller.law.settings.h)?;
                 if !parts.whole {
-                    return Err(Refusal::Multiple);
+                    return Err(StepRefusal::Multiple);
                 }
                 parts.count
             }
         };
         let moved = guarded(|| {
-            let mut moving = Moving::read(self.0, &state.objects.numbers);
+            let mut moving = LoopState::read(self.0, &state.objects.numbers);
             if self.0.controller.is_none() {
                 self.0.flight(&mut moving, length, state)?;
             }
@@ -156,14 +156,14 @@ impl Model {
             }
             Ok(moving)
         });
-        moved.map_err(Refusal::Code)?.write(self.0, &mut state.objects.numbers);
+        moved.map_err(StepRefusal::Code)?.write(self.0, &mut state.objects.numbers);
         state.asked = 0;
         Ok(())
     }
 
     /// Puts the outputs of this moment into the values.
-    pub(crate) fn outputs(self, state: &mut State) {
-        let seen = guarded(|| self.0.seen(Moving::read(self.0, &state.objects.numbers), state));
+    pub(crate) fn outputs(self, state: &mut FmuState) {
+        let seen = guarded(|| self.0.seen(LoopState::read(self.0, &state.objects.numbers), state));
         if let Ok(values) = seen {
             let first = 1 + self.0.layout.n;
             values.iter().enumerate().for_each(|(k, value)| state.put(first + k, *value));
@@ -171,11 +171,15 @@ impl Model {
     }
 }
 
-impl Loop {
+impl LoadedLoop {
     /// The controls for the period that starts now, and those that act in it; none without a controller.
-    fn controls(&self, moving: &mut Moving, state: &State) -> Result<(Vec<f64>, Vec<f64>), i32> {
+    fn controls(
+        &self,
+        moving: &mut LoopState,
+        state: &FmuState,
+    ) -> Result<(Vec<f64>, Vec<f64>), i32> {
         let t = moving.t(self.h());
-        let Moving { k, q, w, controller: controlling, .. } = moving;
+        let LoopState { k, q, w, controller: controlling, .. } = moving;
         match (&self.controller, controlling) {
             (Some(controller), Some(controlling)) => {
                 self.tick((controller, controlling), (t, *k as usize), (q, w), state)
@@ -187,12 +191,12 @@ impl Loop {
     /// The same of a controller at a time, after so many periods, where the system is that.
     fn tick(
         &self,
-        (controller, moving): (&Controller, &mut Controlling),
+        (controller, moving): (&LoopController, &mut Controlling),
         (t, k): (f64, usize),
         measured: (&[f64], &[f64]),
-        state: &State,
+        state: &FmuState,
     ) -> Result<(Vec<f64>, Vec<f64>), i32> {
-        let Controller { believed, law, forces, reference } = controller;
+        let LoopController { believed, law, forces, reference } = controller;
         let mut law = law.clone();
         law.state = moving.law.clone();
         for (tracker, state) in law.trackers.iter_mut().zip(&moving.trackers) {
@@ -217,12 +221,12 @@ impl Loop {
     }
 
     /// The controls that act, then the disturbance.
-    fn forced(&self, acting: &[f64], state: &State) -> Vec<f64> {
+    fn forced(&self, acting: &[f64], state: &FmuState) -> Vec<f64> {
         let disturbance = (1..=self.layout.n).map(|j| state.value(j));
         acting.iter().copied().chain(disturbance).collect()
     }
 
-    fn period(&self, moving: &mut Moving, state: &State) -> Result<(), i32> {
+    fn period(&self, moving: &mut LoopState, state: &FmuState) -> Result<(), i32> {
         let (_, acting) = self.controls(moving, state)?;
         if let Some(Controlling { law, counts, .. }) = &mut moving.controller {
             for (count, bit) in counts.iter_mut().zip(given::COUNTED) {
@@ -240,7 +244,7 @@ impl Loop {
     }
 
     /// The motion of a system alone over some time.
-    fn flight(&self, moving: &mut Moving, length: f64, state: &State) -> Result<(), i32> {
+    fn flight(&self, moving: &mut LoopState, length: f64, state: &FmuState) -> Result<(), i32> {
         let (n, forced) = (self.layout.n, self.forced(&[], state));
         let mut driven = self.plant.driven(self.layout, forced.len(), state, true);
         driven.hold(&forced);
@@ -292,7 +296,7 @@ impl Monitor<i32> for Unwatched {
 
 /// To where a system has moved, onto its contacts.
 fn arrived(
-    moving: &mut Moving,
+    moving: &mut LoopState,
     h: f64,
     moved: Moved,
     plant: &mut BelievedPlant<'_, Evaluated<'_>, Matrix<'_>>,
@@ -307,9 +311,9 @@ fn arrived(
     plant.onto(t, (&mut moving.q, &mut moving.w), &moving.closed, &mut kinetics).map_err(code_of)
 }
 
-impl Loop {
+impl LoadedLoop {
     /// The outputs, in the order of the table.
-    fn seen(&self, mut moving: Moving, state: &State) -> Result<Vec<f64>, i32> {
+    fn seen(&self, mut moving: LoopState, state: &FmuState) -> Result<Vec<f64>, i32> {
         let (u, acting) = self.controls(&mut moving, state)?;
         let (layout, h) = (self.layout, self.h());
         let forced = self.forced(&acting, state);

@@ -4,11 +4,11 @@ use zivi::drive::mechanical::{GapTrackerState, Latch, Offsets, SentControls};
 use zivi_core::control::{TickStatus, TrackerState};
 use zivi_core::Lifted;
 
-use super::given::{Controller, Loop, COUNTED};
+use super::given::{LoadedLoop, LoopController, COUNTED};
 
 /// What changes from period to period.
 #[derive(Clone, Debug)]
-pub(super) struct Moving {
+pub(super) struct LoopState {
     /// Time at the start (s).
     pub(super) t0: f64,
     /// Periods since then.
@@ -33,9 +33,9 @@ trait Passes {
     fn pass(&mut self, value: &mut f64);
 }
 
-struct Reading<'a>(core::slice::Iter<'a, f64>);
+struct NumberReader<'a>(core::slice::Iter<'a, f64>);
 
-impl Passes for Reading<'_> {
+impl Passes for NumberReader<'_> {
     fn pass(&mut self, value: &mut f64) {
         *value = self.0.next().copied().unwrap_or(0.0);
     }
@@ -80,8 +80,8 @@ fn optional(it: &mut impl Passes, value: &mut Option<Vec<f64>>, size: usize) {
     *value = is_there.then_some(row);
 }
 
-impl Moving {
-    pub(super) fn start(of: &Loop) -> Self {
+impl LoopState {
+    pub(super) fn start(of: &LoadedLoop) -> Self {
         let n = of.layout.n;
         Self {
             t0: 0.0,
@@ -98,25 +98,25 @@ impl Moving {
     }
 
     /// How many numbers there are, with all controls that may be under way.
-    pub(super) fn size(of: &Loop) -> usize {
+    pub(super) fn size(of: &LoadedLoop) -> usize {
         let delay = of.controller.as_ref().map_or(0, |it| it.law.settings.delay);
         let mut counting = Counting(of.r * delay);
         Self::start(of).pass(&mut counting, of);
         counting.0
     }
 
-    pub(super) fn read(of: &Loop, numbers: &[f64]) -> Self {
+    pub(super) fn read(of: &LoadedLoop, numbers: &[f64]) -> Self {
         let mut moving = Self::start(of);
-        moving.pass(&mut Reading(numbers.iter()), of);
+        moving.pass(&mut NumberReader(numbers.iter()), of);
         moving
     }
 
-    pub(super) fn write(&self, of: &Loop, numbers: &mut [f64]) {
+    pub(super) fn write(&self, of: &LoadedLoop, numbers: &mut [f64]) {
         self.clone().pass(&mut Writing(numbers.iter_mut()), of);
     }
 
     /// Passes all numbers.
-    fn pass(&mut self, it: &mut impl Passes, of: &Loop) {
+    fn pass(&mut self, it: &mut impl Passes, of: &LoadedLoop) {
         let Self { t0, k, q, w, closed, controller } = self;
         [t0, k].into_iter().chain(q).chain(w).for_each(|value| it.pass(value));
         closed.iter_mut().for_each(|value| flag(it, value));
@@ -127,13 +127,13 @@ impl Moving {
 }
 
 impl Controlling {
-    fn start(of: &Controller) -> Self {
+    fn start(of: &LoopController) -> Self {
         let trackers = of.law.trackers.iter().map(|it| it.state()).collect();
         Self { law: of.law.state.clone(), trackers, counts: [0; COUNTED.len()] }
     }
 
     /// Passes all numbers, of so many coordinates and controls.
-    fn pass(&mut self, it: &mut impl Passes, of: &Controller, (n, r): (usize, usize)) {
+    fn pass(&mut self, it: &mut impl Passes, of: &LoopController, (n, r): (usize, usize)) {
         let Self { law, trackers, counts } = self;
         counts.iter_mut().for_each(|value| count(it, value));
         let GapTrackerState { latch, accelerations, sent, place, status, least, uncontrolled } =

@@ -8,11 +8,11 @@ pub(crate) const ROOM: usize = 1024;
 /// Numbers that change from period to period.
 #[repr(C)]
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Objects {
+pub(crate) struct LoopObjects {
     pub(crate) numbers: [f64; ROOM],
 }
 
-impl Default for Objects {
+impl Default for LoopObjects {
     fn default() -> Self {
         Self { numbers: [0.0; ROOM] }
     }

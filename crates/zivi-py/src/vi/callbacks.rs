@@ -158,18 +158,18 @@ fn copy_all<D: Dimension>(from: &Bound<'_, PyArray<f64, D>>, to: &mut [f64]) -> 
 }
 
 /// `F` and its Jacobian, both from Python.
-pub(super) struct WithJacobian<'a, 'py> {
+pub(super) struct MapWithJacobian<'a, 'py> {
     callbacks: &'a Callbacks<'py>,
     jac: Bound<'py, PyAny>,
 }
 
-impl<'a, 'py> WithJacobian<'a, 'py> {
+impl<'a, 'py> MapWithJacobian<'a, 'py> {
     pub(super) fn new(callbacks: &'a Callbacks<'py>, jac: Bound<'py, PyAny>) -> Self {
         Self { callbacks, jac }
     }
 }
 
-impl Problem for WithJacobian<'_, '_> {
+impl Problem for MapWithJacobian<'_, '_> {
     fn map(&mut self, z: &[f64], f: &mut [f64]) -> Result<(), EvaluationError> {
         self.callbacks.map(z, f)
     }

@@ -2,7 +2,7 @@
 
 mod callbacks;
 use crate::interface::{list, vector, zeros, Array};
-use crate::vi::callbacks::{Callbacks, Interruptible, Interrupts, Watched, WithJacobian};
+use crate::vi::callbacks::{Callbacks, Interruptible, Interrupts, MapWithJacobian, Watched};
 use numpy::{PyArray1, PyReadonlyArray1, PyReadonlyArray2, PyUntypedArrayMethods};
 use pulp::{Simd, WithSimd};
 use pyo3::exceptions::{PyMemoryError, PyTypeError, PyValueError};
@@ -174,7 +174,7 @@ pub(crate) fn solve_vi<'py>(
     };
     let solved = match scheme {
         None => {
-            let problem = WithJacobian::new(&callbacks, jac);
+            let problem = MapWithJacobian::new(&callbacks, jac);
             vectors.solve(&mut Watched::new(problem, &callbacks, &interrupts), &given.get())
         }
         Some(scheme) => {
