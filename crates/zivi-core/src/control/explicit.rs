@@ -2,7 +2,7 @@
 
 use super::port::checked_force;
 use super::{checked, Gains, Port, TickStatus, TrackerState, Waypoint};
-use crate::control::reference::{advanced, Advance, ReferenceState};
+use crate::control::reference::{advanced, AdvancedReference, ReferenceState};
 use crate::{
     sgn, transform, Branch, Lifted, Physical, Real, Restitution, SettingError, ThetaGammaStep,
 };
@@ -72,7 +72,8 @@ impl ExplicitTwisting {
     ) -> Result<Real, SettingError> {
         let (state, clamped) = self.port.sense(measured)?;
         checked_force("force", force)?;
-        let Advance { next, .. } = advanced(&self.reference, self.state.followed(), force_ref)?;
+        let AdvancedReference { next, .. } =
+            advanced(&self.reference, self.state.followed(), force_ref)?;
         let z = transform::lift(state, Branch::Positive, self.restitution);
         let (wanted, signs) = self.law(z, force, force_ref);
         let (u, saturated) = self.port.actuate(wanted)?;

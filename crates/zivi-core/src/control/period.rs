@@ -5,7 +5,7 @@ use super::tracking::TrackingStep;
 use super::{
     ExplicitTwisting, Port, TickStatus, TrackerState, TwistingRegulator, TwistingTracker, Waypoint,
 };
-use crate::control::reference::{advanced, Advance, ReferenceState};
+use crate::control::reference::{advanced, AdvancedReference, ReferenceState};
 use crate::setting::{is_positive, require};
 use crate::{Real, SettingError, ThetaGammaStep};
 
@@ -16,7 +16,7 @@ fn missed(
     state: TrackerState,
     force_ref: Real,
 ) -> Result<(ReferenceState, TrackerState), SettingError> {
-    let Advance { next, signs: [lambda_sr, lambda_vr], .. } =
+    let AdvancedReference { next, signs: [lambda_sr, lambda_vr], .. } =
         advanced(reference, state.followed(), force_ref)?;
     let [lambda_s, lambda_v, _, _, lambda_es, lambda_ev] = state.signs;
     let signs = [lambda_s, lambda_v, lambda_sr, lambda_vr, lambda_es, lambda_ev];

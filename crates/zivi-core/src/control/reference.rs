@@ -104,7 +104,7 @@ pub struct Planned {
 
 /// The reference after a period with the signs of its step; what the plant has to follow over the
 /// horizon, and the multiplier of `sgn v_r+` there.
-pub(super) struct Outlook {
+pub(super) struct ReferenceOutlook {
     pub(super) next: ReferenceState,
     pub(super) signs: [Real; 2],
     pub(super) target: Target,
@@ -112,7 +112,7 @@ pub(super) struct Outlook {
 }
 
 /// The end of a step of the reference, its signs, and its acceleration (m/s^2).
-pub(super) struct Advance {
+pub(super) struct AdvancedReference {
     pub(super) next: ReferenceState,
     pub(super) signs: [Real; 2],
     pub(super) acceleration: Real,
@@ -124,14 +124,14 @@ pub(super) fn advanced(
     reference: &ThetaGammaStep,
     from: ReferenceState,
     force_ref: Real,
-) -> Result<Advance, SettingError> {
+) -> Result<AdvancedReference, SettingError> {
     checked_force("force_ref", force_ref)?;
     let found = reference.implicit().solve(from.z, force_ref, from.side);
     let found = found.map_err(|_| too_large(force_ref))?;
     let acceleration = pulled(&found, reference.restitution(), force_ref);
     let z = found.end();
     let next = ReferenceState { z, side: transform::side(z, from.side) };
-    Ok(Advance { next, signs: [found.lambda_s, found.lambda_v], acceleration })
+    Ok(AdvancedReference { next, signs: [found.lambda_s, found.lambda_v], acceleration })
 }
 
 /// What the plant has to follow over `h`, where that is not a period of the reference, and the signs of

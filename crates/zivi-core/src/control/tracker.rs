@@ -3,8 +3,8 @@
 use crate::control::gains::{checked_press, Descent};
 use crate::control::port::checked_force;
 use crate::control::reference::{
-    advanced, target_over, Advance, Outlook, Planned, ReferencePeriod, ReferenceSource,
-    ReferenceState,
+    advanced, target_over, AdvancedReference, Planned, ReferenceOutlook, ReferencePeriod,
+    ReferenceSource, ReferenceState,
 };
 use crate::control::tracking::{Target, Tracking, TrackingStep};
 use crate::control::{checked, GainError, Gains, Landing, Port, TickStatus};
@@ -223,7 +223,7 @@ impl TwistingTracker {
         let (state, clamped) = self.port.sense(measured)?;
         checked_force("force", force)?;
         let course = course(self)?;
-        let Outlook { next, signs, target, lambda_vr } = self.outlook(&course)?;
+        let ReferenceOutlook { next, signs, target, lambda_vr } = self.outlook(&course)?;
         let (now, measured) = (course.now, Physical { xdot: state.xdot - course.back, ..state });
         let force_ref = course.force;
         Ok(Planned {
@@ -260,20 +260,21 @@ impl TwistingTracker {
     fn outlook(
         &self,
         &ReferencePeriod { now, force, next, .. }: &ReferencePeriod,
-    ) -> Result<Outlook, SettingError> {
+    ) -> Result<ReferenceOutlook, SettingError> {
         let restitution = self.reference.restitution();
         let beyond = self.step.h > self.reference.h();
         if let (Some(next), true) = (next, beyond) {
             let (target, signs) = target_over(self.step.h, restitution, now, force)?;
-            return Ok(Outlook { next, signs, target, lambda_vr: signs[1] });
+            return Ok(ReferenceOutlook { next, signs, target, lambda_vr: signs[1] });
         }
-        let Advance { next: reached, signs, acceleration } = advanced(&self.reference, now, force)?;
+        let AdvancedReference { next: reached, signs, acceleration } =
+            advanced(&self.reference, now, force)?;
         let (target, [_, lambda_vr]) = if beyond {
             target_over(self.step.h, restitution, now, force)?
         } else {
             (Target { end: reached.z, acceleration }, signs)
         };
-        Ok(Outlook { next: next.unwrap_or(reached), signs, target, lambda_vr })
+        Ok(ReferenceOutlook { next: next.unwrap_or(reached), signs, target, lambda_vr })
     }
 
     /// The second half of a tick: the control for this sample and this period of the reference; and

@@ -86,7 +86,7 @@ pub struct Tracking {
 }
 
 /// The end of a step with `ls, lv, les, lev`.
-struct Candidate {
+struct StepCandidate {
     end: Lifted,
     signs: [Real; 4],
     iterations: u32,
@@ -94,7 +94,7 @@ struct Candidate {
 
 /// The step seen from the side `s >= 0`.
 #[derive(Clone, Copy)]
-struct Frame {
+struct SideFrame {
     step: TrackingStep,
     z: Lifted,
     target: Target,
@@ -119,7 +119,7 @@ impl TrackingStep {
         let side = Real::copysign(1.0, z.s + 0.0);
         let mirrored = |Lifted { s, v }| Lifted { s: side * s, v: side * v };
         let target = Target { end: mirrored(target.end), acceleration: side * target.acceleration };
-        let frame = Frame { step: *self, z: mirrored(z), target, f, free: side * lambda_vr };
+        let frame = SideFrame { step: *self, z: mirrored(z), target, f, free: side * lambda_vr };
         let (candidate, place) = frame.accepted();
         frame.tracking(candidate, place).seen_from(side)
     }
@@ -144,10 +144,10 @@ impl TrackingStep {
     }
 }
 
-impl Frame {
+impl SideFrame {
     /// By the selection rule. (A NaN continues to the wall.)
     #[inline(always)]
-    fn accepted(&self) -> (Candidate, Place) {
+    fn accepted(&self) -> (StepCandidate, Place) {
         let (mut g, mut place) = (1.0, Place::Same);
         loop {
             let candidate = self.off_the_wall(g);
@@ -164,7 +164,7 @@ impl Frame {
     /// The candidate with `ls = g`. With `psi(v+) = R v+ = v+ (1 - kappa g sgn v+)` the position
     /// error switches where `psi(v+) = (s_r+ - s)/h`.
     #[inline(always)]
-    fn off_the_wall(&self, g: Real) -> Candidate {
+    fn off_the_wall(&self, g: Real) -> StepCandidate {
         let TrackingStep { h, restitution, gains } = self.step;
         let Target { end: aim, acceleration } = self.target;
         let travel = (aim.s - self.z.s) / h;
@@ -180,7 +180,7 @@ impl Frame {
         // on the switch the position is the reference's, to the last bit
         let s = if found.y == at_aim { aim.s } else { self.z.s + h * (r * found.y) };
         let end = Lifted { s, v: found.y };
-        Candidate { end, signs: [g, lambda_v, found.first, found.second], iterations: 0 }
+        StepCandidate { end, signs: [g, lambda_v, found.first, found.second], iterations: 0 }
     }
 
     /// `s+ = 0`. The sign of the velocity error switches at `ls = split`, where `v+ = v_r+`; that of
@@ -188,7 +188,7 @@ impl Frame {
     /// cubic's value between its two limits at `split` decides on which side of it there is a root.
     #[cold]
     #[inline(never)]
-    fn on_the_wall(self) -> Candidate {
+    fn on_the_wall(self) -> StepCandidate {
         let aim = self.target.end;
         let travel = self.z.s / self.step.h;
         let split = self.split(travel);
@@ -216,7 +216,7 @@ impl Frame {
         // to the last bit; nowhere for a reference that leaves the wall
         let v = if ls == split { aim.v } else { self.velocity_on_the_wall(ls) };
         let end = Lifted { s: 0.0, v };
-        Candidate { end, signs: [ls, -1.0, les, lev], iterations }
+        StepCandidate { end, signs: [ls, -1.0, les, lev], iterations }
     }
 
     /// The root whose `v+` is nearest to `v_r+`, with its signs and the iterations: on the way from
@@ -294,8 +294,8 @@ impl Frame {
 
     /// The accepted candidate with its control.
     #[inline]
-    fn tracking(&self, candidate: Candidate, place: Place) -> Tracking {
-        let Candidate { end, signs, iterations } = candidate;
+    fn tracking(&self, candidate: StepCandidate, place: Place) -> Tracking {
+        let StepCandidate { end, signs, iterations } = candidate;
         let [lambda_s, lambda_v, lambda_es, lambda_ev] = signs;
         let r = self.step.restitution.r(lambda_s, lambda_v);
         let c = self.pull(lambda_es, lambda_ev);

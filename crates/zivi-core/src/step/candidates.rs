@@ -9,11 +9,11 @@ use crate::{sgn, transform, Lifted, Restitution};
 pub use crate::real::SIGN_TOLERANCE;
 
 /// `theta` and `gamma`, as a type: the code for those of implicit Euler is shorter and faster.
-pub(crate) trait Weights: Copy {
+pub(crate) trait SchemeWeights: Copy {
     fn both(self) -> (Real, Real);
 }
 
-impl Weights for (Real, Real) {
+impl SchemeWeights for (Real, Real) {
     #[inline(always)]
     fn both(self) -> (Real, Real) {
         self
@@ -24,7 +24,7 @@ impl Weights for (Real, Real) {
 #[derive(Clone, Copy)]
 pub(crate) struct ImplicitEuler;
 
-impl Weights for ImplicitEuler {
+impl SchemeWeights for ImplicitEuler {
     #[inline(always)]
     fn both(self) -> (Real, Real) {
         (1.0, 1.0)
@@ -42,7 +42,7 @@ pub(super) struct Frozen<W> {
     pub(super) f: Real,
 }
 
-impl<W: Weights> Frozen<W> {
+impl<W: SchemeWeights> Frozen<W> {
     /// The side `sigma` of the state, and the step as it is seen from there.
     #[inline]
     pub(super) fn seen(

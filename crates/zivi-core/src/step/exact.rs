@@ -4,7 +4,7 @@
 //! `+1`. With `v_gamma = 0` or `s_gamma = 0` the other equation fixes the interior sign in closed
 //! form; no iteration anywhere, at most nine candidates.
 
-use super::candidates::{Frozen, ImplicitEuler, Weights, SIGN_TOLERANCE};
+use super::candidates::{Frozen, ImplicitEuler, SchemeWeights, SIGN_TOLERANCE};
 use super::pattern::Pattern;
 use super::selection::{distance, exact_motion};
 use super::{StepFailure, StepSolution, ThetaGammaStep};
@@ -173,7 +173,7 @@ impl ThetaGammaStep {
 /// be in memory then.)
 #[cold]
 #[inline(never)]
-pub(crate) fn thorough<W: Weights>(
+pub(crate) fn thorough<W: SchemeWeights>(
     h: Real,
     restitution: Restitution,
     weights: W,

@@ -142,7 +142,7 @@ fn weights(
 
 /// A variable that moves, by its column, and the sign of its move.
 #[derive(Clone, Copy, Debug)]
-struct Entering {
+struct EnteringColumn {
     column: usize,
     sense: f64,
 }
@@ -208,7 +208,7 @@ fn price(at: &mut Iterate<'_, '_>) -> f64 {
 }
 
 /// The variable along which most is gained; `None` where nothing is.
-fn choose(at: &Iterate<'_, '_>, mut weight: impl FnMut() -> f64) -> Option<Entering> {
+fn choose(at: &Iterate<'_, '_>, mut weight: impl FnMut() -> f64) -> Option<EnteringColumn> {
     let pivotal = &at.work.pivotal;
     let slight = NEGLIGIBLE * (1.0 + dense::norm(at.work.step));
     let mut best = (None, 0.0);
@@ -218,7 +218,7 @@ fn choose(at: &Iterate<'_, '_>, mut weight: impl FnMut() -> f64) -> Option<Enter
         let has_room = if slope > 0.0 { value > lower } else { value < upper };
         let gain = if has_room && slope.abs() > slight { slope.abs() * weight() } else { 0.0 };
         if gain > best.1 {
-            best = (Some(Entering { column, sense: -slope.signum() }), gain);
+            best = (Some(EnteringColumn { column, sense: -slope.signum() }), gain);
         }
     }
     best.0
@@ -226,9 +226,9 @@ fn choose(at: &Iterate<'_, '_>, mut weight: impl FnMut() -> f64) -> Option<Enter
 
 /// Moves the entering variable until something is in its way, which it replaces; returns how far,
 /// `None` where nothing is.
-fn exchange(at: &mut Iterate<'_, '_>, entering: Entering) -> Option<f64> {
+fn exchange(at: &mut Iterate<'_, '_>, entering: EnteringColumn) -> Option<f64> {
     let n = at.n();
-    let Entering { column, sense } = entering;
+    let EnteringColumn { column, sense } = entering;
     for position in 0..n {
         let rate = sense * dense::at(at.work.pivotal.inverse, position * n + column);
         dense::put(at.work.pivotal.direction, position, rate);
@@ -258,7 +258,7 @@ fn exchange(at: &mut Iterate<'_, '_>, entering: Entering) -> Option<f64> {
 
 /// What ends the move, with the bound that it then is on, `None` for the entering variable's own
 /// other bound; and its length.
-fn first_block(at: &Iterate<'_, '_>, entering: Entering) -> (Option<(usize, f64)>, f64) {
+fn first_block(at: &Iterate<'_, '_>, entering: EnteringColumn) -> (Option<(usize, f64)>, f64) {
     let pivotal = &at.work.pivotal;
     let code = pivotal.held.get(entering.column).copied().unwrap_or(0);
     let (lower, upper) = range(at, code);

@@ -28,7 +28,7 @@ const PROOF_PIVOTS: usize = 12;
 
 /// How one stage of Josephy-Newton goes about it.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Plan {
+pub(super) struct StagePlan {
     pub(super) start: Start,
     /// Try the active-set method before pivoting.
     pub(super) active_set: bool,
@@ -48,7 +48,7 @@ const TRUSTED: f64 = 1e-6;
 const REGULARISED: [f64; 2] = [1e-6, 1e-2];
 
 /// One stage from the point where [`Iterate::begin`] has left the iterate.
-pub(super) fn josephy_newton(at: &mut Iterate<'_, '_>, plan: Plan) -> Outcome<Status> {
+pub(super) fn josephy_newton(at: &mut Iterate<'_, '_>, plan: StagePlan) -> Outcome<Status> {
     let mut history = History::new(plan.memory);
     let mut progress = Stagnation::new(at.merit);
     let mut proximal = plan.proximal;
@@ -91,21 +91,26 @@ pub(super) fn josephy_newton(at: &mut Iterate<'_, '_>, plan: Plan) -> Outcome<St
 }
 
 /// `work.step <- z_N - z`, from the first method and regularisation whose affine solution holds.
-fn newton_point(at: &mut Iterate<'_, '_>, plan: Plan, proximal: f64) -> Outcome<PathEnd> {
-    let first = Method::Path(plan.start);
-    let second = Method::Path(match plan.start {
+fn newton_point(at: &mut Iterate<'_, '_>, plan: StagePlan, proximal: f64) -> Outcome<PathEnd> {
+    let first = AffineMethod::Path(plan.start);
+    let second = AffineMethod::Path(match plan.start {
         Start::Regular => Start::Ray,
         Start::Ray => Start::Regular,
     });
     let [slight, strong] = REGULARISED;
-    let attempts =
-        [(Method::ActiveSet, 0.0), (first, 0.0), (second, 0.0), (first, slight), (first, strong)];
+    let attempts = [
+        (AffineMethod::ActiveSet, 0.0),
+        (first, 0.0),
+        (second, 0.0),
+        (first, slight),
+        (first, strong),
+    ];
     let (mut end, mut has_failed) = (PathEnd::Singular, false);
     for (method, weight) in attempts.into_iter().skip(usize::from(!plan.active_set)) {
         if at.budget.is_spent() {
             return Ok(PathEnd::PivotLimit);
         }
-        let is_path = matches!(method, Method::Path(_));
+        let is_path = matches!(method, AffineMethod::Path(_));
         if is_path {
             let proof_is_worth_it = at.n() >= WORTH_A_PROOF || has_failed;
             match before_paths(at, plan, proof_is_worth_it)? {
@@ -133,7 +138,7 @@ fn shift_by(at: &Iterate<'_, '_>, proximal: f64, weight: f64) -> f64 {
 
 /// What is tried of an affine problem before its first path, once in a solve: the whole of it is
 /// solved, or proved to have no solution, or [`PathEnd::Singular`].
-fn before_paths(at: &mut Iterate<'_, '_>, plan: Plan, proof: bool) -> Outcome<PathEnd> {
+fn before_paths(at: &mut Iterate<'_, '_>, plan: StagePlan, proof: bool) -> Outcome<PathEnd> {
     if !at.problem.is_affine() {
         return Ok(PathEnd::Singular);
     }
@@ -211,25 +216,27 @@ fn return_to_neighbour(at: &mut Iterate<'_, '_>) -> Outcome<()> {
 
 /// How an affine VI is solved.
 #[derive(Clone, Copy, Debug)]
-enum Method {
+enum AffineMethod {
     ActiveSet,
     Path(Start),
 }
 
 /// Solves one affine VI in `d = z_N - z` and checks its residual.
-fn affine_step(at: &mut Iterate<'_, '_>, method: Method, shift: f64) -> Outcome<PathEnd> {
+fn affine_step(at: &mut Iterate<'_, '_>, method: AffineMethod, shift: f64) -> Outcome<PathEnd> {
     active_set::reach(at);
     let end = match method {
-        Method::Path(start) => follow_path(at, start, shift)?,
-        Method::ActiveSet if active_set::solve(at, 0.0, at.pivots_left())? => PathEnd::Solution,
-        Method::ActiveSet => PathEnd::Singular,
+        AffineMethod::Path(start) => follow_path(at, start, shift)?,
+        AffineMethod::ActiveSet if active_set::solve(at, 0.0, at.pivots_left())? => {
+            PathEnd::Solution
+        }
+        AffineMethod::ActiveSet => PathEnd::Singular,
     };
     if end != PathEnd::Solution {
         return Ok(end);
     }
     let residual = match method {
-        Method::ActiveSet => active_set::residual(at),
-        Method::Path(_) => {
+        AffineMethod::ActiveSet => active_set::residual(at),
+        AffineMethod::Path(_) => {
             let work = &mut *at.work;
             let (lower, upper) = (&*work.lower, &*work.upper);
             let avi = AffineVi { matrix: work.jacobian, shift, q: work.f, lower, upper };

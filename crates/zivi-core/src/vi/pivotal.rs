@@ -576,7 +576,7 @@ struct Entering {
 
 /// What stops the entering variable.
 #[derive(Clone, Copy, Debug)]
-enum Block {
+enum Blocking {
     /// Nothing: the path is a ray.
     Nothing,
     /// Its own other bound.
@@ -594,15 +594,15 @@ impl Tableau<'_> {
         for pivot in 1..=limit {
             self.solve_column(entering.variable);
             entering = match self.block(&entering) {
-                Block::Nothing => match self.turn_back(&entering, poll)? {
+                Blocking::Nothing => match self.turn_back(&entering, poll)? {
                     Some(back) => back,
                     None => return Ok(PathEnd::Ray),
                 },
-                Block::OtherBound if entering.variable == Variable::S => {
+                Blocking::OtherBound if entering.variable == Variable::S => {
                     return Ok(PathEnd::Solution);
                 }
-                Block::OtherBound => self.flip(&entering),
-                Block::Member { position, length, at_upper } => {
+                Blocking::OtherBound => self.flip(&entering),
+                Blocking::Member { position, length, at_upper } => {
                     let leaving = self.basis.member(position);
                     self.pivot(&entering, position, length, at_upper);
                     if leaving == Variable::S {
@@ -643,10 +643,11 @@ impl Tableau<'_> {
     }
 
     /// The ratio test.
-    fn block(&self, entering: &Entering) -> Block {
+    fn block(&self, entering: &Entering) -> Blocking {
         let negligible = NEGLIGIBLE * dense::norm(self.direction);
         let rounding = 1e-15 * (1.0 + dense::norm(self.values));
-        let mut first = if entering.range.is_finite() { Block::OtherBound } else { Block::Nothing };
+        let mut first =
+            if entering.range.is_finite() { Blocking::OtherBound } else { Blocking::Nothing };
         let mut shortest = entering.range;
         for (position, (&value, &d)) in self.values.iter().zip(self.direction.iter()).enumerate() {
             let rate = -entering.sense * d;
@@ -661,7 +662,7 @@ impl Tableau<'_> {
             }
             let length = f64::max(room, 0.0) / rate.abs();
             let tie = TIE * shortest.min(length) + rounding / rate.abs();
-            let here = Block::Member { position, length, at_upper };
+            let here = Blocking::Member { position, length, at_upper };
             let comes_first = if (length - shortest).abs() <= tie {
                 self.precedes(here, first)
             } else {
@@ -676,15 +677,17 @@ impl Tableau<'_> {
 
     /// Breaks a tie: `s` before all, so that the path ends; else the lexicographically smaller
     /// `(B^-1)_p / rate_p`, the effect of `q - (eps, eps^2, ..)` on the step length.
-    fn precedes(&self, a: Block, b: Block) -> bool {
-        let (Block::Member { position: p, .. }, other) = (a, b) else { return false };
+    fn precedes(&self, a: Blocking, b: Blocking) -> bool {
+        let (Blocking::Member { position: p, .. }, other) = (a, b) else { return false };
         if self.basis.member(p) == Variable::S {
             return true;
         }
         let (weight_p, row_p) = self.perturbation(a);
         match other {
-            Block::Member { position, .. } if self.basis.member(position) == Variable::S => false,
-            Block::Member { .. } => {
+            Blocking::Member { position, .. } if self.basis.member(position) == Variable::S => {
+                false
+            }
+            Blocking::Member { .. } => {
                 let (weight, row) = self.perturbation(b);
                 let pairs = row_p.iter().map(|x| x * weight_p).zip(row.iter().map(|x| x * weight));
                 lexicographically_smaller(pairs)
@@ -693,9 +696,9 @@ impl Tableau<'_> {
         }
     }
 
-    fn perturbation(&self, block: Block) -> (f64, &[f64]) {
+    fn perturbation(&self, block: Blocking) -> (f64, &[f64]) {
         match block {
-            Block::Member { position, at_upper, .. } => {
+            Blocking::Member { position, at_upper, .. } => {
                 let size = dense::at(self.direction, position).abs();
                 (if at_upper { -1.0 } else { 1.0 } / size, self.basis.row(position))
             }
@@ -1083,7 +1086,7 @@ mod path_tests {
                 *rate = random.uniform() - 0.5;
             }
             let member =
-                |position| Block::Member { position, length: 0.0, at_upper: position % 3 == 1 };
+                |position| Blocking::Member { position, length: 0.0, at_upper: position % 3 == 1 };
             let mut places: Vec<usize> = (0..n).collect();
             places.sort_by(|&a, &b| {
                 let (first, second) = (

@@ -11,7 +11,7 @@
 
 use super::dense;
 use super::iterate::{Iterate, Outcome};
-use super::newton::{is_isolated, josephy_newton, semismooth_newton, Plan};
+use super::newton::{is_isolated, josephy_newton, semismooth_newton, StagePlan};
 use super::problem::{Interruption, Problem};
 use super::settings::{
     require_finite, require_length, validate_bounds, weight, InvalidInput, Report, Settings, Stage,
@@ -76,7 +76,8 @@ pub fn solve(
     let projected = z.iter().zip(work.start.iter()).any(|(a, b)| a != b);
     dense::copy(work.start, z);
     let mut at = Iterate::new(problem, settings, (lower, upper), work, z);
-    let mut run = Run { status: Status::DomainError, stage: Stage::JosephyNewton, tolerance: None };
+    let mut run =
+        StageProgress { status: Status::DomainError, stage: Stage::JosephyNewton, tolerance: None };
     if let Err(interruption) = run.through_all_stages(&mut at) {
         run.interrupted(&mut at, interruption);
     }
@@ -94,14 +95,14 @@ pub fn solve(
 }
 
 /// How far the stages have come.
-struct Run {
+struct StageProgress {
     status: Status,
     stage: Stage,
     /// The tolerance where rounding has raised it.
     tolerance: Option<f64>,
 }
 
-impl Run {
+impl StageProgress {
     fn through_all_stages(&mut self, at: &mut Iterate<'_, '_>) -> Outcome<()> {
         let mut weights: usize = stages(at.settings).map(weight).sum();
         for stage in stages(at.settings) {
@@ -205,7 +206,7 @@ fn run_stage(at: &mut Iterate<'_, '_>) -> Outcome<Status> {
         return Ok(Status::Infeasible);
     }
     let settings = at.settings;
-    let plan = Plan {
+    let plan = StagePlan {
         start: settings.first_start,
         active_set: settings.active_set && at.n() >= WORTH_ACTIVE_SET,
         proximal: 0.0,
@@ -217,7 +218,7 @@ fn run_stage(at: &mut Iterate<'_, '_>) -> Outcome<Status> {
         Stage::Semismooth => semismooth_newton(at),
         Stage::Proximal => josephy_newton(
             at,
-            Plan { start: Start::Ray, active_set: false, proximal: PROXIMAL, memory: 1 },
+            StagePlan { start: Start::Ray, active_set: false, proximal: PROXIMAL, memory: 1 },
         ),
         _ => josephy_newton(at, plan),
     }
@@ -279,7 +280,7 @@ const FAR: f64 = 1e15;
 
 /// Where a component is held.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Place {
+enum HeldAt {
     Inside,
     Lower,
     Upper,
@@ -303,7 +304,7 @@ pub(super) fn enumerate(at: &mut Iterate<'_, '_>) -> Outcome<bool> {
 
 /// Tries all patterns from `work.centre`.
 fn all_patterns(at: &mut Iterate<'_, '_>) -> Outcome<bool> {
-    let mut pattern = [Place::Inside; MOST];
+    let mut pattern = [HeldAt::Inside; MOST];
     loop {
         if is_admissible(at, &pattern) && newton_on_pattern(at, &pattern)? {
             return Ok(true);
@@ -315,14 +316,14 @@ fn all_patterns(at: &mut Iterate<'_, '_>) -> Outcome<bool> {
 }
 
 /// The next pattern, counting in base three; false after the last.
-fn next_pattern(pattern: &mut [Place; MOST], n: usize) -> bool {
+fn next_pattern(pattern: &mut [HeldAt; MOST], n: usize) -> bool {
     for place in pattern.iter_mut().take(n) {
         *place = match *place {
-            Place::Inside => Place::Lower,
-            Place::Lower => Place::Upper,
-            Place::Upper => Place::Inside,
+            HeldAt::Inside => HeldAt::Lower,
+            HeldAt::Lower => HeldAt::Upper,
+            HeldAt::Upper => HeldAt::Inside,
         };
-        if *place != Place::Inside {
+        if *place != HeldAt::Inside {
             return true;
         }
     }
@@ -330,22 +331,22 @@ fn next_pattern(pattern: &mut [Place; MOST], n: usize) -> bool {
 }
 
 /// No component at an infinite bound; a fixed one at its bound, once.
-fn is_admissible(at: &Iterate<'_, '_>, pattern: &[Place; MOST]) -> bool {
+fn is_admissible(at: &Iterate<'_, '_>, pattern: &[HeldAt; MOST]) -> bool {
     at.lower.iter().zip(at.upper).zip(pattern).all(|((&lower, &upper), place)| match place {
-        Place::Inside => lower < upper,
-        Place::Lower => lower.is_finite(),
-        Place::Upper => upper.is_finite() && lower < upper,
+        HeldAt::Inside => lower < upper,
+        HeldAt::Lower => lower.is_finite(),
+        HeldAt::Upper => upper.is_finite() && lower < upper,
     })
 }
 
 /// Damped Newton on the rows inside; true when its end solves the whole problem.
-fn newton_on_pattern(at: &mut Iterate<'_, '_>, pattern: &[Place; MOST]) -> Outcome<bool> {
+fn newton_on_pattern(at: &mut Iterate<'_, '_>, pattern: &[HeldAt; MOST]) -> Outcome<bool> {
     dense::copy(at.work.trial, at.work.centre);
     for (i, place) in pattern.iter().enumerate().take(at.n()) {
         match place {
-            Place::Lower => dense::put(at.work.trial, i, dense::at(at.lower, i)),
-            Place::Upper => dense::put(at.work.trial, i, dense::at(at.upper, i)),
-            Place::Inside => {}
+            HeldAt::Lower => dense::put(at.work.trial, i, dense::at(at.lower, i)),
+            HeldAt::Upper => dense::put(at.work.trial, i, dense::at(at.upper, i)),
+            HeldAt::Inside => {}
         }
     }
     if !at.evaluate_trial()? {
@@ -392,27 +393,27 @@ fn trial_is_solution(at: &mut Iterate<'_, '_>) -> Outcome<bool> {
 }
 
 /// `max |F_i|` over the rows inside.
-fn inside_norm(at: &Iterate<'_, '_>, pattern: &[Place; MOST]) -> f64 {
+fn inside_norm(at: &Iterate<'_, '_>, pattern: &[HeldAt; MOST]) -> f64 {
     at.work.trial_f.iter().zip(pattern).fold(0.0, |size, (f, place)| match place {
-        Place::Inside => f64::max(size, f.abs()),
+        HeldAt::Inside => f64::max(size, f.abs()),
         _ => size,
     })
 }
 
 /// `work.step <- -J_II^-1 F_I`, zero on the rows held; false where `J_II` is singular.
-fn inside_direction(at: &mut Iterate<'_, '_>, pattern: &[Place; MOST]) -> Outcome<bool> {
+fn inside_direction(at: &mut Iterate<'_, '_>, pattern: &[HeldAt; MOST]) -> Outcome<bool> {
     let n = at.n();
     if !at.jacobian_at_trial()? {
         return Ok(false);
     }
     let work = &mut *at.work;
     for (i, row) in work.pivotal.inverse.chunks_exact_mut(n).enumerate() {
-        let inside = pattern.get(i) == Some(&Place::Inside);
+        let inside = pattern.get(i) == Some(&HeldAt::Inside);
         row.fill(0.0);
         if inside {
             dense::copy(row, dense::row(work.jacobian, n, i));
             row.iter_mut().zip(pattern).for_each(|(entry, place)| {
-                if *place != Place::Inside {
+                if *place != HeldAt::Inside {
                     *entry = 0.0;
                 }
             });
@@ -431,7 +432,7 @@ fn inside_direction(at: &mut Iterate<'_, '_>, pattern: &[Place; MOST]) -> Outcom
 /// Halves the step until the rows inside shrink; `None`, and back where it was, if they do not.
 fn damped_step(
     at: &mut Iterate<'_, '_>,
-    pattern: &[Place; MOST],
+    pattern: &[HeldAt; MOST],
     size: f64,
 ) -> Outcome<Option<f64>> {
     dense::copy(at.work.point, at.work.trial);
@@ -460,13 +461,13 @@ mod enumerate_tests {
     #[test]
     fn all_patterns_come_once() {
         for n in 0..=4 {
-            let (mut pattern, mut seen) = ([Place::Inside; MOST], [0; 81]);
+            let (mut pattern, mut seen) = ([HeldAt::Inside; MOST], [0; 81]);
             loop {
                 let number = pattern.iter().take(n).fold(0, |number, place| {
                     let digit = match place {
-                        Place::Inside => 0,
-                        Place::Lower => 1,
-                        Place::Upper => 2,
+                        HeldAt::Inside => 0,
+                        HeldAt::Lower => 1,
+                        HeldAt::Upper => 2,
                     };
                     3 * number + digit
                 });

@@ -9,7 +9,7 @@ use crate::numeric::power_series::{Series, TERMS};
 use crate::record::columns::Reserve;
 use crate::record::gap_set::{ContactMode, GapSet};
 use crate::record::recorder::MotionPoint;
-use crate::record::stored::{as_count, Kind as Stored, MotionError, Reader, Writer};
+use crate::record::stored::{as_count, MotionError, Reader, StoredKind, Writer};
 use crate::system::dynamics::{Layout, MOST};
 use crate::zeno::tail::Tail;
 use crate::Impact;
@@ -267,7 +267,7 @@ impl MechanicalPath {
     /// All that it consists of.
     #[must_use]
     pub fn to_numbers(&self) -> Option<Vec<f64>> {
-        let mut out = Writer::new(Stored::Mechanism);
+        let mut out = Writer::new(StoredKind::Mechanism);
         let Layout { n, m, p } = self.layout;
         for count in [n, m, p, self.segments.len(), self.coefficients.len(), self.skipped.len()] {
             out.count(count);
@@ -315,7 +315,7 @@ impl MechanicalPath {
     /// # Errors
     /// [`MotionError`] for numbers that are none of a motion.
     pub fn from_numbers(numbers: &[f64]) -> Result<Self, MotionError> {
-        Reader::read(Stored::Mechanism, numbers, Self::read)
+        Reader::read(StoredKind::Mechanism, numbers, Self::read)
     }
 
     fn read(from: &mut Reader<'_>) -> Option<Self> {

@@ -46,26 +46,26 @@ impl Real for f64 {
 
 /// A number and its derivative.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct Dual {
+pub(crate) struct DualNumber {
     pub(crate) value: f64,
     pub(crate) slope: f64,
 }
 
-impl Add for Dual {
+impl Add for DualNumber {
     type Output = Self;
     fn add(self, other: Self) -> Self {
         Self { value: self.value + other.value, slope: self.slope + other.slope }
     }
 }
 
-impl Sub for Dual {
+impl Sub for DualNumber {
     type Output = Self;
     fn sub(self, other: Self) -> Self {
         Self { value: self.value - other.value, slope: self.slope - other.slope }
     }
 }
 
-impl Mul for Dual {
+impl Mul for DualNumber {
     type Output = Self;
     fn mul(self, other: Self) -> Self {
         let slope = self.slope * other.value + self.value * other.slope;
@@ -73,14 +73,14 @@ impl Mul for Dual {
     }
 }
 
-impl Neg for Dual {
+impl Neg for DualNumber {
     type Output = Self;
     fn neg(self) -> Self {
         Self { value: -self.value, slope: -self.slope }
     }
 }
 
-impl Real for Dual {
+impl Real for DualNumber {
     fn of(value: f64) -> Self {
         Self { value, slope: 0.0 }
     }
@@ -243,16 +243,16 @@ pub(crate) fn value_and_slope<const N: usize>(a: &[f64; N], s: f64) -> [f64; 2] 
 
 /// The same of several series at once, by the widest registers of the processor.
 pub(crate) fn values_and_slopes(all: &[Series], s: f64, out: &mut [[f64; 2]]) {
-    pulp::Arch::new().dispatch(Values { all, s, out });
+    pulp::Arch::new().dispatch(SeriesValues { all, s, out });
 }
 
-struct Values<'a> {
+struct SeriesValues<'a> {
     all: &'a [Series],
     s: f64,
     out: &'a mut [[f64; 2]],
 }
 
-impl WithSimd for Values<'_> {
+impl WithSimd for SeriesValues<'_> {
     type Output = ();
 
     #[inline(always)]
@@ -337,7 +337,7 @@ mod real_tests {
     #[test]
     fn a_slope_is_the_difference_quotient() {
         let (x, h) = (0.7, 1e-3);
-        let dual = f(Dual { value: x, slope: 1.0 });
+        let dual = f(DualNumber { value: x, slope: 1.0 });
         let odd = |k: f64| f(x + k * h) - f(x - k * h);
         let difference = (45.0 * odd(1.0) - 9.0 * odd(2.0) + odd(3.0)) / (60.0 * h);
         assert_eq!(dual.value, f(x));

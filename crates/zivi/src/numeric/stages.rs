@@ -18,7 +18,7 @@
 use crate::numeric::bernstein::Bernstein;
 use crate::numeric::coordinates::{Coordinates, Row, State};
 use crate::numeric::dense;
-use crate::numeric::tableau::{Estimate, Interpolant, Pair, Weights};
+use crate::numeric::tableau::{ErrorEstimate, Interpolant, Pair, Weights};
 
 /// What is integrated, `x'' = a(t, x, x')`, with the reason `X` where there is no `a`.
 pub(crate) trait Equation<Q, X> {
@@ -234,7 +234,7 @@ impl<Q: Coordinates> Stages<Q> {
         tolerances: &Tolerances,
         equation: &mut impl Equation<Q, X>,
     ) -> Result<f64, X> {
-        if let Estimate::Single(_) = self.pair.estimate {
+        if let ErrorEstimate::Single(_) = self.pair.estimate {
             self.finish(equation)?;
         }
         let all = 0..self.end.x.as_slice().len();
@@ -247,11 +247,11 @@ impl<Q: Coordinates> Stages<Q> {
     pub(crate) fn error_of(&self, c: usize) -> StepError {
         let (row, h) = (self.row(c), self.h);
         match self.pair.estimate {
-            Estimate::Single(e) => {
+            ErrorEstimate::Single(e) => {
                 let (x, xdot) = e.sums(row);
                 StepError { x: [h * h * x, 0.0], xdot: [h * xdot, 0.0], double: false }
             }
-            Estimate::Double(e5, e3) => {
+            ErrorEstimate::Double(e5, e3) => {
                 let ((x5, v5), (x3, v3)) = (e5.sums(row), e3.sums(row));
                 StepError { x: [h * h * x5, h * h * x3], xdot: [h * v5, h * v3], double: true }
             }

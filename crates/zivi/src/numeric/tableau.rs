@@ -68,7 +68,7 @@ type Rows = &'static [Weights];
 
 /// How the error of a step is estimated: weights of the stages.
 #[derive(Clone, Copy, Debug)]
-pub(crate) enum Estimate {
+pub(crate) enum ErrorEstimate {
     /// The difference between the two orders of the pair.
     Single(Weights),
     /// Two estimates `e5`, `e3` that are combined to `e5^2 / sqrt(e5^2 + 0.01 e3^2)`.
@@ -99,7 +99,7 @@ pub(crate) struct Pair {
     /// Weights.
     pub(crate) b: Weights,
     /// Error estimate.
-    pub(crate) estimate: Estimate,
+    pub(crate) estimate: ErrorEstimate,
     /// The local error is of order `h^q`.
     pub(crate) q: f64,
     /// Dense output.
@@ -146,7 +146,7 @@ pub(crate) static DORMAND_PRINCE_5: Pair = Pair {
         -0.322376179245283,
         0.13095238095238096,
     ]),
-    estimate: Estimate::Single(Weights::new(&[
+    estimate: ErrorEstimate::Single(Weights::new(&[
         -0.0012326388888888888,
         0.0,
         0.0042527702905061394,
@@ -292,7 +292,7 @@ pub(crate) static DOP853: Pair = Pair {
         0.20136540080403034,
         0.04471061572777259,
     ]),
-    estimate: Estimate::Double(
+    estimate: ErrorEstimate::Double(
         Weights::new(&[
             0.01312004499419488,
             0.0,
@@ -470,7 +470,7 @@ pub(crate) struct Powers {
 
 /// The newest entry of a column, and what tells its error.
 #[derive(Debug)]
-pub(crate) struct Entry<'t> {
+pub(crate) struct TableauEntry<'t> {
     /// Number of the column.
     pub(crate) j: usize,
     /// `p_j`, and the power that the next column would remove.
@@ -483,7 +483,7 @@ pub(crate) struct Entry<'t> {
     pub(crate) across: &'t [f64],
 }
 
-impl Entry<'_> {
+impl TableauEntry<'_> {
     /// The estimated error of a component: the larger of two differences, to the column before and
     /// to the row before. The first alone is optimistic by up to two digits.
     #[inline]
@@ -511,7 +511,7 @@ pub(crate) fn columns(
     rows: &mut [f64],
     across: &mut [f64],
     powers: Powers,
-    show: impl FnMut(&Entry<'_>),
+    show: impl FnMut(&TableauEntry<'_>),
 ) {
     columns_with(rows, across, powers, |_, _| (), show);
 }
@@ -523,7 +523,7 @@ pub(crate) fn columns_with(
     across: &mut [f64],
     Powers { ratio, first }: Powers,
     mut add: impl FnMut(Column, &mut [f64]),
-    mut show: impl FnMut(&Entry<'_>),
+    mut show: impl FnMut(&TableauEntry<'_>),
 ) {
     let width = across.len();
     let (mut power, mut left) = (first, rows.len() / width);
@@ -539,7 +539,7 @@ pub(crate) fn columns_with(
         }
         add(Column { j, power, length }, rows);
         let (newest, above) = rows.split_at(width);
-        show(&Entry { j, power, next: power * ratio, newest, above, across });
+        show(&TableauEntry { j, power, next: power * ratio, newest, above, across });
         power *= ratio;
     }
 }
@@ -568,8 +568,8 @@ mod tableau_tests {
             let last = pair.b.len();
             sums(pair, pair.b.all, pair.uniform(last));
             match pair.estimate {
-                Estimate::Single(e) => sums(pair, e.all, [0.0; 2]),
-                Estimate::Double(e5, e3) => {
+                ErrorEstimate::Single(e) => sums(pair, e.all, [0.0; 2]),
+                ErrorEstimate::Double(e5, e3) => {
                     sums(pair, e5.all, [0.0; 2]);
                     sums(pair, e3.all, [0.0; 2]);
                 }

@@ -23,7 +23,7 @@ impl<V> StepDecision<V> {
 }
 
 /// Where a coordinate vanishes that the last step was to end with.
-pub(crate) enum Root {
+pub(crate) enum StepRoot {
     /// So much later than the end of the step, which is near, with this rate.
     Near { delta: f64, xdot: f64 },
     /// After this part of it.
@@ -156,7 +156,7 @@ pub(crate) trait SteppedFlight<Q: Coordinates, E> {
         c: usize,
         mut length: f64,
         side: f64,
-    ) -> Result<Option<Root>, Failure<E>> {
+    ) -> Result<Option<StepRoot>, Failure<E>> {
         /// How near the end of the step must be to the root, relative to its length.
         const NEAR: f64 = 1e-3;
         let mut root = None;
@@ -172,7 +172,7 @@ pub(crate) trait SteppedFlight<Q: Coordinates, E> {
             }
         }
         if let Some((delta, xdot)) = root {
-            return Ok(Some(Root::Near { delta, xdot }));
+            return Ok(Some(StepRoot::Near { delta, xdot }));
         }
         if side * self.steps().last().end.x.as_slice()[c] > 0.0 {
             return Ok(None);
@@ -184,7 +184,7 @@ pub(crate) trait SteppedFlight<Q: Coordinates, E> {
             true => last.root_of_polynomial(c),
             false => last.rise_of_polynomial(c),
         };
-        Ok(Some(Root::Within(theta.unwrap_or(1.0))))
+        Ok(Some(StepRoot::Within(theta.unwrap_or(1.0))))
     }
 }
 
@@ -194,7 +194,7 @@ mod tests {
     use crate::numeric::coordinates::State;
     use crate::numeric::stages::Tolerances;
     use crate::numeric::tableau::DOP853;
-    use crate::piecewise::steps::Limits;
+    use crate::piecewise::steps::StepLimits;
     use std::f64::consts::FRAC_PI_2;
 
     /// `x'' = -x`, which is not known below a position for a reason.
@@ -256,8 +256,8 @@ mod tests {
             let root = self.step_onto(0, length, 1.0)?;
             let last = self.steps.last();
             Ok(root.map(|root| match root {
-                Root::Near { delta, .. } => Some(last.from.t + last.h + delta),
-                Root::Within(theta) => Some(last.from.t + theta * last.h),
+                StepRoot::Near { delta, .. } => Some(last.from.t + last.h + delta),
+                StepRoot::Within(theta) => Some(last.from.t + theta * last.h),
             }))
         }
 
@@ -271,7 +271,7 @@ mod tests {
 
     fn oscillator(too_long: f64, max_steps: usize) -> Oscillator {
         let tolerances = Tolerances { rtol: 1e-12, atol: [1e-12; 2], rounding: 0.25 };
-        let limits = Limits { adaptive: true, tolerances, max_step: 1.0, max_steps };
+        let limits = StepLimits { adaptive: true, tolerances, max_step: 1.0, max_steps };
         let steps = Steps::new(limits, &DOP853, 1, None);
         let now = State { t: 0.0, late: 0.0, x: 1.0, xdot: 0.0 };
         Oscillator { steps, now, slope: -1.0, too_long, unknown: None, no_stop: None }

@@ -17,7 +17,7 @@ const ARC: f64 = 1.1;
 
 /// What the settings of a method ask of its steps.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Limits {
+pub(crate) struct StepLimits {
     /// Whether the lengths of steps are adapted to the tolerances; else all are `max_step` long.
     pub(crate) adaptive: bool,
     pub(crate) tolerances: Tolerances,
@@ -32,7 +32,7 @@ pub(crate) type Start<'r, Q> = (&'r State<Q>, &'r Q);
 /// The steps of a run.
 #[derive(Clone, Debug)]
 pub(crate) struct Steps<Q: Coordinates> {
-    limits: Limits,
+    limits: StepLimits,
     last: Stages<Q>,
     /// Step size to try next (s).
     next: Option<f64>,
@@ -48,7 +48,7 @@ pub(crate) struct Steps<Q: Coordinates> {
 impl<Q: Coordinates> Steps<Q> {
     /// Steps of a pair in so many coordinates; the first has the length `next`, if that is given.
     pub(crate) fn new(
-        limits: Limits,
+        limits: StepLimits,
         pair: &'static Pair,
         count: usize,
         next: Option<f64>,
@@ -58,7 +58,7 @@ impl<Q: Coordinates> Steps<Q> {
         Self { limits, last, next, jump, spent, accepted, rejected, dense_from: f64::INFINITY }
     }
 
-    pub(crate) fn limits(&self) -> &Limits {
+    pub(crate) fn limits(&self) -> &StepLimits {
         &self.limits
     }
 
@@ -182,7 +182,7 @@ impl<Q: Coordinates> Steps<Q> {
         equation: &mut impl Equation<Q, Failure<E>>,
     ) -> Result<Plan, Failure<E>> {
         let left = (t_end - now.t) - now.late;
-        let Limits { adaptive, tolerances, max_step, .. } = &self.limits;
+        let StepLimits { adaptive, tolerances, max_step, .. } = &self.limits;
         let first = match self.next {
             _ if !adaptive => *max_step,
             Some(h) => h,

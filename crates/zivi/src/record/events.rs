@@ -103,12 +103,12 @@ impl Events {
 /// Reads [`Events`] off a source that cannot tell how a mass came to rest: without an impact since
 /// it last left rest, that is no Zeno point.
 #[derive(Debug, Default)]
-pub(crate) struct Reader {
+pub(crate) struct EventReader {
     pub(crate) events: Events,
     impacts_at_liftoff: usize,
 }
 
-impl Reader {
+impl EventReader {
     /// From the start on, where the mass is at rest or is not.
     pub(crate) fn starting(t: f64, at_rest: bool) -> Self {
         Self { events: Events::starting(t, at_rest), impacts_at_liftoff: 0 }
@@ -138,14 +138,14 @@ const ORIGIN: Lifted = Lifted { s: 0.0, v: 0.0 };
 /// Reads events off consecutive states.
 #[derive(Debug)]
 pub(crate) struct EventLog {
-    reader: Reader,
+    reader: EventReader,
     restitution: Restitution,
     reserve: Reserve,
 }
 
 impl EventLog {
     pub(crate) fn start(t0: f64, z: Lifted, incoming: bool, restitution: Restitution) -> Self {
-        let reader = Reader::starting(t0, z == ORIGIN);
+        let reader = EventReader::starting(t0, z == ORIGIN);
         let mut log = Self { reader, restitution, reserve: Reserve::default() };
         if z != ORIGIN && incoming {
             log.impact(t0, z.v);

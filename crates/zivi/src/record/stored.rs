@@ -19,14 +19,14 @@ const SAME_HEADER: [f64; 4] = [3.0, 4.0, 5.0, 6.0];
 
 /// Whose motion is stored.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Kind {
+pub enum StoredKind {
     /// A mass above a wall.
     Point = 1,
     /// A mechanical system.
     Mechanism = 2,
 }
 
-impl Kind {
+impl StoredKind {
     const ALL: [Self; 2] = [Self::Point, Self::Mechanism];
 
     fn number(self) -> f64 {
@@ -42,7 +42,7 @@ impl Kind {
     }
 }
 
-impl fmt::Display for Kind {
+impl fmt::Display for StoredKind {
     fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
         out.write_str(match self {
             Self::Point => "a mass above a wall",
@@ -57,7 +57,7 @@ pub enum MotionError {
     /// They are of another version of this library, which used this format.
     Format(f64),
     /// They are the motion of something else.
-    Kind(Kind),
+    Kind(StoredKind),
     /// They do not fit together.
     Damaged,
 }
@@ -84,7 +84,7 @@ pub(crate) struct Writer {
 }
 
 impl Writer {
-    pub(crate) fn new(kind: Kind) -> Self {
+    pub(crate) fn new(kind: StoredKind) -> Self {
         Self { numbers: vec![f64::from(FORMAT), kind.number(), 0.0], full: false }
     }
 
@@ -123,7 +123,7 @@ pub(crate) struct Reader<'n> {
 impl<'n> Reader<'n> {
     /// What `of` makes of all numbers behind the header of a kind.
     pub(crate) fn read<T>(
-        kind: Kind,
+        kind: StoredKind,
         numbers: &'n [f64],
         of: impl FnOnce(&mut Self) -> Option<T>,
     ) -> Result<T, MotionError> {
@@ -190,7 +190,7 @@ pub(crate) fn as_count(number: f64) -> Option<usize> {
 }
 
 /// The format, and what follows the header.
-fn behind_header(kind: Kind, numbers: &[f64]) -> Result<(f64, &[f64]), MotionError> {
+fn behind_header(kind: StoredKind, numbers: &[f64]) -> Result<(f64, &[f64]), MotionError> {
     let (&format, rest) = numbers.split_first().ok_or(MotionError::Damaged)?;
     if kind.before().contains(&format) {
         return Ok((format, rest));
@@ -199,7 +199,7 @@ fn behind_header(kind: Kind, numbers: &[f64]) -> Result<(f64, &[f64]), MotionErr
         return Err(MotionError::Format(format));
     }
     let &[number, length, ref rest @ ..] = rest else { return Err(MotionError::Damaged) };
-    match Kind::ALL.into_iter().find(|it| it.number() == number) {
+    match StoredKind::ALL.into_iter().find(|it| it.number() == number) {
         Some(found) if found != kind => Err(MotionError::Kind(found)),
         Some(_) if length == numbers.len() as f64 => Ok((format, rest)),
         _ => Err(MotionError::Damaged),
@@ -210,7 +210,7 @@ fn behind_header(kind: Kind, numbers: &[f64]) -> Result<(f64, &[f64]), MotionErr
 mod tests {
     use super::*;
 
-    fn written(kind: Kind) -> Vec<f64> {
+    fn written(kind: StoredKind) -> Vec<f64> {
         let mut writer = Writer::new(kind);
         writer.count(2);
         writer.flag(true);
@@ -218,7 +218,7 @@ mod tests {
         writer.finish().unwrap()
     }
 
-    fn read(kind: Kind, numbers: &[f64]) -> Result<Vec<f64>, MotionError> {
+    fn read(kind: StoredKind, numbers: &[f64]) -> Result<Vec<f64>, MotionError> {
         Reader::read(kind, numbers, |it| {
             let n = it.count()?;
             it.flag()?.then(|| it.take(n).map(<[f64]>::to_vec))?
@@ -227,7 +227,7 @@ mod tests {
 
     #[test]
     fn what_was_written_is_read() {
-        for kind in Kind::ALL {
+        for kind in StoredKind::ALL {
             let numbers = written(kind);
             assert_eq!(numbers, [f64::from(FORMAT), kind.number(), 7.0, 2.0, 1.0, 0.5, -7.0]);
             assert_eq!(read(kind, &numbers), Ok(vec![0.5, -7.0]));
@@ -244,30 +244,34 @@ mod tests {
     fn formats_without_a_header_are_read() {
         for format in [1.0, 2.0] {
             let numbers = [format, 2.0, 1.0, 0.5, -7.0];
-            assert_eq!(read(Kind::Point, &numbers), Ok(vec![0.5, -7.0]));
+            assert_eq!(read(StoredKind::Point, &numbers), Ok(vec![0.5, -7.0]));
         }
-        assert_eq!(read(Kind::Mechanism, &[1.0, 0.0, 1.0]), Ok(Vec::new()));
-        let unknown = read(Kind::Mechanism, &[2.0, 0.0, 1.0]);
+        assert_eq!(read(StoredKind::Mechanism, &[1.0, 0.0, 1.0]), Ok(Vec::new()));
+        let unknown = read(StoredKind::Mechanism, &[2.0, 0.0, 1.0]);
         assert_eq!(unknown, Err(MotionError::Format(2.0)));
     }
 
     #[test]
     fn what_does_not_fit_is_refused() {
-        let whole = written(Kind::Point);
+        let whole = written(StoredKind::Point);
         for n in 0..whole.len() {
-            assert_eq!(read(Kind::Point, &whole[..n]), Err(MotionError::Damaged), "{n}");
+            assert_eq!(read(StoredKind::Point, &whole[..n]), Err(MotionError::Damaged), "{n}");
         }
-        let other = read(Kind::Mechanism, &whole);
-        assert_eq!(other, Err(MotionError::Kind(Kind::Point)));
+        let other = read(StoredKind::Mechanism, &whole);
+        assert_eq!(other, Err(MotionError::Kind(StoredKind::Point)));
         let wrong =
             [(1, 0.0), (1, 3.0), (2, 6.0), (2, 8.0), (3, 1.0), (3, 3.0), (3, 1.5), (4, 2.0)];
         for (k, value) in wrong {
             let mut numbers = whole.clone();
             numbers[k] = value;
-            assert_eq!(read(Kind::Point, &numbers), Err(MotionError::Damaged), "{k}: {value}");
+            assert_eq!(
+                read(StoredKind::Point, &numbers),
+                Err(MotionError::Damaged),
+                "{k}: {value}"
+            );
         }
         let later = [8.0, 1.0, 3.0];
-        assert_eq!(read(Kind::Point, &later), Err(MotionError::Format(8.0)));
+        assert_eq!(read(StoredKind::Point, &later), Err(MotionError::Format(8.0)));
         let message = "the stored motion has format 8, this zivi reads 7";
         assert_eq!(MotionError::Format(8.0).to_string(), message);
     }

@@ -17,7 +17,7 @@ const MAX_LISTED: usize = 1000;
 const SHORTEST: f64 = 1e-13;
 
 /// A mass in motion from `t` on.
-struct Flight<'a> {
+struct BallisticFlight<'a> {
     restitution: Restitution,
     f: f64,
     t: f64,
@@ -35,7 +35,7 @@ pub fn advance(
     (t, duration): (f64, f64),
     events: &mut Events,
 ) -> Physical {
-    let mut flight = Flight { restitution, f, t, state, left: duration, events };
+    let mut flight = BallisticFlight { restitution, f, t, state, left: duration, events };
     if state.arrives() {
         flight.bounce(state.xdot);
         if flight.comes_to_rest() {
@@ -58,7 +58,7 @@ pub fn advance(
     flight.free()
 }
 
-impl Flight<'_> {
+impl BallisticFlight<'_> {
     /// Whether the mass is on the wall and stays there; otherwise a mass at rest lifts off.
     fn rests(&mut self) -> bool {
         if self.state != Physical::default() {

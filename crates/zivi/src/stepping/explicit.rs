@@ -60,7 +60,7 @@ impl Scheme for ExplicitEuler {
         monitor: &mut impl Monitor<E>,
     ) -> Result<Run<E>, SetupError> {
         run(
-            Stepper { h: grid.h(), restitution, nfev: 0 },
+            ExplicitStepper { h: grid.h(), restitution, nfev: 0 },
             restitution,
             force,
             grid,
@@ -71,7 +71,7 @@ impl Scheme for ExplicitEuler {
 }
 
 /// The scheme as something that steps.
-struct Stepper {
+struct ExplicitStepper {
     h: f64,
     restitution: Restitution,
     nfev: u64,
@@ -86,7 +86,7 @@ fn one_sided_sign(z: f64) -> f64 {
     }
 }
 
-impl<E, F: Force<E>> FixedStep<E, F> for Stepper {
+impl<E, F: Force<E>> FixedStep<E, F> for ExplicitStepper {
     #[inline]
     fn advance(&mut self, start: Start, force: &mut F) -> Result<Sample, Failure<E>> {
         let Start { t, z, .. } = start;

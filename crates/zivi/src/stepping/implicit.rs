@@ -157,7 +157,7 @@ impl ImplicitForce {
         &mut self,
         sought: &ImplicitStep<'_>,
         force: &mut impl Force<E>,
-        mut search: Search,
+        mut search: SignSearch,
         mut end: impl FnMut(f64) -> Result<StepSolution, Failure<E>>,
     ) -> Found<E> {
         while let Some(trial) = search.trial() {
@@ -193,7 +193,7 @@ impl ImplicitForce {
         let mut least = f64::INFINITY;
         for pattern in PATTERNS {
             for range in step.force_ranges(pattern, z, sigma).into_iter().flatten() {
-                let search = Search::within(range, first, PATTERN_TRIALS);
+                let search = SignSearch::within(range, first, PATTERN_TRIALS);
                 let f = match self.follow(sought, force, search, |f| {
                     let end = step.continued(pattern, z, f, sigma);
                     end.ok_or(Failure::Status(NOT_CONVERGED))
@@ -281,7 +281,7 @@ pub(crate) enum Shown<T> {
     Nothing,
 }
 
-/// The first trials of [`Search::from`], and their mismatches.
+/// The first trials of [`SignSearch::from`], and their mismatches.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Opening {
     first: f64,
@@ -310,7 +310,7 @@ impl Opening {
                 Shown::Nothing => break,
             };
             *place = Some(mismatch);
-            let Some(next) = Search::second(trial, mismatch, self.slope) else { break };
+            let Some(next) = SignSearch::second(trial, mismatch, self.slope) else { break };
             trial = next;
         }
         Ok(None)
@@ -318,8 +318,8 @@ impl Opening {
 
     /// The search that has made these trials.
     #[inline]
-    pub(crate) fn search(&self, cap: usize) -> Search {
-        let mut search = Search::from(self.first, self.slope, cap);
+    pub(crate) fn search(&self, cap: usize) -> SignSearch {
+        let mut search = SignSearch::from(self.first, self.slope, cap);
         for mismatch in self.mismatches.into_iter().flatten() {
             if search.trial().is_some() {
                 search.learn(mismatch);
@@ -343,7 +343,7 @@ const RUNAWAY: f64 = 1e9;
 
 /// The state of one search.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Search {
+pub(crate) struct SignSearch {
     trial: f64,
     slope: f64,
     previous: Option<(f64, f64)>,
@@ -356,7 +356,7 @@ pub(crate) struct Search {
     open: bool,
 }
 
-impl Search {
+impl SignSearch {
     /// A search from `first` with the slope of the last one.
     #[inline]
     pub(crate) fn from(first: f64, slope: f64, cap: usize) -> Self {
@@ -380,7 +380,7 @@ impl Search {
         Self { range, ..Self::from(nearest, DEFAULT_SLOPE, cap) }
     }
 
-    /// The trial after the first one of [`Search::from`], if that is a plain one.
+    /// The trial after the first one of [`SignSearch::from`], if that is a plain one.
     #[inline(always)]
     pub(crate) fn second(first: f64, mismatch: f64, slope: f64) -> Option<f64> {
         let next = first - mismatch / slope;
@@ -537,7 +537,7 @@ mod opening_tests {
     use super::{DEFAULT_SLOPE, *};
 
     /// The trials of a search for the root of `mismatch`, up to 20.
-    fn trials(mut search: Search, mismatch: impl Fn(f64) -> f64) -> Vec<f64> {
+    fn trials(mut search: SignSearch, mismatch: impl Fn(f64) -> f64) -> Vec<f64> {
         let mut trials = Vec::new();
         while let Some(trial) = search.trial() {
             trials.push(trial);
@@ -564,7 +564,7 @@ mod opening_tests {
                     Ok(Shown::Mismatch(law(trial)))
                 });
                 assert_eq!(root, Ok(None));
-                let whole = trials(Search::from(2.5, slope, 20), law);
+                let whole = trials(SignSearch::from(2.5, slope, 20), law);
                 shown.extend(trials(opening.search(20), law));
                 assert_eq!(shown, whole, "law {number}, slope {slope}");
             }
@@ -576,7 +576,7 @@ mod opening_tests {
 mod search_tests {
     use super::*;
 
-    fn root(mismatch: impl Fn(f64) -> f64, mut search: Search) -> (Option<f64>, usize) {
+    fn root(mismatch: impl Fn(f64) -> f64, mut search: SignSearch) -> (Option<f64>, usize) {
         while let Some(trial) = search.trial() {
             if mismatch(trial).abs() <= 1e-12 {
                 return (Some(trial), search.trials());
@@ -589,8 +589,8 @@ mod search_tests {
     #[test]
     fn an_affine_mismatch_takes_three_trials_then_two_with_its_slope() {
         let mismatch = |f: f64| 3.0 - 1.5 * f;
-        assert_eq!(root(mismatch, Search::from(0.0, DEFAULT_SLOPE, 20)).1, 3);
-        assert_eq!(root(mismatch, Search::from(0.0, -1.5, 20)).1, 2);
+        assert_eq!(root(mismatch, SignSearch::from(0.0, DEFAULT_SLOPE, 20)).1, 3);
+        assert_eq!(root(mismatch, SignSearch::from(0.0, -1.5, 20)).1, 2);
     }
 
     #[test]
@@ -600,22 +600,22 @@ mod search_tests {
             |f| -1e3 * f * f * f - f - 7.0,
             |f| -100.0 * (f / 1e-3).tanh() - f + 10.0,
         ] {
-            assert!(root(mismatch, Search::from(50.0, DEFAULT_SLOPE, 200)).0.is_some());
+            assert!(root(mismatch, SignSearch::from(50.0, DEFAULT_SLOPE, 200)).0.is_some());
         }
     }
 
     #[test]
     fn it_ends_when_there_is_no_root() {
         let jump = |f: f64| if f < 1.0 { 2.0 } else { -2.0 };
-        assert_eq!(root(jump, Search::from(0.0, DEFAULT_SLOPE, 1000)).0, None);
+        assert_eq!(root(jump, SignSearch::from(0.0, DEFAULT_SLOPE, 1000)).0, None);
         let away = |f: f64| 1.0 + f * f;
-        let (found, trials) = root(away, Search::from(0.0, DEFAULT_SLOPE, 1000));
+        let (found, trials) = root(away, SignSearch::from(0.0, DEFAULT_SLOPE, 1000));
         assert!(found.is_none() && trials <= 1001);
     }
 
     #[test]
     fn it_never_leaves_its_range() {
-        let mut search = Search::within((1.0, 2.0), 5.0, 20);
+        let mut search = SignSearch::within((1.0, 2.0), 5.0, 20);
         while let Some(trial) = search.trial() {
             assert!((1.0..=2.0).contains(&trial));
             search.learn(10.0 - trial); // the root lies outside

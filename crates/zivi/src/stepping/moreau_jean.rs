@@ -20,13 +20,13 @@
 
 use crate::record::columns::{Columns, Reserve};
 use crate::record::dense_step::{Interpolation, StepEnd};
-use crate::record::events::Reader;
+use crate::record::events::EventReader;
 use crate::record::recorder::{Keep, Summary};
 use crate::record::status::Failure;
 use crate::record::trajectory::{Run, SetupError, Trajectory};
 use crate::record::values::Values as ReferencePoint;
 use crate::stepping::fixed_step::{tell, watched, Scheme};
-use crate::stepping::implicit::{Opening, Search, Shown, DEFAULT_SLOPE};
+use crate::stepping::implicit::{Opening, Shown, SignSearch, DEFAULT_SLOPE};
 use crate::system::dynamics::{check_initial, finite_force};
 use crate::{Dependence, Events, Force, Grid, Impact, Monitor, Occurrence, Status};
 use std::collections::TryReserveError;
@@ -162,13 +162,16 @@ fn walk<E, F: Force<E>>(
 
 /// Steps, and reads off each what happens.
 pub(crate) struct Mover {
-    pub(crate) scheme: Stepper,
+    pub(crate) scheme: MoreauJeanStepper,
     pub(crate) log: ContactLog,
 }
 
 impl Mover {
     pub(crate) fn new(theta: f64, e: f64, (t, initial): (f64, Physical)) -> Self {
-        Self { scheme: Stepper::new(theta, e), log: ContactLog::start(t, initial.is_at_origin()) }
+        Self {
+            scheme: MoreauJeanStepper::new(theta, e),
+            log: ContactLog::start(t, initial.is_at_origin()),
+        }
     }
 
     /// The step of size `h` from `start`, between these times.
@@ -191,7 +194,7 @@ impl Mover {
 
 /// Reads impacts, rest and lift-off off the impulses.
 pub(crate) struct ContactLog {
-    reader: Reader,
+    reader: EventReader,
     sigma: f64,
     pub(crate) at_rest: bool,
     reserve: Reserve,
@@ -199,7 +202,7 @@ pub(crate) struct ContactLog {
 
 impl ContactLog {
     fn start(t: f64, at_rest: bool) -> Self {
-        let (reader, reserve) = (Reader::starting(t, at_rest), Reserve::default());
+        let (reader, reserve) = (EventReader::starting(t, at_rest), Reserve::default());
         Self { reader, sigma: 1.0, at_rest, reserve }
     }
 
@@ -212,7 +215,7 @@ impl ContactLog {
     fn step(
         &mut self,
         start: (f64, f64),
-        (t_end, step): (f64, Step),
+        (t_end, step): (f64, MoreauJeanStep),
     ) -> Result<(), TryReserveError> {
         if step.impulse > 0.0 || self.at_rest {
             self.at_wall(start, (t_end, step))
@@ -226,7 +229,7 @@ impl ContactLog {
     fn at_wall(
         &mut self,
         (t, before): (f64, f64),
-        (t_end, step): (f64, Step),
+        (t_end, step): (f64, MoreauJeanStep),
     ) -> Result<(), TryReserveError> {
         self.reader.events.make_room(&mut self.reserve)?;
         let pressed = step.impulse > 0.0;
@@ -400,7 +403,7 @@ impl MoreauWalk {
 
 /// One step of (1).
 #[derive(Clone, Copy, Debug)]
-struct Step {
+struct MoreauJeanStep {
     end: Physical,
     /// `P`, and the change of velocity that the force alone gives.
     impulse: f64,
@@ -408,7 +411,7 @@ struct Step {
 }
 
 /// The scheme with what it carries from step to step.
-pub(crate) struct Stepper {
+pub(crate) struct MoreauJeanStepper {
     theta: f64,
     e: f64,
     /// The force at the start of the step.
@@ -431,7 +434,7 @@ const SLOW: usize = 3;
 /// Change of the force within the rounding of the state, relative to the largest so far.
 const JUMP: f64 = 1e-6;
 
-impl Stepper {
+impl MoreauJeanStepper {
     fn new(theta: f64, e: f64) -> Self {
         Self { theta, e, here: None, fixed: None, slope: DEFAULT_SLOPE, largest: 0.0, nfev: 0 }
     }
@@ -442,7 +445,7 @@ impl Stepper {
         (t, t_end): (f64, f64),
         h: f64,
         force: &mut impl Force<E>,
-    ) -> Result<Step, Failure<E>> {
+    ) -> Result<MoreauJeanStep, Failure<E>> {
         if let Some(f) = self.fixed {
             return Ok(self.under(f, start, h));
         }
@@ -477,7 +480,7 @@ impl Stepper {
         t_end: f64,
         h: f64,
         force: &mut impl Force<E>,
-    ) -> Result<Step, Failure<E>> {
+    ) -> Result<MoreauJeanStep, Failure<E>> {
         let mut opening = Opening::from(first, self.slope);
         let found = opening.root(|last| -> Result<_, Failure<E>> {
             let (step, value) = self.tried((first, last), start, t_end, h, force)?;
@@ -497,12 +500,12 @@ impl Stepper {
     #[inline(never)]
     fn follow<E>(
         &mut self,
-        mut search: Search,
+        mut search: SignSearch,
         (start, first): (Physical, f64),
         t_end: f64,
         h: f64,
         force: &mut impl Force<E>,
-    ) -> Result<Step, Failure<E>> {
+    ) -> Result<MoreauJeanStep, Failure<E>> {
         while let Some(last) = search.trial() {
             let (step, value) = self.tried((first, last), start, t_end, h, force)?;
             let mismatch = value - last;
@@ -527,7 +530,7 @@ impl Stepper {
         t_end: f64,
         h: f64,
         force: &mut impl Force<E>,
-    ) -> Result<(Step, f64), Failure<E>> {
+    ) -> Result<(MoreauJeanStep, f64), Failure<E>> {
         let step = self.under((1.0 - self.theta) * first + self.theta * last, start, h);
         let value = self.evaluate(force, t_end, step.end)?;
         Ok((step, value))
@@ -552,13 +555,13 @@ impl Stepper {
 
     /// The step under the force `f_theta`.
     #[inline(always)]
-    fn under(&self, f: f64, start: Physical, h: f64) -> Step {
+    fn under(&self, f: f64, start: Physical, h: f64) -> MoreauJeanStep {
         let Physical { x, xdot: v } = start;
         let free = v + h * f;
         let closed = x + 0.5 * h * v <= 0.0;
         let xdot = if closed { free.max(-self.e * v) } else { free };
         let end = Physical { x: x + h * (self.theta * xdot + (1.0 - self.theta) * v), xdot };
-        Step { end, impulse: xdot - free, pull: h * f }
+        MoreauJeanStep { end, impulse: xdot - free, pull: h * f }
     }
 
     fn evaluate<E>(

@@ -175,12 +175,12 @@ fn with_solver<E, F: Force<E>>(
     (grid, initial): (Grid, Physical),
     monitor: &mut impl Monitor<E>,
 ) -> Result<Run<E>, SetupError> {
-    let stepper = Stepper::new(step, solver);
+    let stepper = ThetaGammaStepper::new(step, solver);
     run(stepper, step.restitution(), force, grid, initial, monitor)
 }
 
 /// The method as something that steps.
-pub(crate) struct Stepper<S> {
+pub(crate) struct ThetaGammaStepper<S> {
     step: ThetaGammaStep,
     solver: S,
     /// The value of a force that depends on nothing, once it is known.
@@ -189,7 +189,7 @@ pub(crate) struct Stepper<S> {
     pub(crate) implicit: ImplicitForce,
 }
 
-impl<S: StepSolver> Stepper<S> {
+impl<S: StepSolver> ThetaGammaStepper<S> {
     pub(crate) fn new(step: ThetaGammaStep, solver: S) -> Self {
         Self { step, solver, constant: None, implicit: ImplicitForce::default() }
     }
@@ -215,7 +215,7 @@ impl<S: StepSolver> Stepper<S> {
     }
 }
 
-impl<E, F: Force<E>, S: StepSolver> FixedStep<E, F> for Stepper<S> {
+impl<E, F: Force<E>, S: StepSolver> FixedStep<E, F> for ThetaGammaStepper<S> {
     #[inline]
     fn advance(&mut self, start: Start, force: &mut F) -> Result<Sample, Failure<E>> {
         if let Some(f) = self.constant {

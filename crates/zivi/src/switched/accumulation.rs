@@ -20,7 +20,7 @@ pub(crate) const COLUMNS: usize = 4;
 
 /// The last impacts.
 #[derive(Clone, Debug)]
-pub(super) struct Accumulation {
+pub(super) struct LastImpacts {
     chain: Chain<f64>,
     /// Whether the ratio of speeds in it is that of all of them.
     exactly: bool,
@@ -31,7 +31,7 @@ pub(super) struct Accumulation {
     elastic: usize,
 }
 
-impl Accumulation {
+impl LastImpacts {
     /// Of impacts whose slow ones have this restitution, exactly or in the limit.
     pub(super) fn new((e, exactly): (f64, bool)) -> Self {
         let stalling = StallingImpacts::default();

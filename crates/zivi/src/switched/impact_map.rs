@@ -16,7 +16,8 @@
 
 use crate::numeric::root::{of_angle, Phase};
 use crate::switched::flight::series::{
-    column, derivative, value_and_slope, Linear, Reading, Series, Start, Step, Table, TERMS,
+    column, derivative, value_and_slope, Linear, Series, SeriesStart, Step, Table, WaveReading,
+    TERMS,
 };
 use crate::{LinearLaw, SetupError, Wave};
 use std::f64::consts::TAU;
@@ -75,12 +76,12 @@ const SHORTEST: f64 = 1e-13;
 const NO_TIME: (f64, f64) = (0.0, 0.0);
 
 /// A flight under way: its start, and derivatives of its state.
-struct Flight<'m> {
+struct MapFlight<'m> {
     map: &'m ImpactMap,
-    clock: Reading,
+    clock: WaveReading,
     /// The phase of the impact at its end.
     end: Phase,
-    start: Start,
+    start: SeriesStart,
     known: usize,
     /// Steps so far.
     steps: f64,
@@ -130,7 +131,7 @@ impl ImpactMap {
     /// The next impact, and `[[dphi'/dphi, dphi'/du], [du'/dphi, du'/du]]`.
     #[must_use]
     pub fn with_jacobian(&self, phase: f64, u: f64) -> (Return, [[f64; 2]; 2]) {
-        let by = [Column::of_phase(), Column::of_speed(self.table.h())];
+        let by = [MapColumn::of_phase(), MapColumn::of_speed(self.table.h())];
         let (next, [[a, c], [b, d]]) = self.with_columns(phase, u, by, true);
         (next, [[a, b], [c, d]])
     }
@@ -153,7 +154,7 @@ impl ImpactMap {
         let mut all = Vec::with_capacity(parameters.len());
         for &parameter in parameters {
             let (found, [column]) =
-                self.with_columns(phase, u, [Column::of_parameter(parameter, &self.law)], false);
+                self.with_columns(phase, u, [MapColumn::of_parameter(parameter, &self.law)], false);
             next = found;
             all.push(column);
         }
@@ -200,7 +201,7 @@ impl ImpactMap {
         if !(u > 0.0 && u.is_finite()) {
             return (Return::NONE, phase);
         }
-        let mut flight = Flight::new(self, phase, u);
+        let mut flight = MapFlight::new(self, phase, u);
         for _ in 0..MOST_STEPS {
             let step = Step::next(&self.table, &flight.start, flight.known, true);
             flight.go_on(&step);
@@ -218,14 +219,14 @@ impl ImpactMap {
         &self,
         phase: f64,
         u: f64,
-        mut columns: [Column; N],
+        mut columns: [MapColumn; N],
         far: bool,
     ) -> (Return, [[f64; 2]; N]) {
         const NONE: [f64; 2] = [f64::NAN; 2];
         if !(u > 0.0 && u.is_finite()) {
             return (Return::NONE, [NONE; N]);
         }
-        let mut flight = Flight::new(self, of_angle(phase), u);
+        let mut flight = MapFlight::new(self, of_angle(phase), u);
         for _ in 0..MOST_STEPS {
             let step = Step::next(&self.table, &flight.start, flight.known, far);
             for column in &mut columns {
@@ -244,11 +245,15 @@ impl ImpactMap {
     }
 }
 
-impl<'m> Flight<'m> {
+impl<'m> MapFlight<'m> {
     fn new(map: &'m ImpactMap, phase: Phase, u: f64) -> Self {
-        let clock = Reading::new(&map.linear, Phase { turns: 0.0, ..phase }, NO_TIME);
-        let start =
-            Start { x: 0.0, v: u * map.table.h(), force: map.linear.constant, waves: clock.waves };
+        let clock = WaveReading::new(&map.linear, Phase { turns: 0.0, ..phase }, NO_TIME);
+        let start = SeriesStart {
+            x: 0.0,
+            v: u * map.table.h(),
+            force: map.linear.constant,
+            waves: clock.waves,
+        };
         Self { map, clock, end: phase, start, known: 1, steps: 0.0 }
     }
 
@@ -267,7 +272,7 @@ impl<'m> Flight<'m> {
             return;
         }
         self.clock = self.clock.after::<1>(step.length, NO_TIME, linear, table);
-        self.start = Start { x: step.x, v: step.v, waves: self.clock.waves, ..self.start };
+        self.start = SeriesStart { x: step.x, v: step.v, waves: self.clock.waves, ..self.start };
         self.known = if step.x > 0.0 { 0 } else { 1 };
     }
 
@@ -285,7 +290,7 @@ impl<'m> Flight<'m> {
     }
 
     /// Equations (2), at the end of the last step.
-    fn derivatives(&self, step: &Step, next: &Return, column: &Column) -> [f64; 2] {
+    fn derivatives(&self, step: &Step, next: &Return, column: &MapColumn) -> [f64; 2] {
         let ImpactMap { table, e, omega, .. } = self.map;
         let h = table.h();
         let v = step.v / h;
@@ -325,8 +330,8 @@ pub enum MapParameter {
 #[derive(Clone, Copy, Debug)]
 struct StepStart<'a> {
     table: &'a Table,
-    start: &'a Start,
-    clock: &'a Reading,
+    start: &'a SeriesStart,
+    clock: &'a WaveReading,
     /// Steps so far.
     steps: f64,
 }
@@ -343,7 +348,7 @@ enum By {
 
 /// Derivatives of the state, of the force and of the phase by something.
 #[derive(Clone, Copy, Debug, Default)]
-struct Column {
+struct MapColumn {
     x: f64,
     /// Of the velocity, times the step of the table.
     v: f64,
@@ -357,7 +362,7 @@ struct Column {
     by: By,
 }
 
-impl Column {
+impl MapColumn {
     fn of_phase() -> Self {
         Self { phase: 1.0, turn: 1.0, ..Self::default() }
     }
@@ -397,7 +402,8 @@ impl Column {
             let more = unit.at(at.clock.phase(0.0, table));
             wave = [wave[0] + more[0], wave[1] + more[1]];
         }
-        let start = Start { x: self.x, v: self.v, force: self.force, waves: [wave, [0.0; 2]] };
+        let start =
+            SeriesStart { x: self.x, v: self.v, force: self.force, waves: [wave, [0.0; 2]] };
         let whole = (step.length == 1.0 && self.by == By::Nothing).then_some(0);
         if let Some(j) = step.doublings.or(whole) {
             let end = table.jump(&start, j);

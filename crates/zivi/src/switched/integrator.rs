@@ -4,10 +4,10 @@
 use crate::record::columns::Reserve;
 use crate::record::events::Occurrence;
 use crate::record::status::Failure;
-use crate::switched::accumulation::Accumulation;
+use crate::switched::accumulation::LastImpacts;
 use crate::switched::flight::{Arrival, FreeFlight};
 use crate::switched::lift_off::{wait, ForceMonitor};
-use crate::switched::mode::{Counts, Flight, Mode, Piece, Point};
+use crate::switched::mode::{Counts, Mode, NextInFlight, Piece, Point};
 use crate::switched::path::DensePath;
 use crate::switched::settings::SwitchedRk;
 use crate::switched::stages::Counted;
@@ -51,7 +51,7 @@ pub struct SwitchedIntegrator {
     sigma: f64,
     mode: Mode,
     flight: FreeFlight,
-    accumulation: Accumulation,
+    accumulation: LastImpacts,
     lookout: ForceMonitor,
     /// The last impacts that were jumped over.
     tail: Option<Tail>,
@@ -74,7 +74,7 @@ impl SwitchedIntegrator {
             sigma: 1.0,
             mode: Mode::REST,
             flight: FreeFlight::new(&settings),
-            accumulation: Accumulation::new(slow),
+            accumulation: LastImpacts::new(slow),
             lookout: ForceMonitor::default(),
             tail: None,
             nfev: 0,
@@ -247,7 +247,7 @@ impl SwitchedIntegrator {
         t_end: f64,
         force: &mut Counted<'_, F>,
     ) -> Result<(), Failure<E>> {
-        let Mode::Flight(Flight::AfterImpact) = self.mode else { return Ok(()) };
+        let Mode::Flight(NextInFlight::AfterImpact) = self.mode else { return Ok(()) };
         let Point { t, xdot: u, .. } = self.now;
         if u == 0.0 {
             // the impact stops the mass, which stays in the origin or is pulled off at once
@@ -268,7 +268,7 @@ impl SwitchedIntegrator {
         } else {
             self.accumulation.note_elastic();
         }
-        self.mode = zeno.map_or(Mode::FLIGHT, |zeno| Mode::Flight(Flight::Jump { zeno }));
+        self.mode = zeno.map_or(Mode::FLIGHT, |zeno| Mode::Flight(NextInFlight::Jump { zeno }));
         Ok(())
     }
 
@@ -307,11 +307,11 @@ impl SwitchedIntegrator {
     ) -> Result<Piece, Failure<E>> {
         match self.mode {
             Mode::Rest(_) => return self.wait(t_end, force),
-            Mode::Flight(Flight::Jump { zeno }) => return Ok(self.jump(zeno)),
+            Mode::Flight(NextInFlight::Jump { zeno }) => return Ok(self.jump(zeno)),
             Mode::Flight(_) => self.accumulation.check_budget(self.settings.max_impacts)?,
         }
         match self.mode {
-            Mode::Flight(Flight::AfterImpact | Flight::Step { .. })
+            Mode::Flight(NextInFlight::AfterImpact | NextInFlight::Step { .. })
                 if self.state().is_at_origin() =>
             {
                 self.wait(t_end, force)
@@ -348,7 +348,7 @@ impl SwitchedIntegrator {
         self.impacts += 1;
         self.now = Point { x: 0.0, xdot: after, ..contact };
         self.sigma = -sigma;
-        self.mode = Mode::Flight(Flight::AfterImpact);
+        self.mode = Mode::Flight(NextInFlight::AfterImpact);
         Piece::Flight { from, sigma, impact: Some(impact) }
     }
 

@@ -59,7 +59,7 @@ pub(super) enum Window {
 }
 
 /// The force at rest over one window.
-struct Fit {
+struct ForceFit {
     values: [f64; 6],
     p: Bernstein,
     scale: f64,
@@ -68,7 +68,7 @@ struct Fit {
     noise: f64,
 }
 
-impl Fit {
+impl ForceFit {
     fn new<E>(
         t: f64,
         first: f64,
@@ -183,7 +183,7 @@ impl ForceMonitor {
             .max(32.0 * f64::EPSILON * t.abs())
             .max(f64::EPSILON * rest.horizon);
         let fit = loop {
-            let mut fit = Fit::new(t, first, length, &mut phi)?;
+            let mut fit = ForceFit::new(t, first, length, &mut phi)?;
             if fit.is_finite() {
                 self.largest = self.largest.max(fit.scale);
                 fit.noise = ROUNDING * self.largest;
@@ -225,7 +225,7 @@ impl ForceMonitor {
         &mut self,
         horizon: f64,
         (t, length): (f64, f64),
-        fit: &Fit,
+        fit: &ForceFit,
         phi: &mut impl FnMut(f64) -> Result<f64, E>,
     ) -> Result<Option<f64>, E> {
         if !self.probing {

@@ -16,7 +16,7 @@ use crate::{Impact, Physical};
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Mode {
     /// `x'' = f`.
-    Flight(Flight),
+    Flight(NextInFlight),
     /// `x = x' = 0` while `f(t, 0, 0) <= 0`.
     Rest(Rest),
 }
@@ -25,7 +25,7 @@ pub(super) enum Mode {
 /// an impact.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[repr(u32)]
-pub(super) enum Flight {
+pub(super) enum NextInFlight {
     /// The last impact has yet to be thought about.
     AfterImpact,
     /// A step, or the part of it up to an impact.
@@ -54,21 +54,21 @@ impl Mode {
 
     /// Flight whose first step is yet to come.
     pub(super) const FLIGHT: Self =
-        Self::Flight(Flight::Step { experience: StepHistory::NONE, continues: false });
+        Self::Flight(NextInFlight::Step { experience: StepHistory::NONE, continues: false });
     /// The lift-off where the force is positive all at once.
-    pub(super) const LIFT_OFF: Self = Self::Flight(Flight::Leave { order: 2 });
+    pub(super) const LIFT_OFF: Self = Self::Flight(NextInFlight::Leave { order: 2 });
     /// The lift-off where the force grows from zero.
-    pub(super) const SMOOTH_LIFT_OFF: Self = Self::Flight(Flight::Leave { order: 3 });
+    pub(super) const SMOOTH_LIFT_OFF: Self = Self::Flight(NextInFlight::Leave { order: 3 });
 
     /// The same under another force. A mass that was about to lift off asks again.
     #[inline]
     pub(super) fn forget_force(&mut self) {
         match self {
-            Self::Flight(Flight::Step { continues, .. }) => *continues = false,
-            Self::Flight(Flight::Leave { .. } | Flight::Jump { .. }) => {
+            Self::Flight(NextInFlight::Step { continues, .. }) => *continues = false,
+            Self::Flight(NextInFlight::Leave { .. } | NextInFlight::Jump { .. }) => {
                 *self = Self::FLIGHT;
             }
-            Self::Flight(Flight::AfterImpact) | Self::Rest(_) => (),
+            Self::Flight(NextInFlight::AfterImpact) | Self::Rest(_) => (),
         }
     }
 
@@ -85,7 +85,7 @@ impl Mode {
     #[inline]
     pub(super) fn experience(&self) -> StepHistory {
         match *self {
-            Self::Flight(Flight::Step { experience, .. }) => experience,
+            Self::Flight(NextInFlight::Step { experience, .. }) => experience,
             _ => StepHistory::NONE,
         }
     }
@@ -93,13 +93,13 @@ impl Mode {
     /// Whether the state is that at the end of the last step of the pair.
     #[inline]
     pub(super) fn continues(&self) -> bool {
-        matches!(self, Self::Flight(Flight::Step { continues: true, .. }))
+        matches!(self, Self::Flight(NextInFlight::Step { continues: true, .. }))
     }
 
     /// Whether the first step off the wall from rest comes next.
     #[inline]
     pub(super) fn leaves(&self) -> bool {
-        matches!(self, Self::Flight(Flight::Leave { .. }))
+        matches!(self, Self::Flight(NextInFlight::Leave { .. }))
     }
 
     /// A step of length `h` was taken.
@@ -107,7 +107,7 @@ impl Mode {
     pub(super) fn step(&mut self, h: f64) {
         let mut experience = self.experience();
         experience.gain(h);
-        *self = Self::Flight(Flight::Step { experience, continues: true });
+        *self = Self::Flight(NextInFlight::Step { experience, continues: true });
     }
 }
 

@@ -13,7 +13,7 @@ use crate::PathPoint;
 
 /// The motion in free flight over one step.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Curve {
+pub(super) struct FlightCurve {
     pub(super) start: f64,
     pub(super) h: f64,
     pub(super) sigma: f64,
@@ -29,7 +29,7 @@ pub(super) enum Form {
     Powers(Series, f64, bool),
 }
 
-impl Curve {
+impl FlightCurve {
     /// None yet.
     pub(super) const NONE: Self =
         Self { start: 0.0, h: 1.0, sigma: 1.0, form: Form::Powers([0.0; TERMS], 0.0, false) };
@@ -69,7 +69,7 @@ impl Curve {
 
     #[inline(always)]
     fn with(&self, later: &Series, t: f64) -> PathPoint {
-        let Curve { start, h, sigma, form } = self;
+        let FlightCurve { start, h, sigma, form } = self;
         let theta = theta(t, *start, *h);
         let (x, xdot) = match form {
             Form::Both([x, xdot]) => (x.at(theta), xdot.at(theta)),
@@ -80,11 +80,11 @@ impl Curve {
 
     /// The motion, for one time after the other.
     #[inline(always)]
-    pub(super) fn moving(&self) -> Moving {
-        Moving { curve: *self, later: self.later() }
+    pub(super) fn moving(&self) -> MovingCurve {
+        MovingCurve { curve: *self, later: self.later() }
     }
 
-    /// Positions at several times at once, with the bits of [`Curve::at`] at each.
+    /// Positions at several times at once, with the bits of [`FlightCurve::at`] at each.
     #[inline(always)]
     pub(super) fn positions<const L: usize>(&self, t: &[f64; L]) -> [f64; L] {
         let theta = t.map(|t| theta(t, self.start, self.h));
@@ -161,12 +161,12 @@ impl Curve {
 
 /// A curve, and the powers of its velocity beyond that at the start.
 #[derive(Clone, Debug)]
-pub(super) struct Moving {
-    curve: Curve,
+pub(super) struct MovingCurve {
+    curve: FlightCurve,
     later: Series,
 }
 
-impl Moving {
+impl MovingCurve {
     #[inline(always)]
     fn at(&self, t: f64) -> PathPoint {
         self.curve.with(&self.later, t)
@@ -180,7 +180,7 @@ pub(super) fn theta(t: f64, start: f64, h: f64) -> f64 {
 
 /// What happens from the start of a segment to that of the next.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) enum Kind {
+pub(super) enum SegmentKind {
     /// Polynomials of this degree, their coefficients from here on, over a step of length `h`.
     Flight {
         first: usize,
@@ -202,17 +202,17 @@ pub(super) enum Kind {
     Rest,
 }
 
-impl Kind {
+impl SegmentKind {
     pub(super) fn is_flight(self) -> bool {
-        !matches!(self, Kind::Tail(_) | Kind::Rest)
+        !matches!(self, SegmentKind::Tail(_) | SegmentKind::Rest)
     }
 }
 
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Segment {
+pub(super) struct MotionSegment {
     pub(super) start: f64,
     pub(super) sigma: f64,
-    pub(super) kind: Kind,
+    pub(super) kind: SegmentKind,
 }
 
 /// A step under a linear force by what it starts from, and the number of its table.
@@ -266,7 +266,7 @@ fn significant(a: &Series, sizes: [f64; 4]) -> usize {
 /// ```
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct DensePath {
-    pub(super) segments: Vec<Segment>,
+    pub(super) segments: Vec<MotionSegment>,
     pub(super) coefficients: Vec<f64>,
     pub(super) linear: Vec<LinearStep>,
     pub(super) tables: Vec<Arc<Table>>,
@@ -294,12 +294,12 @@ impl DensePath {
         let known = self.tables.iter().rposition(|it| Arc::ptr_eq(it, table));
         let number = known.unwrap_or(self.tables.len());
         if number == MOST_TABLES {
-            return self.push_flight(&Curve::of_part(start, sigma, &part, table));
+            return self.push_flight(&FlightCurve::of_part(start, sigma, &part, table));
         }
         if known.is_none() {
             self.tables.push(Arc::clone(table));
         }
-        let kind = Kind::Linear(self.linear.len());
+        let kind = SegmentKind::Linear(self.linear.len());
         self.linear.push(LinearStep { part, table: number });
         self.push(start, sigma, kind);
     }
@@ -316,43 +316,43 @@ impl DensePath {
         all
     }
 
-    pub(super) fn push_flight(&mut self, curve: &Curve) {
+    pub(super) fn push_flight(&mut self, curve: &FlightCurve) {
         let (first, h) = (self.coefficients.len(), curve.h);
         let kind = match &curve.form {
             Form::Both([x, xdot]) => {
                 self.coefficients.extend_from_slice(x.coefficients());
                 self.coefficients.extend_from_slice(xdot.coefficients());
-                Kind::Flight { first, degree: x.coefficients().len() - 1, h }
+                SegmentKind::Flight { first, degree: x.coefficients().len() - 1, h }
             }
             Form::Powers(a, xdot, lands) => {
                 let terms = significant(a, sizes(a));
                 self.coefficients.extend_from_slice(&a[..terms]);
                 self.coefficients[first + 1] = *xdot;
-                Kind::Series { first, terms, h, lands: *lands }
+                SegmentKind::Series { first, terms, h, lands: *lands }
             }
         };
         self.push(curve.start, curve.sigma, kind);
     }
 
     pub(super) fn push_tail(&mut self, tail: &Tail) {
-        let kind = Kind::Tail(self.tails.len());
+        let kind = SegmentKind::Tail(self.tails.len());
         self.tails.push(tail.clone());
         self.push(tail.start(), 1.0, kind);
     }
 
     pub(super) fn push_rest(&mut self, start: f64, sigma: f64) {
         // windows of one rest are one segment
-        if !matches!(self.segments.last(), Some(Segment { kind: Kind::Rest, .. })) {
-            self.push(start, sigma, Kind::Rest);
+        if !matches!(self.segments.last(), Some(MotionSegment { kind: SegmentKind::Rest, .. })) {
+            self.push(start, sigma, SegmentKind::Rest);
         }
     }
 
-    fn push(&mut self, start: f64, sigma: f64, kind: Kind) {
+    fn push(&mut self, start: f64, sigma: f64, kind: SegmentKind) {
         // a segment without a length is over before it can be asked for
         if self.segments.last().is_some_and(|last| last.start == start) {
             self.segments.pop();
         }
-        self.segments.push(Segment { start, sigma, kind });
+        self.segments.push(MotionSegment { start, sigma, kind });
     }
 
     /// Forgets everything.
@@ -402,44 +402,44 @@ impl DensePath {
     /// The position and the velocity, times the length of the step, with which a segment starts,
     /// and half of its second derivative there, by the part of the step.
     #[inline(always)]
-    pub(super) fn first_powers(&self, segment: &Segment) -> Option<[f64; 3]> {
+    pub(super) fn first_powers(&self, segment: &MotionSegment) -> Option<[f64; 3]> {
         match segment.kind {
-            Kind::Flight { first, degree, .. } => {
+            SegmentKind::Flight { first, degree, .. } => {
                 let n = degree as f64;
                 let c = &self.coefficients[first..][..degree + 1];
                 let at = |k: usize| c.get(k).copied().unwrap_or(c[0]);
                 let bend = 0.5 * n * (n - 1.0) * (at(0) - 2.0 * at(1) + at(2));
                 Some([at(0), n * (at(1) - at(0)), bend])
             }
-            Kind::Series { first, terms, h, .. } => {
+            SegmentKind::Series { first, terms, h, .. } => {
                 let a = &self.coefficients[first..][..terms];
                 Some([a[0], h * a[1], a.get(2).copied().unwrap_or(0.0)])
             }
-            Kind::Linear(number) => {
+            SegmentKind::Linear(number) => {
                 let LinearStep { part, table } = &self.linear[number];
                 Some(part.first_powers(&self.tables[*table]))
             }
-            Kind::Tail(_) | Kind::Rest => None,
+            SegmentKind::Tail(_) | SegmentKind::Rest => None,
         }
     }
 
     /// How long the step of a segment in flight is (s).
     #[inline(always)]
-    pub(super) fn length_of(&self, segment: &Segment) -> f64 {
+    pub(super) fn length_of(&self, segment: &MotionSegment) -> f64 {
         match segment.kind {
-            Kind::Flight { h, .. } | Kind::Series { h, .. } => h,
-            Kind::Linear(number) => {
+            SegmentKind::Flight { h, .. } | SegmentKind::Series { h, .. } => h,
+            SegmentKind::Linear(number) => {
                 let LinearStep { part, table } = &self.linear[number];
                 part.length * self.tables[*table].h()
             }
-            Kind::Tail(_) | Kind::Rest => f64::INFINITY,
+            SegmentKind::Tail(_) | SegmentKind::Rest => f64::INFINITY,
         }
     }
 
     /// Writes the motion of a segment in flight to a curve; whether it is one.
     #[inline(always)]
-    pub(super) fn write_curve(&self, segment: &Segment, to: &mut Curve) -> bool {
-        let Kind::Linear(number) = segment.kind else {
+    pub(super) fn write_curve(&self, segment: &MotionSegment, to: &mut FlightCurve) -> bool {
+        let SegmentKind::Linear(number) = segment.kind else {
             let curve = self.curve(segment);
             curve.iter().for_each(|curve| to.clone_from(curve));
             return curve.is_some();
@@ -449,7 +449,7 @@ impl DensePath {
         let h = part.length * table.h();
         (to.start, to.h, to.sigma) = (segment.start, h, segment.sigma);
         if let Form::Both(_) = to.form {
-            to.form = Curve::NONE.form;
+            to.form = FlightCurve::NONE.form;
         }
         if let Form::Powers(a, xdot, lands) = &mut to.form {
             (*xdot, *lands) = (part.xdot, part.lands);
@@ -462,26 +462,26 @@ impl DensePath {
 
     /// The motion of a segment in flight.
     #[inline(always)]
-    pub(super) fn curve(&self, segment: &Segment) -> Option<Curve> {
-        let Segment { start, sigma, kind } = *segment;
+    pub(super) fn curve(&self, segment: &MotionSegment) -> Option<FlightCurve> {
+        let MotionSegment { start, sigma, kind } = *segment;
         match kind {
-            Kind::Flight { first, degree, h } => {
+            SegmentKind::Flight { first, degree, h } => {
                 let both = &self.coefficients[first..][..2 * degree + 2];
                 let (x, xdot) = both.split_at(degree + 1);
                 let both = [Bernstein::new(x), Bernstein::new(xdot)];
-                Some(Curve::polynomials(start, h, sigma, both))
+                Some(FlightCurve::polynomials(start, h, sigma, both))
             }
-            Kind::Series { first, terms, h, lands } => {
+            SegmentKind::Series { first, terms, h, lands } => {
                 let mut a = [0.0; TERMS];
                 a[..terms].copy_from_slice(&self.coefficients[first..][..terms]);
-                Some(Curve::powers((start, h), sigma, a, a[1], lands))
+                Some(FlightCurve::powers((start, h), sigma, a, a[1], lands))
             }
-            Kind::Linear(_) => {
-                let mut curve = Curve::NONE;
+            SegmentKind::Linear(_) => {
+                let mut curve = FlightCurve::NONE;
                 self.write_curve(segment, &mut curve);
                 Some(curve)
             }
-            Kind::Tail(_) | Kind::Rest => None,
+            SegmentKind::Tail(_) | SegmentKind::Rest => None,
         }
     }
 
@@ -498,8 +498,8 @@ impl DensePath {
         }
         let segment = &self.segments[after - 1];
         Some(match segment.kind {
-            Kind::Rest => PathPoint { x: 0.0, xdot: 0.0, sigma: segment.sigma },
-            Kind::Tail(number) => self.tails[number].at(t),
+            SegmentKind::Rest => PathPoint { x: 0.0, xdot: 0.0, sigma: segment.sigma },
+            SegmentKind::Tail(number) => self.tails[number].at(t),
             _ => self.curve(segment)?.at(t),
         })
     }
@@ -507,7 +507,7 @@ impl DensePath {
     /// States at one time after the other, in whatever order: fastest if the times increase.
     #[must_use]
     pub fn reader(&self) -> PathReader<'_> {
-        PathReader { path: self, span: (0.0, 0.0), piece: Held::Rest(1.0) }
+        PathReader { path: self, span: (0.0, 0.0), piece: HeldSegment::Rest(1.0) }
     }
 }
 
@@ -536,14 +536,14 @@ pub struct PathReader<'a> {
     path: &'a DensePath,
     /// From when to when the piece is what happens, the end left out.
     span: (f64, f64),
-    piece: Held<'a>,
+    piece: HeldSegment<'a>,
 }
 
 /// What happens in a segment.
 #[allow(clippy::large_enum_variant)] // there is one of a reader, and a box would be made a step
 #[derive(Clone, Debug)]
-enum Held<'a> {
-    Flight(Moving),
+enum HeldSegment<'a> {
+    Flight(MovingCurve),
     Tail(&'a Tail),
     Rest(f64),
 }
@@ -562,9 +562,9 @@ impl PathReader<'_> {
             self.hold(t, end)?;
         }
         Some(match &self.piece {
-            Held::Flight(moving) => moving.at(t),
-            Held::Tail(tail) => tail.at(t),
-            Held::Rest(sigma) => PathPoint { x: 0.0, xdot: 0.0, sigma: *sigma },
+            HeldSegment::Flight(moving) => moving.at(t),
+            HeldSegment::Tail(tail) => tail.at(t),
+            HeldSegment::Rest(sigma) => PathPoint { x: 0.0, xdot: 0.0, sigma: *sigma },
         })
     }
 
@@ -576,9 +576,9 @@ impl PathReader<'_> {
         let until = path.segments.get(after).map_or(end, |next| next.start);
         self.span = (segment.start, until);
         self.piece = match (segment.kind, path.curve(segment)) {
-            (Kind::Tail(number), _) => Held::Tail(&path.tails[number]),
-            (_, Some(curve)) => Held::Flight(curve.moving()),
-            _ => Held::Rest(segment.sigma),
+            (SegmentKind::Tail(number), _) => HeldSegment::Tail(&path.tails[number]),
+            (_, Some(curve)) => HeldSegment::Flight(curve.moving()),
+            _ => HeldSegment::Rest(segment.sigma),
         };
         Some(())
     }

@@ -6,16 +6,16 @@ use crate::piecewise::running as piecewise;
 use crate::piecewise::running::{unless_terminal, until, Record, SegmentSink};
 use crate::piecewise::steps::{Advance, Driver, NoSink, Piecewise, Rhs};
 use crate::record::columns::{Columns, Reserve};
-use crate::record::events::Reader;
+use crate::record::events::EventReader;
 use crate::record::recorder::PathPoint;
 use crate::record::status::Failure;
 use crate::record::trajectory::{SetupError, Trajectory};
 use crate::record::user_events::{Level, LocatedEvent, SmoothPart};
-use crate::switched::flight::series::{FlightPart, Start};
+use crate::switched::flight::series::{FlightPart, SeriesStart};
 use crate::switched::integrator::SwitchedIntegrator;
 use crate::switched::mode::{Counts, Piece, Point};
 use crate::switched::output::{Output, SwitchedRun};
-use crate::switched::path::{Curve, DensePath};
+use crate::switched::path::{DensePath, FlightCurve};
 use crate::switched::samples::Samples;
 use crate::switched::settings::{Flights, SwitchedRk};
 use crate::switched::stages::Counted;
@@ -139,7 +139,7 @@ pub(super) struct MassRecord {
     drawn: bool,
     /// Whether the samples are handed out as they are.
     in_rows: bool,
-    reader: Reader,
+    reader: EventReader,
     tails: Vec<Tail>,
 }
 
@@ -163,7 +163,7 @@ pub(super) fn running<E>(
         path: dense.then(DensePath::default),
         drawn: drawn && t_eval.is_none(),
         in_rows,
-        reader: Reader::starting(integrator.t(), integrator.is_at_rest()),
+        reader: EventReader::starting(integrator.t(), integrator.is_at_rest()),
         tails: Vec::new(),
     };
     let start = point(&integrator);
@@ -318,7 +318,7 @@ impl<E> Running<'_, E> {
         for k in 0..=last {
             if k > 0 {
                 // one of many steps at once, which are looked at one by one
-                if let Some((start, FlightPart { start: Start { x, .. }, xdot, .. }, _)) =
+                if let Some((start, FlightPart { start: SeriesStart { x, .. }, xdot, .. }, _)) =
                     self.method.flight().part(k)
                 {
                     self.end = (start, PathPoint { x: x.max(0.0), xdot, sigma });
@@ -344,7 +344,7 @@ impl<E> Running<'_, E> {
     /// What there is along a curve up to where it ends, with the state there at a contact.
     fn along(
         &mut self,
-        curve: &Curve,
+        curve: &FlightCurve,
         (end, contact): (f64, Option<PathPoint>),
     ) -> Result<(), Ending<E>> {
         let at = |t: f64| match contact {

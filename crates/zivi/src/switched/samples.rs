@@ -5,8 +5,8 @@ use zivi_core::{sgn, transform, Branch, Restitution};
 
 use std::collections::TryReserveError;
 
-use super::path::{Curve, DensePath};
-use super::plot_samples::{row, PlotSamples, Row, Run, Source, LANES};
+use super::path::{DensePath, FlightCurve};
+use super::plot_samples::{row, PlotSamples, Row, SampleRun, SampleSource, LANES};
 use crate::record::columns::{Columns, Quantity, Reserve, QUANTITIES};
 use crate::record::trajectory::SetupError;
 use crate::{PathPoint, Physical};
@@ -170,7 +170,7 @@ impl PlotSamples {
 
     /// The runs, each with its times.
     #[inline(always)]
-    fn runs(&self) -> impl Iterator<Item = (Run, &[f64])> {
+    fn runs(&self) -> impl Iterator<Item = (SampleRun, &[f64])> {
         let mut t = &self.t[..];
         self.runs.iter().map(move |&run| {
             let (own, rest) = t.split_at(run.count);
@@ -207,15 +207,15 @@ impl<const N: usize> WithSimd for Filled<'_, N> {
     #[inline(always)]
     fn with_simd<S: Simd>(self, _: S) -> Self::Output {
         let Self { of, which, path, steps, restitution, mut columns } = self;
-        for (Run { source, count }, t) in of.runs() {
+        for (SampleRun { source, count }, t) in of.runs() {
             match source {
-                Source::Steps(first) => {
+                SampleSource::Steps(first) => {
                     for (column, it) in columns.iter_mut().zip(which) {
                         let known = steps[it as usize].get(first..first + count)?;
                         column.extend_from_slice(known);
                     }
                 }
-                Source::Rows(first) => {
+                SampleSource::Rows(first) => {
                     for row in of.rows.get(first..first + count)? {
                         let all = quantities(row, restitution);
                         for (column, it) in columns.iter_mut().zip(which) {
@@ -223,7 +223,7 @@ impl<const N: usize> WithSimd for Filled<'_, N> {
                         }
                     }
                 }
-                Source::Flight(number) => {
+                SampleSource::Flight(number) => {
                     let curve = path.curve(path.segments.get(number)?)?;
                     for t in t.chunks(LANES) {
                         let values = of_curve(&curve, t, which, restitution);
@@ -241,7 +241,7 @@ impl<const N: usize> WithSimd for Filled<'_, N> {
 /// Some quantities of a curve at up to [`LANES`] times.
 #[inline(always)]
 fn of_curve<const N: usize>(
-    curve: &Curve,
+    curve: &FlightCurve,
     t: &[f64],
     which: [Quantity; N],
     restitution: Restitution,
@@ -280,16 +280,16 @@ impl<F: Fn(usize) -> [f64; QUANTITIES]> WithSimd for AllFilled<'_, F> {
     #[inline(always)]
     fn with_simd<S: Simd>(self, _: S) -> Columns {
         let Self { of, path, sample, restitution, mut columns } = self;
-        for (Run { source, count }, t) in of.runs() {
+        for (SampleRun { source, count }, t) in of.runs() {
             match source {
-                Source::Steps(first) => {
+                SampleSource::Steps(first) => {
                     (first..first + count).for_each(|k| columns.push(sample(k)));
                 }
-                Source::Rows(first) => {
+                SampleSource::Rows(first) => {
                     let rows = of.rows[first..][..count].iter();
                     rows.for_each(|row| columns.push(quantities(row, restitution)));
                 }
-                Source::Flight(number) => {
+                SampleSource::Flight(number) => {
                     let Some(curve) = path.curve(&path.segments[number]) else { continue };
                     for t in t.chunks(LANES) {
                         let rows = states(&curve, t).take(t.len());
@@ -312,7 +312,7 @@ fn lanes(t: &[f64]) -> [f64; LANES] {
 
 /// The states of a curve at up to [`LANES`] times.
 #[inline(always)]
-fn states(curve: &Curve, t: &[f64]) -> impl Iterator<Item = Row> {
+fn states(curve: &FlightCurve, t: &[f64]) -> impl Iterator<Item = Row> {
     let (at, sigma) = (lanes(t), curve.sigma);
     let both = curve.positions(&at).into_iter().zip(curve.velocities(&at));
     at.into_iter().zip(both).map(move |(t, (x, xdot))| [t, x, xdot, sigma])

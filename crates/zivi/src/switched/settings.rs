@@ -7,7 +7,7 @@ use zivi_core::setting::{Setting, Value, Values};
 use crate::numeric::coordinates::Coordinates;
 use crate::numeric::stages::Tolerances;
 use crate::numeric::tableau::{Pair, DOP853, DORMAND_PRINCE_5};
-use crate::piecewise::steps::Limits;
+use crate::piecewise::steps::StepLimits;
 use crate::record::trajectory::{checked_count, SetupError};
 use crate::record::values::Values as ReferencePoint;
 use crate::zeno::chain::Chain;
@@ -277,9 +277,9 @@ impl SwitchedRk {
     }
 
     /// What these settings ask of steps, with tolerances made of them.
-    pub(crate) fn limits(&self, tolerances: Tolerances) -> Limits {
+    pub(crate) fn limits(&self, tolerances: Tolerances) -> StepLimits {
         let Self { adaptive, max_step, max_steps, .. } = *self;
-        Limits { adaptive, tolerances, max_step, max_steps }
+        StepLimits { adaptive, tolerances, max_step, max_steps }
     }
 
     /// What a Zeno time is known to at least, `rtol T + min(atol_x/U, atol_x'/g)`, where `U` is the

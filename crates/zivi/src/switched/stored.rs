@@ -12,10 +12,10 @@
 use zivi_core::Restitution;
 
 use super::flight::series::TERMS;
-use super::path::{DensePath, Kind, Segment};
+use super::path::{DensePath, MotionSegment, SegmentKind};
 use crate::numeric::bernstein::MOST_DEGREE;
 use crate::record::recorder::is_sigma;
-use crate::record::stored::{as_count, Kind as Stored, MotionError, Reader, Writer};
+use crate::record::stored::{as_count, MotionError, Reader, StoredKind, Writer};
 use crate::zeno::tail::Tail;
 use crate::PathPoint;
 
@@ -35,7 +35,7 @@ impl Motion {
     /// All that it consists of.
     #[must_use]
     pub fn to_numbers(&self) -> Option<Vec<f64>> {
-        let mut out = Writer::new(Stored::Point);
+        let mut out = Writer::new(StoredKind::Point);
         out.numbers(&[self.restitution.e(), self.restitution.kappa()]);
         out.count(self.tails.len());
         out.flag(self.path.is_some());
@@ -51,7 +51,7 @@ impl Motion {
     /// # Errors
     /// [`MotionError`] for numbers that are none of a motion.
     pub fn from_numbers(numbers: &[f64]) -> Result<Self, MotionError> {
-        Reader::read(Stored::Point, numbers, Self::read)
+        Reader::read(StoredKind::Point, numbers, Self::read)
     }
 
     fn read(from: &mut Reader<'_>) -> Option<Self> {
@@ -84,14 +84,14 @@ impl DensePath {
         }
         out.flag(self.end.is_some());
         out.numbers(&[t, end.x, end.xdot, end.sigma]);
-        for Segment { start, sigma, kind } in &self.segments {
+        for MotionSegment { start, sigma, kind } in &self.segments {
             let (code, first, degree, h) = match *kind {
-                Kind::Rest => (0.0, 0, 0, 0.0),
-                Kind::Tail(number) => (1.0, number, 0, 0.0),
-                Kind::Flight { first, degree, h } => (2.0, first, degree, h),
-                Kind::Series { first, terms, h, lands: false } => (3.0, first, terms, h),
-                Kind::Series { first, terms, h, lands: true } => (4.0, first, terms, h),
-                Kind::Linear(_) => unreachable!("a path in powers has no tables"),
+                SegmentKind::Rest => (0.0, 0, 0, 0.0),
+                SegmentKind::Tail(number) => (1.0, number, 0, 0.0),
+                SegmentKind::Flight { first, degree, h } => (2.0, first, degree, h),
+                SegmentKind::Series { first, terms, h, lands: false } => (3.0, first, terms, h),
+                SegmentKind::Series { first, terms, h, lands: true } => (4.0, first, terms, h),
+                SegmentKind::Linear(_) => unreachable!("a path in powers has no tables"),
             };
             out.numbers(&[*start, *sigma, code, first as f64, degree as f64, h]);
         }
@@ -130,20 +130,20 @@ impl DensePath {
     }
 
     /// Whether what a segment refers to is there.
-    fn holds(&self, segment: &Segment) -> bool {
+    fn holds(&self, segment: &MotionSegment) -> bool {
         is_sigma(segment.sigma)
             && match segment.kind {
-                Kind::Rest => true,
-                Kind::Linear(number) => number < self.linear.len(),
-                Kind::Tail(number) => number < self.tails.len(),
-                Kind::Flight { first, degree, h } => {
+                SegmentKind::Rest => true,
+                SegmentKind::Linear(number) => number < self.linear.len(),
+                SegmentKind::Tail(number) => number < self.tails.len(),
+                SegmentKind::Flight { first, degree, h } => {
                     // `first` is below 2^53: no overflow
                     degree <= MOST_DEGREE
                         && first + 2 * degree + 2 <= self.coefficients.len()
                         && h > 0.0
                         && h.is_finite()
                 }
-                Kind::Series { first, terms, h, .. } => {
+                SegmentKind::Series { first, terms, h, .. } => {
                     (2..=TERMS).contains(&terms)
                         && first + terms <= self.coefficients.len()
                         && h > 0.0
@@ -153,18 +153,18 @@ impl DensePath {
     }
 }
 
-fn segment([start, sigma, code, first, degree, h]: [f64; 6]) -> Option<Segment> {
+fn segment([start, sigma, code, first, degree, h]: [f64; 6]) -> Option<MotionSegment> {
     let kind = match as_count(code)? {
-        0 => Kind::Rest,
-        1 => Kind::Tail(as_count(first)?),
-        2 => Kind::Flight { first: as_count(first)?, degree: as_count(degree)?, h },
+        0 => SegmentKind::Rest,
+        1 => SegmentKind::Tail(as_count(first)?),
+        2 => SegmentKind::Flight { first: as_count(first)?, degree: as_count(degree)?, h },
         code @ (3 | 4) => {
             let (first, terms) = (as_count(first)?, as_count(degree)?);
-            Kind::Series { first, terms, h, lands: code == 4 }
+            SegmentKind::Series { first, terms, h, lands: code == 4 }
         }
         _ => return None,
     };
-    Some(Segment { start, sigma, kind })
+    Some(MotionSegment { start, sigma, kind })
 }
 
 #[cfg(test)]

@@ -22,7 +22,7 @@
 use crate::zeno::arc::Bounce;
 use std::collections::TryReserveError;
 
-use super::table::{is_coarse, Landing, Table, ROWS};
+use super::table::{is_coarse, Landing, ZenoTable, ROWS};
 use super::tail::Tail;
 use crate::numeric::coordinates::Coordinates;
 use crate::numeric::tableau::Powers;
@@ -49,7 +49,7 @@ pub(crate) struct Chain<Z, K = ()> {
     rows: Vec<f64>,
     /// Largest speed before an impact: the scale of the speeds.
     fastest: f64,
-    table: Table<Z>,
+    table: ZenoTable<Z>,
 }
 
 impl<Z: Coordinates, K: Copy + PartialEq> Chain<Z, K> {
@@ -57,7 +57,7 @@ impl<Z: Coordinates, K: Copy + PartialEq> Chain<Z, K> {
     /// first.
     pub(crate) fn new(key: K, e: f64, states: usize, columns: usize) -> Self {
         let (bounces, rows) = (Vec::new(), Vec::new());
-        let table = Table::new(1 + states, columns);
+        let table = ZenoTable::new(1 + states, columns);
         Self { key, e, bounces, rows, fastest: 0.0, table }
     }
 
@@ -222,7 +222,7 @@ impl<Z: Coordinates, K: Copy + PartialEq> Chain<Z, K> {
         let [_, _, .., last] = *self.bounces else { return false };
         let (chosen, powers, _) = self.selection();
         let times = chosen.map(|i| &self.rows[i * self.width()]);
-        Table::<Z>::may_land(times, (last.t, self.table.columns()), powers, scale)
+        ZenoTable::<Z>::may_land(times, (last.t, self.table.columns()), powers, scale)
     }
 
     /// The arcs between the last impact and `zeno`, the first of them on the side `sigma`.

@@ -20,7 +20,7 @@ use super::chain::Chain;
 use super::table::{Landing, ROWS};
 use crate::numeric::coordinates::Coordinates;
 use crate::numeric::tableau;
-use crate::numeric::tableau::{Column, Entry};
+use crate::numeric::tableau::{Column, TableauEntry};
 
 /// The derivatives of a chain of impacts by one number.
 #[derive(Clone, Debug, Default)]
@@ -91,7 +91,7 @@ impl ChainRates {
     }
 
     /// Shows the columns (2) of the table.
-    fn columns<Z, K>(&self, chain: &Chain<Z, K>, de: f64, show: impl FnMut(&Entry<'_>))
+    fn columns<Z, K>(&self, chain: &Chain<Z, K>, de: f64, show: impl FnMut(&TableauEntry<'_>))
     where
         Z: Coordinates,
         K: Copy + PartialEq,
@@ -123,7 +123,7 @@ impl ChainRates {
 }
 
 /// The largest estimated error of an entry in the scales, NaN if one is.
-fn largest(entry: &Entry<'_>, scale: impl Fn(usize, f64) -> f64) -> f64 {
+fn largest(entry: &TableauEntry<'_>, scale: impl Fn(usize, f64) -> f64) -> f64 {
     let mut worst = 0.0_f64;
     for (c, rate) in entry.newest.iter().enumerate() {
         let size = entry.error(c) / scale(c, *rate);

@@ -12,7 +12,7 @@
 
 use crate::numeric::coordinates::Coordinates;
 use crate::numeric::tableau;
-use crate::numeric::tableau::{Entry, Powers};
+use crate::numeric::tableau::{Powers, TableauEntry};
 use crate::record::recorder::is_sigma;
 use crate::record::stored::Reader;
 use crate::zeno::fit::TERMS;
@@ -60,7 +60,7 @@ impl<Z: Coordinates> Landing<Z> {
 
 /// The table, and memory to work in.
 #[derive(Clone, Debug)]
-pub(crate) struct Table<Z> {
+pub(crate) struct ZenoTable<Z> {
     /// The newest first.
     rows: Vec<f64>,
     /// So many columns after the first are looked at.
@@ -71,7 +71,7 @@ pub(crate) struct Table<Z> {
     error: Z,
 }
 
-impl<Z: Coordinates> Table<Z> {
+impl<Z: Coordinates> ZenoTable<Z> {
     /// For rows of such a length, with so many columns after the first.
     pub(crate) fn new(width: usize, columns: usize) -> Self {
         let [across, noise, error] = [(); 3].map(|()| Z::zeros(width));
@@ -207,7 +207,7 @@ fn growth(power: f64) -> f64 {
 
 /// The estimated errors of an entry; the largest in the scales, NaN if one is.
 #[inline]
-fn judge(entry: &Entry<'_>, noise: &mut [f64], error: &mut [f64], scales: &[f64]) -> f64 {
+fn judge(entry: &TableauEntry<'_>, noise: &mut [f64], error: &mut [f64], scales: &[f64]) -> f64 {
     let growth = growth(entry.power);
     let mut worst = 0.0_f64;
     for (c, scale) in scales.iter().enumerate() {
@@ -274,7 +274,7 @@ mod table_tests {
     /// The landing of the time and a state, `t = 3 - q^2` and `z = 1 + a q^2`, `q = 0.5^k`, at so
     /// many rows.
     fn landing(rows: i32, a: f64, scales: &[f64]) -> Option<Landing<Vec<f64>>> {
-        let mut table = Table::new(2, 5);
+        let mut table = ZenoTable::new(2, 5);
         for k in (0..rows).rev() {
             let q2 = 0.25f64.powi(k);
             table.push(&[3.0 - q2, 1.0 + a * q2]);
@@ -307,14 +307,14 @@ mod table_tests {
     #[test]
     fn where_all_rows_differ_by_rounding_alone_it_is_all_that_is_in_doubt() {
         let found = |off: f64, ratio: f64| {
-            let mut table = Table::<Vec<f64>>::new(2, 5);
+            let mut table = ZenoTable::<Vec<f64>>::new(2, 5);
             let times = [3.0, 3.0 + 4.0 * f64::EPSILON, 3.0];
             times.iter().for_each(|&time| table.push(&[time, 1.0]));
             table.push(&[3.0 + off, 1.0]);
             let powers = Powers { ratio, first: ratio * ratio };
             let rows = [3.0, times[1], 3.0, 3.0 + off];
             let scale = 1e-12;
-            let may = Table::<Vec<f64>>::may_land(rows.iter(), (12.9, 5), powers, scale);
+            let may = ZenoTable::<Vec<f64>>::may_land(rows.iter(), (12.9, 5), powers, scale);
             let size = table.landing(10.0, 12.9, powers, &[scale, 1.0]).unwrap().size;
             assert_eq!(may, size <= 1.0);
             size
@@ -333,7 +333,7 @@ mod table_tests {
         // neighbours of e = 0.999: the time is 3 but for rounding, the state has a term of its own
         let ratio = 0.999_f64;
         let found = |noise: f64, ratio: f64| {
-            let mut table = Table::<Vec<f64>>::new(2, 5);
+            let mut table = ZenoTable::<Vec<f64>>::new(2, 5);
             for k in 0..5 {
                 let sign = if k % 2 == 0 { 1.0 } else { -1.0 };
                 table.push(&[3.0 + sign * noise, 1.0 + 0.1 * ratio.powi(-2 * k)]);
@@ -355,15 +355,15 @@ mod table_tests {
 #[cfg(test)]
 mod stored_tests {
     use super::*;
-    use crate::record::stored::{Kind, MotionError, Reader, Writer};
+    use crate::record::stored::{MotionError, Reader, StoredKind, Writer};
 
     /// A tail behind the header of a motion, in a format.
     fn read(format: f64, numbers: &[f64]) -> Result<Tail, MotionError> {
-        let mut out = Writer::new(Kind::Point);
+        let mut out = Writer::new(StoredKind::Point);
         out.numbers(numbers);
         let mut all = out.finish().unwrap();
         all[0] = format;
-        Reader::read(Kind::Point, &all, Tail::read)
+        Reader::read(StoredKind::Point, &all, Tail::read)
     }
 
     #[test]

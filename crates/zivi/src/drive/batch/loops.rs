@@ -126,9 +126,9 @@ fn check_memory<E, F>(
 const CHUNK: usize = 8;
 
 /// Looks whether to stop.
-struct Unobserved<'a>(&'a dyn Fn() -> bool);
+struct LoopInterrupt<'a>(&'a dyn Fn() -> bool);
 
-impl Monitor<Stopped> for Unobserved<'_> {
+impl Monitor<Stopped> for LoopInterrupt<'_> {
     fn poll(&mut self, _: usize, _: usize) -> Result<(), Stopped> {
         if (self.0)() {
             Err(Stopped)
@@ -156,7 +156,7 @@ fn one<F: Force<Stopped> + Copy>(
         .as_mut()
         .map(|(it, restitution)| ReferenceWithWall { reference: it, restitution: *restitution });
     let options = LoopOptions { reference, ..LoopOptions::default() };
-    let monitor = &mut Unobserved(stop);
+    let monitor = &mut LoopInterrupt(stop);
     let controller = controller.dynamic();
     let run = observe_closed_loop(controller, surroundings, forces, options, monitor)?;
     LoopOutcome::of(&run, settings)

@@ -39,7 +39,7 @@ pub struct Task {
 
 /// What is the same for all runs, checked.
 #[derive(Clone, Copy)]
-struct Plan<'a> {
+struct BatchPlan<'a> {
     method: AnyMethod,
     span: (f64, f64),
     /// The steps of a method of fixed steps.
@@ -48,7 +48,7 @@ struct Plan<'a> {
     slowest: f64,
 }
 
-impl<'a> Plan<'a> {
+impl<'a> BatchPlan<'a> {
     /// Refuses a span without steps, and what is not saved of a method.
     fn new(Task { method, span, slowest }: Task, save: Save<'a>) -> Result<Self, SetupError> {
         // a span that gives no grid gives no run either
@@ -118,7 +118,7 @@ pub fn simulate_batch<E, F: Force<Stopped> + Copy + Send + Sync>(
     threads: usize,
     monitor: &mut impl Monitor<E>,
 ) -> Result<Vec<Outcome>, BatchError<E>> {
-    let plan = Plan::new(task, save).map_err(|error| BatchError::Setup(None, error))?;
+    let plan = BatchPlan::new(task, save).map_err(|error| BatchError::Setup(None, error))?;
     let mut alone = false;
     check_each(members, monitor, |member| {
         alone |= !side_by_side(member, plan.method);
@@ -147,7 +147,7 @@ pub fn simulate_batch_to<E, F: Force<Stopped> + Copy + Send + Sync>(
     threads: usize,
     monitor: &mut impl Monitor<E>,
 ) -> Result<Vec<Outcome>, BatchError<E>> {
-    let plan = Plan::new(task, save).map_err(|error| BatchError::Setup(None, error))?;
+    let plan = BatchPlan::new(task, save).map_err(|error| BatchError::Setup(None, error))?;
     // times of samples would be beyond some of the ends
     if plan.grid.is_some() || matches!(save, Save::At(_)) {
         let what = "for the switched method without times of samples";
@@ -163,7 +163,7 @@ pub fn simulate_batch_to<E, F: Force<Stopped> + Copy + Send + Sync>(
         width: lanes::WIDTH,
         chunk: |chunk: &[(Member<'_, F>, f64)], stop: &dyn Fn() -> bool| {
             let run = |(member, end): &(Member<'_, F>, f64)| {
-                one(member, Plan { span: (start, *end), ..plan }, stop)
+                one(member, BatchPlan { span: (start, *end), ..plan }, stop)
             };
             chunk.iter().map(run).collect()
         },
@@ -197,10 +197,10 @@ fn check_each<E, T>(
 fn check_memory<E>(
     runs: usize,
     alone: bool,
-    plan: Plan<'_>,
+    plan: BatchPlan<'_>,
     threads: usize,
 ) -> Result<(), BatchError<E>> {
-    let Plan { method, grid, save, .. } = plan;
+    let BatchPlan { method, grid, save, .. } = plan;
     let samples = match save {
         Save::At(times) => times.len(),
         // s and v take as much as x and x'
@@ -265,7 +265,7 @@ fn side_by_side<F: Force<Stopped>>(member: &Member<'_, F>, method: AnyMethod) ->
 /// The runs of a chunk.
 fn several<F: Force<Stopped> + Copy>(
     chunk: &[Member<'_, F>],
-    plan: Plan<'_>,
+    plan: BatchPlan<'_>,
     stop: &dyn Fn() -> bool,
 ) -> Result<Vec<Outcome>, SetupError> {
     let mut outcomes: Vec<Option<Outcome>> = vec![None; chunk.len()];
@@ -296,7 +296,7 @@ fn several<F: Force<Stopped> + Copy>(
 fn alike<F: Force<Stopped> + Copy>(
     members: &[&Member<'_, F>],
     dependence: Dependence,
-    (plan, grid): (Plan<'_>, Grid),
+    (plan, grid): (BatchPlan<'_>, Grid),
     stop: &dyn Fn() -> bool,
 ) -> Result<Vec<Outcome>, SetupError> {
     let save = (plan.save, plan.slowest);
@@ -344,7 +344,7 @@ impl Monitor<Stopped> for Unobserved<'_> {
 /// One run by the loop of its method.
 fn one<F: Force<Stopped> + Copy>(
     member: &Member<'_, F>,
-    Plan { method, span, save, slowest, .. }: Plan<'_>,
+    BatchPlan { method, span, save, slowest, .. }: BatchPlan<'_>,
     stop: &dyn Fn() -> bool,
 ) -> Result<Outcome, SetupError> {
     let &Member { ref law, mut force, initial, tstops } = member;

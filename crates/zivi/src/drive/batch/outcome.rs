@@ -166,7 +166,8 @@ impl Outcome {
         let hardest = |so_far: f64, impact: &Impact| so_far.max(-impact.xdot_before);
         let count = |it: usize| it as u64;
         let hardest_impact = events.impacts.iter().fold(0.0, hardest);
-        let listed = Listed { speed: slowest * hardest_impact, resolved: &events.impacts, tails };
+        let listed =
+            ListedImpacts { speed: slowest * hardest_impact, resolved: &events.impacts, tails };
         let (n_impacts, last_impact) = listed.count();
         Self {
             summary,
@@ -192,13 +193,13 @@ impl Outcome {
 }
 
 /// The impacts with at least a speed before them (m/s), resolved or skipped by a jump to rest.
-struct Listed<'a> {
+struct ListedImpacts<'a> {
     speed: f64,
     resolved: &'a [Impact],
     tails: &'a [Tail],
 }
 
-impl Listed<'_> {
+impl ListedImpacts<'_> {
     fn fast(&self) -> impl DoubleEndedIterator<Item = &Impact> {
         self.resolved.iter().filter(|it| -it.xdot_before >= self.speed)
     }

@@ -2,12 +2,12 @@
 
 use crate::drive::closed_loop::record::LoopPath;
 use crate::record::columns::Reserve;
-use crate::record::events::{EventLog, Reader};
+use crate::record::events::{EventLog, EventReader};
 use crate::record::status::Failure;
 use crate::stepping::ballistic;
 use crate::stepping::fixed_step::{FixedStep, Start};
 use crate::stepping::step_solver::Exact;
-use crate::stepping::theta_gamma::Stepper;
+use crate::stepping::theta_gamma::ThetaGammaStepper;
 use crate::switched::Trace;
 use crate::system::dynamics::finite_force;
 use crate::{
@@ -123,7 +123,7 @@ impl<E, F: Force<E>> Plant<E> for BallisticPlant<'_, F> {
 pub(super) struct SwitchedPlant<'a, F> {
     integrator: SwitchedIntegrator,
     force: &'a mut F,
-    reader: Reader,
+    reader: EventReader,
     /// The motion, if it is wanted: that of the last period, or all of it.
     trace: Option<Trace>,
     all: bool,
@@ -140,7 +140,7 @@ impl<'a, F> SwitchedPlant<'a, F> {
         let mut integrator = SwitchedIntegrator::new(settings, restitution)?;
         integrator.start(t0, initial)?;
         let rests = initial.is_at_origin();
-        let reader = Reader::starting(t0, rests);
+        let reader = EventReader::starting(t0, rests);
         let trace = (keep != Keeps::Nothing).then(Trace::default);
         let all = keep == Keeps::Everything;
         Ok(Self { integrator, force, reader, trace, all })
@@ -208,7 +208,7 @@ impl<E, F: Force<E>> Plant<E> for SwitchedPlant<'_, F> {
 
 /// The paper's loop: the plant on the controller's grid, by the implicit theta-gamma scheme.
 pub(super) struct SchemePlant<'a, F> {
-    stepper: Stepper<Exact>,
+    stepper: ThetaGammaStepper<Exact>,
     implicit: bool,
     /// The step that the controller planned, and its force.
     planned: Option<(RegulationStep, f64)>,
@@ -239,7 +239,7 @@ impl<'a, F> SchemePlant<'a, F> {
         let incoming = initial.arrives();
         let sigma = transform::side(z, Branch::Positive.sigma());
         let log = EventLog::start(t0, z, incoming, restitution);
-        let stepper = Stepper::new(step, Exact);
+        let stepper = ThetaGammaStepper::new(step, Exact);
         let implicit = step.theta() == 1.0 && step.gamma() == 1.0;
         let (planned, asked) = (None, 0);
         let (last, reserve) = ([(t0, z); 2], Reserve::default());

@@ -234,7 +234,7 @@ pub(super) const SMALL: f64 = 1e-12;
 
 /// Where a variable is.
 #[derive(Clone, Copy, PartialEq, Eq)]
-enum Place {
+enum VariableSide {
     Low,
     Inside,
     High,
@@ -247,14 +247,14 @@ enum Place {
 /// bound that is violated, or let go, most; where that comes back to a set, all are looked at.
 pub(super) fn in_box(a: &[f64], b: &[f64], limits: &Limits) -> Vec<f64> {
     let r = limits.len();
-    let problem = Problem { a, b, limits };
-    let free = problem.solved(&vec![Place::Inside; r]);
+    let problem = AllocationProblem { a, b, limits };
+    let free = problem.solved(&vec![VariableSide::Inside; r]);
     let side = |(x, (low, high)): (&f64, &(f64, f64))| match () {
-        () if x < low => Place::Low,
-        () if x > high => Place::High,
-        () => Place::Inside,
+        () if x < low => VariableSide::Low,
+        () if x > high => VariableSide::High,
+        () => VariableSide::Inside,
     };
-    let mut places: Vec<Place> = free.iter().zip(limits).map(side).collect();
+    let mut places: Vec<VariableSide> = free.iter().zip(limits).map(side).collect();
     let mut seen = Vec::new();
     while !seen.contains(&places) {
         seen.push(places.clone());
@@ -264,22 +264,23 @@ pub(super) fn in_box(a: &[f64], b: &[f64], limits: &Limits) -> Vec<f64> {
         let size = x.iter().fold(1.0, |size: f64, x| size.max(1.0 + x.abs()));
         let worst = largest(&over);
         if over[worst] > SMALL * size {
-            places[worst] = if x[worst] < limits[worst].0 { Place::Low } else { Place::High };
+            places[worst] =
+                if x[worst] < limits[worst].0 { VariableSide::Low } else { VariableSide::High };
             continue;
         }
         let slope = problem.slope(&x);
         let pull: Vec<f64> = (0..r)
             .map(|j| match places[j] {
-                Place::Inside => f64::NEG_INFINITY,
-                Place::Low => -slope[j],
-                Place::High => slope[j],
+                VariableSide::Inside => f64::NEG_INFINITY,
+                VariableSide::Low => -slope[j],
+                VariableSide::High => slope[j],
             })
             .collect();
         let held = largest(&pull);
         let scale: f64 = a.iter().map(|it| it.abs()).sum();
         let right = b.iter().fold(0.0_f64, |size, it| size.max(it.abs()));
         if pull[held] > SMALL * scale * (1.0 + right) {
-            places[held] = Place::Inside;
+            places[held] = VariableSide::Inside;
         } else {
             return clipped(x, limits);
         }
@@ -296,13 +297,13 @@ fn clipped(mut x: Vec<f64>, limits: &Limits) -> Vec<f64> {
     x
 }
 
-struct Problem<'a> {
+struct AllocationProblem<'a> {
     a: &'a [f64],
     b: &'a [f64],
     limits: &'a Limits,
 }
 
-impl Problem<'_> {
+impl AllocationProblem<'_> {
     /// `A x - b`.
     fn residual(&self, x: &[f64]) -> Vec<f64> {
         let rows = self.a.chunks_exact(x.len().max(1));
@@ -316,18 +317,18 @@ impl Problem<'_> {
     }
 
     /// The least squares with some variables at their bounds.
-    fn solved(&self, places: &[Place]) -> Vec<f64> {
+    fn solved(&self, places: &[VariableSide]) -> Vec<f64> {
         let r = places.len();
         let mut x: Vec<f64> = places
             .iter()
             .zip(self.limits)
             .map(|(place, (low, high))| match place {
-                Place::Low => *low,
-                Place::Inside => 0.0,
-                Place::High => *high,
+                VariableSide::Low => *low,
+                VariableSide::Inside => 0.0,
+                VariableSide::High => *high,
             })
             .collect();
-        let inside: Vec<usize> = (0..r).filter(|&j| places[j] == Place::Inside).collect();
+        let inside: Vec<usize> = (0..r).filter(|&j| places[j] == VariableSide::Inside).collect();
         if inside.is_empty() {
             return x;
         }
@@ -345,7 +346,7 @@ impl Problem<'_> {
     /// The best of all sets.
     fn best(&self) -> Vec<f64> {
         let r = self.limits.len();
-        let mut places = vec![Place::Low; r];
+        let mut places = vec![VariableSide::Low; r];
         let (mut found, mut least) = (clipped(vec![0.0; r], self.limits), f64::INFINITY);
         loop {
             let x = clipped(self.solved(&places), self.limits);
@@ -355,11 +356,15 @@ impl Problem<'_> {
             if x.iter().all(|x| x.is_finite()) && size < least {
                 (found, least) = (x, size);
             }
-            let Some(j) = (0..r).find(|&j| places[j] != Place::High) else {
+            let Some(j) = (0..r).find(|&j| places[j] != VariableSide::High) else {
                 return found;
             };
-            places[..j].fill(Place::Low);
-            places[j] = if places[j] == Place::Low { Place::Inside } else { Place::High };
+            places[..j].fill(VariableSide::Low);
+            places[j] = if places[j] == VariableSide::Low {
+                VariableSide::Inside
+            } else {
+                VariableSide::High
+            };
         }
     }
 }

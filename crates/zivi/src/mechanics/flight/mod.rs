@@ -11,7 +11,7 @@ use crate::mechanics::mode::{
 use crate::mechanics::path::Curve;
 use crate::mechanics::state::MechanicalState;
 use crate::numeric::stages::{factor, worse, Equation, Plan, Tolerances, FACTORS};
-use crate::piecewise::flight::{Root, StepDecision, SteppedFlight};
+use crate::piecewise::flight::{StepDecision, StepRoot, SteppedFlight};
 use crate::piecewise::steps::{Start, StepHistory, Steps};
 use crate::record::gap_set::{ContactMode, GapSet};
 use crate::record::status::Failure;
@@ -482,8 +482,8 @@ impl<'m, D> Flying<'_, 'm, D> {
         let h = self.motion.last().h;
         let delta = match root {
             None => return Ok(None),
-            Some(Root::Near { delta, .. }) => delta,
-            Some(Root::Within(theta)) => theta * h - h,
+            Some(StepRoot::Near { delta, .. }) => delta,
+            Some(StepRoot::Within(theta)) => theta * h - h,
         };
         let judged = self.motion.steps.limits().adaptive && !self.motion.steps.is_jump();
         if judged && self.misfit() > 1.0 {

@@ -8,7 +8,7 @@ use crate::mechanics::kinetics::{Kinetics, Model};
 use crate::mechanics::mode::{Stages, State};
 use crate::numeric::dense::{axpy, dot};
 use crate::numeric::stages::{worse, Equation, Tolerances};
-use crate::numeric::tableau::{Estimate, Interpolant};
+use crate::numeric::tableau::{ErrorEstimate, Interpolant};
 use crate::record::gap_set::GapSet;
 use crate::record::status::Failure;
 use crate::system::dynamics::Layout;
@@ -198,7 +198,7 @@ impl Columns {
         (sizes, lost): (&[f64], &[bool]),
         model: &mut Model<'_, D>,
     ) -> Result<f64, Failure<E>> {
-        if let Estimate::Single(_) = motion.pair.estimate {
+        if let ErrorEstimate::Single(_) = motion.pair.estimate {
             let (mut equation, steps) = self.along(motion, model);
             steps.finish(&mut equation)?;
         }

@@ -5,8 +5,8 @@ pub(crate) mod series;
 
 use std::sync::Arc;
 
-use super::mode::{Flight, Mode};
-use super::path::{Curve, DensePath};
+use super::mode::{Mode, NextInFlight};
+use super::path::{DensePath, FlightCurve};
 use super::settings::SwitchedRk;
 use super::stages::{Counted, Stages};
 use crate::piecewise::steps::Steps;
@@ -131,9 +131,9 @@ impl FreeFlight {
         k: usize,
         sigma: f64,
         force: &mut Counted<'_, F>,
-    ) -> Result<Curve, Failure<E>> {
+    ) -> Result<FlightCurve, Failure<E>> {
         match self.part(k) {
-            Some((t, part, table)) => Ok(Curve::of_part(t, sigma, &part, table)),
+            Some((t, part, table)) => Ok(FlightCurve::of_part(t, sigma, &part, table)),
             None => self.pair.curve(sigma, force),
         }
     }
@@ -176,7 +176,7 @@ fn by_series<E>(
 ) -> Result<Arrival, Failure<E>> {
     let steps = most.min(counts.left()?);
     let known = match *mode {
-        Mode::Flight(Flight::Leave { order }) => order,
+        Mode::Flight(NextInFlight::Leave { order }) => order,
         _ => usize::from(now.x == 0.0),
     };
     let reach = Reach { t_end, look: counts.dense_from(), steps };

@@ -3,12 +3,12 @@
 use super::series::Arrival;
 use crate::numeric::bernstein::Bernstein;
 use crate::numeric::stages::{factor, Equation, StepError, FACTORS};
-use crate::piecewise::flight::{Root, StepDecision, SteppedFlight};
+use crate::piecewise::flight::{StepDecision, StepRoot, SteppedFlight};
 use crate::piecewise::steps::{Start, StepHistory, Steps};
 use crate::record::status::Failure;
 use crate::switched::accumulation::Deviation;
-use crate::switched::mode::{Flight, Mode, Point};
-use crate::switched::path::Curve;
+use crate::switched::mode::{Mode, NextInFlight, Point};
+use crate::switched::path::FlightCurve;
 use crate::switched::settings::SwitchedRk;
 use crate::switched::stages::{Counted, Stages};
 use crate::{Dependence, Force, Status};
@@ -42,14 +42,14 @@ const FALL: f64 = 1.2;
 pub(super) struct PairSteps {
     pub(super) steps: Steps<f64>,
     /// The impact within or shortly after the last one, if it is one onto the wall.
-    landing: Option<Landing>,
+    landing: Option<ImpactStep>,
     /// How many steps had been given up when the flight began.
     rejected: u64,
 }
 
 /// An impact by the start of the step onto it.
 #[derive(Clone, Copy, Debug, PartialEq)]
-struct Landing {
+struct ImpactStep {
     /// Time from there (s).
     length: f64,
     /// Velocity before the impact (m/s).
@@ -97,7 +97,7 @@ impl PairSteps {
         }
         let plan = self.steps.plan((&now, &slope), 0..1, longest, t_end, force)?;
         let shortest = 8.0 * f64::EPSILON * now.t.abs();
-        Flying { pair: self, now, slope, mode, t_end, force }.fly(plan, shortest)
+        FlyingStep { pair: self, now, slope, mode, t_end, force }.fly(plan, shortest)
     }
 
     /// The polynomials of the last step, up to its impact if there was one.
@@ -105,16 +105,16 @@ impl PairSteps {
         &mut self,
         sigma: f64,
         force: &mut Counted<'_, F>,
-    ) -> Result<Curve, Failure<E>> {
+    ) -> Result<FlightCurve, Failure<E>> {
         let last = self.steps.last_mut();
         let [mut x, mut xdot] = last.polynomials(force)?;
         let (from, mut h) = (last.from, last.h);
-        if let Some(Landing { length, xdot: incoming }) = self.landing {
+        if let Some(ImpactStep { length, xdot: incoming }) = self.landing {
             x = x.split(length / h).0.with_ends(from.x, 0.0);
             xdot = xdot.split(length / h).0.with_ends(from.xdot, incoming);
             h = length;
         }
-        Ok(Curve::polynomials(from.t, h, sigma, [x, xdot]))
+        Ok(FlightCurve::polynomials(from.t, h, sigma, [x, xdot]))
     }
 }
 
@@ -133,7 +133,7 @@ fn fall(now: Point, slope: f64) -> Option<f64> {
 }
 
 /// A step under way.
-struct Flying<'r, 'f, F> {
+struct FlyingStep<'r, 'f, F> {
     pair: &'r mut PairSteps,
     now: Point,
     slope: f64,
@@ -142,7 +142,7 @@ struct Flying<'r, 'f, F> {
     force: &'r mut Counted<'f, F>,
 }
 
-impl<E, F: Force<E>> SteppedFlight<f64, E> for Flying<'_, '_, F> {
+impl<E, F: Force<E>> SteppedFlight<f64, E> for FlyingStep<'_, '_, F> {
     /// The mass reaches the wall, with this velocity if the polynomials tell.
     type Event = Option<f64>;
     type Piece = Arrival;
@@ -167,7 +167,7 @@ impl<E, F: Force<E>> SteppedFlight<f64, E> for Flying<'_, '_, F> {
         let seen = self.look_at_the_apex(contact)?;
         if let Some(excess) = seen.map(|defect| defect / DEFECT).filter(|&excess| excess > 1.0) {
             // the shorter step is looked at again
-            if let Mode::Flight(Flight::Step { experience, .. }) = self.mode {
+            if let Mode::Flight(NextInFlight::Step { experience, .. }) = self.mode {
                 *experience = StepHistory::NONE;
             }
             let factor = factor(excess, self.pair.steps.last().order_of_error()).max(FACTORS.0);
@@ -196,8 +196,8 @@ impl<E, F: Force<E>> SteppedFlight<f64, E> for Flying<'_, '_, F> {
                 let Some(root) = self.step_onto(0, length, 1.0)? else { return Ok(None) };
                 let h = self.pair.steps.last().h;
                 match root {
-                    Root::Near { delta, xdot } => (h + delta, xdot),
-                    Root::Within(theta) => {
+                    StepRoot::Near { delta, xdot } => (h + delta, xdot),
+                    StepRoot::Within(theta) => {
                         let [_, xdot] = self.pair.steps.last().polynomials_of(0);
                         (theta * h, xdot.at(theta).min(0.0))
                     }
@@ -208,7 +208,7 @@ impl<E, F: Force<E>> SteppedFlight<f64, E> for Flying<'_, '_, F> {
             self.complete()?;
         }
         self.pair.steps.accept();
-        self.pair.landing = Some(Landing { length, xdot });
+        self.pair.landing = Some(ImpactStep { length, xdot });
         let mut end = from.after(length.max(0.0), 0.0, xdot);
         if end.t > self.t_end {
             (end.t, end.late) = (self.t_end, 0.0);
@@ -230,7 +230,7 @@ impl<E, F: Force<E>> SteppedFlight<f64, E> for Flying<'_, '_, F> {
     }
 }
 
-impl<F> Flying<'_, '_, F> {
+impl<F> FlyingStep<'_, '_, F> {
     /// How far the force between the stages is from what they show, relative to the tolerances: one
     /// more look, at the apex, where a force that depends on the position differs most. None where
     /// there is no need. Soon after an impact a step may be a whole arc, and one much longer than

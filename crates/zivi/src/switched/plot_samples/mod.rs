@@ -15,7 +15,7 @@ mod tests;
 
 use crate::record::columns::QUANTITIES;
 use crate::switched::flight::series::TERMS;
-use crate::switched::path::{Curve, DensePath, Kind};
+use crate::switched::path::{DensePath, FlightCurve, SegmentKind};
 use crate::switched::plot_samples::outline::{Guesses, Outline};
 use crate::zeno::tail::Tail;
 use crate::PathPoint;
@@ -47,21 +47,21 @@ pub(super) type Row = [f64; 4];
 pub struct PlotSamples {
     pub(super) t: Vec<f64>,
     pub(super) x: Vec<f64>,
-    pub(super) runs: Vec<Run>,
+    pub(super) runs: Vec<SampleRun>,
     /// Those within tails.
     pub(super) rows: Vec<Row>,
 }
 
 /// So many samples after one another, and what tells them.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Run {
-    pub(super) source: Source,
+pub(super) struct SampleRun {
+    pub(super) source: SampleSource,
     pub(super) count: usize,
 }
 
 /// What tells samples.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) enum Source {
+pub(super) enum SampleSource {
     /// The samples at the ends of steps from this one on.
     Steps(usize),
     /// The segment of this number.
@@ -70,13 +70,13 @@ pub(super) enum Source {
     Rows(usize),
 }
 
-impl Source {
+impl SampleSource {
     /// That of the sample after so many.
     fn after(self, count: usize) -> Self {
         match self {
-            Source::Steps(first) => Source::Steps(first + count),
-            Source::Flight(number) => Source::Flight(number),
-            Source::Rows(first) => Source::Rows(first + count),
+            SampleSource::Steps(first) => SampleSource::Steps(first + count),
+            SampleSource::Flight(number) => SampleSource::Flight(number),
+            SampleSource::Rows(first) => SampleSource::Rows(first + count),
         }
     }
 }
@@ -89,7 +89,7 @@ impl PlotSamples {
     pub(super) fn of(path: &DensePath, steps: [&[f64]; 2]) -> Result<Self, TryReserveError> {
         let mut share = 1.0;
         let all = loop {
-            match pulp::Arch::new().dispatch(Planned { path, steps, share })? {
+            match pulp::Arch::new().dispatch(PlannedKernel { path, steps, share })? {
                 Ok(all) => break all,
                 // of so many parts of the steps the budget is what all of them get
                 Err(part) => share = part,
@@ -119,22 +119,22 @@ impl PlotSamples {
 
     /// The last samples, so many, are told by this.
     #[inline(always)]
-    fn note(&mut self, source: Source, count: usize) {
+    fn note(&mut self, source: SampleSource, count: usize) {
         match self.runs.last_mut() {
             Some(last) if last.source.after(last.count) == source => last.count += count,
-            _ => self.runs.push(Run { source, count }),
+            _ => self.runs.push(SampleRun { source, count }),
         }
     }
 }
 
 /// [`planned`], compiled for the vectors that the machine has.
-struct Planned<'a> {
+struct PlannedKernel<'a> {
     path: &'a DensePath,
     steps: [&'a [f64]; 2],
     share: f64,
 }
 
-impl WithSimd for Planned<'_> {
+impl WithSimd for PlannedKernel<'_> {
     type Output = Result<Result<PlotSamples, f64>, TryReserveError>;
 
     #[inline(always)]
@@ -147,7 +147,7 @@ impl WithSimd for Planned<'_> {
 #[inline(always)]
 fn planned<S: Simd>(
     simd: S,
-    Planned { path, steps, share }: Planned<'_>,
+    PlannedKernel { path, steps, share }: PlannedKernel<'_>,
 ) -> Result<Result<PlotSamples, f64>, TryReserveError> {
     let scale = Scale::of(path);
     let (mut merged, mut apexes) = (Merged::new(steps, path.segments.len()), Vec::new());
@@ -156,7 +156,7 @@ fn planned<S: Simd>(
     let (mut wanted, mut drawn, mut before) = (0.0, 0.0, None);
     let mut times = [0.0; MOST];
     let (mut of_block, mut of_apexes) = (0, 0);
-    let (mut block, mut curves) = ([const { (Curve::NONE, Outline::NONE) }; BLOCK], 0);
+    let (mut block, mut curves) = ([const { (FlightCurve::NONE, Outline::NONE) }; BLOCK], 0);
     let last = path.end.map_or(f64::NEG_INFINITY, |(t, _)| t);
     for (number, segment) in path.segments.iter().enumerate() {
         let end = path.segments.get(number + 1).map_or(last, |next| next.start);
@@ -184,14 +184,14 @@ fn planned<S: Simd>(
         }
         merged.pass(segment.start);
         let first = merged.all.t.len();
-        if let Kind::Tail(tail) = segment.kind {
+        if let SegmentKind::Tail(tail) = segment.kind {
             let row = merged.all.rows.len();
             draw_tail(&path.tails[tail], end, scale, &mut merged.all.rows)?;
             merged.make_room(merged.all.rows.len() - row, number)?;
             let PlotSamples { t, x, rows, .. } = &mut merged.all;
             t.extend(rows[row..].iter().map(|row| row[0]));
             x.extend(rows[row..].iter().map(|row| row[1]));
-            merged.close(Source::Rows(row), first)?;
+            merged.close(SampleSource::Rows(row), first)?;
         }
         let flown = block[..curves].get(of_block).filter(|_| segment.kind.is_flight());
         let Some((curve, outline)) = flown else {
@@ -239,7 +239,7 @@ fn planned<S: Simd>(
         if looks {
             merged.last_before(curve, end, first);
         }
-        merged.close(Source::Flight(number), first)?;
+        merged.close(SampleSource::Flight(number), first)?;
         before = Some(*outline).filter(|_| !lands);
     }
     if wanted > BUDGET && share == 1.0 {
@@ -384,7 +384,7 @@ const MOMENTS: usize = 10;
 /// The last moment before an impact at the end of a step that can be told from it, above the wall,
 /// and how far.
 #[cold]
-fn before_contact(curve: &Curve, end: f64) -> Option<(f64, f64)> {
+fn before_contact(curve: &FlightCurve, end: f64) -> Option<(f64, f64)> {
     let moments = moments(end);
     let mut first = 0;
     while first < MOMENTS {
@@ -511,7 +511,7 @@ impl<'a> Merged<'a> {
             if self.all.t.last() != Some(&step) {
                 self.all.t.push(step);
                 self.all.x.push(self.steps[1][self.next]);
-                self.all.note(Source::Steps(self.next), 1);
+                self.all.note(SampleSource::Steps(self.next), 1);
             }
             self.next += 1;
         }
@@ -520,7 +520,7 @@ impl<'a> Merged<'a> {
     /// Adds those of a curve at the first of these times, so many, for which there is room, and for
     /// [`LANES`] more.
     #[inline(always)]
-    fn push(&mut self, curve: &Curve, times: &[f64; MOST], count: usize) {
+    fn push(&mut self, curve: &FlightCurve, times: &[f64; MOST], count: usize) {
         let PlotSamples { t, x, .. } = &mut self.all;
         let all = t.len() + count;
         for times in times.chunks_exact(LANES).take(count.div_ceil(LANES)) {
@@ -536,7 +536,7 @@ impl<'a> Merged<'a> {
     /// Moves the last sample, just before an impact, back to where it can be told from it, if it
     /// cannot: one of those from this one on, or none.
     #[inline(always)]
-    fn last_before(&mut self, curve: &Curve, end: f64, first: usize) {
+    fn last_before(&mut self, curve: &FlightCurve, end: f64, first: usize) {
         if self.all.x.last().is_none_or(|&x| x > 0.0) {
             return;
         }
@@ -553,7 +553,7 @@ impl<'a> Merged<'a> {
 
     /// Takes the samples from this one on as those of a source.
     #[inline(always)]
-    fn close(&mut self, source: Source, first: usize) -> Result<(), TryReserveError> {
+    fn close(&mut self, source: SampleSource, first: usize) -> Result<(), TryReserveError> {
         let t = &self.all.t;
         let Some(&last) = t[first..].last() else { return Ok(()) };
         let alone = self.steps[0].get(self.next).is_none_or(|&step| step > last);
@@ -566,7 +566,7 @@ impl<'a> Merged<'a> {
 
     /// The same where steps end among them.
     #[cold]
-    fn one_by_one(&mut self, source: Source, first: usize) -> Result<(), TryReserveError> {
+    fn one_by_one(&mut self, source: SampleSource, first: usize) -> Result<(), TryReserveError> {
         let (times, x) = (self.all.t.split_off(first), self.all.x.split_off(first));
         self.grow(times.len(), self.segments)?;
         self.all.runs.try_reserve(2 * times.len() + self.steps[0].len() - self.next)?;

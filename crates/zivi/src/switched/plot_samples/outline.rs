@@ -3,7 +3,7 @@
 use crate::numeric::bernstein::Bernstein;
 use crate::numeric::power_series::{all_slopes, all_values, LANES};
 use crate::switched::flight::series::{derivative, polished, value, Series, TERMS};
-use crate::switched::path::{Curve, Form};
+use crate::switched::path::{FlightCurve, Form};
 use crate::switched::plot_samples::{larger, largest, range, smaller, BLOCK};
 use pulp::Simd;
 
@@ -28,7 +28,7 @@ impl Outline {
     #[inline(always)]
     pub(super) fn of<'a, S: Simd>(
         simd: S,
-        curve: &'a Curve,
+        curve: &'a FlightCurve,
         apexes: &mut Vec<f64>,
     ) -> (Self, Option<(&'a Series, f64)>) {
         match &curve.form {
@@ -42,7 +42,11 @@ impl Outline {
 }
 
 #[inline(always)]
-fn of_polynomials(curve: &Curve, [x, xdot]: &[Bernstein; 2], apexes: &mut Vec<f64>) -> Outline {
+fn of_polynomials(
+    curve: &FlightCurve,
+    [x, xdot]: &[Bernstein; 2],
+    apexes: &mut Vec<f64>,
+) -> Outline {
     /// What may be rounding, relative to the largest coefficient.
     const ROUNDING: f64 = 1e-12;
     let (x, xdot) = (x.coefficients(), xdot.coefficients());
@@ -120,7 +124,7 @@ fn is_one_sign([a, b, c]: [f64; 3]) -> bool {
 #[inline(always)]
 pub(super) fn of_powers<S: Simd>(
     simd: S,
-    curve: &Curve,
+    curve: &FlightCurve,
     a: &Series,
     apexes: &mut Vec<f64>,
 ) -> (Outline, Option<f64>) {
@@ -163,7 +167,7 @@ pub(super) fn of_parabola(first: f64, slope: f64, last: f64) -> f64 {
 }
 
 /// Where the velocity changes its sign downwards, however often.
-pub(super) fn all_apexes(curve: &Curve, apexes: &mut Vec<f64>) {
+pub(super) fn all_apexes(curve: &FlightCurve, apexes: &mut Vec<f64>) {
     let xdot = curve.velocity();
     // a step that falls has its first turn at the bottom
     let skipped = usize::from(xdot.starts_negative());
@@ -207,7 +211,7 @@ impl Guesses {
     pub(super) fn polish<S: Simd>(
         &mut self,
         simd: S,
-        block: &mut [(Curve, Outline)],
+        block: &mut [(FlightCurve, Outline)],
         apexes: &mut [f64],
     ) {
         let [mut above, mut length, mut next] = [[0.0; BLOCK]; 3];
@@ -248,7 +252,7 @@ impl Guesses {
 /// One of them.
 #[cold]
 #[inline(never)]
-fn alone(curve: &Curve, guess: f64) -> (f64, f64) {
+fn alone(curve: &FlightCurve, guess: f64) -> (f64, f64) {
     let Form::Powers(a, ..) = &curve.form else { return (guess, 0.0) };
     let theta = polished(&derivative(a), guess, |step, _| step.abs() < LAST);
     (theta, value(a, theta))
@@ -278,17 +282,17 @@ mod apexes_tests {
     use super::*;
 
     /// A part of cos(rate theta - rate place), whose apex is at that place.
-    fn curve(rate: f64, place: f64) -> Curve {
+    fn curve(rate: f64, place: f64) -> FlightCurve {
         let mut term = 1.0;
         let a: Series = std::array::from_fn(|n| {
             let own = term * (n as f64 * std::f64::consts::FRAC_PI_2 - rate * place).cos();
             term *= rate / (n as f64 + 1.0);
             own
         });
-        Curve { start: 0.0, h: 1.0, sigma: 1.0, form: Form::Powers(a, a[1], false) }
+        FlightCurve { start: 0.0, h: 1.0, sigma: 1.0, form: Form::Powers(a, a[1], false) }
     }
 
-    struct Polished<'a>(&'a mut Guesses, &'a mut [(Curve, Outline)], &'a mut [f64]);
+    struct Polished<'a>(&'a mut Guesses, &'a mut [(FlightCurve, Outline)], &'a mut [f64]);
 
     impl pulp::WithSimd for Polished<'_> {
         type Output = ();
@@ -311,7 +315,7 @@ mod apexes_tests {
                     _ => (place * (7.3 + l as f64)).fract(),
                 };
                 let mut guesses = Guesses::NONE;
-                let mut block = [(Curve::NONE, Outline::NONE); BLOCK];
+                let mut block = [(FlightCurve::NONE, Outline::NONE); BLOCK];
                 for (l, (own, _)) in block.iter_mut().enumerate().take(count) {
                     *own = curve(0.3 + 0.02 * f64::from(k) + 0.03 * l as f64, place);
                     let Form::Powers(a, ..) = &own.form else { unreachable!() };

@@ -13,7 +13,7 @@ use crate::numeric::bernstein::Bernstein;
 use crate::numeric::coordinates::{Beyond, Row, MOST_STAGES};
 use crate::numeric::dense::polynomials;
 use crate::numeric::stages::{worse, Node, StepError, Tolerances};
-use crate::numeric::tableau::{Estimate, Interpolant, Weights};
+use crate::numeric::tableau::{ErrorEstimate, Interpolant, Weights};
 use crate::record::status::Failure;
 use crate::switched::mode::Point;
 use crate::switched::sensitivity::validity::Nearest;
@@ -230,7 +230,7 @@ impl ColumnStep {
         sizes: &[f64],
         force: &mut Counted<'_, F>,
     ) -> Result<f64, Failure<E>> {
-        if let Estimate::Single(_) = stages.pair.estimate {
+        if let ErrorEstimate::Single(_) = stages.pair.estimate {
             self.stage_at_end(stages, force)?;
         }
         let rounding = rounding * f64::EPSILON * stages.from.t.abs();
@@ -254,12 +254,12 @@ impl ColumnStep {
             weights.rest().iter().zip(stages).map(|(w, of)| w * of[column]).sum::<f64>() * h
         };
         match stages.pair.estimate {
-            Estimate::Single(e) => StepError {
+            ErrorEstimate::Single(e) => StepError {
                 x: [h * sum(e, &self.v), 0.0],
                 xdot: [sum(e, &self.k), 0.0],
                 double: false,
             },
-            Estimate::Double(e5, e3) => StepError {
+            ErrorEstimate::Double(e5, e3) => StepError {
                 x: [h * sum(e5, &self.v), h * sum(e3, &self.v)],
                 xdot: [sum(e5, &self.k), sum(e3, &self.k)],
                 double: true,

@@ -5,7 +5,7 @@ use crate::numeric::bernstein::evaluate;
 use crate::switched::stages::Stages;
 
 #[derive(Clone, Copy, Debug, PartialEq)]
-enum Kind {
+enum PathPiece {
     /// Polynomials of this degree, their coefficients from here on, over a step of length `h`.
     Flight {
         first: usize,
@@ -21,7 +21,7 @@ enum Kind {
 #[derive(Clone, Debug, Default)]
 pub(in crate::switched) struct ColumnPath {
     m: usize,
-    segments: Vec<(f64, Kind)>,
+    segments: Vec<(f64, PathPiece)>,
     coefficients: Vec<f64>,
 }
 
@@ -49,18 +49,18 @@ impl ColumnPath {
                 self.coefficients.extend_from_slice(part.coefficients());
             }
         }
-        self.push(stages.from.t, Kind::Flight { first, degree, h });
+        self.push(stages.from.t, PathPiece::Flight { first, degree, h });
     }
 
     pub(in crate::switched) fn push_tail(&mut self, start: f64) {
-        self.push(start, Kind::Tail);
+        self.push(start, PathPiece::Tail);
     }
 
     pub(in crate::switched) fn push_rest(&mut self, start: f64) {
-        self.push(start, Kind::Rest);
+        self.push(start, PathPiece::Rest);
     }
 
-    fn push(&mut self, start: f64, kind: Kind) {
+    fn push(&mut self, start: f64, kind: PathPiece) {
         if self.segments.last().is_some_and(|last| last.0 == start) {
             self.segments.pop();
         }
@@ -75,9 +75,9 @@ impl ColumnPath {
             return Columns { x: vec![f64::NAN; self.m], v: vec![f64::NAN; self.m] };
         };
         match kind {
-            Kind::Rest => Columns::zeros(self.m),
-            Kind::Tail => Columns { x: vec![f64::NAN; self.m], v: vec![f64::NAN; self.m] },
-            Kind::Flight { first, degree, h } => {
+            PathPiece::Rest => Columns::zeros(self.m),
+            PathPiece::Tail => Columns { x: vec![f64::NAN; self.m], v: vec![f64::NAN; self.m] },
+            PathPiece::Flight { first, degree, h } => {
                 let theta = ((t - start) / h).clamp(0.0, 1.0);
                 let polynomial = |number: usize| {
                     evaluate(&self.coefficients[first + number * (degree + 1)..][..=degree], theta)

@@ -10,7 +10,7 @@ use crate::numeric::stages::{factor, shorter, FACTORS};
 use crate::piecewise::steps::Driver;
 use crate::record::status::Failure;
 use crate::switched::integrator::SwitchedIntegrator;
-use crate::switched::mode::{Flight, Mode, Piece, Point};
+use crate::switched::mode::{Mode, NextInFlight, Piece, Point};
 use crate::switched::sensitivity::columns::{ColumnStep, EventRates, Wrt};
 use crate::switched::sensitivity::validity::{Limit, Validity};
 use crate::switched::stages::{Counted, Stages};
@@ -166,7 +166,7 @@ impl VariationalRun {
             let rate = Rate { dt, du, dg, de, flow: [&[], &[]], dz: &[] };
             self.chains[column].note(integrator.chain(), &rate);
         }
-        let Mode::Flight(Flight::Jump { .. }) = integrator.mode() else { return Ok(()) };
+        let Mode::Flight(NextInFlight::Jump { .. }) = integrator.mode() else { return Ok(()) };
         let tolerance = integrator.settings().zeno_tolerance(integrator.chain(), last.g);
         let (rtol, mut known) = (integrator.settings().rtol, true);
         self.zeno.clear();
@@ -275,12 +275,12 @@ impl<'f, E, F: DifferentiableForce<E>> Driver<SwitchedIntegrator, Counted<'f, F>
         t_end: f64,
         force: &mut Counted<'f, F>,
     ) -> Result<Piece, Failure<E>> {
-        if let Mode::Flight(Flight::AfterImpact) = integrator.mode() {
+        if let Mode::Flight(NextInFlight::AfterImpact) = integrator.mode() {
             integrator.settle(t_end, force)?;
             self.weigh(integrator, force)?;
         }
         match integrator.mode() {
-            Mode::Rest(_) | Mode::Flight(Flight::Jump { .. }) => {
+            Mode::Rest(_) | Mode::Flight(NextInFlight::Jump { .. }) => {
                 let piece = integrator.proceed(t_end, force)?;
                 self.other(integrator, piece, force)
             }

@@ -21,7 +21,7 @@ use frame::{
 };
 use gap::{Row, SlipRow};
 
-use crate::numeric::power_series::{Dual, Real};
+use crate::numeric::power_series::{DualNumber, Real};
 use crate::system::dynamics::{Dynamics, Layout};
 use crate::system::partials::{DifferentiableDynamics, TimedState};
 use std::ops::Range;
@@ -202,7 +202,7 @@ pub struct TreeDynamics {
     /// Directions in which parameters move the numbers of the tree.
     directions: Arc<Vec<Vec<f64>>>,
     bodies: Bodies<f64>,
-    moved: Bodies<Dual>,
+    moved: Bodies<DualNumber>,
 }
 
 impl TreeDynamics {
@@ -367,10 +367,11 @@ impl<E> DifferentiableDynamics<E> for TreeDynamics {
     }
 
     fn partials(&mut self, at: TimedState<'_>, by: &[usize], out: &mut [f64]) -> Result<(), E> {
-        let constants = |of: &[f64]| of.iter().map(|&it| Dual::of(it)).collect::<Vec<Dual>>();
+        let constants =
+            |of: &[f64]| of.iter().map(|&it| DualNumber::of(it)).collect::<Vec<DualNumber>>();
         let (layout, mut numbers) = (self.tree.layout(), constants(&self.tree.numbers));
         let (n, mut state) = (layout.n, [constants(at.q), constants(at.w)].concat());
-        let mut row = vec![Dual::of(0.0); layout.len()];
+        let mut row = vec![DualNumber::of(0.0); layout.len()];
         let (by_time, rest) = out.split_at_mut(layout.len());
         by_time.fill(0.0);
         for (c, out) in rest.chunks_exact_mut(layout.len()).enumerate() {

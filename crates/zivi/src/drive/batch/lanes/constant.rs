@@ -5,7 +5,7 @@ use pulp::Simd;
 use crate::Force;
 
 use super::flight::{vectors, vectors_mut, Common, Lane, Lanes, HUGE, MARGIN, WIDTH};
-use super::law::Law;
+use super::law::StepLaw;
 use crate::drive::batch::lanes::law::OneByOne;
 use crate::drive::batch::Stopped;
 
@@ -41,7 +41,7 @@ impl Constant {
     }
 }
 
-impl<F: Force<Stopped>> Law<F> for Constant {
+impl<F: Force<Stopped>> StepLaw<F> for Constant {
     fn place(&mut self, i: usize, run: &OneByOne<F>, lanes: &Lanes) {
         // a force that has no value says so in the first step
         let push = lanes.h * run.stepper.constant().unwrap_or(f64::NAN);

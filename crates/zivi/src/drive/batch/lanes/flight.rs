@@ -136,7 +136,7 @@ impl<S: Simd> Common<S> {
 }
 
 /// Some masses in flight, at the start of a step.
-pub(super) struct Flight<S: Simd> {
+pub(super) struct FlyingMasses<S: Simd> {
     pub(super) of: Common<S>,
     pub(super) s: S::f64s,
     pub(super) v: S::f64s,
@@ -147,7 +147,7 @@ pub(super) struct Flight<S: Simd> {
     pub(super) turn: S::f64s,
 }
 
-impl<S: Simd> Flight<S> {
+impl<S: Simd> FlyingMasses<S> {
     #[inline(always)]
     pub(super) fn from(
         of: Common<S>,

@@ -8,14 +8,14 @@ use crate::drive::batch::{Save, Stopped};
 use crate::record::events::EventLog;
 use crate::stepping::fixed_step::{FixedStep, Start};
 use crate::stepping::step_solver::Exact;
-use crate::stepping::theta_gamma::Stepper;
+use crate::stepping::theta_gamma::ThetaGammaStepper;
 use crate::{Failure, Force, Grid, LinearForce, SetupError, Status, Summary};
 use pulp::Simd;
 use zivi_core::cosine::{cos, turn_into_cosines};
 use zivi_core::{transform, Branch, Lifted, Physical, Restitution, ThetaGammaStep};
 
 /// The everyday steps under one kind of force.
-pub(super) trait Law<F> {
+pub(super) trait StepLaw<F> {
     /// Looks at a mass after a step of its own, and before steps of another size.
     fn place(&mut self, i: usize, run: &OneByOne<F>, lanes: &Lanes);
 
@@ -111,7 +111,7 @@ pub(in crate::drive::batch) struct Mass<F> {
 
 /// What goes on beside the states: the run of one mass as it is alone.
 pub(super) struct OneByOne<F> {
-    pub(super) stepper: Stepper<Exact>,
+    pub(super) stepper: ThetaGammaStepper<Exact>,
     pub(super) force: F,
     restitution: Restitution,
     log: EventLog,
@@ -132,7 +132,7 @@ impl<F: Force<Stopped>> OneByOne<F> {
         let Mass { step, force, initial } = mass;
         let restitution = step.restitution();
         let mut run = Self {
-            stepper: Stepper::new(step, Exact),
+            stepper: ThetaGammaStepper::new(step, Exact),
             force,
             restitution,
             log: EventLog::start(grid.t(0), z, initial.arrives(), restitution),

@@ -9,13 +9,13 @@ use pulp::Simd;
 use crate::stepping::implicit::{ImplicitForce, TOLERANCE};
 use crate::Force;
 
-use super::flight::{vectors, vectors_mut, Common, Flight, Lane, Lanes, WIDTH};
-use super::law::Law;
+use super::flight::{vectors, vectors_mut, Common, FlyingMasses, Lane, Lanes, WIDTH};
+use super::law::StepLaw;
 use crate::drive::batch::lanes::law::{Mass, OneByOne, Waves};
 use crate::drive::batch::Stopped;
 
 #[repr(C, align(64))] // lanes begin where vectors of the machine do
-pub(super) struct Linear {
+pub(super) struct LinearLanes {
     stiffness: Lane,
     damping: Lane,
     /// Not a number where a mass does not move any more.
@@ -28,7 +28,7 @@ pub(super) struct Linear {
     waves: Waves,
 }
 
-impl Linear {
+impl LinearLanes {
     pub(super) fn of<F: Force<Stopped>>(masses: &[Mass<F>]) -> Self {
         let forces = || masses.iter().filter_map(|mass| mass.force.as_linear_force());
         let (zero, nan) = ([0.0; WIDTH], [f64::NAN; WIDTH]);
@@ -52,7 +52,7 @@ impl Linear {
 /// Some masses on springs and dampers, at the start of a step. (Functions and no closures: only what
 /// is certainly inlined is compiled for the machine's vectors.)
 struct Sprung<S: Simd> {
-    flight: Flight<S>,
+    flight: FlyingMasses<S>,
     at_origin: S::m64s,
     theta: [S::f64s; 2],
     stiffness: S::f64s,
@@ -62,7 +62,7 @@ struct Sprung<S: Simd> {
 }
 
 /// A trial: `h f`, the end of the step, and the mismatch of the force there.
-struct Trial<S: Simd> {
+struct LinearTrial<S: Simd> {
     push: S::f64s,
     end: (S::f64s, S::f64s),
     mismatch: S::f64s,
@@ -70,8 +70,8 @@ struct Trial<S: Simd> {
 
 impl<S: Simd> Sprung<S> {
     #[inline(always)]
-    fn tried(&self, f: S::f64s) -> Trial<S> {
-        let Flight { of: Common { simd, h, zero, .. }, s, v, r, .. } = self.flight;
+    fn tried(&self, f: S::f64s) -> LinearTrial<S> {
+        let FlyingMasses { of: Common { simd, h, zero, .. }, s, v, r, .. } = self.flight;
         let push = simd.mul_f64s(h, f);
         // what rests stays
         let end = self.flight.end(simd.select_f64s(self.at_origin, zero, push));
@@ -79,7 +79,7 @@ impl<S: Simd> Sprung<S> {
         let damper = simd.mul_f64s(self.damping, simd.mul_f64s(r, self.at_theta(end.1, v)));
         let value = simd.sub_f64s(simd.neg_f64s(spring), damper);
         let value = simd.add_f64s(simd.sub_f64s(value, self.gravity), self.excitation);
-        Trial { push, end, mismatch: simd.sub_f64s(value, f) }
+        LinearTrial { push, end, mismatch: simd.sub_f64s(value, f) }
     }
 
     #[inline(always)]
@@ -96,7 +96,7 @@ impl<S: Simd> Sprung<S> {
     }
 }
 
-impl<F: Force<Stopped>> Law<F> for Linear {
+impl<F: Force<Stopped>> StepLaw<F> for LinearLanes {
     fn place(&mut self, i: usize, run: &OneByOne<F>, _: &Lanes) {
         let ImplicitForce { last, slope, .. } = run.stepper.implicit;
         (self.last[i], self.slope[i]) = (last.unwrap_or(f64::NAN), slope);
@@ -134,7 +134,7 @@ impl<F: Force<Stopped>> Law<F> for Linear {
         let (busy, hard) = (vectors(simd, busy), vectors_mut(simd, hard));
         for i in 0..n {
             let (r, inverse_r) = ([r_out[i], r_in[i]], [inverse_out[i], inverse_in[i]]);
-            let flight = Flight::from(of, (s[i], v[i]), r, inverse_r, turn[i]);
+            let flight = FlyingMasses::from(of, (s[i], v[i]), r, inverse_r, turn[i]);
             let masses = Sprung {
                 at_origin: flight.is_at_origin(),
                 flight,

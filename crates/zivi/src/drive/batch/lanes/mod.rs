@@ -27,10 +27,10 @@ pub(super) mod moreau;
 
 use crate::drive::batch::lanes::constant::Constant;
 pub(super) use crate::drive::batch::lanes::flight::WIDTH;
-use crate::drive::batch::lanes::flight::{vectors, vectors_mut, Common, Flight, Lane, Lanes};
+use crate::drive::batch::lanes::flight::{vectors, vectors_mut, Common, FlyingMasses, Lane, Lanes};
 pub(super) use crate::drive::batch::lanes::law::Mass;
-use crate::drive::batch::lanes::law::{Law, OneByOne, Waves};
-use crate::drive::batch::lanes::linear::Linear;
+use crate::drive::batch::lanes::law::{OneByOne, StepLaw, Waves};
+use crate::drive::batch::lanes::linear::LinearLanes;
 use crate::drive::batch::outcome::Outcome;
 use crate::drive::batch::{Save, Stopped};
 use crate::stepping::fixed_step::{lift, FixedStep};
@@ -58,11 +58,11 @@ pub(super) fn run<F: Force<Stopped> + Copy>(
     match dependence {
         Dependence::Constant => moved(masses, Constant::over(grid.n_steps()), grid, save, stop),
         Dependence::Time => moved(masses, Pulled::of(masses), grid, save, stop),
-        Dependence::State => moved(masses, Linear::of(masses), grid, save, stop),
+        Dependence::State => moved(masses, LinearLanes::of(masses), grid, save, stop),
     }
 }
 
-fn moved<F: Force<Stopped> + Copy, L: Law<F>>(
+fn moved<F: Force<Stopped> + Copy, L: StepLaw<F>>(
     masses: &[Mass<F>],
     mut law: L,
     grid: Grid,
@@ -96,7 +96,7 @@ fn moved<F: Force<Stopped> + Copy, L: Law<F>>(
             }
         }
         let (lanes, law, runs) = (&mut lanes, &mut law, &mut runs);
-        arch.dispatch(Steps { lanes, law, runs, grid, range: (k, until), extremes });
+        arch.dispatch(LaneSteps { lanes, law, runs, grid, range: (k, until), extremes });
         k = until;
         if every > 0 && k % every == 0 {
             for (i, run) in runs.iter_mut().enumerate() {
@@ -117,7 +117,7 @@ fn moved<F: Force<Stopped> + Copy, L: Law<F>>(
 const PIECE: usize = 1 << 14;
 
 /// The steps of a range, compiled for what the machine can do.
-struct Steps<'a, F, L> {
+struct LaneSteps<'a, F, L> {
     lanes: &'a mut Lanes,
     law: &'a mut L,
     runs: &'a mut [OneByOne<F>],
@@ -126,7 +126,7 @@ struct Steps<'a, F, L> {
     extremes: bool,
 }
 
-impl<F: Force<Stopped>, L: Law<F>> WithSimd for Steps<'_, F, L> {
+impl<F: Force<Stopped>, L: StepLaw<F>> WithSimd for LaneSteps<'_, F, L> {
     type Output = ();
 
     #[inline(always)]
@@ -173,7 +173,7 @@ impl<F: Force<Stopped>, L: Law<F>> WithSimd for Steps<'_, F, L> {
 // Masses under forces of time alone, which are known before a step.
 
 /// Where the forces of a step come from.
-enum Source {
+enum ForceSource {
     /// Waves, from which gravity is taken away.
     Waves(Box<(Waves, Lane)>),
     /// Forces are evaluated, those that are the same once: the first that is the same as each.
@@ -184,28 +184,28 @@ enum Source {
 struct Pulled {
     /// The forces; none (NaN) where nothing moves any more or a step has to be taken alone.
     pull: Lane,
-    source: Source,
+    source: ForceSource,
 }
 
 impl Pulled {
     fn of<F: Force<Stopped>>(masses: &[Mass<F>]) -> Self {
         let linear = || masses.iter().filter_map(|mass| mass.force.as_linear_force());
         let source = if linear().count() == masses.len() {
-            Source::Waves(Box::new((Waves::of(linear()), [f64::NAN; WIDTH])))
+            ForceSource::Waves(Box::new((Waves::of(linear()), [f64::NAN; WIDTH])))
         } else {
             let first = |(i, mass): (usize, &Mass<F>)| {
                 let same = |other: &Mass<F>| mass.force.is_same(&other.force);
                 masses[..i].iter().position(same).unwrap_or(i)
             };
-            Source::Evaluated(masses.iter().enumerate().map(first).collect())
+            ForceSource::Evaluated(masses.iter().enumerate().map(first).collect())
         };
         Self { source, pull: [f64::NAN; WIDTH] }
     }
 }
 
-impl<F: Force<Stopped>> Law<F> for Pulled {
+impl<F: Force<Stopped>> StepLaw<F> for Pulled {
     fn place(&mut self, i: usize, run: &OneByOne<F>, _: &Lanes) {
-        if let Source::Waves(waves) = &mut self.source {
+        if let ForceSource::Waves(waves) = &mut self.source {
             let gravity = run.force.as_linear_force().map_or(f64::NAN, |it| it.gravity);
             waves.1[i] = if run.ended.is_none() { gravity } else { f64::NAN };
         }
@@ -219,7 +219,7 @@ impl<F: Force<Stopped>> Law<F> for Pulled {
     #[inline(always)]
     fn begin(&mut self, t: f64, runs: &mut [OneByOne<F>]) {
         match &mut self.source {
-            Source::Waves(waves) => {
+            ForceSource::Waves(waves) => {
                 let (waves, gravity) = &mut **waves;
                 waves.go_to(t);
                 let waves = waves.excitation.iter().zip(gravity);
@@ -227,7 +227,7 @@ impl<F: Force<Stopped>> Law<F> for Pulled {
                     *pull = wave - *gravity;
                 }
             }
-            Source::Evaluated(first) => {
+            ForceSource::Evaluated(first) => {
                 for (i, run) in runs.iter_mut().enumerate() {
                     if run.ended.is_none() {
                         let known = self.pull[first[i]];
@@ -255,7 +255,7 @@ impl<F: Force<Stopped>> Law<F> for Pulled {
         let (busy, hard) = (vectors(simd, busy), vectors_mut(simd, hard));
         for i in 0..n {
             let (r, inverse_r) = ([r_out[i], r_in[i]], [inverse_out[i], inverse_in[i]]);
-            let flight = Flight::from(of, (s[i], v[i]), r, inverse_r, turn[i]);
+            let flight = FlyingMasses::from(of, (s[i], v[i]), r, inverse_r, turn[i]);
             let push = simd.mul_f64s(of.h, pull[i]);
             let end = flight.end(push);
             let along = simd.mul_f64s(flight.v, push);

@@ -38,12 +38,12 @@ pub(in super::super) fn run<F: Force<Stopped> + Copy>(
     (save, slowest): (Save<'_>, f64),
     stop: &dyn Fn() -> bool,
 ) -> Result<Vec<Outcome>, SetupError> {
-    let mut lanes = Lanes::of(masses, theta, grid);
+    let mut lanes = MoreauLanes::of(masses, theta, grid);
     let mut runs = Vec::with_capacity(masses.len());
     for (i, mass) in masses.iter().enumerate() {
         let saved = Saved::with_room(save.every(), grid)?;
         let mover = Mover::new(theta, mass.e, (grid.t(0), mass.initial));
-        runs.push(OneByOne {
+        runs.push(MoreauOneByOne {
             mover,
             force: mass.force,
             status: Status::Completed,
@@ -65,11 +65,11 @@ pub(in super::super) fn run<F: Force<Stopped> + Copy>(
             lanes.h = grid.last_h();
         }
         let (lanes, runs) = (&mut lanes, &mut *runs);
-        arch.dispatch(Steps { lanes, runs, grid, range: (k, until), extremes });
+        arch.dispatch(MoreauSteps { lanes, runs, grid, range: (k, until), extremes });
         k = until;
         lanes.sample(runs, (every, k));
     }
-    let finish = |(i, run): (usize, OneByOne<F>)| {
+    let finish = |(i, run): (usize, MoreauOneByOne<F>)| {
         let Physical { x, xdot } = lanes.at(i);
         let (x_max, speed_max) = (lanes.x_max[i], lanes.speed_max[i]);
         let summary = Summary { t: grid.t(run.ended.unwrap_or(k)), x, xdot, x_max, speed_max };
@@ -81,7 +81,7 @@ pub(in super::super) fn run<F: Force<Stopped> + Copy>(
 }
 
 /// The run of one mass as it is alone.
-struct OneByOne<F> {
+struct MoreauOneByOne<F> {
     mover: Mover,
     force: F,
     status: Status,
@@ -90,7 +90,7 @@ struct OneByOne<F> {
     saved: Saved,
 }
 
-impl<F: Force<Stopped>> OneByOne<F> {
+impl<F: Force<Stopped>> MoreauOneByOne<F> {
     /// The step after `k` that is not everyday; the mass stays where there is none, and stops.
     #[cold]
     #[inline(never)]
@@ -110,7 +110,7 @@ impl<F: Force<Stopped>> OneByOne<F> {
 }
 
 #[repr(C, align(64))] // lanes begin where vectors of the machine do
-struct Lanes {
+struct MoreauLanes {
     x: Lane,
     v: Lane,
     e: Lane,
@@ -139,7 +139,7 @@ struct Lanes {
     implicit: bool,
 }
 
-impl Lanes {
+impl MoreauLanes {
     fn of<F: Force<Stopped>>(masses: &[Mass<F>], theta: f64, grid: Grid) -> Self {
         let forces = || masses.iter().filter_map(|mass| mass.force.as_linear_force());
         let zero = [0.0; WIDTH];
@@ -176,7 +176,7 @@ impl Lanes {
     }
 
     /// Puts a mass where a step of its own has led it.
-    fn place<F>(&mut self, i: usize, Physical { x, xdot }: Physical, run: &OneByOne<F>) {
+    fn place<F>(&mut self, i: usize, Physical { x, xdot }: Physical, run: &MoreauOneByOne<F>) {
         let Mover { scheme, log } = &run.mover;
         (self.x[i], self.v[i]) = (x, xdot);
         self.busy[i] = f64::from(u8::from(run.ended.is_none()));
@@ -187,7 +187,7 @@ impl Lanes {
     }
 
     /// Tells a mass what the steps side by side have left, before a step of its own.
-    fn tell<F>(&self, i: usize, run: &mut OneByOne<F>) {
+    fn tell<F>(&self, i: usize, run: &mut MoreauOneByOne<F>) {
         if !self.here[i].is_nan() {
             run.mover.scheme.here = Some(self.here[i]);
         }
@@ -195,7 +195,7 @@ impl Lanes {
     }
 
     /// Keeps the samples after `k` steps, if they are kept.
-    fn sample<F>(&self, runs: &mut [OneByOne<F>], (every, k): (usize, usize)) {
+    fn sample<F>(&self, runs: &mut [MoreauOneByOne<F>], (every, k): (usize, usize)) {
         if every > 0 && k % every == 0 {
             for (i, run) in runs.iter_mut().enumerate().filter(|(_, run)| run.ended.is_none()) {
                 run.saved.push(self.x[i], self.v[i]);
@@ -237,7 +237,7 @@ impl Lanes {
             let closed = simd.less_than_or_equal_f64s(predicted, zero);
             let at_rest = simd.greater_than_f64s(rests[i], zero);
             let first = here[i];
-            let step = Step {
+            let step = MoreauStep {
                 simd,
                 state: (x[i], v[i]),
                 first,
@@ -296,7 +296,7 @@ impl Lanes {
 
 /// Some masses at the start of a step. (Functions and no closures: only what is certainly inlined is
 /// compiled for the machine's vectors.)
-struct Step<S: Simd> {
+struct MoreauStep<S: Simd> {
     simd: S,
     state: (S::f64s, S::f64s),
     /// The force there.
@@ -319,7 +319,7 @@ struct Trial<S: Simd> {
     value: S::f64s,
 }
 
-impl<S: Simd> Step<S> {
+impl<S: Simd> MoreauStep<S> {
     #[inline(always)]
     fn weighted(&self, new: S::f64s, old: S::f64s) -> S::f64s {
         let (simd, [theta, rest]) = (self.simd, self.theta);
@@ -358,15 +358,15 @@ impl<S: Simd> Step<S> {
 }
 
 /// The steps of a range, compiled for what the machine can do.
-struct Steps<'a, F> {
-    lanes: &'a mut Lanes,
-    runs: &'a mut [OneByOne<F>],
+struct MoreauSteps<'a, F> {
+    lanes: &'a mut MoreauLanes,
+    runs: &'a mut [MoreauOneByOne<F>],
     grid: Grid,
     range: (usize, usize),
     extremes: bool,
 }
 
-impl<F: Force<Stopped>> WithSimd for Steps<'_, F> {
+impl<F: Force<Stopped>> WithSimd for MoreauSteps<'_, F> {
     type Output = ();
 
     #[inline(always)]

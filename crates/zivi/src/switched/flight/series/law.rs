@@ -170,7 +170,7 @@ pub(crate) struct Law {
 
 /// Where a step starts.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub(crate) struct Start {
+pub(crate) struct SeriesStart {
     /// Position (m).
     pub(crate) x: f64,
     /// Velocity times the length of a step (m).
@@ -220,12 +220,15 @@ pub(super) const COLUMNS: usize = 3 + 2 * WAVES;
 
 /// Numbers that are linear in where a step starts: by each of what it is linear in.
 #[derive(Clone, Debug, PartialEq)]
-pub(super) struct Columns<const N: usize>(pub(super) [[f64; N]; COLUMNS]);
+pub(super) struct LinearColumns<const N: usize>(pub(super) [[f64; N]; COLUMNS]);
 
-impl<const N: usize> Columns<N> {
+impl<const N: usize> LinearColumns<N> {
     /// The first of them for a start with `W` waves.
     #[inline(always)]
-    pub(super) fn of<const W: usize, const FIRST: usize>(&self, start: &Start) -> [f64; FIRST] {
+    pub(super) fn of<const W: usize, const FIRST: usize>(
+        &self,
+        start: &SeriesStart,
+    ) -> [f64; FIRST] {
         // a loop is compiled for the vectors of whoever calls, a closure is not
         let mut all = [0.0; FIRST];
         for (n, sum) in all.iter_mut().enumerate() {
@@ -236,8 +239,8 @@ impl<const N: usize> Columns<N> {
 
     /// One of them.
     #[inline(always)]
-    pub(super) fn one<const W: usize>(&self, start: &Start, n: usize) -> f64 {
-        let (Start { x, v, force, waves }, by) = (*start, &self.0);
+    pub(super) fn one<const W: usize>(&self, start: &SeriesStart, n: usize) -> f64 {
+        let (SeriesStart { x, v, force, waves }, by) = (*start, &self.0);
         let mut sum = x * by[0][n] + v * by[1][n] + force * by[2][n];
         for m in 0..W {
             let [re, im] = waves[m];
@@ -260,7 +263,7 @@ impl Bound {
     }
 
     #[inline(always)]
-    pub(super) fn of<const W: usize>(&self, start: &Start) -> f64 {
+    pub(super) fn of<const W: usize>(&self, start: &SeriesStart) -> f64 {
         let Self([x, v, force, waves @ ..]) = self;
         let mut sum = x * start.x.abs() + v * start.v.abs() + force * start.force.abs();
         for (of, z) in waves.iter().zip(&start.waves).take(W) {

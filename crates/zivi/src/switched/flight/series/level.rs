@@ -3,7 +3,7 @@
 use crate::numeric::bernstein::Polynomial;
 use crate::numeric::root::sin_cos;
 use crate::switched::flight::series::law::{
-    length, sum_by, Bound, Columns, Law, Start, COLUMNS, TERMS, WAVES,
+    length, sum_by, Bound, Law, LinearColumns, SeriesStart, COLUMNS, TERMS, WAVES,
 };
 
 /// Doublings of a step; a larger one is never needed.
@@ -14,18 +14,23 @@ const LARGEST: f64 = 1e100;
 
 /// How the end of `2^j` steps depends on their start.
 #[derive(Clone, Debug, PartialEq)]
-pub(super) struct Level {
+pub(super) struct DoublingLevel {
     /// `x` and `V`.
-    ends: Columns<2>,
+    ends: LinearColumns<2>,
     /// `e^(i W 2^j)` as cosine and sine.
     turn: [[f64; 2]; WAVES],
     /// Of `h^2 |x''|` on the way.
     bend: Bound,
 }
 
-impl Level {
+impl DoublingLevel {
     /// One step.
-    pub(super) fn first(series: &Columns<TERMS>, law: Law, h: f64, turns: [f64; WAVES]) -> Self {
+    pub(super) fn first(
+        series: &LinearColumns<TERMS>,
+        law: Law,
+        h: f64,
+        turns: [f64; WAVES],
+    ) -> Self {
         let ends = series.0.each_ref().map(|a| [sum_by(a, |_, a| a), sum_by(a, |n, a| n * a)]);
         let bends = |n: f64| n * (n - 1.0).max(0.0);
         let bend = |c: usize| sum_by(&series.0[c], |n, a| bends(n) * a.abs());
@@ -41,12 +46,12 @@ impl Level {
             }
         };
         let bend = Bound([bend(0), bend(1), bend(2), wave(0), wave(1)]);
-        Self { ends: Columns(ends), turn: turns.map(turn), bend }
+        Self { ends: LinearColumns(ends), turn: turns.map(turn), bend }
     }
 
     /// Position and velocity, times the length of a step, at the end.
     #[inline(always)]
-    pub(super) fn ends<const W: usize>(&self, start: &Start) -> [f64; 2] {
+    pub(super) fn ends<const W: usize>(&self, start: &SeriesStart) -> [f64; 2] {
         self.ends.of::<W, 2>(start)
     }
 
@@ -62,7 +67,7 @@ impl Level {
     /// Whether the motion certainly stays above the wall for `length` steps, no more than those of
     /// the level: `x + s V - s^2 B/2 > 0` at their end is so on the way.
     #[inline(always)]
-    pub(super) fn is_clear<const W: usize>(&self, start: &Start, length: f64) -> bool {
+    pub(super) fn is_clear<const W: usize>(&self, start: &SeriesStart, length: f64) -> bool {
         let bend = self.bend.of::<W>(start);
         let lowest = start.x + length * (start.v - 0.5 * length * bend);
         // false for NaN too
@@ -107,7 +112,7 @@ impl Level {
             wave(0),
             wave(1),
         ]);
-        Self { ends: Columns(ends), turn: turns.map(turn), bend }
+        Self { ends: LinearColumns(ends), turn: turns.map(turn), bend }
     }
 
     pub(super) fn is_tame(&self) -> bool {
@@ -148,13 +153,13 @@ pub(super) enum SignTest {
 /// Columns of Bernstein coefficients, and the slack.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Screen {
-    coefficients: Columns<SCREEN>,
+    coefficients: LinearColumns<SCREEN>,
     slack: Bound,
 }
 
 impl Screen {
     /// Of series that are divided by `s^known`.
-    pub(super) fn new(series: &Columns<TERMS>, known: usize) -> Self {
+    pub(super) fn new(series: &LinearColumns<TERMS>, known: usize) -> Self {
         let coefficients = series.0.each_ref().map(|a| {
             let mut low = [0.0; SCREEN];
             low.copy_from_slice(&a[known..known + SCREEN]);
@@ -164,11 +169,11 @@ impl Screen {
             let (low, high) = series.0[c].split_at(known + SCREEN);
             slack(low, high)
         });
-        Self { coefficients: Columns(coefficients), slack }
+        Self { coefficients: LinearColumns(coefficients), slack }
     }
 
     #[inline(always)]
-    pub(super) fn of<const W: usize>(&self, start: &Start) -> SignTest {
+    pub(super) fn of<const W: usize>(&self, start: &SeriesStart) -> SignTest {
         verdict(&self.coefficients.of::<W, SCREEN>(start), self.slack.of::<W>(start))
     }
 }
@@ -220,10 +225,10 @@ mod level_tests {
     fn a_step_is_clear_that_ends_above_a_billionth_of_the_way() {
         let law = Law { stiffness: 0.0, damping: 0.0, omega: [0.0; 2] };
         let table = Table::new(law, 1.0);
-        let level = Level::first(&Columns(table.columns()), law, table.h(), [0.0; 2]);
+        let level = DoublingLevel::first(&LinearColumns(table.columns()), law, table.h(), [0.0; 2]);
         // from 1 m down by 1 m, all but a part
         let is_clear = |left: f64, length: f64| {
-            let start = Start { x: 1.0, v: -(1.0 - left) / length, ..Start::default() };
+            let start = SeriesStart { x: 1.0, v: -(1.0 - left) / length, ..SeriesStart::default() };
             level.is_clear::<0>(&start, length)
         };
         for length in [0.25, 1.0] {
@@ -242,7 +247,7 @@ mod level_tests {
         let h = table.h();
         assert!(h > 2.0);
         let turns = omega.map(|omega| omega * h / std::f64::consts::TAU);
-        let level = Level::first(&Columns(table.columns()), law, h, turns);
+        let level = DoublingLevel::first(&LinearColumns(table.columns()), law, h, turns);
         let Bound(bend) = level.bend;
         assert!((bend[3] / (h * h) - 1.0).abs() < 1e-15, "{bend:?} {h}");
     }

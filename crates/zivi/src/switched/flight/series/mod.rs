@@ -11,18 +11,18 @@ mod step;
 mod table;
 
 pub(crate) use crate::numeric::power_series::{derivative, value, value_and_slope};
-pub(crate) use law::{column, wave, Linear, Series, Start, TERMS};
+pub(crate) use law::{column, wave, Linear, Series, SeriesStart, TERMS};
 pub(crate) use root::{first_fall, polished};
 pub(crate) use step::Step;
-use step::{Ahead, Outlook};
-pub(crate) use table::{Reading, Table};
+use step::{Outlook, StepAhead};
+pub(crate) use table::{Table, WaveReading};
 
 use std::sync::Arc;
 
 use crate::numeric::power_series::{stretch, stretch_and_size};
 use crate::switched::mode::Point;
 use crate::LinearLaw;
-use period::Period;
+use period::RepeatedFlight;
 
 /// Flights under one linear force.
 #[derive(Clone, Debug)]
@@ -31,14 +31,14 @@ pub(crate) struct SeriesFlight {
     linear: Linear,
     table: Arc<Table>,
     /// The waves, and the time that they are at.
-    clock: Reading,
+    clock: WaveReading,
     at: (f64, f64),
     /// The last velocity, and what it is times the length of a step.
     speed: (f64, f64),
     /// Flights of one length again and again.
-    period: Period,
+    period: RepeatedFlight,
     /// The last step.
-    piece: Flown,
+    piece: FlownSteps,
 }
 
 /// How far to fly.
@@ -67,10 +67,10 @@ pub(crate) struct Arrival {
 
 /// The last step of a flight, or several at once.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-struct Flown {
+struct FlownSteps {
     /// Where it started, and from what.
     from: Point,
-    start: Start,
+    start: SeriesStart,
     /// How many derivatives of the position were zero there.
     known: usize,
     step: Step,
@@ -80,7 +80,7 @@ struct Flown {
 /// follows from them.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct FlightPart {
-    pub(crate) start: Start,
+    pub(crate) start: SeriesStart,
     /// How many derivatives of the position are zero there.
     pub(crate) known: usize,
     /// Its length, in steps of the table.
@@ -113,7 +113,7 @@ impl FlightPart {
     /// The first of them, up to rounding.
     #[inline(always)]
     pub(crate) fn first_powers(&self, table: &Table) -> [f64; 3] {
-        let Start { x, v, .. } = self.start;
+        let SeriesStart { x, v, .. } = self.start;
         [x, v * self.length, table.bend(&self.start) * self.length * self.length]
     }
 }
@@ -124,9 +124,9 @@ impl SeriesFlight {
         let linear = Linear::new(&law);
         let table = Table::shared(linear.table_law());
         let usable = table.h() > 1e-100 && table.h() < 1e100;
-        let piece = Flown::default();
-        let (clock, at, speed) = (Reading::default(), (f64::NAN, f64::NAN), (f64::NAN, 0.0));
-        let period = Period::default();
+        let piece = FlownSteps::default();
+        let (clock, at, speed) = (WaveReading::default(), (f64::NAN, f64::NAN), (f64::NAN, 0.0));
+        let period = RepeatedFlight::default();
         usable.then_some(Self { law, linear, table, clock, at, speed, period, piece })
     }
 
@@ -146,7 +146,7 @@ impl SeriesFlight {
     /// Forgets the flights so far.
     pub(crate) fn start(&mut self) {
         (self.at, self.speed) = ((f64::NAN, f64::NAN), (f64::NAN, 0.0));
-        self.period = Period::default();
+        self.period = RepeatedFlight::default();
     }
 
     /// The force.
@@ -160,7 +160,7 @@ impl SeriesFlight {
         if let Some(wave) = self.linear.first() {
             let at = (now.t, now.late);
             if self.at != at {
-                self.clock = Reading::new(&self.linear, wave.clock.phase(now.t, now.late), at);
+                self.clock = WaveReading::new(&self.linear, wave.clock.phase(now.t, now.late), at);
                 self.at = at;
             }
         }
@@ -198,13 +198,13 @@ impl SeriesFlight {
         let v = self.times_step(now.xdot);
         let Self { linear, table, clock, piece, .. } = self;
         let (table, h, mut from) = (&**table, table.h(), now);
-        let mut start = Start { x: now.x, v, force: linear.constant, waves: clock.waves };
+        let mut start = SeriesStart { x: now.x, v, force: linear.constant, waves: clock.waves };
         let last = reach.t_end.min(reach.look);
         let mut steps = 1;
         loop {
             let left = ((reach.t_end - from.t) - from.late) / h;
-            let ahead = Ahead::of::<W>(table, &start, known, left);
-            if let Some(Ahead { outlook: Outlook::Clear, ends: [x, v] }) = ahead {
+            let ahead = StepAhead::of::<W>(table, &start, known, left);
+            if let Some(StepAhead { outlook: Outlook::Clear, ends: [x, v] }) = ahead {
                 let end = from.after(h, x, v / h);
                 // false for NaN, too
                 let goes_on = x > 0.0 && x + end.xdot.abs() < f64::INFINITY;
@@ -223,11 +223,11 @@ impl SeriesFlight {
             let there = step.lands || step.complete || end.t > last || steps >= reach.steps;
             if goes_on && !there {
                 *clock = clock.after::<W>(step.length, (end.t, end.late), linear, table);
-                start = Start { x: step.x, v: step.v, waves: clock.waves, ..start };
+                start = SeriesStart { x: step.x, v: step.v, waves: clock.waves, ..start };
                 (from, known, steps) = (end, 0, steps + 1);
                 continue;
             }
-            *piece = Flown { from, start, known, step };
+            *piece = FlownSteps { from, start, known, step };
             self.speed = (end.xdot, step.v);
             if step.complete && steps == 1 {
                 self.period.note(step.length, &self.table);
@@ -261,7 +261,7 @@ impl SeriesFlight {
             self.clock.waves
         });
         let v = self.times_step(now.xdot);
-        let start = Start { x: now.x, v, force: self.linear.constant, waves };
+        let start = SeriesStart { x: now.x, v, force: self.linear.constant, waves };
         if !self.table.is_clear::<W>(&start, length) {
             return None;
         }
@@ -269,7 +269,7 @@ impl SeriesFlight {
         let [x, v] = self.period.fly::<W>(&start, length, turned.is_none(), to)?;
         let end = Point { t: to.0, late: to.1, x, xdot: v / h };
         let step = Step { length, doublings: None, x, v, lands: false, complete: true };
-        self.piece = Flown { from: now, start, known, step };
+        self.piece = FlownSteps { from: now, start, known, step };
         self.speed = (end.xdot, v);
         Some(Arrival { from: now, end, lands: false, steps: 1 })
     }
@@ -299,7 +299,7 @@ impl SeriesFlight {
             let (t, late) = wave.clock.time(phase);
             // both are the same up to rounding, of which a short flight may be less
             self.at = if t < from.t { (from.t, from.late) } else { (t, late) };
-            *clock = Reading::new(linear, phase, self.at);
+            *clock = WaveReading::new(linear, phase, self.at);
             (end.t, end.late) = self.at;
         }
         if end.t > t_end {
@@ -327,7 +327,7 @@ impl SeriesFlight {
     /// The last piece, if it is one step.
     #[inline(always)]
     pub(crate) fn alone(&self) -> Option<(f64, FlightPart)> {
-        let Flown { from, start, known, step } = &self.piece;
+        let FlownSteps { from, start, known, step } = &self.piece;
         let (length, xdot, lands) = (step.length, from.xdot, step.lands);
         let part = FlightPart { start: *start, known: *known, length, xdot, lands };
         step.doublings.is_none().then_some((from.t, part))
@@ -338,7 +338,7 @@ impl SeriesFlight {
         if let Some(alone) = self.alone() {
             return alone;
         }
-        let Flown { from, start, step, .. } = self.piece;
+        let FlownSteps { from, start, step, .. } = self.piece;
         let j = step.doublings.unwrap_or(0);
         let at = (0..j).filter(|bit| k >> bit & 1 == 1);
         let start = at.fold(start, |start, bit| self.table.jump(&start, bit));
@@ -369,7 +369,7 @@ impl SeriesFlight {
             return Some(None);
         }
         self.at = (t, 0.0);
-        self.clock = Reading::new(&self.linear, phase, self.at);
+        self.clock = WaveReading::new(&self.linear, phase, self.at);
         Some(Some(t))
     }
 }
@@ -389,7 +389,7 @@ mod tests {
         let clock = flight.linear.first().unwrap().clock;
         let phase = Phase { turns, part: 0.123, rest: 0.0 };
         flight.at = clock.time(phase);
-        flight.clock = Reading::new(&flight.linear, phase, flight.at);
+        flight.clock = WaveReading::new(&flight.linear, phase, flight.at);
         let (t, late) = flight.at;
         let mut now = Point { t, late, x: 0.0, xdot: 1.3 };
         let reach = Reach { t_end: f64::MAX, look: f64::MAX, steps: 1000 };

@@ -13,7 +13,7 @@
 
 use super::table::Table;
 use crate::numeric::root::sin_cos;
-use crate::switched::flight::series::law::{Columns, Start, COLUMNS, TERMS, WAVES};
+use crate::switched::flight::series::law::{LinearColumns, SeriesStart, COLUMNS, TERMS, WAVES};
 
 /// Largest `delta/p`: its square is rounding.
 const CLOSE: f64 = 1e-8;
@@ -23,7 +23,7 @@ const TURNED: u32 = 16;
 
 /// A length of flights that came twice in a row, and the waves at the end of the last.
 #[derive(Clone, Debug, Default)]
-pub(super) struct Period {
+pub(super) struct RepeatedFlight {
     /// The last length (steps of the table).
     last: f64,
     ends: Option<Ends>,
@@ -38,7 +38,7 @@ pub(super) struct Period {
 struct Ends {
     length: f64,
     /// What `x` and `V` gain, and `V'`.
-    by: Columns<3>,
+    by: LinearColumns<3>,
     /// `e^(i W p)` as cosine and sine, and `W`.
     turn: [[f64; 2]; WAVES],
     rate: [f64; WAVES],
@@ -51,7 +51,7 @@ fn close(a: f64, b: f64) -> bool {
     (a - b).abs() <= CLOSE * b
 }
 
-impl Period {
+impl RepeatedFlight {
     /// Takes note of a flight without an impact. Those of more than a step are not learnt, nor
     /// parabolas, whose ends are known.
     #[inline]
@@ -81,14 +81,14 @@ impl Period {
     #[inline(always)]
     pub(super) fn fly<const W: usize>(
         &mut self,
-        start: &Start,
+        start: &SeriesStart,
         length: f64,
         read: bool,
         end: (f64, f64),
     ) -> Option<[f64; 2]> {
         let ends = self.ends.as_ref()?;
         let delta = length - ends.length;
-        let ([x, v, bend], Start { x: x0, v: v0, .. }) = (ends.by.of::<W, 3>(start), *start);
+        let ([x, v, bend], SeriesStart { x: x0, v: v0, .. }) = (ends.by.of::<W, 3>(start), *start);
         for m in 0..W {
             let ([cos, sin], [re, im]) = (ends.turn[m], start.waves[m]);
             let [re, im] = [re * cos - im * sin, im * cos + re * sin];
@@ -121,7 +121,7 @@ impl Ends {
             [cos, sin]
         });
         let rate = omega.map(|omega| omega * table.h());
-        Self { length, by: Columns(by), turn, rate }
+        Self { length, by: LinearColumns(by), turn, rate }
     }
 }
 
@@ -132,11 +132,12 @@ mod tests {
     use crate::switched::flight::series::law::Law;
 
     const LAW: Law = Law { stiffness: 2.0, damping: 0.3, omega: [1.7, 0.9] };
-    const START: Start = Start { x: 0.4, v: -0.7, force: 1.1, waves: [[0.5, -0.8], [-1.2, 0.3]] };
+    const START: SeriesStart =
+        SeriesStart { x: 0.4, v: -0.7, force: 1.1, waves: [[0.5, -0.8], [-1.2, 0.3]] };
 
     /// A period that came twice.
-    fn learnt(length: f64, table: &Table) -> Period {
-        let mut period = Period::default();
+    fn learnt(length: f64, table: &Table) -> RepeatedFlight {
+        let mut period = RepeatedFlight::default();
         period.note(length, table);
         assert!(!period.knows(length));
         period.note(length, table);

@@ -22,14 +22,14 @@ const MOST_STEPS: usize = 120;
 
 /// A root within `[0, 1]`, and the derivative there.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct Root {
+pub(crate) struct SeriesRoot {
     pub(crate) at: f64,
     pub(crate) slope: f64,
 }
 
 /// The first point of `[0, 1]` where the series becomes negative, its first `known` coefficients
 /// being zero: a root of that order at 0 that the motion leaves.
-pub(crate) fn first_root(a: &Series, known: usize) -> Option<Root> {
+pub(crate) fn first_root(a: &Series, known: usize) -> Option<SeriesRoot> {
     let mut q = [0.0; TERMS];
     match known {
         0 => q = *a,
@@ -39,7 +39,7 @@ pub(crate) fn first_root(a: &Series, known: usize) -> Option<Root> {
     let at = first_fall(&q)?;
     // a = s^known q: at a root of q the derivative is s^known q'
     let slope = value_and_slope(&q, at)[1] * at.powi(known as i32);
-    Some(Root { at, slope })
+    Some(SeriesRoot { at, slope })
 }
 
 /// The same where a root at 0 has been divided out: the point alone.
@@ -55,9 +55,9 @@ pub(crate) fn first_fall(q: &Series) -> Option<f64> {
 /// The only root in `(0, 1]` of a series that changes there from positive to negative, near a
 /// guess.
 #[inline(always)]
-pub(super) fn only_root(a: &Series, guess: f64) -> Root {
+pub(super) fn only_root(a: &Series, guess: f64) -> SeriesRoot {
     let at = polished(a, guess, is_near);
-    Root { at, slope: value_and_slope(a, at)[1] }
+    SeriesRoot { at, slope: value_and_slope(a, at)[1] }
 }
 
 /// Whether a step to there is so short, relative to the abscissa, that it is the last.
@@ -101,7 +101,7 @@ pub(crate) fn polished(q: &Series, guess: f64, is_last: impl Fn(f64, f64) -> boo
 ///
 /// with `s_0 = -a_1/a_2`: `q` falls by at least `0.8 |a_2|` up to there, where it is negative.
 #[inline(always)]
-pub(super) fn of_short_arc(a: &[f64; SHORT], beyond: f64) -> Option<Root> {
+pub(super) fn of_short_arc(a: &[f64; SHORT], beyond: f64) -> Option<SeriesRoot> {
     const FARTHER: f64 = 1.3;
     /// A step by Newton's formula that is so short is the last.
     const NEAR: f64 = 1e-8;
@@ -125,7 +125,7 @@ pub(super) fn of_short_arc(a: &[f64; SHORT], beyond: f64) -> Option<Root> {
             break;
         }
     }
-    Some(Root { at: s, slope: s * of_few(&q, s)[1] })
+    Some(SeriesRoot { at: s, slope: s * of_few(&q, s)[1] })
 }
 
 /// The first root by subdivision of the whole series, rounding above zero.

@@ -2,10 +2,10 @@
 
 use pulp::{Simd, WithSimd};
 
-use super::root::{first_root, of_short_arc, only_root, Root};
+use super::root::{first_root, of_short_arc, only_root, SeriesRoot};
 use super::table::{Table, PART, SHORT};
 use crate::numeric::power_series::{of_few, stretch, value_and_slope};
-use crate::switched::flight::series::law::{Series, Start, TERMS};
+use crate::switched::flight::series::law::{Series, SeriesStart, TERMS};
 use crate::switched::flight::series::level::SignTest;
 
 /// A step that ends at most this part of it after its end is no longer: what rounding makes of it.
@@ -36,19 +36,19 @@ type End = (f64, [f64; 2], bool);
 impl Step {
     /// The next step of a flight with one wave, however long.
     #[inline]
-    pub(crate) fn next(table: &Table, start: &Start, known: usize, far: bool) -> Self {
+    pub(crate) fn next(table: &Table, start: &SeriesStart, known: usize, far: bool) -> Self {
         let left = f64::INFINITY;
-        let outlook = Ahead::of::<1>(table, start, known, left).map(|ahead| ahead.outlook);
+        let outlook = StepAhead::of::<1>(table, start, known, left).map(|ahead| ahead.outlook);
         Self::with_waves::<1>(table, start, known, left, far, outlook)
     }
 
     /// The next step of a flight, at most `left` long: many at once where they stay far from the
     /// wall and `far` allows it, else one, or the part of one up to the wall. The first `known`
-    /// derivatives of the position are zero at its start. `outlook` is what [`Ahead::of`] says of it.
+    /// derivatives of the position are zero at its start. `outlook` is what [`StepAhead::of`] says of it.
     #[inline(always)]
     pub(super) fn with_waves<const W: usize>(
         table: &Table,
-        start: &Start,
+        start: &SeriesStart,
         known: usize,
         left: f64,
         far: bool,
@@ -87,11 +87,11 @@ impl Step {
 
 /// Of one step of an ordinary flight.
 #[inline(always)]
-fn single<const W: usize>(table: &Table, start: &Start, known: usize, left: f64) -> End {
+fn single<const W: usize>(table: &Table, start: &SeriesStart, known: usize, left: f64) -> End {
     if known == 1 && table.is_short::<W>(start) {
         let a = table.first::<W, SHORT>(start);
         let root = of_short_arc(&a, table.beyond::<W>(start)).filter(|root| root.at <= left);
-        if let Some(Root { at, slope }) = root {
+        if let Some(SeriesRoot { at, slope }) = root {
             return (at, [0.0, slope], true);
         }
     }
@@ -101,18 +101,18 @@ fn single<const W: usize>(table: &Table, start: &Start, known: usize, left: f64)
 /// A whole step of an ordinary flight: where it ends if nothing is in the way, and whether something
 /// is.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Ahead {
+pub(super) struct StepAhead {
     pub(super) ends: [f64; 2],
     pub(super) outlook: Outlook,
 }
 
-impl Ahead {
+impl StepAhead {
     /// Where that is all there is to ask: a step is shorter than what is left, starts at the wall at
     /// most, with an arc that is not short, and no bound is low enough for more than a step.
     #[inline(always)]
     pub(super) fn of<const W: usize>(
         table: &Table,
-        start: &Start,
+        start: &SeriesStart,
         known: usize,
         left: f64,
     ) -> Option<Self> {
@@ -134,14 +134,14 @@ pub(super) enum Outlook {
     /// It stays above the wall.
     Clear,
     /// It meets the wall once, here.
-    Wall(Root),
+    Wall(SeriesRoot),
     Open,
 }
 
 impl Outlook {
     /// By the Bernstein coefficients of the step.
     #[inline(always)]
-    fn of<const W: usize>(table: &Table, start: &Start, known: usize) -> Self {
+    fn of<const W: usize>(table: &Table, start: &SeriesStart, known: usize) -> Self {
         pulp::Arch::new().dispatch(Looked::<W> { table, start, known })
     }
 }
@@ -149,7 +149,7 @@ impl Outlook {
 /// [`Outlook::of`], compiled for the vectors that the machine has.
 struct Looked<'a, const W: usize> {
     table: &'a Table,
-    start: &'a Start,
+    start: &'a SeriesStart,
     known: usize,
 }
 
@@ -162,8 +162,9 @@ impl<const W: usize> WithSimd for Looked<'_, W> {
         match table.screened::<W>(start, known) {
             SignTest::Clear => Outlook::Clear,
             SignTest::One(guess) => {
-                let Root { at, slope } = only_root(&series_of::<W>(table, start, known), guess);
-                Outlook::Wall(Root { at, slope: slope.min(0.0) })
+                let SeriesRoot { at, slope } =
+                    only_root(&series_of::<W>(table, start, known), guess);
+                Outlook::Wall(SeriesRoot { at, slope: slope.min(0.0) })
             }
             SignTest::Open => Outlook::Open,
         }
@@ -172,7 +173,7 @@ impl<const W: usize> WithSimd for Looked<'_, W> {
 
 /// The series of a step, at most the first of whose derivatives is zero at its start.
 #[inline(always)]
-fn series_of<const W: usize>(table: &Table, start: &Start, known: usize) -> Series {
+fn series_of<const W: usize>(table: &Table, start: &SeriesStart, known: usize) -> Series {
     let mut a = table.first::<W, TERMS>(start);
     if known == 1 {
         a[0] = 0.0;
@@ -184,7 +185,7 @@ fn series_of<const W: usize>(table: &Table, start: &Start, known: usize) -> Seri
 #[inline(always)]
 fn judged<const W: usize>(
     table: &Table,
-    start: &Start,
+    start: &SeriesStart,
     known: usize,
     left: f64,
     outlook: Outlook,
@@ -193,7 +194,7 @@ fn judged<const W: usize>(
         Outlook::Clear if left > 1.0 => (1.0, table.ends::<W>(start, 0), false),
         Outlook::Clear => (left, part_of::<W>(table, start, left), false),
         Outlook::Open => searched(table, start, known, left),
-        Outlook::Wall(Root { at, slope }) if at <= left => (at, [0.0, slope], true),
+        Outlook::Wall(SeriesRoot { at, slope }) if at <= left => (at, [0.0, slope], true),
         Outlook::Wall(_) => (left, short_of_the_wall::<W>(table, start, known, left), false),
     }
 }
@@ -202,7 +203,7 @@ fn judged<const W: usize>(
 #[cold]
 fn short_of_the_wall<const W: usize>(
     table: &Table,
-    start: &Start,
+    start: &SeriesStart,
     known: usize,
     left: f64,
 ) -> [f64; 2] {
@@ -211,7 +212,7 @@ fn short_of_the_wall<const W: usize>(
 
 /// Position and velocity after a part of a step.
 #[inline(always)]
-fn part_of<const W: usize>(table: &Table, start: &Start, part: f64) -> [f64; 2] {
+fn part_of<const W: usize>(table: &Table, start: &SeriesStart, part: f64) -> [f64; 2] {
     if part <= PART {
         of_few(&table.first::<W, SHORT>(start), part)
     } else {
@@ -222,7 +223,7 @@ fn part_of<const W: usize>(table: &Table, start: &Start, part: f64) -> [f64; 2] 
 /// Where a parabola meets the wall, in a form without cancellation; unless the motion is none, or
 /// its numbers are beyond what can be squared.
 #[inline]
-fn of_parabola(table: &Table, start: &Start, known: usize, left: f64) -> Option<End> {
+fn of_parabola(table: &Table, start: &SeriesStart, known: usize, left: f64) -> Option<End> {
     const USUAL: std::ops::Range<f64> = 1e-290..1e290;
     if !table.is_parabola() {
         return None;
@@ -246,7 +247,7 @@ fn of_parabola(table: &Table, start: &Start, known: usize, left: f64) -> Option<
 
 /// Of a step where the wall is looked for as long as it takes.
 #[cold]
-fn searched(table: &Table, start: &Start, known: usize, left: f64) -> End {
+fn searched(table: &Table, start: &SeriesStart, known: usize, left: f64) -> End {
     let mut a = table.series(start);
     a[..known].fill(0.0);
     let width = width(table, &a, known, left);
@@ -311,9 +312,10 @@ mod tests {
             let x = if known == 1 { 0.0 } else { r().abs() * speed };
             let v = if known == 1 { speed } else { speed * r() };
             let waves = [[r(), r()], [0.0; 2]];
-            let start = Start { x, v, force: r() - 0.5, waves };
+            let start = SeriesStart { x, v, force: r() - 0.5, waves };
             let left = if r() > 0.0 { 0.5 + 0.5 * r() } else { 5.0 };
-            let outlook = Ahead::of::<1>(&table, &start, known, left).map(|ahead| ahead.outlook);
+            let outlook =
+                StepAhead::of::<1>(&table, &start, known, left).map(|ahead| ahead.outlook);
             let step = Step::with_waves::<1>(&table, &start, known, left, true, outlook);
             assert!(step.length > 0.0 && step.length <= left);
             counts[usize::from(step.lands)] += 1;
@@ -355,24 +357,25 @@ mod tests {
     fn what_is_ahead_is_a_whole_step_and_nothing_else() {
         let law = Law { stiffness: 1.0, damping: 0.1, omega: [0.9, 0.0] };
         let table = Table::new(law, f64::INFINITY);
-        let ahead = |start: Start, known, left| Ahead::of::<1>(&table, &start, known, left);
-        let high = Start { x: 1.0, v: 0.1, force: 1.0, ..Start::default() };
+        let ahead =
+            |start: SeriesStart, known, left| StepAhead::of::<1>(&table, &start, known, left);
+        let high = SeriesStart { x: 1.0, v: 0.1, force: 1.0, ..SeriesStart::default() };
         let ends = table.ends::<1>(&high, 0);
-        let clear = Some(Ahead { ends, outlook: Outlook::Clear });
+        let clear = Some(StepAhead { ends, outlook: Outlook::Clear });
         assert_eq!(ahead(high, 0, 1.1), clear);
         // what is left is less, or a step but for rounding
         assert_eq!(ahead(high, 0, 0.9), None);
         assert_eq!(ahead(high, 0, 1.0 + 1e-10), None);
-        let from_wall = Start { x: 0.0, ..high };
+        let from_wall = SeriesStart { x: 0.0, ..high };
         assert!(ahead(from_wall, 1, 1.1).is_some_and(|ahead| ahead.outlook == Outlook::Clear));
         assert_eq!(ahead(from_wall, 2, 1.1), None);
         // down onto the wall, and a short arc
-        let down = Start { v: -1.5, force: -1.0, ..high };
+        let down = SeriesStart { v: -1.5, force: -1.0, ..high };
         assert!(ahead(down, 0, 1.1).is_some_and(|it| matches!(it.outlook, Outlook::Wall(_))));
-        assert_eq!(ahead(Start { v: 1e-3, force: -1.0, ..from_wall }, 1, 1.1), None);
+        assert_eq!(ahead(SeriesStart { v: 1e-3, force: -1.0, ..from_wall }, 1, 1.1), None);
         // where a bound is low enough for many steps that is tried first
         let free = Table::new(Law { stiffness: 0.0, ..law }, 0.1);
-        assert!(free.leaps() && Ahead::of::<1>(&free, &high, 0, 1.1).is_none());
+        assert!(free.leaps() && StepAhead::of::<1>(&free, &high, 0, 1.1).is_none());
     }
 
     #[test]
@@ -415,7 +418,7 @@ mod tests {
         let table = Table::new(law, f64::INFINITY);
         for u in [1e-3, 1e-7, 1e-11] {
             let v = u * table.h();
-            let start = Start { x: 0.0, v, force: -1.0, ..Start::default() };
+            let start = SeriesStart { x: 0.0, v, force: -1.0, ..SeriesStart::default() };
             let step = Step::with_waves::<0>(&table, &start, 1, 10.0, true, None);
             // x = -1 + cos t + u sin t: zero at 2 atan u with the velocity -u
             let exact = 2.0 * u.atan();

@@ -19,9 +19,10 @@ use crate::numeric::bernstein::Polynomial;
 use crate::numeric::power_series::derivative;
 use crate::numeric::root::Phase;
 use crate::switched::flight::series::law::{
-    column, sum_by, wave, Bound, Columns, Law, Linear, Series, Start, COLUMNS, TERMS, WAVES,
+    column, sum_by, wave, Bound, Law, Linear, LinearColumns, Series, SeriesStart, COLUMNS, TERMS,
+    WAVES,
 };
-use crate::switched::flight::series::level::{Level, Screen, SignTest, LEVELS};
+use crate::switched::flight::series::level::{DoublingLevel, Screen, SignTest, LEVELS};
 use std::cell::RefCell;
 use std::sync::Arc;
 
@@ -43,7 +44,7 @@ pub(crate) struct Table {
     h: f64,
     /// How many waves there are.
     n_waves: usize,
-    series: Columns<TERMS>,
+    series: LinearColumns<TERMS>,
     /// Of the position, and of it divided by `s` for a start at the wall.
     screens: [Screen; 2],
     /// Of `sum (n - 1) |a_n|` beyond the first [`SHORT`].
@@ -54,7 +55,7 @@ pub(crate) struct Table {
     turns: [f64; 2],
     /// Whether the bounds of a step are low enough for one to be clear by them.
     leaps: bool,
-    levels: Vec<Level>,
+    levels: Vec<DoublingLevel>,
 }
 
 /// Coefficients of a step of which only a small part is looked at, of length up to [`PART`]:
@@ -80,10 +81,10 @@ impl Table {
             [step(0.0, 0.0, &cos), step(0.0, 0.0, &sin)]
         });
         let [x, v] = [step(1.0, 0.0, &none), step(0.0, 1.0, &none)];
-        let series = Columns([x, v, step(0.0, 0.0, &constant), a, b, c, d]);
+        let series = LinearColumns([x, v, step(0.0, 0.0, &constant), a, b, c, d]);
         let turns = omega.map(|omega| omega * h / std::f64::consts::TAU);
         let mut levels = Vec::with_capacity(LEVELS);
-        levels.push(Level::first(&series, law, h, turns));
+        levels.push(DoublingLevel::first(&series, law, h, turns));
         while levels.len() < LEVELS {
             let whole = f64::from(2u32.pow(levels.len() as u32));
             match levels.last().map(|level| level.doubled(turns.map(|turns| turns * whole))) {
@@ -171,7 +172,7 @@ impl Table {
 
     /// The position over the step, as a power series.
     #[inline(always)]
-    pub(crate) fn series(&self, start: &Start) -> Series {
+    pub(crate) fn series(&self, start: &SeriesStart) -> Series {
         match self.n_waves {
             0 => self.first::<0, TERMS>(start),
             1 => self.first::<1, TERMS>(start),
@@ -181,33 +182,33 @@ impl Table {
 
     /// The first coefficients of it, for `W` waves.
     #[inline(always)]
-    pub(super) fn first<const W: usize, const N: usize>(&self, start: &Start) -> [f64; N] {
+    pub(super) fn first<const W: usize, const N: usize>(&self, start: &SeriesStart) -> [f64; N] {
         self.series.of::<W, N>(start)
     }
 
     /// Half of the second derivative at the start, by the length of a step.
     #[inline(always)]
-    pub(super) fn bend(&self, start: &Start) -> f64 {
+    pub(super) fn bend(&self, start: &SeriesStart) -> f64 {
         self.series.one::<WAVES>(start, 2)
     }
 
     /// Whether the parabola from the wall is back there within [`PART`].
     #[inline(always)]
-    pub(super) fn is_short<const W: usize>(&self, start: &Start) -> bool {
+    pub(super) fn is_short<const W: usize>(&self, start: &SeriesStart) -> bool {
         let [_, v, bend] = self.first::<W, 3>(start);
         v < -PART * bend
     }
 
     /// A bound of `sum (n - 1) |a_n|` beyond the first [`SHORT`] coefficients.
     #[inline(always)]
-    pub(super) fn beyond<const W: usize>(&self, start: &Start) -> f64 {
+    pub(super) fn beyond<const W: usize>(&self, start: &SeriesStart) -> f64 {
         self.beyond.of::<W>(start)
     }
 
     /// What Bernstein coefficients say of a step whose first `known` derivatives, at most one, are
     /// zero at its start.
     #[inline(always)]
-    pub(super) fn screened<const W: usize>(&self, start: &Start, known: usize) -> SignTest {
+    pub(super) fn screened<const W: usize>(&self, start: &SeriesStart, known: usize) -> SignTest {
         self.screens[known & 1].of::<W>(start)
     }
 
@@ -222,7 +223,7 @@ impl Table {
     #[inline(always)]
     pub(super) fn is_clear_between<const W: usize>(
         &self,
-        start: &Start,
+        start: &SeriesStart,
         known: usize,
         [x, v]: [f64; 2],
     ) -> bool {
@@ -246,13 +247,13 @@ impl Table {
 
     /// Whether so much of a step certainly stays above the wall.
     #[inline(always)]
-    pub(super) fn is_clear<const W: usize>(&self, start: &Start, part: f64) -> bool {
+    pub(super) fn is_clear<const W: usize>(&self, start: &SeriesStart, part: f64) -> bool {
         self.levels[0].is_clear::<W>(start, part)
     }
 
     /// The largest `j` for which `2^j` steps, at most `most`, certainly stay above the wall.
     #[inline(always)]
-    pub(super) fn far<const W: usize>(&self, start: &Start, most: f64) -> Option<usize> {
+    pub(super) fn far<const W: usize>(&self, start: &SeriesStart, most: f64) -> Option<usize> {
         let (mut found, mut length) = (None, 1.0);
         if !self.leaps {
             return None;
@@ -267,19 +268,19 @@ impl Table {
     }
 
     /// The start of the step after `2^j` ones, the waves turned.
-    pub(crate) fn jump(&self, start: &Start, j: usize) -> Start {
+    pub(crate) fn jump(&self, start: &SeriesStart, j: usize) -> SeriesStart {
         let level = &self.levels[j.min(self.levels.len() - 1)];
         let [x, v] = match self.n_waves {
             0 => level.ends::<0>(start),
             1 => level.ends::<1>(start),
             _ => level.ends::<2>(start),
         };
-        Start { x, v, force: start.force, waves: level.turned::<WAVES>(start.waves) }
+        SeriesStart { x, v, force: start.force, waves: level.turned::<WAVES>(start.waves) }
     }
 
     /// Position and velocity, times the length of a step, after `2^j` steps with `W` waves.
     #[inline(always)]
-    pub(super) fn ends<const W: usize>(&self, start: &Start, j: usize) -> [f64; 2] {
+    pub(super) fn ends<const W: usize>(&self, start: &SeriesStart, j: usize) -> [f64; 2] {
         self.levels[j.min(self.levels.len() - 1)].ends::<W>(start)
     }
 
@@ -298,7 +299,7 @@ const TURNED: u32 = 16;
 
 /// The waves at a time.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub(crate) struct Reading {
+pub(crate) struct WaveReading {
     pub(crate) waves: [[f64; 2]; WAVES],
     /// Phase of the first wave when they were read.
     phase: Phase,
@@ -306,7 +307,7 @@ pub(crate) struct Reading {
     turned: u32,
 }
 
-impl Reading {
+impl WaveReading {
     /// At a phase of the first wave that stands for a time, and what rounding leaves out of it.
     #[inline]
     pub(crate) fn new(linear: &Linear, phase: Phase, (t, late): (f64, f64)) -> Self {
@@ -361,7 +362,8 @@ mod table_tests {
     use super::*;
 
     const LAW: Law = Law { stiffness: 2.0, damping: 0.3, omega: [1.7, 0.9] };
-    const START: Start = Start { x: 0.4, v: -0.7, force: 1.1, waves: [[0.5, -0.8], [-1.2, 0.3]] };
+    const START: SeriesStart =
+        SeriesStart { x: 0.4, v: -0.7, force: 1.1, waves: [[0.5, -0.8], [-1.2, 0.3]] };
 
     /// `x''` by the series against the force on it, equation (1).
     #[test]
@@ -397,11 +399,12 @@ mod table_tests {
         let (mut nearest, mut of_rate) = (0.0_f64, 0.0_f64);
         for k in 0..600 {
             let mut r = || random(&mut draw);
-            let mut start = Start { x: r(), v: r(), force: r(), waves: [[r(), r()], [r(), r()]] };
+            let mut start =
+                SeriesStart { x: r(), v: r(), force: r(), waves: [[r(), r()], [r(), r()]] };
             // at times from a position or a speed alone
             match k % 3 {
-                0 => start = Start { x: start.x, ..Start::default() },
-                1 => start = Start { v: start.v, ..Start::default() },
+                0 => start = SeriesStart { x: start.x, ..SeriesStart::default() },
+                1 => start = SeriesStart { v: start.v, ..SeriesStart::default() },
                 _ => (),
             }
             let (a, [x1, v1]) = (table.series(&start), table.ends::<2>(&start, 0));
@@ -427,7 +430,7 @@ mod table_tests {
         // 1/100 whatever else the step starts from
         table.off_cubic = Bound([0.0, 0.0, 0.01, 0.0, 0.0]);
         let clear = |known, [x0, v0, x1, v1]: [f64; 4]| {
-            let start = Start { x: x0, v: v0, force: -1.0, ..Start::default() };
+            let start = SeriesStart { x: x0, v: v0, force: -1.0, ..SeriesStart::default() };
             table.is_clear_between::<2>(&start, known, [x1, v1])
         };
         // coefficients x0, x0 + v0/3, x1 - v1/3, x1
@@ -481,7 +484,7 @@ mod table_tests {
         for _ in 0..2000 {
             let x = 2.0 * random().abs();
             let (v, force) = (0.02 * random(), 3.0 * random());
-            let start = Start { x, v, force, waves: [[random(), random()], [random(), 0.0]] };
+            let start = SeriesStart { x, v, force, waves: [[random(), random()], [random(), 0.0]] };
             let Some(j) = table.far::<2>(&start, f64::INFINITY) else { continue };
             jumps += 1;
             let mut at = start;
@@ -522,7 +525,7 @@ mod reading_tests {
         let linear = Linear::new(&LinearLaw { waves, stiffness: 1.0, ..LinearLaw::default() });
         let table = Table::new(linear.table_law(), f64::INFINITY);
         let clock = linear.first().unwrap().clock;
-        let read = |t: f64| Reading::new(&linear, clock.phase(t, 0.0), (t, 0.0));
+        let read = |t: f64| WaveReading::new(&linear, clock.phase(t, 0.0), (t, 0.0));
         let mut reading = read(5.0);
         for k in 1..=40 {
             let t = 5.0 + f64::from(k) * table.h();
