@@ -6,7 +6,7 @@ use core::ptr::NonNull;
 use crate::instance::{kept, Instance, Log, Status, ERROR, OK};
 use crate::model::AnyModel;
 use crate::state::FmuState;
-use crate::table::VariableType;
+use crate::table::DataType;
 
 extern "C" {
     fn calloc(count: usize, size: usize) -> *mut c_void;
@@ -87,7 +87,7 @@ pub(crate) struct Variables<T> {
     pub(crate) values: T,
     /// How many values there are, in FMI 3.
     pub(crate) room: usize,
-    pub(crate) kind: VariableType,
+    pub(crate) kind: DataType,
 }
 
 impl<T> Variables<T> {

@@ -8,7 +8,7 @@ use crate::common::{self, instance, instantiated, place};
 use crate::instance::{Instance, Log, Logger2, Status, DISCARD, ERROR, OK};
 use crate::shared::{absent, lifecycle, variables};
 use crate::state::{mode, FmuState};
-use crate::table::VariableType;
+use crate::table::DataType;
 
 /// What an importer gives for an instance; the memory is our own business.
 #[repr(C)]

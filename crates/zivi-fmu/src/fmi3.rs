@@ -8,7 +8,7 @@ use crate::common::{self, instance, instantiated, place};
 use crate::instance::{Instance, Log, Logger3, Status, ERROR, OK};
 use crate::shared::{absent, lifecycle, variables};
 use crate::state::{mode, FmuState};
-use crate::table::VariableType;
+use crate::table::DataType;
 
 #[no_mangle]
 extern "C" fn fmi3GetVersion() -> *const c_char {

@@ -5,7 +5,7 @@ use core::ffi::{c_char, c_void, CStr};
 use crate::model::{message, AnyModel};
 use crate::state::{mode, FmuState};
 use crate::steps::StepRefusal;
-use crate::table::VariableType;
+use crate::table::DataType;
 
 /// What a function of FMI gives, in both versions.
 pub(crate) type Status = i32;
@@ -166,7 +166,7 @@ impl Instance {
     }
 
     /// Sets one variable.
-    pub(crate) fn set(&mut self, reference: u32, kind: VariableType, value: f64) -> Status {
+    pub(crate) fn set(&mut self, reference: u32, kind: DataType, value: f64) -> Status {
         if self.state.set(self.model.table(), reference, kind, value) {
             OK
         } else {

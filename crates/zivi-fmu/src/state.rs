@@ -1,7 +1,7 @@
 //! Everything that changes while a model runs.
 
 use crate::objects::{Objects, MOST};
-use crate::table::{Role, ScalarVariable, VariableType};
+use crate::table::{DataType, Role, ScalarVariable};
 
 /// What an instance may be asked for.
 pub(crate) mod mode {
@@ -49,7 +49,7 @@ impl FmuState {
         &self,
         table: &[ScalarVariable],
         reference: u32,
-        kind: VariableType,
+        kind: DataType,
     ) -> Option<f64> {
         let variable = table.get(reference as usize)?;
         (variable.kind == kind).then(|| self.value(reference as usize))
@@ -60,7 +60,7 @@ impl FmuState {
         &mut self,
         table: &[ScalarVariable],
         reference: u32,
-        kind: VariableType,
+        kind: DataType,
         value: f64,
     ) -> bool {
         let Some(variable) = table.get(reference as usize) else { return false };

@@ -4,7 +4,7 @@
 
 /// The type of a variable.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum VariableType {
+pub(crate) enum DataType {
     Real,
     Integer,
     Boolean,
@@ -26,7 +26,7 @@ pub(crate) enum Role {
 /// A variable without its name.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct ScalarVariable {
-    pub(crate) kind: VariableType,
+    pub(crate) kind: DataType,
     pub(crate) role: Role,
     pub(crate) start: f64,
 }
@@ -36,13 +36,13 @@ macro_rules! variables {
     ($name:ident: $($index:ident $kind:ident $role:ident $start:expr;)*) => {
         #[allow(dead_code, reason = "not every place is asked for by name")]
         pub(crate) mod $name {
-            use super::{VariableType, Role, ScalarVariable};
+            use super::{DataType, Role, ScalarVariable};
 
             #[allow(non_camel_case_types, clippy::upper_case_acronyms)]
             enum Place { $($index),* }
             $(pub(crate) const $index: usize = Place::$index as usize;)*
             pub(crate) const TABLE: &[ScalarVariable] = &[
-                $(ScalarVariable { kind: VariableType::$kind, role: Role::$role, start: $start }),*
+                $(ScalarVariable { kind: DataType::$kind, role: Role::$role, start: $start }),*
             ];
         }
     };

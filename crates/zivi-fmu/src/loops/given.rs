@@ -4,7 +4,7 @@ use zivi::drive::mechanical::{GapTracker, MechanicalReference};
 use zivi::system::dynamics::Layout;
 
 use super::compiled::CompiledSystem;
-use crate::table::{Role, ScalarVariable, VariableType};
+use crate::table::{DataType, Role, ScalarVariable};
 
 /// A system, alone or with its controller, that was read from its files; it stays for the whole process.
 #[derive(Debug)]
@@ -40,28 +40,21 @@ impl LoadedLoop {
         let Sizes { layout: Layout { n, m, .. }, r, is_controlled } = sizes;
         let held = if is_controlled { m } else { 0 };
         let parts = [
-            (VariableType::Real, Role::Time, 1),
-            (VariableType::Real, Role::Input, n),
-            (VariableType::Real, Role::Output, 2 * n + m),
-            (VariableType::Boolean, Role::Output, m),
-            (VariableType::Real, Role::Output, m),
-            (VariableType::Boolean, Role::Output, held),
-            (VariableType::Real, Role::Output, r),
-            (
-                VariableType::Integer,
-                Role::Output,
-                if is_controlled { 1 + COUNTED.len() } else { 0 },
-            ),
+            (DataType::Real, Role::Time, 1),
+            (DataType::Real, Role::Input, n),
+            (DataType::Real, Role::Output, 2 * n + m),
+            (DataType::Boolean, Role::Output, m),
+            (DataType::Real, Role::Output, m),
+            (DataType::Boolean, Role::Output, held),
+            (DataType::Real, Role::Output, r),
+            (DataType::Integer, Role::Output, if is_controlled { 1 + COUNTED.len() } else { 0 }),
         ];
         let mut table = Vec::new();
         for (kind, role, count) in parts {
             table.extend((0..count).map(|_| ScalarVariable { kind, role, start: 0.0 }));
         }
-        let parameter = |start: &f64| ScalarVariable {
-            kind: VariableType::Real,
-            role: Role::Parameter,
-            start: *start,
-        };
+        let (kind, role) = (DataType::Real, Role::Parameter);
+        let parameter = |start: &f64| ScalarVariable { kind, role, start: *start };
         table.extend(start.iter().map(parameter));
         table
     }

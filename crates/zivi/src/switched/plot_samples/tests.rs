@@ -90,7 +90,7 @@ fn runs() -> impl Iterator<Item = (PlotSamples, DensePath, [Vec<f64>; 2])> {
 
 /// The arcs between impacts and turns upwards, by a fine grid: where each starts and ends, its
 /// height and the range of its velocity.
-fn arcs(path: &DensePath, curves: &[(Curve, f64)]) -> Vec<(f64, f64, [f64; 2])> {
+fn arcs(path: &DensePath, curves: &[(FlightCurve, f64)]) -> Vec<(f64, f64, [f64; 2])> {
     let (mut arcs, mut open) = (Vec::new(), None::<(f64, [f64; 4])>);
     for (curve, end) in curves {
         let grid = (0..=200).map(|k| curve.start + f64::from(k) / 200.0 * (end - curve.start));
@@ -110,7 +110,7 @@ fn arcs(path: &DensePath, curves: &[(Curve, f64)]) -> Vec<(f64, f64, [f64; 2])> 
     arcs
 }
 
-fn curves(path: &DensePath) -> Vec<(Curve, f64)> {
+fn curves(path: &DensePath) -> Vec<(FlightCurve, f64)> {
     let last = path.end.unwrap().0;
     let ends = path.segments.iter().skip(1).map(|segment| segment.start).chain([last]);
     path.segments.iter().zip(ends).filter_map(|(it, end)| Some((path.curve(it)?, end))).collect()
@@ -257,8 +257,8 @@ fn a_parabola_is_met_where_it_is_zero_and_else_in_the_middle() {
     assert!((of_parabola(1.0, -2.25, -0.75) - 0.5).abs() < 1e-15);
     assert_eq!(of_parabola(1.0, 1.0, 4.0), 0.5);
     assert_eq!(joined([0.0, 1.0], [-1.0, 0.5]), [-1.0, 1.0]);
-    assert_eq!(Source::Rows(3).after(2), Source::Rows(5));
-    assert_eq!(Source::Steps(3).after(2), Source::Steps(5));
+    assert_eq!(SampleSource::Rows(3).after(2), SampleSource::Rows(5));
+    assert_eq!(SampleSource::Steps(3).after(2), SampleSource::Steps(5));
 }
 
 /// `3 cos(1.75 theta + phase)`, over a step of half a second.
@@ -271,7 +271,7 @@ fn bounds_are_little_more_than_what_they_bound() {
             *a = term * (phase + n as f64 * std::f64::consts::FRAC_PI_2).cos();
             term *= RATE / (n as f64 + 1.0);
         }
-        let curve = Curve::powers((1.0, 0.5), 1.0, a, a[1] / 0.5, false);
+        let curve = FlightCurve::powers((1.0, 0.5), 1.0, a, a[1] / 0.5, false);
         let mut apexes = Vec::new();
         let Form::Powers(a, ..) = &curve.form else { panic!("no powers") };
         let (outline, guess) = of_powers(pulp::Scalar::new(), &curve, a, &mut apexes);
@@ -315,7 +315,7 @@ fn the_last_sample_before_an_impact_goes_back_to_where_it_is_above_the_wall() {
         (a[0], a[2], a[3]) = (bend, 0.3 * bend, 0.3 * bend);
         let h = 0.3 + 0.01 * f64::from(k % 11);
         a[1] = -(a[0] + a[2] + a[3]);
-        let curve = Curve::powers((start, h), 1.0, a, a[1] / h, true);
+        let curve = FlightCurve::powers((start, h), 1.0, a, a[1] / h, true);
         let end = start + h;
         let mut merged = Merged::new([&[], &[]], 1);
         merged.make_room(2 + LANES, 0).unwrap();
