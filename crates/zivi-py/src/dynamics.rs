@@ -1,7 +1,7 @@
 //! Mechanical systems that come from Python.
 
 use crate::force::{Raised, Wall};
-use crate::friction::{Friction, Rubbing};
+use crate::friction::{PyFriction, Rubbing};
 use crate::interface::{vector, Capsule};
 use crate::time_table::PyTimeTable;
 use numpy::{PyArray1, PyArrayMethods, PyReadonlyArray1, PyUntypedArrayMethods};
@@ -435,11 +435,11 @@ pub(crate) fn contact_forces<'py>(
     py: Python<'py>,
     row: PyReadonlyArray1<'_, f64>,
     w: PyReadonlyArray1<'_, f64>,
-    friction: Option<&Friction>,
+    friction: Option<&PyFriction>,
     closed: Vec<bool>,
     modes: Vec<i8>,
 ) -> PyResult<Option<Bound<'py, PyArray1<f64>>>> {
-    let channels = Friction::given(friction).channels.len();
+    let channels = PyFriction::given(friction).channels.len();
     let (row, w) = (row.as_slice()?, w.as_slice()?);
     let layout = Layout { n: w.len(), m: closed.len(), p: channels };
     if row.len() != layout.len() || modes.len() != layout.p || layout.rows() > GapSet::MOST {

@@ -87,7 +87,7 @@ impl<D: Dynamics<PyErr>> Dynamics<PyErr> for Rubbing<'_, D> {
     }
 
     fn friction(&self) -> &Friction {
-        Friction::given(self.friction)
+        PyFriction::given(self.friction)
     }
 
     fn contact_force(&mut self, gap: usize, depth: f64, rate: f64) -> PyResult<f64> {

@@ -86,7 +86,7 @@ impl Mechanism {
     }
 
     /// The same with the laws of its compliant gaps.
-    pub(crate) fn laws_of_contact(&self) -> Option<&Friction> {
+    pub(crate) fn laws_of_contact(&self) -> Option<&PyFriction> {
         self.friction.as_ref().map(|it| it.get())
     }
 
