@@ -50,7 +50,7 @@ def used() -> int:
     doubles = ctypes.c_double * 1
     out = doubles()
     native._known.clear()
-    model = native.compiled({"c": SOURCE, "numba": ""}, "c").function
+    model = native.compile_model({"c": SOURCE, "numba": ""}, "c").function
     model(2.0, doubles(5.0), doubles(1.0), out, None)
     return int(out[0] != 10.0)
 

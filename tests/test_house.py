@@ -16,12 +16,14 @@ import pytest
 
 ROOT = Path(__file__).parents[1]
 BUDGET = tomllib.loads((ROOT / "tests" / "house.toml").read_text("utf-8"))
+SEVERAL = BUDGET.pop("names with several meanings")
 SPARE = 1.01
 """A room may have so many times the lines of its budget before that is raised."""
 SKIPPED = {
     *(tokenize.COMMENT, tokenize.NL, tokenize.NEWLINE),
     *(tokenize.INDENT, tokenize.DEDENT, tokenize.ENDMARKER),
 }
+TYPES = re.compile(r"(?m)^(?:pub(?:\([\w:]+\))? )?(?:struct|enum|trait) (\w+)")
 TESTS = re.compile(r"(?m)^#\[cfg\(test\)\]\n(?:pub(?:\(\w+\))? )?mod \w+ \{\n.*?^\}\n", re.DOTALL)
 
 
@@ -52,15 +54,20 @@ def room_of(path):
     return None
 
 
-def test_every_room_keeps_its_budget():
-    listed = subprocess.run(
+def listed():
+    """The files of the library that git knows."""
+    known = subprocess.run(
         ["git", "ls-files", "python", "crates"], cwd=ROOT, capture_output=True, text=True
     )
-    if listed.returncode:
+    if known.returncode:
         pytest.skip("not a clone of git")
+    return [path for path in known.stdout.split() if (ROOT / path).exists()]
+
+
+def test_every_room_keeps_its_budget():
     files, lines = Counter(), Counter()
-    for path in listed.stdout.split():
-        if path.endswith((".py", ".rs")) and (room := room_of(path)) and (ROOT / path).exists():
+    for path in listed():
+        if path.endswith((".py", ".rs")) and (room := room_of(path)):
             source = (ROOT / path).read_text("utf-8")
             files[room] += 1
             lines[room] += python_lines(source) if path.endswith(".py") else rust_lines(source)
@@ -71,6 +78,23 @@ def test_every_room_keeps_its_budget():
         if files[room] > budget["files"] or lines[room] > SPARE * budget["lines"]
     }
     assert large == {}
+
+
+def definitions(path):
+    """Names of functions and classes of a module in Python, of types of one in Rust."""
+    source = (ROOT / path).read_text("utf-8")
+    if path.endswith(".rs"):
+        return set(TYPES.findall(source))
+    found = ast.parse(source).body
+    return {it.name.lstrip("_") for it in found if isinstance(it, ast.FunctionDef | ast.ClassDef)}
+
+
+@pytest.mark.parametrize("suffix", [".py", ".rs"])
+def test_few_names_have_several_meanings(suffix):
+    sources = [path for path in listed() if path.endswith(suffix) and room_of(path)]
+    places = Counter(name for path in sources for name in definitions(path))
+    several = sorted(name for name, count in places.items() if count > 1)
+    assert len(several) <= SEVERAL[suffix.removeprefix(".")], several
 
 
 def test_only_one_file_of_tests_names_the_inside():

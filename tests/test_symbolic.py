@@ -251,7 +251,7 @@ def test_threads_compile_once(monkeypatch):
     made = []
     monkeypatch.setattr(native, "_by_c", lambda source: made.append(source) or object())
     sources = {"c": "int once;", "numba": ""}
-    threads = [threading.Thread(target=native.compiled, args=(sources, "c")) for _ in range(4)]
+    threads = [threading.Thread(target=native.compile_model, args=(sources, "c")) for _ in range(4)]
     for thread in threads:
         thread.start()
     for thread in threads:

@@ -300,19 +300,19 @@ def __getattr__(name: str) -> object:
         return found
     if not name.startswith("_") and name in _former.FORMER:
         return sys.modules[f"zivi.{name}"]
-    if not name.startswith("_") and name in (known := _listed()):
+    if not name.startswith("_") and name in (known := _methods_and_controllers()):
         return known[name]
     raise _habits.module_error("zivi", name, __dir__(), _habits.MODULE)
 
 
-def _listed() -> dict[str, type]:
+def _methods_and_controllers() -> dict[str, type]:
     """Give the methods and controllers, those too that are not among the names above."""
     controllers = importlib.import_module("zivi.control.twisting").CONTROLLERS
     return {it.__name__: it for it in (*sys.modules["zivi.methods"].METHODS.values(), *controllers)}
 
 
 def __dir__() -> list[str]:
-    return sorted({*__all__, *_LAZY, "methods", *_listed()})
+    return sorted({*__all__, *_LAZY, "methods", *_methods_and_controllers()})
 
 
 _former.of_zivi(globals())

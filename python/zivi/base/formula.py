@@ -206,7 +206,7 @@ def _atom(node: ast.expr, depth: int) -> _Measure:
         if value is not None and isinstance(node.op, ast.USub):
             value = -value
         return dataclasses.replace(inner, value=value)
-    if isinstance(node, ast.Constant) and _is_number(node.value):
+    if isinstance(node, ast.Constant) and _is_plain_number(node.value):
         # a whole number may be too large to be a float
         return _Measure(float(node.value) if abs(node.value) <= LARGEST else math.inf, 0, (1, 0, 0))
     if isinstance(node, ast.Name):
@@ -281,5 +281,5 @@ def _chain_rule(parts: list[_Measure]) -> tuple[int, int, int]:
     return s, d, dd * len(parts)
 
 
-def _is_number(value: object) -> TypeGuard[int | float]:
+def _is_plain_number(value: object) -> TypeGuard[int | float]:
     return isinstance(value, int | float) and not isinstance(value, bool)

@@ -33,7 +33,7 @@ __all__ = [
     "Ear",
     "ForkLock",
     "Native",
-    "compiled",
+    "compile_model",
     "listening",
     "listening_always",
     "shared_library",
@@ -101,7 +101,7 @@ _build_lock = ForkLock()
 _known: dict[tuple[str, str], Native] = {}
 
 
-def compiled(sources: dict[str, str], compiler: str = "auto") -> Native:
+def compile_model(sources: dict[str, str], compiler: str = "auto") -> Native:
     """Compile a model, once in a process; with C, once on a machine.
 
     Parameters
@@ -162,7 +162,7 @@ def _by_c(source: str) -> Native:
 
 
 def shared_library(source: str) -> bytes:
-    """Compile functions in C, as `compiled` does, to a library, for programs without Python.
+    """Compile functions in C, as `compile_model` does, to a library, for programs without Python.
 
     Raises
     ------

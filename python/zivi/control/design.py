@@ -617,7 +617,7 @@ def best_ratio(e: float, kind: Literal["tracker", "regulator"] = "tracker") -> f
     0.577
     """
     _check_kind(kind)
-    e = _restitution(e, None)[0]
+    e = _check_restitution(e, None)[0]
     q = min(1.0, math.sqrt(1.0 + 1.0 / e) - 1.0)
     k = q * q if kind == "regulator" else e * q * q
     return (1.0 - k) / (1.0 + k)
@@ -698,7 +698,7 @@ def design_tracker(
     >>> run.rest_time < design.settling_time <= 1.5
     True
     """
-    e, _ = _restitution(e, kappa)
+    e, _ = _check_restitution(e, kappa)
     largest = None if force_ref is None else finite("force_ref", force_ref)
     law = ControlLaw("tracker", e, finite("force", force), largest)
     return _design(law, (settling_time, bound, start, quiet), u_limits, delay, rest)
@@ -768,7 +768,7 @@ def design_regulator(
     >>> 0 < design.mu2 < design.mu1
     True
     """
-    e, _ = _restitution(e, kappa)
+    e, _ = _check_restitution(e, kappa)
     law = ControlLaw("regulator", e, finite("force", force), None)
     return _design(law, (settling_time, bound, start, quiet), u_limits, delay, rest)
 
@@ -855,7 +855,7 @@ def _limits(u_limits: Any) -> tuple[float, float]:
     return low, high
 
 
-def _restitution(e: float | None, kappa: float | None) -> tuple[float, float]:
+def _check_restitution(e: float | None, kappa: float | None) -> tuple[float, float]:
     e, kappa = coefficients(e, kappa)
     if not 0.0 < e < 1.0:
         raise ValueError(f"e must be in (0, 1), got {e}")

@@ -293,7 +293,7 @@ def simulate_mechanical(
     asked = Asked(span, q, qdot, None, stops, [], dense_output)
     config = configuration(system, model, chosen[0], asked) | {
         "controller": described(own),
-        "reference": None if reference is None else describe_reference(reference),
+        "reference": None if reference is None else reference_text(reference),
         "noise": list(sensor.deviations),
         "quantization": list(sensor.steps),
         "seed": sensor.seed,
@@ -330,7 +330,7 @@ def read_plant_method(method: Any) -> tuple[SwitchedRK, bool]:
     return method, False
 
 
-def describe_reference(reference: Any) -> str:
+def reference_text(reference: Any) -> str:
     """Tell what a reference is."""
     return repr(reference) if isinstance(reference, str) else f"a {type(reference).__name__}"
 

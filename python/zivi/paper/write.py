@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable, Collection, Iterable, Iterator
 from pathlib import Path
-from typing import Any
 
 from rich.console import Console, RenderableType
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
@@ -143,17 +142,17 @@ def _write_linearisation(folder: Path, found: Reproduction) -> None:
 def _write_chattering(folder: Path, found: Reproduction) -> None:
     chattering.draw_chattering().save(folder)
     found.chattering = chattering.measure_chattering()
-    _save_rows(found.chattering, folder / "chattering.csv")
+    report.save_rows(found.chattering, folder / "chattering.csv")
 
 
 def _write_robustness(folder: Path, found: Reproduction) -> None:
     found.robustness = robustness.measure_robustness()
-    _save_rows(found.robustness, folder / "robustness.csv")
+    report.save_rows(found.robustness, folder / "robustness.csv")
 
 
 def _write_rest(folder: Path, found: Reproduction) -> None:
     found.rests = rest.measure_rest()
-    _save_rows(found.rests, folder / "rest.csv")
+    report.save_rows(found.rests, folder / "rest.csv")
 
 
 STAGES: dict[str, Callable[[Path, Reproduction], None]] = {
@@ -171,10 +170,6 @@ STAGES: dict[str, Callable[[Path, Reproduction], None]] = {
 def _save_all(pictures: Iterable[Picture], folder: Path) -> None:
     for picture in pictures:
         picture.save(folder)
-
-
-def _save_rows(rows: list[Any], path: Path) -> None:
-    report.save_rows(rows, path)
 
 
 # ``zivi paper``: progress over the stages, tables, and a last line.

@@ -17,7 +17,7 @@ from zivi.base.table import Field, ResultTable, Tabulated
 from zivi.simulation.methods import Method, SwitchedRK
 from zivi.simulation.run import stop_times, times_within
 from zivi.system.mass import ImpactSystem
-from zivi.system.mechanism import MechanicalSystem, mechanism_of
+from zivi.system.mechanism import MechanicalSystem, as_mechanism
 from zivi.system.table import Table
 
 __all__ = [
@@ -113,7 +113,7 @@ def with_friction(
                 f"{system!r} (number {i})"
             )
     states = states_for(y0, len(several))
-    return [mechanism_of(system) for system in several], np.split(states, 2, axis=1)
+    return [as_mechanism(system) for system in several], np.split(states, 2, axis=1)
 
 
 def state_rows(name: str, value: ArrayLike) -> Array:

@@ -163,7 +163,7 @@ def listed(known: NDArray[np.void], path: Any, part: float) -> NDArray[np.void]:
     fastest = np.max(-known["xdot_before"], initial=0.0)
     fast = known[-known["xdot_before"] >= part * fastest]
     columns = skipped_fast(path, part * fastest)
-    return fast if columns is None else _merged(fast, columns)
+    return fast if columns is None else _in_time_order(fast, columns)
 
 
 def skipped_fast(path: Any, speed: float) -> tuple[Array, ...] | None:
@@ -189,10 +189,10 @@ def down_to(known: NDArray[np.void], path: Any, speed: float, limit: int) -> NDA
     check_bounds(speed, limit)
     fast = known[-known["xdot_before"] >= speed]
     columns = skipped_before(path, speed, limit)
-    return fast if columns is None else _merged(fast, columns)
+    return fast if columns is None else _in_time_order(fast, columns)
 
 
-def _merged(fast: NDArray[np.void], columns: tuple[Array, ...]) -> NDArray[np.void]:
+def _in_time_order(fast: NDArray[np.void], columns: tuple[Array, ...]) -> NDArray[np.void]:
     skipped = np.empty(len(columns[0]), IMPACT)
     for field, column in zip(IMPACT.names or (), columns, strict=False):
         skipped[field] = column

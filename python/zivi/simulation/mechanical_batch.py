@@ -186,7 +186,7 @@ def mechanical_batch(
     threads = threads_for(several, threads)
     check_mechanical_method(method)
     stops = stops_of(several, tstops, method, span)
-    q, qdot = _read_states(y0, len(several))
+    q, qdot = _batch_states(y0, len(several))
     if len(several) == 1:
         several, stops = several * len(q), stops * len(q)
     samples = None if times is None else room_for(2, len(q), len(times), q.shape[1])
@@ -265,7 +265,7 @@ def _systems(systems: Any) -> list[MechanicalSystem]:
     return several
 
 
-def _read_states(y0: Any, n_systems: int) -> tuple[Array, Array]:
+def _batch_states(y0: Any, n_systems: int) -> tuple[Array, Array]:
     """Read ``(q0, qdot0)``, each of shape (n,) or (N, n)."""
     given = tuple(y0) if isinstance(y0, Iterable) else ()
     if len(given) != 2:

@@ -30,7 +30,7 @@ from zivi.simulation.trajectory import NO_STOPS, Trajectory, end_run_at_event, r
 from zivi.system.force import LinearForce
 from zivi.system.gap import LinearGap
 from zivi.system.mass import WRAPPED, ImpactSystem, check_system
-from zivi.system.mechanism import MechanicalSystem, mechanism_of
+from zivi.system.mechanism import MechanicalSystem, as_mechanism
 
 __all__ = [
     "argument_text",
@@ -93,13 +93,13 @@ def argument_text(method: Any) -> str:
         name = f"{method.__module__.partition('.')[0]}.{method.__name__}"
         if not issubclass(method, Settings):
             return f"the class {name}" + _nearest(method.__name__)
-        return f"the class {name}: call it, {_called(method)}"
+        return f"the class {name}: call it, {_method_call(method)}"
     if isinstance(method, str):
         return repr(method) + _nearest(method)
     return repr(method)
 
 
-def _called(kind: type[Settings]) -> str:
+def _method_call(kind: type[Settings]) -> str:
     return f"zivi.{kind.__name__}({'h=1e-3' if issubclass(kind, FixedSteps) else ''})"
 
 
@@ -107,7 +107,7 @@ def _nearest(name: str) -> str:
     """Say which method here is nearest to one that is known by a name."""
     own = next((kind for it, kind in METHODS.items() if it.lower() == name.lower()), None)
     if own is not None:
-        return f": the object is meant, {_called(own)}"
+        return f": the object is meant, {_method_call(own)}"
     nearest = BY_NAME.get(name.upper(), "zivi.SwitchedRK()")
     return f": the high-order method here is {nearest}"
 
@@ -308,7 +308,7 @@ def simulate(
     if misplaced:
         refuse("simulate", misplaced)
     if isinstance(system, ImpactSystem) and system.friction is not None:
-        system = mechanism_of(system)
+        system = as_mechanism(system)
     if isinstance(system, MechanicalSystem):
         return _mechanical(
             system,

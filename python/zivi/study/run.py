@@ -176,7 +176,7 @@ def sweep(
         raise ValueError(f"chunk must be >= 1, got {chunk}")
     if seed is not None and not 0 <= integer("seed", seed) <= MAX_SEED:
         raise ValueError(f"seed must be >= 0 and fit into 63 bits, got {seed}")
-    labels = _labels_of(work, units, dims)
+    labels = _result_labels(work, units, dims)
     labels.check_names(design.names)
     pool = pool_of(executor, workers)
     try:
@@ -269,7 +269,7 @@ def _wants(
     return wants
 
 
-def _labels_of(
+def _result_labels(
     function: Any,
     units: Mapping[str, str] | None,
     dims: Mapping[str, Sequence[str]] | None,

@@ -172,7 +172,7 @@ def _of_channel(
     return [*fillers, _number_filler(f"static {called}", lambda t, q, qdot: held[0], most, 3)]
 
 
-def _called(function: Callable[..., Any], arguments: int) -> Callable[..., Any]:
+def _of_state(function: Callable[..., Any], arguments: int) -> Callable[..., Any]:
     """Give a function of (t, q, qdot), also for one of (t, q)."""
     return function if arguments == 3 else lambda t, q, qdot: function(t, q)
 
@@ -195,7 +195,7 @@ def _filler(name: str, given: Part, view: Array, arguments: int) -> Filler | Non
     if isinstance(given, Compiled):
         fill = given.fill
         return lambda t, q, qdot: fill(t, q, qdot, view)
-    function = _called(given, arguments)
+    function = _of_state(given, arguments)
     return lambda t, q, qdot: write(function(t, q, qdot))
 
 
@@ -207,7 +207,7 @@ def _number_filler(name: str, given: Part, view: Array, arguments: int) -> Fille
     if isinstance(given, Compiled):
         fill = given.fill
         return lambda t, q, qdot: fill(t, q, qdot, view)
-    function = _called(given, arguments)
+    function = _of_state(given, arguments)
 
     def number(t: float, q: Array, qdot: Array) -> None:
         result = function(t, q, qdot)
@@ -330,7 +330,7 @@ def glued(
         return None
     from zivi.base.machine_code import (
         c_compiler,
-        compiled,  # what most runs do not need
+        compile_model,  # what most runs do not need
     )
 
     if c_compiler() is None:
@@ -372,7 +372,7 @@ def glued(
     numbers, addresses = np.array([*walls, 0.0]), np.array([*calls, 0], dtype=np.uintp)
     parameters = np.array([a.ctypes.data for a in (row, addresses, numbers)], dtype=np.uintp)
     owners = [row, addresses, numbers, parameters, given, moved]
-    return Glued(compiled({"c": source}, "c"), parameters.ctypes.data, owners)
+    return Glued(compile_model({"c": source}, "c"), parameters.ctypes.data, owners)
 
 
 def _call(place: int, start: int, part: Compiled) -> str:
@@ -386,7 +386,7 @@ def _call(place: int, start: int, part: Compiled) -> str:
 
 def _linear(layout: Layout, i: int) -> str:
     """Add ``n . q`` to the offset of a linear gap."""
-    places = _places(layout, i)
+    places = _gap_places(layout, i)
     return (
         f"    for (int j = 0; j < {layout.n}; j++)"
         f" out[{places['VALUE']}] += out[{places['GRADIENT']} + j]*q[j];\n"
@@ -400,7 +400,7 @@ def _wall(layout: Layout, i: int, place: int) -> str:
 
 def _placed(text: str, layout: Layout, i: int) -> str:
     """Write the places of a gap into a text."""
-    for name, index in _places(layout, i).items():
+    for name, index in _gap_places(layout, i).items():
         text = text.replace(name, str(index))
     return text
 
@@ -421,14 +421,14 @@ def _of_slip(slip: Slip, views: dict[str, Array], c: int) -> list[tuple[Part, Ar
 
 def _belt(layout: Layout, c: int, place: int) -> str:
     """Let the surface of a channel move: its rate, its curvature."""
-    places = _places(layout, layout.m + c)
+    places = _gap_places(layout, layout.m + c)
     text = BELT.replace("WALL", str(place))
     for name in ("CURVATURE", "RATE"):
         text = text.replace(name, str(places[name]))
     return text
 
 
-def _places(layout: Layout, i: int) -> dict[str, int]:
+def _gap_places(layout: Layout, i: int) -> dict[str, int]:
     n, m, rows = layout.n, layout.m, layout.m + layout.p
     value = n * n + n + i
     gradient, curvature = n * n + n + m + i * n, n * n + n + m + rows * n + i

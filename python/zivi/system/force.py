@@ -136,7 +136,7 @@ class ParametricForce:
 
     def _compiled(self) -> tuple[int, object] | None:
         """Give the address of a compiled function and what owns its code."""
-        code = _compiled_by_numba(self.f, len(self.parameters))
+        code = _parametric_by_numba(self.f, len(self.parameters))
         owner: Any = code if code is not None else self.f
         pointer: Any = getattr(owner, "ctypes", owner)
         if getattr(pointer, "argtypes", None) is None or not hasattr(pointer, "restype"):
@@ -167,7 +167,7 @@ class ParametricForce:
         return _zivi.Force.parametric(plain, self._function(), values, self.jacobian)
 
 
-def _compiled_by_numba(function: Any, n: int) -> Any:
+def _parametric_by_numba(function: Any, n: int) -> Any:
     if not is_jitted(function):
         return None
     known = function.__dict__.get("_zivi_parametric")
@@ -209,7 +209,7 @@ class NativeForce:
     def _numbers(self) -> dict[str, float]:
         """Give the numbers by their names, in the order of the core."""
         kind: Any = type(self)
-        return {name: getattr(self, name) for name in _names_of(kind)}
+        return {name: getattr(self, name) for name in _number_fields(kind)}
 
     def _moved(self, name: str, value: float) -> Self:
         """Give the same force with another number."""
@@ -228,7 +228,7 @@ class NativeForce:
 
 
 @functools.cache
-def _names_of(kind: type[Any]) -> tuple[str, ...]:
+def _number_fields(kind: type[Any]) -> tuple[str, ...]:
     """Name the fields of a force that are numbers."""
     return tuple(it.name for it in dataclasses.fields(kind) if it.name != "excitation")
 

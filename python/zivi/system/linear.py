@@ -215,7 +215,7 @@ class LinearSystem(MechanicalSystem):
             if isinstance(array, np.ndarray):
                 read_only(array)
         self._matrices, self._excitation = matrices, parts
-        force = functools.partial(_load, matrices, parts)
+        force = functools.partial(_load_vector, matrices, parts)
         super().__init__(mass=matrices[0], force=force, gaps=gaps, e=e, coordinates=coordinates)
 
     @property
@@ -421,7 +421,7 @@ class LinearSystem(MechanicalSystem):
         new = object.__new__(type(self))
         vars(new).update(vars(self))
         new._excitation, new._gaps = excitation, gaps
-        new._force = functools.partial(_load, self._matrices, excitation)
+        new._force = functools.partial(_load_vector, self._matrices, excitation)
         new._given = {"mass": new.M, "force": new._force}
         new._kept_model = new._kept_mechanism = None
         return new
@@ -485,7 +485,7 @@ def _square(name: str, given: Any, n: int | None = None) -> Array:
     return matrix
 
 
-def _load(
+def _load_vector(
     matrices: tuple[Array, Array, Array],
     parts: Sequence[Array | Harmonic | Table],
     t: float,

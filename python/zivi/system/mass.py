@@ -406,7 +406,7 @@ class ImpactSystem:
     @property
     def law(self) -> ImpactLaw:
         """The impact law."""
-        return self._e if isinstance(self._e, ImpactLaw) else _newton(self._e)
+        return self._e if isinstance(self._e, ImpactLaw) else _newton_law(self._e)
 
     def _not_newton(self) -> str:
         return (
@@ -427,7 +427,7 @@ _NONE.flags.writeable = False
 
 
 @functools.lru_cache(maxsize=256)
-def _newton(e: float) -> NewtonImpact:
+def _newton_law(e: float) -> NewtonImpact:
     """Give the law of a coefficient, of which diagrams have the same again and again."""
     return NewtonImpact(e)
 

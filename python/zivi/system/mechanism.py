@@ -58,6 +58,7 @@ __all__ = [
     "ControlInputs",
     "MechanicalSystem",
     "Model",
+    "as_mechanism",
     "check_compliant",
     "check_mass",
     "check_names",
@@ -65,11 +66,10 @@ __all__ = [
     "check_size",
     "control_inputs",
     "coordinates_of",
+    "distinct_names",
     "every_coordinate",
     "gaps_of",
     "matrix_of",
-    "mechanism_of",
-    "names_of",
 ]
 
 # What is refused of a mechanical system before there is a state: gaps, mass, names.
@@ -125,7 +125,7 @@ def check_mass(matrix: Array) -> None:
         ) from None
 
 
-def names_of(what: str, names: Sequence[str]) -> tuple[str, ...]:
+def distinct_names(what: str, names: Sequence[str]) -> tuple[str, ...]:
     """Give names that all differ."""
     twice = sorted({name for name in names if list(names).count(name) > 1})
     if twice:
@@ -141,7 +141,7 @@ def coordinates_of(names: Sequence[str] | None, n: int | None) -> tuple[str, ...
         raise TypeError(f"coordinates must be a sequence of names, got {names!r}")
     if n is not None and len(names) != n:
         raise ValueError(f"coordinates must be {n} names, got {len(names)}")
-    return names_of("coordinates", list(names))
+    return distinct_names("coordinates", list(names))
 
 
 def check_rigid(system: MechanicalSystem, what: str) -> None:
@@ -197,7 +197,7 @@ class ControlInputs:
             raise ValueError(f"inputs must have shape ({len(q)}, r), got {shape}")
         if self.names and len(self.names) != shape[1]:
             raise ValueError(f"inputs must have {len(self.names)} columns, got {shape[1]}")
-        return self if self.names else dataclasses.replace(self, names=numbered(shape[1]))
+        return self if self.names else dataclasses.replace(self, names=numbered_controls(shape[1]))
 
     def at(self, q: Array) -> Array:
         """Give the matrix at coordinates, shape (n, r)."""
@@ -219,7 +219,7 @@ def control_inputs(given: Any) -> ControlInputs:
         columns = [np.atleast_1d(real_array(f"inputs[{n!r}]", it)) for n, it in given.items()]
         if not columns or any(it.ndim != 1 or it.shape != columns[0].shape for it in columns):
             raise ValueError("inputs must give columns of one length, one for each control")
-        return ControlInputs(names, _finite(np.column_stack(columns)))
+        return ControlInputs(names, _finite_matrix(np.column_stack(columns)))
     if callable(given):
         check_arguments("inputs", given, "q")
         return ControlInputs((), given)
@@ -227,20 +227,20 @@ def control_inputs(given: Any) -> ControlInputs:
     matrix = matrix.reshape(-1, 1) if matrix.ndim < 2 else matrix
     if matrix.ndim != 2 or not matrix.shape[1]:
         raise ValueError(f"inputs must have shape (n, r), got {matrix.shape}")
-    return ControlInputs(numbered(matrix.shape[1]), _finite(matrix))
+    return ControlInputs(numbered_controls(matrix.shape[1]), _finite_matrix(matrix))
 
 
 def every_coordinate(n: int) -> ControlInputs:
     """Give the inputs of a system without any of its own: a force on each coordinate."""
-    return ControlInputs(numbered(n), np.eye(n))
+    return ControlInputs(numbered_controls(n), np.eye(n))
 
 
-def numbered(r: int) -> tuple[str, ...]:
+def numbered_controls(r: int) -> tuple[str, ...]:
     """Name controls by their numbers."""
     return tuple(f"u{j}" for j in range(r))
 
 
-def _finite(matrix: Array) -> Array:
+def _finite_matrix(matrix: Array) -> Array:
     if not np.all(np.isfinite(matrix)):
         raise ValueError(f"inputs must be finite, got {matrix.tolist()}")
     return np.ascontiguousarray(matrix)
@@ -438,7 +438,7 @@ class MechanicalSystem:
             name: read if isinstance(read, np.ndarray) else given
             for name, (read, given) in parts.items()
         }
-        self._gap_names = names_of(
+        self._gap_names = distinct_names(
             "gaps", [gap.name or f"gap{i}" for i, gap in enumerate(self._gaps)]
         )
         self._e: Restitutions = restitutions(e, self.m)
@@ -490,7 +490,7 @@ class MechanicalSystem:
         found += [
             Channel(joint.name or f"friction{i}", None) for i, joint in enumerate(self._joints)
         ]
-        names_of(
+        distinct_names(
             "gaps and friction", [*self._gap_names, *(it.name for it in found if it.gap is None)]
         )
         if self.m + len(found) > MAX_SIZE:
@@ -780,7 +780,7 @@ class MechanicalSystem:
 # A mass above a wall with dry friction, as a mechanical system of one coordinate.
 
 
-def mechanism_of(system: ImpactSystem) -> MechanicalSystem:
+def as_mechanism(system: ImpactSystem) -> MechanicalSystem:
     """Give a mass with friction as what a run integrates: x, its wall as a gap, and a joint."""
     assert system.friction is not None
     return MechanicalSystem(

@@ -62,7 +62,7 @@ def check_start(
     if not here.gradients.any(axis=1).all():
         _check_gradients_are_not_zero(system, here)
     if system._channels:
-        _check_friction(system, look, span, q, qdot)
+        _check_channels(system, look, span, q, qdot)
     if span_before is None:
         _check_distinct(system, look, span[0], q, here)
     if not system.derived and span_before is None:
@@ -362,7 +362,7 @@ def _check_distinct(
         seen.append((name, row))
 
 
-def _check_friction(
+def _check_channels(
     system: MechanicalSystem, look: _Look, span: tuple[float, float], q: Array, qdot: Array
 ) -> None:
     """Refuse directions, limits and curvatures of dry friction that cannot be."""

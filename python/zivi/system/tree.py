@@ -23,7 +23,7 @@ from zivi.system.mechanism import (
     check_compliant,
     check_mass,
     coordinates_of,
-    names_of,
+    distinct_names,
 )
 from zivi.system.model_parts import Layout, Partials
 from zivi.system.tree_bodies import (
@@ -408,7 +408,7 @@ class Tree(MechanicalSystem):
         sides = self._structure.sides()
         if len(sides) > MAX_SIZE:
             raise ValueError(f"gaps must be at most {MAX_SIZE}, got {len(sides)}")
-        self._gap_names = names_of("gaps", [side.name for side in sides])
+        self._gap_names = distinct_names("gaps", [side.name for side in sides])
         self._e = restitutions(e, len(sides))
         check_compliant(e, self._contact_laws(), self._gap_names)
         self._read_friction(friction)
@@ -430,7 +430,7 @@ class Tree(MechanicalSystem):
         self._structure = dataclasses.replace(self._structure, friction=self._joints)
         self._channels = tuple(rubbing.channel for rubbing in self._structure.rubbings)
         of_joints = [channel.name for channel in self._channels if channel.gap is None]
-        names_of("gaps and friction", [*self._gap_names, *of_joints])
+        distinct_names("gaps and friction", [*self._gap_names, *of_joints])
         if self.m + len(self._channels) > MAX_SIZE:
             raise ValueError(
                 f"gaps and friction must be at most {MAX_SIZE} together, a gap with friction "

@@ -124,7 +124,7 @@ def _archive(model: FMU, fmi: int, binaries: dict[str, bytes], beside: dict[str,
     files = {
         **beside,
         "modelDescription.xml": description(model, fmi),
-        "documentation/index.html": _documentation(model).encode(),
+        "documentation/index.html": _html_page(model).encode(),
     }
     for target, binary in binaries.items():
         old, ending = PLATFORMS[target]
@@ -154,7 +154,7 @@ def _replace_file(path: Path, contents: bytes) -> None:
         beside.unlink(missing_ok=True)
 
 
-def _documentation(model: FMU) -> str:
+def _html_page(model: FMU) -> str:
     rows = "\n".join(
         "<tr>"
         + "".join(
@@ -301,7 +301,7 @@ def write_systems(
     binary: tuple[str, bytes],
 ) -> list[Path]:
     """Write the FMUs of systems, plant and model, with their numbers and code."""
-    source = _c_source(kind, systems)
+    source = _systems_source(kind, systems)
     content = np.array(list(numbers), dtype="<f8").tobytes()
     digest = hashlib.sha256(source.encode() + b"\0" + content).hexdigest()[:32]
     token = f"zivi-{kind}-{digest}"
@@ -318,7 +318,7 @@ def write_systems(
     return [write_archive(out, model, it, {here: code}, beside) for it in versions]
 
 
-def _c_source(kind: str, systems: dict[str, Exported]) -> str:
+def _systems_source(kind: str, systems: dict[str, Exported]) -> str:
     """Write systems, and how controls act on them, as functions of one C source."""
     functions = []
     for name, system in systems.items():

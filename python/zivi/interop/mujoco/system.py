@@ -14,13 +14,13 @@ from numpy.typing import ArrayLike
 
 from zivi.base.check import Array
 from zivi.base.extras import needed
-from zivi.base.machine_code import compiled
+from zivi.base.machine_code import compile_model
 from zivi.interop.mujoco.actuators import read_ctrl
 from zivi.interop.mujoco.contacts import read_gaps
 from zivi.interop.mujoco.refusals import element_name, refuse_for_system
 from zivi.system.gap import one_of
 from zivi.system.impact_law import GivenRestitutions, restitutions, written
-from zivi.system.mechanism import MAX_SIZE, MechanicalSystem, Model, names_of
+from zivi.system.mechanism import MAX_SIZE, MechanicalSystem, Model, distinct_names
 from zivi.system.model_parts import Layout
 from zivi.system.tree_bodies import JointLimit, PlaneGap, TreeGap, is_rough
 
@@ -322,9 +322,9 @@ class MujocoSystem(MechanicalSystem):
                 "zivi.Tree does"
             )
         self._glue = Glue(own, found, read_ctrl(model, ctrl))
-        self._native = compiled({"c": SOURCE}, "c")
+        self._native = compile_model({"c": SOURCE}, "c")
         self._gaps = ()
-        self._gap_names = names_of("gaps", self._glue.names)
+        self._gap_names = distinct_names("gaps", self._glue.names)
         if len(self._gap_names) > MAX_SIZE:
             raise ValueError(f"gaps must be at most {MAX_SIZE}, got {len(self._gap_names)}")
         self._n = int(model.nv)

@@ -50,7 +50,7 @@ NO_FRICTION = Rubbing()
 
 
 @dataclasses.dataclass(frozen=True)
-class Slip:
+class SlipExpressions:
     """The expressions of a channel of friction."""
 
     channel: Channel
@@ -61,7 +61,7 @@ class Slip:
     static: Any
 
 
-def slips_of(words: Any, gaps: Sequence[str], given: Rubbing) -> list[Slip]:
+def slips_of(words: Any, gaps: Sequence[str], given: Rubbing) -> list[SlipExpressions]:
     """Derive the channels of friction: those of gaps in the order of these, then joints."""
     for name, table in (("slips", given.slips), ("mu", given.mu), ("e_t", given.e_t)):
         if not isinstance(table, Mapping):
@@ -100,7 +100,7 @@ def _several(given: Any, what: str, least: int) -> list[Any]:
     return several
 
 
-def _slip(words: Any, channel: Channel, speed: Any, limits: Sequence[Any]) -> Slip:
+def _slip(words: Any, channel: Channel, speed: Any, limits: Sequence[Any]) -> SlipExpressions:
     r"""Derive :math:`B = \partial w/\partial\dot q`, :math:`\beta` and :math:`k`.
 
     .. math:: k = \frac{\partial w}{\partial q} \dot q + \frac{\partial w}{\partial t}
@@ -117,7 +117,7 @@ def _slip(words: Any, channel: Channel, speed: Any, limits: Sequence[Any]) -> Sl
         raise ValueError(f"{what} must be linear in the velocities and have some")
     name = "limit" if channel.gap is None else "mu"
     held = [words.read(f"{name} of {of} {channel.name!r}", limit) for limit in limits]
-    return Slip(channel, direction, rate, along, held[0], held[-1])
+    return SlipExpressions(channel, direction, rate, along, held[0], held[-1])
 
 
 # From the energies of a system to its equations of motion, by SymPy.
@@ -193,7 +193,7 @@ def derive(
     given = dict(parameters or {})
     values = {_name_of(key): finite(f"parameters[{key}]", v) for key, v in given.items()}
     words = _Words(sympy, q, qdot, [_name_of(key) for key in given])
-    named = _named(gaps)
+    named = _gaps_by_name(gaps)
     kinetic, potential = words.read("T", T), words.read("V", V)
     pushes = [words.read(f"Q[{i}]", entry) for i, entry in enumerate(_forces(words, Q))]
     distances = [words.read(f"gap {name!r}", gap) for name, gap in named.items()]
@@ -235,7 +235,7 @@ def derive(
             found = tuple(sound(sympy.sympify(entry)) for entry in entries)
     except FormulaError as error:
         raise FormulaError(f"T, V, Q and gaps: {error}") from None
-    channels, columns = tuple(slip.channel for slip in slips), _columns(inputs, n)
+    channels, columns = tuple(slip.channel for slip in slips), _control_columns(inputs, n)
     controls, matrix = tuple(columns), _inputs(words, columns)
     return Derived(found, words.names, tuple(named), values, channels, controls, matrix)
 
@@ -364,7 +364,7 @@ def _forces(words: _Words, Q: Any) -> Sequence[Any]:
     return entries
 
 
-def _columns(inputs: Any, n: int) -> dict[str, Any]:
+def _control_columns(inputs: Any, n: int) -> dict[str, Any]:
     """Give the columns of the controls by name, of a dict or a matrix row by row."""
     if inputs is None or isinstance(inputs, Mapping):
         return {str(name): column for name, column in (inputs or {}).items()}
@@ -419,7 +419,7 @@ def with_states(q: Any, T: Any, Q: Any, qdot: Any, states: Any) -> tuple[Any, An
     return [*given, *integrals.values()], T, Q, rates
 
 
-def _named(gaps: Any) -> dict[str, Any]:
+def _gaps_by_name(gaps: Any) -> dict[str, Any]:
     """Give the gaps by their names."""
     if isinstance(gaps, Mapping):
         return {str(name): gap for name, gap in gaps.items()}

@@ -246,10 +246,10 @@ def _change(entry: Any, one: Mapping[Any, float], other: Mapping[Any, float], di
     mpmath = importlib.import_module("mpmath")  # SymPy needs it
 
     with mpmath.workdps(digits):
-        return abs(_Values(mpmath, one).of(entry) - _Values(mpmath, other).of(entry))
+        return abs(_Evaluator(mpmath, one).of(entry) - _Evaluator(mpmath, other).of(entry))
 
 
-class _Values:
+class _Evaluator:
     """Works out expressions at one place; each part once, and none that would fill the memory."""
 
     def __init__(self, mpmath: Any, place: Mapping[Any, float]) -> None:

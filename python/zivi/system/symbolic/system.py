@@ -13,7 +13,7 @@ import zivi._zivi as _zivi
 from zivi.base.check import Array, finite
 from zivi.base.formula import normal
 from zivi.base.habits import hinted
-from zivi.base.machine_code import Native, compiled
+from zivi.base.machine_code import Native, compile_model
 from zivi.system.gap import IMPACT_LAWS, PARADOXES, Channel, ContactLaw, contact_law, one_of
 from zivi.system.impact_law import GivenRestitutions, Restitutions, restitutions
 from zivi.system.mechanism import (
@@ -70,8 +70,10 @@ class SymbolicInputs:
         """Compile them; `parameters` has their ``address``."""
         if self.constant is not None:
             return ControlInputs(self.names, np.reshape(self.constant, (self.n, len(self.names))))
-        native = compiled(self.sources, compiler)
-        return CompiledInputs(self.names, _matrix(native, self, parameters), native, parameters)
+        native = compile_model(self.sources, compiler)
+        return CompiledInputs(
+            self.names, _input_matrix(native, self, parameters), native, parameters
+        )
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -98,7 +100,7 @@ class CompiledInputs(ControlInputs):
         return _zivi.Inputs.compiled(self.r, self.native.address, address, owner)
 
 
-def _matrix(native: Native, inputs: SymbolicInputs, parameters: Any) -> Any:
+def _input_matrix(native: Native, inputs: SymbolicInputs, parameters: Any) -> Any:
     function, shape = native.function, (inputs.n, len(inputs.names))
 
     def matrix(q: Array) -> Array:
@@ -250,7 +252,7 @@ class SymbolicSystem(MechanicalSystem):
         self._paradox = one_of("paradox", paradox, PARADOXES)
         self._sources, self._compiler, self._equations = sources, compiler, equations
         self._parameters = Parameters(parameters)
-        self._native: Native = compiled(sources, compiler)
+        self._native: Native = compile_model(sources, compiler)
         self._symbolic_inputs = inputs
         if isinstance(inputs, SymbolicInputs):
             self._controls = inputs.made(compiler, self._parameters)
@@ -340,7 +342,7 @@ class SymbolicSystem(MechanicalSystem):
         """
         if self._equations is None:
             return super().partials(model)
-        native = compiled(self._equations.sources, self._compiler)
+        native = compile_model(self._equations.sources, self._compiler)
         parameters = self._parameters
         owner = native, parameters
         function = _zivi.Model.compiled(native.address, data=parameters.address, owner=owner)
