@@ -8,7 +8,7 @@ use zivi::system::impact_law::newton_impacts;
 use zivi::SetupError;
 
 use crate::border::{array, checked_size, guarded, read, written, CallerFailed, Refused};
-use crate::simulation::{How, Method, Unwatched};
+use crate::simulation::{How, Method, UnwatchedRun};
 
 /// Writes a system at `t`, `q`, `w = q'` into `out`, one after another: the mass matrix (n x n), the
 /// forces (n), the gaps (m), their gradients (m x n), the rest of their second derivatives (m), their
@@ -88,7 +88,7 @@ pub unsafe extern "C" fn zivi_simulate_mechanical(
             (t0, t1),
             (q, w),
             output,
-            &mut Unwatched,
+            &mut UnwatchedRun,
         )
         .map_err(Refused::setup)?;
         let status = done.status as i32;

@@ -265,7 +265,7 @@ impl How<'_> {
                 span,
                 start,
                 output,
-                &mut Unwatched,
+                &mut UnwatchedRun,
             );
             return Ok(run.map_err(Refused::setup)?.trajectory);
         }
@@ -273,7 +273,7 @@ impl How<'_> {
             return Err(Refused::from("t_eval must be NULL where h is given: samples are h apart"));
         }
         let (grid, method) = (Grid::new(span.0, span.1, self.h)?, ThetaGamma::implicit_euler());
-        let run = simulate_theta_gamma(method, restitution, force, grid, start, &mut Unwatched);
+        let run = simulate_theta_gamma(method, restitution, force, grid, start, &mut UnwatchedRun);
         Ok(run.map_err(Refused::setup)?.trajectory)
     }
 }
@@ -296,9 +296,9 @@ impl Force<CallerFailed> for Callback {
 }
 
 /// Nobody watches a run.
-pub(crate) struct Unwatched;
+pub(crate) struct UnwatchedRun;
 
-impl Monitor<CallerFailed> for Unwatched {
+impl Monitor<CallerFailed> for UnwatchedRun {
     fn poll(&mut self, _: usize, _: usize) -> Result<(), CallerFailed> {
         Ok(())
     }

@@ -13,7 +13,7 @@ use crate::force::{AnyNative, Force};
 use crate::interface::{array, list, setup_error, try_list, with_room, Watch};
 use crate::method::PyMethod;
 use crate::record::rows_of;
-use crate::system::ImpactLaw;
+use crate::system::PyImpactLaw;
 use crate::transform::from_both;
 
 pub(crate) fn refused(error: BatchError<PyErr>) -> PyErr {
@@ -89,7 +89,7 @@ pub(crate) fn row_restitution(
 pub(crate) fn simulate_batch(
     py: Python<'_>,
     forces: Vec<Py<Force>>,
-    laws: Vec<Py<ImpactLaw>>,
+    laws: Vec<Py<PyImpactLaw>>,
     states: PyReadonlyArray2<'_, f64>,
     method: PyRef<'_, PyMethod>,
     span: (f64, f64),

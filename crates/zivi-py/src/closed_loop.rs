@@ -27,7 +27,7 @@ use crate::method::{Hits, MotionPath, PyEvent, PyMethod};
 use crate::observer::PyObserver;
 use crate::record::rows_of;
 use crate::simulate::grid_of;
-use crate::system::State;
+use crate::system::PyState;
 use crate::transform::PyRestitution;
 
 /// What a controller has beside `step`, and what this takes beside `x, xdot, force`.
@@ -120,14 +120,14 @@ impl Controller<PyErr> for PythonController<'_> {
 }
 
 /// A reference that is given.
-pub(crate) enum ReferenceSource<'py> {
+pub(crate) enum GivenReference<'py> {
     /// A function of time that gives `x, x'` and the acceleration, NaN where that is not known.
     Function(Bound<'py, PyAny>),
     /// What it is at the samples.
     Samples(Vec<ReferencePoint>),
 }
 
-impl<'py> ReferenceSource<'py> {
+impl<'py> GivenReference<'py> {
     pub(crate) fn new(given: Bound<'py, PyAny>) -> PyResult<Self> {
         match given.extract::<PyReadonlyArray2<'_, f64>>() {
             Ok(rows) => {
@@ -149,7 +149,7 @@ pub(crate) fn given_of_row(row: ArrayView1<'_, f64>) -> ReferencePoint {
     ReferencePoint { state, branch, acceleration: Some(row[3]).filter(|it| !it.is_nan()) }
 }
 
-impl Reference<PyErr> for ReferenceSource<'_> {
+impl Reference<PyErr> for GivenReference<'_> {
     fn at(&mut self, k: usize, t: f64) -> PyResult<ReferencePoint> {
         match self {
             Self::Samples(samples) => Reference::<PyErr>::at(&mut Samples(samples), k, t),
@@ -208,17 +208,17 @@ impl Surroundings<'_> {
         controller: &mut (dyn Controller<PyErr> + Send),
         forces: &mut [AnyForce<'_>; 3],
         events: Vec<UserEvent<'_, PyErr>>,
-        mut given: Option<ReferenceSource<'_>>,
+        mut given: Option<GivenReference<'_>>,
         watch: &mut Watch,
     ) -> Outcome {
         let native: Vec<AnyNative> = forces.iter().filter_map(AnyForce::native).collect();
         match <[AnyNative; 3]>::try_from(native) {
             // events and functions need the interpreter
             Ok(mut native)
-                if events.is_empty() && !matches!(given, Some(ReferenceSource::Function(_))) =>
+                if events.is_empty() && !matches!(given, Some(GivenReference::Function(_))) =>
             {
                 let samples = match given {
-                    Some(ReferenceSource::Samples(samples)) => Some(samples),
+                    Some(GivenReference::Samples(samples)) => Some(samples),
                     _ => None,
                 };
                 py.detach(|| {
@@ -264,7 +264,7 @@ pub(crate) fn simulate_closed_loop(
     restitution: PyRef<'_, PyRestitution>,
     h: f64,
     span: (f64, f64),
-    start: PyRef<'_, State>,
+    start: PyRef<'_, PyState>,
     method: PyRef<'_, PyMethod>,
     exact: bool,
     noise: (PyReadonlyArray1<'_, f64>, PyReadonlyArray1<'_, f64>),
@@ -289,7 +289,7 @@ pub(crate) fn simulate_closed_loop(
     let observer = observer.map(|it| it.inner);
     let surroundings =
         Surroundings { start, motion, sensor, observer, delay, dense, restitution_ref };
-    let mut given = given.map(ReferenceSource::new).transpose()?;
+    let mut given = given.map(GivenReference::new).transpose()?;
     let mut forces = forces.each_ref().map(|force| force.get().on(py));
     let mut events: Vec<_> = events.iter().map(|it| it.of_point(py)).collect();
     let watch = &mut Watch { progress };

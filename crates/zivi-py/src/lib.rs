@@ -43,14 +43,14 @@ fn _zivi(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<method::PySetting>()?;
     module.add_class::<method::PyMethod>()?;
     module.add_class::<method::MethodEntry>()?;
-    module.add_class::<system::ImpactLaw>()?;
-    module.add_class::<system::PointMass>()?;
-    module.add_class::<system::State>()?;
+    module.add_class::<system::PyImpactLaw>()?;
+    module.add_class::<system::PyPointMass>()?;
+    module.add_class::<system::PyState>()?;
     module.add_class::<system::Mechanism>()?;
     module.add_class::<system::Configuration>()?;
     module.add_class::<friction::PyFriction>()?;
     module.add_class::<friction::FrictionRecord>()?;
-    module.add_class::<system::Keep>()?;
+    module.add_class::<system::PyKeep>()?;
     module.add_class::<method::PyEvent>()?;
     module.add_class::<method::Hits>()?;
     module.add_function(wrap_pyfunction!(simulate::simulate, module)?)?;

@@ -6,7 +6,7 @@ use crate::force::Force;
 use crate::interface::{array, list, setup_error, Array, Watch};
 use crate::method::PyMethod;
 use crate::record::RunRecord;
-use crate::system::{PointMass, State};
+use crate::system::{PyPointMass, PyState};
 use numpy::{PyArray1, PyArray2, PyArray3, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
@@ -68,10 +68,10 @@ fn wrt_of(code: i64) -> PyResult<Wrt> {
 #[allow(clippy::too_many_arguments)]
 pub(crate) fn sensitivity(
     py: Python<'_>,
-    system: PyRef<'_, PointMass>,
+    system: PyRef<'_, PyPointMass>,
     method: PyRef<'_, PyMethod>,
     span: (f64, f64),
-    start: PyRef<'_, State>,
+    start: PyRef<'_, PyState>,
     wrt: Vec<i64>,
     sizes: PyReadonlyArray1<'_, f64>,
     controlled: bool,
@@ -284,7 +284,7 @@ fn evaluated(
 
 // Maps from impact to impact, from Python.
 
-fn map_of(py: Python<'_>, system: &PointMass) -> PyResult<ImpactMap> {
+fn map_of(py: Python<'_>, system: &PyPointMass) -> PyResult<ImpactMap> {
     let native = natives(py, &[system.force.clone_ref(py)])?;
     let Some(restitution) = system.law().constant() else {
         return Err(PyValueError::new_err("e must be a number, Newton's impact law"));
@@ -316,7 +316,7 @@ fn starts_of(given: &PyReadonlyArray2<'_, f64>) -> PyResult<Vec<[f64; 2]>> {
 
 /// Refuses a system that has no such map.
 #[pyfunction]
-pub(crate) fn check_impact_map(py: Python<'_>, system: PyRef<'_, PointMass>) -> PyResult<()> {
+pub(crate) fn check_impact_map(py: Python<'_>, system: PyRef<'_, PyPointMass>) -> PyResult<()> {
     let _running = crate::leaving::running()?;
     map_of(py, &system).map(drop)
 }
@@ -329,7 +329,7 @@ type Maps<'py> = (Bound<'py, PyArray2<f64>>, Bound<'py, PyArray3<f64>>, Bound<'p
 #[pyo3(signature = (system, starts, *, parameters, threads, progress=None))]
 pub(crate) fn map_of_impacts<'py>(
     py: Python<'py>,
-    system: PyRef<'py, PointMass>,
+    system: PyRef<'py, PyPointMass>,
     starts: PyReadonlyArray2<'py, f64>,
     parameters: Vec<String>,
     threads: usize,
@@ -358,7 +358,7 @@ pub(crate) fn map_of_impacts<'py>(
 #[allow(clippy::too_many_arguments)]
 pub(crate) fn orbits_of_impacts<'py>(
     py: Python<'py>,
-    systems: Vec<PyRef<'py, PointMass>>,
+    systems: Vec<PyRef<'py, PyPointMass>>,
     starts: PyReadonlyArray2<'py, f64>,
     skip: usize,
     n: usize,

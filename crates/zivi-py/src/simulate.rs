@@ -17,7 +17,7 @@ use crate::interface::{with_room, Watch};
 use crate::mechanics::MechanicalRecord;
 use crate::method::{step_of, step_solver, PyMethod};
 use crate::record::RunRecord;
-use crate::system::{Configuration, Keep, Mechanism, PointMass, State};
+use crate::system::{Configuration, Mechanism, PyKeep, PyPointMass, PyState};
 use crate::transform::restitution_of;
 
 /// An array of times as a slice, for as long as it is held.
@@ -38,7 +38,7 @@ impl<'py> Times<'py> {
     }
 }
 
-/// A run of any method: of a mass above a wall from a `State`, of a mechanical system from a
+/// A run of any method: of a mass above a wall from a `PyState`, of a mechanical system from a
 /// `Configuration`.
 #[pyfunction]
 #[pyo3(signature = (system, method, span, start, keep, progress=None))]
@@ -48,12 +48,12 @@ pub(crate) fn simulate(
     method: PyRef<'_, PyMethod>,
     span: (f64, f64),
     start: &Bound<'_, PyAny>,
-    keep: PyRef<'_, Keep>,
+    keep: PyRef<'_, PyKeep>,
     progress: Option<Py<PyAny>>,
 ) -> PyResult<Py<PyAny>> {
     let _running = crate::leaving::running()?;
     let (method, watch) = (method.inner, &mut Watch { progress });
-    if let (Ok(system), Ok(start)) = (system.cast::<PointMass>(), start.cast::<State>()) {
+    if let (Ok(system), Ok(start)) = (system.cast::<PyPointMass>(), start.cast::<PyState>()) {
         let run = run_point(py, system.get(), method, span, start.get().inner, &keep, watch)?;
         let record = RunRecord::new(py, run.map_err(setup_error)?)?;
         return Ok(Py::new(py, record)?.into_any());
@@ -64,7 +64,7 @@ pub(crate) fn simulate(
         return Ok(Py::new(py, record)?.into_any());
     }
     Err(PyTypeError::new_err(
-        "simulate takes a PointMass and a State, or a Mechanism and a Configuration",
+        "simulate takes a PyPointMass and a PyState, or a Mechanism and a Configuration",
     ))
 }
 
@@ -72,11 +72,11 @@ type Ran<R> = PyResult<Result<R, SetupError>>;
 
 fn run_point(
     py: Python<'_>,
-    system: &PointMass,
+    system: &PyPointMass,
     method: AnyMethod,
     span: (f64, f64),
     start: Physical,
-    keep: &Keep,
+    keep: &PyKeep,
     watch: &mut Watch,
 ) -> Ran<PointRun<PyErr>> {
     let (t_eval, tstops) =
@@ -103,13 +103,13 @@ fn run_mechanism(
     method: AnyMethod,
     span: (f64, f64),
     start: &Configuration,
-    keep: &Keep,
+    keep: &PyKeep,
     watch: &mut Watch,
 ) -> Ran<MechanicalRun<PyErr>> {
     let (t_eval, tstops) =
         (Times::new(py, keep.t_eval.as_ref())?, Times::new(py, keep.tstops.as_ref())?);
     let (t_eval, tstops) = (t_eval.given()?, tstops.given()?.unwrap_or_default());
-    let Keep { ends, dense, arcs, .. } = *keep;
+    let PyKeep { ends, dense, arcs, .. } = *keep;
     let laws = system.laws.as_slice();
     let start = (start.q.as_slice(), start.qdot.as_slice());
     let (layout, friction) = (system.layout(), system.laws_of_contact());

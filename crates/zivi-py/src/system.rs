@@ -19,13 +19,13 @@ use zivi::system::impact_law::{newton_impacts, FunctionImpact, TabulatedImpact};
 use zivi::{AnyImpactLaw, Physical};
 
 /// A mass above a wall.
-#[pyclass(frozen, module = "zivi._zivi")]
-pub(crate) struct PointMass {
+#[pyclass(frozen, module = "zivi._zivi", name = "PointMass")]
+pub(crate) struct PyPointMass {
     pub(crate) force: Py<Force>,
-    impact: Py<ImpactLaw>,
+    impact: Py<PyImpactLaw>,
 }
 
-impl PointMass {
+impl PyPointMass {
     /// Its impact law.
     pub(crate) fn law(&self) -> &AnyImpactLaw {
         &self.impact.get().inner
@@ -33,9 +33,9 @@ impl PointMass {
 }
 
 #[pymethods]
-impl PointMass {
+impl PyPointMass {
     #[new]
-    fn new(force: Py<Force>, law: Py<ImpactLaw>) -> Self {
+    fn new(force: Py<Force>, law: Py<PyImpactLaw>) -> Self {
         Self { force, impact: law }
     }
 
@@ -46,13 +46,13 @@ impl PointMass {
 }
 
 /// Distance from the wall and velocity.
-#[pyclass(frozen, module = "zivi._zivi")]
-pub(crate) struct State {
+#[pyclass(frozen, module = "zivi._zivi", name = "State")]
+pub(crate) struct PyState {
     pub(crate) inner: Physical,
 }
 
 #[pymethods]
-impl State {
+impl PyState {
     #[new]
     fn new(x: f64, xdot: f64) -> Self {
         Self { inner: Physical { x, xdot } }
@@ -63,7 +63,7 @@ impl State {
 #[derive(FromPyObject)]
 enum Restitutions<'py> {
     Newton(PyReadonlyArray1<'py, f64>),
-    Laws(Vec<Py<ImpactLaw>>),
+    Laws(Vec<Py<PyImpactLaw>>),
 }
 
 /// A mechanical system of `n` coordinates and `m` gaps, with or without friction.
@@ -75,7 +75,7 @@ pub(crate) struct Mechanism {
     /// An impact law for each gap.
     pub(crate) laws: Vec<AnyImpactLaw>,
     /// What owns the functions of the laws.
-    owners: Vec<Py<ImpactLaw>>,
+    owners: Vec<Py<PyImpactLaw>>,
     friction: Option<Py<PyFriction>>,
 }
 
@@ -156,8 +156,8 @@ impl Configuration {
 }
 
 /// What a run shall keep, besides what happens at the wall.
-#[pyclass(frozen, module = "zivi._zivi")]
-pub(crate) struct Keep {
+#[pyclass(frozen, module = "zivi._zivi", name = "Keep")]
+pub(crate) struct PyKeep {
     /// Times of the samples, where they are given.
     pub(crate) t_eval: Option<Py<PyArray1<f64>>>,
     /// Times where the force is not smooth.
@@ -174,7 +174,7 @@ pub(crate) struct Keep {
 }
 
 #[pymethods]
-impl Keep {
+impl PyKeep {
     #[new]
     #[pyo3(signature = (
         *, t_eval=None, tstops=None, events=Vec::new(), ends=false, dense=false, arcs=false,
@@ -201,21 +201,21 @@ impl Keep {
 // Impact laws from Python.
 
 /// An impact law.
-#[pyclass(frozen, module = "zivi._zivi")]
-pub(crate) struct ImpactLaw {
+#[pyclass(frozen, module = "zivi._zivi", name = "ImpactLaw")]
+pub(crate) struct PyImpactLaw {
     pub(crate) inner: AnyImpactLaw,
     /// What owns its compiled functions, if it has some.
     owner: Option<Py<PyAny>>,
 }
 
-impl From<AnyImpactLaw> for ImpactLaw {
+impl From<AnyImpactLaw> for PyImpactLaw {
     fn from(inner: AnyImpactLaw) -> Self {
         Self { inner, owner: None }
     }
 }
 
 #[pymethods]
-impl ImpactLaw {
+impl PyImpactLaw {
     /// By its name, with the values of its parameters in their order.
     #[new]
     fn new(name: &str, values: Vec<f64>) -> PyResult<Self> {

@@ -264,7 +264,7 @@ impl LoadedLoop {
             (start, end),
             y0,
             output,
-            &mut Unwatched,
+            &mut UnwatchedLoop,
         )
         .map_err(|_| code::MOTION)?;
         if let Some(code) = run.raised {
@@ -286,9 +286,9 @@ impl LoadedLoop {
 }
 
 /// Nobody is told of progress.
-struct Unwatched;
+struct UnwatchedLoop;
 
-impl Monitor<i32> for Unwatched {
+impl Monitor<i32> for UnwatchedLoop {
     fn poll(&mut self, _: usize, _: usize) -> Result<(), i32> {
         Ok(())
     }

@@ -19,7 +19,7 @@ use crate::switched::{accumulation, SwitchedRk};
 use crate::system::dynamics::{Dynamics, Layout};
 use crate::zeno::arc::Bounce;
 use crate::zeno::chain::Chain;
-use crate::zeno::table::Landing;
+use crate::zeno::table::ExtrapolatedEnd;
 use crate::zeno::tail::ROUNDINGS;
 use crate::{Dependence, Force};
 
@@ -107,7 +107,7 @@ impl ImpactChain {
         &mut self,
         (key, alone): (Key, Option<Pull>),
         at: &mut Mechanism<'_, '_, D>,
-    ) -> Result<Option<Landing<Vec<f64>>>, Failure<E>> {
+    ) -> Result<Option<ExtrapolatedEnd<Vec<f64>>>, Failure<E>> {
         let n = at.aside.coordinates();
         let Some(first) = key.hit.iter().next() else { return Ok(None) };
         let (e, u) = (at.e[first], at.state.gap(first).1);
@@ -165,7 +165,7 @@ impl ImpactChain {
         &mut self,
         last: Bounce,
         at: &mut Mechanism<'_, '_, D>,
-    ) -> Result<Option<Landing<Vec<f64>>>, Failure<E>> {
+    ) -> Result<Option<ExtrapolatedEnd<Vec<f64>>>, Failure<E>> {
         if self.chain.is_over() {
             return Ok(self.chain.leading());
         }
@@ -197,7 +197,7 @@ impl ImpactChain {
     /// equation of the bouncing gap.
     fn look_ahead<E, D: Dynamics<E>>(
         &mut self,
-        landing: &Landing<Vec<f64>>,
+        landing: &ExtrapolatedEnd<Vec<f64>>,
         tolerance: f64,
         at: &mut Mechanism<'_, '_, D>,
     ) -> Result<bool, Failure<E>> {
@@ -231,7 +231,7 @@ impl ImpactChain {
     /// motion of the system along them if they end after the second, and the gaps that are closed then.
     pub(super) fn jump<E, D: Dynamics<E>>(
         &self,
-        landing: &Landing<Vec<f64>>,
+        landing: &ExtrapolatedEnd<Vec<f64>>,
         (dense_from, drawn_from): (f64, f64),
         at: &mut Mechanism<'_, '_, D>,
     ) -> Result<(SkippedArcs, GapSet), Failure<E>> {

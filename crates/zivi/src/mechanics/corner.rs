@@ -22,7 +22,7 @@ use crate::record::gap_set::{ContactMode, GapSet};
 use crate::record::status::Failure;
 use crate::switched::SwitchedRk;
 use crate::system::dynamics::{Dynamics, Layout};
-use crate::zeno::table::Landing;
+use crate::zeno::table::ExtrapolatedEnd;
 
 /// Heights and speeds at a corner are zero but for so many tolerances; in a sequence at one instant speeds
 /// are no more than so many times those that are below all tolerances.
@@ -34,7 +34,7 @@ const LEFT: f64 = 0.98;
 const NESTED: f64 = 1e-3;
 
 /// A corner ahead: the state there, and the gaps that are closed in it.
-type Corner = (Landing<Vec<f64>>, GapSet);
+type Corner = (ExtrapolatedEnd<Vec<f64>>, GapSet);
 
 /// The approach to a corner, known by the last impacts.
 #[derive(Clone, Debug, Default)]
@@ -211,7 +211,7 @@ impl CornerApproach {
 /// alone, one after the other and with one ratio, repeat in a pattern, too.
 fn rests(
     gaps: GapSet,
-    landing: &Landing<Vec<f64>>,
+    landing: &ExtrapolatedEnd<Vec<f64>>,
     scales: &[f64],
     state: &MechanicalState,
 ) -> bool {
@@ -221,8 +221,8 @@ fn rests(
 }
 
 /// A state in which a corner is reached, as it is.
-fn resting(t: f64, z: &[f64]) -> Landing<Vec<f64>> {
-    Landing::new(t, &[&[0.0], z].concat(), 0.0)
+fn resting(t: f64, z: &[f64]) -> ExtrapolatedEnd<Vec<f64>> {
+    ExtrapolatedEnd::new(t, &[&[0.0], z].concat(), 0.0)
 }
 
 /// Where a pattern of impacts ends that are a sequence at one instant: heights are rounding of the
@@ -233,7 +233,7 @@ fn at_one_instant<E, D: Dynamics<E>>(
     (p, fewest): (usize, usize),
     set: GapSet,
     at: &mut Mechanism<'_, '_, D>,
-) -> Result<Option<Landing<Vec<f64>>>, Failure<E>> {
+) -> Result<Option<ExtrapolatedEnd<Vec<f64>>>, Failure<E>> {
     let (Layout { n, m, p: channels }, t) = (at.state.layout(), at.state.now().t);
     let end = time_of_corner(marks, fewest).filter(|_| channels == 0);
     let Some(end) = end.filter(|_| speeds_fall(marks, p, (n, set))) else { return Ok(None) };

@@ -23,7 +23,7 @@ use crate::numeric::tableau::Powers;
 use crate::record::gap_set::{ContactMode, GapSet};
 use crate::record::status::Failure;
 use crate::system::dynamics::{Dynamics, Layout};
-use crate::zeno::table::{Landing, ZenoTable};
+use crate::zeno::table::{ExtrapolatedEnd, ZenoTable};
 use std::ops::Deref;
 
 /// Most arcs of two halves.
@@ -457,7 +457,11 @@ pub(super) fn time_of_corner(marks: &[Mark], fewest: usize) -> Option<f64> {
 }
 
 /// Equation (1) for the phase of the last event.
-pub(super) fn landing(marks: &[Mark], p: usize, scales: &[f64]) -> Option<Landing<Vec<f64>>> {
+pub(super) fn landing(
+    marks: &[Mark],
+    p: usize,
+    scales: &[f64],
+) -> Option<ExtrapolatedEnd<Vec<f64>>> {
     let (phase, r) = of_last_phase(marks, p)?;
     let first = phase[phase.len() - 1].t;
     let mut table = ZenoTable::new(scales.len(), COLUMNS);

@@ -44,14 +44,14 @@ pub(super) struct MechanicalIntegrator {
 }
 
 /// What a step changes, kept to give it up.
-pub(super) struct Saved {
+pub(super) struct StepBackup {
     state: MechanicalState,
     motion: SmoothMotion,
     next: Next,
     stalled: u32,
 }
 
-impl Saved {
+impl StepBackup {
     /// Where the system was.
     pub(super) fn state(&self) -> &MechanicalState {
         &self.state
@@ -368,14 +368,14 @@ impl MechanicalIntegrator {
     }
 
     /// What a step changes.
-    pub(super) fn save(&self) -> Saved {
+    pub(super) fn save(&self) -> StepBackup {
         let Self { state, motion, next, stalled, .. } = self;
         let (state, motion, next) = (state.clone(), motion.clone(), next.clone());
-        Saved { state, motion, next, stalled: *stalled }
+        StepBackup { state, motion, next, stalled: *stalled }
     }
 
     /// Gives up the last step: back to where the machine was before it, for one of length `h`.
-    pub(super) fn give_up_step(&mut self, before: &Saved, h: f64) {
+    pub(super) fn give_up_step(&mut self, before: &StepBackup, h: f64) {
         self.state.clone_from(&before.state);
         self.motion.go_back(&before.motion, h);
         self.next.clone_from(&before.next);

@@ -10,7 +10,7 @@ use crate::record::gap_set::{ContactMode, GapSet};
 use crate::record::status::Failure;
 use crate::switched::SwitchedRk;
 use crate::system::dynamics::{Dynamics, Layout};
-use crate::zeno::table::Landing;
+use crate::zeno::table::ExtrapolatedEnd;
 
 /// Speeds below which a corner is reached whatever the pattern, and slips are none behind an
 /// accumulation: relative to `1 + |q'|`, and in tolerances.
@@ -56,7 +56,7 @@ impl<D> Mechanism<'_, '_, D> {
     /// both ends stays clear of zero; and whether what slips in it slips at both ends.
     pub(super) fn is_clear(
         &self,
-        landing: &Landing<Vec<f64>>,
+        landing: &ExtrapolatedEnd<Vec<f64>>,
         mode: impl Into<ContactMode>,
     ) -> bool {
         let mode = mode.into();
@@ -81,7 +81,7 @@ impl<D> Mechanism<'_, '_, D> {
     /// that stay closed while another one bounces also without it, and under its impacts.
     pub(super) fn stays_closed<E>(
         &mut self,
-        landing: &Landing<Vec<f64>>,
+        landing: &ExtrapolatedEnd<Vec<f64>>,
         mode: impl Into<ContactMode>,
         meanwhile: impl Into<ContactMode>,
     ) -> Result<bool, Failure<E>>
@@ -170,7 +170,7 @@ impl<D> Mechanism<'_, '_, D> {
     /// all of these. The system is evaluated there.
     pub(super) fn move_to<E>(
         &mut self,
-        landing: &Landing<Vec<f64>>,
+        landing: &ExtrapolatedEnd<Vec<f64>>,
         mode: impl Into<ContactMode>,
     ) -> Result<GapSet, Failure<E>>
     where

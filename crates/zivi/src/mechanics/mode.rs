@@ -12,7 +12,7 @@ use crate::numeric::stages::{worse, Equation, StepError, Tolerances};
 use crate::record::gap_set::{ContactMode, GapSet};
 use crate::record::status::Failure;
 use crate::system::dynamics::{Dynamics, Layout};
-use crate::zeno::table::Landing;
+use crate::zeno::table::ExtrapolatedEnd;
 
 /// What the gaps do that touch, or touched when the last step began.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -89,7 +89,7 @@ pub(super) struct Key {
 /// Where impacts accumulate.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Ahead {
-    pub(super) landing: Landing<Vec<f64>>,
+    pub(super) landing: ExtrapolatedEnd<Vec<f64>>,
     /// The gaps that close together, if it is no Zeno point of a chain.
     pub(super) corner: Option<GapSet>,
 }

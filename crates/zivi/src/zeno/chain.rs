@@ -22,7 +22,7 @@
 use crate::zeno::arc::Bounce;
 use std::collections::TryReserveError;
 
-use super::table::{is_coarse, Landing, ZenoTable, ROWS};
+use super::table::{is_coarse, ExtrapolatedEnd, ZenoTable, ROWS};
 use super::tail::Tail;
 use crate::numeric::coordinates::Coordinates;
 use crate::numeric::tableau::Powers;
@@ -192,9 +192,9 @@ impl<Z: Coordinates, K: Copy + PartialEq> Chain<Z, K> {
     }
 
     /// The last row (2): the end of the chain without a table.
-    pub(crate) fn leading(&self) -> Option<Landing<Z>> {
+    pub(crate) fn leading(&self) -> Option<ExtrapolatedEnd<Z>> {
         let (first, last) = (self.bounces.first()?, self.bounces.len() - 1);
-        Some(Landing::new(first.t, self.row(last), 0.0))
+        Some(ExtrapolatedEnd::new(first.t, self.row(last), 0.0))
     }
 
     /// The end of the chain under a pull that is known to be constant, from three impacts on, where a
@@ -206,7 +206,7 @@ impl<Z: Coordinates, K: Copy + PartialEq> Chain<Z, K> {
 
     /// The end of the chain, from three impacts on: the entry of the last row of the table with the
     /// smallest estimated error in the given scales, of the time, then of the state.
-    pub(crate) fn landing(&mut self, scales: &[f64]) -> Option<Landing<Z>> {
+    pub(crate) fn landing(&mut self, scales: &[f64]) -> Option<ExtrapolatedEnd<Z>> {
         let [first, _, .., last] = *self.bounces else { return None };
         let (chosen, powers, _) = self.selection();
         self.table.begin();

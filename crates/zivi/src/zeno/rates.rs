@@ -17,7 +17,7 @@
 //! two; with it `D^(j)` has an error of order `u^(j+2)`, as `S^(j)` has.
 
 use super::chain::Chain;
-use super::table::{Landing, ROWS};
+use super::table::{ExtrapolatedEnd, ROWS};
 use crate::numeric::coordinates::Coordinates;
 use crate::numeric::tableau;
 use crate::numeric::tableau::{Column, TableauEntry};
@@ -70,7 +70,7 @@ impl ChainRates {
         chain: &Chain<Z, K>,
         de: f64,
         scale: impl Fn(usize, f64) -> f64,
-    ) -> Option<Landing<Z>>
+    ) -> Option<ExtrapolatedEnd<Z>>
     where
         Z: Coordinates,
         K: Copy + PartialEq,
@@ -80,11 +80,11 @@ impl ChainRates {
         if self.rows.len() != chain.bounces().len() * width {
             return None;
         }
-        let mut best = Landing::new(0.0, &self.rows[last..], f64::INFINITY);
+        let mut best = ExtrapolatedEnd::new(0.0, &self.rows[last..], f64::INFINITY);
         self.columns(chain, de, |entry| {
             let size = largest(entry, &scale);
             if entry.j <= chain.columns() && size < best.size {
-                best = Landing::new(0.0, entry.newest, size);
+                best = ExtrapolatedEnd::new(0.0, entry.newest, size);
             }
         });
         Some(best)

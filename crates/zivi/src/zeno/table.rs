@@ -29,7 +29,7 @@ const AGREE: f64 = 64.0;
 
 /// The extrapolated end of an accumulation.
 #[derive(Clone, Debug, PartialEq)]
-pub(crate) struct Landing<Z> {
+pub(crate) struct ExtrapolatedEnd<Z> {
     pub(crate) t: f64,
     /// The time since the start, then the state.
     z: Z,
@@ -39,7 +39,7 @@ pub(crate) struct Landing<Z> {
     pub(crate) size: f64,
 }
 
-impl<Z: Coordinates> Landing<Z> {
+impl<Z: Coordinates> ExtrapolatedEnd<Z> {
     /// The time since `start`, then the state, with an error of such a size, none by component.
     pub(crate) fn new(start: f64, row: &[f64], size: f64) -> Self {
         let mut z = Z::zeros(row.len());
@@ -142,7 +142,7 @@ impl<Z: Coordinates> ZenoTable<Z> {
         now: f64,
         powers: Powers,
         scales: &[f64],
-    ) -> Option<Landing<Z>> {
+    ) -> Option<ExtrapolatedEnd<Z>> {
         let Self { rows, columns, across, noise, error } = self;
         let (noise, error) = (noise.as_mut_slice(), error.as_mut_slice());
         for (noise, entry) in noise.iter_mut().zip(rows.iter()) {
@@ -150,11 +150,12 @@ impl<Z: Coordinates> ZenoTable<Z> {
         }
         noise[0] = noise[0].max(f64::EPSILON * now.abs());
         let settled = is_coarse(powers.first).then(|| settled::<Z>(rows, noise, scales));
-        let mut best: Option<Landing<Z>> = None;
+        let mut best: Option<ExtrapolatedEnd<Z>> = None;
         tableau::columns(rows, across.as_mut_slice(), powers, |entry| {
             let size = judge(entry, noise, error, scales);
             if entry.j <= *columns && best.as_ref().is_none_or(|best| size < best.size) {
-                let best = best.get_or_insert_with(|| Landing::new(start, entry.newest, size));
+                let best =
+                    best.get_or_insert_with(|| ExtrapolatedEnd::new(start, entry.newest, size));
                 (best.t, best.size) = (start + entry.newest[0], size);
                 best.z.as_mut_slice().copy_from_slice(entry.newest);
                 best.error.as_mut_slice().copy_from_slice(error);
@@ -273,7 +274,7 @@ mod table_tests {
 
     /// The landing of the time and a state, `t = 3 - q^2` and `z = 1 + a q^2`, `q = 0.5^k`, at so
     /// many rows.
-    fn landing(rows: i32, a: f64, scales: &[f64]) -> Option<Landing<Vec<f64>>> {
+    fn landing(rows: i32, a: f64, scales: &[f64]) -> Option<ExtrapolatedEnd<Vec<f64>>> {
         let mut table = ZenoTable::new(2, 5);
         for k in (0..rows).rev() {
             let q2 = 0.25f64.powi(k);

@@ -19,7 +19,7 @@ use crate::{Monitor, SetupError, Status};
 const PERIOD: Duration = Duration::from_millis(30);
 
 /// What several threads share.
-struct Shared<'a, T, R> {
+struct PoolState<'a, T, R> {
     /// Chunks that nobody has taken yet, numbered.
     waiting: Mutex<Enumerate<Chunks<'a, T>>>,
     /// Results of chunks that the caller has not taken yet.
@@ -73,7 +73,7 @@ pub(super) fn run<E, T: Sync, R: Send>(
     work.width = work.width.min(items.len().div_ceil(threads)).max(1);
     let wanted = threads.min(items.len().div_ceil(work.width));
     let mut results = InOrder::with_room(items.len()).map_err(|it| BatchError::Setup(None, it))?;
-    let shared = Shared {
+    let shared = PoolState {
         waiting: Mutex::new(items.chunks(work.width).enumerate()),
         finished: Mutex::new(Vec::new()),
         done: AtomicUsize::new(0),
@@ -138,7 +138,7 @@ impl<R> InOrder<R> {
 
 /// Looks after the threads until they are done, and takes their results; what the monitor raised.
 fn watch<E, T, R>(
-    shared: &Shared<'_, T, R>,
+    shared: &PoolState<'_, T, R>,
     of: usize,
     monitor: &mut impl Monitor<E>,
     results: &mut InOrder<R>,
@@ -161,7 +161,7 @@ fn watch<E, T, R>(
 }
 
 fn take_chunks<T, R>(
-    shared: &Shared<'_, T, R>,
+    shared: &PoolState<'_, T, R>,
     work: &Work<
         impl Fn(&[T], &dyn Fn() -> bool) -> Result<Vec<R>, SetupError>,
         impl Fn(&T, Status) -> R,

@@ -415,7 +415,7 @@ pub(super) struct Rough {
 
 /// What a site does: whether it is closed, and the sign of its slip, zero in stick.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Outcome {
+pub(super) struct SiteMode {
     pub(super) closed: bool,
     pub(super) slip: f64,
 }
@@ -450,7 +450,7 @@ impl Coulomb {
     }
 
     /// What each site does, after as many steps as are allowed; none if numbers overflow.
-    pub(super) fn outcomes(&self) -> Option<Vec<Outcome>> {
+    pub(super) fn outcomes(&self) -> Option<Vec<SiteMode>> {
         let k = self.b.len();
         let mut x = vec![0.0; k];
         for _ in 0..STEPS {
@@ -477,14 +477,14 @@ impl Coulomb {
         let still = STILL * (size(&self.b) + size(&x));
         let sign = |v: f64| if v.abs() <= still { 0.0 } else { v.signum() };
         let outcome = |site: &Site| match *site {
-            Site::Gap { normal, friction, .. } => Outcome {
+            Site::Gap { normal, friction, .. } => SiteMode {
                 closed: rate(normal) <= still,
                 slip: friction.map_or(0.0, |it| match it.slip {
                     0.0 => sign(rate(it.row)),
                     slip => slip,
                 }),
             },
-            Site::Joint { row, .. } => Outcome { closed: true, slip: sign(rate(row)) },
+            Site::Joint { row, .. } => SiteMode { closed: true, slip: sign(rate(row)) },
         };
         Some(self.sites.iter().map(outcome).collect())
     }

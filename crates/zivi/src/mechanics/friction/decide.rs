@@ -11,7 +11,7 @@
 //! At one contact with `det K > 0` exactly one does, at the limits two with the same motion, and where
 //! `mu_s > mu` sticking continues: most closed, then most sticking, then most that stuck before.
 
-use crate::mechanics::friction::contact::{Coulomb, Outcome, Rough, Site, MOST_PATTERNS};
+use crate::mechanics::friction::contact::{Coulomb, Rough, Site, SiteMode, MOST_PATTERNS};
 use crate::mechanics::kinetics::Kinetics;
 use crate::mechanics::mode::{Contacts, Limit};
 use crate::numeric::dense::dot;
@@ -215,7 +215,7 @@ fn by_steps(
         .map(|(i, j)| kinetics.d(i, j))
         .collect();
     let outcomes = Coulomb::new(sites, &d, &b).outcomes()?;
-    let take = |mode: ContactMode, (choice, outcome): (&Choice, Outcome)| match *choice {
+    let take = |mode: ContactMode, (choice, outcome): (&Choice, SiteMode)| match *choice {
         Choice::Joint(channel) => mode.with_channel(channel, outcome.slip),
         Choice::Gap(..) if !outcome.closed => mode,
         Choice::Gap(gap, friction) => {

@@ -77,7 +77,7 @@ pub(super) struct LinearFlight {
 
 /// What ends a step.
 #[derive(Clone, Copy)]
-enum Event {
+enum LinearEvent {
     Closing(usize),
     Release(usize),
 }
@@ -187,12 +187,12 @@ impl LinearFlight {
         let arrives = event.is_none() && length >= left;
         self.end_of(&motion, part, set, (start, dense));
         let gap = match event {
-            Some(Event::Closing(gap)) => Some(gap),
+            Some(LinearEvent::Closing(gap)) => Some(gap),
             _ => None,
         };
         self.move_state(part, gap, state);
         state.pass((length, bounds.t_end), arrives);
-        if let Some(Event::Release(_)) = event {
+        if let Some(LinearEvent::Release(_)) = event {
             let now = state.parts().1;
             (now.t, now.late) = self.lift_off.map_or((now.t, now.late), |t| (t, 0.0));
         }
@@ -202,8 +202,10 @@ impl LinearFlight {
         }
         let next = match event {
             None => Next::Step,
-            Some(Event::Closing(gap)) => Next::LocatedEvent(hit_together(gap, length, state)),
-            Some(Event::Release(gap)) => Next::Release { limit: Limit::Force(gap), h: self.h },
+            Some(LinearEvent::Closing(gap)) => Next::LocatedEvent(hit_together(gap, length, state)),
+            Some(LinearEvent::Release(gap)) => {
+                Next::Release { limit: Limit::Force(gap), h: self.h }
+            }
         };
         Ok((next, length))
     }
@@ -277,7 +279,7 @@ impl LinearFlight {
         motion: &Propagation,
         reach: f64,
         state: &MechanicalState,
-    ) -> (f64, Option<Event>) {
+    ) -> (f64, Option<LinearEvent>) {
         self.read_series(motion, state);
         let (mut first, mut event) = (1.0, None);
         self.lift_off = None;
@@ -301,7 +303,7 @@ impl LinearFlight {
             let found = if let Some(at) = known {
                 self.lift_off = at;
                 let s = at.map(|t| (t - state.now().t) / (self.h * reach));
-                s.filter(|&s| s <= 1.0).map(|s| (s.max(0.0), Event::Release(i)))
+                s.filter(|&s| s <= 1.0).map(|s| (s.max(0.0), LinearEvent::Release(i)))
             } else if closed {
                 let size = whole.iter().fold(0.0_f64, |most, a| most.max(a.abs()));
                 let none = a.iter().all(|a| a.abs() <= NOISE * size);
@@ -309,18 +311,18 @@ impl LinearFlight {
                 if none {
                     None
                 } else {
-                    first_root(a, 0).map(|s| (s, Event::Release(i)))
+                    first_root(a, 0).map(|s| (s, LinearEvent::Release(i)))
                 }
             } else if event.is_some() && stays_above(a, first) {
                 None
             } else {
-                first_root(a, zeros).map(|s| (s, Event::Closing(i)))
+                first_root(a, zeros).map(|s| (s, LinearEvent::Closing(i)))
             };
             if let Some((s, what)) = found {
                 let comes_first = match event {
                     None => s <= first,
                     // of two at once the one with the lower number
-                    Some(Event::Closing(j) | Event::Release(j)) => {
+                    Some(LinearEvent::Closing(j) | LinearEvent::Release(j)) => {
                         s < first || (s == first && i < j)
                     }
                 };

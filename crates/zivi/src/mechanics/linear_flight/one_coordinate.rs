@@ -24,7 +24,7 @@ pub(super) struct OneCoordinate {
     /// The gap whose flight that of the coordinate is.
     lead: usize,
     /// What is left of its last flight, if that had several steps.
-    ahead: Option<Ahead>,
+    ahead: Option<SeveralSteps>,
     /// The gap that is closed, and when its contact force vanishes, once that is known.
     lift_off: Option<(usize, Option<f64>)>,
     /// By gap the end of the last step.
@@ -48,7 +48,7 @@ pub(in crate::mechanics) struct Pull {
 
 /// A flight of several steps, given one by one.
 #[derive(Clone, Copy, Debug)]
-struct Ahead {
+struct SeveralSteps {
     /// The step that comes next, and where it begins.
     step: usize,
     from: Point,
@@ -56,7 +56,7 @@ struct Ahead {
 }
 
 /// A step, or the part of it up to an impact.
-pub(super) struct Flown {
+pub(super) struct FlownStep {
     /// When it ends (s), and what rounding leaves out of that.
     pub(super) t: f64,
     pub(super) late: f64,
@@ -107,7 +107,7 @@ impl OneCoordinate {
         t_end: f64,
         known: impl Fn(usize) -> usize,
         state: &MechanicalState,
-    ) -> Flown {
+    ) -> FlownStep {
         self.lift_off = None;
         let lead = self.lead;
         let from = |i: usize| {
@@ -132,7 +132,7 @@ impl OneCoordinate {
             length = (end.t - now.t) + (end.late - now.late);
         }
         let arrives = closing.is_none() && end.t >= t_end;
-        Flown { t: end.t, late: end.late, length, closing, arrives }
+        FlownStep { t: end.t, late: end.late, length, closing, arrives }
     }
 
     /// Flies a gap up to a time or the wall.
@@ -148,7 +148,7 @@ impl OneCoordinate {
         let ahead = self.ahead.take().filter(|it| it.from == from && it.end.t <= t_end);
         let flight = &mut self.gaps[self.lead].flight;
         let (step, end, lands) = match ahead {
-            Some(Ahead { step, end, .. }) => (step, end, false),
+            Some(SeveralSteps { step, end, .. }) => (step, end, false),
             None => {
                 let reach = Reach { t_end, look: f64::INFINITY, steps: 1 };
                 let arrival = flight.fly(from, known, reach);
@@ -161,7 +161,7 @@ impl OneCoordinate {
         }
         let (t, FlightPart { start, xdot, .. }) = flight.part(step + 1);
         let next = Point { x: start.x, xdot, ..from.after(t - from.t, 0.0, 0.0) };
-        self.ahead = Some(Ahead { step: step + 1, from: next, end });
+        self.ahead = Some(SeveralSteps { step: step + 1, from: next, end });
         (next, length, false)
     }
 

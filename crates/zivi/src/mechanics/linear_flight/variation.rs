@@ -43,7 +43,7 @@ pub(in crate::mechanics) struct FlightRates {
     /// By parameter the derivatives of what the system is without contacts.
     free: Vec<Free>,
     /// What they make of the motion with a set of gaps closed, by parameter, for steps of length `h`.
-    known: Vec<(GapSet, Vec<Arc<Variation>>)>,
+    known: Vec<(GapSet, Vec<Arc<ParameterVariation>>)>,
     h: f64,
 }
 
@@ -62,14 +62,15 @@ impl FlightRates {
         &mut self,
         flight: &LinearFlight,
         set: GapSet,
-    ) -> Result<Vec<Arc<Variation>>, Undetermined> {
+    ) -> Result<Vec<Arc<ParameterVariation>>, Undetermined> {
         if self.h != flight.h {
             (self.h, self.known) = (flight.h, vec![]);
         }
         if let Some((_, known)) = self.known.iter().find(|(of, _)| *of == set) {
             return Ok(known.clone());
         }
-        let new = self.free.iter().map(|rate| Variation::new(&flight.free, rate, set, self.h));
+        let new =
+            self.free.iter().map(|rate| ParameterVariation::new(&flight.free, rate, set, self.h));
         let new: Vec<_> = new.map(|it| it.map(Arc::new)).collect::<Result<_, _>>()?;
         self.known.push((set, new.clone()));
         Ok(new)
@@ -78,14 +79,14 @@ impl FlightRates {
 
 /// How a parameter moves the motion with a set of gaps closed.
 #[derive(Clone, Debug)]
-struct Variation {
+struct ParameterVariation {
     /// The rows of `Y_p`, times `h`, that give accelerations.
     acceleration: LinearMap,
     /// By gap the weights `r` of `y` in it, or in its force, and `r_p`.
     gaps: Vec<[Vec<f64>; 2]>,
 }
 
-impl Variation {
+impl ParameterVariation {
     fn new(free: &Free, rate: &Free, set: GapSet, h: f64) -> Result<Self, Undetermined> {
         let (n, size, count) = (free.n, free.size(), set.len());
         let closed: Vec<usize> = set.iter().collect();
@@ -178,7 +179,7 @@ impl LinearFlight {
     fn moved(
         &mut self,
         Flown { from, t, length, .. }: Flown<'_>,
-        (motion, variation, rate): (&Propagation, &Variation, &Free),
+        (motion, variation, rate): (&Propagation, &ParameterVariation, &Free),
         u: &mut [f64],
     ) -> Vec<Series> {
         let (n, h, free) = (self.free.n, self.h, &self.free);

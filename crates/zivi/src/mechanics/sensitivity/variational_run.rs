@@ -17,7 +17,7 @@ use crate::switched::sensitivity::{EventRates, Limit, Validity};
 use crate::system::dynamics::Layout;
 use crate::system::partials::DifferentiableDynamics;
 use crate::zeno::rates::{ChainRates, Rate};
-use crate::zeno::table::Landing;
+use crate::zeno::table::ExtrapolatedEnd;
 use crate::Status;
 
 /// The columns of a run under way.
@@ -32,7 +32,7 @@ pub(super) struct VariationalRun<'a> {
     pub(super) samples: Vec<f64>,
     pub(super) chains: Vec<ChainRates>,
     /// Of the Zeno point that the chain is about to reach.
-    pub(super) zeno: Vec<Landing<Vec<f64>>>,
+    pub(super) zeno: Vec<ExtrapolatedEnd<Vec<f64>>>,
     pub(super) events: EventRates,
     pub(super) validity: Validity,
     /// Since when some column is not known, and which of them are not known now.
@@ -469,7 +469,7 @@ impl VariationalRun<'_> {
 const KINK: f64 = 1e-7;
 
 /// What an impact did.
-struct Struck {
+struct StruckColumns {
     before: State,
     /// Accelerations before it.
     slope: Vec<f64>,
@@ -515,7 +515,7 @@ impl VariationalRun<'_> {
                 }
             }
         }
-        let struck = Struck { before, slope, closed, hit, set, impulses };
+        let struck = StruckColumns { before, slope, closed, hit, set, impulses };
         let shifted = self.through(&struck, machine)?;
         if shifted.is_empty() {
             let unknown = vec![f64::NAN; self.count()];
@@ -539,11 +539,11 @@ impl VariationalRun<'_> {
     /// none.
     fn through<E>(
         &mut self,
-        struck: &Struck,
+        struck: &StruckColumns,
         machine: &MechanicalIntegrator,
     ) -> Result<Vec<Shifted>, Failure<E>> {
         let (Layout { n, m, .. }, size) = (self.columns.layout, self.columns.size());
-        let (t, Struck { before, slope, closed, hit, set, impulses }) =
+        let (t, StruckColumns { before, slope, closed, hit, set, impulses }) =
             (machine.state().now().t, struck);
         let mut hits = hit.iter();
         let (Some(gap), None) = (hits.next(), hits.next()) else {
@@ -593,7 +593,7 @@ impl VariationalRun<'_> {
 
     /// An impact that is pulled off may vanish: `v^2/(2 a)` is how much higher its lowest point may
     /// be.
-    fn note_depth(&mut self, struck: &Struck, c: usize) {
+    fn note_depth(&mut self, struck: &StruckColumns, c: usize) {
         let (v, a) = (struck.before.xdot[c], struck.slope[c]);
         if a > 0.0 {
             let size = self.columns.size();
@@ -607,7 +607,7 @@ impl VariationalRun<'_> {
     /// would bounce for `2 u/a` more.
     fn stops<E, D: DifferentiableDynamics<E>>(
         &mut self,
-        struck: &Struck,
+        struck: &StruckColumns,
         shifted: &[Shifted],
         machine: &MechanicalIntegrator,
         model: &mut Model<'_, D>,
@@ -651,7 +651,7 @@ impl VariationalRun<'_> {
     /// well as the point.
     fn weigh<E, D: DifferentiableDynamics<E>>(
         &mut self,
-        struck: &Struck,
+        struck: &StruckColumns,
         shifted: &[Shifted],
         machine: &mut MechanicalIntegrator,
         model: &mut Model<'_, D>,
