@@ -134,11 +134,12 @@ if TYPE_CHECKING:
         RestitutionTable,
         SpeedDependentImpact,
     )
+    from zivi.system.kicks import Kick
     from zivi.system.linear import Harmonic, LinearSystem
     from zivi.system.mass import ImpactSystem, LinearForce, lift, project
     from zivi.system.mechanism import MechanicalSystem
     from zivi.system.parameters import ParametricSystem
-    from zivi.system.table import Table
+    from zivi.system.table import Pulse, Square, Table
     from zivi.system.tree import Tree
     from zivi.vi.complementarity import Equilibrium as Equilibrium, bimatrix, solve_lcp, solve_ncp
     from zivi.vi.solve import (
@@ -174,6 +175,7 @@ __all__ = [
     "ImpactSystem",
     "InfeasibleError",
     "JointObserver",
+    "Kick",
     "Level",
     "LinearForce",
     "LinearGap",
@@ -188,11 +190,13 @@ __all__ = [
     "OrbitStatus",
     "ParametricForce",
     "ParametricSystem",
+    "Pulse",
     "RKPeriod",
     "Restitution",
     "RestitutionTable",
     "SpeedDependentImpact",
     "SpringDamper",
+    "Square",
     "Status",
     "Striker",
     "Study",
@@ -278,9 +282,10 @@ _LATE = {
     "system": (
         *("DryFriction", "Gap", "Harmonic", "HarmonicWall", "Hertz", "HuntCrossley"),
         *("ImpactLaw", "ImpactSystem", "SpringDamper"),
-        *("LinearForce", "LinearGap", "LinearSystem", "MechanicalSystem", "MovingWall"),
+        *("Kick", "LinearForce", "LinearGap", "LinearSystem", "MechanicalSystem", "MovingWall"),
         *("NewtonImpact", "ParametricForce", "ParametricSystem", "Restitution"),
-        *("RestitutionTable", "SpeedDependentImpact", "Table", "Tree", "lift", "project"),
+        *("Pulse", "RestitutionTable", "SpeedDependentImpact", "Square", "Table", "Tree"),
+        *("lift", "project"),
     ),
     "vi": (
         *("Equilibrium", "JacobianError", "VIDerivative", "VIOptions", "VIProgress", "VIResult"),

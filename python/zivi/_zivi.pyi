@@ -452,6 +452,7 @@ class Keep:
         *,
         t_eval: _Array | None = None,
         tstops: _Array | None = None,
+        kicks: object = None,
         events: list[Event] = ...,
         ends: bool = False,
         dense: bool = False,

@@ -84,7 +84,7 @@ fn run_point(
     let (t_eval, tstops) = (t_eval.given()?, tstops.given()?.unwrap_or_default());
     let (law, dense) = (system.law(), keep.dense);
     let given = system.force.get();
-    if keep.events.is_empty() {
+    if !keep.calls() {
         return Ok(with_force!(py, given, |force| {
             let output = Output { t_eval, tstops, dense, in_rows: true, ..Output::default() };
             method.run(zivi::PointMass { force, law: law.clone() }, span, start, output, watch)
@@ -92,7 +92,9 @@ fn run_point(
     }
     // the events need the interpreter
     let events = keep.events.iter().map(|it| it.get().of_point(py)).collect();
-    let output = Output { t_eval, tstops, dense, events, in_rows: true, ..Output::default() };
+    let kicks = keep.kicks_of_point(py);
+    let output =
+        Output { t_eval, tstops, dense, events, kicks, in_rows: true, ..Output::default() };
     let force = &mut given.on(py);
     Ok(method.run(zivi::PointMass { force, law: law.clone() }, span, start, output, watch))
 }
@@ -114,21 +116,22 @@ fn run_mechanism(
     let start = (start.q.as_slice(), start.qdot.as_slice());
     let (layout, friction) = (system.layout(), system.laws_of_contact());
     let dynamics = AnyDynamics::of(py, system.model.get(), layout);
-    let output = |events| MechanicalOutput { t_eval, tstops, ends, dense, arcs, events };
+    let output =
+        |(events, kicks)| MechanicalOutput { t_eval, tstops, ends, dense, arcs, events, kicks };
     // compiled once for all kinds of systems
-    let run = |mut dynamics: &mut dyn Dynamics<PyErr>, events, watch: &mut Watch| {
+    let run = |mut dynamics: &mut dyn Dynamics<PyErr>, calls, watch: &mut Watch| {
         let mut rubbing = Rubbing { dynamics: &mut dynamics, friction };
         let system = zivi::Mechanism { dynamics: &mut rubbing, laws };
-        method.run(system, span, start, output(events), watch)
+        method.run(system, span, start, output(calls), watch)
     };
     Ok(match dynamics {
-        AnyDynamics::Compiled(mut dynamics) if keep.events.is_empty() => {
-            py.detach(|| run(&mut dynamics, Vec::new(), watch))
+        AnyDynamics::Compiled(mut dynamics) if !keep.calls() => {
+            py.detach(|| run(&mut dynamics, (Vec::new(), None), watch))
         }
         // the events need the interpreter
         mut dynamics => {
             let events = keep.events.iter().map(|it| it.get().of_mechanism(py, layout.n)).collect();
-            run(&mut dynamics, events, watch)
+            run(&mut dynamics, (events, keep.kicks_of_mechanism(py, layout.n)), watch)
         }
     })
 }

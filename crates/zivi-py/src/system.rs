@@ -13,10 +13,11 @@ use pyo3::exceptions::PyValueError;
 use pyo3::gc::{PyTraverseError, PyVisit};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
+use zivi::mechanics::MotionPoint;
 use zivi::system::dynamics::Layout;
 use zivi::system::force::Friction;
 use zivi::system::impact_law::{newton_impacts, FunctionImpact, TabulatedImpact};
-use zivi::{AnyImpactLaw, Physical};
+use zivi::{AnyImpactLaw, Kick, PathPoint, Physical};
 
 /// A mass above a wall.
 #[pyclass(frozen, module = "zivi._zivi", name = "PointMass")]
@@ -162,6 +163,9 @@ pub(crate) struct PyKeep {
     pub(crate) t_eval: Option<Py<PyArray1<f64>>>,
     /// Times where the force is not smooth.
     pub(crate) tstops: Option<Py<PyArray1<f64>>>,
+    /// The velocities after a kick at one of these times, None where there is none: a function of the
+    /// time, the position and the velocity.
+    pub(crate) kicks: Option<Py<PyAny>>,
     pub(crate) events: Vec<Py<PyEvent>>,
     /// Whether without times only the ends are sampled.
     pub(crate) ends: bool,
@@ -177,24 +181,60 @@ pub(crate) struct PyKeep {
 impl PyKeep {
     #[new]
     #[pyo3(signature = (
-        *, t_eval=None, tstops=None, events=Vec::new(), ends=false, dense=false, arcs=false,
-        counts=None
+        *, t_eval=None, tstops=None, kicks=None, events=Vec::new(), ends=false, dense=false,
+        arcs=false, counts=None
     ))]
     #[allow(clippy::too_many_arguments)]
     fn new(
         t_eval: Option<Py<PyArray1<f64>>>,
         tstops: Option<Py<PyArray1<f64>>>,
+        kicks: Option<Py<PyAny>>,
         events: Vec<Py<PyEvent>>,
         ends: bool,
         dense: bool,
         arcs: bool,
         counts: Option<f64>,
     ) -> Self {
-        Self { t_eval, tstops, events, ends, dense, arcs, counts }
+        Self { t_eval, tstops, kicks, events, ends, dense, arcs, counts }
     }
 
     fn __traverse__(&self, visit: PyVisit<'_>) -> Result<(), PyTraverseError> {
+        visit.call(&self.kicks)?;
         self.events.iter().try_for_each(|it| visit.call(it))
+    }
+}
+
+impl PyKeep {
+    /// Whether something of the user is called besides the forces.
+    pub(crate) fn calls(&self) -> bool {
+        !self.events.is_empty() || self.kicks.is_some()
+    }
+
+    /// Kicks of a mass.
+    pub(crate) fn kicks_of_point<'py>(
+        &self,
+        py: Python<'py>,
+    ) -> Option<Kick<'py, PyErr, PathPoint>> {
+        let function = self.kicks.as_ref()?.bind(py).clone();
+        Some(Box::new(move |t, at| {
+            let after: Option<f64> = function.call1((t, at.x, at.xdot))?.extract()?;
+            Ok(after.map(|xdot| at.xdot = xdot).is_some())
+        }))
+    }
+
+    /// Kicks of a mechanical system of `n` coordinates.
+    pub(crate) fn kicks_of_mechanism<'py>(
+        &self,
+        py: Python<'py>,
+        n: usize,
+    ) -> Option<Kick<'py, PyErr, MotionPoint>> {
+        let function = self.kicks.as_ref()?.bind(py).clone();
+        Some(Box::new(move |t, at| {
+            let q = PyArray1::from_slice(py, &at.x[..n]);
+            let w = PyArray1::from_slice(py, &at.v[..n]);
+            let after: Option<Vec<f64>> = function.call1((t, q, w))?.extract()?;
+            Ok(after.map(|after| at.v[..n].copy_from_slice(&after[..n])).is_some())
+        }))
     }
 }
 

@@ -49,6 +49,7 @@ pub mod zeno;
 pub use drive::closed_loop::{simulate_closed_loop, LoopRun};
 pub use method::{AnyMethod, Mechanism, Method, PointMass, PointRun};
 pub use numeric::grid::{Grid, GridError};
+pub use piecewise::running::Kick;
 pub use record::columns::{Columns, Quantity, QUANTITIES};
 pub use record::dense_step::{DenseStep, Interpolation, StepEnd};
 pub use record::events::{Events, Impact, Occurrence};

@@ -18,6 +18,7 @@ from zivi.simulation.methods import FixedSteps, MoreauJean, Settings, SwitchedRK
 from zivi.simulation.run_result import Closer, closer_mechanism
 from zivi.simulation.trajectory import describe_restitutions
 from zivi.system.gap_coordinates import kinetic_cosines
+from zivi.system.kicks import KickSchedule
 from zivi.system.mechanism import MechanicalSystem, Model
 from zivi.system.start import check_start
 
@@ -56,6 +57,8 @@ class Asked:
         As `events_of` gives them.
     dense : bool
         Whether the motion between the samples is kept.
+    kicks : KickSchedule or None
+        The velocities after kicks at some of the declared times.
     arcs : bool
         Whether at least the arcs of it are kept that jumps skip, with the impacts on them.
     ends : bool
@@ -71,6 +74,7 @@ class Asked:
     tstops: Array
     events: list[_zivi.Event]
     dense: bool
+    kicks: KickSchedule | None = None
     arcs: bool = False
     ends: bool = False
     counts: float | None = None
@@ -174,6 +178,7 @@ def record_of(
     keep = _zivi.Keep(
         t_eval=asked.t_eval,
         tstops=asked.tstops,
+        kicks=asked.kicks,
         events=asked.events,
         ends=asked.ends,
         dense=asked.dense,

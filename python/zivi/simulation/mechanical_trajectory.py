@@ -529,8 +529,8 @@ class MechanicalTrajectory(FrictionRun, SampledRun):
         if len(self.flags):
             counts += f", {len(self.flags)} flags"
         return (
-            f"<MechanicalTrajectory {span}, {self.n_steps} steps, {counts}{trust_note(self)}: "
-            f"{self.status.name.lower()}>"
+            f"<MechanicalTrajectory {span}, {self.n_steps} steps, {counts}"
+            f"{self._kicks_text()}{trust_note(self)}: {self.status.name.lower()}>"
         )
 
     def _facts(self) -> dict[str, str]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Literal, Never, TypeAlias, overload
 
@@ -29,6 +30,7 @@ from zivi.simulation.run_result import as_raised, with_partial
 from zivi.simulation.trajectory import NO_STOPS, Trajectory, end_run_at_event, restrict_run
 from zivi.system.force import LinearForce
 from zivi.system.gap import LinearGap
+from zivi.system.kicks import Kick, KickSchedule, kicks_table, schedule_of
 from zivi.system.mass import WRAPPED, ImpactSystem, check_system
 from zivi.system.mechanism import MechanicalSystem, as_mechanism
 
@@ -181,6 +183,7 @@ def simulate(
     dense_output: bool = ...,
     progress: bool | None = ...,
     tstops: ArrayLike | None = ...,
+    kicks: Kick | Sequence[Kick] | None = ...,
     samples: Literal["motion", "steps"] = ...,
     slowest: float = ...,
     **misplaced: Never,
@@ -199,6 +202,7 @@ def simulate(
     dense_output: bool = ...,
     progress: bool | None = ...,
     tstops: ArrayLike | None = ...,
+    kicks: Kick | Sequence[Kick] | None = ...,
     samples: Literal["motion", "steps"] = ...,
     slowest: float = ...,
     **misplaced: Never,
@@ -217,6 +221,7 @@ def simulate(
     dense_output: bool = True,
     progress: bool | None = None,
     tstops: ArrayLike | None = None,
+    kicks: Kick | Sequence[Kick] | None = None,
     samples: Literal["motion", "steps"] = "motion",
     slowest: float = SLOWEST,
     **misplaced: Never,
@@ -267,6 +272,9 @@ def simulate(
         there, the force is evaluated on either side of them, by a few roundings, and never across,
         and nothing that was seen before is used after: the way to make short pulses seen and
         jumps cheap.
+    kicks : Kick or sequence of Kick, optional
+        With `SwitchedRK`: impulses at given times, which change the velocities at once. A velocity
+        into a closed gap is an impact at the same time. The result lists them in ``kicks``.
     samples : {"motion", "steps"}
         What `SwitchedRK` samples without `t_eval`. ``"motion"``: the ends of steps, the last
         moment before and the state after each impact, apexes, and so many points between them
@@ -322,6 +330,7 @@ def simulate(
             tstops,
             samples,
             check_slowest(slowest),
+            kicks,
         )
     check_system(system)
     check_method(method)
@@ -332,11 +341,18 @@ def simulate(
     times = None if t_eval is None else times_within(t_eval, span)
     stops = stop_times(tstops, method, system, span)
     watched = events_of(events)
+    kicked = schedule_of(kicks, system, None, span) if kicks is not None else None
+    start = state
+    if kicked is not None:
+        stops = stops_with(kicked, stops, method)
+        start = (state[0], started(kicked, span[0], *state))
     if times is None and stops is NO_STOPS and not watched:
         keep = THE_MOTION if dense_output else THE_STEPS
     else:
-        keep = _zivi.Keep(t_eval=times, tstops=stops, events=watched, dense=dense_output)
-    run = (system._core, method._core, span, _zivi.State(*state), keep)
+        keep = _zivi.Keep(
+            t_eval=times, tstops=stops, kicks=kicked, events=watched, dense=dense_output
+        )
+    run = (system._core, method._core, span, _zivi.State(*start), keep)
     ear: Ear | None = None
     if is_shown(progress) or system._calls_functions:
         with ProgressBar(progress) as bar, listening([system._spec, system._impact]) as ear:
@@ -345,6 +361,8 @@ def simulate(
         record = _zivi.simulate(*run)
     drawn = samples == "motion" and times is None
     sol = Trajectory._from_record(record, system, method, span, state, stops, drawn=drawn)
+    if kicked is not None:
+        note_kicks(sol, kicked, kicks)
     if slowest != SLOWEST:
         vars(sol)["slowest"] = slowest
     error = record.raised
@@ -376,6 +394,7 @@ def _mechanical(
     tstops: ArrayLike | None,
     samples: str,
     slowest: float,
+    kicks: Any,
 ) -> MechanicalTrajectory:
     """Run a system of several coordinates and gaps."""
     check_mechanical_method(method)
@@ -383,17 +402,16 @@ def _mechanical(
     span = pair("t_span", t_span, "(t0, t1)")
     q, qdot = state_of(y0, system._n)
     times = None if t_eval is None else times_within(t_eval, span)
-    asked = Asked(
-        span,
-        q,
-        qdot,
-        times,
-        stop_times(tstops, method, system, span),
-        events_of(events, MECHANICAL),
-        dense_output,
-    )
+    stops = stop_times(tstops, method, system, span)
+    asked = Asked(span, q, qdot, times, stops, events_of(events, MECHANICAL), dense_output)
+    kicked = schedule_of(kicks, system, len(q), span)
+    if kicked is not None:
+        stops, qdot = stops_with(kicked, stops, method), started(kicked, span[0], q, qdot)
+        asked = dataclasses.replace(asked, tstops=stops, qdot=qdot, kicks=kicked)
     with ProgressBar(progress) as bar, listening_always() as ear:
         sol, error = run_mechanical(system, method, asked, bar.report)
+    if kicked is not None:
+        note_kicks(sol, kicked, kicks)
     vars(sol)["slowest"] = slowest
     if error is None and (error := ear.ends(sol.success)):
         sol = as_raised(sol)
@@ -404,6 +422,31 @@ def _mechanical(
         raise with_partial(error, sol)
     finally:
         del error, ear
+
+
+def stops_with(kicked: KickSchedule, stops: np.ndarray, method: Any) -> np.ndarray:
+    """Return the declared times together with those of the kicks."""
+    if not getattr(method, "_takes_tstops", False):
+        raise ValueError(
+            f"kicks are not supported by {type(method).__name__}; use zivi.SwitchedRK()"
+        )
+    return np.unique(np.concatenate([stops, kicked.stops]))
+
+
+def started(kicked: KickSchedule, t0: float, q: Any, v: Any) -> Any:
+    """Return the initial velocity after the kicks at the start."""
+    after = kicked(t0, q, v)
+    return v if after is None else after
+
+
+def note_kicks(sol: Trajectory | MechanicalTrajectory, kicked: KickSchedule, given: Any) -> None:
+    """Give a result the table of its kicks."""
+    own = vars(sol)
+    # as it was before the kick at the start, which the closer run repeats
+    closer = sol._closer
+    own["_closer"] = None if closer is None else functools.partial(closer, kicks=given)
+    own["_kicks"] = kicks_table(kicked.rows, kicked.n)
+    own["message"] = f"{sol.message} {len(kicked.rows)} kicks."
 
 
 def _check_switches(samples: Any, dense_output: Any) -> None:

@@ -114,6 +114,7 @@ def closer_mass(
     state: tuple[float, float],
     stops: Array,
     times: Array,
+    kicks: Any = None,
 ) -> Array:
     """Give the positions of the closer run of a mass."""
     near = type(system)(system.force, e=_nearby(system.law), wall=system.wall)
@@ -127,6 +128,7 @@ def closer_mass(
         dense_output=False,
         progress=False,
         tstops=stops,
+        kicks=kicks,
     ).x
     return x[:, None]
 
@@ -138,6 +140,7 @@ def closer_mechanism(
     state: tuple[Array, Array],
     stops: Array,
     times: Array,
+    kicks: Any = None,
 ) -> Array:
     """Give the coordinates of the closer run of a mechanical system, from the same place."""
     near = object.__new__(type(system))
@@ -152,6 +155,7 @@ def closer_mechanism(
         dense_output=False,
         progress=False,
         tstops=stops,
+        kicks=kicks,
     ).q
     return at
 
@@ -202,6 +206,10 @@ EVENT_COORDS: dict[str, Field] = {
 }
 
 
+NO_KICKS = np.zeros(0, dtype=[("t", float), ("dv", float)])
+"""The kicks of a run without any."""
+
+
 class SampledRun(Hinted, Tabulated):
     """A run: samples, and the motion between them."""
 
@@ -223,6 +231,19 @@ class SampledRun(Hinted, Tabulated):
         _path: Any
 
     slowest: float = SLOWEST
+
+    @property
+    def kicks(self) -> Rows:
+        """Kicks of the run: ``t`` (s), ``dv``, and the velocities before and after.
+
+        The velocities are ``xdot_before`` and ``xdot_after`` of a mass (m/s), ``qdot_before`` and
+        ``qdot_after`` of a mechanical system. None are known of a run that was loaded from a file.
+        """
+        found: Rows = vars(self).get("_kicks", NO_KICKS)
+        return found
+
+    def _kicks_text(self) -> str:
+        return f", {len(self.kicks)} kicks" if len(self.kicks) else ""
 
     @property
     def success(self) -> bool:

@@ -406,7 +406,7 @@ class Trajectory(MassRun):
         steps = f"{self.n_steps} steps"
         if len(self.failed_steps):
             steps += f" ({len(self.failed_steps)} not solved by the chosen solver)"
-        known = f"{span}, {steps}, {self._events_text()}{trust_note(self)}"
+        known = f"{span}, {steps}, {self._events_text()}{self._kicks_text()}{trust_note(self)}"
         return f"<Trajectory {known}: {self.status.name.lower()}>"
 
     def _facts(self) -> dict[str, str]:

@@ -19,11 +19,12 @@ from zivi.system.impact_law import (
     RestitutionTable,
     SpeedDependentImpact,
 )
+from zivi.system.kicks import Kick
 from zivi.system.linear import Harmonic, LinearSystem
 from zivi.system.mass import Force, ImpactSystem, LinearForce, lift, project
 from zivi.system.mechanism import MechanicalSystem
 from zivi.system.parameters import ParametricSystem
-from zivi.system.table import Table
+from zivi.system.table import Pulse, Square, Table
 from zivi.system.tree import Tree
 
 __all__ = [
@@ -36,6 +37,7 @@ __all__ = [
     "HuntCrossley",
     "ImpactLaw",
     "ImpactSystem",
+    "Kick",
     "LinearForce",
     "LinearGap",
     "LinearSystem",
@@ -44,10 +46,12 @@ __all__ = [
     "NewtonImpact",
     "ParametricForce",
     "ParametricSystem",
+    "Pulse",
     "Restitution",
     "RestitutionTable",
     "SpeedDependentImpact",
     "SpringDamper",
+    "Square",
     "Table",
     "Tree",
     "lift",

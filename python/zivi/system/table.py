@@ -17,6 +17,8 @@ from zivi.base.check import Array, finite, real_array
 from zivi.base.habits import hinted
 
 __all__ = [
+    "Pulse",
+    "Square",
     "Table",
     "TableMotion",
     "column",
@@ -381,6 +383,111 @@ class Table:
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         Table.__init__(self, **state)
+
+
+class Pulse(Table):
+    """Rectangular pulses: `height` from each time `t` for `width`, 0 otherwise.
+
+    A `Table` that is held between its times: taken wherever a table of one value is. Steps of
+    `SwitchedRK` end at the edges, so that no pulse is missed, however short.
+
+    Parameters
+    ----------
+    t : float or array_like
+        Start of the pulse or of each pulse (s), finite, more than `width` apart.
+    width : float
+        Duration (s), > 0.
+    height : float
+        Value during a pulse. Default 1.
+
+    Raises
+    ------
+    ValueError
+        If a number is out of range or pulses overlap.
+
+    See Also
+    --------
+    Square : a periodic pulse.
+    Table : other excitations of time.
+
+    Examples
+    --------
+    >>> push = zivi.Pulse(60.0, 1.0, 3.0)
+    >>> push([59.9, 60.0, 60.9, 61.0])
+    array([0., 3., 3., 0.])
+    >>> cart = zivi.ImpactSystem(zivi.LinearForce(excitation=push), e=0.5)
+    >>> float(zivi.simulate(cart, (0, 100), (1, 0)).xdot[-1])
+    3.0
+    """
+
+    def __init__(self, t: ArrayLike, width: float, height: float = 1.0) -> None:
+        starts = np.unique(real_array("t", t))
+        duration, value = finite("width", width), finite("height", height)
+        if not duration > 0.0:
+            raise ValueError(f"width must be > 0, got {width!r}")
+        if not starts.size or not np.all(np.isfinite(starts)):
+            raise ValueError(f"t must be one finite time or more, got {t!r}")
+        if np.any(np.diff(starts) <= duration) or np.any(starts + duration <= starts):
+            raise ValueError(f"t must be more than width = {duration:g} s apart, got {t!r}")
+        edges = np.stack([starts, starts + duration], axis=1).ravel()
+        values = np.tile([value, 0.0], len(starts))
+        times = np.concatenate([[starts[0] - duration], edges])
+        super().__init__(times, np.concatenate([[0.0], values]), "hold")
+
+    def __repr__(self) -> str:
+        starts = self.times[1::2].tolist()
+        width = float(self.times[2] - self.times[1])
+        t = starts[0] if len(starts) == 1 else starts
+        return f"Pulse({t}, width={width:.6g}, height={float(self.values[1]):.6g})"
+
+
+class Square(Table):
+    """A square wave: `height` for the part `duty` of each period, then 0.
+
+    A periodic `Table` that is held between its times, as `Pulse`.
+
+    Parameters
+    ----------
+    period : float
+        Period (s), > 0.
+    duty : float
+        Part of the period with the value `height`, in (0, 1). Default 0.5.
+    height : float
+        Value during that part. Default 1.
+    start : float
+        Time at which one of the periods begins (s). Default 0.
+
+    Raises
+    ------
+    ValueError
+        If a number is out of range.
+
+    See Also
+    --------
+    Pulse : single pulses.
+
+    Examples
+    --------
+    >>> zivi.Square(2.0, duty=0.25)([0.0, 0.4, 0.5, 1.9, 2.0])
+    array([1., 1., 0., 0., 1.])
+    """
+
+    def __init__(
+        self, period: float, duty: float = 0.5, height: float = 1.0, *, start: float = 0.0
+    ) -> None:
+        length, part = finite("period", period), finite("duty", duty)
+        if not length > 0.0:
+            raise ValueError(f"period must be > 0, got {period!r}")
+        if not 0.0 < part < 1.0:
+            raise ValueError(f"duty must be in (0, 1), got {duty!r}")
+        first, value = finite("start", start), finite("height", height)
+        times = first + np.array([0.0, part * length, length])
+        super().__init__(times, [value, 0.0, value], "hold", "periodic")
+
+    def __repr__(self) -> str:
+        first, edge, last = self.times.tolist()
+        numbers = f"{last - first:.6g}, duty={(edge - first) / (last - first):.6g}"
+        return f"Square({numbers}, height={float(self.values[0]):.6g}, start={first:.6g})"
 
 
 @dataclasses.dataclass(frozen=True)

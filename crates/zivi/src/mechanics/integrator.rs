@@ -125,6 +125,30 @@ impl MechanicalIntegrator {
         Ok(None)
     }
 
+    /// The velocities change at once: at closed gaps with a speed towards zero the impact comes next.
+    pub(super) fn kick<E, D: Dynamics<E>>(
+        &mut self,
+        at: (&[f64], &[f64]),
+        model: &mut Model<'_, D>,
+    ) -> Result<(), Failure<E>> {
+        let (t, before) = (self.state.now().t, self.state.mode());
+        if at.1.iter().any(|rate| !rate.is_finite()) {
+            return Err(Failure::Status(Status::StateNotFinite));
+        }
+        self.accumulation.clear();
+        match self.state.start(t, at, self.settings.rounding(), model)? {
+            Start::Overlap(_) => return Err(Failure::Status(Status::ContactNotSolved)),
+            Start::At(hit) if !hit.is_empty() => self.next = Next::LocatedEvent(hit),
+            Start::At(_) => {
+                self.state.note_transitions(before, &mut self.occurrences);
+                note_lifted(t, self.state.left(), &mut self.occurrences);
+            }
+        }
+        let opened = before.closed.without(self.state.closed()).without(self.state.left());
+        self.occurrences.extend(opened.iter().map(|gap| Occurrence::Opened { t, gap }));
+        Ok(())
+    }
+
     /// One more piece of the motion.
     pub(super) fn advance<E, D: Dynamics<E>>(
         &mut self,

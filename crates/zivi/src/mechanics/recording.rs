@@ -8,7 +8,7 @@ use crate::mechanics::path::{Curve, MechanicalPath};
 use crate::mechanics::piece::{Flight, Piece};
 use crate::mechanics::tail::SkippedArcs;
 use crate::piecewise::running as piecewise;
-use crate::piecewise::running::{unless_terminal, until, Record, SegmentSink};
+use crate::piecewise::running::{unless_terminal, until, Kick, Record, SegmentSink};
 use crate::piecewise::steps::{Advance, NoSink, Piecewise, Rhs};
 use crate::record::columns::Reserve;
 use crate::record::events::Occurrence;
@@ -53,7 +53,7 @@ pub(super) fn running<E>(
     t1: f64,
     output: MechanicalOutput<'_, E>,
 ) -> Running<'_, E> {
-    let MechanicalOutput { t_eval, tstops, ends, dense, arcs, events } = output;
+    let MechanicalOutput { t_eval, tstops, ends, dense, arcs, events, kicks } = output;
     let start = MotionPoint {
         x: machine.state().now().x.clone(),
         v: machine.state().now().xdot.clone(),
@@ -66,7 +66,8 @@ pub(super) fn running<E>(
         is_whole: dense,
         at: start.clone(),
     };
-    Running::new((machine, start), t1, (tstops, t_eval), events, record)
+    let running = Running::new((machine, start), t1, (tstops, t_eval), events, record);
+    Running { kicks, ..running }
 }
 
 impl Piecewise for MechanicalIntegrator {
@@ -135,6 +136,15 @@ impl Record<MechanicalIntegrator> for MechanicalRecord {
 impl<'f, E, D: Dynamics<E>> SegmentSink<MechanicalIntegrator, Model<'f, D>, E> for Running<'_, E> {
     fn begin(&mut self, until: f64, model: &mut Model<'f, D>) -> Result<(), Ending<E>> {
         self.seeker.start(self.end.0, &self.end.1).map_err(Failure::Raised)?;
+        self.sample_step(until, model)
+    }
+
+    fn kick(&mut self, until: f64, model: &mut Model<'f, D>) -> Result<(), Ending<E>> {
+        let Some(MotionPoint { x, v, .. }) = self.kicked()? else { return Ok(()) };
+        let n = self.method.state().layout().n;
+        self.method.kick((&x[..n], &v[..n]), model)?;
+        self.arrive();
+        self.jumped()?;
         self.sample_step(until, model)
     }
 
@@ -530,12 +540,14 @@ pub struct MechanicalOutput<'a, E> {
     pub arcs: bool,
     /// The user's events.
     pub events: Vec<UserEvent<'a, E, MotionPoint>>,
+    /// Kicks at some of the declared times, before impacts on the closed gaps that they load.
+    pub kicks: Option<Kick<'a, E, MotionPoint>>,
 }
 
 impl<E> Default for MechanicalOutput<'_, E> {
     fn default() -> Self {
         let (ends, dense, arcs) = (false, false, false);
-        Self { t_eval: None, tstops: &[], ends, dense, arcs, events: Vec::new() }
+        Self { t_eval: None, tstops: &[], ends, dense, arcs, events: Vec::new(), kicks: None }
     }
 }
 

@@ -8,6 +8,10 @@ use crate::system::force::Stops;
 use crate::{Monitor, Status};
 use std::collections::TryReserveError;
 
+/// Velocities that change at once: at each declared time it is called with the state, in which it
+/// may write others, and says whether it has.
+pub type Kick<'a, E, P> = Box<dyn FnMut(f64, &mut P) -> Result<bool, E> + 'a>;
+
 /// Why a run ends.
 pub(crate) enum Ending<E, P> {
     Failed(Failure<E>),
@@ -45,6 +49,9 @@ pub(crate) trait SegmentSink<M: Piecewise, S, E> {
     /// The start, in a stretch that ends at `until`.
     fn begin(&mut self, until: f64, asked: &mut S) -> Result<(), Ending<E, M::Point>>;
 
+    /// The velocities change at a declared time.
+    fn kick(&mut self, until: f64, asked: &mut S) -> Result<(), Ending<E, M::Point>>;
+
     /// A piece of the motion, after which the method is where it ends.
     fn absorb(
         &mut self,
@@ -57,8 +64,9 @@ pub(crate) trait SegmentSink<M: Piecewise, S, E> {
 /// A run under way.
 pub(crate) struct Running<'a, E, M: Piecewise, R> {
     pub(crate) t1: f64,
-    stops: Stops<'a>,
+    pub(crate) stops: Stops<'a>,
     pub(crate) method: M,
+    pub(crate) kicks: Option<Kick<'a, E, M::Point>>,
     pub(crate) seeker: EventLocator<'a, E, M::Point>,
     pub(crate) wanted: OutputTimes<'a>,
     pub(crate) record: R,
@@ -84,6 +92,7 @@ impl<'a, E, M: Piecewise, R: Record<M>> Running<'a, E, M, R> {
         Self {
             t1,
             stops: Stops::new(tstops, t1),
+            kicks: None,
             seeker: EventLocator::new(events, start.clone(), t1 - method.t()),
             wanted: OutputTimes::new(t_eval),
             record,
@@ -133,6 +142,11 @@ impl<'a, E, M: Piecewise, R: Record<M>> Running<'a, E, M, R> {
                     self.method.restart();
                     until = self.stops.enter(t, asked.smooth());
                     driver.enter(&mut self.method, asked)?;
+                    if self.kicks.is_some() {
+                        self.make_room()?;
+                        self.kick(until, asked)?;
+                        continue;
+                    }
                 }
                 self.make_room()?;
                 self.method.look_from(self.dense_from(), self.drawn_from());
@@ -182,6 +196,15 @@ impl<'a, E, M: Piecewise, R: Record<M>> Running<'a, E, M, R> {
     pub(crate) fn arrive(&mut self) {
         self.end.0 = self.method.t();
         self.method.state_to(&mut self.end.1);
+    }
+
+    /// The present state with the velocities after a kick; nothing where there is none.
+    pub(crate) fn kicked(&mut self) -> Result<Option<M::Point>, Failure<E>> {
+        let Some(kick) = &mut self.kicks else { return Ok(None) };
+        let mut after = self.end.1.clone();
+        self.method.state_to(&mut after);
+        let is_kicked = kick(self.method.t(), &mut after).map_err(Failure::Raised)?;
+        Ok(is_kicked.then_some(after))
     }
 
     /// Events along a part of the motion.

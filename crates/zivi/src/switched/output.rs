@@ -1,5 +1,6 @@
 //! What is requested of a run, and what it leaves.
 
+use crate::piecewise::running::Kick;
 use crate::record::trajectory::Trajectory;
 use crate::record::user_events::{LocatedEvent, UserEvent};
 use crate::switched::mode::Counts;
@@ -7,7 +8,7 @@ use crate::switched::path::DensePath;
 use crate::switched::samples::Samples;
 use crate::zeno::arc::Bounce;
 use crate::zeno::tail::Tail;
-use crate::{Impact, Physical};
+use crate::{Impact, PathPoint, Physical};
 
 /// What a run shall give, besides its impacts, Zeno points and lift-offs.
 pub struct Output<'a, E> {
@@ -29,12 +30,14 @@ pub struct Output<'a, E> {
     pub in_rows: bool,
     /// The user's events.
     pub events: Vec<UserEvent<'a, E>>,
+    /// Kicks at some of the declared times: a velocity into the wall is an impact at once.
+    pub kicks: Option<Kick<'a, E, PathPoint>>,
 }
 
 impl<E> Default for Output<'_, E> {
     fn default() -> Self {
         let (dense, drawn, in_rows) = (false, false, false);
-        Self { t_eval: None, tstops: &[], dense, drawn, in_rows, events: Vec::new() }
+        Self { t_eval: None, tstops: &[], dense, drawn, in_rows, events: Vec::new(), kicks: None }
     }
 }
 

@@ -21,7 +21,7 @@ use crate::switched::settings::{Flights, SwitchedRk};
 use crate::switched::stages::Counted;
 use crate::system::force::Smooth;
 use crate::zeno::tail::Tail;
-use crate::{AnyImpactLaw, Force, GridError, Impact, Monitor, Occurrence, Physical};
+use crate::{AnyImpactLaw, Force, GridError, Impact, Monitor, Occurrence, Physical, Status};
 use std::collections::TryReserveError;
 
 /// Simulates `x'' = f`, `x >= 0`, `x'+ = -e x'-` with the switched Runge-Kutta method.
@@ -156,7 +156,7 @@ pub(super) fn running<E>(
     t1: f64,
     output: Output<'_, E>,
 ) -> Running<'_, E> {
-    let Output { t_eval, tstops, dense, drawn, in_rows, events } = output;
+    let Output { t_eval, tstops, dense, drawn, in_rows, events, kicks } = output;
     integrator.flight().look_at_steps(t_eval.is_none());
     let record = MassRecord {
         samples: Samples::default(),
@@ -167,7 +167,8 @@ pub(super) fn running<E>(
         tails: Vec::new(),
     };
     let start = point(&integrator);
-    Running::new((integrator, start), t1, (tstops, t_eval), events, record)
+    let running = Running::new((integrator, start), t1, (tstops, t_eval), events, record);
+    Running { kicks, ..running }
 }
 
 /// Where the integrator is.
@@ -244,6 +245,21 @@ impl<'f, E, F: Force<E>> SegmentSink<SwitchedIntegrator, Counted<'f, F>, E> for 
             self.jumped()?;
         }
         Ok(())
+    }
+
+    fn kick(&mut self, _until: f64, _: &mut Counted<'f, F>) -> Result<(), Ending<E>> {
+        let Some(PathPoint { x, xdot, .. }) = self.kicked()? else { return Ok(()) };
+        let rested = self.method.is_at_rest();
+        let t = self.method.t();
+        if self.method.start_again(t, Physical { x, xdot }).is_err() {
+            return Err(Failure::Status(Status::StateNotFinite).into());
+        }
+        if rested && !self.method.is_at_rest() {
+            self.record.reader.note(Occurrence::Opened { t, gap: 0 });
+        }
+        self.arrive();
+        self.sample_step();
+        self.jumped()
     }
 
     fn absorb(

@@ -1,0 +1,186 @@
+"""Kicks: impulses at given times against closed forms and runs that are split by hand."""
+
+import pickle
+
+import numpy as np
+import pytest
+
+import zivi
+from zivi.mechanics import Body
+
+G = 9.81
+TIGHT = zivi.SwitchedRK(rtol=1e-12, atol=1e-13)
+STANDARD_MAP = [
+    (1.354624247993607490126385, 1.054624247993607490126385),
+    (3.581319291822857630987565, 2.22669504382925014086118),
+    (5.297183786082585702630819, 1.715864494259728071643254),
+    (6.012457828540486429250072, 0.7152740424579007266192535),
+    (24.81902496342050096480916, 0.6785940287320680220163002),
+]
+"""Kicks 1, 2, 3, 4 and 20 of ``p += 1.2 sin(theta)`` from (0.3, 0.7), by mpmath."""
+
+
+def ball(e=0.5):
+    return zivi.ImpactSystem(-G, e=e)
+
+
+def body(e=0.5):
+    return zivi.MechanicalSystem(mass=[[1.0]], force=[-G], gaps=[zivi.LinearGap([1.0])], e=e)
+
+
+def test_a_kicked_rotor_is_the_standard_map():
+    rotor = zivi.LinearSystem([[1.0]], [[0.0]], [[0.0]], gaps=[])
+    kick = zivi.Kick(every=1.0, impulse=lambda t, q, v: 1.2 * np.sin(q))
+    sol = zivi.simulate(rotor, (0, 20), ([0.3], [0.7]), TIGHT, kicks=kick)
+    assert sol.success
+    assert np.array_equal(sol.kicks["t"], np.arange(20.0))
+    before = [(sol.kicks["t"][k], sol.kicks["qdot_before"][k, 0]) for k in range(1, 5)]
+    for (t, p), (theta, momentum) in zip(before, STANDARD_MAP[:4], strict=True):
+        assert abs(sol(t)[0][0] - theta) < 1e-12
+        assert abs(p - momentum) < 1e-12
+    assert abs(sol.q[-1, 0] - STANDARD_MAP[-1][0]) < 1e-12
+    assert abs(sol.qdot[-1, 0] - STANDARD_MAP[-1][1]) < 1e-12
+
+
+@pytest.mark.parametrize(
+    ("dv", "after", "rest"), [(-2.0, 1.0, 1.407747196738022), (2.0, 2.0, 1.815494393476045)]
+)
+@pytest.mark.parametrize("of", [ball, body])
+def test_a_kick_on_a_mass_at_rest(of, dv, after, rest):
+    start = (0.0, 0.0) if of is ball else ([0.0], [0.0])
+    sol = zivi.simulate(of(), (0, 3), start, TIGHT, kicks=[zivi.Kick(t=1.0, dv=dv)])
+    assert sol.success
+    last = sol.zeno_times[-1]
+    assert abs(last - rest) < 1e-12
+    v = sol.xdot if of is ball else sol.qdot[:, 0]
+    assert np.any(np.abs(v[sol.t == 1.0] - after) < 1e-14)
+    if of is ball:
+        assert sol.rest_time == last
+        assert len(sol.kicks) == 1
+        assert sol.kicks["dv"][0] == dv
+    assert "1 kicks" in repr(sol)
+    assert sol.message.endswith(" 1 kicks.")
+
+
+def random_run(seed):
+    """Draw a mass, its kicks and a start."""
+    rng = np.random.default_rng(seed)
+    e = rng.uniform(0.1, 0.9)
+    k, c, g = rng.uniform(0.0, 20.0), rng.uniform(0.0, 0.5), rng.uniform(0.5, 10.0)
+    force = zivi.LinearForce(stiffness=k, damping=c, gravity=g)
+    times = np.sort(rng.uniform(0.1, 2.9, rng.integers(1, 5)))
+    return (
+        e,
+        force,
+        times,
+        rng.uniform(-3.0, 3.0, len(times)),
+        (rng.uniform(0.0, 1.0), rng.uniform(-1, 1)),
+    )
+
+
+@pytest.mark.parametrize("block", range(4))
+def test_runs_are_those_that_are_split_at_the_kicks(block):
+    for seed in range(50 * block, 50 * (block + 1)):
+        e, force, times, dv, (x, xdot) = random_run(seed)
+        system = zivi.ImpactSystem(force, e=e)
+        kicks = [zivi.Kick(t=t, dv=change) for t, change in zip(times, dv, strict=True)]
+        sol = zivi.simulate(system, (0, 3), (x, xdot), kicks=kicks)
+        assert sol.success
+        t = 0.0
+        for end, change in zip([*times, 3.0], [*dv, 0.0], strict=True):
+            part = zivi.simulate(system, (t, end), (x, xdot))
+            t, x, xdot = end, part.x[-1], part.xdot[-1] + change
+        assert abs(sol.x[-1] - x) < 3e-5
+        assert abs(sol.xdot[-1] - xdot) < 3e-5
+
+
+def test_a_box_with_two_gaps_and_friction_slips_after_a_kick():
+    joint = zivi.DryFriction([1.0], limit=2.0)
+    system = zivi.MechanicalSystem(mass=[[2.0]], force=[1.0], gaps=[], friction=[joint])
+    sol = zivi.simulate(
+        system, (0, 4), ([0.0], [0.0]), TIGHT, kicks=[zivi.Kick(t=1.0, impulse=3.0)]
+    )
+    # sticks, slips with v = 1.5 - 0.5 (t - 1), sticks from t = 4 on; x = 1.5^2/(2*0.5)
+    assert abs(sol.q[-1, 0] - 2.25) < 1e-9
+    start = sol.qdot[sol.t == 1.0, 0]
+    assert start[0] == 0.0
+    assert start[-1] == 1.5
+
+
+def test_an_impulse_acts_through_the_mass_matrix():
+    mass = np.array([[2.0, 0.5], [0.5, 1.0]])
+    system = zivi.MechanicalSystem(mass=mass, force=[0.0, 0.0], gaps=[])
+    sol = zivi.simulate(
+        system, (0, 2), ([0, 0], [0, 0]), kicks=zivi.Kick(t=1.0, impulse=[1.0, -2.0])
+    )
+    assert np.abs(sol.qdot[-1] - np.linalg.solve(mass, [1.0, -2.0])).max() < 1e-14
+    assert np.abs(sol.kicks["dv"][0] - sol.qdot[-1]).max() < 1e-14
+
+
+def test_an_impulse_on_a_point_of_a_tree():
+    arm = Body("arm", axis=[0, 1, 0], mass=2.0, com=[0, 0, -1], inertia=0.01)
+    tree = zivi.Tree([arm], gravity=(0, 0, 0))
+    q = 0.4
+    kick = zivi.Kick(t=1.0, impulse=[3.0, 5.0, -1.0], body="arm", point=[0, 0, -0.5])
+    sol = zivi.simulate(tree, (0, 2), ([q], [0.0]), kicks=kick)
+    # the torque of the impulse at r = -0.5 (sin q, 0, cos q) about the y axis
+    r = -0.5 * np.array([np.sin(q), 0.0, np.cos(q)])
+    torque = np.cross(r, [3.0, 5.0, -1.0])[1]
+    assert abs(sol.qdot[-1, 0] - torque / (0.01 + 2.0)) < 1e-12
+    kick = zivi.Kick(t=1.0, impulse=[1, 0, 0], body="leg")
+    with pytest.raises(ValueError, match="body must be one of arm, got 'leg'"):
+        zivi.simulate(tree, (0, 2), ([q], [0.0]), kicks=kick)
+
+
+def test_kicks_are_kept_with_a_result():
+    sol = zivi.simulate(ball(), (0, 3), (0, 0), kicks=[zivi.Kick(every=1.0, start=0.5, dv=1.0)])
+    assert np.array_equal(sol.kicks["t"], [0.5, 1.5, 2.5])
+    again = pickle.loads(pickle.dumps(sol))
+    assert np.array_equal(again.kicks, sol.kicks)
+    assert sol.trusted_until == 3.0
+    assert len(zivi.simulate(ball(), (0, 3), (0, 0)).kicks) == 0
+
+
+def test_a_kick_at_the_start_changes_the_initial_velocity():
+    sol = zivi.simulate(ball(), (0, 0.1), (1.0, 0.0), kicks=zivi.Kick(t=[0.0, 0.1], dv=3.0))
+    assert sol.xdot[0] == 3.0
+    assert len(sol.kicks) == 1
+
+
+def test_what_a_function_of_a_kick_raises_reaches_the_caller():
+    def fails(t, x, v):
+        raise RuntimeError("no kick")
+
+    with pytest.raises(RuntimeError, match="no kick"):
+        zivi.simulate(ball(), (0, 3), (1, 0), kicks=zivi.Kick(t=1.0, dv=fails))
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ({"t": 1.0}, "exactly one of dv and impulse"),
+        ({"dv": 1.0}, "exactly one of t and every"),
+        ({"t": 1.0, "every": 1.0, "dv": 1.0}, "exactly one of t and every"),
+        ({"every": 0.0, "dv": 1.0}, "every must be > 0"),
+        ({"t": np.nan, "dv": 1.0}, "t must be"),
+        ({"t": 1.0, "dv": np.inf}, "dv must be finite"),
+        ({"t": 1.0, "dv": 1.0, "body": "arm"}, "body must be None with dv"),
+    ],
+)
+def test_wrong_kicks_are_named(given, message):
+    with pytest.raises(ValueError, match=message):
+        zivi.Kick(**given)
+
+
+def test_what_takes_no_kicks_says_so():
+    kick = zivi.Kick(t=1.0, dv=1.0)
+    with pytest.raises(ValueError, match="kicks are not supported by ThetaGamma"):
+        zivi.simulate(ball(), (0, 2), (1, 0), zivi.ThetaGamma(h=1e-2), kicks=kick)
+    with pytest.raises(TypeError, match=r"kicks\[0\] must be a zivi.Kick"):
+        zivi.simulate(ball(), (0, 2), (1, 0), kicks=[(1.0, 2.0)])
+    with pytest.raises(ValueError, match="dv must be finite with shape"):
+        zivi.simulate(body(), (0, 2), ([1], [0]), kicks=zivi.Kick(t=1.0, dv=[1.0, 2.0]))
+    with pytest.raises(ValueError, match="body must be None for a MechanicalSystem"):
+        zivi.simulate(
+            body(), (0, 2), ([1], [0]), kicks=zivi.Kick(t=1.0, impulse=[1, 0, 0], body="a")
+        )
