@@ -184,3 +184,43 @@ def test_what_takes_no_kicks_says_so():
         zivi.simulate(
             body(), (0, 2), ([1], [0]), kicks=zivi.Kick(t=1.0, impulse=[1, 0, 0], body="a")
         )
+
+
+def test_samples_at_a_kick_have_the_state_after_it():
+    for of, start in ((ball, (1.0, 0.0)), (body, ([1.0], [0.0]))):
+        sol = zivi.simulate(of(), (0, 1), start, TIGHT, [0.1, 0.2], kicks=zivi.Kick(t=0.2, dv=3.0))
+        v = np.ravel(sol.xdot if of is ball else sol.qdot)
+        assert np.abs(v - [-0.1 * G, 3.0 - 0.2 * G]).max() < 1e-12
+
+
+def test_batches_have_the_kicks_of_runs():
+    kicks = [zivi.Kick(every=0.4, start=0.0, dv=1.5), zivi.Kick(t=0.8, dv=-0.5)]
+    starts = np.array([[1.0, 0.0], [0.3, -1.0], [0.0, 0.0]])
+    batch = zivi.simulate_batch(ball(), (0, 2), starts, kicks=kicks)
+    several = zivi.simulate_batch(body(), (0, 2), (starts[:, :1], starts[:, 1:]), kicks=kicks)
+    for i, start in enumerate(starts):
+        sol = zivi.simulate(ball(), (0, 2), start, kicks=kicks)
+        assert (batch.x[i], batch.xdot[i]) == (sol.x[-1], sol.xdot[-1])
+        assert abs(several.q[i, 0] - sol.x[-1]) < 1e-4
+    with pytest.raises(ValueError, match="kicks must be numbers for batches"):
+        zivi.simulate_batch(ball(), (0, 2), starts, kicks=zivi.Kick(t=1, dv=lambda t, x, v: 1.0))
+
+
+def test_a_closed_loop_is_kicked():
+    class Nothing:
+        h = 0.01
+
+        def step(self, t, q, qdot):
+            return [0.0]
+
+    system = body().replace(inputs=[[1.0]])
+    kicks = [zivi.Kick(t=0.3, dv=2.0), zivi.Kick(t=0.605, impulse=lambda t, q, v: -3.0 * v)]
+    start = ([1.0], [0.0])
+    loop = zivi.simulate_closed_loop(system, Nothing(), (0, 1), start, method=TIGHT, kicks=kicks)
+    plain = zivi.simulate(body(), (0, 1), start, TIGHT, kicks=kicks)
+    assert len(loop.kicks) == 2
+    assert np.abs(loop.q[-1] - plain.q[-1]).max() < 1e-9
+    with pytest.raises(
+        TypeError, match="kicks are not supported by closed loops of an ImpactSystem"
+    ):
+        zivi.simulate_closed_loop(ball(), Nothing(), (0, 1), (1, 0), kicks=kicks)

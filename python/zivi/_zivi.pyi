@@ -1174,6 +1174,7 @@ def simulate_batch(
     steps: NDArray[np.intp] | None = None,
     ends: list[float] | None = None,
     tstops: list[_Array] | None = None,
+    kicks: list[tuple[float, float]] | None = None,
     progress: Any = None,
 ) -> BatchRecord: ...
 
@@ -1397,5 +1398,6 @@ def simulate_mechanical_loop(
     delay: int,
     dense: bool,
     one_step: bool,
+    kicks: object = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> MechanicalLoopRecord: ...

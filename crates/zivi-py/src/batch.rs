@@ -83,7 +83,7 @@ pub(crate) fn row_restitution(
 #[pyfunction]
 #[pyo3(signature = (
     forces, laws, states, method, *, span, save, slowest, threads, at=None, steps=None,
-    ends=None, tstops=None, progress=None
+    ends=None, tstops=None, kicks=None, progress=None
 ))]
 #[allow(clippy::too_many_arguments)]
 pub(crate) fn simulate_batch(
@@ -100,6 +100,7 @@ pub(crate) fn simulate_batch(
     steps: Option<Vec<usize>>,
     ends: Option<Vec<f64>>,
     tstops: Option<Vec<PyReadonlyArray1<'_, f64>>>,
+    kicks: Option<Vec<(f64, f64)>>,
     progress: Option<Py<PyAny>>,
 ) -> PyResult<BatchRecord> {
     let _running = crate::leaving::running()?;
@@ -117,6 +118,7 @@ pub(crate) fn simulate_batch(
             force: forces[if forces.len() == 1 { 0 } else { i }],
             initial: Physical { x: state[0], xdot: state[1] },
             tstops: tstops.get(if tstops.len() == 1 { 0 } else { i }).copied().unwrap_or_default(),
+            kicks: kicks.as_deref().unwrap_or_default(),
         });
     }
     let watch = &mut Watch { progress };

@@ -21,7 +21,7 @@ use crate::inputs::PyInputs;
 use crate::interface::{list, setup_error, vector, Matrix, Watch};
 use crate::mechanics::MechanicalRecord;
 use crate::method::PyMethod;
-use crate::system::{Configuration, Mechanism};
+use crate::system::{kicks_of_mechanism, Configuration, Mechanism};
 
 /// A loop: its run at the samples, the controls there, and what happened at the ticks.
 #[pyclass(frozen, get_all, module = "zivi._zivi")]
@@ -252,6 +252,8 @@ struct Course<'a> {
     /// Numbers of gaps, of controls and of periods that these are late.
     sizes: (usize, usize, usize),
     dense: bool,
+    /// Velocities after kicks.
+    kicks: Option<&'a Py<PyAny>>,
 }
 
 type Done = PyResult<Result<((MechanicalRun<PyErr>, Vec<f64>), TickRecord), SetupError>>;
@@ -270,18 +272,19 @@ impl Course<'_> {
         C: MechanicalController<PyErr>,
         O: Observing<PyErr>,
     {
-        let Self { settings, laws, sampling, from, sensor, sizes, dense } = self;
+        let Self { settings, laws, sampling, from, sensor, sizes, dense, kicks } = self;
         let mut ticks = SampledLoop::new(controller, observer, sensor, sizes);
         let mut u = vec![0.0; sizes.1];
         ticks.tick(0, sampling.times[0], from, &mut u)?;
         let start = (u.as_slice(), &mut ticks);
+        let kicks = kicks.map(|it| kicks_of_mechanism(it, from.0.len()));
         let done = zivi::mechanics::simulate_mechanical_loop(
             settings,
             (driven, laws),
             sampling,
             from,
             start,
-            dense,
+            (dense, kicks),
             watch,
         );
         Ok(done.map(|run| (run, ticks.record)))
@@ -293,7 +296,7 @@ impl Course<'_> {
 #[pyfunction]
 #[pyo3(signature = (
     system, inputs, method, times, stops, start, controller, *, observer, noise, steps, delay, dense,
-    one_step, progress=None
+    one_step, kicks=None, progress=None
 ))]
 #[allow(clippy::too_many_arguments)]
 pub(crate) fn simulate_mechanical_loop(
@@ -311,6 +314,7 @@ pub(crate) fn simulate_mechanical_loop(
     delay: usize,
     dense: bool,
     one_step: bool,
+    kicks: Option<Py<PyAny>>,
     progress: Option<Py<PyAny>>,
 ) -> PyResult<MechanicalLoopRecord> {
     let _running = crate::leaving::running()?;
@@ -330,6 +334,7 @@ pub(crate) fn simulate_mechanical_loop(
         sensor: MechanicalSensor { noise: &noise, steps },
         sizes: (system.m, r, delay),
         dense,
+        kicks: kicks.as_ref(),
     };
     let watch = &mut Watch { progress };
     let done = if let Ok(own) = controller.cast::<GapLoop>() {

@@ -17,7 +17,7 @@ use crate::interface::{with_room, Watch};
 use crate::mechanics::MechanicalRecord;
 use crate::method::{step_of, step_solver, PyMethod};
 use crate::record::RunRecord;
-use crate::system::{Configuration, Mechanism, PyKeep, PyPointMass, PyState};
+use crate::system::{kicks_of_mechanism, Configuration, Mechanism, PyKeep, PyPointMass, PyState};
 use crate::transform::restitution_of;
 
 /// An array of times as a slice, for as long as it is held.
@@ -131,7 +131,8 @@ fn run_mechanism(
         // the events need the interpreter
         mut dynamics => {
             let events = keep.events.iter().map(|it| it.get().of_mechanism(py, layout.n)).collect();
-            run(&mut dynamics, (events, keep.kicks_of_mechanism(py, layout.n)), watch)
+            let kicks = keep.kicks.as_ref().map(|it| kicks_of_mechanism(it, layout.n));
+            run(&mut dynamics, (events, kicks), watch)
         }
     })
 }

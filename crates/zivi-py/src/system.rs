@@ -221,21 +221,18 @@ impl PyKeep {
             Ok(after.map(|xdot| at.xdot = xdot).is_some())
         }))
     }
+}
 
-    /// Kicks of a mechanical system of `n` coordinates.
-    pub(crate) fn kicks_of_mechanism<'py>(
-        &self,
-        py: Python<'py>,
-        n: usize,
-    ) -> Option<Kick<'py, PyErr, MotionPoint>> {
-        let function = self.kicks.as_ref()?.bind(py).clone();
-        Some(Box::new(move |t, at| {
+/// Kicks of a mechanical system of `n` coordinates.
+pub(crate) fn kicks_of_mechanism(function: &Py<PyAny>, n: usize) -> Kick<'_, PyErr, MotionPoint> {
+    Box::new(move |t, at| {
+        Python::attach(|py| {
             let q = PyArray1::from_slice(py, &at.x[..n]);
             let w = PyArray1::from_slice(py, &at.v[..n]);
-            let after: Option<Vec<f64>> = function.call1((t, q, w))?.extract()?;
+            let after: Option<Vec<f64>> = function.call1(py, (t, q, w))?.extract(py)?;
             Ok(after.map(|after| at.v[..n].copy_from_slice(&after[..n])).is_some())
-        }))
-    }
+        })
+    })
 }
 
 // Impact laws from Python.

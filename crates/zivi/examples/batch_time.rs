@@ -26,6 +26,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
             force: ConstantForce(-9.81),
             initial: Physical { x: 1.0 + 1e-4 * i as f64, xdot: 6.0 },
             tstops: &[],
+            kicks: &[],
         })
         .collect();
     for _ in 0..repetitions {

@@ -164,7 +164,7 @@ fn ran<C: MechanicalController<Infallible>>(
         sampling,
         (q, w),
         (&u, &mut ticks),
-        false,
+        (false, None),
         &mut Silent,
     )?;
     println!(

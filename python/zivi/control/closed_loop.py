@@ -66,6 +66,7 @@ from zivi.simulation.methods import SwitchedRK, ThetaGamma
 from zivi.simulation.run import Event, pair, refuse, times_within
 from zivi.simulation.run_result import as_raised, with_partial
 from zivi.simulation.trajectory import describe, describe_system
+from zivi.system.kicks import Kick
 from zivi.system.mass import Force, ImpactSystem, check_system
 from zivi.system.mechanism import MechanicalSystem
 
@@ -214,6 +215,7 @@ def simulate_closed_loop(
     delay: int = ...,
     observer: JointObserver | None = ...,
     disturbance: Any = ...,
+    kicks: Kick | Sequence[Kick] | None = ...,
     dense_output: bool = ...,
     slowest: float = ...,
     progress: bool | None = ...,
@@ -239,6 +241,7 @@ def simulate_closed_loop(
     delay: int = 0,
     observer: Any = None,
     disturbance: Any = None,
+    kicks: Kick | Sequence[Kick] | None = None,
     t_eval: ArrayLike | None = None,
     events: Event | Sequence[Event] | None = None,
     dense_output: bool = True,
@@ -311,6 +314,9 @@ def simulate_closed_loop(
     disturbance : array_like or callable, optional
         Forces on the coordinates of a `MechanicalSystem` that the controller does not know: shape
         (n,), or ``d(t, q, qdot)``.
+    kicks : Kick or sequence of Kick, optional
+        Impulses on a `MechanicalSystem` at given times, as for `simulate`; one at a sample follows
+        its measurement.
     t_eval : array_like, optional
         Increasing times in `t_span` to report instead of the samples (s). ``u``, ``signs`` and
         ``tick_status`` are those of the sample before.
@@ -386,12 +392,18 @@ def simulate_closed_loop(
             delay=delay,
             observer=observer,
             disturbance=disturbance,
+            kicks=kicks,
             dense_output=dense_output,
             slowest=slowest,
             progress=progress,
         )
         moved.updates.warn(moved.config["controller"]["name"])
         return moved
+    if kicks is not None:
+        raise TypeError(
+            "kicks are not supported by closed loops of an ImpactSystem; use a "
+            "zivi.MechanicalSystem of one coordinate"
+        )
     if disturbance is not None:
         raise TypeError("disturbance is for a zivi.MechanicalSystem: here system.force is true")
     part = check_slowest(slowest)

@@ -205,6 +205,7 @@ def simulate_closed_loop_batch(
     delay: int = ...,
     observer: JointObserver | None = ...,
     disturbance: Any = ...,
+    kicks: Any = ...,
     parameters: Mapping[str, ArrayLike] | None = ...,
     save: str = ...,
     slowest: float = ...,
@@ -340,7 +341,7 @@ def simulate_closed_loop_batch(
         for name, it in (of_one | {"t_eval": t_eval}).items():
             if it is not None:
                 raise TypeError(f"{name} is for a zivi.ImpactSystem, not for a MechanicalSystem")
-        strange = sorted(set(mechanical) - {"parameters", "disturbance"})
+        strange = sorted(set(mechanical) - {"parameters", "disturbance", "kicks"})
         if strange:
             raise TypeError(f"{strange[0]} is no argument of loops of a mechanical system")
         loops = simulate_mechanical_batch(

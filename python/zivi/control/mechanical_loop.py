@@ -34,12 +34,14 @@ from zivi.simulation.mechanical_run import (
     check_friction,
     configuration,
     state_of,
+    with_kicks,
 )
 from zivi.simulation.mechanical_trajectory import MechanicalTrajectory
 from zivi.simulation.methods import SwitchedRK
 from zivi.simulation.run import pair
 from zivi.simulation.run_result import as_raised, with_partial
 from zivi.simulation.trajectory import describe
+from zivi.system.kicks import kicks_table
 from zivi.system.mechanism import ControlInputs, MechanicalSystem, Model
 from zivi.system.start import check_start
 
@@ -239,6 +241,7 @@ def simulate_mechanical(
     dense_output: bool = True,
     slowest: float = SLOWEST,
     progress: bool | None = None,
+    kicks: Any = None,
 ) -> MechanicalClosedLoop:
     """Simulate the closed loop of a mechanical system, as `simulate_closed_loop` has it."""
     h, span = sampling_period(controller), pair("t_span", t_span, "(t0, t1)")
@@ -272,15 +275,17 @@ def simulate_mechanical(
         if native
         else called_loop(controller, given, inputs.names)
     )
+    stops = np.unique(np.concatenate([times[1:-1], system._breaks(span)]))
+    asked = Asked(span, q, qdot, None, stops, [], dense_output)
+    kicked = with_kicks(asked, kicks, system, chosen[0]) or asked
     with ProgressBar(progress) as bar, listening_always() as ear:
-        stops = np.unique(np.concatenate([times[1:-1], system._breaks(span)]))
         record = _zivi.simulate_mechanical_loop(
             system.mechanism(plant),
             inputs.spec(),
             chosen[0]._core,
             times,
-            stops,
-            _zivi.Configuration(q, qdot),
+            kicked.tstops,
+            _zivi.Configuration(q, kicked.qdot),
             loop,
             observer=None if watching is None else watching.step,
             noise=sensor.noise,
@@ -288,9 +293,9 @@ def simulate_mechanical(
             delay=periods,
             dense=dense_output,
             one_step=chosen[1],
+            kicks=kicked.kicks,
             progress=bar.report,
         )
-    asked = Asked(span, q, qdot, None, stops, [], dense_output)
     config = configuration(system, model, chosen[0], asked) | {
         "controller": described(own),
         "reference": None if reference is None else reference_text(reference),
@@ -305,6 +310,8 @@ def simulate_mechanical(
         config["method"] = {"name": "SwitchedRK"} | {"one_step_a_period": True}
     run = loop_of(record, given, system, plant, config, (inputs, times))
     vars(run)["slowest"] = part
+    if kicked.kicks is not None:
+        vars(run)["_kicks"] = kicks_table(kicked.kicks.rows, len(q))
     raised = record.run.raised
     if raised is None and (raised := ear.ends(run.success)):
         run = as_raised(run)

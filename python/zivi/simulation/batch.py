@@ -28,9 +28,11 @@ from zivi.simulation.batch_result import (
 )
 from zivi.simulation.impacts import IMPACT, SLOWEST, check_slowest, rows_of_events, rows_of_impacts
 from zivi.simulation.mechanical_batch import MechanicalBatch, mechanical_batch
+from zivi.simulation.mechanical_run import stops_with
 from zivi.simulation.methods import Method, SwitchedRK
 from zivi.simulation.run import DEFAULT_METHOD, check_method, pair, times_within
 from zivi.simulation.trajectory import describe, describe_system
+from zivi.system.kicks import Kick, schedule_of
 from zivi.system.mass import ImpactSystem
 from zivi.system.mechanism import MechanicalSystem
 
@@ -53,6 +55,7 @@ def simulate_batch(
     threads: int | None = ...,
     progress: bool | None = ...,
     tstops: ArrayLike | None = ...,
+    kicks: Kick | Sequence[Kick] | None = ...,
 ) -> MechanicalBatch: ...
 
 
@@ -69,6 +72,7 @@ def simulate_batch(
     threads: int | None = ...,
     progress: bool | None = ...,
     tstops: ArrayLike | None = ...,
+    kicks: Kick | Sequence[Kick] | None = ...,
 ) -> Batch: ...
 
 
@@ -85,6 +89,7 @@ def simulate_batch(
     threads: int | None = None,
     progress: bool | None = None,
     tstops: ArrayLike | None = None,
+    kicks: Kick | Sequence[Kick] | None = None,
 ) -> Batch | MechanicalBatch:
     """Simulate many independent runs, on all cores and without the interpreter.
 
@@ -128,6 +133,9 @@ def simulate_batch(
         on a terminal.
     tstops : array_like, optional
         With `SwitchedRK`: times where the forces of all runs jump (s), as in `simulate`.
+    kicks : Kick or sequence of Kick, optional
+        With `SwitchedRK`: impulses on all runs at given times, as in `simulate`; of an
+        `ImpactSystem` numbers, not functions.
 
     Returns
     -------
@@ -168,6 +176,7 @@ def simulate_batch(
             check_threads(threads),
             progress,
             tstops,
+            kicks,
         )
     several = systems_of(systems)
     states = states_for(y0, len(several))
@@ -178,6 +187,10 @@ def simulate_batch(
     sampling = sampling_of(t_eval, save, span, method, len(states))
     workers = check_threads(threads)
     stops = stops_of(several, tstops, method, span)
+    kicked = schedule_of(kicks, several[0], None, span) if kicks is not None else None
+    if kicked is not None:
+        stops = [stops_with(kicked, it, method) for it in stops]
+        states = states + np.array([0.0, dict(kicked.constant()).get(span[0], 0.0)])
     specs = [system._spec for system in several]
     laws = [system._impact for system in several]
     with ProgressBar(progress) as bar, listening([*specs, *laws], threads=True) as ear:
@@ -193,6 +206,7 @@ def simulate_batch(
             at=sampling.at,
             steps=sampling.steps,
             tstops=stops if any(map(len, stops)) else None,
+            kicks=None if kicked is None else kicked.constant(),
             progress=bar.report,
         )
     tell(ear, record.status)

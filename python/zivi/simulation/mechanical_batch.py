@@ -21,6 +21,7 @@ from zivi.simulation.mechanical_run import (
     configuration,
     record_of,
     run_mechanical,
+    with_kicks,
 )
 from zivi.simulation.mechanical_trajectory import MechanicalTrajectory, time_of_rest
 from zivi.simulation.methods import SwitchedRK
@@ -177,6 +178,7 @@ def mechanical_batch(
     threads: int,
     progress: bool | None,
     tstops: Any,
+    kicks: Any = None,
 ) -> MechanicalBatch:
     """Run many mechanical systems; see `zivi.simulate_batch`."""
     if save not in SAVES:
@@ -200,6 +202,8 @@ def mechanical_batch(
         return Asked(span, q, qdot, None, stops, [], dense, arcs=True, ends=ends, counts=counts)
 
     tasks = list(zip(several, map(asked, q, qdot, stops), strict=True))
+    if kicks is not None:
+        tasks = [(system, with_kicks(it, kicks, system, method) or it) for system, it in tasks]
 
     def one(number: int, report: Any) -> Kept:
         system, asked = tasks[number]

@@ -18,7 +18,7 @@ from zivi.simulation.methods import FixedSteps, MoreauJean, Settings, SwitchedRK
 from zivi.simulation.run_result import Closer, closer_mechanism
 from zivi.simulation.trajectory import describe_restitutions
 from zivi.system.gap_coordinates import kinetic_cosines
-from zivi.system.kicks import KickSchedule
+from zivi.system.kicks import KickSchedule, schedule_of
 from zivi.system.mechanism import MechanicalSystem, Model
 from zivi.system.start import check_start
 
@@ -214,6 +214,25 @@ def _coupled(
     here = model.layout.read(model.evaluate(asked.span[0], asked.q, asked.qdot))
     cosines = kinetic_cosines(here.gradients @ np.linalg.solve(here.mass, here.gradients.T))
     return bool(np.any(np.abs(cosines)[pairs] > 1e-9))
+
+
+def stops_with(kicked: KickSchedule, stops: Array, method: Any) -> Array:
+    """Return the declared times together with those of the kicks."""
+    if not getattr(method, "_takes_tstops", False):
+        raise ValueError(
+            f"kicks are not supported by {type(method).__name__}; use zivi.SwitchedRK()"
+        )
+    return np.unique(np.concatenate([stops, kicked.stops]))
+
+
+def with_kicks(asked: Asked, kicks: Any, system: MechanicalSystem, method: Any) -> Asked | None:
+    """Return what is asked of a run with kicks, from after those at the start; None without any."""
+    kicked = schedule_of(kicks, system, len(asked.q), asked.span)
+    if kicked is None:
+        return None
+    stops = stops_with(kicked, asked.tstops, method)
+    qdot = kicked.start(asked.span[0], asked.q, asked.qdot)
+    return dataclasses.replace(asked, tstops=stops, qdot=qdot, kicks=kicked)
 
 
 def closer_of(system: MechanicalSystem, method: FixedOrSwitched, asked: Asked) -> Closer | None:

@@ -23,6 +23,8 @@ from zivi.simulation.mechanical_run import (
     check_mechanical_method,
     run_mechanical,
     state_of,
+    stops_with,
+    with_kicks,
 )
 from zivi.simulation.mechanical_trajectory import MechanicalTrajectory
 from zivi.simulation.methods import METHODS, FixedSteps, Method, Settings, SwitchedRK
@@ -345,7 +347,7 @@ def simulate(
     start = state
     if kicked is not None:
         stops = stops_with(kicked, stops, method)
-        start = (state[0], started(kicked, span[0], *state))
+        start = (state[0], kicked.start(span[0], *state))
     if times is None and stops is NO_STOPS and not watched:
         keep = THE_MOTION if dense_output else THE_STEPS
     else:
@@ -404,14 +406,11 @@ def _mechanical(
     times = None if t_eval is None else times_within(t_eval, span)
     stops = stop_times(tstops, method, system, span)
     asked = Asked(span, q, qdot, times, stops, events_of(events, MECHANICAL), dense_output)
-    kicked = schedule_of(kicks, system, len(q), span)
-    if kicked is not None:
-        stops, qdot = stops_with(kicked, stops, method), started(kicked, span[0], q, qdot)
-        asked = dataclasses.replace(asked, tstops=stops, qdot=qdot, kicks=kicked)
+    asked = with_kicks(asked, kicks, system, method) or asked
     with ProgressBar(progress) as bar, listening_always() as ear:
         sol, error = run_mechanical(system, method, asked, bar.report)
-    if kicked is not None:
-        note_kicks(sol, kicked, kicks)
+    if asked.kicks is not None:
+        note_kicks(sol, asked.kicks, kicks)
     vars(sol)["slowest"] = slowest
     if error is None and (error := ear.ends(sol.success)):
         sol = as_raised(sol)
@@ -424,26 +423,11 @@ def _mechanical(
         del error, ear
 
 
-def stops_with(kicked: KickSchedule, stops: np.ndarray, method: Any) -> np.ndarray:
-    """Return the declared times together with those of the kicks."""
-    if not getattr(method, "_takes_tstops", False):
-        raise ValueError(
-            f"kicks are not supported by {type(method).__name__}; use zivi.SwitchedRK()"
-        )
-    return np.unique(np.concatenate([stops, kicked.stops]))
-
-
-def started(kicked: KickSchedule, t0: float, q: Any, v: Any) -> Any:
-    """Return the initial velocity after the kicks at the start."""
-    after = kicked(t0, q, v)
-    return v if after is None else after
-
-
 def note_kicks(sol: Trajectory | MechanicalTrajectory, kicked: KickSchedule, given: Any) -> None:
     """Give a result the table of its kicks."""
     own = vars(sol)
     # as it was before the kick at the start, which the closer run repeats
-    closer = sol._closer
+    closer: Any = sol._closer
     own["_closer"] = None if closer is None else functools.partial(closer, kicks=given)
     own["_kicks"] = kicks_table(kicked.rows, kicked.n)
     own["message"] = f"{sol.message} {len(kicked.rows)} kicks."

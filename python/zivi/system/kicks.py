@@ -64,7 +64,7 @@ class Kick:
     At one instant the kick comes first, then the impact on closed gaps with a speed towards zero,
     with their coefficient of restitution. Friction in joints is a finite force: a kick makes joints
     slip that stick. Kicks at the start of a span change the initial velocity, those at its end do
-    nothing. Samples at `t_eval` show the state before a kick.
+    nothing. A sample of `t_eval` at a kick shows the state after it.
 
     Examples
     --------
@@ -116,13 +116,18 @@ class Kick:
                 raise ValueError(
                     f"every must leave at most {MOST} kicks in t_span, got {last - first}"
                 )
-            times = self.start + self.every * np.arange(first, max(last, first))
+            times = self.start + self.every * np.arange(first, max(last, first), dtype=np.float64)
         inside: Array = times[(times >= t0) & (times < t1)]
         return inside
 
+    @property
+    def value_given(self) -> Any:
+        """`dv` or `impulse` as given."""
+        return self.dv if self.impulse is None else self.impulse
+
     def value(self, t: float, q: Any, v: Any) -> Any:
         """Return `dv` or `impulse` at a state."""
-        given = self.dv if self.impulse is None else self.impulse
+        given = self.value_given
         return given(t, q, v) if callable(given) else given
 
 
@@ -145,7 +150,7 @@ class KickSchedule:
         self, kicks: Sequence[Kick], system: Any, n: int | None, span: tuple[float, float]
     ) -> None:
         self.kicks, self.n = tuple(kicks), n
-        self.model = None if n is None else system.model(n)
+        self.model: Any = None if n is None else system.model(n)
         self.arms = [None if it.body is None else _arm(system, it) for it in self.kicks]
         self.at: dict[float, list[int]] = {}
         for i, kick in enumerate(self.kicks):
@@ -157,6 +162,23 @@ class KickSchedule:
     def stops(self) -> Array:
         """Times of the kicks (s), increasing."""
         return np.array(sorted(self.at))
+
+    def start(self, t0: float, q: Any, v: Any) -> Any:
+        """Return the initial velocities after the kicks at the start."""
+        after = self(t0, q, v)
+        return v if after is None else after
+
+    def constant(self) -> list[tuple[float, float]]:
+        """Return times and changes of the velocity of a mass; an error for kicks of functions."""
+        if any(callable(it.value_given) for it in self.kicks):
+            raise ValueError(
+                "kicks must be numbers for batches of an ImpactSystem, got a function; use "
+                "zivi.simulate, or a MechanicalSystem of one coordinate"
+            )
+        return [
+            (t, float(sum(self.kicks[i].value_given for i in chosen)))
+            for t, chosen in sorted(self.at.items())
+        ]
 
     def __call__(self, t: float, q: Any, v: Any) -> Any:
         """Return the velocities after the kicks at `t`; None where there is none."""
@@ -202,7 +224,7 @@ def _arm(system: Any, kick: Kick) -> Callable[..., Array]:
     for name, value in system.parameters.items():
         if name in probe.parameters:
             probe.parameters[name] = value
-    model = probe.model(system._n)
+    model = probe.model(len(probe._structure.moving))
 
     def at(t: float, q: Array, v: Array) -> Array:
         gradients: Array = model.layout.read(model.evaluate(t, q, v)).gradients

@@ -140,7 +140,10 @@ impl<'f, E, D: Dynamics<E>> SegmentSink<MechanicalIntegrator, Model<'f, D>, E> f
     }
 
     fn kick(&mut self, until: f64, model: &mut Model<'f, D>) -> Result<(), Ending<E>> {
-        let Some(MotionPoint { x, v, .. }) = self.kicked()? else { return Ok(()) };
+        let Some(MotionPoint { x, v, .. }) = self.kicked()? else {
+            let deferred = !self.wanted.is_by_steps();
+            return if deferred { self.sample_step(until, model) } else { Ok(()) };
+        };
         let n = self.method.state().layout().n;
         self.method.kick((&x[..n], &v[..n]), model)?;
         self.arrive();
@@ -312,6 +315,11 @@ impl<E> Running<'_, E> {
         model: &mut Model<'_, D>,
     ) -> Result<(), Ending<E>> {
         let t = self.method.state().now().t;
+        // a sample at a kick has the state after it
+        let deferred = self.kicks.is_some() && t >= until && t < self.t1;
+        if deferred && !self.wanted.is_by_steps() {
+            return Ok(());
+        }
         if self.method.is_pending(until) || !self.wanted.pass_at(t) {
             return Ok(());
         }

@@ -13,7 +13,7 @@ use crate::record::gap_set::ContactMode;
 use crate::record::status::Failure;
 use crate::switched::SwitchedRk;
 use crate::system::dynamics::{Driven, Dynamics, Layout};
-use crate::{AnyImpactLaw, Monitor, SetupError};
+use crate::{AnyImpactLaw, Kick, Monitor, MotionPoint, SetupError};
 
 /// When a control is sampled, and where the forces are not smooth beside that.
 #[derive(Clone, Copy, Debug)]
@@ -130,7 +130,7 @@ where
 /// the samples; `u` is the control from the start on, the ticks begin with the next sample.
 ///
 /// The samples of the run are those of the loop, with the contact forces under the control that begins
-/// there. Beside the run its controls, `r` numbers a sample; the last is repeated at the end.
+/// there. A kick at a sample follows it. Beside the run its controls, `r` numbers a sample; the last is repeated at the end.
 ///
 /// # Errors
 /// [`SetupError`] before anything is computed, for settings, sizes or a start out of range.
@@ -140,7 +140,7 @@ pub fn simulate_mechanical_loop<E, D, F>(
     sampling: Sampling<'_>,
     (q, w): (&[f64], &[f64]),
     (u, ticks): (&[f64], &mut impl Ticks<E>),
-    dense: bool,
+    (dense, kicks): (bool, Option<Kick<'_, E, MotionPoint>>),
     monitor: &mut impl Monitor<E>,
 ) -> Result<(MechanicalRun<E>, Vec<f64>), SetupError>
 where
@@ -174,6 +174,7 @@ where
         t_eval: Some(&[]),
         tstops: sampling.stops,
         dense,
+        kicks,
         ..MechanicalOutput::default()
     };
     let mut running = running(machine, t1, output);

@@ -44,6 +44,7 @@ fn balls(n: usize) -> Vec<Member<'static, ConstantForce>> {
                 force: ConstantForce(force),
                 initial: Physical { x, xdot },
                 tstops: &[],
+                kicks: &[],
             }
         })
         .collect()
@@ -63,7 +64,7 @@ fn implicit(span: (f64, f64), h: f64) -> Task {
 
 /// A run by the function of its method, not by the entry that batches use.
 fn alone<F: Force<Infallible> + Copy>(member: &Member<'_, F>, task: Task) -> Run<Infallible> {
-    let Member { law, mut force, initial, tstops } = member.clone();
+    let Member { law, mut force, initial, tstops, .. } = member.clone();
     let restitution = law.constant().unwrap();
     let (force, Task { method, span, .. }) = (&mut force, task);
     let grid = |h: f64| Grid::new(span.0, span.1, h).unwrap();
@@ -189,6 +190,7 @@ fn driven(draws: &mut Draws, n: usize) -> Vec<Member<'static, LinearForce>> {
                 force,
                 initial: Physical { x, xdot },
                 tstops: &[],
+                kicks: &[],
             }
         })
         .collect()
@@ -295,6 +297,7 @@ fn a_step_from_near_a_switch_is_that_of_a_mass_alone() {
                         force,
                         initial: Physical { x, xdot },
                         tstops: &[],
+                        kicks: &[],
                     }
                 })
                 .collect();
@@ -316,6 +319,7 @@ fn linear_forces_that_overflow_end_as_they_end_alone() {
         force,
         initial: Physical { x, xdot: 0.0 },
         tstops: &[],
+        kicks: &[],
     };
     let most = LinearForce { gravity: f64::MAX, amplitude: f64::MAX, omega: 3.0, ..NO_FORCE };
     let spring = LinearForce { stiffness: -1e6, ..NO_FORCE };
@@ -395,7 +399,7 @@ fn masses_share_the_evaluations_of_forces_that_are_the_same() {
         let force = LinearForce { amplitude, gravity: 9.81, omega: 7.0, ..NO_FORCE };
         let force = Counted { force, linear: false, evaluations: &count };
         let initial = Physical { x: 0.02 * f64::from(i), xdot: 0.5 };
-        Member { law: restitution.into(), force, initial, tstops: &[] }
+        Member { law: restitution.into(), force, initial, tstops: &[], kicks: &[] }
     };
     let members: Vec<_> = (0..40).map(member).collect();
     let task = implicit((0.0, 2.0), 1e-3);
@@ -422,7 +426,7 @@ fn masses_above_walls_that_vibrate_move_as_they_move_alone() {
             let (x, xdot) = (draws.between(0.0, 0.3), draws.between(-1.0, 1.0));
             let initial = if i % 7 == 0 { Physical::default() } else { Physical { x, xdot } };
             let force = OnMovingWall { force, wall };
-            Member { law: restitution.into(), force, initial, tstops: &[] }
+            Member { law: restitution.into(), force, initial, tstops: &[], kicks: &[] }
         })
         .collect();
     let task = implicit((0.0, 2.0), 1e-3);
@@ -449,7 +453,13 @@ fn most_steps_are_taken_side_by_side() {
     for force in forces {
         let count = AtomicU64::new(0);
         let force = Counted { force, linear: true, evaluations: &count };
-        let member = |i| Member { law: restitution.into(), force, initial: start(i), tstops: &[] };
+        let member = |i| Member {
+            law: restitution.into(),
+            force,
+            initial: start(i),
+            tstops: &[],
+            kicks: &[],
+        };
         let members: Vec<_> = (0..20).map(member).collect();
         // other members of the scheme do not rest
         let tasks = [(1.0, 1.0, 4.0), (0.5, 0.8, 0.6)].map(|(theta, gamma, end)| {
@@ -483,6 +493,7 @@ fn every_method_and_force_gives_what_it_gives_alone() {
         force,
         initial: Physical { x, xdot: 0.5 },
         tstops: &[],
+        kicks: &[],
     };
     let members: Vec<_> = (0..40).map(|i| member(0.05 * f64::from(i))).collect();
     let span = (0.0, 3.0);
@@ -611,6 +622,7 @@ fn a_fault_costs_no_other_run_its_result() {
         law: restitution.into(),
         initial,
         tstops: &[],
+        kicks: &[],
         force: Faulty(if i % 7 == 3 { 1.0 } else { -f64::from(i) - 1.0 }),
     };
     let members: Vec<_> = (0..70).map(member).collect();
@@ -664,6 +676,7 @@ fn statistics_are_those_of_the_samples_and_the_impacts() {
         force,
         initial: Physical { x, xdot: 0.5 },
         tstops: &[],
+        kicks: &[],
     };
     let far = member(80.0);
     let members: Vec<_> = (1..9).map(|k| member(0.02 * f64::from(k))).chain([far]).collect();

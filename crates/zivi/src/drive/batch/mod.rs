@@ -22,8 +22,8 @@ use crate::method::{newton, AnyMethod, Method, PointMass, PointRun, Settings};
 use crate::switched::check_span;
 use crate::switched::grazing::simulate_watching;
 use crate::{
-    AnyImpactLaw, Dependence, FixedSteps, Force, Grid, Keep, Monitor, MoreauJean, Output,
-    SetupError, Solver, Summary, ThetaGamma, Trajectory, QUANTITIES,
+    AnyImpactLaw, Dependence, FixedSteps, Force, Grid, Keep, Kick, Monitor, MoreauJean, Output,
+    PathPoint, SetupError, Solver, Summary, ThetaGamma, Trajectory, QUANTITIES,
 };
 
 /// A method and the span of the runs, the same for all.
@@ -76,6 +76,8 @@ pub struct Member<'a, F> {
     pub initial: Physical,
     /// Increasing times at which the force is not smooth (s): steps of the switched method end there.
     pub tstops: &'a [f64],
+    /// Times of these at which the velocity changes at once, and by how much (s, m/s), increasing.
+    pub kicks: &'a [(f64, f64)],
 }
 
 /// The batch is to end: what a force of a batch may raise.
@@ -103,7 +105,7 @@ pub enum BatchError<E> {
 ///
 /// let law = Restitution::from_kappa(0.41)?.into();
 /// let initial = |x| Physical { x, xdot: 6.0 };
-/// let ball = |x| Member { law, force: ConstantForce(-9.81), initial: initial(x), tstops: &[] };
+/// let ball = |x| Member { law, force: ConstantForce(-9.81), initial: initial(x), tstops: &[], kicks: &[] };
 /// let balls: Vec<_> = (0..100).map(|i| ball(0.01 * f64::from(i))).collect();
 /// let method = FixedSteps { h: 1e-3, scheme: ThetaGamma::implicit_euler() }.into();
 /// let task = Task { method, span: (0.0, 4.0), slowest: 1e-3 };
@@ -341,21 +343,32 @@ impl Monitor<Stopped> for Unobserved<'_> {
     }
 }
 
+/// Kicks at known times.
+fn kicks_at<E>(kicks: &[(f64, f64)]) -> Kick<'_, E, PathPoint> {
+    Box::new(move |t, at| {
+        let found = kicks.iter().filter(|kick| kick.0 == t);
+        let is_kicked = found.clone().next().is_some();
+        at.xdot += found.map(|kick| kick.1).sum::<f64>();
+        Ok(is_kicked)
+    })
+}
+
 /// One run by the loop of its method.
 fn one<F: Force<Stopped> + Copy>(
     member: &Member<'_, F>,
     BatchPlan { method, span, save, slowest, .. }: BatchPlan<'_>,
     stop: &dyn Fn() -> bool,
 ) -> Result<Outcome, SetupError> {
-    let &Member { ref law, mut force, initial, tstops } = member;
+    let &Member { ref law, mut force, initial, tstops, kicks } = member;
     let every = save.every();
     let keep = if let Save::Steps(_) = save { Keep::All } else { Keep::Every(every) };
     let watch = &mut Unobserved { keep, stop };
     let t_eval = if let Save::At(times) = save { Some(times) } else { None };
-    let output = Output { t_eval, tstops, ..Output::default() };
+    let kicks = (!kicks.is_empty()).then(|| kicks_at(kicks));
+    let output = Output { t_eval, tstops, kicks, ..Output::default() };
     let system = PointMass { force: &mut force, law: law.clone() };
     let (PointRun { trajectory, end, motion, .. }, grazing) = match (method, save) {
-        (AnyMethod::SwitchedRk(method), Save::Grazing) => {
+        (AnyMethod::SwitchedRk(method), Save::Grazing) if output.kicks.is_none() => {
             let force = system.force;
             let (run, grazes) =
                 simulate_watching(method, system.law, force, (span, tstops), initial, watch)?;

@@ -129,7 +129,7 @@ impl<D, F> BelievedPlant<'_, D, F> {
             sampling,
             (q, w),
             start,
-            false,
+            (false, None),
             &mut Unwatched,
         )
         .map_err(LawError::Setup)?;
