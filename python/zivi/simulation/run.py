@@ -365,6 +365,9 @@ def simulate(
     sol = Trajectory._from_record(record, system, method, span, state, stops, drawn=drawn)
     if kicked is not None:
         note_kicks(sol, kicked, kicks)
+        if drawn and dense_output:
+            end = sol.t[-1]
+            sol._sample_kicks(np.array([t for t, *_ in kicked.rows if span[0] < t < end]))
     if slowest != SLOWEST:
         vars(sol)["slowest"] = slowest
     error = record.raised

@@ -367,6 +367,19 @@ class Trajectory(MassRun):
         _, end = (record.path and record.path.span) or (None, None)
         return record.last if end is None else end
 
+    def _sample_kicks(self, times: Array) -> None:
+        """Insert samples after kicks where samples draw the motion, as those after impacts."""
+        x, xdot = self(times)
+        *lifted, residual = between_steps(self, times)
+        at, own = np.searchsorted(self.t, times, "right"), vars(self)
+        of_time = {"t": times, "x": x, "xdot": xdot, "residual": residual}
+        after = {name: np.insert(getattr(self, name), at, it) for name, it in of_time.items()}
+        before = self.transformed
+        pairs = zip(LIFTED, lifted, strict=True)
+        inserted = (np.insert(getattr(before, name), at, it) for name, it in pairs)
+        own["transformed"] = Transformed(*inserted)
+        own.update(after)
+
     def _resampled(self, times: Array) -> Trajectory:
         x, xdot = self(times)
         *lifted, residual = between_steps(self, times)
