@@ -237,7 +237,7 @@ def test_the_example(example, tmp_path, capsys):
 def test_a_short_lag_is_no_lag(example):
     # c2d's zero-order hold acts a period late: a vanishing lag is the delay of a period
     late = zivi.simulate_closed_loop(
-        example.PLANT, example.tracker(), (0, 4), (6, 5), force_ref=-19.81, delay=1
+        example.PLANT, example.tracker(), (0, 2), (6, 5), force_ref=-19.81, delay=1
     )
     found = example.response(example.lag(1e-5))
     assert example.difference(found, late) < 1e-9

@@ -355,7 +355,7 @@ def _put(controller: Any, state: Array) -> None:
     """Give a controller the state that its block has."""
     *plain, status = map(float, state)
     try:
-        bits = int(status) & ~TickStatus.REFUSED
+        bits = int(status) & ~int(TickStatus.REFUSED)  # plain numbers: at every tick
         controller.state = (*plain[:4], plain[4:], bits)
     except ValueError:
         raise ValueError(
