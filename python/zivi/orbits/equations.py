@@ -649,14 +649,14 @@ def _mapped(
     if segment.kind != "Z":
         return _Mapped(tau, jump.z, by_z, by_t, jump.impulses)
     horizon, closed = abs(length), [segment.gap, *segment.kept]
-    how: Any = frame.system, frame.method
     if isinstance(flow, MassFlow):
         own = jump.by_z.copy()
         own[0] = 0.0
-        chain = accumulated(*how, (tau, jump.z), 0, horizon, slopes=slopes)
+        chain = accumulated(frame.system, frame.method, (tau, jump.z), 0, horizon, slopes=slopes)
         return _Mapped(chain.t, chain.z, chain.by_z @ own, chain.by_t, jump.impulses, chain)
     begin = onto(flow, closed, tau, jump.z, segment.kept)
-    chain = accumulated(*how, (tau, begin), segment.gap, horizon, slopes=slopes)
+    start = tau, begin
+    chain = accumulated(frame.system, frame.method, start, segment.gap, horizon, slopes=slopes)
     # the start is put onto the closed gaps: what is across them does not count
     across = np.array([flow.gap(i, tau, begin).by_z[: flow.n] for i in closed])
     inverse = np.linalg.pinv(across)
