@@ -171,7 +171,11 @@ OF_TREE = {
     **dict.fromkeys(("position", "axis", "anchor", "com", "normal"), "[1, 2, 3]"),
     **dict.fromkeys(("point", "other_point"), "[3, 0, 0]"),
 }  # fmt: skip
-LAW = {"e": "0.5", "e0": "0.5", "v0": "1.0", "k": "0.2"}
+LAWS = {
+    "NewtonImpact": {"e": "0.5"},
+    "SpeedDependentImpact": {"e0": "0.5", "v0": "1.0", "k": "0.2"},
+    "RestitutionTable": {"v": "[0.5, 2.0]", "e": "[0.8, 0.6]"},
+}
 RANGE = {"start": "0.1", "stop": "0.5", "num": "2"}
 
 
@@ -193,10 +197,9 @@ def complete(command, key, kind):
             given |= {"parameters.e": "{ start = 0.1, stop = 0.9 }", "design.n": "4"}
     if table == "system.e":
         del given["system.e"]
-        law = "SpeedDependentImpact" if kind == "SpeedDependentImpact" else "NewtonImpact"
-        own = ("e0", "v0", "k") if law == "SpeedDependentImpact" else ("e",)
+        law = kind if kind in LAWS else "NewtonImpact"
         given["system.e.law"] = f"'{law}'"
-        given |= {f"system.e.{it}": LAW[it] for it in own}
+        given |= {f"system.e.{it}": value for it, value in LAWS[law].items()}
     if key == "system.e" and command == "mechanics":
         given["system.gaps.floor"] = "'u'"
     if table == "system.friction" and command == "simulate":
