@@ -340,7 +340,7 @@ def test_all_settings_of_the_library_are_there():
         assert {key.name for key in keys} == taken
     taken = set(inspect.signature(zivi.simulate_closed_loop).parameters)
     keys = {key.name for key in file_keys.COMMANDS["control"]}
-    always = {"progress", "events", "dense_output", "misplaced", "slowest"}
+    always = {"progress", "events", "kicks", "dense_output", "misplaced", "slowest"}
     assert taken - keys == always | {"t_eval", "reference", "observer", "disturbance"}
     taken = set(inspect.signature(zivi.simulate).parameters)
     for command in ("simulate", "mechanics", "tree"):
