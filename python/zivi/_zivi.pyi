@@ -345,7 +345,6 @@ class Tree:
         friction: list[tuple[str, int]],
         numbers: _Array,
     ) -> Self: ...
-    def evaluate(self, t: float, q: _Array, qdot: _Array) -> _Array: ...
 
 @final
 class CompiledFunction:
@@ -389,7 +388,7 @@ class Friction:
         *,
         law: str,
         impact_without_collision: bool,
-        compliant: list[tuple[int, str, list[float], Any]] = [],
+        compliant: list[tuple[int, str, list[float], Any]] = ...,
     ) -> Self: ...
 
 @final
