@@ -47,7 +47,7 @@ test: test-rust test-python
 # their documentation; tests beside the code run in seconds, optimised they take a minute to compile
 test-rust: $(VENV)/.packages
 	cargo test --locked --quiet --test '*'
-	cargo test --locked --quiet --lib --config profile.test.package.zivi.opt-level=0
+	cargo test --locked --quiet --lib --workspace --exclude zivi-host --exclude zivi-py --config profile.test.package.zivi.opt-level=0
 	cargo test --locked --quiet --doc --package zivi-core --package zivi
 
 # on all processors; what shares an expensive fixture, a server or the clock stays together
@@ -130,7 +130,7 @@ lint-rust: $(VENV)/.packages
 	    cargo clippy --locked --quiet --workspace --all-targets -- -D warnings && \
 	    cargo clippy --locked --quiet --package zivi-c --features exports -- -D warnings && \
 	    cargo clippy --locked --quiet --package zivi-c --features exports,single -- -D warnings && \
-	    cargo clippy --locked --quiet --package zivi-fmu --features loops,avx512 -- -D warnings; \
+	    cargo clippy --locked --quiet --package zivi --package zivi-fmu --features zivi-fmu/loops -- -D warnings; \
 	else echo 'cargo clippy is missing: rustup component add clippy'; test -n '$(SKIP_MISSING)'; fi
 
 lint-python: $(READY)
