@@ -38,19 +38,19 @@ macro_rules! lifecycle {
         }
 
         #[no_mangle]
-        unsafe extern "C" fn $get(it: *mut Instance, to: *mut *mut State) -> Status {
+        unsafe extern "C" fn $get(it: *mut Instance, to: *mut *mut FmuState) -> Status {
             // SAFETY: see there
             unsafe { common::get_state(it, to) }
         }
 
         #[no_mangle]
-        unsafe extern "C" fn $set(it: *mut Instance, from: *mut State) -> Status {
+        unsafe extern "C" fn $set(it: *mut Instance, from: *mut FmuState) -> Status {
             // SAFETY: see there
             unsafe { common::set_state(it, from) }
         }
 
         #[no_mangle]
-        unsafe extern "C" fn $forget(_it: *mut Instance, state: *mut *mut State) -> Status {
+        unsafe extern "C" fn $forget(_it: *mut Instance, state: *mut *mut FmuState) -> Status {
             // SAFETY: see there
             unsafe { common::free_state(state) }
         }
@@ -58,7 +58,7 @@ macro_rules! lifecycle {
         #[no_mangle]
         unsafe extern "C" fn $size(
             _it: *mut Instance,
-            _state: *mut State,
+            _state: *mut FmuState,
             size: *mut usize,
         ) -> Status {
             // SAFETY: see there
@@ -68,7 +68,7 @@ macro_rules! lifecycle {
         #[no_mangle]
         unsafe extern "C" fn $store(
             it: *mut Instance,
-            from: *mut State,
+            from: *mut FmuState,
             to: *mut u8,
             size: usize,
         ) -> Status {
@@ -81,7 +81,7 @@ macro_rules! lifecycle {
             it: *mut Instance,
             from: *const u8,
             size: usize,
-            to: *mut *mut State,
+            to: *mut *mut FmuState,
         ) -> Status {
             // SAFETY: see there
             unsafe { common::restore(it, from, size, to) }
@@ -101,7 +101,7 @@ macro_rules! variables {
             values: *mut $type,
             $($room: usize,)?
         ) -> Status {
-            let (room, kind) = (count, Kind::$kind);
+            let (room, kind) = (count, DataType::$kind);
             $(let room = room.min($room);)?
             let asked = common::Variables { references, count, values, room, kind };
             // SAFETY: the arrays have so many elements
@@ -116,7 +116,7 @@ macro_rules! variables {
             values: *const $type,
             $($room: usize,)?
         ) -> Status {
-            let (room, kind) = (count, Kind::$kind);
+            let (room, kind) = (count, DataType::$kind);
             $(let room = room.min($room);)?
             let asked = common::Variables { references, count, values, room, kind };
             // SAFETY: the arrays have so many elements

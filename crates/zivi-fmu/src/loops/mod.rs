@@ -33,10 +33,10 @@ use moving::{Controlling, LoopState};
 
 /// What an instance is.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct LoopModel(&'static LoadedLoop);
+pub(crate) struct AnyModel(&'static LoadedLoop);
 
 /// All loops that this process has read.
-static KNOWN: Mutex<Vec<LoopModel>> = Mutex::new(Vec::new());
+static KNOWN: Mutex<Vec<AnyModel>> = Mutex::new(Vec::new());
 
 /// What a code means.
 pub(crate) fn message(code: i32) -> &'static CStr {
@@ -79,7 +79,7 @@ const MOST_STEPS: usize = 100_000;
 /// A system under the controls of a loop.
 type Controlled<'a> = Driven<Evaluated<'a>, Matrix<'a>>;
 
-impl LoopModel {
+impl AnyModel {
     /// The loop with this token, from the folder of its resources; a folder is as FMI 2 or 3 gives it.
     pub(crate) fn of_token(token: &[u8], resources: &[u8]) -> Option<Self> {
         let mut known = KNOWN.lock().ok()?;

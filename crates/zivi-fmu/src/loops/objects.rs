@@ -8,11 +8,11 @@ pub(crate) const ROOM: usize = 1024;
 /// Numbers that change from period to period.
 #[repr(C)]
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct LoopObjects {
+pub(crate) struct Objects {
     pub(crate) numbers: [f64; ROOM],
 }
 
-impl Default for LoopObjects {
+impl Default for Objects {
     fn default() -> Self {
         Self { numbers: [0.0; ROOM] }
     }
