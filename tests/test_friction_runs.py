@@ -373,7 +373,8 @@ def test_compiled_parts_run_as_those_of_the_interpreter():
 
     fast = system(spring, limit)
     slow = system(lambda t, q, w: [-q[0] - 0.1 * w[0], -G], lambda t, q, w: 0.3 / (1 + abs(w[0])))
-    assert fast.model(2).spec.function is not None
+    assert fast.model(2).spec.is_native
+    assert not slow.model(2).spec.is_native
     start = ([0.3, 0.4], [0.5, 0.0])
     one, other = (zivi.simulate(it, (0, 2), start, TIGHT) for it in (fast, slow))
     assert one.success, one.message

@@ -1,4 +1,4 @@
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, Literal, Self, final, overload
 
 import numpy as np
@@ -333,8 +333,43 @@ class Model:
     ) -> Model: ...
     @staticmethod
     def tree(tree: Tree) -> Model: ...
+    @staticmethod
+    def parts(
+        sizes: tuple[int, int, int],
+        row: _Array,
+        *,
+        gaps: list[tuple[int, list[float], float, Wall | None]],
+        belts: list[tuple[int, Wall]],
+        without_static: list[int],
+        functions: list[Part],
+        steady: bool,
+        constant: bool,
+        owner: object,
+    ) -> Model: ...
     @property
-    def function(self) -> CompiledFunction | None: ...
+    def is_native(self) -> bool: ...
+
+@final
+class Part:
+    @staticmethod
+    def compiled(start: int, length: int, address: int, data: int | None = None) -> Part: ...
+    @staticmethod
+    def driven(start: int, length: int, address: int, table: TimeTable) -> Part: ...
+    @staticmethod
+    def python(
+        start: int,
+        shape: Sequence[int],
+        function: Callable[..., Any],
+        *,
+        takes_velocities: bool,
+        read: Callable[[Any], _Array],
+    ) -> Part: ...
+    @staticmethod
+    def wall(gap: int, motion: Callable[[float], tuple[float, float, float]]) -> Part: ...
+    @staticmethod
+    def of_speed(
+        channel: int, function: Callable[[float], Any], read: Callable[[Any], _Array]
+    ) -> Part: ...
 
 @final
 class Tree:

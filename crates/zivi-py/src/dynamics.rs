@@ -2,18 +2,19 @@
 
 use crate::force::{Raised, Wall};
 use crate::friction::{PyFriction, Rubbing};
-use crate::interface::{vector, Capsule};
+use crate::interface::{vector, Capsule, Function};
 use crate::time_table::PyTimeTable;
 use numpy::{PyArray1, PyArrayMethods, PyReadonlyArray1, PyUntypedArrayMethods};
 use pyo3::exceptions::{PyRuntimeError, PyTypeError, PyValueError};
 use pyo3::gc::{PyTraverseError, PyVisit};
 use pyo3::prelude::*;
-use pyo3::types::PyTuple;
+use pyo3::types::{PyFloat, PyList, PyTuple};
 use std::ffi::{c_int, c_void};
 use std::sync::Arc;
 use zivi::mechanics::{ContactMode, GapSet};
 use zivi::record::status::Failure;
 use zivi::system::dynamics::{Dynamics, FunctionDynamics, Layout};
+use zivi::system::flat_parts::FlatParts;
 use zivi::system::linear_dynamics::LinearDynamics;
 use zivi::system::linear_system::{GapMotion, LinearGap, LinearSystem, LoadWave};
 use zivi::system::tree;
@@ -41,6 +42,8 @@ enum Kind {
     Linear(Arc<LinearSystem>),
     /// Bodies and joints.
     Tree(Arc<tree::Tree>),
+    /// Constants, flat gaps, and functions for the rest.
+    Parts(Arc<Parts>),
     /// A function, and whether it gives constants.
     Callable(Py<PyAny>, bool),
 }
@@ -63,13 +66,54 @@ impl Model {
         Self { kind: Kind::Callable(function, steady) }
     }
 
-    /// Where the compiled function is, if there is one, and the data that it is called with.
+    /// Whether runs do without the interpreter.
     #[getter]
-    fn function(&self) -> Option<CompiledFunction> {
-        match self.kind {
-            Kind::Compiled(function, _) => Some(function),
-            Kind::Linear(_) | Kind::Tree(_) | Kind::Callable(..) => None,
+    fn is_native(&self) -> bool {
+        match &self.kind {
+            Kind::Compiled(..) | Kind::Linear(_) | Kind::Tree(_) => true,
+            Kind::Parts(parts) => !parts.needs_interpreter(),
+            Kind::Callable(..) => false,
         }
+    }
+
+    /// Constants in the places of an evaluation, flat gaps by number as those of `linear`, moving
+    /// surfaces by channel, channels that hold in stick what they take in slip, and functions for the
+    /// rest. `steady` and `constant`: whether forces, and whether mass and gradients never change.
+    #[staticmethod]
+    #[pyo3(signature = (
+        sizes, row, *, gaps, belts, without_static, functions, steady, constant, owner
+    ))]
+    #[allow(clippy::too_many_arguments, clippy::type_complexity)]
+    fn parts(
+        sizes: (usize, usize, usize),
+        row: PyReadonlyArray1<'_, f64>,
+        gaps: Vec<(usize, Vec<f64>, f64, Option<Py<Wall>>)>,
+        belts: Vec<(usize, Py<Wall>)>,
+        without_static: Vec<usize>,
+        functions: Vec<Py<Part>>,
+        steady: bool,
+        constant: bool,
+        owner: Py<PyAny>,
+    ) -> PyResult<Self> {
+        let (n, m, p) = sizes;
+        let motion = |wall: &Py<Wall>| wall.get().motion_of_gap();
+        let gap = |(i, normal, offset, wall): (_, _, _, Option<Py<Wall>>)| {
+            let motion = wall.as_ref().map_or(Some(GapMotion::Fixed), motion);
+            motion.map(|motion| (i, LinearGap { normal, offset, motion }))
+        };
+        let gaps: Option<Vec<(usize, LinearGap)>> = gaps.into_iter().map(gap).collect();
+        let belts: Option<Vec<_>> =
+            belts.iter().map(|(channel, wall)| Some((*channel, motion(wall)?))).collect();
+        let (row, layout) = (vector(&row)?, Layout { n, m, p });
+        let fits = functions.iter().all(|it| it.get().fits(layout));
+        let flat = gaps
+            .zip(belts)
+            .filter(|_| fits)
+            .and_then(|(gaps, belts)| FlatParts::new(layout, row, gaps, belts, without_static));
+        let flat = flat.ok_or_else(|| PyValueError::new_err("the parts do not fit together"))?;
+        let flat = if constant { flat.with_constant_matrices() } else { flat };
+        let parts = Parts { flat, functions, steady, owner };
+        Ok(Self { kind: Kind::Parts(Arc::new(parts)) })
     }
 
     /// The row of numbers at a state, `size` of them, which no other call writes over.
@@ -90,6 +134,7 @@ impl Model {
             }
             Kind::Linear(system) => Layout::smooth(system.load.len(), system.gaps.len()),
             Kind::Tree(tree) => tree.layout(),
+            Kind::Parts(parts) => parts.flat.layout(),
             Kind::Callable(..) => {
                 return Err(PyTypeError::new_err("a callable model is evaluated by its function"))
             }
@@ -144,9 +189,228 @@ impl Model {
     fn __traverse__(&self, visit: PyVisit<'_>) -> Result<(), PyTraverseError> {
         match &self.kind {
             Kind::Compiled(_, held) | Kind::Callable(held, _) => visit.call(held),
+            Kind::Parts(parts) => {
+                visit.call(&parts.owner)?;
+                parts.functions.iter().try_for_each(|it| visit.call(it))
+            }
             Kind::Linear(_) | Kind::Tree(_) => Ok(()),
         }
     }
+}
+
+// Systems of parts: what no function gives is computed here.
+
+/// A function that gives some numbers of an evaluation: those from a place on.
+#[pyclass(frozen, module = "zivi._zivi")]
+pub(crate) struct Part {
+    start: usize,
+    length: usize,
+    by: By,
+}
+
+enum By {
+    /// A compiled function.
+    Compiled(CompiledFunction),
+    /// A compiled function that is called with the values of a table, too.
+    Driven(usize, Arc<zivi::TimeTable>),
+    /// A function of time and coordinates, with velocities or without; what reads results that are not
+    /// plain numbers, or raises an error that names the part; dimensions of the result.
+    Python { function: Py<PyAny>, takes_velocities: bool, read: Py<PyAny>, dimensions: usize },
+    /// The motion of a wall: three numbers of the gap with this number.
+    Wall { gap: usize, motion: Py<PyAny> },
+    /// The limit of friction of a channel as a function of its slip speed, and what reads it.
+    OfSpeed { channel: usize, function: Py<PyAny>, read: Py<PyAny> },
+}
+
+#[pymethods]
+impl Part {
+    #[staticmethod]
+    #[pyo3(signature = (start, length, address, data=None))]
+    fn compiled(start: usize, length: usize, address: usize, data: Option<usize>) -> Self {
+        let function = CompiledFunction { address, data, returns_int: false };
+        Self { start, length, by: By::Compiled(function) }
+    }
+
+    #[staticmethod]
+    fn driven(start: usize, length: usize, address: usize, table: Py<PyTimeTable>) -> Self {
+        Self { start, length, by: By::Driven(address, table.get().inner.clone()) }
+    }
+
+    #[staticmethod]
+    #[pyo3(signature = (start, shape, function, *, takes_velocities, read))]
+    fn python(
+        start: usize,
+        shape: Vec<usize>,
+        function: Py<PyAny>,
+        takes_velocities: bool,
+        read: Py<PyAny>,
+    ) -> Self {
+        let (length, dimensions) = (shape.iter().product(), shape.len());
+        Self { start, length, by: By::Python { function, takes_velocities, read, dimensions } }
+    }
+
+    #[staticmethod]
+    fn wall(gap: usize, motion: Py<PyAny>) -> Self {
+        Self { start: 0, length: 0, by: By::Wall { gap, motion } }
+    }
+
+    #[staticmethod]
+    fn of_speed(channel: usize, function: Py<PyAny>, read: Py<PyAny>) -> Self {
+        Self { start: 0, length: 0, by: By::OfSpeed { channel, function, read } }
+    }
+
+    fn __traverse__(&self, visit: PyVisit<'_>) -> Result<(), PyTraverseError> {
+        match &self.by {
+            By::Compiled(_) | By::Driven(..) => Ok(()),
+            By::Wall { motion, .. } => visit.call(motion),
+            By::Python { function, read, .. } | By::OfSpeed { function, read, .. } => {
+                visit.call(function)?;
+                visit.call(read)
+            }
+        }
+    }
+}
+
+/// `void (double t, double *q, double *qdot, double *u, double *out)`.
+type FillDriven = unsafe extern "C" fn(f64, *const f64, *const f64, *const f64, *mut f64);
+
+impl Part {
+    fn fits(&self, layout: Layout) -> bool {
+        match &self.by {
+            By::Wall { gap, .. } => *gap < layout.m,
+            By::OfSpeed { channel, .. } => *channel < layout.p,
+            _ => self.start.checked_add(self.length).is_some_and(|end| end <= layout.len()),
+        }
+    }
+
+    fn is_native(&self) -> bool {
+        matches!(self.by, By::Compiled(_) | By::Driven(..))
+    }
+
+    /// Fills in its numbers where it is compiled.
+    fn fill(&self, t: f64, q: &[f64], w: &[f64], out: &mut [f64]) {
+        let to = &mut out[self.start..][..self.length];
+        match &self.by {
+            By::Compiled(function) => {
+                function.call(t, q, w, to);
+            }
+            By::Driven(address, table) => {
+                let mut u = vec![0.0; table.width()];
+                table.values(t, &mut u);
+                // SAFETY: the Python layer passes a function with this signature, which the owner
+                // of the parts keeps, and room for what it gives
+                unsafe {
+                    let function = std::mem::transmute::<usize, FillDriven>(*address);
+                    function(t, q.as_ptr(), w.as_ptr(), u.as_ptr(), to.as_mut_ptr());
+                }
+            }
+            By::Python { .. } | By::Wall { .. } | By::OfSpeed { .. } => (),
+        }
+    }
+}
+
+/// A system of parts.
+struct Parts {
+    flat: FlatParts,
+    /// In the order of their calls.
+    functions: Vec<Py<Part>>,
+    steady: bool,
+    /// What owns compiled code.
+    owner: Py<PyAny>,
+}
+
+/// Which numbers of an evaluation are written.
+#[derive(Clone, Copy, PartialEq)]
+enum Scope {
+    All,
+    /// Those that may differ from the last evaluation.
+    Varying,
+    /// Those of the gaps, where mass and gradients never change.
+    Gaps,
+}
+
+impl Parts {
+    fn needs_interpreter(&self) -> bool {
+        !self.functions.iter().all(|it| it.get().is_native())
+    }
+
+    /// Writes what needs no function.
+    fn write(&self, scope: Scope, t: f64, q: &[f64], out: &mut [f64]) {
+        match scope {
+            Scope::All => self.flat.write(t, q, out),
+            Scope::Varying => self.flat.write_again(t, q, out),
+            Scope::Gaps => self.flat.write_gaps(t, q, out),
+        }
+    }
+
+    /// Whether a function is called for these numbers.
+    fn is_called(&self, part: &Part, scope: Scope) -> bool {
+        scope != Scope::Gaps
+            || matches!(part.by, By::Wall { .. })
+            || part.start >= self.flat.layout().gap().start
+    }
+
+    /// Evaluates a system of compiled functions.
+    fn evaluate(&self, scope: Scope, t: f64, q: &[f64], w: &[f64], out: &mut [f64]) {
+        self.write(scope, t, q, out);
+        for part in self.functions.iter().map(Py::get).filter(|it| self.is_called(it, scope)) {
+            part.fill(t, q, w, out);
+        }
+        self.flat.finish(out);
+    }
+}
+
+/// What a run calls for a part, if that is a function of the interpreter.
+fn callable_of<'py>(py: Python<'py>, part: &Py<Part>) -> Option<Function<'py>> {
+    match &part.get().by {
+        By::Compiled(_) | By::Driven(..) => None,
+        By::Wall { motion: it, .. }
+        | By::Python { function: it, .. }
+        | By::OfSpeed { function: it, .. } => Some(Function::new(it.bind(py).clone())),
+    }
+}
+
+/// Reads what a function returned: numbers at once, anything else as Python says.
+fn read_into(
+    value: &Bound<'_, PyAny>,
+    dimensions: usize,
+    read: &Py<PyAny>,
+    out: &mut [f64],
+) -> PyResult<()> {
+    if let [out] = out {
+        if let Ok(number) = value.cast::<PyFloat>() {
+            *out = number.value();
+            return Ok(());
+        }
+    }
+    if dimensions == 1 {
+        if let Ok(array) = value.cast::<PyArray1<f64>>() {
+            if array.len() == out.len() {
+                let readable = array.readonly();
+                out.iter_mut().zip(readable.as_array()).for_each(|(out, value)| *out = *value);
+                return Ok(());
+            }
+        } else if let Ok(items) = value.cast::<PyList>() {
+            let number = |it: Bound<'_, PyAny>| it.cast::<PyFloat>().ok().map(|it| it.value());
+            if items.len() == out.len() {
+                let all = items
+                    .iter()
+                    .zip(&mut *out)
+                    .all(|(item, out)| number(item).map(|value| *out = value).is_some());
+                if all {
+                    return Ok(());
+                }
+            }
+        }
+    }
+    let array = read.bind(value.py()).call1((value,))?;
+    let array = array.cast::<PyArray1<f64>>()?.readonly();
+    let array = array.as_array();
+    if array.len() != out.len() {
+        return Err(PyValueError::new_err("a part must give as many numbers as it has places"));
+    }
+    out.iter_mut().zip(array).for_each(|(out, value)| *out = *value);
+    Ok(())
 }
 
 /// A compiled function that fills in the numbers of a system, or a part of them.
@@ -212,10 +476,18 @@ impl<'py> AnyDynamics<'py> {
                 let source = Source::Tree(TreeDynamics::new(tree.clone()));
                 Self::Compiled(CompiledDynamics { layout, source, raised: Raised::now() })
             }
+            Kind::Parts(parts) if !parts.needs_interpreter() => {
+                let source = Source::Parts(parts.clone());
+                Self::Compiled(CompiledDynamics { layout, source, raised: Raised::now() })
+            }
+            Kind::Parts(parts) => {
+                let functions = parts.functions.iter().map(|it| callable_of(py, it)).collect();
+                let source = Evaluated::Parts(parts.clone(), functions);
+                Self::Callable(PythonDynamics::new(py, layout, source, parts.steady))
+            }
             Kind::Callable(callable, steady) => {
-                let zeros = || PyArray1::zeros(py, layout.n, false);
-                let (callable, q, w) = (callable.bind(py).clone(), zeros(), zeros());
-                Self::Callable(PythonDynamics { layout, callable, steady: *steady, q, w })
+                let source = Evaluated::Row(callable.bind(py).clone());
+                Self::Callable(PythonDynamics::new(py, layout, source, *steady))
             }
         }
     }
@@ -263,6 +535,13 @@ impl Dynamics<PyErr> for AnyDynamics<'_> {
             Self::Callable(_) => None,
         }
     }
+
+    fn has_constant_matrices(&self) -> bool {
+        match self {
+            Self::Compiled(it) => it.has_constant_matrices(),
+            Self::Callable(it) => it.has_constant_matrices(),
+        }
+    }
 }
 
 /// A system that needs no interpreter. The [`Model`] holds what owns its code.
@@ -278,6 +557,7 @@ enum Source {
     Function(CompiledFunction),
     Linear(LinearDynamics),
     Tree(TreeDynamics),
+    Parts(Arc<Parts>),
 }
 
 impl CompiledDynamics {
@@ -290,9 +570,29 @@ impl CompiledDynamics {
     pub(crate) fn tree(&self) -> Option<&Arc<tree::Tree>> {
         match &self.source {
             Source::Tree(dynamics) => Some(dynamics.tree()),
-            Source::Function(_) | Source::Linear(_) => None,
+            Source::Function(_) | Source::Linear(_) | Source::Parts(_) => None,
         }
     }
+}
+
+/// Evaluates a part of the numbers of a system of compiled parts.
+fn evaluate_compiled(
+    (parts, raised): (&Parts, &mut Raised),
+    scope: Scope,
+    (t, q, w): (f64, &[f64], &[f64]),
+    out: &mut [f64],
+) -> PyResult<()> {
+    parts.evaluate(scope, t, q, w, out);
+    match raised.here() {
+        true => Err(failed(t, 0)),
+        false => Ok(()),
+    }
+}
+
+/// The error of compiled code that failed.
+#[cold]
+fn failed(t: f64, code: c_int) -> PyErr {
+    PyRuntimeError::new_err(format!("the compiled system failed at t = {t:?} (it returned {code})"))
 }
 
 impl Dynamics<PyErr> for CompiledDynamics {
@@ -305,12 +605,14 @@ impl Dynamics<PyErr> for CompiledDynamics {
             Source::Function(function) => *function,
             Source::Linear(linear) => return linear.evaluate(t, q, w, out),
             Source::Tree(tree) => return tree.evaluate(t, q, w, out),
+            Source::Parts(parts) => {
+                let here = (&**parts, &mut self.raised);
+                return evaluate_compiled(here, Scope::All, (t, q, w), out);
+            }
         };
         let code = function.call(t, q, w, out);
         if code != 0 || self.raised.here() {
-            return Err(PyRuntimeError::new_err(format!(
-                "the compiled system failed at t = {t:?} (it returned {code})"
-            )));
+            return Err(failed(t, code));
         }
         Ok(())
     }
@@ -319,6 +621,10 @@ impl Dynamics<PyErr> for CompiledDynamics {
         match &mut self.source {
             Source::Function(_) | Source::Tree(_) => self.evaluate(t, q, w, out),
             Source::Linear(linear) => linear.evaluate_again(t, q, w, out),
+            Source::Parts(parts) => {
+                let here = (&**parts, &mut self.raised);
+                evaluate_compiled(here, Scope::Varying, (t, q, w), out)
+            }
         }
     }
 
@@ -326,36 +632,121 @@ impl Dynamics<PyErr> for CompiledDynamics {
         match &mut self.source {
             Source::Function(_) | Source::Tree(_) => self.evaluate(t, q, w, out),
             Source::Linear(linear) => linear.evaluate_gaps(t, q, w, out),
+            Source::Parts(parts) => {
+                let here = (&**parts, &mut self.raised);
+                evaluate_compiled(here, Scope::Gaps, (t, q, w), out)
+            }
+        }
+    }
+
+    fn is_steady(&self) -> bool {
+        matches!(&self.source, Source::Parts(parts) if parts.steady)
+    }
+
+    fn has_constant_matrices(&self) -> bool {
+        match &self.source {
+            Source::Linear(_) => true,
+            Source::Parts(parts) => parts.flat.has_constant_matrices(),
+            Source::Function(_) | Source::Tree(_) => false,
         }
     }
 
     fn linear(&self) -> Option<&Arc<LinearSystem>> {
         match &self.source {
-            Source::Function(_) | Source::Tree(_) => None,
+            Source::Function(_) | Source::Tree(_) | Source::Parts(_) => None,
             Source::Linear(linear) => Dynamics::<PyErr>::linear(linear),
         }
     }
 }
 
-/// A Python callable; the interpreter lock is held for the whole run.
+/// A system that calls the interpreter, whose lock is held for the whole run.
 pub(crate) struct PythonDynamics<'py> {
     layout: Layout,
-    callable: Bound<'py, PyAny>,
+    source: Evaluated<'py>,
     steady: bool,
-    /// What it is called with.
+    /// What functions are called with.
     q: Bound<'py, PyArray1<f64>>,
     w: Bound<'py, PyArray1<f64>>,
+    raised: Raised,
 }
 
-impl Dynamics<PyErr> for PythonDynamics<'_> {
-    fn layout(&self) -> Layout {
-        self.layout
+enum Evaluated<'py> {
+    /// A function that gives all numbers.
+    Row(Bound<'py, PyAny>),
+    /// Parts, and by part its function of the interpreter.
+    Parts(Arc<Parts>, Vec<Option<Function<'py>>>),
+}
+
+impl<'py> PythonDynamics<'py> {
+    fn new(py: Python<'py>, layout: Layout, source: Evaluated<'py>, steady: bool) -> Self {
+        let [q, w] = [(); 2].map(|()| PyArray1::zeros(py, layout.n, false));
+        Self { layout, source, steady, q, w, raised: Raised::now() }
     }
 
-    fn evaluate(&mut self, t: f64, q: &[f64], w: &[f64], out: &mut [f64]) -> PyResult<()> {
-        fill(&self.q, q)?;
-        fill(&self.w, w)?;
-        let value = self.callable.call1((t, &self.q, &self.w))?;
+    /// Calls the functions of the parts, and writes the rest.
+    fn evaluate_parts(
+        &mut self,
+        scope: Scope,
+        (t, q, w): (f64, &[f64], &[f64]),
+        out: &mut [f64],
+    ) -> PyResult<()> {
+        let Self { layout, source, q: coordinates, w: velocities, raised, .. } = self;
+        let Evaluated::Parts(parts, functions) = source else { return Ok(()) };
+        parts.write(scope, t, q, out);
+        let time = PyFloat::new(coordinates.py(), t);
+        for (part, function) in parts.functions.iter().map(Py::get).zip(functions) {
+            if !parts.is_called(part, scope) {
+                continue;
+            }
+            let Some(function) = function else {
+                part.fill(t, q, w, out);
+                if raised.here() {
+                    return Err(failed(t, 0));
+                }
+                continue;
+            };
+            match &part.by {
+                By::Python { takes_velocities, read, dimensions, .. } => {
+                    hand(coordinates, q)?;
+                    let third: Option<&Bound<'py, PyAny>> = match takes_velocities {
+                        true => {
+                            hand(velocities, w)?;
+                            Some(velocities)
+                        }
+                        false => None,
+                    };
+                    let value = function.call(&time, coordinates, third)?;
+                    read_into(&value, *dimensions, read, &mut out[part.start..][..part.length])?;
+                }
+                By::Wall { gap, .. } => {
+                    let motion: [f64; 3] = function.call_with_one(&time)?.extract()?;
+                    out[layout.gap().start + gap] -= motion[0];
+                    out[layout.curvature().start + gap] = -motion[2];
+                    out[layout.rate().start + gap] = -motion[1];
+                }
+                By::OfSpeed { channel, read, .. } => {
+                    let row = &out[layout.gradient()][(layout.m + channel) * layout.n..];
+                    let along: f64 = row.iter().zip(w).map(|(b, w)| b * w).sum();
+                    let slip = along + out[layout.rate().start + layout.m + channel];
+                    let speed = PyFloat::new(time.py(), slip.abs());
+                    let value = function.call_with_one(&speed)?;
+                    let to = layout.limit().start + channel;
+                    read_into(&value, 0, read, &mut out[to..=to])?;
+                }
+                By::Compiled(_) | By::Driven(..) => (),
+            }
+            crate::leaving::look()?;
+        }
+        parts.flat.finish(out);
+        Ok(())
+    }
+
+    /// The numbers of a function that gives all of them.
+    fn evaluate_row(&mut self, (t, q, w): (f64, &[f64], &[f64]), out: &mut [f64]) -> PyResult<()> {
+        let Evaluated::Row(callable) = &self.source else { return Ok(()) };
+        hand(&mut self.q, q)?;
+        hand(&mut self.w, w)?;
+        let value = callable.call1((t, &self.q, &self.w))?;
         crate::leaving::look()?;
         let array = value.cast::<PyArray1<f64>>().map_err(|_| {
             let kind = value.get_type();
@@ -374,9 +765,57 @@ impl Dynamics<PyErr> for PythonDynamics<'_> {
         Ok(())
     }
 
+    fn evaluate_in(
+        &mut self,
+        scope: Scope,
+        at: (f64, &[f64], &[f64]),
+        out: &mut [f64],
+    ) -> PyResult<()> {
+        match self.source {
+            Evaluated::Row(_) => self.evaluate_row(at, out),
+            Evaluated::Parts(..) => self.evaluate_parts(scope, at, out),
+        }
+    }
+}
+
+impl Dynamics<PyErr> for PythonDynamics<'_> {
+    fn layout(&self) -> Layout {
+        self.layout
+    }
+
+    fn evaluate(&mut self, t: f64, q: &[f64], w: &[f64], out: &mut [f64]) -> PyResult<()> {
+        self.evaluate_in(Scope::All, (t, q, w), out)
+    }
+
+    fn evaluate_again(&mut self, t: f64, q: &[f64], w: &[f64], out: &mut [f64]) -> PyResult<()> {
+        self.evaluate_in(Scope::Varying, (t, q, w), out)
+    }
+
+    fn evaluate_gaps(&mut self, t: f64, q: &[f64], w: &[f64], out: &mut [f64]) -> PyResult<()> {
+        self.evaluate_in(Scope::Gaps, (t, q, w), out)
+    }
+
     fn is_steady(&self) -> bool {
         self.steady
     }
+
+    fn has_constant_matrices(&self) -> bool {
+        match &self.source {
+            Evaluated::Row(_) => false,
+            Evaluated::Parts(parts, _) => parts.flat.has_constant_matrices(),
+        }
+    }
+}
+
+/// Writes numbers into an array that a function is called with, a new one where the last was kept.
+fn hand(array: &mut Bound<'_, PyArray1<f64>>, values: &[f64]) -> PyResult<()> {
+    // SAFETY: of an object that is held here
+    if unsafe { pyo3::ffi::Py_REFCNT(array.as_ptr()) } > 1 {
+        *array = PyArray1::zeros(array.py(), values.len(), false);
+    }
+    // SAFETY: nobody else knows the array
+    unsafe { array.as_slice_mut()? }.copy_from_slice(values);
+    Ok(())
 }
 
 /// Writes numbers into an array that only this module and what it calls know.

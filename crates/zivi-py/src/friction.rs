@@ -129,6 +129,10 @@ impl<D: Dynamics<PyErr>> Dynamics<PyErr> for Rubbing<'_, D> {
     fn linear(&self) -> Option<&Arc<LinearSystem>> {
         self.dynamics.linear().filter(|_| self.friction().compliant.is_empty())
     }
+
+    fn has_constant_matrices(&self) -> bool {
+        self.dynamics.has_constant_matrices()
+    }
 }
 
 /// What friction did in a run.

@@ -228,6 +228,11 @@ impl<'py> Function<'py> {
         self.callable.py()
     }
 
+    /// Its value for one argument.
+    pub(crate) fn call_with_one(&self, one: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyAny>> {
+        self.callable.call1((one,))
+    }
+
     /// Its value for two or three arguments.
     #[inline]
     pub(crate) fn call(

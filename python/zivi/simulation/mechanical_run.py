@@ -39,7 +39,7 @@ FixedOrSwitched: TypeAlias = SwitchedRK | FixedSteps
 """The methods that take mechanical systems."""
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclasses.dataclass(slots=True)
 class Asked:
     """What is requested of a run.
 
@@ -78,6 +78,19 @@ class Asked:
     arcs: bool = False
     ends: bool = False
     counts: float | None = None
+
+    def keep(self) -> _zivi.Keep:
+        """Return what the extension keeps."""
+        return _zivi.Keep(
+            t_eval=self.t_eval,
+            tstops=self.tstops,
+            kicks=self.kicks,
+            events=self.events,
+            ends=self.ends,
+            dense=self.dense,
+            arcs=self.arcs,
+            counts=self.counts,
+        )
 
 
 def state_of(y0: Any, n: int | None) -> tuple[Array, Array]:
@@ -175,22 +188,12 @@ def record_of(
         warn(ENERGY.format(e=system.e.tolist()), RuntimeWarning)
     if isinstance(method, ThetaGamma) and _coupled(system, model, asked):
         raise ValueError(f"the gaps {', '.join(system.gap_names)} are coupled: {COUPLED}")
-    keep = _zivi.Keep(
-        t_eval=asked.t_eval,
-        tstops=asked.tstops,
-        kicks=asked.kicks,
-        events=asked.events,
-        ends=asked.ends,
-        dense=asked.dense,
-        arcs=asked.arcs,
-        counts=asked.counts,
-    )
     record = _zivi.simulate(
         system.mechanism(model),
         method._core,
         asked.span,
         _zivi.Configuration(asked.q, asked.qdot),
-        keep,
+        asked.keep(),
         report,
     )
     return record, model

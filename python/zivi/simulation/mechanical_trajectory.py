@@ -28,6 +28,7 @@ from zivi.simulation.friction_result import (
 )
 from zivi.simulation.impacts import FIELDS, SLOWEST, Rows, down_to_of_gaps, listed_of_gaps, table
 from zivi.simulation.run_result import Closer, SampledRun, Setup, trust_note, trusted
+from zivi.simulation.trajectory import STATUSES
 from zivi.system.gap import Channel
 from zivi.system.mechanism import MechanicalSystem, Model
 
@@ -345,7 +346,18 @@ class MechanicalTrajectory(FrictionRun, SampledRun):
         """System, method, span and initial state, as plain values."""
         return self._setup() if callable(self._setup) else self._setup
 
+    if not TYPE_CHECKING:  # which would take any name for granted
+
+        def __getattr__(self, name):
+            # most runs are asked for little, and short ones are called by the million
+            own = vars(self)
+            if (unread := own.get("_unread")) is not None:
+                own.update(_read(*unread) | own)
+                own.pop("_unread", None)
+            return own[name] if name in own else super().__getattr__(name)
+
     def __getstate__(self) -> dict[str, Any]:
+        _ = self.t  # which reads the record
         # samples can be sent where a model cannot
         return self.__dict__ | {"_setup": self.config, "_model": None, "_closer": None}
 
@@ -391,34 +403,20 @@ class MechanicalTrajectory(FrictionRun, SampledRun):
         stepped: bool = False,
     ) -> Self:
         """Make it of a record; `stepped` if the steps of the method are all there is."""
-        channels, gap_names = system._channels, system.gap_names
+        channels = system._channels
         friction = friction_samples(record.friction, channels)
         path: Any = record.path
         if stepped:
             parts = {name: getattr(record, name) for name in STEPS}
             path = LinearMotion(**parts, friction=friction)
         sol = object.__new__(cls)
-        # as the class would, at a part of the cost: short runs are called by the million
-        vars(sol).update(
-            {name: getattr(record, name) for name in STEPS},
-            **_tables_of(record, model.layout.m, channels),
-            status=Status(record.status),
-            message=end_message(record, gap_names, model, channels),
-            nfev=record.nfev,
-            n_steps=record.n_steps,
-            n_rejected=record.n_rejected,
-            coordinate_names=system.coordinate_names(model.layout.n),
-            gap_names=gap_names,
-            _setup=setup,
-            t_events=[hits.t for hits in record.hits],
-            q_events=[hits.q for hits in record.hits],
-            qdot_events=[hits.qdot for hits in record.hits],
-            _path=path,
-            _model=model,
-            _closer=closer,
-            _friction=friction,
-            _channels=channels,
-        )
+        own, status = vars(sol), STATUSES[record.status]
+        own["status"], own["_setup"] = status, setup
+        own["_path"], own["_model"], own["_closer"] = path, model, closer
+        own["_friction"], own["_channels"] = friction, channels
+        own["_unread"] = record, system, model
+        if status not in (Status.COMPLETED, Status.TERMINATED_BY_EVENT):
+            own["message"] = end_message(record, system.gap_names, model, channels)
         if record.speeds is not None:
             # samples of steps would tell it
             rests = sol.contacts[-1].any() or (sol.modes[-1:] == 0).any()
@@ -542,6 +540,24 @@ class MechanicalTrajectory(FrictionRun, SampledRun):
 
     def _table(self) -> ResultTable:
         return labels_of(self)
+
+
+def _read(record: _zivi.MechanicalRecord, system: MechanicalSystem, model: Model) -> dict[str, Any]:
+    """Return what a result has of the record of its run."""
+    channels, gap_names = system._channels, system.gap_names
+    return {
+        **{name: getattr(record, name) for name in STEPS},
+        **_tables_of(record, model.layout.m, channels),
+        "message": record.message,
+        "nfev": record.nfev,
+        "n_steps": record.n_steps,
+        "n_rejected": record.n_rejected,
+        "coordinate_names": system.coordinate_names(model.layout.n),
+        "gap_names": gap_names,
+        "t_events": [hits.t for hits in record.hits],
+        "q_events": [hits.q for hits in record.hits],
+        "qdot_events": [hits.qdot for hits in record.hits],
+    }
 
 
 def time_of_rest(speeds: tuple[float, float, float], *, rests: bool) -> float | None:

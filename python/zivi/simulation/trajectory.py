@@ -42,6 +42,7 @@ __all__ = [
     "LIFTED",
     "NO_STOPS",
     "QUANTITIES",
+    "STATUSES",
     "FormerName",
     "Trajectory",
     "Transformed",

@@ -22,7 +22,7 @@ from zivi.base.check import (
     switch,
 )
 from zivi.base.habits import attribute_error, hinted
-from zivi.system.callbacks import Evaluate, assembled, driven, glued
+from zivi.system.callbacks import Evaluate, driven, model_of_parts
 from zivi.system.force import force_spec
 from zivi.system.gap import (
     IMPACT_LAWS,
@@ -619,13 +619,8 @@ class MechanicalSystem:
         """Make the model for `n` coordinates."""
         layout = Layout(n, self.m, len(self._channels))
         slips = list(zip(self._channels, self._slips(), strict=True))
-        evaluate = assembled(layout, self._mass, self._force, self._gaps, slips)
-        native = glued(layout, self._mass, self._force, self._gaps, slips)
-        if native is None:
-            spec = _zivi.Model.callable(evaluate, steady=self._is_steady())
-            return Model(layout, spec, evaluate)
-        spec = _zivi.Model.compiled(native.native.address, data=native.address, owner=native)
-        return Model(layout, spec, evaluate)
+        parts = layout, self._mass, self._force, self._gaps, slips
+        return Model.native(layout, model_of_parts(*parts, steady=self._is_steady()))
 
     def _contact_laws(self) -> list[ContactLaw | None]:
         """Give the contact law of each gap, None of a rigid one."""

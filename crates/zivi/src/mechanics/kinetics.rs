@@ -265,7 +265,7 @@ impl Kinetics {
                 return Err(Failure::Status(Status::MassNotDefinite));
             }
             self.evaluation += 1;
-            self.is_constant = model.dynamics.linear().is_some();
+            self.is_constant = model.dynamics.has_constant_matrices();
         }
         let n = self.layout.n;
         self.free.copy_from_slice(&self.values[self.force..][..n]);

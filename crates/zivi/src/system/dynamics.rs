@@ -172,6 +172,12 @@ pub trait Dynamics<E> {
     fn linear(&self) -> Option<&Arc<LinearSystem>> {
         None
     }
+
+    /// Whether `M` and `N` never change, and no part of the gaps depends on velocities:
+    /// [`Self::evaluate_gaps`] needs no forces then.
+    fn has_constant_matrices(&self) -> bool {
+        self.linear().is_some()
+    }
 }
 
 /// A borrowed system, of a kind that is known only when the program runs (`dyn`), too.
@@ -206,6 +212,10 @@ impl<E, D: Dynamics<E> + ?Sized> Dynamics<E> for &mut D {
 
     fn linear(&self) -> Option<&Arc<LinearSystem>> {
         (**self).linear()
+    }
+
+    fn has_constant_matrices(&self) -> bool {
+        (**self).has_constant_matrices()
     }
 }
 

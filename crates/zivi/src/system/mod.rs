@@ -1,6 +1,7 @@
 //! What moves: the force on the mass, the motion of its wall, what an impact does.
 
 pub mod dynamics;
+pub mod flat_parts;
 pub mod force;
 pub mod impact_law;
 pub mod linear_dynamics;

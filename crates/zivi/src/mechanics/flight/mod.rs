@@ -662,12 +662,12 @@ impl<D> Flying<'_, '_, D> {
             excess = self.misfit();
         }
         if excess <= 1.0 && !self.motion.experience.is_enough(self.motion.last().h) {
-            for i in self.state.open_gaps() {
-                let end = &self.motion.last().end;
-                let falls = contact == Some(i) || end.xdot[self.state.layout().n + i] < 0.0;
-                if self.state.gap(i).1 > 0.0 && falls {
-                    excess = worse(excess, self.defect_at_apex(i)?);
-                }
+            let (n, end) = (self.state.layout().n, &self.motion.last().end);
+            let falls = |i: usize| contact == Some(i) || end.xdot[n + i] < 0.0;
+            let turns = |&i: &usize| self.state.gap(i).1 > 0.0 && falls(i);
+            let turning: Vec<usize> = self.state.open_gaps().filter(turns).collect();
+            if !turning.is_empty() {
+                excess = worse(excess, self.defect_at_apexes(&turning)?);
             }
         }
         if excess <= 1.0 {
@@ -694,8 +694,8 @@ impl<D> Flying<'_, '_, D> {
         each.fold(0.0, worse)
     }
 
-    /// How far the polynomials of the step are from the equation of motion where a gap is largest.
-    fn defect_at_apex<E>(&mut self, gap: usize) -> Result<f64, Failure<E>>
+    /// How far the polynomials of the step are from the equation of motion where gaps are largest.
+    fn defect_at_apexes<E>(&mut self, gaps: &[usize]) -> Result<f64, Failure<E>>
     where
         D: Dynamics<E>,
     {
@@ -703,8 +703,16 @@ impl<D> Flying<'_, '_, D> {
         let Layout { n, m, .. } = self.state.layout();
         let mut along = self.along();
         let rows = along.rows(n + m);
-        let theta = rows[n + gap][1].first_negative().unwrap_or(0.5);
-        along.defect(&rows, theta)
+        let (mut excess, mut apexes) = (0.0, Vec::new());
+        for gap in gaps {
+            let theta = rows[n + gap][1].first_negative().unwrap_or(0.5);
+            // gaps over one body are largest together
+            if !apexes.contains(&theta) {
+                excess = worse(excess, along.defect(&rows, theta)?);
+                apexes.push(theta);
+            }
+        }
+        Ok(excess)
     }
 }
 
