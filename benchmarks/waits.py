@@ -1,5 +1,7 @@
 """What users wait for, beside what they would use instead: `python benchmarks/waits.py`.
 
+With `--mechanisms` the rows of mechanical systems alone, without a page of results.
+
 Every row is a ratio of two times of the processor that were measured in turns in one run; below 1
 zivi is the faster one. SciPy's `solve_ivp` restarts at events and gets stuck at a Zeno point: it is
 compared where there is none. Rows of MuJoCo, Siconos and a C compiler need these.
@@ -304,6 +306,102 @@ def _orbits() -> list[Row]:
     ]
 
 
+def _mechanisms() -> list[Row]:
+    """Run mechanical systems of arrays and functions, short and with many gaps."""
+    floor, still = zivi.LinearGap([1.0], name="floor"), ([1.0], [0.0])
+    one = zivi.MechanicalSystem(mass=1.0, force=[-9.81], gaps=[floor], e=0.5)
+    linear = zivi.LinearSystem([[1.0]], None, [[1.0]], gaps=[floor], e=0.5)
+    rows = [
+        _short("a mechanical system of arrays", one, still),
+        _short("a `LinearSystem`", linear, still),
+    ]
+    for n in (1, 16):
+        rows.append(_short(f"a `Tree` of {n} bodies", _chain(n), (np.full(n, 0.3), np.zeros(n))))
+    rows += [_balls(n) for n in (8, 16, 32)]
+    idle = [zivi.LinearGap([1.0], 10.0 + i, name=f"idle{i}") for i in range(255)]
+    many = zivi.MechanicalSystem(mass=1.0, force=[-9.81], gaps=[floor, *idle], e=0.5)
+    rows.append(
+        Row(
+            "a ball with 255 gaps that stay open",
+            "`simulate`",
+            "the same without these gaps",
+            lambda: zivi.simulate(many, (0, 6), still),
+            lambda: zivi.simulate(one, (0, 6), still),
+            5,
+        )
+    )
+    driven = zivi.MechanicalSystem(
+        mass=1.0,
+        force=lambda t, q, qdot: -q - 0.1 * qdot + 0.6 * np.cos(0.9 * t) - 1.0,
+        gaps=[floor],
+        e=0.8,
+    )
+    mass = zivi.ImpactSystem(lambda t, x, v: -x - 0.1 * v + 0.6 * np.cos(0.9 * t) - 1.0, e=0.8)
+    rows.append(
+        Row(
+            "20 periods of an oscillator, a force in Python",
+            "`MechanicalSystem` with a `LinearGap`",
+            "`ImpactSystem`",
+            lambda: zivi.simulate(driven, (0, 140), still),
+            lambda: zivi.simulate(mass, (0, 140), (1, 0)),
+            5,
+        )
+    )
+    return rows
+
+
+def _short(what: str, system: zivi.MechanicalSystem, start: Any) -> Row:
+    return Row(
+        f"{what} over a microsecond, one call",
+        "`simulate`",
+        "`solve_ivp`, RK45, a function that returns its argument, one step",
+        lambda: zivi.simulate(system, (0, 1e-6), start),
+        lambda: scipy.integrate.solve_ivp(lambda t, y: y, (0, 1e-9), (1.0, 1.0)),
+        50,
+    )
+
+
+def _chain(n: int) -> zivi.Tree:
+    """Return a chain of n links above a floor."""
+    links = [
+        zivi.mechanics.Body(
+            f"link{i}",
+            parent=f"link{i - 1}" if i else None,
+            axis=[0, 1, 0],
+            position=[0, 0, -1 if i else 0],
+            mass=1.0,
+            com=[0, 0, -0.5],
+            inertia=0.1,
+        )
+        for i in range(n)
+    ]
+    end = zivi.mechanics.PlaneGap(f"link{n - 1}", point=[0, 0, -1], offset=-10.0 * n, name="floor")
+    return zivi.Tree(links, gaps=[end], e=0.5)
+
+
+def _balls(n: int) -> Row:
+    """Drop n balls beside each other, as arrays and from their energies."""
+    names = [f"x{i}" for i in range(n)]
+    gaps = [zivi.LinearGap(row, name=name) for row, name in zip(np.eye(n), names, strict=True)]
+    arrays = zivi.MechanicalSystem(mass=np.eye(n), force=np.full(n, -9.81), gaps=gaps, e=0.5)
+    energies = zivi.symbolic.system(
+        " ".join(names),
+        T="+".join(f"{x}dot**2/2" for x in names),
+        V="+".join(f"9.81*{x}" for x in names),
+        gaps={name: name for name in names},
+        e=0.5,
+    )
+    start = (1 + 0.1 * np.arange(n) / n, np.zeros(n))
+    return Row(
+        f"{n} balls beside each other, 6 s",
+        "`MechanicalSystem` of arrays",
+        "`zivi.symbolic.system`, compiled",
+        lambda: zivi.simulate(arrays, (0, 6), start),
+        lambda: zivi.simulate(energies, (0, 6), start),
+        1,
+    )
+
+
 def _loop() -> Row:
     """Close a loop, and do the same by hand."""
     plant = zivi.ImpactSystem(-9.81, e=1 / 3)
@@ -447,21 +545,30 @@ def write() -> str:
     with tempfile.TemporaryDirectory() as directory:
         rows = [*_calls(), _fall(), _pendulum(), _mujoco(), _siconos(), _by_hand(Path(directory))]
         rows += [_drawn(read=False), _drawn(read=True), *_orbits(), _diagram()]
-        rows += [_loop(), _avi()]
+        rows += [_loop(), _avi(), *_mechanisms()]
         rows += [_import("numpy"), _import("scipy.integrate"), _help()]
         return _written([row for row in rows if row is not None])
 
 
 def _written(rows: list[Row]) -> str:
-    text = HEAD
+    text = HEAD + _told(rows)
+    PAGE.write_text(text)
+    return text
+
+
+def _told(rows: list[Row]) -> str:
+    """Measure rows, print them, and return them as those of a table."""
+    text = ""
     for row in rows:
         ours, theirs, ratio = measured(row)
         line = f"| {row.what} | {row.ours} | {row.theirs} "
         text += f"{line}| {ours:.3g} | {theirs:.3g} | {ratio:.2g} |\n"
         print(f"{row.what}: {ours:.3g} ms, {theirs:.3g} ms, {ratio:.2g}", flush=True)
-    PAGE.write_text(text)
     return text
 
 
 if __name__ == "__main__":
-    write()
+    if "--mechanisms" in sys.argv:
+        _told(_mechanisms())
+    else:
+        write()

@@ -131,7 +131,7 @@ impl<D: Dynamics<PyErr>> Dynamics<PyErr> for Rubbing<'_, D> {
     }
 
     fn has_constant_matrices(&self) -> bool {
-        self.dynamics.has_constant_matrices()
+        self.dynamics.has_constant_matrices() && self.friction().compliant.is_empty()
     }
 }
 

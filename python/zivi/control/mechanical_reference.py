@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -569,7 +569,7 @@ class Decoupled(MechanicalSystem):
 
         return Model(layout, _zivi.Model.callable(evaluate), evaluate)
 
-    def partials(self, model: Model) -> Partials:
+    def partials(self, model: Model, wanted: Collection[str] | None = None) -> Partials:
         """Give no derivatives."""
         return Partials()
 

@@ -260,7 +260,8 @@ class _Problem:
     def __setstate__(self, state: dict[str, Any]) -> None:
         system: MechanicalSystem = state["system"]
         model: Model = system.model(len(state["state"][0]))
-        self.__dict__.update(state, model=model, partials=system.partials(model))
+        wanted = [column.name for column in state["columns"]]
+        self.__dict__.update(state, model=model, partials=system.partials(model, wanted))
 
     @functools.cached_property
     def sizes(self) -> Array:
@@ -401,7 +402,7 @@ def differentiate_mechanical(
     state = state_of(y0, system._n)
     model: Model = system.model(len(state[0]))
     check_start(system, model, span, *state)
-    partials = system.partials(model)
+    partials = system.partials(model, wrt)
     columns = _read_columns(system, model, partials, span, state, wrt)
     problem = _Problem(system, model, partials, span, state, columns, method, errsens, stops)
     return problem.solve(dense, progress)

@@ -236,11 +236,21 @@ def _computed(one: Callable[[int, Any], Kept], count: int, threads: int, report:
         if stopped.is_set():
             raise KeyboardInterrupt
 
+    # several runs a task: handing over a task takes as long as a short run
+    size = min(max(count // (64 * threads), 1), 64)
+
+    def some(first: int) -> list[Kept]:
+        kept = []
+        for number in range(first, min(first + size, count)):
+            go_on()
+            kept.append(one(number, go_on))
+        return kept
+
     # a hundredth of a second that others need not wait for
     from concurrent.futures import FIRST_EXCEPTION, ThreadPoolExecutor, wait
 
     with ThreadPoolExecutor(threads) as pool:
-        futures = [pool.submit(one, number, go_on) for number in range(count)]
+        futures = [pool.submit(some, first) for first in range(0, count, size)]
         left = set(futures)
         try:
             while left:
@@ -248,12 +258,12 @@ def _computed(one: Callable[[int, Any], Kept], count: int, threads: int, report:
                 for future in done:
                     future.result()
                 if report is not None:
-                    report(count - len(left), count)
+                    report(max(count - len(left) * size, 0), count)
         except BaseException:
             stopped.set()  # those under way end at their next report
             pool.shutdown(wait=False, cancel_futures=True)
             raise
-    return [future.result() for future in futures]
+    return [kept for future in futures for kept in future.result()]
 
 
 def _systems(systems: Any) -> list[MechanicalSystem]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import ctypes
 import dataclasses
 import numbers
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -676,8 +676,16 @@ class MechanicalSystem:
             return every_coordinate(len(there))
         return self._controls.known(there)
 
-    def partials(self, model: Model) -> Partials:
-        """Give what the extension takes for the partial derivatives of a model."""
+    def partials(self, model: Model, wanted: Collection[str] | None = None) -> Partials:
+        """Return what the extension takes for the partial derivatives of a model.
+
+        Parameters
+        ----------
+        model : Model
+            The model.
+        wanted : collection of str, optional
+            The parameters whose derivatives are used; by default all.
+        """
         return Partials()
 
     @hinted("at")

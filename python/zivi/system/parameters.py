@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from typing import Any, cast
 
 import zivi._zivi as _zivi
@@ -140,7 +140,7 @@ class ParametricSystem(MechanicalSystem):
     def _new_model(self, n: int) -> Model:
         return self._built.model(n)
 
-    def partials(self, model: Model) -> Partials:
+    def partials(self, model: Model, wanted: Collection[str] | None = None) -> Partials:
         """Give the systems with moved parameters.
 
         Raises

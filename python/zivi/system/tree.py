@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-from collections.abc import Iterator, Mapping, MutableMapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, MutableMapping, Sequence
 from os import PathLike
 from typing import Any
 
@@ -171,10 +171,14 @@ class Structure:
         rows += [np.array(rubbing.numbers(values)) for rubbing in self.rubbings]
         return np.concatenate(rows)
 
-    def directions(self, values: Mapping[str, float]) -> Array:
-        """Give the derivatives of the numbers by each value, to rounding, by complex steps."""
-        tiny = 1e-40
-        rows = [self.numbers({**values, name: values[name] + 1j * tiny}) for name in values]
+    def directions(self, values: Mapping[str, float], names: Sequence[str] | None = None) -> Array:
+        """Return the derivatives of the numbers with respect to named values, by default all.
+
+        They are complex steps, exact to rounding.
+        """
+        tiny, plain = 1e-40, dict(values)
+        named = plain if names is None else names
+        rows = [self.numbers(plain | {name: plain[name] + 1j * tiny}) for name in named]
         return np.imag(np.array(rows)) / tiny
 
     def _frames(
@@ -637,10 +641,13 @@ class Tree(MechanicalSystem):
         numbers = structure.numbers(self._parameters)
         return _zivi.Tree(structure.joints(), sides, friction, numbers)
 
-    def partials(self, model: Model) -> Partials:
-        """Give how the parameters move the numbers of the tree."""
-        directions = self._structure.directions(self._parameters)
-        return Partials(_zivi.Partials.tree(directions.tolist()), dict(self._parameters))
+    def partials(self, model: Model, wanted: Collection[str] | None = None) -> Partials:
+        """Return how the parameters that are wanted move the numbers of the tree."""
+        values, used = self._parameters, self._parameters if wanted is None else wanted
+        names = [name for name in values if name in used]
+        rows = dict(zip(names, self._structure.directions(values, names).tolist(), strict=True))
+        directions = [rows.get(name, []) for name in values]
+        return Partials(_zivi.Partials.tree(directions), dict(values))
 
     def __repr__(self) -> str:
         told = f"joints=({', '.join(self._coordinates or ())}), gaps=({', '.join(self._gap_names)})"

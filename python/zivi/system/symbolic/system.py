@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-from collections.abc import Iterator, Mapping, MutableMapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, MutableMapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -332,7 +332,7 @@ class SymbolicSystem(MechanicalSystem):
             self._last_told = last = *now, repr(self), dict(self._parameters)
         return last[2:]
 
-    def partials(self, model: Model) -> Partials:
+    def partials(self, model: Model, wanted: Collection[str] | None = None) -> Partials:
         """Give the function of the derivatives, compiled when it is first asked for.
 
         Raises
