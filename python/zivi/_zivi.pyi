@@ -46,6 +46,7 @@ __all__ = [
     "Nearest",
     "Observer",
     "Occurrences",
+    "Part",
     "Partials",
     "PeriodicImpulses",
     "PointMass",
