@@ -230,6 +230,16 @@ def test_the_numbers_move_with_the_parameters():
         np.testing.assert_allclose(row, exact, rtol=0, atol=1e-13, err_msg=name)
 
 
+def test_a_derivative_needs_no_others():
+    tree = zivi.Tree(spatial(), gaps=GAPS)
+    values, structure, start = dict(tree.parameters), tree._structure, (np.full(tree._n, 0.2),) * 2
+    names = list(values)[3::7]
+    every = structure.directions(values)
+    assert np.array_equal(structure.directions(values, names), every[3::7])
+    few, one = (zivi.sensitivity(tree, (0, 0.1), start, wrt=it) for it in (names, names[1:2]))
+    np.testing.assert_allclose(one.final[..., 0], few.final[..., 1], rtol=0, atol=1e-9)
+
+
 def test_derivatives_of_a_run_are_its_differences():
     tree, start = arm(), ([0.2, 0.3], [0.0, 0.1])
     wrt = ["q0", "qdot0", "upper.mass", "fore.com.x", "fore.position.x", "fore.inertia.yy"]
