@@ -43,7 +43,7 @@ enum Kind {
     /// Bodies and joints.
     Tree(Arc<tree::Tree>),
     /// Constants, flat gaps, and functions for the rest.
-    Parts(Arc<Parts>),
+    Parts(Arc<SystemParts>),
     /// A function, and whether it gives constants.
     Callable(Py<PyAny>, bool),
 }
@@ -90,7 +90,7 @@ impl Model {
         gaps: Vec<(usize, Vec<f64>, f64, Option<Py<Wall>>)>,
         belts: Vec<(usize, Py<Wall>)>,
         without_static: Vec<usize>,
-        functions: Vec<Py<Part>>,
+        functions: Vec<Py<PyPart>>,
         steady: bool,
         constant: bool,
         owner: Py<PyAny>,
@@ -112,7 +112,7 @@ impl Model {
             .and_then(|(gaps, belts)| FlatParts::new(layout, row, gaps, belts, without_static));
         let flat = flat.ok_or_else(|| PyValueError::new_err("the parts do not fit together"))?;
         let flat = if constant { flat.with_constant_matrices() } else { flat };
-        let parts = Parts { flat, functions, steady, owner };
+        let parts = SystemParts { flat, functions, steady, owner };
         Ok(Self { kind: Kind::Parts(Arc::new(parts)) })
     }
 
@@ -201,14 +201,14 @@ impl Model {
 // Systems of parts: what no function gives is computed here.
 
 /// A function that gives some numbers of an evaluation: those from a place on.
-#[pyclass(frozen, module = "zivi._zivi")]
-pub(crate) struct Part {
+#[pyclass(name = "Part", frozen, module = "zivi._zivi")]
+pub(crate) struct PyPart {
     start: usize,
     length: usize,
-    by: By,
+    by: PartKind,
 }
 
-enum By {
+enum PartKind {
     /// A compiled function.
     Compiled(CompiledFunction),
     /// A compiled function that is called with the values of a table, too.
@@ -223,17 +223,17 @@ enum By {
 }
 
 #[pymethods]
-impl Part {
+impl PyPart {
     #[staticmethod]
     #[pyo3(signature = (start, length, address, data=None))]
     fn compiled(start: usize, length: usize, address: usize, data: Option<usize>) -> Self {
         let function = CompiledFunction { address, data, returns_int: false };
-        Self { start, length, by: By::Compiled(function) }
+        Self { start, length, by: PartKind::Compiled(function) }
     }
 
     #[staticmethod]
     fn driven(start: usize, length: usize, address: usize, table: Py<PyTimeTable>) -> Self {
-        Self { start, length, by: By::Driven(address, table.get().inner.clone()) }
+        Self { start, length, by: PartKind::Driven(address, table.get().inner.clone()) }
     }
 
     #[staticmethod]
@@ -246,24 +246,28 @@ impl Part {
         read: Py<PyAny>,
     ) -> Self {
         let (length, dimensions) = (shape.iter().product(), shape.len());
-        Self { start, length, by: By::Python { function, takes_velocities, read, dimensions } }
+        Self {
+            start,
+            length,
+            by: PartKind::Python { function, takes_velocities, read, dimensions },
+        }
     }
 
     #[staticmethod]
     fn wall(gap: usize, motion: Py<PyAny>) -> Self {
-        Self { start: 0, length: 0, by: By::Wall { gap, motion } }
+        Self { start: 0, length: 0, by: PartKind::Wall { gap, motion } }
     }
 
     #[staticmethod]
     fn of_speed(channel: usize, function: Py<PyAny>, read: Py<PyAny>) -> Self {
-        Self { start: 0, length: 0, by: By::OfSpeed { channel, function, read } }
+        Self { start: 0, length: 0, by: PartKind::OfSpeed { channel, function, read } }
     }
 
     fn __traverse__(&self, visit: PyVisit<'_>) -> Result<(), PyTraverseError> {
         match &self.by {
-            By::Compiled(_) | By::Driven(..) => Ok(()),
-            By::Wall { motion, .. } => visit.call(motion),
-            By::Python { function, read, .. } | By::OfSpeed { function, read, .. } => {
+            PartKind::Compiled(_) | PartKind::Driven(..) => Ok(()),
+            PartKind::Wall { motion, .. } => visit.call(motion),
+            PartKind::Python { function, read, .. } | PartKind::OfSpeed { function, read, .. } => {
                 visit.call(function)?;
                 visit.call(read)
             }
@@ -274,27 +278,27 @@ impl Part {
 /// `void (double t, double *q, double *qdot, double *u, double *out)`.
 type FillDriven = unsafe extern "C" fn(f64, *const f64, *const f64, *const f64, *mut f64);
 
-impl Part {
+impl PyPart {
     fn fits(&self, layout: Layout) -> bool {
         match &self.by {
-            By::Wall { gap, .. } => *gap < layout.m,
-            By::OfSpeed { channel, .. } => *channel < layout.p,
+            PartKind::Wall { gap, .. } => *gap < layout.m,
+            PartKind::OfSpeed { channel, .. } => *channel < layout.p,
             _ => self.start.checked_add(self.length).is_some_and(|end| end <= layout.len()),
         }
     }
 
     fn is_native(&self) -> bool {
-        matches!(self.by, By::Compiled(_) | By::Driven(..))
+        matches!(self.by, PartKind::Compiled(_) | PartKind::Driven(..))
     }
 
     /// Fills in its numbers where it is compiled.
     fn fill(&self, t: f64, q: &[f64], w: &[f64], out: &mut [f64]) {
         let to = &mut out[self.start..][..self.length];
         match &self.by {
-            By::Compiled(function) => {
+            PartKind::Compiled(function) => {
                 function.call(t, q, w, to);
             }
-            By::Driven(address, table) => {
+            PartKind::Driven(address, table) => {
                 let mut u = vec![0.0; table.width()];
                 table.values(t, &mut u);
                 // SAFETY: the Python layer passes a function with this signature, which the owner
@@ -304,16 +308,16 @@ impl Part {
                     function(t, q.as_ptr(), w.as_ptr(), u.as_ptr(), to.as_mut_ptr());
                 }
             }
-            By::Python { .. } | By::Wall { .. } | By::OfSpeed { .. } => (),
+            PartKind::Python { .. } | PartKind::Wall { .. } | PartKind::OfSpeed { .. } => (),
         }
     }
 }
 
 /// A system of parts.
-struct Parts {
+struct SystemParts {
     flat: FlatParts,
     /// In the order of their calls.
-    functions: Vec<Py<Part>>,
+    functions: Vec<Py<PyPart>>,
     steady: bool,
     /// What owns compiled code.
     owner: Py<PyAny>,
@@ -321,7 +325,7 @@ struct Parts {
 
 /// Which numbers of an evaluation are written.
 #[derive(Clone, Copy, PartialEq)]
-enum Scope {
+enum EvaluationScope {
     All,
     /// Those that may differ from the last evaluation.
     Varying,
@@ -329,29 +333,29 @@ enum Scope {
     Gaps,
 }
 
-impl Parts {
+impl SystemParts {
     fn needs_interpreter(&self) -> bool {
         !self.functions.iter().all(|it| it.get().is_native())
     }
 
     /// Writes what needs no function.
-    fn write(&self, scope: Scope, t: f64, q: &[f64], out: &mut [f64]) {
+    fn write(&self, scope: EvaluationScope, t: f64, q: &[f64], out: &mut [f64]) {
         match scope {
-            Scope::All => self.flat.write(t, q, out),
-            Scope::Varying => self.flat.write_again(t, q, out),
-            Scope::Gaps => self.flat.write_gaps(t, q, out),
+            EvaluationScope::All => self.flat.write(t, q, out),
+            EvaluationScope::Varying => self.flat.write_again(t, q, out),
+            EvaluationScope::Gaps => self.flat.write_gaps(t, q, out),
         }
     }
 
     /// Whether a function is called for these numbers.
-    fn is_called(&self, part: &Part, scope: Scope) -> bool {
-        scope != Scope::Gaps
-            || matches!(part.by, By::Wall { .. })
+    fn is_called(&self, part: &PyPart, scope: EvaluationScope) -> bool {
+        scope != EvaluationScope::Gaps
+            || matches!(part.by, PartKind::Wall { .. })
             || part.start >= self.flat.layout().gap().start
     }
 
     /// Evaluates a system of compiled functions.
-    fn evaluate(&self, scope: Scope, t: f64, q: &[f64], w: &[f64], out: &mut [f64]) {
+    fn evaluate(&self, scope: EvaluationScope, t: f64, q: &[f64], w: &[f64], out: &mut [f64]) {
         self.write(scope, t, q, out);
         for part in self.functions.iter().map(Py::get).filter(|it| self.is_called(it, scope)) {
             part.fill(t, q, w, out);
@@ -361,12 +365,12 @@ impl Parts {
 }
 
 /// What a run calls for a part, if that is a function of the interpreter.
-fn callable_of<'py>(py: Python<'py>, part: &Py<Part>) -> Option<Function<'py>> {
+fn callable_of<'py>(py: Python<'py>, part: &Py<PyPart>) -> Option<Function<'py>> {
     match &part.get().by {
-        By::Compiled(_) | By::Driven(..) => None,
-        By::Wall { motion: it, .. }
-        | By::Python { function: it, .. }
-        | By::OfSpeed { function: it, .. } => Some(Function::new(it.bind(py).clone())),
+        PartKind::Compiled(_) | PartKind::Driven(..) => None,
+        PartKind::Wall { motion: it, .. }
+        | PartKind::Python { function: it, .. }
+        | PartKind::OfSpeed { function: it, .. } => Some(Function::new(it.bind(py).clone())),
     }
 }
 
@@ -482,11 +486,11 @@ impl<'py> AnyDynamics<'py> {
             }
             Kind::Parts(parts) => {
                 let functions = parts.functions.iter().map(|it| callable_of(py, it)).collect();
-                let source = Evaluated::Parts(parts.clone(), functions);
+                let source = PythonSource::Parts(parts.clone(), functions);
                 Self::Callable(PythonDynamics::new(py, layout, source, parts.steady))
             }
             Kind::Callable(callable, steady) => {
-                let source = Evaluated::Row(callable.bind(py).clone());
+                let source = PythonSource::Row(callable.bind(py).clone());
                 Self::Callable(PythonDynamics::new(py, layout, source, *steady))
             }
         }
@@ -557,7 +561,7 @@ enum Source {
     Function(CompiledFunction),
     Linear(LinearDynamics),
     Tree(TreeDynamics),
-    Parts(Arc<Parts>),
+    Parts(Arc<SystemParts>),
 }
 
 impl CompiledDynamics {
@@ -577,8 +581,8 @@ impl CompiledDynamics {
 
 /// Evaluates a part of the numbers of a system of compiled parts.
 fn evaluate_compiled(
-    (parts, raised): (&Parts, &mut Raised),
-    scope: Scope,
+    (parts, raised): (&SystemParts, &mut Raised),
+    scope: EvaluationScope,
     (t, q, w): (f64, &[f64], &[f64]),
     out: &mut [f64],
 ) -> PyResult<()> {
@@ -607,7 +611,7 @@ impl Dynamics<PyErr> for CompiledDynamics {
             Source::Tree(tree) => return tree.evaluate(t, q, w, out),
             Source::Parts(parts) => {
                 let here = (&**parts, &mut self.raised);
-                return evaluate_compiled(here, Scope::All, (t, q, w), out);
+                return evaluate_compiled(here, EvaluationScope::All, (t, q, w), out);
             }
         };
         let code = function.call(t, q, w, out);
@@ -623,7 +627,7 @@ impl Dynamics<PyErr> for CompiledDynamics {
             Source::Linear(linear) => linear.evaluate_again(t, q, w, out),
             Source::Parts(parts) => {
                 let here = (&**parts, &mut self.raised);
-                evaluate_compiled(here, Scope::Varying, (t, q, w), out)
+                evaluate_compiled(here, EvaluationScope::Varying, (t, q, w), out)
             }
         }
     }
@@ -634,7 +638,7 @@ impl Dynamics<PyErr> for CompiledDynamics {
             Source::Linear(linear) => linear.evaluate_gaps(t, q, w, out),
             Source::Parts(parts) => {
                 let here = (&**parts, &mut self.raised);
-                evaluate_compiled(here, Scope::Gaps, (t, q, w), out)
+                evaluate_compiled(here, EvaluationScope::Gaps, (t, q, w), out)
             }
         }
     }
@@ -662,7 +666,7 @@ impl Dynamics<PyErr> for CompiledDynamics {
 /// A system that calls the interpreter, whose lock is held for the whole run.
 pub(crate) struct PythonDynamics<'py> {
     layout: Layout,
-    source: Evaluated<'py>,
+    source: PythonSource<'py>,
     steady: bool,
     /// What functions are called with.
     q: Bound<'py, PyArray1<f64>>,
@@ -670,15 +674,15 @@ pub(crate) struct PythonDynamics<'py> {
     raised: Raised,
 }
 
-enum Evaluated<'py> {
+enum PythonSource<'py> {
     /// A function that gives all numbers.
     Row(Bound<'py, PyAny>),
     /// Parts, and by part its function of the interpreter.
-    Parts(Arc<Parts>, Vec<Option<Function<'py>>>),
+    Parts(Arc<SystemParts>, Vec<Option<Function<'py>>>),
 }
 
 impl<'py> PythonDynamics<'py> {
-    fn new(py: Python<'py>, layout: Layout, source: Evaluated<'py>, steady: bool) -> Self {
+    fn new(py: Python<'py>, layout: Layout, source: PythonSource<'py>, steady: bool) -> Self {
         let [q, w] = [(); 2].map(|()| PyArray1::zeros(py, layout.n, false));
         Self { layout, source, steady, q, w, raised: Raised::now() }
     }
@@ -686,12 +690,12 @@ impl<'py> PythonDynamics<'py> {
     /// Calls the functions of the parts, and writes the rest.
     fn evaluate_parts(
         &mut self,
-        scope: Scope,
+        scope: EvaluationScope,
         (t, q, w): (f64, &[f64], &[f64]),
         out: &mut [f64],
     ) -> PyResult<()> {
         let Self { layout, source, q: coordinates, w: velocities, raised, .. } = self;
-        let Evaluated::Parts(parts, functions) = source else { return Ok(()) };
+        let PythonSource::Parts(parts, functions) = source else { return Ok(()) };
         parts.write(scope, t, q, out);
         let time = PyFloat::new(coordinates.py(), t);
         for (part, function) in parts.functions.iter().map(Py::get).zip(functions) {
@@ -706,7 +710,7 @@ impl<'py> PythonDynamics<'py> {
                 continue;
             };
             match &part.by {
-                By::Python { takes_velocities, read, dimensions, .. } => {
+                PartKind::Python { takes_velocities, read, dimensions, .. } => {
                     hand(coordinates, q)?;
                     let third: Option<&Bound<'py, PyAny>> = match takes_velocities {
                         true => {
@@ -718,13 +722,13 @@ impl<'py> PythonDynamics<'py> {
                     let value = function.call(&time, coordinates, third)?;
                     read_into(&value, *dimensions, read, &mut out[part.start..][..part.length])?;
                 }
-                By::Wall { gap, .. } => {
+                PartKind::Wall { gap, .. } => {
                     let motion: [f64; 3] = function.call_with_one(&time)?.extract()?;
                     out[layout.gap().start + gap] -= motion[0];
                     out[layout.curvature().start + gap] = -motion[2];
                     out[layout.rate().start + gap] = -motion[1];
                 }
-                By::OfSpeed { channel, read, .. } => {
+                PartKind::OfSpeed { channel, read, .. } => {
                     let row = &out[layout.gradient()][(layout.m + channel) * layout.n..];
                     let along: f64 = row.iter().zip(w).map(|(b, w)| b * w).sum();
                     let slip = along + out[layout.rate().start + layout.m + channel];
@@ -733,7 +737,7 @@ impl<'py> PythonDynamics<'py> {
                     let to = layout.limit().start + channel;
                     read_into(&value, 0, read, &mut out[to..=to])?;
                 }
-                By::Compiled(_) | By::Driven(..) => (),
+                PartKind::Compiled(_) | PartKind::Driven(..) => (),
             }
             crate::leaving::look()?;
         }
@@ -743,7 +747,7 @@ impl<'py> PythonDynamics<'py> {
 
     /// The numbers of a function that gives all of them.
     fn evaluate_row(&mut self, (t, q, w): (f64, &[f64], &[f64]), out: &mut [f64]) -> PyResult<()> {
-        let Evaluated::Row(callable) = &self.source else { return Ok(()) };
+        let PythonSource::Row(callable) = &self.source else { return Ok(()) };
         hand(&mut self.q, q)?;
         hand(&mut self.w, w)?;
         let value = callable.call1((t, &self.q, &self.w))?;
@@ -767,13 +771,13 @@ impl<'py> PythonDynamics<'py> {
 
     fn evaluate_in(
         &mut self,
-        scope: Scope,
+        scope: EvaluationScope,
         at: (f64, &[f64], &[f64]),
         out: &mut [f64],
     ) -> PyResult<()> {
         match self.source {
-            Evaluated::Row(_) => self.evaluate_row(at, out),
-            Evaluated::Parts(..) => self.evaluate_parts(scope, at, out),
+            PythonSource::Row(_) => self.evaluate_row(at, out),
+            PythonSource::Parts(..) => self.evaluate_parts(scope, at, out),
         }
     }
 }
@@ -784,15 +788,15 @@ impl Dynamics<PyErr> for PythonDynamics<'_> {
     }
 
     fn evaluate(&mut self, t: f64, q: &[f64], w: &[f64], out: &mut [f64]) -> PyResult<()> {
-        self.evaluate_in(Scope::All, (t, q, w), out)
+        self.evaluate_in(EvaluationScope::All, (t, q, w), out)
     }
 
     fn evaluate_again(&mut self, t: f64, q: &[f64], w: &[f64], out: &mut [f64]) -> PyResult<()> {
-        self.evaluate_in(Scope::Varying, (t, q, w), out)
+        self.evaluate_in(EvaluationScope::Varying, (t, q, w), out)
     }
 
     fn evaluate_gaps(&mut self, t: f64, q: &[f64], w: &[f64], out: &mut [f64]) -> PyResult<()> {
-        self.evaluate_in(Scope::Gaps, (t, q, w), out)
+        self.evaluate_in(EvaluationScope::Gaps, (t, q, w), out)
     }
 
     fn is_steady(&self) -> bool {
@@ -801,8 +805,8 @@ impl Dynamics<PyErr> for PythonDynamics<'_> {
 
     fn has_constant_matrices(&self) -> bool {
         match &self.source {
-            Evaluated::Row(_) => false,
-            Evaluated::Parts(parts, _) => parts.flat.has_constant_matrices(),
+            PythonSource::Row(_) => false,
+            PythonSource::Parts(parts, _) => parts.flat.has_constant_matrices(),
         }
     }
 }

@@ -100,7 +100,7 @@ fn _zivi(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(mechanical_loop::simulate_mechanical_loop, module)?)?;
     module.add_class::<motion::PyMechanicalPath>()?;
     module.add_class::<dynamics::Model>()?;
-    module.add_class::<dynamics::Part>()?;
+    module.add_class::<dynamics::PyPart>()?;
     module.add_class::<dynamics::CompiledFunction>()?;
     module.add_class::<mechanics::PeriodicImpulses>()?;
     module.add_class::<partials::Partials>()?;

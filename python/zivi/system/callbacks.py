@@ -70,7 +70,7 @@ def driven(force: Any, inputs: Any) -> Part:
 
 
 @dataclasses.dataclass
-class Places:
+class PartPlaces:
     """The row of an evaluation: constants in their places, functions for the others.
 
     Parameters
@@ -171,7 +171,7 @@ def model_of_parts(
     ValueError, TypeError
         If a constant has another shape; the error names the part.
     """
-    places = Places(layout)
+    places = PartPlaces(layout)
     places.add("mass", mass, places.views["mass"], 2)
     places.add("force", force, places.views["force"], 3)
     added = [_add_gap(places, i, gap) for i, gap in enumerate(gaps)]
@@ -198,7 +198,7 @@ FlatGap: TypeAlias = "tuple[int, list[float], float, _zivi.Wall | None]"
 """Number, normal, offset and moving wall of a flat gap."""
 
 
-def _add_gap(places: Places, i: int, gap: Gap) -> FlatGap | None:
+def _add_gap(places: PartPlaces, i: int, gap: Gap) -> FlatGap | None:
     """Add a gap; return the parts of a flat one."""
     views, called = places.views, f"of gap {gap.name!r}" if gap.name else f"of gap {i}"
     value, gradient, curvature, rate = gap._parts()
@@ -216,7 +216,7 @@ def _add_gap(places: Places, i: int, gap: Gap) -> FlatGap | None:
     return None
 
 
-def _add_channel(places: Places, c: int, channel: Channel, slip: Slip) -> None:
+def _add_channel(places: PartPlaces, c: int, channel: Channel, slip: Slip) -> None:
     """Add the parts of a channel of friction."""
     own, row, held, most, k = (
         places.views[name][c : c + 1]
