@@ -47,7 +47,7 @@ def by_hand(count: int) -> list[float]:
         weights = np.linalg.solve(vectors, (y - steady).astype(complex))
 
         def state(s: float, weights: np.ndarray = weights) -> np.ndarray:
-            moved = (vectors @ (weights * np.exp(values * s))).real
+            moved = np.real(vectors @ (weights * np.exp(values * s)))
             return np.asarray(moved + steady + np.array([omega * s, 0.0, 0.0]))
 
         grid = np.linspace(0, 1, 20001)[1:]

@@ -60,7 +60,8 @@ FORCE_ALLOWED = (
 METHODS = 'one of "SwitchedRK", "ThetaGamma", "MoreauJean", "ExplicitEuler"'
 E = (
     "a finite number >= 0 and <= 1, "
-    'or a table with law = one of "NewtonImpact", "SpeedDependentImpact"'
+    'or a table with law = one of "NewtonImpact", "SpeedDependentImpact", '
+    '"RestitutionTable"'
 )
 PAIR = "a list of two finite numbers, [x >= 0, xdot]"
 

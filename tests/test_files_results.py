@@ -194,11 +194,11 @@ def test_files_of_older_versions_say_what_they_lack(name, tmp_path):
 @pytest.mark.parametrize(
     ("change", "match"),
     [
-        (lambda it: it["motion"].__setitem__(0, 7.0), "format 7, this zivi reads"),
+        (lambda it: it["motion"].__setitem__(0, 8.0), "format 8, this zivi reads"),
         (lambda it: it["motion"].__setitem__(slice(None), 9.0), "format 9"),
         (lambda it: it.isel(motion_number=slice(0, -1)), "the stored motion is damaged"),
         (lambda it: it.isel(motion_number=slice(0, 0)), "the stored motion is damaged"),
-        (lambda it: it.attrs.update(format=7), "has format 7, this zivi reads 6: a newer wrote it"),
+        (lambda it: it.attrs.update(format=8), "has format 8, this zivi reads 7: a newer wrote it"),
         (lambda it: it.attrs.update(format="four"), "holds no run of zivi"),
         (lambda it: it.attrs.update(path="Bow"), "lacks 'Bow'"),
         (lambda it: it.attrs.update(config="{"), "holds no run of zivi"),

@@ -104,7 +104,11 @@ def test_other_members_of_the_family(theta, gamma):
     [
         ({"solver": "path"}, ValueError, "solver must be one of exact, newton, outer"),
         ({"solver": "outer", "linearisations": 0}, ValueError, "linearisations must be from 1"),
-        ({"solver": "outer", "linearisations": 2.5}, TypeError, "linearisations must be an int"),
+        (
+            {"solver": "outer", "linearisations": 2.5},
+            TypeError,
+            "linearisations must be a whole number",
+        ),
     ],
 )
 def test_settings_are_checked(settings, error, words):

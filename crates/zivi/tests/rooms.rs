@@ -17,7 +17,17 @@ const ROOMS: [(&str, &[&str]); 10] = [
     ("method", &["numeric", "record", "system", "stepping", "switched", "mechanics"]),
     (
         "drive",
-        &["numeric", "record", "system", "zeno", "stepping", "switched", "mechanics", "method"],
+        &[
+            "numeric",
+            "record",
+            "system",
+            "zeno",
+            "piecewise",
+            "stepping",
+            "switched",
+            "mechanics",
+            "method",
+        ],
     ),
 ];
 
