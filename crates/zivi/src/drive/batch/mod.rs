@@ -103,9 +103,10 @@ pub enum BatchError<E> {
 /// use zivi::drive::batch::{simulate_batch, Task, Member, Save};
 /// use zivi::{ConstantForce, FixedSteps, Physical, Restitution, Silent, ThetaGamma};
 ///
-/// let law = Restitution::from_kappa(0.41)?.into();
+/// let law = Restitution::from_kappa(0.41)?;
+/// let force = ConstantForce(-9.81);
 /// let initial = |x| Physical { x, xdot: 6.0 };
-/// let ball = |x| Member { law, force: ConstantForce(-9.81), initial: initial(x), tstops: &[], kicks: &[] };
+/// let ball = |x| Member { law: law.into(), force, initial: initial(x), tstops: &[], kicks: &[] };
 /// let balls: Vec<_> = (0..100).map(|i| ball(0.01 * f64::from(i))).collect();
 /// let method = FixedSteps { h: 1e-3, scheme: ThetaGamma::implicit_euler() }.into();
 /// let task = Task { method, span: (0.0, 4.0), slowest: 1e-3 };
