@@ -574,8 +574,8 @@ class Hertz:
 
     Notes
     -----
-    The force is not smooth where the contact begins, so that steps there are short: some 200
-    evaluations a contact at the tolerance 1e-6, 700 at 1e-12.
+    The force is not smooth where the contact begins, so that steps there are short: a contact takes
+    two to three times the evaluations of that with a spring.
 
     Examples
     --------

@@ -6,7 +6,9 @@ use crate::mechanics::contact_problem::problem;
 use crate::mechanics::friction::Collision;
 use crate::mechanics::kinetics::{Kinetics, Model};
 use crate::mechanics::lcp;
-use crate::mechanics::recording::{check_friction, check_sizes, MechanicalRun, MechanicalSamples};
+use crate::mechanics::recording::{
+    check_friction, check_rigid, check_sizes, MechanicalRun, MechanicalSamples,
+};
 use crate::numeric::dense::axpy;
 use crate::record::columns::Reserve;
 use crate::record::events::{EventLog, Occurrence};
@@ -223,6 +225,7 @@ pub(super) fn simulate<E, D: Dynamics<E>>(
     }
     let friction = dynamics.friction().clone();
     check_friction(layout, &friction)?;
+    check_rigid(&friction)?;
     let mut model = Model::new(dynamics);
     let mut state = Stepped::new(layout, e, &friction, (q, w));
     let duration = grid.t(grid.n_steps()) - grid.t(0);

@@ -491,11 +491,20 @@ pub(super) fn check_sizes(
     Ok(())
 }
 
-/// For what does not know friction yet.
-pub(super) fn check_smooth(layout: Layout) -> Result<(), SetupError> {
+/// For what does not know friction and compliant gaps yet.
+pub(super) fn check_smooth(layout: Layout, friction: &Friction) -> Result<(), SetupError> {
+    check_rigid(friction)?;
     match layout.p {
         0 => Ok(()),
         p => Err(SetupError::Count("friction", p, "none: derivatives with friction are not known")),
+    }
+}
+
+/// For what takes rigid gaps only.
+pub(super) fn check_rigid(friction: &Friction) -> Result<(), SetupError> {
+    match friction.compliant.len() {
+        0 => Ok(()),
+        count => Err(SetupError::Count("compliant", count, "none: take SwitchedRk")),
     }
 }
 
@@ -517,7 +526,14 @@ pub(super) fn check_friction(
         }
         seen = seen.with(GapSet::of(gap));
     }
-    Ok(())
+    let increases = friction.compliant.windows(2).all(|pair| pair[0].0 < pair[1].0);
+    let wrong = friction.compliant.iter().find(|(gap, law)| *gap >= m || !law.is_valid());
+    match wrong.or(friction.compliant.first().filter(|_| !increases)) {
+        None => Ok(()),
+        Some((gap, _)) => {
+            Err(SetupError::Count("compliant", *gap, "gaps, ascending, with a law in range"))
+        }
+    }
 }
 
 pub(super) fn check_span(t0: f64, t1: f64) -> Result<(), SetupError> {
@@ -676,7 +692,7 @@ pub struct MechanicalRun<E> {
 #[cfg(test)]
 mod run_tests {
     use super::*;
-    use crate::system::force::Channel;
+    use crate::system::force::{Channel, ContactForce};
 
     #[test]
     fn friction_has_its_channels_and_a_gap_one_at_most() {
@@ -700,6 +716,27 @@ mod run_tests {
         assert!(refused(&[Some(1), Some(1)], 1));
         for wrong in [-0.1, 1.1, f64::NAN] {
             assert!(matches!(check(&[Some(0), None], wrong), Err(SetupError::Setting("e_t", ..))));
+        }
+    }
+
+    #[test]
+    fn compliant_gaps_are_some_of_the_gaps_with_laws_in_range() {
+        let (layout, spring) = (Layout::smooth(2, 2), |k, c| ContactForce::SpringDamper { k, c });
+        let check = |compliant: &[(usize, ContactForce)]| {
+            let friction = Friction { compliant: compliant.to_vec(), ..Friction::default() };
+            (check_friction(layout, &friction).is_ok(), check_rigid(&friction).is_ok())
+        };
+        let hertz = ContactForce::Power { k: 1.0, p: 1.5 };
+        assert_eq!(check(&[]), (true, true));
+        assert_eq!(check(&[(0, hertz), (1, spring(1.0, 0.0))]), (true, false));
+        assert_eq!(check(&[(1, hertz), (0, hertz)]), (false, false));
+        assert_eq!(check(&[(2, hertz)]), (false, false));
+        for (k, c) in [(0.0, 0.0), (f64::NAN, 0.0), (f64::INFINITY, 0.0), (1.0, -1.0)] {
+            assert_eq!(check(&[(0, spring(k, c))]), (false, false), "{k} {c}");
+        }
+        for (p, alpha) in [(0.9, 0.0), (11.0, 0.0), (1.5, -0.1)] {
+            let law = ContactForce::HuntCrossley { k: 1.0, p, alpha };
+            assert_eq!(check(&[(0, law)]), (false, false), "{p} {alpha}");
         }
     }
 }

@@ -351,6 +351,21 @@ pub enum ContactForce {
 }
 
 impl ContactForce {
+    /// Whether its numbers are in range: stiffness above zero, damping not below, an exponent from 1 to 10.
+    pub(crate) fn is_valid(self) -> bool {
+        let is_stiff = |k: f64| k > 0.0 && k.is_finite();
+        let is_damping = |c: f64| c >= 0.0 && c.is_finite();
+        let is_exponent = |p: f64| (1.0..=10.0).contains(&p);
+        match self {
+            Self::SpringDamper { k, c } => is_stiff(k) && is_damping(c),
+            Self::Power { k, p } => is_stiff(k) && is_exponent(p),
+            Self::HuntCrossley { k, p, alpha } => {
+                is_stiff(k) && is_exponent(p) && is_damping(alpha)
+            }
+            Self::Function => true,
+        }
+    }
+
     /// The force at a depth and a rate, where it is none of a function. Above zero it goes on as smoothly as it
     /// can: the stages of a step that ends there ask for it.
     pub(crate) fn at(self, depth: f64, rate: f64) -> Option<f64> {

@@ -61,7 +61,7 @@ pub fn mechanical_sensitivity<E, D: DifferentiableDynamics<E>>(
     let settings = settings.validated()?;
     let layout = dynamics.layout();
     check_sizes(layout, laws.len(), q, w)?;
-    check_smooth(layout)?;
+    check_smooth(layout, dynamics.friction())?;
     check_span(t0, t1)?;
     let Question { wrt, sizes, controlled, times } = *question;
     let mut model = Model::new(dynamics);
