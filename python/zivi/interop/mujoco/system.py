@@ -15,8 +15,8 @@ from numpy.typing import ArrayLike
 from zivi.base.check import Array
 from zivi.base.extras import needed
 from zivi.base.machine_code import compile_model
-from zivi.interop.mujoco.actuators import read_ctrl
 from zivi.interop.mujoco.contacts import read_gaps
+from zivi.interop.mujoco.read import read_ctrl
 from zivi.interop.mujoco.refusals import element_name, refuse_for_system
 from zivi.system.gap import one_of
 from zivi.system.impact_law import GivenRestitutions, restitutions, written

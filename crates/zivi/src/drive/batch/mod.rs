@@ -347,10 +347,10 @@ impl Monitor<Stopped> for Unobserved<'_> {
 /// Kicks at known times.
 fn kicks_at<E>(kicks: &[(f64, f64)]) -> Kick<'_, E, PathPoint> {
     Box::new(move |t, at| {
-        let found = kicks.iter().filter(|kick| kick.0 == t);
-        let is_kicked = found.clone().next().is_some();
-        at.xdot += found.map(|kick| kick.1).sum::<f64>();
-        Ok(is_kicked)
+        let first = kicks.partition_point(|kick| kick.0 < t);
+        let end = kicks.partition_point(|kick| kick.0 <= t);
+        at.xdot += kicks[first..end].iter().map(|kick| kick.1).sum::<f64>();
+        Ok(end > first)
     })
 }
 
