@@ -277,7 +277,7 @@ def simulate_mechanical(
     )
     stops = np.unique(np.concatenate([times[1:-1], system._breaks(span)]))
     asked = Asked(span, q, qdot, None, stops, [], dense_output)
-    kicked = with_kicks(asked, kicks, system, chosen[0]) or asked
+    kicked = with_kicks(asked, kicks, system, chosen[0])
     with ProgressBar(progress) as bar, listening_always() as ear:
         record = _zivi.simulate_mechanical_loop(
             system.mechanism(plant),

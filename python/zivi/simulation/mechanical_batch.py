@@ -203,7 +203,7 @@ def mechanical_batch(
 
     tasks = list(zip(several, map(asked, q, qdot, stops), strict=True))
     if kicks is not None:
-        tasks = [(system, with_kicks(it, kicks, system, method) or it) for system, it in tasks]
+        tasks = [(system, with_kicks(it, kicks, system, method)) for system, it in tasks]
 
     def one(number: int, report: Any) -> Kept:
         system, asked = tasks[number]

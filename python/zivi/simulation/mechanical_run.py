@@ -228,11 +228,11 @@ def stops_with(kicked: KickSchedule, stops: Array, method: Any) -> Array:
     return np.unique(np.concatenate([stops, kicked.stops]))
 
 
-def with_kicks(asked: Asked, kicks: Any, system: MechanicalSystem, method: Any) -> Asked | None:
-    """Return what is asked of a run with kicks, from after those at the start; None without any."""
+def with_kicks(asked: Asked, kicks: Any, system: MechanicalSystem, method: Any) -> Asked:
+    """Return what is asked of a run with kicks, from after those at the start."""
     kicked = schedule_of(kicks, system, len(asked.q), asked.span)
     if kicked is None:
-        return None
+        return asked
     stops = stops_with(kicked, asked.tstops, method)
     qdot = kicked.start(asked.span[0], asked.q, asked.qdot)
     return dataclasses.replace(asked, tstops=stops, qdot=qdot, kicks=kicked)

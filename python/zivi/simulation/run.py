@@ -409,7 +409,7 @@ def _mechanical(
     times = None if t_eval is None else times_within(t_eval, span)
     stops = stop_times(tstops, method, system, span)
     asked = Asked(span, q, qdot, times, stops, events_of(events, MECHANICAL), dense_output)
-    asked = with_kicks(asked, kicks, system, method) or asked
+    asked = with_kicks(asked, kicks, system, method)
     with ProgressBar(progress) as bar, listening_always() as ear:
         sol, error = run_mechanical(system, method, asked, bar.report)
     if asked.kicks is not None:

@@ -356,7 +356,8 @@ impl<E, D: Dynamics<E>> SteppedFlight<Vec<f64>, E> for Flying<'_, '_, D> {
                 first = Some((theta, Event::Stop(channel)));
             }
         }
-        for gap in self.state.mode().pressed.with(self.state.mode().unloaded).iter() {
+        let ContactMode { pressed, unloaded, .. } = self.state.mode();
+        for gap in pressed.with(unloaded).iter() {
             let theta = match self.first_turn(gap)? {
                 Release::None => continue,
                 Release::At(theta, _) => theta,
