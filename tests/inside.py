@@ -57,6 +57,7 @@ NAMES = {
     "simulation.mechanical_trajectory": "summary_rows",
     "simulation.method_settings": "FixedSteps class_of",
     "simulation.run": "argument_text",
+    "study.codec": "FileCodec",
     "study.design": "child generators points seeds",
     "study.digest": (
         "UndigestibleError digest function_name function_state identity is_local source_digest "

@@ -16,12 +16,12 @@ from numpy.typing import NDArray
 
 from zivi.base.extras import needed
 from zivi.base.status import StudyStatus
+from zivi.study.codec import FileCodec
 from zivi.study.design import Design
 from zivi.study.head import (
     EVENTS,
     GROUP,
     KINDS,
-    Encoder,
     Head,
     json_text,
     metadata_difference,
@@ -132,7 +132,7 @@ class FolderStore:
     """
 
     def __init__(self, path: Path, *, write: bool) -> None:
-        zarr = needed("zarr", "studies in a folder")
+        needed("zarr", "studies in a folder")
         self.path = path
         self.head = read_head(path)
         for name in (*self.head.documents(), EVENTS):
@@ -142,14 +142,10 @@ class FolderStore:
         try:
             # read again: the last to write may have added to it
             self.head = read_head(path)
-            self._group = zarr.open_group(
-                path, mode="r+" if write else "r", zarr_format=3, use_consolidated=True
-            )
         except BaseException:
             self.close()
             raise
-        self._arrays: dict[str, Any] = {}
-        self._encoder: Encoder | None = None
+        self._codecs: dict[str, FileCodec] = {}
         self._messages: set[int] = set()
 
     @property
@@ -188,7 +184,7 @@ class FolderStore:
     def moved_to(self, path: Path) -> None:
         """Go on where the folder is now."""
         self.path = path
-        self._reopen()
+        self._reset()
 
     def parameters(self) -> tuple[dict[str, NDArray[Any]], list[str]]:
         """Read the values of the parameters that can be read, and tell why others cannot."""
@@ -203,21 +199,21 @@ class FolderStore:
         return known, lost
 
     def _column(self, name: str) -> NDArray[Any]:
-        files = list(self._column_files(name))
+        n, files = self._column_files(name)
         for file in files:
             if not _is_there(file):
                 raise DamagedError(f"{file} is missing or empty")
         try:
-            column = self._array(name)[:]
+            parts = [self._codec(name).decode(file.read_bytes()) for file in files]
         except Exception as error:  # whatever the codec raises
             raise _damaged(files[0] if len(files) == 1 else files[0].parent, error) from error
-        return np.array(column.tolist()) if column.dtype.kind in "OT" else np.asarray(column)
+        column = np.concatenate(parts)[:n]
+        return np.array(column.tolist()) if column.dtype.kind == "O" else column
 
-    def _column_files(self, name: str) -> Iterator[Path]:
-        array = self._array(name)
-        whole = array.shards or array.chunks
-        for number in range(math.ceil(array.shape[0] / whole[0])):
-            yield self.path / name / "c" / str(number)
+    def _column_files(self, name: str) -> tuple[int, list[Path]]:
+        """Return the number of values of a parameter and its files."""
+        (n,), (whole,) = self.head.documents()[name]["shape"], self._codec(name).file
+        return n, [self.path / name / "c" / str(number) for number in range(math.ceil(n / whole))]
 
     def mend(self, design: Design) -> None:
         """Write again what is known and cannot be read: points, metadata of arrays."""
@@ -233,8 +229,7 @@ class FolderStore:
                 there = None
             # by their bytes: NaN is not equal to itself
             if there is None or there.tobytes() != column.tobytes():
-                for key, data in self._encoded(name, slice(None), column):
-                    write_bytes(self.path, self.path / key, data)
+                write_column(self.path, name, column, self._codec(name))
 
     def altered(self) -> list[str]:
         """List metadata that are not as the head says."""
@@ -361,10 +356,10 @@ class FolderStore:
         except DamagedError:
             return False
 
-    def _array(self, name: str) -> Any:
-        if name not in self._arrays:
-            self._arrays[name] = self._group[name]
-        return self._arrays[name]
+    def _codec(self, name: str) -> FileCodec:
+        if name not in self._codecs:
+            self._codecs[name] = FileCodec(self.head.documents()[name])
+        return self._codecs[name]
 
     def _file(self, name: str, chunk: int) -> Path:
         inner = len(self.schema.shapes.get(name, ())) if self.schema else 0
@@ -379,10 +374,15 @@ class FolderStore:
         if not _is_there(file):
             raise DamagedError(f"{file} is missing or empty")
         try:
-            found = self._array(name)[self.layout.slices(chunk)]
+            whole = self._codec(name).decode(file.read_bytes())
         except Exception as error:  # whatever the codec raises
             raise _damaged(file, error) from error
-        return np.asarray(found).reshape(len(self.layout.span(chunk)), *shape)
+        found = whole[tuple(map(slice, self._lengths(chunk)))]
+        return found.reshape(len(self.layout.span(chunk)), *shape)
+
+    def _lengths(self, chunk: int) -> tuple[int, ...]:
+        """Return the number of points of a chunk along each dimension."""
+        return tuple(piece.stop - piece.start for piece in self.layout.slices(chunk))
 
     # writing
 
@@ -404,7 +404,7 @@ class FolderStore:
         # at last and in one piece: a run that is killed before makes room again
         head.write(self.path)
         self.head = head
-        self._reopen()
+        self._reset()
         for chunk, block in self._moved(before):
             self.save(chunk, block)
 
@@ -419,28 +419,17 @@ class FolderStore:
             block.messages = {point: failed[point] for point in own.tolist()}
             yield chunk, block
 
-    def _reopen(self) -> None:
-        import zarr
-
-        self._group = zarr.open_group(self.path, mode="r+", zarr_format=3, use_consolidated=True)
-        self._arrays.clear()
-        self._encoder = None
+    def _reset(self) -> None:
+        self._codecs.clear()
         self._messages.clear()
-
-    def _encoded(self, name: str, where: Any, values: Any) -> list[tuple[str, bytes]]:
-        if self._encoder is None:
-            self._encoder = Encoder(self.head.documents())
-        return self._encoder.encoded(name, where, values)
 
     def save(self, chunk: int, block: Block) -> None:
         """Keep a chunk: its states last, so that what they call done is there."""
-        slices = self.layout.slices(chunk)
-        shape = tuple(piece.stop - piece.start for piece in slices)
+        shape = self._lengths(chunk)
 
         def put(name: str, rows: NDArray[Any]) -> None:
             values = rows.reshape(*shape, *rows.shape[1:])
-            for key, data in self._encoded(name, slices, values):
-                write_bytes(self.path, self.path / key, data)
+            write_bytes(self.path, self._file(name, chunk), self._codec(name).encode(values))
 
         if self.schema is not None:
             block.shaped(self.schema)
@@ -515,7 +504,13 @@ def write_empty(folder: Path, head: Head, design: Design) -> None:
     for name, document in head.documents().items():
         write_json(folder / name / "zarr.json", document)
     head.write(folder)
-    encoder = Encoder(head.documents())
     for name, column in design.values.items():
-        for key, data in encoder.encoded(name, slice(None), column):
-            write_bytes(folder, folder / key, data)
+        write_column(folder, name, column, FileCodec(head.documents()[name]))
+
+
+def write_column(folder: Path, name: str, column: NDArray[Any], codec: FileCodec) -> None:
+    """Write the values of a parameter."""
+    (whole,) = codec.file
+    for number in range(math.ceil(len(column) / whole)):
+        data = codec.encode(column[number * whole : (number + 1) * whole])
+        write_bytes(folder, folder / name / "c" / str(number), data)
