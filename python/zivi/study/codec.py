@@ -111,5 +111,5 @@ class FileCodec:
         if self._dtype.kind == "O":
             values: NDArray[Any] = self._texts.decode(raw)
         else:
-            values = np.frombuffer(raw, self._dtype)
+            values = np.frombuffer(raw, self._dtype).copy()  # writable
         return values.reshape(self._part)
