@@ -311,7 +311,7 @@ def __getattr__(name: str) -> object:
 
 
 def _methods_and_controllers() -> dict[str, type]:
-    """Give the methods and controllers, those too that are not among the names above."""
+    """Return the methods and controllers, those too that are not among the names above."""
     controllers = importlib.import_module("zivi.control.twisting").CONTROLLERS
     return {it.__name__: it for it in (*sys.modules["zivi.methods"].METHODS.values(), *controllers)}
 

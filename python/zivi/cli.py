@@ -74,7 +74,7 @@ def _show_experiments(wanted: bool) -> None:
 
 @contextlib.contextmanager
 def _reported_errors() -> Iterator[None]:
-    """Tell what is wrong in one line each, and end with the right code."""
+    """Print one line per error and exit with the matching code."""
     from zivi.files import FileError, commands
     from zivi.files.commands import echo_error
 
@@ -212,7 +212,7 @@ def sweep_file(
         bool, typer.Option("--keys", callback=_show_keys("sweep"), is_eager=True, help=Keys)
     ] = False,
 ) -> None:
-    """Compute a study, or what of it is missing; write a Zarr folder.
+    """Compute a study, or its missing points, and write a Zarr folder.
 
     Exit code 0 if all points are done, 1 if some failed or the study ended early, 2 for a bad
     file, 130 for Ctrl-C. The same command continues where it stopped.
@@ -270,8 +270,8 @@ def paper(
     """Write the figures and the numbers of the paper.
 
     The stages are ball, regulator, tracker (figures and checked numbers), linearisation,
-    chattering, robustness and rest (what was measured). The last line says how many of the
-    checked numbers agree. Exit code 1 if one is off, 2 for a stage that does not exist.
+    chattering, robustness and rest (what was measured). The last line counts the checked numbers
+    that agree. Exit code 1 if one is off, 2 for a stage that does not exist.
     """
     from zivi.files import FileError
 
@@ -323,8 +323,7 @@ def fmu(
 ) -> None:
     """Write FMUs: zivi in Simulink and other tools, without Python.
 
-    Exit code 2 for a model or a version that does not exist, for a file that cannot be read, or
-    where the binaries are missing.
+    Exit code 2 if a model, version or binary does not exist or a file cannot be read.
     """
     from zivi.files import FileError, commands, mechanism_of
     from zivi.files.commands import echo_error, say

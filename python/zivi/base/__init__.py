@@ -1,1 +1,1 @@
-"""What knows no mechanics: checks, arrays, status, progress, formulas, compiled functions."""
+"""Helpers without mechanics: checks, arrays, status, progress, formulas, compiled functions."""

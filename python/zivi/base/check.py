@@ -46,7 +46,7 @@ __all__ = [
     "vector",
 ]
 
-# Checks of numbers that arrive from outside; ranges are checked where they are known.
+# Checks of user input: types and shapes; ranges are checked by the classes that define them.
 
 Array = NDArray[np.float64]
 MaybeNone: TypeAlias = Any
@@ -91,7 +91,7 @@ def read_only(array: Array) -> Array:
 
 
 def unmasked(name: str, value: object) -> None:
-    """Raise a ValueError for masked entries: NumPy would use the numbers behind the mask."""
+    """Raise a ValueError for masked entries: NumPy would use the masked numbers."""
     if isinstance(mask := getattr(value, "_mask", None), np.ndarray) and mask.any():
         raise ValueError(
             f"{name} must have no masked entries, got {np.count_nonzero(mask)} of {mask.size}; "
@@ -232,7 +232,7 @@ def matrix(name: str, value: Any, n: int) -> Array:
     return array
 
 
-# Functions of the user: called as ``f(t, x, xdot)`` or, as in SciPy, as ``f(t, y)``.
+# User functions, called as ``f(t, x, xdot)`` or ``f(t, y)`` (the signature of SciPy).
 
 
 class OfState:
@@ -247,10 +247,10 @@ class OfState:
 
 
 def of_three(name: str, function: Any, *, more_than_y: bool) -> Callable[..., Any]:
-    """Give a function as one of ``(t, x, xdot)``, by the number of its arguments.
+    """Return a function as one of ``(t, x, xdot)``, by the number of its arguments.
 
-    With `more_than_y` an optional argument behind ``(t, y)`` keeps its default; else whether it is
-    one, or the third of ``(t, x, xdot)``, is not for us to guess.
+    With `more_than_y` an optional argument after ``(t, y)`` keeps its default; otherwise an
+    optional third argument is ambiguous and an error.
     """
     counts = _arity(function)
     _check_order(name, function, "(t, x, xdot), or of (t, y) with y = [x, xdot]")
@@ -362,7 +362,7 @@ def is_jitted(function: Any) -> bool:
 def compiled_by_numba(function: Any, name: str) -> Any:
     """Compile a function of ``@numba.njit`` to a C function, once; None for anything else.
 
-    The function keeps what is compiled: whoever holds the one holds the other.
+    The function keeps a reference to its compiled code, which therefore lives as long as it.
     """
     if not is_jitted(function):
         return None

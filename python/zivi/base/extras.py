@@ -75,7 +75,7 @@ def have(module: str) -> bool:
 
 
 def late(module: str, name: str) -> Any:
-    """Give what a result calls of a module above its own, which is imported by that call."""
+    """Return a function of a higher-level module, which is imported at this call."""
     return getattr(importlib.import_module(module), name)
 
 
@@ -114,7 +114,7 @@ class ProgressBar:
 
     @property
     def report(self) -> Report | None:
-        """What a run calls with the steps done and their total; None when nothing is shown."""
+        """Callback of a run, with the number of steps done and their total; None without a bar."""
         return self._update if self._wanted else None
 
     def _update(self, done: int, of: int) -> None:

@@ -73,7 +73,7 @@ RENAMED = {("orbits.sequence", "Frame"): "MassFrame"}
 
 
 class _Former(CallableHint):
-    """A module under its former name, imported when something of it is asked for."""
+    """A module under its former name, imported at the first access to an attribute."""
 
     def __init__(self, name: str, now: str) -> None:
         super().__init__(name)
@@ -87,13 +87,13 @@ class _Former(CallableHint):
 
 
 def hand_on(names: Mapping[str, str] = FORMER) -> None:
-    """Let `import` and pickles find modules under their former names."""
+    """Register the former names of modules for `import` and pickles."""
     for former, name in names.items():
         sys.modules[f"zivi.{former}"] = _Former(f"zivi.{former}", f"zivi.{name}")
 
 
 def of_zivi(names: Mapping[str, Any]) -> None:
-    """Say of public classes that they are of `zivi`, where users find them.
+    """Set ``__module__`` of public classes to `zivi`, from where users import them.
 
     Pickles and stored studies do not name the rooms of this package. Whoever calls the module of
     these names gets a hint.
@@ -105,7 +105,7 @@ def of_zivi(names: Mapping[str, Any]) -> None:
 
 
 def with_resolved_impacts(state: Mapping[str, Any]) -> Mapping[str, Any]:
-    """Give the state of a result; version 0.1 called the impacts that were computed ``impacts``."""
+    """Return a result's state; version 0.1 stored the computed impacts as ``impacts``."""
     if "resolved_impacts" in state:
         return state
     return {name: it for name, it in state.items() if name != "impacts"} | {

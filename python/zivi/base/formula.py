@@ -1,7 +1,7 @@
 """The language of formulas: numbers, declared names, pi, ``+ - * / **``, brackets, some functions.
 
 A formula is parsed by Python and read from its syntax tree: nothing in it is ever run, and no name
-means anything that is not declared or listed here. What is too large to work with is refused.
+means anything that is not declared or listed here. Formulas of excessive size are rejected.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ __all__ = [
 
 
 class FormulaError(ValueError):
-    """A formula that cannot be read; the text says what is wrong with it."""
+    """Raised for a formula that cannot be parsed; the message names the fault."""
 
 
 def _sign(x: float) -> float:
@@ -88,7 +88,7 @@ _OPERATORS: dict[type[ast.operator], Callable[[float, float], float]] = {
 
 
 def normal(name: str) -> str:
-    """Give the spelling of a name that Python reads (NFKC): the micro sign is the letter mu."""
+    """Return the spelling of a name that Python reads (NFKC): the micro sign is the letter mu."""
     return unicodedata.normalize("NFKC", name)
 
 
@@ -133,7 +133,7 @@ def parse(text: str, declared: Iterable[str] = ()) -> ast.expr:
 
 
 def _no_formula(text: str, error: Exception, declared: Iterable[str]) -> str:
-    """Say why a text is no formula."""
+    """Return the reason why a text is not a formula."""
     words = set(re.findall(r"\w+", text))
     for name in declared:
         if name in words and keyword.iskeyword(name):
@@ -145,7 +145,7 @@ def _no_formula(text: str, error: Exception, declared: Iterable[str]) -> str:
 
 @dataclasses.dataclass(frozen=True)
 class _Measure:
-    """What a part of a formula would be worked out to.
+    """Size of the result of a part of a formula.
 
     Parameters
     ----------
@@ -247,7 +247,7 @@ def _measure_operation(op: ast.operator, a: _Measure, b: _Measure) -> _Measure:
 
 
 def _worked_out(function: Callable[..., float], parts: list[_Measure]) -> float | None:
-    """Give the value of numbers; None if there are names."""
+    """Return the value of numbers; None if there are names."""
     values = [part.value for part in parts if part.value is not None]
     if len(values) < len(parts):
         return None

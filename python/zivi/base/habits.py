@@ -1,4 +1,4 @@
-"""Hints for names and calls from other libraries, and for misspelled ones."""
+"""Hints for names and calls from other libraries and for misspelt names."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ __all__ = [
     "name_hint",
 ]
 
-# Arguments that people bring from other libraries, and what takes them here.
+# Arguments of other libraries, and the zivi function or method that accepts them.
 
 RESTITUTION = "the coefficient of restitution is e"
 _PARAMETERS = "give the function its parameters yourself, e.g. by functools.partial"
@@ -654,7 +654,7 @@ PLOT: Mapping[str, str] = dict.fromkeys(
 """Plots of others by those of ``zivi.plot``."""
 
 
-# Names and calls that people bring from other libraries or misspell, and what is right here.
+# Names and calls of other libraries or misspelt ones, and their zivi equivalents.
 #
 # SciPy, python-control, MuJoCo, MATLAB: an argument, an attribute or a function of theirs gets an
 # error that names the one of zivi; what is spelt nearly right, the name that is near. Nothing here
@@ -675,7 +675,7 @@ def _normalised(name: str) -> str:
 
 
 def name_hint(name: str, known: Iterable[str], hints: Mapping[str, str]) -> str:
-    """Say what a name is called here, or which is spelt nearly so; "" if nothing is near."""
+    """Return a hint: the zivi name for a foreign or misspelt name, "" if there is none."""
     if name in hints:
         return f": {hints[name]}"
     if name.startswith("_"):  # what machinery asks for
@@ -685,7 +685,7 @@ def name_hint(name: str, known: Iterable[str], hints: Mapping[str, str]) -> str:
 
 
 def keyword_hint(owner: str, name: str, known: tuple[str, ...] = ()) -> str:
-    """Say what an argument is called here, or which is spelt nearly so; "" if nothing is near."""
+    """Return a hint: the zivi argument for a foreign or misspelt one, "" if there is none."""
     hints = ARGUMENTS.get(owner, {})
     if name not in hints and (close := closest(name, known)):
         return f": did you mean {close!r}?"
@@ -738,7 +738,7 @@ def field_error(kind: str, name: str, fields: Iterable[str]) -> ValueError:
 
 
 def hint_calls(module: str) -> None:
-    """Let the call of a module raise an error with a hint."""
+    """Make calls of a module raise an error with a hint."""
     sys.modules[module].__class__ = CallableHint
 
 
@@ -798,7 +798,7 @@ def _hinting(function: Callable[..., Any], owner: str) -> Callable[..., Any]:
 def _call_error(
     function: Callable[..., Any], owner: str, text: str, args: Any, kwargs: dict[str, Any]
 ) -> str | None:
-    """Say what to write instead of a call; None where nothing is known."""
+    """Return an error that names the replacement of a call; None if there is none."""
     parameters = inspect.signature(function).parameters
     example = CALLS.get(function.__qualname__.partition(".")[0], CALLS[owner])
     known = tuple(parameters)
@@ -830,7 +830,7 @@ OF_NUMBERS = ("is not subscriptable", "has no len()", "is not iterable", "unpack
 
 
 def _note(error: TypeError, args: tuple[Any, ...]) -> None:
-    """Say with what a function of the user is called, where it took a number for an array."""
+    """Note on an error which arguments a user function receives: numbers, not arrays."""
     form = next((it._call_form for it in args[:1] if hasattr(it, "_call_form")), None)
     if form and "float" in str(error) and any(it in str(error) for it in OF_NUMBERS):
         error.add_note(f"zivi: {form}")

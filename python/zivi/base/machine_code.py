@@ -109,7 +109,7 @@ def compile_model(sources: dict[str, str], compiler: str = "auto") -> Native:
     sources : dict
         The same function in C (``"c"``) and in Python (``"numba"``).
     compiler : {"auto", "c", "numba"}
-        With ``"auto"`` C if there is a compiler, whose libraries are cached, else numba.
+        With ``"auto"`` the C compiler, whose libraries are cached; numba if none is installed.
 
     Raises
     ------
@@ -178,7 +178,7 @@ def shared_library(source: str) -> bytes:
 
 
 def _loaded(library: Path) -> Native:
-    """Load a library that is as it was written; what is damaged would end the process."""
+    """Load a library after a checksum test: loading a damaged one would crash the process."""
     if _content(_seal_of(library)) != _sealed(library.name, _content(library)):
         raise OSError(f"{library} is not as it was written")
     owner = ctypes.CDLL(str(library))
@@ -194,7 +194,7 @@ def _seal_of(library: Path) -> Path:
 
 
 def _sealed(name: str, content: bytes) -> bytes:
-    """Give the text that stands beside a library: what is in it, and which one it is."""
+    """Return the text of a library's checksum file: its digest and its name."""
     return hashlib.sha256(name.encode() + b"\0" + content).hexdigest().encode() + b"\n"
 
 
@@ -210,7 +210,7 @@ def _content(file: Path) -> bytes:
 
 
 def _compile(command: list[str], source: str, library: Path) -> None:
-    """Compile into a file of its own, then give it its name: others see all of it or nothing."""
+    """Compile into a temporary file and rename it, so that others never see a partial file."""
     with tempfile.TemporaryDirectory(dir=library.parent) as folder:
         (code := Path(folder) / "model.c").write_text(source, encoding="ascii")
         made = Path(folder) / library.name
@@ -252,7 +252,7 @@ def _folders() -> Iterator[Path]:
 
 
 def _not_ours(folder: Path) -> str | None:
-    """Say why others could write into a folder; None if they cannot."""
+    """Return the reason why other users could write into a folder; None if they cannot."""
     found = os.stat(folder)
     if _is_foreign(found):
         return f"it belongs to another user (number {found.st_uid})"
@@ -260,7 +260,7 @@ def _not_ours(folder: Path) -> str | None:
         return f"others may write into it (mode {stat.S_IMODE(found.st_mode):o})"
     for parent in folder.resolve().parents:
         mode = os.stat(parent).st_mode
-        # with the sticky bit, as of /tmp, nobody can put another folder in its place
+        # with the sticky bit (/tmp has it) other users cannot replace the folder
         if os.name == "posix" and mode & stat.S_IWOTH and not mode & stat.S_ISVTX:
             return f"others may write into {parent}"
     return None
@@ -289,18 +289,18 @@ def _by_numba(source: str) -> Native:
     return Native(model.address, model)
 
 
-# Exceptions in compiled forces: C has no way to hand them on, so they are caught beside it.
+# Exceptions in compiled forces: C cannot propagate them, so a hook catches them.
 #
-# ctypes, numba and Cython report what is raised in a function that C calls to `sys.unraisablehook`
-# and return a number that means nothing. While a run with such a force is under way the hook
-# belongs to zivi: the evaluation counts as NaN, and what was raised reaches the caller of the run.
+# ctypes, numba and Cython report an exception raised in a function that C calls to
+# `sys.unraisablehook` and return a meaningless number. During a run with such a force zivi installs
+# its own hook: the evaluation counts as NaN, and the exception reaches the caller of the run.
 
 CALLBACKS = ("ctypes callback", "cffi callback")
 """What the message of a report speaks of if it is one of these libraries'."""
 
 
 class Ear:
-    """What was raised in the compiled forces of a run, while it is open.
+    """Collects exceptions raised in the compiled forces of a run.
 
     Parameters
     ----------
@@ -320,7 +320,7 @@ class Ear:
         _close(self)
 
     def ends(self, success: bool) -> BaseException | None:
-        """Give what ended a run: an exception that a method got around (below the wall) did not."""
+        """Return the exception that ended a run; None if the method avoided it (at x < 0)."""
         return None if success and isinstance(self.error, Exception) else self.error
 
 
@@ -354,7 +354,7 @@ ENDED = (int(Status.FORCE_NOT_FINITE), int(Status.STATE_NOT_FINITE), int(Status.
 
 
 def tell(ear: Ear, status: NDArray[np.uint8]) -> None:
-    """Warn of what was raised in runs of a batch that it ended; raise what is no `Exception`."""
+    """Warn of exceptions that ended runs of a batch; re-raise KeyboardInterrupt and the like."""
     ended = int(np.count_nonzero(np.isin(status, ENDED)))
     if not isinstance(error := ear.ends(not ended), Exception | None):
         raise error

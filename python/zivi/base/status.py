@@ -15,11 +15,11 @@ __all__ = [
     "warn",
 ]
 
-# How a run ended, and what became of a point of a study.
+# Status of runs and of points of a study.
 
 
 class NamedStatus(enum.IntEnum):
-    """A number that is written as its name; `int` and formats of numbers give the number."""
+    """An integer that prints as its name; `int` and number formats return the integer."""
 
     def __str__(self) -> str:
         return self.name
@@ -99,7 +99,7 @@ class Status(NamedStatus):
 
 
 class StudyStatus(NamedStatus):
-    """What became of a point of a study, in ``status`` of a `Study` and of its dataset.
+    """Outcome of a point of a study, in ``status`` of a `Study` and of its dataset.
 
     The words are those of runs and batches: what was computed is *completed*, what was not
     *failed*; only a study, which can go on later, has points that are *missing*. A point is
@@ -121,15 +121,15 @@ class StudyStatus(NamedStatus):
     """The function raised, or took its worker with it: ``message`` says why."""
 
 
-# What zivi warns of, by name, at the line of the user's that called it.
+# Warnings of zivi, attributed to the calling line of user code.
 
 
 class ModelWarning(UserWarning):
     """A model, or a closed loop, is not what it seems to be meant to be.
 
-    A controller believes in another plant than there is, more than a tenth of its updates were
-    rejected or saturated, or a constant force takes a mass away for ever. Give the controller no
-    `e` and it takes the plant's. Where it is meant, to see what it does,
+    The model of a controller differs from the plant, more than a tenth of its updates were rejected
+    or saturated, or a constant force accelerates a mass away from the wall without return. A
+    controller without `e` uses the plant's. If the mismatch is intended, silence the warning with
     ``warnings.simplefilter("ignore", zivi.ModelWarning)``.
     """
 

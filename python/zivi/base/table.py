@@ -35,7 +35,7 @@ __all__ = [
 
 
 def counted(number: int, thing: str) -> str:
-    """Return a count and what it counts, in the plural unless it is one.
+    """Return a count with its noun, in the plural unless the count is one.
 
     Examples
     --------
@@ -46,7 +46,7 @@ def counted(number: int, thing: str) -> str:
 
 
 def listed_by(total: int, what: str, reasons: Iterable[str]) -> str:
-    """Return how many of a number are so, and by which reasons; nothing if none is.
+    """Return how many of a total are affected, with the reasons; "" if none is.
 
     Examples
     --------
@@ -86,18 +86,18 @@ Field: TypeAlias = "tuple[str | tuple[str, ...], str, str]"
 
 @dataclasses.dataclass(frozen=True)
 class ResultTable:
-    """What a dataset of a result holds.
+    """Schema of the dataset of a result.
 
     Parameters
     ----------
     title : str
-        What it is.
+        Title of the dataset.
     fields, coords : dict
         Dimensions, unit and meaning of the variables and of the coordinates, by name.
     values : dict
-        Values of those that are no attributes of the result.
+        Values of fields that are not attributes of the result.
     attrs : dict
-        What is told beside title, version and configuration.
+        More attributes than title, version and configuration.
     rows : str
         The dimension that has the rows of a table, by default that of the first field.
     """
@@ -110,7 +110,7 @@ class ResultTable:
     rows: str = ""
 
     def value(self, result: Any, name: str) -> Any:
-        """Give the values of a field or a coordinate."""
+        """Return the values of a field or a coordinate."""
         return self.values[name] if name in self.values else getattr(result, name)
 
 
@@ -123,12 +123,12 @@ def dataset(
     values: Mapping[str, Any] | None = None,
     attrs: Mapping[str, Any] | None = None,
 ) -> xarray.Dataset:
-    """Give a result as a labelled dataset.
+    """Return a result as a labelled dataset.
 
     Parameters
     ----------
     result : object
-        Its attributes are the values of what has none in `values`.
+        Fields without an entry in `values` are its attributes.
     fields, coords : dict
         Dimensions, unit and meaning of the variables and of the coordinates, by name.
     title : str
@@ -169,10 +169,10 @@ def _attributes(unit: str, meaning: str) -> dict[str, str]:
 
 
 def frame(result: Any, table: ResultTable) -> pandas.DataFrame:
-    """Give what a result has for each row of a dimension as a table.
+    """Return the fields of a result along one dimension as a table.
 
-    What has several numbers for a row, by coordinate, gap or sign, gets a column for each, with its
-    name at the end. What has other dimensions is left out.
+    A field with several numbers per row (by coordinate, gap or sign) becomes several columns, with
+    the name as suffix. Fields of other dimensions are left out.
     """
     needed("pandas", "tables")
     import pandas
@@ -203,7 +203,7 @@ def _dims(field: Field) -> tuple[str, ...]:
 
 
 def _coordinate_labels(result: Any, table: ResultTable, dim: str) -> list[str]:
-    """Give the names along a dimension, none if it has numbers only."""
+    """Return the names along a dimension, none if it has numbers only."""
     if dim not in table.coords:
         return []
     labels = np.asarray(table.value(result, dim))
@@ -211,7 +211,7 @@ def _coordinate_labels(result: Any, table: ResultTable, dim: str) -> list[str]:
 
 
 def page(title: str, rows: Mapping[str, str]) -> str:
-    """Give names and what belongs to them as a table of HTML."""
+    """Return names with their values as an HTML table."""
     lines = "".join(
         f"<tr><th style='text-align:left'>{html.escape(name)}</th>"
         f"<td style='text-align:left'>{html.escape(value)}</td></tr>"
@@ -221,7 +221,7 @@ def page(title: str, rows: Mapping[str, str]) -> str:
 
 
 class Tabulated:
-    """What results have in common: they are datasets, tables and pages."""
+    """Base class of results: export as dataset, table and HTML page."""
 
     def _table(self) -> ResultTable:
         """Declare what is in the tables."""
@@ -233,7 +233,7 @@ class Tabulated:
         Returns
         -------
         xarray.Dataset
-            With units, descriptions and, where there is one, the configuration (JSON) in the
+            With units, descriptions and the configuration (JSON, if the result has one) as
             attributes.
         """
         return self._as_dataset()
@@ -255,7 +255,7 @@ class Tabulated:
         return frame(self, self._table())
 
     def _facts(self) -> Mapping[str, str]:
-        """Tell the result in rows of a page."""
+        """Return the rows of the HTML page of the result."""
         table = self._table()
         told = {"": repr(self)}
         for name, (dims, unit, meaning) in table.fields.items():

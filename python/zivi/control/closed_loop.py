@@ -95,7 +95,7 @@ def restrict_loop(run: ClosedLoop, times: Array) -> ClosedLoop:
 
 
 def keep(rows: Array, run: ClosedLoop, times: Array) -> None:
-    """Put the quantities of a loop of a batch at `times` into their rows."""
+    """Write the samples of one loop of a batch at `times` into its rows."""
     there = restrict_loop(run, times)
     for row, name in zip(rows, SAMPLED, strict=True):
         values = getattr(there, name)
@@ -120,7 +120,7 @@ def end_loop_at_event(run: ClosedLoop, h: float) -> ClosedLoop:
 
 
 def _rest(run: ClosedLoop, latest: float) -> float | None:
-    """Give the time from which the plant rests until the end, if that is not after `latest`."""
+    """Return the time from which the plant rests until the end, if that is not after `latest`."""
     if (run.x[-1], run.xdot[-1]) != (0.0, 0.0):
         return None
     left = run.liftoff_times[-1] if len(run.liftoff_times) else -np.inf
@@ -135,13 +135,13 @@ def _rest(run: ClosedLoop, latest: float) -> float | None:
 class Controller(Protocol):
     """Anything that `simulate_closed_loop` can run: a sampling period and a tick.
 
-    What else it has is found at the start of a run:
+    Optional members, detected at the start of a run:
 
     - With an attribute ``x_ref`` (m) it has a reference, which the run records; ``xdot_ref`` (m/s)
-      too, NaN without. Its ``step`` may then take a fourth argument, the force on the reference
+      too, NaN without. Its ``step`` may then have a fourth argument, the force on the reference
       (m/s^2): ``step(x, xdot, force, force_ref)``.
-    - If ``step`` has an argument called ``t``, as in ``step(x, xdot, force, t)``, it is given the
-      time of the sample (s).
+    - If ``step`` has an argument ``t``, for example ``step(x, xdot, force, t)``, the time of the
+      sample (s) is passed as ``t``.
     - With ``reference=`` its method ``step_to(x, xdot, force, now, next, acceleration)`` is called,
       as that of `TwistingTracker`. Without one ``step`` is given the reference at the sample where
       it has arguments called ``x_ref`` and ``xdot_ref``; a ``step`` without them goes its own way,
@@ -149,8 +149,8 @@ class Controller(Protocol):
     - A method ``reset(x_ref, xdot_ref)`` is called at the start of a run with ``y_ref0``, which
       cannot be given without it.
 
-    Nothing else resets it: a controller of the user, unlike zivi's own, is not copied and continues
-    from where it is.
+    It is not reset otherwise: a user-defined controller, unlike zivi's own, is not copied and
+    continues from its present state.
 
     Examples
     --------
@@ -173,7 +173,7 @@ class Controller(Protocol):
 
     @property
     def step(self) -> Callable[..., float]:
-        """Give the control (m/s^2) for the period that starts now, ``step(x, xdot, force)``."""
+        """Return the control (m/s^2) for the sampling period that starts now."""
 
 
 @overload
@@ -276,23 +276,25 @@ def simulate_closed_loop(
         `MechanicalSystem` its coordinates and velocities ``(q0, qdot0)``.
     y_ref0 : (float, float), optional
         Initial state of the reference: the controller is reset to it. Without it the controller
-        continues from where it is.
+        continues from its present state.
     force_ref : float, LinearForce or callable, optional
         Force on the reference (m/s^2), at the sample; by default `force_model`. Above a moving
         wall, where everything else is in the wall's frame, so is this force. The reference is
         advanced by implicit Euler steps: it drifts, see "A reference given as a force" in
         follow_reference.md.
     force_model : float, LinearForce or callable, optional
-        The force that the controller believes in, at the measured state; by default the true one.
+        The force of the controller's model, evaluated at the measured state; by default the true
+        force.
     reference : Trajectory, callable or array_like, optional
         The reference itself, in place of `y_ref0` and `force_ref`, for a `TwistingTracker` or a
         controller of the user: a run of `simulate` that covers `t_span`; a function of time
         that gives ``(x_r, xdot_r)``, or ``(x_r, xdot_r, acceleration)``; or these at the samples,
-        shape (2, n) or (3, n). The control is told where it is at the sample and at the next one,
-        nothing is integrated, nothing drifts. It may bounce, rest and lift off. A function is
-        asked for both ends of each period when that begins: what it gives may change while the
-        loop runs. For a `MechanicalSystem`: a run of the system, such as `reference_run` gives,
-        ``"rest"``, or a dict with ``"rest"`` or a run of one mass for each gap and a ``"posture"``.
+        shape (2, n) or (3, n). Its values at the sample and at the next one are passed to the
+        controller; since they are not integrated, they do not drift. It may bounce, rest and lift
+        off. A function is called for both ends of each period at its start, so its values may
+        change while the loop runs. For a `MechanicalSystem`: a run of the system, such as
+        `reference_run` gives, ``"rest"``, or a dict with ``"rest"`` or a run of one mass for each
+        gap and a ``"posture"``.
     method : SwitchedRK, ThetaGamma or RKPeriod, optional
         How the plant moves between samples. By default exactly where the force is constant, else
         by ``SwitchedRK(rtol=1e-9, atol=1e-12)``. With `ThetaGamma` the plant is on one grid with
@@ -305,26 +307,25 @@ def simulate_closed_loop(
         Resolution of the measured position (m) and velocity (m/s); 0 is exact.
     delay : int
         Periods from a measurement to the moment when its control acts, >= 0; until then 0 acts.
-        Zivi's controllers should be told: with ``delay=`` they predict the state; with
-        ``ahead=1 + delay`` a landing alone waits for it.
+        Set the delay in zivi's controllers: with ``delay=`` they predict the state; with ``ahead=1
+        + delay`` only the contact-establishing law accounts for it.
     observer : ImpactObserver or JointObserver, optional
-        What the controller is told instead of the measurement: the position and velocity that the
-        observer estimates, and its unknown force as a part of the model's. A copy runs, from where
-        it is; it is told the control that acts, after limits and delay.
+        The observer whose estimates replace the measurement: position, velocity, and the unknown
+        force, which is added to the model's force. A copy in its present state runs; its input is
+        the control that acts, after limits and delay.
     disturbance : array_like or callable, optional
         Forces on the coordinates of a `MechanicalSystem` that the controller does not know: shape
         (n,), or ``d(t, q, qdot)``.
     kicks : Kick or sequence of Kick, optional
-        Impulses on a `MechanicalSystem` at given times, as for `simulate`; one at a sample follows
+        Impulses on a `MechanicalSystem` at given times (see `simulate`); one at a sample acts after
         its measurement.
     t_eval : array_like, optional
         Increasing times in `t_span` to report instead of the samples (s). ``u``, ``signs`` and
         ``tick_status`` are those of the sample before.
     events : callable or sequence of callables, optional
-        Functions ``g(t, x, xdot)`` of the plant's state, as for `simulate`, whose changes of sign
-        are located between the samples: each period is looked at in four parts, before and after
-        each impact. The run ends at a terminal one; the controller has ticked the period in which
-        it happens.
+        Functions ``g(t, x, xdot)`` of the plant's state (see `simulate`). Sign changes are located
+        between the samples; each period is scanned in four parts, before and after each impact. The
+        run ends at a terminal one; the controller has ticked the period in which it happens.
     dense_output : bool
         Whether the motion between the samples is kept, ``run(t)``; ``t_eval`` and terminal events
         keep it.
@@ -334,7 +335,7 @@ def simulate_closed_loop(
         Show a progress bar on standard error once a run lasts longer than a second. By default
         only on a terminal.
     **misplaced
-        Nothing: a `TypeError` says where a setting of a method, such as ``rtol``, belongs.
+        Not accepted: a `TypeError` names the method to which a setting such as ``rtol`` belongs.
 
     Returns
     -------
@@ -352,10 +353,10 @@ def simulate_closed_loop(
     Warns
     -----
     ModelWarning
-        If the controller believes in another `e` than the plant's, or its landing does not look as
-        far ahead as its control is late; if a constant force pulls a reference off the wall
-        that `y_ref0` does not place; and if more than a tenth of the control updates were
-        rejected, or saturated.
+        If the controller's `e` differs from the plant's; if `ahead` of its contact-establishing law
+        is too small for the delay; if a constant force accelerates a reference without `y_ref0`
+        away from the wall; and if more than a tenth of the control updates were rejected, or
+        saturated.
 
     Examples
     --------
@@ -523,7 +524,7 @@ def _loop_result(record: _zivi.LoopRecord, config: dict[str, Any], slowest: floa
 
 
 def _with_reference(run: ClosedLoop, reference: Any) -> ClosedLoop:
-    """Give a run its reference as it is between the samples, where that is known."""
+    """Attach to a run its reference between the samples, if it is defined there."""
     sampled = run._reference
     if not callable(reference) or not isinstance(sampled, SampledReference):
         return run
@@ -531,7 +532,7 @@ def _with_reference(run: ClosedLoop, reference: Any) -> ClosedLoop:
 
 
 def _estimates(columns: Sequence[Array]) -> dict[str, Any]:
-    """Name what an observer thought, nothing without one."""
+    """Return the columns of an observer's estimates by name; empty without one."""
     if not len(columns[0]):
         return {}
     return dict(zip(ESTIMATES, columns, strict=True))
@@ -540,7 +541,7 @@ def _estimates(columns: Sequence[Array]) -> dict[str, Any]:
 def _reference(
     t: Array, samples: dict[str, Array], config: dict[str, Any]
 ) -> SampledReference | None:
-    """Give the motion of the reference, None if the controller has none."""
+    """Return the motion of the reference, None if the controller has none."""
     x = samples["x_ref"]
     if not len(t) or np.isnan(x).all():
         return None

@@ -38,11 +38,11 @@ def limits_of(limits: Any) -> Array | None:
 
 
 def limit_pairs(limits: Array | None) -> list[tuple[float, float]] | None:
-    """Give them as the extension takes them."""
+    """Return the arguments of the extension."""
     return None if limits is None else [(float(low), float(high)) for low, high in limits]
 
 
-# What the controllers and the observer share: settings, state, copies and pickles.
+# Base of controllers and observers: settings, state, copies and pickles.
 
 _DEPTH, _HORIZON = _zivi.CONTROL_SETTINGS["TwistingTracker"]
 DEPTH: float = _DEPTH.default
@@ -59,7 +59,7 @@ MAX_AHEAD = 10**9
 
 
 class TickStatus(enum.IntFlag):
-    """What was done to the last sample and to the control; ``0`` is nothing."""
+    """Flags of the last control update: treatment of sample and control; ``0`` is nothing."""
 
     CLAMPED = 1
     """The measured position was negative by at most ``depth`` and was taken as 0."""
@@ -73,7 +73,7 @@ class TickStatus(enum.IntFlag):
     """A contact that a `GapTracker` held opened: `force` is less than what its model lacks."""
 
 
-# plain numbers: operators of flags take ten times as long, and this is asked at every tick
+# plain numbers: flag operators are ten times slower, and this runs at every update
 _REFUSED = int(TickStatus.REFUSED)
 
 
@@ -95,7 +95,7 @@ def is_controller_state(state: Any) -> bool:
 
 
 def are_under_way(rest: tuple[Any, ...], delay: int) -> bool:
-    """Whether this is what is under way with such a delay."""
+    """Whether the stored controls fit a delay."""
     try:
         ((controls, references, due),) = rest
         numbers = [float(it) for it in (*controls, *(it for pair in references for it in pair))]
@@ -106,7 +106,7 @@ def are_under_way(rest: tuple[Any, ...], delay: int) -> bool:
 
 
 class Component:
-    """Settings, state, copies and pickles of what is ticked."""
+    """Settings, state, copies and pickles of sampled components."""
 
     _settings: dict[str, Any]
     _is_state: Callable[[Any], bool]
@@ -134,7 +134,7 @@ class Component:
 
     @property
     def state(self) -> tuple[Any, ...]:
-        """All that changes from tick to tick; assigning it restores what it was of exactly."""
+        """Internal state, which changes at each update; assigning it restores it exactly."""
         return self._get_state()
 
     @state.setter
@@ -165,7 +165,7 @@ class Component:
 
 
 class Shared(Component):
-    """What the controllers have in common beside their ticks."""
+    """Base class of the controllers, without the control update."""
 
     _is_state = staticmethod(is_controller_state)
     _kind = "a controller's"
@@ -184,7 +184,7 @@ class Shared(Component):
         return without_wall() if value is None else float(value)
 
     def _on(self, kappa: float) -> Self:
-        """Give the controller on a wall; itself if it knows one."""
+        """Return the controller on a wall; itself if it knows one."""
         if self._settings["kappa"] is not None:
             return self
         attributes = {name: it for name, it in self.__dict__.items() if name not in TICKS}
@@ -219,7 +219,7 @@ class Shared(Component):
 
     @property
     def state(self) -> tuple[Any, ...]:
-        """All that changes from tick to tick; assigning it restores what it was of exactly."""
+        """Internal state, which changes at each update; assigning it restores it exactly."""
         under_way = self._under_way if self._settings.get("delay") else None
         return self._get_state() if under_way is None else (*self._get_state(), under_way)
 
@@ -240,12 +240,12 @@ class Shared(Component):
 
     @property
     def status(self) -> TickStatus:
-        """What was done to the last sample and to the control."""
+        """Status of the last update: treatment of sample and control."""
         return TickStatus(self._status)
 
 
 class Following(Shared):
-    """What the controllers with a reference have in common."""
+    """Base class of the controllers with a reference."""
 
     @property
     def e_ref(self) -> float:
@@ -259,7 +259,7 @@ class Following(Shared):
 
 
 class LandingController(Shared):
-    """What the controllers that land have in common."""
+    """Base class of the controllers with a contact-establishing law."""
 
     @property
     def landing(self) -> bool:
@@ -291,7 +291,7 @@ def rebuilt(kind: type[Any], attributes: dict[str, Any], state: tuple[Any, ...])
     # by the constructor of the class of ours: a subclass may have one of its own
     ours: Any = next(base for base in kind.__mro__ if base.__module__.split(".")[0] == "zivi")
     controller = ours.__new__(kind, **attributes["_settings"])
-    # settings that it did not have yet when it was stored have their defaults
+    # settings missing in an old pickle have their defaults
     settings = controller._settings | attributes["_settings"]
     controller.__dict__.update(attributes | {"_settings": settings})
     controller.state = state

@@ -56,7 +56,7 @@ NEAR = 1.1
 
 @dataclasses.dataclass(frozen=True)
 class Landing:
-    """What lands: where, from where, how it is sampled.
+    """The problem of a landing: wall, initial states, sampling.
 
     Parameters
     ----------
@@ -80,7 +80,7 @@ class Landing:
     quiet: float
 
     def released(self, h: Array) -> tuple[Array, Array, Array]:
-        """Give the highest place, the least and the largest velocity when the first control acts.
+        """Return the highest place, the least and the largest velocity when the first control acts.
 
         Until then only the known and the unknown force act.
         """
@@ -88,7 +88,7 @@ class Landing:
         low, high = self.force - self.bound, self.force + self.bound
         slowest, fastest = v + low * time, v + high * time
         top = x + max(v, 0.0) * time + 0.5 * max(high, 0.0) * time**2
-        # the lowest place on the way: may it have met the wall?
+        # the lowest position passed: may it have met the wall?
         turn = np.clip(-v / low, 0.0, time) if low > 0.0 else time
         meets = (self.delay > 0) & (x + v * turn + 0.5 * low * turn**2 <= 0.0)
         speed = abs(v) + max(abs(low), abs(high)) * time
@@ -131,9 +131,9 @@ class _LandingFlights:
         self.e = it.e
 
     def rise(self, w: Array, late: Array) -> tuple[Array, Array]:
-        """Give the longest time and the largest height of a rise with ``w``.
+        """Return the longest time and the largest height of a rise with ``w``.
 
-        The brake comes late; it is taken in full down to ``v_s``, then with `D` at least.
+        Braking is late: full deceleration down to ``v_s``, then at least `D`.
         """
         strong, slow, brake = self.strong, self.slow, self.brake
         first = np.maximum(w - slow * late, np.minimum(w, self.stops))
@@ -144,13 +144,13 @@ class _LandingFlights:
         return np.where(strong, time, w / brake), np.where(strong, height, w * w / (2.0 * brake))
 
     def flight(self, w: Array) -> tuple[Array, Array, Array]:
-        """Give the time, the height and the speed after its impact of a flight with ``w``."""
+        """Return the time, the height and the speed after its impact of a flight with ``w``."""
         time, height = self.rise(w, self.late)
         time = time + np.sqrt(2.0 * height / self.slow) + self.held
         return time, height, self.e * np.sqrt(2.0 * self.fast * height)
 
     def tail(self, w: Array) -> Array:
-        """Give the time of all flights from ``w <= v_s`` on."""
+        """Return the time of all flights from ``w <= v_s`` on."""
         ratio = self.e * np.sqrt(self.fast / self.slow)
         below_d = 2.0 * w / self.slow / (1.0 - np.where(self.strong, ratio, 0.0))
         growth = self.e * np.sqrt(self.fast / self.brake)
@@ -161,7 +161,7 @@ class _LandingFlights:
 def bound_landing(
     it: Landing, braking: Array, falling: Array, h: Array, within: float = math.inf
 ) -> LandingEnd:
-    """Bound the time of a landing; times beyond `within` may be given as infinite.
+    """Bound the time of a landing; times greater than `within` may be returned as infinite.
 
     Parameters
     ----------
@@ -198,7 +198,7 @@ def _bound_end(it: Landing, braking: Array, falling: Array, h: Array, within: fl
 
 
 def _first_impact(it: Landing, flights: _LandingFlights, h: Array) -> tuple[Array, Array]:
-    """Give the time of the first impact and the speed after it."""
+    """Return the time of the first impact and the speed after it."""
     x, slowest, fastest = it.released(h)
     up, down = np.maximum(fastest, 0.0), np.maximum(-fastest, 0.0)
     late = flights.late if it.delay else 0.0 * flights.late
@@ -217,7 +217,7 @@ TINY = 1e-300
 
 
 def _cycle_speed(flights: _LandingFlights) -> Array:
-    r"""Give the speed at which the bounces of a mass that does not rest no longer shrink.
+    r"""Return the speed at which the bounces of a mass that does not rest no longer shrink.
 
     :math:`w^2 = 2 e^2 (D + M) X(w)` with the height of a late brake,
 
@@ -236,7 +236,7 @@ def _cycle_speed(flights: _LandingFlights) -> Array:
     return (b + np.sqrt(inside)) / a
 
 
-# What the gains of a controller do: accelerations, conditions, the range of the control.
+# Properties of the gains of a controller: accelerations, conditions, control range.
 
 STEEPEST, FLATTEST = 0.02, 0.98
 """Range of ``mu2/mu1`` that is looked at."""
@@ -246,7 +246,7 @@ MARGIN = 1e-9
 
 @dataclasses.dataclass(frozen=True)
 class ControlLaw:
-    """What the gains make of a controller.
+    """Control law of given gains.
 
     Parameters
     ----------
@@ -266,7 +266,7 @@ class ControlLaw:
     force_ref: float | None
 
     def gains(self, braking: float, falling: float) -> tuple[float, float]:
-        """Give the gains whose net accelerations are U and D."""
+        """Return the gains whose net accelerations are U and D."""
         if self.kind == "regulator":
             both, rest = braking + self.force, falling + self.force
         else:
@@ -275,7 +275,7 @@ class ControlLaw:
         return 0.5 * (both + rest), 0.5 * (both - rest)
 
     def least(self, ratio: Array, bound: float, exact: bool) -> Array:
-        """Give the least U that holds an unknown force of this bound, with D = ratio U.
+        """Return the least U that holds an unknown force of this bound, with D = ratio U.
 
         Parameters
         ----------
@@ -298,7 +298,7 @@ class ControlLaw:
         return np.maximum(least, self._ordered(ratio))
 
     def _ordered(self, ratio: Array) -> Array:
-        """Give the least U with a ``mu2/mu1`` in range, infinite where there is none."""
+        """Return the least U with a ``mu2/mu1`` in range, infinite if there is none."""
         low, high = ((1.0 - it) / (1.0 + it) for it in (FLATTEST, STEEPEST))
         if self.kind == "tracker":
             share = self.e * ratio  # (mu1 - mu2)/(mu1 + mu2)
@@ -311,7 +311,7 @@ class ControlLaw:
         return np.maximum(least, 0.0)
 
     def allowed(self, ratio: Array, limits: tuple[float, float]) -> tuple[Array, Array]:
-        """Give the least and the largest U whose control stays within the actuator's range."""
+        """Return the least and the largest U whose control stays within the actuator's range."""
         low, high = limits
         # u = -F - g with g from min(U, D) to max(U, D)
         least = (-self.force - high) * (1.0 + MARGIN) / np.minimum(1.0, ratio)
@@ -322,7 +322,7 @@ class ControlLaw:
         return least, most
 
     def controls(self, mu1: float, mu2: float, late: bool) -> tuple[float, float]:
-        """Give the least and the largest control; with a delay 0 acts at first.
+        """Return the least and the largest control; with a delay 0 acts at first.
 
         While the reference moves the control is ``-a F`` with ``0 <= a <= 1`` and on either side
         up to ``(1 + kappa)(mu1 + mu2 + |F_r|/R_r) = (1 + kappa)(mu1 + mu2) + |F_r|/e``.
@@ -338,20 +338,20 @@ class ControlLaw:
         return (min(low, 0.0), max(high, 0.0)) if late else (low, high)
 
     def _landing_controls(self, mu1: float, mu2: float) -> tuple[float, float]:
-        """Give ``-F - g`` for the least and the largest g, as the tracker rounds them."""
+        """Return ``-F - g`` for the least and the largest g, as the tracker rounds them."""
         accelerations = TwistingTracker(mu1, mu2, h=1.0, e=self.e)._accelerations()
         assert accelerations is not None
         return -self.force - max(accelerations), -self.force - min(accelerations)
 
 
 def _at_least(needed: float, per: Array) -> Array:
-    """Give the least U >= 0 with ``per U >= needed`` for it and all larger ones."""
+    """Return the least U >= 0 with ``per U >= needed`` for it and all larger ones."""
     possible = per > 0.0
     least = np.maximum(needed / np.where(possible, per, 1.0), 0.0)
     return np.where(possible, least, np.inf)
 
 
-# Least accelerations that do what is requested of a design, and what an actuator allows.
+# Least accelerations that meet the requirements of a design, and actuator limits.
 
 RESERVE = 1.2
 """By how much the gains exceed what the bound of the unknown force asks for."""
@@ -372,7 +372,7 @@ LONGEST = 1e6
 
 @dataclasses.dataclass(frozen=True)
 class DesignSpec:
-    """What is requested.
+    """Requirements on a design.
 
     Parameters
     ----------
@@ -395,19 +395,19 @@ class DesignSpec:
     exact: bool
 
     def period(self, ratio: Array) -> Array:
-        """Give the sampling period: what sampling costs is a tenth of the time, about."""
+        """Return the sampling period: what sampling costs is a tenth of the time, about."""
         kappa = (1.0 - self.law.e) / (1.0 + self.law.e)
         periods = 3.0 * (1.0 + 1.0 / kappa) * np.maximum(1.0, 1.0 / ratio) + 11.0
         return SAMPLING * self.time / ((1 + self.landing.delay) * periods)
 
     def ends(self) -> tuple[Array, Array]:
-        """Give the least and the largest U for each ratio, but for the time."""
+        """Return the least and the largest U for each ratio, without the time requirement."""
         least = self.law.least(RATIOS, RESERVE * self.landing.bound, self.exact)
         low, high = self.law.allowed(RATIOS, self.limits)
         return np.maximum(np.maximum(least, low), LEAST), np.minimum(high, LARGEST)
 
     def periods(self) -> Array:
-        """Give the sampling periods that are tried, a row for each."""
+        """Return the sampling periods that are tried, a row for each."""
         limited = any(map(math.isfinite, self.limits))
         return np.outer(FINER if limited else FINER[:1], self.period(RATIOS))
 
@@ -427,7 +427,7 @@ class DesignSpec:
 
 @dataclasses.dataclass(frozen=True)
 class Candidate:
-    """Accelerations U and D, the sampling period, and what they promise."""
+    """Accelerations U and D, the sampling period, and their guaranteed performance."""
 
     braking: float
     falling: float
@@ -437,7 +437,7 @@ class Candidate:
 
 
 def search(asked: DesignSpec) -> Candidate | None:
-    """Give the least accelerations, None where there are none."""
+    """Return the least accelerations, None where there are none."""
     low, high = asked.ends()
     some = low <= high
     low, high = np.where(some, low, 1.0), np.where(some, high, 1.0)
@@ -467,7 +467,7 @@ def _least_braking(
 
 
 def feasible_time(asked: DesignSpec) -> float | None:
-    """Give the least settling time that the actuator allows, None where it allows none."""
+    """Return the least settling time that the actuator allows, None where it allows none."""
 
     def feasible(time: float) -> bool:
         return dataclasses.replace(asked, time=time).feasible()
@@ -476,7 +476,7 @@ def feasible_time(asked: DesignSpec) -> float | None:
 
 
 def least_limit(asked: DesignSpec) -> float | None:
-    """Give the least limit of the absolute control that allows what is requested."""
+    """Return the least limit of the absolute control that allows what is requested."""
 
     def feasible(limit: float) -> bool:
         return dataclasses.replace(asked, limits=(-limit, limit)).feasible()
@@ -485,7 +485,7 @@ def least_limit(asked: DesignSpec) -> float | None:
 
 
 def _least_of(feasible: Callable[[float], bool], low: float, high: float) -> float | None:
-    """Give the least value above which it is feasible, to a millionth."""
+    """Return the least value above which it is feasible, to a millionth."""
     if not feasible(high):
         return None
     while high > (1.0 + 1e-6) * low:
@@ -494,7 +494,7 @@ def _least_of(feasible: Callable[[float], bool], low: float, high: float) -> flo
     return high
 
 
-# Gains that are computed: from what is requested of a loop to a controller that does it.
+# Computed gains: from requirements on a loop to a controller that meets them.
 
 
 class InfeasibleError(ValueError):
@@ -505,7 +505,7 @@ class InfeasibleError(ValueError):
     settling_time : float or None
         The least settling time that the actuator allows (s), None if none does.
     peak : float or None
-        The least actuator limit for what was asked for (m/s^2), None if none does.
+        The least actuator limit for the requirements (m/s^2); None if no limit suffices.
     """
 
     def __init__(self, message: str, settling_time: float | None, peak: float | None) -> None:
@@ -518,7 +518,7 @@ class InfeasibleError(ValueError):
 
 @dataclasses.dataclass(frozen=True)
 class GainDesign:
-    """Gains and sampling period of a controller, and what they are good for.
+    """Gains and sampling period of a controller, with their guaranteed performance.
 
     Attributes
     ----------
@@ -592,7 +592,7 @@ class GainDesign:
 
 
 def best_ratio(e: float, kind: Literal["tracker", "regulator"] = "tracker") -> float:
-    r"""Give the ratio of the gains that brings a mass to rest soonest for its largest control.
+    r"""Return the ratio of the gains that brings a mass to rest soonest for its largest control.
 
     .. math::
 
@@ -609,7 +609,7 @@ def best_ratio(e: float, kind: Literal["tracker", "regulator"] = "tracker") -> f
     Returns
     -------
     float
-        The ratio, 0 where it is best to have no second gain (which must be > 0).
+        The ratio; 0 if no second gain is best (a controller requires it > 0).
 
     Examples
     --------
@@ -654,8 +654,8 @@ def design_tracker(
     start : (float, float)
         Distance from the wall (m) and velocity (m/s) from which it shall; or the worst of them.
     force : float
-        The known force, constant: what acts while a delay keeps the control away, and what the
-        actuator has to bear (m/s^2).
+        The constant known force (m/s^2): it acts alone until a delayed control arrives, and the
+        actuator must compensate it.
     force_ref : float, optional
         Largest force on a reference that moves (m/s^2), for the actuator only.
     u_limits : float or (float, float), optional
@@ -666,8 +666,8 @@ def design_tracker(
         Bound of the errors of the measured velocity, >= 0 (m/s): 5 standard deviations, say. The
         controller's landing has it as its dead zone.
     rest : {"exact", "practical"}
-        Whether the mass has to come to exact rest, or may go on in bounces of some periods, which
-        asks for less where `e` is near 1: ``within`` of the design tells how high.
+        Whether the mass must come to exact rest or may keep bouncing for some periods, which
+        requires less if `e` is near 1: ``within`` of the design is their height.
 
     Returns
     -------
@@ -677,7 +677,7 @@ def design_tracker(
     Raises
     ------
     InfeasibleError
-        If the actuator cannot: its attribute ``settling_time`` is what it can.
+        If the actuator is too weak; attribute ``settling_time`` is the shortest possible time.
     ValueError, TypeError
         For an argument out of range.
 
@@ -686,7 +686,7 @@ def design_tracker(
     Promised is rest for any unknown force within `bound`, one that follows the motion included, on
     a wall with this `e`, under this constant known force, from `start` or a better one, with exact
     positions and velocities (or errors within `quiet`) and with the design's own settings. Without
-    a delay that is a theorem, with one it is what 2000 of 2000 adversarial runs did.
+    a delay that is a theorem; with a delay it holds in 2000 of 2000 adversarial runs.
 
     Examples
     --------
@@ -740,8 +740,8 @@ def design_regulator(
         Bound of the errors of the measured velocity, >= 0 (m/s): 5 standard deviations, say. The
         controller's landing has it as its dead zone.
     rest : {"exact", "practical"}
-        Whether the mass has to come to exact rest, or may go on in bounces of some periods, which
-        asks for less where `e` is near 1: ``within`` of the design tells how high.
+        Whether the mass must come to exact rest or may keep bouncing for some periods, which
+        requires less if `e` is near 1: ``within`` of the design is their height.
 
     Returns
     -------
@@ -751,7 +751,7 @@ def design_regulator(
     Raises
     ------
     InfeasibleError
-        If the actuator cannot: its attribute ``settling_time`` is what it can.
+        If the actuator is too weak; attribute ``settling_time`` is the shortest possible time.
     ValueError, TypeError
         For an argument out of range.
 
@@ -760,7 +760,7 @@ def design_regulator(
     Promised is rest for any unknown force within `bound`, one that follows the motion included, on
     a wall with this `e`, under this constant known force, from `start` or a better one, with exact
     positions and velocities (or errors within `quiet`) and with the design's own settings. Without
-    a delay that is a theorem, with one it is what 2000 of 2000 adversarial runs did.
+    a delay that is a theorem; with a delay it holds in 2000 of 2000 adversarial runs.
 
     Examples
     --------
@@ -820,7 +820,7 @@ def _gain_design(asked: DesignSpec, found: Candidate) -> GainDesign:
 
 
 def _infeasible(asked: DesignSpec) -> InfeasibleError:
-    """Say what the actuator can."""
+    """Describe the actuator's limits."""
     low, high = asked.limits
     needs = f"no gains rest within {asked.time:g} s"
     if math.isinf(low) and math.isinf(high):
@@ -836,7 +836,7 @@ def _infeasible(asked: DesignSpec) -> InfeasibleError:
 
 
 def _rounded_up(time: float) -> float:
-    """Give the next number of 6 digits."""
+    """Return the next number of 6 digits."""
     digits = 10.0 ** (5 - math.floor(math.log10(time)))
     return math.ceil(time * digits) / digits
 

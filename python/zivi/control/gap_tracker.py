@@ -29,7 +29,7 @@ __all__ = [
     "functions_of",
 ]
 
-# Functions of the coordinates that a controller leads beside the gaps.
+# Task functions of the coordinates that a controller tracks in addition to the gaps.
 
 
 def check_tasks(system: MechanicalSystem, tasks: Mapping[str, Any]) -> dict[str, Any]:
@@ -48,7 +48,7 @@ def check_tasks(system: MechanicalSystem, tasks: Mapping[str, Any]) -> dict[str,
 
 
 def functions_of(system: MechanicalSystem, tasks: Mapping[str, Any], n: int) -> MechanicalSystem:
-    """Give a system whose gaps are the functions; its masses and forces do not matter."""
+    """Return a system whose gaps are the functions; its masses and forces do not matter."""
     if any(isinstance(it, Gap) for it in tasks.values()):
         gaps = list(tasks.values())
         return MechanicalSystem(mass=np.eye(n), force=np.zeros(n), gaps=gaps, e=0.0)
@@ -92,21 +92,21 @@ class GapTracker(ModelBased):
 
     where :math:`a_i` is the control of a `TwistingTracker` on gap i, for all of which impacts,
     accumulations and landings are those of one mass; an impact leaves the second line alone.
-    Contacts that rest with their reference are held, and pressed with the forces that are asked
-    for, :math:`a_A = -W_{AA} \lambda_d`. Functions :math:`y = f(q)` that have a reference of their
-    own follow it first, the posture in what they leave:
+    Contacts that rest with their reference are held with the specified contact forces, :math:`a_A =
+    -W_{AA} \lambda_d`. Functions :math:`y = f(q)` with a reference follow it with priority, the
+    posture in their null space:
 
     .. math::
 
         J T b = \ddot y_r - \dot J \dot q + J M^{-1} N^T W^{-1} \dot N \dot q
         - k_p (y - y_r) - k_d (J T w - \dot y_r)
 
-    What impacts do to y is left alone: in contact it follows :math:`y_r`.
+    The effect of impacts on y is not compensated; in contact, y follows :math:`y_r`.
 
     Parameters
     ----------
     system : MechanicalSystem
-        What the plant is believed to be, such as ``arm.replace(m2=0.9)``.
+        The controller's model of the plant, for example ``arm.replace(m2=0.9)``.
     h : float
         Sampling period, > 0 (s).
     gains : dict
@@ -130,12 +130,13 @@ class GapTracker(ModelBased):
         Periods from a measurement to the moment when its control acts, 0 to 64: the state is
         predicted as far ahead.
     tasks : dict, optional
-        Functions of the coordinates that may follow beside the gaps, by names that a ``reference``
-        of a loop has: a `Gap` each, for its value and derivatives; or formulas in the coordinates
-        and parameters of a `zivi.symbolic.system`, such as ``{"x": "l1*cos(a) + l2*cos(a + b)"}``.
+        Functions of the coordinates that may follow a reference in addition to the gaps, by their
+        names in the ``reference`` of a loop: each a `Gap`, for its value and derivatives; or
+        formulas in the coordinates and parameters of a `zivi.symbolic.system`, such as ``{"x":
+        "l1*cos(a) + l2*cos(a + b)"}``.
     learn_offset : bool
-        Whether the gaps that are measured in held contacts are taken for the error of where the
-        walls are thought to be, up to 5 mm. Contacts are then held by their rates.
+        Whether gaps measured in held contacts are interpreted as errors of the wall positions, up
+        to 5 mm. Contacts are then held by their rates.
 
     Raises
     ------
@@ -220,7 +221,7 @@ class GapTracker(ModelBased):
 
     @property
     def status(self) -> TickStatus:
-        """What was done to the last sample and to the control."""
+        """Status of the last update: treatment of sample and control."""
         return TickStatus(self._law.state[7])
 
     @property
@@ -230,7 +231,7 @@ class GapTracker(ModelBased):
 
     @property
     def accelerations(self) -> Array:
-        """What was asked of the gaps at the last tick, without contact forces, shape (m,)."""
+        """Commanded gap accelerations of the last update, without contact forces, shape (m,)."""
         return np.array(self._law.state[3], dtype=np.float64)
 
     @property
@@ -245,7 +246,7 @@ class GapTracker(ModelBased):
 
     @property
     def tasks(self) -> tuple[str, ...]:
-        """Names of the functions that may follow beside the gaps."""
+        """Names of the task functions."""
         return tuple(self._settings["tasks"])
 
     @property
@@ -255,7 +256,7 @@ class GapTracker(ModelBased):
 
     @property
     def state(self) -> tuple[Any, ...]:
-        """All that changes from tick to tick; assigning it restores what it was of exactly."""
+        """Internal state, which changes at each update; assigning it restores it exactly."""
         own = self._law.state
         trackers, held, beyond, a, queue, *last, status, rank, offsets = own
         rows = (None if it is None else tuple(it) for it in last)
@@ -283,11 +284,11 @@ class GapTracker(ModelBased):
         self.state = state["state"]
 
     def sensed(self, noise: Sequence[float], steps: Sequence[float]) -> None:
-        """Take note of the sensor: deviations and steps of coordinates and of velocities."""
+        """Set standard deviations and resolutions of the sensor: coordinates and velocities."""
         self._law.noise = (list(noise), list(steps))
 
     def step(self, t: float, q: ArrayLike, qdot: ArrayLike) -> Array:
-        """Give the controls for the period that starts now; all gaps land and rest.
+        """Return the controls for the period that starts now; all gaps land and rest.
 
         Parameters
         ----------
@@ -312,7 +313,7 @@ class GapTracker(ModelBased):
         now: ReferenceSample,
         next: ReferenceSample,
     ) -> Array:
-        """Give the controls for a reference that is given at this sample and at the next one.
+        """Return the controls for a reference that is given at this sample and at the next one.
 
         Parameters
         ----------
@@ -331,7 +332,7 @@ class GapTracker(ModelBased):
         return self._ticked(t, q, qdot, (_sample_spec(now), _sample_spec(next)))
 
     def in_loop(self, n: int, reference: MechanicalReference | None) -> _zivi.GapLoop:
-        """Give what a closed loop of `n` coordinates runs, along a reference or into rest."""
+        """Return the native loop for `n` coordinates, along a reference or into rest."""
         given = None
         if reference is not None:
             it = reference
@@ -349,7 +350,7 @@ class GapTracker(ModelBased):
         return _zivi.GapLoop(self._law, self._model(np.zeros(n))[1].core, given)
 
     def functions(self, q: Array) -> Model | None:
-        """Give the model whose gaps are the tasks, checked at coordinates; None without any."""
+        """Return the model whose gaps are the tasks, checked at coordinates; None without any."""
         return self._model(q)[1].tasks
 
     def _functions(self, q: Array) -> MechanicalSystem | None:
@@ -372,7 +373,7 @@ def check_gap_tracker(controller: Any) -> None:
 
 
 def _sample_spec(sample: ReferenceSample) -> tuple[Any, ...]:
-    """Give a sample as the extension takes it."""
+    """Return a sample for the extension."""
     numbers = [None if it is None else np.asarray(it, dtype=np.float64) for it in sample]
     numbers[3] = np.asarray(sample.contacts, dtype=bool)
     numbers[8] = None if numbers[8] is None else numbers[8].ravel()
@@ -380,7 +381,7 @@ def _sample_spec(sample: ReferenceSample) -> tuple[Any, ...]:
 
 
 def _pressing(name: str, force: Any) -> Any:
-    """Give a force as the extension takes it."""
+    """Return a force for the extension."""
     if not callable(force):
         return force
     return lambda t: positive(f"force[{name!r}]({t:.9g})", force(t))
@@ -403,7 +404,7 @@ def _same_names(
         raise ValueError(f"{name} must have each gap of {gaps}, lacks {missing[0]!r}")
 
 
-# Aiming at the next impact: a racket, a hammer, a pusher that gives a body a wanted speed.
+# Aiming at the next impact: a racket, hammer or pusher that sets a body's speed.
 
 LEARNT = 0.7
 """How much of what an impact showed is taken over."""
@@ -434,14 +435,14 @@ class Striker(ModelBased):
         w^* = v^- + (V - v^-)/\gamma, \qquad \gamma = (1 + e)\,(M^{-1} N^T)_{body}/W
 
     The way there is that of least effort, cubic in time. Which acceleration the gap needs is found
-    as by `GapTracker`; the gap alone would not know the height. What the model lacks in masses
-    and restitution is one number, :math:`\gamma`, learnt from each impact; what it lacks in forces
-    on the racket is learnt from its acceleration.
+    as by `GapTracker`; the gap alone would not know the height. Errors of the model in masses and
+    restitution are lumped in one number, :math:`\gamma`, learnt from each impact; errors in the
+    forces on the racket are learnt from its acceleration.
 
     Parameters
     ----------
     system : MechanicalSystem
-        What the plant is believed to be.
+        The controller's model of the plant.
     gap : str
         The gap between racket and body, or before a wall. Of the body's coordinate it has the
         gradient 1.
@@ -462,7 +463,7 @@ class Striker(ModelBased):
     u_limits : sequence of (float, float), optional
         Range of each control.
     posture : float
-        Damping of what moves beside the gap (1/s).
+        Damping of the motion in the null space of the gap (1/s).
     delay : int
         Periods from a measurement to the moment when its control acts, 0 to 64.
 
@@ -558,12 +559,12 @@ class Striker(ModelBased):
 
     @property
     def status(self) -> TickStatus:
-        """What was done to the last sample and to the control."""
+        """Status of the last update: treatment of sample and control."""
         return TickStatus(self._law.state[9])
 
     @property
     def state(self) -> tuple[Any, ...]:
-        """All that changes from tick to tick; assigning it restores what it was of exactly."""
+        """Internal state, which changes at each update; assigning it restores it exactly."""
         return self._law.state
 
     @state.setter
@@ -582,11 +583,11 @@ class Striker(ModelBased):
         self._law.noise, self.state = state["noise"], state["state"]
 
     def sensed(self, noise: Sequence[float], steps: Sequence[float]) -> None:
-        """Take note of the sensor: deviations and steps of coordinates and of velocities."""
+        """Set standard deviations and resolutions of the sensor: coordinates and velocities."""
         self._law.noise = DEVIATIONS * float(noise[1]) + 2.0 * float(steps[1])
 
     def step(self, t: float, q: ArrayLike, qdot: ArrayLike) -> Array:
-        """Give the controls for the period that starts now.
+        """Return the controls for the period that starts now.
 
         Parameters
         ----------
@@ -605,7 +606,7 @@ class Striker(ModelBased):
         return self._law.step(core, finite("t", t), at, speed)
 
     def in_loop(self, n: int, reference: MechanicalReference | None) -> _zivi.StrikeLoop:
-        """Give what a closed loop of `n` coordinates runs; it has no reference."""
+        """Return the native loop for `n` coordinates, without a reference."""
         return _zivi.StrikeLoop(self._law, self._model(np.zeros(n))[1].core)
 
     def _look_at(self, q: Array) -> None:
@@ -623,7 +624,7 @@ class Striker(ModelBased):
 
 
 def _target(name: str, given: Any) -> Any:
-    """Give heights or speeds as the extension takes them."""
+    """Return heights or speeds for the extension."""
     if callable(given):
         return lambda k: positive(f"{name}({k})", given(k))
     return positive(name, given)

@@ -69,7 +69,7 @@ SLOWEST = 1e-12
 
 
 def check_reference(controller: Any, reference: Any, **others: Any) -> None:
-    """Refuse a reference for a controller that takes none, and what is given beside it."""
+    """Reject a reference for a controller without one, and arguments that conflict with it."""
     if reference is None:
         return
     for name, value in others.items():
@@ -84,7 +84,7 @@ def check_reference(controller: Any, reference: Any, **others: Any) -> None:
 
 
 def asked_of(controller: Any) -> list[str]:
-    """Name what the step of a controller of the user asks of a reference that it is given."""
+    """List the reference arguments of a user-defined controller's ``step``."""
     try:
         parameters = inspect.signature(controller.step).parameters
     except (TypeError, ValueError):  # a builtin that does not tell
@@ -93,7 +93,7 @@ def asked_of(controller: Any) -> list[str]:
 
 
 class Told:
-    """A controller of the user without ``step_to``: its step is told the reference by name."""
+    """A user-defined controller without ``step_to``: its step gets the reference by keyword."""
 
     takes: ClassVar[dict[str, bool]] = {}
     """Of what `interface_of` finds, nothing beside the sample."""
@@ -129,13 +129,13 @@ class Told:
 
 
 def with_step_to(controller: Any, reference: Any) -> Any:
-    """Give a controller of the user that has no ``step_to`` one, if there is a reference."""
+    """Return a user-defined controller with a ``step_to``, if there is a reference."""
     ours = reference is None or isinstance(controller, CONTROLLERS)
     return controller if ours or hasattr(controller, "step_to") else Told(controller)
 
 
 def describe_reference(reference: Any) -> str:
-    """Tell what a reference is."""
+    """Describe a reference."""
     if isinstance(reference, Trajectory):
         return "a zivi.Trajectory"
     return str(describe(reference)) if callable(reference) else "values at the samples"
@@ -149,7 +149,7 @@ def spec_of(reference: Any, span: tuple[float, float], h: float) -> Spec:
 
 
 def at_samples(reference: Any, span: tuple[float, float], h: float) -> Array:
-    """Give a reference at the samples, also a function."""
+    """Return a reference at the samples, also a function."""
     times = _zivi.grid_times(*span, h, 1)
     if isinstance(reference, Trajectory):
         return _rows_of_run(reference, times)
@@ -161,7 +161,7 @@ def at_samples(reference: Any, span: tuple[float, float], h: float) -> Array:
 
 
 def _rows_of_run(run: Trajectory, times: Array) -> Array:
-    """Give a run at the samples, with its branch and its mean acceleration in each period."""
+    """Return a run at the samples, with its branch and its mean acceleration in each period."""
     start, end = run._extent()
     if not (start <= times[0] and times[-1] <= end):
         raise ValueError(
@@ -173,7 +173,7 @@ def _rows_of_run(run: Trajectory, times: Array) -> Array:
 
 
 def sampled_run(run: Trajectory, times: Array) -> tuple[Array, Array, Array, Array]:
-    """Give position, velocity and branch at the times, and the mean acceleration between them."""
+    """Return position, velocity and branch at the times, and the mean acceleration between them."""
     x, xdot = run(times)
     s, v = run._known().lifted(times)
     impacts = run.impacts_down_to(SLOWEST)
@@ -234,7 +234,7 @@ class GivenReference:
     source : Trajectory or callable
         What was given.
     sampled : SampledReference
-        What it was at the samples: this is stored.
+        Its values at the samples, which are stored.
     """
 
     source: Any
@@ -246,7 +246,7 @@ class GivenReference:
         return SampledReference, (it.t, it.x, it.xdot, it.kappa)
 
     def physical(self, times: Array) -> tuple[Array, Array]:
-        """Give ``(x_r, xdot_r)``."""
+        """Return ``(x_r, xdot_r)``."""
         if isinstance(self.source, Trajectory):
             path: DenseMotion = self.source._known()
             return path.physical(times)
@@ -255,7 +255,7 @@ class GivenReference:
         return x, xdot
 
     def lifted(self, times: Array) -> tuple[Array, Array]:
-        """Give ``(s_r, v_r)``."""
+        """Return ``(s_r, v_r)``."""
         if isinstance(self.source, Trajectory):
             path: DenseMotion = self.source._known()
             return path.lifted(times)
@@ -287,7 +287,7 @@ def loop_forces(
 
 
 def plant_motion(method: ThetaGamma | SwitchedRK | None) -> dict[str, Any]:
-    """Return how the plant moves between samples, as the extension takes it."""
+    """Return the plant's integration between samples, for the extension."""
     return {
         "method": (BETWEEN_SAMPLES if method is None else method)._core,
         "exact": method is None,
@@ -307,7 +307,7 @@ def sampling_period(controller: Any) -> float:
 
 
 def on_wall(controller: Any, system: ImpactSystem) -> Any:
-    """Give a controller without `e` the plant's, and warn of one that believes in another."""
+    """Return the controller with the plant's `e` if it has none; warn if the two differ."""
     if isinstance(controller, CONTROLLERS):
         controller = controller._on(system.kappa)
     believed = getattr(controller, "e", system.e)
@@ -382,7 +382,7 @@ NEAR_ELASTIC = 0.9
 
 
 def calm(delay: int) -> int:
-    """Give the least horizon whose late brake does not swing over."""
+    """Return the least horizon whose late brake does not swing over."""
     return math.ceil((1 + delay) * (1.0 + 1.0 / delay) ** delay)
 
 

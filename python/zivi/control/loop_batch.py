@@ -126,7 +126,7 @@ def place_controllers(controllers: list[Any], references: Array, n: int) -> list
 
 
 def on_walls(controllers: list[Any], plants: list[ImpactSystem], n: int) -> list[Any]:
-    """Give the controllers without `e` their plants'."""
+    """Return the controllers; one without `e` gets the `e` of its plant."""
     ours = [it for it in controllers if isinstance(it, CONTROLLERS)]
     differ = len(plants) > 1 and any(it._settings["kappa"] is None for it in ours)
     count = n if differ else len(controllers)
@@ -137,7 +137,7 @@ def on_walls(controllers: list[Any], plants: list[ImpactSystem], n: int) -> list
 def references_of(
     references: list[Any], controllers: list[Any], span: tuple[float, float], n: int
 ) -> list[tuple[Array, float]]:
-    """Give the references at the samples, and the kappas of their walls."""
+    """Return the references at the samples, and the kappas of their walls."""
     count = n if max(len(references), len({(it.h, it.kappa_ref) for it in controllers})) > 1 else 1
     pairs = [(entry(references, i), entry(controllers, i)) for i in range(count)]
     return [(at_samples(it, span, controller.h), controller.kappa_ref) for it, controller in pairs]

@@ -111,7 +111,7 @@ class Updates:
         return cls.of_bits(bits[:-1])
 
     def __str__(self) -> str:
-        """Say what failed, nothing if nothing did."""
+        """Describe the failures; "" if there are none."""
         if not (self.rejected or self.saturated or self.unsolved or self.lost):
             return ""
         of_all = f" of {self.total}" if self.total else ""  # older versions did not count them
@@ -157,12 +157,12 @@ class Updated:
         return self.updates.saturated
 
     def _failed_text(self) -> str:
-        """Say what failed behind a comma, nothing if nothing did."""
+        """Describe the failures after a comma; "" if there are none."""
         return f", {self.updates}" if str(self.updates) else ""
 
 
 def with_updates(state: dict[str, Any]) -> dict[str, Any]:
-    """Give the state of a loop that an older version pickled its counts."""
+    """Return the state of a loop that an older version pickled its counts."""
     if "updates" in state:
         return state
     kept = {name: it for name, it in state.items() if name != "n_refused"}
@@ -180,7 +180,7 @@ class UpdatedBatch(BatchRuns):
         self.__dict__.update(dict.fromkeys(NAMES, unknown) | state)
 
     def _counted(self) -> str:
-        """Say what failed in the loops, nothing if nothing did."""
+        """Describe the failures in the loops; "" if there are none."""
         return str(Updates(*(int(np.sum(getattr(self, name))) for name in NAMES[:3])))
 
 
@@ -202,7 +202,7 @@ LISTED = 1000
 
 
 def branches_at(times: Array, impacts: Array) -> Array:
-    """Give the branch at `times`, which increase: 1, and the other after each impact."""
+    """Return the branch at `times`, which increase: 1, and the other after each impact."""
     ends = np.concatenate(([0], np.searchsorted(times, impacts), [len(times)]))
     branches = np.ones(len(impacts) + 1)
     branches[1::2] = -1.0
@@ -248,16 +248,16 @@ class BallisticPath:
         return end.x, end.xdot, self.side[k] * (1.0 - 2.0 * (end.n_impacts % 2))
 
     def physical(self, times: Array) -> tuple[Array, Array]:
-        """Give ``(x, xdot)``, after the impact where there is one."""
+        """Return ``(x, xdot)``, after the impact where there is one."""
         return self._at(times)[:2]
 
     def lifted(self, times: Array) -> tuple[Array, Array]:
-        """Give ``(s, v)``."""
+        """Return ``(s, v)``."""
         x, xdot, side = self._at(times)
         return on_side(x, xdot, side, self.wall[1])
 
     def skipped_impacts(self, speed: float, at_most: int) -> tuple[Array, Array, Array]:
-        """Give the impacts beyond the listed ones of each period: a geometric series."""
+        """Return the impacts beyond the listed ones of each period: a geometric series."""
         e = self.wall[0]
         found: list[Array] = [np.empty((0, 3))]
         for number, t, u in self.full:
@@ -286,7 +286,7 @@ def on_side(x: Array, xdot: Array, side: Array, kappa: float) -> tuple[Array, Ar
 
 
 def path_of(record: _zivi.LoopRecord, impacts: NDArray[np.void], wall: tuple[float, float]) -> Any:
-    """Give the motion of the plant between its samples, None if it was not kept."""
+    """Return the motion of the plant between its samples, None if it was not kept."""
     t, x, xdot, _, _, u = record.columns
     if record.own_force is not None:
         side, net = branches_at(t, impacts["t"]), record.own_force + u
@@ -344,11 +344,11 @@ class SampledReference:
         return LinearPath(self.t, s, v, self.kappa)
 
     def lifted(self, times: Array) -> tuple[Array, Array]:
-        """Give ``(s_r, v_r)``."""
+        """Return ``(s_r, v_r)``."""
         return self._path.lifted(times)
 
     def physical(self, times: Array) -> tuple[Array, Array]:
-        """Give ``(x_r, xdot_r)``."""
+        """Return ``(x_r, xdot_r)``."""
         if np.isnan(self.xdot).all():
             return np.interp(times, self.t, self.x), np.full(times.shape, np.nan)
         s, v = self.lifted(times)
@@ -507,7 +507,7 @@ class ClosedLoop(Updated, MassRun):
         return Transformed(*self._lifted, *self.signs.T[:2])
 
     def reference(self, t: ArrayLike) -> Array:
-        """Give the state of the reference between the samples.
+        """Return the state of the reference between the samples.
 
         One that the controller advances is known at the samples: ``s_r`` and ``v_r`` are linear
         between them, as in its implicit Euler steps. The velocity is NaN where it is not known.
@@ -678,7 +678,7 @@ class ClosedLoopBatch(UpdatedBatch):
     sample_xdot: Array | MaybeNone = None
 
     def _table(self) -> ResultTable:
-        """Tell the numbers over ``run``, samples over ``sample``."""
+        """Describe the dataset: numbers over ``run``, samples over ``sample``."""
         kept = {name: it for name, it in SAMPLED.items() if getattr(self, name) is not None}
         coords: dict[str, Field] = {"run": ("run", "", "number of the loop")}
         title = "Batch of closed loops of mechanical systems with impacts"

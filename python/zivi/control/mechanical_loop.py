@@ -174,7 +174,7 @@ BETWEEN_SAMPLES = SwitchedRK(rtol=1e-9, atol=1e-12)
 
 @dataclasses.dataclass(frozen=True)
 class RKPeriod:
-    """The plant of a closed loop by one Runge-Kutta step a period, with impacts where they are.
+    """Integrate the plant of a loop by one Runge-Kutta step per period, with located impacts.
 
     A step of order 5 (Dormand-Prince), cut at impacts, accumulations and lift-offs, which are
     found as by `SwitchedRK`. No error is controlled: the period must be short against the motion.
@@ -189,13 +189,13 @@ class RKPeriod:
 class MechanicalController(Protocol):
     """Anything that `simulate_closed_loop` can run with a `MechanicalSystem`.
 
-    What else it has is found at the start of a run:
+    Optional members, detected at the start of a run:
 
     - With ``reference=`` its method ``step_to(t, q, qdot, now, next)`` is called, with the
       `ReferenceSample` at the sample and at the next one, ``delay`` periods later if it has an
       attribute of that name.
     - ``status``, a `TickStatus`, and ``latched``, of shape (m,), are recorded.
-    - One with ``copy()`` and ``reset()`` runs as a copy from where it is.
+    - A controller with ``copy()`` and ``reset()`` runs as a copy in its present state.
 
     Where it gives NaN or infinity the last controls are held, and the tick is ``REFUSED``. Another
     number of controls is a `TypeError`.
@@ -221,7 +221,7 @@ class MechanicalController(Protocol):
 
     @property
     def step(self) -> Callable[..., ArrayLike]:
-        """Give the controls for the period that starts now, ``step(t, q, qdot)``, shape (r,)."""
+        """Return the controls for the sampling period that starts now, shape (r,)."""
 
 
 def simulate_mechanical(
@@ -338,17 +338,17 @@ def read_plant_method(method: Any) -> tuple[SwitchedRK, bool]:
 
 
 def reference_text(reference: Any) -> str:
-    """Tell what a reference is."""
+    """Describe a reference."""
     return repr(reference) if isinstance(reference, str) else f"a {type(reference).__name__}"
 
 
 def copy_controller(controller: Any) -> Any:
-    """Copy a controller that can be: the run leaves it as it is."""
+    """Copy a controller if possible, so that the run does not change it."""
     return controller.copy() if callable(getattr(controller, "copy", None)) else controller
 
 
 def times_ahead(times: Array, h: float, ahead: int, reference: Any) -> Array:
-    """Give the times at which a controller wants its reference, as far as that is known."""
+    """Return the times at which a controller needs its reference, up to its end."""
     more = times[-1] + h * np.arange(1, ahead + 1)
     if isinstance(reference, MechanicalTrajectory):
         more = more[more <= reference._extent()[1]]
@@ -401,7 +401,7 @@ def disturbed(model: Model, disturbance: Any, n: int) -> Model:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Sensor:
-    """What is measured: deviations of the noise, steps, the noise itself and its seed.
+    """Sensor: standard deviations of the noise, resolutions, the noise and its seed.
 
     Parameters
     ----------
@@ -435,7 +435,7 @@ class Sensor:
 
 
 def watching_of(observer: Any, system: MechanicalSystem, h: float, q: Array) -> Any:
-    """Give a copy of an observer for a run."""
+    """Return a copy of an observer for a run."""
     if observer is None:
         return None
     if not isinstance(observer, JointObserver):
@@ -445,7 +445,7 @@ def watching_of(observer: Any, system: MechanicalSystem, h: float, q: Array) -> 
 
 
 def tell_sensor(controller: Any, sensor: Sensor, watching: Any) -> None:
-    """Tell a controller that asks for it what the sensor is like."""
+    """Pass the sensor's properties to a controller with a method ``sensed``."""
     if not callable(getattr(controller, "sensed", None)):
         return
     if watching is None:
@@ -457,7 +457,7 @@ def tell_sensor(controller: Any, sensor: Sensor, watching: Any) -> None:
 def called_loop(
     controller: Any, reference: MechanicalReference | None, names: Sequence[str]
 ) -> _zivi.CalledLoop:
-    """Give what a loop runs for a controller of the interpreter."""
+    """Return the loop component that calls a Python controller."""
     has = {it: controller if hasattr(controller, it) else None for it in ("status", "latched")}
     several = "" if len(names) == 1 else "s"
     expected = f"{len(names)} control{several} ({', '.join(names)})"
@@ -513,7 +513,7 @@ def loop_of(
 
 
 def driven_model(model: Model, inputs: ControlInputs, times: Array, controls: Array) -> Model:
-    """Give a model under the controls of a loop, for contact forces between the samples."""
+    """Return a model under the controls of a loop, for contact forces between the samples."""
     n = model.layout.n
 
     def evaluate(t: float, q: Array, qdot: Array) -> Array:

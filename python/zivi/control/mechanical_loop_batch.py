@@ -1,4 +1,4 @@
-"""Batches of closed loops that run one by one, also of mechanical systems."""
+"""Batches of closed loops of masses or mechanical systems that run sequentially."""
 
 from __future__ import annotations
 
@@ -101,7 +101,7 @@ def outcomes(
 
 
 def numbers_of(run: ClosedLoop, within: float, every: int) -> dict[str, Any]:
-    """Give what a batch has of a loop, summed sample by sample as the batches in Rust do."""
+    """Return the batch columns of a loop, summed in the order of the Rust batches."""
     # the last sample repeats the control of the one before
     held, error = run.u[:-1], np.abs(run.x - run.x_ref)
     late = np.flatnonzero(~(error <= within))
@@ -127,7 +127,7 @@ def numbers_of(run: ClosedLoop, within: float, every: int) -> dict[str, Any]:
 
 
 def _sum(values: Array) -> float:
-    """Sum from the first to the last, not by halves."""
+    """Sum sequentially (NumPy sums pairwise)."""
     return float(np.cumsum(values)[-1]) if len(values) else 0.0
 
 
@@ -136,7 +136,7 @@ def _rms(values: Array) -> float:
 
 
 def loop_columns(found: Sequence[dict[str, Any]], every: int) -> dict[str, Any]:
-    """Put the numbers of the loops into arrays, and the samples into rows, filled up with NaN."""
+    """Collect the numbers of the loops in arrays, and the samples in rows padded with NaN."""
     names = [name for name in found[0] if name != "saved"]
     kinds = {name: np.uint64 for name in names if name.startswith("n_")} | {"status": np.uint8}
     columns: dict[str, Any] = {
@@ -156,7 +156,7 @@ def _padded(several: list[Array]) -> Array:
 
 
 def columns_of_record(record: _zivi.LoopBatchRecord, sampled: bool) -> dict[str, Any]:
-    """Name the columns of a batch in Rust."""
+    """Return the columns of a native batch by name."""
     names = (
         "settling_time error_max error_rms u_max u_rms u_variation rest_time n_impacts n_updates "
         "n_refused n_saturated n_unsolved status"
@@ -230,8 +230,8 @@ class MechanicalLoopBatch(UpdatedBatch):
     n_impacts : ndarray of int
         Numbers of impacts.
     n_updates, n_refused, n_saturated, n_lost : ndarray of int
-        Numbers of control updates, of those that were rejected, of those whose control was cut to
-        its limits, and of those at which a contact that the controller held was lost.
+        Numbers of control updates, of rejected updates, of updates with a saturated control, and of
+        updates at which a held contact was lost.
     status : ndarray of uint8
         How each run ended, the numbers of `Status`.
     runs : list of MechanicalClosedLoop or None
@@ -370,7 +370,7 @@ def read_starts(starts: Any) -> list[tuple[Array, Array]]:
 def plants_of(
     system: MechanicalSystem, parameters: Mapping[str, ArrayLike]
 ) -> list[MechanicalSystem]:
-    """Give the plants with their parameters."""
+    """Return the plants with their parameters."""
     if not isinstance(system, MechanicalSystem):
         raise TypeError(f"systems must be one MechanicalSystem, got {type(system).__name__}")
     if not parameters:
@@ -390,7 +390,7 @@ def plants_of(
 
 
 def common_length(lists: Mapping[str, Sequence[Any]]) -> int:
-    """Give the length that all lists have that differ from loop to loop."""
+    """Return the length that all lists have that differ from loop to loop."""
     lengths = {name: len(it) for name, it in lists.items() if len(it) > 1}
     if len(set(lengths.values())) > 1:
         raise ValueError(f"all that differs from loop to loop must be as many, got {lengths}")
@@ -403,7 +403,7 @@ def entry(things: Sequence[Any] | Array, i: int) -> Any:
 
 
 def mechanical_numbers_of(run: MechanicalClosedLoop) -> dict[str, Any]:
-    """Give what a batch keeps of a loop."""
+    """Return the batch columns of a loop."""
     held = run.u[:-1]
     error = np.abs(run.error_gaps)
     last = ("t", "q", "qdot", "gaps", "contacts", "reactions", "u")

@@ -83,7 +83,7 @@ class MechanicalReference:
     contacts : ndarray of bool
         Shape (k, m).
     apart : bool
-        Whether gaps and coordinates were given apart: their coupling must be small then.
+        Whether gaps and coordinates were given separately; their coupling must then be small.
     goals : ndarray or None
         Functions of the coordinates that follow, first and second derivatives, shape (k, 3, p).
     """
@@ -100,7 +100,7 @@ class MechanicalReference:
     goals: Array | None = None
 
     def sample(self, k: int) -> ReferenceSample:
-        """Give sample `k`, the last one beyond the end."""
+        """Return sample `k`; after the end, the last one."""
         k = min(k, len(self.q) - 1)
         return ReferenceSample(
             self.q[k],
@@ -136,7 +136,7 @@ def reference_of(
 def of_run(
     run: MechanicalTrajectory, times: Array, names: tuple[str, ...], q0: Array
 ) -> MechanicalReference:
-    """Give a run of the system at the samples."""
+    """Return a run of the system at the samples."""
     if run.gap_names != names:
         raise ValueError(f"reference must have the gaps {names}, it has {run.gap_names}")
     start, end = run._extent()
@@ -160,7 +160,7 @@ def of_run(
 def _without_contacts(
     model: Model, times: Array, states: tuple[Array, Array], contacts: NDArray[np.bool_]
 ) -> tuple[Array, Array]:
-    """Give the accelerations of coordinates and of gaps, each gap's without its own force."""
+    """Return the accelerations of coordinates and of gaps, each gap's without its own force."""
     layout, (q, qdot) = model.layout, (np.ascontiguousarray(it) for it in states)
     rows = np.empty((len(times), layout.size))
     for k, t in enumerate(times.tolist()):
@@ -181,7 +181,7 @@ def _without_contacts(
 
 
 def _pushed(D: Array, free: Array, closed: NDArray[np.bool_]) -> Array:
-    """Give what each gap gets from the forces of the other contacts."""
+    """Return the acceleration of each gap due to the forces of the other contacts."""
     forces = np.zeros(len(free))
     if closed.any():
         inside = np.ix_(closed, closed)
@@ -191,7 +191,7 @@ def _pushed(D: Array, free: Array, closed: NDArray[np.bool_]) -> Array:
 
 
 def _gap_branches(run: MechanicalTrajectory, times: Array, m: int) -> Array:
-    """Give the branch of each gap: 1, and the other after each of its impacts."""
+    """Return the branch of each gap: 1, and the other after each of its impacts."""
     impacts = run.impacts_down_to(SLOWEST, limit=MOST_IMPACTS)
     sides = np.ones((len(times), m))
     for i in range(m):
@@ -207,7 +207,7 @@ def of_parts(
     q0: Array,
     tasks: tuple[str, ...],
 ) -> MechanicalReference:
-    """Give a reference that is told gap by gap, and what the rest of it follows."""
+    """Return a reference given by gaps and by posture and tasks for the remaining motion."""
     posture = parts.pop("posture", q0)
     goals = goals_of({name: parts.pop(name) for name in tasks if name in parts}, tasks, times)
     strange = sorted(set(parts) - set(names))
@@ -235,7 +235,7 @@ def of_parts(
 
 
 def goals_of(parts: dict[str, Any], tasks: tuple[str, ...], times: Array) -> Array | None:
-    """Give functions of the coordinates with their derivatives at the times; None for none."""
+    """Return functions of the coordinates with their derivatives at the times; None for none."""
     if not parts:
         return None
     goals = np.zeros((len(times), 3, len(tasks)))
@@ -259,7 +259,7 @@ def goals_of(parts: dict[str, Any], tasks: tuple[str, ...], times: Array) -> Arr
 
 
 def _scalar(name: str, run: Any, times: Array) -> tuple[Array, Array, Array, Array]:
-    """Give a gap that is a run of one mass: position, velocity, side, acceleration."""
+    """Return a gap that is a run of one mass: position, velocity, side, acceleration."""
     if not isinstance(run, Trajectory):
         raise TypeError(
             f"reference[{name!r}] must be 'rest' or a run of one mass, got {type(run).__name__}"
@@ -272,7 +272,7 @@ def _scalar(name: str, run: Any, times: Array) -> tuple[Array, Array, Array, Arr
 
 
 def posture_at(posture: Any, times: Array, n: int) -> tuple[Array, Array, Array]:
-    """Give ``(q, qdot, qddot)`` of a posture, constant or a function of time, at the times."""
+    """Return ``(q, qdot, qddot)`` of a posture, constant or a function of time, at the times."""
     if callable(posture):
         rows = [posture_of(posture, float(t), n) for t in times]
         q, qdot, qddot = (np.array(it) for it in zip(*rows, strict=True))
@@ -285,7 +285,7 @@ def posture_at(posture: Any, times: Array, n: int) -> tuple[Array, Array, Array]
 def posture_of(
     posture: Array | Callable[[float], Any], t: float, n: int
 ) -> tuple[Array, Array, Array]:
-    """Read a posture at one time: ``q``, or ``(q, qdot)``, or with its acceleration."""
+    """Read a posture at one time: ``q``, ``(q, qdot)`` or ``(q, qdot, qddot)``."""
     given = real_array("posture", posture(t) if callable(posture) else posture)
     rows = given.reshape(1, -1) if given.ndim < 2 else given
     if rows.ndim != 2 or rows.shape[1] != n or len(rows) > 3 or not np.all(np.isfinite(rows)):
@@ -354,7 +354,7 @@ def check_coupling(
 
 
 def _checked_samples(gaps: Array, goals: Array | None) -> list[int]:
-    """Give the samples that are looked at: even ones, and those of the extremes."""
+    """Return the samples to check: equidistant ones and the extremes."""
     rows = [gaps] if goals is None else [gaps, goals[:, 0]]
     count = len(gaps)
     ends = [it(axis=0).tolist() for row in rows for it in (row.argmax, row.argmin)]
@@ -376,7 +376,7 @@ def _reached(
     more: tuple[Model, Array] | None,
     known: tuple[float, Names, Names],
 ) -> Array:
-    """Give a configuration with these gaps and functions, near one of others; or tell the lack."""
+    """Return a configuration with these gaps and functions; raise with the residual if none."""
     lacks = []
     for q in near:
         q, has = _solve_configuration(model, q, gaps, more)
@@ -403,7 +403,7 @@ def _reached(
 def _solve_configuration(
     model: Model, q: Array, gaps: Array, more: tuple[Model, Array] | None = None
 ) -> tuple[Array, Array]:
-    """Give coordinates with these gaps and functions, near others, and what they do have."""
+    """Return coordinates with these gaps and functions near others, and the values reached."""
     q, still = np.array(q, dtype=np.float64), np.zeros(len(q))
     for k in range(2 * STEPS):
         here = model.layout.read(model.evaluate(0.0, q, still))
@@ -468,8 +468,8 @@ def reference_run(
         For each gap its acceleration a: a number, or a function of time (negative: towards
         contact). Times at which one jumps, such as that of a lift-off, belong into `tstops`.
     posture : array_like or callable, optional
-        The coordinates :math:`q_n`, or a function of time that gives them, or these with velocities
-        and accelerations, shapes (n,), (2, n) or (3, n). By default where the motion starts.
+        The coordinates :math:`q_n`, optionally with velocities and accelerations, shapes (n,), (2,
+        n) or (3, n); or a function of time that returns them. By default where the motion starts.
     gains : (float, float)
         :math:`k_p` (1/s^2) and :math:`k_d` (1/s).
     method : SwitchedRK
@@ -545,7 +545,7 @@ class Decoupled(MechanicalSystem):
         return self._own._breaks(span)
 
     def model(self, n: int) -> Model:
-        """Give what the extension integrates: the system without friction, under these forces."""
+        """Return the native plant: the system without friction, under these forces."""
         own = self._own.model(n)
         layout = own.layout
         if layout.p:
@@ -570,7 +570,7 @@ class Decoupled(MechanicalSystem):
         return Model(layout, _zivi.Model.callable(evaluate), evaluate)
 
     def partials(self, model: Model, wanted: Collection[str] | None = None) -> Partials:
-        """Give no derivatives."""
+        """Return an array of shape (0, ...): there are no derivatives."""
         return Partials()
 
     def __getstate__(self) -> dict[str, Any]:

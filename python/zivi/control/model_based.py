@@ -21,7 +21,7 @@ __all__ = [
     "check_believes",
 ]
 
-# A copy of a plant as a controller believes it to be, driven period by period.
+# A model of a plant for a controller, integrated period by period.
 
 
 class BelievedPlant:
@@ -30,7 +30,7 @@ class BelievedPlant:
     Parameters
     ----------
     system : MechanicalSystem
-        What the plant is believed to be.
+        The controller's model of the plant.
     h : float
         Length of a period (s).
     n : int
@@ -54,7 +54,7 @@ class BelievedPlant:
     def moved(
         self, t: float, q: Array, qdot: Array, controls: Array
     ) -> tuple[Array, Array, NDArray[np.bool_]]:
-        """Give coordinates, velocities and contacts after as many periods as there are controls.
+        """Return coordinates, velocities and contacts after as many periods as there are controls.
 
         Parameters
         ----------
@@ -75,7 +75,7 @@ class BelievedPlant:
         return self.core.onto(t, q, qdot, closed)
 
 
-# What controllers of mechanisms share that believe in a model of their plant.
+# Base class of model-based controllers of mechanisms.
 
 
 class ModelBased:
@@ -84,7 +84,7 @@ class ModelBased:
     Parameters
     ----------
     system : MechanicalSystem
-        What the plant is believed to be.
+        The controller's model of the plant.
     settings : dict
         The arguments of the constructor, with ``h``, ``delay`` and ``u_limits``.
     """
@@ -134,14 +134,14 @@ class ModelBased:
         return f"{type(self).__name__}({self.system!r}, {shown})"
 
     def _measured(self, q: ArrayLike, qdot: ArrayLike) -> tuple[_zivi.Believed, Array, Array]:
-        """Give the plant that is believed in and what was measured, as arrays that fit it."""
+        """Return the model and the measurement, as arrays of matching shape."""
         at, speed = (np.atleast_1d(real_array(*it)) for it in (("q", q), ("qdot", qdot)))
         if at.shape != speed.shape or at.ndim != 1:
             raise ValueError(f"qdot must have shape {at.shape}, got {speed.shape}")
         return self._model(at)[1].core, at, speed
 
     def _model(self, q: Array) -> tuple[ControlInputs, BelievedPlant]:
-        """Give the inputs and the plant, which the first sample tells the number of coordinates."""
+        """Return inputs and plant, built at the first sample for its number of coordinates."""
         if self._inputs is None or self._believed is None:
             inputs, limits = self.system.control_inputs(q), self._settings["u_limits"]
             if limits is not None and len(limits) != inputs.r:
@@ -158,7 +158,7 @@ class ModelBased:
         """Check what only a sample shows."""
 
     def _functions(self, q: Array) -> MechanicalSystem | None:
-        """Give a system whose gaps are what follows beside the gaps, if anything does."""
+        """Return a system whose gaps are the tasks that follow a reference; None without any."""
         return None
 
 
@@ -208,19 +208,19 @@ OUT = 5
 class JointObserver:
     r"""Estimates coordinates and velocities from measured coordinates only.
 
-    A copy of the believed plant, impacts, accumulations and contacts included, moves under the
-    controls that act, and is drawn to what is measured, :math:`y = q_{measured} - q`:
+    A copy of the model, impacts, accumulations and contacts included, moves under the controls that
+    act and is corrected by the innovation :math:`y = q_{measured} - q`:
 
     .. math:: q \leftarrow q + \alpha y, \qquad
         \dot q \leftarrow \dot q + \frac{\alpha^2}{(2 - \alpha)\,h}\,y
 
-    In contact the part of y that moves closed gaps is left out, M-orthogonally, or noise would open
-    them; measurements beyond 6 deviations, five in a row, do.
+    In contact the component of y that moves closed gaps is removed M-orthogonally, since noise
+    would open them; five consecutive measurements outside 6 standard deviations open them.
 
     Parameters
     ----------
     system : MechanicalSystem
-        What the plant is believed to be.
+        The controller's model of the plant.
     noise : float
         Standard deviation of the measured coordinates, >= 0.
     alpha : float
@@ -267,7 +267,7 @@ class JointObserver:
         self._beyond = np.zeros(self.system.m, dtype=int)
 
     def begun(self, h: float, n: int) -> Self:
-        """Give a copy for a loop of period `h` (s) and `n` coordinates."""
+        """Return a copy for a loop of period `h` (s) and `n` coordinates."""
         twin = type(self).__new__(type(self))
         vars(twin).update(vars(self))
         twin._plant = BelievedPlant(self.system, real("h", h), n)
@@ -276,7 +276,7 @@ class JointObserver:
 
     @property
     def deviations(self) -> tuple[float, float]:
-        """Standard deviations of the estimates in flight: of coordinates, and of velocities."""
+        """Standard deviations of the estimates in flight: of coordinates and of velocities."""
         assert self._plant is not None
         a = self.alpha
         share = np.sqrt((2.0 * a + a * a * (2.0 - a)) / (4.0 - a)) if a else 0.0
@@ -288,7 +288,7 @@ class JointObserver:
         return float(self.alpha**2 / ((2.0 - self.alpha) * self._plant.h))
 
     def step(self, t: float, q: ArrayLike, u: ArrayLike) -> tuple[Array, Array]:
-        """Give coordinates and velocities at a sample.
+        """Return coordinates and velocities at a sample.
 
         Parameters
         ----------

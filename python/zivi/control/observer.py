@@ -1,4 +1,4 @@
-"""What is not measured: position, velocity and an unknown force, seen through impacts."""
+"""Observers of position, velocity and an unknown force through impacts."""
 
 from __future__ import annotations
 
@@ -36,10 +36,10 @@ class Observed(Tabulated):
     refused : ndarray of bool
         Measurements that were too far off to be taken.
     missing : ndarray of bool
-        Times without a measurement: the position is NaN there.
+        Times without a measurement (NaN).
     e, std_e : ndarray
-        Coefficient of restitution and its standard deviation: those that are believed where it is
-        not learnt.
+        Coefficient of restitution and its standard deviation; the assumed ones if it is not
+        estimated.
     """
 
     t: Array
@@ -53,7 +53,7 @@ class Observed(Tabulated):
     missing: NDArray[np.bool_]
 
     def _table(self) -> ResultTable:
-        """Tell the estimates over ``time``."""
+        """Describe the dataset: estimates over ``time``."""
         coords: dict[str, Field] = {"time": ("time", "s", "time"), "of": ("of", "", "estimate")}
         values = {"time": self.t, "of": ["x", "xdot", "d"]}
         return ResultTable("Estimates of an observer", FIELDS, coords, values)
@@ -80,7 +80,7 @@ _SEEN = 6
 
 
 def _is_later(later: Any) -> bool:
-    """Whether this is what a state has since the second version."""
+    """Whether a state has the fields of the second version."""
     version, waiting, e, _, _, _, ee, count, *seen = later
     return (
         version == VERSION
@@ -135,8 +135,8 @@ class ImpactObserver(_zivi.Observer, Component):
     each impact; at a Zeno point and at rest only the variance of :math:`d` stays, which the wall's
     reaction hides. Measurements 5 standard deviations off are not taken. Several in a row start it
     again: at the fifth, with its velocity; of positions alone where four of the last six (all but
-    two of fewer) agree on a flight, so outliers do not. What is measured in lengths and times
-    scales with their units. It is a tick like a controller's, and bounded in the same way.
+    two of fewer) agree on a flight, so outliers do not. Defaults with units of length and time
+    scale with these units. It is a tick like a controller's, and bounded in the same way.
 
     Parameters
     ----------
@@ -151,15 +151,15 @@ class ImpactObserver(_zivi.Observer, Component):
         Variance of the change of :math:`d` in a period (m^2/s^4), about 5 to 10 times
         :math:`(h \max|\dot d|)^2`.
     se : float
-        Standard deviation of `e`: 0 if it is exact, about 0.03 if it is not.
+        Standard deviation of the assumed `e`: 0 if it is known exactly, otherwise about 0.03.
     dmax : float
         Bound of :math:`|d|` (m/s^2).
     position_only : bool
         Whether the velocity is not measured: what `step` is given for it is ignored.
     learn_e : bool
-        Whether the restitution is estimated, too, from the impacts that are faster than ten times
-        the noise of the position in a period: `e_est`, `e_std`. `se` is its standard deviation at
-        the start then, 0.1 if it is 0.
+        Whether the restitution is also estimated, from impacts faster than ten times the position
+        noise per period: `e_est`, `e_std`. `se` is then its initial standard deviation, 0.1 if it
+        is 0.
     q_e : float
         Variance that each impact adds to an `e` that is learnt, for walls that change (1e-6, say).
 
@@ -234,12 +234,12 @@ class ImpactObserver(_zivi.Observer, Component):
 
     @property
     def e_est(self) -> float:
-        """The restitution that is believed now."""
+        """Current estimate of the restitution."""
         return float(self._restitution[0])
 
     @property
     def e_std(self) -> float:
-        """Its standard deviation, 0 where it is not learnt."""
+        """Its standard deviation; 0 if it is not estimated."""
         return math.sqrt(self._restitution[1])
 
     @property
@@ -273,10 +273,10 @@ class ImpactObserver(_zivi.Observer, Component):
         x_measured : array_like, shape (n,)
             Measured positions (m), NaN where a measurement is missing.
         xdot_measured : array_like, shape (n,), optional
-            Measured velocities (m/s), NaN where there is none.
+            Measured velocities (m/s), NaN if missing.
         force, u : float or array_like, shape (n,)
-            Known force on the mass and control (m/s^2), each held from its time on. What is not
-            known of them is in `d`, up to `dmax`.
+            Known force on the mass and control (m/s^2), each held from its time until the next.
+            Unknown forces are estimated by `d`, up to `dmax`.
 
         Returns
         -------

@@ -1,4 +1,4 @@
-"""What acts: twisting controllers for a mass with impacts."""
+"""Twisting controllers for a mass with impacts."""
 
 from __future__ import annotations
 
@@ -52,8 +52,9 @@ class TwistingRegulator(_zivi.Regulator, LandingController):
                  - \mu_2\,\mathrm{sgn}\,v \right)
 
     with the signs taken implicitly, at the end of the sampling period; in physical terms
-    :math:`u = -\mu_1 - \mu_2\,\mathrm{sgn}\,\dot x`. With ``landing`` the sign is as much of the
-    brake as stops the mass :math:`N` periods ahead, but for a dead zone :math:`q` (`quiet`),
+    :math:`u = -\mu_1 - \mu_2\,\mathrm{sgn}\,\dot x`. With ``landing`` the sign is the fraction of
+    the braking acceleration that stops the mass in :math:`N` periods, with a dead zone :math:`q`
+    (`quiet`),
 
     .. math::
 
@@ -74,8 +75,8 @@ class TwistingRegulator(_zivi.Regulator, LandingController):
         Sampling period, > 0 (s).
     e, kappa : float
         At most one of the coefficient of restitution, in (0, 1], and
-        :math:`\kappa = (1-e)/(1+e)`. Without either, the controller takes the plant's in
-        `simulate_closed_loop`, and cannot tick by itself.
+        :math:`\kappa = (1-e)/(1+e)`. If both are None, `simulate_closed_loop` sets the plant's
+        value; ``step`` then requires it.
     bound : float, optional
         A bound :math:`M` of the force (m/s^2). The gains are then checked against it.
     depth : float
@@ -103,7 +104,7 @@ class TwistingRegulator(_zivi.Regulator, LandingController):
         the control is the same; where a solver finds none, the exact signs are taken and `status`
         has ``UNSOLVED``.
     linearisations : int
-        For ``solver="outer"``: at most so many affine problems in a step, >= 1.
+        For ``solver="outer"``: maximal number of affine problems per step, >= 1.
 
     Raises
     ------
@@ -175,8 +176,8 @@ class TwistingTracker(_zivi.Tracker, Following, LandingController):
         D = \frac{2 (\mu_1 - \mu_2)}{1 + e}, \quad U = \frac{2 e (\mu_1 + \mu_2)}{1 + e}
 
     (:math:`U < D`: :math:`U` if :math:`\dot x - q \ge N h U`, else :math:`D`), which are the law's
-    own accelerations as the mass falls and rises, but for a dead zone :math:`q` (`quiet`).
-    A sampled loop ends in exact rest for every :math:`0 < e < 1`, also under noise and an unknown
+    own accelerations while the mass falls and rises, with a dead zone :math:`q` (`quiet`). A
+    sampled loop ends in exact rest for every :math:`0 < e < 1`, also under noise and an unknown
     force.
 
     Parameters
@@ -187,10 +188,10 @@ class TwistingTracker(_zivi.Tracker, Following, LandingController):
         Sampling period, > 0 (s).
     e, kappa : float
         At most one of the coefficient of restitution of the plant's wall, in (0, 1], and
-        :math:`\kappa = (1-e)/(1+e)`. Without either, the controller takes the plant's in
-        `simulate_closed_loop`, and cannot tick by itself.
+        :math:`\kappa = (1-e)/(1+e)`. If both are None, `simulate_closed_loop` sets the plant's
+        value; ``step`` then requires it.
     e_ref, kappa_ref : float, optional
-        At most one of them, for the reference's wall; by default it is the plant's. Exact
+        At most one of them, for the reference's wall; by default the plant's. Exact
         tracking needs the plant's.
     branch : {"positive", "nearest"}
         How a measurement is lifted to ``(s, v)``: to ``s >= 0``, the reference too, every period
@@ -222,8 +223,8 @@ class TwistingTracker(_zivi.Tracker, Following, LandingController):
         Periods over which the implicit step is planned, >= 1. More, about 3 to 5, are quieter under
         noise and less sharp near an impact.
     shift : bool
-        Whether the tick takes the measured velocity half a period back, :math:`\dot x - h F_r/2`,
-        in the air: it removes the bias :math:`h^2 |F_r|/2` of the position.
+        Whether the update shifts the measured velocity by half a period, :math:`\dot x - h F_r/2`,
+        in flight: it removes the bias :math:`h^2 |F_r|/2` of the position.
     delay : int
         Periods from a measurement to the moment when its control acts, 0 to 64, in place of
         `ahead`: the state is predicted as far ahead, exactly where the force is known, through
@@ -237,7 +238,7 @@ class TwistingTracker(_zivi.Tracker, Following, LandingController):
         the same; where a solver finds none, the exact signs are taken and `status` has
         ``UNSOLVED``.
     linearisations : int
-        For ``solver="outer"``: at most so many affine problems in a step, >= 1.
+        For ``solver="outer"``: maximal number of affine problems per step, >= 1.
 
     Raises
     ------
@@ -356,10 +357,10 @@ class ExplicitTwisting(_zivi.Explicit, Following):
         Sampling period, > 0 (s).
     e, kappa : float
         At most one of the coefficient of restitution of the plant's wall, in (0, 1], and
-        :math:`\kappa = (1-e)/(1+e)`. Without either, the controller takes the plant's in
-        `simulate_closed_loop`, and cannot tick by itself.
+        :math:`\kappa = (1-e)/(1+e)`. If both are None, `simulate_closed_loop` sets the plant's
+        value; ``step`` then requires it.
     e_ref, kappa_ref : float, optional
-        At most one of them, for the reference's wall; by default it is the plant's.
+        At most one of them, for the reference's wall; by default the plant's.
     bound : float, optional
         A bound of the unknown force (m/s^2), against which the gains are checked as the tracker's.
     depth : float

@@ -31,7 +31,7 @@ PARAMETERS = ("stiffness", "damping", "gravity", "amplitude", "omega", "phase", 
 
 
 class ImpactReturn(NamedTuple):
-    """The impacts that follow; NaN where there is none.
+    """The impacts that follow; NaN if there is none.
 
     Parameters
     ----------
@@ -73,7 +73,7 @@ class ImpactMap:
         phase, u : array_like
             Phases ``omega t`` (rad) and speeds after the impacts (m/s), broadcast.
         threads : int, optional
-            Number of threads, >= 1; by default as many as the machine runs at once.
+            Number of threads, >= 1; by default the number of cores.
 
         Returns
         -------
@@ -155,14 +155,14 @@ class ImpactMap:
         skip : int
             Impacts before them, >= 0.
         threads : int, optional
-            Number of threads, >= 1; by default as many as the machine runs at once.
+            Number of threads, >= 1; by default the number of cores.
         progress : bool, optional
             Whether to show the progress; by default on a terminal.
 
         Returns
         -------
         phase, u : ndarray, shape (..., n)
-            NaN from where there is no next impact.
+            NaN after the last impact.
         """
         return orbits([self], phase, u, n, skip=skip, threads=threads, progress=progress)
 
@@ -204,7 +204,7 @@ def orbits(
     Returns
     -------
     phase, u : ndarray, shape (..., n)
-        NaN from where there is no next impact.
+        NaN after the last impact.
     """
     starts, shape = _starts(phase, u)
     n, skip = integer("n", n), integer("skip", skip)

@@ -34,7 +34,7 @@ __all__ = [
     "differentiate_mechanical",
 ]
 
-# What a run of a mechanical system can be differentiated by: names, numbers, values.
+# Parameters of the derivatives of a mechanical system: names, numbers, values.
 
 Q0, QDOT0, T0, ALL_E, LAW, PARAMETER = range(6)
 """Kinds of columns, as the extension numbers them."""
@@ -108,7 +108,7 @@ def columns_of(
 
 
 def _of_laws(laws: Mapping[str, ImpactLaw]) -> dict[str, Column]:
-    """Give the columns by the impact laws: ``e``, ``e.gap``; of others as ``law.gap.e0``."""
+    """Return the columns by the impact laws: ``e``, ``e.gap``; of others as ``law.gap.e0``."""
     found = {}
     newton = {gap: law.e for gap, law in laws.items() if isinstance(law, NewtonImpact)}
     if newton and len(newton) == len(laws):
@@ -167,7 +167,7 @@ COORDS: dict[str, Field] = {
 class MechanicalSensitivity(Sensitivity):
     """A run of a mechanical system with n coordinates and m gaps, and its derivatives.
 
-    Calling it, ``s(t)``, gives the derivatives of ``(q, qdot)`` at any time of the run, of shape
+    Calling it, ``s(t)``, returns the derivatives of ``(q, qdot)`` at any time of the run, of shape
     (2, n, k) for k columns. In contact they are those of the motion on the surface: across it they
     are zero.
 
@@ -199,8 +199,8 @@ class MechanicalSensitivity(Sensitivity):
     n_slopes : int
         How often the partial derivatives of the system were evaluated.
     lost_at : float or None
-        Since when some column is not known (NaN): from a corner, or from an impact or a lift-off of
-        coupled gaps at once. Where the contacts determine the state the columns are known again.
+        Time from which some column is unknown (NaN): a corner, or a simultaneous impact or lift-off
+        of coupled gaps. Where the contacts determine the state the columns are known again.
     """
 
     trajectory: MechanicalTrajectory  # type: ignore[assignment]
@@ -222,7 +222,7 @@ class MechanicalSensitivity(Sensitivity):
         return whole.final.reshape(2 * n, 2 * n)
 
     def _table(self) -> ResultTable:
-        """Tell the derivatives over ``wrt``; coordinates and gaps by their names."""
+        """Describe the dataset: derivatives over ``wrt``, with names of coordinates and gaps."""
         sol: Any = self.trajectory
         values = {"q": self.final[0], "qdot": self.final[1], **self._values()}
         values["coordinate"] = list(sol.coordinate_names)
@@ -240,7 +240,7 @@ class MechanicalSensitivity(Sensitivity):
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class _Problem:
-    """What is differentiated by what."""
+    """A run with its parameters."""
 
     system: MechanicalSystem
     model: Model
@@ -347,7 +347,7 @@ class _Problem:
         )
 
     def at(self, times: Array) -> Array:
-        """Give derivatives at times, of shape (2, n, k, number of times)."""
+        """Return derivatives at times, of shape (2, n, k, number of times)."""
         k, n = len(self.columns), self.model.layout.n
         order = np.argsort(times, kind="stable")
         record = self.record(self.span, np.ascontiguousarray(times[order]), dense=False)
@@ -398,7 +398,7 @@ def differentiate_mechanical(
     dense: bool,
     progress: bool | None,
 ) -> MechanicalSensitivity:
-    """Check the start, run, and give the result: what `zivi.sensitivity` does for many gaps."""
+    """Implement `zivi.sensitivity` for mechanical systems: check, run and return the result."""
     state = state_of(y0, system._n)
     model: Model = system.model(len(state[0]))
     check_start(system, model, span, *state)

@@ -20,7 +20,7 @@ __all__ = ["Nearest", "OrbitStatus", "Problem", "Sensitivity"]
 
 
 class Problem(Protocol):
-    """What is differentiated by what: how the derivatives of a run are computed again."""
+    """A run with its parameters, from which derivatives are recomputed."""
 
     @property
     def span(self) -> tuple[float, float]:
@@ -32,16 +32,16 @@ class Problem(Protocol):
 
     @property
     def codes(self) -> Any:
-        """The parameters, as the core knows them."""
+        """The parameter codes of the core."""
 
     def at(self, times: Array) -> Array:
-        """Give the derivatives of positions and velocities at times."""
+        """Return the derivatives of positions and velocities at times."""
 
     def with_wrt(self, wrt: Any) -> Any:
-        """Give the same by other parameters."""
+        """Return the same problem for other parameters."""
 
     def ending_within(self, t: float, zeno: float) -> Any:
-        """Give the derivatives of a run that ends between an impact and its Zeno point."""
+        """Return the derivatives of a run that ends between an impact and its Zeno point."""
 
 
 class OrbitStatus(NamedStatus):
@@ -139,7 +139,7 @@ COORDS: dict[str, Field] = {
 class Sensitivity(Tabulated):
     """A run and its derivatives.
 
-    Calling it, ``s(t)``, gives the derivatives of ``(x, xdot)`` at any time of the run.
+    Calling it, ``s(t)``, returns the derivatives of ``(x, xdot)`` at any time of the run.
 
     Attributes
     ----------
@@ -183,7 +183,7 @@ class Sensitivity(Tabulated):
     _problem: Problem
 
     def __getstate__(self) -> dict[str, Any]:
-        """Give what is stored: the problem too, where its functions can be."""
+        """Return the pickled state, with the problem if its functions can be pickled."""
         try:
             pickle.dumps(self._problem)
         except (pickle.PicklingError, AttributeError, TypeError, ValueError):
@@ -225,7 +225,7 @@ class Sensitivity(Tabulated):
         return final
 
     def __call__(self, t: ArrayLike) -> Array:
-        """Give the derivatives of the state at other times; computed on demand, by a run.
+        """Return the derivatives of the state at other times; computed on demand, by a run.
 
         Parameters
         ----------
@@ -252,7 +252,7 @@ class Sensitivity(Tabulated):
         return columns.reshape(*self.final.shape, *times.shape)
 
     def jacobian(self, t: ArrayLike, of: Literal["position", "velocity"] = "position") -> Array:
-        """Give the derivatives of samples as `scipy.optimize.least_squares` takes them.
+        """Return the derivatives of samples as a Jacobian for `scipy.optimize.least_squares`.
 
         Parameters
         ----------
@@ -295,7 +295,7 @@ class Sensitivity(Tabulated):
         speed : float
             Smallest speed before the impact, > 0 (m/s).
         limit : int
-            At most so many impacts of each accumulation, >= 1.
+            Maximal number of impacts of each accumulation, >= 1.
 
         Returns
         -------
@@ -318,7 +318,7 @@ class Sensitivity(Tabulated):
         return self._at_impacts(self.trajectory.impacts_down_to(speed, limit=limit)["t"])
 
     def _at_impacts(self, wanted: Array) -> NDArray[np.void]:
-        """Give the derivatives of the impacts at these times."""
+        """Return the derivatives of the impacts at these times."""
         own = self.resolved_impacts
         kept = [own[np.isin(own["t"], wanted)]]
         # each accumulation is passed impact by impact by a run that ends within it
@@ -339,13 +339,13 @@ class Sensitivity(Tabulated):
         )
 
     def _table(self) -> ResultTable:
-        """Tell the derivatives over ``wrt``."""
+        """Describe the dataset: derivatives over ``wrt``."""
         values = {**self._values(), "state": ["x", "xdot"], "impact_time": self.impacts["t"]}
         title, attrs = "Derivatives of a run with impacts", {"status": self.status.name}
         return ResultTable(title, FIELDS, COORDS, values, attrs, rows="wrt")
 
     def _values(self) -> dict[str, Any]:
-        """Give what the datasets call otherwise than the attributes."""
+        """Return the values whose name in the dataset differs from the attribute."""
         return {
             "impact_dt": self.impacts["dt"],
             "impact_du": self.impacts["du"],

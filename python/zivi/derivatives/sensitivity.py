@@ -33,7 +33,7 @@ DEFAULT = SwitchedRK()
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class _Problem:
-    """What is differentiated by what."""
+    """A run with its parameters."""
 
     system: ImpactSystem
     span: tuple[float, float]
@@ -125,7 +125,7 @@ class _Problem:
         )
 
     def at(self, times: Array) -> Array:
-        """Give derivatives at times, of shape (2, m, n)."""
+        """Return derivatives at times, of shape (2, m, n)."""
         m = len(self.wrt)
         record = self.record(self.span, times, dense=False)
         if (error := record.run.raised) is not None:
@@ -200,8 +200,8 @@ def sensitivity(
         X^+ &= -u\,dt, \qquad V^+ = du - a^+ dt
 
     (the saltation matrix, with :math:`X = dx/dq`, :math:`V = d\dot x/dq`), a Zeno time has the
-    derivative of its extrapolation, rest ends all columns and a lift-off starts them anew. Of an
-    `ImpactLaw` the factor of :math:`dv^-` is its slope.
+    derivative of its extrapolation, all derivatives are zero at rest and are reinitialised at
+    lift-off. Of an `ImpactLaw` the factor of :math:`dv^-` is its slope.
 
     Parameters
     ----------
@@ -231,7 +231,7 @@ def sensitivity(
     dense_output : bool
         Whether the trajectory keeps the motion between its samples.
     tstops : array_like, optional
-        Times where the force, or one of its derivatives, jumps (s), as in `simulate`. They are
+        Times of jumps of the force or one of its derivatives (s; see `simulate`). They are
         fixed: what moves them is not differentiated by.
     progress : bool, optional
         Show a progress bar once a run lasts longer than a second; by default on a terminal only.

@@ -61,7 +61,7 @@ __all__ = [
     "write_picture",
 ]
 
-# What the commands say, to whoever still listens.
+# Output of the commands; closed pipes are tolerated.
 
 
 def say(text: str, *, end: str = "\n") -> None:
@@ -70,7 +70,7 @@ def say(text: str, *, end: str = "\n") -> None:
     Parameters
     ----------
     text : str
-        What is said.
+        The text.
     end : str
         What follows it.
 
@@ -104,12 +104,12 @@ def show_record(record: dict[str, Any]) -> None:
 
 
 def echo_error(text: str) -> None:
-    """Print one line on standard error, if there is any."""
+    """Print one line on standard error, if it exists."""
     with contextlib.suppress(OSError):
         typer.echo(text, err=True)
 
 
-# What ``zivi show`` does: a result, a table and a picture of it.
+# Implementation of ``zivi show``: print a result, write its table and figure.
 
 
 def is_study(path: Path) -> bool:
@@ -118,7 +118,7 @@ def is_study(path: Path) -> bool:
 
 
 def check_result(path: Path) -> None:
-    """Raise an OSError for what is no result, before anything else is looked at."""
+    """Raise an OSError if a path is not a result."""
     if not is_study(path):
         check_netcdf(path)
 
@@ -173,7 +173,7 @@ def open_window() -> None:
     plt.show()
 
 
-# What the commands do; each returns the exit code.
+# Implementations of the commands; each returns the exit code.
 
 EARLY, WRONG, INTERRUPTED = 1, 2, 130
 """Exit codes beside 0: the run ended early, something cannot be read or written, Ctrl-C."""
@@ -182,12 +182,12 @@ PICTURES = (".png", ".svg", ".pdf")
 
 
 def example_file(command: str) -> str:
-    """Give the example file of a command."""
+    """Return the example file of a command."""
     return (resources.files("zivi.files") / "examples" / f"{command}.toml").read_text("utf-8")
 
 
 def output(given: Path | None, beside: Path, suffix: str, *, replace: bool) -> Path:
-    """Give the path of a result; a `FileExistsError` if it is taken."""
+    """Return the path of a result; raise a `FileExistsError` if it exists."""
     path = _beside(beside, suffix) if given is None else given
     if path.exists() and path.resolve() == beside.resolve():
         raise FileExistsError(f"{path}: is what is read; give another --out")
@@ -200,7 +200,7 @@ def output(given: Path | None, beside: Path, suffix: str, *, replace: bool) -> P
 
 
 def _beside(file: Path, suffix: str) -> Path:
-    """Name what is made of a file, also of a folder that is not called by its name."""
+    """Return the default path of the output for a file or folder."""
     named = file if file.name not in ("", "..") else file.resolve()
     if not named.name:
         raise FileError(f"{file}: has no name that a result could have as well; give --out")
@@ -268,7 +268,7 @@ def study(
     quiet: bool,
     as_json: bool = False,
 ) -> int:
-    """Compute and keep a study, or what of it is missing."""
+    """Compute and store a study, or its missing points."""
     prepared = prepare_sweep(file)
     path = output(out, file, ".zarr", replace=True)
     if force and path.exists():

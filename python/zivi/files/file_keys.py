@@ -81,9 +81,9 @@ class Key:
     meaning : str
         What it is.
     unit : str
-        Its unit, "" if it is no quantity.
+        Its unit, "" if it has none.
     default : str or None
-        What holds if it is left out, in words or as in the file; None if it is required.
+        Its default, in words or as written in the file; None if it is required.
     """
 
     name: str
@@ -101,11 +101,11 @@ class KeyTable:
 
     @property
     def allowed(self) -> str:
-        """What is allowed, in words."""
+        """Allowed values, in words."""
         return f"a table with {', '.join(key.name for key in self.keys)}"
 
     def read(self, value: Any, key: str, mistakes: Mistakes) -> dict[str, Any] | None:
-        """Give the values of the keys that are there."""
+        """Return the values of the keys that are there."""
         if not isinstance(value, dict):
             mistakes.add(key, f"must be {self.allowed}, {got_value(value)}")
             return None
@@ -123,11 +123,11 @@ class Tagged:
 
     @property
     def allowed(self) -> str:
-        """What is allowed, in words."""
+        """Allowed values, in words."""
         return f"a table with {self.tag} = {Choice(tuple(self.variants)).allowed}"
 
     def read(self, value: Any, key: str, mistakes: Mistakes) -> dict[str, Any] | None:
-        """Give the tag and the values of the keys that are there."""
+        """Return the tag and the values of the keys that are there."""
         if not isinstance(value, dict):
             mistakes.add(key, f"must be {self.allowed}, {got_value(value)}")
             return None
@@ -147,7 +147,7 @@ class Tagged:
         return {self.tag: tag} | read_keys(self.variants[tag], rest, key, mistakes)
 
     def _elsewhere(self, tag: str) -> dict[str, list[str]]:
-        """Give the keys that only other variants have, with those."""
+        """Return the keys that only other variants have, with those."""
         own = {key.name for key in self.variants[tag]}
         found: dict[str, list[str]] = {}
         for variant, keys in self.variants.items():
@@ -166,11 +166,11 @@ class Open:
 
     @property
     def allowed(self) -> str:
-        """What is allowed, in words."""
+        """Allowed values, in words."""
         return f"a table of {self.names}"
 
     def read(self, value: Any, key: str, mistakes: Mistakes) -> dict[str, Any] | None:
-        """Give the values by name."""
+        """Return the values by name."""
         if not isinstance(value, dict):
             mistakes.add(key, f"must be {self.allowed}, {got_value(value)}")
             return None
@@ -279,7 +279,7 @@ def _e_or_kappa(of: str, default: str) -> tuple[Key, Key]:
 
 
 def _setting(it: _zivi.Setting) -> Key:
-    """Give a setting of a method, which the core knows, as a key."""
+    """Return a setting of a method, which the core knows, as a key."""
     kind: Kind
     if it.choices is not None:
         kind = Choice(it.choices)
@@ -322,7 +322,7 @@ FRICTION = KeyTable(
 
 
 def _system_key(e: Kind, meaning: str, *more: Key) -> Key:
-    """Give the key of a system whose wall has an `e` of this kind."""
+    """Return the key of a system whose wall has an `e` of this kind."""
     keys = (
         Key("force", FORCE, "force per unit mass", "m/s^2"),
         Key("e", e, meaning, "1", _ONE),
@@ -564,7 +564,7 @@ class Text:
     allowed = "a name"
 
     def read(self, value: Any, key: str, mistakes: Mistakes) -> str | None:
-        """Give the name."""
+        """Return the name."""
         if isinstance(value, str) and value:
             return value
         mistakes.add(key, f"must be {self.allowed}, {got_value(value)}")
@@ -579,11 +579,11 @@ class Triple:
 
     @property
     def allowed(self) -> str:
-        """What is allowed, in words."""
+        """Allowed values, in words."""
         return "three rows of three numbers" if self.rows else "a list of three numbers"
 
     def read(self, value: Any, key: str, mistakes: Mistakes) -> Any:
-        """Give lists of floats."""
+        """Return lists of floats."""
         if not (isinstance(value, list) and len(value) == 3):
             mistakes.add(key, f"must be {self.allowed}, {got_value(value)}")
             return None
@@ -598,7 +598,7 @@ class Inertia:
     allowed = "a finite number, a list of three numbers, or three rows of three numbers"
 
     def read(self, value: Any, key: str, mistakes: Mistakes) -> Any:
-        """Give a float or lists of floats."""
+        """Return a float or lists of floats."""
         if not isinstance(value, list):
             return NOT_NEGATIVE.read(value, key, mistakes)
         rows = 3 if value and isinstance(value[0], list) else 0
@@ -734,7 +734,7 @@ def tree_text(tree: Tree, t_span: tuple[float, float], y0: Any) -> str:
 
 
 def _laws(tree: Tree) -> list[Any]:
-    """Give the coefficients of restitution, or where one is not Newton's the laws, as tables."""
+    """Return the coefficients of restitution, or tables of laws if one is not Newton's."""
     if not isinstance(tree._e, tuple):
         numbers: list[Any] = tree._e.tolist()
         return numbers
@@ -745,7 +745,7 @@ def _laws(tree: Tree) -> list[Any]:
 
 
 def _not_default(it: Any) -> dict[str, Any]:
-    """Give the fields that are not their defaults."""
+    """Return the fields that are not their defaults."""
     found = {}
     for field in dataclasses.fields(it):
         value = getattr(it, field.name)
@@ -772,7 +772,7 @@ def _toml_value(value: Any) -> str:
     return json.dumps(value, ensure_ascii=False)
 
 
-# Lists all keys of a file: for the page of the command line, and for its option ``--keys``.
+# Tables of all keys of a file, for the page of the command line and ``--keys``.
 #
 # Each command has a table, and so has each object that several commands or keys take: where one of
 # these is a value, the table of the command has a link in place of its keys.
@@ -805,7 +805,7 @@ OBJECTS: dict[str, tuple[str, KeyTable | Tagged]] = {
 
 
 def markdown(keys: tuple[Key, ...]) -> str:
-    """Give the table of the keys of a command, with links where an object is a value."""
+    """Return the table of the keys of a command, with links where an object is a value."""
     linked = ""
     shown: list[tuple[str, tuple[str, ...]]] = []
     for row in flatten_keys(keys):
@@ -818,14 +818,14 @@ def markdown(keys: tuple[Key, ...]) -> str:
 
 
 def of_object(name: str) -> str:
-    """Give the table of the keys of an object."""
+    """Return the table of the keys of an object."""
     kind = OBJECTS[name][1]
     found = flatten_keys((Key(name, kind, ""),))
     return _markdown_table((row.variant, _key_cells(row)) for row in found if row.path != name)
 
 
 def _see(name: str, key: Key) -> str:
-    """Give the link to an object, and what of it is less here."""
+    """Return the link to an object, with the restrictions that apply here."""
     said = f", see [{name}](#{name})"
     of, here = OBJECTS[name][1], key.kind
     if isinstance(of, Tagged) and isinstance(here, Tagged):
@@ -858,7 +858,7 @@ MARK = re.compile(r"^<!-- keys of (\w+) -->$", re.MULTILINE)
 
 
 def insert(page: str) -> str:
-    """Put the tables of commands and objects at their marks in a page."""
+    """Insert the tables of commands and objects at their marks in a page."""
 
     def table(match: re.Match[str]) -> str:
         name = match[1]
@@ -868,7 +868,7 @@ def insert(page: str) -> str:
 
 
 def keys_as_text(*names: str) -> str:
-    """Give the tables of kinds of files, and of the objects that they hold."""
+    """Return the tables of kinds of files and of their objects."""
     tables = [f"# {name}\n\n{markdown(COMMANDS[name])}" for name in names]
     for name in OBJECTS:
         if any(f"(#{name})" in table for table in tables):

@@ -36,7 +36,7 @@ __all__ = [
     "suggestion",
 ]
 
-# What is wrong with a file, told with the file, the key and what is allowed.
+# Errors in a file, reported with file, key and allowed values.
 
 BARE = re.compile(r"[A-Za-z0-9_-]+")
 """Keys that TOML takes without quotes."""
@@ -122,7 +122,7 @@ def got_value(value: Any) -> str:
 
 
 def suggestion(name: str, known: Iterable[str]) -> str:
-    """Say which name was probably meant, and all that there are."""
+    """Return a hint: the most similar name, and the list of all names."""
     names = list(known)
     known_as = MEANT.get(name.lower())
     close = known_as if known_as in names else closest(name, names, 0.5)
@@ -130,18 +130,18 @@ def suggestion(name: str, known: Iterable[str]) -> str:
     return f"{meant} allowed: {', '.join(names) if names else 'nothing'}"
 
 
-# Kinds of values in a file: each says what it allows, and reads a value or notes a mistake.
+# Kinds of values in a file: each describes its values, and reads one or notes a mistake.
 
 
 class Kind(Protocol):
-    """What a key may hold."""
+    """Type of the values of a key."""
 
     @property
     def allowed(self) -> str:
-        """What is allowed, in words."""
+        """Allowed values, in words."""
 
     def read(self, value: Any, key: str, mistakes: Mistakes) -> Any:
-        """Give the value as the library takes it; None if a mistake was noted."""
+        """Return the value for the library; None if a mistake was noted."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -166,14 +166,14 @@ class Number:
 
     @property
     def allowed(self) -> str:
-        """What is allowed, in words."""
+        """Allowed values, in words."""
         bounds = {">": self.above, ">=": self.least, "<": self.below, "<=": self.most}
         told = [f"{sign} {bound:g}" for sign, bound in bounds.items() if bound is not None]
         number = "a number" if self.infinite else "a finite number"
         return " ".join(filter(None, [number, " and ".join(told), "or inf" * self.infinite]))
 
     def read(self, value: Any, key: str, mistakes: Mistakes) -> float | None:
-        """Give a float."""
+        """Return a float."""
         if isinstance(value, int | float) and not isinstance(value, bool):
             number = _float(value)
             if self._holds(number):
@@ -207,12 +207,12 @@ class Whole:
 
     @property
     def allowed(self) -> str:
-        """What is allowed, in words."""
+        """Allowed values, in words."""
         top = "" if self.most == 2**63 - 1 else f" and <= {self.most}"
         return f"a whole number >= {self.least}{top}"
 
     def read(self, value: Any, key: str, mistakes: Mistakes) -> int | None:
-        """Give an int."""
+        """Return an int."""
         whole = isinstance(value, int) and not isinstance(value, bool)
         if whole and self.least <= value <= self.most:
             return int(value)
@@ -226,11 +226,11 @@ class Switch:
 
     @property
     def allowed(self) -> str:
-        """What is allowed, in words."""
+        """Allowed values, in words."""
         return "true or false"
 
     def read(self, value: Any, key: str, mistakes: Mistakes) -> bool | None:
-        """Give a bool."""
+        """Return a bool."""
         if isinstance(value, bool):
             return value
         mistakes.add(key, f"must be {self.allowed}, {got_value(value)}")
@@ -257,11 +257,11 @@ class Choice:
 
     @property
     def allowed(self) -> str:
-        """What is allowed, in words."""
+        """Allowed values, in words."""
         return "one of " + ", ".join(_quoted(name) for name in self.names)
 
     def read(self, value: Any, key: str, mistakes: Mistakes) -> Any:
-        """Give the name."""
+        """Return the name."""
         if value in self.names and not isinstance(value, bool | float):
             return value
         meant = f"; {self.others}" if self.others else ""
@@ -286,13 +286,13 @@ class Pair:
 
     @property
     def allowed(self) -> str:
-        """What is allowed, in words."""
+        """Allowed values, in words."""
         parts = zip(self.names, (self.first, self.second), strict=True)
         told = (f"{name}{kind.allowed.removeprefix('a finite number')}" for name, kind in parts)
         return f"a list of two finite numbers, [{', '.join(told)}]"
 
     def read(self, value: Any, key: str, mistakes: Mistakes) -> tuple[Any, Any] | None:
-        """Give a tuple of two floats."""
+        """Return a tuple of two floats."""
         if not (isinstance(value, list) and len(value) == 2):
             mistakes.add(key, f"must be {self.allowed}, {got_value(value)}")
             return None
@@ -301,7 +301,7 @@ class Pair:
 
 
 def read_each(whole: Kind, of: Kind, value: Any, key: str, mistakes: Mistakes) -> list[Any] | None:
-    """Give the entries of a list that must not be empty, each of one kind."""
+    """Return the entries of a list that must not be empty, each of one kind."""
     if not (isinstance(value, list) and value):
         mistakes.add(key, f"must be {whole.allowed}, {got_value(value)}")
         return None
@@ -316,11 +316,11 @@ class Numbers:
 
     @property
     def allowed(self) -> str:
-        """What is allowed, in words."""
+        """Allowed values, in words."""
         return f"a list, each {self.of.allowed}"
 
     def read(self, value: Any, key: str, mistakes: Mistakes) -> list[Any] | None:
-        """Give a list of numbers."""
+        """Return a list of numbers."""
         return read_each(self, self.of, value, key, mistakes)
 
 
@@ -333,11 +333,11 @@ class Either:
 
     @property
     def allowed(self) -> str:
-        """What is allowed, in words."""
+        """Allowed values, in words."""
         return f"{self.simple.allowed}, or {self.table.allowed}"
 
     def read(self, value: Any, key: str, mistakes: Mistakes) -> Any:
-        """Give what the one or the other gives."""
+        """Return the value read by the table or the simple kind."""
         if isinstance(value, dict):
             return self.table.read(value, key, mistakes)
         tried = Mistakes(mistakes.file)
@@ -361,11 +361,11 @@ class Expression:
 
     @property
     def allowed(self) -> str:
-        """What is allowed, in words."""
+        """Allowed values, in words."""
         return "an expression or a finite number"
 
     def read(self, value: Any, key: str, mistakes: Mistakes) -> str | float | None:
-        """Give the expression as it stands, or a float."""
+        """Return the expression as it stands, or a float."""
         if isinstance(value, str):
             try:
                 parse(value)
@@ -385,11 +385,11 @@ class Names:
 
     @property
     def allowed(self) -> str:
-        """What is allowed, in words."""
+        """Allowed values, in words."""
         return "a list of names"
 
     def read(self, value: Any, key: str, mistakes: Mistakes) -> list[str] | None:
-        """Give the names."""
+        """Return the names."""
         if not (isinstance(value, list) and value):
             mistakes.add(key, f"must be {self.allowed}, {got_value(value)}")
             return None
@@ -421,11 +421,11 @@ class Each:
 
     @property
     def allowed(self) -> str:
-        """What is allowed, in words."""
+        """Allowed values, in words."""
         return f"a list of {self.entries}"
 
     def read(self, value: Any, key: str, mistakes: Mistakes) -> list[Any] | None:
-        """Give the list."""
+        """Return the list."""
         return read_each(self, self.of, value, key, mistakes)
 
 
@@ -446,13 +446,13 @@ class Few:
 
     @property
     def allowed(self) -> str:
-        """What is allowed, in words."""
+        """Allowed values, in words."""
         lengths = range(self.least, len(self.names) + 1)
         forms = (self.names[0] if n == 1 else f"[{', '.join(self.names[:n])}]" for n in lengths)
         return f"{' or '.join(forms)}, each an expression or a finite number"
 
     def read(self, value: Any, key: str, mistakes: Mistakes) -> list[str | float | None] | None:
-        """Give the list."""
+        """Return the list."""
         given = value if isinstance(value, list) else [value]
         if not self.least <= len(given) <= len(self.names):
             mistakes.add(key, f"must be {self.allowed}, {got_value(value)}")
@@ -470,11 +470,11 @@ class OneOrEach:
 
     @property
     def allowed(self) -> str:
-        """What is allowed, in words."""
+        """Allowed values, in words."""
         return f"{self.of.allowed}, or a list of them"
 
     def read(self, value: Any, key: str, mistakes: Mistakes) -> Any:
-        """Give a value or a list of values."""
+        """Return a value or a list of values."""
         if isinstance(value, list):
             return [self.of.read(it, f"{key}[{n}]", mistakes) for n, it in enumerate(value)]
         return self.of.read(value, key, mistakes)

@@ -104,7 +104,7 @@ def _draw_lines(study: Study, name: str, ax: Axes) -> None:
 
 
 def _colours(number: int) -> list[Any]:
-    """Give colours that go from dark to light."""
+    """Return colours that go from dark to light."""
     import matplotlib as mpl
 
     return (
@@ -135,7 +135,7 @@ def _map(study: Study, name: str, ax: Axes) -> None:
 
 
 def _edges(values: Any) -> Array:
-    """Give the edges of cells around values, in the scale of their axis."""
+    """Return the edges of cells around values, in the scale of their axis."""
     if values.dtype.kind not in NUMERIC:
         return np.arange(-0.5, len(values), dtype=np.float64)
     scaled = np.log(values) if _spreads(values) else values.astype(float)

@@ -74,7 +74,7 @@ def holds_mechanical(dataset: xarray.Dataset) -> bool:
 
 
 def mechanical_dataset(run: MechanicalTrajectory) -> xarray.Dataset:
-    """Give all that a run is: its labelled dataset, the events of the user and the motion."""
+    """Return all that a run is: its labelled dataset, the events of the user and the motion."""
     dataset = run.to_xarray()
     for name in run.resolved_impacts.dtype.names or ():
         meaning = f"{name} of an impact that was computed"
@@ -105,7 +105,7 @@ def mechanical_dataset(run: MechanicalTrajectory) -> xarray.Dataset:
 
 
 def mechanical_run(dataset: xarray.Dataset) -> MechanicalTrajectory:
-    """Give the run that a dataset holds; its system is not in it."""
+    """Return the run that a dataset holds; its system is not in it."""
     attrs = dataset.attrs
     names = tuple(str(name) for name in dataset["gap"].values)
     function = dataset["event_function"].values
@@ -135,7 +135,7 @@ def mechanical_run(dataset: xarray.Dataset) -> MechanicalTrajectory:
 
 
 def _of_loop(dataset: xarray.Dataset) -> tuple[type[MechanicalTrajectory], dict[str, Any]]:
-    """Give what a closed loop has beside a run."""
+    """Return the data of a closed loop that a run does not have."""
     if "control" not in dataset.coords:
         return MechanicalTrajectory, {}
     more: dict[str, Any] = {name: dataset[name].values for name in LOOP_FIELDS}
@@ -198,14 +198,14 @@ MOTION, NOTHING, LOST = "MotionPath", "none", ""
 
 
 def read_run(dataset: xarray.Dataset) -> Trajectory | ClosedLoop | MechanicalTrajectory:
-    """Give the run that a dataset holds."""
+    """Return the run that a dataset holds."""
     if holds_mechanical(dataset):
         return mechanical_run(dataset)
     return _closed_loop(dataset) if "u" in dataset else _trajectory(dataset)
 
 
 def read_curve(dataset: xarray.Dataset) -> Trajectory | ClosedLoop | MechanicalTrajectory:
-    """Give the run with the samples that its plots show."""
+    """Return the run with the samples that its plots show."""
     run = read_run(dataset)
     if "curve_time" not in dataset or not isinstance(run, Trajectory):
         return run
@@ -267,7 +267,7 @@ def _closed_loop(dataset: xarray.Dataset) -> ClosedLoop:
 
 
 def loop_variables(run: ClosedLoop) -> tuple[str, dict[str, Array], dict[str, Array]]:
-    """Name the path of a closed loop; what makes it again, and what makes its reference again."""
+    """Return the path type of a closed loop, and the data of its path and its reference."""
     path, reference = run._path, run._reference
     of_reference = {}
     if isinstance(reference, SampledReference):
@@ -325,7 +325,7 @@ def _trajectory(dataset: xarray.Dataset) -> Trajectory:
 
 
 def path_variables(run: Trajectory) -> tuple[str, dict[str, Array]]:
-    """Name what gives the motion between the samples, and what must be kept to make it again."""
+    """Return the path type of a run and the data from which it is restored."""
     path = run._path
     if isinstance(path, MotionPath):
         return MOTION, {"motion": path.numbers()}
@@ -339,7 +339,7 @@ def path_variables(run: Trajectory) -> tuple[str, dict[str, Array]]:
 
 
 def _sampled_fields(kind: Any) -> list[str]:
-    """Name the samples that a path goes through."""
+    """List the samples that a path interpolates."""
     known = ("t", *QUANTITIES)
     return [field.name for field in dataclasses.fields(kind) if field.name in known]
 
@@ -360,7 +360,7 @@ def _path(
 
 
 def _split_events(dataset: xarray.Dataset) -> tuple[list[Array], list[Array]]:
-    """Part the events by their functions."""
+    """Split the events by event function."""
     function, times = dataset["event_function"].values, dataset["event_time"].values
     states = np.column_stack([dataset["event_x"].values, dataset["event_xdot"].values])
     each = [function == number for number in range(int(dataset.attrs["n_event_functions"]))]
@@ -401,7 +401,7 @@ CURVE = {
 
 
 class ResultError(OSError):
-    """A file that is no result, or a damaged one; the text says which and why."""
+    """Raised for a file that is not a result or is damaged; the message says why."""
 
 
 def check_suffix(name: str, path: Path) -> None:
@@ -412,23 +412,23 @@ def check_suffix(name: str, path: Path) -> None:
 
 
 def require_library() -> None:
-    """Raise an ImportError that says what to install if results cannot be written or read."""
+    """Raise an ImportError that names the missing package if results cannot be read or written."""
     needed(ENGINE, "results in netCDF")
 
 
 def save(run: Tabulated, path: str | PathLike[str], *, overwrite: bool = False) -> None:
     """Write a result to a file, which is there as a whole or not at all.
 
-    ``xarray.open_dataset(path)`` opens a netCDF file, `load` gives a run back.
+    ``xarray.open_dataset(path)`` opens a netCDF file; `load` restores the run.
 
     Parameters
     ----------
     run : Trajectory, ClosedLoop, MechanicalTrajectory or another result with ``to_xarray``
         The run, or a batch, derivatives, an orbit, a branch, a diagram, basins, estimates.
     path : path
-        The file, in a folder that is there. Its suffix says what is written: that of netCDF
-        (``.nc``, ``.nc4``, ``.cdf``, ``.h5``, ``.hdf5`` or none), or ``.csv``: the table of
-        ``to_pandas``, for other programs. `load` reads netCDF only: save that, too.
+        The file, in a folder that is there. Its suffix selects the format: netCDF (``.nc``,
+        ``.nc4``, ``.cdf``, ``.h5``, ``.hdf5`` or none), or ``.csv``, the table of ``to_pandas`` for
+        other programs. `load` reads netCDF only: save the run in that format as well.
     overwrite : bool
         Whether a file that is there may be replaced.
 
@@ -489,7 +489,7 @@ def require_folder(path: Path) -> None:
 
 
 def require_regular(path: Path) -> None:
-    """Raise if there is something else than a file, which a result must not replace."""
+    """Raise if the path exists and is not a file, which a result must not replace."""
     if path.is_dir():
         raise FileExistsError(f"{path}: is a folder")
     if path.exists() and not path.is_file():
@@ -507,7 +507,7 @@ def _seal(file: Path) -> None:
 
 
 def check_netcdf(file: Path) -> None:
-    """Raise an OSError if there is no file, or none that begins as a netCDF file does."""
+    """Raise an OSError if the file does not exist or does not begin like a netCDF file."""
     if not file.is_file():
         raise FileNotFoundError(f"{file}: there is no such file")
     if file.suffix.lower() == TABLE:
@@ -545,8 +545,8 @@ def load(path: str | PathLike[str]) -> Trajectory | ClosedLoop | MechanicalTraje
     Returns
     -------
     Trajectory, ClosedLoop or MechanicalTrajectory
-        All samples, events and settings. It gives ``sol(t)`` and `impacts_down_to` to the last bit
-        as before it was saved.
+        All samples, events and settings. ``sol(t)`` and `impacts_down_to` are bit-identical to the
+        saved run.
 
     Raises
     ------
@@ -563,7 +563,7 @@ def restored(
     dataset: xarray.Dataset,
     make: Callable[[xarray.Dataset], Trajectory | ClosedLoop | MechanicalTrajectory],
 ) -> Trajectory | ClosedLoop | MechanicalTrajectory:
-    """Make a run of what a file holds; a `ResultError` if it does not hold one."""
+    """Restore a run from a dataset; raise a `ResultError` if that is impossible."""
     _check_format(path, dataset.attrs.get("format", 0))
     if "result" in dataset.attrs:
         kind = dataset.attrs["result"]
@@ -604,7 +604,7 @@ def open_result(path: str | PathLike[str]) -> xarray.Dataset:
 
 
 def dataset_of(run: Tabulated) -> xarray.Dataset:
-    """Give all that a run is, with the curve that plots draw if it is finer than the samples."""
+    """Return the complete dataset of a run, with the plot curve if finer than the samples."""
     dataset = _contents(run)
     dataset.attrs["format"] = FORMAT
     return dataset

@@ -72,7 +72,7 @@ DEEP = re.compile(rf"(?<![\w-])(?:{PART}\.[ \t]*+){{{DEEPEST}}}")
 
 @dataclasses.dataclass(frozen=True)
 class FileContent:
-    """What a file says.
+    """Content of a file.
 
     Parameters
     ----------
@@ -96,7 +96,7 @@ def read_file(
     path : Path
         The file.
     keys : tuple of Key, or callable
-        Its keys, or what gives them for what the file holds.
+        Its keys, or a function that returns them for the content.
     command : str, optional
         The command that reads it; a file for another one is rejected in one line.
     """
@@ -236,7 +236,7 @@ def build_method(values: dict[str, Any], mistakes: Mistakes) -> Any:
 def build_controller(
     values: dict[str, Any], plant: ImpactSystem, keys: dict[str, str], mistakes: Mistakes
 ) -> Any:
-    """Build a controller by its name; it believes in the wall of the plant unless told another."""
+    """Build a controller by its name; its default wall is the plant's."""
     settings = {name: value for name, value in values.items() if name != "name"}
     names = argument_keys("controller", settings)
     names |= dict.fromkeys(("u_min", "u_max"), "controller.u_limits")
@@ -248,18 +248,18 @@ def build_controller(
 
 
 def argument_keys(table: str, names: Iterable[str]) -> dict[str, str]:
-    """Give the key of each argument that a table holds."""
+    """Return the key of each argument that a table holds."""
     return {name: f"{table}.{name}" for name in names}
 
 
 def restitution_key(values: dict[str, Any]) -> dict[str, str]:
-    """Give the key behind the restitution of a system, whichever of the two was given."""
+    """Return the key of the restitution of a system, ``e`` or ``kappa``."""
     key = "system.kappa" if "kappa" in values else "system.e"
     return {"e": key, "kappa": key}
 
 
 def spaced(values: dict[str, Any], *, log: bool = False) -> np.ndarray:
-    """Give the values of a range."""
+    """Return the values of a range."""
     make = np.geomspace if log else np.linspace
     return make(values["start"], values["stop"], values["num"])
 
@@ -292,13 +292,13 @@ class Prepared:
     mistakes: Mistakes
 
     def run(self, progress: bool | None = None) -> Run:
-        """Compute; a `FileError` tells what only shows when everything is put together."""
+        """Run it; raise a `FileError` for a fault that only the whole reveals."""
         with self.mistakes.naming(self.keys):
             return self.call(progress)
 
 
 def plant_of(path: Path) -> tuple[dict[str, Any], Any, Mistakes]:
-    """Read a file of ``zivi simulate``: its values, the system, and where mistakes of it go."""
+    """Read a file of ``zivi simulate``: its values, the system, and its list of mistakes."""
     content = read_file(path, _keys_for, "simulate")
     values, mistakes = content.values, content.mistakes
     builds: Callable[[dict[str, Any], Mistakes], Any] = build_system
@@ -393,7 +393,7 @@ def mechanism_of(
     q0: Sequence[float] = (),
     friction: str = "refuse",
 ) -> tuple[Tree | SymbolicSystem, Start]:
-    """Read a tree of bodies, or a system with energies, and where it starts.
+    """Read a tree of bodies or a system with energies, and its initial state.
 
     Parameters
     ----------
@@ -403,11 +403,11 @@ def mechanism_of(
         Of MJCF and URDF: joints with limits, and pairs of geoms such as ``"ball,floor"``; none for
         the limits of all joints.
     e : sequence of float
-        Of these, too: a restitution for all gaps or one for each; none for 0.
+        Common key: one restitution for all gaps or one for each; empty for 0.
     q0 : sequence of float
-        Of these, too: the coordinates at the start; none for 0.
+        Common key: the initial coordinates; empty for 0.
     friction : {"refuse", "ignore"}
-        Of these, too: what happens to pairs with friction.
+        Common key: treatment of pairs with friction.
 
     Returns
     -------

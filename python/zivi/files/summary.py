@@ -35,7 +35,7 @@ SHOWN = 3
 
 
 def opening(path: Path, study: bool) -> str:
-    """Say in one line how to open a result."""
+    """Return one line that shows how to open a result."""
     return f'xarray.{"open_zarr" if study else "open_dataset"}("{path}")'
 
 
@@ -50,7 +50,7 @@ def _summary_table(title: str, rows: Iterable[tuple[str, str]]) -> Table:
 
 
 def _style(name: str, value: str) -> str:
-    """Return the colour of a value, which a terminal shows: of a status, and of what is amiss."""
+    """Return the terminal colour of a value: status or warning."""
     if name == "status":
         return "green" if value.startswith("completed") else "bold red"
     return "bold red" if name in ("failed", "missing") and value != "0" else ""

@@ -44,14 +44,14 @@ class PreparedSweep:
     mistakes: Mistakes
 
     def run(self, out: Path, **options: Any) -> Study:
-        """Compute; a `FileError` tells what only shows when everything is put together."""
+        """Run it; raise a `FileError` for a fault that only the whole reveals."""
         keys = {name: name for name in ("workers", "seed", "chunk", "fixed", "executor")}
         with self.mistakes.naming(keys):
             return sweep(self.experiment, self.design, out=out, **self.options, **options)
 
 
 def experiment_parameters(experiment: str) -> dict[str, inspect.Parameter]:
-    """Give the parameters of an experiment."""
+    """Return the parameters of an experiment."""
     return dict(inspect.signature(EXPERIMENTS[experiment]).parameters)
 
 
@@ -137,7 +137,7 @@ def _range(value: dict[str, Any], key: str, mistakes: Mistakes) -> np.ndarray:
 
 
 def _ends(value: dict[str, Any], key: str, mistakes: Mistakes) -> bool:
-    """Check the ends of a range, and say whether they are usable."""
+    """Check the ends of a range; return whether they are usable."""
     missing = [end for end in ("start", "stop") if end not in value]
     for end in missing:
         mistakes.add(f"{key}.{end}", "is missing: a finite number")
@@ -183,7 +183,7 @@ def _check_sample_range(value: dict[str, Any], key: str, mistakes: Mistakes) -> 
 
 
 def _as_integers(values: Any, parameter: inspect.Parameter, key: str, mistakes: Mistakes) -> Any:
-    """Make whole numbers of those for a parameter that takes them."""
+    """Convert values to integers for an integer parameter."""
     if parameter.annotation not in ("int", int):
         return values
     if not np.all(np.equal(np.mod(values, 1), 0)):

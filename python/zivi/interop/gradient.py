@@ -48,7 +48,7 @@ __all__ = [
     "solution_function",
 ]
 
-# What functions of parameters with derivatives have in common.
+# Base class of functions of parameters with derivatives.
 
 Point = TypeVar("Point", bound=NamedTuple)
 
@@ -64,7 +64,7 @@ class ParameterFunction(ABC, Generic[Point]):
     @property
     @abstractmethod
     def wrt(self) -> tuple[str, ...]:
-        """What the entries of ``p`` are, tuple of str."""
+        """Names of the entries of ``p``, tuple of str."""
 
     @property
     @abstractmethod
@@ -73,11 +73,11 @@ class ParameterFunction(ABC, Generic[Point]):
 
     @abstractmethod
     def evaluate(self, p: ArrayLike) -> Point:
-        """Give the value, its derivative, and how they were found."""
+        """Return the value, its derivative and the diagnostics."""
 
     @abstractmethod
     def _computed(self, p: Array) -> Point:
-        """Give a point that is not known yet."""
+        """Compute a point that is not cached."""
 
     def _at(self, p: ArrayLike) -> Any:
         values = self._point(p)
@@ -98,12 +98,12 @@ class ParameterFunction(ABC, Generic[Point]):
         return values
 
     def __call__(self, p: ArrayLike) -> tuple[Any, Array]:
-        """Give the value and its derivative, of the shapes `shape` and ``(*shape, len(wrt))``."""
+        """Return the value and its derivative, of the shapes `shape` and ``(*shape, len(wrt))``."""
         found: Any = self.evaluate(p)
         return found.value, found.derivative
 
     def fun(self, p: ArrayLike) -> Array:
-        """Give the value as a vector, for `scipy.optimize.least_squares`.
+        """Return the value as a vector, for `scipy.optimize.least_squares`.
 
         Parameters
         ----------
@@ -119,7 +119,7 @@ class ParameterFunction(ABC, Generic[Point]):
         return np.ravel(found.value)
 
     def jac(self, p: ArrayLike) -> Array:
-        """Give the derivative as a matrix; where `fun` was just computed, without computing again.
+        """Return the derivative as a matrix; the run of `fun` at the same point is reused.
 
         Parameters
         ----------
@@ -152,7 +152,7 @@ class SmoothMassRun:
     wrt: tuple[str, ...]
 
     def at(self, p: Array) -> Moved:
-        """Give the run at values of its parameters; a ValueError for one out of its range."""
+        """Return the run at values of its parameters; a ValueError for one out of its range."""
         given = dict(zip(self.wrt, map(float, p), strict=True))
         system, (x0, v0) = self.system, self.state
         for name, value in given.items():
@@ -177,7 +177,7 @@ class MechanicalRun:
         return tuple(column.name for column in self.columns)
 
     def at(self, p: Array) -> Moved:
-        """Give the run at values of its parameters; a ValueError for one out of its range."""
+        """Return the run at values of its parameters; a ValueError for one out of its range."""
         start, state = self.span[0], (self.state[0].copy(), self.state[1].copy())
         laws: list[ImpactLaw] = list(self.system.laws)
         parameters: dict[str, float] = {}
@@ -203,12 +203,12 @@ class MechanicalRun:
 
 
 def _law_moved(law: ImpactLaw, name: str, by: float) -> ImpactLaw:
-    """Give a law with one parameter moved; "e" and "e.floor" may move the same one."""
+    """Return a law with one parameter moved; "e" and "e.floor" may move the same one."""
     return dataclasses.replace(law, **{name: getattr(law, name) + by})
 
 
 def _with_laws(system: MechanicalSystem, laws: tuple[ImpactLaw, ...]) -> MechanicalSystem:
-    """Give the same system with other impact laws."""
+    """Return the same system with other impact laws."""
     if isinstance(system, ParametricSystem):
         build = functools.partial(_built, system._build, laws)
         return ParametricSystem(build, system.parameters)
@@ -222,7 +222,7 @@ def _built(build: Any, laws: tuple[ImpactLaw, ...], **parameters: float) -> Mech
 
 
 def smooth_run(system: Any, span: tuple[float, float], y0: Any, wrt: tuple[str, ...]) -> Any:
-    """Check the start and the names, and give the run."""
+    """Check initial state and names, and return the run."""
     check_smooth(system)
     if not isinstance(system, MechanicalSystem):
         codes_of(system, wrt)
@@ -272,7 +272,7 @@ DEFAULT = SwitchedRK(rtol=1e-9, atol=1e-11)
 
 
 class RunPoint(NamedTuple):
-    """What a run gives at one point of its parameters.
+    """Value and derivative of a run at one parameter point.
 
     Attributes
     ----------
@@ -298,13 +298,13 @@ class RunFunction(ParameterFunction[RunPoint]):
     """A result of a run as a function of parameters.
 
     Calling it, ``f(p)``, gives ``(value, derivative)``, as `scipy.optimize.minimize` takes with
-    ``jac=True`` where the value is a number. `fun` and `jac` are what
-    `scipy.optimize.least_squares` and `scipy.optimize.root` take. There are no second derivatives.
+    ``jac=True`` where the value is a number. `fun` and `jac` are arguments of
+    `scipy.optimize.least_squares` and `scipy.optimize.root`. There are no second derivatives.
 
     Where there is no result, because a parameter is out of its range (as it may be in a line
     search), the force raises an ArithmeticError or a ValueError, the run ends early, or it has no
     such event, the value is infinite and the derivative NaN: optimisers shorten their step then.
-    `evaluate` says why.
+    `evaluate` returns the reason.
 
     Attributes
     ----------
@@ -315,7 +315,7 @@ class RunFunction(ParameterFunction[RunPoint]):
     times : ndarray or None
         The times of the samples (s).
     outside : str
-        What is given where there is no result.
+        Value of failed runs.
     """
 
     run: SmoothMassRun | MechanicalRun
@@ -327,7 +327,7 @@ class RunFunction(ParameterFunction[RunPoint]):
 
     @property
     def wrt(self) -> tuple[str, ...]:
-        """What the entries of ``p`` are, tuple of str."""
+        """Names of the entries of ``p``, tuple of str."""
         return self.run.wrt
 
     @property
@@ -370,7 +370,7 @@ class RunFunction(ParameterFunction[RunPoint]):
         return found
 
     def evaluate(self, p: ArrayLike) -> RunPoint:
-        """Give the value and its derivative, and how the run went.
+        """Return the value and its derivative, and how the run went.
 
         Parameters
         ----------
@@ -385,8 +385,7 @@ class RunFunction(ParameterFunction[RunPoint]):
         Raises
         ------
         ValueError
-            If `p` has not as many entries as `wrt`; with ``outside="raise"`` where there is no
-            result.
+            If `p` and `wrt` differ in length; with ``outside="raise"`` if the run fails.
         """
         found: RunPoint = self._at(p)
         return found
@@ -426,7 +425,7 @@ class RunFunction(ParameterFunction[RunPoint]):
         return RunPoint(value, derivative, s.status, told)
 
     def _states(self, s: Sensitivity) -> tuple[Array, Array]:
-        """Give the final state, or samples."""
+        """Return the final state, or samples."""
         if self.times is None:
             sol: Any = s.trajectory
             x, v = (sol.x, sol.xdot) if hasattr(sol, "x") else (sol.q, sol.qdot)
@@ -436,7 +435,7 @@ class RunFunction(ParameterFunction[RunPoint]):
         return samples, s.jacobian(self.times, KINDS[of])
 
     def _nothing(self, status: OrbitStatus, message: str) -> RunPoint:
-        """Give what stands for a value where there is none."""
+        """Return the substitute for a value of a failed run."""
         if self.outside == "raise":
             raise ValueError(message)
         value = np.full(self.shape, np.inf if self.outside == "inf" else np.nan)
@@ -448,7 +447,7 @@ KINDS: tuple[Literal["position"], Literal["velocity"]] = ("position", "velocity"
 
 
 def _event_derivatives(s: Sensitivity, output: Output) -> tuple[Array, Array]:
-    """Give the times or speeds of events, and their derivatives."""
+    """Return the times or speeds of events, and their derivatives."""
     sol: Any = s.trajectory
     if output == "zeno_time":
         return sol.zeno["t"], s.zeno_times
@@ -471,7 +470,7 @@ def run_function(
     outside: Outside = "inf",
     method: SwitchedRK = DEFAULT,
 ) -> RunFunction:
-    """Make a function of parameters that gives a result of a run and its derivative.
+    """Make a function of parameters that returns a result of a run and its derivative.
 
     Parameters
     ----------
@@ -482,7 +481,7 @@ def run_function(
     y0 : (float, float) or (array_like, array_like)
         Initial distance (m) and velocity (m/s); of a mechanical system ``(q0, qdot0)``.
     wrt : sequence of str
-        Names of the parameters, as in `zivi.sensitivity`.
+        Names of the parameters (see `zivi.sensitivity`).
     output : str
         The ``"final"`` state; ``"positions"`` or ``"velocities"`` at `times`; or of an event
         ``"zeno_time"``, ``"liftoff_time"``, ``"impact_time"`` (s), or ``"impact_speed"``, the speed
@@ -492,8 +491,8 @@ def run_function(
     times : array_like, optional
         Ascending times within the run, of positions or velocities (s).
     outside : {"inf", "nan", "raise"}
-        What is given where there is no result: an infinite value, which optimisers take for a step
-        that is too long, NaN, or a ValueError.
+        Value of failed runs: infinite, which optimisers treat as a too long step; NaN; or a
+        ValueError is raised.
     method : SwitchedRK
         Tolerances.
 
@@ -571,9 +570,9 @@ class SolutionPoint(NamedTuple):
     Attributes
     ----------
     value : ndarray
-        The unknowns; infinite where there is no solution.
+        The unknowns; infinite without a solution.
     derivative : ndarray
-        By the parameters, of shape (unknowns, parameters); NaN where there is none.
+        By the parameters, of shape (unknowns, parameters); NaN if there is none.
     solution : VIResult
         The solve.
     of : VIDerivative or None
@@ -590,10 +589,10 @@ class SolutionPoint(NamedTuple):
 class SolutionFunction(ParameterFunction[SolutionPoint]):
     """The solution of a VI as a function of parameters.
 
-    Calling it, ``f(p)``, gives ``(x, dx/dp)``. `fun` and `jac` are what
-    `scipy.optimize.least_squares` and `scipy.optimize.root` take, `gradient` is the derivative of
-    a function of the solution. Each solve begins at the last solution. Where there is none, or it
-    has no derivative, the value is infinite and the derivative NaN.
+    Calling it, ``f(p)``, gives ``(x, dx/dp)``. `fun` and `jac` are arguments of
+    `scipy.optimize.least_squares` and `scipy.optimize.root`; `gradient` is the derivative of a
+    function of the solution. Each solve begins at the last solution. Where there is none, or it has
+    no derivative, the value is infinite and the derivative NaN.
     """
 
     F: Callable[[Array, Array], ArrayLike]
@@ -607,7 +606,7 @@ class SolutionFunction(ParameterFunction[SolutionPoint]):
 
     @property
     def wrt(self) -> tuple[str, ...]:
-        """What the entries of ``p`` are, tuple of str."""
+        """Names of the entries of ``p``, tuple of str."""
         return self.names
 
     @property
@@ -666,14 +665,14 @@ class SolutionFunction(ParameterFunction[SolutionPoint]):
             return SolutionPoint(solution.x, nothing, solution, derivative)
 
     def _slopes(self, x: Array, p: Array) -> Any:
-        """Give ``dF/dp``, by central differences if it is not given."""
+        """Return ``dF/dp``, by central differences unless a function was given."""
         if self.map_slopes is None:
             return _differenced_columns(lambda q: real_array("F(x, p)", self.F(x, q)), p)
         slopes = self.map_slopes(x, p)
         return slopes if is_sparse(slopes) else np.reshape(slopes, (len(x), len(p)))
 
     def gradient(self, p: ArrayLike, weights: ArrayLike) -> Array:
-        """Give the gradient of a function of the solution from its gradient by the unknowns.
+        """Return the gradient of a function of the solution from its gradient by the unknowns.
 
         Parameters
         ----------
@@ -705,14 +704,14 @@ def solution_function(
     dF: Callable[[Array, Array], Any] | None = None,
     options: VIOptions | Mapping[str, Any] | None = None,
 ) -> SolutionFunction:
-    """Make a function of parameters that gives the solution of a VI and its derivative.
+    """Make a function of parameters that returns the solution of a VI and its derivative.
 
     Parameters
     ----------
     F : callable
         ``F(x, p)``, the map.
     lower, upper : array_like, callable or None
-        Bounds, or functions of ``p`` that give them.
+        Bounds, or functions of ``p`` that return them.
     x0 : array_like
         Where the first solve begins.
     wrt : sequence of str
@@ -729,7 +728,7 @@ def solution_function(
     -------
     SolutionFunction
         ``f(p) -> (x, dx/dp)``, with `SolutionFunction.fun`, `SolutionFunction.jac` and
-        `SolutionFunction.gradient`; `jax_function` takes it, too.
+        `SolutionFunction.gradient`; It can be passed to `jax_function`.
 
     Raises
     ------
@@ -767,7 +766,7 @@ def _evaluate_at(box: Any, p: Array) -> Any:
 
 
 def _bound_slopes(box: Any, p: Array, n: int) -> Array | None:
-    """Give the derivatives of a bound that is a function; of an infinite one zero."""
+    """Return the derivatives of a bound that is a function; of an infinite one zero."""
     if not callable(box):
         return None
     with np.errstate(invalid="ignore"):

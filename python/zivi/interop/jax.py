@@ -14,7 +14,7 @@ __all__ = ["jax_function"]
 
 
 def jax_function(function: ParameterFunction[Any]) -> Callable[[Any], Any]:
-    """Make a function of JAX from a run, or from the solution of a VI.
+    """Make a JAX function from a run or from the solution of a VI.
 
     It can be compiled, differentiated forwards and backwards once (``jax.jvp``, ``jax.grad``,
     ``jax.jacobian``), and mapped over arrays of parameters (``jax.vmap``, one after the other).

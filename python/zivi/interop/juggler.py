@@ -34,7 +34,7 @@ def juggler(
     .. math:: \ddot x = -9.81 + u, \quad x \ge 0, \quad \dot x^+ = -e\,\dot x^-
 
     The control is held over a period, in which the motion is exact, through any number of impacts
-    and through Zeno points. Impacts take energy, the control has to give it back in time. It
+    and through Zeno points. Impacts dissipate energy, which the control must restore in time. It
     passes gymnasium's own checker.
 
     Parameters
@@ -56,9 +56,9 @@ def juggler(
         Action: one number in [-1, 1], the control as a part of `u_max`. Observation: ``x / height``
         and ``xdot`` as a part of the speed of a fall from there. Reward: minus the relative error
         of the energy, at best 0. ``info``: time ``t`` (s), control ``u`` (m/s^2), number of
-        ``impacts`` of the step, and whether the control is ``saturated``: an action beyond -1 or 1
-        is cut. ``reset(options={"y0": (x, xdot)})`` starts from a state, else a
-        random one. An action that is not finite is refused. It pickles.
+        ``impacts`` of the step, and whether the control is ``saturated``: an action outside [-1, 1]
+        is clipped. ``reset(options={"y0": (x, xdot)})`` starts from a state, else a random one. An
+        action that is not finite is refused. It pickles.
 
     Raises
     ------

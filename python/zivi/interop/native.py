@@ -1,4 +1,4 @@
-"""What is C: where the library and its header are, and trackers of gaps as sources for a target."""
+"""The C library: location of library and header, and gap trackers as C sources for a target."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ LAW = Path(__file__).with_name("gap_tracker.c")
 
 
 def prefix() -> Path:
-    """Give the folder with ``include/zivi.h`` and ``lib/libzivi.a``, laid out like ``/usr/local``.
+    """Return the folder with ``include/zivi.h`` and ``lib/libzivi.a``.
 
-    In it are ``lib/pkgconfig`` and ``lib/cmake`` too.
+    It is laid out like ``/usr/local`` and contains ``lib/pkgconfig`` and ``lib/cmake``.
 
     Returns
     -------
@@ -34,7 +34,7 @@ def prefix() -> Path:
     Raises
     ------
     FileNotFoundError
-        If this installation was built without them; the message says how to build them.
+        If this installation was built without them; the message names the build command.
 
     Examples
     --------
@@ -58,8 +58,8 @@ def gap_tracker_source(
 
     The source has the compiled model, the decoupling, the latch of contacts, and calls
     ``zivi_tracker_step_to`` for each gap. It allocates nothing and needs ``math.h`` only. Its calls
-    are in a comment at its beginning. Controls that are beyond their limits are cut one by one,
-    where the Python controller shares what is left, the gaps first.
+    are in a comment at its beginning. Controls outside their limits are clipped one by one, while
+    the Python controller redistributes them with priority for the gaps.
 
     Parameters
     ----------

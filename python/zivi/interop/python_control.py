@@ -42,8 +42,8 @@ def impact_plant(
 
     .. math:: \ddot x = f(t, x, \dot x) + u, \quad x \ge 0, \quad \dot x^+ = -e\,\dot x^-
 
-    with `u` held over each period of length `h`, as in `zivi.simulate_closed_loop`, whose motion
-    between samples it is.
+    with `u` held over each period of length `h`, with the same motion between samples as in
+    `zivi.simulate_closed_loop`.
 
     Parameters
     ----------
@@ -67,7 +67,7 @@ def impact_plant(
     ValueError, TypeError
         For an argument out of range. Simulating raises `RuntimeError` where the motion fails.
     ImportError
-        Without python-control; it says how to get it.
+        If python-control is not installed; the message names the command.
 
     Examples
     --------
@@ -104,9 +104,9 @@ def impact_plant(
 def controller_block(controller: Controller, *, name: str = "controller") -> Any:
     """Make a controller a block for python-control.
 
-    Start one of zivi's from `state_vector`: it has a state that is not zero. What a controller of
-    the user remembers stays in the block: copies of it run, from where it is, and the time must not
-    go back but to start again.
+    Start one of zivi's from `state_vector`: it has a state that is not zero. The state of a
+    user-defined controller stays in the block: copies in their present state run, and the time must
+    not decrease except for a restart.
 
     Parameters
     ----------
@@ -125,8 +125,8 @@ def controller_block(controller: Controller, *, name: str = "controller") -> Any
         ``REFUSED`` the last control is held, the reference waits, and a `ModelWarning` says so.
         The block of a controller of
         the user has no states; it has the input ``force_ref`` and the outputs ``x_ref``,
-        ``xdot_ref`` as far as the controller has them, and the inputs ``x_ref``, ``xdot_ref``
-        where it has no reference and its ``step`` takes them by these names.
+        ``xdot_ref`` if the controller has these attributes, and the inputs ``x_ref``, ``xdot_ref``
+        if it has no reference and these are arguments of its ``step``.
 
     Raises
     ------
@@ -134,7 +134,7 @@ def controller_block(controller: Controller, *, name: str = "controller") -> Any
         If `controller` is none of them. Simulating raises `ValueError` from a state that is none
         of a controller.
     ImportError
-        Without python-control; it says how to get it.
+        If python-control is not installed; the message names the command.
 
     Examples
     --------
@@ -197,7 +197,7 @@ class _Ticking:
 
     def __init__(self, controller: Any) -> None:
         self.named = [] if hasattr(controller, "x_ref") else asked_of(controller)
-        # a step that is told a reference by name takes nothing else beside the sample
+        # a step with a reference by keyword has no other arguments than the sample
         takes = Told(controller).takes if self.named else interface_of(controller)
         self.given = ["x", "xdot", "force", *(["force_ref"] if takes.get("force_ref") else [])]
         self.reference = [it for it in ("x_ref", "xdot_ref") if takes.get(it)]
@@ -206,7 +206,7 @@ class _Ticking:
         self._t, self._before, self._after = np.nan, self._start, self._start
 
     def at(self, t: float, sample: Array) -> Array:
-        """Give the control, and the reference before the tick."""
+        """Return the control, and the reference before the tick."""
         if t != self._t:
             # the last answer at the sample before is the one that counted
             self._before = self._after if t > self._t else self._start
@@ -228,7 +228,7 @@ def force_block(
     output: str = "force",
     name: str | None = None,
 ) -> Any:
-    """Make a force a block for python-control, for what a controller is told of it.
+    """Make a python-control block from a force, for the force input of a controller.
 
     Parameters
     ----------
@@ -240,7 +240,7 @@ def force_block(
         Names of the position and velocity that it sees; ``("x_ref", "xdot_ref")`` for the force
         on a reference.
     output : str
-        Name of the force; a tracker looks for ``"force"`` and ``"force_ref"``.
+        Name of the force; a tracker has the inputs ``"force"`` and ``"force_ref"``.
     name : str, optional
         Name of the block, by default that of its output.
 
@@ -253,7 +253,7 @@ def force_block(
     ValueError, TypeError
         For an argument out of range.
     ImportError
-        Without python-control; it says how to get it.
+        If python-control is not installed; the message names the command.
 
     Examples
     --------
@@ -274,12 +274,12 @@ def force_block(
 
 
 def state_vector(controller: Controller) -> Array:
-    """Give the state of a controller as numbers: the initial state of its block.
+    """Return the state of a controller as numbers: the initial state of its block.
 
     Parameters
     ----------
     controller : Controller
-        One of zivi's as it is now, for example after its `reset`.
+        A zivi controller in its present state, for example after its `reset`.
 
     Returns
     -------
@@ -352,7 +352,7 @@ def _controller_state(controller: Any) -> tuple[Any, ...]:
 
 
 def _put(controller: Any, state: Array) -> None:
-    """Give a controller the state that its block has."""
+    """Set the state of a controller to the state of its block."""
     *plain, status = map(float, state)
     try:
         bits = int(status) & ~int(TickStatus.REFUSED)  # plain numbers: at every tick

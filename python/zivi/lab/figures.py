@@ -180,7 +180,7 @@ def draw_runs(runs: Runs, window: tuple[float, float] | None = None, columns: in
 
 
 def curves(runs: Runs, window: tuple[float, float] | None = None) -> list[Curve]:
-    """Give all lines that are drawn, thinned; parameters as of `draw_runs`."""
+    """Return all lines that are drawn, thinned; parameters as of `draw_runs`."""
     made: list[Curve] = []
     implicit = runs["implicit"]
     if isinstance(implicit, BeltRun):
@@ -352,7 +352,7 @@ def _axis(title: str, domain: tuple[float, float], anchor: str) -> dict[str, Any
 
 
 def _layout_settings(height: int, corner: tuple[float, float]) -> dict[str, Any]:
-    """Give the rest of the layout; `corner` is the upper right one of the panel of signs."""
+    """Return the rest of the layout; `corner` is the upper right one of the panel of signs."""
     return {
         "height": ABOVE + height + BELOW_ALL,
         "margin": {"l": 55, "r": 10, "t": ABOVE, "b": BELOW_ALL},

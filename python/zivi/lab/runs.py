@@ -59,7 +59,7 @@ class ExplicitRegulator:
         self.mu1, self.mu2, self.h = mu1, mu2, h
 
     def step(self, x: float, xdot: float, force: float) -> float:
-        """Give the control for the next period."""
+        """Return the control for the next period."""
         sign = math.copysign(1.0, xdot) if xdot else 0.0
         return -self.mu1 - self.mu2 * sign
 
@@ -77,7 +77,7 @@ class Drawn:
         self.heights, self.piece = heights, t_end / (len(heights) - 1)
 
     def __call__(self, t: float) -> tuple[float, float, float]:
-        """Give the reference at time t."""
+        """Return the reference at time t."""
         k = min(int(t / self.piece), len(self.heights) - 2)
         z = min(t / self.piece - k, 1.0)
         start, rise = self.heights[k], self.heights[k + 1] - self.heights[k]
@@ -95,7 +95,7 @@ class ExplicitFollower:
         self.law, self.h = ExplicitTwisting(mu1, mu2, h=h, e=e), h
 
     def step(self, x: float, xdot: float, force: float, force_ref: float) -> float:
-        """Give the control for the next period; behind the wall is taken as on it."""
+        """Return the control for the next period; behind the wall is taken as on it."""
         return self.law.step(max(x, 0.0), xdot, force, force_ref)
 
     def step_to(
@@ -107,7 +107,7 @@ class ExplicitFollower:
         after: tuple[float, float, float],
         acceleration: float,
     ) -> float:
-        """Give it for a reference that is now here and after the period there."""
+        """Return the control for the reference now and after the period."""
         self.law.reset(*now[:2])
         self.x_ref, self.xdot_ref = after[:2]
         return self.step(x, xdot, force, acceleration)
@@ -127,12 +127,12 @@ class SignedSlip:
         self.limit, self.speed = limit, speed
 
     def __call__(self, t: float, x: float, xdot: float) -> float:
-        """Give the acceleration of the unit mass."""
+        """Return the acceleration of the unit mass."""
         smooth = -self.stiffness * (x - FAR) - self.damping * xdot
         return float(smooth + self.friction(xdot))
 
     def friction(self, xdot: Any) -> Any:
-        """Give the force of the belt."""
+        """Return the force of the belt."""
         return -self.limit * np.sign(xdot - self.speed)
 
 
@@ -341,7 +341,7 @@ NAMES = {
 
 
 def facts(runs: Runs, window: tuple[float, float] | None = None) -> list[dict[str, str]]:
-    """Give a row for each run: rest and impacts, and what a closed loop does while it is shown.
+    """Return a row for each run: rest and impacts, and what a closed loop does while it is shown.
 
     Parameters
     ----------
@@ -408,7 +408,7 @@ def _control_facts(
 
 
 def warning_texts(runs: Runs) -> list[str]:
-    """Say what did not go as asked: runs that ended early, control updates that failed."""
+    """Describe the failures: runs that ended early, rejected control updates."""
     said = [f"{NAMES[name]}: {run.message}" for name, run in runs.items() if not run.success]
     counts = {name: str(getattr(run, "updates", "")) for name, run in runs.items()}
     said += [f"{NAMES[name]}: {count}" for name, count in counts.items() if count]

@@ -232,14 +232,14 @@ def listen(port: int, host: str = HOST) -> socket.socket:
 
 
 def names(host: str) -> tuple[str, ...]:
-    """Give the names by which a server on this host may be asked for, the best one first."""
+    """Return the names by which a server on this host may be asked for, the best one first."""
     if host in LOOPBACK:
         return LOOPBACK
     return (socket.gethostname(), *LOOPBACK) if host == EVERYWHERE else (host,)
 
 
 def address(listener: socket.socket, token: str, host: str = HOST) -> str:
-    """Give the address of the page, with the token that opens it."""
+    """Return the address of the page, with the token that opens it."""
     return f"http://{names(host)[0]}:{listener.getsockname()[1]}/{token}/"
 
 

@@ -240,7 +240,7 @@ def check_settings(settings: Settings) -> None:
 
 
 def landing_of(given: Regulator | Tracker) -> dict[str, Any]:
-    """Give the arguments of an implicit controller that are of the landing."""
+    """Return the arguments of an implicit controller that are of the landing."""
     return {"landing": True, "ahead": 1 + given.delay} if given.landing else {"landing": False}
 
 
@@ -249,7 +249,7 @@ LEAST_NOISE = (1e-6, 1e-4)
 
 
 def observer_of(given: Regulator | Tracker) -> dict[str, Any]:
-    """Give the arguments of the observer beside `e` and `h`.
+    """Return the arguments of the observer beside `e` and `h`.
 
     The variance of the change of the unknown force is 7 (h max|d'|)^2, but at least that of a
     random walk of 1 m^2/s^5.
@@ -362,7 +362,7 @@ SECTIONS: dict[type[Settings], dict[str, dict[str, Any]]] = {
 
 
 def ranges(kind: type[Settings]) -> dict[str, dict[str, Any]]:
-    """Give the arguments of the sliders of a tab, by the names of its settings.
+    """Return the arguments of the sliders of a tab, by the names of its settings.
 
     Parameters
     ----------

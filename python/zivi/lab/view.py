@@ -52,7 +52,7 @@ ALIKE = 1.5
 
 
 def describe_signs(runs: Runs) -> str:
-    """Say what implicit signs do on the screen, and what explicit ones do.
+    """Describe the control on the screen with implicit and with explicit signs.
 
     Parameters
     ----------
@@ -127,7 +127,7 @@ def _switching(implicit: ClosedLoop, explicit: ClosedLoop) -> str:
 
 
 def _late_window(*runs: ClosedLoop) -> tuple[float, float]:
-    """Give the later part of the time in which a mass moves (s)."""
+    """Return the later part of the time in which a mass moves (s)."""
     first, last = float(runs[0].t[0]), float(runs[0].t[-1])
     ends = [last if run.rest_time is None else float(run.rest_time) for run in runs]
     end = max(ends)

@@ -68,7 +68,7 @@ REOPENING_PROBE, FAR = 1e-4, 0.3
 
 
 def reopened(path: Path, edge: Point, low: Low) -> tuple[Path, Point] | None:
-    """Give an orbit whose contact opens, a little beyond the event, and the path that it is on."""
+    """Return an orbit whose contact opens, slightly past the event, and its path."""
     if len(path.frame.word) + 2 > MOST_LETTERS:
         return None
     for distance in DISTANCES:
@@ -143,14 +143,14 @@ def _lifted(terms: Terms, low: Low) -> tuple[Frame, Array, int] | None:
 
 
 def about(terms: Terms, middle: float) -> tuple[Frame, Array]:
-    """Give a motion without events from half a period before a time to half a period after."""
+    """Return a motion without events from half a period before a time to half a period after."""
     section = middle + 0.5 * terms.length
     frame = dataclasses.replace(terms.frame, section=section)
     return frame, frame.joined(_from(terms, 0, section), terms.length)
 
 
 def _from(terms: Terms, s: int, end: float) -> Array:
-    """Give the one segment that ends at a time, as the motion of a segment goes on."""
+    """Return the one segment that ends at a time, as the motion of a segment goes on."""
     frame, x, length = terms.frame, terms.x, terms.length
     t0 = float(x[s, 0])
     begin = end - length
@@ -203,13 +203,13 @@ def is_vanishing(points: Sequence[Point]) -> bool:
 
 
 def _short(terms: Terms) -> float:
-    """Give how long a flight is that may be about to vanish: of one mass all are as short."""
+    """Return how long a flight is that may be about to vanish: of one mass all are as short."""
     mass = isinstance(terms.frame.flow, MassFlow)
     return (SHORT_OF_MASS if mass else REOPENING_SHORT) * abs(terms.length)
 
 
 def _shortest(terms: Terms) -> int | None:
-    """Give which flight of an opened contact, until its gap is hit, is the shortest."""
+    """Return which flight of an opened contact, until its gap is hit, is the shortest."""
     word = terms.frame.word
     own = [
         s
@@ -220,7 +220,7 @@ def _shortest(terms: Terms) -> int | None:
 
 
 def rejoined(path: Path, last: Point) -> tuple[Path, Point, Low] | None:
-    """Give where the short flight of an opened contact vanishes: the path without it, the event."""
+    """Return the path without the short flight of an opened contact, and the event on it."""
     joined = _without_flight(last.terms)
     if joined is None:
         return None
@@ -395,7 +395,7 @@ def end_of_rest(
 
 
 def with_duration(path: Path, near: Sequence[Point], short: Low, duration: float) -> Point | None:
-    """Give the orbit whose contact lasts so long, from one, two or three orbits beside it."""
+    """Return the orbit whose contact lasts so long, from one, two or three orbits beside it."""
     size, last = path.frame.size, near[-1]
     normal = np.zeros(len(last.z))
     at = short.segment * size
@@ -412,7 +412,7 @@ def with_duration(path: Path, near: Sequence[Point], short: Low, duration: float
 
 
 def _weights(near: Sequence[Point], short: Low, powers: Sequence[float], at: float) -> Array:
-    """Give the weights of points whose sum is what powers of the duration make of them."""
+    """Return the weights of points whose sum is what powers of the duration make of them."""
     size = _duration(near[-1], short)
     own = np.array(powers if len(near) == 3 else powers[::2])
     rows = np.array([[(_duration(it, short) / size) ** p for p in own] for it in near])
@@ -420,7 +420,7 @@ def _weights(near: Sequence[Point], short: Low, powers: Sequence[float], at: flo
 
 
 def _extrapolated(near: Sequence[Point], short: Low) -> float:
-    """Give the end that points point to: `p` goes like ``D**power``, then one power more."""
+    """Return the end that points point to: `p` goes like ``D**power``, then one power more."""
     power = _power(near[-1], short)
     powers = (0.0, power, power + 1.0) if len(near) == 3 else (0.0, np.nan, power)
     weights = _weights(near, short, powers, 0.0)
@@ -429,7 +429,7 @@ def _extrapolated(near: Sequence[Point], short: Low) -> float:
 
 
 def _power(point: Point, short: Low) -> float:
-    """Give the power of the duration, which the restitution alone determines."""
+    """Return the power of the duration, which the restitution alone determines."""
     frame = point.terms.frame
     # a plastic impact closes at once, whatever the restitution
     plastic = frame.word[short.segment - 1].kind == "S"
@@ -437,13 +437,13 @@ def _power(point: Point, short: Low) -> float:
 
 
 def shortest_rest(point: Point) -> Low | None:
-    """Give the contact that lasts the shortest time."""
+    """Return the contact that lasts the shortest time."""
     own = [it for it in point.margins.lows if it.kind == "end_of_rest"]
     return min(own, key=lambda it: it.value, default=None)
 
 
 def _duration(point: Point, short: Low) -> float:
-    """Give how long a contact lasts: it is handed on a little after its accumulation ends."""
+    """Return how long a contact lasts: it is handed on a little after its accumulation ends."""
     terms = point.terms
     row = terms.x[short.segment]
     chain = terms.accumulations.get((short.segment - 1) % len(terms.x))
@@ -470,7 +470,7 @@ RETURNS = 12
 def rest_beyond(
     path: Path, edge: Point, span: tuple[float, float]
 ) -> tuple[Path, Point, Low] | None:
-    """Give where rest appears near an orbit with a long chain: its path, the end, the contact.
+    """Return where rest appears near an orbit with a long chain: its path, the end, the contact.
 
     The point has the value of the end; its unknowns are those of the shortest rest computed.
     """
@@ -498,7 +498,7 @@ def _values(value: float, span: tuple[float, float]) -> Iterator[float]:
 
 
 def _chain(terms: Terms) -> int | None:
-    """Give the first of a chain of impacts of a gap, each slower than the one before.
+    """Return the first of a chain of impacts of a gap, each slower than the one before.
 
     Of one mass a plastic impact is one, that before the flight whose start the force pulls least.
     """
@@ -518,7 +518,7 @@ def _chain(terms: Terms) -> int | None:
 
 
 def _resting_near(path: Path, edge: Point, first: int, value: float) -> tuple[Path, Point] | None:
-    """Give the orbit that rests on which a run from a long chain settles, at another parameter."""
+    """Return the resting orbit to which a run from a long impact sequence converges."""
     frame, before = path.frame_at(value), edge.terms
     t, state = float(before.x[first, 0]), frame.flow.initial(before.x[first, 1:-1])
     span = t, t + RETURNS * frame.length
@@ -802,7 +802,7 @@ class Way:
         return None
 
     def _sided(self, path: Path, start: Point, along: float) -> Point | None:
-        """Give the start with the tangent to the side on which the word is a motion."""
+        """Return the start with the tangent to the side on which the word is a motion."""
         sides = []
         for sign in (1.0, -1.0) if along * start.tangent[-1] >= 0.0 else (-1.0, 1.0):
             tangent = sign * start.tangent
@@ -876,7 +876,7 @@ def _began(point: Point) -> bool:
 
 
 def _letters(word: tuple[object, ...]) -> tuple[object, ...]:
-    """Give a word from the same letter on, wherever it begins."""
+    """Return a word from the same letter on, wherever it begins."""
     turns = [word[k:] + word[:k] for k in range(len(word))]
     return min(turns, key=repr)
 
@@ -893,7 +893,7 @@ def _same_kind(margins: Margins, low: Low) -> list[Low]:
 
 
 def _watched(low: Low, word: Word) -> Callable[[Point], float]:
-    """Give the test function of what became negative."""
+    """Return the test function of what became negative."""
     s = low.segment
     if low.kind == "simultaneous" and low.gap == word[s].gap:
         return lambda point: float(point.terms.x[s, -1] - point.terms.x[s, 0])
@@ -921,7 +921,7 @@ def _singular(path: Path, last: Point, new: Point, factor: float) -> list[Point]
 
 
 def halves_apart(point: Point) -> Array | None:
-    """Give half the difference of the halves of an orbit; None if it has no equal halves."""
+    """Return half the difference of the halves of an orbit; None if it has no equal halves."""
     frame, x = point.terms.frame, point.terms.x
     k = len(frame.word)
     if k % 2 or frame.turn is not None or frame.word[: k // 2] != frame.word[k // 2 :]:

@@ -132,7 +132,7 @@ class Attractor:
         return True
 
     def _by_speed(self) -> Array:
-        """Give rows of phase, speed and gap."""
+        """Return rows of phase, speed and gap."""
         gaps = np.zeros(len(self.impacts)) if self.gaps is None else self.gaps
         rows = np.column_stack([self.impacts, gaps])
         order = np.lexsort((rows[:, 0], np.round(rows[:, 1], 6), rows[:, 2]))
@@ -142,7 +142,7 @@ class Attractor:
 def classify(
     system: ImpactSystem, settled: Settled, period: float, keep: int, tolerance: float = TOLERANCE
 ) -> Attractor:
-    """Say what a run settled on; near a period doubling it may not have settled yet."""
+    """Classify the attractor of a run; near a period doubling it may not have converged."""
     none = np.empty((0, 2))
     if not settled.success:
         return Attractor("failed", 0, none)
@@ -172,7 +172,7 @@ def classify(
 def least_rows(
     system: ImpactSystem, period: float, rows: Array, multiple: int
 ) -> tuple[int, Array]:
-    """Give the least multiple of the period, and its impacts, of what a run seems to repeat."""
+    """Return the least multiple of the period, and its impacts, of what a run seems to repeat."""
     divisors = [p for p in range(2, len(rows) + 1) if len(rows) % p == multiple % p == 0]
     if all(_apart(rows, period, multiple, parts) > NEAR for parts in divisors):
         return multiple, rows
@@ -188,7 +188,7 @@ def least_rows(
 
 
 def _apart(rows: Array, period: float, multiple: int, parts: int) -> float:
-    """Give how far equal parts differ, relative to the period and the fastest impact."""
+    """Return how far equal parts differ, relative to the period and the fastest impact."""
     starts = multiple * period / parts * np.arange(parts)
     split = rows.reshape(parts, -1, 2) - np.stack([starts, 0.0 * starts], axis=1)[:, None]
     time, speed = np.max(np.ptp(split, axis=0), axis=0)
@@ -196,7 +196,7 @@ def _apart(rows: Array, period: float, multiple: int, parts: int) -> float:
 
 
 def _rested(system: ImpactSystem, settled: Settled, period: float, keep: int) -> Attractor | None:
-    """Say how a run repeats that rested; None where it left that rest for another motion."""
+    """Return how a run that rested repeats; None if it left the rest for another motion."""
     lifts, zenos, impacts = settled.liftoff_times, settled.zeno_times, settled.impacts
     end = keep * period
     since = float(max((*zenos[-1:], *lifts[-1:]), default=0.0))
@@ -225,7 +225,7 @@ def _rested(system: ImpactSystem, settled: Settled, period: float, keep: int) ->
 
 
 def quiet(rows: Array, end: float) -> float:
-    """Give the middle of the last long flight between impacts, the rows, before the end."""
+    """Return the middle of the last long flight between impacts, the rows, before the end."""
     times: list[float] = [*rows[-8:, 0].tolist(), end]
     gaps = [after - before for before, after in itertools.pairwise(times)]
     i = max(k for k, gap in enumerate(gaps) if gap >= 0.5 * max(gaps))
@@ -233,7 +233,7 @@ def quiet(rows: Array, end: float) -> float:
 
 
 def between(rows: Array, start: float, end: float) -> Array:
-    """Give the rows whose first entry, a time, is within these."""
+    """Return the rows whose first entry, a time, is within these."""
     return rows[(rows[:, 0] > start) & (rows[:, 0] <= end)]
 
 
@@ -403,7 +403,7 @@ class _Runner:
     progress: bool | None
 
     def after(self, states: Array, periods: int) -> tuple[Array, NDArray[np.bool_]]:
-        """Give the states after some periods, NaN for runs that fail, and which runs graze."""
+        """Return the states after some periods, NaN for runs that fail, and which runs graze."""
         span = (0.0, periods * self.period)
         if not self.system._spec.is_native:
             return self._one_by_one(states, span)
@@ -487,7 +487,7 @@ def together(
 
 
 def _merged(states: Array, method: SwitchedRK) -> tuple[Array, NDArray[np.int64]]:
-    """Give the different ones of some states, and which of them each is."""
+    """Return the different ones of some states, and which of them each is."""
     size = np.max(np.abs(np.nan_to_num(states)), axis=0, initial=0.0)
     each = np.broadcast_to(np.asarray(method.atol, np.float64), 2)
     atol = np.repeat(each, states.shape[1] // 2)  # of positions, then of velocities
@@ -601,7 +601,7 @@ def _settle_batch(
 def classify_mechanical(
     settled: MechanicalSettled, period: float, keep: int, tolerance: float
 ) -> Attractor:
-    """Say what a run settled on: its states repeat after so many periods."""
+    """Classify the attractor of a run by the number of periods after which states repeat."""
     none, no_gaps = np.empty((0, 2)), np.empty(0, np.int64)
     if not settled.success:
         return Attractor("failed", 0, none, no_gaps)
@@ -619,7 +619,7 @@ def classify_mechanical(
 
 
 def attractor_of(kind: str, multiple: int, rows: Array, gaps: Array) -> Attractor:
-    """Give an attractor by rows of phases and speeds: of accumulations the fast impacts only."""
+    """Return an attractor by rows of phases and speeds: of accumulations the fast impacts only."""
     if kind == "resting":
         fast = rows[:, 1] > SLOW * rows[:, 1].max(initial=0.0)
         rows, gaps = rows[fast], gaps[fast]
@@ -628,7 +628,7 @@ def attractor_of(kind: str, multiple: int, rows: Array, gaps: Array) -> Attracto
 
 
 def _multiple(states: Array, keep: int, tolerance: float) -> int:
-    """Give after how many periods the states repeat, 0 where they do not."""
+    """Return after how many periods the states repeat, 0 where they do not."""
     q, qdot = np.split(np.abs(states).max(axis=0), 2)
     scale = np.repeat([q.max() or 1.0, qdot.max() or 1.0], len(q))
     for m in range(1, keep // 2 + 1):
@@ -639,7 +639,7 @@ def _multiple(states: Array, keep: int, tolerance: float) -> int:
 
 
 def _settling(states: Array, multiple: int, tolerance: float) -> int:
-    """Give the divisor after which states will repeat that come nearer and nearer to it."""
+    """Return the divisor after which states will repeat that come nearer and nearer to it."""
     for d in range(1, multiple):
         if multiple % d:
             continue
@@ -654,7 +654,7 @@ def _settling(states: Array, multiple: int, tolerance: float) -> int:
 
 
 def open_starts(system: MechanicalSystem, states: Array) -> NDArray[np.bool_]:
-    """Tell which states, of shape (N, 2, n), penetrate no gap at the time 0."""
+    """Return which states, of shape (N, 2, n), have all gaps >= 0 at time 0."""
     model = system.model(states.shape[2])
     rows = (model.layout.read(model.evaluate(0.0, q, qdot)).gaps for q, qdot in states)
     return np.array([bool((gaps >= 0.0).all()) for gaps in rows], dtype=bool)

@@ -54,7 +54,7 @@ Event = TypeVar("Event")
 
 
 def failed_text(orbits: Sequence[Any]) -> str:
-    """Say how many orbits have another status than success, nothing if none has."""
+    """Describe how many orbits failed, by status; "" if none did."""
     failed = [it.status.name.lower() for it in orbits if it.status is not OrbitStatus.COMPLETED]
     unknown = sum(bool(np.isnan(it.multipliers).any()) for it in orbits)
     found = [listed_by(len(orbits), "orbits with a status", failed)] if failed else []
@@ -96,7 +96,7 @@ class OrbitsAlong(Tabulated, Generic[Event]):
         return np.array([orbit.admissible for orbit in self.orbits], dtype=bool)
 
     def of_kind(self, kind: str) -> list[Event]:
-        """Give the events of one kind.
+        """Return the events of one kind.
 
         Parameters
         ----------
@@ -111,12 +111,12 @@ class OrbitsAlong(Tabulated, Generic[Event]):
         return [event for event in self.events if event.kind == kind]
 
     def _failed_text(self) -> str:
-        """Say what failed behind a comma, nothing if nothing did."""
+        """Describe the failures after a comma; "" if there are none."""
         failed = failed_text(self.orbits)
         return f", {failed}" if failed else ""
 
     def _columns(self) -> dict[str, Any]:
-        """Give the parameter, the first impact and the multipliers of each orbit."""
+        """Return the parameter, the first impact and the multipliers of each orbit."""
         first = [orbit.impacts[0] if len(orbit.impacts) else None for orbit in self.orbits]
         return {
             self.name: self.values,
@@ -127,7 +127,7 @@ class OrbitsAlong(Tabulated, Generic[Event]):
         }
 
     def _end_and_events(self) -> dict[str, Any]:
-        """Give the end of the branch and its events."""
+        """Return the end of the branch and its events."""
         return {
             "status": self.status.name,
             "events": [event.kind for event in self.events],
@@ -210,7 +210,7 @@ class Branch(OrbitsAlong[BranchEvent]):
         return np.array([orbit.multipliers for orbit in self.orbits]).reshape(-1, 2)
 
     def switch(self, event: BranchEvent) -> PeriodicOrbit:
-        """Give an orbit on the branch that meets this one in an event, to be continued.
+        """Return an orbit on the branch that meets this one in an event, to be continued.
 
         Parameters
         ----------
@@ -230,7 +230,7 @@ class Branch(OrbitsAlong[BranchEvent]):
         return orbit
 
     def _table(self) -> ResultTable:
-        """Tell the points of the branch; its events are among the attributes."""
+        """Describe the dataset: points of the branch, with its events as attributes."""
         fields: dict[str, Field] = {self.name: ("point", "", "parameter"), **MASS_FIELDS}
         return ResultTable(
             "Branch of periodic orbits", fields, {}, self._columns(), self._end_and_events()
@@ -365,7 +365,7 @@ class MechanicalBranch(OrbitsAlong[MechanicalEvent]):
         return np.array([orbit.multipliers for orbit in self.orbits])
 
     def switch(self, event: MechanicalEvent) -> MechanicalOrbit:
-        """Give an orbit on the branch that meets this one in an event, to be continued.
+        """Return an orbit on the branch that meets this one in an event, to be continued.
 
         Parameters
         ----------
@@ -384,7 +384,7 @@ class MechanicalBranch(OrbitsAlong[MechanicalEvent]):
         return orbit
 
     def _table(self) -> ResultTable:
-        """Tell the points of the branch; its events are among the attributes."""
+        """Describe the dataset: points of the branch, with its events as attributes."""
         values = self._columns() | {
             "arc": np.repeat(np.arange(len(self.arcs)), [len(arc) for arc in self.arcs]),
             "n_impacts": [len(orbit.impacts) for orbit in self.orbits],
@@ -406,7 +406,7 @@ class MechanicalBranch(OrbitsAlong[MechanicalEvent]):
 
 
 def chatter_exponent(e: float) -> float:
-    r"""Give the exponent with which a resting orbit ends.
+    r"""Return the exponent with which a resting orbit ends.
 
     Near the parameter at which the impacts no longer accumulate before the force turns outward, the
     time at rest vanishes like :math:`(F_c - F)^\beta` with

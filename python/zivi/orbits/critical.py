@@ -65,26 +65,26 @@ class Critical:
     """Whether it is a number of the motion, `measure`, not of the matrix."""
 
     def measure(self, terms: Terms) -> float:
-        """Give the number that vanishes."""
+        """Return the test function."""
         raise NotImplementedError
 
     def at(self, terms: Terms, kappa: float, near: Array | None = None) -> Values:
-        """Give the values and their derivatives by the unknowns.
+        """Return the values and their derivatives with respect to the unknowns.
 
         Those of a point `near` may be taken where only the convergence depends on them.
         """
         raise NotImplementedError
 
     def matrix(self, terms: Terms, kappa: float) -> Array:
-        """Give the matrix that is singular."""
+        """Return the matrix that is singular."""
         raise NotImplementedError
 
     def renewed(self, terms: Terms, kappa: float) -> Critical:
-        """Give the same with borders of this point."""
+        """Return the same with borders of this point."""
         return self
 
     def by_matrix(self, values: Values, change: Array) -> Array:
-        """Give the change of the values with that of the matrix."""
+        """Return the change of the values with that of the matrix."""
         return np.array([-w @ change @ v for w, v in values.right])
 
 
@@ -96,11 +96,11 @@ class Grazing(Critical):
     is_measured = True
 
     def measure(self, terms: Terms) -> float:
-        """Give the speed."""
+        """Return the speed."""
         return float(terms.rates[self.segment])
 
     def at(self, terms: Terms, kappa: float, near: Array | None = None) -> Values:
-        """Give the speed and its derivatives."""
+        """Return the speed and its derivatives."""
         by_y = terms.rate_gradient(self.segment)[None]
         return Values(np.array([self.measure(terms)]), by_y, None, [])
 
@@ -115,11 +115,11 @@ class Margin(Critical):
     is_measured = True
 
     def measure(self, terms: Terms) -> float:
-        """Give the force, the time, or the gap."""
+        """Return the force, the time, or the gap."""
         return self._at(terms, self._part(terms))
 
     def _part(self, terms: Terms) -> float:
-        """Give where in the segment the force is least, from 0 to 1."""
+        """Return where in the segment the force is least, from 0 to 1."""
         if self.kind == "simultaneous":
             return 1.0
         lows = Margins(terms).between(self.segment)
@@ -142,7 +142,7 @@ class Margin(Critical):
         return float(flow.reaction(contacts, self.gap, float(t[0]), z[0]).value)
 
     def at(self, terms: Terms, kappa: float, near: Array | None = None) -> Values:
-        """Give the number and its derivatives.
+        """Return the number and its derivatives.
 
         Where a force is least its place moves nothing to first order.
         """
@@ -160,7 +160,7 @@ class Margin(Critical):
         return Values(np.array([self._at(terms, part)]), by_y, None, [])
 
     def _touched(self, terms: Terms) -> range:
-        """Give the unknowns that it depends on: of segments those of its own."""
+        """Return the unknowns that it depends on: of segments those of its own."""
         frame, s = terms.frame, self.segment
         if frame.impulses is not None:
             return range(len(terms.y))
@@ -183,17 +183,17 @@ class Singular(Critical):
         return cls(factor, left[:, -1], right[-1])
 
     def renewed(self, terms: Terms, kappa: float) -> Singular:
-        """Give the same with borders of this point, of the signs of these."""
+        """Return the same with borders of this point, of the signs of these."""
         new = Singular.of(terms, self.factor)
         b, c = new.b * (new.b @ self.b), new.c * (new.c @ self.c)
         return Singular(self.factor, b / np.linalg.norm(b), c / np.linalg.norm(c))
 
     def matrix(self, terms: Terms, kappa: float) -> Array:
-        """Give the matrix that is singular."""
+        """Return the matrix that is singular."""
         return np.asarray(terms.matrix(self.factor), np.float64)
 
     def at(self, terms: Terms, kappa: float, near: Array | None = None) -> Values:
-        """Give the number and its derivatives: a cusp shows in them."""
+        """Return the number and its derivatives: a cusp shows in them."""
         matrix = self.matrix(terms, kappa)
         n = len(matrix)
         whole = np.zeros((n + 1, n + 1))
@@ -221,15 +221,15 @@ class Turning(Critical):
         return cls(left[:, -2:], right[-2:].T)
 
     def matrix(self, terms: Terms, kappa: float) -> Array:
-        """Give the matrix that is singular."""
+        """Return the matrix that is singular."""
         return terms.turned(kappa)[0]
 
     def renewed(self, terms: Terms, kappa: float) -> Turning:
-        """Give the same with borders of this point."""
+        """Return the same with borders of this point."""
         return Turning.of(terms, kappa)
 
     def at(self, terms: Terms, kappa: float, near: Array | None = None) -> Values:
-        """Give the four numbers and their derivatives."""
+        """Return the four numbers and their derivatives."""
         matrix, turning = terms.turned(kappa)
         size = len(matrix)
         whole = np.zeros((size + 2, size + 2))
@@ -264,7 +264,7 @@ CUBIC_STEP = 1e-6
 
 
 def twice(terms: Terms, null: Array) -> tuple[Frame, Array, Array]:
-    """Give the frame of a word written twice, its unknowns, and how `null` moves both halves."""
+    """Return the frame of a word written twice, its unknowns, and how `null` moves both halves."""
     frame = terms.frame
     word = whole_word(terms)[0] if frame.turn is not None else frame.word * 2
     new = dataclasses.replace(frame, word=word, length=2.0 * terms.length, turn=None)
@@ -285,7 +285,7 @@ def twice(terms: Terms, null: Array) -> tuple[Frame, Array, Array]:
 
 
 def cubic_coefficient(terms: Terms) -> float:
-    """Give the coefficient at a period doubling; `v` has unit length in scaled unknowns.
+    """Return the coefficient at a period doubling; `v` has unit length in scaled unknowns.
 
     It is NaN where the motion cannot be computed beside it.
     """
@@ -296,7 +296,7 @@ def cubic_coefficient(terms: Terms) -> float:
 
 
 def cubic_test(terms: Terms, scale: Array, sizes: Array, *, precise: bool = True) -> float:
-    """Give a number that vanishes where the coefficient does, and has none of its poles.
+    """Return a number that vanishes where the coefficient does, and has none of its poles.
 
     They are where another multiplier is 1, or a second one -1.
     """
@@ -334,13 +334,13 @@ class _Cubic:
         self.borders = w, v
 
     def orientation(self) -> float:
-        """Give the sign of the bordered matrix: vectors of other signs change both it and `w`."""
+        """Return the sign of the bordered matrix: vectors of other signs change both it and `w`."""
         w, v = self.borders
         whole = np.block([[self.opposite, w[:, None]], [v, np.zeros(1)]])
         return float(np.linalg.slogdet(whole)[0])
 
     def precise(self) -> float:
-        """Give the numerator with an error of fourth order in the steps.
+        """Return the numerator with an error of fourth order in the steps.
 
         They are short beside the amplitude at which the cubic term is as large as the linear one.
         """
@@ -348,7 +348,7 @@ class _Cubic:
         return (4.0 * self.numerator(h) - self.numerator(2.0 * h)) / 3.0
 
     def numerator(self, h: float) -> float:
-        """Give the numerator of the coefficient by differences of the Jacobian over `h`."""
+        """Return the numerator of the coefficient by differences of the Jacobian over `h`."""
         base, v, w = self.base, self.v, self.w
         ahead, back = (self.both.matrix(part * h * v) for part in (1.0, -1.0))
         second, third = (ahead - back) / (2.0 * h), (ahead + back - 2.0 * base) / h**2
@@ -369,7 +369,7 @@ class _Doubled:
     sizes: Array
 
     def matrix(self, z: Array) -> Array:
-        """Give the scaled Jacobian, moved by `z` in scaled unknowns."""
+        """Return the scaled Jacobian, moved by `z` in scaled unknowns."""
         whole = evaluate(self.frame, self.y + self.scale * z).matrix()
         return np.asarray(whole * self.scale / self.sizes[:, None], np.float64)
 
@@ -378,7 +378,7 @@ class _Doubled:
 
 
 def crossed(terms: Terms, low: Low) -> tuple[Frame, Array] | None:
-    """Give the frame and the unknowns of the word beyond an event; None where there is none."""
+    """Return the frame and the unknowns of the word beyond an event; None where there is none."""
     segment = terms.frame.word[low.segment]
     if low.kind == "interior_impact":
         return _inserted(terms, low)
@@ -416,7 +416,7 @@ def _dropped(terms: Terms, s: int) -> tuple[Frame, Array] | None:
 
 
 def _without(terms: Terms) -> tuple[Frame, Array]:
-    """Give the motion without its only impact: a section, half a period from where it was."""
+    """Return the motion without its only impact: a section, half a period from where it was."""
     frame, x = terms.frame, terms.x.copy()
     segment = frame.word[0]
     word = (Segment(segment.contacts, "P", -1, segment.contacts),)

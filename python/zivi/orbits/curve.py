@@ -86,7 +86,7 @@ class CurvePoint:
 
 
 def _test(name: str, point: CurvePoint) -> float:
-    """Give one of the numbers whose signs change; NaN where there is none of the name."""
+    """Return one of the numbers whose signs change; NaN where there is none of the name."""
     if name == CUBIC and point.line is not None:
         return point.line.cubic(point.terms, precise=True)
     own = point.tests if point.line is None or name not in REGULAR else point.line.regular(point)
@@ -114,19 +114,19 @@ class Line:
         self.scale = np.concatenate([unknowns, widths, extra])
 
     def start(self, y: Array, kappa: float) -> CurvePoint | None:
-        """Give the point at an event."""
+        """Return the point at an event."""
         values = [value_of(self.frame.system, name) for name in self.names]
         extra = [kappa] if self.critical.with_kappa else []
         z = np.concatenate([y, values, extra]) / self.scale
         return self.correct(z, None)
 
     def split(self, z: Array) -> tuple[Array, Array, float]:
-        """Give unknowns, parameters and kappa."""
+        """Return unknowns, parameters and kappa."""
         full, n = z * self.scale, len(self.sizes)
         return full[:n], full[n : n + 2], float(full[n + 2]) if self.critical.with_kappa else 0.0
 
     def system(self, z: Array, near: Slopes | None = None) -> tuple[Terms, Array, Array, Slopes]:
-        """Give terms, what must vanish, its scaled derivative, and slopes to lend."""
+        """Return terms, what must vanish, its scaled derivative, and slopes to lend."""
         y, values, kappa = self.split(z)
         frame = moved_frame(self.frame, dict(zip(self.names, values.tolist(), strict=True)))
         terms = evaluate(frame, y)
@@ -146,7 +146,7 @@ class Line:
         return terms, residual, whole * self.scale / weights[:, None], near
 
     def _column(self, terms: Terms, kappa: float, found: Values, name: str, value: float) -> Array:
-        """Give the derivative by a parameter, by a difference: only the convergence needs it."""
+        """Return the derivative by a parameter, by a difference: only the convergence needs it."""
         h = STEP * max(abs(value), 1e-2)
         ahead = evaluate(moved_frame(terms.frame, {name: value + h}), terms.y)
         moved = (ahead.residual - terms.residual) / h
@@ -157,7 +157,7 @@ class Line:
         return np.append(moved, self.critical.by_matrix(found, change / h))
 
     def _weight(self, rows: Array) -> float:
-        """Give the size of what vanishes: how it changes with the unknowns."""
+        """Return the size of what vanishes: how it changes with the unknowns."""
         return float(np.max(np.abs(rows * self.scale))) or 1.0
 
     def correct(self, guess: Array, normal: Array | None) -> CurvePoint | None:
@@ -192,7 +192,7 @@ class Line:
         return CurvePoint(z, terms, tangent, values, kappa, step, error, self, matrix)
 
     def tests(self, point: CurvePoint) -> dict[str, float]:
-        """Give the numbers whose signs change at points of codimension two."""
+        """Return the numbers whose signs change at points of codimension two."""
         found = self.regular(point)
         if self.kind in ("period_doubling", "pitchfork"):
             found[CUBIC] = self.cubic(point.terms, precise=False)
@@ -200,11 +200,11 @@ class Line:
         return found | self._second_events(point.terms, own)
 
     def cubic(self, terms: Terms, *, precise: bool) -> float:
-        """Give a number that vanishes with the cubic coefficient."""
+        """Return a number that vanishes with the cubic coefficient."""
         return cubic_test(terms, self.scale[: len(self.sizes)], self.sizes, precise=precise)
 
     def regular(self, point: CurvePoint) -> dict[str, float]:
-        """Give those of the matrix and the speeds before impacts."""
+        """Return those of the matrix and the speeds before impacts."""
         terms, matrix, kappa = point.terms, point.matrix, point.kappa
         assert matrix is not None
         own = self.critical.segment if isinstance(self.critical, Grazing) else -1
@@ -234,7 +234,7 @@ class Line:
         return found
 
     def _second_events(self, terms: Terms, own: int) -> dict[str, float]:
-        """Give what must be positive of a motion, by the event at which it begins to be."""
+        """Return the quantities that are positive on an admissible motion, by their event."""
         found: dict[str, float] = {}
         near = 1e-6 * abs(terms.length)
         ends = terms.x[own, -1] + np.array([-1, 0, 1]) * terms.length if own >= 0 else np.empty(0)
@@ -267,7 +267,7 @@ class Line:
 
 
 def critical_of(kind: str, terms: Terms, kappa: float) -> Critical:
-    """Give what vanishes along the curve of an event."""
+    """Return the condition that holds along the curve of an event."""
     if kind == "fold":
         return Singular.of(terms, 1.0)
     if kind in ("period_doubling", "pitchfork"):
@@ -324,7 +324,7 @@ def run(
 
 
 def _at_edge(line: Line, last: CurvePoint, new: CurvePoint, spans: Array) -> CurvePoint | None:
-    """Give the point where the curve leaves the range."""
+    """Return the point where the curve leaves the range."""
     parts = []
     for k in (0, 1):
         for end in spans[k]:
@@ -372,7 +372,7 @@ Names = tuple[str, str]
 def rest_curve(
     event: BranchEvent | MechanicalEvent, names: Names, ranges: Array, step: float, most: int
 ) -> tuple[Array, list[CurvePoint], OrbitStatus]:
-    """Give the values of both parameters, a row each, by the second one, and what was there."""
+    """Return the values of both parameters, a row each, by the second one, and what was there."""
     ends = _Ends(event, names)
     second = ends.second
     spacing = 2.5 * step * float(np.ptp(ranges[1]))
@@ -438,7 +438,7 @@ class _Ends:
         self.near = [(self.second, self.origin)]
 
     def first(self) -> CurvePoint:
-        """Give the orbit of the event."""
+        """Return the orbit of the event."""
         return _kept(self.start, np.array([self.event.value, self.second]))
 
     def at(self, second: float, expected: float) -> float | None:
@@ -488,7 +488,7 @@ class _Ends:
         return None if found is None or nearer is None else (path, found, nearer)
 
     def _simulated(self, last: Point, frame: Frame) -> Array:
-        """Give the unknowns of the word as a run from the middle of the rest shows them."""
+        """Return the unknowns of the word as a run from the middle of the rest shows them."""
         terms, s = last.terms, self.short.segment
         word, (begin, *z, end) = terms.frame.word, terms.x[s]
         t, length = 0.5 * (begin + end), frame.length * (1 if frame.turn is None else 2)
@@ -508,7 +508,7 @@ class _Ends:
 
 
 def _lasting(path: Path, near: list[Point], short: Low, duration: float) -> Point | None:
-    """Give the orbit whose rest lasts so long, from one whose rest does not."""
+    """Return the orbit whose rest lasts so long, from one whose rest does not."""
     now = float(near[-1].terms.x[short.segment, -1] - near[-1].terms.x[short.segment, 0])
     while now != duration:
         now = min(1.5 * now, duration) if now < duration else max(now / 1.5, duration)
@@ -615,7 +615,7 @@ class EventCurve(Tabulated):
         return len(self.values)
 
     def orbits(self, i: int) -> MechanicalOrbit:
-        """Give the orbit at a point of the curve.
+        """Return the orbit at a point of the curve.
 
         Parameters
         ----------
@@ -635,7 +635,7 @@ class EventCurve(Tabulated):
         return np.array([_why_not(it) is None for it in self._found], dtype=bool)
 
     def of_kind(self, kind: str) -> list[CodimensionTwo]:
-        """Give the points of codimension two of one kind.
+        """Return the points of codimension two of one kind.
 
         Parameters
         ----------
@@ -650,7 +650,7 @@ class EventCurve(Tabulated):
         return [point for point in self.points if point.kind == kind]
 
     def switch(self, point: CodimensionTwo) -> MechanicalOrbit:
-        """Give the orbit at a point of codimension two, from where other branches begin.
+        """Return the orbit at a point of codimension two, from where other branches begin.
 
         Parameters
         ----------
@@ -781,7 +781,7 @@ def continue_curve(
 
 
 def _of_one_mass(orbit: PeriodicOrbit) -> MechanicalOrbit:
-    """Give an orbit of one mass with its word."""
+    """Return an orbit of one mass with its word."""
     if orbit.kind == "resting":
         raise ValueError("event: a resting orbit of one mass has no curve but that of its end")
     terms, done = evaluate(orbit._frame, orbit._y), OrbitStatus.COMPLETED
@@ -853,13 +853,13 @@ def _of_rest(
 
 
 def text_of_failures(found: list[CurvePoint]) -> str:
-    """Say at how many points the orbit is no motion, nothing if it is one everywhere."""
+    """Describe at how many points the orbit is inadmissible; "" if at none."""
     number = sum(_why_not(it) is not None for it in found)
     return f"{number} of {len(found)} points where the orbit is no motion" if number else ""
 
 
 def _critical_word(event: Any, orbit: MechanicalOrbit) -> tuple[Frame, Array]:
-    """Give the word of an event: with the impact that is about to begin."""
+    """Return the word of an event: with the impact that is about to begin."""
     smooth = all(it.kind == "P" for it in orbit._frame.word)
     if event.kind == "contact_ends" and smooth and isinstance(orbit._frame.section, float):
         return _around_least_force(orbit)
@@ -881,12 +881,12 @@ def _around_least_force(orbit: MechanicalOrbit) -> tuple[Frame, Array]:
 
 
 def _why_not(point: CurvePoint) -> str | None:
-    """Say why a point is no motion; None if it is one."""
+    """Return why a point is inadmissible; None if it is admissible."""
     return Margins(point.terms).why_not(1e-9, grazing=True)
 
 
 def orbit_at(point: CurvePoint, multiple: int) -> MechanicalOrbit:
-    """Give the orbit at a point."""
+    """Return the orbit at a point."""
     why = _why_not(point)
     status = OrbitStatus.COMPLETED if why is None else OrbitStatus.LEFT_ADMISSIBLE
     message = why or "A point of a curve."

@@ -81,10 +81,10 @@ class Plan(ABC):
 
     @abstractmethod
     def points(self, system: Any, settled: Any, period: float) -> RunFound:
-        """Give the points of a run, and what it settled on."""
+        """Return the points of a run and its attractor."""
 
     def at(self, value: float) -> tuple[Any, float]:
-        """Give the system with a value, and its period."""
+        """Return the system with a value, and its period."""
         own = getattr(self.system, "parameters", {})
         is_e = self.name not in own and (self.name == "e" or self.name.startswith("e."))
         if is_e and not 0.0 <= value <= 1.0:
@@ -149,7 +149,7 @@ class Plan(ABC):
 
 
 def _columns(events: Any) -> dict[str, Array]:
-    """Give the events of a study as arrays by name."""
+    """Return the events of a study as arrays by name."""
     names = ("point", *(POINT.names or ()))
     if events is None:
         return {name: np.empty(0) for name in names}
@@ -191,7 +191,7 @@ class MassPlan(Plan):
         return [dataclasses.replace(it, states=own) for it, own in both]
 
     def points(self, system: ImpactSystem, settled: Settled, period: float) -> RunFound:
-        """Give phases and speeds of the impacts, or states at the starts of periods."""
+        """Return phases and speeds of the impacts, or states at the starts of periods."""
         kind = classify(system, settled, period, self.keep)
         if self.section == "impacts":
             rows = np.column_stack([settled.impacts, np.zeros(len(settled.impacts))])
@@ -206,7 +206,7 @@ class MassPlan(Plan):
 
 
 def number_of(what: str, name: str | None, names: tuple[str, ...]) -> int | None:
-    """Give the number of a gap or a coordinate by its name."""
+    """Return the number of a gap or a coordinate by its name."""
     if name is None:
         return None
     if name not in names:
@@ -215,7 +215,7 @@ def number_of(what: str, name: str | None, names: tuple[str, ...]) -> int | None
 
 
 def read_states(name: str, starts: Array) -> Array:
-    """Give states of shape (N, 2, n) of one, ``(q0, qdot0)``, or several."""
+    """Return states of shape (N, 2, n) of one, ``(q0, qdot0)``, or several."""
     states = starts[None] if starts.ndim == 2 else starts
     if states.ndim != 3 or states.shape[1] != 2 or not states.shape[2]:
         raise ValueError(f"{name} must be (q0, qdot0), or several, got shape {starts.shape}")
@@ -223,7 +223,7 @@ def read_states(name: str, starts: Array) -> Array:
 
 
 def _place(name: str, names: tuple[str, ...]) -> tuple[int, int]:
-    """Give where an initial value is in ``(q0, qdot0)``."""
+    """Return where an initial value is in ``(q0, qdot0)``."""
     for part, kind in enumerate(("q0", "qdot0")):
         for i, own in enumerate(names):
             if name in (f"{kind}.{own}", f"{kind}[{i}]"):
@@ -235,7 +235,7 @@ def _place(name: str, names: tuple[str, ...]) -> tuple[int, int]:
 def starts_of(
     system: MechanicalSystem, values: Array, axes: Sequence[str] | None, y0: Any
 ) -> tuple[tuple[str, str], Array]:
-    """Give the names of two initial values, and states of shape (N, 2, n) with pairs of them."""
+    """Return the names of two initial values, and states of shape (N, 2, n) with pairs of them."""
     if y0 is None and system._n is None:
         raise ValueError("y0 must be given: the system does not tell how many coordinates it has")
     base = np.zeros((2, system._n or 0)) if y0 is None else np.array(state_of(y0, system._n))
@@ -270,7 +270,7 @@ class MechanicalPlan(Plan):
     def points(
         self, system: MechanicalSystem, settled: MechanicalSettled, period: float
     ) -> RunFound:
-        """Give phases and speeds of the impacts, or states."""
+        """Return phases and speeds of the impacts, or states."""
         kind = classify_mechanical(settled, period, self.keep, TOLERANCE)
         if self.section == "impacts":
             rows = settled.impacts.copy()
@@ -369,7 +369,7 @@ class Diagram(Tabulated):
         return with_failed("", f"{failed}; {advice}").strip()
 
     def _table(self) -> ResultTable:
-        """Tell the points over ``point``, what each run settled on over ``run``."""
+        """Describe the dataset: points over ``point``, the attractor of each run over ``run``."""
         first, second = SECTIONS[self.section]
         fields = {self.name: ("point", "", "parameter"), **first, **second, **DIAGRAM_FIELDS}
         values = {
@@ -610,7 +610,7 @@ class Basins(Tabulated):
         return f"<Basins of {self.label.size} cells: {told}{unsure}>"
 
     def _table(self) -> ResultTable:
-        """Tell the numbers of the attractors over states, these over ``attractor``."""
+        """Describe the dataset: attractor numbers over states, attractors over ``attractor``."""
         values = {
             "kind": [it.kind for it in self.attractors],
             "multiple": [it.multiple for it in self.attractors],
@@ -773,7 +773,7 @@ class _Cells:
     def numbers(
         self, kinds: list[Attractor], which: NDArray[np.int64], known: list[Attractor]
     ) -> NDArray[np.int64]:
-        """Give numbers to what was found; what is new is added in the order of the cells."""
+        """Return numbers to what was found; what is new is added in the order of the cells."""
         label = np.empty(len(kinds), dtype=np.int64)
         for i in np.argsort(np.unique(which, return_index=True)[1]):
             same = (

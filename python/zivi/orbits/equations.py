@@ -86,7 +86,7 @@ class _Modes(NamedTuple):
 
 @functools.lru_cache(maxsize=32)
 def _modes(state: bytes, inverse: bytes, normals: bytes, n: int) -> _Modes | None:
-    """Give the modes; None where eigenvectors nearly depend on each other."""
+    """Return the modes; None where eigenvectors nearly depend on each other."""
     whole = np.zeros((2 * n, 2 * n))
     whole[:n, n:] = np.eye(n)
     whole[n:] = np.frombuffer(state).reshape(n, 2 * n)
@@ -118,14 +118,14 @@ def _real_pairs(values: NDArray[Any]) -> Array:
 
 @functools.lru_cache(maxsize=64)
 def _resolvent(whole: bytes, size: int, omega: float) -> Complex:
-    """Give what a wave of a load makes of a motion, for all amplitudes of the load."""
+    """Return the response to a harmonic load of unit amplitude, as a matrix."""
     matrix = np.frombuffer(whole).reshape(size, size)
     found = np.linalg.inv(1j * omega * np.eye(size) - matrix)[:, size // 2 :]
     return np.asarray(found, np.complex128)
 
 
 def _forced(flow: LinearFlow, whole: Array) -> Array:
-    """Give the states of the forced response, columns of a constant, then cosines and sines."""
+    """Return the states of the forced response, columns of a constant, then cosines and sines."""
     n, push = flow.n, flow.push
     found = np.zeros((2 * n, push.shape[1]))
     key = whole.tobytes()
@@ -140,7 +140,7 @@ def _forced(flow: LinearFlow, whole: Array) -> Array:
 def periodic_impulses(
     flow: LinearFlow, gaps: Sequence[int], period: float
 ) -> PeriodicImpulses | None:
-    """Give the equations of impacts in impulses; None where the free motion has no such modes."""
+    """Return the equations of impacts in impulses; None where the free motion has no such modes."""
     modes = _modes(flow.state.tobytes(), flow.inverse.tobytes(), flow.normals.tobytes(), flow.n)
     if modes is None or np.min(np.abs(1.0 - np.exp(modes.values * period))) < UNDAMPED:
         return None
@@ -199,7 +199,7 @@ class Frame:
         return 2 * self.flow.n + 2 if self.impulses is None else 2
 
     def split(self, y: Array) -> tuple[Array, float]:
-        """Give the segments, rows ``(t, z, tau)``, and the length."""
+        """Return the segments, rows ``(t, z, tau)``, and the length."""
         if self.impulses is not None:
             times, states = y[1::2], self.impulses.states(y)
             x = np.empty((len(times), states.shape[1] + 2))
@@ -213,7 +213,7 @@ class Frame:
         return x, length
 
     def joined(self, x: Array, length: float) -> Array:
-        """Give the vector of unknowns from the segments."""
+        """Return the vector of unknowns from the segments."""
         if self.impulses is not None:
             ends = self.flow.fly((), x[:, 0], x[:, 1:-1], x[:, -1]).z
             own = [it.gap for it in self.word]
@@ -273,7 +273,7 @@ def after_event(
     before: Array,
     length: float,
 ) -> Array:
-    """Give time and state after the event that ends a segment, a row ``(t, z)``."""
+    """Return time and state after the event that ends a segment, a row ``(t, z)``."""
     if segment.kind in "LP":
         return np.append(t, before)
     e = 0.0 if segment.kind == "S" else float(flow.e[segment.gap])
@@ -359,7 +359,7 @@ HIT = np.dtype([(name, "f8") for name in ("t", "speed_before", "speed_after", "i
 
 
 def impact_rows(run: Trajectory) -> NDArray[np.void]:
-    """Give the computed impacts of one mass, as those of a gap."""
+    """Return the computed impacts of one mass, as those of a gap."""
     own = run.resolved_impacts
     found = np.zeros(len(own), HIT)
     found["t"], before, after = own["t"], own["xdot_before"], own["xdot_after"]
@@ -369,7 +369,7 @@ def impact_rows(run: Trajectory) -> NDArray[np.void]:
 
 
 def _rate(system: MechanicalSystem, t: float, z: Array, sol: Any, n: int) -> Array:
-    """Give the rate of the state in contact."""
+    """Return the rate of the state in contact."""
     at = system.at(t, z[:n], z[n:])
     inverse = np.linalg.inv(at.mass)
     free = inverse @ at.force
@@ -444,12 +444,12 @@ class SegmentTerms:
         return whole.reshape(k * size, k * size)
 
     def by_multiplier(self) -> Array:
-        """Give the derivative of the matrix by the factor."""
+        """Return the derivative of the matrix by the factor."""
         moved: Array = 0.5 * (self.matrix(1.0 + 1e-300j).real - self.matrix(-1.0))
         return moved
 
     def turned(self, kappa: float) -> tuple[Array, Array]:
-        r"""Give the real matrix of a pair with :math:`\kappa = \cos \theta`, and its derivative.
+        r"""Return the real matrix of a pair with :math:`\kappa = \cos \theta`, and its derivative.
 
         .. math:: \begin{pmatrix} A & B \\ -B & A + 2 \kappa B \end{pmatrix}
         """
@@ -462,11 +462,11 @@ class SegmentTerms:
         )
 
     def curvature(self, factor: float, w: Array, v: Array) -> Array:
-        """Give the gradient of w J v by the unknowns, of the matrix with a factor."""
+        """Return the gradient of w J v by the unknowns, of the matrix with a factor."""
         return np.asarray(w @ self._along(v, factor), np.float64)
 
     def turned_curvature(self, kappa: float, w: Array, v: Array) -> list[Array]:
-        """Give the gradients of w J v of the matrix of a pair, w and v of shape (2n, 2).
+        """Return the gradients of w J v of the matrix of a pair, w and v of shape (2n, 2).
 
         With v = (p, q) also (-q, p + 2 kappa q) vanishes with the matrix: of the four parts of two
         vectors only two are independent.
@@ -482,7 +482,7 @@ class SegmentTerms:
         return [w[:n, i] @ changes[0][j] + w[n:, i] @ changes[1][j] for i in (0, 1) for j in (0, 1)]
 
     def _along(self, v: Array, factor: float) -> Array:
-        """Give the derivative of the matrix along a direction of the unknowns."""
+        """Return the derivative of the matrix along a direction of the unknowns."""
         frame, y = self.frame, self.y
         largest = float(np.max(np.abs(v))) or 1.0
         h = SEGMENT_STEP * max(1.0, float(np.max(np.abs(y[1:])))) / largest
@@ -502,7 +502,7 @@ class SegmentTerms:
         return found
 
     def rate_gradient(self, s: int) -> Array:
-        """Give the derivative of the speed before an impact by the unknowns."""
+        """Return the derivative of the speed before an impact by the unknowns."""
         frame = self.frame
         gap, tau = frame.word[s].gap, float(self.x[s, -1])
         z, size = self.flights.z[s], len(self.flights.z[s])
@@ -529,7 +529,7 @@ class SegmentTerms:
         return self
 
     def return_map(self, first: int = 0) -> Array:
-        """Give the derivative of ``(t, z)`` at a segment's start one word later."""
+        """Return the derivative of ``(t, z)`` at a segment's start one word later."""
         size = self.maps.shape[1]
         product = np.eye(size)
         count = len(self.maps)
@@ -609,7 +609,7 @@ def _flown(frame: Frame, x: Array) -> Flights:
 
 
 def _event_function(frame: Frame, segment: Segment, tau: float, z: Array) -> Scalar:
-    """Give what vanishes at the end of a segment."""
+    """Return the residual at the end of a segment."""
     flow, n = frame.flow, frame.flow.n
     if segment.kind == "P":
         if isinstance(frame.section, float):
@@ -716,7 +716,7 @@ class ImpulseTerms:
         self.residual, self.rates, self.jacobian = self._evaluated()
 
     def _evaluated(self) -> tuple[Array, Array, Array]:
-        """Give the residual, the speeds before the impacts, the derivative."""
+        """Return the residual, the speeds before the impacts, the derivative."""
         times = self.y[1::2]
         if not np.isfinite(self.y).all() or times.max() - times.min() > 1e3 * abs(self.length):
             raise FlightError(Status.STEP_SIZE_TOO_SMALL)
@@ -744,23 +744,23 @@ class ImpulseTerms:
         return [np.array([it]) for it in self.y[::2]]
 
     def matrix(self, factor: complex = 1.0) -> Any:
-        r"""Give :math:`J`, for disturbances with a factor :math:`e^{i \theta}` a period."""
+        r"""Return :math:`J`, for disturbances with a factor :math:`e^{i \theta}` a period."""
         if factor == 1.0:
             return self.jacobian
         real, sine = self.parts(float(np.real(factor)))
         return real if np.imag(factor) == 0.0 else real + 1j * np.imag(factor) * sine
 
     def by_multiplier(self) -> Array:
-        """Give the derivative of the matrix by the factor, at -1."""
+        """Return the derivative of the matrix by the factor, at -1."""
         return self.parts(-1.0)[1]
 
     def parts(self, kappa: float) -> tuple[Array, Array]:
-        """Give R and S."""
+        """Return R and S."""
         real, sine = self.kernel.turned(self.y, kappa)
         return real, sine
 
     def turned(self, kappa: float) -> tuple[Array, Array]:
-        r"""Give the real matrix of a pair with :math:`\kappa = \cos \theta`, and its derivative.
+        r"""Return the real matrix of a pair with :math:`\kappa = \cos \theta`, and its derivative.
 
         .. math:: \begin{pmatrix} R & -(1 - \kappa^2) S \\ S & R \end{pmatrix}
         """
@@ -772,12 +772,12 @@ class ImpulseTerms:
         return np.block([[real, (kappa * kappa - 1.0) * sine], [sine, real]])
 
     def curvature(self, factor: float, w: Array, v: Array) -> Array:
-        """Give the gradient of w J v by the unknowns, of the matrix with a factor."""
+        """Return the gradient of w J v by the unknowns, of the matrix with a factor."""
         found: Array = self.kernel.curvature(self.y, factor, w, v)[0]
         return found
 
     def turned_curvature(self, kappa: float, w: Array, v: Array) -> list[Array]:
-        """Give the gradients of w J v of the matrix of a pair, w and v of shape (2n, 2)."""
+        """Return the gradients of w J v of the matrix of a pair, w and v of shape (2n, 2)."""
         n, square = len(self.y), kappa * kappa - 1.0
 
         def part(rows: int, i: int, columns: int, j: int) -> tuple[Array, Array]:
@@ -795,13 +795,13 @@ class ImpulseTerms:
         ]
 
     def rate_gradient(self, s: int) -> Array:
-        """Give the derivative of the speed before an impact by the unknowns."""
+        """Return the derivative of the speed before an impact by the unknowns."""
         row = self.jacobian[2 * s + 1].copy()
         row[2 * s] -= self.kernel.mobilities[s]
         return np.asarray(row / (1.0 + self.frame.flow.e[self.frame.word[s].gap]), np.float64)
 
     def return_map(self, first: int = 0) -> Array:
-        """Give the derivative of ``(t, z)`` at a segment's start one word later."""
+        """Return the derivative of ``(t, z)`` at a segment's start one word later."""
         return self.segments.return_map(first)
 
 
@@ -822,18 +822,18 @@ class MassTerms(ImpulseTerms):
         return found.residual, self.flights.z[:, 1], found.own + found.before
 
     def parts(self, kappa: float) -> tuple[Array, Array]:
-        """Give R and S."""
+        """Return R and S."""
         assert self._found is not None
         return self._found.own + kappa * self._found.before, -self._found.before
 
     def column(self, name: str, longer: float) -> Array:
-        """Give the derivative by a parameter, by which the length has one too."""
+        """Return the derivative by a parameter, by which the length has one too."""
         assert self._found is not None
         found = self._found if name == self.name else self.kernel.equations(self.y, name)
         return found.by_parameter(longer)
 
     def return_map(self, first: int = 0) -> Array:
-        """Give the derivative of ``(t, x, u)`` after an impact one word later."""
+        """Return the derivative of ``(t, x, u)`` after an impact one word later."""
         maps = impact_maps(self.flights, self.kernel.e)
         product: Array = maps[first]
         if len(maps) == 1:
@@ -863,7 +863,7 @@ def evaluate(frame: Frame, y: Array, *, slopes: bool = True, name: str | None = 
 
 
 def sizes_of(terms: Terms) -> tuple[Array, Array]:
-    """Give the sizes of the unknowns and of the residuals."""
+    """Return the sizes of the unknowns and of the residuals."""
     frame, own = terms.frame, row_sizes(terms)
     length, distance, speed = own[0], own[1], own[-2]
     if frame.impulses is not None:
@@ -886,12 +886,12 @@ def sizes_of(terms: Terms) -> tuple[Array, Array]:
 
 
 def _per_speed(frame: Frame) -> float:
-    """Give how large impulses are beside the speeds after them, where these are the motion."""
+    """Return the sizes of impulses relative to the speeds after them."""
     return frame.impulses.per_speed if isinstance(frame.impulses, MassImpulses) else 1.0
 
 
 def row_sizes(terms: Terms) -> Array:
-    """Give the sizes of a segment's row ``(t, z, tau)``."""
+    """Return the sizes of a segment's row ``(t, z, tau)``."""
     n, length, flights = terms.frame.flow.n, abs(terms.length), terms.flights
     x, z = terms.x[:, 1:-1], flights.z
     # where a grazing is the only event all speeds there may vanish
@@ -907,7 +907,7 @@ def row_sizes(terms: Terms) -> Array:
 
 
 def _largest(*several: Array) -> float:
-    """Give the largest absolute value."""
+    """Return the largest absolute value."""
     return max(float(np.abs(it).max()) for it in several)
 
 
@@ -966,7 +966,7 @@ def _damped(
 
 
 def multipliers_of(terms: Terms, *, half: bool = False) -> NDArray[np.complex128]:
-    """Give the multipliers of a period, or of the `half` that a symmetric word is.
+    """Return the multipliers of a period, or of the `half` that a symmetric word is.
 
     ``(t, z)`` at an event has one eigenvalue 0, that of the shift along the motion. Every gap that
     is closed at some time adds two: they are exact zeros, and so are the eigenvalues given.
@@ -989,7 +989,7 @@ def multipliers_of(terms: Terms, *, half: bool = False) -> NDArray[np.complex128
 
 
 def monodromy_at(terms: Terms, length: float, t: float) -> Array:
-    """Give the derivative of the state after one period by the state at a time.
+    """Return the derivative of the state after one period by the state at a time.
 
     Raises
     ------
@@ -1056,7 +1056,7 @@ def turn_of(symmetry: Any, n: int) -> Array:
 
 
 def gaps_turned(flow: Flow, turn: Array, half: float) -> list[int]:
-    """Give for each gap the one that it is for the image, half a period later.
+    """Return for each gap the one that it is for the image, half a period later.
 
     Raises
     ------
@@ -1077,7 +1077,7 @@ def gaps_turned(flow: Flow, turn: Array, half: float) -> list[int]:
 
 
 def whole_word(terms: Terms) -> tuple[Word, Array, list[Array]]:
-    """Give the word of the whole period, its unknowns and its impulses."""
+    """Return the word of the whole period, its unknowns and its impulses."""
     frame = terms.frame
     if frame.turn is None:
         return frame.word, terms.x, terms.impulses

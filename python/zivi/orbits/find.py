@@ -127,7 +127,7 @@ def _guess(
     free: bool,
     method: SwitchedRK,
 ) -> tuple[Frame, Array, int, str]:
-    """Give the frame, the unknowns, the multiple, and of a run what it shows."""
+    """Return the frame, the unknowns, the multiple, and of a run what it shows."""
     if isinstance(start, MechanicalTrajectory):
         return recent(system, start, multiple, period, free, method)
     if isinstance(start, tuple) and len(start) == 2 and np.ndim(start[0]) == 0:
@@ -362,7 +362,7 @@ def _of_run(
 
 
 def rows_of(start: ArrayLike) -> Array:
-    """Give the impacts of an array as rows ``(t, u)``."""
+    """Return the impacts of an array as rows ``(t, u)``."""
     array = np.asarray(start)
     if array.dtype.names:
         speed = "u" if "u" in array.dtype.names else "xdot_after"
@@ -403,7 +403,7 @@ def is_free(system: ImpactSystem, period: float | str | None, multiple: int | No
 
 
 def _flight(system: ImpactSystem, speed: float) -> float:
-    """Give the duration of a flight from the wall."""
+    """Return the duration of a flight from the wall."""
     for span in SPANS:
         run = simulate(system, (0.0, span), (0.0, abs(speed)), dense_output=False)
         if len(run.resolved_impacts):

@@ -119,7 +119,7 @@ def sequence_equations(
 
 
 def equations_of(found: list[Array]) -> Equations:
-    """Give shape to what the extension gives of the equations of a sequence."""
+    """Return shape to what the extension gives of the equations of a sequence."""
     numbers, residual, own, before, by = found
     n = len(residual)
     return _parted(numbers, n // 2), residual, own.reshape(n, n), before.reshape(n, n), by
@@ -154,7 +154,7 @@ def corrected(
 
 
 def code_of(system: ImpactSystem, name: str) -> int:
-    """Give the number by which the extension knows a parameter that the equations have."""
+    """Return the number by which the extension knows a parameter that the equations have."""
     (code,) = codes_of(system, (name,))
     if code in INITIAL.values():
         parameter(system, name)  # which says what there is
@@ -162,7 +162,7 @@ def code_of(system: ImpactSystem, name: str) -> int:
 
 
 def _asked(system: ImpactSystem, name: str | None) -> tuple[list[int], Array]:
-    """Give the number of a parameter of the force or the wall, and the sizes of the derivatives."""
+    """Return the number of a parameter of the force or wall, and the derivatives' sizes."""
     if name is None or name == "e":
         return [], UNIT
     known = parameters_of(system)
@@ -221,12 +221,12 @@ Word = tuple[Segment, ...]
 
 
 def named(word: Word, gaps: Sequence[str]) -> tuple[str, ...]:
-    """Give the letters with the names of the gaps."""
+    """Return the letters with the names of the gaps."""
     return tuple(it.kind if it.gap < 0 else f"{it.kind} {gaps[it.gap]}" for it in word)
 
 
 def shortened(letters: Sequence[str]) -> str:
-    """Give letters in short: what repeats is counted."""
+    """Return letters in short: what repeats is counted."""
     parts: list[tuple[str, int]] = []
     for letter in letters:
         if parts and parts[-1][0] == letter:
@@ -310,7 +310,7 @@ class Flights:
     """Derivatives of the ends by a parameter, where one was asked for."""
 
     def of(self, s: int) -> Flights:
-        """Give one of them."""
+        """Return one of them."""
         return Flights(self.z[s], self.phi[s], self.first[s], self.last[s])
 
 
@@ -344,31 +344,31 @@ class Flow(Protocol):
     """What flights leave of residuals, relative to their sizes: less cannot be asked for."""
 
     def initial(self, z: Array) -> Any:
-        """Give the state with which a run begins."""
+        """Return the initial state of a run."""
 
     def fly(self, contacts: Contacts, t0: Array, z0: Array, t1: Array) -> Flights:
         """Fly k times, from times and states to times."""
 
     def path(self, contacts: Contacts, t0: float, z0: Array, times: Array) -> Array:
-        """Give states along a flight, shape (len(times), 2n)."""
+        """Return states along a flight, shape (len(times), 2n)."""
 
     def rate(self, contacts: Contacts, t: float, z: Array) -> Array:
-        """Give the rate of the state."""
+        """Return the rate of the state."""
 
     def gap(self, i: int, t: float, z: Array) -> Scalar:
-        """Give a gap."""
+        """Return a gap."""
 
     def gaps(self, times: Array, z: Array) -> tuple[Array, Array]:
-        """Give all gaps and their rates, each of shape (len(times), m)."""
+        """Return all gaps and their rates, each of shape (len(times), m)."""
 
     def reaction(self, contacts: Contacts, i: int, t: float, z: Array) -> Scalar:
-        """Give the force of a contact."""
+        """Return the force of a contact."""
 
     def reactions(self, contacts: Contacts, times: Array, z: Array) -> Array:
-        """Give the forces of all contacts, shape (len(times), len(contacts))."""
+        """Return the forces of all contacts, shape (len(times), len(contacts))."""
 
     def impact(self, i: int, kept: Sequence[int], t: float, z: Array, e: float) -> Jump:
-        """Give an impact of a gap while some contacts stay closed."""
+        """Return an impact of a gap while some contacts stay closed."""
 
 
 def uncoupled(flow: Flow, gaps: Sequence[int], t: float, z: Array) -> bool:
@@ -422,7 +422,7 @@ class _Mode:
     inverse: NDArray[np.complex128] | None = None
 
     def exponentials(self, times: Array, rows: int) -> Array:
-        """Give the first rows of the exponentials, shape (k, rows, size)."""
+        """Return the first rows of the exponentials, shape (k, rows, size)."""
         if self.values is None or self.vectors is None or self.inverse is None:
             from scipy.linalg import expm
 
@@ -443,7 +443,7 @@ class _Law:
 
 @functools.lru_cache(maxsize=64)
 def _accelerations(mass: bytes, stiffness: bytes, damping: bytes, n: int) -> tuple[Array, Array]:
-    """Give the inverse of the mass matrix, and what a state makes of the accelerations."""
+    """Return the inverse of the mass matrix, and what a state makes of the accelerations."""
     inverse: Array = np.asarray(np.linalg.inv(np.frombuffer(mass).reshape(n, n)), np.float64)
     rows = [np.frombuffer(it).reshape(n, n) for it in (stiffness, damping)]
     state: Array = -inverse @ np.hstack(rows)
@@ -491,7 +491,7 @@ class LinearFlow:
         self.laws: dict[tuple[Contacts, float], _Law] = {}
 
     def _wave(self, wave: Harmonic | HarmonicWall) -> tuple[int, Array, Array]:
-        """Give the place of a wave in `u` and its parts of cosine and sine."""
+        """Return the place of a wave in `u` and its parts of cosine and sine."""
         if wave.omega not in self.waves:
             self.waves.append(wave.omega)
         amplitude = np.asarray(wave.amplitude, np.float64)
@@ -499,7 +499,7 @@ class LinearFlow:
         return place, amplitude * np.cos(wave.phase), -amplitude * np.sin(wave.phase)
 
     def mode(self, contacts: Contacts) -> _Mode:
-        """Give the equation with some contacts."""
+        """Return the equation with some contacts."""
         found = self.modes.get(contacts)
         if found is None:
             found = self.modes[contacts] = self._mode(contacts)
@@ -526,7 +526,7 @@ class LinearFlow:
         return _Mode(whole, forces, values, vectors, np.linalg.inv(vectors))
 
     def inputs(self, times: Array) -> Array:
-        """Give `u`, shape (k, width)."""
+        """Return `u`, shape (k, width)."""
         found = np.ones((len(times), self.load.shape[1]))
         if self.waves:
             angles = np.multiply.outer(times, np.array(self.waves))
@@ -534,7 +534,7 @@ class LinearFlow:
         return found
 
     def initial(self, z: Array) -> tuple[Array, Array]:
-        """Give the state with which a run begins."""
+        """Return the state with which a run begins."""
         return z[: self.n], z[self.n :]
 
     def _with_inputs(self, times: Array, z: Array) -> Array:
@@ -550,13 +550,13 @@ class LinearFlow:
         return Flights(z, spread[:, :, :size], begin @ rows, self._with_inputs(t1, z) @ rows)
 
     def path(self, contacts: Contacts, t0: float, z0: Array, times: Array) -> Array:
-        """Give states along a flight, shape (len(times), 2n)."""
+        """Return states along a flight, shape (len(times), 2n)."""
         spread = self.mode(contacts).exponentials(times - t0, 2 * self.n)
         found: Array = spread @ np.append(z0, self.inputs(np.array([t0]))[0])
         return found
 
     def rate(self, contacts: Contacts, t: float, z: Array) -> Array:
-        """Give the rate of the state."""
+        """Return the rate of the state."""
         found: Array = self.mode(contacts).whole[: 2 * self.n] @ self._at(t, z)
         return found
 
@@ -564,14 +564,14 @@ class LinearFlow:
         return np.append(z, self.inputs(np.array([t]))[0])
 
     def gap(self, i: int, t: float, z: Array) -> Scalar:
-        """Give a gap."""
+        """Return a gap."""
         u = self.inputs(np.array([t]))[0]
         normal = self.normals[i]
         value = float(normal @ z[: self.n] - self.wall[i] @ u)
         return Scalar(value, np.append(normal, 0.0 * normal), -float(self.wall_rate[i] @ u))
 
     def gaps(self, times: Array, z: Array) -> tuple[Array, Array]:
-        """Give all gaps and their rates, each of shape (len(times), m)."""
+        """Return all gaps and their rates, each of shape (len(times), m)."""
         u, n = self.inputs(times), self.n
         return (
             z[:, :n] @ self.normals.T - u @ self.wall.T,
@@ -579,18 +579,18 @@ class LinearFlow:
         )
 
     def reaction(self, contacts: Contacts, i: int, t: float, z: Array) -> Scalar:
-        """Give the force of a contact."""
+        """Return the force of a contact."""
         row = self.mode(contacts).forces[contacts.index(i)]
         at, size = self._at(t, z), 2 * self.n
         by_t = float(row[size:] @ self.shift @ at[size:])
         return Scalar(float(row @ at), row[:size], by_t)
 
     def reactions(self, contacts: Contacts, times: Array, z: Array) -> Array:
-        """Give the forces of all contacts, shape (len(times), len(contacts))."""
+        """Return the forces of all contacts, shape (len(times), len(contacts))."""
         return np.asarray(self._with_inputs(times, z) @ self.mode(contacts).forces.T, np.float64)
 
     def impact(self, i: int, kept: Sequence[int], t: float, z: Array, e: float) -> Jump:
-        r"""Give an impact, :math:`\dot q^+ = \dot q + M^{-1} N^T P`, while some contacts stay."""
+        r"""Return an impact, :math:`\dot q^+ = \dot q + M^{-1} N^T P`, while some contacts stay."""
         law = self._law((i, *kept), e)
         u = self.inputs(np.array([t]))[0]
         impulses = law.impulses @ np.concatenate([z[self.n :], u])
@@ -648,7 +648,7 @@ class NonlinearFlow:
         self.e = state["e"]
 
     def initial(self, z: Array) -> tuple[Array, Array]:
-        """Give the state with which a run begins."""
+        """Return the state with which a run begins."""
         return z[: self.n], z[self.n :]
 
     def at(self, t: float, z: Array) -> Evaluation:
@@ -657,7 +657,7 @@ class NonlinearFlow:
         return self.model.layout.read(np.array(self.model.evaluate(float(t), q, qdot)))
 
     def without_gaps(self, contacts: Contacts) -> MechanicalSystem:
-        """Give the system whose force holds some gaps, and that has none."""
+        """Return the system whose force holds some gaps, and that has none."""
         found = self.open.get(contacts)
         if found is not None:
             return found
@@ -685,7 +685,7 @@ class NonlinearFlow:
         return found
 
     def _contact_forces(self, here: Evaluation, contacts: Contacts) -> tuple[Array, Array]:
-        """Give the forces of contacts and the gradients: the gaps have no acceleration."""
+        """Return the forces of contacts and the gradients: the gaps have no acceleration."""
         own = list(contacts)
         rows = here.gradients[own]
         if not own:
@@ -696,7 +696,7 @@ class NonlinearFlow:
         return np.asarray(forces, np.float64), rows
 
     def rate(self, contacts: Contacts, t: float, z: Array) -> Array:
-        """Give the rate of the state."""
+        """Return the rate of the state."""
         here = self.at(t, z)
         held, rows = self._contact_forces(here, contacts)
         return np.append(z[self.n :], np.linalg.solve(here.mass, here.force + rows.T @ held))
@@ -724,7 +724,7 @@ class NonlinearFlow:
         return Flights(z, phi, first, last)
 
     def path(self, contacts: Contacts, t0: float, z0: Array, times: Array) -> Array:
-        """Give states along a flight, shape (len(times), 2n)."""
+        """Return states along a flight, shape (len(times), 2n)."""
         n, end = self.n, float(np.max(times))
         if end <= t0:
             return np.tile(z0, (len(times), 1))
@@ -734,20 +734,20 @@ class NonlinearFlow:
         return np.hstack([run.q, run.qdot])
 
     def gap(self, i: int, t: float, z: Array) -> Scalar:
-        """Give a gap."""
+        """Return a gap."""
         here = self.at(t, z)
         row = np.append(here.gradients[i], np.zeros(self.n))
         return Scalar(float(here.gaps[i]), row, float(here.rates[i]))
 
     def gaps(self, times: Array, z: Array) -> tuple[Array, Array]:
-        """Give all gaps and their rates, each of shape (len(times), m)."""
+        """Return all gaps and their rates, each of shape (len(times), m)."""
         all_of = [self.at(t, state) for t, state in zip(times, z, strict=True)]
         rates = [it.gradients @ s[self.n :] + it.rates for it, s in zip(all_of, z, strict=True)]
         shape = (len(times), self.m)
         return np.array([it.gaps for it in all_of]).reshape(shape), np.array(rates).reshape(shape)
 
     def reaction(self, contacts: Contacts, i: int, t: float, z: Array) -> Scalar:
-        """Give the force of a contact."""
+        """Return the force of a contact."""
         place = contacts.index(i)
 
         def force(at: Array) -> Array:
@@ -760,20 +760,20 @@ class NonlinearFlow:
         return Scalar(float(force(start)[0]), slopes[1:], float(slopes[0]))
 
     def reactions(self, contacts: Contacts, times: Array, z: Array) -> Array:
-        """Give the forces of all contacts, shape (len(times), len(contacts))."""
+        """Return the forces of all contacts, shape (len(times), len(contacts))."""
         found = [
             self._contact_forces(self.at(t, s), contacts)[0] for t, s in zip(times, z, strict=True)
         ]
         return np.array(found)
 
     def impact(self, i: int, kept: Sequence[int], t: float, z: Array, e: float) -> Jump:
-        """Give an impact of a gap while some contacts stay closed."""
+        """Return an impact of a gap while some contacts stay closed."""
         own = [i, *kept]
         factor = np.ones(len(own))
         factor[0] += e
 
         def after(at: Array) -> tuple[Array, Array]:
-            """Give state and impulses, and how the state changes with the velocities."""
+            """Return state and impulses, and how the state changes with the velocities."""
             here = self.at(float(at[0]), at[1:])
             rows = here.gradients[own]
             spread = np.linalg.solve(here.mass, rows.T)
@@ -792,7 +792,7 @@ class NonlinearFlow:
 
 
 def differenced(function: Callable[[Array], Array], at: Array, count: int | None = None) -> Array:
-    """Give derivatives of a smooth function, by the first `count` numbers, of sixth order."""
+    """Return derivatives of a smooth function, by the first `count` numbers, of sixth order."""
     columns = []
     for k in range(len(at) if count is None else count):
         h = NONLINEAR_STEP * max(1.0, abs(float(at[k])))
@@ -827,7 +827,7 @@ class MassFlow:
         self.accuracy = 20.0 * max(method.rtol, 1e-14)
 
     def initial(self, z: Array) -> tuple[float, float]:
-        """Give the state with which a run begins: rounding is not behind the wall."""
+        """Return the state with which a run begins: rounding is not behind the wall."""
         return max(float(z[0]), 0.0), float(z[1])
 
     def fly(
@@ -846,7 +846,7 @@ class MassFlow:
         return self.flights(*fly(self.system, rows, self.method, name, minima=True), z0[:, 1])
 
     def flights(self, ends: Array, columns: Array, speeds: Array) -> Flights:
-        """Give flights by their ends and derivatives, from these speeds."""
+        """Return flights by their ends and derivatives, from these speeds."""
         rates = ends.copy()
         rates[:, 0] = speeds
         by = columns[:, :, 2] if columns.shape[2] > 2 else None
@@ -855,29 +855,29 @@ class MassFlow:
         )
 
     def path(self, contacts: Contacts, t0: float, z0: Array, times: Array) -> Array:
-        """Give states along a flight, shape (len(times), 2)."""
+        """Return states along a flight, shape (len(times), 2)."""
         if contacts:
             return np.column_stack([z0[0] + (times - t0) * z0[1], np.full(len(times), z0[1])])
         rows = np.column_stack([np.tile([t0, *z0], (len(times), 1)), times])
         return fly(self.system, rows, self.method)[0][:, :2]
 
     def rate(self, contacts: Contacts, t: float, z: Array) -> Array:
-        """Give the rate of the state."""
+        """Return the rate of the state."""
         if contacts:
             return np.array([z[1], 0.0])
         ends, _ = fly(self.system, np.array([[t, *z, t]]), self.method)
         return ends[0, 1:3].copy()
 
     def gap(self, i: int, t: float, z: Array) -> Scalar:
-        """Give the gap."""
+        """Return the gap."""
         return Scalar(float(z[0]), np.array([1.0, 0.0]), 0.0)
 
     def gaps(self, times: Array, z: Array) -> tuple[Array, Array]:
-        """Give the gap and its rate, each of shape (len(times), 1)."""
+        """Return the gap and its rate, each of shape (len(times), 1)."""
         return z[:, :1], z[:, 1:]
 
     def reaction(self, contacts: Contacts, i: int, t: float, z: Array) -> Scalar:
-        """Give the force of a contact."""
+        """Return the force of a contact."""
         at, parts = np.append(t, z), np.array([[j, -j] for j, _ in STENCIL]).ravel()
         h = NONLINEAR_STEP * np.maximum(1.0, np.abs(at))
         moved = at + parts[:, None, None] * np.diag(h)
@@ -888,12 +888,12 @@ class MassFlow:
         return Scalar(float(forces[0]), slopes[1:], float(slopes[0]))
 
     def reactions(self, contacts: Contacts, times: Array, z: Array) -> Array:
-        """Give the forces of all contacts, shape (len(times), len(contacts))."""
+        """Return the forces of all contacts, shape (len(times), len(contacts))."""
         rows = np.column_stack([times, z, times])
         return -fly(self.system, rows, self.method)[0][:, 2:3]
 
     def impact(self, i: int, kept: Sequence[int], t: float, z: Array, e: float) -> Jump:
-        """Give an impact."""
+        """Return an impact."""
         after, impulse = np.array([z[0], -e * z[1]]), np.array([-(1.0 + e) * z[1]])
         return Jump(after, impulse, np.diag([1.0, -e]), np.zeros(2))
 
@@ -912,7 +912,7 @@ class Evaluated(NamedTuple):
     """The one by a parameter at a fixed period, empty without one."""
 
     def by_parameter(self, longer: float) -> Array:
-        """Give the derivative by a parameter by which the period has one, too."""
+        """Return the derivative by a parameter by which the period has one, too."""
         return np.asarray(self.by - longer * self.before[:, -1], np.float64)
 
 
@@ -935,13 +935,13 @@ class MassImpulses:
         return np.ones(len(self.before))
 
     def states(self, y: Array) -> Array:
-        """Give the states after the impacts."""
+        """Return the states after the impacts."""
         found = np.zeros((len(y) // 2, 2))
         found[:, 1] = self.e / (1.0 + self.e) * y[::2]
         return found
 
     def equations(self, y: Array, name: str | None = None, last: Array | None = None) -> Evaluated:
-        """Give the equations; `last` is what the last impact was a period ago if not as in `y`.
+        """Return the equations; `last` is what the last impact was a period ago if not as in `y`.
 
         With the name of a parameter they are derived by that, too.
         """
@@ -962,17 +962,17 @@ class MassImpulses:
         before: Array,
         by: Array,
     ) -> Evaluated:
-        """Give the equations by what the extension found, the last impulse a period ago `push`."""
+        """Return the equations from the extension's results; `push` is the last impulse before."""
         speeds = self.e / (1.0 + self.e) * y[::2][self.before]
         speeds[0] = self.e / (1.0 + self.e) * push
         return Evaluated(self.flow.flights(*flights, speeds), residual, own, before, by)
 
     def curvature(self, y: Array, kappa: float, w: Array, v: Array) -> tuple[Array, Array]:
-        """Give the gradients of w (A + kappa B) v and of -w B v by the unknowns."""
+        """Return the gradients of w (A + kappa B) v and of -w B v by the unknowns."""
         return self._along(y, w, v, kappa * v[-2:]), -self._along(y, w, 0.0 * v, v[-2:])
 
     def _along(self, y: Array, w: Array, own: Array, before: Array) -> Array:
-        """Give the change of w J along a direction, of the last impact a period ago another one."""
+        """Return the directional derivative of w J; the previous period has its own direction."""
         h = MASS_STEP * max(1.0, float(np.max(np.abs(y))))
         h /= max(float(np.max(np.abs(own))), float(np.max(np.abs(before)))) or 1.0
         ends: list[Any] = []
@@ -983,7 +983,7 @@ class MassImpulses:
 
 
 def impact_maps(flights: Flights, e: float) -> Array:
-    """Give the derivatives of ``(t, x, u)`` after each impact by those after the one before."""
+    """Return the derivatives of ``(t, x, u)`` after each impact by those after the one before."""
     starts, found = np.empty((len(flights.z), 2, 3)), np.zeros((len(flights.z), 3, 3))
     starts[:, :, 0], starts[:, :, 1:] = -_by_start(flights), flights.phi
     with np.errstate(all="ignore"):  # infinite where the impact grazes
@@ -993,6 +993,6 @@ def impact_maps(flights: Flights, e: float) -> Array:
 
 
 def _by_start(flights: Flights) -> Array:
-    """Give less the derivative of the ends by the times at the starts."""
+    """Return less the derivative of the ends by the times at the starts."""
     phi, first = flights.phi, flights.first
     return np.asarray(phi[:, :, 0] * first[:, :1] + phi[:, :, 1] * first[:, 1:], np.float64)

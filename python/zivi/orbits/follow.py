@@ -70,7 +70,7 @@ class Followed(NamedTuple):
 
 
 def path_of(frame: Frame, name: str, y: Array, span: tuple[float, float]) -> tuple[Path, Point]:
-    """Give the solutions of a word over a parameter, and the point of one of them."""
+    """Return the solutions of a word over a parameter, and the point of one of them."""
     try:
         path = Path(frame, name, y, span[1] - span[0])
         return path, path.start(y, value_of(frame.system, name))
@@ -171,7 +171,7 @@ def _found(
 
 
 def point_orbit(point: Point, multiple: int, *, here: bool = False) -> Any:
-    """Give the orbit at a point; at an event (`here`) it is on the edge of being a motion."""
+    """Return the orbit at a point; at an event (`here`) it is on the edge of being a motion."""
     mass = isinstance(point.terms.frame.flow, MassFlow)
     return orbit_of_word(
         point.terms,
@@ -331,7 +331,7 @@ def _branch_event(multiple: int, found: Found, path: Path, span: Span) -> Branch
 
 
 def _beyond(multiple: int, way: Way) -> list[BranchEvent]:
-    """Give what is at the end of a way: a rest that appears, a doubling of the single orbit."""
+    """Return the events at the end of a branch: rest that appears, or a period doubling."""
     arc = way.arcs[-1]
     if way.status is OrbitStatus.LEFT_ADMISSIBLE and arc.events and not way.through:
         last = arc.events[-1]
@@ -366,7 +366,7 @@ NOT_CONVERGED = "Newton's iteration did not converge beside the event."
 
 
 def switched(branch: Any, event: Any) -> Any:
-    """Give an orbit on the other branch."""
+    """Return an orbit on the other branch."""
     kinds = {
         "period_doubling": _double_orbit,
         "pitchfork": _double_orbit,
@@ -434,7 +434,7 @@ def _leave_rest(branch: Any, event: Any) -> Any:
 
 
 def doubled(terms: Terms) -> tuple[Frame, Array, Array]:
-    """Give the frame of a word written twice, its unknowns, and the direction that doubles it."""
+    """Return the frame of a word written twice, its unknowns, and the direction that doubles it."""
     frame, y, direction = twice(terms, np.linalg.svd(terms.matrix(-1.0))[2][-1])
     # the half that comes first is the one with the earlier event
     later = direction.reshape(len(frame.word), -1)[0, -1] > 0.0
@@ -504,7 +504,7 @@ def _at_amplitude(
 
 
 def _appearing_rest(branch: Any, event: Any) -> Any:
-    """Give the resting orbit, away from where it appears by as much as the last orbit is."""
+    """Return the resting orbit, away from where it appears by as much as the last orbit is."""
     orbit, frame = event.orbit, event.orbit._frame
     near = float(branch.values[np.argmin(np.abs(branch.values - event.value))])
     away, phase = event.value - near, (orbit.liftoff_time or 0.0) - 0.5 * (orbit.margin or 0.0)

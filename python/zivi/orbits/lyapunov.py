@@ -110,7 +110,7 @@ class Lyapunov(Tabulated):
         return f"<Lyapunov {values} 1/s {over}: {self.status.name.lower()}>"
 
     def _table(self) -> ResultTable:
-        """Tell the exponents."""
+        """Describe the dataset of the exponents."""
         fields = {"exponents": ("exponent", "1/s", "Lyapunov exponents")}
         attrs = {"duration": self.duration, "n_impacts": self.n_impacts}
         return ResultTable(
@@ -234,7 +234,7 @@ def _in_flight(
 
 
 def _means(maps: list[Array], times: Array) -> Array:
-    """Give the exponents: their sum as it is, their differences as smooth means.
+    """Return the exponents: their sum as it is, their differences as smooth means.
 
     Where multipliers are complex two take turns, and a plain mean of their difference
     converges like 1/t. One with the weights ``exp(-1/(s (1 - s)))`` converges faster than any power
@@ -264,7 +264,7 @@ def _means(maps: list[Array], times: Array) -> Array:
 
 
 def piece_of(system: MechanicalSystem, piece: float | None, duration: float) -> float:
-    """Give the length of a piece: the period of the excitation if it is known."""
+    """Return the length of a piece: the period of the excitation if it is known."""
     if piece is not None:
         if not 0.0 < finite("piece", piece) <= duration:
             raise ValueError(f"piece must be > 0 and within t_span, got {piece}")
@@ -324,7 +324,7 @@ def flow_maps(
 
 
 def response_amplitude(system: LinearSystem, gap: str, omegas: ArrayLike) -> Array:
-    r"""Give how far a gap swings where nothing is hit.
+    r"""Return how far a gap swings where nothing is hit.
 
     .. math:: R = | n \cdot (K - \omega^2 M + i \omega C)^{-1} p - w |
 
@@ -372,7 +372,7 @@ def response_amplitude(system: LinearSystem, gap: str, omegas: ArrayLike) -> Arr
 
 
 def grazing_curve(system: LinearSystem, gap: str, omegas: ArrayLike) -> Array:
-    """Give the load at which the motion without impacts touches a gap, in closed form.
+    """Return the load at which the motion without impacts touches a gap, in closed form.
 
     Parameters
     ----------

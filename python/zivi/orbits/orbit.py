@@ -48,7 +48,7 @@ def word_of_rows(
     free: bool = False,
     start: float = 0.0,
 ) -> tuple[Frame, Array]:
-    """Give the word of impacts, rows ``(t, u)``, or of a flight, ``(x, xdot)`` at its start.
+    """Return the word of impacts, rows ``(t, u)``, or of a flight, ``(x, xdot)`` at its start.
 
     Where nothing excites the system the first impact is put at ``t = 0``, and a flight begins where
     it is highest.
@@ -75,7 +75,7 @@ def word_of_rows(
 
 
 def resting_frame(system: ImpactSystem, method: SwitchedRK, length: float, t: float = 0.0) -> Frame:
-    """Give the frame of a mass that stays at rest."""
+    """Return the frame of a mass that stays at rest."""
     word = (Segment((0,), "P", -1, (0,)),)
     return Frame(system, MassFlow(system, method), word, method, length, False, None, t)
 
@@ -91,7 +91,7 @@ class MassFrame:
     free: bool = False
 
     def word(self, system: ImpactSystem, y: Array, period: float) -> tuple[Frame, Array]:
-        """Give the word of such an orbit, and its unknowns."""
+        """Return the word of such an orbit, and its unknowns."""
         length = self.multiple * period
         if self.free:
             rows = np.array([y[0], 0.0]) if y.ndim == 1 else np.vstack([[0.0, y[0, 1]], y[1:]])
@@ -100,7 +100,7 @@ class MassFrame:
 
 
 def rows_along(terms: Terms, move: Array) -> Array:
-    """Give the change of the impacts, rows ``(t, u)``, or of a flight, with that of unknowns."""
+    """Return the change of the impacts, rows ``(t, u)``, or of a flight, with that of unknowns."""
     frame = terms.frame
     if frame.impulses is not None:
         e = float(frame.flow.e[0])
@@ -230,7 +230,7 @@ class PeriodicOrbit(Tabulated):
         return simulate(self.system, (t, t + length), state, self._frame.method)
 
     def _summary(self) -> tuple[dict[str, Any], dict[str, str]]:
-        """Give what a study keeps of it, and the units."""
+        """Return the values that a study keeps, and their units."""
         found = {name: getattr(self, name) for name in SUMMARY}
         return found | {
             "n_impacts": len(self.impacts),
@@ -253,7 +253,7 @@ class PeriodicOrbit(Tabulated):
         return float(begin if self._frame.free else end), self._frame.flow.initial(np.array(z))
 
     def monodromy(self, t0: float | None = None) -> Array:
-        """Give the derivative of the state after one period of the motion by the state at `t0`.
+        """Return the derivative of the state after one period of the motion by the state at `t0`.
 
         Parameters
         ----------
@@ -282,7 +282,7 @@ class PeriodicOrbit(Tabulated):
         return s.final
 
     def derivative(self, name: str) -> Array:
-        """Give the derivative of the orbit by a parameter.
+        """Return the derivative of the orbit by a parameter.
 
         Parameters
         ----------
@@ -323,7 +323,7 @@ class PeriodicOrbit(Tabulated):
         return sensitivity(self.system, (begin, end), (0.0, 0.0), (name,), self._frame.method)
 
     def _table(self) -> ResultTable:
-        """Tell the impacts and the multipliers."""
+        """Describe the dataset: impacts and Floquet multipliers."""
         values = {name: self.impacts[name] for name in ("t", "u", "xdot_before")}
         values |= {"multiplier_real": self.multipliers.real}
         values |= {"multiplier_imag": self.multipliers.imag}
@@ -344,7 +344,7 @@ class PeriodicOrbit(Tabulated):
 
 
 def middle_of(flow: Flow, word: Word, starts: Array, ends: Array) -> tuple[float, Array]:
-    """Give time and state in the middle of the longest segment with the most contacts."""
+    """Return time and state in the middle of the longest segment with the most contacts."""
     lengths = ends - starts[:, 0]
     most = max(len(it.contacts) for it in word)
     own = [s for s, it in enumerate(word) if len(it.contacts) == most]
@@ -475,7 +475,7 @@ class MechanicalOrbit(Tabulated):
         return simulate(self.system, span, self._frame.flow.initial(z), self._frame.method)
 
     def _along(self, count: int = 64) -> tuple[Array, Array]:
-        """Give times and states ``(q, qdot)`` along the segments, so many each."""
+        """Return times and states ``(q, qdot)`` along the segments, so many each."""
         times, states = [], []
         for s, segment in enumerate(self._word):
             t0, t1 = float(self.segments["t0"][s]), float(self.segments["t1"][s])
@@ -486,11 +486,11 @@ class MechanicalOrbit(Tabulated):
         return np.concatenate(times), np.vstack(states)
 
     def _middle(self) -> tuple[float, Array]:
-        """Give time and state in the middle of the longest segment with the most contacts."""
+        """Return time and state in the middle of the longest segment with the most contacts."""
         return middle_of(self._frame.flow, self._word, self._starts, self.segments["t1"])
 
     def monodromy(self, t: float | None = None) -> Array:
-        """Give the derivative of the state after one period of the motion by the state at `t`.
+        """Return the derivative of the state after one period of the motion by the state at `t`.
 
         Parameters
         ----------
@@ -506,7 +506,7 @@ class MechanicalOrbit(Tabulated):
         return monodromy_at(evaluate(self._frame, self._y), self.multiple * self.period, when)
 
     def derivative(self, name: str) -> Array:
-        """Give the derivative of the orbit by a parameter of its system.
+        """Return the derivative of the orbit by a parameter of its system.
 
         Parameters
         ----------
@@ -533,7 +533,7 @@ class MechanicalOrbit(Tabulated):
         return np.append(rows[:, -1], rows[:1, 0]) if frame.free else rows[:, -1].copy()
 
     def _summary(self) -> tuple[dict[str, Any], dict[str, str]]:
-        """Give what a study keeps of it, and the units."""
+        """Return the values that a study keeps, and their units."""
         names = ("period", "multiple", "stable", "admissible", "residual", "depth")
         return {name: getattr(self, name) for name in names} | {
             "n_impacts": len(self.impacts),

@@ -77,7 +77,7 @@ Look = tuple[float, float]
 
 
 def secant(last: Look, before: Look, low: float, high: float) -> float:
-    """Give the zero of a line through two points, or the middle where that is not within."""
+    """Return the zero of a line through two points, or the middle where that is not within."""
     rise = last[1] - before[1]
     if np.isfinite(rise) and rise != 0.0:
         part = last[0] - last[1] * (last[0] - before[0]) / rise
@@ -93,7 +93,7 @@ OF_WALL = ("amplitude", "omega", "phase")
 
 
 def core_of(system: MechanicalSystem) -> MechanicalSystem:
-    """Give what a system with parameters is built to."""
+    """Return the mechanical system that a parametric system builds."""
     return system._built if isinstance(system, ParametricSystem) else system
 
 
@@ -102,7 +102,7 @@ def _parameters(system: MechanicalSystem) -> dict[str, float]:
 
 
 def values_of(system: MechanicalSystem | ImpactSystem) -> dict[str, float]:
-    """Give the numbers that have names, and their values."""
+    """Return the numbers that have names, and their values."""
     if isinstance(system, ImpactSystem):
         return {"e": system.e} | parameters_of(system)
     found = _parameters(system)
@@ -136,13 +136,13 @@ def _of_linear(system: LinearSystem) -> dict[str, float]:
 
 
 def _strength(waves: list[Harmonic]) -> float:
-    """Give the largest amplitude of the loads, with the sign of the load."""
+    """Return the largest amplitude of the loads, with the sign of the load."""
     loads = np.concatenate([np.atleast_1d(np.asarray(wave.amplitude)) for wave in waves])
     return float(loads[int(np.argmax(np.abs(loads)))])
 
 
 def value_of(system: MechanicalSystem | ImpactSystem, name: str) -> float:
-    """Give the value of a number by its name.
+    """Return the value of a number by its name.
 
     Raises
     ------
@@ -160,7 +160,7 @@ def value_of(system: MechanicalSystem | ImpactSystem, name: str) -> float:
 
 
 def with_values(system: System, values: Mapping[str, float]) -> System:
-    """Give the same system with other values of some numbers."""
+    """Return the same system with other values of some numbers."""
     if isinstance(system, ImpactSystem):
         return _mass_with(system, values)  # type: ignore[return-value]
     new: Any = system
@@ -185,7 +185,7 @@ def with_values(system: System, values: Mapping[str, float]) -> System:
 
 
 def _mass_with(system: ImpactSystem, values: Mapping[str, float]) -> ImpactSystem:
-    """Give one mass with other values: a step over 1 may go to an e that no system has."""
+    """Return one mass with other values: a step over 1 may go to an e that no system has."""
     e, new = values.get("e", system.e), system
     if not 0.0 <= system.e <= 1.0:
         new = ImpactSystem(system.force, e=1.0, wall=system.wall)
@@ -208,7 +208,7 @@ def _moved_e(system: MechanicalSystem, name: str, value: float) -> Array:
 
 
 def _with_e(system: MechanicalSystem, e: Array) -> MechanicalSystem:
-    """Give a copy with other coefficients of restitution: a difference may step over 1."""
+    """Return a copy with other coefficients of restitution: a difference may step over 1."""
     new = object.__new__(type(system))
     vars(new).update(vars(system))
     new._e = np.asarray(e, np.float64)
@@ -251,7 +251,7 @@ def _moved_gap(gap: LinearGap, own: str, name: str, value: float) -> LinearGap:
 
 
 def frequency_of(system: MechanicalSystem | ImpactSystem) -> float | None:
-    """Give the angular frequency of what excites a system, None where it is not known."""
+    """Return the angular frequency of what excites a system, None where it is not known."""
     if isinstance(system, ImpactSystem):
         return excitation(system)[0]
     core: Any = core_of(system)
@@ -270,7 +270,7 @@ def period_of(
     *,
     or_free: bool = False,
 ) -> float:
-    """Give the period of the excitation; a ValueError where it is not known."""
+    """Return the period of the excitation; a ValueError where it is not known."""
     if period is not None:
         if not (period := finite("period", period)) > 0.0:
             raise ValueError(f"period must be > 0, got {period}")
@@ -295,7 +295,7 @@ SHORTER_STEPS = (1.0, 1e-2, 1e-4)
 
 
 def flow_of(system: MechanicalSystem | ImpactSystem, method: SwitchedRK) -> Flow:
-    """Give the motions of a system with given contacts."""
+    """Return the motions of a system with given contacts."""
     if isinstance(system, ImpactSystem):
         return MassFlow(system, method)
     core = core_of(system)
@@ -309,23 +309,23 @@ def flow_of(system: MechanicalSystem | ImpactSystem, method: SwitchedRK) -> Flow
 
 
 def moved_frame(frame: Frame, values: Mapping[str, float]) -> Frame:
-    """Give the frame of the system with other values of some numbers."""
+    """Return the frame of the system with other values of some numbers."""
     return frame_of(frame, with_values(frame.system, values))
 
 
 def frame_of(frame: Frame, system: MechanicalSystem | ImpactSystem) -> Frame:
-    """Give the frame of a system that differs by some numbers."""
+    """Return the frame of a system that differs by some numbers."""
     flow = flow_of(system, frame.method)
     return dataclasses.replace(frame, system=system, flow=flow, length=length_of(frame, system))
 
 
 def length_of(frame: Frame, system: MechanicalSystem | ImpactSystem) -> float:
-    """Give the length of the period of such a system."""
+    """Return the length of the period of such a system."""
     return frame.length if frame.free else frame.length * _stretch(frame, system)
 
 
 def _stretch(frame: Frame, system: MechanicalSystem | ImpactSystem) -> float:
-    """Give by which factor the period changes."""
+    """Return by which factor the period changes."""
     before, after = frequency_of(frame.system), frequency_of(system)
     if before is not None and after is not None:
         return before / after
@@ -347,7 +347,7 @@ def _stretch(frame: Frame, system: MechanicalSystem | ImpactSystem) -> float:
 
 
 def by_parameter(frame: Frame, y: Array, name: str, *, precise: bool = False) -> Array:
-    """Give the derivative of the equations by a parameter, by central differences."""
+    """Return the derivative of the equations by a parameter, by central differences."""
     value = value_of(frame.system, name)
     h = STEPS[precise] * max(abs(value), 1e-2)
     if isinstance(frame.flow, MassFlow) and not is_resting(frame.word):
@@ -372,7 +372,7 @@ def by_parameter(frame: Frame, y: Array, name: str, *, precise: bool = False) ->
 
 
 def ahead(terms: Terms, name: str) -> Array:
-    """Give the derivative of the equations by a parameter, by a difference of first order."""
+    """Return the derivative of the equations by a parameter, by a difference of first order."""
     frame, value = terms.frame, value_of(terms.frame.system, name)
     for k in SHORTER_STEPS:
         h = k * 1e-2 * STEPS[0] * max(abs(value), 1e-2)
@@ -390,7 +390,7 @@ def is_resting(word: Word) -> bool:
 
 
 def mass_column(terms: Terms, name: str) -> Array:
-    """Give the derivative of the equations of one mass, whose flights have it."""
+    """Return the derivative of the equations of one mass, whose flights have it."""
     frame, x = terms.frame, terms.x
     flow, longer = frame.flow, _longer(frame, name)
     assert isinstance(flow, MassFlow)
@@ -413,13 +413,13 @@ def mass_column(terms: Terms, name: str) -> Array:
 
 
 def _longer(frame: Frame, name: str) -> float:
-    """Give the derivative of the length by a parameter."""
+    """Return the derivative of the length by a parameter."""
     trend = trend_of(frame, name)
     return trend * frame.length / value_of(frame.system, name) if trend else 0.0
 
 
 def trend_of(frame: Frame, name: str) -> int:
-    """Tell whether the length goes with a parameter, 1, against it, -1, or not, 0."""
+    """Return the sign of the dependence of the period on a parameter: 1, -1 or 0."""
     omega, its_name = excitation(frame.system)
     if frame.free or name == "e" or (omega is not None and its_name != name):
         return 0
@@ -491,7 +491,7 @@ class Margins:
         return min(self.lows, key=lambda it: it.value / it.size, default=None)
 
     def why_not(self, rounding: float = 1e-11, *, grazing: bool = False) -> str | None:
-        """Say why it is no motion; None if it is one.
+        """Return why it is inadmissible; None if it is admissible.
 
         Where it grazes all of its impacts may be as slow as rounding: it counts by other speeds, as
         always that of one mass.
@@ -524,7 +524,7 @@ class Margins:
         return float(min([*heights, *gaps]))
 
     def _depth_of_mass(self) -> float:
-        """Give that of one mass: a force that presses hides none."""
+        """Return that of one mass: a force that presses hides none."""
         terms = self.terms
         lowest = float(np.min(np.abs(np.asarray(terms.flights.lows)[:, 1])))
         if terms.frame.word[0].kind == "P":
@@ -534,7 +534,7 @@ class Margins:
         return min(lowest, float(np.min(v[pulled] ** 2 / (2.0 * pull[pulled]), initial=np.inf)))
 
     def _pull(self, s: int, gap: int) -> float:
-        """Give the acceleration of a gap before an impact."""
+        """Return the acceleration of a gap before an impact."""
         terms = self.terms
         t0, t1 = terms.x[s, 0], terms.x[s, -1]
         h = 1e-4 * (t1 - t0)
@@ -589,7 +589,7 @@ class Margins:
         return found
 
     def behind(self) -> list[Low]:
-        """Give the minima next to impacts that open: the gap is below zero since they do."""
+        """Return the minima next to impacts that open: the gap is below zero since they do."""
         word, found = self.terms.frame.word, []
         for s, segment in enumerate(word):
             if segment.kind != "I" or not self.terms.rates[s] > 0.0:
@@ -636,7 +636,7 @@ class Margins:
         return float(row_sizes(self.terms)[1])
 
     def _of_mass(self, s: int, t: float, height: float) -> list[Low]:
-        """Give the lowest minimum of one mass; where an impact is plastic whether it leaves."""
+        """Return the lowest minimum of one mass; where an impact is plastic whether it leaves."""
         terms, found = self.terms, []
         if math.isfinite(height):
             size = self._distance
@@ -806,15 +806,15 @@ class Path:
         self.flights = 0
 
     def scaled(self, y: Array, value: float) -> Array:
-        """Give unknowns and parameter as one scaled vector."""
+        """Return unknowns and parameter as one scaled vector."""
         return np.asarray(np.append(y, value) / self.scale, np.float64)
 
     def frame_at(self, value: float) -> Frame:
-        """Give the frame of the system with a value of the parameter."""
+        """Return the frame of the system with a value of the parameter."""
         return moved_frame(self.frame, {self.name: value})
 
     def column(self, terms: Terms) -> Array:
-        """Give the derivative of the equations by the parameter."""
+        """Return the derivative of the equations by the parameter."""
         if isinstance(terms.frame.flow, MassFlow):
             if not is_resting(terms.frame.word):
                 return mass_column(terms, self.name)
@@ -824,7 +824,7 @@ class Path:
         return by_parameter(terms.frame, terms.y, self.name)
 
     def evaluate(self, z: Array, *, derives: bool = False) -> tuple[Terms, Array]:
-        """Give the equations at a point, and their scaled residual."""
+        """Return the equations at a point, and their scaled residual."""
         full = z * self.scale
         frame = self.frame_at(float(full[-1]))
         self.flights += len(frame.word)
@@ -832,7 +832,7 @@ class Path:
         return terms, terms.residual / self.sizes
 
     def matrix(self, terms: Terms, column: Array, normal: Array | None = None) -> Array:
-        """Give the scaled derivative by unknowns and parameter, with a normal as its last row."""
+        """Return the scaled derivative by unknowns and parameter, with a normal as its last row."""
         n = len(column)
         full = np.empty((n + (normal is not None), n + 1))
         whole = full[:n]
@@ -922,7 +922,7 @@ class Path:
         return Point(z, terms, tangent, float(z[-1] * self.scale[-1]), step, error)
 
     def start(self, y: Array, value: float) -> Point:
-        """Give the point at a solution, its tangent towards larger values where it has one."""
+        """Return the point at a solution, its tangent towards larger values where it has one."""
         z = self.scaled(y, value)
         terms, residual = self.evaluate(z, derives=True)
         tangent = np.linalg.svd(self.matrix(terms, self.column(terms)))[2][-1]
@@ -932,20 +932,20 @@ class Path:
         return Point(z, terms, np.asarray(tangent, np.float64), value, 0, error)
 
     def at_value(self, guess: Array, value: float) -> Point | None:
-        """Give the point with a value of the parameter, near a guess."""
+        """Return the point with a value of the parameter, near a guess."""
         normal, guess = np.zeros(len(guess)), guess.copy()
         normal[-1], guess[-1] = 1.0, value / self.scale[-1]
         return self.correct(guess, normal)
 
 
 def bordered(terms: Terms, factor: complex) -> tuple[Any, Any]:
-    """Give the borders of a nearly singular matrix: its left and right singular vectors."""
+    """Return the borders of a nearly singular matrix: its left and right singular vectors."""
     left, _, right = np.linalg.svd(terms.matrix(factor))
     return left[:, -1], right[-1].conj()
 
 
 def sigma(terms: Terms, factor: complex, borders: tuple[Any, Any]) -> Any:
-    """Give a smooth number that vanishes where the matrix is singular."""
+    """Return a smooth number that vanishes where the matrix is singular."""
     matrix = terms.matrix(factor)
     b, c = borders
     n = len(b)

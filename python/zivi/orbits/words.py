@@ -117,7 +117,7 @@ class MassTables:
         return vars(self)[name]
 
     def __call__(self, t: Any) -> Array:
-        """Give the states at times, shape (2, ..., 1)."""
+        """Return the states at times, shape (2, ..., 1)."""
         return self.run(t)[..., None]
 
 
@@ -132,7 +132,7 @@ def recent(
     free: bool,
     method: SwitchedRK,
 ) -> tuple[Frame, Array, int, str]:
-    """Give the frame and the unknowns of the last period of the motion of a run, and tell it.
+    """Return the frame and the unknowns of the last period of the motion of a run, and tell it.
 
     Raises
     ------
@@ -190,7 +190,7 @@ def _floor(number: float) -> float:
 
 
 def _events_of(flow: Flow, run: AnyRun, longest: float = math.inf) -> list[Happened]:
-    """Give what happens in a run, impacts of accumulations as one event, in order.
+    """Return the events of a run in order; a Zeno accumulation counts as one event.
 
     Impacts that are longer before the end of one are apart: all that follows depends on them.
     """
@@ -230,7 +230,7 @@ def _events_of(flow: Flow, run: AnyRun, longest: float = math.inf) -> list[Happe
 
 
 def _hits_of_gaps(flow: Flow, run: MechanicalTrajectory, rows: Any) -> list[Happened]:
-    """Give the impacts of a mechanism; those of several gaps at once where their order matters."""
+    """Return the impacts of a mechanism; simultaneous ones where their order matters."""
     found: list[Happened] = []
     for group in np.unique(rows["group"]):
         own = rows[rows["group"] == group]
@@ -249,7 +249,7 @@ def _hits_of_gaps(flow: Flow, run: MechanicalTrajectory, rows: Any) -> list[Happ
 
 
 def left_at_once(run: AnyRun, lifts: Any) -> Any:
-    """Tell which gaps lift off where they are hit: others are closed, and their forces pull."""
+    """Return which lift-offs coincide with an impact that other closed gaps take part in."""
     near = SAME_TIME * np.maximum(1.0, np.abs(lifts["t"]))
     apart = np.abs(lifts["t"][:, None] - run.corners["t"])
     return np.any(apart <= near[:, None], axis=1)
@@ -274,7 +274,7 @@ def _merge_accumulation(
 
 
 def _busy(run: AnyRun, events: list[Happened]) -> list[tuple[float, float]]:
-    """Give the spans of time of accumulations, which a window must not cut."""
+    """Return the spans of time of accumulations, which a window must not cut."""
     spans = []
     for row in run.zeno:
         begins = [it.t for it in events if it.kind == "Z" and it.gap == row["gap"]]
@@ -287,7 +287,7 @@ def _busy(run: AnyRun, events: list[Happened]) -> list[tuple[float, float]]:
 def _longest_pause(
     run: AnyRun, events: list[Happened], length: float, *, repeats: bool = True
 ) -> float:
-    """Give the middle of the longest pause shortly before the end of a run."""
+    """Return the middle of the longest pause shortly before the end of a run."""
     end = float(run.t[-1])
     begin = max(end - length, float(run.t[0]) + length)
     busy = _busy(run, events)
@@ -303,7 +303,7 @@ def _longest_pause(
 
 
 def _periods_to_repeat(run: AnyRun, events: list[Happened], period: float) -> int | None:
-    """Give after how many periods the state repeats; None if it does not."""
+    """Return after how many periods the state repeats; None if it does not."""
     end, begin = _longest_pause(run, events, period, repeats=False), float(run.t[0])
     most = min(MOST_MULTIPLE, int((end - begin) / period))
     if isinstance(run, MassTables):
@@ -317,7 +317,7 @@ def _periods_to_repeat(run: AnyRun, events: list[Happened], period: float) -> in
 
 
 def repeating(states: Array, *parts: Array) -> int | None:
-    """Give after how many periods states, a row each, repeat; None if they do not.
+    """Return after how many periods states, a row each, repeat; None if they do not.
 
     Positions and velocities are compared with the largest of a run, or of the states.
     """
@@ -333,7 +333,7 @@ def repeating(states: Array, *parts: Array) -> int | None:
 
 
 def shown(multiple: int, events: int, what: str = "impact", *, repeats: bool = True) -> str:
-    """Say what the end of a run holds, for an orbit that was not found from it."""
+    """Describe the end of a run from which no orbit was found."""
     last, hold = ("period", "holds") if multiple == 1 else (f"{multiple} periods", "hold")
     many = f"{events or 'no'} {what}{'s' * (events != 1)}"
     told = "" if repeats else ", and nothing repeats to a hundredth"
@@ -341,7 +341,7 @@ def shown(multiple: int, events: int, what: str = "impact", *, repeats: bool = T
 
 
 def _free_length(run: AnyRun, events: list[Happened]) -> tuple[float, float]:
-    """Give after how long a motion that nothing excites repeats, and where it is looked at."""
+    """Return after how long a motion that nothing excites repeats, and where it is looked at."""
     end, begin = float(run.t[-1]), float(run.t[0])
     own = [it for it in events if it.t > 0.5 * (begin + end)]
     if len(own) < 3:
@@ -379,7 +379,7 @@ def _smooth(
     free: bool,
     method: SwitchedRK,
 ) -> tuple[Frame, Array]:
-    """Give the unknowns of a motion without events: one segment, with the letter P."""
+    """Return the unknowns of a motion without events: one segment, with the letter P."""
     contacts = _closed(run, end)
     z = run(end).ravel()
     section: float | int
@@ -470,7 +470,7 @@ def checked(terms: Terms, multiple: int, residual: float, steps: int) -> Any:
 def least(
     frame: Frame, multiple: int, guess: Array, found: Solution, most: int
 ) -> tuple[Frame, int, Solution]:
-    """Give the solution over the least period: the one given, or one that it repeats."""
+    """Return the solution over the least period: the one given, or one that it repeats."""
     word = frame.word
     flies = len(word) == 1 and word[0].kind == "P"
     count = len(word) if frame.free else multiple if flies else math.gcd(len(word), multiple)
@@ -511,7 +511,7 @@ def _primes(number: int) -> list[int]:
 
 
 def _equal_parts(frame: Frame, y: Array, parts: int, terms: Terms) -> tuple[float, Array]:
-    """Give how far equal parts of an orbit differ, and their mean."""
+    """Return how far equal parts of an orbit differ, and their mean."""
     x, length = frame.split(y)
     rows = x.reshape(parts, -1, x.shape[1]).copy()
     shift = length / parts * np.arange(parts)
@@ -524,7 +524,7 @@ def _equal_parts(frame: Frame, y: Array, parts: int, terms: Terms) -> tuple[floa
 
 
 def _of_flight(frame: Frame, y: Array, parts: int, terms: Terms) -> tuple[float, Array]:
-    """Give how far the state after a part of a motion without events differs, and that part."""
+    """Return how far the state after a part of a motion without events differs, and that part."""
     x, length = frame.split(y)
     x[0, -1] = x[0, 0] + length / parts
     end = frame.flow.path(frame.word[0].contacts, float(x[0, 0]), x[0, 1:-1], x[0, -1:])[0]
@@ -560,7 +560,7 @@ def canonical(terms: Terms, multiple: int) -> Terms:
 
 
 def rolled(word: Word, x: Array, length: float, first: int) -> tuple[Word, Array]:
-    """Give a word and its segments from another one on."""
+    """Return a word and its segments from another one on."""
     turned = np.roll(x, -first, axis=0) + 0.0
     turned[len(x) - first :, [0, -1]] += length
     return word[first:] + word[:first], turned
@@ -655,7 +655,7 @@ def _contacts(word: Word, x: Array, length: float, zenos: dict[int, float]) -> A
 
 
 def weaker_reason(orbit: Any) -> str | None:
-    """Say where a simulation over one period leaves an orbit; None if it does not."""
+    """Return where a simulation over one period leaves an orbit; None if it does not."""
     run = _simulated_mass(orbit) if isinstance(orbit, PeriodicOrbit) else orbit.trajectory
     if not run.success:
         return f"A simulation of it ends early: {run.message}"
@@ -708,7 +708,7 @@ def _in_order(orbit: Any, t0: float, length: float) -> list[tuple[Segment, float
 
 
 def _hits(run: Any) -> list[tuple[float, int]]:
-    """Give the impacts of a run: of each the time and the gap that was hit."""
+    """Return the impacts of a run: of each the time and the gap that was hit."""
     rows = run.resolved_impacts
     if isinstance(run, MassTables):
         return [(t, 0) for t in rows["t"].tolist()]
@@ -729,7 +729,7 @@ def failed(
     message: str,
     status: OrbitStatus = OrbitStatus.NOT_CONVERGED,
 ) -> Any:
-    """Give what there is where no flight can be computed."""
+    """Return the placeholder for a flight that cannot be computed."""
     x, length = frame.split(y)
     n = frame.flow.n
     if isinstance(frame.flow, MassFlow):
@@ -831,7 +831,7 @@ def orbit_of_mass(
 
 
 def _from_lift_off(terms: Terms, period: float) -> tuple[NDArray[np.void], dict[str, float]]:
-    """Give the impacts from the lift-off of the smallest phase on, its time, that of the rest."""
+    """Return the impacts from the lift-off of the smallest phase on, its time, that of the rest."""
     word, x, k, e = terms.frame.word, terms.x, len(terms.x), float(terms.frame.flow.e[0])
     lifts = [s for s, it in enumerate(word) if it.kind == "L"]
     first = min(lifts, key=lambda s: (float(x[s, -1]) / period + 1e-9) % 1.0)
@@ -859,7 +859,7 @@ REST_LOOKS = 256
 
 
 def cycle_of(lifts: Array, period: float) -> tuple[int, int] | None:
-    """Give the first two lift-offs with the same phase, None if there are none.
+    """Return the first two lift-offs with the same phase, None if there are none.
 
     The motion after a lift-off is a function of its phase, so it repeats from there on.
     """
@@ -871,12 +871,12 @@ def cycle_of(lifts: Array, period: float) -> tuple[int, int] | None:
 
 
 def earliest(lifts: Array, period: float) -> int:
-    """Give the lift-off of the smallest phase, with which a cycle of several begins."""
+    """Return the lift-off of the smallest phase, with which a cycle of several begins."""
     return int(np.argmin((lifts / period + 1e-9) % 1.0))
 
 
 def _before_lift_off(flow: MassFlow, phase: float, period: float) -> float | None:
-    """Give when the force last holds the mass before it lifts off; None if it never holds."""
+    """Return when the force last holds the mass before it lifts off; None if it never holds."""
     times = phase + period * np.arange(REST_LOOKS + 1) / REST_LOOKS
     holds = flow.reactions((0,), times, np.zeros((len(times), 2)))[:, 0] >= 0.0
     (rises,) = np.nonzero(holds[:-1] & ~holds[1:])
@@ -937,7 +937,7 @@ def resting_orbit(
 
 
 def renewed(state: dict[str, Any]) -> dict[str, Any]:
-    """Give what is new in an orbit of one mass that a version up to 0.2 pickled."""
+    """Return the attributes missing in an orbit of one mass that version 0.2 or older pickled."""
     old, system, y, period = (state[it] for it in ("_frame", "system", "_y", "period"))
     if state["kind"] != "resting":
         frame, new = old.word(system, y, period)

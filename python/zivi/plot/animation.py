@@ -148,7 +148,7 @@ class MechanicalScene:
 
 
 def motion_at(run: MechanicalTrajectory, times: Array) -> tuple[Array, Array]:
-    """Give coordinates and gaps; between samples on lines if the run keeps no motion."""
+    """Return coordinates and gaps; between samples on lines if the run keeps no motion."""
     if run._path is not None:
         there = run.resample(times)
         return there.q, there.gaps
@@ -160,7 +160,7 @@ def motion_at(run: MechanicalTrajectory, times: Array) -> tuple[Array, Array]:
 
 
 def coordinate_points(t: float, q: Array) -> list[tuple[Any, Any]]:
-    """Give the system as points: the plane of two coordinates, else each over its number."""
+    """Return the system as points: the plane of two coordinates, else each over its number."""
     if len(q) == 2:
         return [(q[0], q[1])]
     return [(float(k), value) for k, value in enumerate(q)]

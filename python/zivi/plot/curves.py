@@ -96,7 +96,7 @@ class Line:
 
 
 def line_of(run: Trajectory | ClosedLoop) -> Line:
-    """Give the points of a run: its samples, refined where the method knows more."""
+    """Return the points of a run: its samples, refined where the method knows more."""
     path: Any = getattr(run, "_path", None)
     held = hasattr(run, "u")  # a closed loop is drawn at its samples
     if held or not (hasattr(path, "tails") and path.dense and len(run.t) > 1):
@@ -109,7 +109,7 @@ def line_of(run: Trajectory | ClosedLoop) -> Line:
 
 
 def reference_line(run: ClosedLoop) -> Line:
-    """Give the samples of a reference, broken where it turns within a step of the wall."""
+    """Return the samples of a reference, broken where it turns within a step of the wall."""
     x, xdot = run.x_ref, run.xdot_ref
     turned = (xdot[:-1] < 0.0) & (xdot[1:] > 0.0)
     reach = 2.0 * np.diff(run.t) * np.abs(xdot[:-1])

@@ -59,7 +59,7 @@ class Film(FuncAnimation):
     def to_jshtml(
         self, fps: int | None = None, embed_frames: bool = True, default_mode: str | None = None
     ) -> str:
-        """Give the film as a page with buttons, as `matplotlib.animation.Animation.to_jshtml`."""
+        """Return the film as a page with buttons, as `matplotlib.animation.Animation.to_jshtml`."""
         if not embed_frames:
             text: str = super().to_jshtml(fps, embed_frames, default_mode)
             return text
@@ -120,7 +120,7 @@ class _Pictures:
         self._scene.figure.set_canvas(self._shown_in)
 
     def get_size_inches(self) -> Any:
-        """Give width and height, as a figure."""
+        """Return width and height, as a figure."""
         return self._scene.figure.get_size_inches()
 
     def savefig(self, file: io.BytesIO, **settings: Any) -> None:
@@ -133,5 +133,5 @@ class _Pictures:
 
 
 def _depth(artist: Any) -> tuple[float, int]:
-    """Give the place in which axes draw an artist."""
+    """Return the place in which axes draw an artist."""
     return artist.zorder, artist.axes.get_children().index(artist)

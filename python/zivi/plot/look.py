@@ -32,7 +32,7 @@ Frame: TypeAlias = Literal["wall", "fixed"]
 
 
 def axes_of(ax: Axes | None) -> Axes:
-    """Give the axes to draw into: those given, or those of a new figure."""
+    """Return the axes to draw into: those given, or those of a new figure."""
     if ax is not None:
         return _check_axes(ax)
     plt = needed("matplotlib.pyplot", "plots")
@@ -61,7 +61,7 @@ def _check_axes(ax: Axes) -> Axes:
 
 
 def figure_of(figure: Figure | None, width: float, height: float) -> Figure:
-    """Give the figure to draw into: the one given, or a new one of a size (inches)."""
+    """Return the figure to draw into: the one given, or a new one of a size (inches)."""
     if figure is not None:
         if not hasattr(figure, "add_gridspec"):
             axes = "; one plot into given axes is zivi.plot.position(sol, ax)"
@@ -77,7 +77,7 @@ def figure_of(figure: Figure | None, width: float, height: float) -> Figure:
 
 
 def next_colour(ax: Axes, first: str) -> str:
-    """Give the first colour from `first` on that no line in the axes has."""
+    """Return the first colour from `first` on that no line in the axes has."""
     start = PALETTE.index(first)
     order = PALETTE[start:] + PALETTE[:start]
     used = [line.get_color() for line in ax.lines]
@@ -99,7 +99,7 @@ def legend(ax: Axes, **settings: Any) -> None:
 def in_frame(
     run: Trajectory | ClosedLoop, frame: Frame, t: Array, x: Array, xdot: Array
 ) -> tuple[Array, Array]:
-    """Give points of the wall's frame in the frame that is wanted."""
+    """Return points of the wall's frame in the frame that is wanted."""
     if frame not in ("wall", "fixed"):
         raise ValueError(f"frame must be 'wall' or 'fixed', got {frame!r}")
     wall = wall_of(run)
@@ -110,12 +110,12 @@ def in_frame(
 
 
 def wall_of(run: Trajectory | ClosedLoop) -> Any:
-    """Give the wall that moves, if one does."""
+    """Return the wall that moves, if one does."""
     return getattr(run, "_wall", None)
 
 
 def axis_labels(run: Trajectory | ClosedLoop, frame: Frame) -> tuple[str, str]:
-    """Say what the position and the velocity are measured from."""
+    """Return the frame of position and velocity, in words."""
     if wall_of(run) is None:
         return "position $x$ (m)", r"velocity $\dot x$ (m/s)"
     if frame == "fixed":

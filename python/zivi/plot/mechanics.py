@@ -50,7 +50,7 @@ MOST = 500_000
 
 
 def drawn(sol: MechanicalTrajectory, quantity: Quantity) -> tuple[Array, Array]:
-    """Give times and columns of a quantity whose connecting lines follow the motion.
+    """Return times and columns of a quantity whose connecting lines follow the motion.
 
     The times are those of samples and events, the last moment before each impact, and what
     halving adds where a line is off the curve by more than a thousandth of the range. A run that
@@ -122,7 +122,7 @@ def _along_motion(sol: MechanicalTrajectory, quantity: Quantity, times: Array) -
 
 
 def _sample_values(sol: MechanicalTrajectory, quantity: Quantity) -> Array:
-    """Give a quantity at the samples."""
+    """Return a quantity at the samples."""
     if quantity == "phase":
         return np.hstack([sol.q, sol.qdot])
     if quantity == "reactions":
@@ -401,7 +401,7 @@ Units: TypeAlias = "str | Mapping[str, str] | None"
 
 
 def units_of(sol: MechanicalTrajectory, kind: str, units: Units) -> list[str]:
-    """Give the units of coordinates, gaps or channels, empty where they are not known."""
+    """Return the units of coordinates, gaps or channels, empty where they are not known."""
     owners = {"coordinates": "coordinate_names", "gaps": "gap_names", "channels": "channel_names"}
     names = getattr(sol, owners[kind])
     if isinstance(units, str):

@@ -277,7 +277,7 @@ def _event_columns(record: _zivi.BatchRecord) -> list[dict[str, Any]]:
 
 
 def _rows_of_all(impacts: NDArray[np.void], several: list[Array]) -> Any:
-    """Give the impacts of all runs, numbered anew in each."""
+    """Return the impacts of all runs, numbered anew in each."""
     rows = rows_of_impacts(impacts)
     counts = [len(flat) // 3 for flat in several]
     rows["group"] -= np.repeat(np.cumsum([0, *counts[:-1]]), counts)

@@ -95,7 +95,7 @@ def stops_of(
     method: Method,
     span: tuple[float, float],
 ) -> list[Array]:
-    """Give the declared breaks of each system; those of many under one table are one array."""
+    """Return the declared breaks of each system; those of many under one table are one array."""
     known: dict[bytes, Array] = {}
     several = (stop_times(tstops, method, system, span) for system in systems)
     return [known.setdefault(stops.tobytes(), stops) for stops in several]
@@ -104,7 +104,7 @@ def stops_of(
 def with_friction(
     systems: ImpactSystem | Sequence[ImpactSystem], y0: Any
 ) -> tuple[list[MechanicalSystem], list[Array]]:
-    """Give masses with friction as mechanical systems, and their states."""
+    """Return masses with friction as mechanical systems, and their states."""
     several = [systems] if isinstance(systems, ImpactSystem) else list(systems)
     for i, system in enumerate(several):
         if not isinstance(system, ImpactSystem) or system.friction is None:
@@ -229,7 +229,7 @@ class BatchRuns(Tabulated):
         return f"<{type(self).__name__} of {counted}>"
 
     def _counted(self) -> str:
-        """Say what else failed in the runs, nothing if nothing did."""
+        """Describe other failures of the runs; "" if there are none."""
         return ""
 
 
@@ -299,7 +299,7 @@ class Batch(BatchRuns):
     last_resolved: Array | MaybeNone = None
 
     def _table(self) -> ResultTable:
-        """Tell the numbers over ``run``, samples over ``time``; events differ in their number."""
+        """Describe the dataset: numbers over ``run``, samples over ``time``, events per run."""
         fields = NUMBERS | (EXTREMES if self.x_max is not None else {})
         coords: dict[str, Field] = {"run": ("run", "", "number of the run")}
         if self.sample_t is not None:
@@ -355,7 +355,7 @@ def sampling_of(t_eval: Any, save: Any, span: tuple[float, float], method: Any, 
 def sampled(
     batch: Batch, record: _zivi.BatchRecord, systems: list[ImpactSystem], method: Any, how: Sampling
 ) -> Batch:
-    """Give the batch the states at the times of `how`, NaN after the ends of its runs."""
+    """Attach to the batch the states at the times of `how`, NaN after the end of each run."""
     assert how.times is not None
     assert how.rows is not None
     x, xdot = how.rows

@@ -75,7 +75,7 @@ class Level:
 
 @hinted("event")
 def event(*, terminal: bool | int = False, direction: float = 0) -> Callable[[Function], Function]:
-    """Give a function of an event SciPy's attributes ``terminal`` and ``direction``.
+    """Set SciPy's attributes ``terminal`` and ``direction`` on an event function.
 
     A decorator: type checkers object to attributes that are set from outside.
 

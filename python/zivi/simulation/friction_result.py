@@ -86,7 +86,7 @@ class FrictionSamples:
 def friction_samples(
     record: _zivi.FrictionRecord | None, channels: tuple[Channel, ...]
 ) -> FrictionSamples | None:
-    """Give what a record tells of friction, None without."""
+    """Return the friction data of a record; None without friction."""
     if record is None:
         return None
     columns = {name: getattr(record, f"transition_{name}") for name in TRANSITIONS}
@@ -194,7 +194,7 @@ class FrictionRun:
         return np.array(sorted(rows), dtype=list(STICK.items())).view(EventTable)
 
     def _spans(self, channel: int) -> list[tuple[float, float, int]]:
-        """Give start, end and mode of what a channel does: until the next, or its gap opens."""
+        """Return start, end and mode of what a channel does: until the next, or its gap opens."""
         own = self.transitions[self.transitions["channel"] == channel]
         gap = self.channel_gaps[channel]
         opened = [rows["t"][rows["gap"] == gap] for rows in (self.liftoffs, self.openings)]
@@ -241,17 +241,17 @@ class LinearMotion:
         return float(self.t[0]), float(self.t[-1])
 
     def at(self, times: Array) -> tuple[Array, Array, Array, Array, NDArray[np.bool_]]:
-        """Give ``(q, qdot, gaps, gap_rates, contacts)`` at `times`."""
+        """Return ``(q, qdot, gaps, gap_rates, contacts)`` at `times`."""
         sampled = (self.q, self.qdot, self.gaps, self.gap_rates)
         q, qdot, gaps, rates = (self._between(times, values) for values in sampled)
         return q, qdot, gaps, rates, self.contacts[self._step(times)]
 
     def reactions_at(self, times: Array) -> Array:
-        """Give the reactions of the steps that contain `times`."""
+        """Return the reactions of the steps that contain `times`."""
         return self.reactions[self._step(times)]
 
     def friction_at(self, times: Array) -> FrictionSamples | None:
-        """Give what friction does: what is integrated between the steps, the rest of the step."""
+        """Return the friction data at times: slips interpolated, forces of the steps."""
         if self.friction is None:
             return None
         step, given = self._step(times), self.friction

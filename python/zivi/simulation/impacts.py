@@ -102,13 +102,13 @@ def table(fields: dict[str, str], m: int, columns: dict[str, Any]) -> Rows:
 
 @functools.lru_cache
 def _kind(fields: tuple[tuple[str, str], ...], m: int) -> np.dtype[np.void]:
-    """Give the type of the rows of a table."""
+    """Return the type of the rows of a table."""
     return np.dtype([(name, "?", (m,)) if it == "?m" else (name, it) for name, it in fields])
 
 
 @functools.lru_cache
 def _nothing(kind: np.dtype[np.void]) -> Rows:
-    """Give a table without rows: one for all, there is nothing in it to be changed."""
+    """Return a table without rows: one for all, there is nothing in it to be changed."""
     return np.empty(0, kind).view(EventTable)
 
 
@@ -118,7 +118,7 @@ def impacts_of(record: _zivi.RunRecord | _zivi.LoopRecord) -> NDArray[np.void]:
 
 
 def rows_of_impacts(impacts: NDArray[np.void]) -> Rows:
-    """Give the impacts of a mass as the table that a mechanism has, of unit mass and one gap."""
+    """Return the impacts of a mass as the table that a mechanism has, of unit mass and one gap."""
     rows = np.zeros(len(impacts), OF_MASS)
     rows["t"] = impacts["t"]
     rows["speed_before"], rows["speed_after"] = impacts["xdot_before"], impacts["xdot_after"]
@@ -128,7 +128,7 @@ def rows_of_impacts(impacts: NDArray[np.void]) -> Rows:
 
 
 def rows_of_events(name: str, times: Array, closed: bool = True) -> Rows:
-    """Give the times of events of a mass as the table that a mechanism has."""
+    """Return the times of events of a mass as the table that a mechanism has."""
     columns = {"t": times, "gap": 0, "closed": np.full((len(times), 1), closed)}
     return table(FIELDS[name], 1, columns)
 
@@ -150,7 +150,7 @@ def check_bounds(speed: Any, limit: Any) -> None:
 
 
 def skipped_impacts(path: Any, speed: float, limit: int) -> tuple[Array, ...] | None:
-    """Give columns of the impacts that jumps skipped, None if there are none."""
+    """Return columns of the impacts that jumps skipped, None if there are none."""
     skipped = getattr(path, "skipped_impacts", None)
     if skipped is None:
         return None
@@ -167,14 +167,14 @@ def listed(known: NDArray[np.void], path: Any, part: float) -> NDArray[np.void]:
 
 
 def skipped_fast(path: Any, speed: float) -> tuple[Array, ...] | None:
-    """Give the skipped impacts with at least a speed before them, if the run has kept them."""
+    """Return the skipped impacts with at least a speed before them, if the run has kept them."""
     if isinstance(path, LostPath) or not speed > 0.0:
         return None
     return skipped_before(path, speed, MOST_LISTED)
 
 
 def skipped_before(path: Any, speed: float, limit: int) -> tuple[Array, ...] | None:
-    """Give the skipped impacts with at least a speed before them, at most so many of each jump."""
+    """Return the extrapolated impacts above a speed, up to a number for each extrapolation."""
     first = skipped_impacts(path, 0.0, 1)
     if first is None:
         return None
@@ -259,7 +259,7 @@ def _with_skipped(fast: Any, known: Any, zeno: Any, columns: tuple[Array, ...] |
 
 
 def _numbered(rows: Any) -> Rows:
-    """Give impacts at one instant a number, in the order of their times."""
+    """Return impacts at one instant a number, in the order of their times."""
     groups = rows["group"]
     there = np.zeros(1 + np.max(groups, initial=0), bool)
     there[groups] = True
@@ -274,7 +274,7 @@ def _numbered(rows: Any) -> Rows:
 
 
 def _changes(values: Any) -> Any:
-    """Tell where values differ from those before them; the first does."""
+    """Return where values differ from the previous one; True for the first."""
     return np.concatenate([np.ones(min(1, len(values)), bool), values[1:] != values[:-1]])
 
 

@@ -134,7 +134,7 @@ class MechanicalBatch(BatchRuns):
     rest_time: Array = dataclasses.field(default_factory=lambda: np.empty(0))
 
     def _table(self) -> ResultTable:
-        """Tell the numbers over ``run``, ``coordinate`` and ``gap``, samples over ``time``."""
+        """Describe the dataset: ``run``, ``coordinate``, ``gap``, and ``time`` of the samples."""
         fields, coords = ENDS | NUMBERS, dict(LABELS)
         if self.sample_t is not None:
             fields |= SAMPLES

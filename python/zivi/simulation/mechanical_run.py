@@ -239,7 +239,7 @@ def with_kicks(asked: Asked, kicks: Any, system: MechanicalSystem, method: Any) 
 
 
 def closer_of(system: MechanicalSystem, method: FixedOrSwitched, asked: Asked) -> Closer | None:
-    """Give what makes the run with smaller errors, of a method with tolerances."""
+    """Return a function that repeats the run with smaller tolerances."""
     if not isinstance(method, SwitchedRK):
         return None
     state = (asked.q, asked.qdot)
@@ -256,7 +256,7 @@ def configuration(
 def setup_of(
     system: MechanicalSystem, model: Model, method: Any, asked: Asked
 ) -> Callable[[], dict[str, Any]]:
-    """Give what makes the `configuration` later, with the parameters of now."""
+    """Return a function that makes the `configuration` later, from the present parameters."""
     told, parameters = system._told()
     return functools.partial(_configuration, system, told, parameters, model, method, asked)
 

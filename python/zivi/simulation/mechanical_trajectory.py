@@ -74,7 +74,7 @@ def end_message(
     model: Model,
     channels: Sequence[Channel] = (),
 ) -> str:
-    """Give the message of a record; where contacts are not solved, with those that touch."""
+    """Return the message of a record; where contacts are not solved, with those that touch."""
     status = Status(record.status)
     if status is Status.FORCE_NOT_FINITE:
         return NOT_FINITE
@@ -95,7 +95,7 @@ def _paradox(
     channels: Sequence[Channel],
     touching: NDArray[np.bool_],
 ) -> str:
-    r"""Tell of each sliding contact the numbers that decide, alone at its gap.
+    r"""Return the numbers that decide about each sliding contact, taken alone.
 
     .. math:: \ddot g = K \lambda + b, \qquad K = (N M^{-1} (N - \mu \sigma B)^T)
     """
@@ -143,7 +143,7 @@ COORDS: dict[str, Field] = {
 
 
 def summary_rows(sol: Any) -> dict[str, str]:
-    """Tell a run in rows of a table."""
+    """Return the rows of the summary table of a run."""
 
     def times(events: Any) -> str:
         told = [f"{event['t']:.9g} ({sol.gap_names[int(event['gap'])]})" for event in events[:5]]
@@ -169,7 +169,7 @@ def summary_rows(sol: Any) -> dict[str, str]:
 
 
 def _stick_rows(sol: Any) -> dict[str, str]:
-    """Tell when friction sticks, if there is any."""
+    """Describe when friction sticks, if the system has friction."""
     if not sol.channel_names:
         return {}
     told = [
@@ -185,7 +185,7 @@ def _impact_counts(sol: Any) -> list[str]:
 
 
 def table_of(sol: Any) -> pandas.DataFrame:
-    """Give the samples of a run as a table over time."""
+    """Return the samples of a run as a table over time."""
     import pandas
 
     columns: dict[str, Any] = {}
@@ -207,7 +207,7 @@ def table_of(sol: Any) -> pandas.DataFrame:
 
 
 def labels_of(sol: Any) -> ResultTable:
-    """Tell what is in the dataset of a run: samples, then events over their numbers."""
+    """Describe the dataset of a run: samples, then events over their numbers."""
     fields, values = dict(MEANING), {"time": sol.t}
     values["coordinate"] = np.array(sol.coordinate_names, dtype=object)
     values["gap"] = np.array(sol.gap_names, dtype=object)
@@ -238,7 +238,7 @@ def labels_of(sol: Any) -> ResultTable:
 
 
 def no_touchdowns() -> Rows:
-    """Give the table of a run without compliant gaps."""
+    """Return the table of a run without compliant gaps."""
     return table(FIELDS["touchdowns"], 0, {"t": ()})
 
 
@@ -424,7 +424,7 @@ class MechanicalTrajectory(FrictionRun, SampledRun):
         return sol
 
     def __call__(self, t: ArrayLike) -> Array:
-        """Give the state between the samples, through impacts, accumulations and contact.
+        """Return the state between the samples, through impacts, accumulations and contact.
 
         Parameters
         ----------
@@ -561,7 +561,7 @@ def _read(record: _zivi.MechanicalRecord, system: MechanicalSystem, model: Model
 
 
 def time_of_rest(speeds: tuple[float, float, float], *, rests: bool) -> float | None:
-    """Give since when nothing moves, if anything is at rest in the end.
+    """Return since when nothing moves, if anything is at rest in the end.
 
     Of when something last happened, the largest speed, and that from then on.
     """
@@ -572,7 +572,7 @@ def time_of_rest(speeds: tuple[float, float, float], *, rests: bool) -> float | 
 def _tables_of(
     record: _zivi.MechanicalRecord, m: int, channels: tuple[Channel, ...]
 ) -> dict[str, Rows]:
-    """Give the tables of what happened in a run."""
+    """Return the tables of what happened in a run."""
     known, rubbing = record.occurrences, record.friction
     fields = FIELDS if rubbing is None else WITH_FRICTION
     if known is None:
@@ -599,7 +599,7 @@ def _tables_of(
 
 @functools.lru_cache
 def _empty_tables(m: int, rubbing: bool) -> dict[str, Rows]:
-    """Give the tables of a run in which nothing happened."""
+    """Return the tables of a run in which nothing happened."""
     fields = WITH_FRICTION if rubbing else FIELDS
     return {name: table(it, m, {"t": ()}) for name, it in fields.items()}
 
@@ -609,7 +609,7 @@ WITH_FRICTION = FIELDS | {"impacts": IMPACTS}
 
 
 def _by_result_name(tables: dict[str, Rows]) -> dict[str, Rows]:
-    """Give the tables by the names of the result."""
+    """Return the tables by the names of the result."""
     named = tables.copy()
     named["resolved_impacts"] = named.pop("impacts")
     return named

@@ -33,7 +33,7 @@ class Settings:
         _ = self._core
 
     def _values(self) -> dict[str, Any]:
-        """Give the settings by name."""
+        """Return the settings by name."""
         own = self.__dict__
         return {name: own[name] for name in type(self).__dataclass_fields__}  # type: ignore[attr-defined]
 
@@ -80,7 +80,7 @@ def class_of(entry: _zivi.MethodEntry, doc: str | None = None) -> type[Settings]
 
 
 def annotation(setting: _zivi.Setting) -> str:
-    """Give the type of a setting."""
+    """Return the type of a setting."""
     kind = "float"
     if setting.choices is not None:
         kind = type(setting.choices[0]).__name__
@@ -92,7 +92,7 @@ def annotation(setting: _zivi.Setting) -> str:
 
 
 def _documentation(entry: _zivi.MethodEntry) -> str:
-    """Give the documentation of a method by what the core says of it."""
+    """Return the documentation of a method by what the core says of it."""
     kinds = "A method of fixed steps." if entry.fixed_steps else "A method."
     systems = "`ImpactSystem` and `MechanicalSystem`" if entry.takes_mechanism else "`ImpactSystem`"
     lines = [f"{_sentence(entry.meaning)}", "", f"{kinds} It runs {systems}."]

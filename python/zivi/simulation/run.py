@@ -92,7 +92,7 @@ def check_method(method: Any) -> None:
 
 
 def argument_text(method: Any) -> str:
-    """Say what was given for a method, and what may have been meant."""
+    """Describe the value given for a method, with a suggestion."""
     if isinstance(method, type):
         name = f"{method.__module__.partition('.')[0]}.{method.__name__}"
         if not issubclass(method, Settings):
@@ -108,7 +108,7 @@ def _method_call(kind: type[Settings]) -> str:
 
 
 def _nearest(name: str) -> str:
-    """Say which method here is nearest to one that is known by a name."""
+    """Return the zivi method closest to a method of SciPy."""
     own = next((kind for it, kind in METHODS.items() if it.lower() == name.lower()), None)
     if own is not None:
         return f": the object is meant, {_method_call(own)}"
@@ -151,7 +151,7 @@ def warn_of_flight_from_gap(system: MechanicalSystem, sol: MechanicalTrajectory)
 
 
 def _outward(system: ImpactSystem) -> float:
-    """Give a constant acceleration; 0 if it is not constant."""
+    """Return a constant acceleration; 0 if it is not constant."""
     force = system.force
     if system.wall is not None:
         return 0.0
@@ -427,7 +427,7 @@ def _mechanical(
 
 
 def note_kicks(sol: Trajectory | MechanicalTrajectory, kicked: KickSchedule, given: Any) -> None:
-    """Give a result the table of its kicks."""
+    """Attach the table of kicks to a result."""
     own = vars(sol)
     # as it was before the kick at the start, which the closer run repeats
     closer: Any = sol._closer

@@ -70,7 +70,7 @@ TIMES = 1000
 
 
 def trusted(sol: SampledRun, positions: Array) -> float:
-    """Give the last time up to which a run agrees with a closer one.
+    """Return the last time up to which a run agrees with a closer one.
 
     Parameters
     ----------
@@ -102,7 +102,7 @@ def trusted(sol: SampledRun, positions: Array) -> float:
 
 
 def trust_note(sol: SampledRun) -> str:
-    """Say until when a run is trusted, where that is known and not its end."""
+    """Describe until when a run can be trusted, if that is before its end."""
     until = vars(sol).get("trusted_until")
     return "" if until is None or until >= sol.t[-1] else f", trusted until {until:.6g} s"
 
@@ -116,7 +116,7 @@ def closer_mass(
     times: Array,
     kicks: Any = None,
 ) -> Array:
-    """Give the positions of the closer run of a mass."""
+    """Return the positions of the closer run of a mass."""
     near = type(system)(system.force, e=_nearby(system.law), wall=system.wall)
     begin = (state[0] * (1 + ULPS), state[1] * (1 - ULPS))
     x: Array = late("zivi.simulation.run", "simulate")(
@@ -142,7 +142,7 @@ def closer_mechanism(
     times: Array,
     kicks: Any = None,
 ) -> Array:
-    """Give the coordinates of the closer run of a mechanical system, from the same place."""
+    """Return the coordinates of the closer run of a mechanical system, from the same place."""
     near = object.__new__(type(system))
     vars(near).update(vars(system), _e=_nearby_of_gaps(system._e))
     q, qdot = state
@@ -251,7 +251,7 @@ class SampledRun(Hinted, Tabulated):
         return self.status in (Status.COMPLETED, Status.TERMINATED_BY_EVENT)
 
     def _known(self) -> Any:
-        """Give the motion between the samples."""
+        """Return the motion between the samples."""
         path = self._path
         if isinstance(path, LostPath):
             path.physical()
@@ -266,7 +266,7 @@ class SampledRun(Hinted, Tabulated):
         return end
 
     def _extent(self) -> tuple[float, float]:
-        """Give the times between which the motion is known."""
+        """Return the times between which the motion is known."""
         return self._known().span or (np.nan, np.nan)
 
     def _within(self, t: ArrayLike) -> Array:
@@ -444,7 +444,7 @@ class MassRun(SampledRun):
         def _table(self) -> ResultTable: ...
 
     def __call__(self, t: ArrayLike) -> Array:
-        """Give the state between the samples.
+        """Return the state between the samples.
 
         After `SwitchedRK` it is the dense output of the method, across impacts, through the
         accumulations that were extrapolated (their arcs are computed when they are requested) and
@@ -509,7 +509,7 @@ class MassRun(SampledRun):
         return rows_of_impacts(down_to(self.resolved_impacts, self._path, speed, limit))
 
     def _event_values(self) -> dict[str, Any]:
-        """Give what happened at the wall as a dataset calls it."""
+        """Return the events at the wall by their names in a dataset."""
         return {
             "impact_xdot_before": self.impacts["speed_before"],
             "impact_xdot_after": self.impacts["speed_after"],
@@ -520,7 +520,7 @@ class MassRun(SampledRun):
         }
 
     def _outcome(self) -> dict[str, Any]:
-        """Give the attributes of a dataset that tell how the run ended."""
+        """Return the attributes of a dataset that tell how the run ended."""
         return {
             "status": int(self.status),
             "message": self.message,
@@ -529,7 +529,7 @@ class MassRun(SampledRun):
         }
 
     def _wall_facts(self) -> dict[str, str]:
-        """Tell what happened at the wall in rows of a page."""
+        """Return the events at the wall as rows of an HTML page."""
         fast = np.max(np.abs(self.impacts["speed_before"]), initial=0.0)
         rest = "no" if self.rest_time is None else f"from {self.rest_time:.9g} s"
         return {
@@ -541,7 +541,7 @@ class MassRun(SampledRun):
         }
 
     def _events_text(self) -> str:
-        """Tell impacts, accumulations and rest in a few words."""
+        """Describe impacts, accumulations and rest in a few words."""
         wall = counted(len(self.impacts), "impact")
         if len(self.zeno_times):
             more = ", ..." if len(self.zeno_times) > 1 else ""
@@ -552,7 +552,7 @@ class MassRun(SampledRun):
 
 
 def times_of(sol: SampledRun, t: ArrayLike | None, n: int | None) -> Array:
-    """Give the times that are requested: these, or a number of equidistant ones."""
+    """Return the times that are requested: these, or a number of equidistant ones."""
     if (t is None) == (n is None):
         raise TypeError("exactly one of t and n must be given")
     if n is not None:
@@ -571,7 +571,7 @@ def times_of(sol: SampledRun, t: ArrayLike | None, n: int | None) -> Array:
 
 
 def between_steps(sol: MassRun, times: Array) -> tuple[Array, ...]:
-    """Give transformed state, multipliers and residual at `times` within the span of a run."""
+    """Return transformed state, multipliers and residual at `times` within the span of a run."""
     path = sol._known()
     s, v = path.lifted(times)
     if isinstance(path, LinearPath):
@@ -584,7 +584,7 @@ def between_steps(sol: MassRun, times: Array) -> tuple[Array, ...]:
 
 
 def _of_steps(sol: Any, path: LinearPath, times: Array) -> list[Array]:
-    """Give what belongs to the steps that contain the times, NaN where it was not kept."""
+    """Return the values of the steps that contain the times, NaN where they were not stored."""
     if not np.array_equal(sol.t, path.t):
         return [np.full(len(times), np.nan)] * 3
     # the step that contains a time ends at the first sample not before it

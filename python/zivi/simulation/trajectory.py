@@ -355,7 +355,7 @@ class Trajectory(MassRun):
             return own[name]
 
     def _read_all(self) -> dict[str, Any]:
-        """Give all attributes, read if they were not yet, without the record."""
+        """Return all attributes, read if they were not yet, without the record."""
         for field in dataclasses.fields(self):
             getattr(self, field.name)
         return {name: it for name, it in vars(self).items() if name not in UNREAD}
@@ -388,7 +388,7 @@ class Trajectory(MassRun):
         return dataclasses.replace(self, t=times, x=x, xdot=xdot, **steps)
 
     def fixed(self, t: ArrayLike | None = None) -> tuple[Array, Array]:
-        """Give the motion in the fixed frame, where a moving wall moves.
+        """Return the motion in the fixed frame, where a moving wall moves.
 
         Parameters
         ----------

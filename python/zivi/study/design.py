@@ -74,7 +74,7 @@ class Design:
         return self.names if self.kind == "grid" else ("point",)
 
     def columns(self, indices: NDArray[np.int64]) -> dict[str, NDArray[Any]]:
-        """Give the parameters of some points, counted in the order of C."""
+        """Return the parameters of some points, counted in the order of C."""
         if self.kind != "grid":
             return {name: column[indices] for name, column in self.values.items()}
         axes = np.unravel_index(indices, self.shape)
@@ -82,7 +82,7 @@ class Design:
         return {name: column[axis] for (name, column), axis in pairs}
 
     def digest(self) -> str:
-        """Tell the values of all parameters in a few characters."""
+        """Return a digest of the values of all parameters."""
         found = hashlib.sha256()
         for name, column in self.values.items():
             found.update(f"{name} {column.dtype.str} {column.shape}\n".encode())
@@ -336,7 +336,7 @@ WORDS = 4
 
 
 def child(seed: int | None, point: int) -> np.random.SeedSequence:
-    """Give what ``SeedSequence(seed).spawn(n)[point]`` is."""
+    """Return ``SeedSequence(seed).spawn(n)[point]`` without spawning all."""
     return np.random.SeedSequence(seed, spawn_key=(point,))
 
 
@@ -346,7 +346,7 @@ def generators(seed: int | None, points: NDArray[np.int64]) -> list[np.random.Ge
 
 
 def seeds(seed: int | None, points: NDArray[np.int64]) -> NDArray[np.uint64]:
-    """Give ``child(seed, point).generate_state(1, np.uint64)[0]`` of all points, < 2**32, at once.
+    """Return ``child(seed, point).generate_state(1, np.uint64)[0]`` for all points, < 2**32.
 
     A child mixes the number of its point, one more word of entropy, into the pool of its parent.
     """

@@ -60,9 +60,9 @@ MISSING = "no such name"
 
 
 def used(function: types.FunctionType) -> Iterator[tuple[str, Any]]:
-    """Give what a function looks up outside of itself, by name, in the order of the names.
+    """Yield the globals that a function uses, with their names, in the order of the names.
 
-    Not what it writes itself: counters and results kept for the next call are no part of the study.
+    Globals that it writes itself (counters, caches) do not belong to the study.
     """
     codes = list(_codes(function.__code__))
     names = {name for code in codes for name in code.co_names}
@@ -80,7 +80,7 @@ def used(function: types.FunctionType) -> Iterator[tuple[str, Any]]:
 
 
 def kept_cells(function: types.FunctionType) -> Iterator[tuple[str, types.CellType]]:
-    """Give the variables of a closure that the function does not write itself."""
+    """Yield the closure variables that the function does not write itself."""
     written = _assigned_names(function)
     for name, cell in zip(function.__code__.co_freevars, function.__closure__ or (), strict=True):
         if name not in written:
@@ -114,7 +114,7 @@ def _is_users(module: str) -> bool:
 
 
 def _files(root: str) -> list[str]:
-    """Tell where a module or package at the top is, also before it is imported."""
+    """Return the path of a top-level module or package, without importing it."""
     try:
         spec = getattr(sys.modules.get(root), "__spec__", None) or importlib.util.find_spec(root)
     except (ImportError, ValueError):
@@ -126,7 +126,7 @@ def _files(root: str) -> list[str]:
 
 
 def unformatted(text: str) -> str:
-    """Give the text of a function or class without comments and layout."""
+    """Return the text of a function or class without comments and layout."""
     try:
         return ast.unparse(ast.parse(textwrap.dedent(text)))
     except (SyntaxError, ValueError, RecursionError):
@@ -150,7 +150,7 @@ def _is_module(value: Any) -> bool:
 
 
 def _of_module(module: types.ModuleType, names: set[str], known: set[int]) -> Any:
-    """Give what may be looked up in a module of the user; a library by its name."""
+    """Return the globals used in a user module; for a library, its name."""
     if not is_local(module) or id(module) in known:
         return module
     known.add(id(module))
@@ -183,7 +183,7 @@ def _absolute(name: str, scope: dict[str, Any]) -> set[str]:
 
 
 def _text_of_module(name: str) -> str:
-    """Give the text of a module without importing it."""
+    """Return the text of a module without importing it."""
     try:
         spec = importlib.util.find_spec(name)
         return unformatted(Path(spec.origin).read_text()) if spec and spec.origin else MISSING
@@ -235,7 +235,7 @@ class UndigestibleError(TypeError):
 
 
 def digest(value: Any) -> str:
-    """Tell the content of a value in a few characters.
+    """Return a digest of a value.
 
     Raises
     ------
@@ -251,7 +251,7 @@ def digest(value: Any) -> str:
 
 
 def function_state(function: Callable[..., Any]) -> str | None:
-    """Tell what a function holds besides its text: defaults, closure, the object of a method.
+    """Return a digest of a function's state: defaults, closure, the object of a method.
 
     Returns
     -------
@@ -275,7 +275,7 @@ def function_state(function: Callable[..., Any]) -> str | None:
 
 
 def uses(function: Callable[..., Any]) -> str | None:
-    """Tell what a function uses that it does not hold: helpers, other globals, its class.
+    """Return a digest of a function's dependencies: helpers, other globals, its class.
 
     Returns
     -------
@@ -297,7 +297,7 @@ def uses(function: Callable[..., Any]) -> str | None:
 
 
 def source_digest(function: Callable[..., Any]) -> str | None:
-    """Tell the text of a function, or of the class of a callable object, in a few characters."""
+    """Return a digest of the source of a function, or of a callable object's class."""
     while isinstance(function, functools.partial):
         function = function.func
     function = _inner(function) or function
@@ -307,7 +307,7 @@ def source_digest(function: Callable[..., Any]) -> str | None:
 
 
 def _text(thing: Any) -> bytes:
-    """Give the text of a function or class; its code where there is no text."""
+    """Return the text of a function or class; its code where there is no text."""
     code = getattr(thing, "__code__", None)
     try:
         text = _text_of_lambda(code) if code and code.co_name == "<lambda>" else None
@@ -398,7 +398,7 @@ class _Content:
         return self._known[id(value)]
 
     def _tolerated(self, value: Any) -> bytes:
-        """Tell what a function uses, where a lock or a logger is no reason to refuse it."""
+        """Return a digest of the dependencies of a function; locks and loggers are ignored."""
         before, self._tolerant = self._tolerant, True
         try:
             return self.token(value)
@@ -454,7 +454,7 @@ class _Content:
 
 
 def _unformatted(function: types.FunctionType) -> bytes:
-    """Give the text of a function without comments and layout; its code where there is none."""
+    """Return the text of a function without comments and layout; its code where there is none."""
     text = _text(function)
     try:
         return unformatted(text.decode()).encode()
@@ -463,7 +463,7 @@ def _unformatted(function: types.FunctionType) -> bytes:
 
 
 def _inner(value: Any) -> types.FunctionType | None:
-    """Give the function that a library compiled or cached (numba, functools).
+    """Return the function that a library compiled or cached (numba, functools).
 
     A wrapper of the user has a state of its own.
     """
@@ -612,7 +612,7 @@ def identity(
     vectorized: bool = False,
     faithful: bool,
 ) -> dict[str, Any]:
-    """Tell a study in plain values.
+    """Return the description of a study in plain values.
 
     With `faithful`, a TypeError names what has no content that could be compared later; otherwise
     it is told by its type.
@@ -638,7 +638,7 @@ def identity(
 
 
 def differences(there: Mapping[str, Any], here: Mapping[str, Any], *, mild: bool) -> dict[str, str]:
-    """Say what differs between a store and a study, except what may if the user insists."""
+    """Return the differences between a store and a study; with `mild`, the grave ones only."""
     comparable = there.get("digests") == here["digests"]
     there = {"vectorized": False, **there}  # version 0.1 did not say so
     # a seed or a chunk that is not given is that of the store
@@ -659,7 +659,7 @@ def differences(there: Mapping[str, Any], here: Mapping[str, Any], *, mild: bool
 
 
 def _undigested(identity: Mapping[str, Any]) -> dict[str, Any]:
-    """Give the function and the fixed arguments without digests, and without rooms of zivi."""
+    """Return the function and the fixed arguments without digests, and without rooms of zivi."""
     return {key: _bare(identity.get(key)) for key in ("function", "fixed")}
 
 

@@ -143,7 +143,7 @@ class Driver:
                 del self._left[chunk]
 
     def _points_of_a_task(self) -> int:
-        """Tell how many points the next task has: not so many that others wait for it."""
+        """Return the number of points of the next task, small enough to keep all workers busy."""
         if self._given is not None:
             return self._given
         shared = len(self._design) / (4 * self._in_flight)

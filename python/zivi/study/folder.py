@@ -261,14 +261,14 @@ class FolderStore:
         return sorted(self.layout.number(place) for place, _ in places)
 
     def status_of(self, chunk: int) -> NDArray[np.int8]:
-        """Give the states of the points of a chunk; those that cannot be read are missing."""
+        """Return the states of the points of a chunk; those that cannot be read are missing."""
         try:
             return self._rows("status", chunk, ())
         except DamagedError:
             return np.full(len(self.layout.span(chunk)), StudyStatus.MISSING, np.int8)
 
     def load(self, chunk: int) -> Block:
-        """Give what is there of a chunk, nothing if something of it cannot be read."""
+        """Return the stored data of a chunk; empty if a part cannot be read."""
         try:
             return self.read(chunk)
         except DamagedError:

@@ -46,7 +46,7 @@ LONGEST = 1000
 
 
 def message_of(error: BaseException) -> str:
-    """Tell an exception in one text, which any file and any terminal can take."""
+    """Return an exception as one text, safe for any file and terminal."""
     try:
         text = f"{type(error).__name__}: {error}"[:LONGEST]
     except Exception as other:  # of its own __str__
@@ -76,7 +76,7 @@ class Summarised(Protocol):
     """A result of a room above that says what a study keeps of it."""
 
     def _summary(self) -> tuple[dict[str, Any], dict[str, str]]:
-        """Give the values, and the units of those that have one."""
+        """Return the values, and the units of the values that have one."""
 
 
 RUN_UNITS = {
@@ -110,7 +110,7 @@ def split(returned: Any) -> tuple[Values, Events | None, bool]:
 
 
 def point_values(returned: Any) -> Values:
-    """Give the values that are kept, by name."""
+    """Return the values that are kept, by name."""
     if isinstance(returned, Mapping):
         if not returned:
             raise ValueError("the function returned an empty dict")
@@ -177,7 +177,7 @@ def _mechanical_summary(run: MechanicalTrajectory) -> Values:
 
 
 def result_units(returned: Any) -> dict[str, str]:
-    """Give the units of what is kept, as far as they are known: of runs."""
+    """Return the units of what is kept, as far as they are known: of runs."""
     given = returned[0] if isinstance(returned, tuple) else returned
     if isinstance(given, MassRun):
         return {name: RUN_UNITS[name] for name in _summary(given)}
@@ -189,7 +189,7 @@ def result_units(returned: Any) -> dict[str, str]:
 
 
 def point_events(given: Any) -> Events | None:
-    """Give the events of a point as a structured array."""
+    """Return the events of a point as a structured array."""
     if given is None:
         return None
     if isinstance(given, Mapping):
@@ -440,7 +440,7 @@ class Piece:
         return state
 
     def within(self, span: range) -> Piece:
-        """Give what it has of consecutive points."""
+        """Return the outcomes of consecutive points."""
         where = slice(*np.searchsorted(self.done, (span.start, span.stop)))
         events = self.events
         if events is not None:
@@ -583,7 +583,7 @@ class Collector:
             self._rows, self._numbers = [], []
 
     def piece(self, rest: NDArray[np.int64], raised: BaseException | None = None) -> Piece:
-        """Give all that there is; the points of what came later are larger."""
+        """Return all that there is; the points of what came later are larger."""
         self._stack()
         names = self.schema.shapes if self.schema and self._parts else ()
         return Piece(

@@ -211,7 +211,7 @@ def _must_stop() -> bool:
 
 
 def _gate() -> SignalGate:
-    """Give that of the study whose points this thread itself computes."""
+    """Return that of the study whose points this thread itself computes."""
     return getattr(_thread, "gate", None) or SignalGate()
 
 
@@ -225,7 +225,7 @@ _thread = threading.local()
 
 
 def is_ready(job: Job) -> bool:
-    """Tell that a worker has understood what to do."""
+    """Return whether a worker has received its task."""
     return callable(job.function)
 
 

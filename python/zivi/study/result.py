@@ -116,7 +116,7 @@ class Study:
         return page("zivi.Study", told) + str(self.dataset._repr_html_())
 
     def _ended(self) -> str:
-        """Say how many runs ended early, by their status."""
+        """Describe how many runs ended early, by status."""
         if "run_status" not in self.dataset:
             return ""
         ends = self.dataset["run_status"].values.ravel()
@@ -223,7 +223,7 @@ def _salvaged(store: FolderStore, known: dict[str, NDArray[Any]]) -> Study:
 
 
 def study_of(store: Store) -> Study:
-    """Give what a store has so far."""
+    """Return the results that a store has so far."""
     if isinstance(store, FolderStore):
         return open_study(store.path)
     assert isinstance(store, MemoryStore)
@@ -243,7 +243,7 @@ class StoredEvents:
     path: Path
 
     def __call__(self) -> Any:
-        """Give a table, or None if there are no events."""
+        """Return a table, or None if there are no events."""
         store = FolderStore(self.path, write=False)
         if store.schema is None or not store.schema.has_events:
             return None

@@ -239,7 +239,7 @@ def _with_study(error: BaseException, store: Store) -> BaseException:
 def _wants(
     function: Callable[..., Any], design: Design, fixed: Mapping[str, Any]
 ) -> tuple[str, ...]:
-    """Tell which of ``seed`` and ``rng`` a function takes, and check that it can be called."""
+    """Return which of ``seed`` and ``rng`` a function accepts; check that it is callable."""
     if not callable(function):
         raise TypeError(f"function must be callable or the name of an experiment, got {function!r}")
     if not all(isinstance(name, str) for name in fixed):

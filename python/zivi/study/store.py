@@ -97,7 +97,7 @@ class Block:
         return found
 
     def table(self) -> EventTable | None:
-        """Give all events in the order of the points, with the number of the point of each."""
+        """Return all events in the order of the points, with the number of the point of each."""
         table = concatenate_tables(self.events)
         if table is None:
             return None
@@ -179,7 +179,7 @@ class Chunks:
         return math.prod(self.per_dimension)
 
     def coordinates(self, chunk: int) -> tuple[int, ...]:
-        """Tell which chunk along each dimension it is."""
+        """Return the index of the chunk along each dimension."""
         found: list[int] = []
         for number in reversed(self.per_dimension):
             chunk, place = divmod(chunk, number)
@@ -187,14 +187,14 @@ class Chunks:
         return tuple(reversed(found))
 
     def number(self, coordinates: tuple[int, ...]) -> int:
-        """Tell the chunk by where it is along each dimension."""
+        """Return the chunk at an index along each dimension."""
         found = 0
         for place, length in zip(coordinates, self.per_dimension, strict=True):
             found = found * length + place
         return found
 
     def chunk_of(self, points: NDArray[np.int64]) -> NDArray[np.int64]:
-        """Tell in which chunks points are."""
+        """Return the chunks of points."""
         places = zip(np.unravel_index(points, self.shape), self.chunk, strict=True)
         found = np.zeros(len(points), np.int64)
         for (place, size), length in zip(places, self.per_dimension, strict=True):
@@ -207,14 +207,14 @@ class Chunks:
         return [first] if first == last else np.unique(self.chunk_of(points)).tolist()
 
     def slices(self, chunk: int) -> tuple[slice, ...]:
-        """Tell where the points of a chunk are."""
+        """Return the slices of a chunk along each dimension."""
         places = zip(self.coordinates(chunk), self.chunk, self.shape, strict=True)
         return tuple(
             slice(place * size, min((place + 1) * size, length)) for place, size, length in places
         )
 
     def span(self, chunk: int) -> range:
-        """Tell the numbers of the points of a chunk; no other chunk has one between them."""
+        """Return the range of point numbers of a chunk; ranges of chunks do not overlap."""
         slices = self.slices(chunk)
         start = 0
         for piece, length in zip(slices, self.shape, strict=True):
@@ -322,13 +322,13 @@ class Store(Protocol):
         """List the chunks that have states."""
 
     def status_of(self, chunk: int) -> NDArray[np.int8]:
-        """Give the states of the points of a chunk; those that cannot be read are missing."""
+        """Return the states of the points of a chunk; unreadable points count as missing."""
 
     def define(self, schema: Schema) -> None:
         """Make room for what the points give."""
 
     def load(self, chunk: int) -> Block:
-        """Give what is there of a chunk."""
+        """Return the stored data of a chunk."""
 
     def save(self, chunk: int, block: Block) -> None:
         """Keep a chunk: all of it, or what was there before."""
@@ -344,7 +344,7 @@ def count_points(store: Store, *states: StudyStatus) -> int:
 
 
 def dataset_attributes(identity: Mapping[str, Any]) -> dict[str, Any]:
-    """Give the attributes of the dataset."""
+    """Return the attributes of the dataset."""
     found = {
         "title": f"Study of {identity['function']}",
         "source": f"zivi {_zivi.__version__}",
@@ -389,7 +389,7 @@ class MemoryStore:
         return sorted(self._blocks)
 
     def status_of(self, chunk: int) -> NDArray[np.int8]:
-        """Give the states of the points of a chunk."""
+        """Return the states of the points of a chunk."""
         return self.load(chunk).status
 
     def define(self, schema: Schema) -> None:
@@ -400,7 +400,7 @@ class MemoryStore:
             block.shaped(schema)
 
     def load(self, chunk: int) -> Block:
-        """Give what is there of a chunk."""
+        """Return the stored data of a chunk."""
         return self._blocks.get(chunk) or Block.empty(self.layout.span(chunk))
 
     def save(self, chunk: int, block: Block) -> None:
@@ -413,7 +413,7 @@ class MemoryStore:
         """Do nothing: nobody else writes here."""
 
     def events(self) -> Any:
-        """Give the events of all points, None where the function gives none."""
+        """Return the events of all points, None where the function gives none."""
         if self.schema is None or not self.schema.has_events:
             return None
         tables = [self._blocks[chunk].table() for chunk in sorted(self._blocks)]
@@ -435,7 +435,7 @@ class MemoryStore:
         return flat.reshape(*self._design.shape, *shape)
 
     def dataset(self) -> xarray.Dataset:
-        """Give what is there so far."""
+        """Return the results so far."""
         needed("xarray", "the results of studies")
         import xarray
 

@@ -1,4 +1,4 @@
-"""What moves: one mass or a mechanism, its forces, its wall or its gaps."""
+"""Mechanical systems: one mass or a mechanism, its forces, its wall or its gaps."""
 
 from zivi.base.former import of_zivi
 from zivi.system.force import ParametricForce

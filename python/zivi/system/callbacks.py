@@ -1,4 +1,4 @@
-"""Parts of a system combined into one model, which calls functions only for what they give."""
+"""Parts of a system combined into one model, which calls functions for variable parts only."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ C_FORM = "void (double t, double *q, double *qdot, double *u, double *out)"
 
 
 class DrivenForce(Compiled):
-    """A compiled force that is called with the inputs of a table, too."""
+    """A compiled force with an additional argument, the inputs of a table."""
 
     def __init__(self, address: int, owner: object, inputs: Table) -> None:
         # the same arguments as those of a part with data: addresses, of which one more is given
@@ -41,7 +41,7 @@ class DrivenForce(Compiled):
 
 
 def driven(force: Any, inputs: Any) -> Part:
-    """Give a force ``F(t, q, qdot, u)`` with its inputs as one of (t, q, qdot)."""
+    """Return a force ``F(t, q, qdot, u)`` with its inputs as one of (t, q, qdot)."""
     if not isinstance(inputs, Table):
         raise TypeError(f"inputs must be a zivi.Table, got {inputs!r}")
     compiled = compiled_part("force", force)
@@ -87,7 +87,7 @@ class PartPlaces:
         self.functions: list[_zivi.Part] = []
 
     def add(self, name: str, given: Part, view: Array, arguments: int = 3) -> None:
-        """Write a constant into its place, or keep the function that gives a vector or matrix."""
+        """Write a constant into its place, or keep the function of a variable vector or matrix."""
         read = functools.partial(_read_array, name, view.shape)
         if isinstance(given, np.ndarray):
             view[...] = read(given).reshape(view.shape)
@@ -95,7 +95,7 @@ class PartPlaces:
             self._call(given, view, view.shape, arguments, read)
 
     def add_number(self, name: str, given: Part, view: Array, arguments: int = 3) -> None:
-        """Write a constant into its place, or keep the function that gives a number."""
+        """Write a constant into its place, or keep the function of a variable number."""
         if isinstance(given, np.ndarray):
             view[0] = given[()]
         else:

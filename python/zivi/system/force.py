@@ -110,7 +110,7 @@ class ParametricForce:
         return compiled if compiled is not None else self.f
 
     def replace(self, **values: float) -> ParametricForce:
-        """Give the same force with other values of some parameters.
+        """Return the same force with other values of some parameters.
 
         Parameters
         ----------
@@ -135,7 +135,7 @@ class ParametricForce:
         return dataclasses.replace(self, parameters={**self.parameters, **values})
 
     def _compiled(self) -> tuple[int, object] | None:
-        """Give the address of a compiled function and what owns its code."""
+        """Return the address of a compiled function and the owner of its code."""
         code = _parametric_by_numba(self.f, len(self.parameters))
         owner: Any = code if code is not None else self.f
         pointer: Any = getattr(owner, "ctypes", owner)
@@ -157,7 +157,7 @@ class ParametricForce:
         return address, owner
 
     def _spec(self) -> _zivi.Force:
-        """Give what the extension takes."""
+        """Return the force for the extension."""
         values, timed = list(self.parameters.values()), reads_time(self.f)
         if (compiled := self._compiled()) is not None:
             address, owner = compiled
@@ -184,7 +184,7 @@ def _parametric_by_numba(function: Any, n: int) -> Any:
     return known
 
 
-# Forces: those that the core evaluates by itself, and what the extension takes of any.
+# Forces that the core evaluates without a callback, and the adapter for all others.
 
 _CFunction = type(ctypes.CFUNCTYPE(None)()).__mro__[1]
 """The class of all function pointers of ctypes (which it does not name publicly)."""
@@ -196,7 +196,7 @@ Force: TypeAlias = "float | LinearForce | Callable[[float, float, float], float]
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class NativeForce:
-    """A force that the core evaluates by itself: its fields are the numbers of that force.
+    """A force that the core evaluates without a callback: its fields are the parameters.
 
     A subclass is a frozen dataclass of the name and with the fields that the core has; they are
     parameters, by which runs can be differentiated and orbits continued.
@@ -207,12 +207,12 @@ class NativeForce:
             object.__setattr__(self, name, finite(name, value))
 
     def _numbers(self) -> dict[str, float]:
-        """Give the numbers by their names, in the order of the core."""
+        """Return the numbers by their names, in the order of the core."""
         kind: Any = type(self)
         return {name: getattr(self, name) for name in _number_fields(kind)}
 
     def _moved(self, name: str, value: float) -> Self:
-        """Give the same force with another number."""
+        """Return the same force with another number."""
         new = object.__new__(type(self))
         vars(new).update(vars(self))
         object.__setattr__(new, name, finite(name, value))
@@ -229,7 +229,7 @@ class NativeForce:
 
 @functools.cache
 def _number_fields(kind: type[Any]) -> tuple[str, ...]:
-    """Name the fields of a force that are numbers."""
+    """List the numeric fields of a force."""
     return tuple(it.name for it in dataclasses.fields(kind) if it.name != "excitation")
 
 
@@ -250,7 +250,7 @@ class LinearForce(NativeForce):
     damping : float
         :math:`c` (1/s).
     gravity : float
-        :math:`g`, a constant pull towards the wall (m/s^2).
+        :math:`g`, a constant acceleration towards the wall (m/s^2).
     amplitude : float
         :math:`A` (m/s^2). A table that vibrates with amplitude `a` gives
         :math:`A = a \omega^2` in its own frame.
@@ -259,8 +259,8 @@ class LinearForce(NativeForce):
     phase : float
         :math:`\varphi` (rad).
     excitation : Table, optional
-        A further excitation as a table of time (m/s^2), added to the wave. Only `simulate`,
-        `simulate_batch`, `sensitivity` and closed loops take it.
+        A further excitation as a table of time (m/s^2), added to the wave. Supported by `simulate`,
+        `simulate_batch`, `sensitivity` and closed loops only.
 
     Raises
     ------

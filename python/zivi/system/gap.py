@@ -56,7 +56,7 @@ class Unchanging:
 
 
 def own(value: Any) -> Any:
-    """Return a read-only copy of an array, a copy of a list, and anything else as it is."""
+    """Return a read-only copy of an array, a copy of a list, and other values unchanged."""
     if isinstance(value, np.ndarray):
         return read_only(value.copy())
     return list(value) if isinstance(value, list) else value
@@ -190,7 +190,7 @@ def _number(name: str, value: Any) -> float:
         raise TypeError(f"{name}(t) of the wall must return a float, got {value!r}") from None
 
 
-# Dry friction: tangential to gaps, and in joints.
+# Dry friction: tangential to gaps and in joints.
 
 Motion: TypeAlias = HarmonicWall | MovingWall
 
@@ -211,10 +211,10 @@ class Slip:
     direction, rate, curvature : Part
         B, beta and the number k.
     limit, static : Part
-        What the friction takes in slip, and what it holds in stick: coefficients of friction at a
-        gap, forces in a joint.
+        Limit while slipping and limit while sticking: coefficients of friction at a gap, forces in
+        a joint.
     by_speed : callable or None
-        The limit in slip as a function of the slip speed, instead of `limit`.
+        The limit while slipping as a function of the slip speed, instead of `limit`.
     motion : HarmonicWall, MovingWall or None
         The motion of the surface that is in `rate` and `curvature`.
     """
@@ -247,7 +247,7 @@ class Channel:
     Parameters
     ----------
     name : str
-        The name of its gap, or of the joint.
+        The name of its gap or joint.
     gap : int or None
         The number of its gap, None for a joint.
     e_t : float
@@ -261,14 +261,14 @@ class Channel:
 
 @hinted("DryFriction")
 class DryFriction(Unchanging):
-    r"""Dry friction in a joint, in a guide, or on a belt under a given load.
+    r"""Dry friction in a joint, in a guide or on a belt under a given load.
 
     .. math::
 
         f = -L \operatorname{Sign}(w), \qquad w = b \cdot \dot q - v
 
-    The force acts along :math:`b`. In stick, :math:`w = 0` exactly, it is what keeps the rest, up
-    to the static limit.
+    The force acts along :math:`b`. While sticking, :math:`w = 0` exactly, it is the reaction that
+    maintains :math:`w = 0`, up to the static limit.
 
     Parameters
     ----------
@@ -281,8 +281,8 @@ class DryFriction(Unchanging):
     static : float, callable or None
         What it holds in stick, not less than the limit at slip speed zero; by default the limit.
     velocity : float, callable, HarmonicWall or MovingWall
-        :math:`v`, the speed of what it rubs on: a number, ``v(t, q)``, or a motion, whose velocity
-        it is.
+        :math:`v`, the speed of the counter-surface: a number, ``v(t, q)``, or a motion whose
+        velocity is used.
     curvature : callable, float or None
         ``(t, q, qdot)`` to the number :math:`k`, what :math:`\dot w` is without acceleration; by
         default it is differenced.
@@ -338,7 +338,7 @@ class DryFriction(Unchanging):
 
     @property
     def name(self) -> str | None:
-        """What tables and errors call it."""
+        """Name in tables and messages."""
         return self._name
 
     def __repr__(self) -> str:
@@ -429,7 +429,7 @@ def _row(name: str, given: Any) -> Part:
 def _moving(
     called: str, velocity: Any, *, several: bool = True
 ) -> tuple[Part, Part | None, Motion | None]:
-    """Read the motion of the other surface: beta, k if it is known, and the motion itself."""
+    """Return beta, k (None if unknown) and the motion of the counter-surface."""
     if isinstance(velocity, HarmonicWall | MovingWall):
         at = velocity._at
         return lambda t, q: -at(t)[1], lambda t, q, qdot: -at(t)[2], velocity
@@ -493,7 +493,7 @@ def one_of(name: str, value: Any, known: tuple[str, ...]) -> str:
     return str(value)
 
 
-# Compliant gaps: a law gives the contact force as a function of depth and rate.
+# Compliant gaps: the contact force is a function of depth and rate.
 
 
 @hinted("SpringDamper")
@@ -547,7 +547,7 @@ class SpringDamper:
         _set_law(self, k="> 0", c=">= 0")
 
     def __call__(self, depth: float, rate: float) -> float:
-        """Give the force (N) at a depth (m) and its rate (m/s)."""
+        """Return the force (N) at a depth (m) and its rate (m/s)."""
         return self.k * depth + self.c * rate
 
     _kind = "spring_damper"
@@ -593,7 +593,7 @@ class Hertz:
         _set_law(self, k="> 0", p="from 1 to 10")
 
     def __call__(self, depth: float, rate: float) -> float:
-        """Give the force (N) at a depth (m) and its rate (m/s)."""
+        """Return the force (N) at a depth (m) and its rate (m/s)."""
         return self.k * float(depth**self.p)
 
     _kind = "power"
@@ -640,7 +640,7 @@ class HuntCrossley:
         _set_law(self, k="> 0", p="from 1 to 10", alpha=">= 0")
 
     def __call__(self, depth: float, rate: float) -> float:
-        """Give the force (N) at a depth (m) and its rate (m/s)."""
+        """Return the force (N) at a depth (m) and its rate (m/s)."""
         return self.k * float(depth**self.p) * (1.0 + self.alpha * rate)
 
     _kind = "hunt_crossley"
@@ -682,7 +682,7 @@ def contact_law(called: str, contact: Any) -> ContactLaw | None:
 def compliant_gaps(
     laws: Iterable[ContactLaw | None],
 ) -> list[tuple[int, str, list[float], Any]]:
-    """Give what the extension takes of the laws of gaps: of those that are compliant."""
+    """Return the contact laws of the compliant gaps for the extension."""
     given: list[tuple[int, str, list[float], Any]] = []
     for i, law in enumerate(laws):
         if isinstance(law, SpringDamper | Hertz | HuntCrossley):
@@ -705,7 +705,8 @@ class Gap(Unchanging):
     value : callable
         ``g(t, q)``, a float; or compiled, ``void (t, q*, qdot*, out*)``.
     gradient : callable or array_like
-        ``(t, q)`` to :math:`\partial g/\partial q`, of shape (n,); an array if it is constant.
+        Callable ``(t, q)`` that returns :math:`\partial g/\partial q`, of shape (n,), or a constant
+        array.
     curvature : callable, float or None
         ``(t, q, qdot)`` to the number
         :math:`h = \dot q^T H \dot q + 2 g_{tq} \dot q + g_{tt}`, :math:`H` the Hessian: what
@@ -808,7 +809,7 @@ class Gap(Unchanging):
         )
 
     def _rub(self, given: dict[str, Any], called: str, belt: Any = None) -> None:
-        """Read the friction, if there is any; with coefficients of 0 there is none."""
+        """Read the friction; coefficients of 0 mean none."""
         coefficients = given["mu"], given["mu_static"]
         velocity, curvature = given.get("tangent_velocity"), given.get("tangent_curvature")
         tangent = given["tangent"]
@@ -824,7 +825,7 @@ class Gap(Unchanging):
 
     @property
     def name(self) -> str | None:
-        """What errors and plots call it."""
+        """Name in messages and plots."""
         return self._name
 
     @property
@@ -833,7 +834,7 @@ class Gap(Unchanging):
         return self._contact
 
     def _parts(self) -> tuple[Part, Part, Part, Part]:
-        """Give value, gradient, curvature and rate."""
+        """Return value, gradient, curvature and rate."""
         return self._value, self._gradient, self._curvature, self._rate
 
     def __repr__(self) -> str:

@@ -1,4 +1,4 @@
-"""A mechanical system in its gaps, and in the velocities that no impact changes."""
+"""Gap coordinates of a mechanical system, and velocities that impacts do not change."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ __all__ = ["GapCoordinates", "GapKinetics", "gap_coordinates", "kinetic_cosines"
 
 
 class GapCoordinates(NamedTuple):
-    r"""A state of a mechanical system, split into gaps and what impacts leave alone.
+    r"""A state of a mechanical system, split into gaps and velocities that impacts do not change.
 
     .. math::
 
         \dot q = M^{-1} N^T W^{-1} (\dot g - g_t) + T w, \qquad W = N M^{-1} N^T, \qquad
         Z = (T^T M T)^{-1} T^T M
 
-    with :math:`N T = 0`, :math:`Z T = 1` and :math:`Z M^{-1} N^T = 0`: an impact, whatever gaps it
-    is on, changes :math:`\dot g` and leaves :math:`w = Z \dot q` as it is.
+    with :math:`N T = 0`, :math:`Z T = 1` and :math:`Z M^{-1} N^T = 0`: an impact on any gaps
+    changes :math:`\dot g` but not :math:`w = Z \dot q`.
 
     Attributes
     ----------
@@ -41,8 +41,8 @@ class GapCoordinates(NamedTuple):
     w : ndarray
         The velocities ``Z @ qdot``, shape (n - m,): in general not those of coordinates.
     c : ndarray
-        Kinetic cosines of the gaps, ``D[i, j]/sqrt(D[i, i] D[j, j])``, shape (m, m): where it is
-        not 0 an impact on one gap kicks the other.
+        Kinetic cosines of the gaps, ``D[i, j]/sqrt(D[i, i] D[j, j])``, shape (m, m): if nonzero, an
+        impact on one gap changes the velocity of the other.
     """
 
     g: Array
@@ -58,7 +58,7 @@ class GapCoordinates(NamedTuple):
 def gap_coordinates(
     system: MechanicalSystem, q: ArrayLike, qdot: ArrayLike, t: float = 0.0
 ) -> GapCoordinates:
-    """Split a state of a mechanical system into gaps and what impacts leave alone.
+    """Split a state of a mechanical system into gaps and velocities that impacts do not change.
 
     Parameters
     ----------
@@ -72,7 +72,7 @@ def gap_coordinates(
     Returns
     -------
     GapCoordinates
-        The tuple ``g, gdot, D, N, T, Z, w, c``, also by these names.
+        A named tuple ``g, gdot, D, N, T, Z, w, c``.
 
     Raises
     ------
@@ -112,7 +112,7 @@ REDUNDANT = 1e-10
 
 
 def kinetic_cosines(D: Array) -> Array:
-    """Give ``D_ij/sqrt(D_ii D_jj)`` of one Delassus matrix or of many, (..., m, m)."""
+    """Return ``D_ij/sqrt(D_ii D_jj)`` of one Delassus matrix or of many, (..., m, m)."""
     size = np.sqrt(np.diagonal(D, axis1=-2, axis2=-1))
     return np.asarray(D / (size[..., :, None] * size[..., None, :]), dtype=np.float64)
 
@@ -127,7 +127,7 @@ def check_independent(D: Array) -> None:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class GapKinetics:
-    """What gaps and controls do at a state.
+    """Kinetics of gaps and controls at a state.
 
     Parameters
     ----------
@@ -157,7 +157,7 @@ class GapKinetics:
         return cls(here, normals @ qdot + here.rates, mobility, D)
 
     def without_gaps(self, vector: Any, gaps: Any = slice(None)) -> Array:
-        """Take from a vector of velocities, or such, what moves gaps, M-orthogonally."""
+        """Remove the gap-changing part of a velocity vector by M-orthogonal projection."""
         normals, mobility = self.here.gradients[gaps], self.mobility[:, gaps]
         if not len(normals):
             return np.asarray(vector, dtype=np.float64)

@@ -1,4 +1,4 @@
-"""Kicks: impulses at given times that change the velocities at once."""
+"""Kicks: given impulses, which change the velocities instantaneously."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ MOST = 1_000_000
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
 class Kick:
-    r"""Impulses at given times, which change the velocities at once.
+    r"""Impulses at given times, which change the velocities instantaneously.
 
     .. math:: v^+ = v^- + \Delta v \qquad \text{or} \qquad v^+ = v^- + M(q)^{-1} J
 

@@ -102,7 +102,7 @@ def parts_of(excitation: Any, n: int) -> tuple[Array | Harmonic | Table, ...]:
 
 
 def projected(part: Array | Harmonic | Table, shapes: Array) -> Array | Harmonic | Table:
-    """Give the modal load of a part."""
+    """Return the modal load of a part."""
     if isinstance(part, Harmonic):
         return dataclasses.replace(part, amplitude=shapes.T @ np.asarray(part.amplitude))
     if isinstance(part, Table):
@@ -204,7 +204,7 @@ class LinearSystem(MechanicalSystem):
         coordinates: Sequence[str] | None,
         shapes: Array | None,
     ) -> None:
-        """Take what was checked; with shapes, from the coordinates to the modal amplitudes."""
+        """Store checked arguments; with shapes, transform them to modal amplitudes."""
         self._shapes = None if shapes is None else read_only(shapes)
         if shapes is not None:
             mass, damping, stiffness = (shapes.T @ it @ shapes for it in matrices)
@@ -325,15 +325,15 @@ class LinearSystem(MechanicalSystem):
 
     @hinted("at")
     def at(self, t: Any = None, q: Any = None, qdot: Any = None, *, omega: Any = None) -> Any:
-        """Give the same system excited at another frequency, or evaluate it.
+        """Return the same system excited at another frequency, or evaluate it.
 
         Parameters
         ----------
         t, q, qdot
-            Time and state, as for `MechanicalSystem.at`, without `omega`.
+            Time and state (see `MechanicalSystem.at`), without `omega`.
         omega : float or array_like
-            The angular frequency of its `Harmonic` loads (rad/s), which must have one in common;
-            an array gives a list of systems, as `simulate_batch` takes it.
+            The angular frequency of its `Harmonic` loads (rad/s), which must be common to all; an
+            array returns a list of systems for `simulate_batch`.
 
         Raises
         ------
@@ -361,10 +361,10 @@ class LinearSystem(MechanicalSystem):
         Parameters
         ----------
         **changes
-            ``M``, ``C``, ``K``, ``excitation``, ``gaps``, ``e``, ``coordinates``, as `LinearSystem`
-            takes them; of a system of modes they are those of the modal amplitudes, as its
-            attributes are. Or ``omega``, the angular frequency of its `Harmonic` loads (rad/s), as
-            for `at`.
+            ``M``, ``C``, ``K``, ``excitation``, ``gaps``, ``e``, ``coordinates``, arguments of
+            `LinearSystem`; for a modal system they refer to the modal amplitudes, like its
+            attributes. Or ``omega``, the angular frequency of its `Harmonic` loads (rad/s; see
+            `at`).
 
         Returns
         -------
@@ -417,7 +417,7 @@ class LinearSystem(MechanicalSystem):
     def _with(
         self, excitation: tuple[Array | Harmonic | Table, ...], gaps: tuple[Gap, ...]
     ) -> LinearSystem:
-        """Give a copy with other parts of the load and gaps, of the same kinds."""
+        """Return a copy with other parts of the load and gaps, of the same kinds."""
         new = object.__new__(type(self))
         vars(new).update(vars(self))
         new._excitation, new._gaps = excitation, gaps
@@ -520,7 +520,7 @@ def _linear_gaps(gaps: Any) -> tuple[LinearGap, ...]:
 
 
 def _lowest(mass: Array, stiffness: Array, modes: Any) -> Array:
-    """Give the shapes of the modes of the lowest frequencies."""
+    """Return the shapes of the modes of the lowest frequencies."""
     from scipy.linalg import eigh
 
     count, n = integer("modes", modes), len(mass)

@@ -140,7 +140,7 @@ def _broadcast(**named: Any) -> tuple[Array, Array]:
     return first, second
 
 
-# What moves: a mass under a force, above a wall that takes part of its velocity.
+# One mass under a force above a wall with an impact law.
 
 WRAPPED = "zivi.simulate(zivi.ImpactSystem(force, e=0.5), t_span, y0)"
 """How a force becomes a run."""
@@ -171,8 +171,8 @@ class ImpactSystem:
         numba's ``@njit``, of either form, is compiled to one. A compiled callable that has no
         value returns NaN, which ends the run; what it raises (in ctypes or numba) counts as NaN
         and is raised by the run. The ``user_data`` of a `LowLevelCallable` is passed as a fourth
-        argument, ``void *``, if the signature has one; nothing is checked there, and it must live
-        as long as the system.
+        argument, ``void *``, if the signature has one; it is not checked and must live as long as
+        the system.
     e : float, ImpactLaw or callable, optional
         Coefficient of restitution in [0, 1]: 0 plastic, 1 elastic. Or an impact law:
         `SpeedDependentImpact`, `RestitutionTable` or `Restitution`; a function ``e(v)`` of the
@@ -182,12 +182,12 @@ class ImpactSystem:
     wall : HarmonicWall, MovingWall or Table, optional
         A wall that moves, :math:`x \ge w(t)`. The force is then still that of the fixed frame,
         ``f(t, x, xdot)``; initial states and results are in the wall's frame, the distance
-        :math:`x - w` and its rate, where the impacts obey restitution. `Trajectory.fixed` gives
-        the other frame.
+        :math:`x - w` and its rate, where the impacts obey restitution. `Trajectory.fixed` returns
+        the motion in the fixed frame.
     friction : DryFriction, optional
         Dry friction in a guide, a force per unit mass; the wall must be at rest. Such a system is
         for `simulate` and `simulate_batch`, which run it as a `MechanicalSystem` of one
-        coordinate: they give a `MechanicalTrajectory` and a `MechanicalBatch`.
+        coordinate: the results are a `MechanicalTrajectory` and a `MechanicalBatch`.
 
     Attributes
     ----------
@@ -296,7 +296,7 @@ class ImpactSystem:
         self._core = _zivi.PointMass(self._spec, self._impact)
 
     def _under(self, force: Force) -> ImpactSystem:
-        """Give the same system under another force, and with its e, whatever that is."""
+        """Return the same system under another force, with its impact law."""
         new = object.__new__(type(self))
         new._force, new._e, new._kappa = force, self._e, self._kappa
         new._wall, new._friction = self._wall, self._friction
@@ -311,7 +311,7 @@ class ImpactSystem:
         **changes
             Arguments of `ImpactSystem` by name, or parameters of the force, the wall and the impact
             law as `zivi.sensitivity` names them: ``gravity=3.7``, ``**{"wall.amplitude": 0.1}``.
-            What is not named stays.
+            Other arguments are unchanged.
 
         Returns
         -------
@@ -343,7 +343,7 @@ class ImpactSystem:
         return system
 
     def _with(self, **given: Any) -> Self:
-        """Give the same system with other arguments; e and kappa keep their bits."""
+        """Return the same system with other arguments; e and kappa keep their bits."""
         law = {name: given[name] for name in ("e", "kappa") if name in given}
         new = object.__new__(type(self))
         ImpactSystem.__init__(
@@ -378,7 +378,7 @@ class ImpactSystem:
         return self._wall
 
     def _breaks(self, span: tuple[float, float]) -> Array:
-        """Give the knots of the tables within a span, which it must not leave."""
+        """Return the knots of the tables within a span, which it must not leave."""
         excitation = getattr(self._force, "excitation", None)
         if excitation is None and self._wall is None:
             return _NONE
@@ -428,7 +428,7 @@ _NONE.flags.writeable = False
 
 @functools.lru_cache(maxsize=256)
 def _newton_law(e: float) -> NewtonImpact:
-    """Give the law of a coefficient, of which diagrams have the same again and again."""
+    """Return the law of a coefficient, of which diagrams have the same again and again."""
     return NewtonImpact(e)
 
 

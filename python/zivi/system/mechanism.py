@@ -72,7 +72,7 @@ __all__ = [
     "matrix_of",
 ]
 
-# What is refused of a mechanical system before there is a state: gaps, mass, names.
+# Checks of a mechanical system without a state: gaps, mass, names.
 
 MAX_SIZE = 256
 """Most coordinates, and most gaps with the channels of friction."""
@@ -126,7 +126,7 @@ def check_mass(matrix: Array) -> None:
 
 
 def distinct_names(what: str, names: Sequence[str]) -> tuple[str, ...]:
-    """Give names that all differ."""
+    """Return names that all differ."""
     twice = sorted({name for name in names if list(names).count(name) > 1})
     if twice:
         raise ValueError(f"names of {what} must differ, got {twice[0]!r} twice")
@@ -134,7 +134,7 @@ def distinct_names(what: str, names: Sequence[str]) -> tuple[str, ...]:
 
 
 def coordinates_of(names: Sequence[str] | None, n: int | None) -> tuple[str, ...] | None:
-    """Read the names of the coordinates, as many as there are if that is known."""
+    """Read the names of the coordinates; their number is checked if it is known."""
     if names is None:
         return None
     if isinstance(names, str) or not all(isinstance(name, str) for name in names):
@@ -154,7 +154,7 @@ def check_rigid(system: MechanicalSystem, what: str) -> None:
 
 
 def check_compliant(e: Any, laws: Sequence[ContactLaw | None], names: Sequence[str]) -> None:
-    """Refuse a restitution of a compliant gap: its law says how it is left."""
+    """Reject a restitution for a compliant gap: its contact law determines the rebound."""
     soft = [i for i, law in enumerate(laws) if law is not None]
     several = isinstance(e, Sequence) or np.ndim(e) > 0
     if not soft or (not several and (len(soft) < len(laws) or e == 0)):
@@ -177,9 +177,9 @@ class ControlInputs:
     Parameters
     ----------
     names : tuple of str
-        Names of the controls; empty as long as a function has not told how many there are.
+        Names of the controls; empty until the function has been evaluated once.
     matrix : ndarray or callable
-        :math:`B`, of shape (n, r), or a function of the coordinates that gives it.
+        :math:`B`, of shape (n, r), or a function of the coordinates that returns it.
     """
 
     names: tuple[str, ...]
@@ -191,7 +191,7 @@ class ControlInputs:
         return len(self.names)
 
     def known(self, q: Array) -> ControlInputs:
-        """Give the same with the names of all controls, and its shape checked at coordinates."""
+        """Return the same with the names of all controls, and its shape checked at coordinates."""
         shape = np.shape(self.matrix if isinstance(self.matrix, np.ndarray) else self.matrix(q))
         if len(shape) != 2 or shape[0] != len(q) or not shape[1]:
             raise ValueError(f"inputs must have shape ({len(q)}, r), got {shape}")
@@ -200,13 +200,13 @@ class ControlInputs:
         return self if self.names else dataclasses.replace(self, names=numbered_controls(shape[1]))
 
     def at(self, q: Array) -> Array:
-        """Give the matrix at coordinates, shape (n, r)."""
+        """Return the matrix at coordinates, shape (n, r)."""
         if isinstance(self.matrix, np.ndarray):
             return self.matrix
         return np.ascontiguousarray(self.matrix(q), dtype=np.float64)
 
     def spec(self) -> _zivi.Inputs:
-        """Give what the extension takes."""
+        """Return the system for the extension."""
         if isinstance(self.matrix, np.ndarray):
             return _zivi.Inputs.constant(self.r, self.matrix.ravel().tolist())
         return _zivi.Inputs.callable(self.r, lambda t, q: self.at(q))
@@ -231,12 +231,12 @@ def control_inputs(given: Any) -> ControlInputs:
 
 
 def every_coordinate(n: int) -> ControlInputs:
-    """Give the inputs of a system without any of its own: a force on each coordinate."""
+    """Return the inputs of a system without any of its own: a force on each coordinate."""
     return ControlInputs(numbered_controls(n), np.eye(n))
 
 
 def numbered_controls(r: int) -> tuple[str, ...]:
-    """Name controls by their numbers."""
+    """Return default names of controls, their numbers."""
     return tuple(f"u{j}" for j in range(r))
 
 
@@ -251,7 +251,7 @@ def _finite_matrix(matrix: Array) -> Array:
 
 @dataclasses.dataclass(frozen=True)
 class Model:
-    """What the extension integrates.
+    """Model that the extension integrates.
 
     Parameters
     ----------
@@ -262,7 +262,7 @@ class Model:
     evaluate : callable
         The same model for the interpreter.
     friction : _zivi.Friction, optional
-        Its friction and compliant gaps, where contact forces are asked for.
+        Its friction and compliant gaps, for contact forces.
     """
 
     layout: Layout
@@ -272,7 +272,7 @@ class Model:
 
     @classmethod
     def of_code(cls, layout: Layout, code: Native, data: int, owner: object) -> Model:
-        """Give a model in machine code, with the address of its data and what owns these."""
+        """Return a model in machine code, with the address of its data and their owner."""
         return cls.native(
             layout, _zivi.Model.compiled(code.address, data=data, owner=(code, owner))
         )
@@ -297,7 +297,7 @@ ARGUMENTS = (
 
 
 def check_names(changes: Mapping[str, Any], known: Iterable[str]) -> None:
-    """Refuse names of what a system does not have."""
+    """Reject unknown names."""
     known = tuple(known)
     for name in changes:
         if name not in known:
@@ -314,7 +314,7 @@ class MechanicalSystem:
         0 \le \lambda_i \perp g_i(t, q) \ge 0, \qquad
         \dot g_i^+ = -e_i\,\dot g_i^-
 
-    Where several closed gaps are hit at once the impulses :math:`P \ge 0` solve
+    If several closed gaps are hit simultaneously, the impulses :math:`P \ge 0` solve
     :math:`0 \le P \perp \dot g^+ + e\,\dot g^- \ge 0`, with
     :math:`\dot g^+ = \dot g^- + W P` and :math:`W = N M^{-1} N^T`. Gaps with a tangent, and the
     joints of `friction`, have Coulomb's dry friction: they stick exactly, or slip.
@@ -343,7 +343,8 @@ class MechanicalSystem:
         a last argument of the force, ``F(t, q, qdot, u)`` with an array of shape (k,), or compiled
         ``void (double t, double *q, double *qdot, double *u, double *out)``.
     friction : sequence of DryFriction
-        Dry friction in joints; that of gaps is told by the gaps. `force` must not contain it.
+        Dry friction in joints (friction at gaps is an argument of the gaps). `force` must not
+        contain it.
     impact_law : {"newton", "poisson", "stronge"}
         What `e` means in an impact with friction: the ratio of speeds, of impulses or of energies.
         With "newton" an impact may gain energy where normal and tangential direction are coupled
@@ -353,15 +354,15 @@ class MechanicalSystem:
         What happens where no finite force keeps a sliding contact (Painleve): the run ends, or an
         impact without collision stops the sliding, which is flagged.
     reentrant : bool
-        Whether compiled parts may be called by several threads at once, as `simulate_batch` and
-        batches of loops do. False for parts that keep memory of their own between or during calls
-        (static variables, the state of another library): such batches use one thread.
+        Whether compiled parts may be called by several threads concurrently (`simulate_batch` and
+        batches of loops do so). False for parts that keep memory of their own between or during
+        calls (static variables, the state of another library): such batches use one thread.
 
     Raises
     ------
     ValueError, TypeError
-        For what can be seen without a state. The rest, such as shapes of what functions give, is
-        checked when `simulate` starts.
+        For what can be seen without a state. Shapes of the values of functions are checked when
+        `simulate` starts.
 
     See Also
     --------
@@ -484,7 +485,7 @@ class MechanicalSystem:
         return sizes[0][1] if sizes else None
 
     def _rubbing(self) -> tuple[Channel, ...]:
-        """Name the channels of friction: those of gaps, then the joints."""
+        """List the friction channels: first gaps, then joints."""
         named = zip(self._gap_names, self._gaps, strict=True)
         found = [Channel(name, i, gap._e_t) for i, (name, gap) in enumerate(named) if gap._slip]
         found += [
@@ -501,7 +502,7 @@ class MechanicalSystem:
         return tuple(found)
 
     def _slips(self) -> list[Slip]:
-        """Give the parts of the channels of friction."""
+        """Return the parts of the channels of friction."""
         of_gaps = [gap._slip for gap in self._gaps if gap._slip is not None]
         return [*of_gaps, *(joint._slip for joint in self._joints)]
 
@@ -520,17 +521,17 @@ class MechanicalSystem:
 
     @property
     def impact_law(self) -> str:
-        """What `e` means in an impact with friction."""
+        """Meaning of `e` in an impact with friction."""
         return self._impact_law
 
     @property
     def paradox(self) -> str:
-        """What happens where no finite force keeps a sliding contact."""
+        """Behaviour if no finite force maintains a sliding contact (Painlevé paradox)."""
         return self._paradox
 
     @property
     def reentrant(self) -> bool:
-        """Whether several threads may evaluate the system at once."""
+        """Whether several threads may evaluate the system concurrently."""
         return self._reentrant
 
     @property
@@ -539,7 +540,7 @@ class MechanicalSystem:
         return self._gaps
 
     def _breaks(self, span: tuple[float, float]) -> Array:
-        """Give the knots of the tables within a span, which it must not leave."""
+        """Return the knots of the tables within a span, which it must not leave."""
         walls = [getattr(gap, "motion", None) for gap in self._gaps]
         return declared_breaks(span, [self._inputs], walls)
 
@@ -569,7 +570,7 @@ class MechanicalSystem:
         return self._gap_names
 
     def coordinate_names(self, n: int) -> tuple[str, ...]:
-        """Give the names of `n` coordinates."""
+        """Return the names of `n` coordinates."""
         return self._coordinates or tuple(f"q{i}" for i in range(n))
 
     def model(self, n: int) -> Model:
@@ -623,15 +624,15 @@ class MechanicalSystem:
         return Model.native(layout, model_of_parts(*parts, steady=self._is_steady()))
 
     def _contact_laws(self) -> list[ContactLaw | None]:
-        """Give the contact law of each gap, None of a rigid one."""
+        """Return the contact law of each gap, None of a rigid one."""
         return [gap.contact for gap in self._gaps]
 
     def _compliant(self) -> list[tuple[int, str, list[float], Any]]:
-        """Give the laws of the compliant gaps: gap, name, numbers, function."""
+        """Return the laws of the compliant gaps: gap, name, numbers, function."""
         return compliant_gaps(self._contact_laws())
 
     def _friction_spec(self) -> _zivi.Friction | None:
-        """Give what the extension takes of friction and compliant gaps, None without any."""
+        """Return friction and compliant gaps for the extension; None without any."""
         compliant = self._compliant()
         if not self._channels and not compliant:
             return None
@@ -643,8 +644,8 @@ class MechanicalSystem:
         )
 
     def _told(self) -> tuple[str | None, dict[str, float] | None]:
-        """Give what a run keeps of what may change after it: the repr, if that does; parameters."""
-        # the class first: the error of a missing attribute looks for similar names
+        """Return the mutable properties that a run keeps: the repr and the parameters."""
+        # the class first: an AttributeError would search for similar names
         known = hasattr(type(self), "parameters")
         parameters = getattr(self, "parameters", None) if known else None
         return None, dict(parameters) if parameters else None
@@ -660,11 +661,11 @@ class MechanicalSystem:
         )
 
     def _units(self) -> dict[str, list[str]] | None:
-        """Give the units of coordinates and gaps, where the system knows them."""
+        """Return the units of coordinates and gaps, if the system defines them."""
         return None
 
     def control_inputs(self, q: ArrayLike) -> ControlInputs:
-        """Give how controls act: names of the controls, and the matrix ``at(q)``, shape (n, r).
+        """Return how controls act: names of the controls, and the matrix ``at(q)``, shape (n, r).
 
         Parameters
         ----------
@@ -768,7 +769,7 @@ class MechanicalSystem:
         return self._given | state | more | self._chosen()
 
     def _chosen(self) -> dict[str, Any]:
-        """Give what is not the default of the choices for impacts, paradoxes and threads."""
+        """Return the options for impacts, paradoxes and threads that differ from their defaults."""
         chosen: dict[str, tuple[Any, Any]] = {
             "impact_law": (self._impact_law, "newton"),
             "paradox": (self._paradox, "stop"),
@@ -784,7 +785,7 @@ class MechanicalSystem:
 
 
 def as_mechanism(system: ImpactSystem) -> MechanicalSystem:
-    """Give a mass with friction as what a run integrates: x, its wall as a gap, and a joint."""
+    """Return a mass with friction as a mechanical system: x, its wall as a gap, and a joint."""
     assert system.friction is not None
     return MechanicalSystem(
         mass=1.0,
@@ -797,7 +798,7 @@ def as_mechanism(system: ImpactSystem) -> MechanicalSystem:
 
 
 def _force(force: Any) -> Any:
-    """Give a force of a mass as that of a mechanical system."""
+    """Return a force of a mass as that of a mechanical system."""
     if isinstance(force, numbers.Real):
         return [float(force)]
     if isinstance(getattr(force, "excitation", None), Table):

@@ -27,7 +27,7 @@ __all__ = [
     "part",
 ]
 
-# Parts of a system as the user gives them: arrays, functions, and compiled functions.
+# Parts of a system as the user passes them: arrays, functions, compiled functions.
 
 Part: TypeAlias = "Array | Callable[..., Any] | Compiled"
 """A constant array, a function of the interpreter, or a compiled one."""
@@ -95,7 +95,7 @@ STEP = 5e-4
 
 
 def differenced(row: Part, rate: Part) -> Part:
-    """Give the derivative of ``row . qdot + rate`` along ``(t + s, q + s qdot)``."""
+    """Return the derivative of ``row . qdot + rate`` along ``(t + s, q + s qdot)``."""
     if isinstance(row, np.ndarray) and isinstance(rate, np.ndarray):
         return np.zeros(())
     gradient, by_time = evaluated(row, 1), evaluated(rate, 0)
@@ -116,7 +116,7 @@ def differenced(row: Part, rate: Part) -> Part:
 
 
 def evaluated(given: Part, dimensions: int) -> Callable[[float, Array, Array], Array]:
-    """Give a part of (t, q) as a function of (t, q, qdot) whose result is an array."""
+    """Return a part of (t, q) as a function of (t, q, qdot) whose result is an array."""
     if isinstance(given, np.ndarray):
         return lambda t, q, qdot: given
     if isinstance(given, Compiled):
@@ -161,7 +161,7 @@ def _low_level(name: str, given: Any) -> tuple[int, int | None]:
 
 @dataclasses.dataclass(frozen=True)
 class Partials:
-    """What the extension takes for the derivatives of a model.
+    """Derivatives of a model for the extension.
 
     Parameters
     ----------
@@ -175,7 +175,7 @@ class Partials:
     parameters: Mapping[str, float] = dataclasses.field(default_factory=dict)
 
 
-# What a model of a mechanical system gives at a state, and its place in one row of numbers.
+# Values of a model of a mechanical system at a state, and their places in a row of numbers.
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -259,17 +259,17 @@ class Layout:
         }
 
     def views(self, row: Array) -> dict[str, Array]:
-        """Give the parts of a row as arrays that share its memory."""
+        """Return the parts of a row as arrays that share its memory."""
         return {name: row[at].reshape(shape) for name, at, shape in places(self)}
 
     def read(self, row: Array) -> Evaluation:
-        """Give a copy of a row by its parts."""
+        """Return a copy of a row by its parts."""
         return Evaluation(**self.views(row.copy()))
 
 
 @functools.lru_cache(maxsize=256)
 def places(layout: Layout) -> list[tuple[str, slice, tuple[int, ...]]]:
-    """Name the parts of a row, and give their places and shapes."""
+    """List the parts of a row with their places and shapes."""
     found, start = [], 0
     for name, shape in layout.shapes.items():
         end = start + math.prod(shape)

@@ -41,8 +41,8 @@ MOVES = (-3, -2, -1, 1, 2, 3)
 class ParametricSystem(MechanicalSystem):
     """A `MechanicalSystem` with named parameters, which a function of yours builds.
 
-    `zivi.sensitivity` takes derivatives by these names, as central differences of sixth order of
-    the numbers of the system (masses, forces, gaps), not of its motion.
+    `zivi.sensitivity` differentiates with respect to these names. It uses sixth-order central
+    differences of masses, forces and gaps; the motion itself is not finite-differenced.
 
     Parameters
     ----------
@@ -55,7 +55,7 @@ class ParametricSystem(MechanicalSystem):
     Raises
     ------
     TypeError
-        If `build` gives no `MechanicalSystem`.
+        If `build` does not return a `MechanicalSystem`.
     ValueError
         If a value is not finite.
 
@@ -108,13 +108,13 @@ class ParametricSystem(MechanicalSystem):
         return dict(self._parameters)
 
     def replace(self, e: GivenRestitutions | None = None, **parameters: float) -> ParametricSystem:
-        """Give the same system with other values of some parameters.
+        """Return the same system with other values of some parameters.
 
         Parameters
         ----------
         e : float or sequence, optional
-            Other coefficients of restitution than those that `build` gives; the parameter ``e``
-            where there is one.
+            Coefficients of restitution that replace those of `build`; the parameter ``e`` if the
+            system has one.
         **parameters
             New values by name.
 
@@ -141,7 +141,7 @@ class ParametricSystem(MechanicalSystem):
         return self._built.model(n)
 
     def partials(self, model: Model, wanted: Collection[str] | None = None) -> Partials:
-        """Give the systems with moved parameters.
+        """Return the systems with moved parameters.
 
         Raises
         ------
@@ -182,7 +182,7 @@ OF_LAW = -4
 
 
 def check_differentiable(system: Any) -> None:
-    """Refuse what is no system of one mass and one wall, and say what there is for others."""
+    """Reject systems other than one mass and one wall; the message names the alternative."""
     if isinstance(system, MechanicalSystem):
         raise TypeError(
             "this is there for a zivi.ImpactSystem, one mass above one wall: of a "
@@ -246,7 +246,7 @@ def of_law(system: ImpactSystem) -> dict[str, float]:
 
 
 def codes_of(system: ImpactSystem, names: tuple[str, ...]) -> list[int]:
-    """Give the numbers by which the extension knows names; a ValueError lists the names."""
+    """Return the numbers by which the extension knows names; a ValueError lists the names."""
     known = {**INITIAL} | {name: OF_LAW - i for i, name in enumerate(of_law(system))}
     known |= {name: number for number, name in enumerate(parameters_of(system))}
     for name in names:
@@ -256,7 +256,7 @@ def codes_of(system: ImpactSystem, names: tuple[str, ...]) -> list[int]:
 
 
 def parameter(system: ImpactSystem, name: str) -> float:
-    """Give the value of a parameter of the system, those of its impact law included."""
+    """Return the value of a parameter of the system, those of its impact law included."""
     values = {**of_law(system), **parameters_of(system)}
     if name not in values:
         raise ValueError(_unknown(system, name, start=False))
@@ -264,7 +264,7 @@ def parameter(system: ImpactSystem, name: str) -> float:
 
 
 def with_value(system: ImpactSystem, name: str, value: float) -> ImpactSystem:
-    """Give the same system with another value of a parameter."""
+    """Return the same system with another value of a parameter."""
     force, wall = system.force, system.wall
     if isinstance(force, NativeForce) and name in force._numbers():
         return system._under(force._moved(name, value))
@@ -284,7 +284,7 @@ def with_value(system: ImpactSystem, name: str, value: float) -> ImpactSystem:
 
 
 def excitation(system: ImpactSystem) -> tuple[float | None, str | None]:
-    """Give the angular frequency of the excitation, and its name; None if nothing excites."""
+    """Return the angular frequency of the excitation, and its name; None if nothing excites."""
     found = {}
     force = system.force
     if isinstance(force, NativeForce) and (omega := force._excitation) is not None:

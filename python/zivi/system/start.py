@@ -1,4 +1,4 @@
-"""What is checked once, before a run: state, mass, and every derivative by differences."""
+"""Checks before a run: state, mass, and every derivative by finite differences."""
 
 from __future__ import annotations
 
@@ -30,8 +30,8 @@ def check_start(
 ) -> None:
     """Raise a ValueError that names what is wrong with a system at its start.
 
-    Derivatives are compared with differences once a system: what its functions compute does not
-    change from run to run, and the differences are most of what a short run costs.
+    Derivatives are compared with finite differences once per system: its functions do not change
+    between runs, and the differences dominate the cost of a short run.
 
     Parameters
     ----------
@@ -81,7 +81,7 @@ def check_functions(system: MechanicalSystem, model: Model, q: Array) -> None:
     system : MechanicalSystem
         Its names and gaps.
     model : Model
-        The same as it is evaluated.
+        The evaluated model.
     q : ndarray
         Coordinates.
     """
@@ -95,7 +95,7 @@ def check_functions(system: MechanicalSystem, model: Model, q: Array) -> None:
 
 
 def _check_open(system: MechanicalSystem, here: Evaluation, q: Array) -> None:
-    # of the coordinates, and of the terms of a gap that cancel each other
+    # rounding of the coordinates and of cancelling terms of a gap
     terms = np.maximum(1.0, np.abs(here.gradients).sum(axis=1))
     rounding = RESOLUTION * (1.0 + float(np.max(np.abs(q)))) * terms
     compliant = {system.gap_names[it[0]] for it in system._compliant()}
@@ -111,7 +111,7 @@ def _check_gradients_are_not_zero(system: MechanicalSystem, here: Evaluation) ->
 
 
 def _check_finite(system: MechanicalSystem, here: Evaluation) -> None:
-    """Name what is not finite."""
+    """Raise an error that names the values that are not finite."""
     for name in ("mass", "force"):
         if not np.all(np.isfinite(values := getattr(here, name))):
             raise ValueError(f"{name} must be finite at the start, got {values.tolist()}")
@@ -128,7 +128,7 @@ def _check_finite(system: MechanicalSystem, here: Evaluation) -> None:
 
 
 def _part_of(channel: Channel, part: str) -> str:
-    """Name a part of a channel of friction as its user called it."""
+    """Return the user's name of a part of a friction channel."""
     if channel.gap is None:
         return f"{part} of friction {channel.name!r}"
     return f"{AT_GAP.get(part, f'tangent_{part}')} of gap {channel.name!r}"
@@ -164,7 +164,7 @@ class _Look:
 
 
 def _probe(n: int) -> Array:
-    """Give a velocity without symmetry."""
+    """Return a velocity without symmetry."""
     probe: Array = np.cos(1.0 + 2.0 * np.arange(n))
     return probe
 
@@ -181,7 +181,7 @@ def _difference(
     step : float
         The longer one of two steps.
     terms : ndarray
-        The size of what is added up in the function: it is rounded relative to that.
+        Size of the terms of the sum in the function, to which its rounding errors are relative.
     place : float
         Where zero is, relative to which steps are rounded.
     """
@@ -248,7 +248,7 @@ def _compare(
 
 
 def _of_gaps(system: MechanicalSystem, what: str) -> tuple[list[str], NDArray[np.bool_]]:
-    """Name the derivatives of gaps, and say which of them are ours: these need no differences."""
+    """Return labels of the derivatives of gaps, and which gaps need no check."""
     # those of a table would be differenced across a knot
     ours = [
         isinstance(gap, LinearGap) and not isinstance(gap.motion, MovingWall) for gap in system.gaps

@@ -79,7 +79,7 @@ def mistake_in(path: str | PathLike[str], delimiter: str, error: ValueError) -> 
 
 
 def column(name: str, given: Any, names: list[str], count: int) -> int:
-    """Give the place of a column."""
+    """Return the place of a column."""
     if isinstance(given, str):
         if given not in names:
             known = ", ".join(names) or "none: the file has no line of names"
@@ -107,11 +107,11 @@ ROUNDING = 64 * np.finfo(float).eps
 
 @hinted("Table")
 class Table:
-    """Values at times, and what is between them: as excitation, motion of a wall, or input.
+    """Interpolated values at given times: an excitation, the motion of a wall, or an input.
 
-    Taken by `LinearForce` and `LinearSystem` (``excitation=``), by `ImpactSystem` (``wall=``) and
-    `LinearGap` (``motion=``), and by `MechanicalSystem` (``inputs=``). Runs of `SwitchedRK` end
-    steps at the times: they need not be given as ``tstops``.
+    Accepted by `LinearForce` and `LinearSystem` (``excitation=``), `ImpactSystem` (``wall=``),
+    `LinearGap` (``motion=``) and `MechanicalSystem` (``inputs=``). Runs of `SwitchedRK` end steps
+    at the times: they need not be given as ``tstops``.
 
     Parameters
     ----------
@@ -119,14 +119,14 @@ class Table:
         Increasing times (s), shape (k,), k >= 2. Of pandas the index, in seconds or a
         `TimedeltaIndex`; its columns are the values then.
     values : array_like
-        Values at the times, shape (k,), or (k, n) for n at once.
+        Values at the times, shape (k,), or (k, n) for n columns.
     kind : {"linear", "cubic", "hold", "monotone"}
         What is between them: lines; a cubic spline (not-a-knot, periodic if it repeats itself),
         which overshoots jumps of the data; each value from its time up to the next; cubic
         polynomials that do not overshoot (PCHIP).
     extend : {"hold", "periodic", "error"}
-        What is before the first time and after the last one: the first and the last value; the
-        table again and again; nothing, so that a run beyond them is refused.
+        Extension outside the given times: the first and the last value are held; the table is
+        repeated; or a run outside them is an error.
     offset, scale : float
         The values are ``offset + scale*values``.
 
@@ -232,8 +232,8 @@ class Table:
         time : str or int
             The column of times, by its name or its place.
         columns : str, int or list of them, optional
-            The columns of values; one gives values of shape (k,). By default all others, of which
-            one is one, too.
+            The columns of values; one gives values of shape (k,). By default all other columns; a
+            single column has shape (k,).
         delimiter : str
             What parts the columns.
         **settings
@@ -275,7 +275,7 @@ class Table:
 
     @property
     def width(self) -> int | None:
-        """How many values there are at a time; None if they are no arrays."""
+        """How many values there are at a time; None for scalar values."""
         return None if self.values.ndim == 1 else int(self.values.shape[1])
 
     def __call__(self, t: ArrayLike, derivative: int = 0) -> Array:
@@ -291,7 +291,7 @@ class Table:
         Raises
         ------
         ValueError
-            For a time beyond the ends with ``extend="error"``, or another derivative.
+            For a time outside the table with ``extend="error"``, or another derivative.
         """
         if derivative not in (0, 1, 2):
             raise ValueError(f"derivative must be 0, 1 or 2, got {derivative!r}")
@@ -310,13 +310,13 @@ class Table:
         return _zivi.Wall.table(self._core)
 
     def _scalar(self, name: str) -> Table:
-        """Give the table itself, of one value at a time; the error names the argument."""
+        """Return the table itself, of one value at a time; the error names the argument."""
         if self.width not in (None, 1):
             raise ValueError(f"{name} must be a zivi.Table of one value, got {self.width} columns")
         return self
 
     def _wall(self, name: str) -> Table:
-        """Give the table itself if a wall can move so."""
+        """Return the table itself if a wall can move so."""
         if self.kind not in SMOOTH:
             raise ValueError(
                 f"{name} must be a zivi.Table of kind 'cubic' or 'monotone', got {self.kind!r}: "
@@ -325,7 +325,7 @@ class Table:
         return self._scalar(name)
 
     def _check_span(self, span: tuple[float, float], name: str = "t_span") -> None:
-        """Refuse times beyond the ends, where there is nothing."""
+        """Reject times outside the table."""
         first, last = float(self.times[0]), float(self.times[-1])
         if self.extend == "error" and not (first <= span[0] and span[1] <= last):
             raise ValueError(
@@ -334,7 +334,7 @@ class Table:
             )
 
     def _check_motion(self, span: tuple[float, float]) -> None:
-        """Refuse a wall that would stop at once within a run."""
+        """Reject a wall whose velocity jumps within a run."""
         self._check_span(span)
         if self.extend != "hold":
             return
@@ -349,7 +349,7 @@ class Table:
                 )
 
     def _breaks(self, span: tuple[float, float]) -> Array:
-        """Give the times within a span at which the table is not smooth."""
+        """Return the times within a span at which the table is not smooth."""
         if self.extend != "periodic":
             return self.times[slice(*_within(self.times, span))]
         first, knots = self.times[0], self.times[:-1]
@@ -394,7 +394,7 @@ class Pulse(Table):
     Parameters
     ----------
     t : float or array_like
-        Start of the pulse or of each pulse (s), finite, more than `width` apart.
+        Start of the pulse or of each pulse (s), finite, with differences greater than `width`.
     width : float
         Duration (s), > 0.
     height : float
@@ -505,14 +505,14 @@ class TableMotion:
 
 
 def motion_of(wall: Any) -> Any:
-    """Give what tells the motion of a wall of any kind, ``wall(t)``."""
+    """Return the motion ``wall(t)`` of a wall of any kind."""
     return TableMotion(wall) if isinstance(wall, Table) else wall
 
 
 def declared_breaks(
     span: tuple[float, float], inputs: Sequence[Any], walls: Sequence[Any]
 ) -> Array:
-    """Give the knots within a span of those that are tables; an error if the span leaves one."""
+    """Return the knots within a span of those that are tables; an error if the span leaves one."""
     breaks: list[Array] = []
     for table in inputs:
         if isinstance(table, Table):
@@ -528,7 +528,7 @@ def declared_breaks(
 
 
 def _within(times: Array, span: tuple[float, float]) -> tuple[int, int]:
-    """Give where increasing times enter and leave a span, whose ends are in it."""
+    """Return where increasing times enter and leave a span, whose ends are in it."""
     return int(times.searchsorted(span[0])), int(times.searchsorted(span[1], side="right"))
 
 
@@ -555,7 +555,7 @@ def _times(given: Any) -> Array:
 
 
 def _powers(times: Array, values: Array, kind: str, periodic: bool) -> Array:
-    """Give the coefficients of each interval, constant first, shape (order, k - 1, n)."""
+    """Return the coefficients of each interval, constant first, shape (order, k - 1, n)."""
     if kind == "hold":
         return values[None, :-1]
     if kind == "linear":

@@ -52,7 +52,7 @@ __all__ = [
     "ordered",
 ]
 
-# The numbers of a tree in the order in which the extension takes them, from named values.
+# The numbers of a tree in the order of the extension, from named values.
 
 INERTIA = ((0, 1, 2, 0, 0, 1), (0, 1, 2, 1, 2, 2))
 """Rows and columns of the entries xx, yy, zz, xy, xz, yz."""
@@ -60,7 +60,7 @@ INERTIA = ((0, 1, 2, 0, 0, 1), (0, 1, 2, 1, 2, 2))
 
 @dataclasses.dataclass(frozen=True)
 class Side:
-    """One gap: its kind, name and joints (-1 for the world), and what it is made of."""
+    """One gap: its kind, name, joints (-1 for the world) and numbers."""
 
     kind: str
     name: str
@@ -118,7 +118,7 @@ class Structure:
         return rubbings(self.bodies, gaps, self.friction)
 
     def carriers(self) -> dict[str, int]:
-        """Give the joint that moves each body, -1 for the world."""
+        """Return the joint that moves each body, -1 for the world."""
         joints: dict[str | None, int] = {None: -1}
         count = 0
         for body in self.bodies:
@@ -127,7 +127,7 @@ class Structure:
         return {name: joint for name, joint in joints.items() if name is not None}
 
     def joints(self) -> list[tuple[int, bool]]:
-        """Give the parent of each joint, and whether it is a slide."""
+        """Return the parent of each joint, and whether it is a slide."""
         carriers = self.carriers()
         return [
             (-1 if body.parent is None else carriers[body.parent], body.kind == "slide")
@@ -135,7 +135,7 @@ class Structure:
         ]
 
     def sides(self) -> list[Side]:
-        """Give the gaps one by one."""
+        """Return the gaps one by one."""
         carriers = self.carriers()
         places = {body.joint: i for i, body in enumerate(self.moving)}
         found = []
@@ -155,7 +155,7 @@ class Structure:
         return found
 
     def numbers(self, values: Mapping[str, Any]) -> Any:
-        """Give the numbers, complex ones of complex values."""
+        """Return the numbers, complex ones of complex values."""
         kind = np.result_type(np.float64, *(type(value) for value in values.values()))
         frames, placements = self._frames(values, kind)
         masses: list[list[Any]] = [[] for _ in placements]
@@ -203,7 +203,7 @@ class Structure:
 
 
 def _towards(axis: Array) -> Array:
-    """Give axes of which the third is along an axis, those of the body as far as it is one."""
+    """Return axes whose third is along an axis; the body's own axes if one of them is."""
     unit = axis / np.linalg.norm(axis)
     k = int(np.argmax(np.abs(unit)))
     if abs(unit[k]) == 1.0:
@@ -219,7 +219,7 @@ def _vector(values: Mapping[str, Any], name: str, kind: Any) -> Any:
 
 
 def _mass(body: Body, frame: Frame, values: Mapping[str, Any], kind: Any) -> Any:
-    """Give mass, first moment and inertia about the origin of the joint, ten numbers."""
+    """Return mass, first moment and inertia about the origin of the joint, ten numbers."""
     mass = values[f"{body.name}.mass"]
     c = frame.position + frame.rotation @ _vector(values, f"{body.name}.com", kind)
     entries = [values[f"{body.name}.inertia.{k}"] for k in ("xx", "yy", "zz", "xy", "xz", "yz")]
@@ -240,7 +240,7 @@ def _of_side(side: Side) -> dict[str, float]:
 
 
 def _gap(side: Side, frames: Mapping[str | None, Frame], values: Mapping[str, Any]) -> Any:
-    """Give the numbers of a gap."""
+    """Return the numbers of a gap."""
     gap = side.gap
 
     def own(body: str | None, point: Any) -> Any:
@@ -347,7 +347,7 @@ class Tree(MechanicalSystem):
         Dry friction of joints, by their names: ``zivi.DryFriction("elbow", limit=0.1)``, with
         numbers for `limit` and `static`. That of points above planes is ``PlaneGap(..., mu=)``.
     inputs : array_like, callable or dict, optional
-        As for `MechanicalSystem`; a dict may give a joint, or gears by joint, in place of a column:
+        See `MechanicalSystem`; a dict may have a joint, or gears by joint, in place of a column:
         ``{"thigh": "hip", "belt": {"hip": 1.0, "knee": -1.0}}``.
     impact_law, paradox : str
         As for `MechanicalSystem`.
@@ -490,11 +490,11 @@ class Tree(MechanicalSystem):
         gaps : sequence or "all", optional
             Which joints and pairs of geoms are gaps: names of limited joints, and pairs of names
             ``("geom1", "geom2")``. A sphere is one gap, a capsule two, a box its eight corners,
-            a mesh its vertices; they are above planes or beside spheres. ``"all"``: the limits of
+            a mesh its vertices; their counterparts are planes or spheres. ``"all"``: the limits of
             all joints, and all geoms above all planes that ``contype`` and ``conaffinity`` allow.
             By default the limits of all joints, and no pairs.
         e : float or array_like
-            As for `MechanicalSystem`; what the file says of contacts is not read.
+            See `MechanicalSystem`; contact parameters of the file are not read.
         ctrl : array_like, optional
             Constant controls of the actuators at joints, of shape (nu,); by default zero.
         friction : {"read", "refuse", "ignore"}
@@ -526,7 +526,7 @@ class Tree(MechanicalSystem):
 
         Notes
         -----
-        Margins of limits are not read: they say where MuJoCo's soft force begins.
+        Margins of limits are not read: they define the onset of MuJoCo's soft force.
         """
         read = late("zivi.interop.mujoco", "read_mjcf")
         parts = read(path, gaps=gaps, ctrl=ctrl, friction=friction)
@@ -566,13 +566,13 @@ class Tree(MechanicalSystem):
         -----
         ModelWarning
             If numbers of the file are changed: an inertia that violates the triangle inequality
-            becomes its mean (MuJoCo's ``balanceinertia``), and where the mass matrix would be
-            singular, masses (kg) and inertias (kg m^2) of zero become 1e-6 (``boundmass``).
+            becomes its mean (MuJoCo's ``balanceinertia``). If the mass matrix would be singular,
+            masses (kg) and inertias (kg m^2) of zero become 1e-6 (``boundmass``).
 
         Notes
         -----
-        Visual geometry is not read. Links without mass keep none where others give the mass matrix
-        full rank.
+        Visual geometry is not read. Links without mass stay massless if the mass matrix has full
+        rank without them.
         """
         read = late("zivi.interop.mujoco", "read_urdf")
         parts = read(path, gaps=gaps, friction=friction)
@@ -590,14 +590,14 @@ class Tree(MechanicalSystem):
         return self._parameters
 
     def replace(self, e: GivenRestitutions | None = None, **parameters: float) -> Tree:
-        """Give the same system with other parameters.
+        """Return the same system with other parameters.
 
         Parameters
         ----------
         e : float or array_like, optional
             Other coefficients of restitution.
         **parameters
-            Names and values of those that change, as in ``**{"hand.mass": 2.0}``.
+            Names and values of the changes; for example ``**{"hand.mass": 2.0}``.
 
         Returns
         -------
@@ -642,7 +642,7 @@ class Tree(MechanicalSystem):
         return _zivi.Tree(structure.joints(), sides, friction, numbers)
 
     def partials(self, model: Model, wanted: Collection[str] | None = None) -> Partials:
-        """Return how the parameters that are wanted move the numbers of the tree."""
+        """Return the derivatives of the numbers of the tree with respect to parameters."""
         values, used = self._parameters, self._parameters if wanted is None else wanted
         names = [name for name in values if name in used]
         rows = dict(zip(names, self._structure.directions(values, names).tolist(), strict=True))

@@ -161,7 +161,7 @@ class Body:
 
 
 def body_values(body: Body) -> dict[str, float]:
-    """Names and values of what can change of a body."""
+    """Return names and values of the parameters of a body."""
     values = {f"{body.name}.mass": body.mass}
     for field in ("com", "position"):
         vector = np.asarray(getattr(body, field))
@@ -175,7 +175,7 @@ def body_values(body: Body) -> dict[str, float]:
 
 
 def joint_values(body: Body) -> dict[str, float]:
-    """Names and values of what can change of a joint."""
+    """Return names and values of the parameters of a joint."""
     return {f"{body.joint}.{field}": getattr(body, field) for field in OF_JOINT if body.moves}
 
 
@@ -187,7 +187,7 @@ def vector(name: str, value: Any) -> Array:
     return array
 
 
-# Gaps of a tree: limits of joints, balls above planes, balls beside balls.
+# Gaps of a tree: limits of joints, balls on planes, balls on balls.
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -201,7 +201,7 @@ class JointLimit:
     lower, upper : float, optional
         The limits, one at least; each is a gap, ``joint.lower`` and ``joint.upper``.
     contact : SpringDamper, Hertz, HuntCrossley or callable, optional
-        Makes both gaps compliant, as for `zivi.Gap`: torques over angles at a hinge.
+        Makes both gaps compliant (see `zivi.Gap`): torques over angles at a hinge.
 
     Raises
     ------
@@ -255,7 +255,7 @@ class PlaneGap:
     mu_static : float, optional
         Coefficient in stick, at least `mu`; by default `mu`.
     contact : SpringDamper, Hertz, HuntCrossley or callable, optional
-        Makes the gap compliant, as for `zivi.Gap`.
+        Makes the gap compliant (see `zivi.Gap`).
 
     Raises
     ------
@@ -299,7 +299,7 @@ class PlaneGap:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class BallGap:
-    r"""A ball of a body beside one of another, :math:`|p - p'| - r \ge 0`.
+    r"""Gap between balls on two bodies, :math:`|p - p'| - r \ge 0`.
 
     Parameters
     ----------
@@ -316,7 +316,7 @@ class BallGap:
     name : str, optional
         By default the name of the body.
     contact : SpringDamper, Hertz, HuntCrossley or callable, optional
-        Makes the gap compliant, as for `zivi.Gap`.
+        Makes the gap compliant (see `zivi.Gap`).
 
     Raises
     ------

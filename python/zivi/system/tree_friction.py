@@ -1,4 +1,4 @@
-"""Dry friction of trees: in joints, and of bodies that move in a plane on fixed planes."""
+"""Dry friction of trees: in joints and between planar bodies and fixed planes."""
 
 from __future__ import annotations
 
@@ -196,7 +196,7 @@ def _rotations(bodies: Sequence[Body]) -> dict[str | None, Array]:
 
 
 def inputs_of_tree(given: Any, coordinates: Sequence[str]) -> ControlInputs:
-    """Read inputs: as for a `MechanicalSystem`, or by joint, or by joints with their gears."""
+    """Read inputs: by column (see `MechanicalSystem`), by joint or by joints with gears."""
     if isinstance(given, Mapping):
         given = {name: _column(name, it, coordinates) for name, it in given.items()}
     inputs = control_inputs(given)

@@ -58,7 +58,7 @@ class VIDerivative:
         return self.jvp(np.eye(k)) if k else np.zeros((n, 0))
 
     def jvp(self, dp: ArrayLike) -> Array:
-        """Give the change of the solution for a change of the parameters.
+        """Return the change of the solution for a change of the parameters.
 
         Parameters
         ----------
@@ -87,7 +87,7 @@ class VIDerivative:
         return dx.reshape(-1) if np.ndim(dp) == 1 else dx
 
     def vjp(self, weights: ArrayLike) -> Array:
-        """Give the gradient of a function of the solution, from its gradient by the unknowns.
+        """Return the gradient of a function of the solution, from its gradient by the unknowns.
 
         Parameters
         ----------

@@ -84,7 +84,7 @@ def write_archive(
     binaries: dict[str, bytes],
     beside: dict[str, bytes] | None = None,
 ) -> Path:
-    """Write the FMU of a model, with other files beside the binaries, into a folder."""
+    """Write the FMU of a model, with additional files, into a folder."""
     folder = Path(out)
     folder.mkdir(parents=True, exist_ok=True)
     path = folder / f"{model.name}{fmi}.fmu"
@@ -93,7 +93,7 @@ def write_archive(
 
 
 def chosen_versions(fmi: int | Iterable[int] | None) -> list[int]:
-    """Read the versions of FMI that are asked for, by default all."""
+    """Read the requested versions of FMI, by default all."""
     if fmi is None:
         return list(VERSIONS)
     given = list(fmi) if isinstance(fmi, Iterable) and not isinstance(fmi, str) else [fmi]
@@ -195,7 +195,7 @@ KINDS = ("lower", "upper", "plane", "balls")
 
 
 def tree_numbers(tree: Tree) -> Iterator[float]:
-    """Give joints, gaps, and by number of the tree its polynomial in the parameters."""
+    """Return joints, gaps, and each number of the tree as a polynomial in the parameters."""
     structure = tree._structure
     for parent, slide in structure.joints():
         yield from (parent, slide)
@@ -251,7 +251,7 @@ class Polynomial:
 
 
 def _terms(value: Any) -> dict[tuple[int, ...], float] | None:
-    """Give the terms of a polynomial or of a number, none of what is neither."""
+    """Return the terms of a polynomial or number; None for other values."""
     if isinstance(value, Polynomial):
         return value.terms
     return {(): float(value)} if isinstance(value, int | float) else None
@@ -279,7 +279,7 @@ def told(name: str, system: Any) -> Exported:
 
 
 def binary_here() -> tuple[str, bytes]:
-    """Give this kind of machine as FMI 3 names it, and the binary for it."""
+    """Return this kind of machine as FMI 3 names it, and the binary for it."""
     binaries = binaries_of("fmu_loops")
     system = platform.system().lower()
     kind = platform.machine().lower()
@@ -338,7 +338,7 @@ def _named_source(source: str, name: str) -> str:
 
 
 def system_numbers(system: Exported, q: Array, qdot: Array) -> Iterator[float]:
-    """Give the numbers of a system alone, in the order in which the binary reads them."""
+    """Return the numbers of a system without controller, in the order of the binary."""
     yield from (VERSION, len(q), system.m, 0, 0, *q, *qdot)
     yield from (float(it) for it in system.e)
     yield from optional(())
@@ -346,7 +346,7 @@ def system_numbers(system: Exported, q: Array, qdot: Array) -> Iterator[float]:
 
 
 def part_numbers(system: Exported, q: Array) -> Iterator[float]:
-    """Give those of a plant, or of what a controller believes in."""
+    """Return the numbers of a plant or of the model of a controller."""
     yield from (float(it) for it in system.e)
     inputs = None if isinstance(system, Tree) else system._symbolic_inputs
     compiled = isinstance(inputs, SymbolicInputs) and bool(inputs.sources)
@@ -366,7 +366,7 @@ def _parameter_numbers(system: Exported) -> Iterator[float]:
 
 
 def optional(values: Any) -> Iterator[float]:
-    """Give numbers that may be missing."""
+    """Return optional numbers."""
     if values is None:
         yield 0.0
     else:
@@ -423,7 +423,7 @@ class Rows:
         forces: tuple[list[str], list[str]],
         parameters: tuple[str, ...],
     ) -> FMU:
-        """Describe the unit: contact forces depend on what pushes, outputs on all parameters."""
+        """Describe the unit: contact forces depend on the inputs, outputs on all parameters."""
         of_contacts, pushed = forces
         outputs = [it.name for it in self.all if it.role == "output"]
         return FMU(
@@ -448,7 +448,7 @@ def variables_of(system: Exported, name: str, start: tuple[Array, Array]) -> FMU
     return rows.model("mechanism", name, text, forces, parameters)
 
 
-# Closed loops of mechanical systems as FMUs: numbers and compiled systems beside the binary.
+# Closed loops of mechanical systems as FMUs: a binary with data and compiled systems.
 
 
 def export_loop(
@@ -468,8 +468,8 @@ def export_loop(
     the controller. Inputs are disturbances, a generalised force on each coordinate; outputs are
     coordinates, velocities, gaps, contacts, contact forces, contacts that are held, controls, bits
     of `TickStatus`, and how many updates of past periods were rejected (``n_refused``) and
-    saturated (``n_saturated``). Parameters are the start and those of the system (``plant_...``)
-    and of the one that the controller believes in (``model_...``).
+    saturated (``n_saturated``). Parameters are the initial state and the parameters of the plant
+    (``plant_...``) and of the controller's model (``model_...``).
 
     Parameters
     ----------
@@ -479,9 +479,9 @@ def export_loop(
         The plant without friction: of `zivi.symbolic.system`, for which the export needs a C
         compiler, or a `zivi.Tree`.
     controller : GapTracker
-        The controller, without `tasks` and with constant forces; it starts anew.
+        The controller, without `tasks` and with constant forces; it is reset.
     t_span : (float, float)
-        Where the reference is told (s); beyond it stays where it is at the end.
+        Interval of the reference (s); afterwards it is constant.
     y0 : (array_like, array_like)
         Coordinates and velocities at the start, shape (n,) each.
     reference : MechanicalTrajectory, str or dict, optional
@@ -501,7 +501,7 @@ def export_loop(
     ValueError, TypeError
         For a system, a controller or an argument of another kind or out of range.
     FileNotFoundError
-        If this installation was built without the binary; the message says how to build it.
+        If this installation was built without the binary; the message names the build command.
 
     See Also
     --------
@@ -548,7 +548,7 @@ def _loop_numbers(
     qdot: Array,
     given: MechanicalReference | None,
 ) -> Iterator[float]:
-    """Give all numbers in the order in which the binary reads them."""
+    """Return all numbers in the order of the binary."""
     settings, (plant, model) = controller.settings, systems
     n, m, r = len(q), plant.m, plant.control_inputs(q).r
     yield from (VERSION, n, m, r, 1, settings["delay"], settings["h"])
@@ -603,7 +603,7 @@ def _describe_loop(
     return rows.model("loop", name, text, forces, parameters)
 
 
-# FMUs of zivi's own models, and of mechanical systems without a controller.
+# FMUs of zivi's own models and of mechanical systems without a controller.
 
 
 def export_fmu(
@@ -619,7 +619,7 @@ def export_fmu(
     Parameters
     ----------
     out : path
-        The folder into which they are written; it is made if it is not there. Files of the same
+        The output folder; it is created if necessary. Files of the same
         names are replaced.
     model : str, sequence of str, Tree or SymbolicSystem, optional
         Any of ``"mass"`` (a mass with impacts), ``"regulator"``, ``"tracker"`` (the controllers),
@@ -646,10 +646,10 @@ def export_fmu(
     ValueError
         For a model or a version that does not exist, and a start that is out of range.
     TypeError
-        If `out` is not a path, or an argument not of the types above; for `y0` and `name` beside
-        one of zivi's own models.
+        If `out` is not a path, or an argument not of the types above; for `y0` or `name` together
+        with one of zivi's own models.
     FileNotFoundError
-        If this installation was built without the binaries; the message says how to build them.
+        If this installation was built without the binaries; the message names the build command.
     OSError
         If a file cannot be written.
 
@@ -661,8 +661,9 @@ def export_fmu(
     Notes
     -----
     The steps of zivi's own models are those of the Python package, bit by bit. In co-simulation a
-    value that an importer reads after a step and hands on is a step old; ``docs/fmus.md`` says
-    which order closes a loop without delay. Two exports by one version are the same, byte by byte.
+    value that an importer reads after a step and hands on is a step old; See ``docs/fmus.md`` for
+    the order that closes a loop without delay. Two exports by one version are the same, byte by
+    byte.
 
     Examples
     --------

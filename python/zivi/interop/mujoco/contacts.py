@@ -37,7 +37,7 @@ def read_gaps(
     """Read joints, pairs of geoms and gaps of zivi; all limits by default.
 
     With the bodies of a tree, points of a geom with friction that are always equally far from a
-    plane become one gap, and of ``"all"`` all such points.
+    plane become one gap; for ``"all"``, all such points do.
     """
     if friction not in CHOICES:
         raise ValueError(f"friction must be one of {', '.join(CHOICES)}, got {friction!r}")
@@ -69,8 +69,8 @@ def read_gaps(
 def _distinct(bodies: Sequence[Body], gaps: Sequence[TreeGap]) -> list[TreeGap]:
     """Leave out points above planes that are as far as another one before, wherever the bodies are.
 
-    The corners of a box in front and behind are one point of a motion in a plane, and so is the end
-    of a leg that is a point of the trunk, too.
+    The front and back corners of a box coincide in planar motion, and the end of a leg may coincide
+    with a point of the trunk.
     """
     above = [(i, gap) for i, gap in enumerate(gaps) if isinstance(gap, PlaneGap)]
     if len(above) < 2:
@@ -90,7 +90,7 @@ def _distinct(bodies: Sequence[Body], gaps: Sequence[TreeGap]) -> list[TreeGap]:
 
 
 def _above_planes(model: Any) -> Iterator[tuple[str, str]]:
-    """Name the pairs of a geom that moves and a plane that may touch."""
+    """Yield the pairs of a moving geom and a plane that may touch."""
     import mujoco
 
     if is_off(model, "CONTACT"):

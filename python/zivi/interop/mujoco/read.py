@@ -129,7 +129,7 @@ def _friction(model: Any, friction: str) -> list[DryFriction]:
 
 
 def _bodies(model: Any, body: int, driven: dict[int, Drive]) -> list[Body]:
-    """Return a body, behind one without mass for each joint but its last."""
+    """Return a body, preceded by a massless body for each joint but its last."""
     name = element_name(model, "body", body)
     parent = int(model.body_parentid[body])
     carrier = None if parent == 0 else element_name(model, "body", parent)

@@ -199,7 +199,7 @@ class _ModelStruct(ctypes.Structure):
 
 
 class Glue:
-    """What the code in C is called with, and what keeps it alive.
+    """Arguments of the C code, and the objects that keep it alive.
 
     Parameters
     ----------
@@ -255,7 +255,7 @@ class Glue:
 
 
 def _gap_structs(model: Any, gaps: Sequence[TreeGap]) -> tuple[list[str], list[GapStruct]]:
-    """Give names and gaps, one by one."""
+    """Return names and gaps, one by one."""
     bodies: dict[str | None, int] = {element_name(model, "body", i): i for i in range(model.nbody)}
     bodies[None] = 0
     dofs = {element_name(model, "joint", i): int(model.jnt_dofadr[i]) for i in range(model.njnt)}
@@ -281,11 +281,11 @@ def _gap_structs(model: Any, gaps: Sequence[TreeGap]) -> tuple[list[str], list[G
     return names, points
 
 
-# Systems that MuJoCo computes, for what a tree has not.
+# Systems that MuJoCo computes, for features that `Tree` lacks.
 
 
 class MujocoSystem(MechanicalSystem):
-    """What `system` makes: a `zivi.MechanicalSystem` that MuJoCo computes.
+    """A `zivi.MechanicalSystem` computed by MuJoCo, returned by `system`.
 
     Parameters
     ----------
@@ -352,7 +352,7 @@ def system(
     ctrl: ArrayLike | None = None,
     friction: str = "refuse",
 ) -> MujocoSystem:
-    """Give a model of MuJoCo as a system that MuJoCo computes, at every evaluation.
+    """Return a model of MuJoCo as a system that MuJoCo computes, at every evaluation.
 
     For what a `zivi.Tree` has not: tendons, fluids, `gravcomp`, nonlinear springs and dampers,
     actuators with other transmissions. A tree needs less time, no MuJoCo and no C compiler.
@@ -386,7 +386,7 @@ def system(
 
 
 def scalar_joints(spec: Any) -> Any:
-    """Give a model whose free and ball joints are slides and hinges.
+    """Return a model whose free and ball joints are slides and hinges.
 
     A free joint becomes three slides and three hinges about x, y and z in this order, a ball joint
     three hinges, named ``name.x``, ..., ``name.roll``, ``name.pitch``, ``name.yaw``. At a pitch of
@@ -395,7 +395,7 @@ def scalar_joints(spec: Any) -> Any:
     Parameters
     ----------
     spec : mujoco.MjSpec
-        The model; it is left as it is.
+        The model, which is not modified.
 
     Returns
     -------

@@ -15,7 +15,7 @@ from zivi.base.status import ModelWarning
 
 __all__ = ["check_sizes", "compiled", "compiled_urdf"]
 
-# What MuJoCo would make of a file, before it reads it: it cannot be interrupted.
+# Checks of the size of a model before MuJoCo reads it, since that cannot be interrupted.
 
 ELEMENTS = 100_000
 """Elements of a model, with all copies of those that are repeated."""
@@ -40,7 +40,7 @@ ATTRIBUTE = re.compile(r"""([\w-]++)\s*+=\s*+(?:"([^"]*+)"|'([^']*+)')""")
 
 
 def read_text(path: str) -> str:
-    """Read a file of a model; a ValueError says why it is none."""
+    """Read a model file; raise a ValueError with the reason if that fails."""
     try:
         with open(path, encoding="utf-8-sig") as file:
             return file.read(LARGEST + 1)
@@ -57,7 +57,7 @@ def check_sizes(text: str, folder: str) -> None:
 
 
 def _charge(text: str, folder: str, copies: int, left: list[int], files: tuple[str, ...]) -> None:
-    """Take what a text holds, so many times, from the characters and elements that are left."""
+    """Subtract the size of a text, times its copies, from the allowed size."""
     left[0] -= len(text)
     if left[0] < 0:
         raise ValueError(f"a model must have at most {LARGEST // 10**6} MB of text")

@@ -16,7 +16,7 @@ __all__ = ["ImpactLaw", "NewtonImpact", "SpeedDependentImpact", "law_parameters"
 
 @dataclasses.dataclass(frozen=True)
 class ImpactLaw:
-    r"""What an impact does to the speed: base class of `NewtonImpact` and the laws below.
+    r"""Speed after an impact: base class of `NewtonImpact` and the other laws.
 
     .. math:: \dot x^+ = e(v)\,v, \qquad v = -\dot x^- > 0, \qquad 0 \le e(v) \le 1
 
@@ -30,7 +30,7 @@ class ImpactLaw:
 
     @property
     def _core(self) -> _zivi.ImpactLaw:
-        """The law as the core takes it, made once."""
+        """The law for the core, created once."""
         made: _zivi.ImpactLaw | None = self.__dict__.get("_made")
         if made is None:
             values = [getattr(self, field.name) for field in dataclasses.fields(self)]
@@ -38,7 +38,7 @@ class ImpactLaw:
         return made
 
     def __getstate__(self) -> dict[str, Any]:
-        # what the core keeps is made anew
+        # the object of the core is created again
         return {name: value for name, value in self.__dict__.items() if name != "_made"}
 
     @property
@@ -52,7 +52,7 @@ class ImpactLaw:
         return np.nan if limit is None else limit
 
     def after(self, v: ArrayLike) -> Array:
-        """Give the speed after an impact (m/s).
+        """Return the speed after an impact (m/s).
 
         Parameters
         ----------
@@ -77,15 +77,15 @@ class ImpactLaw:
         return self._at(v, self._core.after)
 
     def slope(self, v: ArrayLike) -> Array:
-        """Give the derivative of the speed after an impact by the speed `v` before it."""
+        """Return the derivative of the speed after an impact by the speed `v` before it."""
         return self._at(v, self._core.slope)
 
     def _described(self) -> dict[str, Any]:
-        """Give plain values that describe the law."""
+        """Return plain values that describe the law."""
         return {"name": type(self).__name__, **dataclasses.asdict(self)}
 
     def _scaled(self, factor: float) -> Self:
-        """Give the law with its first coefficient multiplied."""
+        """Return the law with its first coefficient multiplied."""
         first = dataclasses.fields(self)[0].name
         return dataclasses.replace(self, **{first: factor * getattr(self, first)})
 
@@ -131,24 +131,24 @@ class SpeedDependentImpact(ImpactLaw):
     .. math:: \dot x^+ = -e(v)\,\dot x^-, \qquad v = -\dot x^-, \qquad
               e(v) = \min\!\left(e_0\,(v/v_0)^{-k},\ e_{\max}\right)
 
-    With ``k > 0`` fast impacts lose the larger part, as where a contact yields: ``k = 1/4`` for a
-    sphere far above the yield point (Johnson, Contact Mechanics, 1985, section 11.5). Without the
-    cap :math:`e_{\max} \le 1` slow ones would gain energy.
+    With ``k > 0`` fast impacts lose the larger share, for example in a contact that yields: ``k =
+    1/4`` for a sphere far above the yield point (Johnson, Contact Mechanics, 1985, section 11.5).
+    Without the cap :math:`e_{\max} \le 1` slow ones would gain energy.
 
-    What becomes of ever slower impacts is decided by `limit`, :math:`e` as :math:`v \to 0`:
+    The limit of slow impacts, `limit` = :math:`e` as :math:`v \to 0`, decides about rest:
 
     - ``k > 0`` and ``e_max = 1``: the limit is 1. Speeds fall to
-      :math:`v_* = v_0 e_0^{1/k}`, below which nothing is lost: the mass bounces for good with
-      flights of :math:`2 v_*/g`, impacts do not accumulate, and it never rests.
+      :math:`v_* = v_0 e_0^{1/k}`, below which nothing is lost: the mass keeps bouncing with flights
+      of :math:`2 v_*/g`, impacts do not accumulate, and it never rests.
     - ``k > 0`` and ``e_max < 1``: from :math:`v_0 (e_0/e_{\max})^{1/k}` down the law is Newton's
       with ``e_max``. The chain of impacts is geometric there, and a run jumps over it as usual.
-    - ``k < 0``: the limit is 0. Below :math:`v_*` (above it, with ``e_max = 1``, nothing is lost)
-      each impact takes a larger part than the one before, so that the times of flight sum up faster
-      than any geometric series. There is no jump: a run computes the few impacts until what is
-      left of their time is below rounding, and rests.
+    - ``k < 0``: the limit is 0. Below :math:`v_*` (above it, with ``e_max = 1``, impacts are
+      lossless) each impact loses a larger share than the previous one, so that the times of flight
+      sum up faster than any geometric series. There is no jump: a run computes the few impacts
+      until what is left of their time is below rounding, and rests.
 
-    `SwitchedRK` takes the law in `simulate`, `simulate_batch` and `sensitivity`, of a mass and of
-    mechanical systems. Everything else needs Newton's, and says so.
+    `SwitchedRK` supports the law in `simulate`, `simulate_batch` and `sensitivity`, for a mass and
+    for mechanical systems. All other functions require Newton's law and raise an error.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""The impact laws of the gaps of a system, as `e` gives them."""
+"""The impact laws of the gaps of a system, from the argument `e`."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ Restitutions: TypeAlias = Array | tuple[ImpactLaw, ...]
 
 
 def law_of(e: Any) -> Any:
-    """Give the law of a function of the speed; what is none stays."""
+    """Return the law of a function of the speed; what is none stays."""
     is_function = callable(e) and not isinstance(e, ImpactLaw | type)
     return Restitution(e) if is_function else e
 
@@ -96,12 +96,12 @@ def _coefficients(e: Any, m: int) -> Array:
 
 
 def laws_of(e: Restitutions) -> tuple[ImpactLaw, ...]:
-    """Give the law of each gap."""
+    """Return the law of each gap."""
     return e if isinstance(e, tuple) else tuple(map(NewtonImpact, e.tolist()))
 
 
 def core_of(e: Restitutions) -> Array | list[_zivi.ImpactLaw]:
-    """Give them as the core takes them."""
+    """Return the impact laws for the core."""
     return [law._core for law in e] if isinstance(e, tuple) else e
 
 

@@ -26,7 +26,7 @@ __all__ = [
 
 @dataclasses.dataclass(frozen=True)
 class Rubbing:
-    """The dry friction of a system as it was given, by the names of gaps and joints.
+    """The dry friction arguments of a system, by the names of gaps and joints.
 
     Parameters
     ----------
@@ -35,7 +35,7 @@ class Rubbing:
     mu : dict
         Coefficients there, each one expression or a pair, in slip and in stick.
     friction : dict
-        Of joints: slip speed, limit, and the static limit if it is another.
+        For joints: slip speed, limit, and the static limit if it differs.
     e_t : dict
         Tangential restitutions at gaps.
     """
@@ -155,7 +155,7 @@ class Derived:
     inputs: tuple[Any, ...] = ()
 
     def partials(self) -> tuple[Any, ...]:
-        """Derive all entries by time, then by each coordinate, velocity and parameter."""
+        """Differentiate all entries with respect to time, coordinates, velocities, parameters."""
         sympy = needed("sympy", "symbolic systems")
         n = len(self.coordinates)
         names = ["t", *(f"{letter}[{i}]" for letter in "qw" for i in range(n))]
@@ -177,7 +177,7 @@ def derive(
     rubbing: Rubbing = NO_FRICTION,
     inputs: Any = None,
 ) -> Derived:
-    r"""Derive the equations of motion and the derivatives of the gaps, and of the slip speeds.
+    r"""Derive the equations of motion and the derivatives of gaps and slip speeds.
 
     With :math:`L = T - V`:
 
@@ -281,7 +281,7 @@ class _Words:
         self.rates = rates
 
     def read(self, what: str, given: Any) -> Any:
-        """Give a formula or an expression in our symbols; an error names what is unknown."""
+        """Return a formula or an expression in our symbols; an error names what is unknown."""
         if isinstance(given, str):
             return self._formula(what, given)
         sympy = self.sympy
@@ -365,7 +365,7 @@ def _forces(words: _Words, Q: Any) -> Sequence[Any]:
 
 
 def _control_columns(inputs: Any, n: int) -> dict[str, Any]:
-    """Give the columns of the controls by name, of a dict or a matrix row by row."""
+    """Return the columns of the controls by name, of a dict or a matrix row by row."""
     if inputs is None or isinstance(inputs, Mapping):
         return {str(name): column for name, column in (inputs or {}).items()}
     if hasattr(inputs, "tolist"):
@@ -420,7 +420,7 @@ def with_states(q: Any, T: Any, Q: Any, qdot: Any, states: Any) -> tuple[Any, An
 
 
 def _gaps_by_name(gaps: Any) -> dict[str, Any]:
-    """Give the gaps by their names."""
+    """Return the gaps by their names."""
     if isinstance(gaps, Mapping):
         return {str(name): gap for name, gap in gaps.items()}
     if isinstance(gaps, str) or not isinstance(gaps, Iterable):

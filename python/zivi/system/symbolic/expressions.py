@@ -23,7 +23,7 @@ __all__ = [
     "worked_on",
 ]
 
-# A formula as an expression of SymPy, whose own names and parser take no part in it.
+# Formulas as SymPy expressions, without SymPy's parser and predefined names.
 
 OPERATORS: dict[type[ast.AST], Callable[..., Any]] = {
     ast.Add: operator.add,
@@ -52,7 +52,7 @@ class UnknownNameError(FormulaError):
 
 
 def expression(text: str, names: Mapping[str, Any]) -> Any:
-    """Give a formula as an expression of SymPy.
+    """Return a formula as an expression of SymPy.
 
     Parameters
     ----------
@@ -81,8 +81,8 @@ def expression(text: str, names: Mapping[str, Any]) -> Any:
 def worked_on(what: str) -> Iterator[None]:
     """Refuse expressions with which SymPy fails, whatever it raises.
 
-    It asks whether parts are real or positive, and compares them; what it finds may depend on its
-    cache, that is on formulas before, and contradict itself.
+    SymPy queries whether parts are real or positive and compares them; its answers may depend on
+    its cache (on earlier formulas) and contradict each other.
 
     Parameters
     ----------
@@ -117,7 +117,7 @@ class _Builder:
         self.names = names
 
     def of(self, node: ast.expr) -> Any:
-        """Give the expression of a part."""
+        """Return the expression of a part."""
         chain: list[ast.BinOp] = []
         while isinstance(node, ast.BinOp):
             chain.append(node)
@@ -153,7 +153,7 @@ class _Builder:
         return getattr(self.sympy, exact)(*arguments)
 
     def _kept(self, part: Any) -> Any:
-        """Give a part with its numbers in range: what cancels may leave others than are written."""
+        """Return a part with its numbers in range; cancellation may create others."""
         sympy = self.sympy
         if {part, *part.args} & {sympy.nan, sympy.zoo, sympy.oo, -sympy.oo, sympy.I}:
             raise FormulaError("a part of it is no real number")
@@ -170,12 +170,12 @@ class _Builder:
 
 
 def sound(entry: Any) -> Any:
-    """Give an entry of the equations with numbers that a processor has.
+    """Return an entry of the equations with numbers that a processor has.
 
     Raises
     ------
     FormulaError
-        If it has others, such as what a division by zero gives.
+        If it has infinite or undefined numbers, for example from a division by zero.
     """
     sympy = needed("sympy", "symbolic systems")
     if entry.has(sympy.nan, sympy.zoo, sympy.oo, -sympy.oo, sympy.I):
@@ -188,7 +188,7 @@ def sound(entry: Any) -> Any:
 
 
 def _double(number: Any) -> float:
-    """Give a number without names in double precision."""
+    """Return a number without names in double precision."""
     value = complex(number)
     if value == 0 and not number.is_zero:
         raise FormulaError("a number is too small")
@@ -211,7 +211,7 @@ NAMES = {"abs": "fabs", "Abs": "fabs"}
 
 
 def depends(entry: Any, symbols: Sequence[Any]) -> bool:
-    """Whether an expression changes with some symbols; True, too, if its values cannot be told.
+    """Whether an expression depends on some symbols; True if that is undecidable.
 
     It is worked out twice at random places, with other values of these symbols, and both again with
     more digits: a difference by rounding shrinks, a true one stays.
@@ -228,7 +228,7 @@ def depends(entry: Any, symbols: Sequence[Any]) -> bool:
         except (ArithmeticError, ValueError):
             continue
         except _UnknownFunctionError:
-            # in an expression of the user, not in a formula
+            # only in a user expression, never in a formula
             simple = needed("sympy", "symbolic systems").simplify(entry)
             return not simple.free_symbols.isdisjoint(there)
         if few and many > few / 10 ** (DIGITS // 5):
@@ -242,7 +242,7 @@ class _UnknownFunctionError(Exception):
 
 
 def _change(entry: Any, one: Mapping[Any, float], other: Mapping[Any, float], digits: int) -> Any:
-    """Give the distance of the values at two places."""
+    """Return the distance of the values at two places."""
     mpmath = importlib.import_module("mpmath")  # SymPy needs it
 
     with mpmath.workdps(digits):
@@ -323,7 +323,7 @@ def python_source(entries: Sequence[Any]) -> str:
 
 
 def _printed(entries: Sequence[Any], printer: Any) -> tuple[list[str], list[str]]:
-    """Print the parts that entries share, each computed once, and what fills ``out``."""
+    """Print the common subexpressions, then the statements that fill ``out``."""
     sympy = needed("sympy", "symbolic systems")
     from sympy.printing.codeprinter import PrintMethodNotImplementedError
 

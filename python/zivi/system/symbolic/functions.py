@@ -1,7 +1,7 @@
 """The functions of formulas, for SymPy to derive and print but not to work on.
 
-Its own functions look at their arguments whenever they are built: whether they are real, positive,
-what their imaginary parts are. That may never end. These are real, and look at nothing.
+SymPy's own functions examine their arguments whenever they are built (real, positive, imaginary
+part), which may not terminate. These functions are real and do not examine arguments.
 """
 
 from __future__ import annotations
@@ -30,13 +30,13 @@ class Real(Function):  # type: ignore[misc, unused-ignore]
 
     @classmethod
     def eval(cls, *arguments: Any) -> Any:
-        """Give even and odd functions one form."""
+        """Return a canonical form for even and odd functions, which drops the argument's sign."""
         if cls.parity and arguments[0].could_extract_minus_sign():
             return cls.parity * cls(-arguments[0])
         return None
 
     def fdiff(self, argindex: int = 1) -> Any:
-        """Give the derivative by an argument; at a kink, the mean of both sides."""
+        """Return the derivative by an argument; at a kink, the mean of both sides."""
         return self.slopes[argindex - 1](*self.args)
 
     def _ccode(self, printer: Any) -> str:
@@ -49,7 +49,7 @@ class Real(Function):  # type: ignore[misc, unused-ignore]
 def _made(
     name: str, *slopes: Callable[..., Any], parity: int = 0, c: str = "", python: str = ""
 ) -> Any:
-    """Make a function of its derivatives by each argument, and what it is in C and Python."""
+    """Make a function from its partial derivatives and its C and Python code."""
     call = f"{name}({', '.join(['{}'] * len(slopes))})"
     parts = {"nargs": len(slopes), "slopes": slopes, "parity": parity, "__module__": __name__}
     return type(name, (Real,), parts | {"in_c": c or call, "in_python": python or f"math.{call}"})
@@ -105,7 +105,7 @@ OF_FORMULAS: dict[str, Callable[..., Any]] = {
 
 
 def raised(base: Any, exponent: Any) -> Any:
-    """Give a power: SymPy's, if its exponent is whole or both are numbers."""
+    """Return a power: SymPy's, if its exponent is whole or both are numbers."""
     if exponent.is_number:
         value = float(exponent)  # of what is whole but for 1e-800, too
         if not -HIGHEST - 2 <= value <= HIGHEST:  # a derivative may lower it twice

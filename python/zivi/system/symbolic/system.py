@@ -39,7 +39,7 @@ __all__ = [
 
 @dataclasses.dataclass(frozen=True)
 class SymbolicInputs:
-    """What a symbolic system keeps of its inputs.
+    """Inputs of a symbolic system.
 
     Parameters
     ----------
@@ -48,7 +48,7 @@ class SymbolicInputs:
     n : int
         Number of coordinates.
     constant : tuple of float or None
-        The matrix row by row, if it is one.
+        The constant matrix row by row; None if it varies.
     sources : dict
         Else the sources of the function that fills it in.
     """
@@ -94,7 +94,7 @@ class CompiledInputs(ControlInputs):
     parameters: Any
 
     def spec(self) -> _zivi.Inputs:
-        """Give what the extension takes."""
+        """Return the inputs for the extension."""
         owner = self.native, self.parameters
         address = self.parameters.address
         return _zivi.Inputs.compiled(self.r, self.native.address, address, owner)
@@ -195,7 +195,7 @@ class Equations:
 
 
 class SymbolicSystem(MechanicalSystem):
-    """What `system` makes: a `zivi.MechanicalSystem` that is compiled.
+    """A compiled `zivi.MechanicalSystem`, returned by `system`.
 
     Parameters
     ----------
@@ -270,7 +270,7 @@ class SymbolicSystem(MechanicalSystem):
         return self._sources["c"]
 
     def replace(self, e: GivenRestitutions | None = None, **parameters: float) -> SymbolicSystem:
-        """Give the same system with other parameters, without compiling.
+        """Return the same system with other parameters, without compiling.
 
         Parameters
         ----------
@@ -310,7 +310,7 @@ class SymbolicSystem(MechanicalSystem):
         return [self._contact.get(name) for name in self._gap_names]
 
     def _without_gaps(self) -> SymbolicSystem | None:
-        """Give the system without gaps and friction, compiled when it is first asked for.
+        """Return the system without gaps and friction, compiled when it is first asked for.
 
         It is None where the equations are not known.
         """
@@ -321,7 +321,7 @@ class SymbolicSystem(MechanicalSystem):
         return SymbolicSystem(sources, names, (), numbers, 0.0, self._compiler, equations)
 
     def _new_model(self, n: int) -> Model:
-        """Make the model; it reads the parameters where they are, whatever their values."""
+        """Make the model, which reads the current parameter values at each evaluation."""
         layout, parameters = Layout(n, self.m, len(self._channels)), self._parameters
         return Model.of_code(layout, self._native, parameters.address, parameters)
 
@@ -333,7 +333,7 @@ class SymbolicSystem(MechanicalSystem):
         return last[2:]
 
     def partials(self, model: Model, wanted: Collection[str] | None = None) -> Partials:
-        """Give the function of the derivatives, compiled when it is first asked for.
+        """Return the function of the derivatives, compiled when it is first asked for.
 
         Raises
         ------
@@ -419,10 +419,10 @@ def system(
         \frac{d}{dt}\frac{\partial L}{\partial \dot q} - \frac{\partial L}{\partial q}
         = Q + \sum_i \lambda_i \nabla g_i, \qquad L = T - V, \qquad g_i(t, q) \ge 0
 
-    SymPy derives :math:`M`, :math:`F` (with the Coriolis terms), and of the gaps the gradients and
-    curvatures; common parts are computed once. The whole is compiled to one function, by a C
-    compiler (the library is kept in a cache, ``ZIVI_CACHE`` or ``~/.cache/zivi``) or by numba: a
-    run does not call the interpreter.
+    SymPy derives :math:`M`, :math:`F` (with the Coriolis terms), and the gradients and curvatures
+    of the gaps; common subexpressions are computed once. The whole is compiled to one function, by
+    a C compiler (the library is kept in a cache, ``ZIVI_CACHE`` or ``~/.cache/zivi``) or by numba:
+    a run does not call the interpreter.
 
     Parameters
     ----------
@@ -435,8 +435,8 @@ def system(
     V : sympy.Expr or str
         Potential energy.
     Q : sequence or dict, optional
-        Other generalised forces, such as friction of a bearing: one for each coordinate, or by
-        coordinate. They may depend on time, coordinates and velocities.
+        Other generalised forces, such as bearing friction: a sequence with one entry per
+        coordinate, or a dict by coordinate. They may depend on time, coordinates and velocities.
     gaps : sequence or dict
         Expressions that stay >= 0, in time and coordinates; a dict names them.
     parameters : dict, optional
@@ -446,15 +446,15 @@ def system(
     qdot : sequence, optional
         Other symbols for the velocities than ``xdot``, ...
     compiler : {"auto", "c", "numba"}
-        What compiles: a C compiler if there is one, else numba.
+        Compiler: the C compiler if one is installed, else numba (``"auto"``).
     slips : dict, optional
         Slip speeds of gaps with dry friction, by their names: linear in the velocities, such as
         ``"xdot + r*thdot - v"``. Their derivatives are derived.
     mu : dict, optional
         Their coefficients of friction: an expression >= 0, or ``(mu, mu_static)``.
     friction : dict, optional
-        Dry friction in joints, by names of yours: ``(speed, limit)``, or with the static limit
-        ``(speed, limit, static)``.
+        Dry friction in joints, by names of yours: ``(speed, limit)`` or ``(speed, limit, static)``
+        with the static limit.
     e_t : dict, optional
         Tangential restitutions of gaps; by default 0.
     impact_law, paradox : str
@@ -489,7 +489,7 @@ def system(
 
     Examples
     --------
-    A pendulum beside a wall:
+    A pendulum next to a wall:
 
     >>> pendulum = zivi.symbolic.system(
     ...     "phi",
