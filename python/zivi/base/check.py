@@ -362,7 +362,7 @@ def is_jitted(function: Any) -> bool:
 def compiled_by_numba(function: Any, name: str) -> Any:
     """Compile a function of ``@numba.njit`` to a C function, once; None for anything else.
 
-    The function keeps a reference to its compiled code, which therefore lives as long as it.
+    The function keeps a reference to its compiled code, which lives equally long.
     """
     if not is_jitted(function):
         return None

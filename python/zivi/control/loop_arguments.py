@@ -295,7 +295,7 @@ def plant_motion(method: ThetaGamma | SwitchedRK | None) -> dict[str, Any]:
 
 
 def sampling_period(controller: Any) -> float:
-    """Return the sampling period of what can be run as a controller."""
+    """Return the sampling period of a controller; raise if it cannot run as one."""
     if isinstance(controller, type) or not (
         hasattr(controller, "h") and callable(getattr(controller, "step", None))
     ):
@@ -320,7 +320,7 @@ def on_wall(controller: Any, system: ImpactSystem) -> Any:
 
 
 def check_stays(controller: Any, placed: bool, force_ref: Any) -> None:
-    """Warn of a reference that was not placed and that its force pulls off the wall for ever."""
+    """Warn of a default reference that its force accelerates away from the wall."""
     pull = force_ref
     if isinstance(force_ref, LinearForce):
         held = force_ref.stiffness != 0.0 or force_ref.excitation is not None
@@ -448,7 +448,7 @@ def has_own_tick(controller: Any) -> bool:
 
 
 def interface_of(controller: Any) -> dict[str, bool]:
-    """Find what a controller tells of a reference, and what its step takes beside the sample.
+    """Return the interface of a controller: its reference, and the arguments of its step.
 
     The force of the reference is the fourth argument by position of a controller that has one;
     the time is an argument that is called ``t``.
@@ -470,7 +470,7 @@ _NATIVE = weakref.WeakKeyDictionary()
 
 
 def _taken_by(controller: Any, follows: bool) -> dict[str, bool]:
-    """Find what a step takes beside the sample."""
+    """Return the arguments of a step other than the sample."""
     try:
         signature = inspect.signature(controller.step)
     except (TypeError, ValueError):  # a builtin that does not tell

@@ -242,9 +242,8 @@ def simulate_closed_loop_batch(
     """Simulate many independent closed loops, on all cores and without the interpreter.
 
     Loops with noise, with `t_eval`, and those of controllers of the user, run one by one on the
-    threads. Each gives what `simulate_closed_loop` gives for it, to the last bit, whatever the
-    number of threads.
-    What differs from loop to loop is given as a sequence, or as rows.
+    threads. Each run is bit-identical to `simulate_closed_loop`, for any number of threads.
+    Arguments that differ between loops are sequences or rows.
 
     Parameters
     ----------
@@ -258,14 +257,14 @@ def simulate_closed_loop_batch(
         The plants' initial states, shape (n, 2), or (2,) for all.
     y_ref0 : array_like, optional
         The references' initial states, shape (n, 2), or (2,) for all. Without it each controller
-        continues from where it is.
+        continues from its present state.
     force_ref, force_model : float, LinearForce or compiled callable, optional
-        As for `simulate_closed_loop`, the same for all.
+        Common to all loops; see `simulate_closed_loop`.
     reference : Trajectory, callable, array_like or list of these, optional
-        The references, as for `simulate_closed_loop`: one for all loops, or a list with one for
-        each. A function is evaluated once for each sample, before the loops begin.
+        The references (see `simulate_closed_loop`): one for all loops, or a list with one per loop.
+        A function is evaluated once for each sample, before the loops begin.
     method : SwitchedRK or ThetaGamma, optional
-        How the plants move between samples, as for `simulate_closed_loop`.
+        Integration of the plants between samples (see `simulate_closed_loop`).
     noise : array_like
         Standard deviations of the measured positions (m) and velocities (m/s), shape (n, 2), or
         (2,) for all.
@@ -277,19 +276,19 @@ def simulate_closed_loop_batch(
     delay : int
         Periods from a measurement to the moment when its control acts, >= 0.
     observer : ImpactObserver or sequence of ImpactObserver, optional
-        What the controllers are told instead of the measurement, as for `simulate_closed_loop`: one
-        for all, or one for each; copies run.
+        Observers whose estimates replace the measurement (see `simulate_closed_loop`): one for all
+        loops or one per loop; copies run.
     within : float
         The position error that counts as followed, > 0 (m): see ``settling_time``.
     save : "final" or int
-        Whether every so many samples are kept, beside the numbers of each loop.
+        ``"final"`` stores the numbers of each loop; an integer n also every n-th sample.
     slowest : float
         The slowest impacts that are counted, as a part of the fastest one of the loop, > 0.
     t_eval : array_like, optional
-        Increasing times in `t_span` at which positions, velocities, references and controls are
-        kept, as by `simulate_closed_loop` (s); with ``save="final"`` only.
+        Increasing times in `t_span` (s) at which positions, velocities, references and controls are
+        stored; with ``save="final"`` only.
     threads : int, optional
-        Number of threads, >= 1; by default as many as the machine runs at once.
+        Number of threads, >= 1; by default the number of cores.
     progress : bool, optional
         Show a progress bar on standard error once it lasts longer than a second. By default only
         on a terminal.

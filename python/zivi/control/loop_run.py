@@ -121,7 +121,7 @@ class Updates:
         return text + (f", {self.lost} with a lost contact" if self.lost else "")
 
     def added_to(self, message: str) -> str:
-        """Return the message of a run with what failed."""
+        """Return the message of a run with its failures."""
         return f"{message} {self}." if str(self) else message
 
     def warn(self, name: str) -> None:
@@ -248,7 +248,7 @@ class BallisticPath:
         return end.x, end.xdot, self.side[k] * (1.0 - 2.0 * (end.n_impacts % 2))
 
     def physical(self, times: Array) -> tuple[Array, Array]:
-        """Return ``(x, xdot)``, after the impact where there is one."""
+        """Return ``(x, xdot)``; at an impact, the state after it."""
         return self._at(times)[:2]
 
     def lifted(self, times: Array) -> tuple[Array, Array]:
@@ -257,7 +257,7 @@ class BallisticPath:
         return on_side(x, xdot, side, self.wall[1])
 
     def skipped_impacts(self, speed: float, at_most: int) -> tuple[Array, Array, Array]:
-        """Return the impacts beyond the listed ones of each period: a geometric series."""
+        """Return the unlisted impacts of each period: a geometric series."""
         e = self.wall[0]
         found: list[Array] = [np.empty((0, 3))]
         for number, t, u in self.full:
@@ -286,7 +286,7 @@ def on_side(x: Array, xdot: Array, side: Array, kappa: float) -> tuple[Array, Ar
 
 
 def path_of(record: _zivi.LoopRecord, impacts: NDArray[np.void], wall: tuple[float, float]) -> Any:
-    """Return the motion of the plant between its samples, None if it was not kept."""
+    """Return the motion of the plant between its samples; None if not stored."""
     t, x, xdot, _, _, u = record.columns
     if record.own_force is not None:
         side, net = branches_at(t, impacts["t"]), record.own_force + u
@@ -387,7 +387,7 @@ class ClosedLoop(Updated, MassRun):
     """Samples and events of one closed loop.
 
     Calling it, ``run(t)``, gives ``(x, xdot)`` between the samples. ``impacts``, ``zeno`` and
-    ``liftoffs`` are tables, as in a `Trajectory`.
+    ``liftoffs`` are tables (see `Trajectory`).
 
     Attributes
     ----------
@@ -510,7 +510,7 @@ class ClosedLoop(Updated, MassRun):
         """Return the state of the reference between the samples.
 
         One that the controller advances is known at the samples: ``s_r`` and ``v_r`` are linear
-        between them, as in its implicit Euler steps. The velocity is NaN where it is not known.
+        between them (implicit Euler steps). The velocity is NaN where unknown.
 
         Parameters
         ----------
@@ -624,8 +624,8 @@ class ClosedLoopBatch(UpdatedBatch):
     x_ref, xdot_ref : ndarray
         The reference at the end, NaN without one.
     settling_time : ndarray
-        First sample from which ``|x - x_ref| <= within`` until the last one (s): that of the start
-        if it always is, NaN if it is not at the end, or without a reference.
+        First sample from which ``|x - x_ref| <= within`` until the end (s): the initial time if it
+        always holds, NaN if it does not hold at the end or without a reference.
     error_max, error_rms : ndarray
         Largest and root mean square position error (m), NaN without a reference.
     u_max, u_rms, u_variation : ndarray
@@ -636,14 +636,14 @@ class ClosedLoopBatch(UpdatedBatch):
     n_impacts : ndarray of int
         Numbers of impacts.
     n_updates, n_refused, n_saturated, n_unsolved : ndarray of int
-        Numbers of control updates, of those that were rejected, of those whose control was cut to
-        its limits, and of those for which the general solver found no signs.
+        Numbers of control updates, of rejected updates, of updates with a saturated control, and of
+        updates for which the general solver failed.
     status : ndarray of uint8
-        How each run ended, the numbers of `Status`.
+        Status of each run, as an integer of `Status`.
     sample_x, sample_x_ref, sample_u : ndarray or None
         With ``save=k``: positions (m), reference positions (m) and controls (m/s^2) of the first
-        and every so many samples after it, a row for each loop. With ``t_eval`` those at its times,
-        NaN after the end of a loop that stopped early.
+        and every k-th sample after it, one row per loop. With ``t_eval`` those at its times, NaN
+        after the end of a loop that stopped early.
     sample_t : ndarray or None
         Times of the samples (s), None where the controllers differ in `h`.
     sample_xdot : ndarray or None

@@ -1,5 +1,5 @@
-"""The interactive page, ``zivi lab``: what is computed and drawn, apart from the page itself.
+"""The interactive page, ``zivi lab``: computations and figures, separate from the page.
 
-`settings` hold what the page asks for, `runs` simulates them, `script` writes the same as Python,
-`facts` and `figures` show the result. `page` is the marimo app, `server` serves it.
+`settings` hold the inputs of the page, `runs` simulates them, `script` writes the same run as
+Python, `facts` and `figures` show the result. `page` is the marimo app, `server` serves it.
 """

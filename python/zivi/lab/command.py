@@ -34,9 +34,8 @@ def lab(
 ) -> None:
     """Serve the interactive page: ball, regulator, tracker and belt.
 
-    Without --host only this machine can reach it, and in any case only with the address that is
-    printed: it holds a token that is new every time. Exit code 2 if it cannot be served; Ctrl-C
-    ends it.
+    Without --host only this machine can reach it, and only with the printed address, which contains
+    a new token at each start. Exit code 2 if it cannot be served; Ctrl-C ends it.
     """
     missing = [module for module in NEEDED if not have(module)]
     if missing:

@@ -94,7 +94,7 @@ def presets(kind: type[Settings], name: str, changed: bool, take: Moved) -> tupl
 
 
 def laid_out(kind: type[Settings], elements: dict[str, Any], above: tuple[Any, Any]) -> Any:
-    """Lay the controls of a tab out below each other, in their groups, below the presets."""
+    """Arrange the controls of a tab in a column, in groups below the presets."""
     rows: list[Any] = [
         mo.Html('<div style="font-size: 1.4em; font-weight: bold">zivi lab</div>'),
         mo.hstack(above, justify="start", align="end", gap=1),

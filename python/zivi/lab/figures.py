@@ -47,7 +47,7 @@ def thinned(
     breaks : ndarray of int, optional
         Indices of points before which the line is interrupted, by NaN.
     points : int
-        At most so many points are returned, NaN included; at least 2 for each column and 2.
+        Maximal number of points, NaN included; at least 2 for each column and 2.
 
     Returns
     -------
@@ -69,7 +69,7 @@ def thinned(
 
 
 def _decimated_indices(columns: tuple[Array, ...], points: int) -> np.ndarray:
-    """Choose indices: both ends, and where each column is least and greatest in every piece."""
+    """Choose indices: both ends, and minima and maxima of each column in every interval."""
     length = len(columns[0])
     if length <= points:
         return np.arange(length)
@@ -115,12 +115,12 @@ SIGNS = {
 
 @dataclasses.dataclass(frozen=True)
 class LineStyle:
-    """Name in the legend, colour and style of a line.
+    """Legend entry, colour and style of a line.
 
     Parameters
     ----------
     name, color, dash : str
-        As plotly takes them.
+        Settings of plotly.
     """
 
     name: str
@@ -162,7 +162,7 @@ def draw_runs(runs: Runs, window: tuple[float, float] | None = None, columns: in
         Times to show (s); all by default. A line has at most 1000 points, those with the extremes:
         where a window holds fewer samples, all are shown.
     columns : {3, 2, 1}
-        How many panels stand beside each other.
+        Number of panels in a row.
 
     Returns
     -------
@@ -372,7 +372,7 @@ def _layout_settings(height: int, corner: tuple[float, float]) -> dict[str, Any]
     }
 
 
-# The masses of a run in motion, as a picture that moves by itself (SVG).
+# Animation of the masses of a run (SVG).
 
 A_SECOND = 40
 """Positions of a mass a second of its motion."""
@@ -385,7 +385,7 @@ WIDE = 420.0
 
 
 def film(runs: Runs) -> str:
-    """Draw the masses beside each other above the wall; they move in real time, again and again.
+    """Draw the masses side by side above the wall, moving in real time in a loop.
 
     Parameters
     ----------

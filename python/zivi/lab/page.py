@@ -17,7 +17,7 @@ def _():
 
 @app.cell(hide_code=True)
 def _(mo, settings):
-    # what the address asks for; its states are bound to no name, so that nothing runs again
+    # state from the address; it is not bound to a name, so that no cell runs again
     asked = mo.query_params().to_dict()
     first = settings.read_query(asked)
     columns = int(asked["columns"]) if asked.get("columns") in ("1", "2") else 3
@@ -48,7 +48,7 @@ def _(mo, settings):
 
 @app.cell(hide_code=True)
 def _(controls, panels, set_moves, starts):
-    # all controls are made anew where one tab begins with a preset; the other tabs keep theirs
+    # all controls are created again when a tab starts with a preset; other tabs keep theirs
     panels.update(
         {
             kind: controls.panel(start, lambda _: set_moves(lambda count: count + 1))

@@ -95,7 +95,7 @@ class ExplicitFollower:
         self.law, self.h = ExplicitTwisting(mu1, mu2, h=h, e=e), h
 
     def step(self, x: float, xdot: float, force: float, force_ref: float) -> float:
-        """Return the control for the next period; behind the wall is taken as on it."""
+        """Return the control for the next period; x < 0 is treated as 0."""
         return self.law.step(max(x, 0.0), xdot, force, force_ref)
 
     def step_to(
@@ -120,7 +120,7 @@ FAR = 1000.0
 
 
 class SignedSlip:
-    """The spring, the damper and the sign of the slip speed as it is, FAR above a wall."""
+    """Spring, damper and explicit sign of the slip speed, FAR above a wall."""
 
     def __init__(self, stiffness: float, damping: float, limit: float, speed: float) -> None:
         self.stiffness, self.damping = stiffness, damping
@@ -138,7 +138,7 @@ class SignedSlip:
 
 @dataclasses.dataclass(frozen=True)
 class BeltRun:
-    """One run, with what is drawn of it.
+    """One run with its plotted quantities.
 
     Parameters
     ----------
@@ -176,7 +176,7 @@ class BeltRun:
 
     @property
     def message(self) -> str:
-        """What happened."""
+        """Message of the run."""
         return self.run.message
 
     @property
@@ -194,7 +194,7 @@ class BeltRun:
 
 
 def belt_runs(given: Belt) -> dict[str, BeltRun]:
-    """Simulate a mass on a belt: with the implicit sign, the explicit one, and to a tolerance."""
+    """Simulate a mass on a belt with the implicit sign, the explicit one, and `SwitchedRK`."""
     belt = DryFriction(limit=given.limit, static=given.limit + given.extra, velocity=given.speed)
     system = MechanicalSystem(
         mass=1.0,
@@ -233,14 +233,14 @@ def _stuck(run: MechanicalTrajectory, speed: float) -> BeltRun:
     return BeltRun(run, run.q[:, 0], run.qdot[:, 0], run.slips[:, 0], forces, modes == 0, speed)
 
 
-# From settings to runs: implicit signs beside explicit ones.
+# From settings to runs, with implicit and with explicit signs.
 
 Runs: TypeAlias = dict[str, Trajectory] | dict[str, ClosedLoop] | dict[str, BeltRun]
 """The run of each method or controller, by the name that the page gives it."""
 
 
 def simulate_settings(settings: Settings) -> Runs:
-    """Simulate what the settings ask for.
+    """Simulate the settings.
 
     Parameters
     ----------
@@ -330,7 +330,7 @@ def _loop(given: Regulator | Tracker, controller: Controller, **reference: Any) 
     )
 
 
-# What the runs come to, in numbers.
+# Results of the runs in numbers.
 
 NAMES = {
     "implicit": "implicit signs",
@@ -341,7 +341,7 @@ NAMES = {
 
 
 def facts(runs: Runs, window: tuple[float, float] | None = None) -> list[dict[str, str]]:
-    """Return a row for each run: rest and impacts, and what a closed loop does while it is shown.
+    """Return a row per run: rest, impacts, and the control in the shown interval.
 
     Parameters
     ----------

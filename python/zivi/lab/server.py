@@ -32,10 +32,9 @@ __all__ = [
 # Who may see the page: a browser that was given the address with its token.
 #
 # By default the page is served to this machine only, with ``--host`` to others as well. Any page
-# that is open in a browser can send requests to this machine. So a request must ask for this server
-# by its own name (``Host``: else a name that an attacker points at this machine would do), must not
-# come from the page of another server (``Origin``), and must know the token, which is the first
-# part of every path.
+# that is open in a browser can send requests to this machine. A request must therefore have this
+# server's own name in ``Host`` (against DNS rebinding), must not come from another origin
+# (``Origin``), and must contain the token as the first part of its path.
 
 Message: TypeAlias = MutableMapping[str, Any]
 Receive: TypeAlias = Callable[[], Awaitable[Message]]
@@ -73,11 +72,11 @@ class RequestGate:
     Parameters
     ----------
     app : callable
-        What is behind it, mounted at ``/TOKEN``.
+        The application, mounted at ``/TOKEN``.
     port : int
         Port of the server.
     names : tuple of str
-        Names and addresses by which the server may be asked for.
+        Accepted host names and addresses of the server.
     any_address : bool
         Whether every numerical address is one of them, for a server that listens on all of its
         machine: an attacker can only point a name at it.
@@ -164,7 +163,7 @@ def _header_values(scope: Message, wanted: bytes) -> list[bytes]:
 
 
 def _guarded(send: Send) -> Send:
-    """Take back what the application allows to pages of other servers."""
+    """Remove headers with which the application allows access from other origins."""
 
     async def guarded(message: Message) -> None:
         if message["type"] == "http.response.start":
@@ -191,11 +190,11 @@ EVERYWHERE = "0.0.0.0"
 """The host that stands for all interfaces of the machine."""
 PAGE = Path(__file__).with_name("page.py")
 MATHJAX = "https://cdn.jsdelivr.net/npm/mathjax-full@3.2.2/es5/tex-mml-svg.min.js"
-# marimo's plots look for this script and load it from the network where it is missing; the page has
-# no formulas that need it
+# marimo's plots load this script from the network if it is missing; the page has no formulas that
+# need it
 LASTING = 60
 """Seconds for which what a closed page has chosen is kept, so that a lost connection can return."""
-# between the menu and the tabs, and from the sidebar to the edge, there is room for what is shown
+# the space between menu and tabs, and from the sidebar to the edge, is for the output
 STYLE = """<style>
 #App > div { padding-inline: 1.2rem !important; }
 @media (max-width: 767px) { #App > div { padding-inline: 0.4rem !important; padding-top: 2.4rem; } }
@@ -221,7 +220,7 @@ HEAD = f'<script type="text/plain" data-status="error" src="{MATHJAX}"></script>
 
 
 def listen(port: int, host: str = HOST) -> socket.socket:
-    """Take a port of an interface, 0 for any that is free.
+    """Bind a port of an interface; 0 for any free one.
 
     Raises
     ------
@@ -232,7 +231,7 @@ def listen(port: int, host: str = HOST) -> socket.socket:
 
 
 def names(host: str) -> tuple[str, ...]:
-    """Return the names by which a server on this host may be asked for, the best one first."""
+    """Return the accepted names of a server on this host, the preferred one first."""
     if host in LOOPBACK:
         return LOOPBACK
     return (socket.gethostname(), *LOOPBACK) if host == EVERYWHERE else (host,)

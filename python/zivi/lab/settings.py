@@ -32,7 +32,7 @@ __all__ = [
     "read_query",
 ]
 
-# What the page asks for: one frozen dataclass for each of its tabs.
+# Inputs of the page: one frozen dataclass per tab.
 
 MOST_STEPS = 400_000
 """Steps of the longest run that the page computes while a slider moves."""
@@ -197,7 +197,7 @@ class Belt:
     speed : float
         Speed of the belt (m/s).
     stiffness, damping : float
-        Of the spring (N/m) and of a damper beside it (N s/m).
+        Of the spring (N/m) and of a parallel damper (N s/m).
     x0, xdot0 : float
         Initial position (m) and velocity (m/s).
     t_end : float
@@ -249,9 +249,9 @@ LEAST_NOISE = (1e-6, 1e-4)
 
 
 def observer_of(given: Regulator | Tracker) -> dict[str, Any]:
-    """Return the arguments of the observer beside `e` and `h`.
+    """Return the arguments of the observer except `e` and `h`.
 
-    The variance of the change of the unknown force is 7 (h max|d'|)^2, but at least that of a
+    The variance of the change of the unknown force is the larger of 7 (h max|d'|)^2 and that of a
     random walk of 1 m^2/s^5.
     """
     least_x, least_xdot = LEAST_NOISE
@@ -416,7 +416,7 @@ def end_notices(settings: Settings, before: Settings) -> list[str]:
 
 
 def nearest_value(given: dict[str, Any], text: str) -> Any:
-    """Take a text to the nearest value that a slider can have.
+    """Round a text to the nearest value of a slider.
 
     Parameters
     ----------
@@ -428,7 +428,7 @@ def nearest_value(given: dict[str, Any], text: str) -> Any:
     Returns
     -------
     float, int, bool, str or None
-        None if it is no number, no option, or neither ``True`` nor ``False``.
+        None if it is not a number, an option, ``True`` or ``False``.
     """
     if "switch" in given:
         return {"True": True, "False": False}.get(text)
@@ -539,7 +539,7 @@ def query(settings: Settings) -> str:
 
 
 def read_query(asked: Mapping[str, Any]) -> Settings:
-    """Read what `query` wrote, or what somebody typed.
+    """Read the output of `query` or a typed query.
 
     Parameters
     ----------
@@ -549,8 +549,8 @@ def read_query(asked: Mapping[str, Any]) -> Settings:
     Returns
     -------
     Ball, Regulator, Tracker or Belt
-        What is no setting of the tab, or no number, is left out; what lies beyond the end of a
-        slider is taken to it.
+        Unknown settings and values that are not numbers are ignored; values outside a slider's
+        range are clipped.
 
     Examples
     --------

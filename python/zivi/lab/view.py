@@ -43,7 +43,7 @@ __all__ = [
     "show_tab",
 ]
 
-# What is seen, in a sentence or two.
+# Description of the figure in a sentence or two.
 
 LATE = 0.5
 """The last part of the motion before the rest, if there is one, in which a loop is judged."""
@@ -138,7 +138,7 @@ def _late_window(*runs: ClosedLoop) -> tuple[float, float]:
 
 
 def script(settings: Settings) -> str:
-    """Write a script that gives the runs of `zivi.lab.runs.simulate_settings` and plots one.
+    """Write a script that repeats the runs of `zivi.lab.runs.simulate_settings` and plots one.
 
     Parameters
     ----------
@@ -288,7 +288,7 @@ def _keyword_text(arguments: dict[str, Any]) -> str:
     return ", ".join(f"{name}={value!r}" for name, value in arguments.items())
 
 
-# What the page shows of settings: the figure, the numbers and the Python, or a message.
+# Output of the page for settings: figure, numbers and Python code, or a message.
 
 
 def show_tab(
@@ -298,7 +298,7 @@ def show_tab(
     columns: int,
     before: dict[type, Any],
 ) -> Any:
-    """Show what the controls of a tab ask for.
+    """Show the result of a tab's controls.
 
     Parameters
     ----------
@@ -307,9 +307,9 @@ def show_tab(
     preset : Ball, Regulator, Tracker or Belt
         The preset that they began with.
     part : (float, float)
-        Beginning and end of what is shown (% of the run).
+        Start and end of the shown interval (% of the run).
     columns : {3, 2, 1}
-        How many plots stand beside each other.
+        Number of plots in a row.
     before : dict
         What was shown last of each kind of settings; it is brought up to date.
 

@@ -95,7 +95,7 @@ def reopened(path: Path, edge: Point, low: Low) -> tuple[Path, Point] | None:
 
 
 def _lifted(terms: Terms, low: Low) -> tuple[Frame, Array, int] | None:
-    """Let a contact end where its force vanishes, and begin again where the gap is hit."""
+    """Split a contact where its force vanishes: it ends and begins again at the next impact."""
     if terms.frame.word[0].kind == "P":
         if terms.frame.turn is not None or terms.frame.free:
             return None
@@ -127,7 +127,7 @@ def _lifted(terms: Terms, low: Low) -> tuple[Frame, Array, int] | None:
     hit, back, row = again
     lifts = Segment(segment.contacts, "L", gap, open_ones)
     if segment.kind == "P":
-        # the lift-off takes the place of the section
+        # the lift-off replaces the section
         rows = np.array([[*row, lift], [lift, *z, hit]])
         rows[0, 0] -= terms.length
         new = dataclasses.replace(frame, word=(lifts, back), section=0.0)
@@ -160,7 +160,7 @@ def _from(terms: Terms, s: int, end: float) -> Array:
 
 
 def _struck(terms: Terms, low: Low) -> tuple[Frame, Array, int] | None:
-    """Let an impact open a contact that it would pull at, and the gap be hit again."""
+    """Open a contact at an impact whose impulse on it would be negative; the gap is hit again."""
     frame, x, s, gap = terms.frame, terms.x.copy(), low.segment, low.gap
     segment, flow, k = frame.word[s], frame.flow, len(frame.word)
     if segment.kind not in "IS":
@@ -237,7 +237,7 @@ def rejoined(path: Path, last: Point) -> tuple[Path, Point, Low] | None:
 
 
 def _event_near(path: Path, start: Point, kind: str, gap: int) -> tuple[Point, Low] | None:
-    """Find where a margin vanishes, and turn the tangent to where it is positive."""
+    """Find where a margin vanishes, and orient the tangent towards its positive side."""
 
     def least(point: Point) -> Low | None:
         own = [it for it in point.margins.lows if it.kind == kind and it.gap == gap]
@@ -379,7 +379,7 @@ def end_of_rest(
         ends.append(_extrapolated(near, short))
         changes.append(abs(ends[-1] - ends[-2]))
         small = CLOSE * max(1.0, abs(ends[-1]))
-        # where it is rounding that changes them, it is enough
+        # if only rounding changes them, the residual is small enough
         if changes[-1] < small or changes[-1] > 10.0 * min(changes) < AGREE * small / CLOSE:
             break
         if _duration(found, short) < SHORTEST * abs(found.terms.length):
@@ -395,7 +395,7 @@ def end_of_rest(
 
 
 def with_duration(path: Path, near: Sequence[Point], short: Low, duration: float) -> Point | None:
-    """Return the orbit whose contact lasts so long, from one, two or three orbits beside it."""
+    """Return the orbit with a contact of a given duration, from one to three nearby orbits."""
     size, last = path.frame.size, near[-1]
     normal = np.zeros(len(last.z))
     at = short.segment * size
@@ -412,7 +412,7 @@ def with_duration(path: Path, near: Sequence[Point], short: Low, duration: float
 
 
 def _weights(near: Sequence[Point], short: Low, powers: Sequence[float], at: float) -> Array:
-    """Return the weights of points whose sum is what powers of the duration make of them."""
+    """Return the weights of points for an extrapolation in powers of the duration."""
     size = _duration(near[-1], short)
     own = np.array(powers if len(near) == 3 else powers[::2])
     rows = np.array([[(_duration(it, short) / size) ** p for p in own] for it in near])
@@ -431,7 +431,7 @@ def _extrapolated(near: Sequence[Point], short: Low) -> float:
 def _power(point: Point, short: Low) -> float:
     """Return the power of the duration, which the restitution alone determines."""
     frame = point.terms.frame
-    # a plastic impact closes at once, whatever the restitution
+    # a plastic impact closes immediately, for every restitution
     plastic = frame.word[short.segment - 1].kind == "S"
     return 1.0 / chatter_exponent(0.0 if plastic else float(frame.flow.e[short.gap]))
 
@@ -450,7 +450,7 @@ def _duration(point: Point, short: Low) -> float:
     return float(row[-1] - row[0]) + (0.0 if chain is None else chain.t - chain.zeno)
 
 
-# Across the end of rest: from a contact to chains of impacts, and from a chain to a contact.
+# Across the end of rest: from a contact to impact sequences and back.
 #
 # Beyond the end of a rest the force throws a chain of impacts off before they accumulate. The
 # nearer the end, the more impacts it has, by one at each grazing. A branch of such orbits is
@@ -542,7 +542,7 @@ def _resting_near(path: Path, edge: Point, first: int, value: float) -> tuple[Pa
     return (own, point) if abs(own_fastest / fastest - 1.0) < ALIKE else None
 
 
-# One direction of a branch: arcs of one word each, and what happens on them.
+# One direction of a branch: segments of one event sequence each, and their events.
 
 EDGE = 1e-10
 """How far below zero, relative to its size, what must be positive counts as zero."""
@@ -645,8 +645,8 @@ class Way:
             return self._beyond(arc, new)
         edge = self._edge(arc, last, new)
         if edge is not None and edge.point is last and arc.sided and self.step > PROBE:
-            # the word is a motion on this side: where impacts begin one soon after the other, the
-            # step went beyond the next ones
+            # the sequence is admissible on this side: if impacts appear in close succession, the
+            # step passed the next ones
             self.step *= 0.1
             return None
         if edge is not None:
@@ -695,14 +695,14 @@ class Way:
         return any(low.value < -EDGE * low.size for low in point.margins.lows)
 
     def _beyond(self, arc: Arc, new: Point) -> OrbitStatus | None:
-        """Note a point beyond an event, as far as such points are followed."""
+        """Record a point past an event, up to the limit for inadmissible points."""
         arc.points.append(new)
         self.count += 1
         self.out += self._is_out(new)
         return OrbitStatus.LEFT_ADMISSIBLE if self.out >= self.beyond else None
 
     def _edge(self, arc: Arc, last: Point, new: Point) -> Found | None:
-        """Find the first event between two points beyond which the orbit is no motion."""
+        """Find the first event between two points, past which the orbit is inadmissible."""
         behind = new.margins.behind()
         out = [it for it in new.margins.lows if it.value < -EDGE * it.size and it not in behind]
         found: list[tuple[float, Found]] = []
@@ -726,7 +726,7 @@ class Way:
         return min((it for it in found if it[0] <= first), key=_order)[1]
 
     def _over(self, arc: Arc, last: Point, edge: Found, new: Point) -> OrbitStatus | None:
-        """Note an event, and go on with the word beyond it."""
+        """Record an event and continue with the event sequence past it."""
         if self.through and edge.kind in VANISHING and self._join(arc, last):
             return None
         self._look(arc, last, edge.point)
@@ -767,7 +767,7 @@ class Way:
         return None
 
     def _reopen(self, arc: Arc, edge: Point, low: Low) -> OrbitStatus | None:
-        """Go on where a contact opens for a short time."""
+        """Continue at an event at which a contact opens briefly."""
         found = reopened(arc.path, edge, low)
         if found is None:
             return OrbitStatus.LEFT_ADMISSIBLE
@@ -777,7 +777,7 @@ class Way:
         return None
 
     def _join(self, arc: Arc, last: Point) -> bool:
-        """Go on where an opened contact no longer opens, if it does."""
+        """Continue without the opening of a contact once it has vanished."""
         found = rejoined(arc.path, last)
         if found is None:
             return False
@@ -790,7 +790,7 @@ class Way:
         return True
 
     def _rest(self, rest: tuple[Path, Point, Low]) -> OrbitStatus | None:
-        """Go on with an orbit that rests where a chain of impacts became one."""
+        """Continue with the resting orbit at an impact sequence that became a rest."""
         path, end, short = rest
         self.arcs[-1].events.append(Found("rest_appears", end, short))
         start = path.start(end.terms.y, value_of(end.terms.frame.system, path.name))
@@ -893,7 +893,7 @@ def _same_kind(margins: Margins, low: Low) -> list[Low]:
 
 
 def _watched(low: Low, word: Word) -> Callable[[Point], float]:
-    """Return the test function of what became negative."""
+    """Return the test function of the constraint that became negative."""
     s = low.segment
     if low.kind == "simultaneous" and low.gap == word[s].gap:
         return lambda point: float(point.terms.x[s, -1] - point.terms.x[s, 0])

@@ -50,7 +50,7 @@ __all__ = [
     "together",
 ]
 
-# What a run settled on: how many periods and impacts, at which phases and speeds.
+# Attractors of runs: numbers of periods and impacts, their phases and speeds.
 
 TOLERANCE = 1e-5
 LOOK = 100
@@ -65,7 +65,7 @@ MOST_STEPS = 60
 
 @dataclasses.dataclass(frozen=True)
 class Settled:
-    """What a run did in its last periods: times since their start."""
+    """Last periods of a run: times since their start."""
 
     impacts: Array
     """Rows ``(t, u)``."""
@@ -87,8 +87,8 @@ class Attractor:
     Attributes
     ----------
     kind : str
-        ``"flight"``, ``"impacting"``, ``"resting"`` (rests and lifts off again), ``"rest"`` (for
-        good), ``"irregular"`` (not periodic within what was looked at) or ``"failed"``.
+        ``"flight"``, ``"impacting"``, ``"resting"`` (rests and lifts off again), ``"rest"``
+        (permanent), ``"irregular"`` (not periodic within the inspected periods) or ``"failed"``.
     multiple : int
         After how many periods it repeats; 0 where it does not, or always.
     impacts : ndarray
@@ -115,7 +115,7 @@ class Attractor:
         Returns
         -------
         bool
-            Resting motions are told by the phase of their first impact after the lift-off.
+            Resting motions are identified by the phase of their first impact after the lift-off.
         """
         alike = (self.kind, self.multiple) == (other.kind, other.multiple)
         if not alike or len(self.impacts) != len(other.impacts):
@@ -172,7 +172,7 @@ def classify(
 def least_rows(
     system: ImpactSystem, period: float, rows: Array, multiple: int
 ) -> tuple[int, Array]:
-    """Return the least multiple of the period, and its impacts, of what a run seems to repeat."""
+    """Return the least multiple of the period after which a run repeats, and its impacts."""
     divisors = [p for p in range(2, len(rows) + 1) if len(rows) % p == multiple % p == 0]
     if all(_apart(rows, period, multiple, parts) > NEAR for parts in divisors):
         return multiple, rows
@@ -200,7 +200,7 @@ def _rested(system: ImpactSystem, settled: Settled, period: float, keep: int) ->
     lifts, zenos, impacts = settled.liftoff_times, settled.zeno_times, settled.impacts
     end = keep * period
     since = float(max((*zenos[-1:], *lifts[-1:]), default=0.0))
-    # the force is known at all phases: what it does not lift off in a period rests for good
+    # the force is known at all phases: a mass not lifted off within a period rests permanently
     if settled.rests and end - since >= period:
         return Attractor("rest", 0, np.empty((0, 2)))
     cycle = cycle_of(lifts, period)
@@ -251,8 +251,8 @@ def settle(
 ) -> list[Settled]:
     """Run all for a number of periods, and note what they do in further ones.
 
-    Runs whose forces need no interpreter are batches. They are looked at on the way, at first after
-    `look` periods: those that repeat themselves to rounding by then have settled.
+    Runs whose forces need no interpreter are batches. They are inspected during the run, first
+    after `look` periods: runs that repeat to rounding by then have settled.
     """
     if not all(it._spec.is_native for it in systems):
         triples = zip(systems, states, periods, strict=True)
@@ -373,8 +373,8 @@ def _settled(
 # Many runs of one system that merge: what they settle on, and whether a grazing decided it.
 #
 # Runs of an attractor come ever closer. Those whose states at the start of a period differ by less
-# than the tolerances of the method, which could not tell them apart either, are one from there on.
-# So of a million initial states soon a few are left.
+# than the tolerances of the method, which could not distinguish them either, are merged from there
+# on. So of a million initial states soon a few are left.
 
 After: TypeAlias = Callable[[Array, int], tuple[Array, NDArray[np.bool_]]]
 """States after some periods, NaN of runs that fail, and which runs graze."""
@@ -382,7 +382,7 @@ After: TypeAlias = Callable[[Array, int], tuple[Array, NDArray[np.bool_]]]
 
 @dataclasses.dataclass(frozen=True)
 class Cells:
-    """What runs settled on."""
+    """Attractors of runs."""
 
     settled: list[Settled]
     """The different ones."""
@@ -501,7 +501,7 @@ def _merged(states: Array, method: SwitchedRK) -> tuple[Array, NDArray[np.int64]
     return states[order[new]], which
 
 
-# What runs of mechanical systems settled on, told by their states from period to period.
+# Attractors of mechanical systems, identified by their states from period to period.
 
 SLOW = 0.05
 """Impacts of an accumulation below this part of the fastest are not told."""
@@ -512,7 +512,7 @@ SETTLED_NEAR, FALLING = 100.0, 0.9
 
 @dataclasses.dataclass(frozen=True)
 class MechanicalSettled:
-    """What a run did in its last periods."""
+    """Last periods of a run."""
 
     states: Array
     """At the starts of the periods and at the end, rows ``(q, qdot)``."""
@@ -670,7 +670,7 @@ def settle_mechanical_cells(
     threads: int | None = None,
     progress: bool | None = None,
 ) -> tuple[list[MechanicalSettled], NDArray[np.int64]]:
-    """Run from all states, of shape (N, 2, n): what they settled on, and for each which of it."""
+    """Run from all states, shape (N, 2, n); return attractors and the index of each state's."""
     n = states.shape[2]
 
     def after(rows: Array, periods: int) -> tuple[Array, NDArray[np.bool_]]:

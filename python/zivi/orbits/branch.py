@@ -32,7 +32,7 @@ __all__ = [
     "with_failed",
 ]
 
-# What branches of orbits of one mass and of mechanical systems have in common.
+# Base class of branches of orbits of one mass and of mechanical systems.
 
 BRANCH_MESSAGES = {
     OrbitStatus.RANGE_END: "The branch was followed to the ends of the range.",
@@ -63,7 +63,7 @@ def failed_text(orbits: Sequence[Any]) -> str:
 
 
 def with_failed(message: str, failed: str) -> str:
-    """Return the message of a result with what failed in it."""
+    """Return the message of a result with its failures."""
     return f"{message} {failed[0].upper()}{failed[1:]}." if failed else message
 
 
@@ -215,16 +215,16 @@ class Branch(OrbitsAlong[BranchEvent]):
         Parameters
         ----------
         event : BranchEvent
-            One of `events`. At a period doubling the orbit of twice the period, a little away, or
-            from a doubled orbit the single one where it begins; at
-            a grazing the orbit without the impact; at an interior impact that with it; at the
-            end of a rest an orbit of finitely many impacts beyond; where rest appears the orbit
-            that rests; at a fold the orbit there.
+            One of `events`. At a period doubling, a nearby orbit of twice the period (from a
+            doubled orbit, the orbit of half the period); at a grazing, the orbit without the
+            impact; at an interior impact, the orbit with it; at the end of a rest, an orbit of
+            finitely many impacts past it; where rest appears, the resting orbit; at a fold, the
+            orbit there.
 
         Returns
         -------
         PeriodicOrbit
-            Its ``status`` says whether it was found.
+            See its ``status`` for success.
         """
         orbit: PeriodicOrbit = late("zivi.orbits.follow", "switched")(self, event)
         return orbit
@@ -269,10 +269,10 @@ class MechanicalEvent(NamedTuple):
     ----------
     kind : str
         ``fold``, ``period_doubling``, ``pitchfork`` (of a symmetric orbit), ``neimark_sacker``,
-        ``grazing`` (an impact dies), ``interior_impact`` (a new one), ``contact_ends`` (the force
-        of a contact vanishes), ``end_of_rest`` (a contact lasts no time), ``rest_appears`` (a chain
-        of impacts accumulates), ``opening`` (an impact no longer presses a contact that stays),
-        ``simultaneous`` (two events at once).
+        ``grazing`` (an impact vanishes), ``interior_impact`` (a new one appears), ``contact_ends``
+        (the force of a contact vanishes), ``end_of_rest`` (the duration of a contact vanishes),
+        ``rest_appears`` (an impact sequence accumulates), ``opening`` (the impulse of an impact on
+        a closed contact vanishes), ``simultaneous`` (two events coincide).
     value : float
         The parameter.
     orbit : MechanicalOrbit
@@ -284,9 +284,9 @@ class MechanicalEvent(NamedTuple):
     name : str
         The parameter's name.
     cubic : float or None
-        Of a period doubling or a pitchfork the coefficient `c` of its normal form
-        ``xi -> -xi + c xi**3``, for states relative to the size of the motion: positive where it is
-        supercritical, so that the other branch takes over the stability.
+        For a period doubling or a pitchfork, the coefficient `c` of its normal form
+        ``xi -> -xi + c xi**3``, for states relative to the size of the motion: positive if the
+        bifurcation is supercritical, so that the other branch is stable.
     """
 
     kind: str
@@ -370,15 +370,15 @@ class MechanicalBranch(OrbitsAlong[MechanicalEvent]):
         Parameters
         ----------
         event : MechanicalEvent
-            One of `events`. At a period doubling the orbit of twice the period, a little away; at
-            a pitchfork one that is not symmetric; at a grazing the orbit without the impact, at an
-            interior impact that with it; at the end of a rest one of many impacts beyond; else the
-            orbit there.
+            One of `events`. At a period doubling, a nearby orbit of twice the period; at a
+            pitchfork, an asymmetric orbit; at a grazing, the orbit without the impact; at an
+            interior impact, the orbit with it; at the end of a rest, an orbit of many impacts past
+            it; otherwise the orbit there.
 
         Returns
         -------
         MechanicalOrbit
-            Its ``status`` says whether it was found.
+            See its ``status`` for success.
         """
         orbit: MechanicalOrbit = late("zivi.orbits.follow", "switched")(self, event)
         return orbit

@@ -26,7 +26,7 @@ __all__ = [
     "twice",
 ]
 
-# What vanishes along a curve of events in two parameters, beside the equations of the orbit.
+# Conditions on a curve of events in two parameters, in addition to the orbit's equations.
 #
 # A fold or a doubling: the number :math:`\sigma` of the bordered system of :math:`J(0)` or
 # :math:`J(\pi)`,
@@ -36,9 +36,10 @@ __all__ = [
 # d\sigma = -w^T\,dJ\,v.
 #
 # A pair that turns on the unit circle: the real matrix of it with :math:`\kappa = \cos\theta`
-# (`turned` of the equations) has rank two less, also where the pair becomes real at
+# (`turned` of the equations) has a rank deficiency of two, which includes real pairs at
 # :math:`\kappa = \pm 1`; its :math:`\sigma` are two by two. A grazing: the speed of a gap before an
-# impact. The end of a contact: the least of its forces. Two events at once: the time between them.
+# impact. The end of a contact: the least of its forces. Two simultaneous events: the time between
+# them.
 
 CRITICAL_STEP = 1e-5
 """Of differences of the Jacobian: only the convergence depends on it."""
@@ -46,7 +47,7 @@ CRITICAL_STEP = 1e-5
 
 @dataclasses.dataclass(frozen=True)
 class Values:
-    """The values of what vanishes, and how they change."""
+    """Values of the test functions and their derivatives."""
 
     value: Any
     by_y: Any
@@ -178,7 +179,7 @@ class Singular(Critical):
 
     @classmethod
     def of(cls, terms: Terms, factor: float) -> Singular:
-        """Take the borders of a point."""
+        """Compute the borders at a point."""
         left, _, right = np.linalg.svd(terms.matrix(factor))
         return cls(factor, left[:, -1], right[-1])
 
@@ -216,7 +217,7 @@ class Turning(Critical):
 
     @classmethod
     def of(cls, terms: Terms, kappa: float) -> Turning:
-        """Take the borders of a point."""
+        """Compute the borders at a point."""
         left, _, right = np.linalg.svd(terms.turned(kappa)[0])
         return cls(left[:, -2:], right[-2:].T)
 
@@ -245,7 +246,7 @@ class Turning(Critical):
         return Values(v[size:].ravel(), by_y, by_kappa, right)
 
 
-# The cubic coefficient of a period doubling: whether doubled orbits beside it are stable.
+# The cubic coefficient of a period doubling: stability of the nearby doubled orbits.
 #
 # Along the eigenvector of the multiplier -1 the return map is :math:`\xi \to -\xi + c\,\xi^3` after
 # a change of coordinates. With the equations `F` of the word written twice, their Jacobian `J` and
@@ -254,8 +255,8 @@ class Turning(Critical):
 # .. math:: J D = -\tfrac12 F''[V, V], \qquad
 # c = -2\,W^T (F''[V, D] + \tfrac16 F'''[V, V, V]) \, / \, (w^T J_\mu(\pi)\, v),
 #
-# where :math:`J_\mu` is the derivative of the matrix by the multiplier. The doubling is
-# supercritical, with stable orbits of twice the period beside it, where `c` > 0.
+# where :math:`J_\mu` is the derivative of the matrix by the multiplier. For `c` > 0 the doubling is
+# supercritical: nearby orbits of twice the period are stable.
 
 FIRST_STEP, LONGEST, PART = 1e-4, 3e-3, 5e-3
 """Steps of differences in scaled unknowns, and that relative to the cubic term."""
@@ -287,7 +288,7 @@ def twice(terms: Terms, null: Array) -> tuple[Frame, Array, Array]:
 def cubic_coefficient(terms: Terms) -> float:
     """Return the coefficient at a period doubling; `v` has unit length in scaled unknowns.
 
-    It is NaN where the motion cannot be computed beside it.
+    It is NaN if neighbouring motions cannot be computed.
     """
     try:
         return _coefficient(terms)
@@ -342,7 +343,7 @@ class _Cubic:
     def precise(self) -> float:
         """Return the numerator with an error of fourth order in the steps.
 
-        They are short beside the amplitude at which the cubic term is as large as the linear one.
+        They are short compared with the amplitude at which the cubic and the linear term are equal.
         """
         h = min(LONGEST, PART / math.sqrt(abs(self.numerator(FIRST_STEP) / self.slope) + 1e-300))
         return (4.0 * self.numerator(h) - self.numerator(2.0 * h)) / 3.0
@@ -378,7 +379,7 @@ class _Doubled:
 
 
 def crossed(terms: Terms, low: Low) -> tuple[Frame, Array] | None:
-    """Return the frame and the unknowns of the word beyond an event; None where there is none."""
+    """Return frame and unknowns of the event sequence past an event; None if there is none."""
     segment = terms.frame.word[low.segment]
     if low.kind == "interior_impact":
         return _inserted(terms, low)
@@ -416,7 +417,7 @@ def _dropped(terms: Terms, s: int) -> tuple[Frame, Array] | None:
 
 
 def _without(terms: Terms) -> tuple[Frame, Array]:
-    """Return the motion without its only impact: a section, half a period from where it was."""
+    """Return the motion without its only impact, with a section half a period away."""
     frame, x = terms.frame, terms.x.copy()
     segment = frame.word[0]
     word = (Segment(segment.contacts, "P", -1, segment.contacts),)
@@ -447,7 +448,7 @@ def _inserted(terms: Terms, low: Low) -> tuple[Frame, Array] | None:
     second[0], second[1:-1] = low.t, after
     hit = Segment(segment.contacts, "I", low.gap, segment.contacts)
     if segment.kind == "P":
-        # the impact takes the place of the section
+        # the impact replaces the section
         row = first.copy()
         row[:-1] = second[:-1]
         row[0] -= terms.length
@@ -460,7 +461,7 @@ def _inserted(terms: Terms, low: Low) -> tuple[Frame, Array] | None:
 
 
 def _swapped(terms: Terms, low: Low) -> tuple[Frame, Array] | None:
-    """Let two impacts at once change places, where neither gap feels the other."""
+    """Swap two simultaneous impacts of uncoupled gaps."""
     frame, x, s = terms.frame, terms.x.copy(), low.segment
     first, second = frame.word[s - 1], frame.word[s]
     flow, plain = frame.flow, all(it.kind == "I" for it in (first, second))
@@ -477,7 +478,7 @@ def _swapped(terms: Terms, low: Low) -> tuple[Frame, Array] | None:
 
 
 def _later(terms: Terms, s: int) -> tuple[Frame, Array] | None:
-    """Let an accumulation begin with its second impact."""
+    """Start an accumulation with its second impact."""
     impacts = terms.accumulations[s].impacts
     if not len(impacts):
         return None

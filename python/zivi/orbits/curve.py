@@ -86,7 +86,7 @@ class CurvePoint:
 
 
 def _test(name: str, point: CurvePoint) -> float:
-    """Return one of the numbers whose signs change; NaN where there is none of the name."""
+    """Return one of the numbers whose signs change; NaN for an unknown name."""
     if name == CUBIC and point.line is not None:
         return point.line.cubic(point.terms, precise=True)
     own = point.tests if point.line is None or name not in REGULAR else point.line.regular(point)
@@ -157,7 +157,7 @@ class Line:
         return np.append(moved, self.critical.by_matrix(found, change / h))
 
     def _weight(self, rows: Array) -> float:
-        """Return the size of what vanishes: how it changes with the unknowns."""
+        """Return the scale of the condition: its derivative with respect to the unknowns."""
         return float(np.max(np.abs(rows * self.scale))) or 1.0
 
     def correct(self, guess: Array, normal: Array | None) -> CurvePoint | None:
@@ -239,7 +239,7 @@ class Line:
         near = 1e-6 * abs(terms.length)
         ends = terms.x[own, -1] + np.array([-1, 0, 1]) * terms.length if own >= 0 else np.empty(0)
         for low in Margins(terms).lows:
-            # the impact that grazes is a touch of its gap, too
+            # the grazing impact is also a touch of its gap
             touches = low.kind == "interior_impact" and np.any(np.abs(ends - low.t) < near)
             if low.kind not in ("grazing", self.kind) and not touches:
                 found[low.kind] = min(found.get(low.kind, np.inf), low.value / low.size)
@@ -251,7 +251,7 @@ class Line:
         return found
 
     def renew(self, point: CurvePoint) -> None:
-        """Take the borders of a point."""
+        """Compute the borders at a point."""
         self.critical = self.critical.renewed(point.terms, point.kappa)
 
     def named(self, one: CurvePoint, other: CurvePoint) -> list[Named]:
@@ -372,7 +372,7 @@ Names = tuple[str, str]
 def rest_curve(
     event: BranchEvent | MechanicalEvent, names: Names, ranges: Array, step: float, most: int
 ) -> tuple[Array, list[CurvePoint], OrbitStatus]:
-    """Return the values of both parameters, a row each, by the second one, and what was there."""
+    """Return the values of both parameters, sorted by the second, and the orbits there."""
     ends = _Ends(event, names)
     second = ends.second
     spacing = 2.5 * step * float(np.ptp(ranges[1]))
@@ -434,7 +434,7 @@ class _Ends:
         self.begin()
 
     def begin(self) -> None:
-        """Start anew from the event."""
+        """Start again from the event."""
         self.near = [(self.second, self.origin)]
 
     def first(self) -> CurvePoint:
@@ -468,7 +468,7 @@ class _Ends:
     def _found(
         self, last: Point, y: Array, second: float, first: float
     ) -> tuple[Path, Point, Point] | None:
-        """Find orbits whose rests last as long as all, and less, from one near the parameters."""
+        """Find orbits with rests of full and of shorter duration, from one near the parameters."""
         try:
             frame = moved_frame(last.terms.frame, {self.names[1]: second, self.names[0]: first})
             path = Path(frame, self.names[0], y, abs(self.event.value) or 1.0)
@@ -508,7 +508,7 @@ class _Ends:
 
 
 def _lasting(path: Path, near: list[Point], short: Low, duration: float) -> Point | None:
-    """Return the orbit whose rest lasts so long, from one whose rest does not."""
+    """Return the orbit with a rest of given duration, from one with another duration."""
     now = float(near[-1].terms.x[short.segment, -1] - near[-1].terms.x[short.segment, 0])
     while now != duration:
         now = min(1.5 * now, duration) if now < duration else max(now / 1.5, duration)
@@ -553,17 +553,17 @@ MESSAGES = {
 
 
 class CodimensionTwo(NamedTuple):
-    """A point at which two things happen at once.
+    """A bifurcation of codimension two on a curve.
 
     Attributes
     ----------
     kind : str
-        On a fold ``cusp`` and ``fold_flip``, on a doubling ``fold_flip`` and
-        ``generalized_period_doubling`` (its cubic coefficient vanishes); of a turning pair
-        ``resonance_1_1`` to ``resonance_1_4``; of a grazing ``resonant_grazing`` (a curve of folds
-        touches there) and ``period_doubling``; where a contact ends, or two events are at once,
-        ``fold`` and ``period_doubling``. On all of them what ends a motion: ``grazing``
-        (of another impact), ``interior_impact``, ``contact_ends``, ``end_of_rest``, ``opening``,
+        On a fold ``cusp`` and ``fold_flip``; on a period doubling ``fold_flip`` and
+        ``generalized_period_doubling`` (its cubic coefficient vanishes); for a complex pair on the
+        unit circle ``resonance_1_1`` to ``resonance_1_4``; for a grazing ``resonant_grazing`` (a
+        curve of folds touches there) and ``period_doubling``; for a contact end or two simultaneous
+        events ``fold`` and ``period_doubling``. On all of them what ends a motion: ``grazing`` (of
+        another impact), ``interior_impact``, ``contact_ends``, ``end_of_rest``, ``opening``,
         ``simultaneous``.
     values : ndarray
         Both parameters.
@@ -625,7 +625,7 @@ class EventCurve(Tabulated):
         Returns
         -------
         MechanicalOrbit
-            ``admissible`` tells whether it is a motion.
+            See its attribute ``admissible``.
         """
         return orbit_at(self._found[i], self._multiple)
 
@@ -707,7 +707,7 @@ def continue_curve(
         one mass not ``rest_appears`` and ``end_of_liftoff``. For an end of rest the first parameter
         is that of its branch.
     names : (str, str)
-        The parameters, as in `continue_orbit`.
+        The parameters (see `continue_orbit`).
     spans : ((float, float), (float, float))
         Their ranges.
     step : float
@@ -874,7 +874,7 @@ def _critical_word(event: Any, orbit: MechanicalOrbit) -> tuple[Frame, Array]:
 
 
 def _around_least_force(orbit: MechanicalOrbit) -> tuple[Frame, Array]:
-    """Put the section of a motion without events away from where a force is least."""
+    """Move the section of a motion without events away from the minimum of a force."""
     terms = evaluate(orbit._frame, orbit._y)
     lows = [it for it in Margins(terms).lows if it.kind == "contact_ends"]
     return about(terms, min(lows, key=lambda it: it.value / it.size).t)

@@ -52,7 +52,7 @@ __all__ = [
     "starts_of",
 ]
 
-# What is done at each value of a bifurcation diagram.
+# Task at each value of a bifurcation diagram for one mass.
 
 RunFound = tuple[Array, Attractor]
 """The points of a run, rows of two numbers and a gap, and what it settled on."""
@@ -65,7 +65,7 @@ POINT = np.dtype([(name, "f8") for name in (*OF_POINT, *OF_ORBIT)])
 
 @dataclasses.dataclass(frozen=True)
 class Plan(ABC):
-    """What is done at each value, of one mass and of a mechanical system."""
+    """Task at each parameter value, for one mass or a mechanical system."""
 
     system: Any
     name: str
@@ -173,7 +173,7 @@ def settled_point(value: float, start: int, *, plan: Plan, states: Array) -> Any
 
 @dataclasses.dataclass(frozen=True)
 class MassPlan(Plan):
-    """What is done at each value, of one mass."""
+    """Task at each parameter value for one mass."""
 
     def settle(
         self, systems: list[Any], states: Array, periods: list[float], *how: Any
@@ -202,7 +202,7 @@ class MassPlan(Plan):
         return np.column_stack([settled.states, np.full(self.keep, -1.0)]), kind
 
 
-# What is done at each value of a bifurcation diagram of a mechanical system.
+# Task at each value of a bifurcation diagram of a mechanical system.
 
 
 def number_of(what: str, name: str | None, names: tuple[str, ...]) -> int | None:
@@ -252,7 +252,7 @@ def starts_of(
 
 @dataclasses.dataclass(frozen=True)
 class MechanicalPlan(Plan):
-    """What is done at each value."""
+    """Task at each parameter value."""
 
     gap: int | None = None
     """Of which gap the impacts are noted, None for all."""
@@ -307,7 +307,7 @@ SECTIONS: dict[str, tuple[dict[str, Field], dict[str, Field]]] = {
 
 @dataclasses.dataclass(frozen=True, eq=False, repr=False)
 class Diagram(Tabulated):
-    """What runs settled on, over values of a parameter and starts.
+    """Attractors of runs over parameter values and initial states.
 
     Attributes
     ----------
@@ -346,7 +346,7 @@ class Diagram(Tabulated):
 
     @property
     def resting(self) -> NDArray[np.bool_]:
-        """Which runs rest, for good or again and again."""
+        """Which runs rest, permanently or repeatedly."""
         return np.array([it.kind in ("rest", "resting") for it in self.attractors], dtype=bool)
 
     def __repr__(self) -> str:
@@ -361,7 +361,7 @@ class Diagram(Tabulated):
 
     @property
     def message(self) -> str:
-        """What the runs settled on, and how many of them on nothing."""
+        """Summary of the attractors, and the number of runs without one."""
         failed = self._failed_text()
         if not failed:
             return "Every run settled on a periodic motion, or rests."
@@ -406,15 +406,15 @@ def bifurcation_diagram(
 ) -> Diagram:
     """Simulate over values of a parameter, and note what the runs settle on.
 
-    Forces and models that need no interpreter run as batches on all cores. With `out` or
-    `executor` it is a study: it can be stopped and continues, in processes, or on Dask.
+    Forces and models that need no interpreter run as batches on all cores. With `out` or `executor`
+    it is a study, which can be interrupted and resumed and runs in processes or on Dask.
 
     Parameters
     ----------
     system : ImpactSystem or MechanicalSystem
         A system with a periodic excitation.
     name : str
-        The parameter, as in `sensitivity`; of a mechanical system as in `continue_orbit`.
+        The parameter (see `sensitivity`; for a mechanical system `continue_orbit`).
     values : array_like
         Its values.
     section : {"impacts", "strobe"}
@@ -438,7 +438,7 @@ def bifurcation_diagram(
     method : SwitchedRK
         Tolerances.
     threads : int, optional
-        Threads of a batch; by default as many as the machine runs at once.
+        Threads of a batch; by default the number of cores.
     out : path, optional
         Folder of a study, which the same call continues; see `sweep`.
     executor : optional
@@ -449,7 +449,7 @@ def bifurcation_diagram(
     Returns
     -------
     Diagram
-        The points and what each run settled on.
+        The points and the attractor of each run.
 
     Raises
     ------
@@ -536,7 +536,7 @@ def _diagram(plan: Plan, values: Array, n_starts: int, found: list[RunFound]) ->
     )
 
 
-# Basins of attraction: which initial states settle on what.
+# Basins of attraction: the attractor of each initial state.
 
 SAME_ATTRACTOR = 100.0
 """Runs are of one attractor if they differ by less than so many times the tolerance."""
@@ -568,8 +568,8 @@ class Basins(Tabulated):
         Those given first, then those that were found.
     grazing : ndarray of bool
         Cells of which the run passed a grazing: an impact, or the want of one, that the tolerances
-        decided. Their labels are those of the runs as computed, and uncertain. Of a mechanical
-        system it is not told.
+        decided. Their labels are those of the runs as computed, and uncertain. It is not available
+        for a mechanical system.
     border : ndarray of bool
         Cells with a neighbour that settles on something else, and grazing ones.
     axes : (str, str)
@@ -640,12 +640,12 @@ def basins(
     threads: int | None = None,
     progress: bool | None = None,
 ) -> Basins:
-    """Simulate from a grid of initial states, and tell what each settles on.
+    """Compute basins of attraction: simulate from a grid of initial states.
 
-    Motions are told apart by their kind, after how many periods they repeat, and the phases and
-    speeds of their impacts. A motion that rests is one class for each phase of its lift-off. Runs
-    whose states at the start of a period differ by less than the tolerances are one from there on.
-    A cell of which a grazing decided is marked.
+    Attractors are distinguished by their kind, the number of periods after which they repeat, and
+    the phases and speeds of their impacts. A motion that rests is one class for each phase of its
+    lift-off. Runs whose states at the start of a period differ by less than the tolerances are one
+    from there on. A cell of which a grazing decided is marked.
 
     Parameters
     ----------
@@ -660,9 +660,9 @@ def basins(
         Of a mechanical system the two initial values that are varied, as ``"q0.x"`` or
         ``"qdot0[1]"``; by default those of the first coordinate.
     y0 : (array_like, array_like), optional
-        Of a mechanical system ``(q0, qdot0)``, which has the others; by default zeros.
+        For a mechanical system ``(q0, qdot0)`` with the other initial values; by default zeros.
     transient, keep : int
-        Periods that are not looked at, and that are.
+        Numbers of transient periods, which are discarded, and of inspected periods.
     period : float, optional
         The period of the excitation (s), by default from the system.
     tolerance : float
@@ -670,7 +670,7 @@ def basins(
     method : SwitchedRK
         Tolerances.
     threads : int, optional
-        Threads of the batch; by default as many as the machine runs at once.
+        Threads of the batch; by default the number of cores.
     progress : bool, optional
         Show a progress bar; by default on a terminal only.
 
@@ -773,7 +773,7 @@ class _Cells:
     def numbers(
         self, kinds: list[Attractor], which: NDArray[np.int64], known: list[Attractor]
     ) -> NDArray[np.int64]:
-        """Return numbers to what was found; what is new is added in the order of the cells."""
+        """Return the numbers of the attractors; new ones are added in the order of cells."""
         label = np.empty(len(kinds), dtype=np.int64)
         for i in np.argsort(np.unique(which, return_index=True)[1]):
             same = (

@@ -62,9 +62,9 @@ __all__ = [
 
 # Linear systems as modes, for the equations in impulses.
 #
-# Every motion is the forced response and what the impulses have made of it. With the eigenvalues
-# :math:`\lambda` and eigenvectors `V` of the free motion the kernel of a gap `i` for impulses of a
-# gap `j` is
+# Every motion is the sum of the forced response and the response to the impulses. With the
+# eigenvalues :math:`\lambda` and eigenvectors `V` of the free motion the kernel of a gap `i` for
+# impulses of a gap `j` is
 #
 # .. math:: G_{ij}(d) = \sum_\lambda (n_i V)_\lambda (V^{-1} M^{-1} n_j)_\lambda e^{\lambda d}.
 
@@ -75,7 +75,7 @@ Complex = NDArray[np.complex128]
 
 
 class _Modes(NamedTuple):
-    """What does not depend on loads, walls and periods. Of conjugate pairs one mode is kept."""
+    """Modal data, independent of loads, walls and periods. Of conjugate pairs one mode is kept."""
 
     state: Array
     """Matrix of the free motion."""
@@ -156,12 +156,12 @@ def periodic_impulses(
     )
 
 
-# What stays the same while the unknowns of an orbit move, and what the unknowns are.
+# The frame of an orbit: data that are constant while the unknowns change.
 
 
 @dataclasses.dataclass(frozen=True)
 class Frame:
-    """What stays the same while unknowns move."""
+    """Data that are constant while the unknowns change."""
 
     system: Any
     """A `MechanicalSystem`, or an `ImpactSystem`, whose flow is a `MassFlow`."""
@@ -190,7 +190,7 @@ class Frame:
         return periodic_impulses(self.flow, [it.gap for it in self.word], self.length)
 
     def __getstate__(self) -> dict[str, Any]:
-        """Leave out what is made anew."""
+        """Leave out cached data."""
         return {name: value for name, value in vars(self).items() if name != "impulses"}
 
     @property
@@ -388,12 +388,12 @@ def _rate(system: MechanicalSystem, t: float, z: Array, sol: Any, n: int) -> Arr
 # .. math:: E_s(\tau_s, z^-_s) = 0, \qquad (t_{s+1}, z_{s+1}) = R_s(\tau_s, z^-_s),
 #
 # the last one with :math:`(t_1 + L, z_1)`, or :math:`(t_1 + L, \Sigma z_1)` of a symmetric motion.
-# Nothing is searched for: the equations are regular where an impact grazes and beyond. The Jacobian
+# No root search for events is needed: the equations are regular at and past a grazing. The Jacobian
 # is block cyclic, and
 #
 # .. math:: J(\theta) = A + e^{i \theta} B, \qquad B = \partial(t_1 + L, \Sigma z_1),
 #
-# is singular where a multiplier is :math:`e^{i \theta}`, also where another one is infinite.
+# is singular if a multiplier is :math:`e^{i \theta}`, even if another one is infinite.
 #
 # Where nothing excites the system, :math:`t_1 = 0` and `L` takes its place among the unknowns.
 
@@ -624,7 +624,7 @@ def _event_function(frame: Frame, segment: Segment, tau: float, z: Array) -> Sca
 
 @dataclasses.dataclass(frozen=True)
 class _Mapped:
-    """What an event makes of time and state, with derivatives of both, shape (1 + 2n, ...)."""
+    """Image of time and state under an event, with its derivatives, shape (1 + 2n, ...)."""
 
     t: float
     z: Array
@@ -668,7 +668,7 @@ def _mapped(
 
 
 def _held(frame: Frame, held: list[int], mapped: _Mapped) -> _Mapped:
-    """Put the state onto gaps that never open: no event of the word does, so it would not stay."""
+    """Project the state onto permanently closed gaps, which no event of the sequence closes."""
     flow, n, t, z = frame.flow, frame.flow.n, mapped.t, mapped.z
     own = [flow.gap(i, t, z) for i in held]
     inverse = np.linalg.pinv(np.array([it.by_z[:n] for it in own]))
@@ -692,7 +692,7 @@ def _held(frame: Frame, held: list[int], mapped: _Mapped) -> _Mapped:
 
 # The equations of a linear system whose events are impacts: times and impulses are unknown.
 #
-# With the impulses :math:`P_k` at :math:`t_k`, and what they make of the gaps (see `modes`), each
+# With the impulses :math:`P_k` at :math:`t_k` and their effect on the gaps (see `modes`), each
 # impact has two equations,
 #
 # .. math:: g_k(t_k) = 0, \qquad (1 + e_k)\,\dot g_k(t_k^-) + D_k P_k = 0,
@@ -913,7 +913,7 @@ def _largest(*several: Array) -> float:
 
 @dataclasses.dataclass(frozen=True)
 class Solution:
-    """What Newton's iteration found."""
+    """Result of Newton's iteration."""
 
     terms: Terms
     residual: float
@@ -966,7 +966,7 @@ def _damped(
 
 
 def multipliers_of(terms: Terms, *, half: bool = False) -> NDArray[np.complex128]:
-    """Return the multipliers of a period, or of the `half` that a symmetric word is.
+    """Return the Floquet multipliers of a period, or of half a symmetric one with `half`.
 
     ``(t, z)`` at an event has one eigenvalue 0, that of the shift along the motion. Every gap that
     is closed at some time adds two: they are exact zeros, and so are the eigenvalues given.
@@ -1036,7 +1036,7 @@ def turn_of(symmetry: Any, n: int) -> Array:
     Raises
     ------
     ValueError
-        If it is no linear map of the coordinates, or of the states.
+        If it is not a linear map of coordinates or states.
     """
     if callable(symmetry):
         columns = [np.asarray(symmetry(row), np.float64).ravel() for row in np.eye(2 * n)]
@@ -1056,7 +1056,7 @@ def turn_of(symmetry: Any, n: int) -> Array:
 
 
 def gaps_turned(flow: Flow, turn: Array, half: float) -> list[int]:
-    """Return for each gap the one that it is for the image, half a period later.
+    """Return the permutation of the gaps under the symmetry, half a period later.
 
     Raises
     ------

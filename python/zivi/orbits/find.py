@@ -127,7 +127,7 @@ def _guess(
     free: bool,
     method: SwitchedRK,
 ) -> tuple[Frame, Array, int, str]:
-    """Return the frame, the unknowns, the multiple, and of a run what it shows."""
+    """Return frame, unknowns and multiple, with a run's description if one was given."""
     if isinstance(start, MechanicalTrajectory):
         return recent(system, start, multiple, period, free, method)
     if isinstance(start, tuple) and len(start) == 2 and np.ndim(start[0]) == 0:
@@ -150,7 +150,7 @@ def _from_word(
     free: bool,
     method: SwitchedRK,
 ) -> tuple[Frame, Array, int]:
-    """Read a word with rows ``(t, q, qdot)``, the states after its events, or with times only.
+    """Read an event sequence with times or with rows ``(t, q, qdot)`` after the events.
 
     Given times, the states that repeat are found from the equations without those of the events.
     """
@@ -210,7 +210,7 @@ def _states(frame: Frame, x: Array) -> Array:
 
 
 def _half(frame: Frame, x: Array, turn: Array) -> tuple[Frame, Array]:
-    """Take the half of a word that is to be the image of the other half."""
+    """Return the first half of an event sequence, whose image is the second half."""
     if len(frame.word) == 1 and frame.word[0].kind == "P":
         half = dataclasses.replace(frame, length=0.5 * frame.length, turn=turn)
         x = x.copy()
@@ -389,7 +389,7 @@ def is_autonomous(system: ImpactSystem) -> bool:
 
 
 def is_free(system: ImpactSystem, period: float | str | None, multiple: int | None) -> bool:
-    """Whether the period is an unknown; a ValueError for what does not go with it."""
+    """Whether the period is an unknown; a ValueError for conflicting arguments."""
     if isinstance(period, str):
         if period != "free":
             raise ValueError(f"period must be a number of seconds or 'free', got {period!r}")
@@ -451,10 +451,10 @@ def periodic_orbit(
     method: SwitchedRK = PRECISE,
     max_iter: int = 20,
 ) -> PeriodicOrbit | MechanicalOrbit:
-    """Find a periodic orbit from what a simulation settled on, or from a guess.
+    """Find a periodic orbit from the attractor of a simulation or from a guess.
 
-    Unknowns are the times of the impacts and the speeds after them, so Newton's iteration looks for
-    no events and is regular up to a grazing. A motion that rests needs no iteration: it starts
+    Unknowns are the times of the impacts and the speeds after them, so Newton's iteration needs no
+    event location and is regular up to a grazing. A motion that rests needs no iteration: it starts
     at its lift-off, which the parameters alone determine, and one simulation is the orbit.
 
     Parameters
@@ -463,10 +463,10 @@ def periodic_orbit(
         A system with a periodic excitation, or one that nothing excites from outside.
     start : Trajectory, (t0, (x0, xdot0)), PeriodicOrbit or array_like
         A run, of which the end is taken; a state, from which some periods are simulated; an orbit
-        (of a system near this one); or rows ``(t, u)`` of the impacts of one period. Of a
-        `MechanicalSystem` a `MechanicalTrajectory`, ``(t0, (q, qdot))``, a `MechanicalOrbit`, or
-        ``(word, rows)``: letters as in `MechanicalOrbit.word` with the times of their events, or
-        with rows ``(t, q, qdot)`` of the states after them.
+        (of a system near this one); or rows ``(t, u)`` of the impacts of one period. For a
+        `MechanicalSystem`: a `MechanicalTrajectory`, ``(t0, (q, qdot))``, a `MechanicalOrbit`, or
+        ``(word, rows)``: event symbols (see `MechanicalOrbit.word`) with the event times, or with
+        rows ``(t, q, qdot)`` of the states after the events.
     multiple : int, optional
         After how many periods of the excitation the motion repeats; by default what `start` shows.
         An orbit that repeats earlier is given with its least period.
@@ -475,8 +475,8 @@ def periodic_orbit(
         nothing excites the system it is ``"free"``: an unknown, and times start at the first
         impact. A force that does not depend on the times at which it is evaluated is one of these.
     symmetry : array_like or callable, optional
-        Of a `MechanicalSystem`: a linear map of the coordinates, shape (n, n), or of the states,
-        that takes the second half of the motion to the first. Only that half is solved for.
+        For a `MechanicalSystem`: a linear map of the coordinates, shape (n, n), or of the states,
+        that maps the second half of the motion to the first. Only that half is solved for.
     method : SwitchedRK
         Tolerances.
     max_iter : int
@@ -485,7 +485,7 @@ def periodic_orbit(
     Returns
     -------
     PeriodicOrbit or MechanicalOrbit
-        Its ``status`` says whether it was found and whether it is a motion of the system.
+        See its ``status`` for convergence and admissibility.
 
     Raises
     ------

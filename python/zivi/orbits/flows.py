@@ -64,7 +64,7 @@ Corrected: TypeAlias = tuple[Array, Array, int, float, Equations]
 
 
 class FlightError(ArithmeticError):
-    """A flight that cannot be computed; the status says why."""
+    """Raised for a flight that cannot be computed, with a status."""
 
     def __init__(self, status: Status) -> None:
         super().__init__(_zivi.STATUS_MESSAGES[status])
@@ -81,9 +81,9 @@ def fly(
 ) -> tuple[Array, Array]:
     """Fly from each ``(t, x, xdot)`` to its end, ``starts`` having four columns.
 
-    Gives rows of x, xdot, the accelerations at both ends, time and height of the lowest minimum,
-    infinite without one; and the derivatives of the ends by the state at the start, and by the
-    parameter `name` of the force or the wall, of shape (k, 2, 2 or 3).
+    Returns rows of x, xdot, the accelerations at both ends, time and height of the lowest minimum
+    (infinite without one); and the derivatives of the final states with respect to the initial
+    state and to the parameter `name` of force or wall, of shape (k, 2, 2 or 3).
     """
     by, sizes = _asked(system, name)
     rows = np.ascontiguousarray(starts, dtype=np.float64).reshape(-1, 4)
@@ -104,9 +104,9 @@ def sequence_equations(
 ) -> Equations:
     """Fly to each impact of a sequence ``(P, t)`` from the one before, the first from the last one.
 
-    Gives the flights as `fly` does with minima, what must vanish, its derivative by the unknowns
-    and, apart from that, the one by the last impact, a period ago; at last the one by a parameter,
-    empty without one.
+    Returns the flights of `fly` with minima; the residual; its derivatives with respect to the
+    unknowns and, separately, to the last impact of the previous period; and its derivative with
+    respect to a parameter, empty without one.
     """
     spec = system._spec
     wrt = None if name is None else (code_of(system, name), abs(parameter(system, name)) or 1.0)
@@ -119,7 +119,7 @@ def sequence_equations(
 
 
 def equations_of(found: list[Array]) -> Equations:
-    """Return shape to what the extension gives of the equations of a sequence."""
+    """Return the extension's equations of a sequence as shaped arrays."""
     numbers, residual, own, before, by = found
     n = len(residual)
     return _parted(numbers, n // 2), residual, own.reshape(n, n), before.reshape(n, n), by
@@ -137,11 +137,11 @@ def corrected(
 ) -> tuple[int, Corrected | None]:
     """Solve the equations of a sequence and a parameter in a hyperplane, a point and a normal.
 
-    `at` gives the force, the length, e and the derivative of the length at a value; magnitudes are
-    those of the unknowns and of the equations; limits the residual that is sought, the one that is
-    enough where rounding stalls, and the fall that keeps the derivative by the parameter. Gives how
-    often the equations were evaluated, and the unknowns, the tangent, the steps, the residual, the
-    equations; None without a solution.
+    `at` returns the force, the length, e and the derivative of the length at a value; magnitudes
+    are the scales of unknowns and equations; limits are the required residual, the residual
+    accepted if rounding stalls the iteration, and the decrease for which the derivative with
+    respect to the parameter is reused. Gives how often the equations were evaluated, and the
+    unknowns, the tangent, the steps, the residual, the equations; None without a solution.
     """
     code = code_of(system, name)
     with listening((system._spec,)) as ear:
@@ -287,7 +287,7 @@ def _read_event(letter: str, gaps: list[str]) -> tuple[str, int]:
     raise ValueError(f"start: {letter!r} needs one of the gaps {', '.join(gaps)}")
 
 
-# What the equations of an orbit ask of a motion with some gaps closed.
+# Interface of motions with some gaps closed, for the equations of an orbit.
 
 Contacts = tuple[int, ...]
 
@@ -392,8 +392,8 @@ def uncoupled(flow: Flow, gaps: Sequence[int], t: float, z: Array) -> bool:
 # .. math:: \frac{d}{dt} \begin{pmatrix} z \\ u \end{pmatrix}
 # = \begin{pmatrix} A & B \\ 0 & S \end{pmatrix} \begin{pmatrix} z \\ u \end{pmatrix},
 #
-# whose exponential is a sum of modes, or where the eigenvectors are nearly dependent (rigid bodies
-# without damping, contacts) is computed as such.
+# whose exponential is a sum of modes, or is computed directly if the eigenvectors are nearly
+# dependent (rigid bodies without damping, contacts).
 
 WORST = 1e5
 """Condition of the eigenvectors up to which modes are summed."""
@@ -434,7 +434,7 @@ class _Mode:
 
 @dataclasses.dataclass(frozen=True)
 class _Law:
-    """An impact as linear maps of velocities and inputs, of states, and of inputs."""
+    """An impact as linear maps: velocities with inputs, states, and inputs."""
 
     impulses: Array
     by_z: Array
@@ -443,7 +443,7 @@ class _Law:
 
 @functools.lru_cache(maxsize=64)
 def _accelerations(mass: bytes, stiffness: bytes, damping: bytes, n: int) -> tuple[Array, Array]:
-    """Return the inverse of the mass matrix, and what a state makes of the accelerations."""
+    """Return the inverse of the mass matrix, and the map from states to accelerations."""
     inverse: Array = np.asarray(np.linalg.inv(np.frombuffer(mass).reshape(n, n)), np.float64)
     rows = [np.frombuffer(it).reshape(n, n) for it in (stiffness, damping)]
     state: Array = -inverse @ np.hstack(rows)
@@ -513,7 +513,7 @@ class LinearFlow:
             own = self.normals[list(contacts)]
             spread = self.inverse @ own.T
             bend = np.hstack([np.zeros((len(own), 2 * n)), self.wall_bend[list(contacts)]])
-            # N qddot = w'' gives the forces
+            # the forces follow from N qddot = w''
             forces = np.linalg.solve(own @ spread, bend - own @ rows)
             rows = rows + spread @ forces
         whole = np.zeros((2 * n + width, 2 * n + width))
@@ -827,7 +827,7 @@ class MassFlow:
         self.accuracy = 20.0 * max(method.rtol, 1e-14)
 
     def initial(self, z: Array) -> tuple[float, float]:
-        """Return the state with which a run begins: rounding is not behind the wall."""
+        """Return the initial state of a run, with x < 0 by rounding set to 0."""
         return max(float(z[0]), 0.0), float(z[1])
 
     def fly(
@@ -912,7 +912,7 @@ class Evaluated(NamedTuple):
     """The one by a parameter at a fixed period, empty without one."""
 
     def by_parameter(self, longer: float) -> Array:
-        """Return the derivative by a parameter by which the period has one, too."""
+        """Return the derivative with respect to a parameter on which the period depends."""
         return np.asarray(self.by - longer * self.before[:, -1], np.float64)
 
 
@@ -926,7 +926,7 @@ class MassImpulses:
 
     @property
     def per_speed(self) -> float:
-        """How large an impulse is beside the speed after it, or where it is plastic before it."""
+        """Ratio of an impulse to the speed after it (before it for a plastic impact)."""
         return (1.0 + self.e) / self.e if self.e > 0.0 else 1.0
 
     @property
@@ -941,9 +941,9 @@ class MassImpulses:
         return found
 
     def equations(self, y: Array, name: str | None = None, last: Array | None = None) -> Evaluated:
-        """Return the equations; `last` is what the last impact was a period ago if not as in `y`.
+        """Return the equations; `last` is the last impact of the previous period (default: in `y`).
 
-        With the name of a parameter they are derived by that, too.
+        With the name of a parameter, the derivative with respect to it is added.
         """
         y = np.ascontiguousarray(y)
         push, time = (y if last is None else last)[-2:].tolist()

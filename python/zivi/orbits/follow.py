@@ -59,7 +59,7 @@ SEVERITY = (
 
 
 class Followed(NamedTuple):
-    """What was found in both directions."""
+    """Results of both directions."""
 
     arcs: list[Arc]
     events: list[Found]
@@ -81,7 +81,7 @@ def path_of(frame: Frame, name: str, y: Array, span: tuple[float, float]) -> tup
 def both_ways(
     way: Callable[[Point, int], Way], start: Point, most: int, first: int, side: float | None
 ) -> Followed:
-    """Go both ways from a point, at first so many points, or one if a side is given."""
+    """Continue from a point in both directions, first a few points, or in one direction."""
     backward = dataclasses.replace(start, tangent=-start.tangent)
     if side is not None:
         ways = [way(start if side > 0.0 else backward, most)]
@@ -159,7 +159,7 @@ def _found(
     through: bool,
     beyond: int = 0,
 ) -> Followed:
-    """Go both ways from an orbit, or away from the event that it came from."""
+    """Continue in both directions from an orbit, or away from the event of its origin."""
     path, start = path_of(orbit._frame, name, orbit._y, span)
     away = orbit._away
     side = None if away is None else float(start.tangent[:-1] @ (away / path.scale[:-1]))
@@ -247,7 +247,7 @@ def continue_orbit(
         Where to begin. One that `Branch.switch` gave at a period doubling is followed away from it
         only.
     name : str
-        The parameter, as in `sensitivity`.
+        The parameter (see `sensitivity`).
     span : (float, float)
         Range of its values.
     step : float
@@ -322,7 +322,7 @@ def _follow_mass(orbit: PeriodicOrbit, name: str, span: Span, step: float, most:
 
 
 def _branch_event(multiple: int, found: Found, path: Path, span: Span) -> BranchEvent:
-    """Make an event: with the orbit there, or with the one that rests where rest appears."""
+    """Make an event with the orbit there (the resting orbit where rest appears)."""
     point = found.point
     if found.kind == "rest_appears" and not is_resting(point.terms.frame.word):
         rests = rest_beyond(path, point, span)
@@ -380,7 +380,7 @@ def switched(branch: Any, event: Any) -> Any:
 
 
 def _cross_event(branch: Any, event: Any) -> Any:
-    """Solve the word without the impact that dies, or with the one that begins, at the event."""
+    """Solve the event sequence without the vanishing impact or with the new one."""
     del branch
     orbit = event.orbit
     terms = evaluate(orbit._frame, orbit._y)

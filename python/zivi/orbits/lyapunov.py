@@ -62,9 +62,8 @@ class Lyapunov(Tabulated):
     Attributes
     ----------
     exponents : ndarray
-        The exponents (1/s), the largest first: two, or 2n of n coordinates. Minus infinity where
-        nothing is left of a difference: for a run that rests, and for directions that a contact
-        takes away.
+        The exponents (1/s), the largest first: two, or 2n of n coordinates. Minus infinity if
+        perturbations vanish: for a run that rests, and for directions removed by a contact.
     duration : float
         The time over which they are means (s), from an impact to an impact.
     n_impacts : int
@@ -89,7 +88,7 @@ class Lyapunov(Tabulated):
 
     @property
     def message(self) -> str:
-        """What happened, and how many exponents are not numbers."""
+        """Summary of the run and the number of exponents that are NaN."""
         known = EXPONENT_MESSAGES.get(self.status, f"The run ended: {self.status.name.lower()}.")
         if self.trajectory is not None and not self.trajectory.success:
             known += f" {self.trajectory.message}"
@@ -234,7 +233,7 @@ def _in_flight(
 
 
 def _means(maps: list[Array], times: Array) -> Array:
-    """Return the exponents: their sum as it is, their differences as smooth means.
+    """Return the exponents: their exact sum, and smoothed means of their differences.
 
     Where multipliers are complex two take turns, and a plain mean of their difference
     converges like 1/t. One with the weights ``exp(-1/(s (1 - s)))`` converges faster than any power
@@ -264,7 +263,7 @@ def _means(maps: list[Array], times: Array) -> Array:
 
 
 def piece_of(system: MechanicalSystem, piece: float | None, duration: float) -> float:
-    """Return the length of a piece: the period of the excitation if it is known."""
+    """Return the length of an interval: by default the period of the excitation."""
     if piece is not None:
         if not 0.0 < finite("piece", piece) <= duration:
             raise ValueError(f"piece must be > 0 and within t_span, got {piece}")
@@ -320,7 +319,7 @@ def flow_maps(
     return maps, times, n_impacts, OrbitStatus.COMPLETED
 
 
-# The response of linear systems without impacts, and where it grazes.
+# Response of linear systems without impacts, and its grazing amplitude.
 
 
 def response_amplitude(system: LinearSystem, gap: str, omegas: ArrayLike) -> Array:

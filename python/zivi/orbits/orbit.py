@@ -48,10 +48,9 @@ def word_of_rows(
     free: bool = False,
     start: float = 0.0,
 ) -> tuple[Frame, Array]:
-    """Return the word of impacts, rows ``(t, u)``, or of a flight, ``(x, xdot)`` at its start.
+    """Return the event sequence of impacts ``(t, u)`` or of a flight from ``(x, xdot)``.
 
-    Where nothing excites the system the first impact is put at ``t = 0``, and a flight begins where
-    it is highest.
+    In an autonomous system the first impact is at ``t = 0``, and a flight begins at its apex.
     """
     count, hits = len(y) if y.ndim == 2 else 1, y.ndim == 2
     x, e = np.zeros((count, 4)), system.e
@@ -82,7 +81,7 @@ def resting_frame(system: ImpactSystem, method: SwitchedRK, length: float, t: fl
 
 @dataclasses.dataclass(frozen=True)
 class MassFrame:
-    """What pickles of versions up to 0.2 have instead of a `Frame`."""
+    """Substitute for a `Frame` in pickles of versions up to 0.2."""
 
     multiple: int
     period: float | None
@@ -100,7 +99,7 @@ class MassFrame:
 
 
 def rows_along(terms: Terms, move: Array) -> Array:
-    """Return the change of the impacts, rows ``(t, u)``, or of a flight, with that of unknowns."""
+    """Return the change of impacts ``(t, u)`` or of a flight for a change of the unknowns."""
     frame = terms.frame
     if frame.impulses is not None:
         e = float(frame.flow.e[0])
@@ -112,7 +111,7 @@ def rows_along(terms: Terms, move: Array) -> Array:
     return rows[0, [1, 0]] if frame.free else rows[0, 1:3]
 
 
-# A periodic orbit: its times, speeds, multipliers, and what follows from them.
+# A periodic orbit: times, speeds, Floquet multipliers and derived quantities.
 
 ORBIT_IMPACT = np.dtype([("t", "f8"), ("u", "f8"), ("xdot_before", "f8"), ("xdot_after", "f8")])
 ORBIT_FIELDS: dict[str, Field] = {
@@ -164,11 +163,11 @@ class PeriodicOrbit(Tabulated):
     iterations : int
         Newton's steps.
     depth : float
-        How far the nearest grazing is (m): the least height of a minimum above the wall, or by
-        how much a grazing impact would have to rise to vanish.
+        Distance to the nearest grazing (m): the least height of a minimum above the wall, or the
+        rise at which a grazing impact would vanish.
     admissible : bool
-        Whether it is a motion of the system: all speeds after impacts positive, no flight behind
-        the wall, and a simulation follows it.
+        Whether it is admissible: all speeds after impacts are positive, x >= 0 in all flights, and
+        a simulation reproduces it.
     status : OrbitStatus
         ``COMPLETED``, ``NOT_CONVERGED``, ``LEFT_ADMISSIBLE``, or ``RESTS`` for a mass that never
         lifts off again.
@@ -204,12 +203,12 @@ class PeriodicOrbit(Tabulated):
 
     @property
     def success(self) -> bool:
-        """Whether it was found and is a motion of the system."""
+        """Whether the orbit converged and is admissible."""
         return self.status is OrbitStatus.COMPLETED
 
     @property
     def stable(self) -> bool:
-        """Whether the multipliers lie within the unit circle, but for that of a shift in time."""
+        """Whether all multipliers, except the trivial one, lie inside the unit circle."""
         own = self.multipliers
         if self._frame.free and np.all(np.isfinite(own)):
             own = np.delete(own, np.argmin(np.abs(own - 1.0)))
@@ -294,8 +293,8 @@ class PeriodicOrbit(Tabulated):
         ndarray
             Of ``(t_1, u_1, t_2, u_2, ...)``, flat; of the state in flight without impacts; of the
             Zeno time and the lift-off time before it for a resting orbit; empty for a mass that
-            never lifts off, which has none of these. Where nothing excites the system the period
-            takes the place of ``t_1``, and of the velocity in flight.
+            never lifts off, which has none of these. In an autonomous system the period replaces
+            ``t_1``, or the velocity in flight.
         """
         parameter(self.system, name)
         if self.status is OrbitStatus.RESTS:
@@ -399,7 +398,7 @@ class MechanicalOrbit(Tabulated):
         The 2n Floquet multipliers (complex): two are 0 for each gap that is closed at some time.
         Where nothing excites the system that of a shift in time is left out.
     symmetric : bool
-        Whether it was found as a half, whose image under the symmetry is the other half.
+        Whether it was computed as a half orbit, whose image under the symmetry is the other half.
     depth : float
         How far the nearest grazing is.
     residual : float
@@ -411,7 +410,7 @@ class MechanicalOrbit(Tabulated):
         contact that pulls; one simulation follows it.
     status : OrbitStatus
         ``COMPLETED``, ``NOT_CONVERGED``, ``LEFT_ADMISSIBLE``, or ``NOT_DIFFERENTIABLE`` (several
-        gaps are hit, or come to rest, at once).
+        gaps are hit or come to rest simultaneously).
     message : str
         What happened.
     """
@@ -454,12 +453,12 @@ class MechanicalOrbit(Tabulated):
 
     @property
     def symmetric(self) -> bool:
-        """Whether it was found as a half, whose image is the other half."""
+        """Whether it was computed as a half orbit, whose image is the other half."""
         return self._frame.turn is not None
 
     @property
     def success(self) -> bool:
-        """Whether it was found and is a motion of the system."""
+        """Whether the orbit converged and is admissible."""
         return self.status is OrbitStatus.COMPLETED
 
     @property
@@ -475,7 +474,7 @@ class MechanicalOrbit(Tabulated):
         return simulate(self.system, span, self._frame.flow.initial(z), self._frame.method)
 
     def _along(self, count: int = 64) -> tuple[Array, Array]:
-        """Return times and states ``(q, qdot)`` along the segments, so many each."""
+        """Return `count` times and states ``(q, qdot)`` along each segment."""
         times, states = [], []
         for s, segment in enumerate(self._word):
             t0, t1 = float(self.segments["t0"][s]), float(self.segments["t1"][s])
@@ -511,13 +510,13 @@ class MechanicalOrbit(Tabulated):
         Parameters
         ----------
         name : str
-            A parameter, as in `zivi.continue_orbit`.
+            A parameter (see `zivi.continue_orbit`).
 
         Returns
         -------
         ndarray
-            Of the times of the events ``word`` (of the half, for a symmetric orbit), then where
-            nothing excites the system of the period.
+            Derivatives of the event times of ``word`` (of the half for a symmetric orbit), and of
+            the period in an autonomous system.
 
         Raises
         ------

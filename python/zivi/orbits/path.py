@@ -251,7 +251,7 @@ def _moved_gap(gap: LinearGap, own: str, name: str, value: float) -> LinearGap:
 
 
 def frequency_of(system: MechanicalSystem | ImpactSystem) -> float | None:
-    """Return the angular frequency of what excites a system, None where it is not known."""
+    """Return the angular frequency of the excitation; None if unknown."""
     if isinstance(system, ImpactSystem):
         return excitation(system)[0]
     core: Any = core_of(system)
@@ -270,7 +270,7 @@ def period_of(
     *,
     or_free: bool = False,
 ) -> float:
-    """Return the period of the excitation; a ValueError where it is not known."""
+    """Return the period of the excitation; raise a ValueError if unknown."""
     if period is not None:
         if not (period := finite("period", period)) > 0.0:
             raise ValueError(f"period must be > 0, got {period}")
@@ -406,7 +406,7 @@ def mass_column(terms: Terms, name: str) -> Array:
         e = float(flow.e[0])
         for row, (dx, dv), it in zip(rows, moved, frame.word, strict=True):
             row[2:] = (-dx, e * dv) if it.kind == "I" else (-dx, -dv)
-            # what vanishes there: the distance, the velocity, or of a section a time
+            # the condition there: zero distance, zero velocity, or a fixed time of a section
             row[0] = dx if it.kind == "I" else dv if isinstance(frame.section, int) else 0.0
     rows[-1, 1] += longer
     return rows.ravel()
@@ -473,7 +473,7 @@ class Low(NamedTuple):
 
 @dataclasses.dataclass(frozen=True)
 class Margins:
-    """What must be positive of a solution."""
+    """Quantities that are positive for an admissible solution."""
 
     terms: Terms
 
@@ -487,7 +487,7 @@ class Margins:
 
     @property
     def least(self) -> Low | None:
-        """What is least, relative to its size."""
+        """The least margin relative to its scale."""
         return min(self.lows, key=lambda it: it.value / it.size, default=None)
 
     def why_not(self, rounding: float = 1e-11, *, grazing: bool = False) -> str | None:
@@ -503,7 +503,7 @@ class Margins:
         out = [it for it in lows if it.value <= -rounding * it.size]
         if not out:
             return None
-        # of one mass an impact that dies hides what is behind the wall
+        # for one mass, a vanishing impact hides minima with x < 0
         dying = [it for it in out if mass and it.kind == "grazing"]
         least = min(dying or out, key=lambda it: it.value / it.size)
         why = (OUT | OUT_OF_MASS if mass else OUT)[least.kind]
@@ -604,7 +604,7 @@ class Margins:
         return found
 
     def between(self, s: int) -> list[Low]:
-        """Look for minima of open gaps, and of the forces of contacts, in a segment."""
+        """Find minima of open gaps and of contact forces in a segment."""
         terms = self.terms
         flow, segment = terms.frame.flow, terms.frame.word[s]
         t0, t1 = float(terms.x[s, 0]), float(terms.x[s, -1])
@@ -762,7 +762,7 @@ class Point:
 
     @functools.cached_property
     def margins(self) -> Margins:
-        """What must be positive."""
+        """Quantities that are positive for an admissible solution."""
         return Margins(self.terms)
 
     @functools.cached_property
@@ -859,7 +859,7 @@ class Path:
             except (FlightError, ValueError):
                 return None
             full = self.matrix(terms, column, normal)
-            # beside a grazing one step may stall before the next ones converge
+            # near a grazing one step may stall before the next ones converge
             stalls = error >= 0.5 * before
             enough = error <= max(tolerance, terms.frame.flow.accuracy)
             if enough or (stalls and stalled and error <= ENOUGH):
@@ -871,7 +871,7 @@ class Path:
                 z = z - np.linalg.solve(full, right)
             except np.linalg.LinAlgError:
                 return None
-            # false for NaN, too
+            # also false for NaN
             near = float(np.abs(z - guess).max()) <= 1.0
             if not near:
                 return None
@@ -972,7 +972,7 @@ def located(
         part = secant(last, before, low[0], high[0])
         point = path.correct(near + (part - at) * chord, normal)
         if point is None:
-            # a part of the bracket that cannot be computed lies beyond the event
+            # a part of the bracket that cannot be computed lies past the event
             high = (part, -low[1])
             last, before = high, low
             if high[0] - low[0] < 1e-12:

@@ -76,7 +76,7 @@ BEFORE = 1e-9
 
 
 class NotDifferentiable(Exception):  # noqa: N818
-    """What a run settled on has no derivatives."""
+    """Raised if the attractor of a run is not differentiable."""
 
     def __init__(self, why: str, frame: Frame, x: Array, count: int) -> None:
         super().__init__(why)
@@ -84,7 +84,7 @@ class NotDifferentiable(Exception):  # noqa: N818
 
 
 class Happened(NamedTuple):
-    """An event of a run; of the kind ``C`` where several gaps are hit, or come to rest, at once."""
+    """An event of a run; kind ``C``: several gaps are hit or come to rest simultaneously."""
 
     t: float
     kind: str
@@ -192,7 +192,7 @@ def _floor(number: float) -> float:
 def _events_of(flow: Flow, run: AnyRun, longest: float = math.inf) -> list[Happened]:
     """Return the events of a run in order; a Zeno accumulation counts as one event.
 
-    Impacts that are longer before the end of one are apart: all that follows depends on them.
+    Impacts more than `longest` before the end of an accumulation stay separate events.
     """
     rows: Any = run.resolved_impacts
     lifts: Any = run.liftoffs
@@ -249,7 +249,7 @@ def _hits_of_gaps(flow: Flow, run: MechanicalTrajectory, rows: Any) -> list[Happ
 
 
 def left_at_once(run: AnyRun, lifts: Any) -> Any:
-    """Return which lift-offs coincide with an impact that other closed gaps take part in."""
+    """Return which lift-offs coincide with an impact that involves other closed gaps."""
     near = SAME_TIME * np.maximum(1.0, np.abs(lifts["t"]))
     apart = np.abs(lifts["t"][:, None] - run.corners["t"])
     return np.any(apart <= near[:, None], axis=1)
@@ -319,7 +319,7 @@ def _periods_to_repeat(run: AnyRun, events: list[Happened], period: float) -> in
 def repeating(states: Array, *parts: Array) -> int | None:
     """Return after how many periods states, a row each, repeat; None if they do not.
 
-    Positions and velocities are compared with the largest of a run, or of the states.
+    Positions and velocities are compared relative to the largest of a run or of the states.
     """
     parts = parts or tuple(np.hsplit(states, 2))
     sizes = [float(np.max(np.abs(part))) or 1.0 for part in parts]
@@ -341,7 +341,7 @@ def shown(multiple: int, events: int, what: str = "impact", *, repeats: bool = T
 
 
 def _free_length(run: AnyRun, events: list[Happened]) -> tuple[float, float]:
-    """Return after how long a motion that nothing excites repeats, and where it is looked at."""
+    """Return the period of an autonomous motion, and the time of its section."""
     end, begin = float(run.t[-1]), float(run.t[0])
     own = [it for it in events if it.t > 0.5 * (begin + end)]
     if len(own) < 3:
@@ -536,7 +536,7 @@ def _moved(terms: Terms, mean: Array) -> float:
 
 
 def canonical(terms: Terms, multiple: int) -> Terms:
-    """Let the word end with the event of the smallest phase, its time within the first period."""
+    """Rotate the event sequence so that it ends with the event of the smallest phase."""
     frame = terms.frame
     if frame.turn is not None or (isinstance(frame.section, int) and frame.free):
         return terms
@@ -688,7 +688,7 @@ def weaker_reason(orbit: Any) -> str | None:
 
 
 def _simulated_mass(orbit: PeriodicOrbit) -> MassTables:
-    """Simulate an orbit of one mass from the middle of a flight, or of its rest."""
+    """Simulate an orbit of one mass from the middle of a flight or of its rest."""
     frame, length = orbit._frame, orbit.multiple * orbit.period
     x = frame.split(orbit._y)[0]
     t, z = middle_of(frame.flow, frame.word, x[:, :-1], x[:, -1])
@@ -773,7 +773,7 @@ def new_mass_orbit(
     message: str,
     **known: Any,
 ) -> PeriodicOrbit:
-    """Make an orbit of one mass; what is not known is that of none."""
+    """Make an orbit of one mass; unknown fields have the values of an empty orbit."""
     smooth = all(it.kind == "P" for it in frame.word)
     rests = is_resting(frame.word)
     none: dict[str, Any] = {"multipliers": np.full(2, np.nan + 0j), "iterations": 0}
@@ -894,7 +894,7 @@ def resting_orbit(
 ) -> PeriodicOrbit:
     """Simulate the motion that lifts off first after a time, until it does so at the same phase.
 
-    At most so many periods are simulated, at first two, and the motion must come back to that
+    At most a given number of periods is simulated, first two, and the motion must return to that
     lift-off. By default it may do so from another one on, within `MOST_PERIODS`.
     """
     flow, longest = MassFlow(system, method), most or MOST_PERIODS

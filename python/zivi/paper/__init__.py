@@ -1,4 +1,4 @@
-"""The figures and the numbers of the paper, computed anew.
+"""The figures and numbers of the paper, recomputed.
 
 O. Huber and H. B. Oza, *Implicit numerical integration for the simulation and control of a
 non-smooth system with resets*, CDC 2016, doi 10.1109/CDC.2016.7799277.

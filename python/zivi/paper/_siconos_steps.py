@@ -42,7 +42,7 @@ class BallStep:
         self.begin_at(0.0, 0.0)
 
     def begin_at(self, s: float, v: float) -> None:
-        """Take the next step from here."""
+        """Set the state from which the next step starts."""
         self.s, self.v = s, v
         self.scale_v = self.h * self.gravity
         self.scale_s = self.h * (self.kappa * abs(v) + self.scale_v)
@@ -96,7 +96,7 @@ class TrackingStep:
         self.begin_at(0.0, 0.0, 0.0, 0.0)
 
     def begin_at(self, s: float, v: float, s_ref: float, v_ref: float) -> None:
-        """Take the next step from here."""
+        """Set the state from which the next step starts."""
         self.s, self.v, self.s_ref, self.v_ref = s, v, s_ref, v_ref
         of_ref = self.h * abs(self.f_ref)
         of_v = self.h * (self.mu1 + self.mu2 + abs(self.f)) + of_ref
@@ -196,7 +196,7 @@ def write_solutions(
 
 
 def solve_request() -> None:
-    """Solve what standard input asks for; nothing else, C's messages included, is written."""
+    """Solve the problems on standard input; only results are written, no messages of C."""
     del sys.path[0]  # this folder, whose siconos.py would stand in for Siconos
     asked = np.load(io.BytesIO(sys.stdin.buffer.read()))
     step = PROBLEMS[str(asked["problem"])](*asked["parameters"].tolist())

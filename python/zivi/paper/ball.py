@@ -121,7 +121,7 @@ def _draw_physical(sol: Trajectory) -> Figure:
 
 
 def _mark_rest(sol: Trajectory, ax: Axes) -> None:
-    """Mark the exact Zeno point, and beside it where the scheme rests."""
+    """Mark the exact Zeno point and the scheme's rest time."""
     rest = rest_time_of(sol)
     exact = f"exact Zeno point, {Exact.zeno:.4f} s"
     ax.axvline(Exact.zeno, color="0.4", ls=":", lw=1.2, label=exact)

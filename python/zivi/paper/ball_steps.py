@@ -41,9 +41,9 @@ def _ball_solver(h: float, solver: str, linearisations: int = 1, fall_backs: boo
 
 
 def ball_solvers(h: float) -> dict[str, Solver]:
-    """Return zivi's general solvers and, where it is found, those of Siconos.
+    """Return zivi's general solvers and those of Siconos if it is installed.
 
-    "outer n": at most n linearisations; "inner only": without the fall-backs behind Josephy-Newton.
+    "outer n": at most n linearisations; "inner only": without the fall-backs after Josephy-Newton.
     """
     own = {f"outer {n}": _ball_solver(h, "outer", n) for n in (1, 5, 20)}
     own["inner only"] = _ball_solver(h, "newton", fall_backs=False)

@@ -1,9 +1,9 @@
 """Explicit and implicit signs in the controller: same gains, same period.
 
-Measured in the sampled loop on the paper's plant, where nothing is left to do but to hold the
-reference: on a reference that rises freely, at its apex (where sgn v switches), and on the wall
-(the paper's tracking problem once the reference rests). A mass at exact rest does not chatter with
-any controller, so the last is also done with 1.5 m/s^2 that the controller does not know of.
+Measured in the sampled loop on the paper's plant while it holds the reference: on a reference that
+rises freely, at its apex (where sgn v switches), and on the wall (the paper's tracking problem once
+the reference rests). A mass at exact rest does not chatter with any controller, so the last is also
+done with 1.5 m/s^2 that the controller does not know of.
 """
 
 from __future__ import annotations
@@ -105,7 +105,7 @@ def _measure_case(where: str, force_error: float, h: float, controller: str) -> 
 
 
 def chattering_table(rows: Iterable[Chattering]) -> Table:
-    """Lay the rows out for a terminal."""
+    """Format the rows for a terminal."""
     return report.terminal_table(
         "Explicit and implicit signs",
         "sum |du| per second; u in m/s^2, x in m, x' in m/s; dF: outward, unknown",
@@ -121,7 +121,7 @@ def _chattering_cells(row: Chattering) -> tuple[str, ...]:
 
 
 def draw_chattering() -> Picture:
-    """Draw control and error of both: rising, and on the wall with the unknown force."""
+    """Draw control and error of both: rising and on the wall, with the unknown force."""
     import matplotlib.pyplot as plt
 
     made: dict[str, ClosedLoop] = {}

@@ -1,4 +1,4 @@
-"""What the closed loops of section V.B have in common: the data and the two loops."""
+"""Common part of the closed loops of section V.B: data and the two loops."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ IMPLICIT = ("positive", "nearest")
 def regulate(
     h: float = H, *, sampled: bool = False, landing: bool = False, t_end: float = T_REGULATOR
 ) -> ClosedLoop:
-    """Run the regulator of figure 5, in the paper's own loop with its tick, or in other ones."""
+    """Run the regulator of figure 5, in the paper's own loop or in others."""
     return simulate_closed_loop(
         ImpactSystem(0.0, kappa=KAPPA),
         TwistingRegulator(*REGULATOR, h=h, kappa=KAPPA, landing=landing),
@@ -98,7 +98,7 @@ def track(
 ) -> ClosedLoop:
     """Run a tracker (``positive``, ``nearest`` or ``explicit``) on the paper's data.
 
-    The controller always believes in `FORCE`; `e` and `e_ref` are its own, by default the plant's;
+    The controller's model always has `FORCE`; `e` and `e_ref` are its own, by default the plant's;
     the law is the paper's unless it is to land.
     """
     # kappa, not e: in the last digit they differ, and the time of exact rest shows it
@@ -114,7 +114,7 @@ def track(
             MU1, MU2, h=h, e=e, kappa=kappa, e_ref=e_ref, branch=branch, landing=landing
         )
     with warnings.catch_warnings():
-        # another e than the plant's is what the table is about
+        # the table is about an e that differs from the plant's
         warnings.simplefilter("ignore", ModelWarning)
         return simulate_closed_loop(
             ImpactSystem(force, kappa=KAPPA),

@@ -3,8 +3,8 @@
 *Outer* linearisation solves affine VIs one after another, each linearised at the solution of the
 last, without a merit function; *inner* linearisation leaves the nonlinear VI to a solver that
 linearises inside and searches along a merit function. The paper advises against the outer one,
-which in its experiments often found no solution. A step counts as solved when its residual,
-computed anew, is at most `TOLERANCE`.
+which in its experiments often found no solution. A step counts as solved when its recomputed
+residual is at most `TOLERANCE`.
 """
 
 from __future__ import annotations
@@ -76,7 +76,7 @@ def measure_failures() -> list[Rate]:
 
 
 def failure_tables(rates: Iterable[Rate]) -> Group:
-    """Lay out the failures in percent, a table for each problem with solvers in columns."""
+    """Tabulate the failures in percent: a table per problem with solvers in columns."""
     rates = list(rates)
     problems = dict.fromkeys(rate.problem for rate in rates)
     each = ([rate for rate in rates if rate.problem == problem] for problem in problems)

@@ -1,6 +1,6 @@
 """The twisting regulator of section III brings the mass to rest (figure 5, section V.B).
 
-The paper does not give the gains of its figure 5. Chosen here: mu1 = 3, mu2 = 2, F = 0,
+The paper does not state the gains of its figure 5. Chosen here: mu1 = 3, mu2 = 2, F = 0,
 kappa = 1/2, from (x, x') = (1, 0); for them the settling time has a closed form.
 """
 

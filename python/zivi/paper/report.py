@@ -43,7 +43,7 @@ def save_rows(rows: Iterable[Any], path: Path) -> None:
 
 
 def empty(title: str, caption: str) -> Table:
-    """Begin a table in the look of all of them, for 80 columns."""
+    """Create a table in the common style, for 80 columns."""
     return Table(
         title=title,
         caption=caption,
@@ -56,7 +56,7 @@ def empty(title: str, caption: str) -> Table:
 def terminal_table(
     title: str, caption: str, columns: Sequence[str], rows: Iterable[Sequence[object]]
 ) -> Table:
-    """Lay rows out for a terminal: text as it is, numbers with three digits."""
+    """Format rows for a terminal, numbers with three digits."""
     result = empty(title, caption)
     for column in columns:
         result.add_column(column, no_wrap=True)
@@ -70,7 +70,7 @@ def terminal_table(
 
 @dataclasses.dataclass(frozen=True)
 class Check:
-    """A number with the value that it is held against.
+    """A number with its reference value.
 
     Parameters
     ----------
@@ -81,9 +81,8 @@ class Check:
     expected : float
         What it is held against.
     source : {"exact", "scheme", "bound", "paper"}
-        A closed form of the motion, or what an independent implementation of the same scheme
-        gives at the same step size, or a bound that holds where nothing is exact, or what the
-        paper prints.
+        Source of the reference: a closed form of the motion; an independent implementation of the
+        same scheme at the same step size; a bound; or the value printed in the paper.
     tolerance : float
         Largest accepted ``|computed - expected|``.
     paper : str
@@ -123,7 +122,7 @@ def _check_cells(check: Check) -> tuple[str, ...]:
 
 
 def checks_table(checks: Iterable[Check]) -> Table:
-    """Lay the checks out for a terminal."""
+    """Format the checks for a terminal."""
     shown = [column for column in COLUMNS if column != "paper"]
     result = empty("Checked numbers", CAPTION)
     for column in shown:
@@ -142,7 +141,7 @@ def save_checks(checks: Iterable[Check], path: Path) -> None:
         rows.writerows(_check_cells(check) for check in checks)
 
 
-# A figure, the settings that made it, and the data behind it.
+# A figure with its settings and data.
 
 UNITS = {
     "h": "s",
@@ -165,7 +164,7 @@ NO_BREAK = "\u00a0"
 
 @dataclasses.dataclass(frozen=True)
 class Picture:
-    """A drawing that says what it was made with.
+    """A figure with its settings.
 
     Parameters
     ----------
@@ -174,7 +173,7 @@ class Picture:
     title : str
         What is drawn.
     settings : mapping
-        What it was drawn with, by name: numbers (units in `UNITS`) and text.
+        Its settings by name: numbers (units in `UNITS`) and text.
     figure : matplotlib.figure.Figure
         The drawing.
     data : mapping
@@ -246,7 +245,7 @@ def loop_data(run: ClosedLoop, *quantities: str) -> pd.DataFrame:
 
 
 def draw_sv_plane(s: Array, v: Array, near: tuple[float, float]) -> Figure:
-    """Draw a run that comes to rest in the (s, v) plane, and what is `near` rest enlarged."""
+    """Draw a run that comes to rest in the (s, v) plane, with an enlargement `near` rest."""
     import matplotlib.pyplot as plt
 
     figure, ax = plt.subplots(layout="constrained", figsize=(6.4, 4.6))

@@ -1,8 +1,8 @@
 """Whether the tracker rests exactly in the sampled loop: that depends on the restitution.
 
 The implicit step plans to end on the wall. The plant, under the control held, meets the wall
-before the end of the period and bounces; what is left after a period is in proportion to what
-there was, with a factor that e decides. In the paper's own loop the plan is what happens.
+before the end of the period and bounces; the remaining motion after a period is proportional to the
+initial one, with a factor that depends on e. In the paper's own loop the motion follows the plan.
 """
 
 from __future__ import annotations
@@ -80,7 +80,7 @@ def _measure_restitution(e: float, h: float) -> Rest:
 
 
 def rest_table(rows: Iterable[Rest]) -> Table:
-    """Lay the rows out for a terminal."""
+    """Format the rows for a terminal."""
     return report.terminal_table(
         "Exact rest of the tracker, reference on the wall",
         "starts that end at exact rest; largest x and |x'| in the last second (sampled loop)",

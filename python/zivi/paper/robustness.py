@@ -1,4 +1,4 @@
-"""The tracker where the world is not as it believes: the paper's problem in the sampled loop.
+"""The tracker with model errors: the paper's problem in the sampled loop.
 
 Each disturbance is run from many starts near the paper's, because whether a single run ends at
 exact rest or in a small cycle (see `rest`) can hang on the last digits of its data.
@@ -117,7 +117,7 @@ def _run_start(branch: str, start: np.ndarray, given: dict[str, Any]) -> tuple[f
 
 
 def robustness_table(rows: Iterable[Robustness]) -> Table:
-    """Lay the rows out for a terminal."""
+    """Format the rows for a terminal."""
     return report.terminal_table(
         "The tracker under disturbances",
         f"worst of {STARTS} starts; reached: last |x - x_r| > 1 cm; rest: runs at exact rest; "

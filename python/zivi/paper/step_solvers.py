@@ -27,7 +27,7 @@ __all__ = [
 # Siconos' solvers for the step's VI, where a Python that has Siconos is found.
 #
 # Siconos is never required: without it there are no solvers here. It runs in processes of its own,
-# because it may be installed for another interpreter, and because its solvers can loop for ever.
+# because it may be installed for another interpreter, and because its solvers may not terminate.
 
 Array = NDArray[np.float64]
 
@@ -100,7 +100,7 @@ def _siconos_solve(
     states: Array,
     starts: Array,
 ) -> Array:
-    """Solve for all states; go on behind one at which the process ended."""
+    """Solve for all states; continue after one that crashed the process."""
     multipliers = np.full_like(starts, np.nan)
     posed = {"solver": solver, "problem": problem, "parameters": np.array(parameters)}
     done = 0
@@ -155,7 +155,7 @@ class Steps:
     solvers : dict
         By name.
     residual : callable
-        Relative natural residual of multipliers for states, written apart from the solvers.
+        Relative natural residual of multipliers for states, independent of the solvers.
     """
 
     problem: str

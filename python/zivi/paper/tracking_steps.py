@@ -1,4 +1,4 @@
-"""Steps of the tracker of section V: six signs at once."""
+"""Steps of the tracker of section V, with six simultaneous signs."""
 
 from __future__ import annotations
 
@@ -57,9 +57,9 @@ def _loop_solver(solver: str, linearisations: int = 1, fall_backs: bool = True) 
 
 
 def loop_solvers() -> dict[str, Solver]:
-    """Return zivi's general solvers, the tick, and Siconos' solvers where they are found.
+    """Return zivi's general solvers, the control update, and Siconos' solvers if installed.
 
-    "outer n": at most n linearisations; "inner only": without the fall-backs behind Josephy-Newton.
+    "outer n": at most n linearisations; "inner only": without the fall-backs after Josephy-Newton.
     """
     own = {f"outer {n}": _loop_solver("outer", n) for n in (1, 5, 20, 100)}
     own["inner only"] = _loop_solver("newton", fall_backs=False)

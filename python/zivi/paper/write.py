@@ -1,4 +1,4 @@
-"""``zivi paper``: the figures, the data behind each, and the tables, stage by stage."""
+"""``zivi paper``: the figures, their data, and the tables, stage by stage."""
 
 from __future__ import annotations
 
@@ -22,22 +22,22 @@ __all__ = [
     "write",
 ]
 
-# Writes the figures, the data behind each, and the tables, stage by stage.
+# Writes the figures, their data, and the tables, stage by stage.
 
 
 @dataclasses.dataclass
 class Reproduction:
-    """What `write` found; lists of stages that were left out are empty.
+    """Results of `write`; lists of skipped stages are empty.
 
     Parameters
     ----------
     checks : list of Check
         Every checked number.
     rates : list of linearisation.Rate
-        How often the linearisations of section V.A fail; this and what follows is measured, not
+        Failure rates of the linearisations of section V.A; this and the following are measured, not
         checked.
     chattering : list of chattering.Chattering
-        Explicit beside implicit signs in the controller.
+        Explicit and implicit signs in the controller.
     robustness : list of robustness.Robustness
         The tracker under disturbances.
     rests : list of rest.Rest
@@ -71,19 +71,19 @@ def write(
     Parameters
     ----------
     out : path
-        Folder, made if needed: a PNG for each figure, a CSV with the data behind it, and a CSV
-        for each table (``checks``, ``linearisation``, ``chattering``, ``robustness``, ``rest``).
-        A CSV of data begins with ``#`` lines that say what was computed.
+        Folder, created if needed: a PNG and a CSV of the data for each figure, and a CSV for each
+        table (``checks``, ``linearisation``, ``chattering``, ``robustness``, ``rest``). A CSV of
+        data begins with ``#`` lines that describe the computation.
     only : collection of str, optional
         The stages to run, of `STAGES`; by default all.
     report : callable, optional
-        Called before each stage and at the end with its name, the number of stages done, and of
-        stages in all.
+        Called before each stage and at the end with its name, the number of completed stages and
+        their total.
 
     Returns
     -------
     Reproduction
-        The checked numbers and what was measured.
+        The checked and the measured numbers.
 
     Raises
     ------

@@ -1,8 +1,8 @@
 """Plots of trajectories and closed loops.
 
 Every function draws into ``ax`` (a new figure's axes by default), returns the axes, changes no
-global setting and never calls ``show``. A line that is drawn into axes with lines takes the next
-colour. Further keywords go to `matplotlib.axes.Axes.plot`.
+global setting and never calls ``show``. A line drawn into axes with other lines has the next colour
+of the palette. Further keywords go to `matplotlib.axes.Axes.plot`.
 """
 
 from typing import TYPE_CHECKING

@@ -57,9 +57,9 @@ class MechanicalScene:
     times : ndarray
         Times of the pictures.
     figure : matplotlib.figure.Figure
-        Where to draw.
+        Target of the drawing.
     bodies, walls : callable or None
-        Lines of the bodies and of what they hit.
+        Lines of the bodies and of the walls.
     """
 
     def __init__(
@@ -175,7 +175,7 @@ def linear_walls(run: MechanicalTrajectory) -> Lines | None:
     """Return where gaps close that are linear in the coordinates, None if that is not known.
 
     In the plane of two coordinates these are lines, else a gap of one coordinate is a short line
-    below its point. Gaps with gradients that change, or of several coordinates, are left out.
+    below its point. Gaps with varying gradients or several coordinates are left out.
     """
     model = run._model
     if model is None or not len(run.t) or not run.gap_names:
@@ -211,7 +211,7 @@ def linear_walls(run: MechanicalTrajectory) -> Lines | None:
 
 
 def point_label(names: Sequence[str], axis: int) -> str:
-    """Name an axis of `coordinate_points`."""
+    """Return the label of an axis of `coordinate_points`."""
     if len(names) == 2:
         return names[axis]
     return "coordinates" if axis else "number"
@@ -233,7 +233,7 @@ def animate(
     fps: float = 25.0,
     figure: Figure | None = None,
 ) -> FuncAnimation:
-    """Animate a run: the mass above its wall, and its position as it is drawn over time.
+    """Animate a run: the mass above its wall, and its position over time.
 
     A closed loop is shown with its reference, a moving wall moves. Of a mechanical system the
     configuration is shown, with its gaps as they are drawn over time.
@@ -243,10 +243,10 @@ def animate(
     run : Trajectory, ClosedLoop or MechanicalTrajectory
         The run.
     bodies, walls : callable, optional
-        How a mechanical system looks, and what it hits: functions of the time and the coordinates
-        that return a list of lines, each ``(x, y)``, numbers or arrays of points. By default two
-        coordinates are those of a point, others are points side by side, and walls are where gaps
-        that are linear in the coordinates close.
+        Shapes of the bodies of a mechanical system and of the walls: functions of time and
+        coordinates that return a list of lines, each ``(x, y)``, numbers or arrays of points. By
+        default two coordinates are those of a point, others are points side by side, and walls are
+        where gaps that are linear in the coordinates close.
     speed : float
         Seconds of the motion in a second of the film, > 0.
     fps : float
@@ -275,7 +275,7 @@ def animate(
     >>> film.to_jshtml().strip()[:5]  # in a notebook; film.save("ball.gif") writes a file
     '<link'
 
-    A pendulum beside a wall:
+    A pendulum next to a wall:
 
     >>> pendulum = zivi.MechanicalSystem(
     ...     mass=0.25,

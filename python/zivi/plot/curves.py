@@ -71,7 +71,7 @@ FINEST = 1e-3
 
 @dataclasses.dataclass(frozen=True)
 class Line:
-    """Points to draw, and where impacts separate them.
+    """Points of a line, and its breaks at impacts.
 
     Parameters
     ----------
@@ -144,7 +144,7 @@ def position(
     frame: Frame = "wall",
     **line: Any,
 ) -> Axes:
-    """Plot the distance from the wall over time, of a closed loop beside its reference.
+    """Plot the distance from the wall over time; for a closed loop, with its reference.
 
     Parameters
     ----------
@@ -153,7 +153,7 @@ def position(
     ax : matplotlib.axes.Axes, optional
         Where to draw.
     frame : {"wall", "fixed"}
-        Where a moving wall rests, or where it moves and is drawn too.
+        The frame of a moving wall, or the fixed frame, in which the wall is drawn as well.
     **line
         Passed to `matplotlib.axes.Axes.plot`.
 
@@ -284,7 +284,7 @@ def phase_plane(
 
 
 def _look(ax: Axes, first: str, label: str, line: dict[str, Any]) -> dict[str, Any]:
-    """Complete the settings of a line: an overlay takes the next colour."""
+    """Complete the settings of a line; an overlay has the next colour."""
     return {"color": next_colour(ax, first), "label": label} | line
 
 
@@ -370,8 +370,8 @@ def overview(
     plane. A closed loop: position, velocity, control and signs over time; the phase plane instead
     of signs that the controller does not have. A mechanical system: coordinates, gaps and
     reactions over time, and its configuration, of a closed loop its controls; with dry friction
-    what sticks and slips instead of the reactions. What would be empty, as the reactions of a
-    system that never rests on anything, is left out.
+    what sticks and slips instead of the reactions. Empty panels, for example reactions of a system
+    without contacts, are left out.
 
     Parameters
     ----------
@@ -543,8 +543,8 @@ def impacts(
     ax : matplotlib.axes.Axes, optional
         Where to draw.
     bins : int
-        Number of intervals of the speed, >= 1: of equal length, or of equal ratio on a logarithmic
-        axis if the fastest impact is more than 100 times as fast as the slowest.
+        Number of intervals of the speed, >= 1: of equal length, or, on a logarithmic axis, of equal
+        ratio if the speeds span more than a factor of 100.
     **bars
         Passed to `matplotlib.axes.Axes.hist`.
 

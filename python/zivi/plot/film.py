@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 class Scene(Protocol):
-    """What is filmed."""
+    """Interface of animated scenes."""
 
     figure: Figure
 
@@ -47,8 +47,8 @@ class Film(FuncAnimation):
     def save(self, filename: Any, writer: Any = None, *given: Any, **more: Any) -> None:
         """Write the film, as `matplotlib.animation.Animation.save`.
 
-        A picture of a GIF lasts a whole number of hundredths of a second: they are chosen so that
-        the film lasts as long as the motion.
+        A GIF frame lasts a whole number of hundredths of a second; the numbers are chosen so that
+        the animation lasts as long as the motion.
         """
         if writer in (None, "pillow") and str(filename).lower().endswith(".gif"):
             made: Any = _Gif  # it is typed for whole numbers
@@ -78,7 +78,7 @@ class Film(FuncAnimation):
 
 
 class _Gif(PillowWriter):
-    """Writes GIFs whose pictures last, summed, as long as they should."""
+    """Writes GIFs whose frame durations add up to the duration of the motion."""
 
     _frames: list[Any]
 

@@ -20,9 +20,9 @@ __all__ = [
     "check_run",
 ]
 
-# What all plots share: axes, colours, and in which frame a run is shown.
+# Common parts of all plots: axes, colours, and the frame of a run.
 
-# Okabe and Ito's palette: told apart by colour-blind readers and in grey
+# Okabe and Ito's palette: distinguishable for colour-blind readers and in grey
 BLUE, ORANGE, GREEN, PURPLE = "#0072B2", "#D55E00", "#009E73", "#CC79A7"
 PALETTE = (BLUE, ORANGE, GREEN, PURPLE, "#E69F00", "#56B4E9", "black")
 WALL = "0.5"
@@ -41,7 +41,7 @@ def axes_of(ax: Axes | None) -> Axes:
 
 
 def _check_axes(ax: Axes) -> Axes:
-    """Refuse what is no axes of Matplotlib, and say how to get them from it."""
+    """Reject objects other than Matplotlib axes; the message says how to get axes from them."""
     if hasattr(ax, "plot") and hasattr(ax, "set_xlabel"):
         return ax
     given: Any = ax
@@ -85,7 +85,7 @@ def next_colour(ax: Axes, first: str) -> str:
 
 
 def legend(ax: Axes, **settings: Any) -> None:
-    """Name the curves beside them, where the layout of the figure makes room; else among them."""
+    """Place the legend outside the axes if the layout has room, else inside."""
     from matplotlib.layout_engine import ConstrainedLayoutEngine, TightLayoutEngine
 
     placed: dict[str, Any] = {"loc": "best"}
@@ -99,7 +99,7 @@ def legend(ax: Axes, **settings: Any) -> None:
 def in_frame(
     run: Trajectory | ClosedLoop, frame: Frame, t: Array, x: Array, xdot: Array
 ) -> tuple[Array, Array]:
-    """Return points of the wall's frame in the frame that is wanted."""
+    """Transform points from the wall's frame to a given frame."""
     if frame not in ("wall", "fixed"):
         raise ValueError(f"frame must be 'wall' or 'fixed', got {frame!r}")
     wall = wall_of(run)
@@ -143,14 +143,14 @@ ADVICE = {
 
 
 def check_run(plot: str, run: Any, *, needs: str | None = None, of: str | None = None) -> None:
-    """Raise a TypeError for what a plot cannot draw.
+    """Raise a TypeError for a result that a plot cannot draw.
 
     Parameters
     ----------
     plot : str
         Name of the plot.
     run : object
-        What it was given.
+        Its argument.
     needs : str, optional
         An attribute that it draws, which only one kind of run has.
     of : str, optional

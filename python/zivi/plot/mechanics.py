@@ -52,9 +52,9 @@ MOST = 500_000
 def drawn(sol: MechanicalTrajectory, quantity: Quantity) -> tuple[Array, Array]:
     """Return times and columns of a quantity whose connecting lines follow the motion.
 
-    The times are those of samples and events, the last moment before each impact, and what
-    halving adds where a line is off the curve by more than a thousandth of the range. A run that
-    keeps no motion is drawn at its samples.
+    The times are those of samples and events, the instants before each impact, and bisection points
+    where a line deviates from the curve by more than a thousandth of the range. A run that keeps no
+    motion is drawn at its samples.
     """
     path = sol._path
     unknown = quantity == "reactions" and not isinstance(path, LinearMotion) and sol._model is None
@@ -141,7 +141,7 @@ def is_mechanical(run: Any) -> bool:
 
 
 def check_mechanical(plot: str, run: Any) -> None:
-    """Raise a TypeError for what a plot of a mechanical system cannot draw."""
+    """Raise a TypeError for a result that a plot of a mechanical system cannot draw."""
     if not is_mechanical(run):
         raise TypeError(
             f"zivi.plot.{plot} draws a zivi.MechanicalTrajectory, got {type(run).__name__}"
@@ -237,7 +237,7 @@ def reactions(
     forces = [FORCES.get(it, "") for it in units_of(sol, "gaps", units)]
     times, values = drawn(sol, "reactions")
     _lines(ax, times, values, names, forces, line)
-    # the whole run and no force, also where a gap is open at first
+    # the whole run with zero force, even if a gap is initially open
     ax.update_datalim([(times[0], 0.0), (times[-1], 0.0)] if len(times) else [])
     ax.autoscale_view()
     _labelled(ax, r"reactions $\lambda_i$", names, forces, one="reaction")
@@ -251,7 +251,7 @@ FORCES = {"m": "N", "rad": "N m"}
 def coordinates(
     sol: MechanicalTrajectory, ax: Axes | None = None, *, units: Units = None, **line: Any
 ) -> Axes:
-    """Plot the coordinates over time, with marks at impacts; of a loop beside its reference.
+    """Plot the coordinates over time, with marks at impacts; for a loop, with its reference.
 
     Parameters and return value as for `gaps`; `units` are those of the coordinates.
     """
@@ -401,7 +401,7 @@ Units: TypeAlias = "str | Mapping[str, str] | None"
 
 
 def units_of(sol: MechanicalTrajectory, kind: str, units: Units) -> list[str]:
-    """Return the units of coordinates, gaps or channels, empty where they are not known."""
+    """Return the units of coordinates, gaps or channels; "" if unknown."""
     owners = {"coordinates": "coordinate_names", "gaps": "gap_names", "channels": "channel_names"}
     names = getattr(sol, owners[kind])
     if isinstance(units, str):
@@ -421,7 +421,7 @@ def with_unit(text: str, unit: str) -> str:
 def _labelled(
     ax: Axes, what: str, names: Sequence[str], units: Sequence[str], one: str = ""
 ) -> None:
-    """Name the axes, with the unit that all have, and what is drawn."""
+    """Label the axes with the quantity and its common unit."""
     if len(names) == 1:
         what = f"{one} {names[0]}".lstrip()
     unit = units[0] if len(set(units)) == 1 else ""

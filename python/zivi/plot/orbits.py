@@ -114,7 +114,7 @@ def _mark(ax: Axes, kind: str, value: float, heights: Array) -> None:
 
 
 def _add_legend(ax: Axes) -> None:
-    """Name once what each kind of point, line and mark is."""
+    """Add one legend entry for each kind of point, line and mark."""
     handles, names = ax.get_legend_handles_labels()
     low, high = ax.get_ylim()
     if 0.0 < high - low < FLAT * abs(high):  # a constant is not drawn as its rounding
@@ -199,7 +199,7 @@ def branch_multipliers(b: Branch, ax: Axes | None = None, **line: Any) -> Axes:
     ax = axes_of(ax)
     circle = np.linspace(0.0, 2.0 * np.pi, 200)
     ax.plot(np.cos(circle), np.sin(circle), color="0.5", lw=0.8)
-    # near a grazing a multiplier grows beyond all bounds: what matters is near the circle
+    # near a grazing a multiplier is unbounded: the relevant part is near the unit circle
     values = np.where(np.abs(b.multipliers) < 3.0, b.multipliers, np.nan)
     for column, colour in zip(values.T, (BLUE, ORANGE), strict=True):
         look: dict[str, Any] = {"color": colour, "marker": ".", "ms": 3.0, "lw": 0.8}
@@ -217,7 +217,7 @@ def _point(ax: Axes, column: Any, colour: Any) -> None:
         return
     k = min(int(np.searchsorted(lengths, 0.5 * lengths[-1])), len(points) - 1)
     k = max(k, 1)
-    # a step is too short to show a direction: as long as a twentieth of the line
+    # a step is too short to show a direction: use a twentieth of the line
     first = int(np.searchsorted(lengths, lengths[k] - 0.05 * lengths[-1], side="right")) - 1
     start, end = points[max(first, 0)], points[k]
     ax.annotate(
@@ -367,7 +367,7 @@ def curve(c: EventCurve, ax: Axes | None = None, *, words: bool = False, **line:
     ax : matplotlib.axes.Axes, optional
         Where to draw.
     words : bool
-        Whether the word of the orbit is written beside the curve.
+        Whether the curve is labelled with the event sequence of the orbit.
     **line
         Passed to `matplotlib.axes.Axes.plot`.
 
@@ -424,7 +424,7 @@ def chart(
     ax : matplotlib.axes.Axes, optional
         Where to draw.
     words : bool
-        Whether the words of the orbits are written beside the curves.
+        Whether the curves are labelled with the event sequences of the orbits.
     **line
         Passed to `matplotlib.axes.Axes.plot`.
 

@@ -1,4 +1,4 @@
-"""Many runs at once, on all cores: arrays of parameters and of initial states."""
+"""Batches: many runs on all cores, for arrays of parameters and initial states."""
 
 from __future__ import annotations
 
@@ -93,13 +93,13 @@ def simulate_batch(
 ) -> Batch | MechanicalBatch:
     """Simulate many independent runs, on all cores and without the interpreter.
 
-    The results do not depend on the number of threads, and each run gives what `simulate` gives
-    for it, to the last bit. Memory is what is saved, and a record of one run for each thread.
+    The results do not depend on the number of threads, and each run is bit-identical to `simulate`.
+    The memory requirement is the saved data plus the record of one run per thread.
 
     Parameters
     ----------
     systems : ImpactSystem or sequence of ImpactSystem, or of MechanicalSystem
-        One for all runs, or one for each. Forces must not need the interpreter: numbers,
+        One system for all runs or one per run. Forces must not need the interpreter: numbers,
         `LinearForce` (with or without a `Table`) and compiled callables do not. A
         `MechanicalSystem` may; those of `zivi.symbolic`, which do not, run side by side. An
         `ImpactSystem` with friction runs as a `MechanicalSystem`.
@@ -112,30 +112,30 @@ def simulate_batch(
         The method, by default and for mechanical systems `SwitchedRK`. Under constant forces
         `ThetaGamma` moves many masses side by side.
     t_eval : array_like, optional
-        Increasing times in `t_span` (s) at which the states of all runs are kept beside their ends,
-        as those that `simulate` gives: with `SwitchedRK` from its dense output, each time once;
-        with a method of fixed steps between its steps, then also `ThetaGamma` goes run by run. Of
-        an `ImpactSystem` not with another `save`.
+        Increasing times in `t_span` (s) at which the states of all runs are stored in addition to
+        their ends, equal to those of `simulate`: with `SwitchedRK` from its dense output, one state
+        per time; with a fixed-step method interpolated between its steps (`ThetaGamma` then runs
+        one by one). Of an `ImpactSystem` not with another `save`.
     save : {"final", "statistics", "events", "grazing"} or int
-        What is kept of each run: its end; its end and the extremes of its samples; its end and
-        all events; its end and whether it passed a grazing (`SwitchedRK` only); or its end and
-        every so many samples (methods of fixed steps only). Of mechanical systems "final", "events"
-        or "runs", the runs themselves.
+        Data stored for each run: final state; final state and extremes of the samples; final state
+        and all events; final state and whether the run grazed (`SwitchedRK` only); or, for an
+        integer n, final state and every n-th sample (fixed-step methods only). Of mechanical
+        systems "final", "events" or "runs", the runs themselves.
     slowest : float
         The slowest impacts that are counted and listed, as a part of the fastest one, > 0: also
         those that a jump to rest skips.
     threads : int, optional
-        Number of threads, >= 1; by default as many as the machine runs at once. They call compiled
+        Number of threads, >= 1; by default the number of cores. They call compiled
         parts at the same time, which must be reentrant: else give 1, as is taken for a
         `MechanicalSystem` with ``reentrant=False``.
     progress : bool, optional
         Show a progress bar on standard error once it lasts longer than a second. By default only
         on a terminal.
     tstops : array_like, optional
-        With `SwitchedRK`: times where the forces of all runs jump (s), as in `simulate`.
+        With `SwitchedRK`: times of jumps of the forces of all runs (s; see `simulate`).
     kicks : Kick or sequence of Kick, optional
-        With `SwitchedRK`: impulses on all runs at given times, as in `simulate`; of an
-        `ImpactSystem` numbers, not functions.
+        With `SwitchedRK`: impulses on all runs at given times (see `simulate`); for an
+        `ImpactSystem` numbers instead of functions.
 
     Returns
     -------
@@ -261,7 +261,7 @@ def _batch_result(
 
 
 def _event_columns(record: _zivi.BatchRecord) -> list[dict[str, Any]]:
-    # each look at one of these makes a new list
+    # each access creates a new list
     listed, resolved = record.impacts, record.resolved_impacts
     zeno_times, liftoff_times = record.zeno_times, record.liftoff_times
     columns = (
@@ -277,7 +277,7 @@ def _event_columns(record: _zivi.BatchRecord) -> list[dict[str, Any]]:
 
 
 def _rows_of_all(impacts: NDArray[np.void], several: list[Array]) -> Any:
-    """Return the impacts of all runs, numbered anew in each."""
+    """Return the impacts of all runs, numbered from 0 in each run."""
     rows = rows_of_impacts(impacts)
     counts = [len(flat) // 3 for flat in several]
     rows["group"] -= np.repeat(np.cumsum([0, *counts[:-1]]), counts)
@@ -285,7 +285,7 @@ def _rows_of_all(impacts: NDArray[np.void], several: list[Array]) -> Any:
 
 
 def _split_rows(several: list[Array], table: Callable[[Array], Any], width: int = 1) -> list[Any]:
-    """Make the tables of all runs at once, which are many, and part them."""
+    """Make one table for all runs and split it by run."""
     ends = np.cumsum([0, *map(len, several)]) // width
     rows = table(np.concatenate([*several, np.empty(0)]))
     return [rows[start:end] for start, end in itertools.pairwise(ends)]

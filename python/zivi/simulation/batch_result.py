@@ -41,7 +41,7 @@ __all__ = [
     "with_friction",
 ]
 
-# What is requested of a batch: its arguments, checked and translated.
+# Arguments of a batch, checked and converted.
 
 MAX_THREADS = 1024
 
@@ -77,7 +77,7 @@ def check_native(spec: _zivi.Force, what: str) -> None:
 
 
 def check_threads(threads: int | None) -> int:
-    """Return the number of threads, by default as many as the machine runs at once."""
+    """Return the number of threads, by default the number of cores."""
     workers = _zivi.available_threads() if threads is None else integer("threads", threads)
     if not 1 <= workers <= MAX_THREADS:
         raise ValueError(f"threads must be from 1 to {MAX_THREADS}, got {workers}")
@@ -169,7 +169,7 @@ def room_for(quantities: int, n: int, times: int, *more: int) -> Array:
         ) from None
 
 
-# What a batch of runs leaves: numbers and samples of each.
+# Results of a batch: numbers and samples of each run.
 
 MAX_DESCRIBED = 100
 """Systems, and states, that are told in ``config``."""
@@ -202,7 +202,7 @@ SAMPLES: dict[str, Field] = {
 
 
 class BatchRuns(Tabulated):
-    """What all batches have."""
+    """Base class of batches."""
 
     if TYPE_CHECKING:
         status: NDArray[np.uint8]

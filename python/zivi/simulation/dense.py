@@ -18,7 +18,7 @@ class DenseMotion(Protocol):
 
     @property
     def dense(self) -> bool:
-        """Whether it was kept."""
+        """Whether dense output is stored."""
 
     @property
     def span(self) -> tuple[float, float] | None:
@@ -28,7 +28,7 @@ class DenseMotion(Protocol):
         """``(s, v)`` at `times`."""
 
     def physical(self, times: Array) -> tuple[Array, Array]:
-        """``(x, xdot)`` at `times`, after the impact where there is one."""
+        """Return ``(x, xdot)`` at `times`; at an impact, the state after it."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -57,7 +57,7 @@ class LinearPath:
 
 @dataclasses.dataclass(frozen=True)
 class PenetratingPath(LinearPath):
-    """The same with ``x`` and ``xdot`` linear, for a scheme that may go behind the wall."""
+    """Path with linear ``x`` and ``xdot`` between samples, for schemes that may penetrate."""
 
     x: Array = dataclasses.field(kw_only=True)
     xdot: Array = dataclasses.field(kw_only=True)

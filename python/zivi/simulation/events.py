@@ -24,16 +24,16 @@ MECHANICAL = "g(t, q, qdot)"
 class Level:
     """An event where the motion crosses a level: ``x = c`` or ``xdot = c``.
 
-    `SwitchedRK` finds all crossings, however short the motion stays beyond the level, from the
-    polynomials of its dense output; a function of the user is looked at a few times a step. With a
-    method of fixed steps it is the function ``x - c`` or ``xdot - c``.
+    `SwitchedRK` finds all crossings, however brief, from the polynomials of its dense output; a
+    user function is only sampled a few times per step. With a method of fixed steps it is the
+    function ``x - c`` or ``xdot - c``.
 
     Parameters
     ----------
     x, xdot : float
         Exactly one of them: the level of the position (m) or of the velocity (m/s).
     terminal : bool or int
-        Whether the run ends at the event, or at which.
+        Whether the run ends at the event; an integer n ends it at the n-th.
     direction : int
         1 only rising, -1 only falling, 0 both.
 
@@ -82,7 +82,7 @@ def event(*, terminal: bool | int = False, direction: float = 0) -> Callable[[Fu
     Parameters
     ----------
     terminal : bool or int
-        Whether the run ends at the event, or at which.
+        Whether the run ends at the event; an integer n ends it at the n-th.
     direction : float
         1 only rising, -1 only falling, 0 both.
 
@@ -141,7 +141,7 @@ def _event(k: int, function: Any, form: str) -> _zivi.Event:
     direction = getattr(function, "direction", 0)
     if not isinstance(direction, numbers.Real) or direction != direction:  # NaN
         raise ValueError(f"events[{k}].direction must be a number, got {direction!r}")
-    # no numpy.sign, which takes neither a bool nor an integer beyond 64 bits
+    # not numpy.sign, which rejects bools and integers of more than 64 bits
     sign = int(direction > 0) - int(direction < 0)  # type: ignore[operator]
     of_mass = form != MECHANICAL
     if not of_mass:
@@ -158,7 +158,7 @@ def _event(k: int, function: Any, form: str) -> _zivi.Event:
 
 
 def is_count(value: Any) -> bool:
-    """Whether SciPy would take it as the number of an event, or as a bool."""
+    """Whether SciPy would accept it as the number of an event or as a bool."""
     whole = isinstance(value, bool | np.bool | int | np.integer) or (
         isinstance(value, float) and value.is_integer()
     )

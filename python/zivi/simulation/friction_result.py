@@ -28,7 +28,7 @@ __all__ = [
     "impacts_with",
 ]
 
-# What dry friction did in a run of a mechanical system.
+# Friction results of a run of a mechanical system.
 
 OPEN = 2
 """The mode of a channel whose gap is open."""
@@ -165,7 +165,7 @@ class FrictionRun:
 
     @property
     def modes(self) -> NDArray[np.int8]:
-        """What each channel does, shape (k, p): 1 and -1 slip, 0 stick, 2 the gap is open."""
+        """Mode of each channel, shape (k, p): 1 and -1 slip, 0 stick, 2 open gap."""
         return self._rubbed("modes")  # type: ignore[no-any-return]
 
     @property
@@ -194,7 +194,7 @@ class FrictionRun:
         return np.array(sorted(rows), dtype=list(STICK.items())).view(EventTable)
 
     def _spans(self, channel: int) -> list[tuple[float, float, int]]:
-        """Return start, end and mode of what a channel does: until the next, or its gap opens."""
+        """Return start, end and mode of the intervals of a channel."""
         own = self.transitions[self.transitions["channel"] == channel]
         gap = self.channel_gaps[channel]
         opened = [rows["t"][rows["gap"] == gap] for rows in (self.liftoffs, self.openings)]
@@ -294,7 +294,7 @@ def forces_at(
     Parameters
     ----------
     model : Model or None
-        The system, None if it is not known.
+        The system; None if unknown.
     states : (ndarray, ndarray, ndarray)
         ``(t, q, qdot)``, of shapes (k,), (k, n), (k, n).
     contacts : ndarray of bool
@@ -305,8 +305,8 @@ def forces_at(
     Returns
     -------
     (ndarray, ndarray)
-        Shapes (k, m) and (k, p); zero where there is no contact, NaN where the model is not known
-        or no forces keep the gaps closed.
+        Shapes (k, m) and (k, p); zero without contact, NaN if the model is unknown or no forces
+        keep the gaps closed.
     """
     t, q, qdot = (np.ascontiguousarray(it) for it in states)  # compiled parts take rows
     if modes is None:

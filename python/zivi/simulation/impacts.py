@@ -217,7 +217,7 @@ def down_to_of_gaps(known: Rows, zeno: Rows, path: Any, speed: float, limit: int
 
 
 def _groups_with(chosen: Any, known: Any) -> Any:
-    """Take the impacts at one instant of which one at least is chosen."""
+    """Select the simultaneous impacts that contain at least one chosen impact."""
     if np.all(chosen):
         return known
     groups = known["group"]
@@ -229,8 +229,8 @@ def _groups_with(chosen: Any, known: Any) -> Any:
 def _with_skipped(fast: Any, known: Any, zeno: Any, columns: tuple[Array, ...] | None) -> Rows:
     """Add what jumps to Zeno points skipped.
 
-    That are impacts of one gap which repeat the last one that was computed: impulses, and what the
-    gaps in contact take of them, fall with its speed.
+    These are impacts of one gap that repeat the last computed impact: all impulses, including
+    reactions at closed gaps, decrease with its speed.
     """
     # plain arrays, whose fields are quick to get
     known, zeno = np.asarray(known), np.asarray(zeno)
@@ -279,7 +279,7 @@ def _changes(values: Any) -> Any:
 
 
 def _by_time(rows: Any) -> Any:
-    """Sort impacts by their times, those at one time by what else is known of them."""
+    """Sort impacts by time, simultaneous ones by their other fields."""
     order = np.argsort(rows["t"], kind="stable")
     t = rows["t"][order]
     if np.any(t[1:] == t[:-1]):
@@ -290,7 +290,7 @@ def _by_time(rows: Any) -> Any:
 def _last(known: Any, zeno: Any, ends: Array) -> tuple[Any, Any, Any]:
     """Find the gap that bounces before each accumulation, and its last impact.
 
-    Of that the first row and how many there are; none where it is not known.
+    Returns the first row and the number of rows, none if unknown.
     """
     gaps, first, count = (np.zeros(len(ends), int) for _ in range(3))
     times = np.append(zeno["t"], np.nan)
@@ -309,7 +309,7 @@ def _last(known: Any, zeno: Any, ends: Array) -> tuple[Any, Any, Any]:
 
 
 def _fall(rows: Any, ratio: Any) -> None:
-    """Let impacts fall with the speed."""
+    """Scale impacts with the speed."""
     for name in ("speed_before", "speed_after", "impulse"):
         rows[name] = rows[name] * ratio
     if "sticks" in (rows.dtype.names or ()):

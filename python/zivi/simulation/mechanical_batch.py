@@ -1,4 +1,4 @@
-"""Many runs of mechanical systems at once, on threads."""
+"""Batches of runs of mechanical systems, on threads."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ __all__ = [
     "mechanical_batch",
 ]
 
-# What a batch of runs of mechanical systems gives.
+# Result of a batch of mechanical runs.
 
 NUMBERS: dict[str, Field] = {
     "first_impact": ("run", "", "time of the first impact, NaN without one"),
@@ -150,7 +150,7 @@ class MechanicalBatch(BatchRuns):
         )
 
 
-# Many runs of mechanical systems at once, on threads.
+# Batches of runs of mechanical systems, on threads.
 
 SAVES = ("final", "events", "runs")
 """What can be kept of each run."""
@@ -158,7 +158,7 @@ SAVES = ("final", "events", "runs")
 
 @dataclasses.dataclass(frozen=True)
 class Kept:
-    """What is kept of one run; the rest of it is given up as soon as it is computed."""
+    """Data stored for one run; the rest is released immediately."""
 
     end: tuple[float, Array, Array, Array, NDArray[np.bool_]]
     numbers: dict[str, float]
@@ -229,14 +229,14 @@ def mechanical_batch(
 
 
 def _computed(one: Callable[[int, Any], Kept], count: int, threads: int, report: Any) -> list[Kept]:
-    """Compute so many runs, one by its number; the first exception ends the rest."""
+    """Compute runs by their numbers; the first exception ends the batch."""
     stopped = threading.Event()
 
     def go_on(*_: int) -> None:
         if stopped.is_set():
             raise KeyboardInterrupt
 
-    # several runs a task: handing over a task takes as long as a short run
+    # several runs per task: submitting a task costs as much as a short run
     size = min(max(count // (64 * threads), 1), 64)
 
     def some(first: int) -> list[Kept]:
@@ -311,7 +311,7 @@ def _count_run(
     *,
     is_first: bool,
 ) -> Kept:
-    """Run a system of which the end and numbers are kept alone, and of the first how to run it."""
+    """Run a system and return end and numbers only, and for the first run its configuration."""
     record, model = record_of(system, method, asked, report)
     if (error := record.raised) is not None:
         raise error

@@ -41,7 +41,7 @@ FixedOrSwitched: TypeAlias = SwitchedRK | FixedSteps
 
 @dataclasses.dataclass(slots=True)
 class Asked:
-    """What is requested of a run.
+    """Arguments of a run, checked.
 
     Parameters
     ----------
@@ -54,7 +54,7 @@ class Asked:
     tstops : ndarray
         Times where the force is not smooth.
     events : list
-        As `events_of` gives them.
+        Events, returned by `events_of`.
     dense : bool
         Whether the motion between the samples is kept.
     kicks : KickSchedule or None
@@ -116,7 +116,7 @@ def state_of(y0: Any, n: int | None) -> tuple[Array, Array]:
 
 
 def check_mechanical_method(method: Any) -> None:
-    """Refuse methods that do not take mechanical systems, and say why."""
+    """Reject methods that do not support mechanical systems, with the reason."""
     if not isinstance(method, Settings):
         raise TypeError(f"method must be zivi.SwitchedRK() or zivi.MoreauJean(h), got {method!r}")
     if not method._entry.takes_mechanism:
@@ -131,7 +131,7 @@ def check_mechanical_method(method: Any) -> None:
 
 
 def check_friction(system: MechanicalSystem, method: Any) -> None:
-    """Refuse methods that do not take the friction of a system, or its compliant gaps."""
+    """Reject methods that do not support the friction or compliant gaps of a system."""
     compliant = system._compliant()
     if compliant and not isinstance(method, SwitchedRK):
         name = system.gap_names[compliant[0][0]]
@@ -166,7 +166,7 @@ COUPLED = (
 def run_mechanical(
     system: MechanicalSystem, method: FixedOrSwitched, asked: Asked, report: Any
 ) -> tuple[MechanicalTrajectory, BaseException | None]:
-    """Check the start, run, and give the result with the exception that ended it, if one did."""
+    """Check the initial state, run, and return the result with the exception that ended it."""
     record, model = record_of(system, method, asked, report)
     setup = setup_of(system, model, method, asked)
     closer = closer_of(system, method, asked)
@@ -180,7 +180,7 @@ def run_mechanical(
 def record_of(
     system: MechanicalSystem, method: FixedOrSwitched, asked: Asked, report: Any
 ) -> tuple[_zivi.MechanicalRecord, Model]:
-    """Check the start, run, and give what the extension recorded of it."""
+    """Check the initial state, run, and return the record of the extension."""
     check_friction(system, method)
     model: Model = system.model(len(asked.q))
     check_start(system, model, asked.span, asked.q, asked.qdot)
@@ -229,7 +229,7 @@ def stops_with(kicked: KickSchedule, stops: Array, method: Any) -> Array:
 
 
 def with_kicks(asked: Asked, kicks: Any, system: MechanicalSystem, method: Any) -> Asked:
-    """Return what is asked of a run with kicks, from after those at the start."""
+    """Return the arguments of a run with kicks, from the state after initial ones."""
     kicked = schedule_of(kicks, system, len(asked.q), asked.span)
     if kicked is None:
         return asked

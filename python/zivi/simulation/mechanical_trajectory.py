@@ -48,7 +48,7 @@ __all__ = [
     "time_of_rest",
 ]
 
-# What the end of a run of a mechanical system is called, with the names of its gaps.
+# Messages of runs of mechanical systems, with the names of their gaps.
 
 TOUCHING = 1e-9
 """Gaps below this, relative to the coordinates, touch where a run ends."""
@@ -281,18 +281,18 @@ class MechanicalTrajectory(FrictionRun, SampledRun):
         Points where several gaps came to rest together: ``t``, ``gaps`` (m flags).
     flags : recarray
         What the result hangs on: ``kind``, ``t``, ``gaps`` (m flags), ``size``. "simultaneous":
-        coupled gaps were hit at once, or one was hit while others touched without a force; a
-        little earlier or later gives another motion, and the size is their kinetic cosine.
-        "order_uncertain": which of them came first is within the tolerance. With friction also
+        coupled gaps were hit simultaneously, or one was hit while others touched without force; a
+        slightly different time yields another motion, and the size is their kinetic cosine.
+        "order_uncertain": their times differ by less than the tolerance. With friction also
         "energy_gain": an impact raised the energy, by so much; "impact_not_unique": other impulses
         solve it too; "undetermined_forces": the contact forces are not unique, the motion is;
-        "undetermined_motion": the motion depends on how contacts share a load;
-        "slip_graze": a slip speed touched zero; "forced_landing": an accumulation was ended at the
-        smallest speed; "impact_without_collision": a jammed contact went on by one.
+        "undetermined_motion": the motion depends on how contacts share a load; "slip_graze": a slip
+        speed touched zero; "forced_landing": an accumulation was ended at the smallest speed;
+        "impact_without_collision": a jammed contact went on by one.
     status : Status
         How the run ended, 0 for success.
     message : str
-        What happened, and what to try.
+        Reason of the end, with advice.
     nfev, n_steps, n_rejected : int
         Evaluations of the system, accepted steps, rejected ones.
     t_events : list of ndarray
@@ -349,7 +349,7 @@ class MechanicalTrajectory(FrictionRun, SampledRun):
     if not TYPE_CHECKING:  # which would take any name for granted
 
         def __getattr__(self, name):
-            # most runs are asked for little, and short ones are called by the million
+            # computed at the first access: batches make millions of short runs
             own = vars(self)
             if (unread := own.get("_unread")) is not None:
                 own.update(_read(*unread) | own)
@@ -370,16 +370,16 @@ class MechanicalTrajectory(FrictionRun, SampledRun):
         """Time up to which the run is near the motion, the end if all of it is (s).
 
         The tolerances bound the errors of steps; in a chaotic motion these grow until the run is
-        another one. The same run at a hundredth of the tolerances, restitution and velocities moved
-        by some roundings, tells when: up to here both agree in every coordinate to 300 times what
-        `rtol` and `atol` allow. It is made when this is first asked for, takes about twice the time
-        of the run, and calls its force again.
+        another one. It is compared with a run at a hundredth of the tolerances, with restitution
+        and velocities perturbed by some roundings: up to this time both agree in every coordinate
+        to 300 times the tolerance of `rtol` and `atol`. It is made when this is first asked for,
+        takes about twice the time of the run, and calls its force again.
 
         Raises
         ------
         ValueError
-            For a method of fixed steps, and for a run that was loaded or sent to another process
-            before it was asked.
+            For a fixed-step method, and for a run that was loaded or sent to another process before
+            the first access.
 
         Examples
         --------
@@ -572,7 +572,7 @@ def time_of_rest(speeds: tuple[float, float, float], *, rests: bool) -> float | 
 def _tables_of(
     record: _zivi.MechanicalRecord, m: int, channels: tuple[Channel, ...]
 ) -> dict[str, Rows]:
-    """Return the tables of what happened in a run."""
+    """Return the event tables of a run."""
     known, rubbing = record.occurrences, record.friction
     fields = FIELDS if rubbing is None else WITH_FRICTION
     if known is None:

@@ -1,4 +1,4 @@
-"""What all methods share: settings, checked by the core, of which their classes are made."""
+"""Common part of all methods: classes made from settings that the core checks."""
 
 from __future__ import annotations
 
@@ -39,14 +39,14 @@ class Settings:
 
     @property
     def _core(self) -> _zivi.Method:
-        """The method as the core takes it, made once."""
+        """The method for the core, created once."""
         if "_made" not in self.__dict__:
             self.__dict__["_made"] = _zivi.Method(self._entry.name, **self._values())
         made: _zivi.Method = self.__dict__["_made"]
         return made
 
     def __getstate__(self) -> dict[str, Any]:
-        # what the core keeps is made anew
+        # the object of the core is created again
         return {name: value for name, value in self.__dict__.items() if name != "_made"}
 
 
@@ -92,7 +92,7 @@ def annotation(setting: _zivi.Setting) -> str:
 
 
 def _documentation(entry: _zivi.MethodEntry) -> str:
-    """Return the documentation of a method by what the core says of it."""
+    """Return the docstring of a method from the core's description."""
     kinds = "A method of fixed steps." if entry.fixed_steps else "A method."
     systems = "`ImpactSystem` and `MechanicalSystem`" if entry.takes_mechanism else "`ImpactSystem`"
     lines = [f"{_sentence(entry.meaning)}", "", f"{kinds} It runs {systems}."]

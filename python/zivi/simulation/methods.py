@@ -1,7 +1,7 @@
 """Methods: every one of the core, as a frozen class of its settings.
 
-Those with prose of their own have it here. Any other has the words of the core, and is in this
-module, and in `zivi`, without a line: its class is made of what the core says of it.
+Those with prose of their own have it here. The class of any other method is generated in this
+module and in `zivi` from the core's description.
 """
 
 import zivi._zivi as _zivi

@@ -67,7 +67,7 @@ ELSEWHERE = {
 
 
 def refuse(function: str, misplaced: Mapping[str, Any]) -> None:
-    """Raise a TypeError for arguments that a function does not have, and say where they belong."""
+    """Raise a TypeError for unknown arguments of a function, with the place where they belong."""
     for name, value in misplaced.items():
         owner = next((kind for kind in METHODS.values() if name in _settings(kind)), None)
         if owner is not None:
@@ -116,7 +116,7 @@ def _nearest(name: str) -> str:
     return f": the high-order method here is {nearest}"
 
 
-# A constant force that takes a mass away from its wall for ever is told, not only obeyed.
+# Warnings for constant forces that accelerate a mass away from its wall without return.
 
 
 def warn_of_flight(system: ImpactSystem, sol: Trajectory) -> None:
@@ -131,7 +131,7 @@ def warn_of_flight(system: ImpactSystem, sol: Trajectory) -> None:
 
 
 def warn_of_flight_from_gap(system: MechanicalSystem, sol: MechanicalTrajectory) -> None:
-    """Warn of the same where one gap at rest is all there is, and what moves it is constant."""
+    """Warn likewise for a mechanical system with one gap at rest and constant forces."""
     own = vars(system)
     mass, force, gaps = own.get("_mass"), own.get("_force"), own.get("_gaps", ())
     if not (isinstance(mass, np.ndarray) and isinstance(force, np.ndarray) and len(gaps) == 1):
@@ -151,7 +151,7 @@ def warn_of_flight_from_gap(system: MechanicalSystem, sol: MechanicalTrajectory)
 
 
 def _outward(system: ImpactSystem) -> float:
-    """Return a constant acceleration; 0 if it is not constant."""
+    """Return a constant acceleration; 0 if it varies."""
     force = system.force
     if system.wall is not None:
         return 0.0
@@ -251,17 +251,16 @@ def simulate(
         steps `s` and `v` are linear between them; the multipliers and the residual are those of
         the step that contains the time.
     events : callable or sequence of callables, optional
-        Functions ``g(t, x, xdot)`` or, as in SciPy, ``g(t, y)``, of a `MechanicalSystem`
-        ``g(t, q, qdot)`` with arrays, whose changes of sign are
-        located: see ``t_events`` and ``y_events`` of the result. Attributes as in SciPy:
-        ``terminal`` (a bool, or the number of the event that ends the run) and ``direction`` (1
-        only rising, -1 only falling, 0 both). A velocity that changes its sign in an impact is an
-        event at the impact, with the state after it; ``g = x`` is one with the state before it. A
-        zero at the start is no event. The function is looked at a few times in a step and at
-        least 200 times in the span: two changes of sign that are nearer to one another may be
-        overlooked unless ``max_step`` is short, but for a `Level`, of which none is. A method of
-        fixed steps evaluates it at the end of each step and at the wall; it computes no step after
-        that of a terminal event, and ``nfev`` counts the evaluations of the steps so far.
+        Functions ``g(t, x, xdot)`` or ``g(t, y)`` (SciPy's signature); for a `MechanicalSystem`
+        ``g(t, q, qdot)`` with arrays. Their sign changes are located: see ``t_events`` and
+        ``y_events`` of the result. Attributes as in SciPy: ``terminal`` (a bool, or the number of
+        the event that ends the run) and ``direction`` (1 only rising, -1 only falling, 0 both). A
+        velocity that changes its sign in an impact is an event at the impact, with the state after
+        it; ``g = x`` is one with the state before it. A zero at the start is no event. The function
+        is evaluated a few times per step and at least 200 times over the span: two closer sign
+        changes may be missed unless ``max_step`` is short. For a `Level` none is missed. A method
+        of fixed steps evaluates it at the end of each step and at the wall; it computes no step
+        after that of a terminal event, and ``nfev`` counts the evaluations of the steps so far.
     dense_output : bool
         Whether the motion between the samples is kept, ``sol(t)``. Without it a run of
         `SwitchedRK` takes less memory and fewer evaluations.
@@ -275,28 +274,29 @@ def simulate(
         and nothing that was seen before is used after: the way to make short pulses seen and
         jumps cheap.
     kicks : Kick or sequence of Kick, optional
-        With `SwitchedRK`: impulses at given times, which change the velocities at once. A velocity
-        into a closed gap is an impact at the same time. The result lists them in ``kicks``.
+        With `SwitchedRK`: impulses at given times, which change the velocities instantaneously. A
+        velocity into a closed gap is an impact at the same time. The result lists them in
+        ``kicks``.
     samples : {"motion", "steps"}
-        What `SwitchedRK` samples without `t_eval`. ``"motion"``: the ends of steps, the last
-        moment before and the state after each impact, apexes, and so many points between them
-        that lines draw the motion: off by about 0.5 %, and by less than 1 %, of the height of a
-        flight or of a twentieth of the highest; of an accumulation arcs down to 0.1 % of the
-        highest, at most 64. ``"steps"``: the ends of steps and the states after impacts only, as
+        What `SwitchedRK` samples without `t_eval`. ``"motion"``: the ends of steps, the states
+        before and after each impact, apexes, and enough points between them that straight lines
+        draw the motion. The error is about 0.5 %, and less than 1 %, of the height of a flight or
+        of a twentieth of the highest; an accumulation is drawn with at most 64 flights, down to 0.1
+        % of the highest. ``"steps"``: the ends of steps and the states after impacts only, as
         without `dense_output`.
     slowest : float
         The slowest impacts that are listed in ``impacts``, as a part of the fastest one, > 0: also
         those that a jump to rest skips.
     **misplaced
-        Nothing: a `TypeError` says where a setting of a method, such as ``rtol``, or an argument
-        of SciPy's `solve_ivp` belongs.
+        Not accepted: a `TypeError` names the place of settings of a method, such as ``rtol``, and
+        of arguments of SciPy's `solve_ivp`.
 
     Returns
     -------
     Trajectory or MechanicalTrajectory
-        A `MechanicalTrajectory` of a `MechanicalSystem`, and of a mass with friction. Always valid
-        up to its last sample. If the run ended early, ``success`` is False and
-        ``status`` and ``message`` say why.
+        A `MechanicalTrajectory` for a `MechanicalSystem` or a mass with friction. Always valid
+        up to its last sample. If the run ended early, ``success`` is False; see ``status`` and
+        ``message``.
 
     Raises
     ------
@@ -429,7 +429,7 @@ def _mechanical(
 def note_kicks(sol: Trajectory | MechanicalTrajectory, kicked: KickSchedule, given: Any) -> None:
     """Attach the table of kicks to a result."""
     own = vars(sol)
-    # as it was before the kick at the start, which the closer run repeats
+    # state before the initial kick, which the tighter run repeats
     closer: Any = sol._closer
     own["_closer"] = None if closer is None else functools.partial(closer, kicks=given)
     own["_kicks"] = kicks_table(kicked.rows, kicked.n)

@@ -51,11 +51,11 @@ __all__ = [
     "with_partial",
 ]
 
-# Until when a run is near the motion: the same run beside it, at tighter tolerances.
+# Time up to which a run is accurate, by comparison with a run at tighter tolerances.
 #
-# Tolerances bound the errors of steps. What the motion makes of them, which in a chaotic one grow
-# like ``exp(lambda t)``, shows where a run of much smaller errors parts from it. That one starts
-# and is thrown back with a few roundings' difference, so that those of exact flights are seen, too.
+# Tolerances bound the errors of steps. Their growth, ``exp(lambda t)`` in a chaotic motion, shows
+# in the time at which a run of much smaller errors departs. The second run is perturbed by a few
+# roundings in initial state and restitution, so that rounding errors of exact flights show as well.
 
 Closer: TypeAlias = Callable[[Array], Array]
 """Positions at times, a row for each, of a run with smaller errors; fewer if it ended early."""
@@ -188,7 +188,7 @@ def _perturbed(e: Any) -> Any:
     return float(moved) if moved.ndim == 0 else moved
 
 
-# What all runs have: the motion at any time, tables of events, datasets, plots.
+# Base classes of runs: dense output, event tables, datasets, plots.
 
 Setup: TypeAlias = "dict[str, Any] | Callable[[], dict[str, Any]]"
 """The configuration of a run, or what makes it once it is requested."""
@@ -290,10 +290,9 @@ class SampledRun(Hinted, Tabulated):
         Returns
         -------
         Trajectory, ClosedLoop or MechanicalTrajectory
-            The same run with other samples. What belongs to steps of a method is that of the step
-            that contains the time, NaN if the run did not keep its steps; controls and signs are
-            those that are held. Reactions are NaN if the system is no longer known, as in a run
-            that was loaded or sent to another process.
+            The same run with other samples. Quantities of method steps are those of the step that
+            contains the time, NaN if the steps were not stored; controls and signs are held.
+            Reactions are NaN if the run was loaded or sent to another process, without its system.
 
         Raises
         ------
@@ -337,7 +336,7 @@ class SampledRun(Hinted, Tabulated):
         speed : float
             Smallest speed before the impact, > 0 (m/s), the speed that `slowest` counts.
         limit : int
-            At most so many impacts of each accumulation, >= 1.
+            Maximal number of impacts of each accumulation, >= 1.
 
         Returns
         -------
@@ -382,7 +381,7 @@ class SampledRun(Hinted, Tabulated):
         Parameters
         ----------
         t, n
-            Other times than those of the samples, as in `resample`.
+            Times instead of the samples' (see `resample`).
 
         Returns
         -------
@@ -406,7 +405,7 @@ class SampledRun(Hinted, Tabulated):
         Parameters
         ----------
         t, n
-            Other times than those of the samples, as in `resample`.
+            Times instead of the samples' (see `resample`).
 
         Returns
         -------
@@ -520,7 +519,7 @@ class MassRun(SampledRun):
         }
 
     def _outcome(self) -> dict[str, Any]:
-        """Return the attributes of a dataset that tell how the run ended."""
+        """Return the dataset attributes that describe the end of the run."""
         return {
             "status": int(self.status),
             "message": self.message,
@@ -567,7 +566,7 @@ def times_of(sol: SampledRun, t: ArrayLike | None, n: int | None) -> Array:
     return times
 
 
-# What belongs to the steps of a run, at other times.
+# Step quantities of a run at other times.
 
 
 def between_steps(sol: MassRun, times: Array) -> tuple[Array, ...]:
@@ -593,7 +592,7 @@ def _of_steps(sol: Any, path: LinearPath, times: Array) -> list[Array]:
     return [row[step] for row in (lifted.lambda_s, lifted.lambda_v, sol.residual)]
 
 
-# What is left of a run that an exception ended.
+# Partial run that an exception ended.
 
 AnyRun = TypeVar("AnyRun", bound=SampledRun)
 

@@ -153,7 +153,7 @@ class Transformed:
 
 
 class FormerName:
-    """A name of `Transformed` on a run itself, where it is taken for a physical quantity."""
+    """A name of `Transformed` on a run, which readers could mistake for a physical quantity."""
 
     def __set_name__(self, owner: type, name: str) -> None:
         self._name = name
@@ -175,8 +175,8 @@ class Trajectory(MassRun):
 
     Calling it, ``sol(t)``, gives ``(x, xdot)`` between the samples. The impacts are the table
     ``impacts`` with fields ``t`` (s), ``gap`` (0), ``speed_before`` and ``speed_after`` (m/s),
-    ``impulse`` (of unit mass, m/s) and ``group`` (their number), accumulations are ``zeno`` and
-    times of lift-off ``liftoffs``, as in a `MechanicalTrajectory`.
+    ``impulse`` (of unit mass, m/s) and ``group`` (their number); accumulations are in ``zeno`` and
+    lift-offs in ``liftoffs``, the same tables as in a `MechanicalTrajectory`.
 
     Attributes
     ----------
@@ -214,7 +214,7 @@ class Trajectory(MassRun):
     success : bool
         Whether the end of the span was reached, or a terminal event.
     message : str
-        What happened, and what to try.
+        Reason of the end, with advice.
     nfev : int
         Number of force evaluations.
     n_steps : int
@@ -252,7 +252,7 @@ class Trajectory(MassRun):
     t_events: list[Array] = dataclasses.field(default_factory=list)
     y_events: list[Array] = dataclasses.field(default_factory=list)
     slowest: float = SLOWEST
-    # no defaults of the class: these are made when they are asked for, too
+    # no class defaults: these are also created at first access
     _path: DenseMotion | None = dataclasses.field(repr=False, default_factory=lambda: None)
     _wall: HarmonicWall | MovingWall | TableMotion | None = dataclasses.field(
         repr=False, default_factory=lambda: None
@@ -282,16 +282,16 @@ class Trajectory(MassRun):
         """Time up to which the run is near the motion, the end if all of it is (s).
 
         The tolerances bound the errors of steps; in a chaotic motion these grow until the run is
-        another one. The same run at a hundredth of the tolerances, restitution and start moved by
-        some roundings, tells when: up to here both agree in `x` to 300 times what `rtol` and
-        `atol` allow. It is made when this is first asked for, takes about twice the time of
-        the run, and calls its force again.
+        another one. It is compared with a run at a hundredth of the tolerances, with restitution
+        and initial state perturbed by some roundings: up to this time both agree in `x` to 300
+        times the tolerance of `rtol` and `atol`. It is made when this is first asked for, takes
+        about twice the time of the run, and calls its force again.
 
         Raises
         ------
         ValueError
-            For a method of fixed steps, and for a run that was loaded or sent to another process
-            before it was asked.
+            For a fixed-step method, and for a run that was loaded or sent to another process before
+            the first access.
 
         Examples
         --------
@@ -319,8 +319,7 @@ class Trajectory(MassRun):
     ) -> Self:
         """Make it of a record; `drawn` if samples between the steps shall draw the motion."""
         sol = object.__new__(cls)
-        # what a record knows is made of it when it is asked for: most runs are asked for little,
-        # and short ones are called by the million
+        # fields are computed from the record at first access: batches make millions of short runs
         own = vars(sol)
         own["status"] = STATUSES[record.status]
         own["n_rejected"] = record.n_rejected

@@ -290,7 +290,7 @@ def _levels(name: str, values: ArrayLike) -> NDArray[Any]:
     if column.dtype.kind == "u" and column.max() > np.iinfo(np.int64).max:
         raise ValueError(f"{name} must fit into 64 bits with a sign, got {column.max()}")
     if column.dtype.kind == "U":
-        # as wide as it must be, which is how a store gives it back
+        # the narrowest dtype, which is also the one that a store returns
         return np.array(column.tolist())
     return column.astype(kinds[column.dtype.kind])
 
@@ -351,7 +351,7 @@ def seeds(seed: int | None, points: NDArray[np.int64]) -> NDArray[np.uint64]:
     A child mixes the number of its point, one more word of entropy, into the pool of its parent.
     """
     pool = np.asarray(np.random.SeedSequence(seed).pool, np.uint32)
-    # the constants that the parent's words have used up: one for each, and for each pair
+    # the hash constants consumed by the parent's words: one for each, and for each pair
     factor = _product(INIT_A, MULT_A, WORDS * WORDS)
     state = []
     for word in pool[:2]:

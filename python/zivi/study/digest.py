@@ -47,7 +47,7 @@ __all__ = [
     "uses",
 ]
 
-# What the code of a function refers to: global names, attributes of modules, imports.
+# Names that the code of a function refers to: globals, attributes of modules, imports.
 
 DYNAMIC = {"getattr", "globals", "vars", "eval", "exec", "import_module", "__import__"}
 """Calls by which names come from texts."""
@@ -88,7 +88,7 @@ def kept_cells(function: types.FunctionType) -> Iterator[tuple[str, types.CellTy
 
 
 def kept_attributes(value: Any) -> set[str]:
-    """Name the attributes of a callable object that its call writes: they are no settings."""
+    """Return the attributes that the call of an object writes: they are not settings."""
     call = vars(type(value)).get("__call__")
     if not isinstance(call, types.FunctionType):
         return set()
@@ -97,7 +97,7 @@ def kept_attributes(value: Any) -> set[str]:
 
 
 def is_local(thing: Any) -> bool:
-    """Whether a function, class or module belongs to the user, not to an installed library."""
+    """Whether a function, class or module is user code, as opposed to an installed library."""
     name = thing.__name__ if isinstance(thing, types.ModuleType) else thing.__module__
     return name is None or _is_users(str(name))
 
@@ -163,7 +163,7 @@ def _of_module(module: types.ModuleType, names: set[str], known: set[int]) -> An
 
 
 def _imported(codes: list[types.CodeType], scope: dict[str, Any]) -> set[str]:
-    """Name the modules of the user that are imported when the function runs."""
+    """Return the user modules that are imported when the function runs."""
     found = set()
     for code in codes:
         steps = list(dis.get_instructions(code))
@@ -192,7 +192,7 @@ def _text_of_module(name: str) -> str:
 
 
 def _assigned_names(function: types.FunctionType) -> set[str]:
-    """Name the variables outside of a function that it assigns, or changes in place."""
+    """Return the non-local variables that a function assigns or changes in place."""
     steps = (it for code in _codes(function.__code__) for it in dis.get_instructions(code))
     found = {it.argval for it in steps if it.opname in ("STORE_GLOBAL", "DELETE_GLOBAL")}
     free = set(function.__code__.co_freevars)
@@ -206,7 +206,7 @@ def _assigned_names(function: types.FunctionType) -> set[str]:
 
 
 def _changed_by(node: ast.AST) -> Iterator[str]:
-    """Name what an assignment to an item, or a method that changes a container, works on."""
+    """Yield the names changed by assignments to items or by mutating methods."""
     target: ast.expr | None = None
     if isinstance(node, ast.Subscript) and isinstance(node.ctx, ast.Store | ast.Del):
         target = node.value
@@ -218,9 +218,9 @@ def _changed_by(node: ast.AST) -> Iterator[str]:
 
 # Digests of values by their content, the same in every process.
 #
-# Numbers, texts, containers, arrays, tables, functions with what they hold and use, classes, and
-# every object that can be taken apart as pickle does it. What cannot be has no digest: whether it
-# has changed since a study was begun cannot be known.
+# Digests cover numbers, texts, containers, arrays, tables, functions with their state and
+# dependencies, classes, and every object that pickle can reduce. Other objects have no digest: a
+# change since the start of a study cannot be detected.
 
 VERSION = 2
 """Version of the digests: those of another one cannot be compared with them."""
@@ -231,7 +231,7 @@ SHOWN = 16
 
 
 class UndigestibleError(TypeError):
-    """A value whose content cannot be told; the text says which."""
+    """Raised for a value without a digest; the message names it."""
 
 
 def digest(value: Any) -> str:
@@ -297,7 +297,7 @@ def uses(function: Callable[..., Any]) -> str | None:
 
 
 def source_digest(function: Callable[..., Any]) -> str | None:
-    """Return a digest of the source of a function, or of a callable object's class."""
+    """Return a digest of the source of a function or of a callable object's class."""
     while isinstance(function, functools.partial):
         function = function.func
     function = _inner(function) or function
@@ -307,7 +307,7 @@ def source_digest(function: Callable[..., Any]) -> str | None:
 
 
 def _text(thing: Any) -> bytes:
-    """Return the text of a function or class; its code where there is no text."""
+    """Return the source of a function or class; its bytecode if the source is missing."""
     code = getattr(thing, "__code__", None)
     try:
         text = _text_of_lambda(code) if code and code.co_name == "<lambda>" else None
@@ -346,7 +346,7 @@ def _held_by(function: types.FunctionType) -> tuple[Any, ...]:
 
 
 class _Empty:
-    """What a variable of a closure is before it gets its value."""
+    """Marker for a closure variable without a value."""
 
 
 def _is_empty_cell(cell: types.CellType) -> bool:
@@ -358,7 +358,7 @@ def _is_empty_cell(cell: types.CellType) -> bool:
 
 
 def module_of(thing: Any) -> str | None:
-    """Name the module of a class or function; what is zivi's may move within it."""
+    """Return the module of a class or function; "zivi" for all modules of zivi."""
     module = getattr(thing, "__module__", None)
     return "zivi" if module is not None and str(module).startswith("zivi.") else module
 
@@ -371,7 +371,7 @@ class _Content:
     """Reduces values to tokens: what is plain to its text, the rest to a hash of its parts."""
 
     def __init__(self, *, tolerant: bool = False) -> None:
-        # whether what cannot be taken apart counts by its kind
+        # whether irreducible objects count by their type
         self._tolerant = tolerant
         self._known: dict[int, bytes] = {}
         # so that no other object gets the place of one that is known
@@ -406,7 +406,7 @@ class _Content:
             self._tolerant = before
 
     def _parts(self, value: Any) -> Iterable[Any]:
-        """Take a value apart; a memoryview counts by its bytes."""
+        """Return the parts of a value; a memoryview counts by its bytes."""
         kind = type(value)
         if kind in (tuple, list):
             return (len(value), *value)
@@ -454,7 +454,7 @@ class _Content:
 
 
 def _unformatted(function: types.FunctionType) -> bytes:
-    """Return the text of a function without comments and layout; its code where there is none."""
+    """Return the source of a function without comments and layout; else its bytecode."""
     text = _text(function)
     try:
         return unformatted(text.decode()).encode()
@@ -474,7 +474,7 @@ def _inner(value: Any) -> types.FunctionType | None:
 
 
 def _state(value: Any) -> tuple[Any, ...]:
-    """Take an object apart, but for what its call keeps for the next one."""
+    """Return the state of an object, without attributes that its call writes."""
     parts = _taken_apart(value)
     kept = kept_attributes(value)
     if not kept or len(parts) < 3 or type(parts[2]) is not dict:
@@ -495,7 +495,7 @@ GENERATED = "<string>"
 
 
 def _of_class(kind: type) -> list[Any]:
-    """Take a class apart: its bases, its attributes, its methods."""
+    """Return the parts of a class: bases, attributes, methods."""
     found: list[Any] = [*kind.__bases__, type(kind)]
     if issubclass(kind, enum.Enum):
         found += [(name, it.value) for name, it in kind.__members__.items()]
@@ -523,7 +523,7 @@ def _is_method(value: Any) -> bool:
 
 
 def _taken_apart(value: Any) -> tuple[Any, ...]:
-    """Take an object apart as pickle does."""
+    """Return the parts of an object, like pickle."""
     reducer = copyreg.dispatch_table.get(type(value))
     try:
         reduced: Any = reducer(value) if reducer else value.__reduce_ex__(4)
@@ -549,7 +549,7 @@ def _array_parts(array: Any) -> Iterable[Any]:
 
 
 def _of_library(value: Any) -> tuple[Any, ...] | None:
-    """Take tables apart: what they hold, however they happen to hold it."""
+    """Return the content of tables, independent of their memory layout."""
     pandas, xarray = sys.modules.get("pandas"), sys.modules.get("xarray")
     if pandas is not None:
         if isinstance(value, pandas.DataFrame):
@@ -577,7 +577,7 @@ def _of_column(column: Any) -> tuple[Any, ...]:
     return (kind, column.to_numpy())
 
 
-# What makes a study the same study.
+# Identity of a study.
 
 MILD = ("zivi", "source", "uses", "digests")
 """What may differ if the user insists on going on."""
@@ -614,8 +614,8 @@ def identity(
 ) -> dict[str, Any]:
     """Return the description of a study in plain values.
 
-    With `faithful`, a TypeError names what has no content that could be compared later; otherwise
-    it is told by its type.
+    With `faithful`, raise a TypeError for values without comparable content; otherwise such values
+    are represented by their type.
     """
     of = functools.partial(plain, faithful=faithful)
     return {
@@ -645,7 +645,7 @@ def differences(there: Mapping[str, Any], here: Mapping[str, Any], *, mild: bool
     left_out = {key for key in ("seed", "chunk") if here[key] is None}
     if mild:
         left_out |= set(MILD)
-        # version 0.1.0 did not say what a function holds, other digests cannot be compared
+        # version 0.1.0 did not store a function's state, other digests cannot be compared
         if "held" not in there or not comparable:
             left_out.add("held")
         if not comparable:
@@ -675,7 +675,7 @@ def canonical_json(value: Any) -> str:
 
 
 def function_name(function: Callable[..., Any]) -> str:
-    """Name a function, or what it was made of."""
+    """Return the name of a function, with the arguments of a partial."""
     if isinstance(function, functools.partial):
         given = [_plain_repr(it) for it in function.args]
         given += [f"{key}={_plain_repr(value)}" for key, value in function.keywords.items()]
@@ -694,7 +694,7 @@ def _plain_repr(value: Any) -> str:
 
 
 def plain(what: str, value: Any, of: Callable[[Any], Any] | None = None, *, faithful: bool) -> Any:
-    """Reduce a value to what JSON can hold; what it cannot is told by a digest of its content."""
+    """Convert a value to JSON types; other values are represented by a digest."""
     try:
         return (of or _plain)(value)
     except (UndigestibleError, RecursionError) as error:

@@ -48,7 +48,7 @@ class Task:
     deaths: int = 0
 
     def halves(self) -> list[Task]:
-        """Part the points in two."""
+        """Split the points in two."""
         middle = len(self.points) // 2
         return [Task(part) for part in (self.points[:middle], self.points[middle:])]
 
@@ -151,7 +151,7 @@ class Driver:
         return max(1, min(self._size, MOST, math.ceil(min(shared, open_))))
 
     def _learn(self, piece: Piece) -> None:
-        """Let tasks take about half a second."""
+        """Adapt the task size to about half a second."""
         cost = max(piece.seconds, 1e-9) / max(1, len(piece))
         longest = max(1.0, min(LONG / cost, MOST))
         self._size = int(min(max(longest, self._size / GROWTH), self._size * GROWTH))
@@ -168,7 +168,7 @@ class Driver:
         return None if self._running and len(self._left) > most else next(self._fresh, None)
 
     def _hand_out(self) -> bool:
-        """Fill up what is in flight, and tell whether anything is."""
+        """Submit tasks up to the limit; return whether any is running."""
         while len(self._running) < self._in_flight:
             task = self._next()
             if task is None:
@@ -217,7 +217,7 @@ class Driver:
             self._broken(dead, alone=alone)
 
     def _broken(self, dead: list[Task], *, alone: bool = False) -> None:
-        """Go on with a new pool, and find the point that took the last one with it."""
+        """Continue with a new pool, and find the point that crashed the last one."""
         if not self._pool.ours:
             raise concurrent.futures.BrokenExecutor(
                 "a worker died and with it the executor, which is not zivi's to replace: call "
@@ -247,7 +247,7 @@ class Driver:
             self._suspects.extend(dead)
 
     def _see_it_live(self) -> None:
-        """Raise if a new worker cannot even be told what to do."""
+        """Raise if a new worker cannot receive its task."""
         try:
             with self._gate.opened():
                 self._send(is_ready, self._job).result(START)
@@ -292,7 +292,7 @@ class Driver:
             self._queue.extend(rest.halves() if len(piece.rest) > 1 else [rest])
 
     def _put(self, chunk: int, piece: Piece) -> None:
-        """Put results into a chunk, and save it if it is done."""
+        """Write results to a chunk, and save it if complete."""
         block = self._blocks.get(chunk)
         if block is None:
             block = self._blocks[chunk] = self._store.load(chunk)
@@ -328,7 +328,7 @@ class Driver:
             piece.fail(message_of(error))
 
     def _cut_again(self, task: Task) -> None:
-        """Go on with other chunks, since it is known now how large the results are."""
+        """Continue with other chunks after the size of the results has become known."""
         out = (task, *self._running.values(), *self._queue, *self._suspects)
         points = np.concatenate([it.points for it in out])
         self._left = Counter(self._store.layout.chunk_of(points).tolist())
@@ -351,7 +351,7 @@ class Driver:
             self._due = end + SAVING * (end - start)
 
     def _save_what_is_there(self) -> None:
-        """After Ctrl-C or an error: keep what is done or will be in a moment."""
+        """After Ctrl-C or an error: store results that are complete or about to be."""
         self._pool.stop()
         self._save_all()
         for future in self._running:

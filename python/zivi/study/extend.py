@@ -37,7 +37,7 @@ def extended(store: FolderStore, design: Design, differences: str, *, draws: boo
     design : Design
         All points, of the same kind and with the same parameters.
     differences : str
-        What an error says of the two designs.
+        Differences of the two designs, for the error message.
     draws : bool
         Whether the points have seeds, which depend on their numbers.
     """

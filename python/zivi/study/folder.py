@@ -75,7 +75,7 @@ def locked(file: Path) -> int | None:
 
 
 class DamagedError(Exception):
-    """A part of a store that cannot be read; the text says which and why."""
+    """Raised for an unreadable part of a store, with the reason."""
 
 
 def write_events(file: Path, points: NDArray[np.int64], events: NDArray[np.void]) -> None:
@@ -93,7 +93,7 @@ def write_events(file: Path, points: NDArray[np.int64], events: NDArray[np.void]
 
 
 def read_events(file: Path) -> tuple[NDArray[np.int64], NDArray[np.void]]:
-    """Read the events of a chunk and their points; `DamagedError` says why it cannot be."""
+    """Read the events of a chunk and their points; raise `DamagedError` if that fails."""
     pyarrow, parquet = (needed(it, "events in a folder") for it in ("pyarrow", "pyarrow.parquet"))
     try:
         # by memory, since a file that is not closed after an error is a warning
@@ -115,9 +115,9 @@ def read_events(file: Path) -> tuple[NDArray[np.int64], NDArray[np.void]]:
 
 # The store of a study on disk: a Zarr group with its events in Parquet files.
 #
-# ``PATH/zarr.json`` holds what the study is, ``PATH/NAME`` one array per parameter and result, with
-# one file per chunk of points, ``PATH/events`` one Parquet file per chunk. The chunk of ``status``
-# is written last: what it calls done is there.
+# ``PATH/zarr.json`` holds the identity of the study, ``PATH/NAME`` one array per parameter and
+# result, with one file per chunk of points, ``PATH/events`` one Parquet file per chunk. The chunk
+# of ``status`` is written last: what it calls done is there.
 
 
 class FolderStore:
@@ -155,7 +155,7 @@ class FolderStore:
 
     @property
     def identity(self) -> dict[str, Any]:
-        """What tells the study."""
+        """Identity of the study."""
         return self.head.identity
 
     @property
@@ -165,7 +165,7 @@ class FolderStore:
 
     @property
     def schema(self) -> Schema | None:
-        """What the points give, once that is known."""
+        """Schema of the results, once it is known."""
         return self.head.schema
 
     @property
@@ -176,18 +176,18 @@ class FolderStore:
         return [*self.schema.shapes, *(["n_events"] if self.schema.has_events else [])]
 
     def close(self) -> None:
-        """Let others write."""
+        """Release the lock for writing."""
         if self._lock is not None:
             os.close(self._lock)
             self._lock = None
 
     def moved_to(self, path: Path) -> None:
-        """Go on where the folder is now."""
+        """Continue in the folder's new location."""
         self.path = path
         self._reset()
 
     def parameters(self) -> tuple[dict[str, NDArray[Any]], list[str]]:
-        """Read the values of the parameters that can be read, and tell why others cannot."""
+        """Read the readable parameter values, with the reasons for the others."""
         known, lost = {}, []
         for name in self.head.parameters:
             try:
@@ -216,7 +216,7 @@ class FolderStore:
         return n, [self.path / name / "c" / str(number) for number in range(math.ceil(n / whole))]
 
     def mend(self, design: Design) -> None:
-        """Write again what is known and cannot be read: points, metadata of arrays."""
+        """Rewrite damaged parts whose content is known: points, metadata of arrays."""
         for file, document in self._altered():
             if file.parent.name == EVENTS:  # in place: this file is the lock
                 file.write_text(json_text(document), encoding="utf-8")
@@ -236,7 +236,7 @@ class FolderStore:
         return [f"{file} is missing or altered" for file, _ in self._altered()]
 
     def _altered(self) -> Iterator[tuple[Path, Any]]:
-        """Find metadata that are not as the head says, and tell what they should be."""
+        """Yield metadata that differ from the head, with their correct values."""
         for name, document in (self.head.documents() | {EVENTS: GROUP}).items():
             file = self.path / name / "zarr.json"
             try:
@@ -276,7 +276,7 @@ class FolderStore:
             return Block.empty(self.layout.span(chunk))
 
     def read(self, chunk: int) -> Block:
-        """Read a chunk; `DamagedError` says what of it cannot be read."""
+        """Read a chunk; raise `DamagedError` for an unreadable part."""
         block = Block.empty(self.layout.span(chunk))
         if not self._file("status", chunk).exists():
             return block
@@ -325,7 +325,7 @@ class FolderStore:
                 yield chunk, str(error)
 
     def forget_damaged(self) -> None:
-        """Call everything missing that cannot be read, so that it is computed again."""
+        """Mark unreadable points as missing, so that they are computed again."""
         for chunk, _ in list(self.damage()):
             self.save(chunk, Block.empty(self.layout.span(chunk)))
 
@@ -387,7 +387,7 @@ class FolderStore:
     # writing
 
     def define(self, schema: Schema) -> None:
-        """Make room for what the points give."""
+        """Create the arrays of the results."""
         self.labels.check(schema, self.identity["parameters"])
         if schema.has_events:
             needed("pyarrow.parquet", "events in a folder")
@@ -409,7 +409,7 @@ class FolderStore:
             self.save(chunk, block)
 
     def _moved(self, blocks: list[Block]) -> Iterator[tuple[int, Block]]:
-        """Part failures into the chunks where they are now."""
+        """Distribute failures to the current chunks."""
         failed = {point: why for block in blocks for point, why in block.messages.items()}
         points = np.array(sorted(failed), np.int64)
         for chunk in np.unique(self.layout.chunk_of(points)).tolist():
@@ -452,7 +452,7 @@ class FolderStore:
 
 
 def _is_there(file: Path) -> bool:
-    """Whether a file is there; Zarr takes an empty one for one that was not written."""
+    """Whether a file is there; Zarr treats an empty file as missing."""
     return file.is_file() and file.stat().st_size > 0
 
 
@@ -473,7 +473,7 @@ def _numbered_entries(folder: Path) -> list[int]:
 
 
 def create(path: Path, design: Design, identity: dict[str, Any], labels: Labels) -> bool:
-    """Make an empty store, as a whole or not at all; tell whether it is ours.
+    """Create an empty store atomically; return whether this call created it.
 
     It is not if another run has made one at the same time.
     """

@@ -39,7 +39,7 @@ __all__ = [
     "writable",
 ]
 
-# What is told of an exception: one text, which any file and any terminal can take.
+# Text of an exception, safe for any file and terminal.
 
 LONGEST = 1000
 """Characters of a message that are kept."""
@@ -65,7 +65,7 @@ def _escaped(letter: str) -> str:
     return letter.encode("unicode_escape", "surrogatepass").decode("ascii")
 
 
-# What a point gives: numbers, arrays of one shape, and events.
+# Result of a point: numbers, arrays of fixed shape, and events.
 
 Values: TypeAlias = dict[str, float | Array]
 Events: TypeAlias = NDArray[np.void]
@@ -73,7 +73,7 @@ Events: TypeAlias = NDArray[np.void]
 
 @runtime_checkable
 class Summarised(Protocol):
-    """A result of a room above that says what a study keeps of it."""
+    """Protocol of results that define their values for a study."""
 
     def _summary(self) -> tuple[dict[str, Any], dict[str, str]]:
         """Return the values, and the units of the values that have one."""
@@ -100,7 +100,7 @@ RUN_UNITS = {
 
 
 def split(returned: Any) -> tuple[Values, Events | None, bool]:
-    """Split what a function returned into values and events, and tell whether it gave events."""
+    """Split a function's return value into values and events; return whether it had events."""
     has_events = isinstance(returned, tuple)
     if not has_events:
         return point_values(returned), None, False
@@ -177,7 +177,7 @@ def _mechanical_summary(run: MechanicalTrajectory) -> Values:
 
 
 def result_units(returned: Any) -> dict[str, str]:
-    """Return the units of what is kept, as far as they are known: of runs."""
+    """Return the known units of results (those of runs)."""
     given = returned[0] if isinstance(returned, tuple) else returned
     if isinstance(given, MassRun):
         return {name: RUN_UNITS[name] for name in _summary(given)}
@@ -226,7 +226,7 @@ def _structured(given: Mapping[str, Any]) -> Events:
     return table
 
 
-# What a vectorized function gives: arrays with an entry for each of many points.
+# Results of a vectorized function: arrays with an entry for each point.
 
 MESSAGE = "message"
 """What in a dict says of each point why it failed, "" if it did not."""
@@ -234,7 +234,7 @@ MESSAGE = "message"
 
 @dataclasses.dataclass
 class Many:
-    """What one call gave.
+    """Results of one call.
 
     Parameters
     ----------
@@ -302,7 +302,7 @@ def _failed_points(messages: Any, n: int) -> dict[int, str]:
 
 
 def _of_batch(batch: BatchRuns, n: int) -> Many:
-    """Keep what a batch tells of each run; `status` is how it ended."""
+    """Extract the per-run results of a batch; `status` is how it ended."""
     if len(batch) != n:
         raise ValueError(f"a batch must have one run for each of {n} points, got {len(batch)}")
     table = batch._table()
@@ -317,7 +317,7 @@ def _of_batch(batch: BatchRuns, n: int) -> Many:
 
 
 def _many_events(given: Any, n: int) -> tuple[NDArray[np.int64], Events] | None:
-    """Put the events of all points into one table."""
+    """Collect the events of all points in one table."""
     if given is None:
         return None
     if isinstance(given, Mapping) or isinstance(getattr(given, "dtype", None), np.dtype):
@@ -358,7 +358,7 @@ def _field_columns(given: Any) -> dict[str, Any]:
     return {name: given[name] for name in given.dtype.names}
 
 
-# What a task gives back, and what all points must have alike.
+# Result of a task, and the schema common to all points.
 
 EVENTS_SIZE = 256
 """Bytes that the events of a point are taken to have."""
@@ -368,7 +368,7 @@ EventTable: TypeAlias = tuple[NDArray[np.int64], Events]
 
 @dataclasses.dataclass(frozen=True)
 class Schema:
-    """What every point gives.
+    """Schema of the results of a point.
 
     Parameters
     ----------
@@ -386,14 +386,14 @@ class Schema:
 
     @property
     def size(self) -> int:
-        """Bytes of what is kept of a point; of the events, those of a few."""
+        """Bytes stored for a point; for the events, an estimate from a few points."""
         numbers = sum(math.prod(shape) for shape in self.shapes.values())
         return 8 * numbers + (EVENTS_SIZE if self.has_events else 0)
 
 
 @dataclasses.dataclass
 class Piece:
-    """What a task gives back: some of its points.
+    """Result of a task: some of its points.
 
     Parameters
     ----------
@@ -455,13 +455,13 @@ class Piece:
         )
 
     def fail(self, why: str) -> None:
-        """Let all points fail."""
+        """Mark all points as failed."""
         self.failed |= dict.fromkeys(self.done.tolist(), why)
         self.done, self.values, self.events = self.done[:0], {}, None
 
 
 def concatenate_tables(tables: list[EventTable]) -> EventTable | None:
-    """Put tables of events together."""
+    """Concatenate tables of events."""
     if not sum(len(points) for points, _ in tables):
         return None
     return np.concatenate([it for it, _ in tables]), np.concatenate([it for _, it in tables])
@@ -483,7 +483,7 @@ def _shapes(shapes: dict[str, tuple[int, ...]]) -> str:
 
 
 class Collector:
-    """Puts the results of points together, if they are alike.
+    """Collects the results of points of equal schema.
 
     Parameters
     ----------
@@ -508,7 +508,7 @@ class Collector:
         return time.monotonic() - self._start
 
     def add(self, point: int, returned: Any) -> None:
-        """Take what a function gave for one point."""
+        """Add the result of a function for one point."""
         values, events, has_events = split(returned)
         shapes = {name: np.shape(value) for name, value in values.items()}
         dtype = None if events is None else events.dtype
@@ -519,7 +519,7 @@ class Collector:
         self._numbers.append(point)
 
     def add_many(self, points: NDArray[np.int64], returned: Any) -> None:
-        """Take what a vectorized function gave for several points."""
+        """Add the result of a vectorized function for several points."""
         if isinstance(returned, list):
             self._add_each(points, returned)
             return
@@ -583,7 +583,7 @@ class Collector:
             self._rows, self._numbers = [], []
 
     def piece(self, rest: NDArray[np.int64], raised: BaseException | None = None) -> Piece:
-        """Return all that there is; the points of what came later are larger."""
+        """Return all results so far, in increasing order of points."""
         self._stack()
         names = self.schema.shapes if self.schema and self._parts else ()
         return Piece(

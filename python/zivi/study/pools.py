@@ -33,7 +33,7 @@ __all__ = [
     "pool_of",
 ]
 
-# What a worker does: the points of one task, until its time is up.
+# Work of a worker: the points of one task, until its time is up.
 
 SLICE = 2.0
 """Seconds after which a task hands back what it has: no more than that is lost with a worker."""
@@ -42,7 +42,7 @@ MAX_SEED = 2**63 - 1
 
 
 class SignalGate:
-    """Ctrl-C comes through only where it is open: what was computed is not lost on its way.
+    """Delays Ctrl-C while closed, so that computed results are not lost.
 
     It holds within ``with``, in the main thread, if Ctrl-C calls a function of Python there.
 
@@ -84,14 +84,14 @@ class SignalGate:
             self._heard = True
 
     def look(self) -> None:
-        """Answer what was heard while it was closed."""
+        """Handle a signal that arrived while it was closed."""
         if self._heard:
             self._heard = False
             self._before(signal.SIGINT, None)
 
     @contextlib.contextmanager
     def opened(self) -> Iterator[None]:
-        """Open it for what changes nothing."""
+        """Open it for code without side effects."""
         self.open = True
         try:
             self.look()
@@ -102,7 +102,7 @@ class SignalGate:
 
 @dataclasses.dataclass(frozen=True)
 class Job:
-    """What is computed at every point.
+    """Computation at every point.
 
     Parameters
     ----------
@@ -189,7 +189,7 @@ def _compute_many(
             return found.piece(points[part.start :])
         calls += 1
         try:
-            # copies, since a function may write to what it gets
+            # copies, since a function may modify its arguments
             own = {name: column[part].copy() for name, column in columns.items()}
             with gate.opened():
                 values = job.call_many(points[part], own)
@@ -216,7 +216,7 @@ def _gate() -> SignalGate:
 
 
 def begin_thread(stopped: threading.Event) -> None:
-    """Let this thread look, after each point, whether it must stop."""
+    """Make this thread check after each point whether it must stop."""
     _thread.stopped = stopped
 
 
@@ -229,13 +229,13 @@ def is_ready(job: Job) -> bool:
     return callable(job.function)
 
 
-# Who computes: this process, threads, processes, or what a user brings.
+# Executors: this process, threads, processes, or one of the user's.
 
 KINDS = ("threads", "processes")
 
 
 class Inline(concurrent.futures.Executor):
-    """Computes at once, in this thread."""
+    """Executor that computes immediately, in this thread."""
 
     def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Any:
         """Compute and return a future that is done."""
@@ -245,7 +245,7 @@ class Inline(concurrent.futures.Executor):
 
 
 class Pool:
-    """An executor and what is known of it.
+    """An executor with its properties.
 
     Parameters
     ----------
@@ -256,7 +256,7 @@ class Pool:
     make : callable, optional
         Makes another one, if the executor is ours.
     stopped : Event, optional
-        What its threads look at after each point.
+        Event that its threads check after each point.
     """
 
     def __init__(
@@ -288,11 +288,11 @@ class Pool:
 
     @property
     def broken(self) -> bool:
-        """Whether a process died; before Python 3.12, futures may then wait for ever."""
+        """Whether a process died; before Python 3.12, futures may then wait indefinitely."""
         return bool(getattr(self.executor, "_broken", False))
 
     def stop(self) -> None:
-        """Let threads hand back what they have after the point that they are at."""
+        """Make threads return their results after their current point."""
         self._stopped.set()
 
     def renew(self) -> None:
@@ -302,7 +302,7 @@ class Pool:
         self.executor = self._make()
 
     def close(self, *, at_once: bool) -> None:
-        """End an executor of ours, with what it still computes if that must be."""
+        """Shut down an executor of ours, with its running tasks if necessary."""
         if self._make is None:
             return
         if at_once:
@@ -311,7 +311,7 @@ class Pool:
             self.executor.shutdown(wait=True)
 
     def _end(self) -> None:
-        """End an executor with its processes, also with one that it started as it broke."""
+        """Shut down an executor with all its processes, including one started as it broke."""
         workers = list((getattr(self.executor, "_processes", None) or {}).values())
         self.executor.shutdown(wait=False, cancel_futures=True)
         for process in workers:

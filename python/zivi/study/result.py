@@ -1,4 +1,4 @@
-"""What a study gave: the dataset, its events and its failures, from memory or from a folder."""
+"""Result of a study: dataset, events and failures, from memory or from a folder."""
 
 from __future__ import annotations
 
@@ -32,22 +32,22 @@ MOST_SALVAGED = 10**8
 class Study:
     """The results of a study.
 
-    What is not found here is looked for in the dataset: ``study.rest_time.plot()`` and
+    Other attributes are those of the dataset: ``study.rest_time.plot()`` and
     ``study["rest_time"]`` are ``study.dataset.rest_time.plot()`` and so on.
 
     Parameters
     ----------
     dataset : xarray.Dataset
-        The results over the parameters, with units where they are known. ``status`` holds the
-        numbers of `StudyStatus`: 0 where a point is missing, 1 where it is completed, 2 where it
-        failed, ``message`` says why. The attributes tell the seed, the version and, as JSON, what
-        the study is. From a folder, the values are read when they are used.
+        The results over the parameters, with known units. ``status`` holds the
+        numbers of `StudyStatus`: 0 for a missing, 1 for a completed, 2 for a failed point;
+        ``message`` is the reason. The attributes tell the seed, the version and, as JSON, what the
+        study is. From a folder, the values are read when they are used.
     path : Path, optional
         The folder.
     events : optional
-        The events with the number of their point, or what reads them: a ``pyarrow.Table``
-        (``to_pandas()``), or a structured array where there is no pyarrow; None if the function
-        gives no events. From a folder, they are read when they are used.
+        The events with the number of their point, or a function that reads them: a
+        ``pyarrow.Table`` (``to_pandas()``), or a structured array without pyarrow; None if the
+        function returns no events. From a folder, they are read when they are used.
     """
 
     def __init__(
@@ -154,9 +154,9 @@ def open_study(path: str | PathLike[str], *, verify: bool = False) -> Study:
     -------
     Study
         The dataset, read when it is used, and the events. If files are missing or, with `verify`,
-        damaged, a warning names them and the dataset is in memory, with what can be read; their
-        points are missing in it (a parameter whose values are lost is NaN or ""), and `sweep` will
-        compute or write them again.
+        damaged, a warning names them and the dataset, in memory, has the readable parts; their
+        points are missing in it (lost parameter values are NaN or ""), and `sweep` will compute or
+        write them again.
 
     Raises
     ------

@@ -54,10 +54,10 @@ def sweep(
     retry_failed: bool = False,
     progress: bool | None = None,
 ) -> Study:
-    """Compute a function at many points, and keep what is computed.
+    """Evaluate a function at many points and store the results.
 
-    A point that fails does not stop the others. A run that was stopped or killed continues where it
-    was when the same call is made again.
+    A point that fails does not stop the others. A run that was stopped or killed is resumed by
+    repeating the call.
 
     Parameters
     ----------
@@ -76,10 +76,11 @@ def sweep(
     vectorized : bool
         Whether the function takes many points at a time: arrays with an entry for each, ``seed``
         too, ``rng`` a list. It returns an array or a dict of arrays with a row for each point
-        (``"message"``, if there, says why points failed, "" if not), a batch, or a list of what it
-        would return for each, exceptions for those that fail; or a tuple ``(values, events)``, the
-        events a list or a table with the field ``point``. Points of a call that raises are called
-        again in halves, down to those that make it raise. An entry must not depend on the others.
+        (an optional entry ``"message"`` has the reasons of failed points, "" for others), a batch,
+        or a list of the results for each point, with exceptions for failed ones; or a tuple
+        ``(values, events)``, the events a list or a table with the field ``point``. Points of a
+        call that raises are called again in halves, down to those that make it raise. An entry must
+        not depend on the others.
     out : path, optional
         Folder of the results, a Zarr store; without it they are kept in memory. Needs the extra
         ``study``.
@@ -106,15 +107,14 @@ def sweep(
     in_flight : int, optional
         Tasks that are handed out at a time; by default two for each worker.
     resume : bool, optional
-        With None, the study in the folder `out` is continued if there is one and it is the same;
-        a ValueError says what differs: fixed arguments, the function, its text and what it
-        holds (defaults, closure, the object of a method), ... True goes on even if the text of the
-        function or the version of zivi has changed, and requires that there is one; False that
-        there is none. If all points of the folder are among `points`, only the new ones are
-        computed: values may be added to any parameter, in any order. The folder is then written
-        again, which takes its size once more while it lasts. Points of a function with ``seed`` or
-        ``rng`` must keep their numbers: add values at the end of a list, or of the first parameter
-        of a grid.
+        With None, an existing study in the folder `out` is resumed if it is identical; a ValueError
+        names the difference: fixed arguments, the function, its source and state (defaults,
+        closure, the object of a method), ... True goes on even if the text of the function or the
+        version of zivi has changed, and requires that there is one; False that there is none. If
+        all points of the folder are among `points`, only the new ones are computed: values may be
+        added to any parameter, in any order. The folder is then written again, which takes its size
+        once more while it lasts. Points of a function with ``seed`` or ``rng`` must keep their
+        numbers: append values to a list or to the first parameter of a grid.
     retry_failed : bool
         Compute the points again that failed in an earlier run.
     progress : bool, optional
@@ -124,26 +124,26 @@ def sweep(
     Returns
     -------
     Study
-        The dataset and the events; from the folder if there is one.
+        The dataset and the events, read from the folder `out` if given.
 
     Raises
     ------
     ValueError, TypeError
         For an argument out of range, more than 1e9 points, or another study in the folder, before
-        anything is computed; a TypeError also for what a study in a folder cannot be told by, such
-        as an open file in `fixed`. A ValueError after the first point if the dimensions of the
-        results do not fit together.
+        anything is computed; a TypeError also for values without a digest, such as an open file in
+        `fixed`. A ValueError after the first point if the dimensions of the results do not fit
+        together.
     ImportError
-        If a library is missing; it says which extra to install.
+        If a library is missing; the message names the extra to install.
     RuntimeError
         If no point could be computed, if workers die again and again, or if another run writes to
         the folder.
     KeyboardInterrupt, concurrent.futures.BrokenExecutor, OSError
-        If the run is stopped, also by a point that raises an exception that is not an `Exception`
-        (`SystemExit` is a failed point). As with `RuntimeError`, what is done is stored; the
-        exception's attribute ``study`` gives it. An OSError without it, before anything is
-        computed, if the folder has a study whose head is damaged or has arrays that zivi does not
-        write.
+        If the run is stopped, which includes a point that raises an exception other than an
+        `Exception` (`SystemExit` is a failed point). As with `RuntimeError`, computed results are
+        stored; they are in the exception's attribute ``study``. An OSError without it, before
+        anything is computed, if the folder has a study whose head is damaged or has arrays that
+        zivi does not write.
 
     Examples
     --------

@@ -41,7 +41,7 @@ __all__ = [
 
 @dataclasses.dataclass
 class Block:
-    """What is known of the points of one chunk.
+    """Results of the points of one chunk.
 
     Parameters
     ----------
@@ -50,7 +50,7 @@ class Block:
     status : ndarray of int8
         Their states.
     values : dict of ndarray
-        Their values, one row a point, NaN where there is none.
+        Their values, one row per point, NaN if missing.
     messages : dict of str
         Why points failed, by their numbers.
     events : list of tuple
@@ -75,7 +75,7 @@ class Block:
                 self.values[name] = np.full((len(self.span), *shape), np.nan)
 
     def take(self, piece: Piece) -> None:
-        """Put in what a task gave back."""
+        """Insert the result of a task."""
         places = piece.done - self.span.start
         for name, rows in piece.values.items():
             self.values[name][places] = rows
@@ -132,7 +132,7 @@ class Chunks:
         Points of a chunk at most; by default as `sharded` says.
     sharded : bool
         Whether chunks are shards, which can be read in part: as many points as fit into 256 MB,
-        at most 2,097,152. Otherwise, as in version 0.1, a 64th of all, at most 1024.
+        at most 2,097,152. Otherwise (version 0.1) a 64th of all, at most 1024.
     size : int
         Bytes of the results of a point, of which the points of a shard depend.
     """
@@ -157,7 +157,7 @@ class Chunks:
 
     @functools.cached_property
     def inner(self) -> tuple[int, ...]:
-        """Points along each dimension of what is decoded at a time."""
+        """Points along each dimension of a decoding unit."""
         room = max(1, self.room // INNER) if self.has_shards else self.room
         return _filled(self.shape, room, (1,) * len(self.shape))
 
@@ -304,7 +304,7 @@ class Labels:
 
 
 class Store(Protocol):
-    """What keeps the results of a study."""
+    """Interface of stores for the results of a study."""
 
     @property
     def layout(self) -> Chunks:
@@ -312,11 +312,11 @@ class Store(Protocol):
 
     @property
     def identity(self) -> dict[str, Any]:
-        """What tells the study."""
+        """Identity of the study."""
 
     @property
     def schema(self) -> Schema | None:
-        """What the points give, once that is known."""
+        """Schema of the results, once it is known."""
 
     def written(self) -> list[int]:
         """List the chunks that have states."""
@@ -325,16 +325,16 @@ class Store(Protocol):
         """Return the states of the points of a chunk; unreadable points count as missing."""
 
     def define(self, schema: Schema) -> None:
-        """Make room for what the points give."""
+        """Create the arrays of the results."""
 
     def load(self, chunk: int) -> Block:
         """Return the stored data of a chunk."""
 
     def save(self, chunk: int, block: Block) -> None:
-        """Keep a chunk: all of it, or what was there before."""
+        """Save a chunk atomically."""
 
     def close(self) -> None:
-        """Let others write."""
+        """Release the lock for writing."""
 
 
 def count_points(store: Store, *states: StudyStatus) -> int:
@@ -356,7 +356,7 @@ def dataset_attributes(identity: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def dims_of(name: str, shape: tuple[int, ...], design: tuple[str, ...], labels: Labels) -> Any:
-    """Name the dimensions of a result."""
+    """Return the dimensions of a result."""
     own = labels.dims.get(name) or tuple(f"{name}_{axis}" for axis in range(len(shape)))
     return (*design, *own)
 
@@ -371,7 +371,7 @@ class MemoryStore:
     layout : Layout
         How they are cut into chunks.
     identity : dict
-        What tells the study.
+        Identity of the study.
     labels : Labels
         Units and dimensions.
     """
@@ -393,7 +393,7 @@ class MemoryStore:
         return self.load(chunk).status
 
     def define(self, schema: Schema) -> None:
-        """Make room for what the points give."""
+        """Create the arrays of the results."""
         self._labels.check(schema, self._design.names)
         self.schema = schema
         for block in self._blocks.values():  # those of which all points failed
@@ -428,7 +428,7 @@ class MemoryStore:
         return found
 
     def _filled(self, shape: tuple[int, ...], empty: Any, dtype: Any, of: Any) -> Any:
-        """Put what `of` gives for each chunk into one array over the points."""
+        """Assemble the arrays that `of` returns for each chunk into one over the points."""
         flat = np.full((len(self._design), *shape), empty, dtype)
         for block in self._blocks.values():
             flat[block.span.start : block.span.stop] = of(block)

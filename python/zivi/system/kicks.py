@@ -181,7 +181,7 @@ class KickSchedule:
         ]
 
     def __call__(self, t: float, q: Any, v: Any) -> Any:
-        """Return the velocities after the kicks at `t`; None where there is none."""
+        """Return the velocities after the kicks at `t`; None without one."""
         chosen = self.at.get(t)
         if chosen is None:
             return None

@@ -52,7 +52,7 @@ def solve_lcp(
     Returns
     -------
     VIResult
-        Always; look at ``success``. ``res.F`` is the slack ``M x + q``.
+        Returned in all cases; check ``success``. ``res.F`` is the slack ``M x + q``.
 
     Raises
     ------
@@ -101,7 +101,7 @@ def solve_ncp(
     Parameters
     ----------
     F : callable
-        ``F(x, *args)`` returns an array as long as `x`.
+        ``F(x, *args)`` returns an array of the length of `x`.
     x0 : array_like
         Where to begin.
     upper : array_like, optional
@@ -112,7 +112,7 @@ def solve_ncp(
     Returns
     -------
     VIResult
-        Always; look at ``success``.
+        Returned in all cases; check ``success``.
 
     Raises
     ------
@@ -155,7 +155,7 @@ class Equilibrium:
     regret : float
         The most that either player would gain by another strategy: zero at an equilibrium.
     success : bool
-        True when the complementarity problem behind it was solved.
+        True if the underlying complementarity problem was solved.
     result : VIResult
         The solution of that problem, with its status and its message.
     """
@@ -187,14 +187,14 @@ def bimatrix(
         ``A[i, j]`` and ``B[i, j]`` are the payoffs when the row player plays `i` and the column
         player plays `j`; of equal shape.
     options : VIOptions, optional
-        Which parts of the solver take part.
+        Enabled stages of the solver.
     time_limit : float, optional
         Seconds after which the search ends.
 
     Returns
     -------
     Equilibrium
-        Always; look at ``success``. One of perhaps many equilibria.
+        Returned in all cases; check ``success``. One of perhaps many equilibria.
 
     Raises
     ------

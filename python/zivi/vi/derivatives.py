@@ -33,8 +33,8 @@ class VIDerivative:
     at_lower, at_upper : ndarray of int
         Those at their bounds.
     unclear : ndarray of int
-        Those at a bound where the map is zero, too: the solution has one derivative on either side
-        there. Given is that with them at their bounds.
+        Degenerate components, at a bound with zero map: their one-sided derivatives differ. Given
+        is that with them at their bounds.
     """
 
     free: NDArray[np.intp]
@@ -160,9 +160,9 @@ def solution_derivative(
     jac : array_like or sparse matrix
         The Jacobian of the map by the unknowns at the solution, ``n x n``.
     dF : array_like or sparse matrix
-        Its derivatives by the parameters, ``n x k``; a vector is one parameter.
+        Its derivatives with respect to the parameters, ``n x k``; a vector for one parameter.
     lower, upper : array_like or None
-        The bounds, as for `solve_vi`. (`solve_lcp` and `solve_ncp` have ``lower=0``.)
+        The bounds (see `solve_vi`). (`solve_lcp` and `solve_ncp` have ``lower=0``.)
     dlower, dupper : array_like, optional
         Derivatives of the bounds by the parameters, ``n x k``, zero by default.
     tol : float

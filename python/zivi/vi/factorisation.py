@@ -62,7 +62,7 @@ class Keep(threading.Event):
     thread: threading.Thread | None = None
 
     def settle(self) -> None:
-        """Wait a moment for the thread to have let go, where it is told to."""
+        """Wait briefly for the thread to release its objects."""
         if self.is_set() and self.thread is not None:
             self.thread.join(_LOOK)
 
@@ -74,7 +74,7 @@ def in_thread(
 ) -> Outcome:
     """Return what `work` returns, which does not hold the interpreter's lock while it computes.
 
-    A signal, or what `poll` raises, ends the waiting within a moment; the thread, which cannot be
+    A signal, or an exception of `poll`, ends the waiting promptly; the thread, which cannot be
     stopped, ends its work in the background; the interpreter ends after it. With `until` the
     thread lives on until that is set.
     """
@@ -110,7 +110,7 @@ def in_thread(
 
 
 class Order:
-    """The order of elimination of a matrix, and of others of its pattern.
+    """Elimination order of a matrix and of others with its sparsity pattern.
 
     Parameters
     ----------
@@ -158,7 +158,7 @@ class Factors:
     A : csc_array
         The matrix.
     places : ndarray or None
-        The order of rows and columns in which it was factorised, if not as it is.
+        The permutation of rows and columns used; None without one.
     released : Keep, optional
         Set when the factors are needed no more.
     """
@@ -179,7 +179,7 @@ class Factors:
         self.release()
 
     def release(self) -> None:
-        """Let go of the factors, and then their thread of them."""
+        """Release the factors here and in their thread."""
         self._lu = None
         if self._released is not None:
             self._released.set()
@@ -267,13 +267,13 @@ class Factoriser:
         self._kept = Keep()
 
     def last_of(self, free: Any) -> Factors | None:
-        """Return the last factors, if they are those of the rows and columns `free`."""
+        """Return the last factors if they belong to the rows and columns `free`."""
         if self._last is None or not np.array_equal(self._last[1], free):
             return None
         return self._last[0]
 
     def forget(self) -> None:
-        """Let go of the last factors."""
+        """Release the last factors."""
         self._last = None
 
     def see_pattern(self, J: Any) -> None:
@@ -343,10 +343,10 @@ class Factoriser:
 
 
 def _factorised(A: Any, pivoting: str, order: Order | None) -> tuple[Any, Order | None]:
-    """Return the factors of `A` and the order of its rows and columns, None where as it is.
+    """Return the factors of `A` and the permutation used, None without one.
 
-    SuperLU's own order of minimum degree takes minutes for random patterns, and holds the
-    interpreter's lock for so long.
+    SuperLU's own minimum-degree order needs minutes for random patterns and holds the GIL
+    meanwhile.
     """
     from scipy.sparse.linalg import splu
 
@@ -362,7 +362,7 @@ def _factorised(A: Any, pivoting: str, order: Order | None) -> tuple[Any, Order 
 
 
 def _is_singular_by_pattern(A: Any) -> bool:
-    """Whether there are too few places for pivots: SuperLU then writes beyond its memory."""
+    """Whether there are too few places for pivots: SuperLU then writes out of bounds."""
     from scipy.sparse.csgraph import structural_rank
 
     return not np.all(A.diagonal()) and bool(structural_rank(A) < A.shape[0])

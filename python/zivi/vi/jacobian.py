@@ -70,12 +70,12 @@ def colours_of(pattern: Any) -> Any:
 
 
 class ColouredDifferences:
-    """The Jacobian of a map by differences in a box, or by complex steps.
+    """The Jacobian of a map by finite differences in a box or by complex steps.
 
     Parameters
     ----------
     value : callable
-        ``F(x)``; None where it is not defined.
+        ``F(x)``; None if undefined.
     pattern : csc_array
         Where the Jacobian may be nonzero.
     scheme : {"3-point", "2-point", "cs"}
@@ -258,7 +258,7 @@ Converters: TypeAlias = tuple[Callable[[Any], tuple[Array, float]], Callable[[An
 
 
 def converters(n: int, algebra: str = "dense") -> Converters:
-    """Return what makes arrays of values of `F`, with their rounding, and of its Jacobian.
+    """Return converters of values of `F`, with rounding, and of its Jacobian to arrays.
 
     The latter raises `IsSparseError` for one that should be kept sparse.
     """
@@ -315,12 +315,12 @@ def check_jacobian(
     Parameters
     ----------
     F : callable
-        ``F(x, *args)``, as for `solve_vi`; it is called at distances of about 1e-5 from `x`.
+        ``F(x, *args)`` (see `solve_vi`); it is called at distances of about 1e-5 from `x`.
     jac : callable, matrix or True
         ``jac(x, *args)`` returns the ``n x n`` matrix of ``dF_i/dx_j``, dense or sparse; a matrix
         stands for a constant one, True for an `F` that returns both.
     x : array_like
-        The point. Take one inside the box, where nothing is special.
+        The point. Choose a generic point inside the box.
     args : tuple
         Further arguments of `F` and `jac`.
 
@@ -332,7 +332,7 @@ def check_jacobian(
     Raises
     ------
     ValueError, TypeError
-        If an argument, or what `F` or `jac` returns, is not as above.
+        If an argument, or a value of `F` or `jac`, is invalid.
 
     Examples
     --------
@@ -366,9 +366,9 @@ def check_jacobian(
 
 
 def _central_jacobian(F: Callable[[Array], tuple[Array, float]], x: Array) -> tuple[Array, Array]:
-    """Return central differences of `F`, and what they are uncertain by.
+    """Return central differences of `F` and their uncertainty.
 
-    Truncation is told by the differences over twice the step, rounding by the size of `F`.
+    Truncation is estimated from differences over twice the step, rounding from the size of `F`.
     """
     n = len(x)
     here, rounding = F(x.copy())

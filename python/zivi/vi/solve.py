@@ -106,7 +106,7 @@ def _split_bounds(bounds: Any) -> tuple[Any, Any]:
 
 
 def read_bounds(lower: Any, upper: Any, n: int) -> tuple[Array | float, Array | float]:
-    """Read both bounds; a bound with one entry stands for all components, as in SciPy."""
+    """Read both bounds; a bound with one entry applies to all components (SciPy's rule)."""
     return _read_bound("lower", lower, n), _read_bound("upper", upper, n)
 
 
@@ -194,7 +194,7 @@ Solve: TypeAlias = Callable[["Affine"], VIResult]
 
 @dataclasses.dataclass(frozen=True)
 class Affine:
-    """``F(x) = M x + q`` on a box, and where it begins; `M` may be a ``csr_array``."""
+    """``F(x) = M x + q`` on a box, and the initial point; `M` may be a ``csr_array``."""
 
     M: Any
     q: Array
@@ -249,10 +249,10 @@ def _scale_matrix(rows: Array, M: Any, columns: Array) -> Any:
 
 
 def _sizes(a: Affine) -> tuple[Array, Array]:
-    """Return the sizes of rows and of unknowns, from what moves them at the start.
+    """Return the scales of rows and unknowns, from the initial point.
 
-    Of the unknowns what balances a row, ``max_i |F_i / M_ij|``, at most the width of the box; of
-    the rows their value and what those moves change.
+    For the unknowns, the step that balances a row, ``max_i |F_i / M_ij|``, at most the width of the
+    box; for the rows, their value and its change by these steps.
     """
     entries = _Entries(a.M)
     value = np.abs(a.M @ a.x0 + a.q)
@@ -274,7 +274,7 @@ def is_off_scale(a: Affine) -> bool:
 def dense_is_off_scale(
     M: Array, q: Array, box: tuple[Array | float, Array | float], x0: Array | None
 ) -> bool:
-    """`is_off_scale` of a dense problem before anything of it is made; False where it is none."""
+    """`is_off_scale` of a dense problem before anything of it is made; False otherwise."""
     return _zivi.is_off_scale(M, q, *box, x0, _SMALL)
 
 
@@ -286,13 +286,13 @@ def _units(a: Affine) -> tuple[Array, Array]:
         across, along = entries.largest(rows, columns)
         rows /= np.sqrt(np.where(across > 0, across, 1.0))
         columns /= np.sqrt(np.where(along > 0, along, 1.0))
-    # with the constant of 1 the solution is of 1, too
+    # with a constant term of order 1 the solution is of order 1
     size = max(np.abs(rows * (a.M @ a.x0 + a.q)).max(), np.abs(a.x0 / columns).max()) or 1.0
     return rows / size, columns * size
 
 
 def solve_scaled(a: Affine, solve: Solve) -> VIResult:
-    """Solve in units of the problem's own, then to the absolute tolerance as well."""
+    """Solve in the problem's own units, then to the absolute tolerance."""
     rows, columns = _units(a)
     scaled = Affine(
         _scale_matrix(rows, a.M, columns),
@@ -350,7 +350,7 @@ class Watched:
 
     @property
     def size(self) -> float:
-        """The largest of the first values; infinite where they are not finite."""
+        """The largest of the first values; infinite if they are not finite."""
         if self._first is None:
             return np.inf
         if self._first.size > _FEW:
@@ -361,7 +361,7 @@ class Watched:
 
 
 def polished(first: VIResult, size: float, solve: Callable[[Array, float], VIResult]) -> VIResult:
-    """Go on from a solution where `F` was small at the start: it may be the units that are small.
+    """Continue from a solution if `F` was initially small, possibly by its units only.
 
     Parameters
     ----------
@@ -386,7 +386,7 @@ def polished(first: VIResult, size: float, solve: Callable[[Array, float], VIRes
     return dataclasses.replace(last, projected=first.projected, **counts)
 
 
-# How `solve_vi` and `solve_avi` reach the sparse solver: when, and with what checked.
+# Dispatch of `solve_vi` and `solve_avi` to the sparse solver, with checks.
 
 Observer: TypeAlias = Callable[[int, float, int, str], object] | None
 
@@ -468,11 +468,11 @@ class SparseVI:
     jac : callable, matrix, or tuple of pattern and scheme
         Its Jacobian.
     converts : tuple of callables
-        Make arrays of the values of `F` and of its Jacobian.
+        Convert values of `F` and of its Jacobian to arrays.
     box, start
-        Bounds, and where to begin.
+        Bounds and initial point.
     settings, time_limit, observe
-        As the extension takes them.
+        Arguments of the extension.
     """
 
     F: Callable[[Array], Any]
@@ -544,7 +544,7 @@ def solve_vi(
     Parameters
     ----------
     F : callable
-        ``F(x, *args)`` returns an array as long as `x` (or a number where `x` has one entry).
+        ``F(x, *args)`` returns an array of the length of `x` (or a number if `x` has one entry).
         Values that are not finite mean that `F` is not defined there; the solver backs off. So do
         an `ArithmeticError` or a `ValueError` after the first call; other exceptions, and these
         at `x0`, reach the caller.
@@ -558,11 +558,11 @@ def solve_vi(
         Further arguments of `F` and `jac`.
     jac : callable, matrix, True or {"2-point", "3-point", "cs"}, optional
         ``jac(x, *args)`` returns the ``n x n`` matrix of ``dF_i/dx_j``, dense or sparse; a matrix
-        stands for a constant one, True says that `F` returns ``(F(x), jac(x))``. By default, and
-        as ``"3-point"``, it is taken by differences of second order of `F` in the box (``2 n``
-        calls); ``"2-point"`` are differences of first order (``n`` calls), ``"cs"`` complex steps
-        (``n`` calls of an analytic `F`). Entries that are not finite are replaced by differences.
-        A sparse one is kept sparse where that pays: see ``VIOptions.linear_algebra``.
+        is a constant Jacobian; with True, `F` returns ``(F(x), jac(x))``. By default, and as
+        ``"3-point"``, it is taken by differences of second order of `F` in the box (``2 n`` calls);
+        ``"2-point"`` are differences of first order (``n`` calls), ``"cs"`` complex steps (``n``
+        calls of an analytic `F`). Entries that are not finite are replaced by differences. A sparse
+        one is kept sparse where that pays: see ``VIOptions.linear_algebra``.
     jac_sparsity : array_like or sparse matrix, optional
         Where the Jacobian may be nonzero, ``n x n``: then the differences, or complex steps, take
         one or two calls for each group of columns that share no row. Not with a `jac` that is
@@ -581,12 +581,12 @@ def solve_vi(
         Called with a `VIProgress` after every iteration; it may raise `StopIteration` to end the
         solve.
     options : VIOptions or dict, optional
-        Row scaling, and which parts of the solver take part; a dict has the names of `VIOptions`.
+        Row scaling and enabled stages of the solver; a dict has the names of `VIOptions`.
 
     Returns
     -------
     VIResult
-        Always; look at ``success``.
+        Returned in all cases; check ``success``.
 
     Raises
     ------
@@ -660,10 +660,10 @@ def solve_vi(
 def _kept_sparse(
     jac: Any, jac_sparsity: Any, both: Both | None, args: tuple[Any, ...], x0: Array, algebra: str
 ) -> Any:
-    """Return the Jacobian for the sparse solver where it is known to be its; None where not.
+    """Return the Jacobian for the sparse solver if it is known to be sparse; None where not.
 
-    What a callable returns to the dense solver is looked at there. For more unknowns than that
-    can have, it is looked at here, before `F` is called.
+    The dense solver checks the values of a callable itself. For more unknowns than it supports,
+    they are checked here, before `F` is called.
     """
     n = len(x0)
     if jac_sparsity is not None:
@@ -750,8 +750,8 @@ def solve_avi(
     Returns
     -------
     VIResult
-        Always; look at ``success``. A row that has the wrong sign everywhere in the box ends it
-        as `VIStatus.INFEASIBLE` at once.
+        Returned in all cases; check ``success``. If a row has the wrong sign everywhere in the box,
+        the status is `VIStatus.INFEASIBLE` without iterations.
 
     Raises
     ------

@@ -30,7 +30,7 @@ __all__ = [
     "sparse_matrix",
 ]
 
-# Maps of the sparse solver: affine ones, and those of callables with what they may do wrong.
+# Maps of the sparse solver: affine maps, and callables with checks of their values.
 
 
 def sparse_matrix(name: str, value: Any, n: int) -> Any:
@@ -88,9 +88,9 @@ class CallableMap:
     F : callable
         The map.
     jac : callable, or tuple of pattern and scheme
-        The Jacobian as a matrix, or what `ColouredDifferences` makes it of.
+        The Jacobian as a matrix, or arguments of `ColouredDifferences`.
     converts : callable
-        Makes an array with its rounding of what `F` returns.
+        Converts a value of `F` to an array with its rounding.
     lower, upper : ndarray
         The box.
     """
@@ -146,7 +146,7 @@ class CallableMap:
         return array
 
     def slopes(self, x: Array) -> Any:
-        """Return the Jacobian; None where it raised. What is not finite in it is differenced."""
+        """Return the Jacobian, entries that are not finite by differences; None if it raised."""
         if self._jac is None:
             return self._by_differences(x)
         value = self._call(1, self._jac, x)
@@ -188,7 +188,7 @@ class CallableMap:
 
     @property
     def undefined_points(self) -> str:
-        """What to say about points where `F` or its Jacobian raised."""
+        """Text about points where `F` or its Jacobian raised."""
         if not self._undefined:
             return ""
         return (
@@ -207,8 +207,7 @@ class CallableMap:
 # the dense solver, where there are at most MAX_DENSE unknowns
 # ```
 #
-# Success is told by the natural residual recomputed from `F` at a point of the box, by nothing
-# else.
+# The only criterion of success is the natural residual, recomputed from `F` at a point of the box.
 
 _PUSHES = (0.0, 1e-6, 1e-3, 1e-1, 1.0)
 """Distances from the bounds at which a start is tried while `F` is not finite there."""
@@ -272,7 +271,7 @@ def solve_sparse(
     observe : callable or None
         Called after every iteration.
     dense : callable, optional
-        The dense solver, for what is left of small problems, with the time that is left.
+        The dense solver, for small problems within the remaining time.
     """
     lower, upper = box
     inside = np.minimum(np.maximum(start, lower), upper)
@@ -310,7 +309,7 @@ def solve_sparse(
 
 
 def _stages(search: Search, settings: dict[str, Any]) -> VIStatus:
-    """Go through the stages until one succeeds."""
+    """Run the stages until one succeeds."""
     begun = _interior_start(search, bool(settings.get("scale_by_jacobian")))
     if begun is None:
         return VIStatus.DOMAIN_ERROR
@@ -389,8 +388,8 @@ def _is_within_rounding(search: Search, size: float) -> bool:
     """Whether the best point is a solution with the tolerance raised to rounding.
 
     Where a component of the natural map exceeds `tol`, ``|F_i| <= 10 eps sum_j |J_ij x_j|``. Rows
-    of a given Jacobian are believed where a difference of `F` along a direction agrees. Far beyond
-    the `size` of the terms of `F` at the start rounding hides that there is no solution.
+    of a given Jacobian are accepted if a directional difference of `F` agrees. If terms of `F` grow
+    far above their initial `size`, rounding hides that there is no solution.
     """
     x, F = search.best_x, search.best_F
     if not np.isfinite(F).all():
@@ -448,7 +447,7 @@ def _is_isolated(search: Search) -> bool:
 
 
 def _result(search: Search, status: VIStatus, projected: bool) -> VIResult:
-    """Return the best point with what is known of it."""
+    """Return the best point with its diagnostics."""
     x, F = search.best_x, search.best_F / search.scale
     sizes = np.abs(natural_map(x, F, search.lower, search.upper))
     return VIResult(

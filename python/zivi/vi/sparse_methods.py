@@ -30,8 +30,9 @@ __all__ = [
 # ```
 #
 # The semismooth Newton method for the projection equation (Hintermüller, Ito & Kunisch, *SIAM J.
-# Optim.* 13 (2002) 865-888): from a good start, as from a coarser grid, two to four factorisations.
-# From afar the boundary of the active set may move by one cell a step; then it is given up.
+# Optim.* 13 (2002) 865-888): from a good initial point, such as a coarser grid's solution, two to
+# four factorisations. From afar the boundary of the active set may move by one cell a step; then it
+# is given up.
 
 SETTLED = 2e-3
 """Changes of the active set, of all components, from which on other methods try it."""
@@ -64,7 +65,7 @@ def active_set(search: Search, x: Array, F: Array, c: Array) -> Any:
 def active_set_newton(
     search: Search, x: Array, F: Array, J: Any, *, patience: int = _PATIENCE
 ) -> ActiveSetEnd:
-    """Take steps from `x`, which need not be in the box for affine `F`, while they are promising.
+    """Iterate from `x`, which need not be in the box for affine `F`, while it converges.
 
     Parameters
     ----------
@@ -157,9 +158,9 @@ def _next_point(
 # The projection onto the box is rounded off, less and less (Chen & Harker, *SIAM J. Matrix Anal.
 # Appl.* 14 (1993) 1168-1190; Kanzow, *SIAM J. Matrix Anal. Appl.* 17 (1996) 851-868). Multiplied by
 # ``c/D`` the matrix is ``J + diag(c (1 - D)/D)``: the pattern of `J` in every iteration, symmetric
-# where `J` is. The same factors give the tangent ``dx/dmu``, along which `mu` falls as far as the
-# point stays near the path (Burke & Xu, *Math. Program.* 87 (2000) 113-130). Where the active set
-# has settled, Newton's method on it ends the solve exactly.
+# where `J` is. The same factors give the tangent ``dx/dmu``, along which `mu` decreases while the
+# point stays close to the path (Burke & Xu, *Math. Program.* 87 (2000) 113-130). Where the active
+# set has settled, Newton's method on it ends the solve exactly.
 
 _SHORTEST_SMOOTHING = 1e-6
 _NEAR = 1.0
@@ -283,7 +284,7 @@ class _Smoothing:
         return None if F is None else _Iterate(x, F, self._size(x, F, mu))
 
     def _directions(self) -> list[Array] | None:
-        """Return the Newton step and the tangent ``dx/dmu``; None where there is none."""
+        """Return the Newton step and the tangent ``dx/dmu``; None if there is none."""
         from scipy.sparse import diags_array
 
         x, F, _ = self.point
@@ -294,7 +295,7 @@ class _Smoothing:
         return self.search.factoriser.solve(matrix, weights * (p.value - x), weights * p.by_mu)
 
     def step(self) -> bool:
-        """Take a step, `mu` as small as it may be; whether there is one."""
+        """Step with the smallest admissible `mu`; return whether there is one."""
         directions = self._directions()
         if directions is None:
             return False
@@ -333,7 +334,7 @@ class _Smoothing:
         return None
 
     def run(self, limit: int) -> bool:
-        """Go on until a solution is found; False where that fails."""
+        """Iterate until a solution is found; False where that fails."""
         search = self.search
         settled = SETTLED * search.n + 2
         wait, at, least, since = 0, None, np.inf, 0
@@ -413,9 +414,9 @@ def proximal_newton(search: Search, x: Array, F: Array, J: Any, mu: float, *, li
 #
 # Mehrotra's predictor and corrector (*SIAM J. Optim.* 2 (1992) 575-601) and Gondzio's centrality
 # correctors (*Comput. Optim. Appl.* 6 (1996) 137-156), which share the factors: the number of steps
-# hardly grows with that of the unknowns, the pattern is that of `M`. What is left of the sign
-# conditions is settled by Newton's method on the active set. Where `M` is not monotone the steps
-# become short, and it is given up.
+# hardly grows with that of the unknowns, the pattern is that of `M`. The remaining sign conditions
+# are resolved by Newton's method on the active set. Where `M` is not monotone the steps become
+# short, and it is given up.
 
 _TO_BOUNDARY = 0.995
 _SHORT_INTERIOR, _SHORTS_INTERIOR = 0.1, 4
@@ -462,7 +463,7 @@ class _Interior:
         F = M @ self.x + q
         sizes = natural_map(search.x0, M @ search.x0 + q, lower, upper)
         mu = _PUSH * float(np.sqrt(np.mean(sizes**2))) * _ROOM * move
-        # kept beside x, whose difference to a bound would cancel; 1 where there is no bound
+        # stored in addition to x, whose difference to a bound would cancel; 1 without a bound
         self.below = np.where(self._low, self.x - lower, 1.0)
         self.above = np.where(self._high, upper - self.x, 1.0)
         self.z = np.where(self._low, np.maximum(F, 0.0) + mu / self.below, 0.0)
@@ -534,7 +535,7 @@ class _Interior:
         return step, t
 
     def advance(self) -> float:
-        """Take a step; its length, 0 where there is none."""
+        """Step once; return the step length, 0 if there is none."""
         from scipy.sparse import diags_array
 
         added = self.z / self.below + self.y / self.above + self._held
@@ -640,9 +641,9 @@ def _polish(search: Search, x: Array, F: Array, M: Any, at: Any) -> None:
 
 # Sparse affine problems without a solution, told by a row or by a certificate of Farkas.
 #
-# A solution needs ``F_i >= 0`` where ``u_i = inf`` and ``F_i <= 0`` where ``l_i = -inf``. The sum
-# of what is missing to that is minimised over the box by HiGHS; where it stays above zero its
-# multipliers prove that no point satisfies these rows. The proof is checked on the data:
+# A solution needs ``F_i >= 0`` where ``u_i = inf`` and ``F_i <= 0`` where ``l_i = -inf``. HiGHS
+# minimises the sum of the violations over the box; if the minimum is positive, its multipliers
+# prove that no point satisfies these rows. The proof is checked on the data:
 #
 # ```text
 # y_i >= 0 where F_i >= 0 is needed, y_i <= 0 where F_i <= 0 is, y_i = 0 where neither is:

@@ -1,4 +1,4 @@
-"""The search of the sparse solver: its problem, the best point so far, and what ends it."""
+"""The search of the sparse solver: problem, best point so far, termination."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ __all__ = ["EndedError", "Map", "Search", "natural_map"]
 
 
 class Map(Protocol):
-    """``F`` and its Jacobian, None where they are not defined."""
+    """``F`` and its Jacobian, None where undefined."""
 
     is_affine: bool
     rounding: float
@@ -24,7 +24,7 @@ class Map(Protocol):
 
     @property
     def undefined_points(self) -> str:
-        """What to say about points where `F` is not defined."""
+        """Text about points where `F` is not defined."""
 
     def value(self, x: Array) -> Array | None:
         """Return ``F(x)``."""
@@ -47,16 +47,16 @@ def natural_map(x: Array, F: Array, lower: Array, upper: Array) -> Array:
 
 
 class Search:
-    """What the stages share.
+    """Shared state of the stages.
 
     Parameters
     ----------
     map_ : Map
         The problem.
     lower, upper, x0 : ndarray
-        The box, and where to begin in it.
+        The box and the initial point.
     tol, rtol : float
-        As for `solve_vi`.
+        Tolerances (see `solve_vi`).
     max_iterations : int
         Of all stages together.
     row_scale : ndarray or None
@@ -111,7 +111,7 @@ class Search:
         return max(self._deadline - time.perf_counter(), 1e-3)
 
     def value(self, x: Array) -> Array | None:
-        """Return `F` with its rows scaled; None where it is not finite."""
+        """Return `F` with its rows scaled; None if not finite."""
         self.poll()
         F = self.map.value(x)
         if F is None or not np.isfinite(F).all():
@@ -119,7 +119,7 @@ class Search:
         return self.scale * F
 
     def slopes(self, x: Array) -> Any:
-        """Return the Jacobian with its rows scaled; None where it is not finite."""
+        """Return the Jacobian with its rows scaled; None if not finite."""
         self.poll()
         self.njev += 1
         J = self.map.slopes(x)
@@ -136,7 +136,7 @@ class Search:
         return np.minimum(np.maximum(x, self.lower), self.upper)
 
     def consider(self, x: Array, F: Array) -> bool:
-        """Keep a point of the box if it is the best so far; whether it is a solution."""
+        """Store a point of the box if it is the best so far; return whether it is a solution."""
         residual = float(np.max(np.abs(natural_map(x, F, self.lower, self.upper))))
         if self._rtol and not np.isfinite(self.best_residual):
             self.tol = max(self.tol, self._rtol * residual)
@@ -148,7 +148,7 @@ class Search:
     def end_iteration(self, x: Array, F: Array) -> bool:
         """End an iteration at the point of the box nearest to `x`; whether that is a solution.
 
-        It is counted and shown to the caller, and what is over is ended.
+        It is counted and reported to the caller; limits are checked.
         """
         clipped = self.inside(x)
         value = F if np.array_equal(clipped, x) else self.value(clipped)

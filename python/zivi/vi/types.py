@@ -77,14 +77,14 @@ class VIOptions:
     enumerate_up_to : int
         Largest `n`, at most 6, for which all patterns of active bounds are tried in the end.
     test_isolation : bool
-        Tell `SOLVED_NOT_ISOLATED` from `SOLVED`, at the cost of one more Jacobian; one by
-        differences is not made anew but taken from the last iterate.
+        Distinguish `SOLVED_NOT_ISOLATED` from `SOLVED`, at the cost of one more Jacobian; a
+        finite-difference one is reused from the last iterate.
     linear_algebra : {"auto", "dense", "sparse"}
         With sparse matrices, or as usual. By default a sparse Jacobian, or its pattern, is solved
         with as such where there are more than 300 unknowns or less than a tenth of the entries are
         stored. The sparse solver has stages of its own: S0 (`active_set`), IP, an interior-point
-        method for affine problems, and SM (`smoothing`), S2 (`proximal`); then it takes the dense
-        one, with the rest of these options, for at most ``zivi.vi.MAX_DENSE`` unknowns.
+        method for affine problems, and SM (`smoothing`), S2 (`proximal`); then the dense solver
+        runs with the remaining options, for at most ``zivi.vi.MAX_DENSE`` unknowns.
     """
 
     row_scale: Literal["jacobian"] | ArrayLike | None = None
@@ -157,7 +157,7 @@ class VIResult:
     success : bool
         True when `x` is a solution within the tolerance.
     message : str
-        What happened and what to try, and whether `F` raised at points that were passed over.
+        Reason of the end with advice, and whether `F` raised at points that were skipped.
     n_iter, nfev, njev, n_pivots : int
         Iterations, evaluations of `F` and of its Jacobian, pivots.
     n_semismooth_steps, n_gradient_steps, n_restarts : int
@@ -258,7 +258,7 @@ class VIProgress:
     worst : int
         The component that is farthest from its condition.
     stage : str
-        The part of the solver, as in `VIResult.stage`.
+        The stage of the solver (see `VIResult.stage`).
     """
 
     iteration: int
