@@ -37,7 +37,7 @@ __all__ = [
     "write_whole",
 ]
 
-# Files of a store, there as a whole or not at all, also where something else is in their place.
+# Files of a store, written atomically, even if another file type occupies their place.
 
 
 def write_below(top: Path, file: Path, write: Callable[[], None]) -> None:
@@ -54,7 +54,7 @@ def write_below(top: Path, file: Path, write: Callable[[], None]) -> None:
 
 
 def no_link(place: Path) -> None:
-    """Raise an OSError for a symbolic link: what is behind it is not the study's."""
+    """Raise an OSError for a symbolic link: its target does not belong to the study."""
     if place.is_symlink():
         raise OSError(
             f"{place} is a symbolic link, which zivi neither reads nor writes through; put what it "
@@ -90,7 +90,7 @@ def _made_room(top: Path, file: Path) -> bool:
     return bool(wrong)
 
 
-# What zivi writes of the arrays of a store, so that nothing else is read.
+# Format of the arrays of a store; other formats are not read.
 #
 # A store may come from anywhere, and its metadata name the codecs that decode it. Only arrays of
 # the third format of Zarr with the codecs, kinds and shapes that zivi itself would write are
@@ -116,7 +116,7 @@ BYTES = {
 def documents(
     kind: str, parameters: Mapping[str, str], layout: Chunks, labels: Labels, schema: Schema | None
 ) -> dict[str, Any]:
-    """Give the metadata of all arrays of a store, by their names.
+    """Return the metadata of all arrays of a store by name.
 
     Parameters
     ----------
@@ -158,21 +158,21 @@ def documents(
 
 @dataclasses.dataclass(frozen=True)
 class Places:
-    """The shape of an array, of one of its files, and of the parts of a file if it is a shard."""
+    """Shapes of an array, of its files, and of the inner chunks of a sharded file."""
 
     shape: tuple[int, ...]
     file: tuple[int, ...]
     part: tuple[int, ...] | None = None
 
     def of(self, inner: tuple[int, ...]) -> Places:
-        """Give those of an array with more dimensions, which are not cut."""
+        """Return the layout of an array with more dimensions, which are not split."""
         more = tuple(max(1, length) for length in inner)
         part = None if self.part is None else (*self.part, *more)
         return Places((*self.shape, *inner), (*self.file, *more), part)
 
 
 def _column_places(n: int, layout: Chunks) -> Places:
-    """Give the places of a parameter: one file, as long as that is not too large for a codec."""
+    """Return the layout of a parameter: one file, unless it is too large for a codec."""
     if layout.has_shards and n > SHARD:
         return Places((n,), (SHARD,), (SHARD // INNER,))
     return Places((n,), (n,))
@@ -215,7 +215,7 @@ def _document(
 
 
 def metadata_difference(found: Any, wanted: Mapping[str, Any]) -> str | None:
-    """Name what of the metadata of an array is not as zivi writes it, None if all is."""
+    """Return the difference between an array's metadata and zivi's format; None without one."""
     if not isinstance(found, dict):
         return "metadata"
     for key in map(str, (*wanted, *found)):
@@ -232,7 +232,7 @@ def metadata_difference(found: Any, wanted: Mapping[str, Any]) -> str | None:
 
 
 def _plain_codecs(given: Any) -> Any:
-    """Leave out what versions of Zarr write in different ways, and what decoding does not need."""
+    """Remove codec fields that differ between Zarr versions and do not affect decoding."""
     if not isinstance(given, list) or not all(isinstance(it, dict) for it in given):
         return given
     found = []
@@ -248,7 +248,7 @@ def _plain_codecs(given: Any) -> Any:
     return found
 
 
-# The head of a store, ``PATH/zarr.json``: what the study is, and what its arrays are.
+# The head of a store, ``PATH/zarr.json``: identity of the study and metadata of its arrays.
 #
 # It is written as a whole or not at all, and read with suspicion: what zivi would not have written
 # is refused before any array is decoded.
@@ -258,7 +258,7 @@ FILE = "zarr.json"
 
 @dataclasses.dataclass(frozen=True)
 class Head:
-    """What a store says of itself.
+    """Metadata of a store.
 
     Parameters
     ----------
@@ -293,7 +293,7 @@ class Head:
         return cls(identity, labels, None, parameters, given)
 
     def with_schema(self, schema: Schema) -> Head:
-        """Give the head of the same store with room for results."""
+        """Return the head of the same store with arrays for results."""
         kept = {"shapes": schema.shapes, "has_events": schema.has_events, "units": schema.units}
         given = {**self.attributes, "schema": json.dumps(kept)}
         return dataclasses.replace(self, schema=schema, attributes=given)
@@ -305,7 +305,7 @@ class Head:
         return Chunks(tuple(told["shape"]), told["chunk"], told.get("shards", False), size)
 
     def documents(self) -> dict[str, Any]:
-        """Give the metadata of all arrays."""
+        """Return the metadata of all arrays."""
         kind = self.identity["kind"]
         return documents(kind, self.parameters, self.layout, self.labels, self.schema)
 
@@ -337,7 +337,7 @@ def write_json(file: Path, document: Any) -> None:
 
 
 def read_json(file: Path) -> Any:
-    """Read metadata; a ValueError says why they cannot be."""
+    """Read metadata; raise a ValueError with the reason if that fails."""
     try:
         return json.loads(file.read_bytes())
     except RecursionError as error:
@@ -418,7 +418,7 @@ def _valid_head(raw: Mapping[str, Any], identity: dict[str, Any], attrs: dict[st
 
 
 def _wrong(config: dict[str, Any]) -> Iterator[str]:
-    """Name the entries of what a study is that cannot be."""
+    """Yield the invalid entries of a study's identity."""
     for key in ("function", "values", "zivi"):
         if not isinstance(config.get(key), str):
             yield key
