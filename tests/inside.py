@@ -19,6 +19,7 @@ NAMES = {
     "control.loop_run": "LOOP_NUMBERS=NUMBERS SIGNS",
     "control.mechanical_reference": "_gap_branches reference_of",
     "control.twisting": "CONTROLLERS",
+    "estimation.alignment": "SPURIOUS align geometric_indices",
     "files.file_keys": "FILE_CONTROLLERS=CONTROLLERS METHODS flatten_keys",
     "files.kinds": "FileError",
     "files.picture": "_edges",

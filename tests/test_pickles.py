@@ -64,6 +64,9 @@ MAKE = {
     "EventCurve": lambda: zivi.continue_curve(
         branch().of_kind("period_doubling")[0], ("amplitude", "e"), ((0, 4), (0.45, 0.55))
     ),
+    "Bootstrap": lambda: _fit().bootstrap(3),
+    "Fit": lambda: _fit(),
+    "Profile": lambda: _fit().profile("e"),
     "GainDesign": lambda: zivi.design_tracker(3, e=0.5, start=(0.01, 0)),
     "ImpactMap": lambda: zivi.impact_map(TABLE),
     "ImpactReturn": lambda: zivi.impact_map(TABLE)([0.6], [2.1]),
@@ -97,6 +100,10 @@ MAKE = {
     "VIProgress": lambda: _progress(),
     "VIResult": lambda: zivi.solve_lcp([[1.0]], [-1.0]),
 }
+
+
+def _fit() -> zivi.Fit:
+    return zivi.fit(BALL, zivi.Bounces([0.45, 0.91, 1.13], 1e-2), "e", y0=(1, 0), starts=1)
 
 
 def _line(x: Any, p: Any) -> Any:

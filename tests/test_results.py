@@ -22,6 +22,7 @@ RESULTS = sorted(
         "ClosedLoopBatch",
         "Diagram",
         "EventCurve",
+        "Fit",
         "Lyapunov",
         "MechanicalBatch",
         "MechanicalBranch",

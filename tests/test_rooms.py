@@ -22,6 +22,7 @@ ROOMS = {
     "study": {"base", "system", "simulation"},
     "control": {"base", "system", "simulation", "study"},
     "orbits": {"base", "system", "simulation", "derivatives", "study"},
+    "estimation": {"base", "system", "simulation", "derivatives"},
     "plot": {"base", "system", "simulation", "control", "orbits"},
     "interop": {"base", "vi", "system", "simulation", "control", "derivatives"},
 }
@@ -82,7 +83,7 @@ def test_the_house_is_small():
     for box in TopologicalSorter(below).static_order():
         floor[box] = 1 + max((floor[other] for other in below[box]), default=0)
     assert len(boxes) <= 20
-    assert len(arrows) <= 75
+    assert len(arrows) <= 77  # with the room of fits
     assert max(floor.values()) <= 9, sorted(floor.items(), key=lambda it: it[1])
 
 

@@ -22,6 +22,8 @@ Control
     `simulate_closed_loop`; of mechanisms `GapTracker`, `JointObserver`, `reference_run`
 Analysis
     `sensitivity`, `impact_map`, `periodic_orbit`, `continue_orbit`, `basins`, `sweep`
+Data
+    `fit` estimates parameters from `Bounces`, `Record` and `Experiment`
 Variational inequalities
     `solve_vi`, `solve_avi`, `solve_ncp`, `solve_lcp`, `bimatrix`
 Results
@@ -83,6 +85,16 @@ if TYPE_CHECKING:
         MechanicalSensitivity as MechanicalSensitivity,
     )
     from zivi.derivatives.sensitivity import OrbitStatus, Sensitivity as Sensitivity, sensitivity
+    from zivi.estimation import (
+        Bootstrap as Bootstrap,
+        Bounces,
+        Experiment,
+        Fit as Fit,
+        FitStatus,
+        Profile as Profile,
+        Record,
+        fit,
+    )
     from zivi.fmu import export_fmu
     from zivi.interop import native as native
     from zivi.orbits import (
@@ -159,11 +171,14 @@ _former = importlib.import_module("zivi.base.former")
 _former.hand_on()
 
 __all__ = [
+    "Bounces",
     "Controller",
     "Design",
     "DryFriction",
+    "Experiment",
     "ExplicitEuler",
     "ExplicitTwisting",
+    "FitStatus",
     "Gap",
     "GapTracker",
     "Harmonic",
@@ -192,6 +207,7 @@ __all__ = [
     "ParametricSystem",
     "Pulse",
     "RKPeriod",
+    "Record",
     "Restitution",
     "RestitutionTable",
     "SpeedDependentImpact",
@@ -222,6 +238,7 @@ __all__ = [
     "design_tracker",
     "event",
     "export_fmu",
+    "fit",
     "grazing_curve",
     "grid",
     "impact_map",
@@ -249,7 +266,18 @@ __all__ = [
 ]
 
 _LAZY = (
-    *("control", "derivatives", "files", "fmu", "interop", "lab", "mechanics", "orbits", "plot"),
+    *(
+        "control",
+        "derivatives",
+        "estimation",
+        "files",
+        "fmu",
+        "interop",
+        "lab",
+        "mechanics",
+        "orbits",
+        "plot",
+    ),
     *("simulation", "study", "symbolic", "system", "vi"),
 )
 """Modules that are imported when they are first asked for."""
@@ -265,6 +293,9 @@ _LATE = {
     "derivatives": (
         *("ImpactMap", "ImpactReturn", "MechanicalSensitivity", "OrbitStatus", "Sensitivity"),
         *("impact_map", "sensitivity"),
+    ),
+    "estimation": (
+        *("Bootstrap", "Bounces", "Experiment", "Fit", "FitStatus", "Profile", "Record", "fit"),
     ),
     "fmu": ("export_fmu",),
     "orbits": (
