@@ -378,7 +378,7 @@ INTERRUPTED = """
         rub = zivi.DryFriction(limit=0.8, static=1.2, velocity=0.2, name="belt")
         return zivi.MechanicalSystem(mass=1.0, force=force, friction=[rub], coordinates=["x"])
     system = zivi.ParametricSystem(build, {"k": 1.0})
-    data = zivi.Record(np.linspace(1, 60, 50), np.zeros(50), 1e-3)
+    data = zivi.Record(np.linspace(1, 9, 20), np.zeros(20), 1e-3)
     print("ready", flush=True)
     try:
         zivi.fit(system, data, "k", y0=([0.0], [0.2]), bounds={"k": (0.1, 9)}, starts=4000)
@@ -392,7 +392,7 @@ def test_an_interrupted_fit_keeps_what_was_computed():
     program = [sys.executable, "-c", textwrap.dedent(INTERRUPTED)]
     with subprocess.Popen(program, stdout=subprocess.PIPE, text=True) as run:
         assert run.stdout.readline() == "ready\n"
-        time.sleep(1.0)
+        time.sleep(1.5)
         run.send_signal(signal.SIGINT)
         told = run.stdout.read()
     assert told.startswith("kept INTERRUPTED")

@@ -274,6 +274,8 @@ class FitProblem:
             return kept[key]
 
         first = evaluated(p[free])[0]
+        if self.latest is None:
+            self.latest = Optimum(p, np.inf, alignments, False)
 
         def fun(x: Array) -> Array:
             try:
