@@ -178,7 +178,7 @@ def of_plane(**more):
         (
             lambda: of_plane(friction={"pads": ("xdot", "2.0")}),
             ValueError,
-            "without friction in C",
+            "must not have friction in C",
         ),
         (
             lambda: zivi.GapTracker(
@@ -189,7 +189,7 @@ def of_plane(**more):
                 gains={"gap0": (30, 17)},
             ),
             TypeError,
-            r"zivi\.symbolic\.system, which is known as formulas",
+            r"zivi\.symbolic\.system, whose formulas are known",
         ),
     ],
 )

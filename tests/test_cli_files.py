@@ -206,9 +206,9 @@ def test_nothing_is_overwritten(place, command):
     run(command, file, "-q")
     before = Path(result).read_bytes()
     told = run(command, file, code=2).stderr
-    assert told == (f"zivi: {result}: is there already; --force replaces it, --out names another\n")
+    assert told == (f"zivi: {result}: exists; --force replaces it, --out names another\n")
     assert Path(result).read_bytes() == before
-    assert "is what is read" in run(command, file, "--out", file, "--force", code=2).stderr
+    assert "is the input file" in run(command, file, "--out", file, "--force", code=2).stderr
     assert Path(file).read_text() == TEXTS[command]
     Path("folder").mkdir()
     assert "is a folder" in run(command, file, "--out", "folder", "--force", code=2).stderr
@@ -252,7 +252,7 @@ def test_a_bad_file(place, command):
     assert len(lines) >= 2
     assert all(line.startswith(f"{file}: ") for line in lines)
     assert not list(place.glob("*.nc")) + list(place.glob("*.zarr"))
-    assert run(command, "no.toml", code=2).stderr == "no.toml: there is no such file\n"
+    assert run(command, "no.toml", code=2).stderr == "no.toml: does not exist\n"
     assert run(command, code=2)
 
 
@@ -344,8 +344,8 @@ def test_show_runs(place):
 
 
 def test_show_what_is_wrong(place, monkeypatch):
-    assert "there is no such file" in run("show", "no.nc", code=2).stderr
-    assert "is no netCDF file" in run("show", "simulate.toml", code=2).stderr
+    assert "does not exist" in run("show", "no.nc", code=2).stderr
+    assert "is not a netCDF file" in run("show", "simulate.toml", code=2).stderr
     Path("folder").mkdir()
     assert "is not a study" in run("show", "folder", code=2).stderr
     run("simulate", "simulate.toml", "-q")
@@ -359,7 +359,7 @@ def test_show_what_is_wrong(place, monkeypatch):
     monkeypatch.setattr(sys, "platform", "linux")
     told = run("show", "simulate.nc", "--out", "a.xyz", code=2).stderr
     assert told == "a.xyz: must end in .png, .svg, .pdf\n"
-    assert "there is no display" in run("show", "simulate.nc", "--window", code=2).stderr
+    assert "cannot open a display" in run("show", "simulate.nc", "--window", code=2).stderr
 
 
 def test_a_damaged_study_is_shown_as_far_as_it_can_be_read(place):
@@ -387,15 +387,18 @@ def test_a_file_for_another_command_is_rejected_in_one_line(place):
 def test_the_input_is_looked_at_before_the_picture_that_is_there(place):
     Path("simulate.png").write_text("")
     told = run("show", "simulate.toml", code=2).stderr
-    assert told.startswith("zivi: simulate.toml: is no netCDF file")
+    assert told.startswith("zivi: simulate.toml: is not a netCDF file")
     assert "zivi simulate" in told
-    assert run("show", "no.nc", code=2).stderr == "zivi: no.nc: there is no such file\n"
+    assert run("show", "no.nc", code=2).stderr == "zivi: no.nc: does not exist\n"
 
 
 @pytest.mark.parametrize(("name", "meant"), [("restitution", "e"), ("eps", "e")])
 def test_names_of_other_tools_are_understood(place, name, meant):
     change("simulate.toml", "[system]", f"[system]\n{name} = 0.41")
-    assert f"is no key; did you mean '{meant}'?" in run("simulate", "simulate.toml", code=2).stderr
+    assert (
+        f"is not a known key; did you mean '{meant}'?"
+        in run("simulate", "simulate.toml", code=2).stderr
+    )
 
 
 @pytest.mark.parametrize("width", [30, 24])

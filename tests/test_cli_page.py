@@ -285,7 +285,7 @@ def test_every_documented_key_is_accepted(command, key, kind, tmp_path):
     wrong = path.read_text().replace(f"{key.rpartition('.')[2]} =", "wrong_key =")
     if "NAME" not in key:
         path.write_text(wrong)
-        with pytest.raises(FileError, match=r"wrong_key is no key|is missing"):
+        with pytest.raises(FileError, match=r"wrong_key is not a known key|is missing"):
             PREPARE[command](path)
 
 

@@ -183,11 +183,11 @@ def test_nothing_of_a_reference_is_taken_without_one(name):
     given = {name: -9.81 if name == "force_ref" else (1, 0)}
     regulator = zivi.TwistingRegulator(**PAPER)
     for controller in (regulator, Scripted([1.0])):
-        message = f"{name} is given, but {type(controller).__name__} follows no reference"
+        message = f"{name} must be None: {type(controller).__name__} does not follow a reference"
         with pytest.raises(TypeError, match=message):
             zivi.simulate_closed_loop(PLANT, controller, (0, 1), (1, 0), **given)
     several = [zivi.TwistingTracker(**PAPER), regulator]
-    with pytest.raises(TypeError, match=f"{name} is given, but TwistingRegulator follows"):
+    with pytest.raises(TypeError, match=f"{name} must be None: TwistingRegulator does not follow"):
         zivi.simulate_closed_loop_batch(PLANT, several, (0, 1), (1, 0), **given)
 
 

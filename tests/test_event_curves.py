@@ -38,7 +38,7 @@ def test_the_doubling_of_the_table_is_its_closed_form(bounces):
     exact = np.sqrt(fold**2 + (2 * (1 + e**2) / (1 + e) ** 2) ** 2)
     assert np.max(np.abs(amplitude - exact)) < 1e-11
     outside = np.count_nonzero(~curve.admissible)
-    told = f", {outside} of {len(curve)} points where the orbit is no motion" if outside else ""
+    told = f", {outside} of {len(curve)} points where the orbit is inadmissible" if outside else ""
     assert repr(curve).endswith(f"nothing else{told}; range_end>") or curve.points
     assert told[2:] in curve.message
     orbit = curve.orbits(3)

@@ -100,7 +100,7 @@ def test_keys_of_settings_have_the_bounds_of_the_core():
     assert (law["v0"].above, law["v0"].below) == (0.0, None)
     assert [key.name for key in file_keys._e_or_kappa("_ref", "0.5")] == ["e_ref", "kappa_ref"]
     assert file_keys._tagged(file_keys.SIMULATE, "method") is file_keys.OBJECTS["method"][1]
-    with pytest.raises(TypeError, match="t_span has no variants"):
+    with pytest.raises(TypeError, match="t_span does not have variants"):
         file_keys._tagged(file_keys.SIMULATE, "t_span")
 
 

@@ -70,7 +70,8 @@ PAIR = "a list of two finite numbers, [x >= 0, xdot]"
     ("old", "new", "expected"),
     [
         ("y0 =", "y1 =", [
-            "y1 is no key; did you mean 'y0'? allowed: t_span, y0, system, method, t_eval, tstops",
+            "y1 is not a known key; did you mean 'y0'? "
+            "allowed: t_span, y0, system, method, t_eval, tstops",
             f"y0 is missing: initial distance from the wall and velocity, {PAIR}",
         ]),
         ("y0 = [1.0, 0.0]", "y0 = 1.0", [f"y0 must be {PAIR}, got 1.0"]),
@@ -82,7 +83,7 @@ PAIR = "a list of two finite numbers, [x >= 0, xdot]"
         ("3.0]", "inf]", ["t_span[1] must be a finite number, got inf"]),
         ("[0.0, 3.0]", "[3, 0.0]", ["t_span must run forward, t0 < t1, got (3.0, 0.0)"]),
         ("[system]", "[sistem]", [
-            "sistem is no key; did you mean 'system'? "
+            "sistem is not a known key; did you mean 'system'? "
             "allowed: t_span, y0, system, method, t_eval, tstops",
             "system is missing: the mass and its wall, "
             "a table with force, e, kappa, wall, friction",
@@ -101,7 +102,7 @@ PAIR = "a list of two finite numbers, [x >= 0, xdot]"
         ("force = -9.81", "force = [1]", [f"system.force must be {FORCE_ALLOWED}, got [1]"]),
         ("force = -9.81", "force = inf", [f"system.force must be {FORCE_ALLOWED}, got inf"]),
         ("force = -9.81", "force = { gravty = 9.81 }", [
-            "system.force.gravty is no key; did you mean 'gravity'? allowed: "
+            "system.force.gravty is not a known key; did you mean 'gravity'? allowed: "
             "stiffness, damping, gravity, amplitude, omega, phase",
         ]),
         ("force = -9.81", "force = { gravity = '9' }", [
@@ -124,13 +125,14 @@ PAIR = "a list of two finite numbers, [x >= 0, xdot]"
             "method.h must be a finite number > 0, got 0",
         ]),
         ("e = 0.5", 'e = 0.5\n[method]\nname = "ThetaGamma"\nh = 1e-3\nrtol = 1e-3', [
-            "method.rtol is no setting of ThetaGamma, but of SwitchedRK",
+            "method.rtol is not a setting of ThetaGamma, but of SwitchedRK",
         ]),
         ("e = 0.5", 'e = 0.5\n[method]\nname = "ThetaGamma"\nh = 1e-14', [
             "method.h must give at most 1e9 steps over t_span, 1e-14 gives 3.000e14",
         ]),
         ("e = 0.5", "e = 0.5\n[method]\nrtoll = 1", [
-            "method.rtoll is no key; did you mean 'rtol'? allowed: rtol, atol, order, max_step, "
+            "method.rtoll is not a known key; did you mean 'rtol'? "
+            "allowed: rtol, atol, order, max_step, "
             "first_step, max_steps, max_impacts, flights",
         ]),
         ("e = 0.5", "e = 0.5\n[method]\nrtol = 1", [
@@ -163,7 +165,7 @@ PAIR = "a list of two finite numbers, [x >= 0, xdot]"
             "t_eval.stop must be >= start, got 1.0",
         ]),
         ("y0 =", '"a b" = 1\ny0 =', [
-            '"a b" is no key; allowed: t_span, y0, system, method, t_eval, tstops',
+            '"a b" is not a known key; allowed: t_span, y0, system, method, t_eval, tstops',
         ]),
     ],
 )  # fmt: skip
@@ -213,7 +215,7 @@ CONTROLLERS = 'one of "TwistingRegulator", "TwistingTracker", "ExplicitTwisting"
             "got 0.0",
         ]),
         ('"TwistingTracker"', '"TwistingRegulator"', [
-            "y_ref0 is given, but a TwistingRegulator follows no reference",
+            "y_ref0 must be left out: a TwistingRegulator does not follow a reference",
         ]),
         ("y_ref0 = [3.0, 3.0]", "y_ref0 = [-3, 3.0]", [
             "y_ref0[0] must be a finite number >= 0, got -3",
@@ -250,7 +252,7 @@ def test_a_controller_without_a_reference_is_given_none(written):
     changes = ('"TwistingTracker"', '"TwistingRegulator"'), ("[system]", "force_ref = -1\n[system]")
     path = written(LOOP, *changes)
     names = ("y_ref0", "force_ref")
-    text = "is given, but a TwistingRegulator follows no reference"
+    text = "must be left out: a TwistingRegulator does not follow a reference"
     refused(prepare_control, path, *(f"{name} {text}" for name in names))
 
 
@@ -266,7 +268,7 @@ PARAMETERS = "allowed: e, x0, v0, g, h"
             "did you mean 'ball_rest_time'?",
         ]),
         ("e = [0.3, 0.5]", "E = [0.3, 0.5]", [
-            f"parameters.E is no parameter of the experiment; did you mean 'e'? {PARAMETERS}",
+            f"parameters.E is not a parameter of the experiment; did you mean 'e'? {PARAMETERS}",
         ]),
         ("e = [0.3, 0.5]", "", [f"parameters must have one at least; {PARAMETERS}"]),
         ("e = [0.3, 0.5]", "e = 0.3", [
@@ -287,7 +289,7 @@ PARAMETERS = "allowed: e, x0, v0, g, h"
             "parameters.e.log must be true or false, got 1",
         ]),
         ("e = [0.3, 0.5]", "e = [0.3]\n[fixed]\ne = 1\nq = 1", [
-            f"fixed.q is no parameter of the experiment; {PARAMETERS}",
+            f"fixed.q is not a parameter of the experiment; {PARAMETERS}",
             "fixed.e is among the parameters, too",
         ]),
         ("e = [0.3, 0.5]", "e = [0.3]\n[fixed]\ng = 'x'", [
@@ -304,11 +306,11 @@ PARAMETERS = "allowed: e, x0, v0, g, h"
         ]),
         ("e = [0.3, 0.5]",
          "e = { start = 0.5, stop = 0.1, num = 3 }\n[design]\nkind = 'sample'\nn = 4", [
-            "parameters.e.num has no place in a sample: design.n is the number of points",
+            "parameters.e.num is not allowed in a sample: design.n is the number of points",
             "parameters.e.stop must be > start in a sample, got 0.1",
         ]),
         ("e = [0.3, 0.5]", "e = [0.3, 0.5]\n[design]\nn = 4", [
-            "design.n is no setting of grid, but of sample",
+            "design.n is not a setting of grid, but of sample",
         ]),
         ("[parameters]", "executor = 'dask'\n[parameters]", [
             'executor must be one of "serial", "threads", "processes", got \'dask\'',
@@ -350,13 +352,17 @@ def test_whole_parameters(written):
 
 @pytest.mark.parametrize("prepare", [prepare_simulate, prepare_control, prepare_sweep])
 def test_what_is_no_toml(written, tmp_path, prepare):
-    refused(prepare, written("a = 1\nb = = 2\n"), "is no TOML: Invalid value (at line 2, column 5)")
+    refused(
+        prepare,
+        written("a = 1\nb = = 2\n"),
+        "is not a TOML file: Invalid value (at line 2, column 5)",
+    )
     (tmp_path / "run.toml").write_bytes(b"a = '\xff'")
     path = (tmp_path / "run.toml").relative_to(tmp_path)
-    refused(prepare, path, "is no text in UTF-8 (byte 5)")
+    refused(prepare, path, "is not UTF-8 text (byte 5)")
     (tmp_path / "folder").mkdir()
     refused(prepare, (tmp_path / "folder").relative_to(tmp_path), "cannot be read: Is a directory")
-    refused(prepare, path.with_name("nothing.toml"), "there is no such file")
+    refused(prepare, path.with_name("nothing.toml"), "does not exist")
     refused(prepare, written("a = " + "[" * 100_000), "cannot be read: too deeply nested")
     for key in ("a" + ".a" * 100_000, "'a'" + " . 'a'" * 60, "b = {a" + ".a" * 50):
         refused(prepare, written(f"[b]\n{key} = 1\n"), "a key must have at most 50 parts (line 2)")

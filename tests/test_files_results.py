@@ -184,10 +184,10 @@ def test_files_of_older_versions_say_what_they_lack(name, tmp_path):
     save(RUNS[name](), tmp_path / "run.nc")
     found = load(rewritten(tmp_path / "run.nc", as_it_was))
     for ask in (lambda: found(0.5), lambda: found.impacts_down_to(1e-6)):
-        with pytest.raises(ValueError, match="an older version of zivi wrote it"):
+        with pytest.raises(ValueError, match="written by an older version of zivi"):
             ask()
     save(found, tmp_path / "again.nc")
-    with pytest.raises(ValueError, match="an older version of zivi wrote it"):
+    with pytest.raises(ValueError, match="written by an older version of zivi"):
         load(tmp_path / "again.nc")(0.5)
 
 
@@ -304,13 +304,13 @@ def refused(file, match):
 
 def test_what_is_no_result(tmp_path):
     file = tmp_path / "run.nc"
-    with pytest.raises(FileNotFoundError, match="there is no such file"):
+    with pytest.raises(FileNotFoundError, match="does not exist"):
         load(file)
     for content in (b"", b"no netCDF", os.urandom(4096)):
         file.write_bytes(content)
-        refused(file, "is no netCDF file, or damaged")
+        refused(file, "is not a netCDF file, or is damaged")
     xarray.Dataset({"x": ("t", np.arange(3.0))}).to_netcdf(file, engine="h5netcdf")
-    refused(file, "does not end as zivi ends a result")
+    refused(file, "lacks the end mark of zivi")
 
 
 def test_cut_files(tmp_path):
@@ -319,7 +319,7 @@ def test_cut_files(tmp_path):
     content = whole.read_bytes()
     for part in np.linspace(0.0, 1.0, 30, endpoint=False):
         cut.write_bytes(content[: int(part * len(content))])
-        refused(cut, "no netCDF file|it was cut or changed")
+        refused(cut, "not a netCDF file|it was truncated")
 
 
 def test_damaged_files(tmp_path):
@@ -350,7 +350,7 @@ def test_an_edited_file(tmp_path):
         dataset = opened.load()
     dataset["x"][3] += 1e-12
     dataset.to_netcdf(tmp_path / "edited.nc", engine="h5netcdf")
-    refused(tmp_path / "edited.nc", "cut or changed")
+    refused(tmp_path / "edited.nc", "truncated, changed")
 
 
 def test_without_the_library(tmp_path, monkeypatch):
@@ -369,7 +369,9 @@ def test_a_file_of_another_kind_is_refused_with_the_kinds_that_are_known():
 def test_no_folder_is_made_unasked(tmp_path):
     run = zivi.simulate(zivi.ImpactSystem(-9.81, e=0.5), (0, 1), (1, 0))
     for name in ("x.nc", "x.csv"):
-        with pytest.raises(FileNotFoundError, match=r"there is no folder .*deep.*; make it first"):
+        with pytest.raises(
+            FileNotFoundError, match=r"folder .*deep.* does not exist; create it first"
+        ):
             save(run, tmp_path / "deep" / name)
     assert not list(tmp_path.iterdir())
 

@@ -210,8 +210,8 @@ def test_a_measurement_that_is_no_number_is_refused():
 @pytest.mark.parametrize(
     ("settings", "message"),
     [
-        ({"gains": {}}, "gains must have each gap"),
-        ({"gains": {"floor": (40, 22), "roof": (1, 1)}}, "no gap"),
+        ({"gains": {}}, "gains must have an entry for each gap"),
+        ({"gains": {"floor": (40, 22), "roof": (1, 1)}}, "unknown gap"),
         ({"force": {"floor": 0.0}}, "force"),
         ({"u_limits": [(1, -1), (0, 1)]}, "u_limits"),
         ({"delay": 65}, "delay"),

@@ -320,7 +320,7 @@ def test_what_needs_newtons_law_says_so(name):
 
 def test_parameters_of_a_law_have_their_names():
     system = zivi.ImpactSystem(-G, e=PLASTIC)
-    with pytest.raises(ValueError, match=r"'e' is no parameter here: .*law\.e0, law\.v0, law\.k"):
+    with pytest.raises(ValueError, match=r"unknown parameter 'e'; .*law\.e0, law\.v0, law\.k"):
         zivi.sensitivity(system, (0, 1), (1, 0), wrt=("e",))
 
 

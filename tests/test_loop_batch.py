@@ -406,7 +406,7 @@ def test_what_a_batch_of_single_loops_refuses():
 
 def test_what_does_not_follow_is_refused():
     regulator = zivi.TwistingRegulator(3, 2, h=1e-3, kappa=0.5)
-    with pytest.raises(TypeError, match="follows no reference"):
+    with pytest.raises(TypeError, match="does not follow a reference"):
         zivi.simulate_closed_loop_batch(PLANT, regulator, SPAN, START, y_ref0=REFERENCE)
     with pytest.raises(ValueError, match="run 1 of the batch"):
         zivi.simulate_closed_loop_batch(PLANT, tracker(), SPAN, [(1, 0), (-1, 0)], **PAPER)

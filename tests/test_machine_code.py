@@ -112,12 +112,12 @@ def test_a_planted_library_of_another_user_is_not_loaded(cache):
     damaged_cache.used()
     for file in cache.iterdir():
         os.chown(file, 12345, -1)
-    with pytest.raises(OSError, match="may be of somebody else"):
+    with pytest.raises(OSError, match="may belong to another user"):
         native._loaded(sorted(cache.iterdir())[0])
     assert damaged_cache.used() == 0
     assert {it.stat().st_uid for it in cache.iterdir()} == {0}
 
 
 def test_a_library_without_its_function(cache):
-    with pytest.raises(RuntimeError, match="has no function model"):
+    with pytest.raises(RuntimeError, match="does not contain the function model"):
         native._by_c("int other(void) { return 0; }\n")

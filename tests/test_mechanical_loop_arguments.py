@@ -53,17 +53,17 @@ def test_a_force_that_a_function_gives_is_checked_when_it_is_asked(force):
 @pytest.mark.parametrize(
     ("system", "words"),
     [
-        (ball(1), "2 coordinates, as the plant has, not 1"),
-        (ball(3), "2 coordinates, as the plant has, not 3"),
-        (ball(2, name="wall"), r"the gaps of the plant, \('floor',\), not in \('wall',\)"),
-        (ball(2, inputs=[[0.0], [1.0]]), "2 controls, as the plant has, not 1"),
+        (ball(1), "2 coordinates like the plant, got 1"),
+        (ball(3), "2 coordinates like the plant, got 3"),
+        (ball(2, name="wall"), r"the gaps of the plant, \('floor',\), got \('wall',\)"),
+        (ball(2, inputs=[[0.0], [1.0]]), "2 controls like the plant, got 1"),
     ],
 )
 def test_a_model_of_another_system_is_refused(system, words):
     ctl = zivi.GapTracker(system, h=1e-3, gains=dict.fromkeys(system.gap_names, (40, 22)))
-    with pytest.raises(ValueError, match=f"controller must believe in {words}"):
+    with pytest.raises(ValueError, match=f"controller must have {words}"):
         loop(ctl)
-    with pytest.raises(ValueError, match=f"observer must believe in {words}"):
+    with pytest.raises(ValueError, match=f"observer must have {words}"):
         loop(observer=zivi.JointObserver(system))
 
 

@@ -86,7 +86,7 @@ def test_mechanical_systems_take_the_methods_that_say_so(name):
     if _zivi.METHODS[name].takes_mechanism:
         assert zivi.simulate(DROP, (0, 1), ([1.0], [0.0]), made(name)).success
         return
-    with pytest.raises(ValueError, match=rf"{name} takes a zivi.ImpactSystem only"):
+    with pytest.raises(ValueError, match=rf"{name} supports a zivi.ImpactSystem only"):
         zivi.simulate(DROP, (0, 1), ([1.0], [0.0]), made(name))
 
 

@@ -239,7 +239,7 @@ def test_the_last_turn_of_a_motion_without_impacts():
     t = np.linspace(90 - orbit.period, 90, 4001)
     assert highest.x[0] == pytest.approx(run(t)[0].max(), abs=1e-5)
     np.testing.assert_allclose(run(90.0), run(90 - orbit.period), atol=1e-5)
-    with pytest.raises(ValueError, match="no two equal events, nor two highest points"):
+    with pytest.raises(ValueError, match="does not show two equal events or two equal maxima"):
         zivi.periodic_orbit(cycle, zivi.simulate(cycle, (0, 5), (4.5, 0.0)))
 
 
@@ -269,7 +269,7 @@ def test_which_systems_nothing_excites():
     assert is_free(zivi.ImpactSystem(drag, e=0.5), "free", 1)
     for period, multiple, match in (
         ("sometimes", None, "or 'free', got 'sometimes'"),
-        ("free", 2, "multiple counts periods"),
+        ("free", 2, "multiple must be None"),
     ):
         with pytest.raises(ValueError, match=match):
             is_free(zivi.ImpactSystem(drag, e=0.5), period, multiple)

@@ -353,7 +353,7 @@ def test_bad_input():
         zivi.periodic_orbit(table(1.3), [1.0, 2.0, 3.0])
     with pytest.raises(ValueError, match="span must contain amplitude"):
         zivi.continue_orbit(orbit, "amplitude", (2.0, 3.0))
-    with pytest.raises(ValueError, match="'mass' is no parameter"):
+    with pytest.raises(ValueError, match="unknown parameter 'mass'"):
         zivi.continue_orbit(orbit, "mass", (2.0, 3.0))
     with pytest.raises(TypeError, match="PeriodicOrbit"):
         zivi.continue_orbit(ball, "amplitude", (2.0, 3.0))

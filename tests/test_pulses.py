@@ -58,7 +58,7 @@ def test_pulses_are_shown_and_kept():
     ("make", "message"),
     [
         (lambda: zivi.Pulse(1.0, 0.0), "width must be > 0"),
-        (lambda: zivi.Pulse([1.0, 1.5], 0.5), "t must be more than width"),
+        (lambda: zivi.Pulse([1.0, 1.5], 0.5), "t must have differences > width"),
         (lambda: zivi.Pulse([], 0.5), "t must be one finite time"),
         (lambda: zivi.Pulse(np.nan, 0.5), "t must be one finite time"),
         (lambda: zivi.Square(0.0), "period must be > 0"),

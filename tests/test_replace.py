@@ -91,7 +91,7 @@ def test_another_value_is_the_system_that_has_it(name):
     assert same(system.replace(), system)
     if kind is not energies:  # whose pickles have tests of their own
         assert same(pickle.loads(pickle.dumps(moved)), moved)
-    with pytest.raises(KeyError, match="is no parameter"):
+    with pytest.raises(KeyError, match="unknown parameter"):
         system.replace(nothing=1.0)
 
 

@@ -261,7 +261,9 @@ def test_a_plain_callable_has_a_start_and_e_but_no_parameters():
 
 def test_bad_input():
     ball = zivi.ImpactSystem(TABLE, e=0.5)
-    with pytest.raises(ValueError, match="'mass' is no parameter here: x0, xdot0, t0, e, stiff"):
+    with pytest.raises(
+        ValueError, match="unknown parameter 'mass'; the parameters are x0, xdot0, t0, e, stiff"
+    ):
         zivi.sensitivity(ball, (0, 1), (1, 0), ("mass",))
     with pytest.raises(TypeError, match="SwitchedRK"):
         zivi.sensitivity(ball, (0, 1), (1, 0), method=zivi.ThetaGamma(h=0.1))

@@ -457,14 +457,14 @@ def test_the_bar_is_called_sweep(monkeypatch):
 
 def test_masked_entries_are_refused():
     masked = np.ma.masked_array([1.0, 9e9, 3.0], mask=[False, True, False])
-    told = r"must have no masked entries, got 1 of 3; use \.compressed\(\) or \.filled\(value\)"
+    told = r"must not have masked entries, got 1 of 3; use \.compressed\(\) or \.filled\(value\)"
     for points in ({"x": masked}, zivi.grid, zivi.points):
         with pytest.raises(ValueError, match=f"^x {told}"):
             zivi.sweep(lambda x: x, points if isinstance(points, dict) else points(x=masked))
     study = zivi.sweep(lambda x: masked if x else np.arange(3.0), {"x": [0, 1]})
-    assert "the result must have no masked entries" in study.failed.message[1]
+    assert "the result must not have masked entries" in study.failed.message[1]
     study = zivi.sweep(lambda x: np.ma.masked_equal(x, 1), {"x": [0, 1]}, vectorized=True)
-    assert "the result must have no masked entries" in study.failed.message[1]
+    assert "the result must not have masked entries" in study.failed.message[1]
     with pytest.raises(ValueError, match=f"^times {told}"):
         zivi.Table(masked, [1.0, 2.0, 3.0])
     assert zivi.sweep(lambda x: x, {"x": np.ma.masked_array([1.0, 2.0])}).complete

@@ -132,11 +132,13 @@ def test_seeds_stay_those_of_the_points(name, tmp_path):
     zivi.sweep(points=POINTS | {name: POINTS[name][:4]}, **call)
     before = files(tmp_path / "a")
     if name == "y":
-        with pytest.raises(ValueError, match="takes seed or rng, which depend on the number"):
+        with pytest.raises(
+            ValueError, match="has an argument seed or rng, which depend on the number"
+        ):
             zivi.sweep(points=POINTS, **call)
         assert files(tmp_path / "a") == before
     else:
-        with pytest.raises(ValueError, match="takes seed or rng"):
+        with pytest.raises(ValueError, match="has an argument seed or rng"):
             zivi.sweep(points=POINTS | {"x": POINTS["x"][::-1]}, **call)
         zivi.sweep(points=POINTS, **call)
         zivi.sweep(points=POINTS, **call | {"out": tmp_path / "b"})

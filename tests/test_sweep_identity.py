@@ -234,7 +234,7 @@ def test_what_has_no_content_to_compare_is_refused_where_it_matters(make, text, 
         {"function": functools.partial(print, value), "points": {"sep": ["a"]}},
     ):
         given = {"points": {"x": [1.0]}} | call
-        with pytest.raises(TypeError, match=r"holds .*hand over what it is made of"):
+        with pytest.raises(TypeError, match=r"holds .*pass its ingredients"):
             zivi.sweep(**given, out=tmp_path / "a")
     assert not called
     assert not list(tmp_path.iterdir())

@@ -216,7 +216,7 @@ def test_gaps_that_no_configuration_has_at_once_are_refused():
     system = zivi.MechanicalSystem(mass=np.eye(2), force=[0, 0], gaps=gaps, e=0.5)
     drop = zivi.simulate(zivi.ImpactSystem(-9.81, e=0.5), (0, 1), (0.3, 0))
     ctl = zivi.GapTracker(system, h=1e-3, gains={"left": (30, 17), "right": (30, 17)})
-    with pytest.raises(ValueError, match=r"at t = 0 for what no configuration.*'right' = 0.3"):
+    with pytest.raises(ValueError, match=r"at t = 0 is out of reach.*'right' = 0.3"):
         zivi.simulate_closed_loop(
             system, ctl, (0, 1), ([1, 1], [0, 0]), reference={"left": drop, "right": drop}
         )

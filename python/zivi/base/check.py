@@ -65,7 +65,7 @@ def real(name: str, value: object) -> float:
     try:
         return float(value)
     except OverflowError:
-        raise ValueError(f"{name} must fit into a float, got an integer beyond 1e308") from None
+        raise ValueError(f"{name} must fit into a float, got an integer above 1e308") from None
 
 
 def real_array(name: str, value: object) -> Array:
@@ -94,7 +94,7 @@ def unmasked(name: str, value: object) -> None:
     """Raise a ValueError for masked entries: NumPy would use the masked numbers."""
     if isinstance(mask := getattr(value, "_mask", None), np.ndarray) and mask.any():
         raise ValueError(
-            f"{name} must have no masked entries, got {np.count_nonzero(mask)} of {mask.size}; "
+            f"{name} must not have masked entries, got {np.count_nonzero(mask)} of {mask.size}; "
             "use .compressed() or .filled(value)"
         )
 
@@ -217,9 +217,8 @@ def dense(name: str, value: Any) -> Any:
         return value
     if max(value.shape) > MAX_DENSE:
         raise ValueError(
-            f"{name} is sparse with shape {value.shape}; made dense it may have at most "
-            f"{MAX_DENSE} rows (zivi.vi.MAX_DENSE): the solver of VIs takes it as it is with "
-            "linear_algebra='auto' or 'sparse'"
+            f"{name} is sparse with shape {value.shape}; a dense matrix may have at most "
+            f"{MAX_DENSE} rows (zivi.vi.MAX_DENSE); use linear_algebra='auto' or 'sparse'"
         )
     return value.toarray()
 
@@ -268,8 +267,8 @@ def of_three(name: str, function: Any, *, more_than_y: bool) -> Callable[..., An
     if required <= 3 <= most:
         return function  # type: ignore[no-any-return]
     raise TypeError(
-        f"{name} must be a function of (t, x, xdot), or of (t, y) with y = [x, xdot], "
-        f"got {_signature(function)}"
+        f"{name} must be a function of (t, x, xdot), or of (t, y) with y = [x, xdot], got "
+        f"{_signature(function)}"
     )
 
 
@@ -393,6 +392,6 @@ def _cfunc(function: Any, name: str) -> Any:
     except numba.core.errors.NumbaError as error:
         why = next((line for line in str(error).splitlines() if "Failed in" not in line), "")
         raise TypeError(
-            f"{name}, a function of numba, does not compile to {DOUBLES}: {why.strip()}. Mend it, "
-            f"or give {name}.py_func, which runs in the interpreter"
+            f"numba cannot compile {name} to {DOUBLES}: {why.strip()}. Fix the function, or pass "
+            f"{name}.py_func to run it in Python"
         ) from error

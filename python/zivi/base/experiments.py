@@ -17,7 +17,7 @@ def experiment(name: str) -> Experiment:
     """Find an experiment by its name."""
     if name not in EXPERIMENTS:
         known = ", ".join(sorted(EXPERIMENTS))
-        raise ValueError(f"there is no experiment {name!r}; there are {known}")
+        raise ValueError(f"unknown experiment {name!r}; the experiments are {known}")
     return EXPERIMENTS[name]
 
 

@@ -139,8 +139,8 @@ def _no_formula(text: str, error: Exception, declared: Iterable[str]) -> str:
         if name in words and keyword.iskeyword(name):
             return f"{name} is a word of Python: give it another name, such as {name}_"
     if isinstance(error, SyntaxError) and str(error.msg).startswith("invalid character"):
-        return f"it is no formula: {error.msg}"
-    return "it is no formula"
+        return f"it is not a formula: {error.msg}"
+    return "it is not a formula"
 
 
 @dataclasses.dataclass(frozen=True)
@@ -174,7 +174,7 @@ class _Measure:
 def checked_value(value: float | complex) -> None:
     """Refuse what numbers give that is no real number of double precision."""
     if isinstance(value, complex) or value != value:
-        raise FormulaError("a part of it is no real number")
+        raise FormulaError("a part of it is not a real number")
     if abs(value) > LARGEST:
         raise FormulaError("a number is too large")
     if 0 < abs(value) < SMALLEST:
@@ -194,7 +194,7 @@ def _measure(node: ast.expr, depth: int) -> _Measure:
         if isinstance(link.op, ast.BitXor):
             raise FormulaError("a power is **")
         if type(link.op) not in _OPERATORS:
-            raise FormulaError(f"{type(link.op).__name__} is no part of a formula")
+            raise FormulaError(f"{type(link.op).__name__} is not allowed in a formula")
         measure = _measure_operation(link.op, measure, _measure(link.right, depth + 1))
     return measure
 
@@ -216,12 +216,12 @@ def _atom(node: ast.expr, depth: int) -> _Measure:
         return _Measure(value, int(value is None), (1, int(value is None), 0))
     if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and not node.keywords:
         return _measure_call(node.func.id, node.args, depth)
-    raise FormulaError(f"{type(node).__name__} is no part of a formula")
+    raise FormulaError(f"{type(node).__name__} is not allowed in a formula")
 
 
 def _measure_call(name: str, arguments: list[ast.expr], depth: int) -> _Measure:
     if name not in FUNCTIONS:
-        raise FormulaError(f"{name} is no function; {meant(name, FUNCTIONS)}".rstrip("; "))
+        raise FormulaError(f"unknown function {name}; {meant(name, FUNCTIONS)}".rstrip("; "))
     wanted, function = FUNCTIONS[name]
     if len(arguments) != wanted:
         raise FormulaError(

@@ -755,14 +755,14 @@ class Hinted:
         def __getitem__(self, key):
             kind = type(self).__name__
             if not isinstance(key, str):
-                raise TypeError(f"{kind!r} object has no items: ask its arrays, sol.t[i]")
+                raise TypeError(f"{kind} is not indexable; use its arrays, e.g. sol.t[i]")
             hint = f"it is sol.{key}" if hasattr(self, key) else ATTRIBUTES[self._habits].get(key)
-            raise TypeError(f"{kind!r} object has no items{f': {hint}' if hint else ''}")
+            raise TypeError(f"{kind} is not indexable{f': {hint}' if hint else ''}")
 
         def __iter__(self):
             states = "sol.q, sol.qdot" if "x" in ATTRIBUTES[self._habits] else "sol.x, sol.xdot"
             kind = type(self).__name__
-            raise TypeError(f"{kind!r} object is not iterable: its arrays are sol.t, {states}")
+            raise TypeError(f"{kind} is not iterable; its arrays are sol.t, {states}")
 
 
 def hinted(owner: str) -> Callable[[Called], Called]:

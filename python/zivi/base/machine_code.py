@@ -133,7 +133,7 @@ def _chosen(compiler: str) -> str:
             return name
     wanted = {"auto": "a C compiler or numba", "c": "a C compiler", "numba": "numba"}[compiler]
     raise RuntimeError(
-        f"compiled systems need {wanted}, and there is none: install a C compiler that is found "
+        f"compiled systems need {wanted}, which is missing: install a C compiler that is found "
         "as cc or named by the environment variable CC, or pip install numba"
     )
 
@@ -158,7 +158,9 @@ def _by_c(source: str) -> Native:
         with contextlib.suppress(OSError):  # a folder that cannot be written
             _compile(command, source, library)
             return _loaded(library)
-    raise RuntimeError("no folder could take a compiled model: set ZIVI_CACHE to one that can")
+    raise RuntimeError(
+        "cannot write a compiled model to any cache folder; set ZIVI_CACHE to a writable folder"
+    )
 
 
 def shared_library(source: str) -> bytes:
@@ -180,10 +182,10 @@ def shared_library(source: str) -> bytes:
 def _loaded(library: Path) -> Native:
     """Load a library after a checksum test: loading a damaged one would crash the process."""
     if _content(_seal_of(library)) != _sealed(library.name, _content(library)):
-        raise OSError(f"{library} is not as it was written")
+        raise OSError(f"{library} does not match its checksum")
     owner = ctypes.CDLL(str(library))
     if not hasattr(owner, "model"):
-        raise RuntimeError(f"{library} has no function model")
+        raise RuntimeError(f"{library} does not contain the function model")
     address = ctypes.cast(owner.model, ctypes.c_void_p).value
     assert address is not None
     return Native(address, owner)
@@ -205,7 +207,7 @@ def _content(file: Path) -> bytes:
     with open(os.open(file, flags | getattr(os, "O_BINARY", 0)), "rb") as opened:
         found = os.fstat(opened.fileno())
         if not stat.S_ISREG(found.st_mode) or _open_to_others(found):
-            raise OSError(f"{file} may be of somebody else")
+            raise OSError(f"{file} may belong to another user")
         return opened.read()
 
 

@@ -345,7 +345,7 @@ def plant_kappa(e: float | None, kappa: float | None) -> float | None:
 
 def without_wall(*_: Any, **__: Any) -> Never:
     raise ValueError(
-        "the controller has no e: give it e= or kappa=; zivi.simulate_closed_loop gives it the "
+        "e of the controller is not set: pass e= or kappa=; zivi.simulate_closed_loop sets the "
         "plant's"
     )
 

@@ -398,10 +398,12 @@ def _same_names(
 ) -> None:
     strange = sorted(set(given) - set(gaps))
     if strange:
-        raise ValueError(f"{name} has {strange[0]!r}, which is no gap of {gaps}")
+        raise ValueError(f"{name} has unknown gap {strange[0]!r}; the gaps are {gaps}")
     missing = sorted(set(gaps) - set(given))
     if every and missing:
-        raise ValueError(f"{name} must have each gap of {gaps}, lacks {missing[0]!r}")
+        raise ValueError(
+            f"{name} must have an entry for each gap of {gaps}; {missing[0]!r} is missing"
+        )
 
 
 # Aiming at the next impact: a racket, hammer or pusher that sets a body's speed.

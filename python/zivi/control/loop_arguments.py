@@ -190,8 +190,8 @@ def _rows_of_array(reference: Any, times: Array) -> Array:
         values = values.T
     if values.ndim != 2 or values.shape[0] not in (2, 3) or values.shape[1] != n:
         raise ValueError(
-            f"reference must have shape (2, {n}) or (3, {n}): x_r, xdot_r and, where it is known, "
-            f"the acceleration at the {n} samples, got {np.shape(reference)}"
+            f"reference must have shape (2, {n}) or (3, {n}): x_r, xdot_r and optionally the "
+            f"acceleration at the {n} samples, got {np.shape(reference)}"
         )
     _check_samples("reference", values)
     pull = values[2] if len(values) == 3 else np.full(n, np.nan)
@@ -497,13 +497,15 @@ def check_interface(
     check_follows(controller, **given)
     kind = type(controller).__name__
     if given["force_ref"] is not None and not interface["force_ref"]:
-        raise TypeError(f"force_ref is given, but the step of {kind} does not take it")
+        raise TypeError(f"force_ref must be None: the step of {kind} has no argument for it")
     if given["y_ref0"] is not None and not callable(getattr(controller, "reset", None)):
-        raise TypeError(f"y_ref0 is given, but {kind} has no method reset(x_ref, xdot_ref)")
+        raise TypeError(
+            f"y_ref0 must be None: {kind} does not have a method reset(x_ref, xdot_ref)"
+        )
     if interface["force_ref"] and not interface["xdot_ref"] and not spec_ref.is_constant:
         raise TypeError(
-            f"the force on the reference may depend on its velocity, but {kind} has no xdot_ref: "
-            "add it, or let step take (x, xdot, force) only"
+            f"the force on the reference may depend on its velocity, but {kind} does not have "
+            "xdot_ref: add it, or use a step(x, xdot, force)"
         )
 
 
@@ -512,7 +514,7 @@ def check_follows(controller: Any, **given: Any) -> None:
     for name, value in given.items():
         if value is not None and not hasattr(controller, "x_ref"):
             kind = type(controller).__name__
-            raise TypeError(f"{name} is given, but {kind} follows no reference")
+            raise TypeError(f"{name} must be None: {kind} does not follow a reference")
 
 
 def check_plant_method(method: ThetaGamma | SwitchedRK | None, h: float) -> None:

@@ -342,7 +342,7 @@ def simulate_closed_loop_batch(
                 raise TypeError(f"{name} is for a zivi.ImpactSystem, not for a MechanicalSystem")
         strange = sorted(set(mechanical) - {"parameters", "disturbance", "kicks"})
         if strange:
-            raise TypeError(f"{strange[0]} is no argument of loops of a mechanical system")
+            raise TypeError(f"unknown argument {strange[0]} for loops of a mechanical system")
         loops = simulate_mechanical_batch(
             systems, controllers, t_span, y0, seeds=seed, **kept, **mechanical
         )

@@ -212,10 +212,13 @@ def of_parts(
     goals = goals_of({name: parts.pop(name) for name in tasks if name in parts}, tasks, times)
     strange = sorted(set(parts) - set(names))
     if strange:
-        raise ValueError(f"reference has {strange[0]!r}, which is no gap of {names} and no task")
+        raise ValueError(
+            f"reference has unknown entry {strange[0]!r}; it may have the gaps {names}, tasks and "
+            "posture"
+        )
     missing = sorted(set(names) - set(parts))
     if missing:
-        raise ValueError(f"reference must say what gap {missing[0]!r} does: 'rest' or a run")
+        raise ValueError(f"reference must have an entry for gap {missing[0]!r}: 'rest' or a run")
     count, m, n = len(times), len(names), len(q0)
     gaps, rates, pulls = (np.zeros((count, m)) for _ in range(3))
     sides, contacts = np.ones((count, m)), np.ones((count, m), dtype=bool)
@@ -242,7 +245,7 @@ def goals_of(parts: dict[str, Any], tasks: tuple[str, ...], times: Array) -> Arr
     for j, name in enumerate(tasks):
         if name not in parts:
             raise ValueError(
-                f"reference must say what task {name!r} does, as it does of {[*parts]}"
+                f"reference must have an entry for task {name!r}, in addition to {[*parts]}"
             )
         one = parts[name]
         for k, t in enumerate(times.tolist()):
@@ -251,8 +254,8 @@ def goals_of(parts: dict[str, Any], tasks: tuple[str, ...], times: Array) -> Arr
             )
             if given.ndim != 1 or not 1 <= len(given) <= 3 or not np.all(np.isfinite(given)):
                 raise ValueError(
-                    f"reference[{name!r}] must be one finite number, or with its first and second "
-                    f"derivatives, got shape {given.shape}"
+                    f"reference[{name!r}] must be one finite number, optionally with its first and "
+                    f"second derivatives, got shape {given.shape}"
                 )
             goals[k, : len(given), j] = given
     return goals
@@ -395,7 +398,7 @@ def _reached(
         if not abs(one - other) <= REACHED * (1.0 + abs(one))
     ]
     raise ValueError(
-        f"reference asks at t = {t:.6g} for what no configuration was found to have: "
+        f"reference at t = {t:.6g} is out of reach, no configuration was found with "
         f"{', '.join(words)}"
     )
 

@@ -184,16 +184,15 @@ def check_believes(told: str, system: MechanicalSystem, plant: MechanicalSystem,
     """
     n = system._n
     if n is not None and n != len(q):
-        raise ValueError(f"{told} must believe in {len(q)} coordinates, as the plant has, not {n}")
+        raise ValueError(f"{told} must have {len(q)} coordinates like the plant, got {n}")
     if system.gap_names != plant.gap_names:
         raise ValueError(
-            f"{told} must believe in the gaps of the plant, {plant.gap_names}, "
-            f"not in {system.gap_names}"
+            f"{told} must have the gaps of the plant, {plant.gap_names}, got {system.gap_names}"
         )
     believed, known = system.control_inputs(q).names, plant.control_inputs(q).names
     if len(believed) != len(known):
         raise ValueError(
-            f"{told} must believe in {len(known)} controls, as the plant has, not {len(believed)}"
+            f"{told} must have {len(known)} controls like the plant, got {len(believed)}"
         )
 
 
@@ -309,7 +308,7 @@ class JointObserver:
         Where `q` is not finite the sample counts as missed: the copy of the plant moves on.
         """
         if self._plant is None:
-            raise ValueError("the observer has no period: zivi.simulate_closed_loop gives it one")
+            raise ValueError("h of the observer is not set: zivi.simulate_closed_loop sets it")
         at, model = np.atleast_1d(real_array("q", q)), self._plant.model
         if at.shape != (model.layout.n,):
             raise ValueError(f"q must have shape ({model.layout.n},), got {at.shape}")

@@ -136,10 +136,11 @@ def _unknown_column(
     hint = f"; did you mean {close!r}?" if close else ""
     if not (parameters or close):
         hint = (
-            "; this system has no parameters: zivi.symbolic.system(..., parameters={...}) or "
-            "zivi.ParametricSystem(build, {...}) give them names"
+            "; this system does not have named parameters: use zivi.symbolic.system(..., "
+            "parameters={...}) or zivi.ParametricSystem(build, {...})"
         )
-    return f"{name!r} is no parameter here: {', '.join([*names, *parameters])}{hint}"
+    known = ", ".join([*names, *parameters])
+    return f"unknown parameter {name!r}; the parameters are {known}{hint}"
 
 
 # Derivatives of a run of a mechanical system.

@@ -109,8 +109,8 @@ class _Gone:
         if name.startswith("__"):
             raise AttributeError(name)
         raise ValueError(
-            "the functions of this system could not be stored with its derivatives: those between "
-            "the events, and of other columns, need zivi.sensitivity again"
+            "the functions of this system could not be stored with its derivatives: call "
+            "zivi.sensitivity again for derivatives between events or for other parameters"
         )
 
 

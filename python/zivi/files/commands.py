@@ -190,9 +190,9 @@ def output(given: Path | None, beside: Path, suffix: str, *, replace: bool) -> P
     """Return the path of a result; raise a `FileExistsError` if it exists."""
     path = _beside(beside, suffix) if given is None else given
     if path.exists() and path.resolve() == beside.resolve():
-        raise FileExistsError(f"{path}: is what is read; give another --out")
+        raise FileExistsError(f"{path}: is the input file; choose another --out")
     if path.exists() and not replace:
-        raise FileExistsError(f"{path}: is there already; --force replaces it, --out names another")
+        raise FileExistsError(f"{path}: exists; --force replaces it, --out names another")
     if suffix != ".zarr":
         require_regular(path)
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -203,7 +203,7 @@ def _beside(file: Path, suffix: str) -> Path:
     """Return the default path of the output for a file or folder."""
     named = file if file.name not in ("", "..") else file.resolve()
     if not named.name:
-        raise FileError(f"{file}: has no name that a result could have as well; give --out")
+        raise FileError(f"{file}: cannot be turned into the name of a result; give --out")
     return named.with_suffix(suffix)
 
 
@@ -308,7 +308,9 @@ def _remove(path: Path) -> None:
     try:
         FolderStore(path, write=True).close()
     except (ValueError, OSError) as error:
-        raise FileExistsError(f"{path}: is not removed, it is no study: {error}") from error
+        raise FileExistsError(
+            f"{path}: is not removed, since it is not a study: {error}"
+        ) from error
     old = path.with_name(f".{path.name}.{uuid.uuid4().hex[:8]}")
     path.rename(old)
     shutil.rmtree(old)
@@ -329,7 +331,7 @@ def picture(
         raise FileError(f"{out}: must end in {', '.join(PICTURES)}")
     path = None if window else output(out, result, ".png", replace=force)
     if window and not has_display():
-        raise FileError("zivi show: there is no display for --window; --out writes a picture")
+        raise FileError("zivi show: cannot open a display for --window; --out writes a picture")
     with warnings.catch_warnings(record=True) as noted:
         warnings.simplefilter("always", UserWarning)
         table, figure, record = summarise(result)

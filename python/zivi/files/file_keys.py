@@ -142,7 +142,7 @@ class Tagged:
         rest = {name: it for name, it in value.items() if name != self.tag}
         for name in [name for name in rest if name in self._elsewhere(tag)]:
             others = " and ".join(self._elsewhere(tag)[name])
-            mistakes.add(dotted(key, name), f"is no setting of {tag}, but of {others}")
+            mistakes.add(dotted(key, name), f"is not a setting of {tag}, but of {others}")
             del rest[name]
         return {self.tag: tag} | read_keys(self.variants[tag], rest, key, mistakes)
 
@@ -184,7 +184,7 @@ def read_keys(
     known = {key.name: key for key in keys}
     for name in value:
         if name not in known:
-            mistakes.add(dotted(path, name), f"is no key{suggestion(name, known)}")
+            mistakes.add(dotted(path, name), f"is not a known key{suggestion(name, known)}")
     for key in keys:
         if key.default is None and key.name not in value:
             text = f"is missing: {key.meaning}, {key.kind.allowed}"
@@ -790,7 +790,7 @@ HEAD = "| key | only for | unit | allowed | default | meaning |\n|---|---|---|--
 def _tagged(keys: tuple[Key, ...], name: str) -> Tagged:
     kind = next(key.kind for key in keys if key.name == name)
     if not isinstance(kind, Tagged):
-        raise TypeError(f"{name} has no variants")
+        raise TypeError(f"{name} does not have variants")
     return kind
 
 

@@ -56,7 +56,7 @@ def study_picture(study: Study) -> Figure:
         if it.dims == dims and it.dtype.kind == "f"
     ][:PANELS]
     if not names:
-        raise FileError("the study has no numbers over its parameters")
+        raise FileError("the study does not contain numbers over its parameters")
     columns = math.ceil(math.sqrt(len(names)))
     lines = math.ceil(len(names) / columns)
     figure = _new_figure((1.0 + 4.0 * columns, 0.5 + 3.2 * lines))

@@ -408,7 +408,7 @@ def check_suffix(name: str, path: Path) -> None:
     """Raise a ValueError for a path whose suffix is that of another kind of file."""
     if path.suffix.lower() not in (*NETCDF, TABLE):
         known = ", ".join(it for it in (*NETCDF, TABLE) if it)
-        raise ValueError(f"{name} must end in one of {known}, or have no suffix, got {str(path)!r}")
+        raise ValueError(f"{name} must end in one of {known} or in no suffix, got {str(path)!r}")
 
 
 def require_library() -> None:
@@ -485,7 +485,7 @@ def _check_target(path: Path, overwrite: bool) -> None:
 def require_folder(path: Path) -> None:
     """Raise a FileNotFoundError if a file cannot be made for want of its folder."""
     if not path.parent.is_dir():
-        raise FileNotFoundError(f"{path}: there is no folder {path.parent}; make it first")
+        raise FileNotFoundError(f"{path}: folder {path.parent} does not exist; create it first")
 
 
 def require_regular(path: Path) -> None:
@@ -509,7 +509,7 @@ def _seal(file: Path) -> None:
 def check_netcdf(file: Path) -> None:
     """Raise an OSError if the file does not exist or does not begin like a netCDF file."""
     if not file.is_file():
-        raise FileNotFoundError(f"{file}: there is no such file")
+        raise FileNotFoundError(f"{file}: does not exist")
     if file.suffix.lower() == TABLE:
         raise ResultError(f"{file}: is a table, for reading elsewhere; save the run as .nc too")
     with file.open("rb") as opened:
@@ -518,7 +518,7 @@ def check_netcdf(file: Path) -> None:
     hint = ""
     if file.suffix.lower() == ".toml":
         hint = "; zivi simulate, control or sweep computes a result of such a file"
-    raise ResultError(f"{file}: is no netCDF file, or damaged{hint}")
+    raise ResultError(f"{file}: is not a netCDF file, or is damaged{hint}")
 
 
 def _check_seal(file: Path) -> None:
@@ -527,8 +527,8 @@ def _check_seal(file: Path) -> None:
     body, mark, digest = content[:-LENGTH], content[-LENGTH:-64], content[-64:]
     if mark != SEAL:
         raise ResultError(
-            f"{file}: does not end as zivi ends a result: it was cut or changed, or something else "
-            "wrote it; xarray.open_dataset reads what can be read"
+            f"{file}: lacks the end mark of zivi: it was truncated, changed or written by another "
+            "program; xarray.open_dataset reads the readable part"
         )
     if hashlib.sha256(body).hexdigest().encode() != digest:
         raise ResultError(f"{file}: was damaged or changed since zivi wrote it")

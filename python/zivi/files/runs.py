@@ -135,11 +135,11 @@ def _parse_toml(path: Path) -> dict[str, Any]:
             raise FileError(f"{path}: a key must have at most {DEEPEST} parts (line {line})")
         return tomllib.loads(text)
     except FileNotFoundError:
-        raise FileError(f"{path}: there is no such file") from None
+        raise FileError(f"{path}: does not exist") from None
     except tomllib.TOMLDecodeError as error:  # it tells line and column
-        raise FileError(f"{path}: is no TOML: {error}") from None
+        raise FileError(f"{path}: is not a TOML file: {error}") from None
     except UnicodeDecodeError as error:
-        raise FileError(f"{path}: is no text in UTF-8 (byte {error.start})") from None
+        raise FileError(f"{path}: is not UTF-8 text (byte {error.start})") from None
     except (OSError, RecursionError) as error:
         reason = getattr(error, "strerror", None) or "too deeply nested"
         raise FileError(f"{path}: cannot be read: {reason}") from None
@@ -219,7 +219,7 @@ def build_tree(values: dict[str, Any], mistakes: Mistakes) -> Tree:
         key = f"system.parameters.{name}"
         if name not in found.parameters:
             known = ", ".join(found.parameters)
-            mistakes.add(key, f"is no parameter of the tree: allowed: {known}")
+            mistakes.add(key, f"is not a parameter of the tree; allowed: {known}")
             mistakes.stop()
         with mistakes.naming({}, key):
             found.parameters[name] = value
@@ -361,7 +361,7 @@ def prepare_control(path: Path) -> Prepared:
         name = values["controller"]["name"]
         for key in ("y_ref0", "force_ref"):
             if key in values:
-                mistakes.add(key, f"is given, but a {name} follows no reference")
+                mistakes.add(key, f"must be left out: a {name} does not follow a reference")
         mistakes.stop()
     options = {name: values[name] for name in OPTIONS if name in values}
     options |= {name: build_force(values[name]) for name in FORCES if name in values}
@@ -424,7 +424,7 @@ def mechanism_of(
             raise FileError(f"{path}: is a mass: --model mass has its numbers as parameters")
         return plant, values["y0"]
     if not path.is_file():
-        raise FileError(f"{path}: is no file")
+        raise FileError(f"{path}: is not a file")
     pairs = [tuple(gap.split(",")) if "," in gap else gap for gap in gaps]
     laws: Any = e[0] if len(e) == 1 else list(e) or 0.0
     tree = reader(path, gaps=pairs or None, e=laws, friction=friction)

@@ -90,7 +90,7 @@ def _check_parameter_names(
     for table, names in (("parameters", given), ("fixed", fixed)):
         for name in names:
             if name not in known:
-                text = f"is no parameter of the experiment{suggestion(name, known)}"
+                text = f"is not a parameter of the experiment{suggestion(name, known)}"
                 mistakes.add(dotted(table, name), text)
     for name in set(given) & set(fixed):
         mistakes.add(dotted("fixed", name), "is among the parameters, too")
@@ -98,7 +98,7 @@ def _check_parameter_names(
         mistakes.add("parameters", f"must have one at least{suggestion('', known)}")
     for name, parameter in known.items():
         if parameter.default is parameter.empty and name not in {*given, *fixed}:
-            mistakes.add(f"parameters.{name}", "is missing: the experiment has no default for it")
+            mistakes.add(f"parameters.{name}", "is missing and does not have a default")
 
 
 def _read_list(
@@ -177,7 +177,7 @@ def _read_sample(
 
 def _check_sample_range(value: dict[str, Any], key: str, mistakes: Mistakes) -> None:
     if "num" in value:
-        mistakes.add(f"{key}.num", "has no place in a sample: design.n is the number of points")
+        mistakes.add(f"{key}.num", "is not allowed in a sample: design.n is the number of points")
     if _ends(value, key, mistakes) and not value["start"] < value["stop"]:
         mistakes.add(f"{key}.stop", f"must be > start in a sample, got {value['stop']}")
 

@@ -293,7 +293,7 @@ class RunFunction(ParameterFunction[RunPoint]):
                 return self._nothing(OrbitStatus.RUN_ENDED, s.trajectory.message)
             name = self.output.replace("_", " ")
             return self._nothing(
-                OrbitStatus.NO_EVENT, f"The run has no {name} number {self.number}."
+                OrbitStatus.NO_EVENT, f"The run ended before {name} number {self.number}."
             )
         value, derivative = float(values[self.number]), np.array(rates[self.number])
         return RunPoint(value, derivative, s.status, told)

@@ -98,8 +98,8 @@ def gap_tracker_source(
     system = controller.system
     if not isinstance(system, SymbolicSystem):
         raise TypeError(
-            "controller must believe in a zivi.symbolic.system, which is known as formulas, got "
-            f"{type(system).__name__}"
+            "the model of the controller must be a zivi.symbolic.system, whose formulas are known, "
+            "got {type(system).__name__}"
         )
     identifier("name", name)
     settings = controller.settings
@@ -110,7 +110,7 @@ def gap_tracker_source(
     inputs = system.control_inputs(np.zeros(n))
     check_rigid(system, "controllers")
     if system._channels:
-        raise ValueError("controller must believe in a system without friction in C")
+        raise ValueError("the model of the controller must not have friction in C")
     if inputs.r != n or not m:
         raise ValueError(
             f"controller must have gaps and as many controls as coordinates in C, {n}; it has {m} "

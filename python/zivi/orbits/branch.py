@@ -37,7 +37,7 @@ __all__ = [
 BRANCH_MESSAGES = {
     OrbitStatus.RANGE_END: "The branch was followed to the ends of the range.",
     OrbitStatus.MAX_POINTS: "The branch has max_points points.",
-    OrbitStatus.LEFT_ADMISSIBLE: "The branch ends where the orbit is no motion any more.",
+    OrbitStatus.LEFT_ADMISSIBLE: "The branch ends where the orbit becomes inadmissible.",
     OrbitStatus.CLOSED: "The branch is closed: it came back to a point of its own.",
     OrbitStatus.NOT_CONVERGED: "No step was short enough for Newton's iteration to converge.",
 }

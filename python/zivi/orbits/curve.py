@@ -424,7 +424,7 @@ class _Ends:
         near = [path.start(y, value_of(frame.system, names[0]))]
         short = shortest_rest(near[0])
         if short is None:
-            raise ValueError("event: its orbit has no contact")
+            raise ValueError("event: its orbit does not have a contact")
         self.short, self.duration = short, RESTING * abs(near[0].terms.length)
         self.second = value_of(frame.system, names[1])
         self.start = near[0]
@@ -783,7 +783,7 @@ def continue_curve(
 def _of_one_mass(orbit: PeriodicOrbit) -> MechanicalOrbit:
     """Return an orbit of one mass with its word."""
     if orbit.kind == "resting":
-        raise ValueError("event: a resting orbit of one mass has no curve but that of its end")
+        raise ValueError("event: the only curve of a resting orbit of one mass is that of its end")
     terms, done = evaluate(orbit._frame, orbit._y), OrbitStatus.COMPLETED
     return orbit_of_mechanism(terms, orbit.multiple, orbit.residual, 0, done, FOUND)
 
@@ -855,7 +855,7 @@ def _of_rest(
 def text_of_failures(found: list[CurvePoint]) -> str:
     """Describe at how many points the orbit is inadmissible; "" if at none."""
     number = sum(_why_not(it) is not None for it in found)
-    return f"{number} of {len(found)} points where the orbit is no motion" if number else ""
+    return f"{number} of {len(found)} points where the orbit is inadmissible" if number else ""
 
 
 def _critical_word(event: Any, orbit: MechanicalOrbit) -> tuple[Frame, Array]:
@@ -869,7 +869,7 @@ def _critical_word(event: Any, orbit: MechanicalOrbit) -> tuple[Frame, Array]:
     own = [low for low in Margins(terms).lows if low.kind == "interior_impact"]
     beyond = crossed(terms, min(own, key=lambda it: abs(it.value))) if own else None
     if beyond is None:
-        raise ValueError("event: there is no minimum of a gap to insert an impact at")
+        raise ValueError("event: no minimum of a gap was found at which to insert an impact")
     return beyond
 
 

@@ -237,7 +237,9 @@ def starts_of(
 ) -> tuple[tuple[str, str], Array]:
     """Return the names of two initial values, and states of shape (N, 2, n) with pairs of them."""
     if y0 is None and system._n is None:
-        raise ValueError("y0 must be given: the system does not tell how many coordinates it has")
+        raise ValueError(
+            "y0 must be given: the number of coordinates cannot be derived from the system"
+        )
     base = np.zeros((2, system._n or 0)) if y0 is None else np.array(state_of(y0, system._n))
     names = system.coordinate_names(base.shape[1])
     given = (f"q0.{names[0]}", f"qdot0.{names[0]}") if axes is None else tuple(axes)

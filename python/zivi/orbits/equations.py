@@ -1051,7 +1051,9 @@ def turn_of(symmetry: Any, n: int) -> Array:
             f"for the states, got {matrix.shape}"
         )
     if not np.allclose(matrix @ matrix, np.eye(2 * n), atol=1e-12):
-        raise ValueError("symmetry must give the same state when it is applied twice")
+        raise ValueError(
+            "symmetry must be an involution: applied twice, it must return the same state"
+        )
     return matrix
 
 
@@ -1071,7 +1073,7 @@ def gaps_turned(flow: Flow, turn: Array, half: float) -> list[int]:
     for i in range(flow.m):
         same = [j for j in range(flow.m) if np.allclose(here[:, i], there[:, j], atol=1e-9)]
         if len(same) != 1:
-            raise ValueError(f"symmetry: gap {i} has no image among the gaps")
+            raise ValueError(f"symmetry: the image of gap {i} is not a gap")
         found.append(same[0])
     return found
 

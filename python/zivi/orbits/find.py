@@ -64,7 +64,7 @@ def find_mechanical_orbit(
         raise ValueError(f"multiple must be >= 1, got {multiple}")
     length, free = _period(system, period)
     if free and multiple not in (None, 1):
-        raise ValueError(f"multiple counts periods of an excitation; there is none, got {multiple}")
+        raise ValueError(f"multiple must be None for an autonomous system, got {multiple}")
     flow = flow_of(system, method)
     if isinstance(start, MechanicalOrbit):
         return _from_orbit(system, start, multiple, length, free, symmetry, method, max_iter)
@@ -96,7 +96,10 @@ def _refuse_tables(system: MechanicalSystem) -> None:
     core = core_of(system)
     parts = [*getattr(core, "excitation", ()), *(getattr(gap, "motion", None) for gap in core.gaps)]
     if core._inputs is not None or any(isinstance(part, Table) for part in parts):
-        raise ValueError("system: orbits of systems with tables are not there, their knots move")
+        raise ValueError(
+            "periodic orbits of systems with a zivi.Table are not supported; use zivi.Harmonic "
+            "loads"
+        )
 
 
 def _period(system: MechanicalSystem, period: float | str | None) -> tuple[float, bool]:
@@ -113,8 +116,8 @@ def _period(system: MechanicalSystem, period: float | str | None) -> tuple[float
     omega = frequency_of(system)
     if omega is None:
         raise ValueError(
-            "period: the system has no single excitation whose period is known, give period=..., "
-            "or period='free' where it does not depend on time"
+            "period must be given: the excitation of the system does not have a single known "
+            "period; give period=..., or period='free' for an autonomous system"
         )
     return 2.0 * math.pi / omega, False
 
@@ -218,7 +221,10 @@ def _half(frame: Frame, x: Array, turn: Array) -> tuple[Frame, Array]:
         return half, x
     count = len(frame.word)
     if count % 2:
-        raise ValueError("symmetry: the word has no two halves, it has an odd number of events")
+        raise ValueError(
+            "symmetry: the event sequence has an odd number of events and cannot be split into "
+            "halves"
+        )
     if not frame.free:
         gaps_turned(frame.flow, turn, 0.5 * frame.length)
     half = dataclasses.replace(
@@ -398,7 +404,7 @@ def is_free(system: ImpactSystem, period: float | str | None, multiple: int | No
     elif period is not None or not is_autonomous(system):
         return False
     if multiple not in (None, 1):
-        raise ValueError(f"multiple counts periods of an excitation; there is none, got {multiple}")
+        raise ValueError(f"multiple must be None for an autonomous system, got {multiple}")
     return True
 
 

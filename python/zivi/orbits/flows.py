@@ -632,7 +632,7 @@ class NonlinearFlow:
     def __init__(self, system: MechanicalSystem, method: SwitchedRK) -> None:
         if system._n is None:
             raise ValueError(
-                "system: its mass, force, or a gradient must tell how many coordinates"
+                "system: the number of coordinates must follow from its mass, force or a gradient"
             )
         self.system, self.method = system, method
         self.n, self.m, self.e = system._n, system.m, system.e

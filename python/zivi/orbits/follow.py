@@ -448,7 +448,7 @@ def _double_orbit(branch: Any, event: Any) -> Any:
     if mass and len(own.word) < len(branch.orbits[0]._frame.word):
         return orbit  # the single orbit at which a doubled one begins
     if mass and own.word[0].kind == "P":
-        raise ValueError("an orbit without impacts has no multiplier -1 to follow")
+        raise ValueError("an orbit without impacts does not have a multiplier -1 to continue")
     frame, y, direction = doubled(evaluate(own, orbit._y))
     multiple = orbit.multiple * (1 if own.turn is not None or own.free else 2)
     return _at_amplitude(branch, event, multiple, frame, y, direction)

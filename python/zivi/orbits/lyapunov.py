@@ -50,7 +50,7 @@ LOST = 1e-14
 EXPONENT_MESSAGES = {
     OrbitStatus.COMPLETED: "The exponents are means over the run.",
     OrbitStatus.RESTS: "The run comes to rest: nothing is left of a difference.",
-    OrbitStatus.RUN_ENDED: "The run ended early: there are no exponents.",
+    OrbitStatus.RUN_ENDED: "The run ended early: exponents are not available.",
     OrbitStatus.NOT_DIFFERENTIABLE: "Some derivative along the run does not exist.",
 }
 

@@ -155,7 +155,9 @@ def value_of(system: MechanicalSystem | ImpactSystem, name: str) -> float:
     known = values_of(system)
     if name not in known:
         hint = "" if known else ": zivi.ParametricSystem(build, {...}) gives numbers names"
-        raise ValueError(f"{name!r} is no parameter here: {', '.join(known) or 'none'}{hint}")
+        raise ValueError(
+            f"unknown parameter {name!r}; the parameters are {', '.join(known) or 'none'}{hint}"
+        )
     return known[name]
 
 
@@ -235,7 +237,7 @@ def _wave(part: Harmonic, name: str, value: float, now: float) -> Harmonic:
     if name == "phase":
         return dataclasses.replace(part, phase=part.phase + value - now)
     if now == 0.0:
-        raise ValueError(f"{name} must not be 0: there is no direction of the load")
+        raise ValueError(f"{name} must not be 0: the direction of the load would be undefined")
     return dataclasses.replace(part, amplitude=np.asarray(part.amplitude) * (value / now))
 
 
@@ -278,10 +280,10 @@ def period_of(
     omega = frequency_of(system)
     if omega is None:
         what = "force" if isinstance(system, ImpactSystem) else "system"
-        hint = ", or period='free' where it does not depend on time" if or_free else ""
+        hint = "; period='free' finds it for an autonomous system" if or_free else ""
         raise ValueError(
-            f"period: the {what} has no single excitation whose period is known, give "
-            f"period=... (s){hint}"
+            f"period must be given (s): the {what} does not have a single excitation of known "
+            f"period{hint}"
         )
     return 2.0 * math.pi / omega
 
@@ -330,7 +332,7 @@ def _stretch(frame: Frame, system: MechanicalSystem | ImpactSystem) -> float:
     if before is not None and after is not None:
         return before / after
     if before is not None and isinstance(system, ImpactSystem):
-        raise ValueError("period: the excitation has no single period")
+        raise ValueError("period: the excitation does not have a single period")
     # a number of a system of functions that is the frequency, or the period, of its forces
     turns = frame.length / (2.0 * math.pi)
     now, then = values_of(frame.system), values_of(system)

@@ -172,7 +172,7 @@ def recent(
         why = f"Several gaps are hit, or come to rest, at once, at t = {several:.9g} s."
         frame, x = _smooth(system, flow, run, length, end, free, method)
         x[0, 0] = x[0, -1]
-        raise NotDifferentiable(f"{why} The motion has no derivatives there.", frame, x, count)
+        raise NotDifferentiable(f"{why} The motion is not differentiable there.", frame, x, count)
     if len(inside) > MOST_EVENTS:
         raise ValueError(f"start: a word has at most {MOST_EVENTS} events, got {len(inside)}")
     told = "" if free else shown(count, len(inside), what, repeats=bool(repeats))
@@ -350,7 +350,7 @@ def _free_length(run: AnyRun, events: list[Happened]) -> tuple[float, float]:
         j = int(np.argmax(np.ptp(q, axis=0)))
         tops = np.flatnonzero((qdot[:-1, j] > 0.0) & (qdot[1:, j] <= 0.0))
         if len(tops) < 2:
-            raise ValueError("start: the run shows no two equal events, nor two highest points")
+            raise ValueError("start: the run does not show two equal events or two equal maxima")
         v, h = qdot[:, j], times[1] - times[0]
         exact = times[tops] + v[tops] / (v[tops] - v[tops + 1]) * h
         return float(exact[-1] - exact[-2]), float(exact[-1])
@@ -667,7 +667,7 @@ def weaker_reason(orbit: Any) -> str | None:
     for start, gap in chains:
         ends = run.zeno["t"][(run.zeno["gap"] == gap) & (run.zeno["t"] > start)]
         if not len(ends):
-            return "A simulation has no accumulation where the orbit has one."
+            return "A simulation lacks an accumulation of the orbit."
         inside = [hit for hit in hits if start - 1e-6 * length <= hit[0] <= ends[0]]
         if any(hit[1] != gap for hit in inside):
             return "A simulation has impacts of other gaps within an accumulation."

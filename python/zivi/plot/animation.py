@@ -322,7 +322,7 @@ def _frames(run: Trajectory | ClosedLoop | MechanicalTrajectory, speed: float, f
         if not value > 0.0:
             raise ValueError(f"{name} must be > 0, got {value}")
     if len(run.t) < 2:
-        raise ValueError("the run has fewer than two samples: there is no motion to show")
+        raise ValueError("the run must have at least two samples to animate")
     start, end = float(run.t[0]), float(run.t[-1])
     pictures = 1 + math.ceil((end - start) * fps / speed)
     if pictures > FRAMES:

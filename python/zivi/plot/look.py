@@ -135,7 +135,7 @@ MOTION = ("t", "x", "xdot", "impacts")
 """What every run has."""
 
 ADVICE = {
-    "control": "a trajectory has no control, zivi.simulate_closed_loop gives runs that have one",
+    "control": "a trajectory does not have a control; use zivi.simulate_closed_loop",
     "multipliers": "use zivi.plot.signs for a closed loop",
     "signs": "use zivi.plot.multipliers for a trajectory",
 }

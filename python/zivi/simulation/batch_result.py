@@ -59,7 +59,7 @@ def systems_of(systems: Any) -> list[ImpactSystem]:
         if isinstance(system.wall, Table):
             raise TypeError(
                 f"the wall of system {i} must not be a zivi.Table in a batch, got {system.wall!r}: "
-                "zivi.simulate takes it, and a zivi.LinearGap(motion=) in a batch of LinearSystems"
+                "use zivi.simulate, or a zivi.LinearGap(motion=) in a batch of LinearSystems"
             )
         check_native(system._spec, f"the force of system {i}")
     if not several:
@@ -164,8 +164,8 @@ def room_for(quantities: int, n: int, times: int, *more: int) -> Array:
     except (MemoryError, ValueError):
         size = 8e-9 * quantities * n * times * math.prod(more)
         raise MemoryError(
-            f"y0 gives {n} runs, t_eval {times} samples of each: {size:.3f} GB do not fit into "
-            "memory; ask for fewer times, or compute fewer runs at a time"
+            f"y0 has {n} runs, t_eval {times} samples of each: {size:.3f} GB do not fit into "
+            "memory; use fewer times, or fewer runs at a time"
         ) from None
 
 

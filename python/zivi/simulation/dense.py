@@ -76,8 +76,8 @@ class LostPath:
     def physical(self, *_: Any) -> Any:
         """Raise a ValueError that says so."""
         raise ValueError(
-            "the file of this run holds no motion between the samples and no extrapolated impacts: "
-            "an older version of zivi wrote it; compute the run again"
+            "this file, written by an older version of zivi, stores neither dense output nor "
+            "extrapolated impacts; rerun the simulation"
         )
 
     lifted = skipped_impacts = physical

@@ -121,7 +121,7 @@ def check_mechanical_method(method: Any) -> None:
         raise TypeError(f"method must be zivi.SwitchedRK() or zivi.MoreauJean(h), got {method!r}")
     if not method._entry.takes_mechanism:
         name = method._entry.name
-        raise ValueError(f"{name} takes a zivi.ImpactSystem only: use zivi.SwitchedRK()")
+        raise ValueError(f"{name} supports a zivi.ImpactSystem only: use zivi.SwitchedRK()")
     if isinstance(method, SwitchedRK) and method.flights == "series":
         raise ValueError("flights must be 'auto' or 'rk' for a MechanicalSystem, got 'series'")
     if isinstance(method, ThetaGamma) and (method.theta, method.gamma, method.solver) != IMPLICIT:
@@ -136,21 +136,21 @@ def check_friction(system: MechanicalSystem, method: Any) -> None:
     if compliant and not isinstance(method, SwitchedRK):
         name = system.gap_names[compliant[0][0]]
         raise NotImplementedError(
-            f"gap {name!r} is compliant, which {type(method).__name__} does not take: use "
+            f"gap {name!r} is compliant, which {type(method).__name__} does not support: use "
             "zivi.SwitchedRK()"
         )
     at_gaps = [channel.name for channel in system._channels if channel.gap is not None]
     if at_gaps and isinstance(method, ThetaGamma):
         raise ValueError(
-            f"gap {at_gaps[0]!r} must be without friction for ThetaGamma, which takes that of "
-            "joints: an impact jumps along the tangent, too. Use zivi.SwitchedRK() or "
-            "zivi.MoreauJean(h)"
+            f"gap {at_gaps[0]!r} must be without friction for ThetaGamma, which supports friction "
+            "in joints only: an impact changes the tangential velocity as well. Use "
+            "zivi.SwitchedRK() or zivi.MoreauJean(h)"
         )
     known = SwitchedRK | MoreauJean | ThetaGamma
     if system._channels and not isinstance(method, known):
         raise NotImplementedError(
-            f"{type(method).__name__} does not take dry friction: its step has no sign of the slip "
-            "speeds. Use zivi.SwitchedRK()"
+            f"{type(method).__name__} does not support dry friction: its step does not contain the "
+            "sign of the slip speeds. Use zivi.SwitchedRK()"
         )
 
 

@@ -701,9 +701,9 @@ def plain(what: str, value: Any, of: Callable[[Any], Any] | None = None, *, fait
         if not faithful:
             return _kind_name(value)
         raise TypeError(
-            f"{what} holds {_error_text(error)}, of which it cannot be told later whether it is "
-            "still the same, so that a study in a folder could not go on: hand over what it is "
-            "made of (numbers, a path) and make it in the function"
+            f"{what} holds {_error_text(error)}, whose content cannot be compared later, so that a "
+            "study in a folder could not be resumed: pass its ingredients (numbers, a path) and "
+            "create it in the function"
         ) from None
 
 

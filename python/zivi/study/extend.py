@@ -57,8 +57,8 @@ def extended(store: FolderStore, design: Design, differences: str, *, draws: boo
         )
     if draws and not _keeps_numbers(there, design, where):
         raise ValueError(
-            f"{store.path} has another study: {differences}; the function takes seed or rng, which "
-            "depend on the number of a point: add values at the end of a list, or of the first "
+            f"{store.path} has another study: {differences}; the function has an argument seed or "
+            "rng, which depend on the number of a point: append values to a list, or to the first "
             "parameter of a grid"
         )
     identity = store.identity | {"shape": list(design.shape), "values": design.digest()}

@@ -282,9 +282,12 @@ class FolderStore:
             return block
         block.status = self._rows("status", chunk, ())
         if not np.isin(block.status, tuple(StudyStatus)).all():
-            raise DamagedError(f"{self._file('status', chunk)} has states that there are not")
+            raise DamagedError(f"{self._file('status', chunk)} has unknown states")
         if np.any(block.status == StudyStatus.COMPLETED) and self.schema is None:
-            raise DamagedError(f"chunk {chunk} is done, but what it holds is not known")
+            raise DamagedError(
+                f"chunk {chunk} is marked complete but its data are missing; run the sweep again "
+                "to compute it"
+            )
         if self.schema is not None and np.any(block.status == StudyStatus.COMPLETED):
             for name, shape in self.schema.shapes.items():
                 block.values[name] = self._rows(name, chunk, shape)
@@ -308,7 +311,7 @@ class FolderStore:
         own[own] = done[points[own] - block.span.start]
         block.events = [(points[own], rows[own])]
         if not np.array_equal(block.counts(), expected):
-            raise DamagedError(f"{self._events(chunk)} has not the events that were counted")
+            raise DamagedError(f"{self._events(chunk)} lacks some of the counted events")
 
     def events(self, chunk: int) -> EventTable | None:
         """Read the events of the points of a chunk that are completed."""

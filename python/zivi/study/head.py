@@ -358,9 +358,9 @@ def read_head(path: Path) -> Head:
     """
     file = path / FILE
     if not path.exists():
-        raise FileNotFoundError(f"there is no study at {path}")
+        raise FileNotFoundError(f"{path} does not exist: expected the folder of a study")
     if not file.is_file():
-        raise ValueError(f"{path} is not a study: it has no {FILE}")
+        raise ValueError(f"{path} is not a study: {FILE} is missing")
     try:
         raw = read_json(file)
         attrs = raw["attributes"]
@@ -377,9 +377,10 @@ def read_head(path: Path) -> Head:
     try:
         return _valid_head(raw, identity, attrs)
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
-        said = f"it has no {error}" if isinstance(error, KeyError) else str(error)
+        said = f"{error} is missing" if isinstance(error, KeyError) else str(error)
         raise OSError(
-            f"{file} is damaged, or not all of it was written by zivi: {said}; nothing was decoded"
+            f"{file} is damaged, or partly written by another program: {said}; its arrays were not "
+            "decoded"
         ) from None
 
 
@@ -391,7 +392,7 @@ def _valid_head(raw: Mapping[str, Any], identity: dict[str, Any], attrs: dict[st
         raise ValueError(f"its coordinates are {attrs.get('coordinates')!r:.80}")
     nodes = dict(raw["consolidated_metadata"]["metadata"])
     if raw != _consolidated(GROUP | {"attributes": attrs}, nodes):
-        raise ValueError("it is no group of the third format of Zarr with the metadata of all")
+        raise ValueError("it is not a Zarr v3 group with consolidated metadata")
     events = nodes.pop(EVENTS)
     if events not in (GROUP, _consolidated(GROUP, {})):
         raise ValueError(f"{EVENTS} is {events!r:.80}")

@@ -309,7 +309,7 @@ def _store(
     if path is not None and path.exists() and not _is_empty_folder(path):
         return _continued(path, design, told, resume, draws=draws)
     if path is not None and resume:
-        raise FileNotFoundError(f"resume=True, but there is no study at {path}")
+        raise FileNotFoundError(f"resume=True, but {path} does not contain a study")
     new = dict(told)
     if draws and new["seed"] is None:
         new["seed"] = int(np.random.SeedSequence().generate_state(1, np.uint64)[0] >> 1)

@@ -293,13 +293,13 @@ class Labels:
                 if dim in (*schema.shapes, *parameters):
                     raise ValueError(
                         f"the dimension {dim!r} of {name!r} has the name of a result or of a "
-                        "parameter; dims gives it another one"
+                        "parameter; rename it by dims"
                     )
                 other, size = known.setdefault(dim, (name, length))
                 if size != length:
                     raise ValueError(
                         f"the dimension {dim!r} has the length {size} in {other!r}, {length} in "
-                        f"{name!r}; dims gives it another name"
+                        f"{name!r}; rename one by dims"
                     )
 
 

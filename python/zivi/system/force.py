@@ -130,7 +130,8 @@ class ParametricForce:
         for name in values:
             if name not in self.parameters:
                 raise ValueError(
-                    f"{name!r} is no parameter of this force: {', '.join(self.parameters)}"
+                    f"unknown parameter {name!r}; this force has the parameters "
+                    f"{', '.join(self.parameters)}"
                 )
         return dataclasses.replace(self, parameters={**self.parameters, **values})
 

@@ -110,7 +110,7 @@ class HarmonicWall:
             raise ValueError(f"omega must have a finite square, got {self.omega}")
         if not math.isfinite(self.amplitude * square):
             raise ValueError(
-                f"amplitude must give a finite acceleration amplitude*omega^2, got {self.amplitude}"
+                f"amplitude*omega^2 must be a finite acceleration, got amplitude = {self.amplitude}"
             )
 
     def __call__(self, t: ArrayLike) -> tuple[Array, Array, Array]:
@@ -818,7 +818,7 @@ class Gap(Unchanging):
         if tangent is None and self._e_t:
             raise ValueError(f"e_t of {called} needs a tangent, the direction of slip")
         if self._contact is not None and self._e_t:
-            raise ValueError(f"e_t of {called} must be 0: a compliant gap has no impacts")
+            raise ValueError(f"e_t of {called} must be 0: a compliant gap does not have impacts")
         if self._slip is not None and self._slip.is_smooth() and self._e_t == 0.0:
             self._slip = None
         self._friction = {} if tangent is None else {k: own(it) for k, it in given.items()}

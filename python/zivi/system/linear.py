@@ -343,7 +343,7 @@ class LinearSystem(MechanicalSystem):
         if omega is None:
             return super().at(t, q, qdot)
         if t is not None:
-            raise TypeError("at takes a time and a state, or omega")
+            raise TypeError("at must have a time and a state, or omega")
         known = {part.omega for part in self.excitation if isinstance(part, Harmonic)}
         if len(known) != 1:
             raise ValueError(
@@ -514,7 +514,7 @@ def _linear_gaps(gaps: Any) -> tuple[LinearGap, ...]:
             raise TypeError(f"gaps[{i}] must be a zivi.LinearGap, got {gap!r}")
         if gap._slip is not None:
             raise NotImplementedError(
-                f"gaps[{i}] must be without friction here: a zivi.MechanicalSystem takes it"
+                f"gaps[{i}] must be without friction; use a zivi.MechanicalSystem for friction"
             )
     return several
 

@@ -260,8 +260,8 @@ class ImpactSystem:
         joints_of(self._friction)  # which refuses the name of a joint
         if self._wall is not None:
             raise ValueError(
-                "wall must be None where there is friction, a wall at rest: a "
-                "zivi.MechanicalSystem takes friction with walls that move"
+                "wall must be None (at rest) for a mass with friction; use a zivi.MechanicalSystem "
+                "for friction with moving walls"
             )
         _ = self.e  # which says that another law does not go with friction
 

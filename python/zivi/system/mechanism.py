@@ -163,7 +163,7 @@ def check_compliant(e: Any, laws: Sequence[ContactLaw | None], names: Sequence[s
         if not several or not isinstance(e[i], numbers.Real) or e[i] != 0:
             raise ValueError(
                 f"e of gap {names[i]!r} must be 0, got {e[i] if several else e}: the gap is "
-                "compliant, and its contact law says how it is left"
+                "compliant, and its contact law determines the rebound"
             )
 
 
@@ -301,7 +301,7 @@ def check_names(changes: Mapping[str, Any], known: Iterable[str]) -> None:
     known = tuple(known)
     for name in changes:
         if name not in known:
-            raise KeyError(f"{name!r} is no parameter: there are {', '.join(known)}")
+            raise KeyError(f"unknown parameter {name!r}; the parameters are {', '.join(known)}")
 
 
 @hinted("MechanicalSystem")
@@ -549,8 +549,8 @@ class MechanicalSystem:
         """Coefficients of restitution of the gaps; a ValueError for laws other than Newton's."""
         if isinstance(self._e, tuple):
             raise ValueError(
-                f"e must be numbers here, Newton's impact law, got {written(self._e)}: other laws "
-                "are for simulate and simulate_batch with SwitchedRK, and for sensitivity"
+                f"e must be numbers (Newton's impact law), got {written(self._e)}: other laws are "
+                "supported by simulate and simulate_batch with SwitchedRK, and by sensitivity"
             )
         return self._e.copy()
 
@@ -803,7 +803,7 @@ def _force(force: Any) -> Any:
         return [float(force)]
     if isinstance(getattr(force, "excitation", None), Table):
         raise NotImplementedError(
-            "force must not be excited by a table where there is friction: make a "
+            "force must not be excited by a table for a mass with friction: use a "
             "zivi.MechanicalSystem with inputs"
         )
     spec = force_spec(force)
@@ -811,7 +811,7 @@ def _force(force: Any) -> Any:
         function = of_three("force", force, more_than_y=False)
     elif "void" in str(getattr(force, "signature", "")):
         raise NotImplementedError(
-            "force must not have user_data where there is friction: make a zivi.MechanicalSystem"
+            "force must not have user_data for a mass with friction: use a zivi.MechanicalSystem"
         )
     else:
         function = ctypes.CFUNCTYPE(ctypes.c_double, *[ctypes.c_double] * 3)(address)

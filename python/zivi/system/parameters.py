@@ -99,7 +99,9 @@ class ParametricSystem(MechanicalSystem):
     def _at(self, moved: Mapping[str, float]) -> MechanicalSystem:
         system = self._build(**(self._parameters | dict(moved)))
         if not isinstance(system, MechanicalSystem):
-            raise TypeError(f"build must give a zivi.MechanicalSystem, got {type(system).__name__}")
+            raise TypeError(
+                f"build must return a zivi.MechanicalSystem, got {type(system).__name__}"
+            )
         return system if self._chosen_e is None else system.replace(e=self._chosen_e)
 
     @property
@@ -185,22 +187,22 @@ def check_differentiable(system: Any) -> None:
     """Reject systems other than one mass and one wall; the message names the alternative."""
     if isinstance(system, MechanicalSystem):
         raise TypeError(
-            "this is there for a zivi.ImpactSystem, one mass above one wall: of a "
-            "zivi.MechanicalSystem zivi.sensitivity gives the derivatives and the monodromy"
+            "only a zivi.ImpactSystem, one mass above one wall, is supported; for a "
+            "zivi.MechanicalSystem, zivi.sensitivity computes derivatives and the monodromy matrix"
         )
     check_system(system)
     check_smooth(system)
 
 
 def check_smooth(system: Any) -> None:
-    """Refuse dry friction and compliant gaps: derivatives through them are not there yet."""
+    """Refuse dry friction and compliant gaps: derivatives do not support them yet."""
     mechanical = isinstance(system, MechanicalSystem)
     if mechanical:
         check_rigid(system, "derivatives and orbits")
     if system.channel_names if mechanical else system.friction:
-        more = "; diagrams and basins take a zivi.MechanicalSystem with friction"
+        more = "; diagrams and basins support a zivi.MechanicalSystem with friction"
         raise NotImplementedError(
-            "derivatives of runs with dry friction are not there yet: difference runs of "
+            "derivatives do not support dry friction yet: use finite differences of "
             f"zivi.simulate with tight tolerances{'' if mechanical else more}"
         )
 
@@ -310,7 +312,7 @@ def _unknown(system: ImpactSystem, name: str, *, start: bool = True) -> str:
         )
     elif not of_force(system.force):
         hint = (
-            "; a plain callable has no parameters: give them names with "
+            "; a plain callable does not have parameters: name them with "
             "zivi.ParametricForce(f, parameters={...})"
         )
-    return f"{name!r} is no parameter here: {', '.join(names)}{hint}"
+    return f"unknown parameter {name!r}; the parameters are {', '.join(names)}{hint}"

@@ -320,7 +320,7 @@ class Table:
         if self.kind not in SMOOTH:
             raise ValueError(
                 f"{name} must be a zivi.Table of kind 'cubic' or 'monotone', got {self.kind!r}: "
-                "the velocity of such a wall jumps, and its acceleration is not there"
+                "the velocity of such a wall jumps, and its acceleration is undefined"
             )
         return self._scalar(name)
 
@@ -428,7 +428,7 @@ class Pulse(Table):
         if not starts.size or not np.all(np.isfinite(starts)):
             raise ValueError(f"t must be one finite time or more, got {t!r}")
         if np.any(np.diff(starts) <= duration) or np.any(starts + duration <= starts):
-            raise ValueError(f"t must be more than width = {duration:g} s apart, got {t!r}")
+            raise ValueError(f"t must have differences > width = {duration:g} s, got {t!r}")
         edges = np.stack([starts, starts + duration], axis=1).ravel()
         values = np.tile([value, 0.0], len(starts))
         times = np.concatenate([[starts[0] - duration], edges])
@@ -537,8 +537,8 @@ def refuse_tables(system: Any, what: str) -> None:
     for given in (getattr(system.force, "excitation", None), system.wall):
         if isinstance(given, Table):
             raise TypeError(
-                f"{what} takes no zivi.Table, got {given!r}: only zivi.simulate, "
-                "zivi.simulate_batch and zivi.sensitivity of an ImpactSystem do"
+                f"{what} does not support zivi.Table, got {given!r}: use zivi.simulate, "
+                "zivi.simulate_batch or zivi.sensitivity of an ImpactSystem"
             )
 
 

@@ -307,7 +307,7 @@ class TreeParameters(MutableMapping[str, float]):
     def _known(self, name: str) -> str:
         if name not in self._values:
             known = ", ".join(self._values)
-            raise KeyError(f"{name!r} is no parameter: there are {known}")
+            raise KeyError(f"unknown parameter {name!r}; the parameters are {known}")
         return name
 
     def __delitem__(self, name: str) -> None:

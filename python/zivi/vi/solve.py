@@ -79,7 +79,7 @@ def arranged(lower: Any, upper: Any, x0: Any, bounds: Any) -> tuple[Any, Any, An
         lower, x0 = None, lower
     if bounds is not None:
         if lower is not None or upper is not None:
-            raise TypeError("bounds were given twice: by lower or upper, and by bounds")
+            raise TypeError("bounds must be given once: by lower and upper, or by bounds")
         lower, upper = _split_bounds(bounds)
     if x0 is None:
         raise TypeError("x0 must be given: where to begin")
@@ -149,8 +149,8 @@ def _of_mapping(options: Mapping[str, Any], max_iter: int | None) -> tuple[VIOpt
     for name in given:
         if name not in known:
             raise TypeError(
-                f"options has no entry {name!r}: there are maxiter and the fields of VIOptions, "
-                f"{', '.join(known)}"
+                f"options has unknown entry {name!r}; the options are maxiter and the fields of "
+                f"VIOptions, {', '.join(known)}"
             )
     return VIOptions(**given), max_iter
 

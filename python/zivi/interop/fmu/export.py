@@ -133,7 +133,7 @@ def _archive(model: FMU, fmi: int, binaries: dict[str, bytes], beside: dict[str,
             files[f"binaries/{name}/{IDENTIFIER}{ending}"] = binary
     if not any(name.startswith("binaries/") for name in files):
         have = ", ".join(binaries)
-        raise ValueError(f"fmi must be 3 here: FMI 2 has no name for {have}, got {fmi}")
+        raise ValueError(f"fmi must be 3: FMI 2 does not define a name for {have}, got {fmi}")
     out = io.BytesIO()
     with zipfile.ZipFile(out, "w", zipfile.ZIP_DEFLATED, compresslevel=9) as archive:
         for name in sorted(files):
@@ -324,7 +324,9 @@ def _systems_source(kind: str, systems: dict[str, Exported]) -> str:
     for name, system in systems.items():
         check_rigid(system, "FMUs")
         if system._channels:
-            raise ValueError(f"an FMU of a {kind} has no friction, the {name} has")
+            raise ValueError(
+                f"FMUs of a {kind} do not support friction; the {name} has dry friction"
+            )
         if isinstance(system, Tree):
             continue
         functions.append(_named_source(system.source, name))
@@ -687,7 +689,7 @@ def export_fmu(
     models = [MODELS[key] for key in _chosen_models(model)]
     if y0 is not None or name is not None:
         given = "y0" if name is None else "name"
-        raise TypeError(f"{given} is for a mechanical system, not for zivi's own models")
+        raise TypeError(f"{given} is for a mechanical system; zivi's own models do not have it")
     folder = Path(out)
     versions = chosen_versions(fmi)
     binaries = binaries_of("fmu")
@@ -721,9 +723,9 @@ def _chosen_models(model: str | Iterable[str] | None) -> list[str]:
         )
     if isinstance(model, ImpactSystem | MechanicalSystem):
         raise TypeError(
-            f"an FMU has no {type(model).__name__}: model must be a zivi.Tree, a "
-            f"zivi.symbolic.system or one of {', '.join(MODELS)}; the mass takes its numbers as "
-            "parameters, a mechanical system with its controller is zivi.fmu.export_loop"
+            f"model must be a zivi.Tree, a zivi.symbolic.system or one of {', '.join(MODELS)}, got "
+            f"{type(model).__name__}; the mass has its numbers as parameters, a mechanical system "
+            "with its controller is exported by zivi.fmu.export_loop"
         )
     if not isinstance(model, str | Iterable):
         raise TypeError(f"model must be a name or several, got {model!r}")

@@ -112,7 +112,7 @@ def _above_planes(model: Any) -> Iterator[tuple[str, str]]:
 def _joint_limit(model: Any, name: str, joint: int) -> JointLimit:
     """Read the limits of a joint; their margin says only where MuJoCo's soft force begins."""
     if not model.jnt_limited[joint]:
-        raise ValueError(f"joint {name!r} has no limits")
+        raise ValueError(f"joint {name!r} is not limited")
     lower, upper = model.jnt_range[joint]
     return JointLimit(name, float(lower), float(upper))
 
@@ -142,8 +142,8 @@ def _of_pair(model: Any, where: str, pair: tuple[int, int], friction: str) -> li
     if kinds == [sphere, sphere]:
         if mu:
             raise NotImplementedError(
-                f"zivi takes no friction of pairs: {called!r}, but of geoms above planes; "
-                "friction='ignore' leaves it out"
+                f"friction of pairs is not supported: {called!r}; friction must belong to geoms "
+                "above planes; friction='ignore' leaves it out"
             )
         (one, radius), (other, more) = (_balls(model, geom) for geom in pair)
         bodies = [_body(model, geom) for geom in pair]
@@ -155,8 +155,8 @@ def _of_pair(model: Any, where: str, pair: tuple[int, int], friction: str) -> li
         return [BallGap(bodies[0], points[0], bodies[1], points[1], radius + more, called)]
     told = " and ".join(mujoco.mjtGeom(int(kind)).name[7:].lower() for kind in kinds)
     raise NotImplementedError(
-        f"zivi takes no gaps between {told}: {called!r}; spheres, capsules, boxes and meshes above "
-        "planes, and spheres beside spheres"
+        f"gaps between {told} are not supported: {called!r}; use spheres, capsules, boxes or "
+        "meshes above planes, or spheres beside spheres"
     )
 
 
@@ -186,17 +186,17 @@ def _coefficient(model: Any, called: str, pair: tuple[int, int], friction: str) 
         return 0.0
     if friction == "refuse":
         raise NotImplementedError(
-            f"zivi takes no friction of pairs: {called!r}; friction='ignore' leaves it out, "
-            "condim='1' of both geoms is a pair without"
+            f"friction of pairs is not supported: {called!r}; friction='ignore' leaves it out, "
+            "condim='1' of both geoms disables it"
         )
     if both[0] != both[1]:
         raise NotImplementedError(
-            f"zivi takes no friction that differs by direction: pair {called!r}; give its friction "
-            "two equal numbers first"
+            f"friction that differs by direction is not supported: pair {called!r}; set its first "
+            "two friction numbers equal"
         )
     if dimension == 6 and np.any(rolling):
         raise NotImplementedError(
-            f"zivi takes no rolling friction: {called!r}; condim='3' is sliding friction alone"
+            f"rolling friction is not supported: {called!r}; condim='3' is sliding friction alone"
         )
     return float(both[0])
 
@@ -210,12 +210,12 @@ def _refuse_contact(model: Any, called: str, pair: tuple[int, int]) -> None:
             values = np.asarray(getattr(model, f"pair_{field}"))[own]
         if np.any(values != 0):
             raise NotImplementedError(
-                f"zivi takes no {what} of geoms in pairs: {called!r}; set {field}='0', contacts "
+                f"{what} of geoms in pairs is not supported: {called!r}; set {field}='0', contacts "
                 "are at the surfaces"
             )
     if np.any(np.asarray(model.geom_surfacevel)[[*pair]] != 0):
         raise NotImplementedError(
-            f"zivi takes no velocities of surfaces in pairs: {called!r}; set surfacevel='0 0 0'"
+            f"surface velocities in pairs are not supported: {called!r}; set surfacevel='0 0 0'"
         )
 
 
@@ -232,7 +232,7 @@ def _above_plane(model: Any, called: str, pair: tuple[int, int], mu: float) -> l
     geom, plane = pair
     if model.body_weldid[model.geom_bodyid[plane]] != 0:
         raise NotImplementedError(
-            f"zivi takes no planes that move: {called!r}; fix the plane to the world"
+            f"moving planes are not supported: {called!r}; fix the plane to the world"
         )
     body = _body(model, geom)
     if body is None:
@@ -278,7 +278,7 @@ def _balls(model: Any, geom: int) -> tuple[list[Array], float]:
     if kind not in of:
         told = mujoco.mjtGeom(kind).name[7:].lower()
         raise NotImplementedError(
-            f"zivi takes no gaps of a {told}: geom {element_name(model, 'geom', geom)!r}; give it "
+            f"gaps of a {told} are not supported: geom {element_name(model, 'geom', geom)!r}; use "
             "the type sphere, capsule, box or mesh"
         )
     points, radius = of[kind]()

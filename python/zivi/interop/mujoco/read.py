@@ -120,7 +120,7 @@ def _friction(model: Any, friction: str) -> list[DryFriction]:
     ]
     if rough and friction == "refuse":
         raise NotImplementedError(
-            f"zivi takes no friction in joints (frictionloss): joint {rough[0][0]!r}; "
+            f"friction in joints (frictionloss) is not supported: joint {rough[0][0]!r}; "
             "friction='read' reads it, friction='ignore' leaves it out"
         )
     if friction == "ignore" or is_off(model, "FRICTIONLOSS"):
@@ -219,8 +219,8 @@ def drives(model: Any, ctrl: Any) -> dict[int, Drive]:
         if model.actuator_forcelimited[i]:
             if bias[1] != 0 or bias[2] != 0:
                 raise NotImplementedError(
-                    f"zivi.Tree takes no limits of forces that depend on the state (forcerange): "
-                    f"{called}; zivi.interop.mujoco.system does"
+                    "zivi.Tree does not support limits of forces that depend on the state "
+                    f"(forcerange): {called}; use zivi.interop.mujoco.system"
                 )
             force = float(np.clip(force, *model.actuator_forcerange[i]))
         gear, drive = float(model.actuator_gear[i][0]), found[int(model.actuator_trnid[i][0])]
@@ -240,12 +240,12 @@ def _reject(model: Any, i: int, called: str) -> None:
     one = (model.actuator_ctrlnum[i], model.actuator_outnum[i]) == (1, 1)
     if model.actuator_trntype[i] not in joints or not one:
         raise NotImplementedError(
-            f"zivi.Tree takes no actuators but at joints: {called}; zivi.interop.mujoco.system does"
+            f"zivi.Tree supports only actuators at joints: {called}; use zivi.interop.mujoco.system"
         )
     if model.actuator_gaintype[i] != fixed or model.actuator_biastype[i] not in known:
         raise NotImplementedError(
-            f"zivi.Tree takes no gains and biases of actuators but constant and affine ones: "
-            f"{called}; zivi.interop.mujoco.system does"
+            f"zivi.Tree supports only constant and affine gains and biases of actuators: {called}; "
+            "use zivi.interop.mujoco.system"
         )
 
 

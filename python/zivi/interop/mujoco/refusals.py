@@ -149,7 +149,8 @@ FOR_SYSTEM: tuple[Refusal, ...] = (
 )
 """What `system` does not have."""
 
-BY_MUJOCO = "zivi.interop.mujoco.system does"
+BY_MUJOCO = "use zivi.interop.mujoco.system"
+UNSUPPORTED = "zivi does not support {what} of MuJoCo: {which}; {remedy}"
 FOR_TREE: tuple[Refusal, ...] = tuple(
     (what, search, BY_MUJOCO)
     for what, search in (
@@ -185,13 +186,13 @@ FOR_TREE: tuple[Refusal, ...] = tuple(
 
 def refuse_for_system(model: Any) -> None:
     """Reject what `system` does not have."""
-    _reject(model, FOR_ALL + FOR_SYSTEM, "zivi takes no {what} of MuJoCo: {which}; {remedy}")
+    _reject(model, FOR_ALL + FOR_SYSTEM, UNSUPPORTED)
 
 
 def refuse_for_tree(model: Any) -> None:
     """Reject what a tree does not have."""
-    _reject(model, FOR_ALL, "zivi takes no {what} of MuJoCo: {which}; {remedy}")
-    _reject(model, FOR_TREE, "zivi.Tree takes no {what}: {which}; {remedy}")
+    _reject(model, FOR_ALL, UNSUPPORTED)
+    _reject(model, FOR_TREE, "zivi.Tree does not support {what}: {which}; {remedy}")
 
 
 def _reject(model: Any, table: tuple[Refusal, ...], told: str) -> None:

@@ -318,8 +318,8 @@ class MujocoSystem(MechanicalSystem):
         found = read_gaps(model, gaps, friction)
         for gap in (it for it in found if isinstance(it, PlaneGap) and is_rough(it)):
             raise NotImplementedError(
-                f"zivi.interop.mujoco.system takes no friction of gaps: {gap.name!r}; "
-                "zivi.Tree does"
+                f"zivi.interop.mujoco.system does not support friction of gaps: {gap.name!r}; use "
+                "zivi.Tree"
             )
         self._glue = Glue(own, found, read_ctrl(model, ctrl))
         self._native = compile_model({"c": SOURCE}, "c")
@@ -439,5 +439,5 @@ def _refuse_forces(joint: Any, name: str) -> None:
     for what in ("armature", "damping", "frictionloss", "stiffness"):
         if np.any(getattr(joint, what)):
             raise NotImplementedError(
-                f"scalar_joints takes no {what} of free and ball joints: joint {name!r}"
+                f"scalar_joints does not support {what} of free and ball joints: joint {name!r}"
             )

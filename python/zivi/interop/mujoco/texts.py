@@ -194,6 +194,6 @@ def _spec(given: Any, caller: str) -> Any:
         )
     is_text = text.lstrip().startswith("<")
     if not is_text and not os.path.exists(text):
-        raise FileNotFoundError(f"{caller}: there is no file {text!r}")
+        raise FileNotFoundError(f"{caller}: file {text!r} does not exist")
     check_sizes(text if is_text else read_text(text), "" if is_text else os.path.dirname(text))
     return (mujoco.MjSpec.from_string if is_text else mujoco.MjSpec.from_file)(text)

@@ -71,7 +71,7 @@ def slips_of(words: Any, gaps: Sequence[str], given: Rubbing) -> list[SlipExpres
             if gap not in known:
                 names = ", ".join(map(repr, known)) or "none"
                 of = "gaps" if name == "slips" else "slips"
-                raise ValueError(f"{name} has {gap!r}, which is none of the {of}: {names}")
+                raise ValueError(f"{name} has unknown key {gap!r}; the {of} are {names}")
     if not isinstance(given.friction, Mapping):
         raise TypeError(f"friction must be a dict by names of joints, got {given.friction!r}")
     found = []
@@ -207,7 +207,9 @@ def derive(
         raise ValueError("T must be quadratic in the velocities: its second derivatives have some")
     for name, g in zip(named, distances, strict=True):
         if g.free_symbols & set(w):
-            raise ValueError(f"gap {name!r} must depend on time and coordinates, not on velocities")
+            raise ValueError(
+                f"gap {name!r} must depend only on time and coordinates, got velocities"
+            )
     with worked_on("T, V, Q and gaps"):
         force = [
             pushes[i]
@@ -270,7 +272,9 @@ class _Words:
         names = [self.time.name, *self.names, *rates, *parameters]
         for name in CONSTANTS:
             if name in names:
-                raise ValueError(f"{name} is a number: give what you call so another name")
+                raise ValueError(
+                    f"{name} must not be redefined: it is a predefined number; choose another name"
+                )
         twice = sorted({name for name in names if names.count(name) > 1})
         if twice:
             raise ValueError(
@@ -296,7 +300,9 @@ class _Words:
                 found = found.subs(sympy.Derivative(item, self.time), w).subs(item, x)
         left = found.atoms(sympy.core.function.AppliedUndef, sympy.Derivative)
         if left:
-            raise ValueError(f"{what} has {left.pop()}, which is no coordinate and no velocity")
+            raise ValueError(
+                f"{what} has {left.pop()}, which is neither a coordinate nor a velocity"
+            )
         ours = set(self.table.values())
         unknown = {s for s in found.free_symbols - ours if normal(s.name) not in self.table}
         if unknown:
@@ -318,9 +324,9 @@ class _Words:
         ]
         near = meant(name, self.table) or f"give parameters={{{name!r}: ...}}"
         return FormulaError(
-            f"{what} has {name}, which is no coordinate ({', '.join(self.names)}), no velocity "
-            f"({', '.join(self.rates)}), not the time ({self.time.name}), not pi and no parameter "
-            f"({', '.join(parameters) or 'there are none'}); {near}"
+            f"{what} has {name}, which is not a coordinate ({', '.join(self.names)}), a velocity "
+            f"({', '.join(self.rates)}), the time ({self.time.name}), pi or a parameter "
+            f"({', '.join(parameters) or 'none'}); {near}"
         )
 
 
@@ -354,7 +360,9 @@ def _forces(words: _Words, Q: Any) -> Sequence[Any]:
         by_name = {_name_of(key): entry for key, entry in Q.items()}
         strange = sorted(set(by_name) - set(words.names))
         if strange:
-            raise ValueError(f"Q has {strange[0]}, which is no coordinate of {words.names}")
+            raise ValueError(
+                f"Q has unknown coordinate {strange[0]}; the coordinates are {words.names}"
+            )
         return [by_name.get(name, 0) for name in words.names]
     entries = list(Q) if isinstance(Q, Iterable) and not isinstance(Q, str) else [Q]
     if len(entries) != n:
@@ -410,7 +418,9 @@ def with_states(q: Any, T: Any, Q: Any, qdot: Any, states: Any) -> tuple[Any, An
         Q = {integrals.get(_name_of(key), key): entry for key, entry in Q.items()}
         missing = [name for name, integral in integrals.items() if integral not in Q]
         if missing:
-            raise ValueError(f"Q must have the rate of each state, got none of {missing[0]!r}")
+            raise ValueError(
+                f"Q must have the rate of each state; that of {missing[0]!r} is missing"
+            )
     squares = " + ".join(f"{name}**2/2" for name in names)
     if isinstance(T, str):
         T = f"({T}) + {squares}"

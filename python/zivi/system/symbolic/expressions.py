@@ -156,7 +156,7 @@ class _Builder:
         """Return a part with its numbers in range; cancellation may create others."""
         sympy = self.sympy
         if {part, *part.args} & {sympy.nan, sympy.zoo, sympy.oo, -sympy.oo, sympy.I}:
-            raise FormulaError("a part of it is no real number")
+            raise FormulaError("a part of it is not a real number")
         if part.is_number:
             value = _double(part)
             return sympy.Float(value) if part.is_Rational and _is_long(part) else part
@@ -179,7 +179,7 @@ def sound(entry: Any) -> Any:
     """
     sympy = needed("sympy", "symbolic systems")
     if entry.has(sympy.nan, sympy.zoo, sympy.oo, -sympy.oo, sympy.I):
-        raise FormulaError("the equations have a part that is no real number")
+        raise FormulaError("the equations have a part that is not a real number")
     numbers = entry.atoms(sympy.Float, sympy.Rational)
     values = {number: _double(number) for number in numbers}
     # a compiler has no whole numbers of any length

@@ -145,7 +145,7 @@ class Parameters(MutableMapping[str, float]):
         key = normal(name if isinstance(name, str) else str(name))
         if key not in self._places:
             known = ", ".join(self._places) or "none"
-            raise KeyError(f"{key!r} is no parameter: there are {known}")
+            raise KeyError(f"unknown parameter {key!r}; the parameters are {known}")
         return self._places[key]
 
     def __getitem__(self, name: str) -> float:
