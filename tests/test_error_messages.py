@@ -216,7 +216,7 @@ def test_functions_of_numba_are_compiled():
         return y[1], -9.81
 
     text = message(TypeError, zivi.ImpactSystem, pair, e=0.5)
-    assert "force, a function of numba, does not compile to float64(float64" in text
+    assert "numba cannot compile force to float64(float64" in text
     assert "No conversion from UniTuple" in text
     assert "force.py_func" in text
     with pytest.raises(TypeError, match="must be a function of"):
@@ -279,7 +279,7 @@ RUNS = {
     ("plot", "run", "text"),
     [
         ("signs", "trajectory", "draws a zivi.ClosedLoop, got Trajectory: use zivi.plot.multip"),
-        ("control", "trajectory", "got Trajectory: a trajectory has no control, zivi.simulate_cl"),
+        ("control", "trajectory", "got Trajectory: a trajectory does not have a control; use zi"),
         ("multipliers", "loop", "draws a zivi.Trajectory, got ClosedLoop: use zivi.plot.signs"),
         ("position", "batch", "zivi.Trajectory or a zivi.ClosedLoop, got Batch: a batch keeps no"),
         ("overview", "batch", "zivi.plot.overview draws a"),
