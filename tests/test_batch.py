@@ -162,7 +162,7 @@ def test_no_times_and_times_that_no_run_reaches():
 @pytest.mark.parametrize("method", [EULER, zivi.SwitchedRK()], ids=repr)
 def test_more_states_than_memory_are_refused_beforehand(method):
     times = np.linspace(0, 1, 10**6)
-    with pytest.raises(MemoryError, match="y0 gives 10000000 runs, t_eval 1000000 samples of each"):
+    with pytest.raises(MemoryError, match="y0 has 10000000 runs, t_eval 1000000 samples of each"):
         run(y0=np.ones((10**7, 2)), method=method, t_eval=times)
 
 

@@ -172,7 +172,7 @@ def test_force_removes_studies_only(place):
     Path("precious").mkdir()
     Path("precious", "thesis.txt").write_text("all of it")
     told = run("sweep", "sweep.toml", "--force", "--out", "precious", code=2).stderr
-    assert "precious: is not removed, it is no study" in told
+    assert "precious: is not removed, since it is not a study" in told
     told = run("sweep", "sweep.toml", "--out", "precious", code=2).stderr
     assert Path("precious", "thesis.txt").read_text() == "all of it"
     run("sweep", "sweep.toml", "--force", "--out", "simulate.toml", code=2)

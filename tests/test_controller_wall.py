@@ -45,9 +45,9 @@ def test_a_controller_without_e_takes_the_plants(name):
 @pytest.mark.parametrize("name", KINDS)
 def test_alone_it_cannot_tick(name):
     bare = KINDS[name](30, 17, h=1e-2)
-    with pytest.raises(ValueError, match="has no e"):
+    with pytest.raises(ValueError, match="e of the controller is not set"):
         bare.step(1.0, 0.0, -9.81)
-    with pytest.raises(ValueError, match="has no e"):
+    with pytest.raises(ValueError, match="e of the controller is not set"):
         _ = bare.e
 
 

@@ -520,7 +520,7 @@ def test_the_command_line(tmp_path: Path) -> None:
 def test_a_system_of_the_user_is_refused_by_its_name(tmp_path):
     linear = zivi.LinearSystem(1.0, None, 1.0)
     for system in (zivi.ImpactSystem(-9.81, e=0.5), linear):
-        with pytest.raises(TypeError, match=f"has no {type(system).__name__}: model must be a"):
+        with pytest.raises(TypeError, match=f"model must be a .*got {type(system).__name__}"):
             zivi.export_fmu(tmp_path, system)
     assert not list(tmp_path.iterdir())
 

@@ -317,7 +317,7 @@ def test_a_function_that_leaves_the_interpreter_is_a_failure():
     ("arguments", "error", "text"),
     [
         ({"function": 3}, TypeError, "function must be callable"),
-        ({"function": "no such"}, ValueError, "there are ball_rest_time, table_period"),
+        ({"function": "no such"}, ValueError, "the experiments are ball_rest_time, table_period"),
         ({"function": lambda z: z}, TypeError, "cannot be called with the parameters x, y"),
         ({"points": {}}, ValueError, "at least one parameter"),
         ({"points": []}, TypeError, "points must be"),

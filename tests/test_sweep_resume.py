@@ -354,9 +354,9 @@ def test_a_store_whose_head_is_damaged(store):
 
 
 def test_things_that_are_no_study(tmp_path):
-    with pytest.raises(FileNotFoundError, match="there is no study"):
+    with pytest.raises(FileNotFoundError, match="expected the folder of a study"):
         zivi.open_study(tmp_path / "nothing")
-    with pytest.raises(ValueError, match=r"is not a study: it has no zarr\.json"):
+    with pytest.raises(ValueError, match=r"is not a study: zarr\.json is missing"):
         zivi.open_study(tmp_path)
     xr.Dataset({"a": ("x", [1.0])}).to_zarr(tmp_path / "b", zarr_format=3, consolidated=False)
     with pytest.raises(ValueError, match="a Zarr group, but not a study"):

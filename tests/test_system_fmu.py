@@ -186,7 +186,7 @@ RUBBING = zivi.symbolic.system(
         ({"y0": ([1.5, 0.0], [0.0, 0.0])}, ValueError, "must be >= 0 at the start"),
         ({"name": "a b"}, ValueError, "name must be a letter"),
         ({"fmi": 4}, ValueError, "fmi must be 2 or 3"),
-        ({"model": RUBBING, "y0": ([1.0], [0.0])}, ValueError, "mechanism has no friction"),
+        ({"model": RUBBING, "y0": ([1.0], [0.0])}, ValueError, "mechanism do not support friction"),
         ({"model": "mass"}, TypeError, "y0 is for a mechanical system"),
         ({"model": "mass", "y0": None, "name": "A"}, TypeError, "name is for a mechanical system"),
     ],
