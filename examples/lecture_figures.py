@@ -30,8 +30,9 @@ def zeno_time(e: float) -> float:
 
 def rest_times(restitutions: np.ndarray) -> np.ndarray:
     """Compute the times of rest of many balls, as a batch."""
-    balls = [zivi.ImpactSystem(-GRAVITY, e=e) for e in restitutions]
-    return zivi.simulate_batch(balls, (0, 20), (HEIGHT, 0), method=zivi.SwitchedRK()).rest_time
+    ball = zivi.ImpactSystem(-GRAVITY, e=0.5)
+    parameters = {"e": restitutions}
+    return zivi.simulate_batch(ball, (0, 20), (HEIGHT, 0), parameters=parameters).rest_time
 
 
 def table(gamma: float, e: float = 0.5) -> zivi.ImpactSystem:

@@ -393,10 +393,9 @@ def test_the_page():
     u = np.sqrt(w**2 + 2 * g)
     exact = (w + u) / g + 2 * e / (1 - e) * u / g
     assert np.abs(names["rest_time"] - exact).max() < 1e-12
-    early = (
-        exact.ravel()
-        - zivi.simulate_batch(names["balls"], (0, 12), names["starts"], method=EULER).rest_time
-    )
+    arguments = names["ball"], (0, 12), names["starts"]
+    steps = zivi.simulate_batch(*arguments, method=EULER, parameters={"e": e.ravel()})
+    early = exact.ravel() - steps.rest_time
     assert 0.34 < early.max() < 0.36
     assert e.ravel()[early.argmax()] == 0.8
 

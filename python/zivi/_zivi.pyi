@@ -492,7 +492,6 @@ class Keep:
         ends: bool = False,
         dense: bool = False,
         arcs: bool = False,
-        counts: float | None = None,
     ) -> Self: ...
 
 @overload
@@ -627,7 +626,6 @@ class MechanicalRecord:
     contacts: NDArray[np.bool_]
     speeds: tuple[float, float, float] | None
     occurrences: Occurrences | None
-    totals: tuple[list[int], list[float]] | None
     hits: list[Hits]
     status: int
     message: str
@@ -1195,6 +1193,55 @@ def forget_runs() -> None: ...
 def available_threads() -> int: ...
 def cosine(x: float) -> float: ...
 def grid_times(t0: float, t1: float, h: float, every: int) -> _Array: ...
+
+@final
+class MechanicalRuns:
+    def __new__(
+        cls,
+        mechanisms: list[Mechanism],
+        q: _Array,
+        qdot: _Array,
+        *,
+        tstops: list[_Array],
+        e: _Array | None = None,
+        data: _Array | None = None,
+    ) -> Self: ...
+    def unsound_starts(self, t: float) -> list[int]: ...
+    def run(
+        self,
+        method: Method,
+        *,
+        span: tuple[float, float],
+        slowest: float,
+        threads: int,
+        progress: Any = None,
+    ) -> MechanicalEnds: ...
+
+@final
+class MechanicalEnds:
+    @property
+    def t(self) -> _Array: ...
+    @property
+    def q(self) -> _Array: ...
+    @property
+    def gaps(self) -> _Array: ...
+    @property
+    def qdot(self) -> _Array: ...
+    @property
+    def contacts(self) -> NDArray[np.bool_]: ...
+    @property
+    def totals(self) -> NDArray[np.int64]: ...
+    @property
+    def first_impact(self) -> _Array: ...
+    @property
+    def last_impact(self) -> _Array: ...
+    @property
+    def speeds(self) -> _Array: ...
+    @property
+    def status(self) -> NDArray[np.uint8]: ...
+    @property
+    def nfev(self) -> NDArray[np.int64]: ...
+
 def simulate_batch(
     forces: list[Force],
     laws: list[ImpactLaw],
@@ -1210,6 +1257,7 @@ def simulate_batch(
     ends: list[float] | None = None,
     tstops: list[_Array] | None = None,
     kicks: list[tuple[float, float]] | None = None,
+    columns: list[tuple[int | None, _Array]] = ...,
     progress: Any = None,
 ) -> BatchRecord: ...
 

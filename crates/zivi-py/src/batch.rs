@@ -2,19 +2,26 @@
 
 use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::exceptions::PyValueError;
+use pyo3::gc::{PyTraverseError, PyVisit};
 use pyo3::prelude::*;
 use pyo3::types::PyList;
 use zivi::drive::batch::{
-    simulate_batch as run_batch, simulate_batch_to, BatchError, Member, Outcome, Save, Task,
+    run_chunks, simulate_batch as run_batch, simulate_batch_to, BatchError, Member, Outcome, Save,
+    Stop, Task, Work,
 };
-use zivi::{Events, Grid, Physical, Restitution};
+use zivi::mechanics::{GapSet, MechanicalOutput, Speeds, Totals};
+use zivi::system::dynamics::Dynamics;
+use zivi::system::impact_law::newton_impacts;
+use zivi::{AnyImpactLaw, AnyMethod, Events, Grid, Physical, Restitution, SetupError, Status};
 
+use crate::dynamics::{is_sound_row, CompiledDynamics};
 use crate::force::{AnyNative, Force};
-use crate::interface::{array, list, setup_error, try_list, with_room, Watch};
+use crate::interface::{array, list, members, setup_error, try_list, vector, with_room, Watch};
 use crate::method::PyMethod;
 use crate::record::rows_of;
-use crate::system::PyImpactLaw;
-use crate::transform::from_both;
+use crate::simulate::run_dynamics;
+use crate::system::{Mechanism, PyImpactLaw};
+use crate::transform::{from_both, from_e};
 
 pub(crate) fn refused(error: BatchError<PyErr>) -> PyErr {
     match error {
@@ -77,13 +84,36 @@ pub(crate) fn row_restitution(
     from_both(restitutions[[row, 0]], restitutions[[row, 1]])
 }
 
-/// Many runs. `forces`, `laws` and `tstops` have an entry for each run, or one for all. What is saved
+/// A parameter with a value for each run: its index among those of the force and its wall, none for
+/// the coefficient of restitution.
+type Column<'py> = (Option<usize>, PyReadonlyArray1<'py, f64>);
+
+/// The force and the impact law of run `i`, where columns of parameters differ from run to run.
+fn with_values(
+    columns: &[Column<'_>],
+    i: usize,
+    mut force: AnyNative,
+    mut law: AnyImpactLaw,
+) -> PyResult<(AnyNative, AnyImpactLaw)> {
+    let refuse = || PyValueError::new_err("a parameter needs a value for each run");
+    for (parameter, values) in columns {
+        let value = *values.as_array().get(i).ok_or_else(refuse)?;
+        match parameter {
+            None => law = from_e(value)?.into(),
+            Some(index) => *force.parameter(*index).ok_or_else(refuse)? = value,
+        }
+    }
+    Ok((force, law))
+}
+
+/// Many runs. `forces`, `laws` and `tstops` have an entry for each run, or one for all; `columns`, a
+/// value of some parameters for each. What is saved
 /// are the states `at` given times, the samples of `steps`, or what `save` says. With `ends` each run
 /// of the switched method ends at its own.
 #[pyfunction]
 #[pyo3(signature = (
     forces, laws, states, method, *, span, save, slowest, threads, at=None, steps=None,
-    ends=None, tstops=None, kicks=None, progress=None
+    ends=None, tstops=None, kicks=None, columns=Vec::new(), progress=None
 ))]
 #[allow(clippy::too_many_arguments)]
 pub(crate) fn simulate_batch(
@@ -101,6 +131,7 @@ pub(crate) fn simulate_batch(
     ends: Option<Vec<f64>>,
     tstops: Option<Vec<PyReadonlyArray1<'_, f64>>>,
     kicks: Option<Vec<(f64, f64)>>,
+    columns: Vec<Column<'_>>,
     progress: Option<Py<PyAny>>,
 ) -> PyResult<BatchRecord> {
     let _running = crate::leaving::running()?;
@@ -113,15 +144,18 @@ pub(crate) fn simulate_batch(
         if i % BETWEEN_LOOKS == 0 {
             py.check_signals()?;
         }
+        let law = laws[if laws.len() == 1 { 0 } else { i }].get().inner.clone();
+        let force = forces[if forces.len() == 1 { 0 } else { i }];
+        let (force, law) = with_values(&columns, i, force, law)?;
         members.push(Member {
-            law: laws[if laws.len() == 1 { 0 } else { i }].get().inner.clone(),
-            force: forces[if forces.len() == 1 { 0 } else { i }],
+            law,
+            force,
             initial: Physical { x: state[0], xdot: state[1] },
             tstops: tstops.get(if tstops.len() == 1 { 0 } else { i }).copied().unwrap_or_default(),
             kicks: kicks.as_deref().unwrap_or_default(),
         });
     }
-    let watch = &mut Watch { progress };
+    let watch = &mut Watch::reporting(progress);
     let outcomes = match ends {
         None => {
             let outcomes = py.detach(|| run_batch(&members, task, save, threads, watch));
@@ -246,6 +280,285 @@ pub(crate) fn rows<'a>(
         filled.extend(std::iter::repeat_n(f64::NAN, longest - row.len()));
     }
     Ok(PyArray1::from_vec(py, filled).reshape([n, longest])?.unbind())
+}
+
+// Mechanical systems.
+
+/// One run of a batch of mechanical systems that need no interpreter.
+struct MechanicalMember<'a> {
+    number: usize,
+    mechanism: &'a Mechanism,
+    dynamics: CompiledDynamics,
+    /// The coefficient of restitution of all gaps, if it is not that of the system.
+    e: Option<f64>,
+    start: (&'a [f64], &'a [f64]),
+    tstops: &'a [f64],
+}
+
+/// What is left of one run.
+struct MechanicalEnd {
+    t: f64,
+    /// Coordinates and gaps, then their rates.
+    state: Vec<f64>,
+    closed: GapSet,
+    totals: Totals,
+    speeds: Speeds,
+    status: Status,
+    nfev: u64,
+    /// Why it did not start, or what ended it.
+    error: Option<PyErr>,
+}
+
+impl MechanicalMember<'_> {
+    /// The end of a run of which nothing is left.
+    fn lost(&self, t: f64, status: Status) -> MechanicalEnd {
+        let (q, w) = self.start;
+        let gaps = std::iter::repeat_n(f64::NAN, self.mechanism.m);
+        let state = q.iter().copied().chain(gaps.clone()).chain(w.iter().copied()).chain(gaps);
+        MechanicalEnd {
+            t,
+            state: state.collect(),
+            closed: GapSet::EMPTY,
+            totals: Totals::default(),
+            speeds: Speeds { fastest_since: f64::NAN, ..Speeds::default() },
+            status,
+            nfev: 0,
+            error: None,
+        }
+    }
+
+    fn run(
+        &self,
+        method: AnyMethod,
+        span: (f64, f64),
+        slowest: f64,
+        stop: Stop<'_>,
+    ) -> MechanicalEnd {
+        let own = self.e.map(|e| newton_impacts(&vec![e; self.mechanism.m]));
+        let laws = match &own {
+            Some(Ok(laws)) => laws,
+            Some(Err(error)) => return self.refused(span.0, (*error).into()),
+            None => &self.mechanism.laws,
+        };
+        let output = MechanicalOutput {
+            tstops: self.tstops,
+            ends: true,
+            arcs: true,
+            ..MechanicalOutput::default()
+        };
+        let dynamics = &mut self.dynamics.clone();
+        let system = (self.mechanism.laws_of_contact(), laws.as_slice());
+        let watch = &mut Watch::stopped_by(stop);
+        let run = run_dynamics(dynamics, system, method, span, self.start, output, watch);
+        let run = match run {
+            Ok(run) => run,
+            Err(SetupError::Memory(_)) => return self.lost(span.0, Status::OutOfMemory),
+            Err(error) => return self.refused(span.0, error),
+        };
+        let (size, samples, totals) = (run.layout.size(), &run.samples, run.totals(slowest));
+        let last = |values: &[f64]| values[values.len().saturating_sub(size)..].to_vec();
+        let mut state = last(&samples.x);
+        state.extend(last(&samples.v));
+        MechanicalEnd {
+            t: samples.t.last().copied().unwrap_or(span.0),
+            state,
+            closed: samples.modes.last().map_or(GapSet::EMPTY, |mode| mode.in_contact()),
+            totals,
+            speeds: run.speeds.unwrap_or_default(),
+            status: run.status,
+            nfev: run.counts.nfev,
+            error: run.raised,
+        }
+    }
+
+    fn refused(&self, t: f64, error: SetupError) -> MechanicalEnd {
+        let error = refused(BatchError::Setup(Some(self.number), error));
+        MechanicalEnd { error: Some(error), ..self.lost(t, Status::Internal) }
+    }
+}
+
+/// Runs of mechanical systems without friction that need no interpreter: of a mechanism for each run
+/// or of one for all, as `tstops`. `e` and the rows of `data`, the parameters of a compiled function,
+/// are those of the runs where they are given.
+#[pyclass(frozen, module = "zivi._zivi")]
+pub(crate) struct MechanicalRuns {
+    mechanisms: Vec<Py<Mechanism>>,
+    dynamics: Vec<CompiledDynamics>,
+    q: Vec<f64>,
+    qdot: Vec<f64>,
+    e: Option<Vec<f64>>,
+    data: Option<Vec<f64>>,
+    tstops: Vec<Vec<f64>>,
+}
+
+impl MechanicalRuns {
+    fn count(&self) -> usize {
+        self.q.len() / self.mechanisms[0].get().n.max(1)
+    }
+
+    fn member(&self, i: usize) -> MechanicalMember<'_> {
+        /// That of run `i`, or the only one for all.
+        fn of<T>(list: &[T], i: usize) -> &T {
+            &list[if list.len() == 1 { 0 } else { i }]
+        }
+        let (mechanism, runs) = (of(&self.mechanisms, i).get(), self.count());
+        let row = |values: &'_ [f64]| {
+            let width = values.len() / runs;
+            i * width..(i + 1) * width
+        };
+        let dynamics = of(&self.dynamics, i).clone();
+        MechanicalMember {
+            number: i,
+            mechanism,
+            dynamics: match &self.data {
+                Some(data) => dynamics.called_with(&data[row(data)]),
+                None => dynamics,
+            },
+            e: self.e.as_ref().map(|e| e[i]),
+            start: (&self.q[row(&self.q)], &self.qdot[row(&self.qdot)]),
+            tstops: of(&self.tstops, i).as_slice(),
+        }
+    }
+}
+
+#[pymethods]
+impl MechanicalRuns {
+    #[new]
+    #[pyo3(signature = (mechanisms, q, qdot, *, tstops, e=None, data=None))]
+    fn new(
+        mechanisms: Vec<Py<Mechanism>>,
+        q: PyReadonlyArray2<'_, f64>,
+        qdot: PyReadonlyArray2<'_, f64>,
+        tstops: Vec<PyReadonlyArray1<'_, f64>>,
+        e: Option<PyReadonlyArray1<'_, f64>>,
+        data: Option<PyReadonlyArray2<'_, f64>>,
+    ) -> PyResult<Self> {
+        let refuse = |what| PyValueError::new_err(format!("{what} do not fit together"));
+        let runs = q.as_array().nrows();
+        let fits = |count| count == runs || count == 1;
+        let rows = data.as_ref().map_or(runs, |it| it.as_array().nrows());
+        let numbers = e.as_ref().map_or(runs, |it| it.as_array().len());
+        let shapes = q.as_array().dim() == qdot.as_array().dim() && [rows, numbers] == [runs; 2];
+        let widths = mechanisms.iter().all(|it| it.get().n == q.as_array().ncols());
+        if runs == 0 || !shapes || !widths || !fits(mechanisms.len()) || !fits(tstops.len()) {
+            return Err(refuse("the runs of the batch"));
+        }
+        let native = |it: &Py<Mechanism>| {
+            let dynamics = it.get().native_dynamics();
+            dynamics.ok_or_else(|| refuse("a batch and a system that needs the interpreter"))
+        };
+        let matrix = |it: &PyReadonlyArray2<'_, f64>| list(it.as_array().iter().copied());
+        Ok(Self {
+            dynamics: try_list(mechanisms.iter().map(native))?,
+            mechanisms,
+            q: matrix(&q)?,
+            qdot: matrix(&qdot)?,
+            e: e.as_ref().map(vector).transpose()?,
+            data: data.as_ref().map(matrix).transpose()?,
+            tstops: tstops.iter().map(vector).collect::<PyResult<_>>()?,
+        })
+    }
+
+    /// The runs whose start must be looked at: a number is not finite, a gap below zero, a gradient
+    /// zero.
+    fn unsound_starts(&self, py: Python<'_>, t: f64) -> PyResult<Vec<usize>> {
+        let mut found = Vec::new();
+        for i in 0..self.count() {
+            if i % BETWEEN_LOOKS == 0 {
+                py.check_signals()?;
+            }
+            let mut member = self.member(i);
+            let layout = member.mechanism.layout();
+            let (mut row, (q, w)) = (vec![0.0; layout.len()], member.start);
+            let known = member.dynamics.evaluate(t, q, w, &mut row).is_ok();
+            if !known || !is_sound_row(&row, (layout.n, layout.m)) {
+                found.push(i);
+            }
+        }
+        Ok(found)
+    }
+
+    #[pyo3(signature = (method, *, span, slowest, threads, progress=None))]
+    fn run(
+        &self,
+        py: Python<'_>,
+        method: PyRef<'_, PyMethod>,
+        span: (f64, f64),
+        slowest: f64,
+        threads: usize,
+        progress: Option<Py<PyAny>>,
+    ) -> PyResult<MechanicalEnds> {
+        let _running = crate::leaving::running()?;
+        let (method, numbers) = (method.inner, list(0..self.count())?);
+        let work = Work {
+            width: 16,
+            chunk: |chunk: &[usize], stop: Stop<'_>| {
+                Ok(chunk.iter().map(|&i| self.member(i).run(method, span, slowest, stop)).collect())
+            },
+            lost: |&i: &usize, status| self.member(i).lost(span.0, status),
+        };
+        let watch = &mut Watch::reporting(progress);
+        let ends = py.detach(|| run_chunks(&numbers, threads, watch, work)).map_err(refused)?;
+        MechanicalEnds::new(py, self.mechanisms[0].get(), ends)
+    }
+
+    fn __traverse__(&self, visit: PyVisit<'_>) -> Result<(), PyTraverseError> {
+        self.mechanisms.iter().try_for_each(|it| visit.call(it))
+    }
+}
+
+/// The ends of runs of mechanical systems, an entry or a row for each.
+#[pyclass(frozen, get_all, module = "zivi._zivi")]
+pub(crate) struct MechanicalEnds {
+    t: Array,
+    q: Py<PyArray2<f64>>,
+    gaps: Py<PyArray2<f64>>,
+    qdot: Py<PyArray2<f64>>,
+    contacts: Py<PyArray2<bool>>,
+    /// Numbers of impacts, accumulations, lift-offs, corners and flags.
+    totals: Py<PyArray2<i64>>,
+    first_impact: Array,
+    last_impact: Array,
+    /// Since when nothing happened, and the largest speeds from the start and from then on.
+    speeds: Py<PyArray2<f64>>,
+    status: Py<PyArray1<u8>>,
+    nfev: Py<PyArray1<i64>>,
+}
+
+impl MechanicalEnds {
+    fn new(py: Python<'_>, system: &Mechanism, mut ends: Vec<MechanicalEnd>) -> PyResult<Self> {
+        if let Some(error) = ends.iter_mut().find_map(|end| end.error.take()) {
+            return Err(error);
+        }
+        let (n, m) = (system.n, system.m);
+        let column = |of: fn(&MechanicalEnd) -> f64| array(py, ends.iter().map(of));
+        let part = |from: usize, width: usize| -> PyResult<Py<PyArray2<f64>>> {
+            let values = ends.iter().flat_map(|end| end.state[from..][..width].iter().copied());
+            Ok(array(py, values)?.into_bound(py).reshape([ends.len(), width])?.unbind())
+        };
+        let totals = ends.iter().flat_map(|end| {
+            let Totals { impacts, zeno, liftoffs, corners, flags, .. } = end.totals;
+            [impacts, zeno, liftoffs, corners, flags].map(|it| it as i64)
+        });
+        let speeds = ends.iter().flat_map(|end| {
+            let Speeds { since, fastest, fastest_since } = end.speeds;
+            [since, fastest, fastest_since]
+        });
+        let closed: Vec<GapSet> = list(ends.iter().map(|end| end.closed))?;
+        Ok(Self {
+            t: column(|end| end.t)?,
+            q: part(0, n)?,
+            gaps: part(n, m)?,
+            qdot: part(n + m, n)?,
+            contacts: members(py, &closed, m)?,
+            totals: array(py, totals)?.into_bound(py).reshape([ends.len(), 5])?.unbind(),
+            first_impact: column(|end| end.totals.first_impact)?,
+            last_impact: column(|end| end.totals.last_impact)?,
+            speeds: array(py, speeds)?.into_bound(py).reshape([ends.len(), 3])?.unbind(),
+            status: array(py, ends.iter().map(|end| end.status as u8))?,
+            nfev: array(py, ends.iter().map(|end| end.nfev as i64))?,
+        })
+    }
 }
 
 /// The number of threads that the machine runs at once.

@@ -189,7 +189,7 @@ impl Surroundings<'_> {
         controller: &mut (impl Controller<PyErr> + ?Sized),
         [plant, model, reference]: &mut [F; 3],
         (events, given): (Vec<UserEvent<'_, PyErr>>, Option<&mut dyn Reference<PyErr>>),
-        watch: &mut Watch,
+        watch: &mut Watch<'_>,
     ) -> Outcome {
         let RunStart { restitution, grid, initial } = self.start;
         let Self { motion, sensor, observer, delay, dense, .. } = *self;
@@ -209,7 +209,7 @@ impl Surroundings<'_> {
         forces: &mut [AnyForce<'_>; 3],
         events: Vec<UserEvent<'_, PyErr>>,
         mut given: Option<GivenReference<'_>>,
-        watch: &mut Watch,
+        watch: &mut Watch<'_>,
     ) -> Outcome {
         let native: Vec<AnyNative> = forces.iter().filter_map(AnyForce::native).collect();
         match <[AnyNative; 3]>::try_from(native) {
@@ -292,7 +292,7 @@ pub(crate) fn simulate_closed_loop(
     let mut given = given.map(GivenReference::new).transpose()?;
     let mut forces = forces.each_ref().map(|force| force.get().on(py));
     let mut events: Vec<_> = events.iter().map(|it| it.of_point(py)).collect();
-    let watch = &mut Watch { progress };
+    let watch = &mut Watch::reporting(progress);
     if ours {
         let run = run_copy(controller, |copy| {
             let events = std::mem::take(&mut events);

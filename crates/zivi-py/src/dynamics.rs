@@ -467,33 +467,41 @@ pub(crate) enum AnyDynamics<'py> {
 
 impl<'py> AnyDynamics<'py> {
     pub(crate) fn of(py: Python<'py>, model: &Model, layout: Layout) -> Self {
-        match &model.kind {
-            Kind::Compiled(function, _) => {
-                let (source, raised) = (Source::Function(*function), Raised::now());
-                Self::Compiled(CompiledDynamics { layout, source, raised })
-            }
-            Kind::Linear(system) => {
-                let source = Source::Linear(LinearDynamics::new(system.clone()));
+        match model.evaluator() {
+            Evaluator::Native(source) => {
                 Self::Compiled(CompiledDynamics { layout, source, raised: Raised::now() })
             }
-            Kind::Tree(tree) => {
-                let source = Source::Tree(TreeDynamics::new(tree.clone()));
-                Self::Compiled(CompiledDynamics { layout, source, raised: Raised::now() })
-            }
-            Kind::Parts(parts) if !parts.needs_interpreter() => {
-                let source = Source::Parts(parts.clone());
-                Self::Compiled(CompiledDynamics { layout, source, raised: Raised::now() })
-            }
-            Kind::Parts(parts) => {
+            Evaluator::Parts(parts) => {
                 let functions = parts.functions.iter().map(|it| callable_of(py, it)).collect();
                 let source = PythonSource::Parts(parts.clone(), functions);
                 Self::Callable(PythonDynamics::new(py, layout, source, parts.steady))
             }
-            Kind::Callable(callable, steady) => {
+            Evaluator::Callable(callable, steady) => {
                 let source = PythonSource::Row(callable.bind(py).clone());
-                Self::Callable(PythonDynamics::new(py, layout, source, *steady))
+                Self::Callable(PythonDynamics::new(py, layout, source, steady))
             }
         }
+    }
+}
+
+/// What evaluates a model.
+enum Evaluator<'a> {
+    /// Needs no interpreter.
+    Native(Source),
+    Parts(&'a Arc<SystemParts>),
+    Callable(&'a Py<PyAny>, bool),
+}
+
+impl Model {
+    fn evaluator(&self) -> Evaluator<'_> {
+        Evaluator::Native(match &self.kind {
+            Kind::Compiled(function, _) => Source::Function(*function),
+            Kind::Linear(system) => Source::Linear(LinearDynamics::new(system.clone())),
+            Kind::Tree(tree) => Source::Tree(TreeDynamics::new(tree.clone())),
+            Kind::Parts(parts) if !parts.needs_interpreter() => Source::Parts(parts.clone()),
+            Kind::Parts(parts) => return Evaluator::Parts(parts),
+            Kind::Callable(callable, steady) => return Evaluator::Callable(callable, *steady),
+        })
     }
 }
 
@@ -565,6 +573,20 @@ enum Source {
 }
 
 impl CompiledDynamics {
+    /// Of a model that needs no interpreter.
+    pub(crate) fn of(model: &Model, layout: Layout) -> Option<Self> {
+        let Evaluator::Native(source) = model.evaluator() else { return None };
+        Some(Self { layout, source, raised: Raised::now() })
+    }
+
+    /// The same compiled function, called with other data.
+    pub(crate) fn called_with(mut self, data: &[f64]) -> Self {
+        if let Source::Function(function) = &mut self.source {
+            function.data = Some(data.as_ptr() as usize);
+        }
+        self
+    }
+
     /// The matrices, if it is a linear system.
     pub(crate) fn linear_system(&self) -> Option<&Arc<LinearSystem>> {
         Dynamics::<PyErr>::linear(self)
@@ -859,15 +881,19 @@ pub(crate) fn compiled_model(
 /// gradient of them zero.
 #[pyfunction]
 pub(crate) fn is_sound(row: PyReadonlyArray1<'_, f64>, n: usize, m: usize) -> PyResult<bool> {
-    let row = row.as_slice()?;
+    Ok(is_sound_row(row.as_slice()?, (n, m)))
+}
+
+/// The same of a row of numbers.
+pub(crate) fn is_sound_row(row: &[f64], (n, m): (usize, usize)) -> bool {
     let (gaps, gradients) = (n * (n + 1), n * (n + 1) + m);
     let (Some(gaps), Some(gradients)) = (row.get(gaps..gradients), row.get(gradients..)) else {
-        return Ok(false);
+        return false;
     };
     let mut gradients = gradients.chunks_exact(n.max(1)).take(m);
-    Ok(row.iter().all(|it| it.is_finite())
+    row.iter().all(|it| it.is_finite())
         && gaps.iter().all(|&gap| gap >= 0.0)
-        && gradients.all(|gradient| gradient.iter().any(|&it| it != 0.0)))
+        && gradients.all(|gradient| gradient.iter().any(|&it| it != 0.0))
 }
 
 /// Contact forces by gap, then forces of friction by channel, at an evaluation of a system with velocities

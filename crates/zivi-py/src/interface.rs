@@ -2,7 +2,7 @@
 
 use crate::leaving;
 use numpy::{Element, PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1};
-use pyo3::exceptions::{PyMemoryError, PyTypeError, PyValueError};
+use pyo3::exceptions::{PyKeyboardInterrupt, PyMemoryError, PyTypeError, PyValueError};
 use pyo3::ffi::{PyObject, PyObject_CallFunctionObjArgs};
 use pyo3::prelude::*;
 use pyo3::sync::PyOnceLock;
@@ -10,6 +10,7 @@ use pyo3::types::{PyAnyMethods, PyCapsule, PyCapsuleMethods, PyTuple};
 use std::alloc::{alloc_zeroed, Layout};
 use std::convert::Infallible;
 use std::sync::Mutex;
+use zivi::drive::batch::Stop;
 use zivi::mechanics::GapSet;
 use zivi::{Monitor, SetupError};
 
@@ -263,13 +264,32 @@ impl<'py> Function<'py> {
 // Ctrl-C and progress: looking at the interpreter now and then during a run.
 
 /// Lets Python handle its signals, and reports the fraction done to a callable.
-pub(crate) struct Watch {
-    pub(crate) progress: Option<Py<PyAny>>,
+pub(crate) struct Watch<'a> {
+    progress: Option<Py<PyAny>>,
+    /// For a run in a thread of a batch: whether the batch stops.
+    stop: Option<Stop<'a>>,
 }
 
-impl Monitor<PyErr> for Watch {
+impl<'a> Watch<'a> {
+    pub(crate) fn reporting(progress: Option<Py<PyAny>>) -> Self {
+        Self { progress, stop: None }
+    }
+
+    /// Of a run in another thread than that of the caller, who looks after signals.
+    pub(crate) fn stopped_by(stop: Stop<'a>) -> Self {
+        Self { progress: None, stop: Some(stop) }
+    }
+}
+
+impl Monitor<PyErr> for Watch<'_> {
     fn poll(&mut self, done: usize, of: usize) -> PyResult<()> {
         leaving::look()?;
+        if let Some(stop) = self.stop {
+            return match stop() {
+                true => Err(PyKeyboardInterrupt::new_err("the batch was stopped")),
+                false => Ok(()),
+            };
+        }
         Python::attach(|py| {
             py.check_signals()?;
             match &self.progress {

@@ -67,6 +67,8 @@ fn _zivi(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(loop_batch::simulate_closed_loop_batch, module)?)?;
     module.add_class::<batch::BatchRecord>()?;
     module.add_function(wrap_pyfunction!(batch::simulate_batch, module)?)?;
+    module.add_class::<batch::MechanicalRuns>()?;
+    module.add_class::<batch::MechanicalEnds>()?;
     module.add_function(wrap_pyfunction!(batch::available_threads, module)?)?;
     module.add_function(wrap_pyfunction!(batch::grid_times, module)?)?;
     module.add_function(wrap_pyfunction!(sensitivity::check_impact_map, module)?)?;

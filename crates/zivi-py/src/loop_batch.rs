@@ -98,7 +98,7 @@ pub(crate) fn simulate_closed_loop_batch(
             },
         });
     }
-    let watch = &mut Watch { progress };
+    let watch = &mut Watch::reporting(progress);
     let ends = py.detach(|| run_batch(&members, shared, threads, watch)).map_err(refused)?;
     LoopBatchRecord::new(py, &ends)
 }

@@ -264,7 +264,7 @@ impl Course<'_> {
         driven: &mut Driven<D, F>,
         controller: C,
         observer: Option<O>,
-        watch: &mut Watch,
+        watch: &mut Watch<'_>,
     ) -> Done
     where
         D: Dynamics<PyErr>,
@@ -336,7 +336,7 @@ pub(crate) fn simulate_mechanical_loop(
         dense,
         kicks: kicks.as_ref(),
     };
-    let watch = &mut Watch { progress };
+    let watch = &mut Watch::reporting(progress);
     let done = if let Ok(own) = controller.cast::<GapLoop>() {
         run_tracker(py, course, own.get(), (system, inputs), observer, watch)
     } else if let Ok(own) = controller.cast::<StrikeLoop>() {
@@ -357,7 +357,7 @@ fn run_tracker(
     own: &GapLoop,
     (system, inputs): (&Mechanism, &PyInputs),
     observer: Option<Bound<'_, PyAny>>,
-    watch: &mut Watch,
+    watch: &mut Watch<'_>,
 ) -> Done {
     let (believed, reference) = (own.believed.get(), own.reference.as_ref().map(Py::get));
     let reference = reference.map(|it| &it.inner);
@@ -399,7 +399,7 @@ fn run_striker(
     own: &StrikeLoop,
     (system, inputs): (&Mechanism, &PyInputs),
     observer: Option<Bound<'_, PyAny>>,
-    watch: &mut Watch,
+    watch: &mut Watch<'_>,
 ) -> Done {
     let believed = own.believed.get();
     let (mechanism, through, h) = (believed.mechanism.get(), believed.inputs.get(), believed.h);

@@ -7,7 +7,7 @@ use crate::motion::PyMechanicalPath;
 use numpy::{PyArray1, PyArrayMethods, PyReadonlyArray1, PyReadonlyArrayDyn};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
-use zivi::mechanics::{GapSet, MechanicalRun, Modes, Occurrence, Totals};
+use zivi::mechanics::{GapSet, MechanicalRun, Modes, Occurrence};
 use zivi::system::dynamics::Layout;
 
 /// Samples, occurrences and outcome of one run.
@@ -25,9 +25,6 @@ pub(crate) struct MechanicalRecord {
     speeds: Option<(f64, f64, f64)>,
     /// What happened at the gaps, if anything did.
     occurrences: Option<Py<Occurrences>>,
-    /// The same counted, where that is asked for alone: impacts, accumulations, lift-offs, corners and
-    /// flags, and when the first and the last impact were.
-    totals: Option<([usize; 5], [f64; 2])>,
     /// What happened of each event of the user.
     hits: Vec<Py<Hits>>,
     status: u8,
@@ -70,22 +67,6 @@ pub(crate) struct Occurrences {
 
 impl MechanicalRecord {
     pub(crate) fn new(py: Python<'_>, run: MechanicalRun<PyErr>) -> PyResult<Self> {
-        Self::counted(py, run, None)
-    }
-
-    /// The same where what happened may be counted alone.
-    pub(crate) fn counted(
-        py: Python<'_>,
-        mut run: MechanicalRun<PyErr>,
-        counts: Option<f64>,
-    ) -> PyResult<Self> {
-        let totals = counts.map(|slowest| {
-            let Totals { impacts, first_impact, last_impact, zeno, liftoffs, corners, flags } =
-                run.totals(slowest);
-            run.occurrences.clear();
-            run.path = None;
-            ([impacts, zeno, liftoffs, corners, flags], [first_impact, last_impact])
-        });
         let (Layout { n, m, .. }, size) = (run.layout, run.layout.size());
         let samples = &run.samples;
         let picked = |values: &[f64], from, width| columns(py, values, size, from, width);
@@ -108,7 +89,6 @@ impl MechanicalRecord {
             contacts: members(py, &closed, m)?,
             speeds: run.speeds.map(|it| (it.since, it.fastest, it.fastest_since)),
             occurrences,
-            totals,
             hits,
             status: run.status as u8,
             message: run.status.message(),

@@ -233,7 +233,7 @@ impl RunArguments<'_> {
     fn run(
         &self,
         mut dynamics: &mut dyn DifferentiableDynamics<PyErr>,
-        watch: &mut Watch,
+        watch: &mut Watch<'_>,
     ) -> Outcome {
         let Self { method, laws, span, start, tstops, dense, question } = self;
         let output = MechanicalOutput { tstops, dense: *dense, ..MechanicalOutput::default() };
@@ -247,7 +247,7 @@ impl RunArguments<'_> {
         model: AnyDynamics<'py>,
         partials: &Partials,
         layout: Layout,
-        watch: &mut Watch,
+        watch: &mut Watch<'_>,
     ) -> PyResult<Outcome> {
         let duration = self.span.1 - self.span.0;
         Ok(match (model, &partials.source) {
@@ -322,7 +322,7 @@ pub(crate) fn mechanical_sensitivity(
     let start = (&q[..], &qdot[..]);
     let task = RunArguments { method, laws, span, start, tstops: &tstops, dense, question };
     let model = AnyDynamics::of(py, system.model.get(), layout);
-    let watch = &mut Watch { progress };
+    let watch = &mut Watch::reporting(progress);
     let outcome = task.dispatch(py, model, &partials, layout, watch)?;
     let (run, found) = outcome.map_err(setup_error)?;
     let array = |values: Vec<f64>| numpy::PyArray1::from_vec(py, values).unbind();

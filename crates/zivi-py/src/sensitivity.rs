@@ -86,7 +86,7 @@ pub(crate) fn sensitivity(
     let wrt: Vec<Wrt> = wrt.into_iter().map(wrt_of).collect::<PyResult<_>>()?;
     let (sizes, times, tstops) = (sizes.as_slice()?, times.as_slice()?, tstops.as_slice()?);
     let question = &Question { wrt: &wrt, sizes, controlled, times };
-    let watch = &mut Watch { progress };
+    let watch = &mut Watch::reporting(progress);
     let result = with_slopes!(py, system.force.get(), span.1 - span.0, |force| {
         let output = Output { tstops, dense, drawn, ..Output::default() };
         // compiled once for all kinds of forces
@@ -338,7 +338,7 @@ pub(crate) fn map_of_impacts<'py>(
     let _running = crate::leaving::running()?;
     let map = map_of(py, &system)?;
     let by = parameters.iter().map(|name| parameter(name)).collect::<PyResult<Vec<_>>>()?;
-    let (starts, watch) = (starts_of(&starts)?, &mut Watch { progress });
+    let (starts, watch) = (starts_of(&starts)?, &mut Watch::reporting(progress));
     let all = py.detach(|| map_impacts(&map, &starts, &by, threads, watch)).map_err(refused)?;
     let n = all.len();
     let next = all.iter().flat_map(|it| [it.next.phase, it.next.u, it.next.duration]);
@@ -367,7 +367,7 @@ pub(crate) fn orbits_of_impacts<'py>(
 ) -> PyResult<Bound<'py, PyArray3<f64>>> {
     let _running = crate::leaving::running()?;
     let maps = systems.iter().map(|it| map_of(py, it)).collect::<PyResult<Vec<_>>>()?;
-    let (starts, watch) = (starts_of(&starts)?, &mut Watch { progress });
+    let (starts, watch) = (starts_of(&starts)?, &mut Watch::reporting(progress));
     let all = py.detach(|| orbits(&maps, &starts, (skip, n), threads, watch)).map_err(refused)?;
     let values = all.iter().flatten().flatten().copied();
     array(py, values)?.into_bound(py).reshape([all.len(), n, 2])

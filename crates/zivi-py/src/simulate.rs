@@ -8,11 +8,14 @@ use pyo3::prelude::*;
 use zivi::mechanics::{MechanicalOutput, MechanicalRun};
 use zivi::stepping::step_solver::General;
 use zivi::system::dynamics::Dynamics;
-use zivi::{AnyMethod, Grid, Lifted, Method as _, Output, Physical, PointRun, SetupError, Solver};
+use zivi::{
+    AnyImpactLaw, AnyMethod, Grid, Lifted, Method as _, Output, Physical, PointRun, SetupError,
+    Solver,
+};
 
 use crate::dynamics::AnyDynamics;
 use crate::force::with_force;
-use crate::friction::Rubbing;
+use crate::friction::{PyFriction, Rubbing};
 use crate::interface::{with_room, Watch};
 use crate::mechanics::MechanicalRecord;
 use crate::method::{step_of, step_solver, PyMethod};
@@ -52,7 +55,7 @@ pub(crate) fn simulate(
     progress: Option<Py<PyAny>>,
 ) -> PyResult<Py<PyAny>> {
     let _running = crate::leaving::running()?;
-    let (method, watch) = (method.inner, &mut Watch { progress });
+    let (method, watch) = (method.inner, &mut Watch::reporting(progress));
     if let (Ok(system), Ok(start)) = (system.cast::<PyPointMass>(), start.cast::<PyState>()) {
         let run = run_point(py, system.get(), method, span, start.get().inner, &keep, watch)?;
         let record = RunRecord::new(py, run.map_err(setup_error)?)?;
@@ -60,7 +63,7 @@ pub(crate) fn simulate(
     }
     if let (Ok(system), Ok(start)) = (system.cast::<Mechanism>(), start.cast::<Configuration>()) {
         let run = run_mechanism(py, system.get(), method, span, start.get(), &keep, watch)?;
-        let record = MechanicalRecord::counted(py, run.map_err(setup_error)?, keep.counts)?;
+        let record = MechanicalRecord::new(py, run.map_err(setup_error)?)?;
         return Ok(Py::new(py, record)?.into_any());
     }
     Err(PyTypeError::new_err(
@@ -77,7 +80,7 @@ fn run_point(
     span: (f64, f64),
     start: Physical,
     keep: &PyKeep,
-    watch: &mut Watch,
+    watch: &mut Watch<'_>,
 ) -> Ran<PointRun<PyErr>> {
     let (t_eval, tstops) =
         (Times::new(py, keep.t_eval.as_ref())?, Times::new(py, keep.tstops.as_ref())?);
@@ -106,7 +109,7 @@ fn run_mechanism(
     span: (f64, f64),
     start: &Configuration,
     keep: &PyKeep,
-    watch: &mut Watch,
+    watch: &mut Watch<'_>,
 ) -> Ran<MechanicalRun<PyErr>> {
     let (t_eval, tstops) =
         (Times::new(py, keep.t_eval.as_ref())?, Times::new(py, keep.tstops.as_ref())?);
@@ -118,11 +121,8 @@ fn run_mechanism(
     let dynamics = AnyDynamics::of(py, system.model.get(), layout);
     let output =
         |(events, kicks)| MechanicalOutput { t_eval, tstops, ends, dense, arcs, events, kicks };
-    // compiled once for all kinds of systems
-    let run = |mut dynamics: &mut dyn Dynamics<PyErr>, calls, watch: &mut Watch| {
-        let mut rubbing = Rubbing { dynamics: &mut dynamics, friction };
-        let system = zivi::Mechanism { dynamics: &mut rubbing, laws };
-        method.run(system, span, start, output(calls), watch)
+    let run = |dynamics: &mut dyn Dynamics<PyErr>, calls, watch: &mut Watch<'_>| {
+        run_dynamics(dynamics, (friction, laws), method, span, start, output(calls), watch)
     };
     Ok(match dynamics {
         AnyDynamics::Compiled(mut dynamics) if !keep.calls() => {
@@ -135,6 +135,21 @@ fn run_mechanism(
             run(&mut dynamics, (events, kicks), watch)
         }
     })
+}
+
+/// A run of a mechanical system, compiled once for all kinds of them.
+pub(crate) fn run_dynamics(
+    mut dynamics: &mut dyn Dynamics<PyErr>,
+    (friction, laws): (Option<&PyFriction>, &[AnyImpactLaw]),
+    method: AnyMethod,
+    span: (f64, f64),
+    start: (&[f64], &[f64]),
+    output: MechanicalOutput<'_, PyErr>,
+    watch: &mut Watch<'_>,
+) -> Result<MechanicalRun<PyErr>, SetupError> {
+    let mut rubbing = Rubbing { dynamics: &mut dynamics, friction };
+    let system = zivi::Mechanism { dynamics: &mut rubbing, laws };
+    method.run(system, span, start, output, watch)
 }
 
 /// Multipliers of many independent steps by a general solver, each from the present signs, and

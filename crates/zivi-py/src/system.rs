@@ -101,6 +101,11 @@ impl Mechanism {
         Rubbing { dynamics, friction: self.laws_of_contact() }
     }
 
+    /// What evaluates it without friction and without the interpreter; `None` if that is needed.
+    pub(crate) fn native_dynamics(&self) -> Option<CompiledDynamics> {
+        CompiledDynamics::of(self.model.get(), self.layout())
+    }
+
     /// The same without the interpreter; `None` if it is needed.
     pub(crate) fn rubbing_alone(&self, py: Python<'_>) -> Option<Rubbing<'_, CompiledDynamics>> {
         match AnyDynamics::of(py, self.model.get(), self.layout()) {
@@ -173,8 +178,6 @@ pub(crate) struct PyKeep {
     pub(crate) dense: bool,
     /// Whether at least the arcs of it are kept that jumps skip.
     pub(crate) arcs: bool,
-    /// Whether what happens is counted alone, with the impacts down to this part of the fastest.
-    pub(crate) counts: Option<f64>,
 }
 
 #[pymethods]
@@ -182,7 +185,7 @@ impl PyKeep {
     #[new]
     #[pyo3(signature = (
         *, t_eval=None, tstops=None, kicks=None, events=Vec::new(), ends=false, dense=false,
-        arcs=false, counts=None
+        arcs=false
     ))]
     #[allow(clippy::too_many_arguments)]
     fn new(
@@ -193,9 +196,8 @@ impl PyKeep {
         ends: bool,
         dense: bool,
         arcs: bool,
-        counts: Option<f64>,
     ) -> Self {
-        Self { t_eval, tstops, kicks, events, ends, dense, arcs, counts }
+        Self { t_eval, tstops, kicks, events, ends, dense, arcs }
     }
 
     fn __traverse__(&self, visit: PyVisit<'_>) -> Result<(), PyTraverseError> {

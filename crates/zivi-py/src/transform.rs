@@ -57,6 +57,10 @@ pub(crate) fn from_both(e: f64, kappa: f64) -> PyResult<Restitution> {
     Restitution::from_both(e, kappa).map_err(refused)
 }
 
+pub(crate) fn from_e(e: f64) -> PyResult<Restitution> {
+    Restitution::from_e(e).map_err(refused)
+}
+
 /// Where only the parameter of the transform matters.
 pub(crate) fn restitution_of(kappa: f64) -> PyResult<Restitution> {
     Restitution::from_kappa(kappa).map_err(refused)

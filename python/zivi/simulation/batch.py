@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, overload
 
 import numpy as np
@@ -19,11 +19,14 @@ from zivi.simulation.batch_result import (
     Batch,
     check_threads,
     every_of,
+    native_columns,
+    replaced,
     sampled,
     sampling_of,
     states_for,
     stops_of,
     systems_of,
+    values_by_run,
     with_friction,
 )
 from zivi.simulation.impacts import IMPACT, SLOWEST, check_slowest, rows_of_events, rows_of_impacts
@@ -56,6 +59,7 @@ def simulate_batch(
     progress: bool | None = ...,
     tstops: ArrayLike | None = ...,
     kicks: Kick | Sequence[Kick] | None = ...,
+    parameters: Mapping[str, ArrayLike] | None = ...,
 ) -> MechanicalBatch: ...
 
 
@@ -73,6 +77,7 @@ def simulate_batch(
     progress: bool | None = ...,
     tstops: ArrayLike | None = ...,
     kicks: Kick | Sequence[Kick] | None = ...,
+    parameters: Mapping[str, ArrayLike] | None = ...,
 ) -> Batch: ...
 
 
@@ -90,6 +95,7 @@ def simulate_batch(
     progress: bool | None = None,
     tstops: ArrayLike | None = None,
     kicks: Kick | Sequence[Kick] | None = None,
+    parameters: Mapping[str, ArrayLike] | None = None,
 ) -> Batch | MechanicalBatch:
     """Simulate many independent runs, on all cores and without the interpreter.
 
@@ -136,6 +142,12 @@ def simulate_batch(
     kicks : Kick or sequence of Kick, optional
         With `SwitchedRK`: impulses on all runs at given times (see `simulate`); for an
         `ImpactSystem` numbers instead of functions.
+    parameters : dict of str to array_like, optional
+        Of one system: values of its parameters by name, a number or an array of shape (n,) with a
+        value for each run. Names are those of `replace` and `sensitivity`: ``"e"``,
+        ``"gravity"``, ``"wall.amplitude"``. Run ``i`` is that of
+        ``system.replace(e=e[i], gravity=gravity[i])``, to the last bit, without an object for
+        each.
 
     Returns
     -------
@@ -158,8 +170,20 @@ def simulate_batch(
     >>> batch = zivi.simulate_batch(ball, (0, 3), starts, method=zivi.ThetaGamma(h=1e-3))
     >>> batch
     <Batch of 4 runs: 4 completed, 4 at rest>
+
+    The same ball on walls of several materials:
+
+    >>> batch = zivi.simulate_batch(ball, (0, 3), (1.0, 0.0), parameters={"e": [0.1, 0.5, 0.7]})
+    >>> batch.rest_time.round(3)
+    array([0.552, 1.355, 2.559])
     """
     span, slowest = pair("t_span", t_span, "(t0, t1)"), check_slowest(slowest)
+    columns = values_by_run(parameters, systems, y0)
+    numbers: list[tuple[int | None, Array]] | None = []
+    if columns and isinstance(systems, ImpactSystem):
+        numbers = native_columns(systems, columns)
+        if numbers is None:
+            systems = replaced(systems, columns)
     first = next(iter(systems), None) if isinstance(systems, Sequence) else systems
     if isinstance(first, ImpactSystem) and first.friction is not None:
         systems, y0 = with_friction(systems, y0)
@@ -177,9 +201,10 @@ def simulate_batch(
             progress,
             tstops,
             kicks,
+            columns,
         )
     several = systems_of(systems)
-    states = states_for(y0, len(several))
+    states = states_for(y0, len(next(iter(columns.values()))) if numbers else len(several))
     check_method(method)
     every = every_of(save, SAVES)
     if every is not None and isinstance(method, SwitchedRK):
@@ -207,9 +232,11 @@ def simulate_batch(
             steps=sampling.steps,
             tstops=stops if any(map(len, stops)) else None,
             kicks=None if kicked is None else kicked.constant(),
+            columns=numbers or [],
             progress=bar.report,
         )
     tell(ear, record.status)
+    told = {name: values[:MAX_DESCRIBED].tolist() for name, values in columns.items()}
     config = {
         "t_span": list(span),
         "method": describe(method),
@@ -217,10 +244,11 @@ def simulate_batch(
         **({} if sampling.times is None else {"t_eval": sampling.times.tolist()}),
         "systems": [describe_system(system) for system in several[:MAX_DESCRIBED]],
         "n_systems": len(several),
+        **({"parameters": told} if told else {}),
         "y0": states[:MAX_DESCRIBED].tolist(),
         "n_runs": len(states),
     }
-    batch = _batch_result(record, span, method, every, str(save), config)
+    batch = _batch_result(record, span, method, every, str(save), config, columns)
     return batch if sampling.times is None else sampled(batch, record, several, method, sampling)
 
 
@@ -231,6 +259,7 @@ def _batch_result(
     every: int | None,
     save: str,
     config: dict[str, Any],
+    parameters: dict[str, Array],
 ) -> Batch:
     n_impacts, n_zeno, n_liftoffs, n_resolved = record.counts.T
     extremes = save == "statistics"
@@ -257,6 +286,7 @@ def _batch_result(
         sample_x=None if every is None else record.samples_x,
         sample_xdot=None if every is None else record.samples_xdot,
         config=config,
+        parameters=parameters,
     )
 
 

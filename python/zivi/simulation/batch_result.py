@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -16,8 +16,9 @@ from zivi.base.status import Status
 from zivi.base.table import Field, ResultTable, Tabulated
 from zivi.simulation.methods import Method, SwitchedRK
 from zivi.simulation.run import stop_times, times_within
-from zivi.system.mass import ImpactSystem
+from zivi.system.mass import ImpactSystem, coefficients
 from zivi.system.mechanism import MechanicalSystem, as_mechanism
+from zivi.system.parameters import parameter, parameters_of
 from zivi.system.table import Table
 
 __all__ = [
@@ -30,6 +31,8 @@ __all__ = [
     "check_threads",
     "every_of",
     "kept_times",
+    "native_columns",
+    "replaced",
     "room_for",
     "sampled",
     "sampling_of",
@@ -38,6 +41,7 @@ __all__ = [
     "stops_of",
     "systems_of",
     "threads_for",
+    "values_by_run",
     "with_friction",
 ]
 
@@ -127,13 +131,95 @@ def state_rows(name: str, value: ArrayLike) -> Array:
 def states_for(y0: ArrayLike, n_systems: int) -> Array:
     """Return the initial states of the runs of some systems as rows."""
     states = state_rows("y0", y0)
-    if np.ndim(y0) == 1:
+    if len(states) == 1:
         states = np.tile(states, (n_systems, 1))
     if n_systems not in (1, len(states)):
         raise ValueError(
             f"y0 must have a row for each of the {n_systems} systems, got {len(states)}"
         )
     return np.ascontiguousarray(states)
+
+
+def values_by_run(parameters: Any, system: Any, y0: Any) -> dict[str, Array]:
+    """Return the parameters that are given, as arrays with a value for each run.
+
+    Parameters
+    ----------
+    parameters : dict of str to array_like or None
+        Values by name: a number, or one for each run.
+    system
+        The system, of which there must be one.
+    y0 : array_like
+        Initial states of as many runs, or of one for all.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If there are several systems, a name is unknown, or an array has another shape.
+    """
+    if parameters is None:
+        return {}
+    if not isinstance(parameters, Mapping):
+        raise TypeError(f"parameters must be a dict of names and arrays, got {parameters!r}")
+    if not isinstance(system, ImpactSystem | MechanicalSystem):
+        raise ValueError("parameters need one system for all runs, got several systems")
+    given = {str(name): _checked_values(str(name), values) for name, values in parameters.items()}
+    several = (y0,) if isinstance(system, ImpactSystem) else tuple(y0)
+    sizes = {"y0": max((len(it) if np.ndim(it) > 1 else 1 for it in several), default=1)}
+    sizes |= {f"parameters[{name!r}]": it.size for name, it in given.items() if it.ndim}
+    n = max(sizes.values())
+    for name, size in sizes.items():
+        if size != n and not (name == "y0" and size == 1):
+            raise ValueError(f"{name} must have one value or row for each of {n} runs, got {size}")
+    return {name: np.array(np.broadcast_to(it, n), dtype=np.float64) for name, it in given.items()}
+
+
+def _checked_values(name: str, given: Any) -> Array:
+    if name in ("x0", "xdot0", "q0", "qdot0", "t0"):
+        raise ValueError(f"parameters: {name!r} is set by y0 or t_span")
+    values = real_array(f"parameters[{name!r}]", given)
+    if values.ndim > 1:
+        raise ValueError(
+            f"parameters[{name!r}] must be a number or have shape (n,), got shape {values.shape}"
+        )
+    rows = np.atleast_1d(values)
+    valid = (rows >= 0) & (rows <= 1) if name == "e" else np.isfinite(rows)
+    if not np.all(valid):
+        run = int(np.argmin(valid))
+        range_ = "in [0, 1]" if name == "e" else "finite"
+        raise ValueError(f"parameters[{name!r}] must be {range_}, got {rows[run]:.6g} in run {run}")
+    return values
+
+
+def native_columns(
+    system: Any, columns: Mapping[str, Array]
+) -> list[tuple[int | None, Array]] | None:
+    """Return columns as the extension takes them, by the index of the parameter, None for ``e``.
+
+    It is None where only `replaced` systems have such values.
+    """
+    if not isinstance(system, ImpactSystem) or system.friction is not None:
+        return None
+    indices = {name: index for index, name in enumerate(parameters_of(system))}
+    for name in columns:
+        parameter(system, name)  # which refuses an unknown name
+        if name.startswith("law."):
+            return None
+    return [(indices.get(name), values) for name, values in columns.items()]
+
+
+def replaced(system: Any, columns: Mapping[str, Array]) -> list[Any]:
+    """Return a system for each run, with its values of the parameters."""
+    rows = zip(*(values.tolist() for values in columns.values()), strict=True)
+    made = []
+    for i, row in enumerate(rows):
+        try:
+            made.append(system.replace(**dict(zip(columns, row, strict=True))))
+        except KeyError as error:
+            raise ValueError(f"parameters: {error.args[0]}") from None
+        except ValueError as error:
+            raise ValueError(f"parameters of run {i}: {error}") from None
+    return made
 
 
 def every_of(save: Any, names: Sequence[str]) -> int | None:
@@ -207,6 +293,7 @@ class BatchRuns(Tabulated):
     if TYPE_CHECKING:
         status: NDArray[np.uint8]
         rest_time: Array
+        parameters: dict[str, Array]
 
     _called = "runs"
 
@@ -227,6 +314,10 @@ class BatchRuns(Tabulated):
         if more := self._counted():
             counted += f"; {more}"
         return f"<{type(self).__name__} of {counted}>"
+
+    def _varied(self) -> dict[str, Field]:
+        """Declare the parameters that differ from run to run."""
+        return {name: ("run", "", f"parameter {name}") for name in self.parameters}
 
     def _counted(self) -> str:
         """Describe other failures of the runs; "" if there are none."""
@@ -273,6 +364,8 @@ class Batch(BatchRuns):
         The samples, a row for each run; NaN after the end of a run that ended early.
     config : dict
         Settings of the batch, as plain values: systems and initial states of the first 100.
+    parameters : dict of str to ndarray
+        The values of the argument `parameters`, of shape (n,) each, by name.
     """
 
     t: Array
@@ -297,14 +390,15 @@ class Batch(BatchRuns):
     config: dict[str, Any]
     n_resolved: NDArray[np.uint64] | MaybeNone = None
     last_resolved: Array | MaybeNone = None
+    parameters: dict[str, Array] = dataclasses.field(default_factory=dict)
 
     def _table(self) -> ResultTable:
         """Describe the dataset: numbers over ``run``, samples over ``time``, events per run."""
-        fields = NUMBERS | (EXTREMES if self.x_max is not None else {})
+        fields = NUMBERS | (EXTREMES if self.x_max is not None else {}) | self._varied()
         coords: dict[str, Field] = {"run": ("run", "", "number of the run")}
         if self.sample_t is not None:
             fields, coords = fields | SAMPLES, coords | {"time": ("time", "s", "time")}
-        values = {"run": np.arange(len(self)), "time": self.sample_t}
+        values = {"run": np.arange(len(self)), "time": self.sample_t} | self.parameters
         return ResultTable(
             "Batch of runs of mechanical systems with impacts", fields, coords, values
         )
@@ -356,6 +450,7 @@ def sampled(
     batch: Batch, record: _zivi.BatchRecord, systems: list[ImpactSystem], method: Any, how: Sampling
 ) -> Batch:
     """Attach to the batch the states at the times of `how`, NaN after the end of each run."""
+    own_e = batch.parameters.get("e")
     assert how.times is not None
     assert how.rows is not None
     x, xdot = how.rows
@@ -369,7 +464,8 @@ def sampled(
     reached = np.searchsorted(how.knots, batch.t, side="right")
     for i, (n, end) in enumerate(zip(known, reached, strict=True)):
         samples = {name: rows[i, :end] for name, rows in zip(names, kept, strict=True)}
-        kappa = systems[i if len(systems) > 1 else 0].kappa
+        system = systems[i if len(systems) > 1 else 0]
+        kappa = system.kappa if own_e is None else coefficients(float(own_e[i]), None)[1]
         path = method._path(kappa, how.knots[:end], samples)
         if n:
             x[i, :n], xdot[i, :n] = path.physical(how.times[:n])

@@ -4,28 +4,29 @@ from __future__ import annotations
 
 import dataclasses
 import threading
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+import zivi._zivi as _zivi
 from zivi.base.check import Array, MaybeNone, real_array
 from zivi.base.extras import ProgressBar
 from zivi.base.table import Field, ResultTable
-from zivi.simulation.batch_result import BatchRuns, room_for, stops_of, threads_for
+from zivi.simulation.batch_result import BatchRuns, replaced, room_for, stops_of, threads_for
 from zivi.simulation.mechanical_run import (
     Asked,
-    FixedOrSwitched,
+    check_friction,
     check_mechanical_method,
     configuration,
-    record_of,
     run_mechanical,
     with_kicks,
 )
-from zivi.simulation.mechanical_trajectory import MechanicalTrajectory, time_of_rest
+from zivi.simulation.mechanical_trajectory import AT_REST, MechanicalTrajectory
 from zivi.simulation.methods import SwitchedRK
 from zivi.system.mechanism import MechanicalSystem
+from zivi.system.start import check_start
 
 __all__ = [
     "MechanicalBatch",
@@ -104,6 +105,8 @@ class MechanicalBatch(BatchRuns):
         With ``t_eval``: the times of the samples, shape (k,).
     sample_q, sample_qdot : ndarray or None
         Coordinates and velocities there, shape (N, k, n); NaN where a run ended before.
+    parameters : dict of str to ndarray
+        The values of the argument `parameters`, of shape (N,) each, by name.
     """
 
     t: Array
@@ -132,10 +135,11 @@ class MechanicalBatch(BatchRuns):
     sample_q: Array | MaybeNone = None
     sample_qdot: Array | MaybeNone = None
     rest_time: Array = dataclasses.field(default_factory=lambda: np.empty(0))
+    parameters: dict[str, Array] = dataclasses.field(default_factory=dict)
 
     def _table(self) -> ResultTable:
         """Describe the dataset: ``run``, ``coordinate``, ``gap``, and ``time`` of the samples."""
-        fields, coords = ENDS | NUMBERS, dict(LABELS)
+        fields, coords = ENDS | NUMBERS | self._varied(), dict(LABELS)
         if self.sample_t is not None:
             fields |= SAMPLES
             coords["time"] = "time", "", "times of the samples"
@@ -144,6 +148,7 @@ class MechanicalBatch(BatchRuns):
             "time": self.sample_t,
             "coordinate": np.array(self.config["coordinates"], dtype=object),
             "gap": np.array(self.config["gaps"], dtype=object),
+            **self.parameters,
         }
         return ResultTable(
             "Batch of runs of mechanical systems with impacts", fields, coords, values
@@ -178,9 +183,13 @@ def mechanical_batch(
     threads: int,
     progress: bool | None,
     tstops: Any,
-    kicks: Any = None,
+    kicks: Any,
+    columns: Mapping[str, Array],
 ) -> MechanicalBatch:
     """Run many mechanical systems; see `zivi.simulate_batch`."""
+    native = _native_parameters(systems, columns)
+    if native is None and isinstance(systems, MechanicalSystem):
+        systems = replaced(systems, columns)
     if save not in SAVES:
         names = ", ".join(repr(name) for name in SAVES)
         raise ValueError(f"save must be one of {names} for mechanical systems, got {save!r}")
@@ -188,18 +197,48 @@ def mechanical_batch(
     threads = threads_for(several, threads)
     check_mechanical_method(method)
     stops = stops_of(several, tstops, method, span)
-    q, qdot = _batch_states(y0, len(several))
+    n_columns = len(next(iter(columns.values()))) if columns else 1
+    q, qdot = _batch_states(y0, max(len(several), n_columns))
+    if save == "final" and times is None and kicks is None and isinstance(method, SwitchedRK):
+        values = columns, *(native or (None, None))
+        runs = _native_runs(several, method, span, (q, qdot), stops, values)
+        if runs is not None:
+            with ProgressBar(progress) as bar:
+                found = runs.run(
+                    method._core, span=span, slowest=slowest, threads=threads, progress=bar.report
+                )
+            first = _system_of_run(several, columns, 0)
+            asked = Asked(span, q[0], qdot[0], None, stops[0], [], dense=False)
+            config = configuration(first, first.model(q.shape[1]), method, asked)
+            return _batch_of_ends(found, config | {"n_runs": len(q), "save": save}, dict(columns))
+    if columns and len(several) == 1:
+        several = replaced(several[0], columns)
     if len(several) == 1:
         several, stops = several * len(q), stops * len(q)
+    elif len(stops) == 1:
+        stops = stops * len(q)
+    batch = _batch_of_runs(
+        several, (span, q, qdot, stops, kicks), method, (times, save, slowest), threads, progress
+    )
+    return dataclasses.replace(batch, parameters=dict(columns))
+
+
+def _batch_of_runs(
+    several: list[MechanicalSystem],
+    starts: tuple[tuple[float, float], Array, Array, list[Array], Any],
+    method: Any,
+    kept: tuple[Array | None, str, float],
+    threads: int,
+    progress: bool | None,
+) -> MechanicalBatch:
+    """Run systems one by one, on threads, and keep what is asked for."""
+    (span, q, qdot, stops, kicks), (times, save, slowest) = starts, kept
     samples = None if times is None else room_for(2, len(q), len(times), q.shape[1])
     # the motion itself is requested in samples and whole runs only
     dense = times is not None or save == "runs" or not isinstance(method, SwitchedRK)
-    ends = save != "runs"
-    is_counted = save == "final" and not dense and not any(system._channels for system in several)
-    counts = slowest if is_counted else None
 
     def asked(q: Array, qdot: Array, stops: Array) -> Asked:
-        return Asked(span, q, qdot, None, stops, [], dense, arcs=True, ends=ends, counts=counts)
+        return Asked(span, q, qdot, None, stops, [], dense, arcs=True, ends=save != "runs")
 
     tasks = list(zip(several, map(asked, q, qdot, stops), strict=True))
     if kicks is not None:
@@ -207,8 +246,6 @@ def mechanical_batch(
 
     def one(number: int, report: Any) -> Kept:
         system, asked = tasks[number]
-        if is_counted:
-            return _count_run(system, method, asked, report, is_first=number == 0)
         run, error = run_mechanical(system, method, asked, report)
         if error is not None:
             raise error
@@ -226,6 +263,90 @@ def mechanical_batch(
         return batch
     config["t_eval"] = times.tolist()
     return dataclasses.replace(batch, sample_t=times, sample_q=samples[0], sample_qdot=samples[1])
+
+
+def _native_parameters(
+    systems: Any, columns: Mapping[str, Array]
+) -> tuple[Array | None, Array | None] | None:
+    """Return the rows of a model's parameters, and e, where one model serves all runs."""
+    if not columns:
+        return None, None
+    rigid = isinstance(systems, MechanicalSystem) and not systems._compliant()
+    if not rigid or "e" in getattr(systems, "parameters", ()):
+        return None
+    others = {name: values for name, values in columns.items() if name != "e"}
+    try:
+        rows = systems._parameter_rows(others) if others else None
+    except KeyError as error:
+        raise ValueError(f"parameters: {error.args[0]}") from None
+    return None if others and rows is None else (rows, columns.get("e"))
+
+
+def _system_of_run(several: list[MechanicalSystem], columns: Mapping[str, Array], i: int) -> Any:
+    """Return the system of a run, with its values of the parameters."""
+    if len(several) > 1 or not columns:
+        return several[i if len(several) > 1 else 0]
+    own: MechanicalSystem = replaced(
+        several[0], {name: it[i : i + 1] for name, it in columns.items()}
+    )[0]
+    return own
+
+
+def _native_runs(
+    several: list[MechanicalSystem],
+    method: SwitchedRK,
+    span: tuple[float, float],
+    states: tuple[Array, Array],
+    stops: list[Array],
+    parameters: tuple[Mapping[str, Array], Array | None, Array | None],
+) -> _zivi.MechanicalRuns | None:
+    """Prepare runs that need no interpreter, and check their starts; None if some need it."""
+    (q, qdot), (columns, rows, e) = states, parameters
+    if any(system._channels for system in several):
+        return None
+    models = [system.model(q.shape[1]) for system in several]
+    if not all(model.spec.is_native for model in models):
+        return None
+    check_friction(several[0], method)
+    mechanisms = [system.mechanism(it) for system, it in zip(several, models, strict=True)]
+    runs = _zivi.MechanicalRuns(mechanisms, q, qdot, tstops=stops, e=e, data=rows)
+    # of all systems the first start, and of all starts those that may be wrong
+    for i in sorted({*range(len(several)), *runs.unsound_starts(span[0])}):
+        system = _system_of_run(several, columns, i)
+        try:
+            check_start(system, system.model(q.shape[1]), span, q[i], qdot[i])
+        except ValueError as error:
+            raise ValueError(f"run {i} of the batch: {error}") from None
+    return runs
+
+
+def _batch_of_ends(
+    ends: _zivi.MechanicalEnds, config: dict[str, Any], parameters: dict[str, Array]
+) -> MechanicalBatch:
+    impacts, zeno, liftoffs, corners, flags = ends.totals.T
+    since, fastest, fastest_since = ends.speeds.T
+    rests = ends.contacts.any(axis=1) & ~(fastest_since > AT_REST * fastest)
+    return MechanicalBatch(
+        t=ends.t,
+        q=ends.q,
+        qdot=ends.qdot,
+        gaps=ends.gaps,
+        contacts=ends.contacts,
+        first_impact=ends.first_impact,
+        last_impact=ends.last_impact,
+        n_impacts=impacts,
+        n_zeno=zeno,
+        n_liftoffs=liftoffs,
+        n_corners=corners,
+        n_flags=flags,
+        status=ends.status,
+        nfev=ends.nfev,
+        rest_time=np.where(rests, since, np.nan),
+        events=None,
+        runs=None,
+        config=config,
+        parameters=parameters,
+    )
 
 
 def _computed(one: Callable[[int, Any], Kept], count: int, threads: int, report: Any) -> list[Kept]:

@@ -63,8 +63,6 @@ class Asked:
         Whether at least the arcs of it are kept that jumps skip, with the impacts on them.
     ends : bool
         Whether without times of samples only the ends are sampled.
-    counts : float or None
-        If what happens at the gaps is counted alone: down to this part of the fastest impact.
     """
 
     span: tuple[float, float]
@@ -77,7 +75,6 @@ class Asked:
     kicks: KickSchedule | None = None
     arcs: bool = False
     ends: bool = False
-    counts: float | None = None
 
     def keep(self) -> _zivi.Keep:
         """Return what the extension keeps."""
@@ -89,7 +86,6 @@ class Asked:
             ends=self.ends,
             dense=self.dense,
             arcs=self.arcs,
-            counts=self.counts,
         )
 
 

@@ -623,6 +623,10 @@ class MechanicalSystem:
         parts = layout, self._mass, self._force, self._gaps, slips
         return Model.native(layout, model_of_parts(*parts, steady=self._is_steady()))
 
+    def _parameter_rows(self, columns: Mapping[str, Array]) -> Array | None:
+        """Return the data of the compiled model for each run, None if it has none."""
+        return None
+
     def _contact_laws(self) -> list[ContactLaw | None]:
         """Return the contact law of each gap, None of a rigid one."""
         return [gap.contact for gap in self._gaps]

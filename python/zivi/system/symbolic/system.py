@@ -139,6 +139,13 @@ class Parameters(MutableMapping[str, float]):
         """The numbers at this moment, to be compared with those of another one."""
         return self._row.tobytes()
 
+    def rows(self, columns: Mapping[str, Array]) -> Array:
+        """Return a row of all numbers for each run, with these columns instead of some."""
+        rows = np.tile(self._row, (len(next(iter(columns.values()))), 1))
+        for name, values in columns.items():
+            rows[:, self._place(name)] = values
+        return rows
+
     def _place(self, name: Any) -> int:
         if name in self._places:
             return self._places[name]
@@ -305,6 +312,9 @@ class SymbolicSystem(MechanicalSystem):
         )
         other._parameters.update(parameters)
         return other
+
+    def _parameter_rows(self, columns: Mapping[str, Array]) -> Array | None:
+        return self._parameters.rows(columns)
 
     def _contact_laws(self) -> list[ContactLaw | None]:
         return [self._contact.get(name) for name in self._gap_names]

@@ -160,6 +160,11 @@ impl NativeForce for CompiledForce {
         Differenced::new(self, duration)
     }
 
+    fn parameter(&mut self, index: usize) -> Result<&mut f64, usize> {
+        let n = self.n;
+        self.parameters[..n].get_mut(index).ok_or_else(|| index - n)
+    }
+
     /// What was raised before is none of the run's business.
     fn listening(self) -> Self {
         Self { seen: RAISED.load(Ordering::Relaxed), ..self }

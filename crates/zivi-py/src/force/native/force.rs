@@ -19,6 +19,10 @@ pub(crate) trait NativeForce: Force<PyErr> + Copy + Send + Sync {
         None
     }
 
+    /// Its parameter of this index, which may differ from run to run; else how far beyond its
+    /// parameters the index is.
+    fn parameter(&mut self, index: usize) -> Result<&mut f64, usize>;
+
     /// For a span that is so long (s).
     fn differentiable(self, duration: f64) -> Self::Differentiable;
 
@@ -36,6 +40,10 @@ pub(crate) trait NativeForce: Force<PyErr> + Copy + Send + Sync {
 impl NativeForce for zivi::ConstantForce {
     type Differentiable = Self;
 
+    fn parameter(&mut self, index: usize) -> Result<&mut f64, usize> {
+        index.checked_sub(1).map_or(Ok(&mut self.0), Err)
+    }
+
     fn differentiable(self, _: f64) -> Self {
         self
     }
@@ -52,6 +60,18 @@ impl NativeForce for zivi::LinearForce {
         Some(Self { stiffness, damping, gravity, amplitude, omega, phase })
     }
 
+    fn parameter(&mut self, index: usize) -> Result<&mut f64, usize> {
+        Ok(match index {
+            0 => &mut self.stiffness,
+            1 => &mut self.damping,
+            2 => &mut self.gravity,
+            3 => &mut self.amplitude,
+            4 => &mut self.omega,
+            5 => &mut self.phase,
+            _ => return Err(index - 6),
+        })
+    }
+
     fn differentiable(self, _: f64) -> Self {
         self
     }
@@ -60,6 +80,10 @@ impl NativeForce for zivi::LinearForce {
 /// Its table is held by the `Force` of Python.
 impl NativeForce for zivi::TableForce<'static> {
     type Differentiable = Self;
+
+    fn parameter(&mut self, index: usize) -> Result<&mut f64, usize> {
+        self.linear.parameter(index)
+    }
 
     fn differentiable(self, _: f64) -> Self {
         self

@@ -53,6 +53,25 @@ macro_rules! natives {
                 }
             }
 
+            /// Its parameter of this index: first those of the force, then those of its wall.
+            pub(crate) fn parameter(&mut self, index: usize) -> Option<&mut f64> {
+                match self {
+                    $(
+                        Self::$fixed(force) => force.parameter(index).ok(),
+                        Self::$moving(OnMovingWall { force, wall }) => {
+                            match force.parameter(index) {
+                                Ok(own) => Some(own),
+                                Err(0) => Some(&mut wall.amplitude),
+                                Err(1) => Some(&mut wall.omega),
+                                Err(2) => Some(&mut wall.phase),
+                                Err(3) => Some(&mut wall.offset),
+                                Err(_) => None,
+                            }
+                        }
+                    )*
+                }
+            }
+
             /// The same for a run that begins now.
             pub(crate) fn listening(self) -> Self {
                 match self {

@@ -99,7 +99,7 @@ pub fn simulate_closed_loop_batch<E, F: Force<Stopped> + Copy + Send + Sync>(
     check_memory(members, settings, threads)?;
     let work = pool::Work {
         width: CHUNK,
-        chunk: |chunk: &[LoopMember<'_, F>], stop: &dyn Fn() -> bool| {
+        chunk: |chunk: &[LoopMember<'_, F>], stop: pool::Stop<'_>| {
             chunk.iter().map(|member| one(member, settings, stop)).collect()
         },
         lost: LoopOutcome::lost,

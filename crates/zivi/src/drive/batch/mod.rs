@@ -14,8 +14,8 @@ mod returns;
 use zivi_core::{Physical, ThetaGammaStep};
 
 pub use loops::{simulate_closed_loop_batch, LoopMember, LoopOutcome, LoopSettings};
-pub use outcome::{Outcome, Save, Saved};
-pub use pool::available_threads;
+pub use outcome::{BatchError, Outcome, Save, Saved};
+pub use pool::{available_threads, run as run_chunks, Stop, Work};
 pub use returns::{map_impacts, orbits, Mapped};
 
 use crate::method::{newton, AnyMethod, Method, PointMass, PointRun, Settings};
@@ -84,15 +84,6 @@ pub struct Member<'a, F> {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Stopped;
 
-/// Why a batch gave nothing.
-#[derive(Clone, Debug, PartialEq)]
-pub enum BatchError<E> {
-    /// The member of this number, or what is the same for all, is out of range.
-    Setup(Option<usize>, SetupError),
-    /// The monitor wants to stop.
-    Raised(E),
-}
-
 /// Runs every member, on `threads` threads (at least 1).
 ///
 /// # Errors
@@ -130,7 +121,7 @@ pub fn simulate_batch<E, F: Force<Stopped> + Copy + Send + Sync>(
     check_memory(members.len(), alone, plan, threads)?;
     let work = pool::Work {
         width: lanes::WIDTH,
-        chunk: |chunk: &[Member<'_, F>], stop: &dyn Fn() -> bool| several(chunk, plan, stop),
+        chunk: |chunk: &[Member<'_, F>], stop: Stop<'_>| several(chunk, plan, stop),
         lost: |member: &Member<'_, F>, status| {
             Outcome::lost(plan.span.0, member.initial, status, save)
         },
@@ -164,7 +155,7 @@ pub fn simulate_batch_to<E, F: Force<Stopped> + Copy + Send + Sync>(
     })?;
     let work = pool::Work {
         width: lanes::WIDTH,
-        chunk: |chunk: &[(Member<'_, F>, f64)], stop: &dyn Fn() -> bool| {
+        chunk: |chunk: &[(Member<'_, F>, f64)], stop: Stop<'_>| {
             let run = |(member, end): &(Member<'_, F>, f64)| {
                 one(member, BatchPlan { span: (start, *end), ..plan }, stop)
             };
@@ -364,7 +355,12 @@ fn one<F: Force<Stopped> + Copy>(
     let every = save.every();
     let keep = if let Save::Steps(_) = save { Keep::All } else { Keep::Every(every) };
     let watch = &mut Unobserved { keep, stop };
-    let t_eval = if let Save::At(times) = save { Some(times) } else { None };
+    // samples between the ends are drawn only where they are kept or looked at
+    let t_eval = match (save, method) {
+        (Save::At(times), _) => Some(times),
+        (Save::Final | Save::Events, AnyMethod::SwitchedRk(_)) => Some([].as_slice()),
+        _ => None,
+    };
     let kicks = (!kicks.is_empty()).then(|| kicks_at(kicks));
     let output = Output { t_eval, tstops, kicks, ..Output::default() };
     let system = PointMass { force: &mut force, law: law.clone() };

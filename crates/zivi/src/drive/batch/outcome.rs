@@ -228,3 +228,12 @@ impl ListedImpacts<'_> {
         all
     }
 }
+
+/// Why a batch gave nothing.
+#[derive(Clone, Debug, PartialEq)]
+pub enum BatchError<E> {
+    /// The member of this number, or what is the same for all, is out of range.
+    Setup(Option<usize>, SetupError),
+    /// The monitor wants to stop.
+    Raised(E),
+}

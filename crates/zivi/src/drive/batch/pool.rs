@@ -12,8 +12,11 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::thread::{Builder, Thread};
 use std::time::Duration;
 
-use super::BatchError;
+use super::outcome::BatchError;
 use crate::{Monitor, SetupError, Status};
+
+/// Whether the work shall stop.
+pub type Stop<'a> = &'a (dyn Fn() -> bool + Sync);
 
 /// Between two looks of the monitor.
 const PERIOD: Duration = Duration::from_millis(30);
@@ -46,13 +49,14 @@ impl Drop for AtWork<'_> {
 }
 
 /// What is done with the items.
-pub(super) struct Work<W, L> {
+#[derive(Clone, Copy, Debug)]
+pub struct Work<W, L> {
     /// Items of a chunk, at most.
-    pub(super) width: usize,
+    pub width: usize,
     /// The results of a chunk, one for each item.
-    pub(super) chunk: W,
+    pub chunk: W,
     /// The result of an item that could not be worked on, and why.
-    pub(super) lost: L,
+    pub lost: L,
 }
 
 /// `work` on every chunk of the `items`; the results in the order of the items.
@@ -60,12 +64,12 @@ pub(super) struct Work<W, L> {
 /// # Errors
 /// The first chunk's that fails for want of something else than memory, that no thread could be
 /// started, or what the monitor raises.
-pub(super) fn run<E, T: Sync, R: Send>(
+pub fn run<E, T: Sync, R: Send>(
     items: &[T],
     threads: usize,
     monitor: &mut impl Monitor<E>,
     mut work: Work<
-        impl Fn(&[T], &dyn Fn() -> bool) -> Result<Vec<R>, SetupError> + Sync,
+        impl Fn(&[T], Stop<'_>) -> Result<Vec<R>, SetupError> + Sync,
         impl Fn(&T, Status) -> R + Sync,
     >,
 ) -> Result<Vec<R>, BatchError<E>> {
@@ -160,12 +164,9 @@ fn watch<E, T, R>(
     raised
 }
 
-fn take_chunks<T, R>(
+fn take_chunks<T: Sync, R: Send>(
     shared: &PoolState<'_, T, R>,
-    work: &Work<
-        impl Fn(&[T], &dyn Fn() -> bool) -> Result<Vec<R>, SetupError>,
-        impl Fn(&T, Status) -> R,
-    >,
+    work: &Work<impl Fn(&[T], Stop<'_>) -> Result<Vec<R>, SetupError>, impl Fn(&T, Status) -> R>,
 ) {
     let stop = || shared.stop.load(Ordering::Relaxed);
     while !stop() {
@@ -193,11 +194,8 @@ fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
 /// The results of a chunk; where it fails as a whole, those of its items one by one.
 fn guarded<T, R>(
     chunk: &[T],
-    stop: &dyn Fn() -> bool,
-    work: &Work<
-        impl Fn(&[T], &dyn Fn() -> bool) -> Result<Vec<R>, SetupError>,
-        impl Fn(&T, Status) -> R,
-    >,
+    stop: Stop<'_>,
+    work: &Work<impl Fn(&[T], Stop<'_>) -> Result<Vec<R>, SetupError>, impl Fn(&T, Status) -> R>,
 ) -> Result<Vec<R>, SetupError> {
     // what a panic leaves half done is dropped with it: the work shares nothing that it changes
     let status = match catch_unwind(AssertUnwindSafe(|| (work.chunk)(chunk, stop))) {

@@ -39,7 +39,7 @@ pub fn map_impacts<E>(
     let nothing = [[f64::NAN; 2]; 2];
     let work = pool::Work {
         width: WIDTH,
-        chunk: |chunk: &[[f64; 2]], _: &dyn Fn() -> bool| chunk.iter().map(one).collect(),
+        chunk: |chunk: &[[f64; 2]], _: pool::Stop<'_>| chunk.iter().map(one).collect(),
         lost: |_: &[f64; 2], _| Mapped {
             next: map.next(f64::NAN, f64::NAN),
             jacobian: nothing,
@@ -70,7 +70,7 @@ pub fn orbits<E>(
     };
     let work = pool::Work {
         width: 1,
-        chunk: |chunk: &[(usize, [f64; 2])], stop: &dyn Fn() -> bool| {
+        chunk: |chunk: &[(usize, [f64; 2])], stop: pool::Stop<'_>| {
             Ok(chunk.iter().map(|item| one(item, stop)).collect())
         },
         lost: |_: &(usize, [f64; 2]), _| vec![[f64::NAN; 2]; n],
