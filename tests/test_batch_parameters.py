@@ -197,7 +197,7 @@ def test_bad_arguments_are_named():
         zivi.simulate_batch(BALL, (0, 1), (1, 0), parameters=[0.1])
     with pytest.raises(ValueError, match="y0 must have one value or row for each of 3 runs, got 2"):
         zivi.simulate_batch(BALL, (0, 1), [[1, 0], [1, 0]], parameters={"e": [0.1, 0.2, 0.3]})
-    with pytest.raises(ValueError, match="'mass' is no parameter"):
+    with pytest.raises(ValueError, match="unknown parameter 'mass'"):
         zivi.simulate_batch(pendulum(), (0, 1), ([0.1], [0.0]), parameters={"mass": [1.0]})
     with pytest.raises(ValueError, match=r"parameters\['e'\] must be in \[0, 1\], got -1 in run 1"):
         zivi.simulate_batch(pendulum(), (0, 1), ([0.1], [0.0]), parameters={"e": [0.5, -1.0]})

@@ -129,7 +129,7 @@ def test_bad_times_are_named(times):
 
 def test_no_memory_for_the_samples():
     starts = np.broadcast_to(START[0], (10**6, 2)), START[1]
-    with pytest.raises(MemoryError, match="y0 gives 1000000 runs"):  # beyond all addresses
+    with pytest.raises(MemoryError, match="y0 has 1000000 runs"):  # beyond all addresses
         zivi.simulate_batch(blocks(1.0), (0, 1), starts, t_eval=np.broadcast_to(0.5, 10**7))
 
 

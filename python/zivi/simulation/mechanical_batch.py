@@ -424,39 +424,6 @@ def _batch_states(y0: Any, n_systems: int) -> tuple[Array, Array]:
     return np.broadcast_to(q, shape).copy(), np.broadcast_to(qdot, shape).copy()
 
 
-def _count_run(
-    system: MechanicalSystem,
-    method: FixedOrSwitched,
-    asked: Asked,
-    report: Any,
-    *,
-    is_first: bool,
-) -> Kept:
-    """Run a system and return end and numbers only, and for the first run its configuration."""
-    record, model = record_of(system, method, asked, report)
-    if (error := record.raised) is not None:
-        raise error
-    assert record.totals is not None
-    assert record.speeds is not None
-    (impacts, zeno, liftoffs, corners, flags), (first, last) = record.totals
-    rest = time_of_rest(record.speeds, rests=record.contacts[-1].any())
-    numbers = {
-        "n_impacts": impacts,
-        "n_zeno": zeno,
-        "n_liftoffs": liftoffs,
-        "n_corners": corners,
-        "n_flags": flags,
-        "first_impact": first,
-        "last_impact": last,
-        "rest_time": np.nan if rest is None else rest,
-        "status": record.status,
-        "nfev": record.nfev,
-    }
-    end = (record.t[-1], record.q[-1], record.qdot[-1], record.gaps[-1], record.contacts[-1])
-    config = configuration(system, model, method, asked) if is_first else {}
-    return Kept(end, numbers, None, None, config)
-
-
 TABLES = ("impacts", "zeno", "liftoffs", "openings", "corners", "flags")
 OF_FRICTION = ("transitions", "stick")
 
