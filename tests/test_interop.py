@@ -1,6 +1,8 @@
 """python-control runs zivi's plants and controllers, and finds what zivi's own loop finds."""
 
+import contextlib
 import importlib.util
+import io
 import subprocess
 import sys
 from pathlib import Path
@@ -225,23 +227,42 @@ def example():
     return module
 
 
+@pytest.fixture(scope="module")
+def run_of_example(example, tmp_path_factory):
+    """What the example prints, its picture, and its responses by the lag: all is run once."""
+    response, found = example.response, []
+
+    def kept_response(*given):
+        found.append(response(*given))
+        return found[-1]
+
+    path = tmp_path_factory.mktemp("interop") / "out.png"
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(example, "response", kept_response)
+        with contextlib.redirect_stdout(io.StringIO()) as printed:
+            example.main(str(path))
+    # the first two have no lag
+    return printed.getvalue(), path, dict(zip(example.LAGS, found[2:], strict=True))
+
+
 @pytest.mark.slow
-def test_the_example(example, tmp_path, capsys):
-    example.main(str(tmp_path / "out.png"))
-    printed = capsys.readouterr().out
+@pytest.mark.xdist_group("python_control")
+def test_the_example(run_of_example):
+    printed, path, _ = run_of_example
     assert printed.count("differs by 0 at most") == 2
-    assert (tmp_path / "out.png").stat().st_size > 1000
+    assert path.stat().st_size > 1000
 
 
 @pytest.mark.slow
-def test_a_short_lag_is_no_lag(example):
+@pytest.mark.xdist_group("python_control")
+def test_a_short_lag_is_no_lag(example, run_of_example):
     # c2d's zero-order hold acts a period late: a vanishing lag is the delay of a period
     late = zivi.simulate_closed_loop(
         example.PLANT, example.tracker(), (0, 2), (6, 5), force_ref=-19.81, delay=1
     )
     found = example.response(example.lag(1e-5))
     assert example.difference(found, late) < 1e-9
-    longer = [example.times_of(example.response(example.lag(tau)))[0] for tau in (1e-3, 1e-2)]
+    longer = [example.times_of(run_of_example[2][tau])[0] for tau in (1e-3, 1e-2)]
     assert longer[0] < longer[1]
 
 

@@ -699,16 +699,16 @@ ANY = "*"
 
 def attribute_error(kind: str, thing: object, name: str) -> AttributeError:
     """Make the error of an attribute that a result or a system does not have."""
-    known = (it for it in dir(type(thing)) if not it.startswith("_"))
-    hint = name_hint(name, [*known, *_fields(thing)], ATTRIBUTES[kind])
+    hint = _attribute_hint(kind, type(thing), name)
     text = f"{type(thing).__name__!r} object has no attribute {name!r}"
     # Python adds a suggestion of its own if it knows the object
     return AttributeError(f"{text}{hint}", name=name, obj=None if hint else thing)
 
 
-def _fields(thing: object) -> Iterable[str]:
-    names = getattr(type(thing), "__dataclass_fields__", None) or ()
-    return [it for it in names if not it.startswith("_")]
+@functools.lru_cache(1024)  # `getattr` with a default asks for the same name in every run
+def _attribute_hint(kind: str, owner: type, name: str) -> str:
+    known = [*dir(owner), *(getattr(owner, "__dataclass_fields__", None) or ())]
+    return name_hint(name, [it for it in known if not it.startswith("_")], ATTRIBUTES[kind])
 
 
 def module_error(module: str, name: str, known: Iterable[str], hints: Mapping[str, str]) -> Any:
