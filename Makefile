@@ -127,7 +127,7 @@ lint-rust: $(VENV)/.packages
 	else echo 'cargo fmt is missing: rustup component add rustfmt'; test -n '$(SKIP_MISSING)'; fi
 	@if cargo clippy --version >/dev/null 2>&1; then \
 	    PYO3_PYTHON=$(CURDIR)/$(BIN)/python \
-	    cargo clippy --locked --quiet --workspace --all-targets -- -D warnings && \
+	    cargo clippy --locked --quiet --workspace --lib --tests --examples -- -D warnings && \
 	    cargo clippy --locked --quiet --package zivi-c --features exports -- -D warnings && \
 	    cargo clippy --locked --quiet --package zivi-c --features exports,single -- -D warnings && \
 	    cargo clippy --locked --quiet --package zivi --package zivi-fmu --features zivi-fmu/loops -- -D warnings; \
