@@ -32,7 +32,7 @@ def test_five_figures_for_a_lecture(tmp_path, capsys):
 def test_the_film_is_a_motion():
     """Closed forms from arc to arc beside SciPy, up to the third impact."""
     film = example("fit_restitution")
-    x0, e, c, g = film.TRUTH
+    x0, e, c, g = film.TRUTH.values()
 
     def hit(t, y):
         return y[0]
@@ -57,27 +57,46 @@ def test_the_film_is_a_motion():
         start, state = arc.t[-1], [1e-16, -e * arc.y[1, -1]]
 
 
-def test_a_fit_finds_what_the_film_was_made_with():
+def test_a_fit_finds_the_parameters_of_the_video():
     film = example("fit_restitution")
-    run = film.model()
-    exact = film.fit(film.heights(film.TIMES), run)
-    np.testing.assert_allclose(exact.x, film.TRUTH, rtol=1e-6)
-    # derivatives beside differences
-    step = 1e-6 * film.TRUTH
-    for k in range(len(step)):
-        move = np.where(np.arange(len(step)) == k, step, 0.0)
-        difference = (run.fun(film.TRUTH + move) - run.fun(film.TRUTH - move)) / (2 * step[k])
-        off = np.abs(run.jac(film.TRUTH)[:, k] - difference)
-        # a picture in the moment of an impact may lie on either side of it
-        assert np.sort(off)[-3] < 1e-4 * np.abs(difference).max()
+    exact = film.fit(zivi.Record(film.TIMES, film.heights(film.TIMES), sigma=film.NOISE))
+    np.testing.assert_allclose(exact.x, list(film.TRUTH.values()), rtol=1e-6)
 
 
-def test_deviations_are_those_of_many_films(tmp_path, capsys):
-    lines = printed("fit_restitution", tmp_path, capsys).splitlines()[:4]
-    for line in lines:
+def test_deviations_are_the_scatter_of_many_videos(tmp_path, capsys):
+    lines = printed("fit_restitution", tmp_path, capsys).splitlines()
+    assert lines[4] == "found by 4 of 4 starts"
+    for line in lines[:4]:
         value, true, own, seen = map(float, re.findall(r"\d+\.?\d*(?:e-\d+)?", line[8:]))
         assert abs(value - true) < 4 * own
-        assert own == pytest.approx(seen, rel=0.35)
+        assert own == pytest.approx(seen, rel=0.45)
+
+
+def test_a_recording_gives_restitution_release_and_height(tmp_path, capsys):
+    lines = printed("fit_microphone", tmp_path, capsys).splitlines()
+    assert lines[0].startswith("11 clicks")
+    for line in lines[1:]:
+        value, std, true = map(float, re.findall(r"\d+\.\d+", line[2:]))
+        assert abs(value - true) < 4 * std + 1e-5
+
+
+def test_a_stop_is_found_where_plain_least_squares_stop(tmp_path, capsys):
+    lines = printed("fit_stop", tmp_path, capsys).splitlines()
+    for line in lines[:4]:
+        value, std, true = map(float, re.findall(r"\d+\.\d+", line[3:]))
+        assert abs(value - true) < 4 * std
+    cost, other = map(float, re.findall(r"\d+\.?\d*", lines[4]))
+    assert cost < 80 < 1e3 < other
+    one, many = (int(line.rpartition(" ")[2]) for line in lines[5:])
+    assert (one, many) == (1, 14)
+    assert "one minimum" in shown("fit_stop")
+
+
+def test_what_data_do_not_determine_is_said(tmp_path, capsys):
+    lines = printed("fit_identifiability", tmp_path, capsys).splitlines()
+    deviations = [float(re.search(r"\+- (\S+),", line)[1]) for line in lines[:3]]
+    assert deviations[0] > 5 * deviations[1] > 25 * deviations[2]
+    assert lines[3] == "mass and stiffness are not determined separately by these data"
 
 
 def test_designed_gains_keep_their_promise(tmp_path, capsys):

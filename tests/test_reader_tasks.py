@@ -134,20 +134,14 @@ def film(t, x0, e):
     return x
 
 
-@task("derivatives")
+@task("fit")
 def test_a_fit_of_e_to_data():
-    from scipy.optimize import curve_fit
-
     t = np.linspace(0.02, 3, 150)
     measured = film(t, 0.8, 0.72) + 2e-3 * np.random.default_rng(0).standard_normal(len(t))
     ball = zivi.ImpactSystem(zivi.LinearForce(gravity=9.81), e=0.6)
-    model = zivi.interop.run_function(ball, (0, 3), (1, 0), ("x0", "e"), "positions", times=t)
-    fitted, covariance = curve_fit(
-        lambda t, *p: model.fun(p), t, measured, [0.9, 0.65], jac=lambda t, *p: model.jac(p)
-    )
-    deviations = np.sqrt(np.diag(covariance))
-    assert np.all(deviations < 5e-4)
-    assert np.all(np.abs(fitted - [0.8, 0.72]) < 4 * deviations)
+    fit = zivi.fit(ball, zivi.Record(t, measured), ("x0", "e"), y0=(1, 0))
+    assert np.all(fit.deviations < 5e-4)
+    assert np.all(np.abs(fit.x - [0.8, 0.72]) < 4 * fit.deviations)
 
 
 @task("vi")
