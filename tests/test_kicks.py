@@ -220,7 +220,67 @@ def test_a_closed_loop_is_kicked():
     plain = zivi.simulate(body(), (0, 1), start, TIGHT, kicks=kicks)
     assert len(loop.kicks) == 2
     assert np.abs(loop.q[-1] - plain.q[-1]).max() < 1e-9
-    with pytest.raises(
-        TypeError, match="kicks are not supported by closed loops of an ImpactSystem"
-    ):
-        zivi.simulate_closed_loop(ball(), Nothing(), (0, 1), (1, 0), kicks=kicks)
+
+
+class Idle:
+    h = 0.01
+
+    def step(self, x, xdot, force):
+        return 0.0
+
+
+@pytest.mark.parametrize(
+    "force", [-9.81, zivi.LinearForce(gravity=9.81, stiffness=2.0), lambda t, x, v: -9.81 - 0.2 * v]
+)
+@pytest.mark.parametrize("start", [(1.0, 0.0), (0.0, 0.0)])
+def test_a_closed_loop_of_a_mass_is_kicked(force, start):
+    system = zivi.ImpactSystem(force, e=0.5)
+    # at the start, at a sample, between samples, into the wall, at the end
+    times = [0.0, 0.3, 0.605, 0.6051, 0.9, 1.4]
+    kicks = [
+        zivi.Kick(t=times, dv=1.5),
+        zivi.Kick(t=[0.305, 1.2], dv=lambda t, x, xdot: -2.0 - xdot),
+    ]
+    loop = zivi.simulate_closed_loop(system, Idle(), (0, 1.4), start, method=TIGHT, kicks=kicks)
+    plain = zivi.simulate(system, (0, 1.4), start, TIGHT, kicks=kicks)
+    assert loop.kicks["t"].tolist() == plain.kicks["t"].tolist()
+    assert np.abs(loop.kicks["xdot_after"] - plain.kicks["xdot_after"]).max() < 1e-8
+    assert np.abs(loop.impacts["t"][:4] - plain.impacts["t"][:4]).max() < 1e-9
+    assert abs(loop.x[-1] - plain.x[-1]) < 1e-8
+    t = np.linspace(0.0, 1.399, 113)
+    assert np.abs(loop(t)[0] - plain(t)[0]).max() < 1e-8
+    assert len(loop.liftoffs) == len(plain.liftoffs)
+
+
+def test_a_controller_measures_before_a_kick_at_its_sample():
+    seen = []
+
+    class Spy(Idle):
+        def step(self, x, xdot, force):
+            seen.append(xdot)
+            return 0.0
+
+    spy = Spy()
+    ball = zivi.ImpactSystem(0.0, e=0.5)
+    run = zivi.simulate_closed_loop(ball, spy, (0, 0.05), (1, 0), kicks=zivi.Kick(t=0.02, dv=1.0))
+    assert seen == [0.0, 0.0, 0.0, 1.0, 1.0]
+    assert run.x[-1] == pytest.approx(1.03, abs=1e-12)
+
+
+def test_the_twisting_regulator_recovers_from_kicks():
+    plant = zivi.ImpactSystem(-9.81, e=0.5)
+    regulator = zivi.TwistingRegulator(30, 17, h=1e-3, e=0.5)
+    kicks = zivi.Kick(every=1.0, start=1.0, dv=2.0)
+    run = zivi.simulate_closed_loop(plant, regulator, (0, 3.9), (0.5, 0), kicks=kicks)
+    assert len(run.kicks) == 3
+    assert (run.kicks["xdot_before"] == 0.0).all()
+    assert run.rest_time > 3.0
+    assert (run.x[-1], run.xdot[-1]) == (0.0, 0.0)
+
+
+def test_loops_on_the_grid_of_a_scheme_refuse_kicks():
+    ball = zivi.ImpactSystem(-9.81, e=0.5)
+    with pytest.raises(ValueError, match="kicks are not supported by ThetaGamma"):
+        zivi.simulate_closed_loop(
+            ball, Idle(), (0, 1), (1, 0), method=zivi.ThetaGamma(h=0.01), kicks=zivi.Kick(t=1, dv=1)
+        )

@@ -1072,6 +1072,7 @@ def simulate_closed_loop(
     events: list[Event],
     given: Any,
     restitution_ref: Restitution,
+    kicks: tuple[_Array, Any] | None = None,
     progress: Any = None,
 ) -> LoopRecord: ...
 

@@ -14,8 +14,8 @@ use zivi::drive::closed_loop::{
 };
 use zivi::drive::Updates;
 use zivi::{
-    AnyMethod, Branch, FixedSteps, Force, Grid, Lifted, Physical, Restitution, SetupError,
-    ThetaGamma, UserEvent,
+    AnyMethod, Branch, FixedSteps, Force, Grid, Kick, Lifted, PathPoint, Physical, Restitution,
+    SetupError, ThetaGamma, UserEvent,
 };
 use zivi_core::control::Waypoint;
 use zivi_core::observer::ImpactObserver;
@@ -27,7 +27,7 @@ use crate::method::{Hits, MotionPath, PyEvent, PyMethod};
 use crate::observer::PyObserver;
 use crate::record::rows_of;
 use crate::simulate::grid_of;
-use crate::system::PyState;
+use crate::system::{kick_of_point, PyState};
 use crate::transform::PyRestitution;
 
 /// What a controller has beside `step`, and what this takes beside `x, xdot, force`.
@@ -181,6 +181,9 @@ struct Surroundings<'a> {
     restitution_ref: Restitution,
 }
 
+/// Times of kicks and the velocities after them, if there are any.
+type Kicks<'a> = Option<(&'a [f64], Kick<'a, PyErr, PathPoint>)>;
+
 type Outcome = Result<LoopRun<PyErr>, SetupError>;
 
 impl Surroundings<'_> {
@@ -189,6 +192,7 @@ impl Surroundings<'_> {
         controller: &mut (impl Controller<PyErr> + ?Sized),
         [plant, model, reference]: &mut [F; 3],
         (events, given): (Vec<UserEvent<'_, PyErr>>, Option<&mut dyn Reference<PyErr>>),
+        kicks: Kicks<'_>,
         watch: &mut Watch<'_>,
     ) -> Outcome {
         let RunStart { restitution, grid, initial } = self.start;
@@ -197,7 +201,7 @@ impl Surroundings<'_> {
         let forces = Forces { plant, model, reference };
         let restitution = self.restitution_ref;
         let followed = given.map(|reference| ReferenceWithWall { reference, restitution });
-        let options = LoopOptions { reference: followed, dense, events };
+        let options = LoopOptions { reference: followed, dense, events, kicks };
         observe_closed_loop(controller, surroundings, forces, options, watch)
     }
 
@@ -208,14 +212,16 @@ impl Surroundings<'_> {
         controller: &mut (dyn Controller<PyErr> + Send),
         forces: &mut [AnyForce<'_>; 3],
         events: Vec<UserEvent<'_, PyErr>>,
-        mut given: Option<GivenReference<'_>>,
+        (mut given, kicks): (Option<GivenReference<'_>>, Kicks<'_>),
         watch: &mut Watch<'_>,
     ) -> Outcome {
         let native: Vec<AnyNative> = forces.iter().filter_map(AnyForce::native).collect();
         match <[AnyNative; 3]>::try_from(native) {
             // events and functions need the interpreter
             Ok(mut native)
-                if events.is_empty() && !matches!(given, Some(GivenReference::Function(_))) =>
+                if events.is_empty()
+                    && kicks.is_none()
+                    && !matches!(given, Some(GivenReference::Function(_))) =>
             {
                 let samples = match given {
                     Some(GivenReference::Samples(samples)) => Some(samples),
@@ -224,12 +230,12 @@ impl Surroundings<'_> {
                 py.detach(|| {
                     let mut samples = samples.as_deref().map(Samples);
                     let reference = samples.as_mut().map(|it| it as &mut dyn Reference<PyErr>);
-                    self.run(controller, &mut native, (Vec::new(), reference), watch)
+                    self.run(controller, &mut native, (Vec::new(), reference), None, watch)
                 })
             }
             _ => {
                 let reference = given.as_mut().map(|it| it as &mut dyn Reference<PyErr>);
-                self.run(controller, forces, (events, reference), watch)
+                self.run(controller, forces, (events, reference), kicks, watch)
             }
         }
     }
@@ -253,7 +259,7 @@ pub(crate) fn motion_of(method: &PyMethod, exact: bool) -> PyResult<Motion> {
 #[pyfunction]
 #[pyo3(signature = (
     controller, forces, *, restitution, h, span, start, method, exact, noise, resolution,
-    delay, observer, interface, ours, dense, events, given, restitution_ref,
+    delay, observer, interface, ours, dense, events, given, restitution_ref, kicks=None,
     progress=None
 ))]
 #[allow(clippy::too_many_arguments)]
@@ -277,6 +283,7 @@ pub(crate) fn simulate_closed_loop(
     events: Vec<PyRef<'_, PyEvent>>,
     given: Option<Bound<'_, PyAny>>,
     restitution_ref: PyRef<'_, PyRestitution>,
+    kicks: Option<(PyReadonlyArray1<'_, f64>, Py<PyAny>)>,
     progress: Option<Py<PyAny>>,
 ) -> PyResult<PyLoopRecord> {
     let _running = crate::leaving::running()?;
@@ -292,11 +299,16 @@ pub(crate) fn simulate_closed_loop(
     let mut given = given.map(GivenReference::new).transpose()?;
     let mut forces = forces.each_ref().map(|force| force.get().on(py));
     let mut events: Vec<_> = events.iter().map(|it| it.of_point(py)).collect();
+    let mut kicks = match &kicks {
+        Some((times, function)) => Some((times.as_slice()?, kick_of_point(py, function))),
+        None => None,
+    };
     let watch = &mut Watch::reporting(progress);
     if ours {
         let run = run_copy(controller, |copy| {
             let events = std::mem::take(&mut events);
-            surroundings.run_native(py, copy, &mut forces, events, given.take(), watch)
+            let more = (given.take(), kicks.take());
+            surroundings.run_native(py, copy, &mut forces, events, more, watch)
         });
         if let Some(run) = run {
             return PyLoopRecord::new(py, run.map_err(setup_error)?, start.restitution);
@@ -306,7 +318,7 @@ pub(crate) fn simulate_closed_loop(
     let mut controller = PythonController { object: controller.clone(), interface, raised };
     let run = {
         let given = given.as_mut().map(|it| it as &mut dyn Reference<PyErr>);
-        surroundings.run(&mut controller, &mut forces, (events, given), watch)
+        surroundings.run(&mut controller, &mut forces, (events, given), kicks, watch)
     };
     PyLoopRecord::new(py, run.map_err(setup_error)?, start.restitution)
 }

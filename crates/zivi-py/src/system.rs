@@ -217,12 +217,20 @@ impl PyKeep {
         &self,
         py: Python<'py>,
     ) -> Option<Kick<'py, PyErr, PathPoint>> {
-        let function = self.kicks.as_ref()?.bind(py).clone();
-        Some(Box::new(move |t, at| {
-            let after: Option<f64> = function.call1((t, at.x, at.xdot))?.extract()?;
-            Ok(after.map(|xdot| at.xdot = xdot).is_some())
-        }))
+        self.kicks.as_ref().map(|function| kick_of_point(py, function))
     }
+}
+
+/// A kick of a mass, by a function of the time, the position and the velocity.
+pub(crate) fn kick_of_point<'py>(
+    py: Python<'py>,
+    function: &Py<PyAny>,
+) -> Kick<'py, PyErr, PathPoint> {
+    let function = function.bind(py).clone();
+    Box::new(move |t, at| {
+        let after: Option<f64> = function.call1((t, at.x, at.xdot))?.extract()?;
+        Ok(after.map(|xdot| at.xdot = xdot).is_some())
+    })
 }
 
 /// Kicks of a mechanical system of `n` coordinates.

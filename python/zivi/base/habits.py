@@ -699,7 +699,8 @@ ANY = "*"
 
 def attribute_error(kind: str, thing: object, name: str) -> AttributeError:
     """Make the error of an attribute that a result or a system does not have."""
-    hint = _attribute_hint(kind, type(thing), name)
+    owner: Any = type(thing)  # whose hash mypy does not know
+    hint = _attribute_hint(kind, owner, name)
     text = f"{type(thing).__name__!r} object has no attribute {name!r}"
     # Python adds a suggestion of its own if it knows the object
     return AttributeError(f"{text}{hint}", name=name, obj=None if hint else thing)

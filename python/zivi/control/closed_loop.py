@@ -62,11 +62,12 @@ from zivi.control.observer import ImpactObserver
 from zivi.control.twisting import CONTROLLERS, TwistingTracker
 from zivi.simulation.events import events_of
 from zivi.simulation.impacts import SLOWEST, check_slowest, impacts_of
+from zivi.simulation.mechanical_run import stops_with
 from zivi.simulation.methods import SwitchedRK, ThetaGamma
 from zivi.simulation.run import Event, pair, refuse, times_within
 from zivi.simulation.run_result import as_raised, with_partial
 from zivi.simulation.trajectory import describe, describe_system
-from zivi.system.kicks import Kick
+from zivi.system.kicks import Kick, kicks_table, schedule_of
 from zivi.system.mass import Force, ImpactSystem, check_system
 from zivi.system.mechanism import MechanicalSystem
 
@@ -193,6 +194,7 @@ def simulate_closed_loop(
     quantization: Sequence[float] = ...,
     delay: int = ...,
     observer: ImpactObserver | None = ...,
+    kicks: Kick | Sequence[Kick] | None = ...,
     t_eval: ArrayLike | None = ...,
     events: Event | Sequence[Event] | None = ...,
     dense_output: bool = ...,
@@ -317,8 +319,8 @@ def simulate_closed_loop(
         Forces on the coordinates of a `MechanicalSystem` that the controller does not know: shape
         (n,), or ``d(t, q, qdot)``.
     kicks : Kick or sequence of Kick, optional
-        Impulses on a `MechanicalSystem` at given times (see `simulate`); one at a sample acts after
-        its measurement.
+        Impulses on the plant at given times (see `simulate`); one at a sample acts after its
+        measurement. Without `ThetaGamma`.
     t_eval : array_like, optional
         Increasing times in `t_span` to report instead of the samples (s). ``u``, ``signs`` and
         ``tick_status`` are those of the sample before.
@@ -400,11 +402,6 @@ def simulate_closed_loop(
         )
         moved.updates.warn(moved.config["controller"]["name"])
         return moved
-    if kicks is not None:
-        raise TypeError(
-            "kicks are not supported by closed loops of an ImpactSystem; use a "
-            "zivi.MechanicalSystem of one coordinate"
-        )
     if disturbance is not None:
         raise TypeError("disturbance is for a zivi.MechanicalSystem: here system.force is true")
     part = check_slowest(slowest)
@@ -427,6 +424,10 @@ def simulate_closed_loop(
     periods = check_delay(delay)
     check_ahead(controller, periods, deviations[1] if observer is None else 0.0)
     check_plant_method(method, h)
+    kicked, stops = schedule_of(kicks, system, None, span), np.empty(0)
+    if kicked is not None:
+        stops = stops_with(kicked, stops, method or SwitchedRK())
+        state = state[0], kicked.start(span[0], *state)
     times = None if t_eval is None else times_within(t_eval, span)
     watched = events_of(events)
     if not isinstance(dense_output, bool):
@@ -474,6 +475,7 @@ def simulate_closed_loop(
             given=told,
             restitution_ref=restitution_ref,
             events=watched,
+            kicks=None if kicked is None else (stops[stops > span[0]], kicked),
             progress=bar.report,
         )
     run, raised = _loop_result(record, config, part), record.raised
@@ -485,6 +487,8 @@ def simulate_closed_loop(
         run = end_loop_at_event(run, h)
     if times is not None:
         run = restrict_loop(run, times)
+    if kicked is not None:
+        vars(run)["_kicks"] = kicks_table(kicked.rows, None)
     if raised is None:
         run.updates.warn(config["controller"]["name"])
         return run

@@ -8,7 +8,7 @@ use super::Period;
 use crate::record::columns::Reserve;
 use crate::record::status::Failure;
 use crate::record::user_events::{unknown, EventLocator, SmoothPart};
-use crate::{Impact, LocatedEvent, PathPoint, UserEvent};
+use crate::{Impact, Kick, LocatedEvent, PathPoint, UserEvent};
 
 /// What a closed loop may be given beside its surroundings, and what it shall keep.
 pub struct LoopOptions<'a, E> {
@@ -18,11 +18,13 @@ pub struct LoopOptions<'a, E> {
     pub dense: bool,
     /// The user's events. A level is a function as others are.
     pub events: Vec<UserEvent<'a, E>>,
+    /// Increasing times of kicks (s) and the velocities after them; those at a sample follow it.
+    pub kicks: Option<(&'a [f64], Kick<'a, E, PathPoint>)>,
 }
 
 impl<E> Default for LoopOptions<'_, E> {
     fn default() -> Self {
-        Self { reference: None, dense: false, events: Vec::new() }
+        Self { reference: None, dense: false, events: Vec::new(), kicks: None }
     }
 }
 

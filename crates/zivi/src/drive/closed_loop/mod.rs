@@ -120,20 +120,25 @@ pub fn observe_closed_loop<E, F: Force<E>>(
         (false, true) => Keeps::Nothing,
     };
     let output = &mut output;
+    let kicks = output.kicks.take();
     match motion {
+        Motion::Scheme { .. } if kicks.is_some() => {
+            Err(SetupError::Refused("kicks need a plant that is moved by SwitchedRK"))
+        }
         Motion::Scheme { theta, gamma } => {
             let step = ThetaGammaStep::new(grid.h(), theta, gamma, restitution)?;
             let plant = SchemePlant::new(step, force, (t0, initial), keep);
             run(controller, plant, surroundings, models, output, monitor)
         }
-        Motion::Exact(_) if force.dependence() == Dependence::Constant => {
+        Motion::Exact(_) if kicks.is_none() && force.dependence() == Dependence::Constant => {
             let plant = BallisticPlant::new(restitution, force, t0, initial);
             run(controller, plant, surroundings, models, output, monitor)
         }
         Motion::Exact(method) | Motion::Switched(method) => {
             // a period is one step, unless the error control wants more
             let method = SwitchedRk { first_step: Some(grid.h()), ..method };
-            let plant = SwitchedPlant::new(method, restitution, force, (t0, initial), keep)?;
+            let plant =
+                SwitchedPlant::new(method, restitution, force, (t0, initial), (keep, kicks))?;
             run(controller, plant, surroundings, models, output, monitor)
         }
     }

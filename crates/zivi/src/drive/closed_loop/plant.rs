@@ -11,8 +11,8 @@ use crate::stepping::theta_gamma::ThetaGammaStepper;
 use crate::switched::Trace;
 use crate::system::dynamics::finite_force;
 use crate::{
-    Dependence, Events, Force, Impact, LinearLaw, SetupError, Status, SwitchedIntegrator,
-    SwitchedRk,
+    Dependence, Events, Force, Impact, Kick, LinearLaw, Occurrence, PathPoint, SetupError, Status,
+    SwitchedIntegrator, SwitchedRk,
 };
 use zivi_core::control::regulation::RegulationStep;
 use zivi_core::{transform, Branch, Lifted, Physical, Restitution, ThetaGammaStep};
@@ -120,22 +120,27 @@ impl<E, F: Force<E>> Plant<E> for BallisticPlant<'_, F> {
 }
 
 /// High order between samples, for a force that depends on time or state.
-pub(super) struct SwitchedPlant<'a, F> {
+pub(super) struct SwitchedPlant<'a, 'k, F, E> {
     integrator: SwitchedIntegrator,
     force: &'a mut F,
     reader: EventReader,
     /// The motion, if it is wanted: that of the last period, or all of it.
     trace: Option<Trace>,
     all: bool,
+    /// Times of the kicks to come (s), and the velocities after them.
+    kicks: Kicks<'k, E>,
 }
 
-impl<'a, F> SwitchedPlant<'a, F> {
+/// Times of kicks and the velocities after them, if there are any.
+type Kicks<'k, E> = Option<(&'k [f64], Kick<'k, E, PathPoint>)>;
+
+impl<'a, 'k, F: Force<E>, E> SwitchedPlant<'a, 'k, F, E> {
     pub(super) fn new(
         settings: SwitchedRk,
         restitution: Restitution,
         force: &'a mut F,
         (t0, initial): (f64, Physical),
-        keep: Keeps,
+        (keep, kicks): (Keeps, Kicks<'k, E>),
     ) -> Result<Self, SetupError> {
         let mut integrator = SwitchedIntegrator::new(settings, restitution)?;
         integrator.start(t0, initial)?;
@@ -143,7 +148,48 @@ impl<'a, F> SwitchedPlant<'a, F> {
         let reader = EventReader::starting(t0, rests);
         let trace = (keep != Keeps::Nothing).then(Trace::default);
         let all = keep == Keeps::Everything;
-        Ok(Self { integrator, force, reader, trace, all })
+        Ok(Self { integrator, force, reader, trace, all, kicks })
+    }
+
+    /// The state at `t_next` from that at `t`, without kicks between.
+    fn move_on(
+        &mut self,
+        (t, t_next): (f64, f64),
+        state: Physical,
+        u: f64,
+    ) -> Result<Physical, Failure<E>> {
+        // the control or the velocity jumps: nothing that was learnt from the force holds any longer
+        let Ok(()) = self.integrator.start_again(t, state) else {
+            return Err(Failure::Status(Status::StateNotFinite));
+        };
+        let Self { integrator, force, reader, trace, .. } = self;
+        let mut net = Net { force: &mut **force, u };
+        let note = |seen| reader.note(seen);
+        match trace {
+            Some(trace) => integrator.trace_to(t_next, &mut net, trace, note)?,
+            None => integrator.observe_to(t_next, &mut net, note)?,
+        }
+        Ok(integrator.state())
+    }
+
+    /// The time of the next kick before `t`.
+    fn next_kick(&mut self, t: f64) -> Option<f64> {
+        let (times, _) = self.kicks.as_mut()?;
+        let (&first, later) = times.split_first().filter(|(first, _)| **first < t)?;
+        *times = later;
+        Some(first)
+    }
+
+    /// The state after a kick at a time.
+    fn kicked(&mut self, t: f64, state: Physical) -> Result<Physical, Failure<E>> {
+        let Some((_, kick)) = &mut self.kicks else { return Ok(state) };
+        let Physical { x, xdot } = state;
+        let mut after = PathPoint { x, xdot, sigma: self.integrator.sigma() };
+        kick(t, &mut after).map_err(Failure::Raised)?;
+        if self.integrator.is_at_rest() && after.xdot != 0.0 {
+            self.reader.note(Occurrence::Opened { t, gap: 0 });
+        }
+        Ok(Physical { x, xdot: after.xdot })
     }
 }
 
@@ -158,30 +204,25 @@ pub(super) enum Keeps {
     Everything,
 }
 
-impl<E, F: Force<E>> Plant<E> for SwitchedPlant<'_, F> {
+impl<E, F: Force<E>> Plant<E> for SwitchedPlant<'_, '_, F, E> {
     fn advance(
         &mut self,
         Period { t, t_next, .. }: Period,
         state: Physical,
         u: f64,
     ) -> Result<Physical, Failure<E>> {
-        // the control jumps: nothing that was learnt from the force holds any longer
-        let Ok(()) = self.integrator.start_again(t, state) else {
-            return Err(Failure::Status(Status::StateNotFinite));
-        };
-        let Self { integrator, force, reader, trace, all } = self;
-        let mut net = Net { force: &mut **force, u };
-        let note = |seen| reader.note(seen);
-        match trace {
-            Some(trace) => {
-                if !*all {
-                    trace.clear();
-                }
-                integrator.trace_to(t_next, &mut net, trace, note)?;
-            }
-            None => integrator.observe_to(t_next, &mut net, note)?,
+        if let (Some(trace), false) = (&mut self.trace, self.all) {
+            trace.clear();
         }
-        Ok(integrator.state())
+        let (mut from, mut state) = (t, state);
+        while let Some(at) = self.next_kick(t_next) {
+            if at > from {
+                state = self.move_on((from, at), state, u)?;
+                from = at;
+            }
+            state = self.kicked(at, state)?;
+        }
+        self.move_on((from, t_next), state, u)
     }
 
     fn at(&self, t: f64) -> Physical {
