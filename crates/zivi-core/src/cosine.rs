@@ -32,7 +32,7 @@ const SERIES: [[f64; 2]; 6] = [
     [1.589_690_995_211_55e-10, -1.135_964_755_778_819_5e-11],
 ];
 
-/// The cosine of `x` (rad): off by less than a unit in the last place.
+/// The cosine of `x` (rad), with an error below one unit in the last place.
 ///
 /// ```
 /// assert_eq!(zivi_core::cosine::cos(0.0), 1.0);
@@ -76,7 +76,7 @@ fn one_by_one(angles: &mut [f64]) {
     }
 }
 
-/// Far from zero, and of what is not a number.
+/// For large arguments and NaN.
 #[cold]
 fn beyond(x: f64) -> f64 {
     libm::cos(x)
@@ -109,7 +109,7 @@ fn within(x: f64) -> f64 {
     let [a, b, c] = [pick(odd, a), pick(odd, b), pick(odd, c)];
     let [d, e, f] = [pick(odd, d), pick(odd, e), pick(odd, f)];
     let zz = z * z;
-    // even and odd powers apart, which a processor sums side by side
+    // even and odd powers separately, which a processor sums in parallel
     let series = (a + zz * (c + zz * e)) + z * (b + zz * (d + zz * f));
     let half = 0.5 * z;
     let about = 1.0 - half;
@@ -128,8 +128,8 @@ mod tests {
     use super::*;
 
     /// Arguments and their cosines to 60 digits, rounded: near zeros, at the ends of the intervals
-    /// of the polynomials, the one at which a million drawn arguments are off the most, far away, and
-    /// where what is lost of the parts of `pi/2` counts.
+    /// of the polynomials, the argument with the largest error of a million drawn ones, large ones,
+    /// and arguments at which the truncated parts of `pi/2` matter.
     #[allow(clippy::approx_constant)] // not near them, but these
     const KNOWN: [[f64; 2]; 18] = [
         [45.553093477052, -6.189806365883577e-19],
@@ -179,7 +179,7 @@ mod tests {
     fn they_are_those_of_another_library() {
         for x in (0..100_000).map(drawn) {
             let (found, other) = (cos(x), libm::cos(x));
-            // both are off by less than a unit
+            // both errors are below one unit
             assert!((found - other).abs() <= 2.0 * (other.abs().next_up() - other.abs()), "{x}");
         }
     }

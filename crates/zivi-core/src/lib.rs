@@ -63,7 +63,7 @@ pub use transform::{Branch, Lifted, Physical};
 #[inline]
 #[must_use]
 pub fn sgn(z: Real) -> Real {
-    // also for what is not a number
+    // includes NaN
     if z.abs() > 0.0 {
         Real::copysign(1.0, z)
     } else {

@@ -2,15 +2,15 @@
 
 #[cfg(not(feature = "single"))]
 mod precision {
-    /// What all quantities are.
+    /// The floating-point type of all quantities.
     pub type Real = f64;
 
     /// Largest number whose square is taken.
     pub const LARGE: Real = 1e150;
     /// Least number whose square is taken.
     pub const SMALL: Real = 1e-150;
-    /// Relative tolerance of the sign tests: a candidate that violates one by less is taken as equal
-    /// to the degenerate candidate beside it.
+    /// Relative tolerance of the sign tests: a candidate with a smaller violation is treated as
+    /// equal to the neighbouring degenerate candidate.
     pub const SIGN_TOLERANCE: Real = 1e-13;
 
     pub(crate) use libm::sqrt;
@@ -18,15 +18,15 @@ mod precision {
 
 #[cfg(feature = "single")]
 mod precision {
-    /// What all quantities are.
+    /// The floating-point type of all quantities.
     pub type Real = f32;
 
     /// Largest number whose square is taken.
     pub const LARGE: Real = 1e18;
     /// Least number whose square is taken.
     pub const SMALL: Real = 1e-18;
-    /// Relative tolerance of the sign tests: a candidate that violates one by less is taken as equal
-    /// to the degenerate candidate beside it.
+    /// Relative tolerance of the sign tests: a candidate with a smaller violation is treated as
+    /// equal to the neighbouring degenerate candidate.
     pub const SIGN_TOLERANCE: Real = 1e-5;
 
     pub(crate) use libm::sqrtf as sqrt;

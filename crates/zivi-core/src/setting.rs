@@ -1,10 +1,10 @@
-//! Settings: what they are, the values they may have, and what is refused.
+//! Settings: their meaning, admissible values, and errors.
 
 use crate::Real;
 use core::fmt;
 use core::ops::{Bound, RangeBounds};
 
-/// Which value was refused, and what it should have been.
+/// A rejected value and the admissible ones.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SettingError {
     /// Name of the setting.
@@ -50,7 +50,7 @@ pub(crate) fn is_not_negative(x: Real) -> bool {
     (0.0..=Real::MAX).contains(&x)
 }
 
-/// A setting: what it is, which values it may have, and what it is unless told otherwise.
+/// A setting: meaning, admissible values and default.
 ///
 /// ```
 /// use zivi_core::setting::{Setting, Value, Values};
@@ -70,15 +70,15 @@ pub(crate) fn is_not_negative(x: Real) -> bool {
 pub struct Setting {
     /// Its name.
     pub name: &'static str,
-    /// What it is.
+    /// Its meaning.
     pub meaning: &'static str,
-    /// Its unit, empty if it is no quantity.
+    /// Its unit, empty for a pure number.
     pub unit: &'static str,
     /// The values it may have.
     pub values: Values,
-    /// The same in words, as in "... must be a number from 0 to 1".
+    /// The range in words, for messages such as "... must be a number from 0 to 1".
     pub range: &'static str,
-    /// What it is unless told otherwise.
+    /// Its default.
     pub default: Value,
 }
 

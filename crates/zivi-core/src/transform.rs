@@ -39,7 +39,7 @@ pub struct Physical {
 }
 
 impl Physical {
-    /// Whether this is the origin `x = x' = 0`, where the mass rests if it is not pulled off.
+    /// Whether this is the origin `x = x' = 0`, where the mass rests unless a force lifts it off.
     #[inline(always)]
     #[must_use]
     pub fn is_at_origin(self) -> bool {
@@ -111,15 +111,15 @@ pub fn side(z: Lifted, last: Real) -> Real {
 #[must_use]
 pub fn lift(state: Physical, branch: Branch, restitution: Restitution) -> Lifted {
     let sigma = branch.sigma();
-    // x' = 0: R = 1, also for the plastic wall
+    // x' = 0: R = 1, which includes the plastic wall
     let v = state.xdot / restitution.r(1.0, sgn(state.xdot));
     Lifted { s: sigma * state.x, v: sigma * v }
 }
 
 /// Projects back to physical coordinates, equation (1).
 ///
-/// At the wall (`s = 0`, `v != 0`) the velocity after the impact is given, `(1 - kappa) |v|`; the
-/// one before it was `-(1 + kappa) |v|`, and their ratio is `-e`.
+/// At the wall (`s = 0`, `v != 0`) the velocity after the impact is returned, `(1 - kappa) |v|`;
+/// the velocity before it was `-(1 + kappa) |v|`, so their ratio is `-e`.
 #[inline]
 #[must_use]
 pub fn project(z: Lifted, restitution: Restitution) -> Physical {

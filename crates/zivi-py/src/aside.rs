@@ -8,12 +8,12 @@ use pyo3::PyResult;
 use crate::interface::with_room;
 
 thread_local! {
-    /// What this thread has set aside.
+    /// Memory that this thread has set aside.
     static ASIDE: Cell<Vec<u8>> = const { Cell::new(Vec::new()) };
 }
 
-/// The allocator of the system. Where it has nothing left, it gets back what the thread has set
-/// aside, and is asked again.
+/// The allocator of the system. If it fails, the thread's reserve is returned to it and the request
+/// is repeated.
 struct WithAside;
 
 #[global_allocator]
@@ -41,7 +41,7 @@ unsafe impl GlobalAlloc for WithAside {
     }
 
     unsafe fn realloc(&self, block: *mut u8, layout: Layout, size: usize) -> *mut u8 {
-        // SAFETY: the caller's block, which is as it was where there is no longer one
+        // SAFETY: the caller's block, unchanged if there is no longer one
         let ask = || unsafe { System.realloc(block, layout, size) };
         once_more(ask)
     }
@@ -61,8 +61,8 @@ fn once_more(ask: impl Fn() -> *mut u8) -> *mut u8 {
     block
 }
 
-/// What `work` gives, which takes at most so many bytes and would end the process without them; a
-/// `MemoryError` where they are not to be had.
+/// Runs `work`, which needs at most this number of bytes and would abort without them; a
+/// `MemoryError` if they are not available.
 pub(crate) fn with_aside<R>(bytes: usize, work: impl FnOnce() -> R) -> PyResult<R> {
     ASIDE.set(with_room(bytes)?);
     let result = work();

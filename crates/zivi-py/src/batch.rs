@@ -71,7 +71,7 @@ pub(crate) fn natives(py: Python<'_>, forces: &[Py<Force>]) -> PyResult<Vec<AnyN
     try_list(forces.iter().enumerate().map(native))
 }
 
-/// Members that are made between two looks at signals.
+/// Members created between two checks of signals.
 pub(crate) const BETWEEN_LOOKS: usize = 1 << 16;
 
 /// The wall of run `i`, from a row `e, kappa` for each run or one for all.
@@ -107,9 +107,9 @@ fn with_values(
 }
 
 /// Many runs. `forces`, `laws` and `tstops` have an entry for each run, or one for all; `columns`, a
-/// value of some parameters for each. What is saved
-/// are the states `at` given times, the samples of `steps`, or what `save` says. With `ends` each run
-/// of the switched method ends at its own.
+/// value of some parameters for each. Saved are the states `at` given times, the samples of
+/// `steps`, or the data named by `save`. With `ends` each run of the switched method ends at its
+/// own.
 #[pyfunction]
 #[pyo3(signature = (
     forces, laws, states, method, *, span, save, slowest, threads, at=None, steps=None,
@@ -180,7 +180,7 @@ pub(crate) fn simulate_batch(
 type Array = Py<PyArray1<f64>>;
 type Times = Py<PyList>;
 
-/// What is saved of the runs: an entry, or a row, for each.
+/// Saved data of the runs: one entry or row per run.
 #[pyclass(frozen, get_all, module = "zivi._zivi")]
 pub(crate) struct BatchRecord {
     t: Array,
@@ -201,7 +201,7 @@ pub(crate) struct BatchRecord {
     /// A row for each run, filled up with NaN where a run ended early.
     samples_x: Py<PyArray2<f64>>,
     samples_xdot: Py<PyArray2<f64>>,
-    /// The same of the lifted states, where numbers of steps were asked for.
+    /// The lifted states, if step numbers were requested.
     samples_s: Py<PyArray2<f64>>,
     samples_v: Py<PyArray2<f64>>,
     /// Of each run the rows of time, velocity before and velocity after, flat.
@@ -289,13 +289,13 @@ struct MechanicalMember<'a> {
     number: usize,
     mechanism: &'a Mechanism,
     dynamics: CompiledDynamics,
-    /// The coefficient of restitution of all gaps, if it is not that of the system.
+    /// The coefficient of restitution of all gaps, if it differs from the system's.
     e: Option<f64>,
     start: (&'a [f64], &'a [f64]),
     tstops: &'a [f64],
 }
 
-/// What is left of one run.
+/// Result of one run.
 struct MechanicalEnd {
     t: f64,
     /// Coordinates and gaps, then their rates.
@@ -305,7 +305,7 @@ struct MechanicalEnd {
     speeds: Speeds,
     status: Status,
     nfev: u64,
-    /// Why it did not start, or what ended it.
+    /// Error that prevented or ended it.
     error: Option<PyErr>,
 }
 
@@ -378,8 +378,8 @@ impl MechanicalMember<'_> {
 }
 
 /// Runs of mechanical systems without friction that need no interpreter: of a mechanism for each run
-/// or of one for all, as `tstops`. `e` and the rows of `data`, the parameters of a compiled function,
-/// are those of the runs where they are given.
+/// or of one for all, as `tstops`. `e` and the rows of `data` (parameters of a compiled function)
+/// belong to the runs if given.
 #[pyclass(frozen, module = "zivi._zivi")]
 pub(crate) struct MechanicalRuns {
     mechanisms: Vec<Py<Mechanism>>,
@@ -459,8 +459,8 @@ impl MechanicalRuns {
         })
     }
 
-    /// The runs whose start must be looked at: a number is not finite, a gap below zero, a gradient
-    /// zero.
+    /// The runs whose initial state must be checked: a number is not finite, a gap below zero, a
+    /// gradient zero.
     fn unsound_starts(&self, py: Python<'_>, t: f64) -> PyResult<Vec<usize>> {
         let mut found = Vec::new();
         for i in 0..self.count() {
@@ -561,13 +561,13 @@ impl MechanicalEnds {
     }
 }
 
-/// The number of threads that the machine runs at once.
+/// The number of cores.
 #[pyfunction]
 pub(crate) fn available_threads() -> usize {
     zivi::drive::batch::available_threads()
 }
 
-/// The times of every so many steps of a grid, from its start on.
+/// The times of every n-th step of a grid.
 #[pyfunction]
 pub(crate) fn grid_times(
     py: Python<'_>,

@@ -30,7 +30,7 @@ use crate::simulate::grid_of;
 use crate::system::{kick_of_point, PyState};
 use crate::transform::PyRestitution;
 
-/// What a controller has beside `step`, and what this takes beside `x, xdot, force`.
+/// Optional members of a controller, and optional arguments of its `step`.
 #[derive(Clone, Copy, FromPyObject)]
 #[pyo3(from_item_all)]
 pub(crate) struct Interface {
@@ -44,7 +44,7 @@ pub(crate) struct Interface {
 struct PythonController<'py> {
     object: Bound<'py, PyAny>,
     interface: Interface,
-    /// What reading the reference raised; the next tick raises it.
+    /// Exception of reading the reference; the next update raises it.
     raised: Cell<Option<PyErr>>,
 }
 
@@ -65,13 +65,13 @@ impl<'py> PythonController<'py> {
     }
 }
 
-/// What `step` returned, as a number.
+/// The return value of `step` as a number.
 fn control(answer: &Bound<'_, PyAny>) -> PyResult<f64> {
     // an array of one number would convert
     let number = if answer.len().is_ok() { None } else { Some(answer.extract::<f64>()) };
     match number {
         Some(Ok(u)) => Ok(u),
-        // too large an integer, or what the object itself raises
+        // too large an integer, or an exception of the object itself
         Some(Err(error)) if !error.is_instance_of::<PyTypeError>(answer.py()) => Err(error),
         _ => Err(PyTypeError::new_err(format!(
             "controller.step must return a number, the control (m/s^2), got {} {}",
@@ -123,7 +123,7 @@ impl Controller<PyErr> for PythonController<'_> {
 pub(crate) enum GivenReference<'py> {
     /// A function of time that gives `x, x'` and the acceleration, NaN where that is not known.
     Function(Bound<'py, PyAny>),
-    /// What it is at the samples.
+    /// Its values at the samples.
     Samples(Vec<ReferencePoint>),
 }
 
@@ -138,7 +138,7 @@ impl<'py> GivenReference<'py> {
     }
 }
 
-/// `x, x'`, the branch (0 where it is not known) and the acceleration (NaN where it is not known).
+/// `x, x'`, the branch (0 if unknown) and the acceleration (NaN if unknown).
 pub(crate) fn given_of_row(row: ArrayView1<'_, f64>) -> ReferencePoint {
     let branch = match row[2] {
         side if side > 0.0 => Some(Branch::Positive),
@@ -253,9 +253,9 @@ pub(crate) fn motion_of(method: &PyMethod, exact: bool) -> PyResult<Motion> {
     })
 }
 
-/// A closed loop: `forces` are the plant's, the model's and the reference's; `method` moves the
-/// plant, but where the force is constant and `exact` is set. `ours`: the controller's ticks are those
-/// of one of our classes, not those of a subclass.
+/// A closed loop: `forces` are the plant's, the model's and the reference's; `method` integrates
+/// the plant, unless the force is constant and `exact` is set. `ours`: the controller's ticks are
+/// those of one of our classes, not those of a subclass.
 #[pyfunction]
 #[pyo3(signature = (
     controller, forces, *, restitution, h, span, start, method, exact, noise, resolution,
@@ -347,12 +347,12 @@ pub(crate) struct PyLoopRecord {
     zeno_times: Array,
     liftoff_times: Array,
     rest_time: Option<f64>,
-    /// What the motion between the samples is made of: the plant's own constant force, a path, or
+    /// Data of the motion between the samples: the plant's own constant force, a path, or
     /// `s` and `v` at the samples.
     own_force: Option<f64>,
     path: Option<Py<MotionPath>>,
     lifted: Option<Py<LiftedSamples>>,
-    /// What happened of each event of the user.
+    /// Occurrences of each user event.
     hits: Vec<Py<Hits>>,
     status: u8,
     message: &'static str,
@@ -397,7 +397,7 @@ impl PyLoopRecord {
     }
 }
 
-/// The signs of all ticks, until they are asked for.
+/// The signs of all updates, until their first access.
 #[pyclass(frozen, module = "zivi._zivi")]
 pub(crate) struct LoopSigns(SignRecord);
 

@@ -26,7 +26,7 @@ type EvaluateWith =
 type Fill = unsafe extern "C" fn(f64, *const f64, *const f64, *mut f64);
 type FillWith = unsafe extern "C" fn(f64, *const f64, *const f64, *mut f64, *mut c_void);
 
-/// What a compiled system is called with, after what it returns.
+/// Argument types of a compiled system, after the return type.
 const ARGUMENTS: &str = "(double,double*,double*,double*";
 
 /// The numbers of a mechanical system as a function of time and state, of one of its kinds.
@@ -36,7 +36,7 @@ pub(crate) struct Model {
 }
 
 enum Kind {
-    /// A compiled function, and what owns its code.
+    /// A compiled function and the owner of its code.
     Compiled(CompiledFunction, Py<PyAny>),
     /// Matrices.
     Linear(Arc<LinearSystem>),
@@ -51,7 +51,7 @@ enum Kind {
 #[pymethods]
 impl Model {
     /// A function at an address that returns 0, or else an error code, and is called with the data,
-    /// if there are any. The owner of code and data lives as long as this.
+    /// if there are any. The owner keeps code and data alive.
     #[staticmethod]
     #[pyo3(signature = (address, *, data=None, owner))]
     fn compiled(address: usize, data: Option<usize>, owner: Py<PyAny>) -> Self {
@@ -127,7 +127,7 @@ impl Model {
         let (py, q, qdot) = (q.py(), q.as_slice()?, qdot.as_slice()?);
         let layout = match &self.kind {
             Kind::Compiled(function, _) => {
-                // without a look at what it returns: numbers that are not finite are named later
+                // without a check of its values: numbers that are not finite are reported later
                 let mut row = vec![0.0; size];
                 function.call(t, q, qdot, &mut row);
                 return Ok(PyArray1::from_vec(py, row));
@@ -211,14 +211,14 @@ pub(crate) struct PyPart {
 enum PartKind {
     /// A compiled function.
     Compiled(CompiledFunction),
-    /// A compiled function that is called with the values of a table, too.
+    /// A compiled function with the values of a table as additional argument.
     Driven(usize, Arc<zivi::TimeTable>),
     /// A function of time and coordinates, with velocities or without; what reads results that are not
     /// plain numbers, or raises an error that names the part; dimensions of the result.
     Python { function: Py<PyAny>, takes_velocities: bool, read: Py<PyAny>, dimensions: usize },
     /// The motion of a wall: three numbers of the gap with this number.
     Wall { gap: usize, motion: Py<PyAny> },
-    /// The limit of friction of a channel as a function of its slip speed, and what reads it.
+    /// The friction limit of a channel as a function of its slip speed, and its reader.
     OfSpeed { channel: usize, function: Py<PyAny>, read: Py<PyAny> },
 }
 
@@ -291,7 +291,7 @@ impl PyPart {
         matches!(self.by, PartKind::Compiled(_) | PartKind::Driven(..))
     }
 
-    /// Fills in its numbers where it is compiled.
+    /// Fills in its numbers if it is compiled.
     fn fill(&self, t: f64, q: &[f64], w: &[f64], out: &mut [f64]) {
         let to = &mut out[self.start..][..self.length];
         match &self.by {
@@ -302,7 +302,7 @@ impl PyPart {
                 let mut u = vec![0.0; table.width()];
                 table.values(t, &mut u);
                 // SAFETY: the Python layer passes a function with this signature, which the owner
-                // of the parts keeps, and room for what it gives
+                // of the parts keeps alive, and room for its result
                 unsafe {
                     let function = std::mem::transmute::<usize, FillDriven>(*address);
                     function(t, q.as_ptr(), w.as_ptr(), u.as_ptr(), to.as_mut_ptr());
@@ -319,7 +319,7 @@ struct SystemParts {
     /// In the order of their calls.
     functions: Vec<Py<PyPart>>,
     steady: bool,
-    /// What owns compiled code.
+    /// Owner of the compiled code.
     owner: Py<PyAny>,
 }
 
@@ -364,7 +364,7 @@ impl SystemParts {
     }
 }
 
-/// What a run calls for a part, if that is a function of the interpreter.
+/// The Python function of a part, if it has one.
 fn callable_of<'py>(py: Python<'py>, part: &Py<PyPart>) -> Option<Function<'py>> {
     match &part.get().by {
         PartKind::Compiled(_) | PartKind::Driven(..) => None,
@@ -374,7 +374,7 @@ fn callable_of<'py>(py: Python<'py>, part: &Py<PyPart>) -> Option<Function<'py>>
     }
 }
 
-/// Reads what a function returned: numbers at once, anything else as Python says.
+/// Reads a return value: numbers directly, other objects through Python.
 fn read_into(
     value: &Bound<'_, PyAny>,
     dimensions: usize,
@@ -422,7 +422,7 @@ fn read_into(
 #[derive(Clone, Copy)]
 pub(crate) struct CompiledFunction {
     address: usize,
-    /// What it is called with, if anything.
+    /// Its data argument, if any.
     data: Option<usize>,
     /// Whether it returns an int, 0 for success.
     returns_int: bool,
@@ -434,7 +434,7 @@ impl CompiledFunction {
         Self { address, data: Some(data), returns_int: true }
     }
 
-    /// What it returns, 0 if nothing.
+    /// Its return code, 0 for void functions.
     pub(crate) fn call(self, t: f64, q: &[f64], w: &[f64], out: &mut [f64]) -> c_int {
         let Self { address, data, returns_int } = self;
         let (q, w, to) = (q.as_ptr(), w.as_ptr(), out.as_mut_ptr());
@@ -484,7 +484,7 @@ impl<'py> AnyDynamics<'py> {
     }
 }
 
-/// What evaluates a model.
+/// Evaluator of a model.
 enum Evaluator<'a> {
     /// Needs no interpreter.
     Native(Source),
@@ -556,7 +556,7 @@ impl Dynamics<PyErr> for AnyDynamics<'_> {
     }
 }
 
-/// A system that needs no interpreter. The [`Model`] holds what owns its code.
+/// A system that needs no interpreter. The [`Model`] holds the owner of its code.
 #[derive(Clone)]
 pub(crate) struct CompiledDynamics {
     layout: Layout,
@@ -587,12 +587,12 @@ impl CompiledDynamics {
         self
     }
 
-    /// The matrices, if it is a linear system.
+    /// The matrices of a linear system.
     pub(crate) fn linear_system(&self) -> Option<&Arc<LinearSystem>> {
         Dynamics::<PyErr>::linear(self)
     }
 
-    /// The tree, if it is one.
+    /// The tree of a tree system.
     pub(crate) fn tree(&self) -> Option<&Arc<tree::Tree>> {
         match &self.source {
             Source::Tree(dynamics) => Some(dynamics.tree()),
@@ -690,7 +690,7 @@ pub(crate) struct PythonDynamics<'py> {
     layout: Layout,
     source: PythonSource<'py>,
     steady: bool,
-    /// What functions are called with.
+    /// Argument arrays of functions.
     q: Bound<'py, PyArray1<f64>>,
     w: Bound<'py, PyArray1<f64>>,
     raised: Raised,
@@ -844,7 +844,7 @@ fn hand(array: &mut Bound<'_, PyArray1<f64>>, values: &[f64]) -> PyResult<()> {
     Ok(())
 }
 
-/// Writes numbers into an array that only this module and what it calls know.
+/// Writes numbers into an array private to this module and its callees.
 pub(crate) fn fill(array: &Bound<'_, PyArray1<f64>>, values: &[f64]) -> PyResult<()> {
     let mut writable = array.try_readwrite().map_err(|_| {
         PyRuntimeError::new_err("the arrays that a system is called with must not be locked")
@@ -897,8 +897,8 @@ pub(crate) fn is_sound_row(row: &[f64], (n, m): (usize, usize)) -> bool {
 }
 
 /// Contact forces by gap, then forces of friction by channel, at an evaluation of a system with velocities
-/// `w`: `friction` are its channels and compliant gaps, `closed` its gaps in contact, `modes` the numbers of
-/// what its channels do. None where no forces keep the gaps closed.
+/// `w`: `friction` are its channels and compliant gaps, `closed` its gaps in contact, `modes` the
+/// mode numbers of its channels. None where no forces keep the gaps closed.
 #[pyfunction]
 pub(crate) fn contact_forces<'py>(
     py: Python<'py>,

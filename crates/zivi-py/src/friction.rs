@@ -1,4 +1,4 @@
-//! Dry friction from Python: what a system has, and what a run leaves of it.
+//! Dry friction from Python: arguments of systems, results of runs.
 
 use std::sync::Arc;
 
@@ -135,7 +135,7 @@ impl<D: Dynamics<PyErr>> Dynamics<PyErr> for Rubbing<'_, D> {
     }
 }
 
-/// What friction did in a run.
+/// Friction results of a run.
 #[pyclass(frozen, get_all, module = "zivi._zivi")]
 pub(crate) struct FrictionRecord {
     slips: Matrix<f64>,
@@ -197,7 +197,7 @@ impl FrictionRecord {
 /// Slip speeds, distances and dissipated work of samples.
 pub(crate) type Slips = (Matrix<f64>, Matrix<f64>, Vector<f64>);
 
-/// What states hold behind coordinates and gaps.
+/// The part of states after coordinates and gaps.
 pub(crate) fn slips_of(py: Python<'_>, layout: Layout, x: &[f64], v: &[f64]) -> PyResult<Slips> {
     let (size, from) = (layout.size(), layout.n + layout.m);
     let picked = |values: &[f64]| columns(py, values, size, from, layout.p);
@@ -205,7 +205,7 @@ pub(crate) fn slips_of(py: Python<'_>, layout: Layout, x: &[f64], v: &[f64]) -> 
     Ok((picked(v)?, picked(x)?, array(py, work)?))
 }
 
-/// What each channel does in each mode.
+/// Mode of each channel, per contact mode.
 pub(crate) fn modes_of(py: Python<'_>, modes: &[ContactMode], p: usize) -> PyResult<Matrix<i8>> {
     let all = modes.iter().flat_map(|mode| (0..p).map(|channel| mode.number(channel)));
     Ok(array(py, all)?.into_bound(py).reshape([modes.len(), p])?.unbind())

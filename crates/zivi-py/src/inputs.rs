@@ -20,7 +20,7 @@ pub(crate) struct PyInputs {
 
 enum InputsKind {
     Constant(Vec<f64>),
-    /// A compiled function, and what owns it.
+    /// A compiled function and its owner.
     Compiled(CompiledFunction, Py<PyAny>),
     /// A function of `(t, q)` that gives an array.
     Callable(Py<PyAny>),
@@ -61,7 +61,7 @@ pub(crate) type Matrices<'a> = Box<dyn FnMut(f64, &[f64], &mut [f64]) -> PyResul
 /// The same without the interpreter.
 pub(crate) type NativeMatrices = Box<dyn FnMut(f64, &[f64], &mut [f64]) -> PyResult<()> + Send>;
 
-/// A system as it is evaluated with the interpreter or without, with its controls.
+/// A system, evaluated with or without the interpreter, with its controls.
 pub(crate) type Evaluated<'a, 'py> = Driven<Rubbing<'a, AnyDynamics<'py>>, Matrices<'a>>;
 
 /// A system that needs no interpreter, with its controls.
@@ -121,7 +121,7 @@ impl PyInputs {
         Driven::new(system.rubbing(py), size, self.matrix(py)).ok_or_else(wrong_shape)
     }
 
-    /// The same without the interpreter; `None` if it is needed.
+    /// The same without the interpreter; `None` if the interpreter is needed.
     pub(crate) fn driven_alone<'a>(
         &self,
         py: Python<'_>,

@@ -1,4 +1,4 @@
-//! What Python and Rust exchange: arrays, errors, capsules, calls, orderings, interrupts.
+//! Interface of Python and Rust: arrays, errors, capsules, calls, orderings, interrupts.
 
 use crate::leaving;
 use numpy::{Element, PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1};
@@ -14,18 +14,18 @@ use zivi::drive::batch::Stop;
 use zivi::mechanics::GapSet;
 use zivi::{Monitor, SetupError};
 
-// NumPy arrays of what a run leaves.
+// NumPy arrays of the results of a run.
 
 pub(crate) type Vector<T> = Py<PyArray1<T>>;
 
 pub(crate) type Matrix<T> = Py<PyArray2<T>>;
 
-/// The error for so many numbers that do not fit.
+/// The error for too many numbers.
 fn no_room(n: usize) -> PyErr {
     PyMemoryError::new_err(format!("an array of {n} numbers does not fit into memory"))
 }
 
-/// An empty list with room for so many; a `MemoryError` where there is none.
+/// An empty list with a capacity; a `MemoryError` if it does not fit.
 pub(crate) fn with_room<T>(n: usize) -> PyResult<Vec<T>> {
     let mut list = Vec::new();
     list.try_reserve_exact(n).map_err(|_| no_room(n))?;
@@ -76,7 +76,7 @@ pub(crate) fn zeros(n: usize) -> PyResult<Vec<f64>> {
     if start.is_null() {
         return Err(no_room(n));
     }
-    // SAFETY: of the global allocator, as long as the layout of as many numbers; zeros are numbers
+    // SAFETY: from the global allocator with the layout of `n` numbers; zeros are valid numbers
     Ok(unsafe { Vec::from_raw_parts(start, n, n) })
 }
 
@@ -103,7 +103,7 @@ pub(crate) fn members(py: Python<'_>, sets: &[GapSet], m: usize) -> PyResult<Mat
 
 pub(crate) type Array = Py<PyArray1<f64>>;
 
-/// A NumPy vector as a slice; a TypeError-free copy where it is not contiguous.
+/// A NumPy vector as a slice; a copy if it is not contiguous.
 pub(crate) fn vector(array: &PyReadonlyArray1<'_, f64>) -> PyResult<Vec<f64>> {
     list(array.as_array().iter().copied())
 }
@@ -118,7 +118,7 @@ pub(crate) fn stored(
     Ok(PyArray1::from_vec(py, numbers.ok_or_else(refused)?))
 }
 
-// Errors of a set-up, as Python raises them, and what a run raised.
+// Errors of a set-up as Python exceptions, and exceptions of a run.
 
 /// The exception that ended a run; the first read takes it. Its traceback knows the frames that know
 /// the record: a record that kept it would keep itself.
@@ -153,9 +153,9 @@ pub(crate) fn setup_error(error: SetupError) -> PyErr {
     }
 }
 
-// What a `scipy.LowLevelCallable` holds.
+// Content of a `scipy.LowLevelCallable`.
 
-/// A function with the data that it is called with, and how its signature is written.
+/// A function with its data argument and the text of its signature.
 pub(crate) struct Capsule {
     pub(crate) address: usize,
     pub(crate) data: usize,
@@ -184,7 +184,7 @@ impl Capsule {
 // Calls of Python functions without a tuple of their arguments.
 //
 // `PyObject_Vectorcall` is public since Python 3.9, but in the stable interface from 3.12 on only:
-// an extension for 3.11 as well must not be linked to it, and asks the interpreter for it by name.
+// an extension that supports 3.11 must not be linked to it and looks it up by name at run time.
 
 type Vectorcall = unsafe extern "C" fn(
     callable: *mut PyObject,
@@ -246,8 +246,8 @@ impl<'py> Function<'py> {
         let function = self.callable.as_ptr();
         let [one, two] = [one, two].map(|it| it.as_ptr());
         let (three, count) = three.map_or((null, 2), |it| (it.as_ptr(), 3));
-        // SAFETY: objects that live as long as the call, behind one place that may be written to,
-        // or ended by null; it gives a new object, or null with an error
+        // SAFETY: objects that outlive the call, after one writable slot or terminated by null; it
+        // returns a new object, or null with an error
         unsafe {
             let value = match self.vectorcall {
                 Some(call) => {
@@ -304,14 +304,13 @@ impl Monitor<PyErr> for Watch<'_> {
     }
 }
 
-/// Tells the system what so many numbers that are about to be filled are for.
+/// Advises the system about memory that is about to be filled.
 pub(crate) fn advise(start: *const f64, len: usize) {
     advise_large_pages(start as usize, len * size_of::<f64>());
 }
 
-/// Asks for large pages behind memory that is about to be filled (as NumPy does for its own large
-/// arrays): with small ones, fresh memory costs more than the steps. Advice only; errors do not
-/// matter.
+/// Requests large pages for memory that is about to be filled (NumPy does so for large arrays):
+/// with small ones, fresh memory costs more than the steps. Advice only; errors do not matter.
 #[cfg(target_os = "linux")]
 fn advise_large_pages(start: usize, bytes: usize) {
     const PAGE: usize = 4096;

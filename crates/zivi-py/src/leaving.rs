@@ -1,7 +1,7 @@
 //! The end of the interpreter while runs go on in other threads.
 //!
-//! A thread that asks for the lock of an interpreter that has ended is ended by it, through whatever
-//! called it (before Python 3.14): frames of Rust cannot be left so, and the process aborts. Hence
+//! Before Python 3.14, a thread that requests the lock of a finalised interpreter is terminated by
+//! it through its callers: Rust frames cannot be unwound that way, and the process aborts. Hence
 //! the interpreter waits at its exit until the runs of other threads have stopped, and none begins.
 
 use std::cell::Cell;

@@ -1,6 +1,6 @@
 //! The extension module `zivi._zivi`: conversion, release of the interpreter lock, statuses.
 //!
-//! No numerics here. `python/zivi` is what users import; `python/zivi/_zivi.pyi` types this module.
+//! No numerics here. users import `python/zivi`; `python/zivi/_zivi.pyi` types this module.
 
 mod aside;
 mod batch;

@@ -106,7 +106,7 @@ pub(crate) fn simulate_closed_loop_batch(
 type Array = Py<PyArray1<f64>>;
 type Rows = Py<PyArray2<f64>>;
 
-/// What is saved of the loops: an entry, or a row, for each.
+/// Saved data of the loops: one entry or row per loop.
 #[pyclass(frozen, get_all, module = "zivi._zivi")]
 pub(crate) struct LoopBatchRecord {
     /// `t, x, x', x_r, x_r'` at the end, a row for each loop.

@@ -23,7 +23,7 @@ use crate::mechanics::MechanicalRecord;
 use crate::method::PyMethod;
 use crate::system::{kicks_of_mechanism, Configuration, Mechanism};
 
-/// A loop: its run at the samples, the controls there, and what happened at the ticks.
+/// A loop: its run at the samples, the controls, and the status of the updates.
 #[pyclass(frozen, get_all, module = "zivi._zivi")]
 pub(crate) struct MechanicalLoopRecord {
     run: Py<MechanicalRecord>,
@@ -33,7 +33,7 @@ pub(crate) struct MechanicalLoopRecord {
     /// Control updates: all, rejected, saturated, unsolved, lost contacts.
     updates: [u64; 5],
     latched: Matrix<bool>,
-    /// What the controller was told.
+    /// The estimates passed to the controller.
     q_est: Matrix<f64>,
     qdot_est: Matrix<f64>,
 }
@@ -63,7 +63,7 @@ impl MechanicalLoopRecord {
     }
 }
 
-/// A tracker of gaps in a loop: the law, what it believes in, where it is to be.
+/// A gap tracker in a loop: law, model, reference.
 #[pyclass(frozen, module = "zivi._zivi")]
 pub(crate) struct GapLoop {
     law: Py<PyGapTracker>,
@@ -89,7 +89,7 @@ impl GapLoop {
     }
 }
 
-/// What aims at impacts in a loop: the law, and what it believes in.
+/// A striker in a loop: law and model.
 #[pyclass(frozen, module = "zivi._zivi")]
 pub(crate) struct StrikeLoop {
     law: Py<PyStriker>,
@@ -115,10 +115,10 @@ pub(crate) struct CalledLoop {
     /// `step(t, q, qdot)`, or `step(k, t, q, qdot)`.
     step: Py<PyAny>,
     counts: bool,
-    /// Who has `status`, and `latched`, if there is any.
+    /// The objects with `status` and `latched`, if any.
     status: Option<Py<PyAny>>,
     latched: Option<Py<PyAny>>,
-    /// What it must give, in words.
+    /// Description of the expected control.
     expected: String,
 }
 
@@ -142,7 +142,7 @@ impl CalledLoop {
 }
 
 impl CalledLoop {
-    /// What it gave is not what a control is.
+    /// Error for an invalid control.
     fn wrong(&self, value: &Bound<'_, PyAny>) -> PyErr {
         let name = if self.counts { "step_to" } else { "step" };
         let given = value.repr().map_or_else(|_| String::from("?"), |it| it.to_string());
@@ -242,7 +242,7 @@ impl Observing<PyErr> for Nobody {
     }
 }
 
-/// What a run is made of, beside its system, its controller and its observer.
+/// Arguments of a run, without system, controller and observer.
 struct Course<'a> {
     settings: SwitchedRk,
     laws: &'a [AnyImpactLaw],
@@ -291,8 +291,8 @@ impl Course<'_> {
     }
 }
 
-/// A loop by the switched method, or with one of its steps a period. The lock is released if nothing
-/// in it needs the interpreter.
+/// A loop by the switched method, with free steps or one step per period. The lock is released if
+/// nothing in it needs the interpreter.
 #[pyfunction]
 #[pyo3(signature = (
     system, inputs, method, times, stops, start, controller, *, observer, noise, steps, delay, dense,
@@ -392,7 +392,7 @@ fn run_tracker(
     course.run(&mut driven, tracking, observer.map(CalledObserver), watch)
 }
 
-/// A loop of what aims at impacts.
+/// A loop with a striker.
 fn run_striker(
     py: Python<'_>,
     course: Course<'_>,

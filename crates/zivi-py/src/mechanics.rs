@@ -23,9 +23,9 @@ pub(crate) struct MechanicalRecord {
     /// Since when nothing happened, and the largest speeds from the start and from then on, where
     /// only the ends are sampled.
     speeds: Option<(f64, f64, f64)>,
-    /// What happened at the gaps, if anything did.
+    /// Occurrences at the gaps, if any.
     occurrences: Option<Py<Occurrences>>,
-    /// What happened of each event of the user.
+    /// Occurrences of each user event.
     hits: Vec<Py<Hits>>,
     status: u8,
     message: &'static str,
@@ -35,7 +35,7 @@ pub(crate) struct MechanicalRecord {
     n_impacts: u64,
     raised: EndedBy,
     path: Option<Py<PyMechanicalPath>>,
-    /// What friction did, where there is any.
+    /// Friction results, if any.
     friction: Option<Py<FrictionRecord>>,
 }
 
@@ -104,7 +104,7 @@ impl MechanicalRecord {
 }
 
 impl Occurrences {
-    /// `None` if nothing happened, as in most short runs.
+    /// `None` without occurrences (most short runs).
     fn of(py: Python<'_>, all: &[Occurrence], m: usize) -> PyResult<Option<Py<Self>>> {
         if all.is_empty() {
             return Ok(None);

@@ -1,4 +1,5 @@
-//! Methods from Python: one class for all, by the list of the library, and what their settings may be.
+//! Methods from Python: one class for all, from the list of the library, with the ranges of their
+//! settings.
 
 use crate::dynamics::fill;
 use crate::interface::{array, list, setup_error, stored, vector, zeros, Array, Matrix};
@@ -110,7 +111,7 @@ pub(crate) fn step_solver(name: &Bound<'_, PyAny>, linearisations: i64) -> PyRes
     Solver::named(found, linearisations).ok_or_else(|| refused(&Solver::SETTING, found))
 }
 
-/// What a setting is and may be.
+/// A setting with its range.
 #[pyclass(frozen, get_all, module = "zivi._zivi", name = "Setting")]
 pub(crate) struct PySetting {
     name: &'static str,
@@ -121,7 +122,7 @@ pub(crate) struct PySetting {
     /// Bounds of a number that it may not reach.
     above: Option<f64>,
     below: Option<f64>,
-    /// Bounds of a number, or of a whole number, that it may.
+    /// Bounds of a number or integer.
     least: Option<Py<PyAny>>,
     most: Option<Py<PyAny>>,
     /// Whether it is a whole number.
@@ -130,14 +131,14 @@ pub(crate) struct PySetting {
     pair: bool,
     /// The names or numbers that it may be.
     choices: Option<Py<PyTuple>>,
-    /// What it is unless told otherwise: nothing where it must be given or is found by the run.
+    /// Its default; `None` if it is required or determined by the run.
     default: Option<Py<PyAny>>,
     required: bool,
     /// Where its default comes from if that is no value.
     comes: Option<&'static str>,
 }
 
-/// A value as Python has it, nothing where there is none.
+/// A value as a Python object; `None` if absent.
 fn plain(py: Python<'_>, value: Value) -> PyResult<Option<Py<PyAny>>> {
     Ok(Some(match value {
         Value::Required | Value::Open(_) => return Ok(None),
@@ -211,7 +212,7 @@ pub(crate) fn described(py: Python<'_>, settings: &[Setting]) -> PyResult<Vec<Py
 #[pyclass(frozen, get_all, module = "zivi._zivi")]
 pub(crate) struct MethodEntry {
     name: &'static str,
-    /// What it is, in a few words.
+    /// Its meaning in a few words.
     meaning: &'static str,
     /// Its settings, in their order.
     settings: Py<PyTuple>,
@@ -219,7 +220,7 @@ pub(crate) struct MethodEntry {
     fixed_steps: bool,
     /// Whether a mass may be below the wall at the end of a step.
     penetrates: bool,
-    /// Whether it runs mechanical systems, too.
+    /// Whether it also runs mechanical systems.
     takes_mechanism: bool,
 }
 
@@ -260,7 +261,7 @@ pub(crate) struct MotionPath {
 }
 
 type Arrays<'py> = (Bound<'py, PyArray1<f64>>, Bound<'py, PyArray1<f64>>);
-/// What restores an object, and its arguments.
+/// Constructor of an object and its arguments (pickle).
 type Reduced<'py> = (Bound<'py, PyAny>, (Bound<'py, PyArray1<f64>>,));
 
 impl MotionPath {
@@ -298,7 +299,7 @@ impl MotionPath {
         stored(py, self.motion.to_numbers())
     }
 
-    /// What `numbers` came from; a ValueError for numbers that are none of a motion.
+    /// Restores the object from `numbers`; a ValueError for invalid numbers.
     #[staticmethod]
     fn restored(numbers: PyReadonlyArray1<'_, f64>) -> PyResult<Self> {
         let numbers = vector(&numbers)?;
@@ -349,8 +350,8 @@ impl MotionPath {
         })
     }
 
-    /// Times and velocities before and after of the impacts that jumps to rest skipped, down to
-    /// a speed after them, at most so many of each accumulation.
+    /// Times and velocities of the impacts that Zeno extrapolation skipped, down to a speed after
+    /// them and up to a maximal number per accumulation.
     fn skipped_impacts(
         &self,
         py: Python<'_>,
@@ -370,7 +371,7 @@ impl MotionPath {
     }
 }
 
-// Events of the user: functions from Python, and what happened of them.
+// User events: Python functions and their occurrences.
 
 /// An event of the user: where a function of time and state changes its sign.
 #[pyclass(frozen, get_all, module = "zivi._zivi", name = "Event")]
@@ -406,7 +407,7 @@ impl PyEvent {
     }
 }
 
-/// What a function of an event returned, as a number.
+/// The value of an event function as a number.
 fn number(value: &Bound<'_, PyAny>) -> PyResult<f64> {
     value.extract().map_err(|_| {
         let kind = value.get_type();

@@ -11,12 +11,12 @@ use zivi::record::gap_set::ContactMode;
 use zivi::stepping::ballistic;
 use zivi::{Events, Physical};
 
-/// What restores an object, and its arguments.
+/// Constructor of an object and its arguments (pickle).
 type Reduced<'py> = (Bound<'py, PyAny>, (Bound<'py, PyArray1<f64>>,));
 /// Coordinates, velocities, gaps, their rates, and which are closed.
 type Motion = (Matrix<f64>, Matrix<f64>, Matrix<f64>, Matrix<f64>, Matrix<bool>);
 
-/// Slip speeds, distances, dissipated work, and what the channels of friction do.
+/// Slip speeds, distances, dissipated work, and modes of the friction channels.
 type Rubbed = (Matrix<f64>, Matrix<f64>, Vector<f64>, Matrix<i8>);
 
 /// As many columns of impacts.
@@ -77,8 +77,8 @@ impl PyMechanicalPath {
         Ok((slips, distances, dissipated, modes_of(py, &modes, layout.p)?))
     }
 
-    /// Time, speed before and speed after of the impacts that jumps to Zeno points skipped, down
-    /// to a speed after them and at most so many of each, and the times of these Zeno points.
+    /// Time, speed before and speed after of the impacts that Zeno extrapolation skipped, down to a
+    /// speed after them and up to a maximal number each, and the times of these Zeno points.
     fn skipped_impacts(&self, py: Python<'_>, speed: f64, at_most: usize) -> PyResult<FourArrays> {
         let found = list(self.path.skipped_impacts(speed, at_most))?;
         let column = |of: fn(&(zivi::Impact, f64)) -> f64| array(py, found.iter().map(of));
@@ -95,7 +95,7 @@ impl PyMechanicalPath {
         stored(py, self.path.to_numbers())
     }
 
-    /// What `numbers` came from; a ValueError for numbers that are none of a motion.
+    /// Restores the object from `numbers`; a ValueError for invalid numbers.
     #[staticmethod]
     fn restored(numbers: PyReadonlyArray1<'_, f64>) -> PyResult<Self> {
         let numbers = vector(&numbers)?;

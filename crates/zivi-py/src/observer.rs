@@ -14,13 +14,13 @@ fn refused(error: SettingError) -> PyErr {
     PyValueError::new_err(error.to_string())
 }
 
-/// `(started, x, xdot, d, [xx, xv, xd, vv, vd, dd], in_a_row, refused)`, all that there was in the
-/// first version; and since the second its number, whether the velocity waits, `e, xe, ve, de, ee`,
-/// how many positions are remembered, and of each `y, age`.
+/// `(started, x, xdot, d, [xx, xv, xd, vv, vd, dd], in_a_row, refused)`, the fields of the first
+/// version; and since the second its number, whether the velocity waits, `e, xe, ve, de, ee`, how
+/// many positions are remembered, and of each `y, age`.
 type State = (bool, f64, f64, f64, [f64; 6], u32, u32, [f64; LATER]);
 /// The same of the first version.
 type First = (bool, f64, f64, f64, [f64; 6], u32, u32);
-/// The version of a state, and what it has more than the first one.
+/// The version of a state, and its additional fields.
 const VERSION: f64 = 2.0;
 const LATER: usize = 8 + 2 * REMEMBERED;
 
@@ -70,7 +70,7 @@ impl PyObserver {
     ///     Measured distance from the wall (m); noise may make it negative. None or NaN: the
     ///     measurement is missing, the motion is followed and nothing is corrected.
     /// xdot : float, optional
-    ///     Measured velocity (m/s); None, NaN, or with ``position_only``, it is not known.
+    ///     Measured velocity (m/s); None, NaN or, with ``position_only``, unknown.
     /// force : float
     ///     Known force on the mass over the period that ends with this measurement (m/s^2).
     /// u : float
@@ -113,7 +113,7 @@ impl PyObserver {
     }
 
     /// Estimates at recorded measurements, from a fresh start; nothing of this one changes. Forces
-    /// and controls are held from their times on. What is NaN was not measured.
+    /// and controls are held from their times on. NaN means not measured.
     fn _observe<'py>(
         &self,
         py: Python<'py>,

@@ -9,8 +9,8 @@ use pyo3::prelude::*;
 /// Entries of a matrix up to which the work of the ordering is counted by its index type.
 const MOST: usize = i32::MAX as usize / 4;
 
-/// Bytes that the ordering takes at most for each column, some 22 numbers, and for each entry: 2.4
-/// numbers of the matrix with its transpose, and a sorted copy.
+/// Maximal number of bytes of the ordering for each column, some 22 numbers, and for each entry:
+/// 2.4 numbers of the matrix with its transpose, and a sorted copy.
 const OF_COLUMN: usize = 30 * size_of::<u64>();
 const OF_ENTRY: usize = 5 * size_of::<u64>();
 

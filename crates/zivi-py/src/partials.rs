@@ -68,7 +68,7 @@ impl<D: Dynamics<PyErr>, P: Dynamics<PyErr>> DifferentiableDynamics<PyErr> for W
     }
 }
 
-/// What the partial derivatives of a model are taken from.
+/// Source of the partial derivatives of a model.
 #[pyclass(frozen, module = "zivi._zivi")]
 pub(crate) struct Partials {
     source: PartialsSource,
@@ -77,8 +77,8 @@ pub(crate) struct Partials {
 enum PartialsSource {
     /// Differences: of the model itself by time and state, of moved models by each parameter.
     Differences(Vec<Py<MovedModel>>),
-    /// A function that fills in all of them, by time, coordinates, velocities and so many
-    /// parameters, one after the other.
+    /// A function that fills in all derivatives: with respect to time, coordinates, velocities and
+    /// parameters, in this order.
     Function(Py<Model>, usize),
     /// Of a tree: how each parameter moves its numbers.
     Tree(Arc<Vec<Vec<f64>>>),
@@ -215,7 +215,7 @@ fn wrt_of((kind, index, of): &(u8, usize, usize)) -> MechanicalWrt {
     }
 }
 
-/// What a run takes besides the system.
+/// Arguments of a run other than the system.
 struct RunArguments<'a> {
     method: SwitchedRk,
     laws: &'a [AnyImpactLaw],

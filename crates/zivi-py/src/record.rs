@@ -17,17 +17,17 @@ use crate::method::{Hits, MotionPath};
 /// The columns, events and outcome of one run.
 #[pyclass(frozen, module = "zivi._zivi")]
 pub(crate) struct RunRecord {
-    /// Once they were asked for, where samples are kept as they were recorded.
+    /// Cached at first access, for samples stored as recorded.
     columns: OnceLock<Py<PyArray2<f64>>>,
     /// The samples, until columns are made of them.
     rows: Mutex<Option<Samples>>,
     /// How many entries of each column are samples.
     #[pyo3(get)]
     n_samples: usize,
-    /// Where samples between the steps draw the motion, once they were asked for; none where the
-    /// motion is not known, or there is no memory for more.
+    /// Samples between the steps for drawing, cached at first access; `None` if the motion is
+    /// unknown or memory is insufficient.
     plotted: OnceLock<Option<PlotSamples>>,
-    /// The positions there, until they are asked for.
+    /// Their positions, until first access.
     positions: Mutex<Option<Vec<f64>>>,
     /// A row for each: time, velocity before and velocity after.
     #[pyo3(get)]
@@ -40,7 +40,7 @@ pub(crate) struct RunRecord {
     rest_time: Option<f64>,
     #[pyo3(get)]
     failed_steps: Py<PyArray1<i64>>,
-    /// What happened of each event of the user.
+    /// Occurrences of each user event.
     #[pyo3(get)]
     hits: Vec<Py<Hits>>,
     #[pyo3(get)]
@@ -135,8 +135,7 @@ impl RunRecord {
 type Plotted<'a> = (&'a PlotSamples, &'a DensePath, Restitution);
 
 impl RunRecord {
-    /// What is made of the samples that draw the motion, if there are any, and of the columns at
-    /// the steps.
+    /// Result of a function of the drawing samples, if any, and of the columns at the steps.
     fn with_plotted<const N: usize>(
         &self,
         py: Python<'_>,
@@ -213,8 +212,8 @@ pub(crate) fn rows_of(py: Python<'_>, impacts: Vec<Impact>) -> Array {
     const { assert!(WIDTH == 3 && align_of::<Impact>() == align_of::<f64>()) }
     let mut impacts = ManuallyDrop::new(impacts);
     let (len, room) = (WIDTH * impacts.len(), WIDTH * impacts.capacity());
-    // SAFETY: an impact is three numbers in this order, so that the memory of so many of them has the
-    // layout of three times as many numbers; nobody else frees it
+    // SAFETY: an impact is three numbers in this order, so a vector of impacts has the layout of a
+    // vector of numbers of triple length; it is freed only here
     let numbers = unsafe { Vec::from_raw_parts(impacts.as_mut_ptr().cast::<f64>(), len, room) };
     PyArray1::from_vec(py, numbers).unbind()
 }

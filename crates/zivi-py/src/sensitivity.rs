@@ -1,4 +1,4 @@
-//! Runs with their derivatives, and flights apart, from Python.
+//! Runs with their derivatives, and single flights, from Python.
 
 use crate::batch::{natives, refused};
 use crate::force::kind::with_slopes;
@@ -156,7 +156,7 @@ pub(crate) fn fly_apart(
     Ok((status, PyArray1::from_vec(py, numbers_of(flown)).unbind()))
 }
 
-/// A status, 0 with what was computed; what a force raised is raised.
+/// A status, 0 with the result; exceptions of a force are re-raised.
 fn status_of<T: Default>(found: Result<T, Failure<PyErr>>) -> PyResult<(u8, T)> {
     match found {
         Err(Failure::Raised(error)) => Err(error),
@@ -176,10 +176,10 @@ fn numbers_of(flown: Vec<Flown>) -> Vec<f64> {
     numbers
 }
 
-/// The equations of a sequence of impacts that repeats, rows `P, t` one after the other, the `last`
-/// one a period ago: the flights as `fly_apart` gives them with their minima, what must vanish, its
-/// derivative, apart from that the one by the last impact, row by row, and the one by a parameter,
-/// of which `wrt` has the code and the magnitude.
+/// The equations of a periodic impact sequence, rows `P, t`, with the `last` impact of the previous
+/// period: the flights of `fly_apart` with their minima, the residual, its derivative, separately
+/// the derivative with respect to the last impact, row by row, and with respect to a parameter,
+/// whose code and magnitude are `wrt`.
 #[pyfunction]
 #[allow(clippy::too_many_arguments)]
 pub(crate) fn sequence_equations(
@@ -206,16 +206,16 @@ fn arrays_of(py: Python<'_>, found: SequenceEquations) -> [Array; 5] {
         .map(|values| PyArray1::from_vec(py, values).unbind())
 }
 
-/// Of `correct_sequence`: scaled unknowns with the parameter, tangent, steps, scaled residual, and
-/// what `sequence_equations` gives.
+/// Result of `correct_sequence`: scaled unknowns with the parameter, tangent, steps, scaled
+/// residual, and the result of `sequence_equations`.
 type Solution = (Array, Array, usize, f64, [Array; 5]);
 
 /// Seeks the solution of the equations of a sequence and a parameter in a hyperplane, a point and
 /// the normal of which are given, scaled by the magnitudes. `at` tells the force, the period, the
 /// coefficient of restitution and the derivative of the period at a value of the parameter; a
-/// `ValueError` of it is no solution. `limits` are the residual that is sought, the one that is
-/// enough where rounding stalls, and the fall that keeps the derivative by the parameter. Gives how
-/// many times the equations were evaluated, and the solution.
+/// `ValueError` of it is no solution. `limits` are the required residual, the residual accepted if
+/// rounding stalls, and the decrease for which the derivative with respect to the parameter is
+/// reused. Gives how many times the equations were evaluated, and the solution.
 #[pyfunction]
 #[allow(clippy::too_many_arguments)]
 pub(crate) fn correct_sequence(

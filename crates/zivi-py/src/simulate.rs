@@ -23,7 +23,7 @@ use crate::record::RunRecord;
 use crate::system::{kicks_of_mechanism, Configuration, Mechanism, PyKeep, PyPointMass, PyState};
 use crate::transform::restitution_of;
 
-/// An array of times as a slice, for as long as it is held.
+/// An array of times as a slice with the lifetime of the array.
 pub(crate) struct Times<'py>(Option<PyReadonlyArray1<'py, f64>>);
 
 impl<'py> Times<'py> {

@@ -1,6 +1,6 @@
 //! Systems, tables and impact laws from Python, and arguments of runs.
 //!
-//! What is requested of a run: the system, where it starts, what it shall keep.
+//! Arguments of a run: system, initial state, stored data.
 
 use crate::dynamics::{AnyDynamics, CompiledDynamics, Model};
 use crate::force::{compiled_ratio, Force};
@@ -60,7 +60,7 @@ impl PyState {
     }
 }
 
-/// What the gaps of a mechanical system have: coefficients of restitution, or laws.
+/// Impact laws of the gaps of a mechanical system: coefficients or laws.
 #[derive(FromPyObject)]
 enum Restitutions<'py> {
     Newton(PyReadonlyArray1<'py, f64>),
@@ -75,7 +75,7 @@ pub(crate) struct Mechanism {
     pub(crate) m: usize,
     /// An impact law for each gap.
     pub(crate) laws: Vec<AnyImpactLaw>,
-    /// What owns the functions of the laws.
+    /// Owners of the functions of the laws.
     owners: Vec<Py<PyImpactLaw>>,
     friction: Option<Py<PyFriction>>,
 }
@@ -95,18 +95,18 @@ impl Mechanism {
         Layout { n: self.n, m: self.m, p: self.friction().channels.len() }
     }
 
-    /// What evaluates it.
+    /// Its evaluator.
     pub(crate) fn rubbing<'a>(&'a self, py: Python<'a>) -> Rubbing<'a, AnyDynamics<'a>> {
         let dynamics = AnyDynamics::of(py, self.model.get(), self.layout());
         Rubbing { dynamics, friction: self.laws_of_contact() }
     }
 
-    /// What evaluates it without friction and without the interpreter; `None` if that is needed.
+    /// Its evaluator without friction and without the interpreter; `None` if that is needed.
     pub(crate) fn native_dynamics(&self) -> Option<CompiledDynamics> {
         CompiledDynamics::of(self.model.get(), self.layout())
     }
 
-    /// The same without the interpreter; `None` if it is needed.
+    /// The same without the interpreter; `None` if the interpreter is needed.
     pub(crate) fn rubbing_alone(&self, py: Python<'_>) -> Option<Rubbing<'_, CompiledDynamics>> {
         match AnyDynamics::of(py, self.model.get(), self.layout()) {
             AnyDynamics::Compiled(dynamics) => {
@@ -161,14 +161,14 @@ impl Configuration {
     }
 }
 
-/// What a run shall keep, besides what happens at the wall.
+/// Data stored by a run, in addition to events at the wall.
 #[pyclass(frozen, module = "zivi._zivi", name = "Keep")]
 pub(crate) struct PyKeep {
-    /// Times of the samples, where they are given.
+    /// Times of the samples, if given.
     pub(crate) t_eval: Option<Py<PyArray1<f64>>>,
     /// Times where the force is not smooth.
     pub(crate) tstops: Option<Py<PyArray1<f64>>>,
-    /// The velocities after a kick at one of these times, None where there is none: a function of the
+    /// The velocities after a kick at one of these times, None without kicks: a function of the
     /// time, the position and the velocity.
     pub(crate) kicks: Option<Py<PyAny>>,
     pub(crate) events: Vec<Py<PyEvent>>,
@@ -207,7 +207,7 @@ impl PyKeep {
 }
 
 impl PyKeep {
-    /// Whether something of the user is called besides the forces.
+    /// Whether user functions other than the forces are called.
     pub(crate) fn calls(&self) -> bool {
         !self.events.is_empty() || self.kicks.is_some()
     }
@@ -251,7 +251,7 @@ pub(crate) fn kicks_of_mechanism(function: &Py<PyAny>, n: usize) -> Kick<'_, PyE
 #[pyclass(frozen, module = "zivi._zivi", name = "ImpactLaw")]
 pub(crate) struct PyImpactLaw {
     pub(crate) inner: AnyImpactLaw,
-    /// What owns its compiled functions, if it has some.
+    /// Owner of its compiled functions, if any.
     owner: Option<Py<PyAny>>,
 }
 
@@ -285,8 +285,8 @@ impl PyImpactLaw {
         Ok(AnyImpactLaw::from(law.map_err(|error| setup_error(error.into()))?).into())
     }
 
-    /// A function `double e(double v)` and, if known, its derivative, by their addresses; its limit as
-    /// `v -> 0`, the speed up to which it is smooth, and what owns the code.
+    /// A function `double e(double v)` and, if known, its derivative, by their addresses; its limit
+    /// as `v -> 0`, the speed up to which it is smooth, and the owner of the code.
     #[staticmethod]
     fn compiled(
         address: usize,

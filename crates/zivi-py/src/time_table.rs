@@ -20,8 +20,8 @@ type PartOfModel = unsafe extern "C" fn(f64, *const f64, *const f64, *mut f64, *
 
 #[pymethods]
 impl PyTimeTable {
-    /// Knots, and by interval and column `order` coefficients; `ends` are the values beyond them,
-    /// of all columns before and then after; without them the table is periodic.
+    /// Knots, and by interval and column `order` coefficients; `ends` are the values outside, of
+    /// all columns before and then after; without them the table is periodic.
     #[new]
     #[pyo3(signature = (knots, coefficients, *, order, width, ends=None))]
     fn new(
@@ -74,7 +74,7 @@ impl PyTimeTable {
     }
 
     /// Where a function is that fills in all columns, one for value and derivatives of the first
-    /// column, and the data that both are called with, which live as long as this.
+    /// column, and the data argument of both, which have the lifetime of this object.
     #[getter]
     fn functions(&self) -> (usize, usize, usize) {
         let (values, motion): (PartOfModel, PartOfModel) = (table_values, table_motion);
@@ -83,10 +83,10 @@ impl PyTimeTable {
 }
 
 impl PyTimeTable {
-    /// The table for as long as its owner is held.
+    /// The table, valid while its owner is held.
     pub(crate) fn held(owner: &Py<Self>) -> &'static zivi::TimeTable {
-        // SAFETY: the object is frozen and does not move; whoever asks holds it for as long as
-        // what is returned is used (a force in its `owner`).
+        // SAFETY: the object is frozen and does not move; callers hold it while they use the result
+        // (a force in its `owner`).
         unsafe { &*Arc::as_ptr(&owner.get().inner) }
     }
 }

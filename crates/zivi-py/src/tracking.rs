@@ -1,4 +1,4 @@
-//! Many independent steps of the tracker at once: its exact solution beside general solvers.
+//! Batches of independent steps of the tracker: its exact solution and general solvers.
 
 use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray2};
 use pyo3::exceptions::PyValueError;
@@ -66,8 +66,8 @@ fn rows<const N: usize>(name: &str, array: &PyReadonlyArray2<'_, f64>) -> PyResu
 
 /// Signs of many steps of the tracker (NaN where there are none), and whether the solver calls them
 /// solved. `states` has the columns `s, v, s_r, v_r`; `starts` and the result have
-/// `ls, lv, lsr, lvr, les, lev`. A solve begins at its start, or where that is NaN at the last
-/// signs that solved a step. The solver `"exact"` is the tick's and needs no start.
+/// `ls, lv, lsr, lvr, les, lev`. A solve starts from its initial point or, if that is NaN, from the
+/// last signs that solved a step. The solver `"exact"` is the tick's and needs no start.
 #[pyfunction]
 #[pyo3(signature = (
     states, starts, *, gains, kappa, kappa_ref, h, f, f_ref, solver, linearisations, fall_backs

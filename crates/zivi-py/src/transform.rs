@@ -10,8 +10,8 @@ fn refused(error: RestitutionError) -> PyErr {
     PyValueError::new_err(error.to_string())
 }
 
-/// What a wall gives back, both as `e` and as `kappa`: one as it was given, the other its image, so
-/// that neither loses digits.
+/// Restitution of a wall as `e` and as `kappa`: one as given, the other computed, so that neither
+/// loses digits.
 #[pyclass(frozen, module = "zivi._zivi", name = "Restitution")]
 pub(crate) struct PyRestitution {
     pub(crate) inner: Restitution,

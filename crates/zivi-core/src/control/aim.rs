@@ -6,19 +6,19 @@
 //! ```
 //!
 //! The body comes to the place `z` with `v-`, in a time that its flight tells; met with the speed `w` it
-//! leaves with `V` and rises by `H`. What strikes goes there with the least effort, cubic in time. What a
-//! model lacks in masses and restitution is the one number `gamma`, learnt from each impact; what it
-//! lacks in forces is a constant acceleration of what strikes, learnt between them.
+//! leaves with `V` and rises by `H`. The striker moves there with minimal effort, on a cubic in
+//! time. Errors of the model in masses and restitution are lumped in `gamma`, learnt from each
+//! impact; errors in forces are a constant acceleration of the striker, learnt between impacts.
 
 use crate::real::sqrt;
 use crate::Real;
 
-/// Periods before an impact in which the plan is played and not made anew.
+/// Periods before an impact in which the plan is executed without replanning.
 const FINAL: Real = 4.0;
-/// A change of the speed of a body beyond this part of the wanted one is an impact.
+/// A relative change of a body's speed above this (of the desired one) is an impact.
 const JUMP: Real = 1e-3;
 
-/// What is seen of a body and of what strikes it.
+/// Measurement of a body and of the striker.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Sight {
     /// Time (s).
@@ -38,7 +38,7 @@ pub struct Sight {
 }
 
 impl Sight {
-    /// Speed of what strikes (m/s).
+    /// Speed of the striker (m/s).
     #[must_use]
     pub fn w(&self) -> Real {
         self.v - self.rate
@@ -48,7 +48,7 @@ impl Sight {
 /// How what is measured is averaged.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Learning {
-    /// How much of what an impact showed is taken over.
+    /// Weight of the latest impact in the estimate.
     pub share: Real,
     /// The same of late impacts under noise.
     pub least: Real,
@@ -58,7 +58,7 @@ pub struct Learning {
     pub mean: u32,
 }
 
-/// What does not change.
+/// Constant settings.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct AimSettings {
     /// Sampling period (s).
@@ -75,22 +75,22 @@ pub struct AimSettings {
     pub learning: Learning,
 }
 
-/// What changes from tick to tick.
+/// State, which changes at each update.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct AimState {
     /// Impacts of the state in which controls act.
     pub strokes: u32,
     /// Change of the body's speed by an impact, as a part of the closing speed; NaN before.
     pub gamma: Real,
-    /// Acceleration of what strikes in this period, and its slope.
+    /// Acceleration of the striker in this period, and its slope.
     pub plan: [Real; 2],
-    /// What was seen at the last tick.
+    /// Measurement of the last update.
     pub last: Option<Sight>,
     /// Samples of the body's speed in this flight, and their mean.
     pub flight: (u32, Real),
     /// When a wall is hit next (s).
     pub strike_at: Option<Real>,
-    /// What was measured at the last tick.
+    /// Raw measurement of the last update.
     pub seen: Option<Sight>,
     /// Samples of the unknown acceleration, and their mean (m/s^2).
     pub push: (u32, Real),
@@ -113,7 +113,7 @@ impl AimState {
     };
 }
 
-/// The law: what it is told, what it remembers, and the noise of the speeds it is shown.
+/// The law: settings, state, and the noise of the measured speeds.
 ///
 /// ```
 /// use zivi_core::control::{Aim, AimSettings, Learning, Sight};
@@ -128,9 +128,9 @@ impl AimState {
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Aim {
-    /// What does not change.
+    /// Constant settings.
     pub settings: AimSettings,
-    /// What does.
+    /// The state.
     pub state: AimState,
     /// Changes of a speed up to this are noise (m/s).
     pub noise: Real,
@@ -143,9 +143,9 @@ impl Aim {
         Self { settings, state: AimState::START, noise: 0.0 }
     }
 
-    /// Learns from what is measured, after a period in which what strikes had the acceleration `acting`
-    /// without what is unknown (NaN where that is not known): from an impact in it, or else of what is
-    /// unknown.
+    /// Learns from the measurement after a period in which the known acceleration of the striker
+    /// was `acting` (NaN if unknown): from an impact in the period, otherwise about the unknown
+    /// acceleration.
     pub fn learn(&mut self, now: Sight, acting: Real) {
         let Learning { share, least, pushes: [quiet, noisy], .. } = self.settings.learning;
         let Some(last) = self.state.seen.replace(now) else { return };
@@ -187,8 +187,8 @@ impl Aim {
         Sight { v, rate: v - now.w(), ..now }
     }
 
-    /// The acceleration of what strikes, of which the prediction over `late` (s) does not know the
-    /// unknown one. `target` gives the height or the speed of a stroke.
+    /// The acceleration of the striker; the prediction over `late` (s) excludes the unknown
+    /// acceleration. `target` gives the height or the speed of a stroke.
     ///
     /// # Errors
     /// Those of `target`.
@@ -229,7 +229,7 @@ impl Aim {
         Ok(a)
     }
 
-    /// Remembers what was seen, and the acceleration `a` of what strikes from here on.
+    /// Stores the measurement and the acceleration `a` of the striker from here on.
     pub fn go_on(&mut self, now: Sight, a: Real) {
         self.state.last = Some(Sight { relative: now.pull - a, ..now });
     }
@@ -299,7 +299,7 @@ mod tests {
         law.learn(BEFORE, 3.0);
         for k in 1..=200_u32 {
             let t = 1e-3 * k as Real;
-            // falls with the ball, the racket is pushed by 2 beside 3
+            // falls with the ball, the racket is pushed by 2 in addition to 3
             let v = BEFORE.v - 10.0 * t;
             law.learn(Sight { t, v, rate: v - 5.0 * t, ..BEFORE }, 3.0);
         }

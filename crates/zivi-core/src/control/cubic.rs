@@ -18,7 +18,7 @@ pub struct Cubic {
     pub c3: Real,
 }
 
-/// At most so many evaluations for one root.
+/// Maximal number of evaluations for one root.
 pub const MAX_ITERATIONS: u32 = 64;
 
 impl Cubic {
@@ -39,9 +39,9 @@ impl Cubic {
         6.0 * self.c3 * z + 2.0 * self.c2
     }
 
-    /// The root nearest to `from` on the way to `to`, where the cubic has different signs at
-    /// `from` and `to`; and the number of Newton steps and bisections that it took. Where rounding
-    /// has left no change of sign the answer is `to`.
+    /// The root nearest to `from` between `from` and `to`, at which the cubic has different signs,
+    /// and the number of Newton steps and bisections. Where rounding has left no change of sign the
+    /// answer is `to`.
     ///
     /// ```
     /// use zivi_core::control::cubic::Cubic;
@@ -85,7 +85,7 @@ impl Cubic {
         (near, to)
     }
 
-    /// Extremum, inflection, extremum, in the direction of travel (NaN where there is none).
+    /// Extremum, inflection, extremum, in the direction of travel (NaN if absent).
     fn bends(&self, rising: bool) -> [Real; 3] {
         let discriminant = self.c2 * self.c2 - 3.0 * self.c3 * self.c1;
         let root = sqrt(discriminant);
@@ -100,7 +100,7 @@ impl Cubic {
         }
     }
 
-    /// Newton's method on a monotone piece of one curvature, from the end where it cannot
+    /// Newton's method on a monotone interval of one curvature, from the end where it cannot
     /// overshoot (Fourier's condition): it approaches the root from one side, and where it turns
     /// back or overshoots after all, rounding has been reached. A flat end is left by bisection.
     fn newton(&self, near: Real, far: Real, near_positive: bool) -> (Real, u32) {
@@ -148,7 +148,7 @@ impl Cubic {
 pub struct Switch {
     /// Where it switches.
     pub at: Real,
-    /// What it weighs.
+    /// Its weight.
     pub weight: Real,
 }
 
@@ -163,8 +163,8 @@ pub struct Balance {
     pub second: Real,
 }
 
-/// Solves `b in y + w1 sgn(y - p1) + w2 sgn(y - p2)`, in at most five comparisons. Where both
-/// switches are met at once (`y = p1 = p2`) both signs take the same value.
+/// Solves `b in y + w1 sgn(y - p1) + w2 sgn(y - p2)`, in at most five comparisons. If both switches
+/// are met simultaneously (`y = p1 = p2`) both signs take the same value.
 ///
 /// ```
 /// use zivi_core::control::cubic::{balance, Switch};
@@ -233,7 +233,7 @@ mod cubic_tests {
         }
     }
 
-    /// What rounding makes of a zero at `z`.
+    /// Rounding error of a zero at `z`.
     fn rounding(it: &Cubic, z: f64) -> f64 {
         let z = z.abs();
         8.0 * f64::EPSILON * (((it.c3.abs() * z + it.c2.abs()) * z + it.c1.abs()) * z + it.c0.abs())
@@ -265,7 +265,7 @@ mod cubic_tests {
         Ok(())
     }
 
-    /// Both ways between the ends, and from somewhere inside.
+    /// In both directions between the ends, and from an interior point.
     fn check_everywhere(it: Cubic, inside: f64) -> Result<(), TestCaseError> {
         for (from, to) in [(-1.0, 1.0), (1.0, -1.0), (inside, 1.0), (inside, -1.0)] {
             check(&it, from, to)?;

@@ -127,7 +127,7 @@ impl ExplicitTwisting {
         &self.port
     }
 
-    /// What is remembered.
+    /// The state.
     #[must_use]
     pub fn state(&self) -> TrackerState {
         self.state

@@ -30,13 +30,13 @@ pub struct Gains {
 pub enum GainError {
     /// A setting is out of range.
     Setting(SettingError),
-    /// A gain does not exceed what the bound asks for.
+    /// A gain does not exceed the minimum for the bound.
     TooSmall {
         /// Name of the gain.
         name: &'static str,
         /// Its value (m/s^2).
         value: Real,
-        /// What it must exceed (m/s^2).
+        /// The minimum (m/s^2).
         least: Real,
         /// The same as a formula.
         formula: &'static str,
@@ -53,7 +53,7 @@ pub enum GainError {
 }
 
 impl GainError {
-    /// Name of what was refused.
+    /// Name of the rejected gain.
     #[must_use]
     pub fn name(&self) -> &'static str {
         match self {
@@ -89,7 +89,7 @@ impl fmt::Display for GainError {
 
 impl core::error::Error for GainError {}
 
-/// Gains beyond this overflow within a tick.
+/// Larger gains overflow within an update.
 const LARGEST: Real = crate::real::LARGE;
 
 impl Gains {
@@ -119,7 +119,7 @@ impl Gains {
     /// `M/R < mu2 < mu1 - M/R` with `R = 2e/(1 + e)`.
     ///
     /// # Errors
-    /// [`GainError`] names the gain that is too small, and what it must exceed.
+    /// [`GainError`] names the gain that is too small and its minimum.
     ///
     /// ```
     /// use zivi_core::control::Gains;
@@ -141,7 +141,7 @@ impl Gains {
     /// The same of [`Gains::bounded`] ones.
     ///
     /// # Errors
-    /// [`GainError`] names the gain that is too small, and what it must exceed.
+    /// [`GainError`] names the gain that is too small and its minimum.
     #[inline]
     pub fn track(self, bound: Real, restitution: Restitution) -> Result<Self, GainError> {
         let image = bound * (1.0 + restitution.e()) / (2.0 * restitution.e());
@@ -154,7 +154,7 @@ impl Gains {
     /// `M - mu1 (1 - e^2)/(1 + e^2) < mu2 < mu1 - M`.
     ///
     /// # Errors
-    /// [`GainError`] names the gain that is too small, and what it must exceed.
+    /// [`GainError`] names the gain that is too small and its minimum.
     ///
     /// ```
     /// use zivi_core::control::Gains;
@@ -176,7 +176,7 @@ impl Gains {
     /// The same of [`Gains::bounded`] ones.
     ///
     /// # Errors
-    /// [`GainError`] names the gain that is too small, and what it must exceed.
+    /// [`GainError`] names the gain that is too small and its minimum.
     #[inline]
     pub fn regulate(self, bound: Real, restitution: Restitution) -> Result<Self, GainError> {
         let square = restitution.e() * restitution.e();
@@ -237,10 +237,10 @@ impl Gains {
 
 // Landing: how a controller whose target rests on the wall brings a held control to exact rest.
 //
-// A tick that plans to *end* its period on the wall brakes too early: the mass, under the control
-// it holds, is there before, bounces, and may do so for ever in a cycle of a few periods. The
-// rule here plans no landing. It falls with the law's own net acceleration `D`, and takes as much
-// of the brake as stops a rising mass at the end of the horizon `N h`, not before:
+// An update that plans to *end* its period on the wall brakes too early: under the held control the
+// mass arrives earlier, bounces, and may continue in a cycle of a few periods. The rule here plans
+// no landing. It falls with the law's own net acceleration `D`, and takes as much of the brake as
+// stops a rising mass at the end of the horizon `N h`, not before:
 //
 // ```text
 // x'' = F + u = -g      g = clip((x' - q)/(N h), D, U)
@@ -258,7 +258,7 @@ impl Gains {
 // noise cannot lift the mass. (Where `U < D`, `V` grows by `D/U` at most while the mass rises, and
 // `e^2 D/U < 1`.)
 //
-// An unknown force of at most `M`, one that follows the motion included, leaves all of it true of
+// For an unknown force of at most `M`, even one that depends on the motion, all of it holds for
 // `E = x'^2/2 + (D + M) x` and `v-^2 <= v+^2 (D + M)/(min(U, D) - M)`: the mass rests if
 // `M < (min(U, D) - e^2 D)/(1 + e^2)`, and for `M sgn x'` only then (docs/exact_rest.md).
 //

@@ -13,7 +13,7 @@ use crate::control::dual::Dual;
 use crate::vi::{self, natural_component};
 use crate::{Lifted, Restitution};
 
-/// A step as a box VI: its map, and what makes the residual dimensionless.
+/// A step as a box VI: its map, and the scales of its residual.
 pub trait Inclusion<const N: usize> {
     /// `F(Lambda)`.
     fn map(&self, lambda: [f64; N]) -> [f64; N];

@@ -62,7 +62,7 @@ impl TwistingTracker {
     /// The same of a reference that is given, at `next` with the next sample.
     ///
     /// # Errors
-    /// [`SettingError`] for a waypoint that is not finite or behind the wall.
+    /// [`SettingError`] for a waypoint that is not finite or has x < 0.
     pub fn miss_to(&mut self, next: Waypoint) -> Result<Real, SettingError> {
         let next = ReferenceState::at(next, self.reference.restitution())?;
         let state = held(self.port(), self.state);

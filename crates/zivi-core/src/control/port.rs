@@ -14,14 +14,14 @@ pub struct Port {
     high: Real,
 }
 
-/// What was done to the last sample and to the control.
+/// Status of the last update: treatment of sample and control.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct TickStatus {
     /// The measured position was slightly negative and was taken as `0`.
     pub clamped: bool,
     /// The control was cut to the actuator's range.
     pub saturated: bool,
-    /// The general solver that was asked for found no signs; those of the exact solution were taken.
+    /// The requested general solver failed; the signs of the exact solution were used.
     pub unsolved: bool,
 }
 
@@ -40,7 +40,7 @@ impl TickStatus {
 }
 
 impl Default for Port {
-    /// Up to 10 cm behind the wall is noise, any control is possible.
+    /// Penetration up to 10 cm counts as noise, the control is unlimited.
     fn default() -> Self {
         Self::DEFAULT
     }
@@ -49,7 +49,7 @@ impl Default for Port {
 impl Port {
     const DEFAULT: Self = Self { depth: 0.1, low: Real::NEG_INFINITY, high: Real::INFINITY };
 
-    /// How far behind the wall a measurement may lie.
+    /// Largest accepted penetration of a measurement.
     pub const DEPTH: Setting = Setting {
         name: "depth",
         meaning: "depth behind the wall to which measurements are taken as 0",
@@ -86,7 +86,7 @@ impl Port {
         Self { depth, low, high }
     }
 
-    /// How far behind the wall a measurement may lie (m).
+    /// Largest accepted penetration of a measurement (m).
     #[must_use]
     pub fn depth(&self) -> Real {
         self.depth
@@ -98,7 +98,7 @@ impl Port {
         (self.low, self.high)
     }
 
-    /// The state that a measurement stands for, and whether it was clamped.
+    /// The state of a measurement, and whether it was clamped.
     #[inline]
     pub(super) fn sense(&self, measured: Physical) -> Result<(Physical, bool), SettingError> {
         let Physical { x, xdot } = measured;
@@ -112,7 +112,7 @@ impl Port {
         }
     }
 
-    /// The control that the actuator gives for the wanted one, and whether it was cut.
+    /// The actuator's control for a commanded one, and whether it was clipped.
     #[inline]
     pub(super) fn actuate(&self, wanted: Real) -> Result<(Real, bool), SettingError> {
         require(
@@ -125,7 +125,7 @@ impl Port {
         Ok((u, u != wanted))
     }
 
-    /// What the actuator can do that is nearest to a control.
+    /// The feasible control closest to a given one.
     #[inline]
     #[must_use]
     pub fn clipped(&self, u: Real) -> Real {
@@ -166,7 +166,7 @@ pub const DELAY: Setting = Setting {
     default: Value::Count(0),
 };
 
-/// What comes out as many periods later as it is long.
+/// A delay line: values leave it after its length in periods.
 ///
 /// ```
 /// use zivi_core::control::DelayLine;
@@ -187,7 +187,7 @@ impl<T: Copy> DelayLine<T> {
     /// One of this length, with the same in all its places.
     ///
     /// # Errors
-    /// [`SettingError`] if it is longer than [`MOST_DELAY`].
+    /// [`SettingError`] for more than [`MOST_DELAY`] periods.
     pub fn new(periods: usize, value: T) -> Result<Self, SettingError> {
         DELAY.check(periods as Real)?;
         Ok(Self { periods, first: 0, held: [value; MOST_DELAY] })
@@ -223,8 +223,8 @@ impl<T: Copy> DelayLine<T> {
 }
 
 impl DelayLine<Real> {
-    /// The state after these controls, each for a period `h` (s), with the acceleration `force` beside
-    /// them.
+    /// The state after these controls, each for a period `h` (s), with the additional acceleration
+    /// `force`.
     #[must_use]
     pub fn ahead(&self, state: Physical, wall: Restitution, force: Real, h: Real) -> Physical {
         self.held().fold(state, |at, u| flight::after(at, force + u, wall.e(), h))

@@ -1,6 +1,6 @@
 //! References of a tracker: computed or given sample by sample.
 //!
-//! The reference that a tracker follows: where it is, and where a period takes it.
+//! The reference of a tracker: its state, and its motion over a period.
 
 use crate::control::port::checked_force;
 use crate::control::tracking::Target;
@@ -9,7 +9,7 @@ use crate::setting::is_not_negative;
 use crate::step::{thorough, ImplicitEuler, StepSolution};
 use crate::{transform, Branch, Lifted, Physical, Real, Restitution, SettingError, ThetaGammaStep};
 
-/// A reference: its state and the side of the wall on which it was last.
+/// A reference: its state and its last branch.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct ReferenceState {
     pub(super) z: Lifted,
@@ -76,13 +76,13 @@ pub(super) enum ReferenceSource<'a> {
 pub struct ReferencePeriod {
     pub(super) now: ReferenceState,
     pub(super) force: Real,
-    /// What the measured velocity is taken back by (m/s).
+    /// Shift of the measured velocity (m/s).
     pub(super) back: Real,
     /// Where it ends, if that is given.
     pub(super) next: Option<ReferenceState>,
 }
 
-/// A sample, and what the plant has to follow over the period that starts with it.
+/// A sample and the target of the plant over the period that starts with it.
 #[derive(Clone, Copy, Debug)]
 pub struct Planned {
     pub(super) state: Physical,
@@ -97,7 +97,7 @@ pub struct Planned {
     pub(super) target: Target,
     /// The multiplier of `sgn v_r+` at the end that is followed.
     pub(super) lambda_vr: Real,
-    /// What acts on the reference (m/s^2).
+    /// Acceleration of the reference (m/s^2).
     #[cfg_attr(feature = "single", allow(dead_code, reason = "only the VI asks for it"))]
     pub(super) force_ref: Real,
 }
@@ -134,8 +134,8 @@ pub(super) fn advanced(
     Ok(AdvancedReference { next, signs: [found.lambda_s, found.lambda_v], acceleration })
 }
 
-/// What the plant has to follow over `h`, where that is not a period of the reference, and the signs of
-/// that step: seldom asked for, and not a part of its caller.
+/// The target of the plant over an `h` other than the reference's period, and the signs of that
+/// step; rarely called, therefore not inlined.
 #[cold]
 #[inline(never)]
 pub(super) fn target_over(
@@ -163,11 +163,10 @@ fn too_large(force_ref: Real) -> SettingError {
 
 // A reference that is given sample by sample, from a curve, a recording or another simulation.
 //
-// The tracker does not advance it: it is told where the reference is at the sample and at the next
-// one. What it plans towards is an implicit Euler step from there under the reference's
-// acceleration `a`, with the velocity of the reference and of the mass both half a period back in
-// the air: the step then ends where a parabola through the given state does, and a mass on the
-// reference is given `u = a - F`.
+// The tracker does not advance it: its states at this sample and the next one are arguments. The
+// target is an implicit Euler step from there under the reference's acceleration `a`, with the
+// velocity of the reference and of the mass both shifted by half a period in flight: the step then
+// ends on the parabola through the given state, and a mass on the reference gets `u = a - F`.
 
 impl TwistingTracker {
     /// The control for the period that starts with this measurement, for a reference that is at
@@ -178,8 +177,8 @@ impl TwistingTracker {
     /// The tracker's own reference becomes `next`.
     ///
     /// # Errors
-    /// [`SettingError`] as [`TwistingTracker::tick`], and for a waypoint that is not finite or
-    /// behind the wall. Nothing has changed then.
+    /// [`SettingError`] of [`TwistingTracker::tick`], and for a waypoint that is not finite or has
+    /// x < 0. Nothing has changed then.
     ///
     /// ```
     /// use zivi_core::control::{Approach, Gains, TwistingTracker, Waypoint};
@@ -211,8 +210,8 @@ impl ReferencePeriod {
     /// that is known; `force` is the one without control: see [`TwistingTracker::tick_to`].
     ///
     /// # Errors
-    /// [`SettingError`] for a waypoint that is not finite or behind the wall, or an acceleration that
-    /// is not finite.
+    /// [`SettingError`] for a waypoint that is not finite or has x < 0, or an acceleration that is
+    /// not finite.
     #[inline]
     pub fn between(
         (restitution, h): (Restitution, Real),

@@ -12,7 +12,7 @@
 //! * off the wall on the side of `s` (`ls = 1`), accepted when `s+ >= 0`;
 //! * off the wall on the other side (`ls = -1`), accepted when `s+ <= 0`;
 //! * on the wall: `lv = -1` and `ls = -(s/h + v + B)/(kappa v + D)`. From `s = 0` the step ends at
-//!   the origin, and of the signs that stop it there those with the smallest `|ls|` are taken.
+//!   the origin, and among the signs that stop it there, those with the smallest `|ls|` are chosen.
 //!
 //! Under the gain condition (`|F| <= M`, `M < mu2 < mu1 - M`, hence `D < -B`) the solution is
 //! unique. Without it the order above is the selection rule; of two velocities on one side the one

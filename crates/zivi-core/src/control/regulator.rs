@@ -35,14 +35,14 @@ pub struct TwistingRegulator {
     pub(super) state: RegulatorState,
 }
 
-/// What the regulator remembers; it does not influence the next tick.
+/// State of the regulator; it does not influence the next update.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct RegulatorState {
     /// The last control (m/s^2).
     pub u: Real,
     /// The last `lambda_s`, `lambda_v`.
     pub signs: [Real; 2],
-    /// What was done to the last sample and control.
+    /// Status of the last update.
     pub status: TickStatus,
 }
 
@@ -80,7 +80,7 @@ impl TwistingRegulator {
     /// mass without control.
     ///
     /// # Errors
-    /// [`SettingError`] for a sample that is not finite or too deep behind the wall. Nothing has
+    /// [`SettingError`] for a sample that is not finite or penetrates too deeply. Nothing has
     /// changed then: the last control is still [`RegulatorState::u`].
     pub fn tick(&mut self, measured: Physical, force: Real) -> Result<Real, SettingError> {
         self.ticked(measured, force, |step, z| (step.solve(z, force), false))
@@ -141,10 +141,10 @@ impl TwistingRegulator {
         (u, [lambda_s, lambda_v], unsolved)
     }
 
-    /// The state that a measurement stands for, and whether it was slightly behind the wall.
+    /// The state of a measurement, and whether it was clamped to the wall.
     ///
     /// # Errors
-    /// [`SettingError`] for a sample that is not finite or too deep behind the wall.
+    /// [`SettingError`] for a sample that is not finite or penetrates too deeply.
     pub fn sense(&self, measured: Physical) -> Result<(Physical, bool), SettingError> {
         self.port.sense(measured)
     }
@@ -167,7 +167,7 @@ impl TwistingRegulator {
         &self.port
     }
 
-    /// What is remembered.
+    /// The state.
     #[must_use]
     pub fn state(&self) -> RegulatorState {
         self.state

@@ -1,4 +1,4 @@
-//! What a tick plans: the course of the reference and the target, which no one outside sees.
+//! The plan of an update: reference and target, which are private.
 
 use super::regulation::RegulationStep;
 use super::tracking::{Place, Target, TrackingStep};

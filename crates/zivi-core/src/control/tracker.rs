@@ -15,7 +15,7 @@ use core::ops::Bound;
 #[cfg(not(feature = "single"))]
 use super::inclusion::TrackingInclusion;
 
-/// The time `horizon h` (s) of so many periods.
+/// The time `horizon h` (s).
 ///
 /// # Errors
 /// [`SettingError`] unless `horizon >= 1` and it is finite, also times `h`.
@@ -34,9 +34,9 @@ pub fn checked_horizon(horizon: Real, h: Real) -> Result<Real, SettingError> {
 /// the control is that of the paper's implicit step ([`TrackingStep`]), to the last bit.
 ///
 /// A *horizon* of `N` periods plans that step over `H = N h` and ticks every `h`: quieter under
-/// noise, less sharp within `H` of an impact. The *shift* `x' - h F_r/2` in the air makes the
-/// measured velocity that of an implicit Euler step, as the reference's is: positions of these
-/// steps lie on the exact parabola, their velocities half a period behind it.
+/// noise, less sharp within `H` of an impact. The *shift* `x' - h F_r/2` in flight turns the
+/// measured velocity into that of an implicit Euler step, like the reference's: positions of these
+/// steps lie on the exact parabola, their velocities lag by half a period.
 ///
 /// ```
 /// use zivi_core::control::{Approach, Gains, TwistingTracker};
@@ -60,7 +60,7 @@ pub struct TwistingTracker {
     pub(super) horizon: Real,
     shift: bool,
     pub(super) landing: Option<Landing>,
-    /// Acceleration towards the wall of a mass at rest, if it is not the law's own (m/s^2).
+    /// Acceleration towards the wall of a mass at rest, unless it is the law's own (m/s^2).
     press: Option<Real>,
     approach: Approach,
     port: Port,
@@ -177,7 +177,7 @@ impl TwistingTracker {
     /// `h`. `force` acts on the mass without control, `force_ref` on the reference.
     ///
     /// # Errors
-    /// [`SettingError`] for a sample that is not finite or too deep behind the wall. Nothing has
+    /// [`SettingError`] for a sample that is not finite or penetrates too deeply. Nothing has
     /// changed then: the reference has not advanced, the last control is still
     /// [`TrackerState::u`].
     pub fn tick(
@@ -255,7 +255,7 @@ impl TwistingTracker {
         ReferencePeriod { now: self.on_its_branch(course.now), ..course }
     }
 
-    /// The reference after a period, and what the plant has to follow over the horizon.
+    /// The reference after a period, and the target of the plant over the horizon.
     #[inline(always)]
     fn outlook(
         &self,
@@ -363,7 +363,7 @@ impl TwistingTracker {
         }
     }
 
-    /// The measured state on the branch that the approach takes beside this reference.
+    /// The measured state on the branch of the approach to this reference.
     #[inline]
     pub(super) fn lifted(&self, state: Physical, reference: ReferenceState) -> Lifted {
         let Lifted { s, v } = transform::lift(state, Branch::Positive, self.step.restitution);
@@ -406,10 +406,10 @@ impl TwistingTracker {
         self.step.restitution
     }
 
-    /// The state that a measurement stands for, and whether it was slightly behind the wall.
+    /// The state of a measurement, and whether it was clamped to the wall.
     ///
     /// # Errors
-    /// [`SettingError`] for a sample that is not finite or too deep behind the wall.
+    /// [`SettingError`] for a sample that is not finite or penetrates too deeply.
     pub fn sense(&self, measured: Physical) -> Result<(Physical, bool), SettingError> {
         self.port.sense(measured)
     }
@@ -450,7 +450,7 @@ impl TwistingTracker {
         &self.port
     }
 
-    /// What is remembered.
+    /// The state.
     #[inline]
     #[must_use]
     pub fn state(&self) -> TrackerState {
@@ -464,7 +464,7 @@ impl TwistingTracker {
     }
 }
 
-// What a tracker is made of and what it remembers, as plain numbers.
+// Settings and state of a tracker as plain numbers.
 
 /// Which of its two preimages the measured state is lifted to.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -503,7 +503,7 @@ pub struct TrackerSettings {
     pub port: Port,
 }
 
-/// What the tracker remembers between ticks.
+/// State of the tracker between updates.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TrackerState {
     /// The reference `(s_r, v_r)`.
@@ -514,7 +514,7 @@ pub struct TrackerState {
     pub u: Real,
     /// The last `ls, lv, lsr, lvr, les, lev`.
     pub signs: [Real; 6],
-    /// What was done to the last sample and control.
+    /// Status of the last update.
     pub status: TickStatus,
     /// Iterations of the last tick: [`Tracking::iterations`].
     pub iterations: u32,

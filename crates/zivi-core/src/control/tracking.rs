@@ -11,8 +11,8 @@
 //!
 //! * **Away from the wall** (`ls = g`, `g = +1` or `-1`) the force drops out, and `v+` solves a
 //!   scalar monotone inclusion ([`crate::control::cubic`]): one candidate for each `g`, accepted when
-//!   `g s+ >= 0`. Since `R v+` is increasing in `v+`, `s+(g=+1) <= s+(g=-1)`: at most one of the two
-//!   is accepted (ties at zero apart).
+//!   `g s+ >= 0`. Since `R v+` is increasing in `v+`, `s+(g=+1) <= s+(g=-1)`: at most one of the
+//!   two is accepted (except ties at zero).
 //! * **On the wall** (`s+ = 0`): `lv = -1`, and `ls` is a root of a cubic, which the rejection of
 //!   both candidates brackets:
 //!
@@ -20,7 +20,7 @@
 //!   G(ls) = h (kappa C - F) ls^3 + h C ls^2 + (kappa v + h F) ls + (s/h + v) = 0
 //!   ```
 //!
-//! **The selection rule.** There can be up to five solutions, also for `F = 0`. Taken is the one on
+//! **The selection rule.** There can be up to five solutions, even for `F = 0`. Taken is the one on
 //! the side of `s`; else the one on the other side; else, of those on the wall, the one whose `v+`
 //! is nearest to `v_r+`. No decision has a tolerance.
 //!
@@ -111,7 +111,7 @@ impl TrackingStep {
         self.solve_near(z, f, target, 0.0)
     }
 
-    /// The same with the multiplier of `sgn v+` nearest to that of `sgn v_r+`, where it is free.
+    /// The same, with the selection of `sgn v+` closest to that of `sgn v_r+` if it is free.
     #[inline]
     #[must_use]
     pub fn solve_near(&self, z: Lifted, f: Real, target: Target, lambda_vr: Real) -> Tracking {
@@ -219,9 +219,9 @@ impl SideFrame {
         StepCandidate { end, signs: [ls, -1.0, les, lev], iterations }
     }
 
-    /// The root whose `v+` is nearest to `v_r+`, with its signs and the iterations: on the way from
-    /// `near` to `end` there is one, on the way to `-end` there can be two. The sign of the velocity
-    /// error is `ahead` on the one way and `behind` on the other.
+    /// The root whose `v+` is nearest to `v_r+`, with its signs and the iterations: between `near`
+    /// and `end` there is one, towards `-end` there can be two. The sign of the velocity error is
+    /// `ahead` on the one way and `behind` on the other.
     #[inline]
     fn nearest_root(
         &self,
@@ -305,7 +305,7 @@ impl SideFrame {
 }
 
 impl Tracking {
-    /// The solution as it is seen from the other side, for the factor -1; the control is the same (adding
+    /// The solution on the other branch, for the factor -1; the control is the same (adding
     /// `0.0` turns `-0.0` into `0.0`).
     #[inline]
     fn seen_from(self, side: Real) -> Self {
@@ -333,7 +333,7 @@ mod tests {
         let step = TrackingStep { h: 0.0625, restitution, gains };
         let mut rounded = 0;
         for k in 1_u8..=20 {
-            // the reference is behind the wall already, and A - mu1 + [-mu2, mu2] has a zero, so
+            // the reference already has x < 0, and A - mu1 + [-mu2, mu2] has a zero, so
             // v+ = v_r+; v+ (1 + kappa ls) = -s/h
             let v = -0.7 - 0.03 * Real::from(k);
             let z = Lifted { s: 0.0625 * 1.1 * -v, v };

@@ -1,5 +1,5 @@
-//! The covariance of `(x, x', d, e)`: ten numbers, and what a flight, an impact, rest and a
-//! measurement make of them.
+//! The covariance of `(x, x', d, e)`: ten numbers, and their propagation through flights, impacts,
+//! rest and measurements.
 
 use crate::real::sqrt;
 use crate::Real;
@@ -164,7 +164,7 @@ mod tests {
     use super::*;
 
     /// A state of which one combination is known exactly: `P = a a^T`, which a flight or an impact
-    /// that measures that combination makes 0, but for rounding.
+    /// that measures this combination reduces to rounding.
     #[test]
     fn variances_are_never_negative() {
         let mut below = 0;

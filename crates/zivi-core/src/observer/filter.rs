@@ -1,4 +1,4 @@
-//! The filter: prediction through impacts and rest, correction within the gate, and what restarts it.
+//! The filter: prediction through impacts and rest, correction within the gate, restart.
 
 use super::memory::{Chosen, THE_LAST_TWO};
 use super::{Covariance, Measurement, ObserverSettings, ObserverState};
@@ -12,15 +12,15 @@ const MAX_IMPACTS: u32 = 20;
 const GATE: Real = 25.0;
 /// So many refused in a row restart the filter where the velocity is measured.
 const PATIENCE: u32 = 5;
-/// From so many on positions that agree do.
+/// Rejections in a row after which consistent positions restart the filter.
 const DOUBT: u32 = 3;
 /// So many positions do without agreement.
 const LOST: u32 = 14;
 /// Grazing: the speed in `(1 + e) a/v-` is taken to be at least this part of `h |a|`.
 const GRAZING: Real = 0.1;
-/// Impacts slower than so many `s_x/h` tell nothing of `e`.
+/// Impacts slower than this multiple of `s_x/h` carry no information about `e`.
 const SLOW: Real = 10.0;
-/// What a period adds to the variances of `x` and `x'`, of `s_x^2` and `(s_x/h)^2`: without it a
+/// Process noise of `x` and `x'` per period, relative to `s_x^2` and `(s_x/h)^2`: without it a
 /// wrong `e` could never be corrected after a rest.
 const FLOOR: [Real; 2] = [1e-10, 1e-12];
 /// The same of the variance of a velocity that nothing is known of.
@@ -59,7 +59,7 @@ impl ObserverSettings {
         }
     }
 
-    /// At the first measurement, or at the first of a velocity.
+    /// At the first measurement of a position or of a velocity.
     fn start(&self, it: &mut ObserverState, Measurement { x, xdot }: Measurement) {
         let ObserverSettings { noise: [of_x, of_v], dmax, .. } = *self;
         let state = Physical { x: x.max(0.0), xdot: xdot.unwrap_or(0.0) };
@@ -77,8 +77,8 @@ impl ObserverSettings {
         4.0 * (xdot * xdot + 2.0 * a.abs() * highest) + UNKNOWN_SPEED * noise / (h * h)
     }
 
-    /// The state after `dt` under the acceleration `a`, through impacts and into rest; what is
-    /// measured of the velocity then matters to what is unknown of it. Whether it rests.
+    /// The state after `dt` under the acceleration `a`, through impacts and into rest; the measured
+    /// velocity then affects its uncertainty. Whether it rests.
     fn predict(&self, it: &mut ObserverState, dt: Real, a: Real, measured: Option<Real>) -> bool {
         let rests = self.move_on(it, dt, a);
         let ObserverSettings { h, q_d, dmax, noise: [of_x, of_v], .. } = *self;
@@ -127,8 +127,8 @@ impl ObserverSettings {
         true
     }
 
-    /// The state after an impact with `before < 0`. A slow one tells nothing of `e`, which is as
-    /// uncertain as it was.
+    /// The state after an impact with `before < 0`. A slow one carries no information about `e`,
+    /// whose uncertainty is unchanged.
     fn bounce(&self, it: &mut ObserverState, before: Real, a: Real) -> Physical {
         let ObserverSettings { h, se, q_e, noise: [of_x, _], learn_e, .. } = *self;
         let (e, speed) = (it.e, before.abs());
@@ -144,8 +144,8 @@ impl ObserverSettings {
         Physical { x: 0.0, xdot: 0.0 - e * before }
     }
 
-    /// This measurement, if it is within the gate; `a` acted before it. A mass that rests stays where
-    /// it is, exactly: of its variances only `FLOOR` is left.
+    /// Corrects with a measurement within the gate; `a` acted before it. A mass at rest stays
+    /// exactly at rest: its variances are reduced to `FLOOR`.
     fn correct(&self, it: &mut ObserverState, measured: Measurement, a: Real, rests: bool) {
         let ObserverSettings { noise: [of_x, of_v], dmax, .. } = *self;
         // asked before anything is corrected: what is refused needs no copy to go back to
@@ -180,7 +180,7 @@ impl ObserverSettings {
         let (total, innovation) = (xx + of_x, x - it.estimate.state.x);
         let by_position = innovation * innovation / total;
         let Some(xdot) = xdot else { return by_position };
-        // of the velocity beside what the position tells of it
+        // of the velocity, given the position
         let gain = xv / total;
         let innovation = xdot - (it.estimate.state.xdot + gain * innovation);
         by_position + innovation * innovation / ((vv - gain * xv).max(0.0) + of_v)
@@ -214,9 +214,9 @@ fn velocity_of(measured: Option<Measurement>) -> Option<Real> {
 }
 
 impl ObserverState {
-    /// From the line of least squares through these positions on, if they are not of one time. Of an
-    /// error `delta` of the acceleration the velocity has `q delta/2`, the position
-    /// `-(m - q tau) delta/2`, with `tau`, `m` the means of `tau_i`, `tau_i^2` and `q` the slope of
+    /// Restarts from the least-squares line through these positions unless their times are equal.
+    /// Of an error `delta` of the acceleration the velocity has `q delta/2`, the position `-(m - q
+    /// tau) delta/2`, with `tau`, `m` the means of `tau_i`, `tau_i^2` and `q` the slope of
     /// `tau_i^2`. (Out of line: its part of the stack is not there while the filter moves on.)
     #[inline(never)]
     pub(super) fn refit(&mut self, chosen: Chosen, of_x: Real, of_d: Real) -> bool {

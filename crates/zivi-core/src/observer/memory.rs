@@ -16,7 +16,7 @@ use crate::Real;
 pub const REMEMBERED: usize = 6;
 /// So many must agree, and all but two of those that there are.
 const AGREEING: u32 = 4;
-/// Positions agree within so many standard deviations, beside what the unknown force can bend.
+/// Positions agree within this number of standard deviations plus the effect of the unknown force.
 const WITHIN: Real = 4.0;
 
 /// Which of the positions are meant.
@@ -60,7 +60,7 @@ impl Memory {
         };
         let count = self.count as usize;
         let all = self.y.iter_mut().zip(&mut self.age);
-        // as nearly always: several at once
+        // the usual case, several together
         if count == REMEMBERED {
             all.for_each(older);
         } else {
@@ -75,8 +75,8 @@ impl Memory {
         self.count = (self.count + 1).min(REMEMBERED as u32);
     }
 
-    /// The positions that agree on a line within what noise and a force within `dmax` allow, if they
-    /// are enough.
+    /// The positions that agree with a line within noise and a force up to `dmax`, if there are
+    /// enough.
     pub(super) fn consensus(&self, of_x: Real, dmax: Real) -> Option<Chosen> {
         let noise = WITHIN * sqrt(of_x);
         let mut best = Agreement::default();

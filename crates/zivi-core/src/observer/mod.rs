@@ -10,9 +10,9 @@
 //!
 //! with `a = F + u + d`. `Xi` is the saltation matrix: the derivative of the state after an impact,
 //! whose time moves with the state before it. A period may hold several impacts, and a Zeno point.
-//! On the wall the force is hidden: the reaction takes it, and with `P_xd = P_vd = 0` so does the
-//! filter, which keeps its estimate while `P_dd` grows. Rest is exact: a measurement within the gate
-//! does not move it.
+//! On the wall the force is unobservable since the reaction balances it; with `P_xd = P_vd = 0` the
+//! filter accounts for this, which keeps its estimate while `P_dd` grows. Rest is exact: a
+//! measurement within the gate does not move it.
 //!
 //! Every constant is a pure number of the sensor's deviation `s_x`, of `h` and of accelerations: the
 //! unit of length or of time does not matter.
@@ -35,16 +35,16 @@ pub use settings::ObserverSettings;
 use crate::setting::{is_positive, require};
 use crate::{Physical, Real, SettingError};
 
-/// A measurement: the position, and the velocity if there is one.
+/// A measurement: the position, optionally the velocity.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Measurement {
     /// Distance from the wall (m); noise may make it negative, NaN is a missing measurement.
     pub x: Real,
-    /// Velocity (m/s); `None` or NaN where it is not measured.
+    /// Velocity (m/s); `None` or NaN if not measured.
     pub xdot: Option<Real>,
 }
 
-/// What is thought of the mass.
+/// Estimate of the state of the mass.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Estimate {
     /// Distance from the wall and velocity.
@@ -53,7 +53,7 @@ pub struct Estimate {
     pub d: Real,
 }
 
-/// What the observer remembers between ticks.
+/// State of the observer between updates.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct ObserverState {
     /// Whether there was a measurement.
@@ -62,7 +62,7 @@ pub struct ObserverState {
     pub waiting: bool,
     /// The estimate.
     pub estimate: Estimate,
-    /// The restitution: the estimate, where it is learnt.
+    /// The restitution: the estimate if it is learnt.
     pub e: Real,
     /// Covariance of the estimates.
     pub covariance: Covariance,
@@ -123,7 +123,7 @@ impl ImpactObserver {
     /// NaN, is a measurement that is missing: the motion is followed, nothing is corrected.
     ///
     /// # Errors
-    /// As [`ImpactObserver::tick`], and for a `dt` that is not positive.
+    /// Those of [`ImpactObserver::tick`]; a `dt` that is not positive.
     pub fn tick_after(
         &mut self,
         dt: Real,
@@ -161,19 +161,19 @@ impl ImpactObserver {
         self.state.estimate
     }
 
-    /// What is remembered.
+    /// The state.
     #[must_use]
     pub fn state(&self) -> ObserverState {
         self.state
     }
 
-    /// The same, where it is.
+    /// A reference to the state.
     #[must_use]
     pub fn remembered(&self) -> &ObserverState {
         &self.state
     }
 
-    /// An observer that continues from what [`ImpactObserver::state`] gave.
+    /// An observer that continues from a state of [`ImpactObserver::state`].
     #[inline]
     #[must_use]
     pub fn resumed(settings: ObserverSettings, state: ObserverState) -> Self {
@@ -199,7 +199,7 @@ impl ImpactObserver {
 }
 
 impl ObserverSettings {
-    /// [`ImpactObserver::advance`] for what is remembered elsewhere.
+    /// [`ImpactObserver::advance`] for an external state.
     ///
     /// # Errors
     /// As [`ImpactObserver::tick_after`]; what is remembered is of no further use then.
@@ -229,7 +229,7 @@ impl ObserverSettings {
         require(sound, "x", x, "finite: the sample is too large to compute with")
     }
 
-    /// What an observer remembers before it has seen anything.
+    /// The initial state of an observer.
     fn unseen(&self) -> ObserverState {
         let covariance = Covariance { ee: self.prior(), ..Covariance::default() };
         ObserverState { e: self.restitution.e(), covariance, ..ObserverState::default() }

@@ -1,4 +1,4 @@
-//! What an observer is told of the plant and of its sensor.
+//! Settings of an observer: plant and sensor.
 
 use core::ops::Bound;
 
@@ -91,7 +91,7 @@ impl ObserverSettings {
         default: Value::Number(0.0),
     };
 
-    /// Standard deviation of a restitution that is learnt and of which nothing was said.
+    /// Default standard deviation of a learnt restitution.
     pub const UNSAID: Real = 0.1;
 
     /// Settings for a mass that is measured every `h` (s), the others as in
@@ -150,9 +150,9 @@ impl ObserverSettings {
         Self { position_only, ..self }
     }
 
-    /// The same with a restitution that is learnt, or not. Of one that is, `se` is the deviation at
-    /// the start ([`ObserverSettings::UNSAID`] if it is 0), and `q_e` the variance that each impact
-    /// adds, 0 for a wall that is always the same.
+    /// The same with a restitution that is learnt, or not. If it is learnt, `se` is the initial
+    /// standard deviation ([`ObserverSettings::UNSAID`] for 0) and `q_e` the variance added by each
+    /// impact, 0 for a constant wall.
     ///
     /// # Errors
     /// [`SettingError`] unless `q_e` lies in 0 to 1.

@@ -43,7 +43,7 @@ pub(super) struct Frozen<W> {
 }
 
 impl<W: SchemeWeights> Frozen<W> {
-    /// The side `sigma` of the state, and the step as it is seen from there.
+    /// The branch `sigma` of the state, and the step on this branch.
     #[inline]
     pub(super) fn seen(
         (h, restitution): (Real, Restitution),

@@ -30,7 +30,7 @@ impl ThetaGammaStep {
         if let Some(solution) = self.everyday(z, f) {
             return Ok(solution);
         }
-        // taken apart, so that the everyday solution need not be kept where this one is returned
+        // destructured, so that the usual solution need not be stored when this one is returned
         let StepSolution { s, v, lambda_s, lambda_v, case } =
             if (self.theta, self.gamma) == (1.0, 1.0) {
                 thorough(self.h, self.restitution, ImplicitEuler, z, f, side)?
@@ -75,7 +75,7 @@ impl ThetaGammaStep {
         frozen.candidates().map(move |solution| solution.mirrored(sigma))
     }
 
-    /// The solution with the signs of `pattern`, if there is a finite one.
+    /// The solution with the signs of `pattern` if it is finite.
     #[must_use]
     pub fn accepted(
         &self,
@@ -151,7 +151,7 @@ impl ThetaGammaStep {
     }
 
     /// Distance of a solution from the exact motion under its own force, in units of that motion
-    /// (`h^2 f` and `h f`); zero for `f <= 0`, where there is nothing to choose.
+    /// (`h^2 f` and `h f`); zero for `f <= 0`, where the solution is unique.
     #[must_use]
     pub fn inconsistency(&self, solution: &StepSolution, z: Lifted, f: Real, side: Real) -> Real {
         if f <= 0.0 {
@@ -162,7 +162,7 @@ impl ThetaGammaStep {
         distance(&solution.mirrored(sigma), exact, self.h) / (self.h * self.h * f)
     }
 
-    /// The side `sigma` of the state, and the step as it is seen from there.
+    /// The branch `sigma` of the state, and the step on this branch.
     #[inline]
     fn frozen(&self, z: Lifted, f: Real, side: Real) -> (Real, Frozen<(Real, Real)>) {
         Frozen::seen((self.h, self.restitution), (self.theta, self.gamma), z, f, side)

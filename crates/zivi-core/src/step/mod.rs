@@ -15,8 +15,8 @@
 //! ```
 //!
 //! The rooms: [`inclusion`] writes the step as a box VI (`F`, its Jacobian, the natural
-//! residual); [`ThetaGammaStep::solve`] in `exact` finds its solution by cases (`candidates`); [`selection`]
-//! says which one is taken when there are several.
+//! residual); [`ThetaGammaStep::solve`] in `exact` finds its solution by cases (`candidates`);
+//! [`selection`] chooses among several solutions.
 
 mod candidates;
 mod exact;

@@ -37,7 +37,7 @@ pub(super) fn advance(at: &mut Iterate<'_, '_>, weight: f64) -> Outcome<bool> {
     Ok(found)
 }
 
-/// The box as it is seen from the iterate.
+/// The box relative to the iterate.
 pub(super) fn reach(at: &mut Iterate<'_, '_>) {
     let work = &mut *at.work;
     let reach = work.lower.iter_mut().zip(work.upper.iter_mut()).zip(at.z.iter());
@@ -71,7 +71,7 @@ pub(super) fn is_inside(held: &[usize], i: usize) -> bool {
     held.get(i) == Some(&INSIDE)
 }
 
-/// Active is what is on a bound, and pushed against it by `F`.
+/// A component is active if it is on a bound and `F` pushes against it.
 fn begin(at: &mut Iterate<'_, '_>) {
     let work = &mut *at.work;
     for i in 0..work.f.len() {
@@ -131,7 +131,7 @@ fn solve_inside(at: &mut Iterate<'_, '_>, weight: f64) -> Outcome<Option<f64>> {
     Ok(dense::is_finite(work.step).then_some(ratio))
 }
 
-/// The natural residual of the step where it was found.
+/// The natural residual at the step's solution.
 pub(super) fn residual(at: &mut Iterate<'_, '_>) -> f64 {
     let work = &mut *at.work;
     let (lower, upper) = (&*work.lower, &*work.upper);
@@ -150,7 +150,7 @@ fn change_active_set(at: &mut Iterate<'_, '_>, weight: f64) -> usize {
     let mut changes = 0;
     let (lower, upper) = (&*work.lower, &*work.upper);
     let avi = AffineVi { matrix: work.jacobian, shift: 0.0, q: work.f, lower, upper };
-    // inside F is what was solved for
+    // inside, F was solved for
     let held = &*work.pivotal.held;
     avi.map_where(|i| !is_inside(held, i), work.step, work.pivotal.residual);
     for (i, &d) in work.step.iter().enumerate() {

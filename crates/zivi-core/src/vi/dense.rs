@@ -58,7 +58,7 @@ pub(super) fn support(v: &[f64]) -> core::ops::Range<usize> {
     }
 }
 
-/// The part of `v` in a range; empty where there is none.
+/// The part of `v` in a range, possibly empty.
 #[inline]
 pub(super) fn part(v: &[f64], range: core::ops::Range<usize>) -> &[f64] {
     v.get(range).unwrap_or(&[])
@@ -93,7 +93,7 @@ pub(super) fn scale(v: &mut [f64], scale: &[f64]) {
     v.iter_mut().zip(scale).for_each(|(v, scale)| *v *= scale);
 }
 
-/// Entries that are looked at together, so that it vectorises.
+/// Entries processed together for vectorisation.
 const LANES: usize = 16;
 
 /// `max |v_i|`; NaN entries are passed over.
@@ -125,8 +125,8 @@ pub(super) fn project(z: &mut [f64], lower: &[f64], upper: &[f64]) {
     }
 }
 
-/// Whether it is time, after `step` pivots, columns or rows with as many rows of `n` entries, to look
-/// at whoever may want to interrupt: every ten milliseconds or so.
+/// Whether it is time, after `step` pivots, columns or rows with as many rows of `n` entries, to
+/// check for interruption, about every ten milliseconds.
 #[inline]
 pub(super) fn is_time_to_poll(step: usize, n: usize) -> bool {
     let every = (4_000_000 / n.saturating_mul(n).max(1)).clamp(1, 32);

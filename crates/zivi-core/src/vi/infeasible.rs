@@ -1,8 +1,8 @@
 //! Affine problems without a solution, told by a certificate of Farkas.
 //!
-//! A solution needs `F_i >= 0` where `u_i = +inf` and `F_i <= 0` where `l_i = -inf`. The sum of what
-//! is missing to that is minimised over the box by the simplex method; where it stays above zero,
-//! its multipliers `y` prove that no point of the box satisfies these rows:
+//! A solution needs `F_i >= 0` where `u_i = +inf` and `F_i <= 0` where `l_i = -inf`. The simplex
+//! method minimises the sum of the violations over the box; if the minimum is positive, its
+//! multipliers `y` prove that no point of the box satisfies these rows:
 //!
 //! ```text
 //! y_i <= 0 where F_i >= 0 is needed, y_i >= 0 where F_i <= 0 is, y_i = 0 where neither is:
@@ -89,7 +89,7 @@ fn most_of_two(at: &Iterate<'_, '_>, (i, first): (usize, f64), (k, second): (usi
     rows.zip(bounds).fold(start, |most, ((a, b), ((lower, upper), z))| {
         let slope = first * a + second * b;
         let room = if slope > 0.0 { upper - z } else { lower - z };
-        // with the weights that were chosen it is rounding where there is no bound
+        // with the chosen weights, it is rounding if there is no bound
         if room.is_finite() {
             most + slope * room
         } else {
@@ -98,8 +98,8 @@ fn most_of_two(at: &Iterate<'_, '_>, (i, first): (usize, f64), (k, second): (usi
     })
 }
 
-/// The sign that `F_i` needs wherever `z_i` is, if there is one: of an equation both do, and none
-/// is given.
+/// The sign that `F_i` needs for every `z_i`, if unique: an equation needs both, and `None` is
+/// returned.
 fn needed_sign(at: &Iterate<'_, '_>, i: usize) -> Option<f64> {
     match (dense::at(at.lower, i).is_finite(), dense::at(at.upper, i).is_finite()) {
         (true, false) => Some(1.0),
@@ -109,7 +109,7 @@ fn needed_sign(at: &Iterate<'_, '_>, i: usize) -> Option<f64> {
 }
 
 /// The range of `t > 0` with which `sigma_i F_i + t sigma_k F_k` does not grow towards any infinite
-/// bound; `None` where it is empty.
+/// bound; `None` if it is empty.
 fn weights(
     at: &Iterate<'_, '_>,
     (i, first): (usize, f64),
@@ -175,7 +175,7 @@ fn begin(at: &mut Iterate<'_, '_>) {
     }
 }
 
-/// What a basic variable is off its range, with a sign.
+/// Signed violation of the range of a basic variable.
 fn excess(at: &Iterate<'_, '_>, position: usize) -> f64 {
     let code = at.work.pivotal.members.get(position).copied().unwrap_or(0);
     let (lower, upper) = range(at, code);
@@ -190,7 +190,8 @@ fn excess(at: &Iterate<'_, '_>, position: usize) -> f64 {
     }
 }
 
-/// `step_j`: the slope of what is missing in the variable of column `j`; returns what is missing.
+/// `step_j`: the derivative of the violation with respect to the variable of column `j`; returns
+/// the violation.
 fn price(at: &mut Iterate<'_, '_>) -> f64 {
     let n = at.n();
     at.work.step.fill(0.0);
@@ -256,8 +257,8 @@ fn exchange(at: &mut Iterate<'_, '_>, entering: EnteringColumn) -> Option<f64> {
     Some(length)
 }
 
-/// What ends the move, with the bound that it then is on, `None` for the entering variable's own
-/// other bound; and its length.
+/// The blocking variable with its bound (`None` for the entering variable's own other bound), and
+/// the step length.
 fn first_block(at: &Iterate<'_, '_>, entering: EnteringColumn) -> (Option<(usize, f64)>, f64) {
     let pivotal = &at.work.pivotal;
     let code = pivotal.held.get(entering.column).copied().unwrap_or(0);
@@ -275,7 +276,7 @@ fn first_block(at: &Iterate<'_, '_>, entering: EnteringColumn) -> (Option<(usize
         let length = f64::max((bound - value) / rate, 0.0);
         let tie = 1e-12 * (1.0 + shortest.min(length));
         let is_tie = (length - shortest).abs() <= tie;
-        // of what blocks at once the fastest, for the sake of the pivot
+        // among ties the fastest, for a large pivot
         if (is_tie && rate.abs() > fastest) || (!is_tie && length < shortest) {
             (first, shortest, fastest) = (Some((position, bound)), length, rate.abs());
         }
@@ -320,7 +321,7 @@ fn pivot(at: &mut Iterate<'_, '_>, position: usize, column: usize) {
     }
 }
 
-/// Checks the multipliers at the minimum of what is missing on the data themselves.
+/// Verifies the multipliers at the minimum of the violation with the original data.
 fn proves(at: &mut Iterate<'_, '_>) -> bool {
     let n = at.n();
     at.work.neighbour.fill(0.0);

@@ -1,6 +1,6 @@
 //! The iterate of the outer methods, detection of stagnation, random numbers.
 //!
-//! The iterate of the outer methods: where it is, what it costs to move, the best point so far.
+//! The iterate of the outer methods: position, cost, best point so far.
 
 use super::natural::{natural_component, natural_residual, worst_component};
 use super::problem::{Interruption, Problem, Progress};
@@ -8,7 +8,7 @@ use super::settings::{Budget, Counts, RowScale, Settings, Stage, Status};
 use super::workspace::Workspace;
 use super::{dense, fischer};
 
-/// What stops a stage: nothing but the caller does so from within.
+/// Result of a stage; only the caller interrupts it from within.
 pub(super) type Outcome<T> = Result<T, Interruption>;
 
 /// Half-widths by which a start is pushed off its bounds while `F` is not finite there.
@@ -98,7 +98,7 @@ impl<'a, 'w> Iterate<'a, 'w> {
         self.counts.iterations >= self.settings.max_iterations
     }
 
-    /// What is left of the pivots for one affine solve.
+    /// Pivots left for one affine solve.
     pub(super) fn pivots_left(&self) -> usize {
         self.budget.left().min(self.settings.pivot_limit(self.n(), self.counts.iterations <= 1))
     }
@@ -131,7 +131,7 @@ impl<'a, 'w> Iterate<'a, 'w> {
         })
     }
 
-    /// `F` at `work.trial`, scaled, into `work.trial_f`. False where it is not finite.
+    /// `F` at `work.trial`, scaled, into `work.trial_f`. False if it is not finite.
     pub(super) fn evaluate_trial(&mut self) -> Outcome<bool> {
         self.problem.poll()?;
         self.counts.f += 1;
@@ -163,7 +163,7 @@ impl<'a, 'w> Iterate<'a, 'w> {
     }
 
     /// Begins a stage at `work.trial`, pushed off its bounds as far as `F` and its Jacobian need.
-    /// False where they are finite nowhere tried.
+    /// False if no tried point has finite values.
     pub(super) fn begin(&mut self) -> Outcome<bool> {
         dense::copy(self.work.point, self.work.trial);
         self.jacobian_is_known &= self.problem.is_affine();
@@ -269,7 +269,7 @@ impl<'a, 'w> Iterate<'a, 'w> {
 
     /// The tolerance raised to rounding, if with it the iterate is a solution: where a component
     /// of the natural map exceeds `tol`, `F_i` is within ten roundings of its row of zero,
-    /// `|F_i| <= 10 eps sum_j |J_ij z_j|`, `eps` the rounding of `F`. A given Jacobian is believed:
+    /// `|F_i| <= 10 eps sum_j |J_ij z_j|`, `eps` the rounding of `F`. A user's Jacobian is trusted:
     /// see [`Iterate::rows_are_as_steep`].
     pub(super) fn is_within_rounding(&self) -> Option<f64> {
         let (mut reached, rounding) = (self.tol, 10.0 * self.problem.rounding());
@@ -349,8 +349,7 @@ impl Stagnation {
         self.since >= 20
     }
 
-    /// True where the merit has not fallen over the last iterations: a time to ask whether
-    /// rounding forbids it.
+    /// True where the merit has not fallen over the last iterations: then rounding may prevent it.
     pub(super) fn is_slow(&self) -> bool {
         self.since >= 3
     }

@@ -103,7 +103,7 @@ pub fn lemke_howson(
 
 /// The labels in an order that jumps between the players and over their strategies.
 fn spread(turn: usize, labels: usize) -> usize {
-    // steps of the golden section meet all labels where they are coprime to their number
+    // golden-section steps visit all labels if coprime to their number
     let step =
         (1..labels).rev().find(|&step| step <= (labels * 618) / 1000 && gcd(step, labels) == 1);
     (turn % labels) * step.unwrap_or(1) % labels
@@ -157,7 +157,8 @@ fn follow(
 /// Basic variables in terms of the others: `basic = constant - matrix * others`.
 ///
 /// Of each label there are two variables, one in either dictionary: what is left out in one enters
-/// the other. In one dictionary a variable is told by its label: each label is there once.
+/// the other. In one dictionary a variable is identified by its label, since each label occurs
+/// once.
 struct Dictionary<'a> {
     rows: usize,
     columns: usize,
@@ -166,7 +167,7 @@ struct Dictionary<'a> {
     matrix: &'a mut [f64],
     constant: &'a mut [f64],
     pivot_row: &'a mut [f64],
-    /// Labels of the basic variables, then of the others.
+    /// Labels of the basic variables, followed by the nonbasic ones.
     labels: &'a mut [usize],
     /// Where a label is among them.
     places: &'a mut [usize],

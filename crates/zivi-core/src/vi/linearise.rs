@@ -1,4 +1,4 @@
-//! The Jacobian at the iterate and what follows from it.
+//! The Jacobian at the iterate and derived quantities.
 
 use super::iterate::{Iterate, Outcome};
 use super::natural::natural_component;
@@ -151,8 +151,8 @@ impl Iterate<'_, '_> {
         Ok(forth - back >= STEEP_ENOUGH * expected)
     }
 
-    /// `trial <- z + d` for the components that can move forwards, or for the others; returns what
-    /// row `i` should change by.
+    /// `trial <- z + d` for the components that can move forwards, or for the others; returns the
+    /// predicted change of row `i`.
     fn move_along_row(&mut self, i: usize, backwards: bool) -> f64 {
         let relative = libm::cbrt(self.problem.rounding());
         let n = self.n();

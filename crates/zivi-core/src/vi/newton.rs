@@ -18,8 +18,8 @@ use super::settings::{Stage, Start, Status, MEMORY};
 use super::smoothing::{proximal_newton, smoothing_newton, ProximalEnd};
 use super::{active_set, dense};
 
-/// Unknowns from which a proof that there is no solution is sought before the first path; for fewer
-/// after it.
+/// Number of unknowns from which a proof of infeasibility precedes the first path; for fewer it
+/// follows.
 const WORTH_A_PROOF: usize = 16;
 /// Iterations of the smoothing Newton method before the first path.
 const SMOOTHING_ITERATIONS: usize = 40;
@@ -136,8 +136,8 @@ fn shift_by(at: &Iterate<'_, '_>, proximal: f64, weight: f64) -> f64 {
     proximal * scale + weight * scale
 }
 
-/// What is tried of an affine problem before its first path, once in a solve: the whole of it is
-/// solved, or proved to have no solution, or [`PathEnd::Singular`].
+/// Attempt on an affine problem before its first path, once per solve: it is solved, proved
+/// infeasible, or [`PathEnd::Singular`].
 fn before_paths(at: &mut Iterate<'_, '_>, plan: StagePlan, proof: bool) -> Outcome<PathEnd> {
     if !at.problem.is_affine() {
         return Ok(PathEnd::Singular);
@@ -154,7 +154,7 @@ fn before_paths(at: &mut Iterate<'_, '_>, plan: StagePlan, proof: bool) -> Outco
         },
         false => false,
     };
-    // the search for a proof costs more than what solves most problems that have a solution
+    // the search for a proof costs more than solving most solvable problems
     if proof && drifts && proves_infeasible(at)? {
         return Ok(PathEnd::Infeasible);
     }
@@ -174,7 +174,7 @@ fn proves_infeasible(at: &mut Iterate<'_, '_>) -> Outcome<bool> {
 }
 
 /// Before the first path of an affine problem: the smoothing Newton method, which takes a few
-/// factorisations where it succeeds. Else the iterate is what it was.
+/// factorisations where it succeeds. Otherwise the iterate is unchanged.
 fn smoothing_solves(at: &mut Iterate<'_, '_>) -> Outcome<bool> {
     if !at.settings.smoothing || at.was_smoothed {
         return Ok(false);
@@ -191,7 +191,7 @@ fn smoothing_solves(at: &mut Iterate<'_, '_>) -> Outcome<bool> {
 }
 
 /// Before it the proximal point method, which takes a few factorisations of the rows inside where
-/// the problem is monotone, whatever its rank. Unless it is solved the iterate is what it was.
+/// the problem is monotone, whatever its rank. Unless it is solved, the iterate is unchanged.
 fn proximal_end(at: &mut Iterate<'_, '_>) -> Outcome<ProximalEnd> {
     if !at.settings.proximal || at.was_proximal {
         return Ok(ProximalEnd::GivenUp);
@@ -303,7 +303,7 @@ impl History {
     }
 }
 
-// Semismooth Newton on the Fischer-Burmeister function, with the projected gradient behind it.
+// Semismooth Newton on the Fischer-Burmeister function, with the projected gradient as fall-back.
 //
 // ```text
 // (H'H + lambda |H|^2 I) d = -H' Phi     H an element of the generalised Jacobian of Phi
@@ -487,7 +487,7 @@ fn is_active_set(at: &Iterate<'_, '_>) -> bool {
     })
 }
 
-/// Whether a component is inside the box, or at a bound with `F_i = 0`.
+/// Whether a component is inside the box or at a bound with `F_i = 0`.
 fn projects_inside(z: f64, f: f64, (lower, upper): (f64, f64), tol: f64) -> bool {
     let target = z - f;
     lower < upper && lower - tol <= target && target <= upper + tol

@@ -12,9 +12,9 @@
 //! broken lexicographically (Cottle, Pang & Stone, *The Linear Complementarity Problem*, 4.9), so
 //! no basis comes twice.
 //!
-//! A path that ends on a ray along which `s` stays the same continues: slacks that grow along the
-//! ray need no cover, and with `c_i = 0` in their rows the same ray is the beginning of another path.
-//! For bimatrix games that second path is Lemke and Howson's (*J. SIAM* 12 (1964) 413-423).
+//! A path that ends on a ray of constant `s` continues: slacks that grow along the ray need no
+//! cover, and with `c_i = 0` in their rows the same ray starts another path. For bimatrix games
+//! that second path is Lemke and Howson's (*J. SIAM* 12 (1964) 413-423).
 
 use super::dense;
 use super::natural::natural_residual;
@@ -39,7 +39,7 @@ pub(super) enum PathEnd {
 }
 
 /// Follows the path from `z`; at [`PathEnd::Solution`] `z` is the end of it, in the box, for the
-/// caller to check. Returns the end and what it cost; `poll` may stop it.
+/// caller to check. Returns the end and the cost; `poll` may stop it.
 pub(super) fn follow(
     avi: &AffineVi<'_>,
     start: Start,
@@ -102,7 +102,7 @@ struct Tableau<'a> {
     resting: &'a mut [f64],
     column: &'a mut [f64],
     residual: &'a mut [f64],
-    /// What is basic of each index.
+    /// The basic variable of each index.
     held: &'a mut [usize],
     /// The value of `s` while it is not basic.
     s: f64,
@@ -152,7 +152,7 @@ impl<'a> Tableau<'a> {
         }
     }
 
-    /// The basis of what is held, from scratch. False where it is singular.
+    /// Rebuilds the basis of the held variables; false if it is singular.
     fn rebuild(&mut self, poll: &mut Poll<'_>) -> Result<bool, Interruption> {
         let held = &*self.held;
         self.basis.reset(|i| unit(held, i));
@@ -457,7 +457,7 @@ impl Tableau<'_> {
         slacks.fold(0.0, |s, ratio| if ratio.is_finite() { f64::max(s, -ratio) } else { s })
     }
 
-    /// Where component `i` begins: inside, or at a bound it is on.
+    /// Initial place of component `i`: inside or at a bound.
     fn place(&self, i: usize, z: f64) -> (usize, f64) {
         let (lower, upper) = self.avi.bounds(i);
         let near = ON_BOUND * (1.0 + z.abs());
@@ -470,7 +470,7 @@ impl Tableau<'_> {
         }
     }
 
-    /// Enters the columns of what is inside. Where one depends on those before it, a bounded
+    /// Enters the columns of the inside components. Where one depends on those before it, a bounded
     /// component moves to its nearer bound, and a free one takes the row of a component at a
     /// bound, which then starts inside instead (saddle points of constrained minimisation need
     /// this).
@@ -574,7 +574,7 @@ struct Entering {
     range: f64,
 }
 
-/// What stops the entering variable.
+/// The variable that blocks the entering one.
 #[derive(Clone, Copy, Debug)]
 enum Blocking {
     /// Nothing: the path is a ray.
@@ -803,8 +803,8 @@ impl Tableau<'_> {
         self.basis.exchange(position, self.direction, entering.variable);
     }
 
-    /// What enters after `leaving` has left: `z` at a bound gives way to the slack of that bound,
-    /// a slack to its `z`.
+    /// The entering variable after `leaving` has left: `z` at a bound gives way to the slack of
+    /// that bound, a slack to its `z`.
     fn complement(&self, leaving: Variable, at_upper: bool) -> Entering {
         let slack = |variable| Entering { variable, sense: 1.0, from: 0.0, range: f64::INFINITY };
         match leaving {
@@ -831,9 +831,9 @@ fn lexicographically_smaller(pairs: impl Iterator<Item = (f64, f64)>) -> bool {
     false
 }
 
-// What a path is followed in, and what it costs.
+// Workspace and cost of a path.
 
-/// What a path has cost.
+/// Cost of a path.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct WorkCounts {
     /// Pivots along the path, bound flips included.
@@ -887,7 +887,7 @@ impl AffineVi<'_> {
         self.map_where(|_| true, z, f);
     }
 
-    /// The components of `F` that are asked for.
+    /// The selected components of `F`.
     pub(super) fn map_where(&self, asked: impl Fn(usize) -> bool, z: &[f64], f: &mut [f64]) {
         let rows = dense::rows(self.matrix, self.n()).zip(z.iter().zip(self.q));
         for ((i, f), (row, (zi, q))) in f.iter_mut().enumerate().zip(rows) {
@@ -904,7 +904,7 @@ impl AffineVi<'_> {
     }
 }
 
-/// What the pivotal solver works in: `n^2 + 7 n` reals and `2 n` indices.
+/// Workspace of the pivotal solver: `n^2 + 7 n` reals and `2 n` indices.
 #[derive(Debug)]
 pub(super) struct PivotalWorkspace<'a> {
     pub(super) inverse: &'a mut [f64],
@@ -946,7 +946,7 @@ mod pivotal_tests {
     }
 
     /// On boxes of all kinds with a dominant diagonal, where the solution is unique: either path
-    /// ends in it, with bounds that a variable crosses on the way.
+    /// ends in it, with bounds that a variable crosses.
     #[test]
     fn either_start_leads_to_the_solution() {
         let mut random = Random::new(3);

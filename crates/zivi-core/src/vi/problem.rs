@@ -1,6 +1,6 @@
 //! Problems: maps with Jacobians, finite differences, interruption.
 //!
-//! What a problem is: a map and its Jacobian, supplied by the caller.
+//! A problem: a map and its Jacobian, supplied by the caller.
 
 use super::dense;
 use super::settings::Stage;
@@ -25,21 +25,21 @@ pub trait Problem {
     /// Writes `F(z)` into `f`.
     ///
     /// # Errors
-    /// [`EvaluationError`] stops the solver at once; its best point so far is kept.
+    /// [`EvaluationError`] stops the solver immediately; its best point so far is kept.
     fn map(&mut self, z: &[f64], f: &mut [f64]) -> Result<(), EvaluationError>;
 
     /// Writes `dF_i/dz_j` into `jacobian[i n + j]`. Entries that are not finite (an infinite slope
     /// at a bound) are replaced by difference quotients of `F`.
     ///
     /// # Errors
-    /// [`EvaluationError`] stops the solver at once; its best point so far is kept.
+    /// [`EvaluationError`] stops the solver immediately; its best point so far is kept.
     fn jacobian(&mut self, z: &[f64], jacobian: &mut [f64]) -> Result<(), EvaluationError>;
 
     /// Called before every evaluation, every few dozen pivots and columns of a factorisation, so
     /// that long work can be interrupted.
     ///
     /// # Errors
-    /// [`Interruption`] stops the solver at once; its best point so far is kept.
+    /// [`Interruption`] stops the solver immediately; its best point so far is kept.
     fn poll(&mut self) -> Result<(), Interruption> {
         Ok(())
     }
@@ -48,7 +48,7 @@ pub trait Problem {
     /// at large ones.
     ///
     /// # Errors
-    /// [`Interruption`], as of [`Problem::poll`].
+    /// [`Interruption`]; see [`Problem::poll`].
     fn factor(
         &mut self,
         matrix: &mut [f64],
@@ -61,12 +61,12 @@ pub trait Problem {
     /// Called after every iteration.
     ///
     /// # Errors
-    /// [`Interruption`] stops the solver at once; its best point so far is kept.
+    /// [`Interruption`] stops the solver immediately; its best point so far is kept.
     fn monitor(&mut self, _progress: &Progress) -> Result<(), Interruption> {
         Ok(())
     }
 
-    /// True when `F` is affine: its values at one point then tell whether a row can be satisfied
+    /// True when `F` is affine: its values at one point then show whether a row can be satisfied
     /// anywhere in the box.
     fn is_affine(&self) -> bool {
         false
@@ -135,7 +135,7 @@ impl core::error::Error for EvaluationError {}
 /// Why a solve is broken off from outside. The best point so far is kept either way.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Interruption {
-    /// The caller cannot go on: `F` is not asked again.
+    /// The caller cannot go on: `F` is not called again.
     Failed,
     /// The caller has had enough: `F` is evaluated once more at the best point.
     Stopped,
@@ -216,14 +216,14 @@ where
         Self { scheme, ..self }
     }
 
-    /// Looks up the relative rounding error of `F` before each Jacobian, for instance once `F` has
+    /// Reads the relative rounding error of `F` before each Jacobian, for instance once `F` has
     /// shown the type that it is computed in.
     #[must_use]
     pub fn with_rounding(self, rounding: &'a Cell<f64>) -> Self {
         Self { rounding: Some(rounding), ..self }
     }
 
-    /// `F` at two neighbours of `z` on the axis `j`; false where it is not finite.
+    /// `F` at two neighbours of `z` on the axis `j`; false if it is not finite.
     fn evaluate(&mut self, j: usize, [a, b]: [f64; 2], zj: f64) -> Result<bool, EvaluationError> {
         dense::put(self.point, j, a);
         (self.map)(self.point, self.first)?;

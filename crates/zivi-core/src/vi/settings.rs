@@ -1,6 +1,6 @@
 //! Settings, statuses, budgets and validation of the solver.
 //!
-//! What can be set, and what comes back.
+//! Settings and reports.
 
 use core::fmt;
 
@@ -234,14 +234,14 @@ pub enum Start {
     Ray,
 }
 
-// How a solve ended, and what was wrong with its input.
+// Status of a solve, and errors of its input.
 
 /// How a solve ended. Only a residual recomputed from `F` at the returned point makes it solved.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Status {
     /// The natural residual is within the tolerance.
     Solved,
-    /// As [`Status::Solved`], and the Jacobian on the rows inside the box is singular there: the
+    /// Like [`Status::Solved`], but the Jacobian on the rows inside the box is singular there: the
     /// solution may be one of a continuum, or of higher multiplicity.
     SolvedNotIsolated,
     /// The merit function is stationary where the residual is not small.
@@ -269,7 +269,7 @@ impl Status {
         matches!(self, Self::Solved | Self::SolvedNotIsolated)
     }
 
-    /// The name, as in the documentation.
+    /// The documented name.
     #[must_use]
     pub fn name(self) -> &'static str {
         match self {
@@ -286,7 +286,7 @@ impl Status {
         }
     }
 
-    /// What happened and what to try.
+    /// Reason and advice.
     #[must_use]
     pub fn message(self) -> &'static str {
         match self {
@@ -421,7 +421,7 @@ impl core::error::Error for InvalidInput {}
 pub(super) struct Budget {
     total: usize,
     spent: usize,
-    /// What may be spent by the end of the stage.
+    /// Budget at the end of the stage.
     stage_end: usize,
 }
 
@@ -430,8 +430,8 @@ impl Budget {
         Self { total, spent: 0, stage_end: total }
     }
 
-    /// A stage begins: of what is left it may use `weight / weights`, with `weights` the sum over
-    /// it and the stages behind it. What it leaves goes to them.
+    /// Starts a stage: it may use `weight / weights` of the remaining budget, with `weights` the
+    /// sum over it and the later stages, which inherit the rest.
     pub(super) fn open_stage(&mut self, weight: usize, weights: usize) {
         let left = self.total.saturating_sub(self.spent);
         let share = (left as f64 * weight as f64 / weights.max(weight) as f64) as usize;
@@ -455,7 +455,7 @@ impl Budget {
         self.stage_end.saturating_sub(self.spent)
     }
 
-    /// Pivots left to it and all stages behind it.
+    /// Pivots left for it and all later stages.
     pub(super) fn left_to_all(&self) -> usize {
         self.total.saturating_sub(self.spent)
     }

@@ -162,7 +162,7 @@ fn size_at_trial(at: &Iterate<'_, '_>, mu: f64) -> f64 {
     libm::sqrt(squares.sum())
 }
 
-/// One damped step; its length and `|H|` after it, `None` where there is none.
+/// One damped step; its length and `|H|` after it, `None` without one.
 fn newton_step(at: &mut Iterate<'_, '_>, mu: f64) -> Outcome<Option<(f64, f64)>> {
     let n = at.n();
     let mut square = 0.0;
@@ -219,8 +219,8 @@ fn accept(at: &mut Iterate<'_, '_>) {
     at.accept(merit.min(f64::MAX));
 }
 
-/// From the bounds that the iterate tells, a few steps with the active set by Newton's method; true
-/// where they end in a solution, else the iterate is what it was.
+/// A few Newton steps on the active set indicated by the iterate; true if they end in a solution,
+/// otherwise the iterate is unchanged.
 fn cross_over(at: &mut Iterate<'_, '_>) -> Outcome<bool> {
     dense::copy(at.work.centre, at.z);
     dense::copy(at.work.trial, at.z);
@@ -265,10 +265,10 @@ fn cross_over(at: &mut Iterate<'_, '_>) -> Outcome<bool> {
 /// Weight of the first step and the least.
 const FIRST: f64 = 0.1;
 const LEAST: f64 = 1e-8;
-/// What it falls by from step to step.
+/// Reduction factor per step.
 const FALL: f64 = 0.1;
-/// The same once an active set has cycled, and what it grows by where one does: before the first
-/// step, and after it.
+/// Reduction factor once an active set has cycled, and growth factors in that case, before and
+/// after the first step.
 const SLOW_FALL: f64 = 0.5;
 const FIRST_GROWTH: f64 = 10.0;
 const GROWTH: f64 = 3.0;
@@ -289,7 +289,7 @@ const NEGATIVE: f64 = -1e-9;
 pub(super) enum ProximalEnd {
     /// At a solution.
     Solved,
-    /// Each was made, but they do not come nearer: so they go where there is no solution.
+    /// Each succeeded, but they do not converge: the iterates drift where there is no solution.
     Drifts,
     /// Nowhere: active sets cycle, or the problem is not monotone.
     GivenUp,
@@ -408,7 +408,7 @@ mod proximal_tests {
         assert_eq!(how, ProximalEnd::Solved);
         assert!(z.iter().all(|z| (z - 0.5).abs() < 1e-9), "{z:?}");
         assert!((2..8).contains(&steps), "{steps}");
-        // F = +-(x - y) - 1: both grow for ever
+        // F = +-(x - y) - 1: both grow without bound
         let (how, _, steps) =
             end(&[1.0, -1.0, -1.0, 1.0], &[-1.0, -1.0], HALF, Settings::default());
         assert_eq!((how, steps), (ProximalEnd::Drifts, 1 + PATIENCE));

@@ -242,8 +242,8 @@ pub(super) fn has_unsatisfiable_row(at: &Iterate<'_, '_>) -> bool {
     })
 }
 
-/// True when `sup (sign F_i)` over the box is below zero by more than the tolerance; false where it
-/// is infinite, or undefined.
+/// True when `sup (sign F_i)` over the box is below zero by more than the tolerance; false if it is
+/// infinite or undefined.
 fn stays_below_zero(at: &Iterate<'_, '_>, i: usize, sign: f64) -> bool {
     let row = dense::row(at.work.jacobian, at.n(), i);
     let mut most = sign * dense::at(at.work.f, i);
@@ -429,7 +429,7 @@ fn inside_direction(at: &mut Iterate<'_, '_>, pattern: &[HeldAt; MOST]) -> Outco
     Ok(regular && dense::is_finite(work.step))
 }
 
-/// Halves the step until the rows inside shrink; `None`, and back where it was, if they do not.
+/// Halves the step until the rows inside shrink; `None` with the iterate restored if they do not.
 fn damped_step(
     at: &mut Iterate<'_, '_>,
     pattern: &[HeldAt; MOST],

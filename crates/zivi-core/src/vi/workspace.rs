@@ -2,7 +2,7 @@
 
 use super::pivotal::PivotalWorkspace;
 
-/// Vectors of length `n` beside the two `n x n` matrices.
+/// Vectors of length `n` in addition to the two `n x n` matrices.
 const VECTORS: usize = 24;
 
 /// Lengths of the two slices a solve with `n` unknowns works in: reals and indices.
@@ -85,7 +85,7 @@ impl<'a> Workspace<'a> {
 }
 
 impl Workspace<'_> {
-    /// `F` at the end of the last solve (NaN where it is not known there).
+    /// `F` at the end of the last solve (NaN where unknown).
     #[must_use]
     pub fn map(&self) -> &[f64] {
         self.trial_f

@@ -1,4 +1,4 @@
-//! What the constructors and ticks of all controllers read.
+//! Common arguments of the constructors and updates of all controllers.
 
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
@@ -10,7 +10,7 @@ pub(super) fn refused(error: SettingError) -> PyErr {
     PyValueError::new_err(error.to_string())
 }
 
-/// The sample, `None` where it is missing.
+/// The sample, `None` if missing.
 pub(super) fn sample(x: Option<f64>, xdot: Option<f64>) -> PyResult<Option<Physical>> {
     match (x, xdot) {
         (None, _) => Ok(None),
@@ -44,7 +44,7 @@ pub(super) fn port(depth: f64, (low, high): (f64, f64)) -> PyResult<Port> {
         .map_err(refused)
 }
 
-/// The landing of so many periods, if any, with this dead zone.
+/// The contact-establishing law with its horizon and dead zone, if any.
 pub(super) fn landing(ahead: Option<u32>, h: f64, quiet: f64) -> PyResult<Option<Landing>> {
     let landing = |ahead| Landing::new(ahead, h).and_then(|it| it.with_quiet(quiet));
     ahead.map(landing).transpose().map_err(refused)
@@ -63,13 +63,13 @@ pub(super) fn restored((s, v, side, u, signs, bits): State) -> TrackerState {
     TrackerState { reference: Lifted { s, v }, side, u, signs, status, iterations: 0 }
 }
 
-// Controllers whose controls act late, and what is under way, as plain numbers.
+// Controllers with delayed controls, and the delay line as plain numbers.
 
 /// The controls that do not act yet, the references until then, the oldest first, and the periods by
 /// which a reference of its own is not ahead yet.
 pub(super) type UnderWayState = (Vec<f64>, Vec<(f64, f64)>, usize);
 
-/// Nothing, for a delay of so many periods; `None` for none.
+/// An empty delay line of this length; `None` for none.
 pub(super) fn nothing_under_way(delay: usize) -> PyResult<Option<Box<UnderWay>>> {
     let nothing = || UnderWay::nothing(delay).map(Box::new).map_err(refused);
     (delay > 0).then(nothing).transpose()
@@ -92,7 +92,7 @@ pub(super) fn under_way_of((controls, references, due): UnderWayState) -> PyResu
     Ok(Box::new(it))
 }
 
-/// What is under way is there for periods `h`.
+/// Controls in the delay line require periods `h`.
 pub(super) fn only_with(under_way: &Option<Box<UnderWay>>, dt: Option<f64>) -> PyResult<()> {
     match dt {
         Some(_) if under_way.is_some() => {

@@ -1,6 +1,6 @@
 //! Controllers of one mass: tracker, regulator, explicit law.
 //!
-//! What the two controllers with a reference have in common.
+//! Common part of the two controllers with a reference.
 
 use crate::control::arguments::{
     gains, landing, nothing_under_way, only_with, port, raised, refused, restored, sample,
@@ -20,7 +20,7 @@ use zivi_core::control::{
 };
 use zivi_core::{Branch, Physical};
 
-/// What the two controllers with a reference have in common.
+/// Common part of the two controllers with a reference.
 macro_rules! with_reference {
     ($class:ident, $($own:tt)*) => {
         #[pymethods]
@@ -120,7 +120,7 @@ pub(crate) struct PyTracker {
     pub(super) inner: TwistingTracker,
     /// How its steps are solved.
     solver: Solver,
-    /// What does not act yet, of one whose controls act late.
+    /// Delay line of a controller with delayed controls.
     under_way: Option<Box<UnderWay>>,
 }
 
@@ -152,7 +152,7 @@ impl PyTracker {
         Some(done.map_err(raised))
     }
 
-    /// Nothing is under way any longer.
+    /// Empties the delay line.
     fn forget(&mut self) {
         if let Some(it) = &mut self.under_way {
             it.forget();
@@ -329,7 +329,7 @@ with_reference! { PyTracker,
         Ok(())
     }
 
-    /// What is under way: the controls, the references and the periods by which they are not ahead.
+    /// The delay line: controls, references and their lag in periods.
     #[getter]
     fn _under_way(&self) -> Option<UnderWayState> {
         self.under_way.as_deref().map(under_way_state)
@@ -355,7 +355,7 @@ pub(crate) struct PyRegulator {
     pub(super) inner: TwistingRegulator,
     /// How its steps are solved.
     solver: Solver,
-    /// What does not act yet, of one whose controls act late.
+    /// Delay line of a controller with delayed controls.
     under_way: Option<Box<UnderWay>>,
 }
 
@@ -484,7 +484,7 @@ impl PyRegulator {
         }
     }
 
-    /// What is under way: the controls, the references and the periods by which they are not ahead.
+    /// The delay line: controls, references and their lag in periods.
     #[getter]
     fn _under_way(&self) -> Option<UnderWayState> {
         self.under_way.as_deref().map(under_way_state)

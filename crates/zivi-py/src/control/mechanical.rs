@@ -1,6 +1,6 @@
 //! Controllers of mechanical systems: plant model, gap tracker, striker, references.
 //!
-//! A plant as controllers of mechanical systems believe it to be, and what they make of a state of it.
+//! Models of a plant for controllers of mechanical systems, and quantities computed from a state.
 
 use super::mass::PyTracker;
 use crate::control::arguments::{restored, tracker_state, State};
@@ -22,7 +22,7 @@ use zivi::drive::mechanical::{
 use zivi::system::dynamics::Layout;
 use zivi_core::control::{Aim, AimSettings, AimState, Learning, Sight};
 
-/// What a law that gives no controls raises.
+/// Exception for a law that failed.
 pub(crate) fn law_error(error: LawError<PyErr>) -> PyErr {
     match error {
         LawError::Setup(error) => setup_error(error),
@@ -30,7 +30,7 @@ pub(crate) fn law_error(error: LawError<PyErr>) -> PyErr {
     }
 }
 
-/// A system with its controls as a controller believes in it.
+/// The model of a controller: a system with its controls.
 #[pyclass(frozen, module = "zivi._zivi")]
 pub(crate) struct Believed {
     pub(crate) mechanism: Py<Mechanism>,
@@ -119,8 +119,9 @@ impl Believed {
     }
 }
 
-/// The controls that make accelerations of the gaps and, as far as they can, of the rest; whether
-/// limits act, and the least singular value of `W^-1/2 N M^-1 B` where it was computed.
+/// The controls that realise accelerations of the gaps and, as far as possible, of the remaining
+/// motion; whether limits act, and the least singular value of `W^-1/2 N M^-1 B` where it was
+/// computed.
 #[pyfunction]
 #[allow(clippy::too_many_arguments)]
 pub(crate) fn controls<'py>(
@@ -194,9 +195,9 @@ pub(crate) enum Pressing {
     Function(Py<PyAny>),
 }
 
-/// All that changes: trackers, contacts held, samples beyond, accelerations, controls under way, the
-/// last ones, the place, bits of the status, the least singular value with the directions that have
-/// no actuator, the offsets of walls with the measurements behind them and those at rest.
+/// The state: trackers, held contacts, samples outside, accelerations, delayed controls, the last
+/// ones, the place, bits of the status, the least singular value with the unactuated directions,
+/// the wall offsets with their measurements and those at rest.
 type TrackerNumbers = (
     Vec<State>,
     Vec<bool>,
@@ -229,7 +230,7 @@ impl PyGapTracker {
     }
 }
 
-/// What a contact is pressed with at a time.
+/// The commanded contact force at a time.
 pub(crate) fn pressed(
     py: Python<'_>,
     pressing: &[Option<Pressing>],
@@ -300,7 +301,7 @@ impl PyGapTracker {
         Ok(PyArray1::from_vec(py, u.map_err(law_error)?))
     }
 
-    /// What the sensor is like: deviations and steps of coordinates and of velocities.
+    /// Sensor data: standard deviations and resolutions of coordinates and velocities.
     #[getter]
     fn noise(&self) -> ([f64; 2], [f64; 2]) {
         (self.law.noise.deviations, self.law.noise.steps)
@@ -419,9 +420,9 @@ fn sight((t, gap, rate, x, v, pull, relative): Seen) -> Sight {
     Sight { t, gap, rate, x, v, pull, relative }
 }
 
-/// All that changes: strokes, gamma, the plan, what was seen at the last tick, the flight, the next
-/// blow; what was measured, accelerations that may act, the unknown one, impacts; the last controls,
-/// those under way, bits of the status.
+/// The state: strokes, gamma, the plan, the last measurement, the flight, the next blow; raw
+/// measurements, possible accelerations, the unknown one, impacts; the last and the delayed
+/// controls, bits of the status.
 type StrikerNumbers = (
     u32,
     f64,

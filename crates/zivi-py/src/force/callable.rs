@@ -14,7 +14,7 @@ use zivi::{Dependence, Force, Force as Evaluated, LinearLaw, OnMovingWall};
 /// A Python callable; the interpreter lock is held for the whole run.
 pub(crate) struct PythonForce<'py> {
     function: Function<'py>,
-    /// Where the state is, if it is handed on as an array.
+    /// The state as an array, if it is passed that way.
     state: Option<Bound<'py, PyArray1<f64>>>,
     reads_time: bool,
 }
@@ -147,8 +147,8 @@ impl Evaluated<PyErr> for AnyForce<'_> {
     }
 }
 
-/// One call for every kind of force without the interpreter, for which the lock is released, and one
-/// for all others, which take longer to evaluate than to tell apart.
+/// One call for every kind of force without the interpreter, for which the lock is released, and
+/// one for all others, whose evaluation costs more than the dispatch.
 macro_rules! with_force {
     ($py:expr, $given:expr, |$force:ident| $run:expr) => {{
         let mut any = $given.on($py);

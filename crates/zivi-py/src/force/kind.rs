@@ -1,4 +1,4 @@
-//! What is requested of a force as it was given, whatever its kind.
+//! Interface of user forces of any kind.
 
 use crate::force::callable::{AnyForce, ParametricForce, PythonForce, WithJacobian};
 use crate::force::native::{AnyNative, NativeSlopes};
@@ -13,7 +13,7 @@ pub(super) trait Kind: Send + Sync {
     /// Ready to be evaluated.
     fn on<'py>(&self, py: Python<'py>) -> AnyForce<'py>;
 
-    /// With its partial derivatives, for a span that is so long (s).
+    /// With its partial derivatives, for a span of a duration (s).
     fn slopes<'py>(&self, py: Python<'py>, duration: f64) -> PyResult<AnySlopes<'py>>;
 
     /// Whether runs do without the interpreter.
@@ -24,7 +24,7 @@ pub(super) trait Kind: Send + Sync {
         false
     }
 
-    /// Where the compiled function is, if there is one.
+    /// Address of the compiled function, if any.
     fn address(&self) -> Option<usize> {
         None
     }
@@ -43,7 +43,7 @@ pub(super) trait Kind: Send + Sync {
     fn traverse(&self, visit: &PyVisit<'_>) -> Result<(), PyTraverseError>;
 }
 
-/// One that needs no interpreter, and what owns its code, if any.
+/// A force that needs no interpreter, and the owner of its code, if any.
 pub(super) struct Native {
     pub(super) force: AnyNative,
     pub(super) owner: Option<Py<PyAny>>,
@@ -79,7 +79,7 @@ impl Kind for Native {
     }
 }
 
-/// A function in the interpreter, as it was given.
+/// A Python function.
 pub(super) struct Callable {
     pub(super) function: Py<PyAny>,
     /// Whether it is `f(t, y)` with `y = [x, xdot]`, else `f(t, x, xdot)`.

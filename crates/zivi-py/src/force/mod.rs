@@ -1,4 +1,4 @@
-//! Forces from Python: how each kind is given. How it is evaluated is in the files beside this one.
+//! Forces from Python: how each kind is given. Its evaluation is in the other files of this folder.
 
 mod callable;
 pub(crate) mod kind;
@@ -39,7 +39,7 @@ impl Force {
         self.kind.on(py)
     }
 
-    /// With its partial derivatives, for a span that is so long (s).
+    /// With its partial derivatives, for a span of a duration (s).
     pub(crate) fn slopes<'py>(&self, py: Python<'py>, duration: f64) -> PyResult<AnySlopes<'py>> {
         self.kind.slopes(py, duration)
     }
@@ -76,7 +76,7 @@ impl Force {
         Ok(Self::of(Native { force, owner: None }))
     }
 
-    /// A linear force, of its numbers in their order, whose excitation has a table, too.
+    /// A linear force from its numbers in their order, with an additional excitation table.
     #[staticmethod]
     fn with_table(numbers: [f64; 6], table: Py<PyTimeTable>) -> Self {
         let [stiffness, damping, gravity, amplitude, omega, phase] = numbers;
@@ -86,7 +86,7 @@ impl Force {
     }
 
     /// A function at an address, called with time, state and the values of its parameters. The
-    /// owner of its code lives as long as this.
+    /// owner keeps its code alive.
     #[staticmethod]
     #[pyo3(signature = (address, *, parameters=Vec::new(), owner, reads_time=true))]
     fn compiled(
@@ -144,7 +144,7 @@ impl Force {
         self.address().is_some()
     }
 
-    /// Where the compiled function is, if there is one.
+    /// Address of the compiled function, if any.
     #[getter]
     fn address(&self) -> Option<usize> {
         self.kind.address()

@@ -65,7 +65,7 @@ impl Wall {
     }
 }
 
-/// A wall that is ready to be asked where it is.
+/// A wall prepared for evaluation.
 pub(crate) enum AnyWall<'py> {
     Harmonic(HarmonicWall),
     Table(Bound<'py, PyTimeTable>),

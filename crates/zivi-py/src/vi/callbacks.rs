@@ -10,9 +10,9 @@ use std::cell::{Cell, RefCell};
 use std::time::{Duration, Instant};
 use zivi_core::vi::{Affine, EvaluationError, Interruption, Problem, Progress};
 
-/// Calls Python; what it raises is kept for the caller and stops the solver, but for the errors
-/// by which a function says that it is not defined at a point: after the first call they count as
-/// values that are not finite.
+/// Calls Python. Exceptions are stored for the caller and stop the solver, except errors that mean
+/// that a function is undefined at a point: after the first call they count as values that are not
+/// finite.
 pub(super) struct Callbacks<'py> {
     py: Python<'py>,
     f: Bound<'py, PyAny>,
@@ -60,7 +60,7 @@ impl<'py> Callbacks<'py> {
         self.keep(self.convert_values(value, out))
     }
 
-    /// A point as what is called gets it.
+    /// A point as the argument of a callable.
     fn at(&self, z: &[f64]) -> PyResult<Bound<'py, PyArray1<f64>>> {
         Ok(array(self.py, z.iter().copied())?.into_bound(self.py))
     }
@@ -97,7 +97,7 @@ impl<'py> Callbacks<'py> {
         })())
     }
 
-    /// The value of a call; `None` where it is not defined.
+    /// The value of a call; `None` if undefined.
     fn defined(
         &self,
         called: PyResult<Bound<'py, PyAny>>,
@@ -125,7 +125,7 @@ impl<'py> Callbacks<'py> {
         })
     }
 
-    /// What to say about points where `F` or its Jacobian raised.
+    /// Text about points where `F` or its Jacobian raised.
     pub(super) fn undefined(&self) -> String {
         match &*self.undefined.borrow() {
             None => String::new(),
@@ -140,7 +140,7 @@ impl<'py> Callbacks<'py> {
 /// `to <- from`, row by row whatever the order in memory; false where `from` cannot be read.
 fn copy<D: Dimension>(from: &Bound<'_, PyArray<f64, D>>, to: &mut [f64]) -> bool {
     let Ok(from) = from.try_readonly() else { return false };
-    // a matrix in Fortran's order is contiguous, too: only `as_array` knows its rows
+    // a matrix in Fortran order is also contiguous: only `as_array` knows its rows
     let from = from.as_array();
     match from.as_slice() {
         Some(from) if from.len() == to.len() => to.copy_from_slice(from),
@@ -226,7 +226,7 @@ impl<P: Problem> Problem for Watched<'_, '_, P> {
     }
 }
 
-// What may end a solve from outside: a signal, the time, the caller's callback.
+// External interruptions of a solve: a signal, the time limit, the caller's callback.
 
 /// Time between two readings of the signals where the lock must be taken for it.
 const LOOK_EVERY: Duration = Duration::from_millis(50);
@@ -243,7 +243,7 @@ pub(super) struct Interrupts {
 impl Interrupts {
     pub(super) fn new(time_limit: Option<f64>, observe: Option<Py<PyAny>>) -> Self {
         let now = Instant::now();
-        // a limit beyond the range of the clock is none
+        // a limit outside the range of the clock is ignored
         let limit = time_limit.and_then(|limit| Duration::try_from_secs_f64(limit).ok());
         Self {
             deadline: limit.and_then(|limit| now.checked_add(limit)),
@@ -258,7 +258,7 @@ impl Interrupts {
         self.timed_out.get()
     }
 
-    /// What a signal handler or the callback has raised.
+    /// Exception of a signal handler or of the callback.
     pub(super) fn raised(&self) -> Option<PyErr> {
         self.raised.take()
     }
@@ -268,7 +268,7 @@ impl Interrupts {
         Interruption::Failed
     }
 
-    /// Looks at the clock, and at the signals; the lock is held.
+    /// Checks the clock and the signals; the GIL is held.
     pub(super) fn look(&self, py: Python<'_>) -> Result<(), Interruption> {
         self.look_at_clock(Instant::now)?;
         leaving::look().and_then(|()| py.check_signals()).map_err(|error| self.keep(error))
@@ -311,7 +311,7 @@ impl Interrupts {
     }
 }
 
-/// An affine problem, solved without the lock but for a look at the signals now and then.
+/// An affine problem, solved without the GIL except for occasional checks of signals.
 pub(super) struct Interruptible<'a> {
     pub(super) affine: Affine<'a>,
     pub(super) interrupts: Interrupts,

@@ -47,7 +47,7 @@ fn invalid(error: InvalidInput) -> PyErr {
 
 /// Memory of a solve of `n` unknowns, which grows with `n^2`.
 fn workspace_of(n: usize) -> PyResult<(Vec<f64>, Vec<usize>)> {
-    // beyond all numbers where it overflows
+    // larger than all numbers if it overflows
     let (reals, indices) = if n < 1 << 24 { vi::workspace_len(n) } else { (usize::MAX, n) };
     let found = zeros(reals).and_then(|reals| Ok((reals, list(std::iter::repeat_n(0, indices))?)));
     found.map_err(|_| {
@@ -146,7 +146,7 @@ impl Vectors {
 }
 
 /// Solves a box VI. `jac` is a callable or `"2-point"` or `"3-point"` for differences; `convert`
-/// makes arrays of what `f` and `jac` return where that is not a float64 array of the right shape.
+/// makes arrays of values of `f` and `jac` that are not float64 arrays of the right shape.
 #[pyfunction]
 #[pyo3(signature = (f, lower, upper, x0, jac, convert, settings, time_limit=None, observe=None))]
 #[allow(clippy::too_many_arguments)]
@@ -199,8 +199,7 @@ pub(crate) fn solve_vi<'py>(
     Ok(record)
 }
 
-/// Whether all are numbers: looked at several at once, as a search for the first that is none
-/// cannot be.
+/// Whether all are finite: several are tested together, which a search for the first one cannot do.
 fn are_finite(values: &[f64]) -> bool {
     pulp::Arch::new().dispatch(AreFinite(values))
 }
@@ -332,7 +331,7 @@ impl GivenSettings {
 // Bimatrix games from Python.
 
 /// Unscaled strategies at an equilibrium of a game with positive payoffs of equal shape, and the
-/// pivots; `None` where none was found within the limit of pivots, or of time (s).
+/// pivots; `None` if none was found within the limit of pivots or of time (s).
 #[pyfunction]
 #[pyo3(signature = (a, b, limit, time_limit=None))]
 pub(crate) fn lemke_howson(
@@ -364,17 +363,17 @@ pub(crate) fn lemke_howson(
 
 // How small the numbers of an affine problem are: whether an absolute tolerance means something.
 
-/// Sums that a processor has at once.
+/// Sums that a processor computes in parallel.
 const LANES: usize = 8;
 /// Multiple of the limit from which on rounding cannot bring a size below it.
 const SAFE: f64 = 2.0;
 
-/// Whether some row or unknown of `F(x) = matrix x + q` on a box is smaller than `limit`, by what
-/// moves it at the start, the point of the box nearest to `x0` (zero without one).
+/// Whether some row or unknown of `F(x) = matrix x + q` on a box is smaller than `limit`, judged at
+/// the initial point, the point of the box closest to `x0` (zero without one).
 ///
-/// The size of an unknown is what balances a row, `max_i |F_i/M_ij|`, at most the width of the box,
-/// and at least its value; that of a row its value and what those moves change. False where the
-/// numbers of the problem are none, which the solver refuses.
+/// The size of an unknown is the step that balances a row, `max_i |F_i/M_ij|`, at most the width of
+/// the box and at least its value; the size of a row is its value and its change by these steps.
+/// False where the numbers of the problem are none, which the solver refuses.
 #[pyfunction]
 #[pyo3(signature = (matrix, q, lower, upper, x0, limit))]
 pub(crate) fn is_off_scale<'py>(
@@ -402,7 +401,7 @@ pub(crate) fn is_off_scale<'py>(
     Ok(finite && pulp::Arch::new().dispatch(Least(&sizes, &values)) < limit)
 }
 
-/// The numbers of a problem, and the point of its box where it is looked at.
+/// The numbers of a problem, and the point of its box for the test.
 struct ProblemSizes<'a> {
     rows: &'a [f64],
     q: &'a [f64],
@@ -468,7 +467,7 @@ impl ProblemSizes<'_> {
         or_one(moved).min(width).max(self.x[j].abs())
     }
 
-    /// Whether a look at a few entries shows that nothing is smaller than `limit`. It is one row
+    /// Whether a sample of entries shows that all are at least `limit`. It is one row
     /// that moves most unknowns, and most rows have a value of that size themselves.
     fn are_safe(&self, values: &[f64], limit: f64) -> bool {
         let n = self.q.len();

@@ -65,7 +65,7 @@ fn ties_are_not_broken_by_rounding() {
     }
 }
 
-/// What remains of a variable that vanishes together with the one that leaves is zero.
+/// A variable that vanishes together with the leaving one becomes exactly zero.
 #[test]
 fn constants_that_cancel_are_zero() {
     for rates in [[0.3, 0.1 + 0.2], [0.1 + 0.2, 0.3]] {
@@ -136,7 +136,7 @@ fn budgets_and_labels_take_turns() {
 
 #[test]
 fn labels_race() {
-    // paths of one label of such games are now and then a hundred times as long as others
+    // for some labels of such games the path is a hundred times longer
     let mut random = super::super::iterate::Random::new(3);
     let m = 60;
     let mut draw = || -> Vec<f64> { (0..m * m).map(|_| 1.0 + random.uniform()).collect() };

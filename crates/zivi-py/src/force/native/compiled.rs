@@ -48,7 +48,7 @@ pub(crate) fn force_raised() {
     RAISED.fetch_add(1, Ordering::Relaxed);
 }
 
-/// A look at the exceptions that compiled functions raised.
+/// Check for exceptions raised by compiled functions.
 #[derive(Clone, Copy)]
 pub(crate) struct Raised {
     /// Those that were there when this was last looked at.
@@ -60,8 +60,8 @@ impl Raised {
         Self { seen: RAISED.load(Ordering::Relaxed) }
     }
 
-    /// Whether the compiled function that this thread called last raised one. The counter is one
-    /// for all threads: a look at it costs next to nothing.
+    /// Whether the compiled function that this thread called last raised one. All threads share one
+    /// counter, which is cheap to read.
     pub(crate) fn here(&mut self) -> bool {
         let count = RAISED.load(Ordering::Relaxed);
         let changed = count != self.seen;
@@ -71,7 +71,7 @@ impl Raised {
 }
 
 /// The coefficient of restitution at a speed by a compiled function, `double e(double v)`; NaN where
-/// it raised an exception. The `ImpactLaw` holds what owns its code.
+/// it raised an exception. The `ImpactLaw` holds the owner of its code.
 pub(crate) fn compiled_ratio(address: usize) -> impl Fn(f64) -> f64 + Send + Sync {
     move |v| {
         let mut raised = Raised::now();
@@ -86,13 +86,12 @@ pub(crate) fn compiled_ratio(address: usize) -> impl Fn(f64) -> f64 + Send + Syn
     }
 }
 
-/// A compiled function, called without the interpreter. The `Force` holds what owns
-/// its code.
+/// A compiled function, called without the interpreter. The `Force` holds the owner of its code.
 #[derive(Clone, Copy)]
 pub(crate) struct CompiledForce {
     address: usize,
     data: Option<usize>,
-    /// What is passed behind time and state, so many of them.
+    /// Parameters passed after time and state.
     parameters: [f64; MOST_PARAMETERS],
     n: usize,
     /// The exceptions that were there when this was last looked at.
@@ -165,7 +164,7 @@ impl NativeForce for CompiledForce {
         self.parameters[..n].get_mut(index).ok_or_else(|| index - n)
     }
 
-    /// What was raised before is none of the run's business.
+    /// Earlier exceptions are ignored.
     fn listening(self) -> Self {
         Self { seen: RAISED.load(Ordering::Relaxed), ..self }
     }
@@ -193,7 +192,7 @@ impl<E> Force<E> for CompiledForce {
                 ),
             }
         };
-        // the counter is one for all threads: a look at it costs next to nothing
+        // all threads share one counter, which is cheap to read
         let quiet = RAISED.load(Ordering::Relaxed) == self.seen;
         Ok(if quiet { value } else { self.unless_raised(value) })
     }

@@ -1,17 +1,18 @@
-//! What a force that needs no interpreter has to be.
+//! Requirements on a force that needs no interpreter.
 
 use pyo3::prelude::*;
 use zivi::system::slopes::DifferentiableForce;
 use zivi::Force;
 
-/// A force that needs no interpreter. How it is evaluated, what it depends on and whether it is
-/// linear says its [`Force`]; a line in the list beside this gives it to runs, batches and loops, above walls
-/// at rest and above walls that vibrate.
+/// A force that needs no interpreter. Its [`Force`] defines evaluation, dependencies and linearity;
+/// a line in the list of this folder makes it available to runs, batches and loops, above walls at
+/// rest and above vibrating walls.
 pub(crate) trait NativeForce: Force<PyErr> + Copy + Send + Sync {
     /// The name of its class in Python and those of its numbers, which are all of its fields there.
     const CLASS: Option<(&'static str, &'static [&'static str])> = None;
 
-    /// The same with its partial derivatives: by its numbers, in their order, too.
+    /// The same with its partial derivatives, which include those with respect to its numbers, in
+    /// their order.
     type Differentiable: DifferentiableForce<PyErr> + Send;
 
     /// The force of its numbers, in the order of `CLASS`.
@@ -19,11 +20,11 @@ pub(crate) trait NativeForce: Force<PyErr> + Copy + Send + Sync {
         None
     }
 
-    /// Its parameter of this index, which may differ from run to run; else how far beyond its
-    /// parameters the index is.
+    /// Its parameter of this index, which may differ from run to run; otherwise the excess of the
+    /// index.
     fn parameter(&mut self, index: usize) -> Result<&mut f64, usize>;
 
-    /// For a span that is so long (s).
+    /// For a span of a duration (s).
     fn differentiable(self, duration: f64) -> Self::Differentiable;
 
     /// The same for a run that begins now.
@@ -31,7 +32,7 @@ pub(crate) trait NativeForce: Force<PyErr> + Copy + Send + Sync {
         self
     }
 
-    /// Where the compiled function is, if there is one.
+    /// Address of the compiled function, if any.
     fn address(&self) -> Option<usize> {
         None
     }

@@ -45,7 +45,7 @@ macro_rules! natives {
                 None
             }
 
-            /// The same seen from a wall that vibrates; none if it is seen from one already.
+            /// The same in the frame of a vibrating wall; `None` if it is in such a frame already.
             pub(crate) fn above(self, wall: HarmonicWall) -> Option<Self> {
                 match self {
                     $(Self::$fixed(force) => Some(Self::$moving(OnMovingWall { force, wall })),)*
@@ -80,7 +80,7 @@ macro_rules! natives {
                 }
             }
 
-            /// Where the compiled function is, if there is one.
+            /// Address of the compiled function, if any.
             pub(crate) fn address(&self) -> Option<usize> {
                 match self {
                     $(Self::$fixed(force) => force.address(),)*
@@ -88,7 +88,7 @@ macro_rules! natives {
                 }
             }
 
-            /// With its partial derivatives, for a span that is so long (s).
+            /// With its partial derivatives, for a span of a duration (s).
             pub(crate) fn slopes(self, duration: f64) -> NativeSlopes {
                 match self {
                     $(
@@ -103,7 +103,7 @@ macro_rules! natives {
         }
 
         impl NativeSlopes {
-            /// The same seen from a wall that vibrates; none if it is seen from one already.
+            /// The same in the frame of a vibrating wall; `None` if it is in such a frame already.
             pub(crate) fn above(self, wall: HarmonicWall) -> Option<Self> {
                 match self {
                     $(Self::$fixed(force) => Some(Self::$moving(OnMovingWall { force, wall })),)*
