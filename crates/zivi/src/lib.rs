@@ -18,7 +18,7 @@
 //!
 //! * [`numeric`] knows no mechanics: Runge-Kutta pairs and their steps, Bernstein polynomials, roots,
 //!   grids.
-//! * [`record`]: what a run leaves: a [`Trajectory`], a [`Status`], and what happened at the gaps:
+//! * [`record`]: the results of a run: a [`Trajectory`], a [`Status`], and the events at the gaps:
 //!   [`Occurrence`]s, which [`Events`] reads.
 //! * [`system`]: what moves: a [`Force`], a [`HarmonicWall`](system::moving_wall), an [`ImpactLaw`].
 //! * [`zeno`]: where impacts accumulate: extrapolation of times and states, the arcs that are skipped.

@@ -1,12 +1,12 @@
-//! What happened at the control updates of a loop, of one mass or of a mechanism.
+//! Counts of the control updates of a loop, for one mass or a mechanism.
 
 use crate::Status;
 
-/// The bit of a control that was cut to its limits, as in `zivi_core::control::TickStatus`.
+/// The bit of a saturated control (`zivi_core::control::TickStatus`).
 pub const SATURATED: u8 = 2;
 /// The bit of a sample or a control that was rejected.
 pub const REFUSED: u8 = 4;
-/// The bit of a general solver that found no signs, as in `zivi_core::control::TickStatus`.
+/// The bit of a failed general solver (`zivi_core::control::TickStatus`).
 pub const UNSOLVED: u8 = 8;
 /// The bit of a contact that was held and opened.
 pub const LATCH_LOST: u8 = 16;

@@ -1,4 +1,4 @@
-//! What a system and a method are to each other.
+//! Interface between systems and methods.
 
 use zivi_core::setting::Setting;
 use zivi_core::Restitution;
@@ -6,13 +6,13 @@ use zivi_core::Restitution;
 use crate::record::values::Values;
 use crate::{AnyImpactLaw, Monitor, Physical, SetupError};
 
-/// What moves: the states it has, what can be asked of a run and what a run leaves.
+/// A mechanical system: its states, the options and the results of a run.
 pub trait System<E> {
     /// Where a run starts.
     type State<'a>;
-    /// What a run shall keep.
+    /// Data to store.
     type Keep<'a>;
-    /// What a run leaves.
+    /// Result of a run.
     type Run;
 }
 
@@ -36,11 +36,11 @@ pub trait Settings {
     }
 }
 
-/// What a program that does not know a method has to know to offer it.
+/// Description of a method for generic user interfaces.
 pub trait Listed: Settings + Sized {
     /// Its name.
     const NAME: &'static str;
-    /// What it is, in a few words.
+    /// Its description in a few words.
     const MEANING: &'static str;
     /// Its settings.
     const SETTINGS: &'static [Setting];

@@ -65,7 +65,7 @@ impl<S: Scheme> Listed for FixedSteps<S> {
 pub struct Entry {
     /// Its name.
     pub name: &'static str,
-    /// What it is, in a few words.
+    /// Its description in a few words.
     pub meaning: &'static str,
     /// Its settings.
     pub settings: &'static [Setting],
@@ -73,7 +73,7 @@ pub struct Entry {
     pub fixed_steps: bool,
     /// Whether a mass may be below the wall at the end of a step.
     pub penetrates: bool,
-    /// Whether it runs mechanical systems, too.
+    /// Whether it also runs mechanical systems.
     pub takes_mechanism: bool,
     /// The method with the values of its settings, as [`Listed::of`] gives it.
     pub of: fn(&Values) -> Result<AnyMethod, SetupError>,

@@ -15,7 +15,7 @@ use crate::{
 pub struct PointMass<'f, F> {
     /// The force.
     pub force: &'f mut F,
-    /// What an impact does.
+    /// Impact law.
     pub law: AnyImpactLaw,
 }
 
@@ -34,7 +34,7 @@ pub struct PointRun<E> {
     pub raised: Option<E>,
     /// The samples, where [`Output::in_rows`] left them as they were recorded.
     pub rows: Option<Samples>,
-    /// What is known between the samples; a method of fixed steps knows its steps only.
+    /// The motion between the samples; a fixed-step method has its steps only.
     pub motion: Option<Motion>,
     /// For each event of the user what happened, in order.
     pub hits: Vec<Vec<LocatedEvent>>,

@@ -1,12 +1,12 @@
-//! Polynomials on `[0, 1]` in Bernstein form, and where one first becomes negative.
+//! Polynomials on `[0, 1]` in Bernstein form, and their first sign change.
 //!
 //! ```text
 //! p(theta) = sum_j c_j binom(n, j) theta^j (1 - theta)^(n-j)
 //! ```
 //!
 //! The coefficients enclose the values (`min c <= p <= max c`) and the number of their changes of
-//! sign bounds the number of roots: both certify that a step has no root, which a look at its ends
-//! cannot.
+//! sign bounds the number of roots: both certify that a step has no root, which the values at its
+//! ends cannot.
 
 use std::convert::Infallible;
 
@@ -26,7 +26,7 @@ pub(crate) struct Polynomial<const M: usize> {
 /// A polynomial of degree up to [`MOST_DEGREE`].
 pub(crate) type Bernstein = Polynomial<{ MOST_DEGREE + 1 }>;
 
-/// Halvings of `[0, 1]`: two roots that are closer than rounding lets them be told apart are none.
+/// Halvings of `[0, 1]`: two roots that rounding does not separate count as none.
 const DEPTH: u32 = 32;
 
 impl Bernstein {
@@ -190,7 +190,7 @@ impl<const M: usize> Polynomial<M> {
         theta * part.coefficients().iter().sum::<f64>() / (self.n + 1) as f64
     }
 
-    /// The values at several places at once, with the bits of [`Polynomial::at`] at each.
+    /// The values at several places together, with the bits of [`Polynomial::at`] at each.
     #[inline(always)]
     pub(crate) fn values<const L: usize>(&self, theta: &[f64; L]) -> [f64; L] {
         if self.n > MOST_DEGREE {
@@ -306,7 +306,7 @@ impl<const M: usize> Polynomial<M> {
     }
 
     /// The points of `(0, 1)` at which the polynomial less `level` reaches zero to change its sign
-    /// there, ascending: none is missed, as in [`Polynomial::first_negative`].
+    /// there, ascending: none is missed (see [`Polynomial::first_negative`]).
     pub(crate) fn crossings(mut self, level: f64) -> Vec<f64> {
         self.add(-level);
         let (mut p, mut start, mut all) = (self, 0.0, Vec::new());
@@ -410,8 +410,8 @@ const RATIOS: [[f64; TERMS]; TERMS] = {
     ratios
 };
 
-/// The same where de Casteljau's scheme takes too many operations, with `u = theta/(1 - theta)` up
-/// to the middle, and from the other end beyond,
+/// A cheaper alternative to de Casteljau's scheme, with `u = theta/(1 - theta)` in the first half,
+/// and from the other end in the second,
 ///
 /// ```text
 /// p = (1 - theta)^n (c_0 + u n/1 (c_1 + u (n - 1)/2 (c_2 + ... + u/n c_n))).

@@ -2,9 +2,9 @@
 
 use crate::numeric::dense::dot;
 
-/// Overwrites the lower triangle of `A` (`n x n`) by `L`. The smallest `l_ii^2/a_ii`: what is left
-/// of a diagonal entry by the rows above, 1 for a diagonal matrix, 0 where `A` is singular and
-/// negative or NaN where it is not definite.
+/// Overwrites the lower triangle of `A` (`n x n`) by `L`. The smallest `l_ii^2/a_ii`: the remaining
+/// share of a diagonal entry after the rows above, 1 for a diagonal matrix, 0 if `A` is singular,
+/// negative or NaN if it is not definite.
 pub(crate) fn factor(a: &mut [f64], n: usize) -> f64 {
     // of a size that the compiler knows the loops are unrolled
     match n {
@@ -79,7 +79,7 @@ pub(crate) struct Factor {
     is_diagonal: bool,
 }
 
-/// Below it columns are too short to be changed at once.
+/// Shorter columns are not worth vectorising.
 const COLUMNS: usize = 5;
 
 impl Factor {
@@ -96,7 +96,7 @@ impl Factor {
         self.is_known && a.iter().zip(&self.of).fold(true, same)
     }
 
-    /// `L^T x`, as long as `x` in the metric of the matrix.
+    /// `L^T x`, whose norm is that of `x` in the metric of the matrix.
     pub(crate) fn transposed_times(&self, x: &[f64]) -> Vec<f64> {
         self.transposed.chunks_exact(self.n).map(|row| dot(row, x)).collect()
     }

@@ -1,4 +1,4 @@
-//! What a state consists of: one number, or several.
+//! Coordinates of a state: one number or several.
 //!
 //! A mass above a wall is the smallest case of a mechanical system, and costs no more than code
 //! that is written for one number: its coordinates are an `f64`, seen as a slice of length one.
@@ -9,7 +9,7 @@ use std::fmt::Debug;
 /// Most stages that a pair has, further ones included.
 pub(crate) const MOST_STAGES: usize = 16;
 
-/// What a stage has beyond a uniform acceleration from the start of the step: `(V_i - x' - c_i h
+/// Deviation of a stage from a uniform acceleration from the start of the step: `(V_i - x' - c_i h
 /// k_0)/h` and `k_i - k_0`, side by side for sums over both.
 #[derive(Clone, Copy, Debug, Default)]
 #[repr(align(16))]
@@ -18,7 +18,7 @@ pub(crate) struct Beyond {
     pub(crate) k: f64,
 }
 
-/// That of all stages in one coordinate. The start has nothing beyond itself.
+/// That of all stages in one coordinate. The deviation at the start is zero.
 pub(crate) type Row = [Beyond; MOST_STAGES];
 
 /// The coordinates of a state.
@@ -32,8 +32,8 @@ pub(crate) trait Coordinates: Clone + Debug + PartialEq {
     /// So many rows of zeros.
     fn rows(count: usize) -> Self::Rows;
 
-    /// Memory to work in, lent from a place that keeps it; one number needs none. What is in it is
-    /// of no interest.
+    /// Memory to work in, lent from a place that keeps it; one number needs none. Its content is
+    /// irrelevant.
     fn lend(place: &mut Self) -> Self;
 
     /// Back to the place that keeps it.
@@ -108,7 +108,7 @@ impl Coordinates for Vec<f64> {
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct State<Q> {
     pub(crate) t: f64,
-    /// What rounding leaves out of `t`: far from `t = 0` it would add up to a drift.
+    /// Rounding error of `t`: far from `t = 0` it would add up to a drift.
     pub(crate) late: f64,
     pub(crate) x: Q,
     pub(crate) xdot: Q,
@@ -150,9 +150,9 @@ impl<Q> State<Q> {
 
 // Products of a matrix with vectors, by the widest registers of the processor: with the same bits.
 
-/// Full columns are added so many at once.
+/// Number of full columns added together.
 const TOGETHER: usize = 4;
-/// Below so many entries the choice of registers costs more than it saves.
+/// Below this number of entries vectorisation costs more than it saves.
 const WIDE: usize = 96;
 
 /// A matrix of which most entries may be zero: columns that have few entries by diagonals, which
@@ -177,7 +177,7 @@ struct Diagonal {
 }
 
 impl Diagonal {
-    /// From the first to the last entry that is not zero, if there is one.
+    /// From the first to the last nonzero entry, if any.
     fn of((i, j): (usize, usize), mut entries: Vec<f64>) -> Option<Self> {
         let first = entries.iter().position(|entry| *entry != 0.0)?;
         let last = entries.iter().rposition(|entry| *entry != 0.0)?;
@@ -188,7 +188,7 @@ impl Diagonal {
 }
 
 impl LinearMap {
-    /// The matrix of so many rows and columns with these entries.
+    /// The matrix of given size with these entries.
     pub(crate) fn new(rows: usize, columns: usize, at: impl Fn(usize, usize) -> f64) -> Self {
         let filled = |j: usize| (0..rows).filter(|&i| at(i, j) != 0.0).count();
         let is_full: Vec<bool> = (0..columns).map(|j| 4 * filled(j) > rows).collect();
@@ -260,7 +260,7 @@ impl LinearMap {
         Some(out)
     }
 
-    /// Adds the part of full columns, the first rows of so many.
+    /// Adds the contribution of full columns to the first rows.
     #[inline(always)]
     fn add_first<const FEW: usize>(&self, rows: usize, x: &[f64], out: &mut [f64]) {
         let blocks = self.entries.chunks_exact(TOGETHER * rows);

@@ -44,9 +44,9 @@ fn hermite(rise: f64, [first, last]: [f64; 2]) -> [f64; 3] {
     [rise, first - rise, 2.0 * rise - (first + last)]
 }
 
-/// The cubic through the ends of a step with accelerations `k`, and by how much the coordinate may
-/// differ from it (relative to `theta` if the step starts at zero). None where more stages would not
-/// tell more.
+/// The cubic through the ends of a step with accelerations `k`, and the largest possible deviation
+/// of the coordinate from it (relative to `theta` if the step starts at zero). None where more
+/// stages would not tell more.
 #[inline]
 pub(crate) fn screen(
     pair: &Pair,
@@ -64,8 +64,8 @@ pub(crate) fn screen(
     })
 }
 
-/// The cubic, and how large the second derivative of the difference `e` may be: the accelerations of the
-/// stages say how far the motion is from one with a linear acceleration.
+/// The cubic, and how large the second derivative of the difference `e` may be: the accelerations
+/// of the stages bound the deviation from a linear acceleration.
 #[inline]
 pub(crate) fn near_cubic(
     pair: &Pair,
@@ -88,7 +88,7 @@ pub(crate) fn near_cubic(
 
 // Products and sums of vectors.
 
-/// Products of so many entries are summed up by lanes, at once.
+/// Sums of this number of products are vectorised.
 const MANY: usize = 32;
 const LANES: usize = 4;
 

@@ -126,7 +126,7 @@ impl Elimination {
 /// Sweeps over all pairs of columns; about six are needed.
 const SWEEPS: usize = 40;
 
-/// The singular values of a matrix, and what belongs to them.
+/// The singular values of a matrix with their vectors.
 #[derive(Clone, Debug)]
 pub(crate) struct Singular {
     rows: usize,
@@ -138,7 +138,7 @@ pub(crate) struct Singular {
     values: Vec<f64>,
 }
 
-/// Turns columns `i < j` of so many numbers by an angle.
+/// Rotates columns `i < j` of length `size` by an angle.
 fn turn(all: &mut [f64], size: usize, (i, j): (usize, usize), (c, s): (f64, f64)) {
     let (head, tail) = all.split_at_mut(j * size);
     for (x, y) in head[i * size..][..size].iter_mut().zip(&mut tail[..size]) {

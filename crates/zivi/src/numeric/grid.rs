@@ -63,7 +63,7 @@ impl Grid {
     /// The grid of step `h` over `[t0, t1]`; a step longer than the span becomes the span.
     ///
     /// # Errors
-    /// [`GridError`] says which argument gives no grid.
+    /// [`GridError`] names the invalid argument.
     pub fn new(t0: f64, t1: f64, h: f64) -> Result<Self, GridError> {
         if !(t0.is_finite() && t1.is_finite() && (t1 - t0).is_finite()) {
             return Err(GridError::SpanNotFinite(t0, t1));
@@ -115,7 +115,7 @@ impl Grid {
         self.h
     }
 
-    /// The size of the last step: `h`, or what is left of the span.
+    /// The size of the last step: `h`, or the rest of the span.
     #[must_use]
     pub fn last_h(&self) -> f64 {
         let rest = self.t1 - self.t(self.n - 1);
@@ -149,7 +149,7 @@ const GOLDEN: f64 = 0.618_033_988_749_895;
 pub(crate) struct Probes {
     /// Up to here the probes showed nothing (s).
     clear: f64,
-    /// No window goes beyond this time, at which a probe showed that the function varies (s).
+    /// Windows end at this time (s), at which a probe showed that the function varies.
     suspect: f64,
     /// Largest distance of two probes, once one of them showed something (s).
     spacing: f64,
@@ -174,10 +174,10 @@ impl Probes {
 
     /// Probes a window between the times `t` and `t + end`, where the farthest end of the search is
     /// `horizon` after its start and the nodes of the polynomial are at most `apart`. `conforms`
-    /// tells whether the function is as the polynomial has it, at a time after `t`.
+    /// returns whether the function agrees with the polynomial at a time after `t`.
     ///
-    /// None if it is so everywhere, else the length of a window that ends before it deviates, or
-    /// where it does.
+    /// `None` if it agrees everywhere, otherwise the length of a window that ends at or before the
+    /// deviation.
     pub(crate) fn deviation<E>(
         &mut self,
         horizon: f64,
@@ -287,7 +287,7 @@ mod probes_tests {
     use super::*;
     use std::convert::Infallible;
 
-    /// What probes of the whole of a span find of a pulse, and how many there are.
+    /// Pulse found by probes of a whole span, and the number of probes.
     fn found(span: f64, pulse: (f64, f64)) -> (Option<f64>, f64, usize) {
         let (mut probes, mut n) = (Probes::default(), 0);
         let shorter = probes.deviation(span, (0.0, span), span, |t| {

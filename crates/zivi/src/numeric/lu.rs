@@ -1,4 +1,4 @@
-//! The factors of large dense matrices, by blocks and with what vectors the machine has.
+//! Factorisation of large dense matrices, blocked and vectorised.
 //!
 //! ```text
 //! P A = L U:   columns p .. p + B,   L11 U12 = A12,   A22 <- A22 - L21 U12
@@ -97,7 +97,7 @@ pub fn factor<E>(
     Ok(least / most)
 }
 
-/// Columns of a matrix of `k` rows that are factored at once.
+/// Columns of a matrix of `k` rows that are factored together.
 struct Block<'a> {
     matrix: &'a mut [f64],
     k: usize,
@@ -173,7 +173,7 @@ fn subtract(y: &mut [f64], a: f64, x: &[f64]) {
     y.iter_mut().zip(x).for_each(|(y, x)| *y -= a * x);
 }
 
-/// The columns beyond the block, and memory for a part of them.
+/// The columns after the block, and memory for a part of them.
 struct Trailing<'a>(Block<'a>, &'a mut Vec<f64>);
 
 impl WithSimd for Trailing<'_> {

@@ -143,7 +143,7 @@ pub(crate) fn value(a: &Series, s: f64) -> f64 {
     (sums[0] + s * sums[1]) + s2 * (sums[2] + s * sums[3])
 }
 
-/// The values at several places at once, with the bits of [`value`] at each.
+/// The values at several places together, with the bits of [`value`] at each.
 #[inline(always)]
 pub(crate) fn values<const L: usize>(a: &Series, s: &[f64; L]) -> [f64; L] {
     let s2: [f64; L] = std::array::from_fn(|l| s[l] * s[l]);
@@ -222,7 +222,7 @@ pub(crate) fn all_values<S: Simd>(simd: S, a: &[S::f64s; TERMS], s: S::f64s) -> 
     all_joined(simd, sums, s)
 }
 
-/// The values of a series, or of a whole number of fours of its terms, and of its derivative.
+/// The values of a series and of its derivative; the number of terms is a multiple of four.
 #[inline(always)]
 pub(crate) fn value_and_slope<const N: usize>(a: &[f64; N], s: f64) -> [f64; 2] {
     let s2 = s * s;
@@ -241,7 +241,7 @@ pub(crate) fn value_and_slope<const N: usize>(a: &[f64; N], s: f64) -> [f64; 2] 
     [joined(p, s), slope]
 }
 
-/// The same of several series at once, by the widest registers of the processor.
+/// The same for several series, vectorised.
 pub(crate) fn values_and_slopes(all: &[Series], s: f64, out: &mut [[f64; 2]]) {
     pulp::Arch::new().dispatch(SeriesValues { all, s, out });
 }
@@ -294,8 +294,8 @@ pub(crate) fn sizes(a: &Series) -> [f64; LANES] {
     sums
 }
 
-/// [`stretch`] where the second coefficient of what comes out is known better, and its [`sizes`]:
-/// in one go, since what has just been written one by one is not soon read by vectors.
+/// [`stretch`] with a more accurate second coefficient of the result, and its [`sizes`]: in one
+/// loop, since vector loads right after scalar stores are slow.
 #[inline(always)]
 pub(crate) fn stretch_and_size(a: &mut Series, part: f64, second: f64) -> [f64; LANES] {
     if part == 1.0 {
@@ -312,7 +312,7 @@ pub(crate) fn stretch_and_size(a: &mut Series, part: f64, second: f64) -> [f64; 
     sums
 }
 
-/// The series of a part of what it was one of.
+/// The series on a part of its interval.
 #[inline]
 pub(crate) fn stretch(a: &mut Series, part: f64) {
     if part == 1.0 {

@@ -21,8 +21,8 @@ pub(crate) struct Root {
     pub(crate) beyond: f64,
 }
 
-/// Evaluations after which the bracket is given as it is; bisection alone takes 53 for a relative
-/// width of rounding.
+/// Evaluations after which the bracket is returned unchanged; bisection alone takes 53 for a
+/// relative width of rounding.
 const MOST_EVALUATIONS: usize = 120;
 
 /// The root between `from` and `to`, whose values have opposite signs (a zero counts as the sign
@@ -161,7 +161,7 @@ pub(crate) fn nearest(x: f64) -> f64 {
     (x + WHOLE) - WHOLE
 }
 
-/// Sine and cosine of so many turns, at most a few.
+/// Sine and cosine of an angle in turns, at most a few.
 #[inline]
 pub(crate) fn sin_cos(turns: f64) -> (f64, f64) {
     let quarter = nearest(4.0 * turns);
@@ -221,12 +221,12 @@ fn halves(a: f64) -> (f64, f64) {
 pub(crate) struct Phase {
     pub(crate) turns: f64,
     pub(crate) part: f64,
-    /// What rounding leaves out of the part: a slow wave turns by less than that in a short flight.
+    /// Rounding error of the fraction: a slow wave turns by less than that in a short flight.
     pub(crate) rest: f64,
 }
 
 impl Phase {
-    /// After so many turns more, at most `2^51`.
+    /// After additional turns, at most `2^51`.
     #[inline]
     pub(crate) fn after(self, turns: f64) -> Self {
         let whole = nearest(turns);
@@ -270,7 +270,7 @@ impl Clock {
         Phase { turns, part: hi - turns, rest: 0.0 }.after(lo)
     }
 
-    /// The time of a phase, and what rounding leaves out of it.
+    /// The time of a phase, and its rounding error.
     #[inline]
     pub(crate) fn time(&self, Phase { turns, part, rest }: Phase) -> (f64, f64) {
         let Double { hi, lo } = Double::product(turns, self.period.hi);

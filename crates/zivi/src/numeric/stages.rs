@@ -8,24 +8,24 @@
 //! X_i = x + h sum_j a_ij V_j     V_i = x' + h sum_j a_ij k_j     k_i = a(t + c_i h, X_i, V_i)
 //! ```
 //!
-//! What a uniform acceleration does is known exactly, and the sums are over the rest of it,
-//! `k_j - k_0` and `V_j - x' - c_j h k_0`: with rounded coefficients up to 50 all flights of a ball
-//! would be wrong by the same part of `1e-14`, which long accumulations add up.
+//! The effect of a uniform acceleration is known exactly, and the sums run over the deviation from
+//! it, `k_j - k_0` and `V_j - x' - c_j h k_0`: with rounded coefficients up to 50 all flights of a
+//! ball would be wrong by the same part of `1e-14`, which long accumulations add up.
 //!
 //! Only `a` is evaluated, and it is evaluated where the stages are: in a step that ends in an
-//! impact they may be a little beyond it.
+//! impact they may lie slightly past it.
 
 use crate::numeric::bernstein::Bernstein;
 use crate::numeric::coordinates::{Coordinates, Row, State};
 use crate::numeric::dense;
 use crate::numeric::tableau::{ErrorEstimate, Interpolant, Pair, Weights};
 
-/// What is integrated, `x'' = a(t, x, x')`, with the reason `X` where there is no `a`.
+/// The equation `x'' = a(t, x, x')`, with an error `X` if `a` is undefined.
 pub(crate) trait Equation<Q, X> {
     /// Writes `a` at a state.
     fn acceleration(&mut self, at: &State<Q>, into: &mut Q) -> Result<(), X>;
 
-    /// Told once `a` has been asked for at the end of a step.
+    /// Called after the evaluation of `a` at the end of a step.
     fn is_at_end(&mut self, _at: &State<Q>) {}
 
     /// Whether `a` is known not to depend on time: no pulse of it can hide between two looks.
@@ -59,7 +59,7 @@ pub(crate) struct Stages<Q: Coordinates> {
     pub(crate) end: State<Q>,
     /// The accelerations at the start.
     slope: Q,
-    /// What the stages have beyond them.
+    /// Deviations of the stages.
     rows: Q::Rows,
     /// The accelerations at the end of the step, once it is finished.
     last: Q,
@@ -70,7 +70,7 @@ pub(crate) struct Stages<Q: Coordinates> {
 }
 
 impl<Q: Coordinates> Stages<Q> {
-    /// For so many coordinates.
+    /// For a number of coordinates.
     pub(crate) fn new(pair: &'static Pair, count: usize) -> Self {
         let zeros = State::zeros(count);
         Self {
@@ -171,7 +171,7 @@ impl<Q: Coordinates> Stages<Q> {
         Ok(())
     }
 
-    /// What the stages have of a coordinate.
+    /// Deviations of the stages in a coordinate.
     #[inline]
     fn row(&self, c: usize) -> &Row {
         &self.rows.as_ref()[c]
@@ -189,7 +189,7 @@ impl<Q: Coordinates> Stages<Q> {
         self.last.as_slice()[c]
     }
 
-    /// The accelerations at the end of the step, if they are known.
+    /// The accelerations at the end of the step, if known.
     pub(crate) fn copy_end_slope(&self, slope: &mut Q) -> bool {
         slope.clone_from(&self.last);
         self.known > self.pair.b.len()
@@ -202,8 +202,8 @@ impl<Q: Coordinates> Stages<Q> {
         finite(&self.end.x) && finite(&self.end.xdot)
     }
 
-    /// What rounding of the time does to a coordinate and its rate, so many `eps t (x', x'')`, in a
-    /// step that is not itself of that size.
+    /// Effect of rounding of the time on a coordinate and its rate, in units of `eps t (x', x'')`,
+    /// in a longer step.
     #[inline]
     fn rounding(&self, c: usize, of_time: f64) -> [f64; 2] {
         let time = of_time * f64::EPSILON * self.from.t.abs();
@@ -216,8 +216,8 @@ impl<Q: Coordinates> Stages<Q> {
         [time * from.max(end), time * pull]
     }
 
-    /// The tolerances of a coordinate and its rate in the step, of which more than rounding of the
-    /// time cannot be asked.
+    /// The tolerances of a coordinate and its rate in the step, bounded below by rounding of the
+    /// time.
     #[inline]
     pub(crate) fn scales(&self, c: usize, tolerances: &Tolerances) -> [f64; 2] {
         let [from, end] =
@@ -290,8 +290,9 @@ impl<Q: Coordinates> Stages<Q> {
         dense::screen(self.pair, self.h, (from, self.start_slope(c)), end, self.row(c))
     }
 
-    /// Whether `a + b x + c x'` of a coordinate is surely positive in the step: as in [`dense::screen`], the
-    /// rate differs from that of the cubic by half of what the second derivatives may.
+    /// Whether `a + b x + c x'` of a coordinate is surely positive in the step: the rate deviates
+    /// from that of the cubic by half the deviation of the second derivatives (see
+    /// [`dense::screen`]).
     pub(crate) fn is_surely_positive(&self, i: usize, [a, b, c]: [f64; 3]) -> bool {
         let [from, end] =
             [&self.from, &self.end].map(|it| (it.x.as_slice()[i], it.xdot.as_slice()[i]));
@@ -369,13 +370,13 @@ impl Node {
 
 // The error of a step, and what is allowed of it.
 
-/// What the local error of a step is kept below: `atol + rtol |y|`.
+/// Tolerances of the local error of a step: `atol + rtol |y|`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Tolerances {
     pub(crate) rtol: f64,
     /// Of a coordinate and of its rate.
     pub(crate) atol: [f64; 2],
-    /// What rounding does to the time, in units of `eps t`: no more can be asked.
+    /// Rounding of the time, in units of `eps t`, the lower limit of the tolerances.
     pub(crate) rounding: f64,
 }
 
@@ -452,7 +453,7 @@ pub(crate) fn shorter(factor: f64) -> f64 {
     }
 }
 
-/// A step size, and what the error control had asked for if that was more.
+/// A step size, and the larger one proposed by the error control, if any.
 #[derive(Clone, Copy)]
 pub(crate) struct Plan {
     pub(crate) h: f64,

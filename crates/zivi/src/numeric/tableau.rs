@@ -10,8 +10,8 @@
 //!   I*, section II.10.
 //!
 //! The coefficients are rounded: `sum_j a_ij` differs from `c_i` by some `eps`, and rounding of
-//! sums with weights up to 50 adds more. Therefore no sum runs over slopes, but over what the
-//! slopes are beyond that of the start ([`Pair::uniform`]).
+//! sums with weights up to 50 adds more. Therefore sums run over the differences of the slopes from
+//! the initial one ([`Pair::uniform`]).
 
 use crate::numeric::coordinates::Row;
 
@@ -20,7 +20,7 @@ use crate::numeric::coordinates::Row;
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Weights {
     all: &'static [f64],
-    /// Those from the first on that is not zero, behind the start.
+    /// The coefficients from the first nonzero one after the start.
     rest: &'static [f64],
 }
 
@@ -468,7 +468,7 @@ pub(crate) struct Powers {
     pub(crate) first: f64,
 }
 
-/// The newest entry of a column, and what tells its error.
+/// The newest entry of a column, with the data for its error estimate.
 #[derive(Debug)]
 pub(crate) struct TableauEntry<'t> {
     /// Number of the column.

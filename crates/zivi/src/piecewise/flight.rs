@@ -7,7 +7,7 @@ use crate::numeric::stages::{Equation, Plan, RETREAT};
 use crate::record::status::Failure;
 use crate::Status;
 
-/// What to do with a step that was tried.
+/// Decision about a tried step.
 pub(crate) enum StepDecision<V> {
     /// Take it; the next may be longer by this factor.
     Take(f64),
@@ -18,7 +18,7 @@ pub(crate) enum StepDecision<V> {
 }
 
 impl<V> StepDecision<V> {
-    /// It is too long to tell what happens in it.
+    /// It is too long for event detection.
     pub(crate) const TOO_LONG: Self = Self::Shorten(RETREAT, Status::StepSizeTooSmall);
 }
 
@@ -32,9 +32,9 @@ pub(crate) enum StepRoot {
 
 /// A motion from a state, integrated step by step up to events.
 pub(crate) trait SteppedFlight<Q: Coordinates, E> {
-    /// What ends a step early.
+    /// Event that ends a step early.
     type Event: Copy;
-    /// What is told of a step.
+    /// Description of a step.
     type Piece;
 
     /// The steps so far.
@@ -57,7 +57,7 @@ pub(crate) trait SteppedFlight<Q: Coordinates, E> {
     /// factor `growth`; a shorter step where this one cannot tell.
     fn search(&mut self, growth: f64) -> Result<StepDecision<Self::Event>, Failure<E>>;
 
-    /// Ends the step at an event near the time `length` after its start; none if there is none.
+    /// Ends the step at an event near the time `length` after its start; `None` without one.
     fn stop(&mut self, length: f64, event: Self::Event) -> Result<Option<Self::Piece>, Failure<E>>;
 
     /// Takes the last step.
@@ -95,7 +95,7 @@ pub(crate) trait SteppedFlight<Q: Coordinates, E> {
         }
     }
 
-    /// What to do with the step of length `h`.
+    /// Decides about the step of length `h`.
     #[inline(always)]
     fn decide(&mut self, h: f64) -> Result<StepDecision<Self::Event>, Failure<E>> {
         let decision = match self.attempt(h) {

@@ -1,4 +1,4 @@
-//! A run under way.
+//! A run in progress.
 
 use crate::piecewise::steps::{Driver, Piecewise, Rhs};
 use crate::record::columns::Reserve;
@@ -8,8 +8,8 @@ use crate::system::force::Stops;
 use crate::{Monitor, Status};
 use std::collections::TryReserveError;
 
-/// Velocities that change at once: at each declared time it is called with the state, in which it
-/// may write others, and says whether it has.
+/// Velocity jumps: at each declared time it is called with the state, may change it, and returns
+/// whether it did.
 pub type Kick<'a, E, P> = Box<dyn FnMut(f64, &mut P) -> Result<bool, E> + 'a>;
 
 /// Why a run ends.
@@ -25,9 +25,9 @@ impl<E, P> From<Failure<E>> for Ending<E, P> {
     }
 }
 
-/// What a run records of the motion of a method, besides the user's events.
+/// Record of the motion of a method, in addition to user events.
 pub(crate) trait Record<M> {
-    /// Makes room for what the next piece of the motion adds, with so many samples at most.
+    /// Makes room for the next segment of the motion, with a maximal number of samples.
     fn make_room(
         &mut self,
         method: &mut M,
@@ -61,7 +61,7 @@ pub(crate) trait SegmentSink<M: Piecewise, S, E> {
     ) -> Result<(), Ending<E, M::Point>>;
 }
 
-/// A run under way.
+/// A run in progress.
 pub(crate) struct Running<'a, E, M: Piecewise, R> {
     pub(crate) t1: f64,
     pub(crate) stops: Stops<'a>,
@@ -70,18 +70,18 @@ pub(crate) struct Running<'a, E, M: Piecewise, R> {
     pub(crate) seeker: EventLocator<'a, E, M::Point>,
     pub(crate) wanted: OutputTimes<'a>,
     pub(crate) record: R,
-    /// Set aside for what is made of the lists of the record.
+    /// Reserve for the arrays made from the lists of the record.
     pub(crate) reserve: Reserve,
-    /// What is recorded goes up to here.
+    /// End of the recorded motion.
     pub(crate) end: (f64, M::Point),
 }
 
-/// Progress is told in parts of the span.
+/// Progress is reported in parts of the span.
 const PARTS: usize = 1_000_000;
 
 impl<'a, E, M: Piecewise, R: Record<M>> Running<'a, E, M, R> {
-    /// A run to `t1` from where a method starts, at a state, with the times at which the forces
-    /// are not smooth and those at which samples are wanted.
+    /// A run to `t1` from where a method starts, at a state, with the times at which the forces are
+    /// not smooth and the output times.
     pub(crate) fn new(
         (method, start): (M, M::Point),
         t1: f64,
@@ -166,8 +166,8 @@ impl<'a, E, M: Piecewise, R: Record<M>> Running<'a, E, M, R> {
         self.method.t() >= self.t1 && !self.method.is_pending(until)
     }
 
-    /// Makes room for what the next piece of the motion adds to the record: where there is none,
-    /// the run ends with all that it has.
+    /// Makes room in the record for the next segment of the motion; without memory, the run ends
+    /// with its results so far.
     pub(crate) fn make_room(&mut self) -> Result<(), Failure<E>> {
         let Self { method, record, seeker, wanted, reserve, .. } = self;
         record.make_room(method, wanted.at_most(), reserve)?;
@@ -192,13 +192,13 @@ impl<'a, E, M: Piecewise, R: Record<M>> Running<'a, E, M, R> {
         }
     }
 
-    /// The end of what is recorded moves to the present state.
+    /// Moves the end of the record to the present state.
     pub(crate) fn arrive(&mut self) {
         self.end.0 = self.method.t();
         self.method.state_to(&mut self.end.1);
     }
 
-    /// The present state with the velocities after a kick; nothing where there is none.
+    /// The present state with the velocities after a kick; `None` without one.
     pub(crate) fn kicked(&mut self) -> Result<Option<M::Point>, Failure<E>> {
         let Some(kick) = &mut self.kicks else { return Ok(None) };
         let mut after = self.end.1.clone();
@@ -215,7 +215,7 @@ impl<'a, E, M: Piecewise, R: Record<M>> Running<'a, E, M, R> {
         self.seeker.along(part)
     }
 
-    /// Events by the jump at the end of what is recorded.
+    /// Events at the jump at the end of the record.
     pub(crate) fn jumped(&mut self) -> Result<(), Ending<E, M::Point>> {
         if self.seeker.is_idle() {
             return Ok(());
@@ -249,7 +249,7 @@ pub(crate) fn unless_terminal<E, P>(
     }
 }
 
-/// The end of a part of the motion, or where an event ends the run before.
+/// The end of a part of the motion, or the earlier event that ends the run.
 pub(crate) fn until<E, P>(found: &Result<Option<LocatedEvent<P>>, E>, end: f64) -> f64 {
     match found {
         Ok(Some(hit)) => hit.t,
@@ -259,8 +259,7 @@ pub(crate) fn until<E, P>(found: &Result<Option<LocatedEvent<P>>, E>, end: f64) 
 
 // The times at which samples are wanted.
 
-/// Times at which samples are wanted, one after the other; without them there are samples at the
-/// ends of steps.
+/// Output times in order; without them, samples are taken at the ends of steps.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct OutputTimes<'a> {
     /// Increasing.
@@ -284,7 +283,7 @@ impl<'a> OutputTimes<'a> {
         self.times.and_then(|times| times.get(self.passed).copied())
     }
 
-    /// Passes the next of the times, if it is before `t`.
+    /// Passes the next time if it is before `t`.
     pub(crate) fn pass_before(&mut self, t: f64) -> Option<f64> {
         let next = self.next().filter(|&next| next < t)?;
         self.passed += 1;
@@ -306,8 +305,8 @@ impl<'a> OutputTimes<'a> {
         }
     }
 
-    /// How many samples there may be yet: at the ends of a piece, or at all of the times and at the
-    /// end.
+    /// Maximal number of further samples: at the ends of a segment, or at all output times and at
+    /// the end.
     pub(crate) fn at_most(&self) -> usize {
         const OF_A_PIECE: usize = 4;
         self.times.map_or(OF_A_PIECE, |times| times.len() - self.passed + 1)

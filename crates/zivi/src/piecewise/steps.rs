@@ -15,7 +15,7 @@ use std::ops::Range;
 /// A step near a Zeno point is a little longer than the arc under a constant pull.
 const ARC: f64 = 1.1;
 
-/// What the settings of a method ask of its steps.
+/// Step limits from the settings of a method.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct StepLimits {
     /// Whether the lengths of steps are adapted to the tolerances; else all are `max_step` long.
@@ -46,7 +46,7 @@ pub(crate) struct Steps<Q: Coordinates> {
 }
 
 impl<Q: Coordinates> Steps<Q> {
-    /// Steps of a pair in so many coordinates; the first has the length `next`, if that is given.
+    /// Steps of a pair for a number of coordinates; `next` is the length of the first, if given.
     pub(crate) fn new(
         limits: StepLimits,
         pair: &'static Pair,
@@ -91,13 +91,13 @@ impl<Q: Coordinates> Steps<Q> {
         (self.accepted, self.rejected)
     }
 
-    /// The length of the next one (s), if there is a reason for it.
+    /// The proposed length of the next step (s), if any.
     #[inline]
     pub(crate) fn next(&self) -> Option<f64> {
         self.next
     }
 
-    /// The next has this length, or what an estimate says.
+    /// Sets the length of the next step; `None` for an estimate.
     #[inline]
     pub(crate) fn set_next(&mut self, next: Option<f64>) {
         self.next = next;
@@ -108,7 +108,7 @@ impl<Q: Coordinates> Steps<Q> {
         self.next = self.next.map(|next| next.min(longest));
     }
 
-    /// The last was given up, as the last of so many, and the next has the length `h`.
+    /// Rejects the last step, the last of `rejected`, and sets the next length `h`.
     pub(crate) fn retry(&mut self, h: f64, rejected: u64) {
         (self.next, self.rejected) = (Some(h), rejected);
     }
@@ -149,7 +149,7 @@ impl<Q: Coordinates> Steps<Q> {
         self.accepted += 1;
     }
 
-    /// What comes is the first try at a step.
+    /// The next attempt is the first of a step.
     #[inline]
     pub(super) fn begin(&mut self) {
         self.jump = self.jump.next();
@@ -207,9 +207,8 @@ impl<Q: Coordinates> Steps<Q> {
         Ok(Plan::up_to(left, h.min(longest), wanted))
     }
 
-    /// The step of length `h` from a state, and its error relative to the tolerances: none where
-    /// steps are not adapted to them, or where all that is left of a step is a jump of the
-    /// accelerations.
+    /// The step of length `h` from a state, and its error relative to the tolerances: `None` if
+    /// steps are not adapted to them, or if the step is reduced to a jump of the accelerations.
     #[inline(always)]
     pub(super) fn attempt<E>(
         &mut self,
@@ -267,7 +266,7 @@ impl<Q: Coordinates> Steps<Q> {
     }
 }
 
-/// What speaks for the length of a step: those before it since the last event.
+/// Step history since the last event, for the choice of the step length.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct StepHistory {
     /// How many.
@@ -280,7 +279,7 @@ impl StepHistory {
     pub(crate) const NONE: Self = Self { steps: 0, last: 0.0 };
     /// So many steps after an event there is none.
     const YOUNG: u32 = 1;
-    /// Nor is there any for a step that is so many times longer than the last.
+    /// It does not cover a step longer than the last by this factor.
     const GREW: f64 = 2.0;
 
     /// A step of this length was taken.
@@ -300,9 +299,9 @@ impl StepHistory {
 
 /// A method that advances piece by piece: a step, a jump, an event at an instant.
 pub(crate) trait Piecewise {
-    /// A state, as it is recorded.
+    /// A recorded state.
     type Point: Recorded;
-    /// What is told of a piece.
+    /// Description of a segment.
     type Piece;
 
     /// Time (s).
@@ -311,7 +310,7 @@ pub(crate) trait Piecewise {
     /// Writes the present state.
     fn state_to(&self, to: &mut Self::Point);
 
-    /// Whether something happens before the time moves on beyond `t_end`.
+    /// Whether an event is pending before the time passes `t_end`.
     fn is_pending(&self, _t_end: f64) -> bool {
         false
     }
@@ -324,14 +323,14 @@ pub(crate) trait Piecewise {
     fn look_from(&mut self, t: f64, drawn: f64);
 }
 
-/// What a method asks: a force, or the equations of motion. Times at which it is not smooth are
-/// declared.
+/// Right-hand side of a method: a force or the equations of motion. Times at which it is not smooth
+/// are declared.
 pub(crate) trait Rhs {
     /// Between which of these it is.
     fn smooth(&mut self) -> &mut Smooth;
 }
 
-/// Takes the pieces of a run; one that follows the motion may refuse a step and ask for a shorter.
+/// Consumer of the segments of a run; it may reject a step and request a shorter one.
 pub(crate) trait Driver<M: Piecewise, S, E> {
     /// The next piece of the motion, towards `t_end`.
     fn step(&mut self, method: &mut M, t_end: f64, asked: &mut S) -> Result<M::Piece, Failure<E>>;

@@ -72,7 +72,7 @@ pub struct Columns {
 }
 
 impl Columns {
-    /// Zeroed memory for `room` samples; `advise` learns where it is before it is touched.
+    /// Zeroed memory for `room` samples; `advise` is called with its address before it is touched.
     pub(crate) fn with_room(
         room: usize,
         advise: impl FnOnce(*const f64, usize),
@@ -162,7 +162,7 @@ impl Reserve {
     /// Makes room in `list` for `n` more entries, and sets `beside` bytes aside for each.
     ///
     /// # Errors
-    /// There is no such room; the list is as it was.
+    /// There is no such room; the list is unchanged.
     #[inline]
     pub(crate) fn room<T>(
         &mut self,
@@ -201,8 +201,7 @@ impl Reserve {
         grown
     }
 
-    /// Makes the block so long; what it held before is given back first, so that memory is never
-    /// taken twice.
+    /// Resizes the block; the old block is released first, so that memory is never doubled.
     fn set_aside(&mut self, bytes: usize) -> Result<(), TryReserveError> {
         self.block = Vec::new();
         self.block.try_reserve_exact(bytes)

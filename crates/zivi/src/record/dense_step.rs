@@ -13,12 +13,12 @@ pub struct StepEnd {
     pub z: Lifted,
 }
 
-/// What is linear within a step.
+/// Quantity that is linear within a step.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Interpolation {
     /// `s` and `v`, which are projected.
     Lifted(Restitution),
-    /// `x` and `x'`, for a scheme that may go behind the wall.
+    /// `x` and `x'`, for a scheme that may penetrate the wall.
     Physical,
 }
 
@@ -51,7 +51,7 @@ impl DenseStep {
         Lifted { s: self.linear(t, from.s, to.s), v: self.linear(t, from.v, to.v) }
     }
 
-    /// The state at a time within the step, after the impact where there is one.
+    /// The state at a time within the step; at an impact, the state after it.
     pub(crate) fn at(&self, t: f64) -> Physical {
         let (from, to) = (self.from.state, self.to.state);
         match self.interpolation {
@@ -71,8 +71,8 @@ impl DenseStep {
         crosses.then(|| from + (to - from) / (1.0 - end / start))
     }
 
-    /// The time and the state of a look, from 0 on: at the ends of `looks` equal parts, and at the
-    /// wall, if it is met within the step (rounding may put that at one of its ends).
+    /// Time and state of a sample number, from 0 on: at the ends of `looks` equal parts, and at the
+    /// wall if it is met within the step (by rounding possibly at an end).
     pub(crate) fn nth_look(&self, number: usize, looks: usize) -> Option<(f64, Physical)> {
         let (from, to) = (self.from.t, self.to.t);
         let wall = self.crossing();

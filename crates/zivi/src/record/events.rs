@@ -1,7 +1,7 @@
 //! Events at a gap: occurrences, their reader, impacts.
 //!
-//! Impacts, Zeno points, rest and lift-off at one gap: the reader of what happens there, and what
-//! happens read off the steps of a fixed-step run.
+//! Impacts, Zeno points, rest and lift-off at one gap, read from occurrences or from the steps of a
+//! fixed-step run.
 
 use crate::record::columns::Reserve;
 use crate::record::gap_set::GapSet;
@@ -9,7 +9,7 @@ use std::collections::TryReserveError;
 use zivi_core::transform::impact_velocities;
 use zivi_core::{Lifted, Restitution};
 
-/// What happened at the wall in a run.
+/// Events at the wall in a run.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Events {
     /// The impacts that the steps resolve, in order.
@@ -18,7 +18,7 @@ pub struct Events {
     pub zeno_times: Vec<f64>,
     /// Times at which the mass left rest (s): the last instant at rest.
     pub liftoff_times: Vec<f64>,
-    /// The time from which the mass is at rest until the end of the run (s), if it is.
+    /// The time from which the mass is at rest until the end of the run (s), if any.
     pub rest_time: Option<f64>,
 }
 
@@ -100,8 +100,8 @@ impl Events {
     }
 }
 
-/// Reads [`Events`] off a source that cannot tell how a mass came to rest: without an impact since
-/// it last left rest, that is no Zeno point.
+/// Reads [`Events`] from a source without Zeno information: rest without an impact since the last
+/// lift-off is not a Zeno point.
 #[derive(Debug, Default)]
 pub(crate) struct EventReader {
     pub(crate) events: Events,
@@ -206,18 +206,18 @@ impl EventLog {
     }
 }
 
-// What happens at the gaps, in one stream.
+// Events at the gaps, in one stream.
 
-/// What happens at the gaps of a system; a mass above a wall has one, number 0.
+/// Events at the gaps of a system; a mass above a wall has one gap, number 0.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Occurrence {
-    /// An impulse at a gap: it was hit, or it was closed and passes on the impact of another.
+    /// An impulse at a gap: it was hit, or it was closed and transmits the impact on another gap.
     Impact {
         /// Time (s).
         t: f64,
         /// The gap.
         gap: usize,
-        /// Speed of the gap before, `<= 0`; zero where it was closed.
+        /// Speed of the gap before, `<= 0`; zero if it was closed.
         before: f64,
         /// Speed of the gap after, `>= 0`.
         after: f64,
@@ -226,7 +226,7 @@ pub enum Occurrence {
         /// Impulses of one impact have the same number.
         group: u64,
     },
-    /// A gap closed: through infinitely many impacts, or by one that stops it.
+    /// A gap closed through infinitely many impacts or by one plastic impact.
     Zeno {
         /// Time (s).
         t: f64,
@@ -286,12 +286,12 @@ pub enum Occurrence {
         t: f64,
         /// The channel.
         channel: usize,
-        /// What it did: 1 and -1 slip, 0 stick, 2 the gap was open.
+        /// Previous mode: 1 and -1 slip, 0 stick, 2 open gap.
         before: i8,
-        /// What it does.
+        /// New mode.
         after: i8,
     },
-    /// What is said of an impact or lift-off that the data do not determine continuously.
+    /// Warning about an impact or lift-off that depends discontinuously on the data.
     Flag {
         /// Which.
         kind: FlagKind,
@@ -368,8 +368,8 @@ pub enum FlagKind {
     ImpactNotUnique,
     /// The forces of contact are not unique, the motion is; the size is how far they may vary.
     UndeterminedForces,
-    /// The motion depends on how contacts share their forces: gaps carry a load before joints do, with the
-    /// least forces that press, and what can stick sticks.
+    /// The motion depends on how contacts share their forces: gaps carry a load before joints do,
+    /// with the least contact forces, and channels that can stick do.
     UndeterminedMotion,
     /// A slip speed touched zero: whether it sticks is not decided by the data.
     SlipGraze,

@@ -44,7 +44,7 @@ impl GapSet {
         self.0.iter().fold(0, |all, word| all | word) == 0
     }
 
-    /// The gap, if there is one alone.
+    /// The gap, if the set has exactly one.
     #[must_use]
     pub fn only(self) -> Option<usize> {
         if self.0[1..].iter().fold(0, |all, word| all | word) != 0 {
@@ -119,7 +119,7 @@ impl FromIterator<usize> for GapSet {
     }
 }
 
-// Which contacts are closed, and what friction does in each of its channels.
+// Closed contacts, and the mode of each friction channel.
 
 /// The mode of a mechanical system: between events its motion obeys one differential equation.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -185,7 +185,7 @@ impl ContactMode {
         }
     }
 
-    /// What a channel does, as a number: 1 and -1 slip, 0 sticks, 2 belongs to an open gap.
+    /// Mode of a channel as a number: 1 and -1 slip, 0 stick, 2 open gap.
     #[must_use]
     pub fn number(&self, channel: usize) -> i8 {
         match (self.slip_plus.has(channel), self.slip_minus.has(channel)) {

@@ -1,4 +1,4 @@
-//! What a run leaves: samples, events at the wall, how it ended.
+//! Results of a run: samples, events at the wall, status.
 
 pub mod columns;
 pub mod dense_step;

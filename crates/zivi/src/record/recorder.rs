@@ -10,11 +10,11 @@ use zivi_core::{sgn, transform, Lifted, Physical, Restitution};
 const BLOCK: usize = 256;
 
 /// Stages steps in a block that stays in the cache and appends whole blocks to the columns, so
-/// that a step pays for no growth of a vector, and what is computed from a step but not needed
-/// for the next (the projection, the residual) is computed many at a time.
+/// that a step pays for no growth of a vector, and derived quantities (the projection, the
+/// residual) are computed for many steps together.
 pub(crate) struct Recorder {
     columns: Columns,
-    /// What is kept of the columns, if not all: they are then a block that is used again.
+    /// Decimated copy of the columns, which are then a reused block.
     thinned: Option<StridedRecorder>,
     restitution: Restitution,
     staged: usize,
@@ -28,7 +28,7 @@ pub(crate) struct Recorder {
     f: [f64; BLOCK],
 }
 
-/// Every so many samples, and a summary of all.
+/// Every n-th sample, and a summary of all.
 struct StridedRecorder {
     every: usize,
     /// Samples so far.
@@ -38,7 +38,7 @@ struct StridedRecorder {
 }
 
 impl StridedRecorder {
-    /// Takes what is wanted of a block of samples.
+    /// Extracts the requested samples of a block.
     fn absorb(&mut self, block: &Columns) {
         self.summary.absorb(block);
         if self.every == 0 {
@@ -69,7 +69,7 @@ pub(crate) fn memory(
 }
 
 impl Recorder {
-    /// Keeps only every so many of the samples (none for `0`), in `kept`.
+    /// Keeps only every n-th sample (none for `0`), in `kept`.
     pub(crate) fn thinned(mut self, every: usize, kept: Columns) -> Self {
         self.thinned = Some(StridedRecorder { every, seen: 0, kept, summary: Summary::default() });
         self
@@ -142,7 +142,7 @@ impl Recorder {
         }
     }
 
-    /// What was kept, and a summary if that is not all.
+    /// The stored samples, and a summary if they are decimated.
     pub(crate) fn finish(self) -> (Columns, Option<Summary>) {
         match self.thinned {
             Some(StridedRecorder { kept, summary, .. }) => (kept, Some(summary)),
@@ -153,7 +153,7 @@ impl Recorder {
 
 // The states that runs record.
 
-/// A state at some time, and on which branch of the transform it lies.
+/// A state at some time with its branch of the transform.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PathPoint {
     /// Distance from the wall, `>= 0` (m).
@@ -172,11 +172,11 @@ pub(crate) fn is_sigma(sigma: f64) -> bool {
 /// A state of the motion: coordinates, gaps and slips, their rates, and the mode.
 #[derive(Clone, Debug, PartialEq)]
 pub struct MotionPoint {
-    /// `q`, then `g`, then with friction how far each channel has slipped, and a number without meaning.
+    /// `q`, then `g`, then with friction the slip distance of each channel, and an unused number.
     pub x: Vec<f64>,
     /// `q'`, then `g'`, then with friction the slip speeds, and the work that friction has dissipated.
     pub v: Vec<f64>,
-    /// The gaps that are closed, and what friction does.
+    /// The closed gaps, and the modes of friction.
     pub mode: ContactMode,
 }
 
@@ -198,7 +198,7 @@ impl Recorded for MotionPoint {
     }
 }
 
-// What is kept of a run, and what its samples say when they are not.
+// Stored samples of a run, and the summary of all samples.
 
 /// Which samples of a run are kept.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -206,7 +206,7 @@ pub enum Keep {
     /// All of them.
     #[default]
     All,
-    /// The first and every so many after it; none for `0`.
+    /// The first and every n-th after it; none for `0`.
     Every(usize),
 }
 

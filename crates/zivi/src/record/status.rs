@@ -34,13 +34,13 @@ pub enum Status {
     StepSizeTooSmall = 8,
     /// An event of the user that was to end the run did.
     TerminatedByEvent = 9,
-    /// The record grew beyond the memory.
+    /// The record exceeded the memory.
     OutOfMemory = 10,
     /// A fault in this library.
     Internal = 11,
     /// Closed gaps that depend on each other, and no forces keep all of them closed.
     RedundantContacts = 12,
-    /// The complementarity problem of an impact has no solution, or it was not found.
+    /// The complementarity problem of an impact has no solution, or the solver did not find it.
     ImpactNotSolved = 13,
     /// Which contacts stay closed was not decided.
     ContactNotSolved = 14,
@@ -90,7 +90,7 @@ impl Status {
         Status::NoProgress,
     ];
 
-    /// What happened, and what to try.
+    /// Reason and advice.
     #[must_use]
     pub fn message(self) -> &'static str {
         match self {
@@ -226,7 +226,7 @@ impl<E> From<TryReserveError> for Failure<E> {
 
 // Watching a run from outside: progress, and the wish to stop.
 
-/// Something that is told how far a run is and may end it.
+/// Receiver of progress that may end a run.
 pub trait Monitor<E> {
     /// Called about 30 times a second with the number of steps done, out of `of`.
     ///

@@ -7,7 +7,7 @@
 //!
 //! `length` is how many numbers there are in all. Counts are below 2^53 and exact. Whoever changes
 //! what the numbers mean raises [`FORMAT`]. All formats before are read as well: 3 to 6 have the same header,
-//! before that each kind had formats of its own, after which its numbers followed at once.
+//! before that each kind had formats of its own, followed directly by its numbers.
 
 use std::fmt;
 
@@ -76,7 +76,7 @@ impl fmt::Display for MotionError {
 
 impl std::error::Error for MotionError {}
 
-/// Numbers behind the header of their kind.
+/// Numbers after the header of their kind.
 pub(crate) struct Writer {
     numbers: Vec<f64>,
     /// Whether there was no memory for more.
@@ -114,14 +114,14 @@ impl Writer {
     }
 }
 
-/// What is left of stored numbers; `None` where they do not fit together.
+/// Remaining stored numbers; `None` where they do not fit together.
 pub(crate) struct Reader<'n> {
     rest: &'n [f64],
     format: f64,
 }
 
 impl<'n> Reader<'n> {
-    /// What `of` makes of all numbers behind the header of a kind.
+    /// Applies `of` to all numbers after the header of a kind.
     pub(crate) fn read<T>(
         kind: StoredKind,
         numbers: &'n [f64],
@@ -189,7 +189,7 @@ pub(crate) fn as_count(number: f64) -> Option<usize> {
     ((0.0..9e15).contains(&number) && number.fract() == 0.0).then_some(number as usize)
 }
 
-/// The format, and what follows the header.
+/// The format, and the numbers after the header.
 fn behind_header(kind: StoredKind, numbers: &[f64]) -> Result<(f64, &[f64]), MotionError> {
     let (&format, rest) = numbers.split_first().ok_or(MotionError::Damaged)?;
     if kind.before().contains(&format) {

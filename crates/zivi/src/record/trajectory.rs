@@ -15,7 +15,7 @@ pub struct Trajectory {
     pub columns: Columns,
     /// Of all samples, where not all were to be kept.
     pub summary: Option<Summary>,
-    /// What happened at the wall.
+    /// Events at the wall.
     pub events: Events,
     /// Numbers of the samples whose step the chosen solver did not solve (the exact one took it).
     pub failed_steps: Vec<usize>,
@@ -25,7 +25,7 @@ pub struct Trajectory {
     pub nfev: u64,
 }
 
-/// A trajectory, and what ended it early if that was an error from outside.
+/// A trajectory, and the external error that ended it early, if any.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Run<E> {
     /// All that was computed.
@@ -47,20 +47,20 @@ pub enum SetupError {
     Count(&'static str, usize, &'static str),
     /// A setting that has no value, or one of another kind: name and range.
     Unset(&'static str, &'static str),
-    /// What a method does not do: what is wanted instead.
+    /// An unsupported option, with the supported one.
     Refused(&'static str),
     /// The record does not fit into memory.
     Memory(usize),
-    /// What a batch keeps does not fit into memory.
+    /// The data of a batch do not fit into memory.
     BatchMemory {
         /// Number of runs.
         runs: usize,
         /// Samples that are kept of each.
         samples: usize,
-        /// What would be needed (bytes).
+        /// Required memory (bytes).
         bytes: f64,
     },
-    /// None of so many threads could be started.
+    /// None of the threads could be started.
     Threads(usize),
 }
 

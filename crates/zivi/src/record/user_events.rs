@@ -47,8 +47,8 @@ pub struct UserEvent<'a, E, P = PathPoint> {
     pub direction: Direction,
     /// The run ends at the event of this number (1 for the first), if any.
     pub terminal: Option<usize>,
-    /// The level whose crossings the function tells, if it is that simple: where the motion knows
-    /// them, the function is not looked at.
+    /// The level, if the function is a level: if the motion knows its crossings, the function is
+    /// not evaluated.
     pub level: Option<Level>,
 }
 
@@ -107,12 +107,12 @@ pub(crate) fn changes(before: f64, after: f64, direction: Direction) -> bool {
 
 /// Looks at a function along a smooth part of the motion, at least.
 const LOOKS: usize = 4;
-/// Looks along a whole run, at least: a part may be as long as that, such as a rest.
+/// Least number of samples along a whole run, since a part (such as a rest) may be that long.
 const LOOKS_OF_A_RUN: f64 = 200.0;
 /// A part of that length is one, whatever rounding makes of it.
 const ROUNDING: f64 = 1.0 - 1e-9;
 
-/// A part of the motion along which functions are looked at.
+/// A part of the motion along which functions are sampled.
 pub(crate) trait Part<P> {
     /// When it starts and ends.
     fn span(&self) -> (f64, f64);
@@ -120,14 +120,14 @@ pub(crate) trait Part<P> {
     /// Writes the state at a time.
     fn at(&self, t: f64, to: &mut P);
 
-    /// In how many parts it is looked at, each of them at most `longest` (s).
+    /// Number of sampling intervals, each at most `longest` (s).
     fn looks(&self, longest: f64) -> usize {
         let (from, end) = self.span();
         parts(end - from, longest).max(LOOKS)
     }
 
-    /// Writes the state at which functions are looked at for the time of this number, from 0 on,
-    /// of so many looks, and gives the time; the last is the end.
+    /// Writes the state of sample `number` of `looks`, from 0 on, and returns its time; the last is
+    /// the end.
     fn look(&self, number: usize, looks: usize, to: &mut P) -> Option<f64> {
         let (from, end) = self.span();
         let t = match number + 1 {
@@ -188,24 +188,24 @@ pub(crate) fn parts(whole: f64, longest: f64) -> usize {
     (ROUNDING * whole / longest).ceil() as usize
 }
 
-/// Sorts events by their time. Not a part of what calls it: that is compiled for every kind of
-/// motion, and sorting is long.
+/// Sorts events by their time. Separate from its generic caller, which is compiled for every kind
+/// of motion.
 fn in_order_of_time(found: &mut [(f64, usize)]) {
     found.sort_by(|a, b| a.0.total_cmp(&b.0));
 }
 
-/// The motion cannot tell when it crosses a level.
+/// The crossings of a level are unknown.
 pub(crate) fn unknown(_: Level) -> Option<Vec<f64>> {
     None
 }
 
-/// Events of a function for which there is room before a piece of the motion is looked at.
+/// Reserved number of events of a function per segment of the motion.
 const OF_A_PIECE: usize = 64;
 
 /// Seeks events along the motion.
 pub(crate) struct EventLocator<'a, E, P> {
     events: Vec<UserEvent<'a, E, P>>,
-    /// The functions' values at the end of what was looked at.
+    /// The functions' values at the end of the sampled part.
     values: Vec<f64>,
     hits: Vec<Vec<LocatedEvent<P>>>,
     /// Longest time between two looks (s).

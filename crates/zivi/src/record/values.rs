@@ -5,7 +5,7 @@ use zivi_core::setting::{Setting, Value};
 
 use super::trajectory::SetupError;
 
-/// What was given for some settings; the others have their defaults.
+/// Given values of some settings; the others have their defaults.
 ///
 /// ```
 /// use zivi::method::Values;
@@ -36,7 +36,7 @@ impl Values {
     /// A number.
     ///
     /// # Errors
-    /// As of all that follow, [`SetupError::Unset`] where there is none.
+    /// [`SetupError::Unset`] if the value is missing, here and below.
     pub fn number(&self, setting: &Setting) -> Result<f64, SetupError> {
         match self.of(setting) {
             Value::Number(value) => Ok(value),
@@ -44,7 +44,7 @@ impl Values {
         }
     }
 
-    /// A number, or nothing where it is found by the run.
+    /// A number; `None` if the run determines it.
     ///
     /// # Errors
     /// [`SetupError::Unset`].
@@ -77,10 +77,10 @@ impl Values {
         }
     }
 
-    /// What a name stands for, as `named` reads it.
+    /// The value of a name, read by `named`.
     ///
     /// # Errors
-    /// [`SetupError::Unset`], also for a name that stands for nothing.
+    /// [`SetupError::Unset`], which includes an unknown name.
     pub fn choice<T>(
         &self,
         setting: &Setting,

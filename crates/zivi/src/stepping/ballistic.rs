@@ -88,8 +88,8 @@ impl BallisticFlight<'_> {
         self.state = Physical { x: 0.0, xdot: xdot_after };
     }
 
-    /// Whether the mass rests within the time left and what remains until then need not be
-    /// listed; then it does.
+    /// Whether the mass comes to rest within the remaining time without further listed events; if
+    /// so, it is put at rest.
     fn comes_to_rest(&mut self) -> bool {
         let (g, u, e) = (-self.f, self.state.xdot, self.restitution.e());
         if g < 0.0 || (g == 0.0 && u > 0.0) || e == 1.0 && u > 0.0 {

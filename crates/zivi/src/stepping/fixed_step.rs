@@ -52,7 +52,7 @@ pub trait FixedStep<E, F: Force<E>> {
     /// Number of force evaluations so far.
     fn nfev(&self) -> u64;
 
-    /// Whether the solver that was asked for failed in the last step, which another then took.
+    /// Whether the requested solver failed in the last step, so that another one solved it.
     fn has_failed(&self) -> bool {
         false
     }
@@ -77,8 +77,8 @@ pub fn run<E, F: Force<E>>(
     Ok(walk.finish::<E, F>(ending))
 }
 
-/// Goes on, watched, until `of` steps are done, and says how it ended: `go_to` makes it so many
-/// steps in all.
+/// Continues, monitored, up to `of` steps, and returns the end: `go_to` advances to a total number
+/// of steps.
 pub(crate) fn watched<E, M: Monitor<E>>(
     of: usize,
     monitor: &mut M,
@@ -118,7 +118,7 @@ pub(crate) fn tell<E>(
     }
 }
 
-/// A run under way: `k` steps are done, the last of them ended at `t` in `z`.
+/// A run in progress: `k` steps are done, the last of them ended at `t` in `z`.
 struct FixedStepRun<M> {
     method: M,
     restitution: Restitution,
@@ -206,7 +206,7 @@ impl<M> FixedStepRun<M> {
         StepEnd { t: self.t, state: transform::project(self.z, self.restitution), z: self.z }
     }
 
-    /// The steps that need no search, as long as nothing happens and the record has room.
+    /// The steps without search, while there are no events and the record has room.
     #[inline]
     fn easy_steps<E, F: Force<E>>(&mut self, until: usize)
     where
@@ -299,9 +299,9 @@ pub(crate) fn lift(initial: Physical, restitution: Restitution) -> Result<Lifted
     Ok(z)
 }
 
-// What a new scheme of fixed steps brings: its settings, and how it runs over a grid.
+// Interface of fixed-step schemes: settings, and integration over a grid.
 
-/// A scheme of fixed steps: its settings beside the step size.
+/// A fixed-step scheme: its settings other than the step size.
 ///
 /// One that advances `(s, v)` implements [`FixedStep`](FixedStep) and leaves the
 /// loop to [`fixed_step::run`](run). [`FixedSteps`] makes it a
@@ -310,7 +310,7 @@ pub trait Scheme: Sized {
     /// Its name, as programs and files have it.
     const NAME: &'static str;
 
-    /// What it is, in a few words.
+    /// Its description in a few words.
     const MEANING: &'static str;
 
     /// Its settings, the step size first.

@@ -33,14 +33,14 @@ pub(crate) struct ImplicitForce {
     pub(crate) nfev: u64,
 }
 
-/// A step whose force is sought.
+/// A step with an unknown force.
 struct ImplicitStep<'a> {
     step: &'a ThetaGammaStep,
     start: Start,
     t: f64,
 }
 
-/// A force that is asked for several states at one time.
+/// A force evaluated at several states at one time.
 struct AtOneTime<'a, F> {
     force: &'a mut F,
     /// Its excitation there.
@@ -87,7 +87,7 @@ impl ImplicitForce {
     ///
     /// The equation is solved along the solution that the selection rule takes for each trial.
     /// Where that solution jumps (`f > 0`), the root may lie on a pattern that the rule leaves
-    /// before it is reached; then every pattern is followed by itself.
+    /// before it is reached; then every pattern is followed separately.
     #[inline]
     pub(crate) fn solve<E>(
         &mut self,
@@ -122,7 +122,7 @@ impl ImplicitForce {
         Ok(found)
     }
 
-    /// The same where the first trial or the second one is it, as in nearly every step.
+    /// The same if the first or second trial is the root, the case of nearly every step.
     #[inline(always)]
     fn at_once<E>(
         &mut self,
@@ -271,9 +271,9 @@ impl ImplicitStep<'_> {
 // The first two trials of a search, one of which is the root in nearly every step: taken without
 // the book-keeping of a search, which learns afterwards what they have shown.
 
-/// What a trial has shown.
+/// Result of a trial.
 pub(crate) enum Shown<T> {
-    /// It is the root, with what it leads to.
+    /// It is the root, with its result.
     Root(T),
     /// Its mismatch.
     Mismatch(f64),
@@ -336,7 +336,7 @@ impl Opening {
 pub(crate) const DEFAULT_SLOPE: f64 = -1.0;
 /// From this trial on every second one halves the bracket.
 const SLOW_SEARCH: usize = 6;
-/// From this trial on a search without a bracket looks for one by growing steps.
+/// From this trial on, a search without a bracket uses growing steps to find one.
 const BLIND: usize = 3;
 /// A trial this many times larger than the first ones has run away.
 const RUNAWAY: f64 = 1e9;
@@ -477,7 +477,7 @@ mod implicit_tests {
         phase: 0.4,
     };
 
-    /// Counts how often the excitation and the force by it are asked for.
+    /// Counts the evaluations of the excitation and of the force.
     struct Counting<'a>(&'a Cell<[u64; 2]>);
 
     impl Force<Infallible> for Counting<'_> {

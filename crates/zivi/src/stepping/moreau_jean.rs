@@ -11,7 +11,7 @@
 //! *Unilateral contact and dry friction in finite freedom dynamics* (1988), and M. Jean, *The
 //! non-smooth contact dynamics method*, Comput. Methods Appl. Mech. Eng. 177 (1999).
 //!
-//! What is recorded. A step with `P > 0` from `v < 0` is an impact at its end, with the velocities
+//! The record. A step with `P > 0` from `v < 0` is an impact at its end, with the velocities
 //! `v` and `v+ = -e v`. Velocities of at most `h |f_theta|` on both sides of a step with `P > 0`
 //! are those of a mass that is pressed to the wall: there rest begins, and it ends with a
 //! step without `P` on which the mass leaves, faster than `h |f_theta|` or pulled outward. Samples have `s = sigma x`, negative `x` included, on a branch `sigma` that
@@ -60,7 +60,7 @@ impl MoreauJean {
         default: Value::Number(Self::MIDPOINT.theta),
     };
 
-    /// The settings, if they are in their range.
+    /// The settings if they are within their ranges.
     ///
     /// # Errors
     /// [`SetupError::Setting`] for a weight outside `[0, 1]`.
@@ -210,7 +210,7 @@ impl ContactLog {
         self.reader.events
     }
 
-    /// An error if there is no memory left to note what happened.
+    /// An error if there is no memory left to record events.
     #[inline(always)]
     fn step(
         &mut self,
@@ -255,7 +255,7 @@ impl ContactLog {
     }
 }
 
-/// Every so many samples are kept, none for `0`, and a summary of all.
+/// Every n-th sample is kept, none for `0`, and a summary of all.
 struct Thinned {
     every: usize,
     summary: Summary,
@@ -276,7 +276,7 @@ impl Thinned {
     }
 }
 
-/// A run under way: `k` steps are done, the last of them ended in `state`.
+/// A run in progress: `k` steps are done, the last of them ended in `state`.
 struct MoreauWalk {
     mover: Mover,
     restitution: Restitution,
@@ -316,8 +316,8 @@ impl MoreauWalk {
         Ok(())
     }
 
-    /// The steps of a flight or of rest under a constant force, as long as nothing happens and no
-    /// sample is kept: the same arithmetic, with all that changes in registers.
+    /// The steps of a flight or of rest under a constant force, while there are no events and no
+    /// samples to store: the same arithmetic with the state in registers.
     fn easy_steps(&mut self, until: usize) {
         let (Some(thinned), Some(f)) = (&self.thinned, self.mover.scheme.fixed) else {
             return;
@@ -410,7 +410,7 @@ struct MoreauJeanStep {
     pull: f64,
 }
 
-/// The scheme with what it carries from step to step.
+/// The scheme with its state between steps.
 pub(crate) struct MoreauJeanStepper {
     theta: f64,
     e: f64,

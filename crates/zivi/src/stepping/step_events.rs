@@ -1,8 +1,8 @@
 //! Events of the user along a run of fixed steps.
 //!
-//! Each function is looked at at the end of every step, at the wall where `s` changes its sign
-//! within the step, and in steps that are a long part of the run between; where its sign differs from that of the look before, the zero is sought on the
-//! interpolation of the step.
+//! Each function is evaluated at the end of every step, at the wall where `s` changes sign within
+//! the step, and inside long steps; if its sign differs from the previous one, the zero is found on
+//! the interpolation of the step.
 
 use std::ops::ControlFlow;
 
@@ -52,7 +52,7 @@ impl<'m, 'a, M, E> StepEvents<'m, 'a, M, E> {
         Self { monitor, seeker, started: false, reserve: Reserve::default() }
     }
 
-    /// What happened of each event, in the order of time, up to the one that ended the run.
+    /// Occurrences of each event in order of time, up to the one that ended the run.
     pub fn into_hits(self) -> Vec<Vec<LocatedEvent>> {
         self.seeker.into_hits()
     }

@@ -20,7 +20,7 @@ pub trait StepSolver {
     /// The step from `z` under the frozen force `f`.
     ///
     /// # Errors
-    /// [`StepFailure`] where there is no answer.
+    /// [`StepFailure`] if it fails.
     fn solve(
         &mut self,
         step: &ThetaGammaStep,
@@ -82,7 +82,7 @@ impl General {
         Self { signs: SignSolver::newton(), failed: false }
     }
 
-    /// Inner linearisation by Josephy-Newton with its search alone, nothing behind it.
+    /// Inner linearisation by Josephy-Newton with its line search, without fall-backs.
     #[must_use]
     pub fn newton_without_fall_backs() -> Self {
         Self { signs: SignSolver::newton_without_fall_backs(), failed: false }
@@ -175,7 +175,7 @@ impl<const N: usize> SignSolver<N> {
         Self::with(Settings::default())
     }
 
-    /// Inner linearisation by Josephy-Newton with its search alone, nothing behind it.
+    /// Inner linearisation by Josephy-Newton with its line search, without fall-backs.
     #[must_use]
     pub fn newton_without_fall_backs() -> Self {
         Self::with(josephy_newton())
@@ -216,8 +216,8 @@ impl<const N: usize> SignSolver<N> {
         self.signs = signs;
     }
 
-    /// Solves a VI whose rows are of these magnitudes; true if its scaled residual is small. The
-    /// signs stay as they were if it is not.
+    /// Solves a VI whose rows are of these magnitudes; true if its scaled residual is small.
+    /// Otherwise the signs are unchanged.
     pub fn solve(&mut self, problem: &mut impl Problem, scales: [f64; N]) -> bool {
         let scale = scales.map(|scale| 1.0 / scale);
         let settings = Settings { row_scale: RowScale::Given(&scale), ..self.settings };

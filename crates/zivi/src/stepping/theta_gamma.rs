@@ -39,7 +39,7 @@ pub enum Solver {
     Newton,
     /// Repeated affine VIs without a merit function ("outer linearisation").
     Outer {
-        /// At most so many of them in a step, from 1 to 1000.
+        /// Maximal number per step, from 1 to 1000.
         linearisations: usize,
     },
 }
@@ -185,7 +185,7 @@ pub(crate) struct ThetaGammaStepper<S> {
     solver: S,
     /// The value of a force that depends on nothing, once it is known.
     constant: Option<f64>,
-    /// What a force that depends on the state carries from step to step.
+    /// State of the implicit force between steps.
     pub(crate) implicit: ImplicitForce,
 }
 

@@ -1,6 +1,6 @@
 //! Zeno accumulation of impacts, and the check that the force allows it.
 //!
-//! Impacts that accumulate, and what is known of the end of them.
+//! Accumulating impacts, and the extrapolated end of the accumulation.
 
 use crate::record::status::Failure;
 use crate::switched::output::StallingImpacts;
@@ -55,7 +55,7 @@ impl LastImpacts {
         self.obstacle
     }
 
-    /// What comes next is another one.
+    /// Starts a new chain.
     #[inline]
     pub(super) fn clear(&mut self) {
         self.chain.clear();
@@ -189,9 +189,9 @@ impl LastImpacts {
 
 // Whether the force makes the motion that a tail describes.
 //
-// The expansion behind a tail holds where the force is smooth, and a chain of impacts says nothing
-// about the force that lies ahead of it. So before a jump the arcs that it would skip are put
-// back into the equation. On the arc of duration `h` between the speeds `u` and `w`
+// The expansion of a tail holds for smooth forces, and an impact sequence carries no information
+// about the force ahead of it. So before a jump the arcs that it would skip are put back into the
+// equation. On the arc of duration `h` between the speeds `u` and `w`
 //
 // ```text
 // r = f(t, x, x') - x''                                                               (1)
@@ -206,10 +206,10 @@ impl LastImpacts {
 // dt_inf = dt + 2 du/(g (1 - e))                                                      (2)
 // ```
 //
-// The sum of `|dt_inf|` over the arcs says how far the tail is from the motion; for smooth forces
-// it is a small part of the tolerance. The long arcs at the start of the tail are looked at most
-// closely. Where little of the tail is left, one arc stands for several: a pulse between two of
-// them is overlooked, a change that lasts is not.
+// The sum of `|dt_inf|` over the flights measures the distance of the tail from the motion; for
+// smooth forces it is a small part of the tolerance. The long flights at the start of the tail are
+// examined most closely. Where little of the tail is left, one arc stands for several: a pulse
+// between two of them is overlooked, a change that lasts is not.
 
 /// Where a smooth force and its best line meet, as parts of the way from the middle to an end.
 const GAUSS: f64 = 0.577_350_269_189_625_8;
@@ -221,19 +221,20 @@ const MOST: f64 = 10.0;
 /// the arcs of a long tail rounding would look like another motion.
 const SAME: f64 = 64.0;
 
-/// What is left of a tail when its arcs are looked at less closely.
+/// Remaining share of a tail from which flights are examined less closely.
 const CLOSE: f64 = 0.5;
 
 /// Panels of an arc before that.
 const PANELS: usize = 3;
 
-/// What is left of a tail when not every arc is looked at any more.
+/// Remaining share of a tail from which flights are skipped in the examination.
 const SPARSE: f64 = 0.15;
 
-/// From then on one arc stands for those after which this part is left of what was left before.
+/// From then on one flight represents all flights over which the remaining share decreases by this
+/// factor.
 const LASTING: f64 = 0.25;
 
-/// A force whose period is known is looked at so often in it.
+/// Examination interval relative to a known period of the force.
 const PART: f64 = 0.25;
 
 /// Steps of a flight where the force is known to do something.
@@ -244,7 +245,7 @@ const STEPS: f64 = 4.0;
 pub(crate) struct Deviation {
     from: f64,
     to: f64,
-    /// Impacts before all arcs are looked at again.
+    /// Impacts before all flights are examined again.
     patience: u64,
 }
 
@@ -278,7 +279,7 @@ pub(crate) struct Lookahead<'t> {
 
 impl Lookahead<'_> {
     /// The first arc at which the force is known to make another motion; none if it makes that of
-    /// the tail. One that did so before, `suspect`, is looked at first.
+    /// the tail. A previous one, `suspect`, is examined first.
     pub(crate) fn obstacle<E, F: Force<E>>(
         &self,
         suspect: Option<Deviation>,
@@ -316,8 +317,8 @@ impl Lookahead<'_> {
         Ok((!pulled).then_some(Deviation { from: zeno, to: zeno, patience: 0 }))
     }
 
-    /// How closely to look at an arc when a part `left` of the tail is left: in how many panels,
-    /// and for how many arcs it stands.
+    /// Resolution of the examination of a flight when a share `left` of the tail remains: number of
+    /// panels, and number of flights that it represents.
     fn closeness(&self, arc: &TailArc, left: f64) -> (usize, usize) {
         let h = arc.end - arc.start;
         let longest = self.period.map_or(self.max_step, |period| self.max_step.min(PART * period));
@@ -385,7 +386,7 @@ mod lookahead_tests {
     use crate::zeno::chain::Chain;
     use crate::FunctionForce;
 
-    /// `x'' = -2`, `e = 1/2`: impacts at 0, 1, 1.5, 1.75, ...; the tail is what follows 1.5.
+    /// `x'' = -2`, `e = 1/2`: impacts at 0, 1, 1.5, 1.75, ...; the tail follows 1.5.
     const E: f64 = 0.5;
     const PULL: f64 = 2.0;
     const ZENO: f64 = 2.0;
@@ -399,7 +400,7 @@ mod lookahead_tests {
         chain.tail(ZENO, 1.0)
     }
 
-    /// What the look through the tail finds, and how often the force was asked.
+    /// Result of the examination of the tail, and the number of force evaluations.
     fn look(
         max_step: f64,
         suspect: Option<Deviation>,

@@ -25,7 +25,7 @@ pub(super) fn is_undecided(shallowest: f64, highest: f64, settings: &SwitchedRk)
     shallowest <= DECIDED * (settings.atol[0] + settings.rtol * highest)
 }
 
-/// How near to a grazing a run came.
+/// Distance of a run from a grazing.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Grazing {
     /// The smallest depth of an impact or a minimum (m).
@@ -64,8 +64,8 @@ impl Grazing {
     }
 }
 
-/// Simulates as [`crate::simulate_switched_rk`], and tells whether the run passed a grazing that
-/// the tolerances decided.
+/// Runs [`crate::simulate_switched_rk`] and returns whether the run passed a grazing that the
+/// tolerances decided.
 ///
 /// # Errors
 /// [`SetupError`] before anything is computed.

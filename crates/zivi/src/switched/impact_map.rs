@@ -24,7 +24,7 @@ use std::f64::consts::TAU;
 use std::sync::Arc;
 use zivi_core::Restitution;
 
-/// What follows an impact.
+/// Result of the map of an impact.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Return {
     /// `omega t` at the next impact, from 0 to below `2 pi` (rad).
@@ -75,7 +75,7 @@ const SHORTEST: f64 = 1e-13;
 /// The clock of the one wave that there is tells no time.
 const NO_TIME: (f64, f64) = (0.0, 0.0);
 
-/// A flight under way: its start, and derivatives of its state.
+/// A flight in progress: its start, and derivatives of its state.
 struct MapFlight<'m> {
     map: &'m ImpactMap,
     clock: WaveReading,
@@ -162,12 +162,12 @@ impl ImpactMap {
     }
 
     /// The impacts that follow one another: into `out` phase and speed of each that is kept, the
-    /// first after `skip` others. NaN from where there is no next one.
+    /// first after `skip` others. NaN after the last impact.
     pub fn orbit(&self, phase: f64, u: f64, skip: usize, out: &mut [[f64; 2]]) {
         self.orbit_unless([phase, u], skip, out, &|| false);
     }
 
-    /// The same, unless it is to stop: what is left of `out` stays as it is.
+    /// The same with interruption: the rest of `out` is then unchanged.
     pub(crate) fn orbit_unless(
         &self,
         [phase, u]: [f64; 2],
@@ -336,7 +336,7 @@ struct StepStart<'a> {
     steps: f64,
 }
 
-/// What enters the equation of a column besides the columns themselves.
+/// Inhomogeneity of the equation of a column.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 enum By {
     #[default]
@@ -353,7 +353,7 @@ struct MapColumn {
     /// Of the velocity, times the step of the table.
     v: f64,
     force: f64,
-    /// Of the phase of an impact, and by how much the wave turns.
+    /// Of the phase of an impact and the rotation of the wave.
     phase: f64,
     turn: f64,
     /// A wave that is added.

@@ -83,10 +83,10 @@ impl SwitchedIntegrator {
     }
 
     /// Starts from a state at time `t`, on the branch `+1`. The next step has the size
-    /// `first_step`, or what is tried next by its last one when there was one.
+    /// `first_step`, or the size proposed by the last step if there was one.
     ///
     /// # Errors
-    /// [`SetupError::Setting`] for a time or a state that is not finite, or behind the wall.
+    /// [`SetupError::Setting`] for a time or a state that is not finite, or for x < 0.
     pub fn start(&mut self, t: f64, state: Physical) -> Result<(), SetupError> {
         if !t.is_finite() {
             return Err(SetupError::Setting("t", t, "a finite time"));
@@ -137,7 +137,7 @@ impl SwitchedIntegrator {
     ///
     /// # Errors
     /// [`Failure`] when the force raised an error or the motion could not be continued; the state
-    /// is that up to which it was.
+    /// is the last valid one.
     pub fn advance_to<E, F: Force<E>>(
         &mut self,
         t_end: f64,
@@ -160,7 +160,7 @@ impl SwitchedIntegrator {
         self.observe_to(t_end, force, |_| ())
     }
 
-    /// As [`SwitchedIntegrator::resume_to`], and tells what happened at the wall, in order. Before
+    /// Like [`SwitchedIntegrator::resume_to`], and returns the events at the wall in order. Before
     /// it continues under another force, call [`SwitchedIntegrator::forget_force`].
     ///
     /// # Errors
@@ -250,7 +250,7 @@ impl SwitchedIntegrator {
         let Mode::Flight(NextInFlight::AfterImpact) = self.mode else { return Ok(()) };
         let Point { t, xdot: u, .. } = self.now;
         if u == 0.0 {
-            // the impact stops the mass, which stays in the origin or is pulled off at once
+            // the impact stops the mass, which stays at the origin or lifts off immediately
             let stays = self.flight.at_wall(self.now, force)? <= 0.0;
             self.mode = if stays { Mode::FLIGHT } else { Mode::LIFT_OFF };
             self.accumulation.clear();
@@ -320,7 +320,7 @@ impl SwitchedIntegrator {
         }
     }
 
-    /// Free flight, up to an impact if there is one.
+    /// Free flight, up to an impact if any.
     fn fly<E, F: Force<E>>(
         &mut self,
         t_end: f64,
@@ -364,7 +364,7 @@ impl SwitchedIntegrator {
         Piece::Tail
     }
 
-    /// Rest up to the first lift-off, as far as one look at the force goes.
+    /// Rest up to the first lift-off, within one window of the force.
     fn wait<E, F: Force<E>>(
         &mut self,
         t_end: f64,
@@ -378,7 +378,7 @@ impl SwitchedIntegrator {
         Ok(Piece::Rest { from, lifted })
     }
 
-    /// Chooses the flights that the settings ask for under this force.
+    /// Chooses the flight integrator for the settings and the force.
     pub(super) fn adopt<E, F: Force<E>>(&mut self, force: &F) {
         self.flight.adopt(&self.settings, force);
     }
@@ -388,12 +388,12 @@ impl SwitchedIntegrator {
         &mut self.flight
     }
 
-    /// Whether rest is looked at between the nodes of its windows.
+    /// Sets whether rest is probed between the nodes of its windows.
     pub(super) fn probe_rest(&mut self, probing: bool) {
         self.lookout.set_probing(probing);
     }
 
-    /// What comes next is no jump: the end of the chain is not known well enough.
+    /// Cancels the extrapolation: the end of the chain is not known accurately enough.
     pub(super) fn cancel_jump(&mut self) {
         self.mode = Mode::FLIGHT;
     }
@@ -436,7 +436,7 @@ impl SwitchedIntegrator {
 
 // The motion of an integrator that is driven from outside, kept as a path.
 
-/// What drives of an integrator left, one after the other, as one motion.
+/// The segments of successive integrations as one motion.
 #[derive(Debug, Default)]
 pub(crate) struct Trace {
     path: DensePath,

@@ -3,9 +3,8 @@
 //! When the mass at rest leaves the wall: the first `t` with `phi(t) = f(t, 0, 0) > 0`.
 //!
 //! Over a window the polynomial of degree 5 through `phi` at Chebyshev's points stands for it.
-//! Its coefficients in Bernstein form bound it, and two more evaluations say how well it fits; a
-//! window that does not decide is halved, and each that is accepted is probed between its nodes
-//! ([`Probes`]).
+//! Its coefficients in Bernstein form bound it, and two more evaluations measure its error; an
+//! undecided window is halved, and each accepted one is probed between its nodes ([`Probes`]).
 
 use crate::numeric::bernstein::{evaluate, Bernstein};
 use crate::numeric::grid::Probes;
@@ -47,14 +46,14 @@ const ROUNDING: f64 = 4e-16;
 /// Shortest window, relative to the longest so far: where the force jumps.
 const SHORTEST: f64 = 1e-6;
 
-/// What a window showed.
+/// Result of a window.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Window {
     /// Rest up to this time.
     RestUntil(f64),
     /// The mass lifts off at this time, just after which the force is positive.
     LiftOff(f64),
-    /// The force is not finite here or just behind.
+    /// The force is not finite here or immediately after.
     NotFinite,
 }
 
@@ -111,23 +110,23 @@ impl ForceFit {
         self.misfit <= MISFIT.1 * self.scale + self.noise
     }
 
-    /// Whether a value at `theta` is what the polynomial says.
+    /// Whether a value at `theta` agrees with the polynomial.
     fn conforms(&self, value: f64, theta: f64) -> bool {
         (value - self.p.at(theta)).abs() <= 5.0 * MISFIT.0 * self.scale + self.noise
     }
 }
 
-/// The search for lift-offs: what it knows of the force from one window to the next.
+/// The search for lift-offs, with its information about the force from window to window.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct ForceMonitor {
-    /// Length of the window to look at next (s).
+    /// Length of the next window (s).
     length: Option<f64>,
     /// The longest that was decided (s).
     longest: f64,
     /// The largest force at the wall (m/s^2).
     largest: f64,
-    /// Whether there are more looks than those of a window: not where a controller looks anew at
-    /// the start of each of its periods.
+    /// Whether windows are probed between their nodes: not if a controller restarts the search in
+    /// each of its periods.
     probing: bool,
     probes: Probes,
 }
@@ -219,8 +218,8 @@ impl ForceMonitor {
         }
     }
 
-    /// Looks between the nodes of a window. None if the force is what they show, else the length of
-    /// a window that ends before it deviates, or where it does.
+    /// Looks between the nodes of a window. `None` if the force agrees with them, otherwise the
+    /// length of a window that ends at or before the deviation.
     fn probe<E>(
         &mut self,
         horizon: f64,
@@ -282,8 +281,8 @@ fn unresolved<E>(
 /// The first step off the wall where the force grows from zero, relative to the last window.
 const PART: f64 = 1e-2;
 
-/// Rest up to the first lift-off, as far as one look at the force goes: whether that is as far as
-/// the lift-off. It goes up to `t_end` and, where the force is sampled, is at most `longest` long.
+/// Rest up to the first lift-off, within one window of the force; returns whether it reached the
+/// lift-off. It goes up to `t_end` and, where the force is sampled, is at most `longest` long.
 pub(super) fn wait<E, F: Force<E>>(
     (now, mode): (&mut Point, &mut Mode),
     lookout: &mut ForceMonitor,

@@ -13,11 +13,11 @@
 //! when the extrapolated Zeno time is within the tolerance. It works in `(x, x')` and carries the
 //! branch `sigma`; `s = sigma x` is reported.
 //!
-//! A step that ends in an impact is tried beyond it first, so the force is evaluated at `x`
-//! slightly below zero and should continue smoothly there (without a value it is evaluated at
-//! zero). The pull `f(t, 0, 0)` decides over rest.
-//! Events shorter than a step (a dip of `x` of two roots between which no stage lies, a pulse of
-//! the force) are seen as far as the polynomials show them; `max_step` makes them look closer.
+//! A step that ends in an impact is first tried past it, so the force is evaluated at `x` slightly
+//! below zero and should be smooth there (an undefined value is replaced by the value at zero). The
+//! pull `f(t, 0, 0)` decides over rest. Events shorter than a step (a dip of `x` of two roots
+//! between which no stage lies, a pulse of the force) are seen as far as the polynomials show them;
+//! `max_step` makes them look closer.
 //!
 //! * [`simulate_switched_rk`]: a whole run, with samples, events and dense output.
 //! * [`SwitchedIntegrator`]: piece by piece, under a force that may change between calls.

@@ -1,4 +1,4 @@
-//! What a mass does, flight or rest, and what is known in each of them.
+//! Mode of a mass, flight or rest, with its data.
 //!
 //! ```text
 //! Step, Leave  -- impact ---->  AfterImpact         Leave  -- step ------>  Step
@@ -12,7 +12,7 @@ use crate::numeric::coordinates::State;
 use crate::piecewise::steps::StepHistory;
 use crate::{Impact, Physical};
 
-/// What the mass does now.
+/// Present mode of the mass.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Mode {
     /// `x'' = f`.
@@ -21,12 +21,12 @@ pub(super) enum Mode {
     Rest(Rest),
 }
 
-/// What comes next in flight. A tag apart from what it holds is written in one instruction, as once
-/// an impact.
+/// Next operation in flight. The tag is separate from its data so that it is written in one
+/// instruction.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[repr(u32)]
 pub(super) enum NextInFlight {
-    /// The last impact has yet to be thought about.
+    /// The last impact has not been evaluated yet.
     AfterImpact,
     /// A step, or the part of it up to an impact.
     Step {
@@ -55,7 +55,7 @@ impl Mode {
     /// Flight whose first step is yet to come.
     pub(super) const FLIGHT: Self =
         Self::Flight(NextInFlight::Step { experience: StepHistory::NONE, continues: false });
-    /// The lift-off where the force is positive all at once.
+    /// The lift-off at a jump of the force to a positive value.
     pub(super) const LIFT_OFF: Self = Self::Flight(NextInFlight::Leave { order: 2 });
     /// The lift-off where the force grows from zero.
     pub(super) const SMOOTH_LIFT_OFF: Self = Self::Flight(NextInFlight::Leave { order: 3 });
@@ -72,7 +72,7 @@ impl Mode {
         }
     }
 
-    /// What is known of the rest that continues, or begins.
+    /// Data of the rest that continues or begins.
     #[inline]
     pub(super) fn rest(&self) -> Rest {
         match *self {
@@ -81,7 +81,7 @@ impl Mode {
         }
     }
 
-    /// What speaks for the length of the next step.
+    /// Step history for the length of the next step.
     #[inline]
     pub(super) fn experience(&self) -> StepHistory {
         match *self {
@@ -111,7 +111,7 @@ impl Mode {
     }
 }
 
-// What one step of the integrator covers, and how much work it was.
+// Result of one integrator step, and its cost.
 
 /// How much work was done.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -129,11 +129,11 @@ pub struct Counts {
 /// A part of the motion that one step of the integrator covers.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum Piece {
-    /// Free flight from a state, up to an impact if there is one.
+    /// Free flight from a state, up to an impact if any.
     Flight { from: Point, sigma: f64, impact: Option<Impact> },
     /// Infinitely many impacts, of which the integrator knows more.
     Tail,
-    /// Rest since a time, up to a lift-off or as far as the force was looked at.
+    /// Rest since a time, up to a lift-off or the end of the examined force.
     Rest { from: f64, lifted: bool },
 }
 

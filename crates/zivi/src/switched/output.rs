@@ -1,4 +1,4 @@
-//! What is requested of a run, and what it leaves.
+//! Options and results of a run.
 
 use crate::piecewise::running::Kick;
 use crate::record::trajectory::Trajectory;
@@ -10,27 +10,27 @@ use crate::zeno::arc::Bounce;
 use crate::zeno::tail::Tail;
 use crate::{Impact, PathPoint, Physical};
 
-/// What a run shall give, besides its impacts, Zeno points and lift-offs.
+/// Output options of a run, in addition to impacts, Zeno points and lift-offs.
 pub struct Output<'a, E> {
     /// Times of the samples, increasing and within the span. `None`: a sample at the start, at
     /// the end of each step, at each impact (the state after it, with `x = 0`), Zeno point and
     /// lift-off, and at the end.
     pub t_eval: Option<&'a [f64]>,
     /// Times at which the force is not smooth (s), increasing: steps end there, the force is
-    /// evaluated on either side but never across, chains of impacts and the look ahead at rest begin
-    /// anew.
+    /// evaluated on either side but never across, and impact sequences and the search at rest
+    /// restart.
     pub tstops: &'a [f64],
     /// Whether to keep the motion as a function of time.
     pub dense: bool,
     /// Whether, where that is kept and no times are given, there are samples between the steps,
     /// before impacts and at apexes too, so that lines through them draw the motion.
     pub drawn: bool,
-    /// Whether the samples stay as they were recorded, [`SwitchedRun::rows`]: a long run that is
-    /// stopped returns at once, its columns are made when they are wanted.
+    /// Whether the samples stay in the recorded form, [`SwitchedRun::rows`]: a long run that is
+    /// stopped returns immediately; its columns are made at first access.
     pub in_rows: bool,
     /// The user's events.
     pub events: Vec<UserEvent<'a, E>>,
-    /// Kicks at some of the declared times: a velocity into the wall is an impact at once.
+    /// Kicks at some of the declared times: a velocity into the wall is an immediate impact.
     pub kicks: Option<Kick<'a, E, PathPoint>>,
 }
 
@@ -100,9 +100,9 @@ impl<E> SwitchedRun<E> {
 
 // Impacts that go on without an accumulation.
 
-/// Impacts below the tolerance at a wall to which the mass is not pulled, in short sequence: where
-/// the pull vanishes only at the wall they accumulate, but not as a chain does, and errors of the
-/// size of the tolerance keep them going for good.
+/// Impacts below the tolerance in short sequence at a wall without acceleration towards it: if the
+/// acceleration vanishes only at the wall, they accumulate, but not geometrically, and errors of
+/// the size of the tolerance sustain them indefinitely.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct StallingImpacts {
     last: f64,
@@ -114,7 +114,7 @@ pub(super) struct StallingImpacts {
 impl StallingImpacts {
     /// Impacts after which it is called that.
     const MOST: u32 = 50;
-    /// What is a short flight, relative to the longest.
+    /// Ratio of a short flight to the longest.
     const SHORT: f64 = 0.01;
 
     pub(super) fn starting_at(t: f64) -> Self {

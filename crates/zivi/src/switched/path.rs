@@ -84,7 +84,7 @@ impl FlightCurve {
         MovingCurve { curve: *self, later: self.later() }
     }
 
-    /// Positions at several times at once, with the bits of [`FlightCurve::at`] at each.
+    /// Positions at several times together, with the bits of [`FlightCurve::at`] at each.
     #[inline(always)]
     pub(super) fn positions<const L: usize>(&self, t: &[f64; L]) -> [f64; L] {
         let theta = t.map(|t| theta(t, self.start, self.h));
@@ -107,7 +107,7 @@ impl FlightCurve {
         }
     }
 
-    /// The powers of the velocity beyond that at the start, times the length of the step.
+    /// The powers of the velocity minus the initial velocity, times the length of the step.
     #[inline(always)]
     fn later(&self) -> Series {
         match &self.form {
@@ -159,7 +159,7 @@ impl FlightCurve {
     }
 }
 
-/// A curve, and the powers of its velocity beyond that at the start.
+/// A curve, and the powers of its velocity minus the initial one.
 #[derive(Clone, Debug)]
 pub(super) struct MovingCurve {
     curve: FlightCurve,
@@ -178,7 +178,7 @@ pub(super) fn theta(t: f64, start: f64, h: f64) -> f64 {
     ((t - start) / h).clamp(0.0, 1.0)
 }
 
-/// What happens from the start of a segment to that of the next.
+/// Motion from the start of a segment to the start of the next.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum SegmentKind {
     /// Polynomials of this degree, their coefficients from here on, over a step of length `h`.
@@ -215,7 +215,7 @@ pub(super) struct MotionSegment {
     pub(super) kind: SegmentKind,
 }
 
-/// A step under a linear force by what it starts from, and the number of its table.
+/// A step under a linear force by its initial data and the number of its table.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct LinearStep {
     part: FlightPart,
@@ -485,7 +485,7 @@ impl DensePath {
         }
     }
 
-    /// The state at `t`, and after the impact if there is one at `t`; `None` outside of the span.
+    /// The state at `t`; at an impact, the state after it; `None` outside of the span.
     #[must_use]
     pub fn at(&self, t: f64) -> Option<PathPoint> {
         let (end, last) = self.end?;
@@ -534,12 +534,12 @@ impl DensePath {
 #[derive(Clone, Debug)]
 pub struct PathReader<'a> {
     path: &'a DensePath,
-    /// From when to when the piece is what happens, the end left out.
+    /// Time span of the segment, end excluded.
     span: (f64, f64),
     piece: HeldSegment<'a>,
 }
 
-/// What happens in a segment.
+/// Motion in a segment.
 #[allow(clippy::large_enum_variant)] // there is one of a reader, and a box would be made a step
 #[derive(Clone, Debug)]
 enum HeldSegment<'a> {

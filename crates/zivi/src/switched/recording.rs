@@ -124,14 +124,14 @@ pub(crate) fn check_span(t0: f64, t1: f64, t_eval: Option<&[f64]>) -> Result<(),
     Ok(())
 }
 
-// A run under way: what each piece of the motion adds to the record.
+// A run in progress: each segment of the motion is added to the record.
 
-/// A run of the mass under way.
+/// A run of the mass in progress.
 pub(super) type Running<'a, E> = piecewise::Running<'a, E, SwitchedIntegrator, MassRecord>;
 
 type Ending<E> = piecewise::Ending<E, PathPoint>;
 
-/// What a run of the mass records.
+/// Record of a run of the mass.
 pub(super) struct MassRecord {
     samples: Samples,
     path: Option<DensePath>,
@@ -143,11 +143,11 @@ pub(super) struct MassRecord {
     tails: Vec<Tail>,
 }
 
-/// Pieces of one part of the motion that events look at.
+/// Largest number of event samples per part of the motion.
 const MOST_LOOKS: f64 = 1e6;
 
-/// Most arcs of a tail that events look at one by one. From e = 0.99996 on a tail may have more
-/// before rounding ends it.
+/// Largest number of flights of a tail that are searched for events. From e = 0.99996 on a tail may
+/// have more before rounding ends it.
 const ARCS: usize = 1_000_000;
 
 /// A run to `t1` from where the integrator starts.
@@ -357,7 +357,7 @@ impl<E> Running<'_, E> {
         Ok(())
     }
 
-    /// What there is along a curve up to where it ends, with the state there at a contact.
+    /// Events along a curve up to its end, with the state there at a contact.
     fn along(
         &mut self,
         curve: &FlightCurve,
@@ -373,7 +373,7 @@ impl<E> Running<'_, E> {
     }
 
     /// Events along a part of the motion, which may be longer than a step of an embedded pair would
-    /// be: `max_step` bounds what is looked at in one.
+    /// be: `max_step` bounds the sampling interval.
     fn seek_along(
         &mut self,
         (from, end): (f64, f64),

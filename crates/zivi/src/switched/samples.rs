@@ -18,7 +18,7 @@ pub struct Samples {
 }
 
 impl Samples {
-    /// Makes room for so many more.
+    /// Makes room for more samples.
     pub(super) fn make_room(
         &mut self,
         count: usize,
@@ -180,7 +180,7 @@ impl PlotSamples {
     }
 }
 
-/// A copy, if there is memory for it.
+/// A copy if memory suffices.
 fn copied(of: &[f64]) -> Option<Vec<f64>> {
     let mut all = Vec::new();
     all.try_reserve_exact(of.len()).ok()?;
@@ -188,7 +188,7 @@ fn copied(of: &[f64]) -> Option<Vec<f64>> {
     Some(all)
 }
 
-/// What is made of the state at a sample.
+/// Quantities derived from the state at a sample.
 const LIFTED: [Quantity; 4] = [Quantity::S, Quantity::V, Quantity::LambdaS, Quantity::LambdaV];
 
 /// [`PlotSamples::some`], compiled for the vectors that the machine has.

@@ -118,8 +118,9 @@ pub struct SwitchedRk {
     /// 1 (default 1 000 000).
     pub max_steps: usize,
     /// Impacts at falling speeds in one chain, or without loss (`e = 1`) since the last rest, after
-    /// which [`crate::Status::ZenoBudget`] ends the run, at least 3 (default 1 000 000). A chain is followed to at most
-    /// `30 / ln(1/e)` impacts, 30 000 for `e = 0.999`, and in practice to far fewer.
+    /// which [`crate::Status::ZenoBudget`] ends the run, at least 3 (default 1 000 000). A chain is
+    /// followed for at most `30 / ln(1/e)` impacts, 30 000 for `e = 0.999`, and in practice for far
+    /// fewer.
     pub max_impacts: usize,
     /// Whether steps are adapted to the tolerances (the default). If not, every step is
     /// `max_step` long, which must be finite then, and the tolerances only decide when a
@@ -136,12 +137,12 @@ impl Default for SwitchedRk {
 }
 
 impl SwitchedRk {
-    /// What rounding leaves of a position and a velocity of the size of the absolute tolerances.
+    /// Rounding errors of a position and a velocity of the size of the absolute tolerances.
     pub(crate) fn rounding(&self) -> [f64; 2] {
         self.atol.map(|atol| f64::EPSILON * atol)
     }
 
-    /// What each setting is unless told otherwise.
+    /// Default of each setting.
     pub const DEFAULT: Self = Self {
         rtol: 1e-6,
         atol: [1e-9; 2],
@@ -263,7 +264,7 @@ impl SwitchedRk {
         Self { rtol: tol, atol: [tol; 2], ..Self::default() }
     }
 
-    /// The law by which flights under a force are power series, unless these are not wanted.
+    /// The linear law for power-series flights under a force, unless these are disabled.
     pub(crate) fn law_of<E, F: Force<E>>(&self, force: &F) -> Option<LinearLaw> {
         match self.flights {
             Flights::RungeKutta => None,
@@ -276,13 +277,13 @@ impl SwitchedRk {
         Tolerances { rtol: self.rtol, atol: self.atol, rounding: 0.25 }
     }
 
-    /// What these settings ask of steps, with tolerances made of them.
+    /// Step limits from these settings, with the given tolerances.
     pub(crate) fn limits(&self, tolerances: Tolerances) -> StepLimits {
         let Self { adaptive, max_step, max_steps, .. } = *self;
         StepLimits { adaptive, tolerances, max_step, max_steps }
     }
 
-    /// What a Zeno time is known to at least, `rtol T + min(atol_x/U, atol_x'/g)`, where `U` is the
+    /// Required accuracy of a Zeno time, `rtol T + min(atol_x/U, atol_x'/g)`, where `U` is the
     /// largest speed of a chain that lasts `T`.
     pub(crate) fn zeno_tolerance<Z: Coordinates, K: Copy + PartialEq>(
         &self,

@@ -19,7 +19,7 @@ pub(crate) struct Counted<'a, F> {
     count: u64,
     /// It is evaluated at no times outside.
     pub(super) smooth: Smooth,
-    /// Its numbers, where it is known by them: then it is not evaluated.
+    /// Its numbers if it is linear: then it is not evaluated.
     linear: Option<&'a Linear>,
     /// Its value at the wall, once it is known, where that does not depend on time.
     at_wall: Option<f64>,
@@ -88,7 +88,7 @@ impl<'a, F> Counted<'a, F> {
         Ok(value)
     }
 
-    /// As [`Counted::at`], by the numbers of the force where it is known by them.
+    /// Like [`Counted::at`], from the numbers of a linear force.
     pub(super) fn known_at<E>(&mut self, t: f64, x: f64, xdot: f64) -> Result<f64, Failure<E>>
     where
         F: Force<E>,

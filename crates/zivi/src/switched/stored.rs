@@ -1,4 +1,4 @@
-//! The motion of a mass as plain numbers, behind the header of [`crate::record::stored`].
+//! The motion of a mass as plain numbers, after the header of [`crate::record::stored`].
 //!
 //! ```text
 //! motion  [ e, kappa, tails, whether there is a path,  the tails,  the path ]
@@ -19,8 +19,8 @@ use crate::record::stored::{as_count, MotionError, Reader, StoredKind, Writer};
 use crate::zeno::tail::Tail;
 use crate::PathPoint;
 
-/// What is known of a run between its samples: the dense output, if it was kept, and the arcs that
-/// jumps to rest skipped.
+/// The motion of a run between its samples: the dense output, if stored, and the extrapolated
+/// flights.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Motion {
     /// The motion as a function of time.
@@ -46,7 +46,7 @@ impl Motion {
         out.finish()
     }
 
-    /// What [`Motion::to_numbers`] came from.
+    /// Inverse of [`Motion::to_numbers`].
     ///
     /// # Errors
     /// [`MotionError`] for numbers that are none of a motion.
@@ -99,7 +99,7 @@ impl DensePath {
         write_tails(out, &self.tails);
     }
 
-    /// What [`DensePath::write`] wrote; `None` if the numbers do not fit together.
+    /// Inverse of [`DensePath::write`]; `None` if the numbers do not fit together.
     fn read(from: &mut Reader<'_>) -> Option<Self> {
         let [segments, coefficients, tails] = from.counts()?;
         let ended = from.flag()?;
@@ -112,7 +112,7 @@ impl DensePath {
         path.fits_together().then_some(path)
     }
 
-    /// Whether the segments follow one another up to the end, and refer to what there is.
+    /// Whether the segments are consecutive up to the end, and their references exist.
     fn fits_together(&self) -> bool {
         let starts = self.segments.iter().map(|segment| segment.start);
         let times: Vec<f64> = starts.chain(self.end.map(|(t, _)| t)).collect();
@@ -176,7 +176,7 @@ mod tests {
         SwitchedRk,
     };
 
-    /// Numbers of the header, those before the tails of a motion, of a path, and of a segment.
+    /// Numbers of the header, before the tails of a motion, of a path and of a segment.
     const HEADER: usize = 3;
     const MOTION_HEAD: usize = HEADER + 4;
     const HEAD: usize = 8;
@@ -302,7 +302,7 @@ mod tests {
         assert_eq!(Motion::from_numbers(&later), Err(MotionError::Format(later[0])));
     }
 
-    /// Whatever the numbers are, a motion that is made of them can be asked for anything.
+    /// A motion restored from arbitrary numbers supports all queries.
     #[test]
     fn numbers_changed_at_random_give_an_error_or_a_motion() {
         KINDS

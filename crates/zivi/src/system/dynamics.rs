@@ -54,7 +54,7 @@ impl Layout {
         self.m + self.p
     }
 
-    /// What is integrated: coordinates, gaps, slips, and the work of friction if there is any.
+    /// Integrated quantities: coordinates, gaps, slips, and the work of friction if any.
     #[must_use]
     pub fn size(self) -> usize {
         self.n + self.rows() + usize::from(self.p > 0)
@@ -129,11 +129,12 @@ pub trait Dynamics<E> {
         Friction::none()
     }
 
-    /// Writes `M`, `F`, `g`, `N`, `h`, `g_t` and what belongs to friction at time `t`, coordinates `q`
-    /// and velocities `w` into `out`, as [`Layout`] says. Numbers that are not finite end the run with a status.
+    /// Writes `M`, `F`, `g`, `N`, `h`, `g_t` and the friction data at time `t`, coordinates `q` and
+    /// velocities `w` into `out`, in the order of [`Layout`]. Numbers that are not finite end the
+    /// run with a status.
     ///
     /// # Errors
-    /// Whatever the system raises; it ends the run, which keeps what was computed.
+    /// Errors of the system; they end the run, which keeps its results so far.
     fn evaluate(&mut self, t: f64, q: &[f64], w: &[f64], out: &mut [f64]) -> Result<(), E>;
 
     /// The same over what [`Self::evaluate`] has written into `out` before: numbers that never change
@@ -145,8 +146,8 @@ pub trait Dynamics<E> {
         self.evaluate(t, q, w, out)
     }
 
-    /// Writes `g`, `h` and `g_t` alone, where `M` and `N` never change: what else is in `out` may be left as
-    /// it is.
+    /// Writes `g`, `h` and `g_t` alone, for constant `M` and `N`; other entries of `out` may be
+    /// left unchanged.
     ///
     /// # Errors
     /// As [`Self::evaluate`].
@@ -180,7 +181,7 @@ pub trait Dynamics<E> {
     }
 }
 
-/// A borrowed system, of a kind that is known only when the program runs (`dyn`), too.
+/// A borrowed system, possibly of dynamic type (`dyn`).
 impl<E, D: Dynamics<E> + ?Sized> Dynamics<E> for &mut D {
     fn layout(&self) -> Layout {
         (**self).layout()
@@ -262,7 +263,7 @@ pub struct Driven<D, F> {
     dynamics: D,
     inputs: InputMatrix<F>,
     u: Vec<f64>,
-    /// `B`, where it is a function.
+    /// `B`, if it is a function.
     matrix: Vec<f64>,
     /// `B u`.
     force: Vec<f64>,
@@ -303,7 +304,7 @@ impl<D, F> Driven<D, F> {
         self.offsets.extend_from_slice(by);
     }
 
-    /// `B`, `n x r` row by row, where it was last evaluated.
+    /// `B`, `n x r` row by row, at its last evaluation.
     pub fn matrix(&self) -> &[f64] {
         match &self.inputs {
             InputMatrix::Constant(matrix) => matrix,
@@ -367,8 +368,8 @@ where
 
 // One value of the force, or why there is none.
 
-/// Evaluates the force, turning NaN and infinity into a failure. Behind the wall, where a law of
-/// contact need not have a value, a force that fails is asked at the wall instead.
+/// Evaluates the force, turning NaN and infinity into a failure. For x < 0, where a contact law may
+/// be undefined, a failing force is evaluated at the wall instead.
 #[inline]
 pub(crate) fn finite_force<E>(
     force: &mut impl Force<E>,
@@ -412,7 +413,7 @@ pub(crate) fn evaluate<E>(
     }
 }
 
-/// Refuses a state that is not finite or behind the wall.
+/// Rejects a state that is not finite or has x < 0.
 pub(crate) fn check_initial(initial: Physical) -> Result<(), SetupError> {
     if !(initial.x >= 0.0 && initial.x.is_finite()) {
         return Err(SetupError::Setting("x0", initial.x, "a finite distance >= 0 from the wall"));

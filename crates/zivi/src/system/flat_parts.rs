@@ -1,4 +1,4 @@
-//! What a mechanical system has without a function: numbers that never change, flat gaps, belts.
+//! Constant parts of a mechanical system: constants, flat gaps, belts.
 //!
 //! ```text
 //! g_i = n_i . q + c_i - w_i(t)      h_i = -w_i''      g_t,i = -w_i'
@@ -14,7 +14,7 @@ use crate::system::linear_system::{GapMotion, LinearGap};
 #[derive(Clone, Debug)]
 pub struct FlatParts {
     layout: Layout,
-    /// An evaluation that holds the constants; the places of what varies are zero.
+    /// An evaluation with the constants; the places of variable parts are zero.
     row: Vec<f64>,
     /// Flat gaps by their numbers.
     gaps: Vec<(usize, FlatGap)>,

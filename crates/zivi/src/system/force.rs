@@ -4,7 +4,7 @@
 
 use zivi_core::cosine;
 
-/// What a force depends on: it tells the integrator how much of the step is implicit.
+/// Arguments on which a force depends, which determine the implicit part of a step.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Dependence {
     /// On nothing: evaluated once a run.
@@ -50,26 +50,26 @@ pub struct LinearLaw {
 /// ```
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct LinearRate {
-    /// What does not grow.
+    /// The constant part.
     pub law: LinearLaw,
     /// The waves that are multiplied by the time, their amplitudes in m/s^3.
     pub growing: [Wave; 2],
 }
 
-/// A force per unit mass. `E` is what an evaluation may raise (an exception of a callable).
+/// A force per unit mass. `E` is the error type of an evaluation (an exception of a callable).
 pub trait Force<E> {
     /// `f(t, x, x')` in m/s^2, `t` in s, `x` in m, `xdot` in m/s.
     ///
     /// # Errors
-    /// Whatever the implementation raises; the run ends there and keeps what was computed.
+    /// Errors of the implementation; they end the run, which keeps its results so far.
     fn at(&mut self, t: f64, x: f64, xdot: f64) -> Result<f64, E>;
 
-    /// What the value depends on.
+    /// Arguments on which the value depends.
     fn dependence(&self) -> Dependence {
         Dependence::State
     }
 
-    /// What the force `f(t, 0, 0)` on the mass at rest at the wall depends on.
+    /// Dependence of the force `f(t, 0, 0)` on the mass at rest at the wall.
     fn dependence_at_rest(&self) -> Dependence {
         match self.shortest_period() {
             Some(f64::INFINITY) => Dependence::Constant,
@@ -83,7 +83,7 @@ pub trait Force<E> {
         (self.dependence() == Dependence::Constant).then_some(f64::INFINITY)
     }
 
-    /// The force as a linear one, where it is that: its flights are known to rounding then.
+    /// The force as a linear one if it is linear: its flights are then known to rounding.
     fn linear(&self) -> Option<LinearLaw> {
         None
     }
@@ -96,13 +96,13 @@ pub trait Force<E> {
         false
     }
 
-    /// The force as a [`LinearForce`] of the same values, to the last bit, where it is that.
+    /// The force as a bit-identical [`LinearForce`], if it is one.
     fn as_linear_force(&self) -> Option<LinearForce> {
         None
     }
 
-    /// What depends on time alone, for [`Force::excited`], where the force is made of that and the
-    /// state: a step may ask for several states at one time.
+    /// The time-dependent part, for [`Force::excited`], if the force is a function of it and the
+    /// state: a step may evaluate several states at one time.
     #[inline]
     fn excitation(&self, _t: f64) -> Option<f64> {
         None
@@ -117,14 +117,14 @@ pub trait Force<E> {
         self.at(t, x, xdot)
     }
 
-    /// Whether an error has nothing to do with the state (an interruption): behind the wall the
-    /// force is then not asked again at the wall.
+    /// Whether an error has nothing to do with the state (an interruption): for x < 0 the force is
+    /// then not evaluated again at the wall.
     fn is_interruption(&self, _error: &E) -> bool {
         false
     }
 }
 
-/// A borrowed force, of a kind that is known only when the program runs (`dyn`), too.
+/// A borrowed force, possibly of dynamic type (`dyn`).
 impl<E, F: Force<E> + ?Sized> Force<E> for &mut F {
     fn at(&mut self, t: f64, x: f64, xdot: f64) -> Result<f64, E> {
         (**self).at(t, x, xdot)
@@ -346,7 +346,7 @@ pub enum ContactForce {
         /// Damping by stiffness (s/m).
         alpha: f64,
     },
-    /// What [`crate::system::dynamics::Dynamics::contact_force`] says.
+    /// The value of [`crate::system::dynamics::Dynamics::contact_force`].
     Function,
 }
 
@@ -366,8 +366,8 @@ impl ContactForce {
         }
     }
 
-    /// The force at a depth and a rate, where it is none of a function. Above zero it goes on as smoothly as it
-    /// can: the stages of a step that ends there ask for it.
+    /// The force at a depth and a rate, unless it is a function. It is extended smoothly to open
+    /// gaps, for the stages of a step that ends there.
     pub(crate) fn at(self, depth: f64, rate: f64) -> Option<f64> {
         let power = |p: f64| depth.abs().powf(p).copysign(depth);
         Some(match self {
@@ -378,8 +378,8 @@ impl ContactForce {
         })
     }
 
-    /// The numbers `a`, `b`, `c` with which `a + b g + c g'` has the sign of the force below zero; `None` of a
-    /// law that never pulls there, and of a function.
+    /// The numbers `a`, `b`, `c` with which `a + b g + c g'` has the sign of the force below zero;
+    /// `None` for a law whose force is never negative there, and for a function.
     pub(crate) fn sign(self) -> Option<[f64; 3]> {
         match self {
             Self::SpringDamper { k, c } if c > 0.0 => Some([0.0, -k, -c]),

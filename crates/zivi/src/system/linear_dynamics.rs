@@ -129,7 +129,7 @@ pub struct LinearPartials {
 }
 
 impl LinearPartials {
-    /// A system, and by parameter the derivatives of its numbers; none where their sizes are others.
+    /// A system with the derivatives of its numbers by parameter; `None` if sizes differ.
     #[must_use]
     pub fn new(system: Arc<LinearSystem>, rates: Vec<Arc<LinearSystem>>) -> Option<Self> {
         let alike = |it: &Arc<LinearSystem>| {

@@ -1,4 +1,4 @@
-//! What moves: the force on the mass, the motion of its wall, what an impact does.
+//! Mechanical systems: force on the mass, motion of its wall, impact law.
 
 pub mod dynamics;
 pub mod flat_parts;

@@ -11,10 +11,10 @@ pub trait WallMotion<E> {
     /// `[w(t), w'(t), w''(t)]`.
     ///
     /// # Errors
-    /// Whatever the implementation raises; the run ends there and keeps what was computed.
+    /// Errors of the implementation; they end the run, which keeps its results so far.
     fn at(&mut self, t: f64) -> Result<[f64; 3], E>;
 
-    /// The motion as a wave, where it is one.
+    /// The motion as a harmonic wave, if it is one.
     fn harmonic(&self) -> Option<HarmonicWall> {
         None
     }

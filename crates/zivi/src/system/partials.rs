@@ -57,12 +57,12 @@ impl<E, D: DifferentiableDynamics<E> + ?Sized> DifferentiableDynamics<E> for &mu
     }
 }
 
-/// The step of a difference relative to the extent of what it moves.
+/// The step of a difference relative to the extent of its variable.
 const STEP: f64 = 5e-4;
 /// `f' = sum_k c_k (f(x + k h) - f(x - k h))/h`, of sixth order.
 pub(crate) const WEIGHTS: [f64; 3] = [45.0 / 60.0, -9.0 / 60.0, 1.0 / 60.0];
 
-/// By how much, and by which factors, [`DifferencedDynamics`] wants a parameter moved: the systems
+/// Multiples of the step by which [`DifferencedDynamics`] moves a parameter: the systems
 /// of a [`Neighbours`] belong to `p + k h`.
 pub const MOVES: [f64; 6] = [-3.0, -2.0, -1.0, 1.0, 2.0, 3.0];
 
@@ -97,7 +97,7 @@ pub struct DifferencedDynamics<D> {
 }
 
 impl<D> DifferencedDynamics<D> {
-    /// Differences of a system over a span that is so long (s).
+    /// Finite differences of a system over a duration (s).
     pub fn new(dynamics: D, neighbours: Vec<Neighbours<D>>, duration: f64) -> Self {
         let extent = vec![duration.abs().min(1.0)];
         Self { dynamics, neighbours, extent, point: Vec::new(), row: Vec::new() }

@@ -1,7 +1,7 @@
 //! Forces with their partial derivatives: by time, by the state, by parameters.
 //!
-//! Parameters are numbered: those of [`LinearForce`] in the order of its fields, those of a wall
-//! that moves behind those of the force above it.
+//! Parameters are numbered: those of [`LinearForce`] in the order of its fields, those of a moving
+//! wall after those of the force.
 
 use crate::system::moving_wall::WallMotion;
 use crate::{
@@ -188,7 +188,7 @@ impl<E, F: DifferentiableForce<E>, W: DifferentiableWall<E>> DifferentiableForce
         self.force.parameters() + self.wall.parameters()
     }
 
-    /// `f_rel = f(t, y + w, y' + w') - w''`, so with `q` any parameter of the wall
+    /// `f_rel = f(t, y + w, y' + w') - w''`, so for any parameter `q` of the wall
     /// `f_rel,q = f_x w_q + f_v w'_q - w''_q`, and `f_rel,t = f_t + f_x w' + f_v w'' - w'''`.
     fn slopes(
         &mut self,
@@ -258,7 +258,7 @@ pub struct Differenced<F> {
 const THIRD: f64 = 6.055_454_452_393_343e-6;
 
 impl<F: Parametrised> Differenced<F> {
-    /// Differences of a force over a span that is so long (s).
+    /// Finite differences of a force over a duration (s).
     pub fn new(mut force: F, duration: f64) -> Self {
         let parameters = force.values().len();
         Self { force, parameters, scale: [duration.abs().min(1.0), 0.0, 0.0] }

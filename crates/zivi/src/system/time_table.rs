@@ -16,13 +16,13 @@ use crate::{Dependence, Force, LinearForce};
 #[derive(Clone, Debug, PartialEq)]
 pub struct TimeTable {
     knots: Vec<f64>,
-    /// By interval, then by value, `a_0, a_1, ...`.
+    /// Ordered by interval, then by value, `a_0, a_1, ...`.
     coefficients: Vec<f64>,
     /// How many coefficients a polynomial has.
     order: usize,
     /// How many values there are.
     width: usize,
-    /// What there is before the first knot and after the last one; a table without repeats itself.
+    /// Values before the first knot and after the last one; a table without them is periodic.
     ends: Option<[Vec<f64>; 2]>,
     /// Intervals per unit of time, on average.
     density: f64,
@@ -33,7 +33,7 @@ const MOST_ORDER: usize = 8;
 
 impl TimeTable {
     /// A table of increasing knots, with `order` coefficients for each of `width` values in each
-    /// interval, and the values beyond its ends, without which it is periodic. None if the numbers
+    /// interval, and the values outside, without which it is periodic. None if the numbers
     /// do not fit together.
     #[must_use]
     pub fn new(
@@ -88,7 +88,7 @@ impl TimeTable {
         self.width
     }
 
-    /// Where a time lies: the interval, and the time since its knot; none beyond the ends.
+    /// Location of a time: the interval, and the time since its knot; none outside.
     #[inline]
     fn locate(&self, t: f64) -> Located {
         let (first, last) = (self.knots[0], self.knots[self.knots.len() - 1]);
@@ -176,7 +176,7 @@ impl TimeTable {
     }
 
     /// The coefficients of a column from a time on, in powers of the time since then, up to the
-    /// next knot: they are written into `out`, zeros behind them.
+    /// next knot, written into `out` and padded with zeros.
     pub(crate) fn expansion(&self, t: f64, column: usize, out: &mut [f64]) {
         out.fill(0.0);
         let Located::In(i, s) = self.locate(t) else {
@@ -203,7 +203,7 @@ impl TimeTable {
     }
 }
 
-/// The weighted sum of numbers, if they are equally many.
+/// The weighted sum of lists of equal length.
 pub(crate) fn weighted<T: ?Sized>(parts: &[(f64, &T)], of: fn(&T) -> &[f64]) -> Option<Vec<f64>> {
     let mut sum = vec![0.0; of(parts.first()?.1).len()];
     for (weight, part) in parts {
@@ -219,12 +219,12 @@ pub(crate) fn weighted<T: ?Sized>(parts: &[(f64, &T)], of: fn(&T) -> &[f64]) -> 
 /// Where a time lies in a table.
 enum Located {
     Before,
-    /// In an interval, so long after its knot.
+    /// In an interval, at a time after its knot.
     In(usize, f64),
     After,
 }
 
-/// A linear force whose excitation has a table beside its wave.
+/// A linear force whose excitation is a wave plus a table.
 #[derive(Clone, Copy, Debug)]
 pub struct TableForce<'a> {
     /// The force without the table.

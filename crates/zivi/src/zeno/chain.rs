@@ -17,7 +17,7 @@
 //!
 //! is the first column of the table of [`super::table`]. A mass above a wall has no `z`: its
 //! chains hold times, speeds and pulls. Powers and logarithms are those of the `libm` crate, here
-//! and in what follows from a chain: the same on every machine.
+//! and in all results of a chain, for identical results on all machines.
 
 use crate::zeno::arc::Bounce;
 use std::collections::TryReserveError;
@@ -33,13 +33,13 @@ use crate::numeric::tableau::Powers;
 /// largest error 1.4 times as large; 0.8 needs 5 % more of them, 0.6 needs 21 % more.
 const FALL: f64 = 0.9;
 
-/// What ratio of speeds continues a chain, in units of `e`. The ratio is `e (1 + O(u))`: in 160
-/// random runs 0.9 and 1.1 change a single impact, and without either bound none. They tell chains from
-/// impacts after which something else happens.
+/// Range of speed ratios that continue a chain, in units of `e`. The ratio is `e (1 + O(u))`: in
+/// 160 random runs 0.9 and 1.1 change a single impact, and without either bound none. They tell
+/// chains from impacts after which something else happens.
 const CONTINUES: (f64, f64) = (0.6, 1.5);
 
-/// Impacts at ever smaller speeds of what bounces as `K` says, with states `Z`: the time since the
-/// first of them, and what has an expansion along with it.
+/// Impacts at decreasing speeds, identified by `K`, with states `Z`: the time since the first
+/// impact and the quantities expanded along with it.
 #[derive(Clone, Debug)]
 pub(crate) struct Chain<Z, K = ()> {
     key: K,
@@ -53,15 +53,14 @@ pub(crate) struct Chain<Z, K = ()> {
 }
 
 impl<Z: Coordinates, K: Copy + PartialEq> Chain<Z, K> {
-    /// No impacts yet; so many numbers make a state, and the table has so many columns after its
-    /// first.
+    /// An empty chain for a size of the state and a number of columns of the table after its first.
     pub(crate) fn new(key: K, e: f64, states: usize, columns: usize) -> Self {
         let (bounces, rows) = (Vec::new(), Vec::new());
         let table = ZenoTable::new(1 + states, columns);
         Self { key, e, bounces, rows, fastest: 0.0, table }
     }
 
-    /// What bounces.
+    /// Key of the bouncing object.
     pub(crate) fn key(&self) -> K {
         self.key
     }
@@ -124,8 +123,8 @@ impl<Z: Coordinates, K: Copy + PartialEq> Chain<Z, K> {
         Ok(())
     }
 
-    /// Rows of the table lie so many impacts apart that the speed falls by [`FALL`], if there are
-    /// that many: neighbours tell little from each other when `e` is near 1.
+    /// Distance in impacts between rows of the table over which the speed decreases by [`FALL`]:
+    /// neighbouring impacts are nearly identical when `e` is near 1.
     fn stride(&self) -> usize {
         let longest = (libm::log(FALL) / libm::log(self.e)).round().max(1.0) as usize;
         longest.min(self.bounces.len() / ROWS).max(1)

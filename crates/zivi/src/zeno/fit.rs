@@ -7,9 +7,9 @@ pub(super) const TERMS: usize = 6;
 /// Parts of the tail at which tails are compared.
 pub(super) const PARTS: [f64; 4] = [0.25, 0.5, 0.7, 0.9];
 
-/// Points of the chain for the fit lie so many impacts apart that the speed falls by a tenth, if
-/// it has that many: neighbours tell little from each other when `e` is near 1, and what is far
-/// away tells little of the tail.
+/// Distance in impacts between points of the fit over which the speed decreases by a tenth:
+/// neighbours are nearly identical when `e` is near 1, and distant points carry little information
+/// about the tail.
 pub(super) fn stride(e: f64, terms: usize, last: usize) -> usize {
     if terms < 2 {
         return 1;
@@ -18,9 +18,9 @@ pub(super) fn stride(e: f64, terms: usize, last: usize) -> usize {
     tenth.min(last / (terms - 1)).max(1)
 }
 
-/// What rounding of all times to one unit in the last place of 1 does to the positions, in the units of
-/// [`Tail::distance`] with a first arc of length 1: `4 q sum_i |l_i(q)|` with the polynomials `l_i` of
-/// Lagrange at the points of [`fit`] and zero.
+/// Effect of rounding of all times by one unit in the last place of 1 on the positions, in the
+/// units of [`Tail::distance`] with a first flight of length 1: `4 q sum_i |l_i(q)|` with the
+/// polynomials `l_i` of Lagrange at the points of [`fit`] and zero.
 pub(super) fn rounding(q: &Points, terms: usize) -> f64 {
     let mut weights = [0.0; TERMS];
     for (i, weight) in weights.iter_mut().enumerate().take(terms) {
@@ -53,7 +53,7 @@ impl KnownPoints {
         Self { e, stride: 0, q: [1.0; TERMS] }
     }
 
-    /// With so many impacts between two of them.
+    /// With this number of impacts between neighbours.
     pub(super) fn apart(&mut self, stride: usize) -> &Points {
         if stride != self.stride {
             (self.stride, self.q) = (stride, points(self.e, stride));
@@ -71,7 +71,8 @@ pub(super) fn series(a: &[f64; TERMS], q: f64) -> f64 {
     a.iter().rev().fold(0.0, |sum, a| (sum + a) * q)
 }
 
-/// The `a` with `sum_k a_k q_i^k = values_i` at so many points, by Newton's interpolation of `values/q`.
+/// The `a` with `sum_k a_k q_i^k = values_i` at `terms` points, by Newton's interpolation of
+/// `values/q`.
 pub(super) fn fit(q: &Points, terms: usize, values: [f64; TERMS]) -> [f64; TERMS] {
     let mut d: [f64; TERMS] = std::array::from_fn(|i| values[i] / q[i]);
     for level in 1..terms {

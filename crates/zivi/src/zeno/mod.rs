@@ -5,10 +5,11 @@
 //! ```
 //!
 //! The map from one impact to the next has the multiplier `e` across `u = 0`, where it is the
-//! identity: so the powers are known, and extrapolation removes one after the other. Nothing here
-//! knows what bounces. A mass above a wall has times alone, mechanisms have states along with them.
+//! identity: so the powers are known, and extrapolation removes one after the other. This module is
+//! independent of the bouncing system. A mass above a wall has times alone, mechanisms have states
+//! along with them.
 //!
-//! * [`chain`]: impacts at falling speeds, and what they say of the Zeno point.
+//! * [`chain`]: impacts at decreasing speeds, and the extrapolated Zeno point.
 //! * [`table`]: extrapolation of times and states.
 //! * [`rates`]: their derivatives.
 //! * `fit`: series in those powers through impacts of a chain.

@@ -25,11 +25,11 @@ use crate::numeric::tableau::{Column, TableauEntry};
 /// The derivatives of a chain of impacts by one number.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct ChainRates {
-    /// Rows (1), each as long as those of the chain.
+    /// Rows (1), of the length of the chain's rows.
     rows: Vec<f64>,
 }
 
-/// What one impact adds: derivatives along the event.
+/// Contribution of one impact: derivatives along the event.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Rate<'a> {
     pub(crate) dt: f64,
@@ -162,7 +162,7 @@ mod tests {
         (chain, rates)
     }
 
-    /// Errors of the time and the state, and what they are believed to be.
+    /// Errors of the time and the state, and their estimates.
     fn errors(e: f64, n: i32, column: usize, de: f64) -> [f64; 3] {
         let (chain, rates) = expansion(e, n);
         let found = rates[column].landing(&chain, de, |_, _| 1.0).unwrap();

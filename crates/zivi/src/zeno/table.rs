@@ -7,8 +7,8 @@
 //! ```
 //!
 //! removes one power after the other from rows whose errors begin with `e^2`: `S^(j)` has an error
-//! of order `u^(j+2)`. The columns are those of [`richardson`]; here is which entry is taken, and
-//! what is known of its error.
+//! of order `u^(j+2)`. The columns are those of [`richardson`]; this module selects an entry and
+//! estimates its error.
 
 use crate::numeric::coordinates::Coordinates;
 use crate::numeric::tableau;
@@ -24,7 +24,8 @@ pub(super) const ROWS: usize = 7;
 /// From this growth of rounding in the first column on, rows that agree are not extrapolated: with rows
 /// a tenth of the speed apart it is 10.
 const COARSE: f64 = 24.0;
-/// Rows agree within so many times their rounding: over 10 000 impacts that of the speeds adds up to 30.
+/// Rows agree within this multiple of their rounding: over 10 000 impacts the rounding of the
+/// speeds accumulates to 30.
 const AGREE: f64 = 64.0;
 
 /// The extrapolated end of an accumulation.
@@ -63,16 +64,16 @@ impl<Z: Coordinates> ExtrapolatedEnd<Z> {
 pub(crate) struct ZenoTable<Z> {
     /// The newest first.
     rows: Vec<f64>,
-    /// So many columns after the first are looked at.
+    /// Number of used columns after the first.
     columns: usize,
     across: Z,
-    /// What rounding does, and that or more.
+    /// Rounding, and an upper bound.
     noise: Z,
     error: Z,
 }
 
 impl<Z: Coordinates> ZenoTable<Z> {
-    /// For rows of such a length, with so many columns after the first.
+    /// For rows of a length, with a number of columns after the first.
     pub(crate) fn new(width: usize, columns: usize) -> Self {
         let [across, noise, error] = [(); 3].map(|()| Z::zeros(width));
         Self { rows: Vec::new(), columns, across, noise, error }
@@ -237,7 +238,7 @@ impl Tail {
         head.iter().chain(c).chain(d).chain(bends.iter().flatten()).copied().collect()
     }
 
-    /// What [`Tail::to_numbers`] came from; `None` for numbers that are none of a tail.
+    /// Inverse of [`Tail::to_numbers`]; `None` for numbers that are none of a tail.
     pub(crate) fn read(from: &mut Reader<'_>) -> Option<Self> {
         /// The first format with equation (2), and how many terms (1) had before.
         const BENT: (f64, usize) = (4.0, 4);
@@ -272,8 +273,8 @@ mod table_tests {
 
     const POWERS: Powers = Powers { ratio: 0.5, first: 0.25 };
 
-    /// The landing of the time and a state, `t = 3 - q^2` and `z = 1 + a q^2`, `q = 0.5^k`, at so
-    /// many rows.
+    /// The landing of the time and a state, `t = 3 - q^2` and `z = 1 + a q^2`, `q = 0.5^k`, with a
+    /// number of rows.
     fn landing(rows: i32, a: f64, scales: &[f64]) -> Option<ExtrapolatedEnd<Vec<f64>>> {
         let mut table = ZenoTable::new(2, 5);
         for k in (0..rows).rev() {
@@ -358,7 +359,7 @@ mod stored_tests {
     use super::*;
     use crate::record::stored::{MotionError, Reader, StoredKind, Writer};
 
-    /// A tail behind the header of a motion, in a format.
+    /// A tail after the header of a motion, in a format.
     fn read(format: f64, numbers: &[f64]) -> Result<Tail, MotionError> {
         let mut out = Writer::new(StoredKind::Point);
         out.numbers(numbers);

@@ -21,13 +21,13 @@ use super::fit::{fit, fit_ahead, rounding, series, stride, KnownPoints, Points, 
 use crate::zeno::arc::Bounce;
 use crate::{Impact, PathPoint};
 
-/// What rounding may do to positions, relative to the height of the first arc, before terms must
-/// show that they are more than that.
+/// Rounding of positions relative to the height of the first flight, above which terms must be
+/// significant.
 const SEEN: f64 = 1e-12;
 /// How many times more.
 const TOLD: f64 = 4.0;
-/// The arcs at which the force is evaluated for equation (2) lie so far apart that the speed falls by this
-/// factor, if not by `e` from one to the next.
+/// Between flights at which the force is evaluated for equation (2), the speed decreases by this
+/// factor (or by `e` for neighbours).
 const APART: f64 = 0.6;
 /// So many arcs.
 const ASKED: usize = 2;
@@ -146,7 +146,7 @@ impl Tail {
         Ok(())
     }
 
-    /// How many arcs apart the speed falls by [`APART`], one at least.
+    /// Number of flights over which the speed decreases by [`APART`], at least one.
     pub(crate) fn stride(&self) -> usize {
         (libm::log(APART) / libm::log(self.e)).round().max(1.0) as usize
     }
@@ -265,12 +265,12 @@ impl Tail {
         Impact { t: self.time(m), xdot_before: -u / self.e, xdot_after: u }
     }
 
-    /// Whether the run went to this impact, which can be told from the Zeno point.
+    /// Whether the run reached this impact, which is distinguishable from the Zeno point.
     fn passed(&self, it: &Impact) -> bool {
         it.t <= self.until && it.t < self.zeno
     }
 
-    /// The arc `m = 0, 1, ...`, unless it is too short to be told from its ends.
+    /// The flight `m = 0, 1, ...`, unless it is too short to be resolved.
     pub(crate) fn arc(&self, m: usize) -> Option<TailArc> {
         let n = m as f64;
         let [q, next] = [n, n + 1.0].map(|m| libm::pow(self.e, m));
@@ -283,7 +283,7 @@ impl Tail {
         (end > start && arc.u > 0.0 && incoming < 0.0).then_some(arc)
     }
 
-    /// The arc on which `t` lies, if there is one that can be told from its ends.
+    /// The flight that contains `t`, if it can be resolved.
     pub(crate) fn arc_at(&self, t: f64) -> Option<TailArc> {
         self.numbered_arc_at(t).map(|(_, arc)| arc)
     }
@@ -304,7 +304,7 @@ impl Tail {
         libm::pow(self.e, m as f64)
     }
 
-    /// The sum over the arcs before `m`, over all where there is none, of a polynomial in `e^i` times a power
+    /// The sum over the flights before `m` (all for `None`) of a polynomial in `e^i` times a power
     /// of the length of the arc `i`.
     pub(crate) fn sum_over_arcs(&self, of: &[f64], power: usize, m: Option<usize>) -> f64 {
         let lengths = self.flight_terms();

@@ -1,4 +1,4 @@
-//! Many closed loops at once: the study of gains and of tolerances.
+//! Batches of closed loops: studies of gains and tolerances.
 
 use zivi_core::observer::ImpactObserver;
 use zivi_core::{Physical, Restitution};
@@ -18,7 +18,7 @@ use crate::{Force, Grid, Impact, Monitor, SetupError, Status};
 pub struct LoopMember<'r, F> {
     /// The controller, its reference where it starts.
     pub controller: AnyController,
-    /// What it is told instead of the measurement, if anything.
+    /// Observer whose estimates replace the measurement, if any.
     pub observer: Option<ImpactObserver>,
     /// The plant's wall.
     pub restitution: Restitution,
@@ -32,7 +32,7 @@ pub struct LoopMember<'r, F> {
     pub reference: Option<(&'r [ReferencePoint], Restitution)>,
 }
 
-/// What is the same for all loops of a batch.
+/// Settings common to all loops of a batch.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LoopSettings {
     /// How the plants move between samples.
@@ -52,13 +52,13 @@ pub struct LoopSettings {
 /// Number of quantities whose samples are saved.
 const SAVED: usize = 3;
 
-/// The end of one closed loop and what happened in it.
+/// Result of one closed loop.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct LoopOutcome {
     /// Time (s), plant and reference at the end: `t, x, x', x_r, x_r'`.
     pub last: [f64; 5],
     /// The first sample from which the position error stays within `within` to the end (s): the
-    /// first of all if it never is beyond, NaN if it does not stay or there is no reference.
+    /// initial one if it always does, NaN if it does not stay or without a reference.
     pub settling_time: f64,
     /// Largest position error (m), NaN without a reference.
     pub error_max: f64,
@@ -72,7 +72,7 @@ pub struct LoopOutcome {
     pub u_variation: f64,
     /// Number of impacts, down to [`LoopSettings::slowest`].
     pub n_impacts: u64,
-    /// What happened at the control updates.
+    /// Counts of the control updates.
     pub updates: Updates,
     /// Time from which the plant rests until the end (s), NaN if it does not.
     pub rest_time: f64,
@@ -122,7 +122,7 @@ fn check_memory<E, F>(
     Need { runs: members.len(), samples: saved, of_run, record }.check(recorded, threads)
 }
 
-/// Loops that a thread takes at once.
+/// Number of loops per task of a thread.
 const CHUNK: usize = 8;
 
 /// Looks whether to stop.
@@ -208,8 +208,8 @@ fn counted(impacts: &[Impact], slowest: f64) -> u64 {
     impacts.iter().filter(|it| -it.xdot_before >= slowest * fastest).count() as u64
 }
 
-/// The first of the times from which the errors stay within a bound, NaN if they do not (an error
-/// that is not known is beyond).
+/// The first of the times from which the errors stay within a bound, NaN if they do not (an unknown
+/// error counts as too large).
 fn settling_time(
     t: &[f64],
     mut errors: impl DoubleEndedIterator<Item = f64> + ExactSizeIterator,

@@ -1,7 +1,7 @@
-//! Many runs at once, on all cores: parameters and initial states side by side.
+//! Batches: many runs on all cores, for arrays of parameters and initial states.
 //!
 //! Each run is independent of all others, so the results do not depend on the number of threads.
-//! Memory is what [`Save`] keeps, and a record of one run for each thread while it is computed.
+//! The memory requirement is the data of [`Save`] plus the record of one run per thread.
 //! A run that a fault ends ([`crate::Status::Internal`]) or for which no memory is left
 //! ([`crate::Status::OutOfMemory`]) costs no other its result.
 
@@ -37,7 +37,7 @@ pub struct Task {
     pub slowest: f64,
 }
 
-/// What is the same for all runs, checked.
+/// Checked settings common to all runs.
 #[derive(Clone, Copy)]
 struct BatchPlan<'a> {
     method: AnyMethod,
@@ -49,7 +49,7 @@ struct BatchPlan<'a> {
 }
 
 impl<'a> BatchPlan<'a> {
-    /// Refuses a span without steps, and what is not saved of a method.
+    /// Rejects a span without steps, and data that a method cannot save.
     fn new(Task { method, span, slowest }: Task, save: Save<'a>) -> Result<Self, SetupError> {
         // a span that gives no grid gives no run either
         let grid = Grid::new(span.0, span.1, method.step().unwrap_or(f64::MAX))?;
@@ -68,7 +68,7 @@ impl<'a> BatchPlan<'a> {
 /// One run of a batch.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Member<'a, F> {
-    /// What an impact does.
+    /// Impact law.
     pub law: AnyImpactLaw,
     /// The force.
     pub force: F,
@@ -76,7 +76,7 @@ pub struct Member<'a, F> {
     pub initial: Physical,
     /// Increasing times at which the force is not smooth (s): steps of the switched method end there.
     pub tstops: &'a [f64],
-    /// Times of these at which the velocity changes at once, and by how much (s, m/s), increasing.
+    /// Times at which the velocity jumps, and the jumps (s, m/s), increasing.
     pub kicks: &'a [(f64, f64)],
 }
 
@@ -133,7 +133,7 @@ pub fn simulate_batch<E, F: Force<Stopped> + Copy + Send + Sync>(
 /// task.
 ///
 /// # Errors
-/// As [`simulate_batch`], and where an end is not after the start, or states at times are to be saved.
+/// Those of [`simulate_batch`]; an end that is not after the start; states at times to be saved.
 pub fn simulate_batch_to<E, F: Force<Stopped> + Copy + Send + Sync>(
     members: &[(Member<'_, F>, f64)],
     task: Task,
@@ -168,7 +168,7 @@ pub fn simulate_batch_to<E, F: Force<Stopped> + Copy + Send + Sync>(
     pool::run(members, threads, monitor, work)
 }
 
-/// Members that are checked between two looks of the monitor.
+/// Number of members checked between two calls of the monitor.
 const BETWEEN_POLLS: usize = 1 << 16;
 
 /// Refuses the first member that `check` does not pass.
@@ -186,8 +186,7 @@ fn check_each<E, T>(
     Ok(())
 }
 
-/// Refuses a batch of so many runs whose results would not fit into memory; whether some are run
-/// alone.
+/// Rejects a batch whose results would not fit into memory; returns whether some are run alone.
 fn check_memory<E>(
     runs: usize,
     alone: bool,
@@ -215,7 +214,7 @@ fn check_memory<E>(
 /// Bytes of a saved sample.
 const SAMPLE: usize = 2 * size_of::<f64>();
 
-/// What a batch takes of memory.
+/// Memory requirement of a batch (bytes).
 struct Need {
     runs: usize,
     /// Samples that are kept of each run.
@@ -227,7 +226,7 @@ struct Need {
 }
 
 impl Need {
-    /// Refuses what does not fit; a run records so many samples while it is computed.
+    /// Rejects a batch that does not fit; `recorded` is the number of samples of a run in progress.
     fn check<E>(self, recorded: usize, threads: usize) -> Result<(), BatchError<E>> {
         // a product beyond all numbers does not fit either
         let records = self.record.saturating_mul(threads.min(self.runs));
@@ -315,7 +314,7 @@ fn alike<F: Force<Stopped> + Copy>(
     }
 }
 
-/// Looks whether to stop, and keeps what is to be saved.
+/// Checks for interruption, and stores the data to save.
 struct Unobserved<'a> {
     keep: Keep,
     stop: &'a dyn Fn() -> bool,

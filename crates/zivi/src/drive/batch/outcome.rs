@@ -1,11 +1,11 @@
-//! What is saved of one run of a batch.
+//! Saved data of one run of a batch.
 
 use zivi_core::Physical;
 
 use crate::record::columns::{Columns, Quantity};
 use crate::{Events, Grid, Impact, SetupError, Status, Summary, Tail};
 
-/// What is saved of each run.
+/// Choice of the saved data of each run.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub enum Save<'a> {
     /// The last state, counts of events, rest time.
@@ -18,7 +18,7 @@ pub enum Save<'a> {
     /// The same as [`Save::Final`], and whether the run passed a grazing that its tolerances
     /// decided (the switched method only).
     Grazing,
-    /// The same as [`Save::Final`], and the first and every so many samples after it (at least 1).
+    /// The data of [`Save::Final`], the first sample and every n-th after it (n >= 1).
     Every(usize),
     /// The same as [`Save::Final`], and the states at these times, increasing and within the span
     /// (the switched method only).
@@ -57,7 +57,7 @@ impl Saved {
         Ok(Self { x: with_room(room)?, xdot: with_room(room)?, ..Self::default() })
     }
 
-    /// The first sample and every so many after it.
+    /// The first sample and every n-th after it.
     pub(super) fn every(columns: &Columns, every: usize) -> Result<Self, SetupError> {
         let of = |quantity| thinned(columns.of(quantity), every);
         Ok(Self { x: of(Quantity::X)?, xdot: of(Quantity::Xdot)?, ..Self::default() })
@@ -85,7 +85,7 @@ impl Saved {
     }
 }
 
-/// Samples of which every so many are kept, none for `0`.
+/// Number of samples kept, every n-th, none for `0`.
 pub(super) fn samples(every: usize, grid: Grid) -> usize {
     grid.n_steps().checked_div(every).map_or(0, |it| it + 1)
 }
@@ -96,7 +96,7 @@ fn with_room(room: usize) -> Result<Vec<f64>, SetupError> {
     Ok(list)
 }
 
-/// The first and every so many of the values after it, none for `0`.
+/// The first value and every n-th after it, none for `0`.
 pub(super) fn thinned(values: &[f64], every: usize) -> Result<Vec<f64>, SetupError> {
     if every == 0 {
         return Ok(Vec::new());
@@ -106,7 +106,7 @@ pub(super) fn thinned(values: &[f64], every: usize) -> Result<Vec<f64>, SetupErr
     Ok(list)
 }
 
-/// The end of one run and what happened in it.
+/// Result of one run.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Outcome {
     /// The last state and the extremes (the extremes only with [`Save::Statistics`]).
@@ -232,7 +232,7 @@ impl ListedImpacts<'_> {
 /// Why a batch gave nothing.
 #[derive(Clone, Debug, PartialEq)]
 pub enum BatchError<E> {
-    /// The member of this number, or what is the same for all, is out of range.
+    /// The member of this number, or a common setting, is out of range.
     Setup(Option<usize>, SetupError),
     /// The monitor wants to stop.
     Raised(E),

@@ -1,6 +1,6 @@
 //! Threads that take chunks of independent work, watched by the caller's thread.
 //!
-//! An item whose work panics, or for which there is no memory, costs no other its result.
+//! An item whose work panics or runs out of memory does not affect the results of others.
 
 use std::collections::BTreeMap;
 use std::iter::Enumerate;
@@ -18,10 +18,10 @@ use crate::{Monitor, SetupError, Status};
 /// Whether the work shall stop.
 pub type Stop<'a> = &'a (dyn Fn() -> bool + Sync);
 
-/// Between two looks of the monitor.
+/// Time between two calls of the monitor.
 const PERIOD: Duration = Duration::from_millis(30);
 
-/// What several threads share.
+/// State shared by the threads.
 struct PoolState<'a, T, R> {
     /// Chunks that nobody has taken yet, numbered.
     waiting: Mutex<Enumerate<Chunks<'a, T>>>,
@@ -48,7 +48,7 @@ impl Drop for AtWork<'_> {
     }
 }
 
-/// What is done with the items.
+/// Work on the items.
 #[derive(Clone, Copy, Debug)]
 pub struct Work<W, L> {
     /// Items of a chunk, at most.
@@ -62,8 +62,8 @@ pub struct Work<W, L> {
 /// `work` on every chunk of the `items`; the results in the order of the items.
 ///
 /// # Errors
-/// The first chunk's that fails for want of something else than memory, that no thread could be
-/// started, or what the monitor raises.
+/// The error of the first chunk that fails for a reason other than memory; failure to start a
+/// thread; an error of the monitor.
 pub fn run<E, T: Sync, R: Send>(
     items: &[T],
     threads: usize,
@@ -114,7 +114,7 @@ pub fn run<E, T: Sync, R: Send>(
 }
 
 /// Results in the order of the items. The list takes memory only as it is filled: a batch that is
-/// stopped early has neither taken nor to give back that of all its items.
+/// stopped early never allocates memory for all its items.
 struct InOrder<R> {
     list: Vec<R>,
     /// The number of the next chunk.
@@ -186,7 +186,7 @@ fn take_chunks<T: Sync, R: Send>(
     }
 }
 
-/// What a mutex guards; nothing panics while it is locked.
+/// The data guarded by a mutex; code under the lock does not panic.
 fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
@@ -213,7 +213,7 @@ fn guarded<T, R>(
     Ok(all)
 }
 
-/// The number of threads that the machine runs at once.
+/// The number of cores.
 #[must_use]
 pub fn available_threads() -> usize {
     std::thread::available_parallelism().map_or(1, NonZeroUsize::get)

@@ -3,7 +3,7 @@
 use super::{pool, BatchError};
 use crate::{ImpactMap, MapParameter, Monitor, Return};
 
-/// What follows one of many impacts.
+/// Results of the impact map for one of many impacts.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Mapped {
     /// The next impact.
@@ -14,7 +14,7 @@ pub struct Mapped {
     pub by: Vec<[f64; 2]>,
 }
 
-/// Impacts that a thread takes at once.
+/// Number of impacts per task of a thread.
 const WIDTH: usize = 64;
 
 /// The next impact of each of many, with derivatives by the state and by parameters.

@@ -1,4 +1,4 @@
-//! What the sampled loop asks of a controller, and the controllers of `zivi_core` in that form.
+//! Interface of controllers for the sampled loop, with the controllers of `zivi_core`.
 
 use super::predicting::{Predictable, Predicting};
 use super::reference::ReferencePeriod;
@@ -10,14 +10,14 @@ use zivi_core::{Physical, SettingError};
 /// Number of signs that are recorded: `ls, lv, lsr, lvr, les, lev`.
 pub const SIGNS: usize = 6;
 
-/// What a controller is given at a sample.
+/// Input of a controller at a sample.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Tick {
     /// The time of the sample (s).
     pub t: f64,
     /// The measured state.
     pub measured: Physical,
-    /// The force that it believes acts on the mass (m/s^2).
+    /// The force on the mass in the controller's model (m/s^2).
     pub force: f64,
     /// The force on its reference (m/s^2).
     pub force_ref: f64,
@@ -56,7 +56,7 @@ pub trait Controller<E> {
         Err(TickError::Refused(SettingError { name: "reference", value: f64::NAN, range: text }))
     }
 
-    /// The reference now, if there is one.
+    /// The present reference, if any.
     fn reference(&self) -> Option<Physical> {
         None
     }
@@ -84,7 +84,7 @@ pub trait Controller<E> {
         Ok(())
     }
 
-    /// Whether its ticks want the force on the reference, if there is one.
+    /// Whether its updates require the force on the reference.
     fn takes_force_ref(&self) -> bool {
         true
     }
@@ -94,7 +94,7 @@ pub trait Controller<E> {
         [f64::NAN; SIGNS]
     }
 
-    /// What was done to the last sample and control.
+    /// Status of the last update.
     fn status(&self) -> TickStatus {
         TickStatus::default()
     }
@@ -286,7 +286,7 @@ macro_rules! controllers {
                 }
             }
 
-            /// The controller itself, to be asked often.
+            /// The controller itself, for frequent calls.
             pub fn dynamic<E>(&mut self) -> &mut (dyn Controller<E> + Send) {
                 match self {
                     $(AnyController::$name(it) => it,)*

@@ -1,4 +1,4 @@
-//! What a closed loop keeps beside its samples: the motion between them, and events of the user.
+//! Optional records of a closed loop: the motion between samples, and user events.
 
 use zivi_core::Physical;
 
@@ -10,9 +10,9 @@ use crate::record::status::Failure;
 use crate::record::user_events::{unknown, EventLocator, SmoothPart};
 use crate::{Impact, Kick, LocatedEvent, PathPoint, UserEvent};
 
-/// What a closed loop may be given beside its surroundings, and what it shall keep.
+/// Options of a closed loop: optional inputs and records.
 pub struct LoopOptions<'a, E> {
-    /// The reference, if it is given: the controller does not advance one of its own then.
+    /// The given reference, if any: the controller then does not advance its own.
     pub reference: Option<ReferenceWithWall<'a, E>>,
     /// Whether to keep the motion between the samples.
     pub dense: bool,
@@ -97,7 +97,7 @@ impl<'a, E> LoopEvents<'a, E> {
         self.seeker.along(&SmoothPart { span: (t, t_next), motion, crossings: unknown })
     }
 
-    /// What happened of each event.
+    /// Occurrences of each event.
     pub(super) fn into_hits(self) -> Vec<Vec<LocatedEvent>> {
         self.seeker.into_hits()
     }

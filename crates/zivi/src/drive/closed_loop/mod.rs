@@ -4,8 +4,8 @@
 //! y_k = measured(x(t_k), x'(t_k))      u_k = tick(y_k)      x'' = f + u_{k - delay} on [t_k, t_{k+1})
 //! ```
 //!
-//! The true force moves the plant; the controller is told what its models of the forces give at
-//! the sample. Both are different arguments.
+//! The true force moves the plant; the controller receives the values of its force models at the
+//! sample. Both are different arguments.
 
 mod controller;
 mod follow;
@@ -42,7 +42,7 @@ use reference::ReferenceTracker;
 /// How the plant moves between the samples.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Motion {
-    /// Exactly where the force is constant, by the switched Runge-Kutta method where it is not.
+    /// Exactly for a constant force, otherwise by the switched Runge-Kutta method.
     Exact(SwitchedRk),
     /// By the switched Runge-Kutta method.
     Switched(SwitchedRk),
@@ -55,7 +55,7 @@ pub enum Motion {
     },
 }
 
-/// What surrounds the controller.
+/// Environment of the controller.
 #[derive(Clone, Copy, Debug)]
 pub struct Loop<'a> {
     /// The plant's wall.
@@ -66,9 +66,9 @@ pub struct Loop<'a> {
     pub initial: Physical,
     /// How the plant moves between samples.
     pub motion: Motion,
-    /// What the controller sees.
+    /// The sensor.
     pub sensor: Sensor<'a>,
-    /// What the controller is told instead of the measurement, if anything.
+    /// Observer whose estimates replace the measurement, if any.
     pub observer: Option<ImpactObserver>,
     /// Periods that pass before a control acts (`0` control acts until then).
     pub delay: usize,
@@ -77,11 +77,11 @@ pub struct Loop<'a> {
 /// The forces of a loop.
 #[derive(Debug)]
 pub struct Forces<'a, F> {
-    /// What acts on the plant.
+    /// Force on the plant.
     pub plant: &'a mut F,
-    /// What the controller believes.
+    /// Force in the controller's model.
     pub model: &'a mut F,
-    /// What acts on the reference.
+    /// Force on the reference.
     pub reference: &'a mut F,
 }
 
@@ -144,13 +144,13 @@ pub fn observe_closed_loop<E, F: Force<E>>(
     }
 }
 
-/// What the controller is told of the forces.
+/// Force models of the controller.
 struct Models<'a, F> {
     model: Told<'a, F>,
     reference: Told<'a, F>,
 }
 
-/// A force that the controller is told the values of.
+/// A force whose values are passed to the controller.
 struct Told<'a, F> {
     force: &'a mut F,
     /// Its value, once it is known, of one that has no other.
@@ -189,7 +189,7 @@ fn run<E, F: Force<E>>(
     Ok(walk.finish(ending))
 }
 
-/// A closed loop under way: `k` periods are done, the last of them ended in `state`.
+/// A running closed loop: `k` periods are done, the last of them ended in `state`.
 struct LoopWalk<'a, 'e, C: ?Sized, P, F, E> {
     controller: &'a mut C,
     plant: P,
@@ -198,7 +198,7 @@ struct LoopWalk<'a, 'e, C: ?Sized, P, F, E> {
     record: LoopRecord,
     k: usize,
     state: Physical,
-    /// What acts on the plant.
+    /// Force on the plant.
     u: f64,
     /// The model's force over the last period, without what the observer adds.
     known: f64,
@@ -298,7 +298,7 @@ where
         Ok(())
     }
 
-    /// What the controller is told of a given reference, and where the reference is.
+    /// Input of the controller from a given reference, and the state of the reference.
     fn reference(
         &mut self,
         t: f64,
@@ -365,7 +365,7 @@ where
         })
     }
 
-    /// What is thought of the mass at this sample: what is measured, or what the observer makes of it.
+    /// The state estimate at this sample: the measurement, or the observer's estimate.
     fn observe(&mut self) -> Result<Estimate, SettingError> {
         let Physical { x, xdot } = self.surroundings.sensor.measure(self.k, self.state);
         let Some(observer) = &mut self.observer else {

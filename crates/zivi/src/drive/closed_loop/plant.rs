@@ -30,8 +30,7 @@ pub struct Period {
 
 /// Something that moves a mass over a sampling period.
 pub trait Plant<E> {
-    /// What the control of the next period is of, where that is this step from the present state
-    /// under this force.
+    /// Announces the step on which the control of the next period is based.
     fn expect(&mut self, _: Option<(RegulationStep, f64)>) {}
 
     /// The state at the end of the period that starts in `state` (the end of the last one), with
@@ -41,14 +40,14 @@ pub trait Plant<E> {
     /// Why there is no next state; the run ends at `t`.
     fn advance(&mut self, period: Period, state: Physical, u: f64) -> Result<Physical, Failure<E>>;
 
-    /// The state at a time within the last period, after the impact where there is one; of a
-    /// plant that keeps its motion.
+    /// The state at a time within the last period (after the impact at an impact time), for a plant
+    /// that stores its motion.
     fn at(&self, t: f64) -> Physical;
 
     /// The impacts so far.
     fn impacts(&self) -> &[Impact];
 
-    /// What happened at the wall, once the run is over.
+    /// Events at the wall, after the end of the run.
     fn events(&mut self) -> Events;
 
     /// The motion of the whole run, once it is over, of a plant that keeps it.
@@ -124,7 +123,7 @@ pub(super) struct SwitchedPlant<'a, 'k, F, E> {
     integrator: SwitchedIntegrator,
     force: &'a mut F,
     reader: EventReader,
-    /// The motion, if it is wanted: that of the last period, or all of it.
+    /// The motion, if requested: of the last period or of the whole run.
     trace: Option<Trace>,
     all: bool,
     /// Times of the kicks to come (s), and the velocities after them.
@@ -193,7 +192,7 @@ impl<'a, 'k, F: Force<E>, E> SwitchedPlant<'a, 'k, F, E> {
     }
 }
 
-/// What is kept of the motion between the samples.
+/// Storage of the motion between the samples.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Keeps {
     /// Nothing.
@@ -254,7 +253,7 @@ pub(super) struct SchemePlant<'a, F> {
     /// The step that the controller planned, and its force.
     planned: Option<(RegulationStep, f64)>,
     force: &'a mut F,
-    /// How often it was asked for the sake of the plan.
+    /// Number of evaluations for the plan.
     asked: u64,
     restitution: Restitution,
     h: f64,
@@ -263,7 +262,7 @@ pub(super) struct SchemePlant<'a, F> {
     log: EventLog,
     /// The ends of the last step.
     last: [(f64, Lifted); 2],
-    /// All states, if they are wanted.
+    /// All states, if requested.
     states: Option<Vec<Lifted>>,
     reserve: Reserve,
 }
@@ -411,7 +410,7 @@ impl<E, F: Force<E>> Plant<E> for SchemePlant<'_, F> {
     }
 }
 
-// What the controller sees of the state: noise, then quantisation.
+// Measurement of the state: noise, then quantisation.
 
 /// The measurement of the state.
 #[derive(Clone, Copy, Debug, Default)]
@@ -425,7 +424,7 @@ pub struct Sensor<'a> {
 }
 
 impl Sensor<'_> {
-    /// The state as it is measured at the `k`-th sample.
+    /// The measurement of the state at the `k`-th sample.
     #[must_use]
     pub fn measure(&self, k: usize, state: Physical) -> Physical {
         let noise = |values: &[f64]| values.get(k).copied().unwrap_or(0.0);

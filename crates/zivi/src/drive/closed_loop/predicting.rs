@@ -5,7 +5,7 @@ use zivi_core::{Physical, Restitution, SettingError};
 
 use super::solved::Solved;
 
-/// What is under way between a sample and the moment when its control acts.
+/// Delayed controls between their sample and the time at which they act.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct UnderWay {
     /// The controls that do not act yet.
@@ -17,7 +17,7 @@ pub struct UnderWay {
 }
 
 impl UnderWay {
-    /// Nothing, for a delay of so many periods.
+    /// An empty delay line of a length in periods.
     ///
     /// # Errors
     /// [`SettingError`] for a delay out of range.
@@ -41,24 +41,24 @@ impl UnderWay {
 pub struct Predicting<C> {
     /// The controller.
     pub controller: C,
-    /// What is under way.
+    /// The delay line.
     pub under_way: Box<UnderWay>,
 }
 
-/// What the prediction asks of a controller.
+/// Interface of controllers for the prediction.
 pub trait Predictable {
     /// Sampling period (s).
     fn h(&self) -> f64;
     /// The plant's wall.
     fn wall(&self) -> Restitution;
-    /// What a measurement stands for, and whether it was slightly behind the wall.
+    /// The state of a measurement, and whether it was clamped to the wall.
     ///
     /// # Errors
     /// [`SettingError`] for a sample that is refused.
     fn sense(&self, measured: Physical) -> Result<(Physical, bool), SettingError>;
     /// The last control.
     fn u(&self) -> f64;
-    /// Takes note that the measurement was behind the wall.
+    /// Records that the measurement was clamped to the wall.
     fn clamp(&mut self);
 }
 
@@ -96,8 +96,8 @@ predictable!(TwistingRegulator, |it| it.step().h, it.step().restitution);
 predictable!(TwistingTracker, |it| it.h(), it.restitution());
 
 impl<C: Predictable> Predicting<C> {
-    /// A tick for the state in which its control will act. What is sent, also once more after a sample
-    /// that was refused, is under way then.
+    /// A tick for the state in which its control will act. Controls that were sent, including
+    /// repeated ones after a rejected sample, are then in the delay line.
     pub(super) fn late<E: From<SettingError>>(
         &mut self,
         measured: Physical,
@@ -165,7 +165,7 @@ impl Predicting<Solved<TwistingTracker>> {
     /// The same of a reference that is given.
     ///
     /// # Errors
-    /// [`SettingError`] for a waypoint that is not finite or behind the wall.
+    /// [`SettingError`] for a waypoint that is not finite or has x < 0.
     pub fn miss_to(&mut self, next: Waypoint) -> Result<f64, SettingError> {
         let u = self.controller.controller.miss_to(next)?;
         self.under_way.due = 0;

@@ -15,7 +15,7 @@ pub const LOOP_COLUMNS: usize = 6;
 /// Columns of an observer's estimates.
 pub const ESTIMATES: usize = 3;
 
-/// A closed loop as far as it went: states at the samples, and what is held from there on.
+/// Results of a closed loop: states at the samples, and the held controls.
 #[derive(Clone, Debug)]
 pub struct LoopRun<E> {
     /// `t, x, xdot, x_ref, xdot_ref, u` (NaN where a controller has none); the control of a row
@@ -23,17 +23,17 @@ pub struct LoopRun<E> {
     pub columns: [Vec<f64>; LOOP_COLUMNS],
     /// The signs of the ticks, in rows of the same meaning.
     pub signs: SignRecord,
-    /// What the observer thought at the samples, `x, xdot, d`; empty without one.
+    /// Estimates of the observer at the samples, `x, xdot, d`; empty without one.
     pub estimates: [Vec<f64>; ESTIMATES],
     /// At each sample, as bits: 1 clamped, 2 saturated, 4 refused.
     pub ticks: Vec<u8>,
-    /// What happened at them, in numbers.
+    /// Counts of the updates.
     pub updates: Updates,
-    /// What happened at the wall; a rest until the end has lasted a whole period.
+    /// Events at the wall; a rest until the end has lasted at least a period.
     pub events: Events,
     /// The motion between the samples, if [`super::LoopOptions::dense`] asked for it.
     pub path: Option<LoopPath>,
-    /// What happened of each event of the user. One that ends the run does so with the period in
+    /// Occurrences of each user event. One that ends the run does so with the period in
     /// which it happens.
     pub hits: Vec<Vec<LocatedEvent>>,
     /// How the run ended.
@@ -77,7 +77,7 @@ impl LoopRecord {
         Ok(Self { columns, signs, estimates, ticks })
     }
 
-    /// What is thought of the mass at the sample that was pushed last.
+    /// The estimate at the sample that was pushed last.
     pub(super) fn note(&mut self, observer: Option<&ImpactObserver>) {
         let Some(observer) = observer else { return };
         let Estimate { state, d } = observer.estimate();
@@ -86,10 +86,10 @@ impl LoopRecord {
         }
     }
 
-    /// A sample: the states at `t` and what is held from there on.
+    /// A sample: the states at `t` and the controls held from there on.
     ///
     /// # Errors
-    /// There is no memory for its signs; the record is as it was.
+    /// There is no memory for its signs; the record is unchanged.
     pub(super) fn push<E>(
         &mut self,
         (t, state, reference): (f64, Physical, Option<Physical>),
@@ -115,15 +115,16 @@ impl LoopRecord {
 const ONE: u64 = 1.0_f64.to_bits();
 const MINUS_ONE: u64 = (-1.0_f64).to_bits();
 
-/// What a tick's sign is: one of these, as the last other one at its place, or another one.
+/// Codes of a sign of an update: one of these values, the last other value at its place, or a new
+/// one.
 const PLUS: u16 = 0;
 const MINUS: u16 = 1;
 const AGAIN: u16 = 2;
 const OTHER: u16 = 3;
 
-/// The signs of many ticks, `ls, lv, lsr, lvr, les, lev` of each. As six numbers a tick they would be
-/// half of what a loop remembers, and new memory takes as long as the tick; most are 1, -1, or what
-/// they were before.
+/// The signs of many ticks, `ls, lv, lsr, lvr, les, lev` of each. Six numbers per update would be
+/// half of the memory of a loop, and allocation costs as much as the update; most are 1, -1 or
+/// unchanged.
 ///
 /// ```
 /// use zivi::drive::closed_loop::SignRecord;
@@ -145,7 +146,7 @@ pub struct SignRecord {
 }
 
 impl SignRecord {
-    /// Nothing yet, and room for the codes of so many ticks.
+    /// An empty record with room for the codes of a number of updates.
     pub(super) fn with_room(ticks: usize) -> Result<Self, TryReserveError> {
         let mut codes = Vec::new();
         codes.try_reserve_exact(ticks)?;
@@ -155,7 +156,7 @@ impl SignRecord {
     /// Another tick.
     ///
     /// # Errors
-    /// There is no memory for it; the record is as it was.
+    /// There is no memory for it; the record is unchanged.
     #[inline]
     pub fn push(&mut self, signs: [f64; SIGNS]) -> Result<(), TryReserveError> {
         self.codes.try_reserve(1)?;
@@ -210,7 +211,7 @@ impl SignRecord {
     }
 }
 
-// The motion of the plant between samples, if it is kept.
+// The motion of the plant between samples, if stored.
 
 /// The motion of the plant between its samples.
 #[derive(Clone, Debug, PartialEq)]

@@ -1,4 +1,4 @@
-//! References that are given, and on which side of the wall they are at each sample.
+//! Given references, and their branch at each sample.
 
 use zivi_core::control::Waypoint;
 use zivi_core::{Branch, Physical, Restitution};
@@ -17,7 +17,7 @@ pub struct ReferencePoint {
     pub acceleration: Option<f64>,
 }
 
-/// A reference that a loop is told.
+/// A given reference of a loop.
 pub trait Reference<E> {
     /// The reference at the `k`-th sample, the time `t`.
     ///
@@ -38,14 +38,14 @@ impl<E> Reference<E> for Samples<'_> {
     }
 }
 
-/// What a tick is told of a reference.
+/// Input of an update from a reference.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ReferencePeriod {
     /// Where it is at the sample.
     pub now: Waypoint,
     /// Where it is at the next one.
     pub next: Waypoint,
-    /// Its acceleration over the period, if it is known (m/s^2).
+    /// Its acceleration over the period (m/s^2), if known.
     pub acceleration: Option<f64>,
 }
 

@@ -18,7 +18,7 @@ const FIRST: f64 = 1e4;
 pub struct Allocation {
     /// Whether limits act.
     pub limited: bool,
-    /// The least singular value of `W^-1/2 N M^-1 B`, where it was computed.
+    /// The least singular value of `W^-1/2 N M^-1 B`, if computed.
     pub least: Option<f64>,
 }
 
@@ -76,7 +76,7 @@ fn are_within(u: &[f64], limits: &Limits) -> bool {
     u.iter().zip(limits).all(|(u, (low, high))| low <= u && u <= high)
 }
 
-/// What a control counts against the others.
+/// Weight of a control relative to the others.
 fn sizes(limits: Option<&Limits>, r: usize) -> Vec<f64> {
     match limits {
         Some(limits) if limits.iter().all(|(low, high)| low.is_finite() && high.is_finite()) => {
@@ -86,7 +86,7 @@ fn sizes(limits: Option<&Limits>, r: usize) -> Vec<f64> {
     }
 }
 
-/// What controls shall do: `A u = b`.
+/// An equality constraint on controls: `A u = b`.
 struct Asked {
     matrix: Vec<f64>,
     right: Vec<f64>,
@@ -99,7 +99,7 @@ impl Asked {
     }
 }
 
-/// What the controls do to the gaps, by `L^-1` with `L L^T = W`.
+/// Effect of the controls on the gaps, scaled by `L^-1` with `L L^T = W`.
 fn of_gaps(kinetics: &GapKinetics, matrix: &[f64], a: &[f64], r: usize) -> Asked {
     let Layout { m, .. } = kinetics.layout();
     let (mut by, mut right) = (vec![0.0; m * r], vec![0.0; m]);
@@ -154,7 +154,8 @@ pub(super) fn reach<E>(
     reached(&of_gaps(kinetics, matrix, &vec![0.0; m], r).matrix, m, r)
 }
 
-/// What the controls do beside the gaps, measured by the kinetic energy: by `L^T` with `L L^T = M`.
+/// Effect of the controls on the motion in the null space of the gaps, in the kinetic-energy
+/// metric: scaled by `L^T` with `L L^T = M`.
 fn of_rest(kinetics: &mut GapKinetics, matrix: &[f64], wanted: &[f64], r: usize) -> Asked {
     let Layout { n, m, .. } = kinetics.layout();
     let column = |j: usize| (0..n).map(|i| matrix[i * r + j]).collect();
@@ -243,8 +244,8 @@ enum VariableSide {
 /// Minimises `|A x - b|` within limits.
 ///
 /// A set of bounds and the least squares in between are the solution if that is within the bounds and
-/// the gradient points out at each of them. From the clipped free solution sets are followed by the
-/// bound that is violated, or let go, most; where that comes back to a set, all are looked at.
+/// the gradient points out at each of them. Starting from the clipped free solution, active sets
+/// change by the most violated bound or multiplier; if a set recurs, all sets are examined.
 pub(super) fn in_box(a: &[f64], b: &[f64], limits: &Limits) -> Vec<f64> {
     let r = limits.len();
     let problem = AllocationProblem { a, b, limits };

@@ -1,6 +1,6 @@
 //! The plant model of a controller, its tasks, and the controls that were sent.
 //!
-//! A plant as a controller believes it to be.
+//! The model of a plant in a controller.
 
 use crate::drive::mechanical::kinetics::GapKinetics;
 use crate::drive::mechanical::law_error::LawError;
@@ -53,7 +53,7 @@ pub struct Moved {
     pub w: Vec<f64>,
     /// Which gaps are closed.
     pub closed: Vec<bool>,
-    /// Whether the motion was computed to its end; it stays where it was lost otherwise.
+    /// Whether the motion was computed to its end; otherwise it stops where it was lost.
     pub completed: bool,
 }
 
@@ -102,7 +102,7 @@ impl<D, F> BelievedPlant<'_, D, F> {
     /// Moves on by as many periods as there are controls, by one step of order five a period.
     ///
     /// # Errors
-    /// [`LawError`], for a state with a gap below 0, too.
+    /// [`LawError`], which includes a state with a gap below 0.
     pub fn moved<E>(
         &mut self,
         t: f64,
@@ -232,8 +232,8 @@ impl<D> Tasks<D> {
         Self { dynamics, row }
     }
 
-    /// Changes accelerations that are wanted beside the gaps, by as little kinetic energy as will do,
-    /// so that the functions follow `goal`: values, first and second derivatives.
+    /// Changes accelerations in the null space of the gaps, by minimal kinetic energy, so that the
+    /// functions follow `goal`: values, first and second derivatives.
     ///
     /// # Errors
     /// What the functions raise.
@@ -284,7 +284,7 @@ impl<D> Tasks<D> {
 
 // The controls that a law has sent: the last ones, and those that do not act yet.
 
-/// What was sent.
+/// Controls that were sent.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct SentControls {
     /// The last controls, none before the first tick.

@@ -20,7 +20,7 @@ use zivi_core::{Physical, SettingError};
 /// Part of its own weakest pull by which the other contacts may push a gap that lands.
 const PUSHED: f64 = 0.8;
 
-/// What does not change.
+/// Constant settings.
 #[derive(Clone, Debug, PartialEq)]
 pub struct GapTrackerSettings {
     /// Sampling period (s).
@@ -33,16 +33,16 @@ pub struct GapTrackerSettings {
     pub latch: Option<[f64; 2]>,
     /// Periods from a measurement to the moment when its control acts.
     pub delay: usize,
-    /// Whether gaps that are measured in contact tell where the walls are.
+    /// Whether gaps measured in contact calibrate the wall positions.
     pub learn_offsets: bool,
 }
 
-/// What changes from tick to tick, beside the trackers.
+/// State that changes at each update, without the trackers.
 #[derive(Clone, Debug, PartialEq)]
 pub struct GapTrackerState {
     /// Contacts.
     pub latch: Latch,
-    /// What was asked of the gaps, without contact forces.
+    /// Commanded accelerations of the gaps, without contact forces.
     pub accelerations: Vec<f64>,
     /// Controls.
     pub sent: SentControls,
@@ -75,11 +75,11 @@ impl GapTrackerState {
 pub struct GapTracker {
     /// One for each gap.
     pub trackers: Vec<TwistingTracker>,
-    /// What does not change.
+    /// Constant settings.
     pub settings: GapTrackerSettings,
-    /// What does.
+    /// The state.
     pub state: GapTrackerState,
-    /// What the sensor is like.
+    /// Noise of the sensor.
     pub noise: Noise,
     kinetics: Option<GapKinetics>,
 }
@@ -124,7 +124,7 @@ impl GapTracker {
     /// `asked` gives the force with which a contact is pressed at a time, if one is requested.
     ///
     /// # Errors
-    /// [`LawError`]; the controls are what they were.
+    /// [`LawError`]; the controls are unchanged.
     pub fn tick<E, D, F>(
         &mut self,
         plant: &mut BelievedPlant<'_, D, F>,
@@ -331,24 +331,24 @@ fn rank(matrix: &[f64], n: usize, r: usize) -> usize {
 
 // Contacts that rest with their reference and are held.
 
-/// What is closed without noise: a gap, and its rate.
+/// Thresholds of a closed gap without noise: gap and rate.
 pub const EXACT: [f64; 2] = [1e-9, 1e-9];
-/// A gap within so many deviations of its measurement may be closed.
+/// A gap within this number of standard deviations may be closed.
 const DEVIATIONS: f64 = 20.0;
 /// The same in steps of the sensor.
 const STEPS: f64 = 5.0;
-/// A contact is open after so many measurements beyond that.
+/// A contact is open after this number of measurements outside.
 const OUT: u32 = 5;
 /// Largest offset of a wall that is learnt (m).
 const FARTHEST: f64 = 5e-3;
-/// A contact at a place that is not known is closed after at least so many measurements at rest, and
-/// no fewer than in this multiple of the time in which a gap that flies would pick up the rate below
-/// which it counts as resting.
+/// A contact at an unknown position is closed after at least this number of measurements at rest,
+/// and after this multiple of the time in which a free gap would exceed the rate that counts as
+/// rest.
 const STILL: (f64, f64) = (5.0, 8.0);
 /// How many measurements are averaged to the offset of a wall.
 const MEAN: u32 = 500;
 
-/// What is known of a sensor, of coordinates and of velocities.
+/// Noise of a sensor, for coordinates and velocities.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Noise {
     /// Standard deviations.
@@ -365,7 +365,7 @@ impl Noise {
     }
 }
 
-/// Where walls are that are not where they are thought to be.
+/// Offsets of walls from their model positions.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Offsets {
     /// How much nearer than thought, by gap (m).
@@ -394,14 +394,14 @@ impl Offsets {
 pub struct Latch {
     /// By gap.
     pub held: Vec<bool>,
-    /// Measurements in a row that were beyond.
+    /// Number of consecutive measurements outside.
     pub beyond: Vec<u32>,
     /// Of the walls.
     pub offsets: Offsets,
 }
 
 impl Latch {
-    /// None of so many.
+    /// No contacts of `m`.
     #[must_use]
     pub fn open(m: usize) -> Self {
         Self { held: vec![false; m], beyond: vec![0; m], offsets: Offsets::none(m) }

@@ -7,10 +7,10 @@ use crate::numeric::dense::dot;
 use crate::numeric::elimination::Singular;
 use crate::system::dynamics::Layout;
 
-/// What must be left of a gap's mobility by the others, as a part.
+/// Least relative mobility of a gap given the others.
 const REDUNDANT: f64 = 1e-10;
 
-/// What gaps and controls do at a state.
+/// Kinetics of gaps and controls at a state.
 #[derive(Clone, Debug)]
 pub struct GapKinetics {
     layout: Layout,

@@ -15,7 +15,8 @@ pub enum LawError<E> {
     Dependent,
     /// `M` is not positive definite.
     Indefinite,
-    /// The controls do not reach all of so many gaps: the singular values of `W^-1/2 N M^-1 B`.
+    /// The controls do not reach all of this number of gaps: the singular values of `W^-1/2 N M^-1
+    /// B`.
     Unreached(usize, Vec<f64>),
     /// The state that was put back is of a system with other coordinates or controls.
     Foreign,
@@ -26,7 +27,7 @@ pub enum LawError<E> {
 }
 
 impl<E> LawError<E> {
-    /// What was raised, or else the text.
+    /// The raised error, or otherwise the text.
     ///
     /// # Errors
     /// The text.

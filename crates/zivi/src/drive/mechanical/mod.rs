@@ -5,10 +5,10 @@
 //! q'  = M^-1 N^T W^-1 g' + T w      N T = 0             w: no impact changes it
 //! ```
 //!
-//! `kinetics` has a state by its gaps, `allocation` the controls that give accelerations, `in_box` those
-//! within limits, `gap_tracker` the law, `latch` the contacts that it holds, `believed_plant` what the
-//! law thinks of its plant, `tasks` functions that follow beside the gaps, `tracking` the law in a loop,
-//! `striker` another law, which aims at impacts, `sampled` what happens at a sample.
+//! `kinetics` computes gap coordinates of a state, `allocation` the controls for accelerations,
+//! `in_box` controls within limits, `gap_tracker` is the law, `latch` its held contacts,
+//! `believed_plant` its model of the plant, `tasks` the task functions, `tracking` the law in a
+//! loop, `striker` the law that aims at impacts, `sampled` the operations at a sample.
 
 mod allocation;
 mod believed_plant;

@@ -21,8 +21,8 @@ pub struct ReferenceSample<'a> {
     pub contacts: &'a [bool],
     /// Gaps and their rates; without them the controller's own model says.
     pub gaps: Option<(&'a [f64], &'a [f64])>,
-    /// Accelerations of the gaps without the force of their own contact. Without them, or where one
-    /// is NaN, the difference of the rates.
+    /// Accelerations of the gaps without the force of their own contact. Without them, or for NaN,
+    /// the difference quotient of the rates.
     pub accelerations: Option<&'a [f64]>,
     /// Accelerations of the coordinates without contact forces, 0 without them.
     pub turning: Option<&'a [f64]>,
@@ -49,12 +49,12 @@ pub struct MechanicalReference {
     pub sides: Vec<f64>,
     /// Which gaps are closed and stay so.
     pub contacts: Vec<bool>,
-    /// Functions of the coordinates with their first and second derivatives, if they are to follow.
+    /// Task functions of the coordinates with their first and second derivatives.
     pub tasks: Vec<f64>,
 }
 
 impl MechanicalReference {
-    /// Sample `k` of a system of `n` coordinates and `m` gaps, the last one beyond the end.
+    /// Sample `k` of a system of `n` coordinates and `m` gaps, the last one after the end.
     #[must_use]
     pub fn sample(&self, k: usize, (n, m): (usize, usize)) -> ReferenceSample<'_> {
         let count = self.q.len() / n;

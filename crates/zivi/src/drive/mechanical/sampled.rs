@@ -1,4 +1,4 @@
-//! What happens at a sample of a closed loop: sensor, observer, controller, delay.
+//! Operations at a sample of a closed loop: sensor, observer, controller, delay.
 
 use std::collections::VecDeque;
 
@@ -21,7 +21,7 @@ pub trait MechanicalController<E> {
     fn latched(&self, to: &mut [bool]) -> Result<(), E>;
 }
 
-/// What makes an estimate of a measurement.
+/// Interface of observers.
 pub trait Observing<E> {
     /// Replaces what was measured by the estimate; `u` acted since the last sample.
     ///
@@ -30,7 +30,7 @@ pub trait Observing<E> {
     fn estimate(&mut self, t: f64, state: (&mut [f64], &mut [f64]), u: &[f64]) -> Result<(), E>;
 }
 
-/// What is measured of coordinates and of velocities.
+/// Sensor of coordinates and velocities.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct MechanicalSensor<'a> {
     /// Added at each sample: `n` numbers of the coordinates, then `n` of the velocities; none if
@@ -55,14 +55,14 @@ impl MechanicalSensor<'_> {
     }
 }
 
-/// What a loop leaves of its samples, row by row.
+/// Record of the samples of a loop, row by row.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct TickRecord {
-    /// Bits of what was done to the sample and to the controls.
+    /// Status bits of sample and controls.
     pub status: Vec<u8>,
     /// Contacts that are held.
     pub latched: Vec<bool>,
-    /// What the controller was told, of coordinates and of velocities.
+    /// Coordinates and velocities passed to the controller.
     pub told: [Vec<f64>; 2],
 }
 

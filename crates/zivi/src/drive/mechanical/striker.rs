@@ -17,7 +17,7 @@ use crate::drive::mechanical::believed_plant::SentControls;
 use crate::numeric::cholesky;
 use crate::system::dynamics::{Driven, Dynamics, Layout};
 
-/// What does not change, beside the settings of the aim.
+/// Constant settings, without those of the aim.
 #[derive(Clone, Debug, PartialEq)]
 pub struct StrikerSettings {
     /// The gap.
@@ -28,16 +28,16 @@ pub struct StrikerSettings {
     pub e: f64,
     /// Range of each control.
     pub limits: Option<Vec<(f64, f64)>>,
-    /// Damping of what moves beside the gap (1/s).
+    /// Damping of the motion in the null space of the gap (1/s).
     pub posture: f64,
     /// Periods from a measurement to the moment when its control acts.
     pub delay: usize,
 }
 
-/// What changes from tick to tick, beside the state of the aim.
+/// State that changes at each update, without that of the aim.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct StrikerState {
-    /// Accelerations that were asked of what strikes and may act still, the oldest first; NaN where
+    /// Commanded accelerations of the striker that may still act, the oldest first; NaN where
     /// limits cut the controls.
     pub acting: Vec<f64>,
     /// Controls.
@@ -51,9 +51,9 @@ pub struct StrikerState {
 pub struct Striker {
     /// The law.
     pub aim: Aim,
-    /// What does not change.
+    /// Constant settings.
     pub settings: StrikerSettings,
-    /// What does.
+    /// The state.
     pub state: StrikerState,
     kinetics: Option<[GapKinetics; 2]>,
 }
@@ -162,7 +162,7 @@ impl Striker {
         Ok(())
     }
 
-    /// Looks at the body and at what strikes it; `own` are the kinetics of their gap alone then.
+    /// Measures the body and the striker; `own` are the kinetics of their gap alone then.
     fn sight<E, D, F>(
         &self,
         plant: &mut BelievedPlant<'_, D, F>,
@@ -187,15 +187,15 @@ impl Striker {
     }
 }
 
-/// A striker with the plant that it believes in, in a loop.
+/// A striker with its model of the plant, in a loop.
 pub struct Striking<'a, D, F, A, E> {
     /// The law.
     pub law: Striker,
-    /// What it believes in.
+    /// Its model.
     pub plant: BelievedPlant<'a, D, F>,
     /// The height or the speed of a stroke.
     pub target: A,
-    /// What is raised where the law gives no controls.
+    /// Converts an error of the law.
     pub wrong: fn(LawError<E>) -> E,
 }
 

@@ -7,17 +7,17 @@ use super::reference::MechanicalReference;
 use super::sampled::MechanicalController;
 use crate::system::dynamics::{Driven, Dynamics};
 
-/// A tracker of gaps with the plant that it believes in and its reference.
+/// A gap tracker with its model of the plant and its reference.
 pub struct Tracking<'a, D, F, A, E> {
     /// The law.
     pub law: GapTracker,
-    /// What it believes in.
+    /// Its model.
     pub plant: BelievedPlant<'a, D, F>,
     /// Where it is to be; all gaps land and rest without it.
     pub reference: Option<&'a MechanicalReference>,
     /// The force with which a contact is pressed at a time, if one is requested.
     pub asked: A,
-    /// What is raised where the law gives no controls.
+    /// Converts an error of the law.
     pub wrong: fn(LawError<E>) -> E,
 }
 

@@ -27,7 +27,7 @@ const AT_ONCE: usize = 1000;
 pub(super) struct FreeFlight {
     pair: PairSteps,
     series: Option<Box<SeriesFlight>>,
-    /// Whether all ends of steps are looked at.
+    /// Whether all ends of steps are inspected.
     by_steps: bool,
 }
 
@@ -42,7 +42,7 @@ impl FreeFlight {
         &self.pair.steps
     }
 
-    /// The same, to be told how long they may be and where they are looked at.
+    /// The same, mutable, for step limits and inspection.
     #[inline]
     pub(super) fn steps_mut(&mut self) -> &mut Steps<f64> {
         &mut self.pair.steps
@@ -58,7 +58,7 @@ impl FreeFlight {
         self.pair.landing()
     }
 
-    /// Whether all ends of steps are looked at.
+    /// Whether all ends of steps are inspected.
     pub(super) fn look_at_steps(&mut self, by_steps: bool) {
         self.by_steps = by_steps;
     }
@@ -68,7 +68,7 @@ impl FreeFlight {
         self.series.iter_mut().for_each(|series| series.start());
     }
 
-    /// Chooses the flights that the settings ask for under this force.
+    /// Chooses the flight integrator for the settings and the force.
     pub(super) fn adopt<E, F: Force<E>>(&mut self, settings: &SwitchedRk, force: &F) {
         let law = settings.law_of(force);
         let same = match (&mut self.series, &law) {
@@ -96,12 +96,12 @@ impl FreeFlight {
         known.filter(|f| f.is_finite()).map_or_else(|| force.at_wall(now.t), Ok)
     }
 
-    /// The next lift-off where it is known in closed form, and none if there is none.
+    /// The next lift-off if known in closed form; the inner value is `None` without one.
     pub(super) fn lift_off(&mut self, now: Point, t_end: f64) -> Option<Option<f64>> {
         self.series.as_mut()?.lift_off(now, t_end)
     }
 
-    /// The next piece of a flight from the air or off the wall, up to an impact if there is one.
+    /// The next segment of a flight from x > 0 or from the wall, up to an impact if any.
     #[inline]
     pub(super) fn next<E, F: Force<E>>(
         &mut self,
@@ -138,7 +138,7 @@ impl FreeFlight {
         }
     }
 
-    /// Adds one of them to a path by what it starts from; whether that says all of it.
+    /// Adds a segment to a path by its initial data; returns whether these determine it.
     #[inline]
     pub(super) fn keep(&self, k: usize, sigma: f64, path: &mut DensePath) -> bool {
         let part = self.part(k);
@@ -157,7 +157,7 @@ impl FreeFlight {
         true
     }
 
-    /// One of them by when it starts and from what, which says all of it under a linear force.
+    /// A segment by its initial time and data, which determine it under a linear force.
     pub(super) fn part(&self, k: usize) -> Option<(f64, FlightPart, &Arc<Table>)> {
         let series = self.series.as_ref()?;
         let (t, part) = series.part(k);
@@ -165,7 +165,7 @@ impl FreeFlight {
     }
 }
 
-/// Up to so many steps of power series.
+/// Up to a number of power-series steps.
 #[inline]
 fn by_series<E>(
     series: &mut SeriesFlight,

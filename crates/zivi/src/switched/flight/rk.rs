@@ -30,18 +30,18 @@ const GAUSS: [(f64, f64); 4] = [
 /// slower ones the time depends on the position like a root.
 const STEEP: f64 = 0.1;
 
-/// A step that tells an impact without a look at its apex is no longer than the last: it may be as
-/// many times longer otherwise.
+/// A step that locates an impact without evaluation at its apex is not longer than the last;
+/// otherwise it may be longer by this factor.
 const GREW: f64 = 2.0;
-/// By how much a step that falls onto the wall is longer than the fall under a constant force: what
-/// is beyond the wall counts for nothing, and the polynomials of a shorter step tell an impact.
+/// Ratio of a step that falls onto the wall to the fall under a constant force: the part with x < 0
+/// is irrelevant, and the polynomials of a short step locate an impact.
 const FALL: f64 = 1.2;
 
 /// Steps of a pair.
 #[derive(Clone, Debug)]
 pub(super) struct PairSteps {
     pub(super) steps: Steps<f64>,
-    /// The impact within or shortly after the last one, if it is one onto the wall.
+    /// The impact within or shortly after the last step, if it ends on the wall.
     landing: Option<ImpactStep>,
     /// How many steps had been given up when the flight began.
     rejected: u64,
@@ -132,7 +132,7 @@ fn fall(now: Point, slope: f64) -> Option<f64> {
     (fall > 16.0 * f64::EPSILON * now.t.abs()).then_some(fall)
 }
 
-/// A step under way.
+/// A step in progress.
 struct FlyingStep<'r, 'f, F> {
     pair: &'r mut PairSteps,
     now: Point,
@@ -166,7 +166,7 @@ impl<E, F: Force<E>> SteppedFlight<f64, E> for FlyingStep<'_, '_, F> {
         let contact = if leaves { None } else { self.first_root(0)? };
         let seen = self.look_at_the_apex(contact)?;
         if let Some(excess) = seen.map(|defect| defect / DEFECT).filter(|&excess| excess > 1.0) {
-            // the shorter step is looked at again
+            // the shorter step is examined again
             if let Mode::Flight(NextInFlight::Step { experience, .. }) = self.mode {
                 *experience = StepHistory::NONE;
             }
@@ -231,10 +231,10 @@ impl<E, F: Force<E>> SteppedFlight<f64, E> for FlyingStep<'_, '_, F> {
 }
 
 impl<F> FlyingStep<'_, '_, F> {
-    /// How far the force between the stages is from what they show, relative to the tolerances: one
-    /// more look, at the apex, where a force that depends on the position differs most. None where
-    /// there is no need. Soon after an impact a step may be a whole arc, and one much longer than
-    /// the last has little that speaks for it.
+    /// Deviation of the force between the stages from their interpolation, relative to the
+    /// tolerances, by one more evaluation at the apex, where a position-dependent force differs
+    /// most; `None` if unnecessary. Soon after an impact a step may be a whole arc, and one much
+    /// longer than the last has little that speaks for it.
     fn look_at_the_apex<E>(&mut self, contact: Option<f64>) -> Result<Option<f64>, Failure<E>>
     where
         F: Force<E>,
@@ -253,9 +253,10 @@ impl<F> FlyingStep<'_, '_, F> {
         self.defect(&polynomials, apex).map(Some)
     }
 
-    /// After which part of the step there is an impact, near `theta`, and the velocity before it, if
-    /// the polynomials of the step tell that to the tolerances: by their last terms, and by what was
-    /// `seen` at the apex, or halfway to the impact. Where they nearly do they are corrected.
+    /// The fraction of the step at the impact near `theta`, and the velocity before it, if the
+    /// polynomials of the step determine them to the tolerances, judged by their last terms and by
+    /// the deviation `seen` at the apex or halfway to the impact. Where they nearly do they are
+    /// corrected.
     fn told_by_polynomials<E>(
         &mut self,
         theta: f64,

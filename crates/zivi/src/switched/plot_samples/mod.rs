@@ -22,10 +22,10 @@ use crate::PathPoint;
 use pulp::{Simd, WithSimd};
 use std::collections::TryReserveError;
 
-/// A line may be off by this part of the height of what it draws: of a step, and of those before
-/// and after it in the same flight.
+/// Allowed error of a line relative to the height of the drawn motion: of a step and its neighbours
+/// in the same flight.
 const FLATNESS: f64 = 1.0 / 200.0;
-/// What is lower than this part of the highest is drawn as if it were so high.
+/// Lower motions are drawn with the accuracy of this fraction of the highest.
 const LOW: f64 = 0.05;
 /// Most parts of a step.
 const MOST_PARTS: f64 = 64.0;
@@ -36,13 +36,13 @@ const BUDGET: f64 = 1e5;
 const MOST: usize = MOST_PARTS as usize + TERMS;
 /// Steps whose outlines are made one after the other.
 const BLOCK: usize = 8;
-/// Times that are evaluated at once.
+/// Times that are evaluated together.
 pub(super) const LANES: usize = 8;
 
 /// A row of the samples: `t`, `x`, `x'`, `sigma`.
 pub(super) type Row = [f64; 4];
 
-/// When there are samples that draw a motion, and what tells the other quantities there.
+/// Times of samples that draw a motion, with sources of the other quantities.
 #[derive(Clone, Debug, Default)]
 pub struct PlotSamples {
     pub(super) t: Vec<f64>,
@@ -52,14 +52,14 @@ pub struct PlotSamples {
     pub(super) rows: Vec<Row>,
 }
 
-/// So many samples after one another, and what tells them.
+/// Consecutive samples with their source.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct SampleRun {
     pub(super) source: SampleSource,
     pub(super) count: usize,
 }
 
-/// What tells samples.
+/// Source of samples.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum SampleSource {
     /// The samples at the ends of steps from this one on.
@@ -71,7 +71,7 @@ pub(super) enum SampleSource {
 }
 
 impl SampleSource {
-    /// That of the sample after so many.
+    /// The source of the sample after `count` others.
     fn after(self, count: usize) -> Self {
         match self {
             SampleSource::Steps(first) => SampleSource::Steps(first + count),
@@ -112,12 +112,12 @@ impl PlotSamples {
         self.t.is_empty()
     }
 
-    /// The positions, which are evaluated again if they are asked for once more.
+    /// The positions; they are evaluated again at the next call.
     pub fn take_positions(&mut self) -> Vec<f64> {
         std::mem::take(&mut self.x)
     }
 
-    /// The last samples, so many, are told by this.
+    /// Sets the source of the last `count` samples.
     #[inline(always)]
     fn note(&mut self, source: SampleSource, count: usize) {
         match self.runs.last_mut() {
@@ -143,7 +143,7 @@ impl WithSimd for PlannedKernel<'_> {
     }
 }
 
-/// The samples, or by what part of them a run of so many steps is drawn.
+/// The samples, or the share of them that the budget allows.
 #[inline(always)]
 fn planned<S: Simd>(
     simd: S,
@@ -326,7 +326,7 @@ fn joined(a: [f64; 2], b: [f64; 2]) -> [f64; 2] {
     [smaller(a[0], b[0]), larger(a[1], b[1])]
 }
 
-/// The height of what is drawn, at least `low`.
+/// The height of the drawn motion, at least `low`.
 #[inline(always)]
 fn height([least, most]: [f64; 2], low: f64) -> f64 {
     larger(larger(most - least, low), f64::MIN_POSITIVE)
@@ -334,10 +334,10 @@ fn height([least, most]: [f64; 2], low: f64) -> f64 {
 
 // When a step is sampled.
 
-/// Samples that are nearer to one another than so many units in the last place of the time are one.
+/// Samples closer than this number of units in the last place of the time coincide.
 const SAME: f64 = 4.0;
 
-/// Notes the times that divide a span into so many parts, and says how many there are.
+/// Adds the times that divide a span into equal parts; returns their number.
 #[inline(always)]
 fn divide((start, end): (f64, f64), parts: f64, times: &mut [f64; MOST]) -> usize {
     let length = end - start;
@@ -353,7 +353,7 @@ fn divide((start, end): (f64, f64), parts: f64, times: &mut [f64; MOST]) -> usiz
     count
 }
 
-/// Notes a time within a span unless there is one already, and says how many there are.
+/// Adds a time within a span unless it exists; returns the number of times.
 #[inline(always)]
 fn insert(t: f64, (start, end): (f64, f64), (times, count): (&mut [f64; MOST], usize)) -> usize {
     let mut at = count;
@@ -378,11 +378,11 @@ fn ulp(t: f64) -> f64 {
 
 // The last moment before an impact.
 
-/// Moments before an impact that are looked at, each twice as far from it as the one before.
+/// Number of tested instants before an impact, at doubling distances.
 const MOMENTS: usize = 10;
 
-/// The last moment before an impact at the end of a step that can be told from it, above the wall,
-/// and how far.
+/// The last instant before an impact at the end of a step that is distinguishable from it, and its
+/// height above the wall.
 #[cold]
 fn before_contact(curve: &FlightCurve, end: f64) -> Option<(f64, f64)> {
     let moments = moments(end);
@@ -402,7 +402,7 @@ fn before_contact(curve: &FlightCurve, end: f64) -> Option<(f64, f64)> {
     None
 }
 
-/// Moments before an impact that are looked at.
+/// Tested instants before an impact.
 #[inline(always)]
 fn moments(t: f64) -> [f64; MOMENTS] {
     let ulp = t - t.next_down();
@@ -457,8 +457,7 @@ fn draw_tail(
 
 // Samples of steps and those between them, merged.
 
-/// Samples at the ends of steps and those between them, in the order of time: where there is one
-/// already it stays.
+/// Samples at the ends of steps and those between them, in order of time; existing ones are kept.
 struct Merged<'a> {
     all: PlotSamples,
     /// Times and positions.
@@ -472,7 +471,7 @@ impl<'a> Merged<'a> {
         Self { all: PlotSamples::default(), steps, next: 0, segments }
     }
 
-    /// Makes room for so many more samples of a segment besides those of the steps.
+    /// Makes room for additional samples of a segment.
     #[inline(always)]
     fn make_room(&mut self, count: usize, segment: usize) -> Result<(), TryReserveError> {
         let PlotSamples { t, x, runs, .. } = &self.all;
@@ -517,8 +516,7 @@ impl<'a> Merged<'a> {
         }
     }
 
-    /// Adds those of a curve at the first of these times, so many, for which there is room, and for
-    /// [`LANES`] more.
+    /// Adds samples of a curve at the first `count` times; there must be room for [`LANES`] more.
     #[inline(always)]
     fn push(&mut self, curve: &FlightCurve, times: &[f64; MOST], count: usize) {
         let PlotSamples { t, x, .. } = &mut self.all;
@@ -533,8 +531,7 @@ impl<'a> Merged<'a> {
         x.truncate(all);
     }
 
-    /// Moves the last sample, just before an impact, back to where it can be told from it, if it
-    /// cannot: one of those from this one on, or none.
+    /// Moves the last sample before an impact to an instant that is distinguishable from it.
     #[inline(always)]
     fn last_before(&mut self, curve: &FlightCurve, end: f64, first: usize) {
         if self.all.x.last().is_none_or(|&x| x > 0.0) {

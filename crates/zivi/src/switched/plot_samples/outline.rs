@@ -1,4 +1,4 @@
-//! What a drawing needs to know of a step: ranges, how far it is from straight, and apexes.
+//! Drawing data of a step: ranges, deviation from a straight line, apexes.
 
 use crate::numeric::bernstein::Bernstein;
 use crate::numeric::power_series::{all_slopes, all_values, LANES};
@@ -7,7 +7,7 @@ use crate::switched::path::{FlightCurve, Form};
 use crate::switched::plot_samples::{larger, largest, range, smaller, BLOCK};
 use pulp::Simd;
 
-/// What a drawing needs to know of a flight.
+/// Drawing data of a flight.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Outline {
     /// Least and largest values.
@@ -47,7 +47,7 @@ fn of_polynomials(
     [x, xdot]: &[Bernstein; 2],
     apexes: &mut Vec<f64>,
 ) -> Outline {
-    /// What may be rounding, relative to the largest coefficient.
+    /// Rounding threshold relative to the largest coefficient.
     const ROUNDING: f64 = 1e-12;
     let (x, xdot) = (x.coefficients(), xdot.coefficients());
     let n = x.len() as f64 - 1.0;
@@ -62,14 +62,14 @@ fn of_polynomials(
     Outline { x, xdot: velocity, bends, apexes: 0 }
 }
 
-/// What is asked of a series in the middle of a step and at its end: the series and its first three
-/// derivatives.
+/// Evaluated orders of a series in the middle of a step and at its end: the series and its first
+/// three derivatives.
 const ORDERS: usize = 4;
 const ASKED: usize = 2 * ORDERS;
-/// Terms of which they are made: beyond there is a millionth of a third derivative.
+/// Number of terms used: the truncation error is a millionth of a third derivative.
 const ENOUGH: usize = 16;
 
-/// What each power adds to them.
+/// Weights of each power.
 const WEIGHTS: [[f64; ASKED]; TERMS] = {
     let (mut weights, mut at) = ([[0.0; ASKED]; TERMS], 0);
     while at < TERMS * ORDERS {
@@ -258,8 +258,7 @@ fn alone(curve: &FlightCurve, guess: f64) -> (f64, f64) {
     (theta, value(a, theta))
 }
 
-/// The velocities at such places, how long a step by Halley's formula is from there, and where it
-/// leads.
+/// The velocities at these places, and length and end of a step of Halley's formula.
 #[inline(always)]
 fn halley<S: Simd>(simd: S, a: &[S::f64s; TERMS], s: S::f64s) -> [S::f64s; 3] {
     let times = |factor: f64, a| simd.mul_f64s(simd.splat_f64s(factor), a);

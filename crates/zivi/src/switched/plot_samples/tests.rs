@@ -199,7 +199,7 @@ fn positions_are_those_of_the_path_and_steps_stay() {
     }
 }
 
-/// As a run would have them that was told to sample there, too.
+/// Equal to those of a run with additional sample times there.
 #[test]
 fn steps_that_end_within_segments_are_sorted_in() {
     let (samples, path, [t, x]) = runs().next().unwrap();

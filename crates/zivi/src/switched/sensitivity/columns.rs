@@ -20,7 +20,7 @@ use crate::switched::sensitivity::validity::Nearest;
 use crate::switched::stages::{Counted, Stages};
 use crate::system::slopes::{DifferentiableForce, Place, Slopes};
 
-/// What a column is the derivative by.
+/// Variable of differentiation of a column.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Wrt {
     /// The initial distance.
@@ -68,7 +68,7 @@ impl Columns {
     }
 }
 
-/// How long the derivatives of a force are evaluated, by which parameters, and where they go.
+/// Span and parameters of the derivatives of a force, and their destination.
 #[derive(Clone, Debug)]
 pub(in crate::switched) struct Forcing {
     /// Numbers of the parameters.
@@ -125,8 +125,8 @@ pub(in crate::switched) struct ColumnStep {
     pub(in crate::switched) from: Columns,
     pub(in crate::switched) end: Columns,
     pub(in crate::switched) forcing: Forcing,
-    /// Velocities and accelerations of the stages, one after the other, as those of the motion: what
-    /// they are beyond a uniform acceleration, but at the start.
+    /// Velocities and accelerations of the stages, in the form used for the motion: deviations from
+    /// a uniform acceleration, except at the start.
     v: Vec<f64>,
     k: Vec<f64>,
     known: usize,
@@ -222,7 +222,7 @@ impl ColumnStep {
     }
 
     /// The largest error of a column relative to its scale `atol/size + rtol |column|`, `sizes`
-    /// being the magnitudes of what the columns are derivatives by.
+    /// being the magnitudes of the variables of differentiation.
     pub(in crate::switched) fn error<E, F: DifferentiableForce<E>>(
         &mut self,
         stages: &Stages,
@@ -267,7 +267,7 @@ impl ColumnStep {
         }
     }
 
-    /// Moves the end of the step on by a time that is short beside it.
+    /// Extends the step by a time that is short compared with it.
     pub(in crate::switched) fn polish<E, F: DifferentiableForce<E>>(
         &mut self,
         stages: &Stages,
@@ -319,8 +319,8 @@ impl ColumnStep {
     }
 }
 
-/// The columns at the stage `i` with the row `a`, `to = from + h sum_j a_j (V_j, K_j)`. Writes what
-/// their velocities have beyond a uniform acceleration.
+/// The columns at the stage `i` with the row `a`, `to = from + h sum_j a_j (V_j, K_j)`. Writes the
+/// deviation of their velocities from a uniform acceleration.
 #[inline]
 fn combine(
     to: &mut Columns,
@@ -348,19 +348,19 @@ fn combine(
     }
 }
 
-// What is requested of a run with derivatives, and what is found.
+// Request and result of a run with derivatives.
 
-/// What is to be differentiated by what.
+/// Request for derivatives.
 #[derive(Clone, Debug)]
 pub struct Question<'a, W = Wrt> {
-    /// What the columns are derivatives by.
+    /// Variables of differentiation.
     pub wrt: &'a [W],
     /// Magnitudes of these, positive: the absolute tolerance of a column is that of the state
     /// divided by its magnitude.
     pub sizes: &'a [f64],
     /// Whether the steps are adapted to the errors of the columns too.
     pub controlled: bool,
-    /// Times at which the columns are wanted, within the span (s), increasing.
+    /// Output times of the columns, within the span (s), increasing.
     pub times: &'a [f64],
 }
 
@@ -392,8 +392,8 @@ pub struct Derivatives {
     pub nearest: Vec<Option<Nearest>>,
     /// Whether an impact, the want of one, or the order of two is decided by the tolerances.
     pub grazing: bool,
-    /// Since when there are none: a corner, impacts or lift-offs of coupled gaps at once. Columns
-    /// are NaN from there, until the contacts determine the state.
+    /// Time from which derivatives do not exist: a corner, simultaneous impacts or lift-offs of
+    /// coupled gaps. Columns are NaN from there, until the contacts determine the state.
     pub lost_at: Option<f64>,
     /// At each of the times asked for `n` numbers of `dq` for each column, then those of `dq'`; NaN
     /// where the impacts accumulate.

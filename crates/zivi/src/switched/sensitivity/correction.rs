@@ -9,12 +9,12 @@ use super::impulses::SequenceEquations;
 use crate::numeric::elimination::Elimination;
 use crate::record::status::Failure;
 
-/// Where a solution is sought: unknowns and parameter scaled, as one vector.
+/// Hyperplane of the corrector: scaled unknowns and parameter as one vector.
 #[derive(Clone, Copy, Debug)]
 pub struct Hyperplane<'a> {
     /// A point of the plane, near the solution.
     pub guess: &'a [f64],
-    /// What is perpendicular to it.
+    /// Its normal.
     pub normal: &'a [f64],
     /// Magnitudes of the unknowns and of the parameter.
     pub scale: &'a [f64],
@@ -27,7 +27,7 @@ pub struct Hyperplane<'a> {
 pub struct Limits {
     /// The most evaluations.
     pub evaluations: usize,
-    /// The scaled residual that is sought.
+    /// The required scaled residual.
     pub tolerance: f64,
     /// The one with which an iteration that stalls has found what rounding allows.
     pub enough: f64,
@@ -59,11 +59,11 @@ pub enum NotCorrected<E> {
     Diverged,
 }
 
-/// Seeks the solution in a hyperplane. `equations` evaluates them at unknowns and a parameter; if
-/// that is asked for with the derivative by the parameter, of the period, too.
+/// Seeks the solution in a hyperplane. `equations` evaluates them at unknowns and a parameter, on
+/// request with the derivative with respect to the parameter, period included.
 ///
 /// # Errors
-/// What the equations give, a system without a solution, too many evaluations.
+/// Errors of the equations, a singular system, too many evaluations.
 pub fn correct<E>(
     plane: Hyperplane<'_>,
     limits: Limits,
@@ -108,7 +108,7 @@ pub fn correct<E>(
     Err(NotCorrected::Diverged)
 }
 
-/// The derivative of the scaled equations, with the normal as its last row; None if it is singular.
+/// The derivative of the scaled equations, with the normal as its last row; `None` if singular.
 fn bordered(
     Hyperplane { normal, scale, sizes, .. }: Hyperplane<'_>,
     found: &SequenceEquations,
@@ -126,7 +126,7 @@ fn bordered(
     (factors.rank() == n + 1).then_some(factors)
 }
 
-/// The unit vector along which the equations do not change; None if it is not finite.
+/// The unit vector along which the equations do not change; `None` if not finite.
 fn tangent(bordered: &Elimination, n: usize) -> Option<Vec<f64>> {
     let mut right = vec![0.0; n];
     right.push(1.0);

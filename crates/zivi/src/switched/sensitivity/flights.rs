@@ -1,12 +1,12 @@
-//! Flights of known length, without any look for impacts, and their derivatives: what orbits that
-//! are told by the times of their impacts and the speeds after them consist of.
+//! Flights of known length, without event detection, and their derivatives: the elements of orbits
+//! with unknown impact times and speeds.
 //!
 //! ```text
 //! flight   from (t_i, 0, u_i) to t_j:   x, x', Phi = d(x, x')/d(x_i, x'_i), d(x, x')/dq
 //! ```
 //!
-//! The force must continue below the wall, as for the switched method: a flight that is too long
-//! goes there.
+//! The force must continue below the wall, which a too long flight enters (the switched method has
+//! the same requirement).
 
 use crate::numeric::bernstein::Polynomial;
 use crate::numeric::power_series::{derivative, stretch, value_and_slope, Series, TERMS};
@@ -21,7 +21,7 @@ use crate::switched::stages::{Counted, Stages};
 use crate::system::slopes::DifferentiableForce;
 use crate::{LinearLaw, LinearRate, Status, Wave};
 
-/// What is requested of flights.
+/// Options of flights.
 #[derive(Clone, Copy, Debug)]
 pub struct IndependentFlights<'a> {
     /// Tolerances, order and budget.
@@ -30,11 +30,11 @@ pub struct IndependentFlights<'a> {
     pub by: &'a [usize],
     /// Magnitudes of `x`, `x'` and the parameters.
     pub sizes: &'a [f64],
-    /// Whether the minima are wanted.
+    /// Whether the minima are computed.
     pub minima: bool,
 }
 
-/// Flies each of the flights by itself.
+/// Integrates each flight independently.
 ///
 /// # Errors
 /// What the force raises, a status where a flight cannot be computed.
@@ -204,8 +204,8 @@ pub struct Flown {
     pub dx: Vec<f64>,
     /// Those of the velocity.
     pub dv: Vec<f64>,
-    /// The lowest minimum of the distance between the ends: when (s), and the distance (m), which
-    /// is infinite where there is none.
+    /// The lowest minimum of the distance between the ends: time (s) and distance (m), infinite
+    /// without a minimum.
     pub lowest: (f64, f64),
 }
 
@@ -219,8 +219,7 @@ pub struct Flown {
 // x_q'' = -k x_q - c x_q' + f_q        f_q = -k_q x - c_q x' - g_q + sum_m Re (a_m + b_m t) e^(i w_m t)
 // ```
 
-/// Length of a step times the fastest rate: beyond the last coefficient there is
-/// `24 1.75^24/24! = 3e-17`.
+/// Length of a step times the fastest rate: the truncation error is `24 1.75^24/24! = 3e-17`.
 const STEP: f64 = 1.75;
 /// Lengths of steps whose powers are numbers.
 const USUAL: std::ops::Range<f64> = 1e-100..1e100;
@@ -241,8 +240,8 @@ pub(super) struct LinearFlights {
 }
 
 impl LinearFlights {
-    /// Flights of at most a duration and so many steps, with their minima or without, and with
-    /// derivatives by parameters; unless its numbers are beyond what can be computed with.
+    /// Flights up to a duration and a number of steps, optionally with minima and with derivatives
+    /// with respect to parameters; `None` if its numbers are too large.
     pub(super) fn new(
         law: LinearLaw,
         rates: Vec<LinearRate>,
@@ -358,7 +357,7 @@ fn minimum(
     }
 }
 
-/// A time, and what rounding leaves out of it.
+/// A time and its rounding error.
 #[derive(Clone, Copy)]
 struct Time {
     t: f64,

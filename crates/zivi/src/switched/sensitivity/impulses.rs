@@ -34,18 +34,18 @@ pub struct ImpactSequence<'a> {
 pub struct SequenceEquations {
     /// The flights to the impacts.
     pub flights: Vec<Flown>,
-    /// What must vanish, two numbers for each impact.
+    /// The residual, two numbers per impact.
     pub residual: Vec<f64>,
     /// The derivative by the unknowns, row by row.
     pub own: Vec<f64>,
     /// Apart from that, the derivative by the last impact, a period ago.
     pub before: Vec<f64>,
-    /// The derivative by a parameter at a fixed period, empty where none was asked for.
+    /// The derivative with respect to a parameter at fixed period, empty if not requested.
     pub by: Vec<f64>,
 }
 
 impl SequenceEquations {
-    /// The derivative by a parameter by which the period has one, too.
+    /// The derivative with respect to a parameter on which the period depends.
     pub fn by_parameter(&self, longer: f64) -> Vec<f64> {
         let size = self.residual.len();
         // the last impact of the period before moves with its length

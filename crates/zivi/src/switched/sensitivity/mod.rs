@@ -2,8 +2,8 @@
 //! restitution and parameters of the force: through impacts, Zeno points, rest and lift-off.
 //!
 //! The columns `(dx/dq, dx'/dq)` are carried in the same Runge-Kutta steps; an impact multiplies
-//! them by the saltation matrix, a Zeno point has the derivative of its extrapolation, rest ends
-//! them and a lift-off starts them anew.
+//! them by the saltation matrix, a Zeno point has the derivative of its extrapolation, they vanish
+//! at rest and are reinitialised at lift-off.
 
 mod columns;
 mod correction;

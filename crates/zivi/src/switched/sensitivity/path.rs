@@ -30,7 +30,7 @@ impl ColumnPath {
         Self { m, ..Self::default() }
     }
 
-    /// A step, up to an impact within it if there is one.
+    /// A step, up to an impact within it if any.
     pub(in crate::switched) fn push_flight(
         &mut self,
         stages: &Stages,
@@ -67,7 +67,7 @@ impl ColumnPath {
         self.segments.push((start, kind));
     }
 
-    /// `dx/dq` and `dx'/dq` at `t`, after the impact if there is one; NaN in a tail, and before the
+    /// `dx/dq` and `dx'/dq` at `t`; at an impact, after it; NaN in a tail, and before the
     /// start.
     pub(in crate::switched) fn at(&self, t: f64) -> Columns {
         let after = self.segments.partition_point(|segment| segment.0 <= t);

@@ -83,7 +83,7 @@ pub fn sensitivity<E, F: DifferentiableForce<E>>(
     Ok((run, gather(follower, settings, samples)))
 }
 
-/// Samples of derivatives between two looks at what may interrupt them.
+/// Samples of derivatives between two checks for interruption.
 const BETWEEN_POLLS: usize = 1 << 12;
 
 fn gather(mut follower: VariationalRun, settings: SwitchedRk, samples: Vec<f64>) -> Derivatives {

@@ -1,9 +1,9 @@
-//! How far the derivatives reach: the radius, in units of what they are derivatives by, at which
+//! Validity of the derivatives: the radius, in units of the variables of differentiation, at which
 //! to first order an event of the run appears, disappears, or passes the end.
 
 use crate::switched::{grazing, SwitchedRk};
 
-/// What limits a derivative.
+/// Reason for the limit of a derivative.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u8)]
 pub enum Limit {
@@ -28,7 +28,7 @@ pub enum Limit {
 /// The nearest event: what it is, when, and how deep (in its own unit).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Nearest {
-    /// What it is.
+    /// The reason.
     pub limit: Limit,
     /// When (s).
     pub t: f64,

@@ -19,10 +19,10 @@ use crate::zeno::arc::Bounce;
 use crate::zeno::rates::{ChainRates, Rate};
 use crate::{AnyImpactLaw, Dependence, Impact, Status};
 
-/// The columns of a run under way.
+/// The columns of a run in progress.
 pub(in crate::switched) struct VariationalRun {
     wrt: Vec<Wrt>,
-    /// Magnitudes of what the columns are derivatives by.
+    /// Magnitudes of the variables of differentiation.
     sizes: Vec<f64>,
     /// Whether the steps are adapted to the columns too.
     controlled: bool,
@@ -143,8 +143,8 @@ impl VariationalRun {
         Ok(())
     }
 
-    /// Once the last impact has been thought about: its part in the chain, and whether the
-    /// derivatives of a Zeno time are known as well as the time.
+    /// After the evaluation of the last impact: its contribution to the chain, and whether the
+    /// derivatives of a Zeno time are known as accurately as the time.
     fn weigh<E, F: DifferentiableForce<E>>(
         &mut self,
         integrator: &mut SwitchedIntegrator,
@@ -213,7 +213,7 @@ impl VariationalRun {
         }
     }
 
-    /// At the end of the run: an impact shortly behind it may come before it.
+    /// At the end of the run: an impact shortly after it may move before it.
     pub(in crate::switched) fn ends(&mut self, end: Point) {
         if end.x > 0.0 && end.xdot < 0.0 {
             let rates: Vec<f64> = self.step.end.x.iter().map(|x| x / end.xdot).collect();
@@ -291,7 +291,7 @@ impl<'f, E, F: DifferentiableForce<E>> Driver<SwitchedIntegrator, Counted<'f, F>
 
 // The columns in flight: through the steps of the motion, shorter ones where the columns need them.
 
-/// Steps that are given up for the columns before one is taken as it is.
+/// Steps rejected for the columns before one is accepted regardless.
 const RETRIES: u32 = 40;
 /// How far the step onto an impact may be moved to it, relative to its length.
 const NUDGE: f64 = 1e-4;
@@ -329,7 +329,7 @@ impl VariationalRun {
         Ok(Some(stages))
     }
 
-    /// What a piece of flight that was taken adds: a minimum, the dense output, an impact.
+    /// Contributions of an accepted segment of flight: a minimum, the dense output, an impact.
     fn flew<E, F: DifferentiableForce<E>>(
         &mut self,
         integrator: &mut SwitchedIntegrator,

@@ -1,6 +1,6 @@
 //! A coefficient of restitution that is a function of the speed.
 //!
-//! Where `e = 1 - x(v)` with `x ~ c v^p`, `0 < p < 1`, as for viscoelastic spheres with `p = 1/5`
+//! For `e = 1 - x(v)` with `x ~ c v^p`, `0 < p < 1`, as for viscoelastic spheres with `p = 1/5`
 //! (Schwager and Poschel, Phys. Rev. E 57, 1998), speeds fall as `n^(-1/p)`. They have the sum
 //!
 //! ```text
@@ -14,7 +14,7 @@ use super::law::ImpactLaw;
 use std::fmt;
 use std::sync::Arc;
 
-/// A coefficient of restitution `e(v)`, from any thread; NaN where there is none.
+/// A coefficient of restitution `e(v)`, from any thread; NaN if undefined.
 type Ratio = dyn Fn(f64) -> f64 + Send + Sync;
 
 /// The law `x'+ = e(v) v` of a function `e`.

@@ -1,4 +1,4 @@
-//! What an impact law is.
+//! Interface of impact laws.
 
 use zivi_core::setting::Setting;
 use zivi_core::{Restitution, SettingError};
@@ -15,7 +15,7 @@ pub trait ParametricLaw: ImpactLaw {
     fn of(values: &[f64]) -> Result<Self, SettingError>;
 }
 
-/// What an impact does to the speed.
+/// Speed after an impact.
 pub trait ImpactLaw: Clone {
     /// The speed after an impact at the speed `v > 0` (m/s): at most `v`, an impact adds no energy.
     fn after(&self, v: f64) -> f64;
@@ -28,7 +28,7 @@ pub trait ImpactLaw: Clone {
         0.0
     }
 
-    /// The ratio `e` of the speeds in the limit `v -> 0`; nothing where there is none. Between 0 and
+    /// The ratio `e` of the speeds in the limit `v -> 0`; `None` if undefined. Between 0 and
     /// 1 impacts accumulate as a geometric chain. With 1 they do not accumulate, with 0 faster than
     /// any such chain.
     fn limit(&self) -> Option<f64>;
@@ -50,26 +50,27 @@ pub trait ImpactLaw: Clone {
     }
 
     /// The sum of the speeds after an impact with the speed `u` after it (m/s) and after all that
-    /// follow it under a constant pull `g`, which end `2/g` times the sum later. Nothing where it is
-    /// infinite, or not known.
+    /// follow it under a constant pull `g`, which end `2/g` times the sum later. `None` if infinite
+    /// or unknown.
     fn sum_of_speeds(&self, _u: f64) -> Option<f64> {
         None
     }
 
-    /// The coefficient of restitution where it is the same for all speeds.
+    /// The coefficient of restitution if it is independent of the speed.
     fn constant(&self) -> Option<Restitution> {
         None
     }
 
-    /// What makes the coordinates `(s, v)` of samples. Where the coefficient depends on the speed no
-    /// transform with one `kappa` removes the impacts: there `v = sigma x'`, with `kappa = 0`.
+    /// The transform of samples to the coordinates `(s, v)`. Where the coefficient depends on the
+    /// speed no transform with one `kappa` removes the impacts: there `v = sigma x'`, with `kappa =
+    /// 0`.
     #[inline]
     fn transform(&self) -> Restitution {
         self.constant().unwrap_or(Restitution::ELASTIC)
     }
 }
 
-/// The value of a parameter, not a number where it is missing.
+/// The value of a parameter, NaN if missing.
 pub(super) fn value(values: &[f64], parameter: usize) -> f64 {
     values.get(parameter).copied().unwrap_or(f64::NAN)
 }

@@ -5,7 +5,7 @@
 //! ```
 //!
 //! A new law is a file, in which its settings implement [`ImpactLaw`] and [`ParametricLaw`], and a
-//! line in the list of [`AnyImpactLaw`]. Laws that are not a few numbers follow behind it.
+//! line in the list of [`AnyImpactLaw`]. Laws without numeric parameters follow after the list.
 
 mod function;
 mod law;
@@ -37,7 +37,7 @@ macro_rules! impact_laws {
             pub const ALL: &'static [(&'static str, &'static [Setting])] =
                 &[$((stringify!($parametric), <$parametric_law>::PARAMETERS),)*];
 
-            /// The law of this name; nothing if there is none.
+            /// The law of this name; `None` if unknown.
             #[must_use]
             pub fn named(name: &str, values: &[f64]) -> Option<Result<Self, SettingError>> {
                 $(if name == stringify!($parametric) {

@@ -12,10 +12,10 @@
 //! log v_(n+1) - log v* = (1 - k) (log v_n - log v*)      v* = v0 e0^(1/k)                   (2)
 //! ```
 //!
-//! from one impact to the next. For `0 < k < 1` speeds fall to `v*`, where `e = 1`: with
-//! `e_max = 1` the mass bounces for good and never rests. With `e_max < 1` the cap is reached after a
-//! few impacts, and from there on the chain is geometric. For `k < 0` the point `v*` repels: speeds
-//! below it fall faster than any geometric chain, to rest after a few impacts.
+//! from one impact to the next. For `0 < k < 1` speeds decrease to `v*`, where `e = 1`: with `e_max
+//! = 1` the mass keeps bouncing and never rests. With `e_max < 1` the cap is reached after a few
+//! impacts; then the chain is geometric. For `k < 0` the point `v*` repels: speeds below it fall
+//! faster than any geometric chain, to rest after a few impacts.
 
 use super::law::{value, ImpactLaw, ParametricLaw};
 use zivi_core::setting::{Setting, Value, Values};

@@ -11,7 +11,7 @@ pub enum JointKind {
     Slide,
 }
 
-/// A joint and what it moves.
+/// A joint and its body.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Joint {
     /// The joint that moves it, with a smaller number; none for the world.
@@ -115,8 +115,8 @@ pub(super) fn turned_inertia<T: Real>(r: &Columns<T>, s: &Symmetric<T>) -> Symme
     [entry(0, 0), entry(1, 1), entry(2, 2), entry(0, 1), entry(0, 2), entry(1, 2)]
 }
 
-/// What a mass `m` with the first moment `h` adds to its inertia about a point `-d` from its own:
-/// `(2 h.d + m d^2) 1 - h d^T - d h^T - m d d^T`.
+/// Contribution of a mass `m` with the first moment `h` to the inertia about a point `-d` from its
+/// own: `(2 h.d + m d^2) 1 - h d^T - d h^T - m d d^T`.
 #[inline(always)]
 pub(super) fn shift<T: Real>(m: T, h: Vector<T>, d: Vector<T>) -> Symmetric<T> {
     // with e = h + m d: e.d + h.d on the diagonal, less h d^T + d e^T

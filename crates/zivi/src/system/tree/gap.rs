@@ -42,7 +42,7 @@ impl TreeGap {
 /// A channel of dry friction of a tree.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum TreeFriction {
-    /// In a joint: the force in slip, and what it holds in stick.
+    /// In a joint: the force while slipping and the static limit.
     Joint(usize),
     /// Along the plane of a gap, of a body that moves in a plane: the direction `t` of slip, the radius of the ball
     /// about the point of the gap, `mu` in slip and in stick.
@@ -57,7 +57,7 @@ impl TreeFriction {
         }
     }
 
-    /// Whether it is of a joint, or of a gap above a plane, that there is.
+    /// Whether it belongs to an existing joint or gap above a plane.
     pub(super) fn is_known(self, joints: &[Joint], gaps: &[TreeGap]) -> bool {
         match self {
             Self::Joint(joint) => joint < joints.len(),

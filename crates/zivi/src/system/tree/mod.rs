@@ -27,8 +27,8 @@ use crate::system::partials::{DifferentiableDynamics, TimedState};
 use std::ops::Range;
 use std::sync::Arc;
 
-/// A tree: joints, gaps, dry friction, and their numbers, those of gravity (3) first, then of each joint,
-/// of each gap, and of each channel of friction.
+/// A tree: joints, gaps, dry friction, and their numbers: gravity (3), each joint, each gap, each
+/// friction channel.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Tree {
     /// The joints.
@@ -60,7 +60,7 @@ impl Tree {
         start..start + place::ALL
     }
 
-    /// Where the numbers of a gap lie; those of the one behind the last start at the end.
+    /// Range of the numbers of a gap; the range after the last gap starts at the end.
     fn gap_numbers(&self, gap: usize) -> Range<usize> {
         let before: usize = self.gaps[..gap].iter().map(|it| it.numbers()).sum();
         let start = 3 + self.joints.len() * place::ALL + before;
@@ -95,7 +95,7 @@ impl<T: Real> Wrench<T> {
     }
 }
 
-/// What a joint moves, its own body first, then all that it carries too.
+/// Inertia moved by a joint: its own body, then its whole subtree.
 #[derive(Clone, Copy, Debug)]
 struct Load<T> {
     mass: T,
@@ -103,7 +103,7 @@ struct Load<T> {
     first: Vector<T>,
     /// The inertia about the origin.
     inertia: Symmetric<T>,
-    /// What moves it as it moves without `q''`, against gravity.
+    /// Wrench for the motion without `q''`, gravity included.
     wrench: Wrench<T>,
 }
 
@@ -188,7 +188,7 @@ fn couple<T: Real>(
 
 // A tree as a model of a run, with its partial derivatives.
 
-/// What is known of the bodies at a state.
+/// Kinematics of the bodies at a state.
 #[derive(Clone, Debug, Default)]
 struct Bodies<T> {
     frames: Vec<Frame<T>>,

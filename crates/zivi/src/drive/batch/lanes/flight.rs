@@ -11,10 +11,10 @@ pub(super) type Lane = [f64; WIDTH];
 
 /// Relative distance from a switch from which on a step is everyday without a closer look.
 pub(super) const MARGIN: f64 = 100.0 * SIGN_TOLERANCE;
-/// States beyond it are looked at one by one: the square of a speed is a number there.
+/// Larger states are processed one by one: the square of a speed is a number there.
 pub(super) const HUGE: f64 = 1e140;
 
-/// What the kernels work on: states seen from the side of the wall where the mass is. The signs
+/// Data of the kernels: states on the branch of the mass. The signs
 /// `lambda_s` are all `+1` from there.
 #[repr(C, align(64))] // lanes begin where vectors of the machine do
 pub(super) struct Lanes {
@@ -23,7 +23,7 @@ pub(super) struct Lanes {
     pub(super) v: Lane,
     /// Whether the mass moves or may do so, as `1` or `0`.
     pub(super) busy: Lane,
-    /// `1 - kappa` and `1 + kappa`, and what they are divided by.
+    /// `1 - kappa` and `1 + kappa`, and their divisors.
     pub(super) r: [Lane; 2],
     pub(super) inverse_r: [Lane; 2],
     /// `gamma/(1 - kappa)`, and more.
@@ -85,7 +85,7 @@ impl Lanes {
         Lifted { s: sigma * self.s[i] + 0.0, v: sigma * self.v[i] + 0.0 }
     }
 
-    /// Puts a mass where it is, seen from its side `sigma`, and says whether it moves or may do so.
+    /// Places a mass at its state on the branch `sigma`; `busy` if it moves or may do so.
     pub(super) fn place(&mut self, i: usize, z: Lifted, sigma: f64, busy: bool) {
         // no negative zeros
         (self.s[i], self.v[i]) = (sigma * z.s + 0.0, sigma * z.v + 0.0);
@@ -108,7 +108,7 @@ impl Lanes {
     }
 }
 
-/// What of a step is the same for all masses.
+/// Quantities of a step common to all masses.
 #[derive(Clone, Copy)]
 pub(super) struct Common<S: Simd> {
     pub(super) simd: S,

@@ -1,6 +1,6 @@
 //! Kernels of lanes: common interface, waves, single masses.
 //!
-//! What kernels for different forces have in common.
+//! Common part of kernels for different forces.
 
 use crate::drive::batch::lanes::flight::{Lane, Lanes, WIDTH};
 use crate::drive::batch::outcome::{Outcome, Saved};
@@ -29,7 +29,7 @@ pub(super) trait StepLaw<F> {
     /// 0) stays. Gives whether there is one. Must be inlined always.
     fn everyday<S: Simd>(&mut self, simd: S, lanes: &mut Lanes, n: usize, hard: &mut Lane) -> bool;
 
-    /// Evaluations of the force in so many steps.
+    /// Evaluations of the force in a number of steps.
     fn nfev(&self, i: usize, run: &OneByOne<F>, steps: u64) -> u64;
 }
 
@@ -39,9 +39,9 @@ pub(super) trait StepLaw<F> {
 #[repr(C, align(64))] // lanes begin where vectors of the machine do
 pub(super) struct Waves {
     amplitude: Lane,
-    /// At the time that was asked for last.
+    /// At the last requested time.
     pub(super) excitation: Lane,
-    /// Angular frequencies and phases, the first so many, and which of them a mass has.
+    /// Distinct angular frequencies and phases, and the index of each mass.
     omega: Lane,
     phase: Lane,
     different: usize,
@@ -99,7 +99,7 @@ impl Waves {
     }
 }
 
-// One mass of many: the steps that it takes by itself, and what is noted of all of them.
+// One mass of many: its individual steps, and the records of all steps.
 
 /// A mass, its force and where it starts.
 #[derive(Clone, Copy, Debug)]
@@ -109,7 +109,7 @@ pub(in crate::drive::batch) struct Mass<F> {
     pub(in crate::drive::batch) initial: Physical,
 }
 
-/// What goes on beside the states: the run of one mass as it is alone.
+/// Run of one mass outside the kernels.
 pub(super) struct OneByOne<F> {
     pub(super) stepper: ThetaGammaStepper<Exact>,
     pub(super) force: F,
@@ -154,7 +154,7 @@ impl<F: Force<Stopped>> OneByOne<F> {
         !rests && self.ended.is_none()
     }
 
-    /// The step after `k` that is not everyday; `None` where there is none, and the mass stops.
+    /// The step after `k` that is not everyday; `None` if there is none; the mass stops.
     #[cold]
     #[inline(never)]
     pub(super) fn step(&mut self, z: Lifted, k: usize, (t, t_next): (f64, f64)) -> Option<Lifted> {

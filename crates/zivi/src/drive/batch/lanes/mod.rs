@@ -15,9 +15,9 @@
 //! v f > 0  or  |v| > gamma h |f|/(1 - kappa)         no sign of v can change
 //! ```
 //!
-//! Under `f <= 0` these imply what [`zivi_core::ThetaGammaStep::everyday`] asks for. Under `f > 0`, where there
-//! may be several solutions, they exclude the eight other patterns, each by more than its tolerance:
-//! the rule of [`zivi_core::step::selection`] has nothing to choose.
+//! Under `f <= 0` these imply the conditions of [`zivi_core::ThetaGammaStep::everyday`]. Under `f >
+//! 0`, where there may be several solutions, they exclude the eight other patterns, each by more
+//! than its tolerance: the rule of [`zivi_core::step::selection`] has nothing to choose.
 
 mod constant;
 mod flight;
@@ -116,7 +116,7 @@ fn moved<F: Force<Stopped> + Copy, L: StepLaw<F>>(
 /// Steps between two checks whether to stop.
 const PIECE: usize = 1 << 14;
 
-/// The steps of a range, compiled for what the machine can do.
+/// The steps of a range, compiled for the instruction set of the machine.
 struct LaneSteps<'a, F, L> {
     lanes: &'a mut Lanes,
     law: &'a mut L,

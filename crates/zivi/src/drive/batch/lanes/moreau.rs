@@ -80,7 +80,7 @@ pub(in super::super) fn run<F: Force<Stopped> + Copy>(
     Ok(runs.into_iter().enumerate().map(finish).collect())
 }
 
-/// The run of one mass as it is alone.
+/// The run of one mass outside the kernels.
 struct MoreauOneByOne<F> {
     mover: Mover,
     force: F,
@@ -357,7 +357,7 @@ impl<S: Simd> MoreauStep<S> {
     }
 }
 
-/// The steps of a range, compiled for what the machine can do.
+/// The steps of a range, compiled for the instruction set of the machine.
 struct MoreauSteps<'a, F> {
     lanes: &'a mut MoreauLanes,
     runs: &'a mut [MoreauOneByOne<F>],

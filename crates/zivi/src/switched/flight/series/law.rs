@@ -35,7 +35,7 @@ pub(crate) struct Linear {
     damping: f64,
     /// The part that does not vary (m/s^2).
     pub(crate) constant: f64,
-    /// What waves that do not turn add to it.
+    /// Contribution of waves with zero frequency.
     still: f64,
     waves: [Option<Excitation>; WAVES],
 }
@@ -154,13 +154,13 @@ impl<E> Force<E> for Linear {
     }
 }
 
-// Power series, and what a step under a linear force starts from.
+// Power series, and initial data of a step under a linear force.
 
 /// Most waves of a force.
 pub(crate) const WAVES: usize = 2;
 
-/// What a table is for: stiffness, damping and the angular frequencies of the waves, 0 where there
-/// is none.
+/// Parameters of a table: stiffness, damping and the angular frequencies of the waves, 0 for absent
+/// waves.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Law {
     pub(crate) stiffness: f64,
@@ -213,12 +213,12 @@ pub(crate) fn wave(w: f64, h: f64) -> [Series; 2] {
     [cos, sin]
 }
 
-// What is linear in where a step starts.
+// Quantities linear in the initial data of a step.
 
-/// What a flight is linear in: `x`, `V`, the constant, the two parts of each wave.
+/// Quantities in which a flight is linear: `x`, `V`, the constant, the two parts of each wave.
 pub(super) const COLUMNS: usize = 3 + 2 * WAVES;
 
-/// Numbers that are linear in where a step starts: by each of what it is linear in.
+/// Numbers that are linear in the initial data of a step: coefficients of each datum.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct LinearColumns<const N: usize>(pub(super) [[f64; N]; COLUMNS]);
 
@@ -250,8 +250,8 @@ impl<const N: usize> LinearColumns<N> {
     }
 }
 
-/// A bound that is linear in the sizes of what a step starts from: by `|x|`, by `|V|`, by the
-/// constant, by `|z|` of each wave.
+/// A bound that is linear in the sizes of the initial data of a step: coefficients of `|x|`, `|V|`,
+/// the constant, and `|z|` of each wave.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Bound(pub(super) [f64; 3 + WAVES]);
 

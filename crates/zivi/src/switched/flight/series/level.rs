@@ -1,4 +1,4 @@
-//! Many steps of a flight at once.
+//! Several steps of a flight together.
 
 use crate::numeric::bernstein::Polynomial;
 use crate::numeric::root::sin_cos;
@@ -19,7 +19,7 @@ pub(super) struct DoublingLevel {
     ends: LinearColumns<2>,
     /// `e^(i W 2^j)` as cosine and sine.
     turn: [[f64; 2]; WAVES],
-    /// Of `h^2 |x''|` on the way.
+    /// Of `h^2 |x''|` in between.
     bend: Bound,
 }
 
@@ -65,7 +65,7 @@ impl DoublingLevel {
     }
 
     /// Whether the motion certainly stays above the wall for `length` steps, no more than those of
-    /// the level: `x + s V - s^2 B/2 > 0` at their end is so on the way.
+    /// the level: `x + s V - s^2 B/2 > 0` at their end implies it in between.
     #[inline(always)]
     pub(super) fn is_clear<const W: usize>(&self, start: &SeriesStart, length: f64) -> bool {
         let bend = self.bend.of::<W>(start);
@@ -122,7 +122,7 @@ impl DoublingLevel {
     }
 }
 
-/// Cosine and sine of so many turns.
+/// Cosine and sine of an angle in turns.
 fn turn(turns: f64) -> [f64; 2] {
     let (sin, cos) = sin_cos(turns);
     [cos, sin]
@@ -132,7 +132,7 @@ fn turn(turns: f64) -> [f64; 2] {
 //
 // The coefficients of degree 11 are linear in where the step starts, so a table has their columns.
 // They enclose the polynomial, and the number of their changes of sign bounds that of its roots;
-// the terms beyond are a slack, which is linear, too.
+// the remaining terms are a slack, which is also linear.
 
 /// Coefficients of the screen.
 pub(super) const SCREEN: usize = 12;
@@ -140,7 +140,7 @@ pub(super) const SCREEN: usize = 12;
 /// Rounding of a value, relative to the sum of the absolute values of the terms.
 const ROUNDING: f64 = 2e-15;
 
-/// What the screen says of a polynomial that starts positive.
+/// Result of the screen for a polynomial that starts positive.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum SignTest {
     /// It stays so over `[0, 1]`.

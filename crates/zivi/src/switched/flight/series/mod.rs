@@ -1,7 +1,8 @@
 //! Flights under linear forces, to rounding: power series over steps, their first roots certified.
 //!
 //! A step evaluates no force and has no error to control. The clock of the first wave counts whole
-//! turns and the part of one, and the time is read from it: phase and time cannot drift apart.
+//! turns and the part of one, and the time is read from it: phase and time cannot drift relative to
+//! each other.
 
 mod law;
 mod level;
@@ -33,7 +34,7 @@ pub(crate) struct SeriesFlight {
     /// The waves, and the time that they are at.
     clock: WaveReading,
     at: (f64, f64),
-    /// The last velocity, and what it is times the length of a step.
+    /// The last velocity, and its product with the step length.
     speed: (f64, f64),
     /// Flights of one length again and again.
     period: RepeatedFlight,
@@ -52,7 +53,7 @@ pub(crate) struct Reach {
     pub(crate) steps: usize,
 }
 
-/// The end of a flight, or of a part of it.
+/// The end of a flight or of a part of it.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Arrival {
     /// Where the last step started.
@@ -65,10 +66,10 @@ pub(crate) struct Arrival {
     pub(crate) steps: usize,
 }
 
-/// The last step of a flight, or several at once.
+/// The last step of a flight, or several together.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 struct FlownSteps {
-    /// Where it started, and from what.
+    /// Its initial point and data.
     from: Point,
     start: SeriesStart,
     /// How many derivatives of the position were zero there.
@@ -76,7 +77,7 @@ struct FlownSteps {
     step: Step,
 }
 
-/// A part of a flight by what it starts from: a third of the numbers of its power series, which
+/// A part of a flight by its initial data: a third of the numbers of its power series, which
 /// follows from them.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct FlightPart {
@@ -119,7 +120,7 @@ impl FlightPart {
 }
 
 impl SeriesFlight {
-    /// The flights under a law, unless its numbers are beyond what can be computed with.
+    /// The flights under a law, unless its numbers are too large.
     pub(crate) fn new(law: LinearLaw) -> Option<Self> {
         let linear = Linear::new(&law);
         let table = Table::shared(linear.table_law());
@@ -247,7 +248,7 @@ impl SeriesFlight {
         }
     }
 
-    /// A flight that is as long as the last ones and stays clear of the wall.
+    /// A flight of the length of the last ones that stays away from the wall.
     #[inline(always)]
     fn again<const W: usize>(&mut self, now: Point, known: usize, reach: Reach) -> Option<Arrival> {
         let h = self.table.h();
@@ -324,7 +325,7 @@ impl SeriesFlight {
         [FlightPart { length: 1.0, ..part }, part].map(|part| part.powers(&self.table))
     }
 
-    /// The last piece, if it is one step.
+    /// The last segment, if it is a single step.
     #[inline(always)]
     pub(crate) fn alone(&self) -> Option<(f64, FlightPart)> {
         let FlownSteps { from, start, known, step } = &self.piece;
@@ -333,7 +334,7 @@ impl SeriesFlight {
         step.doublings.is_none().then_some((from.t, part))
     }
 
-    /// When a part of the last piece starts, and what it starts from.
+    /// Initial time and data of a part of the last segment.
     pub(crate) fn part(&self, k: usize) -> (f64, FlightPart) {
         if let Some(alone) = self.alone() {
             return alone;
@@ -380,7 +381,7 @@ mod tests {
     use crate::numeric::root::Phase;
     use crate::Wave;
 
-    /// Speeds and phases of impacts with `e = 0.8` that begin so many turns after `t = 0`.
+    /// Speeds and phases of impacts with `e = 0.8` that begin `turns` after `t = 0`.
     fn impacts(turns: f64) -> Vec<[u64; 3]> {
         let excitation = Wave { amplitude: [0.6, 0.0], omega: 0.9, phase: 0.0 };
         let waves = [excitation, Wave::default()];
@@ -438,8 +439,8 @@ mod tests {
         Point { t, late: 0.0, x: 0.0, xdot: 0.0 }
     }
 
-    /// When a force that depends on time alone becomes positive: at once, or on its next rise within
-    /// a period, by small steps and halving.
+    /// When a force that depends on time alone becomes positive: immediately, or on its next rise
+    /// within a period, by small steps and bisection.
     fn rises(force: impl Fn(f64) -> f64, t0: f64, period: f64) -> Option<f64> {
         const STEPS: u32 = 20_000;
         if force(t0) > 0.0 {

@@ -8,8 +8,8 @@
 //! V(q) = V + d + delta V'(p),                       z(q) = z e^(i W p) (1 + i W delta),
 //! ```
 //!
-//! where `delta` is what the rounding of times leaves: its square is below rounding. The matrix
-//! less the identity is small, and so is what its rounding adds up to.
+//! where `delta` is the rounding of times: its square is below rounding. The matrix minus the
+//! identity is small, and so is its accumulated rounding.
 
 use super::table::Table;
 use crate::numeric::root::sin_cos;
@@ -27,7 +27,7 @@ pub(super) struct RepeatedFlight {
     /// The last length (steps of the table).
     last: f64,
     ends: Option<Ends>,
-    /// The waves, the time that they are at, and for how many periods they were turned.
+    /// The waves, their time, and the number of periods of rotation.
     waves: [[f64; 2]; WAVES],
     at: (f64, f64),
     turned: u32,
@@ -37,7 +37,7 @@ pub(super) struct RepeatedFlight {
 #[derive(Clone, Debug)]
 struct Ends {
     length: f64,
-    /// What `x` and `V` gain, and `V'`.
+    /// Increments of `x` and `V`, and `V'`.
     by: LinearColumns<3>,
     /// `e^(i W p)` as cosine and sine, and `W`.
     turn: [[f64; 2]; WAVES],
@@ -63,7 +63,7 @@ impl RepeatedFlight {
         self.last = length;
     }
 
-    /// Whether the end of a flight so long is known.
+    /// Whether the end of a flight of this length is known.
     #[inline(always)]
     pub(super) fn knows(&self, length: f64) -> bool {
         self.ends.as_ref().is_some_and(|ends| close(length, ends.length))
@@ -76,8 +76,8 @@ impl RepeatedFlight {
     }
 
     /// Position, and velocity times the step of the table, at the end of a flight whose length is
-    /// known, and turns the waves up to that time; `read` says whether those at its start were read
-    /// off the clock.
+    /// known, and turns the waves up to that time; `read`: whether the initial ones were read off
+    /// the clock.
     #[inline(always)]
     pub(super) fn fly<const W: usize>(
         &mut self,

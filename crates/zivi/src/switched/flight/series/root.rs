@@ -2,8 +2,8 @@
 //!
 //! The coefficients in Bernstein form enclose the polynomial, and the number of their changes of
 //! sign bounds that of its roots. Known roots at the start are divided out of the coefficients
-//! first: their values would be rounding. Degree 11 decides nearly always, the terms beyond being a
-//! slack; else the whole series is subdivided. A dip below rounding is none.
+//! first: their values would be rounding. Degree 11 nearly always decides, with the remaining terms
+//! as a slack; otherwise the whole series is subdivided. A dip below rounding is none.
 
 use super::table::{PART, SHORT};
 use crate::numeric::bernstein::Polynomial;
@@ -60,14 +60,14 @@ pub(super) fn only_root(a: &Series, guess: f64) -> SeriesRoot {
     SeriesRoot { at, slope: value_and_slope(a, at)[1] }
 }
 
-/// Whether a step to there is so short, relative to the abscissa, that it is the last.
+/// Whether a step is short enough, relative to the abscissa, to be the last.
 #[inline(always)]
 fn is_near(step: f64, s: f64) -> bool {
     step.abs() <= LAST * s
 }
 
-/// The abscissa of such a root; `is_last` tells of a step and where it starts whether it is the last:
-/// the next would be its cube.
+/// The abscissa of such a root; `is_last(step, start)` returns whether a step is the last: the next
+/// would be its cube.
 #[inline(always)]
 pub(crate) fn polished(q: &Series, guess: f64, is_last: impl Fn(f64, f64) -> bool) -> f64 {
     let (mut low, mut high, mut s) = (0.0, 1.0, guess);
@@ -92,14 +92,15 @@ pub(crate) fn polished(q: &Series, guess: f64, is_last: impl Fn(f64, f64) -> boo
     s
 }
 
-/// The only root after 0 of a short arc from the wall, if it certainly is that: the first
-/// coefficients, and a bound of `sum (n - 1) |a_n|` over those beyond.
+/// The only root after 0 of a short flight from the wall, if proved unique, from the first
+/// coefficients and a bound of `sum (n - 1) |a_n|` over the others.
 ///
 /// ```text
 /// q = a/s = a_1 + a_2 s + ...,    s (sum_(n>=3) (n - 1) |a_n| s^(n-3)) <= |a_2|/5 at 1.3 s_0
 /// ```
 ///
-/// with `s_0 = -a_1/a_2`: `q` falls by at least `0.8 |a_2|` up to there, where it is negative.
+/// with `s_0 = -a_1/a_2`: `q` decreases by at least `0.8 |a_2|` up to this point, where it is
+/// negative.
 #[inline(always)]
 pub(super) fn of_short_arc(a: &[f64; SHORT], beyond: f64) -> Option<SeriesRoot> {
     const FARTHER: f64 = 1.3;

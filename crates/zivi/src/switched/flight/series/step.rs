@@ -14,7 +14,7 @@ const OVER: f64 = 1.0 + 1e-9;
 /// By how much a step near the wall is longer than the arc under a constant force.
 const ARC: f64 = 1.3;
 
-/// A step, or many at once.
+/// A step, or several together.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct Step {
     /// Its length, in steps of the table.
@@ -26,7 +26,7 @@ pub(crate) struct Step {
     pub(crate) v: f64,
     /// Whether that is at the wall.
     pub(crate) lands: bool,
-    /// Whether it goes as far as it was allowed to.
+    /// Whether it has the full allowed length.
     pub(crate) complete: bool,
 }
 
@@ -107,8 +107,8 @@ pub(super) struct StepAhead {
 }
 
 impl StepAhead {
-    /// Where that is all there is to ask: a step is shorter than what is left, starts at the wall at
-    /// most, with an arc that is not short, and no bound is low enough for more than a step.
+    /// The usual case: a step is shorter than the rest, starts at x <= 0 with a flight that is not
+    /// short, and no bound allows more than a step.
     #[inline(always)]
     pub(super) fn of<const W: usize>(
         table: &Table,
@@ -128,7 +128,7 @@ impl StepAhead {
     }
 }
 
-/// What a whole step comes to.
+/// Outcome of a full step.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Outlook {
     /// It stays above the wall.
@@ -220,8 +220,8 @@ fn part_of<const W: usize>(table: &Table, start: &SeriesStart, part: f64) -> [f6
     }
 }
 
-/// Where a parabola meets the wall, in a form without cancellation; unless the motion is none, or
-/// its numbers are beyond what can be squared.
+/// The root of a parabola at the wall, in a form without cancellation, unless it is not a parabola
+/// or its numbers are too large to be squared.
 #[inline]
 fn of_parabola(table: &Table, start: &SeriesStart, known: usize, left: f64) -> Option<End> {
     const USUAL: std::ops::Range<f64> = 1e-290..1e290;
@@ -245,7 +245,7 @@ fn of_parabola(table: &Table, start: &SeriesStart, known: usize, left: f64) -> O
     Some((left, [x + left * (v + bend * left), v + 2.0 * bend * left], false))
 }
 
-/// Of a step where the wall is looked for as long as it takes.
+/// End of a step with an exhaustive search for the wall.
 #[cold]
 fn searched(table: &Table, start: &SeriesStart, known: usize, left: f64) -> End {
     let mut a = table.series(start);
@@ -260,7 +260,7 @@ fn searched(table: &Table, start: &SeriesStart, known: usize, left: f64) -> End 
     (part * width, [x, slope / width], false)
 }
 
-/// Up to where to look for the wall: a power of two times the step. A step of a motion that hardly
+/// Range of the search for the wall: a power of two times the step. A step of a motion that hardly
 /// turns may be far longer than an arc.
 fn width(table: &Table, a: &Series, known: usize, left: f64) -> f64 {
     let [x, v, bend, ..] = *a;

@@ -1,12 +1,12 @@
-//! What a flight under a linear force consists of, once for all flights.
+//! Precomputed data of flights under a linear force, shared by all flights.
 //!
 //! ```text
 //! x'' = -k x - c x' + f + sum_m Re z_m(t),      z_m' = i omega_m z_m                  (1)
 //! ```
 //!
-//! Over a step from `t`, `s = (t' - t)/h`, the position is a power series that is linear in what the
-//! step starts from, `x`, `V = h x'`, the constant `f` and the waves `z_m`. With `K = k h^2`,
-//! `C = c h`, `W = omega h` the coefficients of each column are
+//! Over a step from `t`, `s = (t' - t)/h`, the position is a power series that is linear in the
+//! initial data `x`, `V = h x'`, the constant `f` and the waves `z_m`. With `K = k h^2`, `C = c h`,
+//! `W = omega h` the coefficients of each column are
 //!
 //! ```text
 //! a_(n+2) = (d_n - K a_n - C (n + 1) a_(n+1)) / ((n + 1)(n + 2)),                     (2)
@@ -26,8 +26,8 @@ use crate::switched::flight::series::level::{DoublingLevel, Screen, SignTest, LE
 use std::cell::RefCell;
 use std::sync::Arc;
 
-/// Length of a step times the fastest rate of the motion: beyond the last coefficient there is
-/// `1.75^24/24! = 1e-18`, and 24 times that in the velocity.
+/// Length of a step times the fastest rate of the motion: the truncation error is `1.75^24/24! =
+/// 1e-18`, and 24 times that in the velocity.
 const STEP: f64 = 1.75;
 
 /// Rounding of the ends of a step, relative to their terms: far more than there is.
@@ -36,7 +36,7 @@ const ROUNDING: f64 = 1e-13;
 /// Tables that a thread keeps, of some 7 kB each.
 const SHARED: usize = 16;
 
-/// Columns of power series, and what follows from them.
+/// Columns of power series, and derived bounds.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Table {
     law: Law,
@@ -45,9 +45,9 @@ pub(crate) struct Table {
     /// How many waves there are.
     n_waves: usize,
     series: LinearColumns<TERMS>,
-    /// Of the position, and of it divided by `s` for a start at the wall.
+    /// Of the position, and of the position divided by `s` for a start at the wall.
     screens: [Screen; 2],
-    /// Of `sum (n - 1) |a_n|` beyond the first [`SHORT`].
+    /// Of `sum (n - 1) |a_n|` after the first [`SHORT`].
     beyond: Bound,
     /// Of `|x''''|/384` over a step: how far the cubic with its ends is from the motion.
     off_cubic: Bound,
@@ -58,8 +58,8 @@ pub(crate) struct Table {
     levels: Vec<DoublingLevel>,
 }
 
-/// Coefficients of a step of which only a small part is looked at, of length up to [`PART`]:
-/// beyond them there is less than `0.035^10/10! = 1e-21`.
+/// Coefficients for a small part of a step, of length up to [`PART`]: the truncation error is less
+/// than `0.035^10/10! = 1e-21`.
 pub(super) const SHORT: usize = 10;
 pub(super) const PART: f64 = 0.02;
 
@@ -112,8 +112,8 @@ impl Table {
     }
 
     /// The table of a law, one of those of the last flights on this thread if it is among them.
-    /// Runs that differ in their starts alone, or in a few values of their parameters in turns,
-    /// have one for all that are under the same law.
+    /// Runs under the same law share one table, even if they differ in initial states or alternate
+    /// between a few parameter values.
     pub(crate) fn shared(law: Law) -> Arc<Self> {
         thread_local! {
             /// The last used first.
@@ -199,14 +199,14 @@ impl Table {
         v < -PART * bend
     }
 
-    /// A bound of `sum (n - 1) |a_n|` beyond the first [`SHORT`] coefficients.
+    /// A bound of `sum (n - 1) |a_n|` after the first [`SHORT`] coefficients.
     #[inline(always)]
     pub(super) fn beyond<const W: usize>(&self, start: &SeriesStart) -> f64 {
         self.beyond.of::<W>(start)
     }
 
-    /// What Bernstein coefficients say of a step whose first `known` derivatives, at most one, are
-    /// zero at its start.
+    /// Sign test by Bernstein coefficients of a step whose first `known` derivatives, at most one,
+    /// are zero at its start.
     #[inline(always)]
     pub(super) fn screened<const W: usize>(&self, start: &SeriesStart, known: usize) -> SignTest {
         self.screens[known & 1].of::<W>(start)
@@ -219,7 +219,7 @@ impl Table {
     /// |x - p| <= s^2 (1 - s)^2 max |x''''|/24 <= max |x''''|/384,    s max |x''''|/162,
     /// ```
     ///
-    /// and the Bernstein coefficients of `p`, or of `p/s`.
+    /// and the Bernstein coefficients of `p` or `p/s`.
     #[inline(always)]
     pub(super) fn is_clear_between<const W: usize>(
         &self,
@@ -293,8 +293,7 @@ impl Table {
 
 // The waves of a flight from step to step.
 
-/// Whole steps over which waves are turned by what the table says before they are read off the
-/// clock again.
+/// Full steps over which waves are rotated by the table before they are read off the clock again.
 const TURNED: u32 = 16;
 
 /// The waves at a time.
@@ -308,7 +307,7 @@ pub(crate) struct WaveReading {
 }
 
 impl WaveReading {
-    /// At a phase of the first wave that stands for a time, and what rounding leaves out of it.
+    /// At a phase of the first wave that represents a time with its rounding error.
     #[inline]
     pub(crate) fn new(linear: &Linear, phase: Phase, (t, late): (f64, f64)) -> Self {
         let first = linear.first().map_or([0.0; 2], |wave| wave.at(phase));
