@@ -1,11 +1,13 @@
 """Kicks: impulses at given times against closed forms and runs that are split by hand."""
 
+import math
 import pickle
 
 import numpy as np
 import pytest
 
 import zivi
+from example_scripts import example
 from zivi.mechanics import Body
 
 G = 9.81
@@ -284,3 +286,12 @@ def test_loops_on_the_grid_of_a_scheme_refuse_kicks():
         zivi.simulate_closed_loop(
             ball, Idle(), (0, 1), (1, 0), method=zivi.ThetaGamma(h=0.01), kicks=zivi.Kick(t=1, dv=1)
         )
+
+
+def test_a_kicked_rotor_between_elastic_stops_moves_as_the_standard_map():
+    rotor = example("mechanics_kicked_rotor")
+    batch = rotor.kicked(1.0, 30)
+    assert np.abs(batch.sample_q[:, :, 0] - rotor.standard_map(30)).max() < 1e-10
+    # with losses all motions end at the stop where kicks push towards it
+    inelastic = rotor.kicked(0.9, 150)
+    assert np.abs(math.pi - inelastic.sample_q[:, -1, 0]).max() < 0.1
