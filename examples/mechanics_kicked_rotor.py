@@ -1,8 +1,8 @@
 r"""A kicked rotor between two stops, and Chirikov's standard map.
 
 A rotor turns freely between elastic stops at 0 and pi. Once a second a kick changes its velocity by
-``K sin(theta)``. Each impact reflects the rotor: unfolded to a full turn, its states after the kicks
-are the points of the standard map,
+``K sin(theta)``. Each impact reflects the rotor: unfolded to a full turn, its states after the
+kicks are the points of the standard map,
 
     p' = p + K sin(phi),    phi' = phi + p'
 
