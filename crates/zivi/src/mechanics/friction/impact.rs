@@ -214,7 +214,9 @@ impl Collision<'_> {
         }
         let rates = self.rates(pattern, &push, kinetics);
         let violation = self.violation(pattern, &impulses, &rates, kinetics);
-        let violation = violation.max(self.misfit(pattern, &push, kinetics));
+        let m = kinetics.layout.m;
+        let unpushed = |row: usize| self.back(row, m) + self.free[row];
+        let violation = violation.max(self.misfit(pattern, unpushed, &push, kinetics));
         Some(self.exchange(pattern, impulses, push, rates, violation))
     }
 
@@ -253,14 +255,20 @@ impl Collision<'_> {
         each.collect()
     }
 
-    /// How far the velocities are from what a pattern asks: where its rows depend on each other, there may
-    /// be none. A disc that the floor throws up along a wall cannot stick to both.
-    fn misfit(&self, pattern: ContactMode, push: &[f64], kinetics: &mut Kinetics) -> f64 {
+    /// How far the velocities are from what a pattern asks, `unpushed + R push = 0` in its rows: where these
+    /// depend on each other, there may be none. A disc that the floor throws up along a wall cannot stick to
+    /// both.
+    pub(super) fn misfit(
+        &self,
+        pattern: ContactMode,
+        unpushed: impl Fn(usize) -> f64,
+        push: &[f64],
+        kinetics: &mut Kinetics,
+    ) -> f64 {
         let fastest = self.fastest(kinetics);
         let mut worst = Violation::default();
         for row in kinetics.rows_of(pattern).iter() {
-            let back = self.back(row, kinetics.layout.m);
-            let left = back + self.free[row] + dot(kinetics.normal(row), push);
+            let left = unpushed(row) + dot(kinetics.normal(row), push);
             worst.take(-left.abs(), fastest[row]);
         }
         if worst.0 > AGREES {

@@ -142,6 +142,8 @@ impl Collision<'_> {
             .collect();
         let violation =
             self.restitution_violation(ways, (mode, all), (&impulses, &rates), kinetics);
+        let misfit = self.misfit(mode, |row| pressed.rates[row], &push, kinetics);
+        let violation = violation.max(misfit);
         push.iter_mut().zip(&pressed.push).for_each(|(push, before)| *push += before);
         impulses.iter_mut().zip(&pressed.impulses).for_each(|(p, before)| *p += before);
         let positive = self.set.iter().filter(|&gap| impulses[gap] > 0.0).collect();
