@@ -13,6 +13,8 @@ import numpy as np
 
 BALANCE = 1e-9
 """Of forces, relative to the sizes of their parts."""
+SLOWEST = 1e-8
+"""Lists of impacts that go on to slower ones are complete (m/s)."""
 
 
 @dataclasses.dataclass
@@ -152,6 +154,21 @@ class Oracle:
             if rise > 10 * self.tol * size:
                 self.fault(t, "energy grows", rise)
 
+    def unlisted(self, rows):
+        """Give the losses along normals of impacts whose ratio friction makes: few are listed.
+
+        They fall geometrically where forces are constant.
+        """
+        losses, left = -rows["impulse"] * (rows["speed_before"] + rows["speed_after"]) / 2, 0.0
+        for t, gap in self.sol.zeno[["t", "gap"]]:
+            hits = rows[(rows["gap"] == gap) & (rows["t"] < t) & (rows["speed_before"] < 0)][-3:]
+            if len(hits) < 3 or hits["speed_before"][-1] > -SLOWEST:
+                continue
+            before, last = (losses[rows["group"] == it].sum() for it in hits["group"][1:])
+            if (ratio := last / before) < 1:
+                left += last * ratio / (1 - ratio)
+        return left
+
     def losses(self, energy, start):
         """All energy is lost to friction, in ``dissipated``, or to impacts, by their rows.
 
@@ -162,6 +179,7 @@ class Oracle:
             return
         rows = sol.impacts_down_to(1e-9)
         normal = -np.sum(rows["impulse"] * (rows["speed_before"] + rows["speed_after"])) / 2
+        normal += self.unlisted(rows)
         first, last = energy(*start), energy(sol.q[-1], sol.qdot[-1])
         rubbed = sol.dissipated[-1] if len(sol.channel_names) else 0.0
         left = first - last - rubbed - normal

@@ -47,6 +47,42 @@ def test_a_wall_that_is_left_like_the_square_of_a_small_speed_stops_no_block():
     assert it.verdict.state < m.ALLOWED
 
 
+FRICTION = {
+    "a belt at a wall that the mass rests against": (77, 390),
+    "the same, with tangential restitution": (77, 838),
+    "a slip that turns within an accumulation": (77, 539),
+    "elastic impacts from which a joint takes energy": (77, 514),
+    "elastic impacts whose contact sticks": (77, 228),
+    "a joint that turns between impacts": (77, 819),
+    "an accumulation of accumulations that friction makes": (77, 992),
+}
+
+
+@pytest.mark.parametrize("what", FRICTION)
+def test_accumulations_with_friction_end_as_the_laws_ask(what):
+    seed, index = FRICTION[what]
+    rng = np.random.default_rng([seed, index, *b"friction"])
+    model = m.FAMILIES["friction"].draw(rng)
+    assert m.simulate(model).status == "COMPLETED"
+    assert not faults_of_run(model, rng)
+
+
+def test_a_slip_turns_within_an_accumulation():
+    """It comes to rest where all impacts, each followed in closed form, lead."""
+    model = m.FAMILIES["friction"].draw(np.random.default_rng([77, 539, *b"friction"]))
+    (sol,) = m.simulate(model).parts
+    assert sol.q[-1] == pytest.approx([0.0774726228917162, 0.1664634471038962], abs=1e-9)
+    assert sol.zeno["t"] == pytest.approx([0.52660353383949], abs=1e-9)
+
+
+@pytest.mark.parametrize("run", [(77, 117), (77, 450), (77, 695), (77, 829)])
+def test_a_run_ends_where_no_motion_or_more_than_one_obeys_the_laws(run):
+    """Linear programs over all patterns find none; several of 695."""
+    model = m.FAMILIES["friction"].draw(np.random.default_rng([*run, *b"friction"]))
+    expected = {117: "INCONSISTENT_CONTACT", 450: "INCONSISTENT_CONTACT", 829: "IMPACT_NOT_SOLVED"}
+    assert m.simulate(model).status == expected.get(run[1], "INDETERMINATE_CONTACT")
+
+
 def runs_of(name):
     parts = {"guides": 5, "corners": 10, "loops": 2, "mechanical_loops": 2}
     return RUNS // parts.get(name, 1)

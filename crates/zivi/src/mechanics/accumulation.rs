@@ -148,8 +148,10 @@ impl Accumulation {
         let is_corner =
             |gaps: GapSet| !self.corner.may_be_of_one_gap() || gaps.without(before).len() > 1;
         let corner = into.is_some_and(is_corner);
-        if into.is_some() {
+        if corner {
             self.corner.clear();
+        } else if into.is_some() {
+            self.corner.end_one_gap();
         } else if self.chain.is_forced() {
             let (kind, gaps) = (FlagKind::ForcedLanding, set.without(before));
             occurrences.push(Occurrence::Flag { kind, t, gaps, size: 0.0 });

@@ -14,10 +14,12 @@
 
 use super::corner_descent::{descent, CornerEntry};
 use super::impact::Struck;
-use super::mechanism::{scales, slow, Mechanism};
+use super::mechanism::{scales, slow, Mechanism, CLEAR};
 use super::piece::Flight;
 use super::state::MechanicalState;
-use crate::mechanics::corner_descent::{landing, pattern, time_of_corner, CornerLog, Mark};
+use crate::mechanics::corner_descent::{
+    landing, pattern, time_of_corner, CornerLog, Mark, LONGEST,
+};
 use crate::record::gap_set::{ContactMode, GapSet};
 use crate::record::status::Failure;
 use crate::switched::SwitchedRk;
@@ -42,6 +44,8 @@ pub(super) struct CornerApproach {
     log: CornerLog,
     /// Whether friction changed since the last impact.
     changed: bool,
+    /// What friction did in the last impacts.
+    patterns: Vec<ContactMode>,
 }
 
 impl CornerApproach {
@@ -49,6 +53,13 @@ impl CornerApproach {
     pub(super) fn clear(&mut self) {
         self.log.clear();
         self.changed = false;
+        self.patterns.clear();
+    }
+
+    /// A gap came to rest alone: what comes next may be a part of an accumulation of several gaps.
+    pub(super) fn end_one_gap(&mut self) {
+        self.log.clear_impacts();
+        self.patterns.clear();
     }
 
     /// Friction changed in flight.
@@ -66,6 +77,10 @@ impl CornerApproach {
         self.log.note_kick(struck.kicks || self.changed);
         self.changed = false;
         self.log.note(struck.hit, struck.closed, struck.opened, state.now());
+        if self.patterns.len() == LONGEST {
+            self.patterns.remove(0);
+        }
+        self.patterns.push(struck.pattern());
     }
 
     /// The corner that the last events approach, if it is known to the tolerance.
@@ -74,15 +89,16 @@ impl CornerApproach {
         at: &mut Mechanism<'_, '_, D>,
     ) -> Result<Option<Corner>, Failure<E>> {
         let recent = self.log.recent();
-        // impacts on elastic gaps keep the energy
-        let e = at.e;
-        let lose_energy = |gaps: GapSet| gaps.iter().any(|i| e[i] < 1.0);
+        // impacts on elastic gaps keep the energy, but for friction
+        let (e, has_friction) = (at.e, at.state.layout().p > 0);
+        let lose_energy = |gaps: GapSet| has_friction || gaps.iter().any(|i| e[i] < 1.0);
         let fewest = self.log.fewest();
         if recent.len() < fewest || !lose_energy(recent) {
             return Ok(None);
         }
         let (t, closed, mode) = (at.state.now().t, at.state.closed(), at.state.mode());
-        for marks in [&self.log.impacts, &self.log.openings] {
+        let all = self.patterns.len();
+        for (marks, of_last) in [(&self.log.impacts, None), (&self.log.openings, Some(all))] {
             if marks.last().is_none_or(|last| last.t < t) {
                 continue;
             }
@@ -97,6 +113,7 @@ impl CornerApproach {
                 let landed = ContactMode { closed: set, ..mode };
                 if landing.t > t
                     && rests(gaps, &landing, &scales, at.state)
+                    && self.slips_on(of_last.unwrap_or(p), (&landing, set), at)
                     && at.is_clear(&landing, set)
                     && at.stays_closed(&landing, landed, GapSet::EMPTY)?
                 {
@@ -114,6 +131,32 @@ impl CornerApproach {
         }
         at.state.complete(at.model)?;
         self.here(e, at.settings, at.state)
+    }
+
+    /// Whether what slips at a landing on a set, in joints too, slips so in so many of the last impacts, and
+    /// at present.
+    fn slips_on<D>(
+        &self,
+        count: usize,
+        (landing, set): (&ExtrapolatedEnd<Vec<f64>>, GapSet),
+        at: &Mechanism<'_, '_, D>,
+    ) -> bool {
+        let (Layout { n, m, p: channels }, now) = (at.state.layout(), at.state.now());
+        let (size, slow) = (now.x.len(), slow(at.settings, at.state));
+        let last = &self.patterns[self.patterns.len().saturating_sub(count)..];
+        let touches =
+            |channel: &usize| at.state.kinetics().gap_of(*channel).is_none_or(|gap| set.has(gap));
+        (0..channels).filter(touches).all(|channel| {
+            let c = n + m + channel;
+            let (slip, error) = (landing.state()[size + c], landing.errors()[size + c]);
+            let goes_on = |sign: f64| sign * slip > 0.0;
+            let by_impacts = |it: &ContactMode| {
+                let slips = !it.slipping().has(channel) || goes_on(it.sign(channel));
+                slips && !it.stick.has(channel)
+            };
+            slip.abs() <= slow.max(CLEAR * error)
+                || (goes_on(now.xdot[c]) && last.iter().all(by_impacts))
+        })
     }
 
     /// The corner where the system is, if the speeds in it are below all tolerances.

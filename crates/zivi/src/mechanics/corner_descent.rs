@@ -278,7 +278,7 @@ fn derivative(x: &[f64], h: f64) -> Vec<f64> {
 /// are needed before the jumps.
 pub(super) const COLUMNS: usize = 5;
 /// Longest pattern, in events.
-const LONGEST: usize = 6;
+pub(super) const LONGEST: usize = 6;
 /// Periods over which it must repeat.
 const REPEATS: usize = 3;
 /// Events of one phase in a table: fewest and most.
@@ -389,6 +389,11 @@ impl CornerLog {
         self.openings.clear();
         self.hit = GapSet::EMPTY;
         self.kicks = 0;
+    }
+
+    /// What comes next repeats no earlier impacts, but those that opened contacts.
+    pub(super) fn clear_impacts(&mut self) {
+        self.impacts.clear();
     }
 
     /// The impact that follows is one of those between which friction changes, or is not.

@@ -77,6 +77,11 @@ pub(super) struct Struck {
 }
 
 impl Struck {
+    /// What friction did in it.
+    pub(super) fn pattern(&self) -> ContactMode {
+        self.pattern
+    }
+
     /// What bounces on what, if the impact may be one of many alike.
     pub(super) fn key(&self) -> Option<Key> {
         let alike = self.all_bounce && self.is_slow && !self.changes_contacts && !self.kicks;

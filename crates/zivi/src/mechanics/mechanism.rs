@@ -16,7 +16,7 @@ use crate::zeno::table::ExtrapolatedEnd;
 /// accumulation: relative to `1 + |q'|`, and in tolerances.
 const FLOOR: (f64, f64) = (1e-12, 1e-2);
 /// A jump passes no other gap that is nearer than so many of its estimated errors.
-const CLEAR: f64 = 100.0;
+pub(super) const CLEAR: f64 = 100.0;
 
 /// A mechanical system at its state, and evaluated elsewhere.
 pub(super) struct Mechanism<'r, 'm, D> {
