@@ -164,9 +164,14 @@ class Oracle:
             hits = rows[(rows["gap"] == gap) & (rows["t"] < t) & (rows["speed_before"] < 0)][-3:]
             if len(hits) < 3 or hits["speed_before"][-1] > -SLOWEST:
                 continue
+            first, second = np.diff(hits["t"])
+            if second >= first:
+                continue
+            ahead = second**2 / (first - second)
+            if abs(t - hits["t"][-1] - ahead) > 1e-3 * ahead:
+                continue
             before, last = (losses[rows["group"] == it].sum() for it in hits["group"][1:])
-            if (ratio := last / before) < 1:
-                left += last * ratio / (1 - ratio)
+            left += last**2 / (before - last)
         return left
 
     def losses(self, energy, start):

@@ -54,6 +54,7 @@ FRICTION = {
     "elastic impacts from which a joint takes energy": (77, 514),
     "elastic impacts whose contact sticks": (77, 228),
     "a joint that turns between impacts": (77, 819),
+    "impacts that turn the slip round": (78, 793),
     "an accumulation of accumulations that friction makes": (77, 992),
 }
 

@@ -205,14 +205,14 @@ impl Impacts {
             false => Occurrence::Opened { t, gap },
         };
         occurrences.extend(opened.iter().map(opened_by));
-        let all_bounce = hit.without(exchanged.positive).is_empty() && touched.is_empty();
+        let pattern = exchanged.pattern;
+        let is_elastic = pattern.stick.iter().any(|c| self.friction.channels[c].e_t > 0.0);
+        let all_bounce =
+            hit.without(exchanged.positive).is_empty() && touched.is_empty() && !is_elastic;
         let changes_contacts = closed != before;
         // other laws make ratios of their own
-        let kicks = (!changes_contacts && state.mode() != mode) || !newton;
+        let kicks = (!changes_contacts && state.mode() != mode) || !newton || is_elastic;
         state.note_transitions(mode, occurrences);
-        let pattern = exchanged.pattern;
-        let elastic = |c: usize| self.friction.channels[c].e_t > 0.0;
-        let all_bounce = all_bounce && !pattern.stick.iter().any(elastic);
         let is_slow = hit.iter().all(|i| -exchanged.before[i] <= self.laws[i].geometric_up_to());
         Ok(Struck {
             hit,

@@ -212,7 +212,7 @@ impl Collision<'_> {
         for (channel, pull) in pulls.into_iter().enumerate().filter(|(_, pull)| *pull != 0.0) {
             impulses[kinetics.row(channel)] = pull;
         }
-        let rates = self.rates(pattern, &push, kinetics);
+        let rates = self.rates(pattern, (&push, &impulses), kinetics);
         let violation = self.violation(pattern, &impulses, &rates, kinetics);
         let m = kinetics.layout.m;
         let unpushed = |row: usize| self.back(row, m) + self.free[row];
@@ -236,15 +236,16 @@ impl Collision<'_> {
     }
 
     /// Rates by row after the impact: exact where the pattern says them.
-    fn rates(&self, pattern: ContactMode, push: &[f64], kinetics: &Kinetics) -> Vec<f64> {
+    fn rates(
+        &self,
+        pattern: ContactMode,
+        pushed: (&[f64], &[f64]),
+        kinetics: &mut Kinetics,
+    ) -> Vec<f64> {
         let rows = kinetics.rows_of(pattern);
         let each = self.before.iter().enumerate().map(|(row, &before)| {
             if !rows.has(row) {
-                let (free, moved) = (self.free[row], dot(kinetics.normal(row), push));
-                // feet of one body that slip as one stop as one
-                let still = row >= kinetics.layout.m
-                    && (free + moved).abs() <= ROUNDING * (free.abs() + moved.abs());
-                return if still { 0.0 } else { free + moved };
+                return rate_after(row, self.free[row], pushed, kinetics);
             }
             match row.checked_sub(kinetics.layout.m) {
                 None => restored(self.e[row], before),
@@ -327,6 +328,27 @@ impl Collision<'_> {
             }
         }
         worst.0
+    }
+}
+
+/// The rate of a row after impulses, and the change of the velocities by them. Feet of one body that slip as one
+/// stop as one, and so does a joint along a gap that stays closed: a slip that is rounding is none.
+pub(super) fn rate_after(
+    row: usize,
+    before: f64,
+    (push, impulses): (&[f64], &[f64]),
+    kinetics: &mut Kinetics,
+) -> f64 {
+    let after = before + dot(kinetics.normal(row), push);
+    if row < kinetics.layout.m {
+        return after;
+    }
+    let acting = impulses.iter().enumerate().filter(|(_, &impulse)| impulse != 0.0);
+    let moved: f64 = acting.map(|(by, impulse)| (kinetics.d(row, by) * impulse).abs()).sum();
+    if after.abs() <= ROUNDING * (before.abs() + moved) {
+        0.0
+    } else {
+        after
     }
 }
 

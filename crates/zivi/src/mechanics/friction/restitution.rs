@@ -11,7 +11,7 @@
 //! P_C,N` in Coulomb's law, `E+ - E- <= -1/2 |P_C|^2 - 1/2 |P|^2 + e P_C . D P <= 0`. Poisson's impulses come in two steps, Stronge's as a path along which
 //! the slip may stop or turn inside of the impact.
 
-use super::impact::{chosen, Collision, FrictionalExchange, Violation};
+use super::impact::{chosen, rate_after, Collision, FrictionalExchange, Violation};
 use crate::mechanics::kinetics::Kinetics;
 use crate::numeric::dense::{axpy, dot};
 use crate::record::gap_set::{ContactMode, GapSet};
@@ -137,7 +137,7 @@ impl Collision<'_> {
         let rates: Vec<f64> = (0..impulses.len())
             .map(|row| match held.has(row) {
                 true => 0.0,
-                false => pressed.rates[row] + dot(kinetics.normal(row), &push),
+                false => rate_after(row, pressed.rates[row], (&push, &impulses), kinetics),
             })
             .collect();
         let violation =
