@@ -153,6 +153,11 @@ class Controller(Protocol):
     It is not reset otherwise: a user-defined controller, unlike zivi's own, is not copied and
     continues from its present state.
 
+    See Also
+    --------
+    MechanicalController : controllers of mechanical systems.
+    simulate_closed_loop : run a controller.
+
     Examples
     --------
     >>> class Swinging:
@@ -359,6 +364,20 @@ def simulate_closed_loop(
         is too small for the delay; if a constant force accelerates a reference without `y_ref0`
         away from the wall; and if more than a tenth of the control updates were rejected, or
         saturated.
+
+    See Also
+    --------
+    simulate : a run without controller.
+    simulate_closed_loop_batch : many closed loops on all cores.
+    design_tracker : gains and sampling period of a tracker.
+
+    References
+    ----------
+    O. Huber and H. B. Oza, Implicit numerical integration for the simulation and control of a
+    non-smooth system with resets, IEEE CDC, 2016.
+
+    V. Acary, B. Brogliato and Y. Orlov, Chattering-free digital sliding-mode control with state
+    observer and disturbance rejection, IEEE Trans. Automatic Control 57, 2012.
 
     Examples
     --------

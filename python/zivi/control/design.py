@@ -611,6 +611,11 @@ def best_ratio(e: float, kind: Literal["tracker", "regulator"] = "tracker") -> f
     float
         The ratio; 0 if no second gain is best (a controller requires it > 0).
 
+    See Also
+    --------
+    design_tracker : gains of a tracker.
+    design_regulator : gains of a regulator.
+
     Examples
     --------
     >>> round(zivi.best_ratio(0.5), 3)
@@ -681,12 +686,23 @@ def design_tracker(
     ValueError, TypeError
         For an argument out of range.
 
+    See Also
+    --------
+    design_regulator : the same for a regulator.
+    TwistingTracker : the controller.
+    best_ratio : the ratio of the gains.
+
     Notes
     -----
     Promised is rest for any unknown force within `bound`, one that follows the motion included, on
     a wall with this `e`, under this constant known force, from `start` or a better one, with exact
     positions and velocities (or errors within `quiet`) and with the design's own settings. Without
     a delay that is a theorem; with a delay it holds in 2000 of 2000 adversarial runs.
+
+    References
+    ----------
+    O. Huber and H. B. Oza, Implicit numerical integration for the simulation and control of a
+    non-smooth system with resets, IEEE CDC, 2016.
 
     Examples
     --------
@@ -755,12 +771,23 @@ def design_regulator(
     ValueError, TypeError
         For an argument out of range.
 
+    See Also
+    --------
+    design_tracker : the same for a tracker.
+    TwistingRegulator : the controller.
+    best_ratio : the ratio of the gains.
+
     Notes
     -----
     Promised is rest for any unknown force within `bound`, one that follows the motion included, on
     a wall with this `e`, under this constant known force, from `start` or a better one, with exact
     positions and velocities (or errors within `quiet`) and with the design's own settings. Without
     a delay that is a theorem; with a delay it holds in 2000 of 2000 adversarial runs.
+
+    References
+    ----------
+    O. Huber and H. B. Oza, Implicit numerical integration for the simulation and control of a
+    non-smooth system with resets, IEEE CDC, 2016.
 
     Examples
     --------

@@ -144,6 +144,19 @@ class GapTracker(ModelBased):
         For a setting out of range or a gap without gains; at the first tick, if the controls do not
         reach all gaps: :math:`N M^{-1} B` has not rank m.
 
+    See Also
+    --------
+    reference_run : motions to follow.
+    Striker : aim at the next impact.
+    zivi.interop.native.gap_tracker_source : the controller in C.
+
+    References
+    ----------
+    O. Huber and H. B. Oza, Implicit numerical integration for the simulation and control of a
+    non-smooth system with resets, IEEE CDC, 2016.
+
+    B. Brogliato, Nonsmooth Mechanics, 3rd ed., Springer, 2016.
+
     Examples
     --------
     >>> box = zivi.MechanicalSystem(
@@ -474,6 +487,10 @@ class Striker(ModelBased):
     ValueError, TypeError
         For a setting out of range, a name that is none of the system, not exactly one of `apex` and
         `speed`.
+
+    See Also
+    --------
+    GapTracker : tracking of gaps.
 
     Examples
     --------

@@ -317,6 +317,16 @@ def simulate_closed_loop_batch(
         If more than a tenth of the control updates of a loop were rejected, or saturated, and as
         `simulate_closed_loop`.
 
+    See Also
+    --------
+    simulate_closed_loop : a single loop, with all its samples.
+    simulate_batch : many runs without controller.
+
+    References
+    ----------
+    O. Huber and H. B. Oza, Implicit numerical integration for the simulation and control of a
+    non-smooth system with resets, IEEE CDC, 2016.
+
     Examples
     --------
     >>> plant = zivi.ImpactSystem(-9.81, kappa=0.5)

@@ -179,6 +179,11 @@ class RKPeriod:
     A step of order 5 (Dormand-Prince), cut at impacts, accumulations and lift-offs, which are
     found as by `SwitchedRK`. No error is controlled: the period must be short against the motion.
 
+    See Also
+    --------
+    SwitchedRK : adaptive steps between samples.
+    simulate_closed_loop : the argument ``method``.
+
     Examples
     --------
     >>> zivi.RKPeriod()
@@ -199,6 +204,11 @@ class MechanicalController(Protocol):
 
     Where it gives NaN or infinity the last controls are held, and the tick is ``REFUSED``. Another
     number of controls is a `TypeError`.
+
+    See Also
+    --------
+    Controller : controllers of one mass.
+    simulate_closed_loop : run a controller.
 
     Examples
     --------

@@ -489,6 +489,11 @@ def reference_run(
     ValueError
         If a gap has no acceleration, or one that is no gap has.
 
+    See Also
+    --------
+    GapTracker : the controller that follows the run.
+    simulate : runs without virtual accelerations.
+
     Examples
     --------
     >>> box = zivi.MechanicalSystem(

@@ -230,6 +230,15 @@ class JointObserver:
     ValueError, TypeError
         For a setting out of range.
 
+    See Also
+    --------
+    ImpactObserver : observer of one mass.
+    GapTracker : the controller.
+
+    References
+    ----------
+    D. Simon, Optimal State Estimation, Wiley, 2006.
+
     Examples
     --------
     >>> ball = zivi.MechanicalSystem(

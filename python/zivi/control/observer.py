@@ -168,6 +168,20 @@ class ImpactObserver(_zivi.Observer, Component):
     ValueError
         If a setting is out of range.
 
+    See Also
+    --------
+    JointObserver : observer of mechanical systems.
+    simulate_closed_loop : the argument ``observer``.
+
+    Notes
+    -----
+    An extended Kalman filter on the exact sampled map between impacts; its state has at most four
+    variables.
+
+    References
+    ----------
+    D. Simon, Optimal State Estimation, Wiley, 2006.
+
     Examples
     --------
     A mass falls from 1 m under 2 m/s^2 more than is known; positions alone:

@@ -111,6 +111,22 @@ class TwistingRegulator(_zivi.Regulator, LandingController):
     ValueError
         If a setting is out of range, or the gains do not suffice for `bound`.
 
+    See Also
+    --------
+    TwistingTracker : tracking of a reference.
+    design_regulator : gains and sampling period.
+
+    Notes
+    -----
+    A step evaluates both set-valued signs at the end of the period in closed form.
+
+    References
+    ----------
+    O. Huber and H. B. Oza, Implicit numerical integration for the simulation and control of a
+    non-smooth system with resets, IEEE CDC, 2016.
+
+    A. Levant, Sliding order and sliding accuracy in sliding mode control, Int. J. Control 58, 1993.
+
     Examples
     --------
     >>> regulator = zivi.TwistingRegulator(3, 2, h=1e-3, kappa=0.5, bound=0.9)
@@ -245,6 +261,24 @@ class TwistingTracker(_zivi.Tracker, Following, LandingController):
     ValueError
         If a setting is out of range, or the gains do not suffice for `bound`.
 
+    See Also
+    --------
+    TwistingRegulator : control to rest without a reference.
+    design_tracker : gains and sampling period.
+    simulate_closed_loop : run the loop.
+
+    Notes
+    -----
+    A step evaluates all set-valued signs at the end of the period, by an exact distinction of
+    cases.
+
+    References
+    ----------
+    O. Huber and H. B. Oza, Implicit numerical integration for the simulation and control of a
+    non-smooth system with resets, IEEE CDC, 2016.
+
+    A. Levant, Sliding order and sliding accuracy in sliding mode control, Int. J. Control 58, 1993.
+
     Examples
     --------
     >>> tracker = zivi.TwistingTracker(30, 17, h=1e-3, kappa=0.5, bound=5.0)
@@ -372,6 +406,14 @@ class ExplicitTwisting(_zivi.Explicit, Following):
     ------
     ValueError
         If a setting is out of range.
+
+    See Also
+    --------
+    TwistingTracker : the same law with implicit signs.
+
+    References
+    ----------
+    A. Levant, Sliding order and sliding accuracy in sliding mode control, Int. J. Control 58, 1993.
 
     Examples
     --------

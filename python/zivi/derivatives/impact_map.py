@@ -273,6 +273,24 @@ def impact_map(system: ImpactSystem) -> ImpactMap:
     ValueError
         If the system has no such map.
 
+    See Also
+    --------
+    periodic_orbit : fixed points of the map, with stability.
+    simulate : the motion between impacts.
+
+    Notes
+    -----
+    One evaluation integrates a single flight; derivatives follow from the implicit function theorem
+    at the next impact.
+
+    References
+    ----------
+    J. M. Luck and A. Mehta, Bouncing ball with a finite restitution: chattering, locking, and
+    chaos, Phys. Rev. E 48, 1993.
+
+    S. W. Shaw and P. J. Holmes, A periodically forced piecewise linear oscillator, J. Sound Vib.
+    90, 1983.
+
     Examples
     --------
     A periodic motion with one impact in each period of the excitation:

@@ -250,6 +250,26 @@ def sensitivity(
     Exception
         Whatever the force raises.
 
+    See Also
+    --------
+    simulate : a run without derivatives.
+    periodic_orbit : periodic motions and their stability.
+    zivi.interop.run_function : value and derivative for optimisers.
+
+    Notes
+    -----
+    The variational equations are integrated with the motion. Impacts multiply the derivatives by
+    the saltation matrix; Zeno times have the derivative of their extrapolation. The cost grows
+    linearly with the number of parameters.
+
+    References
+    ----------
+    M. A. Aizerman and F. R. Gantmakher, On the stability of periodic motions, J. Appl. Math. Mech.
+    22, 1958.
+
+    R. I. Leine and H. Nijmeijer, Dynamics and Bifurcations of Non-Smooth Mechanical Systems,
+    Springer, 2004.
+
     Examples
     --------
     >>> ball = zivi.ImpactSystem(-9.81, e=0.5)

@@ -725,6 +725,22 @@ def continue_curve(
     ValueError
         For another kind of event, a parameter that there is not, a range that is none.
 
+    See Also
+    --------
+    continue_orbit : the branch with the bifurcation.
+    zivi.plot.chart : draw curves of bifurcations.
+
+    Notes
+    -----
+    The equations of the orbit are extended by the condition of the bifurcation and continued in two
+    parameters by pseudo-arclength; points of codimension two are zeros of further test functions.
+
+    References
+    ----------
+    Yu. A. Kuznetsov, Elements of Applied Bifurcation Theory, 3rd ed., Springer, 2004.
+
+    M. di Bernardo et al., Piecewise-smooth Dynamical Systems, Springer, 2008.
+
     Examples
     --------
     >>> table = zivi.LinearForce(gravity=1.0, amplitude=1.3, phase=-np.pi / 2)

@@ -458,6 +458,23 @@ def bifurcation_diagram(
     ValueError, TypeError
         For an argument out of range.
 
+    See Also
+    --------
+    continue_orbit : orbits, unstable ones included, by continuation.
+    basins : attractors over initial states.
+
+    Notes
+    -----
+    Each value costs one run per initial state. Unstable orbits are invisible in it; use
+    `continue_orbit` for them.
+
+    References
+    ----------
+    S. W. Shaw and P. J. Holmes, A periodically forced piecewise linear oscillator, J. Sound Vib.
+    90, 1983.
+
+    A. B. Nordmark, Non-periodic motion caused by grazing incidence, J. Sound Vib. 145, 1991.
+
     Examples
     --------
     >>> table = zivi.ImpactSystem(
@@ -685,6 +702,19 @@ def basins(
     ------
     ValueError, TypeError
         For an argument out of range.
+
+    See Also
+    --------
+    bifurcation_diagram : attractors over a parameter.
+    zivi.plot.basins : draw the basins.
+
+    Notes
+    -----
+    The cost is one run per cell of the grid.
+
+    References
+    ----------
+    M. di Bernardo et al., Piecewise-smooth Dynamical Systems, Springer, 2008.
 
     Examples
     --------

@@ -498,6 +498,26 @@ def periodic_orbit(
     ValueError, TypeError
         For an argument out of range, or a system whose period is not known.
 
+    See Also
+    --------
+    continue_orbit : continue an orbit in a parameter.
+    bifurcation_diagram : attractors over a parameter, by simulation.
+    lyapunov_exponents : exponents of motions that are not periodic.
+
+    Notes
+    -----
+    The unknowns are event times and states; Newton iteration solves the periodicity conditions, and
+    the Floquet multipliers are eigenvalues of the derivative over a period. A simulation over one
+    period verifies admissibility.
+
+    References
+    ----------
+    R. I. Leine and H. Nijmeijer, Dynamics and Bifurcations of Non-Smooth Mechanical Systems,
+    Springer, 2004.
+
+    J. M. Luck and A. Mehta, Bouncing ball with a finite restitution: chattering, locking, and
+    chaos, Phys. Rev. E 48, 1993.
+
     Examples
     --------
     >>> table = zivi.LinearForce(gravity=1.0, amplitude=1.3, phase=-np.pi / 2)

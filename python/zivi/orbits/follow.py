@@ -269,6 +269,25 @@ def continue_orbit(
     ValueError
         For a parameter that there is not, a range that is none, an orbit that was not found.
 
+    See Also
+    --------
+    periodic_orbit : the first orbit of a branch.
+    continue_curve : continue a bifurcation in two parameters.
+    zivi.plot.branch : draw a branch.
+
+    Notes
+    -----
+    Pseudo-arclength continuation with Newton correction; bifurcations are zeros of test functions
+    between two points and are located to rounding.
+
+    References
+    ----------
+    Yu. A. Kuznetsov, Elements of Applied Bifurcation Theory, 3rd ed., Springer, 2004.
+
+    A. B. Nordmark, Non-periodic motion caused by grazing incidence, J. Sound Vib. 145, 1991.
+
+    M. di Bernardo et al., Piecewise-smooth Dynamical Systems, Springer, 2008.
+
     Examples
     --------
     >>> table = zivi.LinearForce(gravity=1.0, amplitude=1.3, phase=-np.pi / 2)

@@ -164,6 +164,21 @@ def lyapunov_exponents(
     ValueError
         If `transient` is out of range.
 
+    See Also
+    --------
+    periodic_orbit : Floquet multipliers of periodic motions.
+    bifurcation_diagram : attractors over a parameter.
+
+    Notes
+    -----
+    Perturbations are carried through impacts by the saltation matrix and reorthonormalised; the
+    exponents are the mean logarithmic growth rates.
+
+    References
+    ----------
+    P. C. Mueller, Calculation of Lyapunov exponents for dynamic systems with discontinuities,
+    Chaos, Solitons and Fractals 5, 1995.
+
     Examples
     --------
     >>> table = zivi.LinearForce(gravity=1.0, amplitude=1.3, phase=-np.pi / 2)
@@ -346,6 +361,11 @@ def response_amplitude(system: LinearSystem, gap: str, omegas: ArrayLike) -> Arr
     ValueError
         For another gap, or loads of several frequencies.
 
+    See Also
+    --------
+    grazing_curve : loads at which the response touches a gap.
+    LinearSystem : the system of the response.
+
     Examples
     --------
     >>> system = zivi.LinearSystem(
@@ -391,6 +411,15 @@ def grazing_curve(system: LinearSystem, gap: str, omegas: ArrayLike) -> Array:
     ------
     ValueError
         As for `response_amplitude`, and if the gap is not open at rest.
+
+    See Also
+    --------
+    response_amplitude : the steady response of one gap.
+    continue_curve : bifurcations in two parameters.
+
+    References
+    ----------
+    A. B. Nordmark, Non-periodic motion caused by grazing incidence, J. Sound Vib. 145, 1991.
 
     Examples
     --------

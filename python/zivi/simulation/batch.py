@@ -162,6 +162,22 @@ def simulate_batch(
     KeyboardInterrupt
         On Ctrl-C; nothing is kept then.
 
+    See Also
+    --------
+    simulate : a single run, with dense output.
+    sweep : studies with any function, in parallel and restartable.
+    simulate_closed_loop_batch : many closed loops.
+
+    Notes
+    -----
+    Runs are distributed over threads; those of linear and compiled forces run without the
+    interpreter.
+
+    References
+    ----------
+    E. Hairer, S. P. Norsett and G. Wanner, Solving Ordinary Differential Equations I, 2nd ed.,
+    Springer, 1993.
+
     Examples
     --------
     >>> ball = zivi.ImpactSystem(-9.81, e=0.5)

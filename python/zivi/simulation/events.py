@@ -42,6 +42,11 @@ class Level:
     ValueError, TypeError
         Unless exactly one level is given, a finite number.
 
+    See Also
+    --------
+    event : attributes of event functions.
+    simulate : the argument ``events``.
+
     Examples
     --------
     >>> ball = zivi.ImpactSystem(-2.0, e=0.5)
@@ -95,6 +100,16 @@ def event(*, terminal: bool | int = False, direction: float = 0) -> Callable[[Fu
     ------
     ValueError
         If `terminal` is neither a bool nor a count, or `direction` no number.
+
+    See Also
+    --------
+    Level : crossings of a level of position or velocity.
+    simulate : the argument ``events``.
+
+    Notes
+    -----
+    Sign changes are located on the dense output to rounding; two sign changes between samples of
+    the function may be missed.
 
     Examples
     --------

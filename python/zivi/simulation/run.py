@@ -306,6 +306,30 @@ def simulate(
         Whatever the force raises, and `KeyboardInterrupt`: with the part of the run that was
         computed as the exception's attribute ``trajectory``.
 
+    See Also
+    --------
+    simulate_batch : many runs on all cores.
+    simulate_closed_loop : a run with a sampled controller.
+    sensitivity : a run with derivatives.
+    scipy.integrate.solve_ivp : smooth systems without impacts.
+
+    Notes
+    -----
+    With `SwitchedRK`, the default, impacts are located on the dense output of an embedded
+    Runge-Kutta pair (or, for linear forces, of power series), the Zeno time of an accumulation is
+    extrapolated, and rest and contact are integrated on the constraint. The cost is proportional to
+    the number of steps and impacts: about 20 force evaluations per flight, none for linear forces.
+
+    References
+    ----------
+    E. Hairer, S. P. Norsett and G. Wanner, Solving Ordinary Differential Equations I, 2nd ed.,
+    Springer, 1993.
+
+    V. Ph. Zhuravlev, A method for analysing vibration-impact systems by means of special functions,
+    Mechanics of Solids 11, 1976.
+
+    B. Brogliato, Nonsmooth Mechanics, 3rd ed., Springer, 2016.
+
     Examples
     --------
     >>> ball = zivi.ImpactSystem(-9.81, e=0.5)

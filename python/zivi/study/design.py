@@ -112,6 +112,12 @@ def grid(**axes: ArrayLike) -> Design:
     ValueError, TypeError
         If a parameter has no values, or values that are neither numbers nor strings.
 
+    See Also
+    --------
+    points : a list of points.
+    sample : random or quasi-random points.
+    sweep : evaluate a function at the points.
+
     Examples
     --------
     >>> zivi.grid(e=np.linspace(0.1, 0.9, 9), h=[1e-3, 1e-2])
@@ -137,6 +143,12 @@ def points(**columns: ArrayLike) -> Design:
     ------
     ValueError, TypeError
         If the lengths differ, or there is nothing.
+
+    See Also
+    --------
+    grid : a full grid.
+    sample : random or quasi-random points.
+    sweep : evaluate a function at the points.
 
     Examples
     --------
@@ -180,6 +192,22 @@ def sample(
     ------
     ValueError, TypeError
         For an argument out of range.
+
+    See Also
+    --------
+    grid : a full grid.
+    points : a list of points.
+    scipy.stats.qmc : the quasi-random generators.
+
+    Notes
+    -----
+    Quasi-random points of ``sampler="sobol"`` cover the box evenly; powers of two keep their
+    balance.
+
+    References
+    ----------
+    M. D. McKay, R. J. Beckman and W. J. Conover, A comparison of three methods for selecting values
+    of input variables in the analysis of output from a computer code, Technometrics 21, 1979.
 
     Examples
     --------

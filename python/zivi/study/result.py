@@ -48,6 +48,11 @@ class Study:
         The events with the number of their point, or a function that reads them: a
         ``pyarrow.Table`` (``to_pandas()``), or a structured array without pyarrow; None if the
         function returns no events. From a folder, they are read when they are used.
+
+    See Also
+    --------
+    open_study : read a study from its folder.
+    sweep : compute a study.
     """
 
     def __init__(
@@ -167,6 +172,11 @@ def open_study(path: str | PathLike[str], *, verify: bool = False) -> Study:
     OSError
         If what the study is cannot be read, or if the folder has arrays that zivi does not write:
         other codecs, kinds or shapes. None of them is decoded then.
+
+    See Also
+    --------
+    sweep : compute or resume a study.
+    Study : the result.
 
     Examples
     --------

@@ -145,6 +145,18 @@ def sweep(
         anything is computed, if the folder has a study whose head is damaged or has arrays that
         zivi does not write.
 
+    See Also
+    --------
+    open_study : read the folder of a study.
+    grid : a full grid of parameters.
+    sample : random or quasi-random points.
+    simulate_batch : batches of one system, faster.
+
+    Notes
+    -----
+    Points are computed in chunks, which are written atomically; a stopped study loses at most its
+    unfinished tasks.
+
     Examples
     --------
     >>> def bounce(e, v):

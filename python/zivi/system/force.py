@@ -63,6 +63,11 @@ class ParametricForce:
     ValueError
         If a value is not finite, or a name is taken: ``x0``, ``xdot0``, ``t0``, ``e``.
 
+    See Also
+    --------
+    LinearForce : linear forces, with exact flights.
+    sensitivity : derivatives with respect to the parameters.
+
     Examples
     --------
     >>> spring = zivi.ParametricForce(
@@ -269,6 +274,11 @@ class LinearForce(NativeForce):
         If a coefficient is not finite, or the table has several values.
     TypeError
         If the excitation is no `Table`.
+
+    See Also
+    --------
+    ParametricForce : functions with named parameters.
+    ImpactSystem : the system of a force.
 
     Examples
     --------

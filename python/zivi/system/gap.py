@@ -90,6 +90,16 @@ class HarmonicWall:
     ValueError
         If a parameter, or the acceleration :math:`a \omega^2`, is not finite.
 
+    See Also
+    --------
+    MovingWall : other motions of a wall.
+    Table : tabulated motions.
+
+    References
+    ----------
+    J. M. Luck and A. Mehta, Bouncing ball with a finite restitution: chattering, locking, and
+    chaos, Phys. Rev. E 48, 1993.
+
     Examples
     --------
     >>> table = zivi.HarmonicWall(amplitude=0.1, omega=10.0)
@@ -146,6 +156,15 @@ class MovingWall:
     ------
     TypeError
         If one of them cannot be called.
+
+    See Also
+    --------
+    HarmonicWall : a vibrating wall, evaluated without Python.
+
+    References
+    ----------
+    J. M. Luck and A. Mehta, Bouncing ball with a finite restitution: chattering, locking, and
+    chaos, Phys. Rev. E 48, 1993.
 
     Examples
     --------
@@ -295,9 +314,21 @@ class DryFriction(Unchanging):
         If a number is not finite, the limit is negative or more than the static one, or a part is
         none of these.
 
+    See Also
+    --------
+    Gap : friction at a gap.
+    MechanicalSystem : the argument ``friction``.
+
     Notes
     -----
     The force of the system must not contain the dry friction.
+
+    References
+    ----------
+    J. J. Moreau, Unilateral contact and dry friction in finite freedom dynamics, in Nonsmooth
+    Mechanics and Applications, Springer, 1988.
+
+    V. Acary and B. Brogliato, Numerical Methods for Nonsmooth Dynamical Systems, Springer, 2008.
 
     Examples
     --------
@@ -572,10 +603,21 @@ class Hertz:
     ValueError
         If a parameter is out of range.
 
+    See Also
+    --------
+    HuntCrossley : with damping.
+    SpringDamper : a linear contact law.
+
     Notes
     -----
     The force is not smooth where the contact begins, so that steps there are short: a contact takes
     two to three times the evaluations of that with a spring.
+
+    References
+    ----------
+    H. Hertz, Ueber die Beruehrung fester elastischer Koerper, J. reine angew. Math. 92, 1882.
+
+    K. L. Johnson, Contact Mechanics, Cambridge University Press, 1985.
 
     Examples
     --------
@@ -620,11 +662,21 @@ class HuntCrossley:
     ValueError
         If a parameter is out of range.
 
+    See Also
+    --------
+    Hertz : without damping.
+    SpringDamper : a linear contact law.
+
     Notes
     -----
     Without other forces a mass that comes with v leaves with u,
     :math:`\alpha v - \ln(1 + \alpha v) = -\alpha u - \ln(1 - \alpha u)`, whatever k, p and
     the mass are.
+
+    References
+    ----------
+    K. H. Hunt and F. R. E. Crossley, Coefficient of restitution interpreted as damping in
+    vibroimpact, J. Appl. Mech. 42, 1975.
 
     Examples
     --------
@@ -744,11 +796,20 @@ class Gap(Unchanging):
     ValueError
         If a coefficient is out of range, there is a tangent without `mu`, or `mu` without one.
 
+    See Also
+    --------
+    LinearGap : gaps linear in the coordinates.
+    DryFriction : friction in joints.
+
     Notes
     -----
     Gradient, curvature, rate and tangent_curvature are compared with differences once, at the start
     of a run (to 1e-5). Without friction, which of the functions that describe a surface is taken
     does not matter.
+
+    References
+    ----------
+    B. Brogliato, Nonsmooth Mechanics, 3rd ed., Springer, 2016.
 
     Examples
     --------
@@ -884,6 +945,15 @@ class LinearGap(Gap):
     ------
     ValueError, TypeError
         If the normal is zero or a number is not finite; if the motion is none; as for `Gap`.
+
+    See Also
+    --------
+    Gap : nonlinear gap functions.
+    HarmonicWall : a vibrating wall.
+
+    References
+    ----------
+    B. Brogliato, Nonsmooth Mechanics, 3rd ed., Springer, 2016.
 
     Examples
     --------

@@ -49,6 +49,11 @@ class Harmonic:
     ValueError
         If a number is not finite.
 
+    See Also
+    --------
+    Table : tabulated loads.
+    LinearSystem : the argument ``excitation``.
+
     Examples
     --------
     >>> zivi.Harmonic([0.0, 2.0], 3.0)
@@ -159,6 +164,15 @@ class LinearSystem(MechanicalSystem):
     ValueError, TypeError
         If a shape is another one, `M` is not positive definite, a number is not finite, or a gap is
         no `LinearGap`.
+
+    See Also
+    --------
+    MechanicalSystem : nonlinear systems.
+    response_amplitude : the response without impacts.
+
+    References
+    ----------
+    B. Brogliato, Nonsmooth Mechanics, 3rd ed., Springer, 2016.
 
     Examples
     --------

@@ -67,6 +67,24 @@ def lift(
         If some `x` is negative, `x` or `xdot` is not finite, `e`, `kappa` or `branch` is out of
         range, or ``e = 0`` and some `xdot` is positive: it has no finite image.
 
+    See Also
+    --------
+    project : the inverse transform.
+    SwitchedRK : the method that reports lifted states.
+
+    Notes
+    -----
+    The Zhuravlev-Ivanov transform removes the velocity jump at impacts: ``s`` and ``v`` are
+    continuous in time.
+
+    References
+    ----------
+    V. Ph. Zhuravlev, A method for analysing vibration-impact systems by means of special functions,
+    Mechanics of Solids 11, 1976.
+
+    A. P. Ivanov, Analytical methods in the theory of vibro-impact systems, J. Appl. Math. Mech. 57,
+    1993.
+
     Examples
     --------
     >>> s, v = zivi.lift(1.0, -3.0, kappa=0.5)
@@ -108,6 +126,18 @@ def project(
     x, xdot : ndarray
         Distance from the wall (m) and velocity (m/s); at the wall, the velocity after the
         impact, :math:`(1-\kappa)|v|`.
+
+    See Also
+    --------
+    lift : the transform to lifted coordinates.
+
+    References
+    ----------
+    V. Ph. Zhuravlev, A method for analysing vibration-impact systems by means of special functions,
+    Mechanics of Solids 11, 1976.
+
+    A. P. Ivanov, Analytical methods in the theory of vibro-impact systems, J. Appl. Math. Mech. 57,
+    1993.
 
     Examples
     --------
@@ -209,6 +239,16 @@ class ImpactSystem:
         `force` is not finite.
     TypeError
         If `force` is none of the above, takes other arguments, or does not compile.
+
+    See Also
+    --------
+    MechanicalSystem : several coordinates and gaps.
+    LinearForce : forces with exact flights.
+    simulate : run the system.
+
+    References
+    ----------
+    B. Brogliato, Nonsmooth Mechanics, 3rd ed., Springer, 2016.
 
     Examples
     --------

@@ -368,6 +368,13 @@ class MechanicalSystem:
     --------
     zivi.symbolic.system : the same from energies, without derivatives by hand, compiled.
 
+    References
+    ----------
+    J. J. Moreau, Unilateral contact and dry friction in finite freedom dynamics, in Nonsmooth
+    Mechanics and Applications, Springer, 1988.
+
+    B. Brogliato, Nonsmooth Mechanics, 3rd ed., Springer, 2016.
+
     Examples
     --------
     A ball between a floor and a wall on the right, pushed by 2 N:

@@ -146,6 +146,11 @@ class Table:
     TypeError
         If times or values hold no real numbers.
 
+    See Also
+    --------
+    Pulse : rectangular pulses.
+    Harmonic : harmonic loads.
+
     Examples
     --------
     >>> table = zivi.Table([0.0, 1.0, 3.0], [0.0, 2.0, 0.0])

@@ -371,6 +371,10 @@ class Tree(MechanicalSystem):
     ``gap.mu_static``, ``joint.friction``, ``joint.friction_static``. `zivi.sensitivity` takes
     derivatives by them, of systems without friction.
 
+    References
+    ----------
+    R. Featherstone, Rigid Body Dynamics Algorithms, Springer, 2008.
+
     Examples
     --------
     A pendulum with a ball of radius 0.1 at its end, above a floor 0.8 below its hinge:

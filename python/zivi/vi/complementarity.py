@@ -59,6 +59,21 @@ def solve_lcp(
     ValueError, TypeError
         If an argument is not as above.
 
+    See Also
+    --------
+    solve_avi : affine problems in a general box.
+    solve_ncp : nonlinear complementarity problems.
+    bimatrix : Nash equilibria by the Lemke-Howson method.
+
+    Notes
+    -----
+    An affine variational inequality with the bounds 0 and infinity, solved by `solve_avi`.
+
+    References
+    ----------
+    R. W. Cottle, J.-S. Pang and R. E. Stone, The Linear Complementarity Problem, Academic Press,
+    1992.
+
     Examples
     --------
     >>> res = zivi.solve_lcp([[2, 1], [1, 2]], [-5, -6])
@@ -118,6 +133,20 @@ def solve_ncp(
     ------
     ValueError, TypeError
         Before `F` is called, if an argument is not as above.
+
+    See Also
+    --------
+    solve_vi : problems in a general box.
+    solve_lcp : linear complementarity problems.
+
+    Notes
+    -----
+    A variational inequality with the bounds 0 and infinity, solved by `solve_vi`.
+
+    References
+    ----------
+    F. Facchinei and J.-S. Pang, Finite-Dimensional Variational Inequalities and Complementarity
+    Problems, Springer, 2003.
 
     Examples
     --------
@@ -200,6 +229,23 @@ def bimatrix(
     ------
     ValueError, TypeError
         If an argument is not as above.
+
+    See Also
+    --------
+    solve_lcp : general linear complementarity problems.
+
+    Notes
+    -----
+    The paths of the Lemke-Howson method, one per label, can have exponential length in the worst
+    case.
+
+    References
+    ----------
+    C. E. Lemke and J. T. Howson, Equilibrium points of bimatrix games, J. Soc. Indust. Appl. Math.
+    12, 1964.
+
+    R. W. Cottle, J.-S. Pang and R. E. Stone, The Linear Complementarity Problem, Academic Press,
+    1992.
 
     Examples
     --------

@@ -334,6 +334,16 @@ def check_jacobian(
     ValueError, TypeError
         If an argument, or a value of `F` or `jac`, is invalid.
 
+    See Also
+    --------
+    solve_vi : the solver that uses the Jacobian.
+    scipy.optimize.check_grad : gradients of scalar functions.
+
+    References
+    ----------
+    A. R. Curtis, M. J. D. Powell and J. K. Reid, On the estimation of sparse Jacobian matrices, IMA
+    J. Appl. Math. 13, 1974.
+
     Examples
     --------
     >>> worst = zivi.check_jacobian(lambda x: x**2, lambda x: np.diag([2 * x[0], 9.0]), [1.0, 2.0])

@@ -593,6 +593,25 @@ def solve_vi(
     ValueError, TypeError
         Before `F` is called, if an argument is not as above; the message names the index.
 
+    See Also
+    --------
+    solve_avi : affine problems.
+    solve_lcp : linear complementarity problems.
+    solve_ncp : nonlinear complementarity problems.
+    check_jacobian : test a Jacobian.
+    scipy.optimize.root : equations without bounds.
+
+    Notes
+    -----
+    The natural residual of the returned point decides about success. Dense problems are solved by
+    pivotal (Lemke-type), semismooth Newton and smoothing stages, with cost of order ``n**3`` per
+    iteration; large sparse problems by an active-set Newton and an interior-point method.
+
+    References
+    ----------
+    F. Facchinei and J.-S. Pang, Finite-Dimensional Variational Inequalities and Complementarity
+    Problems, Springer, 2003.
+
     Examples
     --------
     >>> res = zivi.solve_vi(lambda x: x**2 - 2, 0, np.inf, [1.0])
@@ -758,6 +777,24 @@ def solve_avi(
     ValueError, TypeError
         If an argument is not as above.
 
+    See Also
+    --------
+    solve_vi : nonlinear problems.
+    solve_lcp : problems with the bounds 0 and infinity.
+
+    Notes
+    -----
+    Stages as in `solve_vi`; affine problems need no linearisation, so a pivotal path or an active
+    set ends in a solution up to rounding.
+
+    References
+    ----------
+    M. Cao and M. C. Ferris, A pivotal method for affine variational inequalities, Math. Oper. Res.
+    21, 1996.
+
+    F. Facchinei and J.-S. Pang, Finite-Dimensional Variational Inequalities and Complementarity
+    Problems, Springer, 2003.
+
     Examples
     --------
     >>> res = zivi.solve_avi([[2, 1], [1, 2]], [-5, -6], -1, 1)
@@ -827,6 +864,20 @@ def natural_residual(x: ArrayLike, F: ArrayLike, lower: ArrayLike, upper: ArrayL
     ------
     ValueError, TypeError
         If lengths differ or a bound is impossible.
+
+    See Also
+    --------
+    solve_vi : the solver whose error this measures.
+
+    Notes
+    -----
+    The residual is zero exactly at solutions; for affine problems it bounds the distance to the
+    solution set locally.
+
+    References
+    ----------
+    F. Facchinei and J.-S. Pang, Finite-Dimensional Variational Inequalities and Complementarity
+    Problems, Springer, 2003.
 
     Examples
     --------

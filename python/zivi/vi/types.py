@@ -85,6 +85,10 @@ class VIOptions:
         stored. The sparse solver has stages of its own: S0 (`active_set`), IP, an interior-point
         method for affine problems, and SM (`smoothing`), S2 (`proximal`); then the dense solver
         runs with the remaining options, for at most ``zivi.vi.MAX_DENSE`` unknowns.
+
+    See Also
+    --------
+    solve_vi : the argument ``options``.
     """
 
     row_scale: Literal["jacobian"] | ArrayLike | None = None

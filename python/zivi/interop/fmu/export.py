@@ -667,6 +667,10 @@ def export_fmu(
     the order that closes a loop without delay. Two exports by one version are the same, byte by
     byte.
 
+    References
+    ----------
+    Modelica Association, Functional Mock-up Interface Specification, versions 2.0 and 3.0.
+
     Examples
     --------
     >>> import tempfile

@@ -115,6 +115,15 @@ class NewtonImpact(ImpactLaw):
     ValueError
         If `e` is out of range.
 
+    See Also
+    --------
+    SpeedDependentImpact : restitution that depends on the speed.
+    Restitution : restitution as a function of the speed.
+
+    References
+    ----------
+    B. Brogliato, Nonsmooth Mechanics, 3rd ed., Springer, 2016.
+
     Examples
     --------
     >>> zivi.NewtonImpact(0.5).limit
@@ -166,6 +175,18 @@ class SpeedDependentImpact(ImpactLaw):
     ------
     ValueError
         If a parameter is out of range.
+
+    See Also
+    --------
+    NewtonImpact : constant restitution.
+    Restitution : any function of the speed.
+
+    References
+    ----------
+    T. Schwager and T. Poeschel, Coefficient of normal restitution of viscous particles and cooling
+    rate of granular gases, Phys. Rev. E 57, 1998.
+
+    K. L. Johnson, Contact Mechanics, Cambridge University Press, 1985.
 
     Examples
     --------
