@@ -1,6 +1,6 @@
 """Campaign of `zivi.fit`: starts in wide boxes, coverage of intervals, missed bounces.
 
-Run as ``python benchmarks/fits.py ball|masses|table|belt|coverage|bounces [number]``. A start
+Run as ``python benchmarks/fits.py ball|masses|table|belt|bounces|coverage [number]``. A start
 succeeds if its cost is within 0.1 % of the least cost of all.
 """
 
@@ -142,6 +142,8 @@ def starts(name: str, number: int) -> None:
             continue
         costs.append(found.cost)
         runs.append(found.evaluations)
+        if k % 10 == 9:
+            print(f"{k + 1} fits", flush=True)
         if found.cost > best.cost * 1.001:
             print(k, found.cost, found.values, flush=True)
     good = np.count_nonzero(np.array(costs) <= best.cost * 1.001 + 1e-6)
@@ -156,8 +158,9 @@ def coverage(name: str, number: int) -> None:
         found = problem.fit(data, problem.truth, 1)
         ends = found.interval(0.95)
         hits.append([low <= problem.truth[it] <= high for it, (low, high) in ends.items()])
-    parts = dict(zip(problem.boxes, 100.0 * np.mean(hits, axis=0), strict=True))
-    print(f"coverage of {name} over {number}: {parts}", flush=True)
+        if (k + 1) % 100 == 0 or k + 1 == number:
+            parts = dict(zip(problem.boxes, 100.0 * np.mean(hits, axis=0), strict=True))
+            print(f"coverage of {name} over {k + 1}: {parts}", flush=True)
 
 
 def bounces(number: int) -> None:
@@ -190,6 +193,8 @@ def main(name: str, number: int) -> None:
     elif name == "coverage":
         for it in ("ball", "masses"):
             coverage(it, number)
+    elif name.startswith("coverage_"):
+        coverage(name.partition("_")[2], number)
     else:
         starts(name, number)
     print(f"{time.perf_counter() - started:.0f} s", flush=True)

@@ -1,4 +1,4 @@
-"""The command line: ``zivi simulate``, ``control``, ``sweep``, ``show`` and ``paper``."""
+"""The command line: ``zivi simulate``, ``control``, ``sweep``, ``fit``, ``show`` and ``paper``."""
 
 from __future__ import annotations
 
@@ -229,6 +229,33 @@ def sweep_file(
             quiet=quiet,
             as_json=as_json,
         )
+    raise typer.Exit(code)
+
+
+@app.command("fit")
+def fit_file(
+    file: File,
+    out: Out = None,
+    force: Force = False,
+    quiet: Quiet = False,
+    as_json: Json = False,
+    example: Annotated[
+        bool,
+        typer.Option("--example", callback=_show_example("fit"), is_eager=True, help=Example),
+    ] = False,
+    keys: Annotated[
+        bool, typer.Option("--keys", callback=_show_keys("fit"), is_eager=True, help=Keys)
+    ] = False,
+) -> None:
+    """Fit parameters of a system to data; write a netCDF file with the estimates.
+
+    Exit code 0 if the fit converged, 1 if it did not, 2 for a bad file, 130 for Ctrl-C (the best
+    of what was computed is kept).
+    """
+    from zivi.files import commands
+
+    with _reported_errors():
+        code = commands.fit_to_data(file, out, force=force, quiet=quiet, as_json=as_json)
     raise typer.Exit(code)
 
 

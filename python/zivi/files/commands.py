@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import math
 import os
 import shutil
 import sys
@@ -47,6 +48,7 @@ __all__ = [
     "check_result",
     "echo_error",
     "example_file",
+    "fit_to_data",
     "has_display",
     "is_study",
     "open_window",
@@ -256,6 +258,40 @@ def _saved(run: Run, path: Path, force: bool) -> bool:
         echo_error(f"zivi: {path}: cannot be written: {error}")
         return False
     return True
+
+
+def fit_to_data(
+    file: Path, out: Path | None, *, force: bool, quiet: bool, as_json: bool = False
+) -> int:
+    """Fit parameters to data, and keep the estimates."""
+    from zivi.files.fits import prepare_fit  # with what only fits need
+
+    require_library()
+    prepared = prepare_fit(file)
+    path = output(out, file, ".nc", replace=force)
+    try:
+        check_suffix("--out", path)
+    except ValueError as error:
+        raise FileError(f"zivi: {error}") from None
+    code = 0
+    try:
+        found = prepared.run(progress=False if quiet else None)
+    except KeyboardInterrupt as error:
+        found = getattr(error, "fit", None)
+        if found is None:
+            raise
+        code = INTERRUPTED
+    save(found, path, overwrite=force)
+    if as_json:
+        estimates = {"values": found.values, "std": _finite(found.std), "notes": found.notes}
+        show_record({"result": str(path), "exit_code": code, "found": found.found, **estimates})
+    elif not quiet:
+        say(f"{found}\n{path}: {summary.opening(path, study=False)}")
+    return code if code or found.success else EARLY
+
+
+def _finite(values: dict[str, float]) -> dict[str, float | None]:
+    return {name: it if math.isfinite(it) else None for name, it in values.items()}
 
 
 def study(

@@ -43,6 +43,7 @@ from zivi.system.tree_bodies import KINDS, BallGap, JointLimit, PlaneGap
 __all__ = [
     "COMMANDS",
     "CONTROL",
+    "FIT",
     "GAPS",
     "MAX_NUM",
     "MECHANICS",
@@ -774,6 +775,54 @@ def _toml_value(value: Any) -> str:
 
 # Tables of all keys of a file, for the page of the command line and ``--keys``.
 #
+FIT_RANGE = Pair(ANY, ANY, ("lower", "upper > lower"))
+SIGMA = Key("sigma", POSITIVE, "standard deviation of the data", default="estimated")
+CSV = Key("file", NAME, "CSV file with a row of names, beside this file", default="none")
+DATA = Tagged(
+    "kind",
+    {
+        "bounces": (
+            CSV,
+            Key("times", Numbers(), "times of impacts, without a file", "s", "those of file"),
+            Key("column", NAME, "column of the file", default='"t"'),
+            SIGMA,
+            Key("gap", NAME, "gap that is hit", default="any"),
+            Key("missed", NOT_NEGATIVE, "cost of a missed impact, in sigma", "1", "3"),
+            Key("spurious", NOT_NEGATIVE, "cost of a spurious time, in sigma", "1", "3"),
+        ),
+        "record": (
+            CSV,
+            Key("t", Numbers(), "times of samples, without a file", "s", "those of file"),
+            Key("values", Numbers(), "their values", default="those of file"),
+            Key("time", NAME, "column of the times", default='"t"'),
+            Key("column", NAME, "column of the values", default="of"),
+            Key("of", NAME, "coordinate, velocity, gap or reaction", default='"x"'),
+            SIGMA,
+        ),
+    },
+)
+FIT = (
+    Key("params", Each(NAME, "names"), "parameters to estimate, as of `zivi.fit`"),
+    Key("data", Each(DATA, "tables"), "measurements"),
+    Key("bounds", Open(FIT_RANGE, "parameters"), "their bounds", default="e in [0, 1]"),
+    Key(
+        "prior",
+        Open(Pair(ANY, POSITIVE, ("mean", "sigma")), "parameters"),
+        "prior knowledge",
+        default="none",
+    ),
+    Key("starts", Whole(1, 10_000), "number of starts", "1", "8"),
+    Key("seed", Whole(0), "seed of the starts", "1", "0"),
+    Key(
+        "loss",
+        Choice(("linear", "soft_l1", "huber", "cauchy", "arctan")),
+        "loss function of the residuals",
+        default='"linear"',
+    ),
+    Key("t0", ANY, "time of y0 by the clock of the data", "s", "0"),
+)
+
+
 # Each command has a table, and so has each object that several commands or keys take: where one of
 # these is a value, the table of the command has a link in place of its keys.
 
@@ -783,6 +832,7 @@ COMMANDS = {
     "tree": TREE,
     "control": CONTROL,
     "sweep": SWEEP,
+    "fit": FIT,
 }
 HEAD = "| key | only for | unit | allowed | default | meaning |\n|---|---|---|---|---|---|\n"
 

@@ -49,6 +49,7 @@ __all__ = [
     "build_system",
     "build_tree",
     "command_of",
+    "keys_of_run",
     "mechanism_of",
     "plant_of",
     "prepare_control",
@@ -56,6 +57,7 @@ __all__ = [
     "read_file",
     "restitution_key",
     "spaced",
+    "system_of",
 ]
 
 # Reads a file into checked values.
@@ -119,6 +121,8 @@ def command_of(content: dict[str, Any]) -> str | None:
     ]
     if len(found) != 1:
         return None
+    if "params" in content or "data" in content:
+        return "fit" if found == ["simulate"] else None
     if "controller" in content:
         return "control" if found == ["simulate"] else None
     return found[0]
@@ -299,14 +303,19 @@ class Prepared:
 
 def plant_of(path: Path) -> tuple[dict[str, Any], Any, Mistakes]:
     """Read a file of ``zivi simulate``: its values, the system, and its list of mistakes."""
-    content = read_file(path, _keys_for, "simulate")
+    content = read_file(path, keys_of_run, "simulate")
     values, mistakes = content.values, content.mistakes
+    return values, system_of(values, mistakes), mistakes
+
+
+def system_of(values: dict[str, Any], mistakes: Mistakes) -> Any:
+    """Build the system of a file, whatever its kind."""
     builds: Callable[[dict[str, Any], Mistakes], Any] = build_system
     if is_tree(values):
         builds = build_tree
     elif is_mechanism(values):
         builds = build_mechanism
-    return values, builds(values["system"], mistakes), mistakes
+    return builds(values["system"], mistakes)
 
 
 def prepare_simulate(path: Path) -> Prepared:
@@ -330,7 +339,8 @@ def prepare_simulate(path: Path) -> Prepared:
     return Prepared(call, keys, mistakes)
 
 
-def _keys_for(content: dict[str, Any]) -> tuple[Key, ...]:
+def keys_of_run(content: dict[str, Any]) -> tuple[Key, ...]:
+    """Return the keys of a file of ``zivi simulate`` by the kind of its system."""
     if is_tree(content):
         return TREE
     return MECHANICS if is_mechanism(content) else SIMULATE
