@@ -21,7 +21,7 @@ NAMES = {
     "control.twisting": "CONTROLLERS",
     "estimation.alignment": "SPURIOUS align geometric_indices",
     "files.file_keys": "FILE_CONTROLLERS=CONTROLLERS METHODS flatten_keys",
-    "files.fits": "file_columns=read_columns",
+    "files.fits": "file_columns=read_csv_columns",
     "files.kinds": "FileError",
     "files.picture": "_edges",
     "files.results": "check_suffix read_curve open_result",

@@ -162,7 +162,7 @@ def _increasing(n: int, most: int) -> Indices:
 
 
 def _misfits(t: Array, sigma: Array, index: Indices, ratios: Array) -> tuple[Array, Array]:
-    """Return the least sums of squares of ``a - b r**k`` over ratios, and where they are."""
+    """Return the least sums of squares of ``a - b r**k`` over ratios and the best ratios."""
     w = 1.0 / sigma**2
     w /= w.sum()
     centred = t - w @ t

@@ -70,7 +70,7 @@ def profile_of(
 
 
 def _squares(problem: FitProblem, best: Optimum, *, free: Array, p: Array) -> tuple[float, Array]:
-    """Return twice the least cost over the free parameters, and where it is."""
+    """Return twice the least cost over the free parameters and its location."""
     whole = problem.window(1.0)
     found = problem.least_squares(p, whole, best.alignments, 100, 1e-10, free=free)
     return 2.0 * float(found.cost), found.x

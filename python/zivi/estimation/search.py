@@ -456,7 +456,7 @@ def _moved_on(
 
 
 def from_data(problem: FitProblem) -> list[Alignments]:
-    """Return alignments that the data suggest without a run, where they are one set of bounces."""
+    """Return alignments that one set of bounces suggests without a run."""
     places = [place for place, it in problem.data.items() if isinstance(it, Bounces)]
     if len(places) != 1:
         return []

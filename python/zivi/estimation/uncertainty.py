@@ -128,8 +128,7 @@ def _inverse(root: Array, limit: float) -> tuple[Array, list[list[int]]]:
 def quantile(level: float, freedom: float | None) -> float:
     """Return the half-width of a two-sided interval, in standard deviations.
 
-    Of the normal distribution, or of Student's with degrees of freedom where the variance was
-    estimated.
+    Normal distribution; Student's distribution with degrees of freedom for an estimated variance.
     """
     special = needed("scipy.special", "fits")
     above = 0.5 + 0.5 * level

@@ -277,20 +277,19 @@ def fit_to_data(
     try:
         found = prepared.run(progress=False if quiet else None)
     except KeyboardInterrupt as error:
-        found = getattr(error, "fit", None)
-        if found is None:
+        if not hasattr(error, "fit"):
             raise
-        code = INTERRUPTED
+        found, code = error.fit, INTERRUPTED
     save(found, path, overwrite=force)
     if as_json:
-        estimates = {"values": found.values, "std": _finite(found.std), "notes": found.notes}
+        estimates = {"values": found.values, "std": _finite_values(found.std), "notes": found.notes}
         show_record({"result": str(path), "exit_code": code, "found": found.found, **estimates})
     elif not quiet:
         say(f"{found}\n{path}: {summary.opening(path, study=False)}")
     return code if code or found.success else EARLY
 
 
-def _finite(values: dict[str, float]) -> dict[str, float | None]:
+def _finite_values(values: dict[str, float]) -> dict[str, float | None]:
     return {name: it if math.isfinite(it) else None for name, it in values.items()}
 
 

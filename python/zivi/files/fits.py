@@ -82,7 +82,7 @@ def _keys_of_fit(content: dict[str, Any]) -> tuple[Key, ...]:
 
 
 def _data_of(path: Path, number: int, row: dict[str, Any], mistakes: Mistakes) -> Any:
-    """Read a data set from its table, or from the CSV file that it names."""
+    """Read a data set from its table or from a CSV file."""
     key = f"data[{number}]"
     given = {name: it for name, it in row.items() if name in ("sigma", "gap", "of")}
     given |= {name: it for name, it in row.items() if name in ("missed", "spurious")}
@@ -95,7 +95,7 @@ def _data_of(path: Path, number: int, row: dict[str, Any], mistakes: Mistakes) -
         mistakes.add(key, f"must have either file or {told}")
         return None
     if "file" in row:
-        columns = read_columns(path.parent / row["file"], list(wanted.values()))
+        columns = read_csv_columns(path.parent / row["file"], list(wanted.values()))
         given |= dict(zip(wanted, columns, strict=True))
     else:
         given |= {name: row.get(name, []) for name in wanted}
@@ -103,7 +103,7 @@ def _data_of(path: Path, number: int, row: dict[str, Any], mistakes: Mistakes) -
         return Bounces(**given) if bouncing else Record(**given)
 
 
-def read_columns(path: Path, names: list[str]) -> list[np.ndarray]:
+def read_csv_columns(path: Path, names: list[str]) -> list[np.ndarray]:
     """Read columns of a CSV file with a row of names; empty cells are NaN.
 
     Raises
@@ -123,14 +123,14 @@ def read_columns(path: Path, names: list[str]) -> list[np.ndarray]:
             raise FileError(f"{path}: column {name!r} is missing; the file has {', '.join(head)}")
     places = [head.index(name) for name in names]
     table = [
-        [_number(path, line, row, place) for place in places]
+        [_cell_value(path, line, row, place) for place in places]
         for line, row in enumerate(rows[1:], 2)
         if any(cell.strip() for cell in row)
     ]
     return list(np.array(table, float).reshape(-1, len(names)).T)
 
 
-def _number(path: Path, line: int, row: list[str], place: int) -> float:
+def _cell_value(path: Path, line: int, row: list[str], place: int) -> float:
     cell = row[place].strip() if place < len(row) else ""
     try:
         return float(cell) if cell else math.nan
