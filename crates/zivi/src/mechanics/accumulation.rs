@@ -20,7 +20,7 @@ use crate::zeno::arc::Bounce;
 use crate::zeno::chain::Chain;
 use crate::Status;
 
-/// What is known of impacts that may accumulate.
+/// Data of impacts that may accumulate.
 #[derive(Clone, Debug)]
 pub(super) struct Accumulation {
     settings: SwitchedRk,

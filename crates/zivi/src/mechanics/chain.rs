@@ -41,7 +41,7 @@ pub(super) struct ImpactChain {
     obstacle: Option<Deviation>,
     /// The shortest period of the forces, if that is known (s).
     period: Option<f64>,
-    /// The force on what bounces, where that is one gap of one coordinate.
+    /// The force on the bouncing gap, for one gap of one coordinate.
     alone: Option<Linear>,
     /// The state after an impact without the speeds of the bouncing gaps, and its rates in contact.
     z: Vec<f64>,
@@ -70,7 +70,7 @@ impl ImpactChain {
         self.period = Some(period);
     }
 
-    /// What comes next is another chain.
+    /// Starts a new chain.
     pub(super) fn clear(&mut self) {
         self.chain.clear();
     }
@@ -345,8 +345,8 @@ impl ImpactChain {
         Ok(())
     }
 
-    /// What the forces and impacts do along the arcs of a jump but for (1), unless that is less than a part of
-    /// the tolerances.
+    /// Effects of forces and impacts along the extrapolated flights that (1) neglects, if
+    /// significant relative to the tolerances.
     fn corrections<E, D: Dynamics<E>>(
         &self,
         arcs: &SkippedArcs,
@@ -510,7 +510,7 @@ fn probed(arcs: &SkippedArcs) -> (Vec<usize>, Vec<f64>) {
     (numbers, q)
 }
 
-/// The state after a part of an arc, and what (1) has for accelerations there.
+/// The state after a part of a flight, and the accelerations of (1) there.
 #[derive(Default)]
 struct Probe {
     t: f64,

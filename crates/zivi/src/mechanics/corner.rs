@@ -49,7 +49,7 @@ pub(super) struct CornerApproach {
 }
 
 impl CornerApproach {
-    /// What comes next is another one.
+    /// Starts a new one.
     pub(super) fn clear(&mut self) {
         self.log.clear();
         self.changed = false;
@@ -83,7 +83,7 @@ impl CornerApproach {
         self.patterns.push(struck.pattern());
     }
 
-    /// The corner that the last events approach, if it is known to the tolerance.
+    /// The corner that the last events approach, if determined to the tolerance.
     pub(super) fn ahead<E, D: Dynamics<E>>(
         &self,
         at: &mut Mechanism<'_, '_, D>,
@@ -250,8 +250,8 @@ impl CornerApproach {
     }
 }
 
-/// Whether the gaps of a pattern have no heights and no speeds where its events lead. Two that come to rest
-/// alone, one after the other and with one ratio, repeat in a pattern, too.
+/// Whether the gaps of a pattern have no heights and no speeds where its events lead. Two gaps that
+/// come to rest separately, one after the other and with one ratio, also repeat in a pattern.
 fn rests(
     gaps: GapSet,
     landing: &ExtrapolatedEnd<Vec<f64>>,
@@ -263,7 +263,7 @@ fn rests(
     gaps.iter().flat_map(row).all(|c| z[c].abs() <= STILL * scales[1 + c])
 }
 
-/// A state in which a corner is reached, as it is.
+/// A state in which a corner is reached.
 fn resting(t: f64, z: &[f64]) -> ExtrapolatedEnd<Vec<f64>> {
     ExtrapolatedEnd::new(t, &[&[0.0], z].concat(), 0.0)
 }

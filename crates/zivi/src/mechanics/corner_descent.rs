@@ -43,14 +43,15 @@ pub(super) struct CornerEntry {
     set: GapSet,
     /// The directions `r_i` there, by gap of the set.
     directions: Vec<Vec<f64>>,
-    /// What friction does there.
+    /// Mode of friction there.
     mode: ContactMode,
     /// The gap that bounces alone, and the two halves of its arcs: mode and pull to the wall.
     halves: Option<Halves>,
 }
 
 impl CornerEntry {
-    /// What a jump into the corner of a set starts from, where the system was last evaluated.
+    /// Initial data of an extrapolation into the corner of a set, at the last evaluation of the
+    /// system.
     pub(super) fn new<E>(set: GapSet, state: &mut MechanicalState) -> Result<Self, Failure<E>> {
         let (directions, mode) = (impulse_directions(set, state)?, state.mode());
         let bouncing = set.without(state.closed());
@@ -177,7 +178,7 @@ fn nest<D>(set: GapSet, at: &mut Mechanism<'_, '_, D>) -> NestedAccumulation {
     NestedAccumulation { d, b, e: set.iter().map(|i| at.e[i]).collect() }
 }
 
-/// The motion in contact from what the heights at the entry leave of its state.
+/// The motion in contact, from the part of the state that the heights at the entry leave.
 fn in_contact<E, D: Dynamics<E>>(
     entry: &CornerEntry,
     ways: &ImpulseDirections<'_>,
@@ -376,7 +377,7 @@ impl From<Vec<Mark>> for Marks {
 pub(super) struct CornerLog {
     pub(super) impacts: Marks,
     pub(super) openings: Marks,
-    /// All gaps that were hit, also by impacts that are no more among the last.
+    /// All gaps that were hit, including those whose impacts are no longer stored.
     hit: GapSet,
     /// Impacts between which friction in a joint, or at a contact that stays closed, changes: in a fixed
     /// part of each flight, so that even those of one gap have a ratio of their own.

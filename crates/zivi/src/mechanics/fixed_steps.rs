@@ -38,10 +38,11 @@ pub(super) trait Scheme {
         model: &mut Model<'_, D>,
     ) -> Result<(), Failure<E>>;
 
-    /// What happened in the step, whose end is the present state now and whose start the next.
+    /// Records the events of a step; at this call the present state is its end, the next state its
+    /// start.
     fn note<E>(&mut self, t: f64, t_end: f64, state: &mut Stepped) -> Result<(), Failure<E>>;
 
-    /// What is known at the end only.
+    /// Events that are known at the end only.
     fn finish(&mut self, _state: &mut Stepped) {}
 }
 
@@ -56,12 +57,12 @@ pub(super) struct Stepped {
     pub(super) x: Vec<f64>,
     pub(super) v: Vec<f64>,
     pub(super) free: Vec<f64>,
-    /// The end of the step, and by gap what acts in it: impulses, then reactions.
+    /// The end of the step, and by gap impulses, then reactions.
     pub(super) next_x: Vec<f64>,
     pub(super) next_v: Vec<f64>,
     pub(super) lambda: Vec<f64>,
     pub(super) friction: Friction,
-    /// What friction does, and which gaps it acts on.
+    /// Modes of friction and the gaps with contact.
     pub(super) pattern: ContactMode,
     /// The gaps that are at rest.
     pub(super) closed: GapSet,
@@ -176,7 +177,7 @@ impl Stepped {
         MotionPoint { x: self.x.clone(), v: self.v.clone(), mode: self.mode() }
     }
 
-    /// The gaps at rest, and what friction does at them and in joints.
+    /// The gaps at rest, and the modes of friction at them and in joints.
     fn mode(&self) -> ContactMode {
         ContactMode { closed: self.closed, ..self.pattern }
     }
@@ -305,8 +306,8 @@ fn walk<E, D: Dynamics<E>, M: Monitor<E>>(
 
 /// Simulates a mechanical system with Moreau-Jean time stepping.
 ///
-/// Recorded are impacts (impulses on gaps that close), Zeno points (a gap that is pressed from slow
-/// speeds on) and lift-offs, as in [`crate::simulate_moreau_jean`]; reactions are `P/h`.
+/// Recorded are impacts (impulses on gaps that close), Zeno points (a closed gap after slow speeds)
+/// and lift-offs (see [`crate::simulate_moreau_jean`]); reactions are `P/h`.
 ///
 /// # Errors
 /// [`SetupError`] before anything is computed. Later failures are in the run's status.
@@ -334,7 +335,7 @@ pub fn simulate_mechanical_moreau_jean<E, D: Dynamics<E>>(
 /// The scheme.
 struct Impulses {
     theta: f64,
-    /// What friction did in the last step.
+    /// Modes of friction in the last step.
     before: ContactMode,
 }
 
@@ -730,12 +731,12 @@ type End = (Vec<f64>, Vec<f64>);
 pub(super) struct JointForces {
     forces: Vec<f64>,
     pattern: ContactMode,
-    /// What friction did in the last step.
+    /// Modes of friction in the last step.
     before: ContactMode,
 }
 
 impl Kinetics {
-    /// What forces in the channels add to `b_i`.
+    /// Contribution of the friction forces to `b_i`.
     pub(super) fn pulled(&mut self, i: usize, forces: &[f64]) -> f64 {
         let rows = (0..forces.len()).map(|channel| self.row(channel)).collect::<Vec<_>>();
         rows.into_iter().zip(forces).map(|(row, force)| force * self.d(i, row)).sum()
@@ -753,8 +754,8 @@ impl JointForces {
         &self.forces
     }
 
-    /// The end of the step, which `step` gives for what the forces add to the accelerations: one joint
-    /// after the other.
+    /// The end of the step, computed by `step` from the accelerations due to the forces, joint by
+    /// joint.
     pub(super) fn solve<E>(
         &mut self,
         state: &mut Stepped,

@@ -55,13 +55,13 @@ pub(super) struct Impacts {
     shared: (GapSet, GapSet),
 }
 
-/// What an impact changed.
+/// Result of an impact.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Struck {
     pub(super) hit: GapSet,
     /// The gaps that were closed before it.
     pub(super) closed: GapSet,
-    /// The mode before it, and what friction did in it.
+    /// The mode before it, and the friction modes during it.
     before: ContactMode,
     pattern: ContactMode,
     /// Those of them that it opened.
@@ -82,7 +82,7 @@ impl Struck {
         self.pattern
     }
 
-    /// What bounces on what, if the impact may be one of many alike.
+    /// Key of the bouncing gap, if the impact may belong to a chain.
     pub(super) fn key(&self) -> Option<Key> {
         let alike = self.all_bounce && self.is_slow && !self.changes_contacts && !self.kicks;
         alike.then(|| {
@@ -97,14 +97,14 @@ impl Struck {
     }
 }
 
-/// What equation (1) says of the gaps.
+/// Right-hand side of equation (1): the normal velocities that the impact law prescribes.
 struct Exchanged {
     /// Those with an impulse.
     positive: GapSet,
     /// Rates before it, and impulses, by gap.
     before: Vec<f64>,
     impulses: Vec<f64>,
-    /// What friction did.
+    /// Modes of friction.
     pattern: ContactMode,
 }
 
@@ -481,8 +481,8 @@ fn approach(rates: &mut [f64], set: GapSet, hit: GapSet) -> Vec<f64> {
     rates.to_vec()
 }
 
-/// The open gaps that are zero without a speed, but for rounding, where others are hit: they have
-/// just been left. Without them the impact would be passed on to them and back, again and again.
+/// The open gaps that are zero without speed up to rounding when others are hit: they have just
+/// opened. Without them the impact would be passed on to them and back, again and again.
 fn touched(state: &MechanicalState, hit: GapSet) -> GapSet {
     let fastest = hit.iter().fold(0.0_f64, |v, i| v.max(-state.gap(i).1));
     let still = |i: usize| state.gap(i).1.abs() <= STILL * fastest;
@@ -490,8 +490,7 @@ fn touched(state: &MechanicalState, hit: GapSet) -> GapSet {
     open.filter(|&i| still(i) && state.touches(i)).collect()
 }
 
-/// Notes gaps that are hit together, or open together, if they are coupled, where the system has
-/// just been evaluated.
+/// Flags coupled gaps that are hit or open together, at the last evaluation of the system.
 pub(super) fn flag_together(
     gaps: GapSet,
     state: &mut MechanicalState,

@@ -43,7 +43,7 @@ pub(super) struct MechanicalIntegrator {
     smooth: (f64, u32),
 }
 
-/// What a step changes, kept to give it up.
+/// State changed by a step, stored to reject it.
 pub(super) struct StepBackup {
     state: MechanicalState,
     motion: SmoothMotion,
@@ -94,7 +94,7 @@ impl MechanicalIntegrator {
     }
 
     /// Starts at a state whose gaps are open, or closed to rounding: at gaps with a speed towards
-    /// zero the impact comes first. The value of a gap that is not open, if there is one.
+    /// zero the impact comes first. The value of a gap that is not open, if any.
     pub(super) fn start<E, D: Dynamics<E>>(
         &mut self,
         t: f64,
@@ -261,7 +261,7 @@ impl MechanicalIntegrator {
         }
     }
 
-    /// The impact on some gaps here, and what follows from it.
+    /// The impact on some gaps here and its consequences.
     fn strike<E, D: Dynamics<E>>(
         &mut self,
         hit: GapSet,
@@ -379,7 +379,7 @@ impl MechanicalIntegrator {
         self.motion.restart();
     }
 
-    /// What comes next is no jump: the accumulation is not known well enough.
+    /// Cancels the extrapolation: the accumulation is not known accurately enough.
     pub(super) fn cancel_jump(&mut self) {
         if let Next::Jump(_) = self.next {
             self.next = Next::Step;
@@ -391,7 +391,7 @@ impl MechanicalIntegrator {
         self.next.is_due(t_end)
     }
 
-    /// What a step changes.
+    /// State changed by a step.
     pub(super) fn save(&self) -> StepBackup {
         let Self { state, motion, next, stalled, .. } = self;
         let (state, motion, next) = (state.clone(), motion.clone(), next.clone());
@@ -410,7 +410,7 @@ impl MechanicalIntegrator {
         &self.settings
     }
 
-    /// Where the system is, and what the forces do there.
+    /// State of the system with its forces.
     pub(super) fn state(&self) -> &MechanicalState {
         &self.state
     }
@@ -420,7 +420,7 @@ impl MechanicalIntegrator {
         &mut self.state
     }
 
-    /// What comes next.
+    /// Next operation.
     pub(super) fn next(&self) -> &Next {
         &self.next
     }
@@ -430,7 +430,7 @@ impl MechanicalIntegrator {
         &self.motion
     }
 
-    /// The same, to be told how long steps may be and where they are looked at.
+    /// The same, mutable, for step limits and inspection.
     pub(super) fn motion_mut(&mut self) -> &mut SmoothMotion {
         &mut self.motion
     }
@@ -471,13 +471,13 @@ impl MechanicalIntegrator {
         Counts { nfev: 0, accepted, rejected, impacts }
     }
 
-    /// Makes room for what the next piece of the motion has.
+    /// Makes room for the next segment of the motion.
     pub(super) fn make_room(&mut self, reserve: &mut Reserve) -> Result<(), TryReserveError> {
         let most = OF_A_PIECE * (self.state.layout().m + 1);
         reserve.room(&mut self.occurrences, most, 2 * size_of::<f64>())
     }
 
-    /// What happened at the gaps.
+    /// Events at the gaps.
     pub(super) fn occurrences(&self) -> &[Occurrence] {
         &self.occurrences
     }

@@ -79,7 +79,7 @@ pub fn contact_forces<E>(
     Ok(kinetics.lambda)
 }
 
-/// What is known of the mechanics at one state.
+/// Kinetic quantities at one state.
 #[derive(Clone, Debug)]
 pub(super) struct Kinetics {
     pub(super) layout: Layout,
@@ -90,7 +90,7 @@ pub(super) struct Kinetics {
     /// Where the gradients begin in them, and the curvatures.
     gradient: usize,
     curvature: usize,
-    /// The same of forces, and of the rates of the gaps by time.
+    /// The same for forces and partial time derivatives of the gaps.
     force: usize,
     of_time: usize,
     /// `L L^T = M`.
@@ -108,22 +108,22 @@ pub(super) struct Kinetics {
     /// The rows `M^-1 n_i` and `D_ii`, and of which evaluation, counted by `evaluation`, they are.
     mobility: Vec<f64>,
     diagonal: Vec<f64>,
-    /// Their roots, NaN where there is none.
+    /// Their square roots, NaN if undefined.
     pub(super) roots: Vec<f64>,
     known: Vec<u64>,
     evaluation: u64,
-    /// What [`Self::coupling`] has given, by row, where `M` and the normals never change; else NaN.
+    /// Cached values of [`Self::coupling`] by row, for constant `M` and normals; otherwise NaN.
     couplings: Vec<f64>,
     /// `D_CC` of some set, then its factor.
     small: Vec<f64>,
     right: Vec<f64>,
     /// The rows of that set.
     order: Vec<usize>,
-    /// Contact forces by gap, zero where there is no contact, then those of friction by channel.
+    /// Contact forces by gap, zero without contact, then friction forces by channel.
     pub(super) lambda: Vec<f64>,
     /// `q''`, then `g''` and `w'`, then with friction a place for its power.
     pub(super) acceleration: Vec<f64>,
-    /// Directions by row in which contact forces may change while the motion stays as it is.
+    /// Directions by row in which contact forces may change without changing the motion.
     pub(super) undetermined: Vec<Vec<f64>>,
     /// Whether the motion depends on how contacts share their forces.
     pub(super) is_shared_motion: bool,
@@ -324,7 +324,7 @@ impl Kinetics {
         }
     }
 
-    /// `A` and `b` with the forces of the pressed gaps, and what limits friction there.
+    /// `A` and `b` with the forces of the pressed gaps, and the friction limits there.
     fn add_compliant(&mut self) {
         let Some(compliant) = self.compliant.take() else { return };
         self.free.copy_from_slice(&compliant.free);
@@ -533,7 +533,7 @@ impl Kinetics {
         self.channel_of[gap]
     }
 
-    /// What limits friction in a channel while it slips, and while it sticks: `mu` of a gap, the force
+    /// Limits of friction in a channel while slipping and while sticking: `mu` of a gap, the force
     /// of a joint.
     pub(super) fn friction_limits(&self, channel: usize) -> (f64, f64) {
         let [slip, stick] = [self.layout.limit(), self.layout.static_limit()];
@@ -561,14 +561,14 @@ impl Kinetics {
         self.normal(i).iter().map(|n| n.abs()).sum()
     }
 
-    /// What rounding of the coordinates leaves of `g_i`, and of the velocities of `g_i'`.
+    /// Rounding errors of `g_i` (from the coordinates) and `g_i'` (from the velocities).
     pub(super) fn rounding(&self, i: usize, q: &[f64], w: &[f64]) -> (f64, f64) {
         let (slope, rate) = (self.steepness(i), self.values[self.of_time + i].abs());
         let scale = 16.0 * f64::EPSILON;
         (scale * slope * largest(q), scale * (slope * largest(w) + rate))
     }
 
-    /// What rounding leaves of `b_i`. No part of `n . A` is larger than `|n| |A|` in the metric of
+    /// Rounding error of `b_i`. No part of `n . A` is larger than `|n| |A|` in the metric of
     /// the masses, `sqrt(D_ii A . F)`, and also where the forces on the gap itself are nothing but
     /// rounding (drag at a speed that is zero but for it), this is its measure.
     pub(super) fn noise(&mut self, i: usize) -> f64 {
@@ -716,7 +716,7 @@ impl Kinetics {
         Ok(())
     }
 
-    /// What has to act on a gap alone to change its rate by so much.
+    /// Impulse on a gap alone that changes its rate by `change`.
     #[inline]
     pub(super) fn impulse(&mut self, gap: usize, change: f64) -> Result<f64, Undetermined> {
         self.mobility(gap);
@@ -740,7 +740,7 @@ impl Kinetics {
         Ok(())
     }
 
-    /// What [`Self::solve`] gives for one gap.
+    /// [`Self::solve`] for one gap.
     pub(super) fn alone(&mut self, gap: usize, right: f64) -> Result<f64, Undetermined> {
         if let Ok(size) = self.impulse(gap, right) {
             return Ok(size);
@@ -787,8 +787,8 @@ impl Kinetics {
         }
     }
 
-    /// Adds `M^-1 N_C^T x` with what was solved for last to a vector: so its gap speeds change by
-    /// the right sides.
+    /// Adds `M^-1 N_C^T x` with the last solution to a vector, which changes its gap speeds by the
+    /// right-hand sides.
     pub(super) fn apply(&self, set: GapSet, vector: &mut [f64]) {
         let n = self.layout.n;
         for (i, size) in set.iter().zip(&self.right) {
@@ -796,7 +796,7 @@ impl Kinetics {
         }
     }
 
-    /// What was solved for last, by the order in the set.
+    /// The last solution, in the order of the set.
     pub(super) fn solved(&self) -> &[f64] {
         &self.right
     }
@@ -881,7 +881,7 @@ impl Kinetics {
     }
 }
 
-/// Whether a matrix with a positive diagonal is symmetric, but for rounding.
+/// Whether a matrix with a positive diagonal is symmetric up to rounding.
 fn is_symmetric(a: &[f64], n: usize) -> bool {
     let pairs = (1..n).flat_map(|i| (0..i).map(move |j| (i, j)));
     pairs.into_iter().all(|(i, j)| {
@@ -930,7 +930,7 @@ impl Kinetics {
         Ok(())
     }
 
-    /// What was solved for last on some rows of a set, by the order of the set: zero at the others.
+    /// The last solution on some rows of a set, in the order of the set, zero at the others.
     fn spread(&mut self, basis: GapSet, set: GapSet) {
         let mut x = self.right[..basis.len()].iter().copied();
         let all: Vec<f64> =
@@ -938,8 +938,8 @@ impl Kinetics {
         self.right[..all.len()].copy_from_slice(&all);
     }
 
-    /// The vectors `nu` of a set of rows, one for each that follows from those of a basis, by row. The
-    /// factor of the basis is known then, if there is one.
+    /// The vectors `nu` of a set of rows, one for each that follows from those of a basis, by row.
+    /// The factor of the basis is then known, if it exists.
     fn null_vectors(&mut self, basis: GapSet, set: GapSet) -> Result<Vec<Vec<f64>>, Undetermined> {
         let mut all: Vec<Vec<f64>> = Vec::new();
         for last in set.without(basis).iter() {
@@ -957,7 +957,7 @@ impl Kinetics {
     }
 
     /// The forces of a set of contacts, by its order: of all those that keep it closed the least without a
-    /// negative part; and a basis of (1) by row, empty where there is one solution.
+    /// negative part; and a basis of (1) by row, empty for a unique solution.
     fn solve_forces(&mut self, set: GapSet) -> Result<Vec<Vec<f64>>, Undetermined> {
         if self.solve_regular(set, |at, i| -at.b[i]).is_ok() {
             return Ok(Vec::new());

@@ -2,8 +2,9 @@
 //!
 //! `D` is symmetric positive definite: there is one solution; if it is singular, `D z + q` is the same for
 //! all of them. Few gaps: every pattern of positive
-//! unknowns, the one that fits best. More: patterns that exchange all unknowns of the wrong sign at once,
-//! and where these do not end the least accelerations that keep all gaps open (Gauss's principle).
+//! unknowns, the one that fits best. Larger sets: patterns that exchange all unknowns of the wrong
+//! sign together, and if these do not terminate, the least accelerations that keep all gaps open
+//! (Gauss's principle).
 
 use super::shares::Shares;
 use crate::numeric::cholesky;

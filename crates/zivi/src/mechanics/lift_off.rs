@@ -1,4 +1,4 @@
-//! The end of a mode: where the force of a contact vanishes, or what sticks begins to slip.
+//! The end of a mode: the force of a contact vanishes, or a sticking channel begins to slip.
 //!
 //! Within a step the force of a contact along the dense polynomials of the state is replaced by a
 //! polynomial of degree 7 through its values at Chebyshev's points; its Bernstein coefficients
@@ -36,7 +36,7 @@ const APART: f64 = 0.223;
 /// Misfit relative to the largest force: above the first the step is too long, below the second
 /// what is undecided is decided as the polynomial has it.
 const MISFIT: (f64, f64) = (1e-3, 1e-10);
-/// What lifts off together is decided this part of a step later.
+/// Simultaneous lift-offs are decided this fraction of a step later.
 const LATER: f64 = 1e-4;
 
 /// Where the force of a contact vanishes in a step.
@@ -61,7 +61,7 @@ struct Fit {
     p: Bernstein,
     scale: f64,
     misfit: f64,
-    /// What is rounding of it.
+    /// Its rounding error.
     noise: f64,
 }
 
@@ -75,14 +75,14 @@ impl Fit {
         Self { number, p, scale, misfit, noise }
     }
 
-    /// Whether a force at `theta` is what the polynomial says.
+    /// Whether a force at `theta` agrees with the polynomial.
     fn conforms(&self, force: f64, theta: f64) -> bool {
         (force - self.p.at(theta)).abs() <= 5.0 * MISFIT.0 * self.scale + self.noise
     }
 }
 
-/// The first contact whose force vanishes in a step, of which the part up to `end` counts if it is
-/// short enough to tell. The probes look between the nodes, if there are any.
+/// The first contact whose force vanishes in a step, in its part up to `end`, if it is short enough
+/// for a decision. The probes look between the nodes, if there are any.
 pub(super) fn first_release<E, D: Dynamics<E>>(
     along: &mut AlongStep<'_, '_, D>,
     end: f64,
@@ -202,8 +202,8 @@ fn margin_along(shares: &[Shares], noise: f64) -> Option<Vec<Fit>> {
     vertices.iter().map(along).collect()
 }
 
-/// Probes a step up to a part of it: the length of one that ends before the forces or the
-/// accelerations deviate from what they are at the nodes.
+/// Probes a step up to a part of it: the length of one that ends before the forces or accelerations
+/// deviate from their interpolation.
 fn deviation<E, D: Dynamics<E>>(
     rows: &Rows,
     fits: &[Fit],

@@ -1,5 +1,4 @@
-//! The mechanism after an impact, and what holds ahead of it: what a jump to the end of an
-//! accumulation asks for.
+//! The mechanism after an impact and its validity ahead, for the extrapolation of an accumulation.
 
 use super::kinetics::{Kinetics, Model};
 use super::mode::Limit;
@@ -186,8 +185,8 @@ impl<D> Mechanism<'_, '_, D> {
     }
 }
 
-/// Whether friction keeps what sticks, and no contact that slips is near Painlevé's paradox, where the
-/// forces have been computed.
+/// Whether friction maintains sticking and no sliding contact is close to the Painlevé paradox, for
+/// the computed forces.
 fn holds(at: &mut Kinetics, mode: ContactMode) -> bool {
     mode.is_frictionless()
         || at.limits(mode).iter().all(|level| match level.limit {

@@ -1,8 +1,8 @@
-//! What a mechanical system does: on which contacts it moves, and what comes next.
+//! Mode of a mechanical system: contacts, and the next operation.
 //!
-//! The mode is the set of closed gaps, and what friction does. Flight is motion without any contact,
-//! and one equation serves all modes, so that there are no two cases with data of their own as there
-//! are for a mass, whose rest needs no equation.
+//! The mode is the set of closed gaps and the modes of friction. Flight is motion without any
+//! contact, and one equation serves all modes, so that there are no two cases with data of their
+//! own as there are for a mass, whose rest needs no equation.
 
 use crate::mechanics::kinetics::{Kinetics, Model};
 use crate::numeric::bernstein::Bernstein;
@@ -14,7 +14,7 @@ use crate::record::status::Failure;
 use crate::system::dynamics::{Dynamics, Layout};
 use crate::zeno::table::ExtrapolatedEnd;
 
-/// What the gaps do that touch, or touched when the last step began.
+/// State of the gaps that touch or touched at the start of the last step.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) struct Contacts {
     /// Some stay closed; what friction does.
@@ -27,7 +27,7 @@ pub(super) struct Contacts {
     pub(super) turned: GapSet,
 }
 
-/// What limits a mode: a number that must stay positive.
+/// Limit of a mode: a number that must stay positive.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Limit {
     /// The contact force of a gap.
@@ -42,7 +42,7 @@ pub(super) enum Limit {
     Law(usize),
 }
 
-/// What comes next.
+/// Next operation.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) enum Next {
     /// A step, or the part of it up to an event.
@@ -74,15 +74,14 @@ impl Next {
     }
 }
 
-/// What bounces on what.
+/// Key of bouncing gaps.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) struct Key {
     /// The gaps that are hit together.
     pub(super) hit: GapSet,
     /// The mode of the flight between the impacts: which gaps stay closed.
     pub(super) flight: ContactMode,
-    /// The mode to which they lead: what friction does at the gaps that are hit is what it does in
-    /// the impacts.
+    /// The resulting mode; friction at the gaps that are hit has the mode of the impacts.
     pub(super) landed: ContactMode,
 }
 
@@ -123,7 +122,7 @@ impl ContactProbes {
 
 // The mechanics along a step, between its stages.
 
-/// What is overlooked is more than so many tolerances: the polynomials are no better than that.
+/// Threshold for missed features in units of the tolerance, the accuracy of the polynomials.
 pub(super) const DEFECT: f64 = 100.0;
 
 /// A complete step, evaluated at any part of it.
@@ -161,8 +160,8 @@ impl<D> AlongStep<'_, '_, D> {
         Ok(self.aside.contact(self.mode)?)
     }
 
-    /// How far the polynomials are from the equation of motion at a part of the step, as an error
-    /// at its end, in what is allowed of it. The system is evaluated there.
+    /// Defect of the polynomials in the equation of motion at a part of the step, as an error at
+    /// its end relative to the tolerance. The system is evaluated there.
     pub(super) fn defect<E>(&mut self, rows: &Rows, theta: f64) -> Result<f64, Failure<E>>
     where
         D: Dynamics<E>,
@@ -191,8 +190,8 @@ pub(super) type State = coordinates::State<Vec<f64>>;
 /// A step.
 pub(super) type Stages = crate::numeric::stages::Stages<Vec<f64>>;
 
-/// What is known at the end of the last step: contact forces by row, what limits the mode, and by
-/// row the gaps, rates and the sums of gradients as their functions have them.
+/// Data at the end of the last step: contact forces by row, limits of the mode, and by row the
+/// gaps, rates and sums of gradients from their functions.
 #[derive(Clone, Debug)]
 pub(super) struct AtEnd {
     pub(super) lambda: Vec<f64>,

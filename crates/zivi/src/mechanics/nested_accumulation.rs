@@ -11,7 +11,7 @@
 use super::lcp;
 use crate::record::gap_set::GapSet;
 
-/// What equations (1) hold: `D` row by row, `b` and the restitutions of the gaps of a corner.
+/// Data of equations (1): `D` row by row, `b` and the restitutions of the gaps of a corner.
 pub(super) struct NestedAccumulation {
     pub(super) d: Vec<f64>,
     pub(super) b: Vec<f64>,
@@ -34,7 +34,7 @@ pub(super) struct NestedArc {
 const MOST: usize = 4096;
 /// A gap is slow below this part of the speeds of the nest.
 const SLOW: f64 = 1e-5;
-/// What is hit within this part of an arc is hit together.
+/// Gaps that are hit within this fraction of a flight are hit together.
 const TOGETHER: f64 = 1e-13;
 
 impl NestedAccumulation {

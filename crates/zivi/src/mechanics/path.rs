@@ -45,7 +45,7 @@ pub struct MechanicalPath {
     pub(super) end: Option<(f64, MotionPoint)>,
 }
 
-/// Polynomials of coordinates and gaps over a time, as of the last step up to an event.
+/// Polynomials of coordinates and gaps over a time, such as the last step up to an event.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Curve {
     pub(super) start: f64,
@@ -190,7 +190,7 @@ impl MechanicalPath {
         Some((self.segments.first().map_or(end, |first| first.start), end))
     }
 
-    /// The state at `t`, and after the impact if there is one at `t`; `None` outside of the span.
+    /// The state at `t`; at an impact, the state after it; `None` outside of the span.
     #[must_use]
     pub fn at(&self, t: f64) -> Option<MotionPoint> {
         let (end, last) = self.end.as_ref()?;
@@ -310,7 +310,7 @@ impl MechanicalPath {
         out.finish()
     }
 
-    /// What [`MechanicalPath::to_numbers`] came from.
+    /// Inverse of [`MechanicalPath::to_numbers`].
     ///
     /// # Errors
     /// [`MotionError`] for numbers that are none of a motion.
@@ -377,7 +377,7 @@ impl MechanicalPath {
     }
 }
 
-/// What is added along arcs.
+/// Reads the additions along flights.
 fn read_additions(from: &mut Reader<'_>, size: usize, to: &mut SkippedArcs) -> Option<()> {
     let [slips] = from.counts()?;
     for _ in 0..slips {

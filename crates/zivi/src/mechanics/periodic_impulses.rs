@@ -1,7 +1,7 @@
 //! Periodic motions of linear systems whose only events are impacts, as impulses.
 //!
-//! With impulses `P_k` at times `t_k`, once a period `T` each, a gap is its forced response and
-//! what all impulses so far have made of it,
+//! With impulses `P_k` at times `t_k`, once a period `T` each, a gap is the sum of its forced
+//! response and the response to all previous impulses,
 //!
 //! ```text
 //! g_i(t) = f_i(t) + sum_j G0_ij(t - t_j) P_j,    Gm_ij(d) = sum_l Re(c_ijl l^m e^(l d)/(1 - e^(l T)))
@@ -25,7 +25,7 @@ fn ratio(a: Pair, b: Pair) -> Pair {
     (re / size, im / size)
 }
 
-/// What is known of a linear system, as modes: of a pair of conjugate ones one, counted twice.
+/// Modal data of a linear system; one mode of each conjugate pair, counted twice.
 #[derive(Clone, Debug, Default)]
 pub struct Modes {
     /// `T`.
@@ -327,7 +327,8 @@ mod tests {
 
     /// Two masses between walls, each a damped oscillator that pushes the other's gap by a part.
     const OSCILLATORS: [Pair; 2] = [(0.3, 2.1), (0.15, 3.7)];
-    /// By gap and oscillator what a speed of it adds to the gap, and by which it answers an impulse.
+    /// By gap and oscillator the contribution of its speed to the gap and its response to an
+    /// impulse.
     const SEEN: [[f64; 2]; 2] = [[1.0, 0.4], [-0.7, 0.9]];
     const PERIOD: f64 = 2.3;
     const OMEGAS: [f64; 2] =

@@ -1,4 +1,4 @@
-//! What one step of the machine covers.
+//! Result of one step of the integrator.
 
 use super::path::Curve;
 use super::tail::SkippedArcs;

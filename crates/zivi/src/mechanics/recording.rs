@@ -29,7 +29,7 @@ pub(super) type Running<'a, E> = piecewise::Running<'a, E, MechanicalIntegrator,
 
 type Ending<E> = piecewise::Ending<E, MotionPoint>;
 
-/// What a run of a mechanical system records, besides the occurrences.
+/// Record of a run of a mechanical system, in addition to the occurrences.
 pub(super) struct MechanicalRecord {
     samples: MechanicalSamples,
     /// Where only the ends are sampled.
@@ -450,7 +450,7 @@ pub fn simulate_mechanical<E, D: Dynamics<E>>(
     Ok(running.finish(ending, model.count))
 }
 
-/// What a machine says of its start, as an error of the setup or of the run.
+/// Converts the result of a start to an error of the setup or of the run.
 pub(super) fn started<E>(
     start: Result<Option<f64>, Failure<E>>,
 ) -> Result<Result<(), Failure<E>>, SetupError> {
@@ -548,7 +548,7 @@ pub(super) fn check_span(t0: f64, t1: f64) -> Result<(), SetupError> {
 
 // What is requested of a run of a mechanical system, and what it leaves.
 
-/// What a run shall give, besides what happens at the gaps.
+/// Output options of a run, in addition to events at the gaps.
 pub struct MechanicalOutput<'a, E> {
     /// Times of the samples, increasing and within the span. `None`: a sample at the start, at the
     /// end of each step, after each event at a gap, and at the end.
@@ -580,13 +580,13 @@ impl<E> Default for MechanicalOutput<'_, E> {
 pub struct MechanicalSamples {
     /// Times (s).
     pub t: Vec<f64>,
-    /// `q`, `g`, and what friction adds, `layout.size()` numbers a sample.
+    /// `q`, `g` and the friction quantities, `layout.size()` numbers per sample.
     pub x: Vec<f64>,
     /// Their rates, as many.
     pub v: Vec<f64>,
     /// Contact forces and those of friction, `m + p` numbers a sample.
     pub lambda: Vec<f64>,
-    /// The closed gaps, and what friction does.
+    /// The closed gaps and the modes of friction.
     pub modes: Vec<ContactMode>,
 }
 
@@ -648,7 +648,7 @@ impl SpeedLog {
         Self { speeds, last: (t0, 0.0), known: 0 }
     }
 
-    /// A time, the velocities there and what happened up to it.
+    /// Records a time, its velocities and the events up to it.
     pub(super) fn note(&mut self, t: f64, velocities: &[f64], occurrences: &[Occurrence]) {
         let speed = velocities.iter().fold(0.0_f64, |most, v| most.max(v.abs()));
         let Self { speeds, last, known } = self;
@@ -675,11 +675,11 @@ pub struct MechanicalRun<E> {
     pub samples: MechanicalSamples,
     /// How fast the system was, where only the ends were sampled.
     pub speeds: Option<Speeds>,
-    /// What happened at the gaps, in order.
+    /// Events at the gaps, in order.
     pub occurrences: Vec<Occurrence>,
     /// The user's events, by function.
     pub hits: Vec<Vec<LocatedEvent<MotionPoint>>>,
-    /// The motion as a function of time, if it was asked for.
+    /// The motion as a function of time, if requested.
     pub path: Option<MechanicalPath>,
     /// How the run ended.
     pub status: Status,

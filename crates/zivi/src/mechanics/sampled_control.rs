@@ -15,7 +15,7 @@ use crate::switched::SwitchedRk;
 use crate::system::dynamics::{Driven, Dynamics, Layout};
 use crate::{AnyImpactLaw, Kick, Monitor, MotionPoint, SetupError};
 
-/// When a control is sampled, and where the forces are not smooth beside that.
+/// Sampling times of a control, and other times at which the forces are not smooth.
 #[derive(Clone, Copy, Debug)]
 pub struct Sampling<'a> {
     /// Times of the samples, from the start to the end of the run (s).
@@ -31,7 +31,7 @@ struct LoopSamples {
     u: Vec<f64>,
 }
 
-/// What a controller gives at sample `k`: the control for time, coordinates and velocities.
+/// A sampled controller: the control at sample `k` for time, coordinates and velocities.
 pub trait Ticks<E> {
     /// Writes the control into `u`.
     ///

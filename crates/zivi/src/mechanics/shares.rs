@@ -40,7 +40,7 @@ pub(super) type Least = (Vec<f64>, Vec<(usize, f64)>);
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(super) struct Margin {
     pub(super) value: f64,
-    /// The levels that determine it with their weights `y`; none where there is no bound.
+    /// The levels that determine it with their weights `y`; empty without a bound.
     pub(super) support: Vec<(usize, f64)>,
 }
 
@@ -85,7 +85,7 @@ impl Shares {
         Some(levels.iter().zip(weights).map(|(&j, y)| y * self.a[j]).sum())
     }
 
-    /// `y` on some levels with `S^T y = 0` and `sum y = 1`, if there is one without a negative part.
+    /// `y` on some levels with `S^T y = 0` and `sum y = 1`, if a nonnegative one exists.
     fn weights(&self, levels: &[usize]) -> Option<Vec<f64>> {
         let (rows, count) = (self.d + 1, levels.len());
         // padded to a square matrix
@@ -275,7 +275,7 @@ impl Shares {
         x.iter().all(|x| x.is_finite()).then_some(x)
     }
 
-    /// How far the inequalities let `alpha` vary along one of its parts, from where they are obeyed.
+    /// Range of one component of the feasible `alpha` within the inequalities.
     pub(super) fn width(&self, alpha: &[f64], part: usize) -> f64 {
         let (mut down, mut up) = (f64::INFINITY, f64::INFINITY);
         let least = ROUNDING * largest(&self.s);
@@ -292,7 +292,7 @@ impl Shares {
     }
 }
 
-/// An orthonormal basis of what some vectors span.
+/// An orthonormal basis of the span of some vectors.
 pub(super) fn orthonormal(vectors: &[Vec<f64>]) -> Vec<Vec<f64>> {
     let mut basis: Vec<Vec<f64>> = Vec::new();
     for vector in vectors {
@@ -321,8 +321,8 @@ fn remove_along(basis: &[Vec<f64>], x: &mut [f64]) {
     }
 }
 
-/// Of the vectors `x + V alpha` the shortest whose parts `of` are not negative; the shortest of all if
-/// there is none.
+/// Of the vectors `x + V alpha` the shortest whose parts `of` are not negative; otherwise the
+/// shortest of all.
 pub(crate) fn shortest(x: &mut [f64], null: &[Vec<f64>], of: impl Iterator<Item = usize>) {
     if null.is_empty() {
         return;

@@ -13,16 +13,16 @@
 //! `S(t)` and the directions `p(t)` in which the impulses that stop it act, (1) has the terms `p S` and
 //! `p' S + p S'` more, and `c` ends where these leave it.
 //!
-//! What this leaves of the equation of motion is one more term `D(t)`, zero at the Zeno point: the forces depend
-//! on `Y` and `Y'`, `c` and `r` are no polynomials, friction works along arcs and in impacts. On the arc `m`,
-//! with `q = e^m`, `h` its length and `theta` the part of it that is over,
+//! The defect of the equation of motion is one more term `D(t)`, zero at the Zeno point: the forces
+//! depend on `Y` and `Y'`, `c` and `r` are no polynomials, friction works along arcs and in
+//! impacts. On the arc `m`, with `q = e^m`, `h` its length and `theta` the part of it that is over,
 //!
 //! ```text
 //! D'' = sum_jk A_jk q^k theta^j      D'(q e) = D'(q) + h int D'' dtheta + sum_k J_k q^k        (2)
 //! ```
 //!
-//! with `A` from the forces at [`POINTS`] of a few arcs, and `J` from the impacts at their ends. `D'` and `D` at
-//! the starts of arcs are polynomials in `q`, too.
+//! with `A` from the forces at [`POINTS`] of a few arcs, and `J` from the impacts at their ends.
+//! `D'` and `D` at the starts of flights are also polynomials in `q`.
 
 use super::mode::Key;
 use crate::numeric::bernstein::{quintic, Bernstein};
@@ -179,7 +179,7 @@ pub(super) struct SkippedArcs {
     pub(super) rows: Vec<[f64; 8]>,
     /// The channels that slip along the arcs.
     pub(super) slips: Vec<StoppedSlip>,
-    /// What the forces and impacts add.
+    /// Contributions of forces and impacts.
     pub(super) corrections: Vec<Correction>,
 }
 
@@ -208,8 +208,8 @@ impl SkippedArcs {
         Self::of_rows(start, end, rows_between(end - start, &first, &last))
     }
 
-    /// Takes the motion in contact from its ends, with what is added along the arcs; of the work, which is a
-    /// component without a place, from its velocities.
+    /// Sets the motion in contact from its ends, with the additions along the flights; of the work,
+    /// which is a component without a place, from its velocities.
     pub(super) fn end_at(&mut self, first: &EndOfArcs, last: &EndOfArcs, work: Option<usize>) {
         let (h, mut first, mut last) = (self.end - self.start, first.clone(), last.clone());
         let Some(tail) = &self.arcs else { return };
@@ -233,7 +233,7 @@ impl SkippedArcs {
         self.arcs.as_ref()?.arc(m).map(|arc| (arc.start, arc.end))
     }
 
-    /// Equations (1) at `t`, after the impact if there is one.
+    /// Equations (1) at `t`; at an impact, after it.
     pub(super) fn at(&self, t: f64, x: &mut [f64], v: &mut [f64]) {
         self.on(t, self.arcs.as_ref().and_then(|arcs| arcs.numbered_arc_at(t)), x, v);
     }
@@ -319,7 +319,7 @@ impl SkippedArcs {
         worst
     }
 
-    /// Adds the slips and the corrections after a part of an arc, after all of them where there is none.
+    /// Adds the slips and corrections after a part of a flight, or after all flights for `None`.
     fn add(&self, t: f64, part: Option<PartOfArc>, x: &mut [f64], v: &mut [f64]) {
         let Some(tail) = &self.arcs else { return };
         let (h, theta) = (self.end - self.start, self.part(t));

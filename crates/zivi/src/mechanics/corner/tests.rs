@@ -1,4 +1,4 @@
-//! What an approach says, of states and impacts that are made up.
+//! Extrapolation of corners from synthetic states and impacts.
 
 use std::convert::Infallible;
 
@@ -104,7 +104,7 @@ fn gaps_ahead(
     ask(of, bodies, now, |at| approach.ahead(at).unwrap()).map(|(_, gaps)| gaps)
 }
 
-/// Impacts on two gaps in turn at the times of a function of the period and of what comes first in it;
+/// Impacts on two gaps in turn at times given by a function of the period and of the order in it;
 /// heights and speeds fall like `q^2` and `q`, where `q` is halved from period to period.
 fn in_turn(time: impl Fn(i32, f64) -> f64) -> Vec<Mark> {
     let mark = |k: i32| {

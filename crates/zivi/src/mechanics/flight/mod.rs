@@ -21,7 +21,7 @@ use crate::system::dynamics::{Dynamics, Layout};
 use crate::system::force::{ContactForce, Friction};
 use crate::Status;
 
-/// What closes within this part of a flight closes together.
+/// Gaps that close within this fraction of a flight close together.
 const TOGETHER: f64 = 1e-13;
 /// Rounding of the time.
 const ULPS: f64 = 4.0 * f64::EPSILON;
@@ -41,11 +41,11 @@ pub(super) fn tolerances(settings: &SwitchedRk) -> Tolerances {
 #[derive(Clone, Debug)]
 pub(super) struct SmoothMotion {
     steps: Steps<Vec<f64>>,
-    /// What is known at the end of the last step.
+    /// Data at the end of the last step.
     at_end: AtEnd,
-    /// Length of the last step, or of the part of it up to an event.
+    /// Length of the last step or of its part up to an event.
     length: f64,
-    /// What speaks for the length of the next one.
+    /// Step history for the length of the next step.
     experience: StepHistory,
     probes: ContactProbes,
     /// Whether directions in which something sticks turned or moved in the last step.
@@ -97,7 +97,7 @@ impl SmoothMotion {
         &self.steps
     }
 
-    /// The same, to be told how long they may be and where they are looked at.
+    /// The same, mutable, for step limits and inspection.
     pub(super) fn steps_mut(&mut self) -> &mut Steps<Vec<f64>> {
         &mut self.steps
     }
@@ -124,7 +124,8 @@ impl SmoothMotion {
         self.linear.as_ref().map(|linear| linear.period())
     }
 
-    /// From when on arcs are requested that a jump skips, and from when on the motion along them (s).
+    /// Times (s) from which extrapolated flights are requested, and from which the motion along
+    /// them.
     pub(super) fn requested_from(&self) -> (f64, f64) {
         (self.steps.dense_from(), self.drawn_from)
     }
@@ -134,12 +135,12 @@ impl SmoothMotion {
         self.linear.as_ref().is_some_and(|linear| linear.anchors_gaps())
     }
 
-    /// Whether a gap leads the coordinates, and is not set to what they say.
+    /// Whether a gap leads the coordinates and is not recomputed from them.
     pub(super) fn is_led(&self) -> bool {
         self.linear.as_ref().is_some_and(|linear| !linear.anchors_gaps())
     }
 
-    /// What pulls back a gap that was hit alone, where flights know it.
+    /// Acceleration of a gap that was hit alone towards its wall, if flights know it.
     pub(super) fn pull(&self, hit: GapSet, state: &MechanicalState) -> Option<Pull> {
         self.linear.as_ref()?.pull(hit, state)
     }
@@ -149,7 +150,7 @@ impl SmoothMotion {
         self.linear.is_some()
     }
 
-    /// The flights of a linear system, where they are computed as such.
+    /// The flights of a linear system, if integrated as linear.
     pub(super) fn linear(&mut self) -> Option<&mut LinearFlight> {
         self.linear.as_deref_mut()
     }
@@ -293,7 +294,7 @@ impl SmoothMotion {
     }
 }
 
-/// What ends a step early.
+/// Event that ends a step early.
 #[derive(Clone, Copy)]
 enum Event {
     /// A gap closes.
@@ -680,8 +681,8 @@ impl<D> Flying<'_, '_, D> {
         Ok(Some(factor.max(FACTORS.0)))
     }
 
-    /// How far the gaps at the end of the finished step are from their functions, in what is
-    /// allowed of it.
+    /// Distance of the gaps at the end of the finished step from their functions, relative to the
+    /// tolerance.
     fn misfit(&self) -> f64 {
         let Layout { n, m, .. } = self.state.layout();
         let SmoothMotion { steps, at_end, .. } = &*self.motion;
@@ -719,7 +720,7 @@ impl<D> Flying<'_, '_, D> {
 
 // Where the slip in a channel of friction ends.
 
-/// Iterations for the time when a slip ends, and what ends within this part of a step ends together.
+/// Iterations for the time at which a slip ends.
 const STOPS: usize = 6;
 const TOGETHER_SLIPS: f64 = 1e-11;
 
@@ -734,8 +735,9 @@ const GAUSS: [(f64, f64); 5] = [
 
 impl<D> Flying<'_, '_, D> {
     /// How far the polynomials of the last step move along the directions in which it sticks, by
-    /// channel: `int B q' + beta dt`, which should be nothing. Empty where these do not turn or move, and
-    /// so where the accelerations keep the step there, and for a step without a length.
+    /// channel: `int B q' + beta dt`, which should be nothing. Empty for constant gradients and
+    /// walls at rest, where the accelerations keep the step on the manifold, and for a step of zero
+    /// length.
     fn drift<E>(&mut self) -> Result<Vec<f64>, Failure<E>>
     where
         D: Dynamics<E>,

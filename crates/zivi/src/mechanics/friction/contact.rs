@@ -12,7 +12,8 @@ use crate::record::gap_set::{ContactMode, GapSet};
 const SINGULAR: f64 = 1e-9;
 /// Rows that are left so much by the others are determined by them.
 const DEPENDENT: f64 = 1e-9;
-/// Forces that accelerate the system by less, relative to what each of them alone does, do not move it.
+/// Forces with a smaller resultant acceleration, relative to each of them alone, do not move the
+/// system.
 const MOVES: f64 = 1e-9;
 
 /// `K` of a mode, and the directions in which its forces act.
@@ -34,7 +35,7 @@ pub(in crate::mechanics) struct Edges {
 /// The forces `nu` with `K nu = 0`, by row of the mode.
 #[derive(Clone, Debug)]
 struct NullSpace {
-    /// A basis of those that leave the motion as it is: `C nu = 0`.
+    /// A basis of forces that do not change the motion: `C nu = 0`.
     still: Vec<Vec<f64>>,
     /// A basis of all, if others move the system: with friction `K` has not the null space of `C`.
     all: Vec<Vec<f64>>,
@@ -63,7 +64,8 @@ impl Edges {
         x
     }
 
-    /// Makes some of the forces `x + V alpha` as small as possible; a basis of what that leaves open.
+    /// Makes some of the forces `x + V alpha` as small as possible; a basis of the remaining
+    /// freedom.
     fn spare(
         &self,
         null: &[Vec<f64>],
@@ -112,8 +114,8 @@ impl Kinetics {
             .collect()
     }
 
-    /// As many rows of a set as determine the rest: closed gaps first, then their channels, then joints; of each
-    /// kind those that differ most from what there is.
+    /// As many rows of a set as determine the rest: closed gaps first, then their channels, then
+    /// joints; of each kind the most independent ones.
     pub(in crate::mechanics) fn independent(&mut self, set: GapSet) -> GapSet {
         let rows: Vec<usize> = set.iter().collect();
         let kind = |at: &Self, row: usize| match row.checked_sub(at.layout.m) {
@@ -298,8 +300,8 @@ impl Kinetics {
         all
     }
 
-    /// Impulses by row, from one solution in the rows of a mode: of those that move it alike the least within
-    /// the limits of what sticks, where they can be had without the rows `spared`, without these.
+    /// Impulses by row, from one solution in the rows of a mode: among those with equal motion the
+    /// least within the static limits, without the rows `spared` if possible.
     pub(in crate::mechanics) fn impulses(
         &self,
         mode: ContactMode,
@@ -394,7 +396,7 @@ const STEADY: f64 = 1e-11;
 /// Rates below this part of the largest term are none.
 const STILL: f64 = 1e-9;
 
-/// What acts in one place.
+/// Contact or friction site.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum Site {
     /// A gap with its row of the problem.
@@ -409,11 +411,11 @@ pub(super) struct Rough {
     pub(super) row: usize,
     /// The coefficients in slip and in stick.
     pub(super) mu: (f64, f64),
-    /// The sign of a slip that goes on, zero if that is what is asked for.
+    /// The sign of a continuing slip, zero if it is to be determined.
     pub(super) slip: f64,
 }
 
-/// What a site does: whether it is closed, and the sign of its slip, zero in stick.
+/// Mode of a site: whether it is closed, and the sign of its slip, zero while sticking.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct SiteMode {
     pub(super) closed: bool,
@@ -449,7 +451,7 @@ impl Coulomb {
         Self { sites: sites.iter().map(scaled).collect(), d, b }
     }
 
-    /// What each site does, after as many steps as are allowed; none if numbers overflow.
+    /// Mode of each site within the allowed number of steps; `None` if numbers overflow.
     pub(super) fn outcomes(&self) -> Option<Vec<SiteMode>> {
         let k = self.b.len();
         let mut x = vec![0.0; k];

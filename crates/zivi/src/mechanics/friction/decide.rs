@@ -19,7 +19,8 @@ use crate::record::gap_set::{ContactMode, GapSet};
 use crate::record::status::Failure;
 use crate::Status;
 
-/// What a combination may violate, relative to the terms: at first, and if none is better.
+/// Tolerances of the violation of a combination relative to the terms: first, and if none is
+/// better.
 const VIOLATIONS: (f64, f64) = (1e-11, 1e-7);
 /// Rows that depend on each other agree to this part of their terms; where they do not, that is this part of
 /// a violation: a gap that the others open like the square of a small speed opens, if it can.
@@ -27,7 +28,7 @@ const AGREES: (f64, f64) = (1e-9, 0.1);
 /// Accelerations that differ by less are the same.
 const SAME: f64 = 1e-8;
 
-/// What is undecided.
+/// Undecided mode of a site.
 enum Choice {
     /// A gap, and its channel with the sign of its slip.
     Gap(usize, Option<(usize, f64)>),
@@ -71,9 +72,9 @@ struct Candidate {
     kappa: f64,
 }
 
-/// What stays closed of the gaps that touch without a speed, and what friction does, with the slip
-/// speeds by channel, where the system has just been evaluated. Of several channels one of which must
-/// slip, those of `held` go on to stick: their limits are not reached.
+/// The touching gaps that stay closed, and the modes of friction with the slip speeds by channel,
+/// at the last evaluation of the system. Of several channels one of which must slip, those of
+/// `held` go on to stick: their limits are not reached.
 pub(in crate::mechanics) fn decide<E>(
     kinetics: &mut Kinetics,
     touching: GapSet,
@@ -227,9 +228,10 @@ fn by_steps(
 }
 
 impl Kinetics {
-    /// A mode, whose forces have just been computed, without what violates the inequalities in it: gaps open,
-    /// and what sticks slips the way it is pulled. Of undetermined forces those that determine their
-    /// margin violate them together: the weights of the margin are a motion of the system.
+    /// A mode, whose forces have just been computed, without violated inequalities: gaps open, and
+    /// sticking channels slip in the direction of the force. Of undetermined forces those that
+    /// determine their margin violate them together: the weights of the margin are a motion of the
+    /// system.
     fn without_violated(&mut self, mode: ContactMode) -> ContactMode {
         let violated: Vec<Limit> = match self.shares(mode) {
             Some(shares) => {
@@ -261,7 +263,7 @@ impl Kinetics {
     }
 }
 
-/// How much a violation is of what it is measured by.
+/// Violation relative to its scale.
 fn excess(violation: f64, scale: f64) -> f64 {
     if violation > 0.0 {
         violation / scale
@@ -294,7 +296,7 @@ fn chosen<E>(candidates: Vec<Candidate>, held: GapSet) -> Result<ContactMode, Fa
     best.map(|best| best.mode).ok_or(Failure::Status(Status::InconsistentContact))
 }
 
-/// Whether a candidate moves as the first admissible one does, to rounding of what all of them do.
+/// Whether a candidate has the motion of the first admissible one, up to rounding.
 fn same(it: &Candidate, candidates: &[Candidate], allowed: f64) -> bool {
     let Some(first) = candidates.iter().find(|it| it.violation <= allowed) else { return true };
     let all = candidates.iter().flat_map(|it| &it.acceleration);

@@ -11,7 +11,7 @@
 //! Each contact opens, sticks, or slips one way: a linear system for each pattern, of which the one that
 //! obeys the inequalities is the impact. At one contact there is exactly one. Energy cannot grow where
 //! all `e_t` are the common `e`, nor at one contact with `e_t = 0` and `e^2 <= 1 - c^2`, where `c` is the
-//! kinetic cosine of normal and tangent; elsewhere it may, which is told.
+//! kinetic cosine of normal and tangent; elsewhere it may, which is reported.
 
 use crate::mechanics::friction::contact::{Coulomb, Rough, Site, MOST_PATTERNS};
 use crate::mechanics::kinetics::Kinetics;
@@ -22,7 +22,7 @@ use crate::system::force::{Friction, FrictionalImpact};
 use crate::zeno::arc::restored;
 use crate::Status;
 
-/// What a pattern may violate, relative to the speeds.
+/// Tolerances of the violation of a pattern relative to the speeds.
 const MISFIT: (f64, f64) = (1e-11, 1e-9);
 /// Rows that depend on each other agree to this part of the speeds, or there is no such impact.
 const AGREES: f64 = 1e-6;
@@ -30,13 +30,13 @@ const AGREES: f64 = 1e-6;
 const SAME: f64 = 1e-9;
 /// A slip that is left so little of its terms is rounding.
 const ROUNDING: f64 = 256.0 * f64::EPSILON;
-/// An impulse below this part of what the speeds would take is none.
+/// An impulse below this fraction of the speeds' scale counts as zero.
 const PRESSED: f64 = 1e-9;
 
 /// An impact with friction.
 #[derive(Clone, Debug)]
 pub(in crate::mechanics) struct FrictionalExchange {
-    /// The contacts with an impulse, and what they do: the slip of an open one has no sign.
+    /// The contacts with an impulse and their modes; the slip of an open one has no sign.
     pub(in crate::mechanics) pattern: ContactMode,
     /// Impulses by row.
     pub(in crate::mechanics) impulses: Vec<f64>,
@@ -50,11 +50,11 @@ pub(in crate::mechanics) struct FrictionalExchange {
     violation: f64,
 }
 
-/// What equation (1) is solved for.
+/// Data of equation (1).
 pub(in crate::mechanics) struct Collision<'r> {
     /// The gaps that are zero.
     pub(in crate::mechanics) set: GapSet,
-    /// Restitutions by gap, and by channel.
+    /// Restitutions by gap and by channel.
     pub(in crate::mechanics) e: &'r [f64],
     pub(in crate::mechanics) friction: &'r Friction,
     /// Rates by row before the impact, and those that there are without it: the same, but over a step
@@ -220,7 +220,7 @@ impl Collision<'_> {
         Some(self.exchange(pattern, impulses, push, rates, violation))
     }
 
-    /// An impact with what it does to the energy (2).
+    /// An impact with its energy change (2).
     pub(super) fn exchange(
         &self,
         pattern: ContactMode,
@@ -395,7 +395,7 @@ fn count((gap, channel): Way) -> usize {
     1 + if channel.is_some() { 2 } else { 0 } + usize::from(gap.is_some())
 }
 
-/// Which contacts have an impulse and what their friction does, by its number: all stick first.
+/// Contacts with an impulse and their friction modes, by pattern number; in the first all stick.
 fn pattern(ways: &[Way], number: usize) -> ContactMode {
     let (mut mode, mut rest) = (ContactMode::default(), number);
     for &(gap, channel) in ways {

@@ -1,4 +1,4 @@
-//! What must stay positive for a mode to last.
+//! Conditions that must stay positive for a mode to last.
 //!
 //! ```text
 //! lambda_i      mu_s lambda_i -+ f_c,  L_s -+ f_c  (c sticks)      det K  (a contact slips)     (1)
@@ -24,7 +24,7 @@ const NONE: f64 = 1e-9;
 pub(in crate::mechanics) struct Level {
     pub(in crate::mechanics) limit: Limit,
     pub(in crate::mechanics) value: f64,
-    /// What is rounding of it.
+    /// Its rounding error.
     pub(in crate::mechanics) noise: f64,
 }
 
@@ -51,7 +51,7 @@ impl Kinetics {
         all
     }
 
-    /// The same with each force by itself, also where the motion does not determine it.
+    /// The same for each force separately, even if the motion does not determine it.
     pub(super) fn levels(&mut self, mode: ContactMode) -> Vec<Level> {
         let mut all: Vec<Level> = Vec::with_capacity(mode.closed.len() + 2 * mode.stick.len() + 1);
         for gap in mode.closed.iter() {
@@ -71,7 +71,7 @@ impl Kinetics {
         (!null.is_empty()).then(|| self.shares_of(mode, &self.lambda, null, &most))
     }
 
-    /// The same of any forces, which change along the vectors `null`, with these limits of what sticks.
+    /// The same of any forces, which change along the vectors `null`, with these static limits.
     fn shares_of(
         &self,
         mode: ContactMode,
@@ -127,7 +127,7 @@ impl Kinetics {
         (null.iter().enumerate().map(width).fold(0.0, f64::max), obeyed)
     }
 
-    /// What makes levels of all kinds comparable: the root of the mobility of their row.
+    /// Scale that makes levels comparable: the square root of the mobility of their row.
     fn unit(&self, limit: Limit) -> f64 {
         match limit {
             Limit::Force(gap) => self.roots[gap],

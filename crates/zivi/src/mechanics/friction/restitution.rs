@@ -24,7 +24,7 @@ const MOST_PATTERNS: usize = 1 << 14;
 /// Pieces of the path of an impact: slip, stop, stick or slip the other way, in each phase.
 const PIECES: usize = 16;
 
-/// What a contact does in restitution.
+/// Behaviours of a contact in restitution.
 #[derive(Clone, Copy)]
 struct Way {
     gap: usize,
@@ -34,7 +34,7 @@ struct Way {
 }
 
 impl Way {
-    /// How many there are: the gap bounces or rests, and sticks or slips where it is pressed.
+    /// Their number: the gap bounces or rests, and sticks or slips if pressed.
     fn count(self) -> usize {
         match (self.channel, self.kept > 0.0) {
             (None, _) => 2,
@@ -44,7 +44,7 @@ impl Way {
         }
     }
 
-    /// Whether it rests, and the sign of the slip, if there is friction.
+    /// Whether it rests, and the sign of the slip with friction.
     fn take(self, way: usize) -> (bool, Option<f64>) {
         let sign = |k: usize| [0.0, 1.0, -1.0][k];
         match (self.channel, self.kept > 0.0) {

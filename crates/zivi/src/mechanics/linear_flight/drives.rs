@@ -1,4 +1,4 @@
-//! What drives a linear system, as the state of a linear equation of its own.
+//! Excitations of a linear system as the state of an autonomous linear equation.
 //!
 //! ```text
 //! 1' = 0      (cos, sin)' = W (-sin, cos)      (c_0, c_1, c_2, c_3)' = (c_1, 2 c_2, 3 c_3, 0)      W = w h
@@ -24,7 +24,7 @@ pub(super) enum Drive {
     Column { table: Arc<TimeTable>, column: usize },
 }
 
-/// What the rounding of a phase counts beside that of other numbers.
+/// Weight of the rounding of a phase relative to other numbers.
 const TURNED: f64 = 1.0 / 64.0;
 
 impl Drive {
@@ -49,8 +49,8 @@ pub(super) struct Drives {
 type Weights = Vec<(usize, f64)>;
 
 impl Drives {
-    /// Those of a system: what each does to the loads of the coordinates, and to the walls of the
-    /// gaps, by rows of weights.
+    /// The excitations of a system, with their weights in the loads of the coordinates and in the
+    /// walls of the gaps.
     pub(super) fn of(system: &LinearSystem) -> (Self, Vec<Weights>, Vec<Weights>) {
         let n = system.load.len();
         let mut drives = Self { all: vec![Drive::One], size: 1 };
@@ -155,7 +155,7 @@ impl Drives {
         }
     }
 
-    /// `r <- r D`: the weights that give the derivative of what the weights `r` give.
+    /// `r <- r D`: the weights of the derivative of the quantity with weights `r`.
     pub(super) fn differentiate(&self, h: f64, r: &mut [f64]) {
         let mut place = 0;
         for drive in &self.all {
@@ -249,7 +249,7 @@ impl Drives {
 pub(in crate::mechanics) struct PullAlongArcs {
     system: Arc<LinearSystem>,
     smooth: Smooth,
-    /// What the coordinates do to it, and what their velocities do.
+    /// Contributions of the coordinates and of their velocities.
     along: SkippedArcs,
     /// `M^-1 rho`.
     loads: Vec<f64>,
@@ -295,7 +295,7 @@ impl PullAlongArcs {
         Ok(Self { system, smooth, along, loads, walls, values: vec![0.0; n] })
     }
 
-    /// What loads and walls do to it.
+    /// Contribution of loads and walls.
     fn of_loads_and_walls(&mut self, t: f64) -> f64 {
         let Self { system, loads, walls, values, .. } = self;
         let mut sum = dot(loads, &system.load);

@@ -5,7 +5,7 @@ use pulp::{Simd, WithSimd};
 use crate::numeric::power_series::{value_and_slope, Series, TERMS};
 use crate::switched::flight::series;
 
-/// How much the slope of what falls steadily may change, relative to its first value.
+/// Largest relative change of the slope of a steadily decreasing function.
 const CHANGE: f64 = 0.5;
 /// Up to so many times the fall of the line: beyond `1/(1 - CHANGE)`.
 const REACH: f64 = 2.2;

@@ -2,7 +2,7 @@
 //!
 //! Steps have one length, a fraction of the time of the fastest mode or load ([`propagation`]); the
 //! gaps and the contact forces in each are power series whose first roots end it ([`first_root`]).
-//! What happens at these is that of all mechanical systems.
+//! Events are handled like those of all mechanical systems.
 
 mod drives;
 mod first_root;
@@ -38,13 +38,13 @@ const ANGLE: f64 = 2.0;
 const HALVINGS: usize = 12;
 /// By how much a gap is larger than all that may be taken from it, if it certainly stays open.
 const CERTAIN: f64 = 1.0 + 1e-9;
-/// What closes within this part of a flight closes together.
+/// Gaps that close within this fraction of a flight close together.
 const TOGETHER: f64 = 1e-13;
 /// Rounding of the time.
 const ULPS: f64 = 4.0 * f64::EPSILON;
 /// Rounding of an acceleration or a force, relative to its terms.
 const NOISE: f64 = 256.0 * f64::EPSILON;
-/// What is known of so many numbers, of the last sets of closed gaps, is kept.
+/// Size of the cache for the last sets of closed gaps (numbers).
 const KEPT: usize = 1 << 23;
 /// Closed gaps that are so far from zero, relative to their terms, are closed anew.
 const DRIFT: f64 = 64.0 * f64::EPSILON;
@@ -53,7 +53,7 @@ const DRIFT: f64 = 64.0 * f64::EPSILON;
 #[derive(Clone, Debug)]
 pub(super) struct LinearFlight {
     free: Arc<Free>,
-    /// The length of a step (s), and what it is at most.
+    /// The length of a step (s), and its maximum.
     h: f64,
     longest: f64,
     known: Vec<(GapSet, Arc<Propagation>)>,
@@ -75,7 +75,7 @@ pub(super) struct LinearFlight {
     lift_off: Option<f64>,
 }
 
-/// What ends a step.
+/// Event that ends a step.
 #[derive(Clone, Copy)]
 enum LinearEvent {
     Closing(usize),
@@ -128,12 +128,12 @@ impl LinearFlight {
         self.one.as_ref().map_or(TAU / ANGLE * self.longest, |one| one.period())
     }
 
-    /// Whether gaps are set to what the coordinates say where a flight begins.
+    /// Whether gaps are recomputed from the coordinates at the start of a flight.
     pub(super) fn anchors_gaps(&self) -> bool {
         self.one.is_none()
     }
 
-    /// The motion within the last step, up to an event, if it was asked for.
+    /// The motion within the last step up to an event, if requested.
     pub(super) fn curve(&self) -> Option<&Curve> {
         self.curve.as_ref()
     }
@@ -159,7 +159,7 @@ impl LinearFlight {
         Err(Failure::Status(Status::StepSizeTooSmall))
     }
 
-    /// One step, or the part of it up to an event: what comes next, and how long it was.
+    /// One step or its part up to an event: returns the next operation and the length.
     pub(super) fn fly<E, D: Dynamics<E>>(
         &mut self,
         bounds: &Bounds,
@@ -262,7 +262,7 @@ impl LinearFlight {
         })
     }
 
-    /// Sets gaps but one to what the coordinates say, where that has enough digits.
+    /// Recomputes all gaps except `but` from the coordinates, if that has enough digits.
     fn anchor(&self, state: &mut MechanicalState, but: Option<usize>) {
         let (closed, size) = (state.closed(), state.size());
         for i in 0..self.series.len() {

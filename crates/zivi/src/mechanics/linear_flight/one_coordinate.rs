@@ -23,7 +23,7 @@ pub(super) struct OneCoordinate {
     gaps: Vec<OneGap>,
     /// The gap whose flight that of the coordinate is.
     lead: usize,
-    /// What is left of its last flight, if that had several steps.
+    /// Rest of its last flight, if that had several steps.
     ahead: Option<SeveralSteps>,
     /// The gap that is closed, and when its contact force vanishes, once that is known.
     lift_off: Option<(usize, Option<f64>)>,
@@ -39,7 +39,7 @@ struct OneGap {
     flight: SeriesFlight,
 }
 
-/// What acts on a gap alone: the pull towards its wall (m/s^2) where it has none, and the force.
+/// Acceleration of a gap alone towards its wall (m/s^2), zero included, and the force.
 #[derive(Clone, Copy, Debug)]
 pub(in crate::mechanics) struct Pull {
     pub(in crate::mechanics) g: f64,
@@ -57,7 +57,7 @@ struct SeveralSteps {
 
 /// A step, or the part of it up to an impact.
 pub(super) struct FlownStep {
-    /// When it ends (s), and what rounding leaves out of that.
+    /// Its end (s) with the rounding error.
     pub(super) t: f64,
     pub(super) late: f64,
     /// Its length (s).
@@ -202,7 +202,7 @@ impl OneCoordinate {
         a
     }
 
-    /// What pulls a gap that is zero back, where none is closed.
+    /// Acceleration of a zero gap towards its wall, without closed gaps.
     pub(super) fn pull(&self, gap: usize, state: &MechanicalState) -> Pull {
         let (now, flight) = (state.now(), &self.gaps[gap].flight);
         let at = Point { t: now.t, late: now.late, x: 0.0, xdot: 0.0 };

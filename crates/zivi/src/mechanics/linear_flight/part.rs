@@ -9,14 +9,14 @@ use crate::mechanics::path::Curve;
 use crate::numeric::power_series::{value_and_slope, TERMS};
 use crate::record::gap_set::GapSet;
 
-/// What is smaller than this part of a sum is rounding of it.
+/// Terms below this fraction of a sum are rounding.
 const NEGLIGIBLE: f64 = 1e-18;
 
 /// Up to these parts of a step 12 and 16 terms are enough: those beyond are below `.2^12/12! = 9e-18` and
 /// `.5^16/16! = 7e-19`.
 const SHORT: [f64; 2] = [0.1, 0.25];
 
-/// The terms of the series of `q` in the part of the step, one after the other, if they are wanted.
+/// The terms of the series of `q` in the part of the step, if requested.
 type Terms<'a> = Option<&'a mut Vec<f64>>;
 
 impl Propagation {

@@ -24,8 +24,7 @@ use crate::system::linear_system::LinearSystem;
 const REDUNDANT: f64 = 1e-10;
 /// The last coefficients of a series, relative to the largest: above it the step is too long.
 const LAST: f64 = 2e-15;
-/// What a term of the series of all coordinates costs beside its product, by coordinate and at all, in
-/// products of numbers.
+/// Overhead of a term of the series, per coordinate and fixed, in multiplications.
 const OVERHEAD: [usize; 2] = [8, 64];
 /// Most numbers of these series that are kept by columns: more are slower to read than to compute.
 const READ: usize = 1 << 15;

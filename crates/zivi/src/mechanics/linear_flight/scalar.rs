@@ -12,7 +12,7 @@ use crate::system::force::Smooth;
 use crate::Status;
 
 impl LinearFlight {
-    /// What pulls back a gap that was hit alone, of one coordinate.
+    /// Acceleration towards its wall of a gap of one coordinate that was hit alone.
     pub(in crate::mechanics) fn pull(&self, hit: GapSet, state: &MechanicalState) -> Option<Pull> {
         let gap = hit.iter().next().filter(|_| hit.len() == 1 && state.closed().is_empty())?;
         self.one.as_ref().map(|one| one.pull(gap, state))

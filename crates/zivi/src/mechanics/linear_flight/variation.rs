@@ -1,7 +1,7 @@
 //! Derivatives of the motion along the flights, by its start and by parameters.
 //!
-//! What `dy/ds = Y y` does to a column is `du/ds = Y u + Y_p y` with the derivative `Y_p` by the
-//! parameter of the column, if it has one. Both are power series with one recurrence,
+//! For `dy/ds = Y y` a column satisfies `du/ds = Y u + Y_p y` with the derivative `Y_p` with
+//! respect to its parameter, if any. Both are power series with one recurrence,
 //!
 //! ```text
 //! u_(k+1) = (Y u_k + Y_p y_k)/(k + 1)      y_(k+1) = Y y_k/(k + 1)
@@ -40,9 +40,9 @@ pub(in crate::mechanics) struct Flown<'a> {
 /// How the parameters move the flights.
 #[derive(Clone, Debug)]
 pub(in crate::mechanics) struct FlightRates {
-    /// By parameter the derivatives of what the system is without contacts.
+    /// Derivatives of the system without contacts, by parameter.
     free: Vec<Free>,
-    /// What they make of the motion with a set of gaps closed, by parameter, for steps of length `h`.
+    /// Their effect on the motion with a set of closed gaps, by parameter, for steps of length `h`.
     known: Vec<(GapSet, Vec<Arc<ParameterVariation>>)>,
     h: f64,
 }
@@ -82,7 +82,7 @@ impl FlightRates {
 struct ParameterVariation {
     /// The rows of `Y_p`, times `h`, that give accelerations.
     acceleration: LinearMap,
-    /// By gap the weights `r` of `y` in it, or in its force, and `r_p`.
+    /// By gap the weights `r` of `y` in its value or force, and `r_p`.
     gaps: Vec<[Vec<f64>; 2]>,
 }
 
@@ -129,8 +129,8 @@ impl ParameterVariation {
 }
 
 impl LinearFlight {
-    /// Moves the derivatives of coordinates and gaps, `x`, and of their rates, `v`, over a step that
-    /// was flown, by a parameter if there is one.
+    /// Moves the derivatives of coordinates and gaps, `x`, and of their rates, `v`, over a
+    /// completed step, with respect to a parameter if given.
     pub(in crate::mechanics) fn differentiate<E>(
         &mut self,
         flown: Flown<'_>,

@@ -16,7 +16,7 @@ use crate::system::force::Friction;
 use crate::system::partials::{DifferentiableDynamics, TimedState};
 use crate::Status;
 
-/// What a column is the derivative by.
+/// Variable of differentiation of a column.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum MechanicalWrt {
     /// An initial coordinate.
@@ -40,7 +40,8 @@ pub enum MechanicalWrt {
 }
 
 impl MechanicalWrt {
-    /// What the law of a gap has by it: a derivative by a parameter of the law, or none.
+    /// Derivative of the law of a gap with respect to it: for a parameter of the law, otherwise
+    /// zero.
     pub(super) fn of_law(self, of: usize, by: impl Fn(usize) -> f64) -> f64 {
         match self {
             Self::AllE => by(0),
@@ -190,7 +191,7 @@ impl Columns {
     }
 
     /// The largest error relative to `atol/size + rtol |entry|`, `sizes` being the magnitudes of
-    /// what the columns are derivatives by; of those that are not lost.
+    /// the variables of differentiation; lost columns are ignored.
     pub(super) fn error<E, D: DifferentiableDynamics<E>>(
         &mut self,
         motion: &Stages,

@@ -23,7 +23,7 @@ use crate::Status;
 /// The columns of a run under way.
 pub(super) struct VariationalRun<'a> {
     pub(super) columns: Columns,
-    /// Magnitudes of what the columns are derivatives by.
+    /// Magnitudes of the variables of differentiation.
     pub(super) sizes: &'a [f64],
     /// Whether the steps are adapted to the columns too.
     pub(super) controlled: bool,
@@ -124,7 +124,7 @@ impl<'a> VariationalRun<'a> {
         self.columns.project(machine.state().closed(), now)
     }
 
-    /// How far the state moves in a second, or in a run that is shorter.
+    /// Extent of the motion in a second or in a shorter run.
     fn set_extent<E, D: DifferentiableDynamics<E>>(
         &mut self,
         machine: &MechanicalIntegrator,
@@ -174,7 +174,7 @@ impl<'a> VariationalRun<'a> {
         self.lost.iter().all(|&lost| lost)
     }
 
-    /// Rows for what happened since the machine had so many occurrences.
+    /// Adds rows for the events after a number of occurrences.
     pub(super) fn note_events(
         &mut self,
         machine: &MechanicalIntegrator,
@@ -300,7 +300,7 @@ impl<'f, E, D: DifferentiableDynamics<E>> Driver<MechanicalIntegrator, Model<'f,
 // The columns in flight and in contact: through the steps of the motion, shorter ones where the
 // columns need them.
 
-/// Steps that are given up for the columns before one is taken as it is.
+/// Steps rejected for the columns before one is accepted regardless.
 const RETRIES: u32 = 40;
 /// How far the step onto an impact may be moved to it, relative to its length.
 const NUDGE: f64 = 1e-4;
@@ -349,7 +349,7 @@ impl VariationalRun<'_> {
         self.columns.error(machine.motion().last(), &tolerances, (self.sizes, &self.lost), model)
     }
 
-    /// What a step that was taken adds: samples, minima, the end of the columns.
+    /// Contributions of an accepted step: samples, minima, the end of the columns.
     pub(super) fn flew<E, D: DifferentiableDynamics<E>>(
         &mut self,
         machine: &mut MechanicalIntegrator,
@@ -468,7 +468,7 @@ impl VariationalRun<'_> {
 /// A rate of a closed gap that an orthogonal impact should leave, relative to the others.
 const KINK: f64 = 1e-7;
 
-/// What an impact did.
+/// Result of an impact for the columns.
 struct StruckColumns {
     before: State,
     /// Accelerations before it.

@@ -1,4 +1,4 @@
-//! A mechanical system at a time: where it is, on which contacts, and what the forces do there.
+//! A mechanical system at a time: state, contacts, and accelerations.
 
 use crate::mechanics::contact_problem::settle;
 use crate::mechanics::friction::decide;
@@ -17,7 +17,7 @@ pub(super) struct MechanicalState {
     layout: Layout,
     now: State,
     contacts: Contacts,
-    /// Accelerations and contact forces here, where they are known.
+    /// Accelerations and contact forces here, if known.
     slope: Vec<f64>,
     lambda: Vec<f64>,
     levels: Vec<f64>,
@@ -29,7 +29,7 @@ pub(super) struct MechanicalState {
     kinetics: Kinetics,
 }
 
-/// What there is at the start of a run.
+/// Result of the start of a run.
 pub(super) enum Start {
     /// The gaps that are hit, maybe none.
     At(GapSet),
@@ -125,7 +125,7 @@ impl MechanicalState {
         self.contacts.mode.closed
     }
 
-    /// The same, and what friction does.
+    /// The same with the modes of friction.
     pub(super) fn mode(&self) -> ContactMode {
         self.contacts.mode
     }
@@ -162,7 +162,7 @@ impl MechanicalState {
         (self.now.x[c], self.now.xdot[c])
     }
 
-    /// Accelerations of coordinates and gaps, where they are known.
+    /// Accelerations of coordinates and gaps, if known.
     pub(super) fn slope(&self) -> &Vec<f64> {
         &self.slope
     }
@@ -172,7 +172,7 @@ impl MechanicalState {
         &self.lambda
     }
 
-    /// What limits the mode, where the forces are known.
+    /// Limits of the mode, if the forces are known.
     pub(super) fn levels(&self) -> &[f64] {
         &self.levels
     }
@@ -187,8 +187,8 @@ impl MechanicalState {
         (&mut self.kinetics, &mut self.now)
     }
 
-    /// The state, the accelerations there and the equation for a step from it. What is known at the
-    /// end of that goes to `at_end`.
+    /// The state, the accelerations there and the equation for a step from it. Data at its end are
+    /// written to `at_end`.
     pub(super) fn equation<'r, 'm, D>(
         &'r mut self,
         model: &'r mut Model<'m, D>,
@@ -231,7 +231,8 @@ impl MechanicalState {
         self.kinetics.evaluate(model, self.now.t, &self.now.x[..n], &self.now.xdot[..n])
     }
 
-    /// The same without what only forces need, and of a linear system without the values of the gaps.
+    /// The same without quantities for forces only, and for a linear system without the values of
+    /// the gaps.
     pub(super) fn evaluate_walls<E, D: Dynamics<E>>(
         &mut self,
         model: &mut Model<'_, D>,
@@ -249,7 +250,7 @@ impl MechanicalState {
         self.kinetics.complete(model, self.now.t, &self.now.x[..n], &self.now.xdot[..n])
     }
 
-    /// Accelerations and contact forces here, of the state as it is.
+    /// Computes accelerations and contact forces of the present state.
     pub(super) fn know<E, D: Dynamics<E>>(
         &mut self,
         model: &mut Model<'_, D>,
@@ -299,8 +300,7 @@ impl MechanicalState {
         Ok(())
     }
 
-    /// Sets the gaps that were integrated to what their functions say, where the system has just
-    /// been evaluated.
+    /// Recomputes the integrated gaps from their functions at the last evaluation of the system.
     fn anchor_all(&mut self) {
         for i in 0..self.layout.m {
             let rate = self.kinetics.rate(i, &self.now.xdot[..self.layout.n]);
@@ -312,7 +312,7 @@ impl MechanicalState {
         }
     }
 
-    /// Sets a gap that was integrated to what its function says, where that has enough digits.
+    /// Recomputes an integrated gap from its function, if that has enough digits.
     pub(super) fn anchor(&mut self, i: usize, gap: f64, rate: f64) {
         self.anchor_beside(self.size(), i, (gap, rate));
     }
@@ -431,7 +431,7 @@ impl MechanicalState {
         Ok(())
     }
 
-    /// From here on the contacts of rigid gaps and what friction does are these.
+    /// Sets the contacts of rigid gaps and the modes of friction.
     pub(super) fn enter(&mut self, contacts: Contacts) {
         let ContactMode { pressed, unloaded, .. } = self.contacts.mode;
         self.contacts = contacts;
@@ -444,7 +444,7 @@ impl MechanicalState {
         self.is_struck = true;
     }
 
-    /// What the motion does not determine of the contact forces: how far they may vary.
+    /// Undetermined part of the contact forces: the range of their variation.
     pub(super) fn undetermined(&self) -> Option<f64> {
         self.undetermined
     }
@@ -695,7 +695,7 @@ impl MechanicalState {
         Ok(())
     }
 
-    /// Which contacts stay closed, and what friction does, with other forces of compliant gaps.
+    /// Decides again about closed contacts and friction, with new forces of compliant gaps.
     fn settle_again<E, D: Dynamics<E>>(
         &mut self,
         model: &mut Model<'_, D>,
@@ -713,7 +713,7 @@ impl MechanicalState {
 const SLIP_ANCHOR: f64 = 1e-6;
 /// A slip speed of so many estimated errors after an accumulation may be none.
 const STILL: f64 = 100.0;
-/// What is left of an integrated slip speed where other rows leave none: its part that is rounding.
+/// Rounding share of an integrated slip speed that other rows determine to be zero.
 const HELD: f64 = 1e-3;
 
 impl MechanicalState {
@@ -741,8 +741,7 @@ impl MechanicalState {
         Ok(())
     }
 
-    /// The least of what some channels could hold more than they do, relative to their limits, where the
-    /// forces are known.
+    /// The least relative margin of some channels to their static limits, for known forces.
     pub(in crate::mechanics) fn least_hold(&self, channels: GapSet) -> Option<f64> {
         let hold = |channel: usize| {
             let limit = self.kinetics.friction_limits(channel).1;
@@ -788,7 +787,7 @@ impl MechanicalState {
         Ok(())
     }
 
-    /// Sets a slip speed that was integrated to what its direction says, where that has enough digits.
+    /// Recomputes an integrated slip speed from its direction, if that has enough digits.
     fn anchor_slip(&mut self, row: usize, rate: f64) {
         let n = self.layout.n;
         let size = self.now.xdot[..n].iter().fold(0.0_f64, |a, b| a.max(b.abs()));
