@@ -1,4 +1,4 @@
-//! What FMI 2 and FMI 3 have in common: memory, strings, arrays, stored states.
+//! Common part of FMI 2 and FMI 3: memory, strings, arrays, stored states.
 
 use core::ffi::{c_char, c_void, CStr};
 use core::ptr::NonNull;
@@ -13,7 +13,7 @@ extern "C" {
     fn free(pointer: *mut c_void);
 }
 
-/// A place on the heap for a value; NULL if there is no memory.
+/// A place on the heap for a value; NULL without memory.
 unsafe fn allocated<T>(value: T) -> *mut T {
     // SAFETY: the memory of calloc is aligned for anything
     unsafe {
@@ -40,7 +40,7 @@ unsafe fn bytes<'a>(string: *const c_char) -> &'a [u8] {
     }
 }
 
-/// An instance of the model with this token; NULL if there is none, which is told.
+/// An instance of the model with this token; NULL without memory, which is reported.
 pub(crate) unsafe fn instantiated(
     name: *const c_char,
     token: *const c_char,
@@ -91,7 +91,7 @@ pub(crate) struct Variables<T> {
 }
 
 impl<T> Variables<T> {
-    /// What is wrong with the arrays.
+    /// Fault of the arrays.
     fn wrong<V>(&self, values: *const V) -> Option<&'static CStr> {
         if self.room < self.count {
             Some(c"there are less values than references")
@@ -154,7 +154,7 @@ pub(crate) unsafe fn set<V: Copy>(
     OK
 }
 
-/// Copies the state to `*to`, which is allocated if it is NULL.
+/// Copies the state to `*to`, which is allocated if NULL.
 pub(crate) unsafe fn get_state(it: *mut Instance, to: *mut *mut FmuState) -> Status {
     // SAFETY: see `instance`; `to` points to NULL or to a state
     unsafe {
@@ -227,7 +227,7 @@ pub(crate) unsafe fn store(
     OK
 }
 
-/// A state from bytes, copied to `*to`, which is allocated if it is NULL.
+/// A state from bytes, copied to `*to`, which is allocated if NULL.
 pub(crate) unsafe fn restore(
     it: *mut Instance,
     from: *const u8,

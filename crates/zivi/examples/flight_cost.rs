@@ -44,18 +44,18 @@ const FREE: LinearForce = LinearForce {
     phase: 0.0,
 };
 
-/// What is kept of a run.
+/// Stored data of a run.
 #[derive(Clone, Copy, PartialEq)]
 enum Sampling {
     /// Impacts alone.
     Impacts,
-    /// The ends of steps, too.
+    /// And the ends of steps.
     Steps,
-    /// The motion as a function of time, too.
+    /// And the motion as a function of time.
     Dense,
-    /// The positions that draw it, too.
+    /// And the positions that draw it.
     Positions,
-    /// All quantities of the samples that draw it, too.
+    /// And all quantities of the samples that draw it.
     Drawn,
 }
 

@@ -1,4 +1,4 @@
-//! What an evaluation costs in a run of a mechanical system with three coordinates and gaps.
+//! Cost of an evaluation in a run of a mechanical system with three coordinates and gaps.
 //!
 //! `cargo run --release -p zivi --example mechanics_cost`
 

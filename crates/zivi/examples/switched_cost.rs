@@ -1,4 +1,4 @@
-//! What runs of the switched method by the embedded pairs cost: time, evaluations, steps.
+//! Cost of runs of the switched method by the embedded pairs: time, evaluations, steps.
 //!
 //! ```text
 //! switched_cost [REPETITIONS]
@@ -14,7 +14,7 @@ use zivi::{
     Restitution, Silent, SwitchedIntegrator, SwitchedRk,
 };
 
-/// What is measured here.
+/// The measured method.
 const PAIR: Flights = Flights::RungeKutta;
 
 /// Nanoseconds of one of many calls.

@@ -1,4 +1,4 @@
-//! What a period of the sampled loop and the end of a run allocate.
+//! Allocations of a period of the sampled loop and of the end of a run.
 
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::cell::Cell;

@@ -101,8 +101,8 @@ impl Cubic {
     }
 
     /// Newton's method on a monotone interval of one curvature, from the end where it cannot
-    /// overshoot (Fourier's condition): it approaches the root from one side, and where it turns
-    /// back or overshoots after all, rounding has been reached. A flat end is left by bisection.
+    /// overshoot (Fourier's condition): it approaches the root from one side; a reversal or an
+    /// overshoot means that rounding has been reached. A flat end is left by bisection.
     fn newton(&self, near: Real, far: Real, near_positive: bool) -> (Real, u32) {
         let bends_up = self.curvature(0.5 * (near + far)) > 0.0;
         let (start, other) = if bends_up == near_positive { (near, far) } else { (far, near) };
@@ -265,7 +265,7 @@ mod cubic_tests {
         Ok(())
     }
 
-    /// In both directions between the ends, and from an interior point.
+    /// In both directions between the ends and from an interior point.
     fn check_everywhere(it: Cubic, inside: f64) -> Result<(), TestCaseError> {
         for (from, to) in [(-1.0, 1.0), (1.0, -1.0), (inside, 1.0), (inside, -1.0)] {
             check(&it, from, to)?;

@@ -98,7 +98,7 @@ impl Port {
         (self.low, self.high)
     }
 
-    /// The state of a measurement, and whether it was clamped.
+    /// The state of a measurement; true if clamped.
     #[inline]
     pub(super) fn sense(&self, measured: Physical) -> Result<(Physical, bool), SettingError> {
         let Physical { x, xdot } = measured;
@@ -112,7 +112,7 @@ impl Port {
         }
     }
 
-    /// The actuator's control for a commanded one, and whether it was clipped.
+    /// The actuator's control for a commanded one; true if clipped.
     #[inline]
     pub(super) fn actuate(&self, wanted: Real) -> Result<(Real, bool), SettingError> {
         require(

@@ -177,8 +177,8 @@ impl TwistingTracker {
     /// The tracker's own reference becomes `next`.
     ///
     /// # Errors
-    /// [`SettingError`] of [`TwistingTracker::tick`], and for a waypoint that is not finite or has
-    /// x < 0. Nothing has changed then.
+    /// [`SettingError`] of [`TwistingTracker::tick`]; a waypoint that is not finite or has x < 0.
+    /// Nothing has changed then.
     ///
     /// ```
     /// use zivi_core::control::{Approach, Gains, TwistingTracker, Waypoint};

@@ -141,7 +141,7 @@ impl TwistingRegulator {
         (u, [lambda_s, lambda_v], unsolved)
     }
 
-    /// The state of a measurement, and whether it was clamped to the wall.
+    /// The state of a measurement; true if clamped to the wall.
     ///
     /// # Errors
     /// [`SettingError`] for a sample that is not finite or penetrates too deeply.

@@ -406,7 +406,7 @@ impl TwistingTracker {
         self.step.restitution
     }
 
-    /// The state of a measurement, and whether it was clamped to the wall.
+    /// The state of a measurement; true if clamped to the wall.
     ///
     /// # Errors
     /// [`SettingError`] for a sample that is not finite or penetrates too deeply.

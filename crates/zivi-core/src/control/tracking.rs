@@ -111,7 +111,7 @@ impl TrackingStep {
         self.solve_near(z, f, target, 0.0)
     }
 
-    /// The same, with the selection of `sgn v+` closest to that of `sgn v_r+` if it is free.
+    /// The same, with the selection of `sgn v+` closest to that of `sgn v_r+`, if free.
     #[inline]
     #[must_use]
     pub fn solve_near(&self, z: Lifted, f: Real, target: Target, lambda_vr: Real) -> Tracking {

@@ -62,7 +62,7 @@ pub struct ObserverState {
     pub waiting: bool,
     /// The estimate.
     pub estimate: Estimate,
-    /// The restitution: the estimate if it is learnt.
+    /// The restitution, or its estimate if learnt.
     pub e: Real,
     /// Covariance of the estimates.
     pub covariance: Covariance,

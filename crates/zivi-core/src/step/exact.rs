@@ -75,7 +75,7 @@ impl ThetaGammaStep {
         frozen.candidates().map(move |solution| solution.mirrored(sigma))
     }
 
-    /// The solution with the signs of `pattern` if it is finite.
+    /// The solution with the signs of `pattern`, if finite.
     #[must_use]
     pub fn accepted(
         &self,

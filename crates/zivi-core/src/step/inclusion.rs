@@ -60,10 +60,9 @@ impl ThetaGammaStep {
         ]
     }
 
-    /// The end of the step for multipliers that solve the inclusion. Where a multiplier is
-    /// interior its argument vanishes (`N(lambda) = {0}` there), and where the argument is at
-    /// rounding level too: of coincident cases the more degenerate one, the choice of
-    /// [`Self::solve`].
+    /// The end of the step for multipliers that solve the inclusion. The argument vanishes for an
+    /// interior multiplier (`N(lambda) = {0}`) and at rounding level: of coincident cases the more
+    /// degenerate one, the choice of [`Self::solve`].
     #[must_use]
     pub fn end(&self, z: Lifted, f: f64, lambda: [f64; 2]) -> StepSolution {
         let (h, gamma) = (self.h, self.gamma);

@@ -71,7 +71,7 @@ pub(super) fn is_inside(held: &[usize], i: usize) -> bool {
     held.get(i) == Some(&INSIDE)
 }
 
-/// A component is active if it is on a bound and `F` pushes against it.
+/// A component on a bound is active if `F` pushes against it.
 fn begin(at: &mut Iterate<'_, '_>) {
     let work = &mut *at.work;
     for i in 0..work.f.len() {

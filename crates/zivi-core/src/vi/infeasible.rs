@@ -109,7 +109,7 @@ fn needed_sign(at: &Iterate<'_, '_>, i: usize) -> Option<f64> {
 }
 
 /// The range of `t > 0` with which `sigma_i F_i + t sigma_k F_k` does not grow towards any infinite
-/// bound; `None` if it is empty.
+/// bound; `None` if empty.
 fn weights(
     at: &Iterate<'_, '_>,
     (i, first): (usize, f64),

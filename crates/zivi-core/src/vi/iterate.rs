@@ -131,7 +131,7 @@ impl<'a, 'w> Iterate<'a, 'w> {
         })
     }
 
-    /// `F` at `work.trial`, scaled, into `work.trial_f`. False if it is not finite.
+    /// `F` at `work.trial`, scaled, into `work.trial_f`. False if not finite.
     pub(super) fn evaluate_trial(&mut self) -> Outcome<bool> {
         self.problem.poll()?;
         self.counts.f += 1;

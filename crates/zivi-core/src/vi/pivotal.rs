@@ -152,7 +152,7 @@ impl<'a> Tableau<'a> {
         }
     }
 
-    /// Rebuilds the basis of the held variables; false if it is singular.
+    /// Rebuilds the basis of the held variables; false if singular.
     fn rebuild(&mut self, poll: &mut Poll<'_>) -> Result<bool, Interruption> {
         let held = &*self.held;
         self.basis.reset(|i| unit(held, i));

@@ -223,7 +223,7 @@ where
         Self { rounding: Some(rounding), ..self }
     }
 
-    /// `F` at two neighbours of `z` on the axis `j`; false if it is not finite.
+    /// `F` at two neighbours of `z` on the axis `j`; false if not finite.
     fn evaluate(&mut self, j: usize, [a, b]: [f64; 2], zj: f64) -> Result<bool, EvaluationError> {
         dense::put(self.point, j, a);
         (self.map)(self.point, self.first)?;

@@ -242,7 +242,7 @@ pub enum Status {
     /// The natural residual is within the tolerance.
     Solved,
     /// Like [`Status::Solved`], but the Jacobian on the rows inside the box is singular there: the
-    /// solution may be one of a continuum, or of higher multiplicity.
+    /// solution may belong to a continuum or have higher multiplicity.
     SolvedNotIsolated,
     /// The merit function is stationary where the residual is not small.
     Stationary,

@@ -28,8 +28,8 @@ const PROXIMAL: f64 = 0.1;
 
 /// Solves the box VI `0 in F(z) + N_[l,u](z)` from the starting point in `z`.
 ///
-/// `z` is overwritten by the solution, or by the point with the smallest residual that was
-/// found; [`Workspace::map`] is `F` there.
+/// `z` is overwritten by the solution or the point with the smallest residual found;
+/// [`Workspace::map`] is `F` there.
 ///
 /// ```
 /// use zivi_core::vi::{self, EvaluationError, Problem, Settings, Status, Workspace};
@@ -242,7 +242,7 @@ pub(super) fn has_unsatisfiable_row(at: &Iterate<'_, '_>) -> bool {
     })
 }
 
-/// True when `sup (sign F_i)` over the box is below zero by more than the tolerance; false if it is
+/// True when `sup (sign F_i)` over the box is below zero by more than the tolerance; false if
 /// infinite or undefined.
 fn stays_below_zero(at: &Iterate<'_, '_>, i: usize, sign: f64) -> bool {
     let row = dense::row(at.work.jacobian, at.n(), i);

@@ -80,7 +80,7 @@ fn law(from: &mut Numbers<'_>, (m, r): (usize, usize)) -> Option<(GapTracker, Ve
     Some((law, forces))
 }
 
-/// A system: restitutions, inputs, parameters, and the tree if it is one.
+/// A system: restitutions, inputs, parameters, and the tree of a tree system.
 fn part(
     from: &mut Numbers<'_>,
     library: Option<&Library>,

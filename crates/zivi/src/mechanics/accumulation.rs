@@ -76,8 +76,8 @@ impl Accumulation {
         self.impacts = 0;
     }
 
-    /// Friction in a joint, or at a contact that stays closed, changed in flight: the impacts are none
-    /// of a chain with a known ratio.
+    /// Friction in a joint or at a closed contact changed in flight: the impacts do not form a
+    /// chain with a known ratio.
     pub(super) fn note_transition(&mut self) {
         self.chain.clear();
         self.corner.note_transition();
@@ -92,8 +92,9 @@ impl Accumulation {
         Ok(())
     }
 
-    /// Appends an impact, with what pulls back a gap alone, if flights know it, the restitutions of
-    /// slow impacts and the state after it: where impacts accumulate, if that is known to the tolerance.
+    /// Appends an impact, with the acceleration of a single gap towards its wall, if flights know
+    /// it, the restitutions of slow impacts and the state after it; returns the accumulation point,
+    /// if determined to the tolerance.
     pub(super) fn note<E, D: Dynamics<E>>(
         &mut self,
         (struck, pull): (&Struck, Option<Pull>),

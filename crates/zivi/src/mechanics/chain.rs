@@ -101,8 +101,8 @@ impl ImpactChain {
         self.chain.is_over() && !self.landed().is_frictionless()
     }
 
-    /// Appends an impact, with what pulls back a gap alone, if that is known: where the chain ends, if that
-    /// is known to the tolerance.
+    /// Appends an impact, with the acceleration of a single gap towards its wall, if known; returns
+    /// the end of the chain, if determined to the tolerance.
     pub(super) fn note<E, D: Dynamics<E>>(
         &mut self,
         (key, alone): (Key, Option<Pull>),

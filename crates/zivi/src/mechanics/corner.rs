@@ -44,7 +44,7 @@ pub(super) struct CornerApproach {
     log: CornerLog,
     /// Whether friction changed since the last impact.
     changed: bool,
-    /// What friction did in the last impacts.
+    /// Modes of friction in the last impacts.
     patterns: Vec<ContactMode>,
 }
 
@@ -133,8 +133,8 @@ impl CornerApproach {
         self.here(e, at.settings, at.state)
     }
 
-    /// Whether what slips at a landing on a set, in joints too, slips so in so many of the last impacts, and
-    /// at present.
+    /// Whether the slip at the closing of a set (joints included) had the same mode in the last
+    /// impacts and at present.
     fn slips_on<D>(
         &self,
         count: usize,

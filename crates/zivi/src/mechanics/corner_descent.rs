@@ -379,7 +379,7 @@ pub(super) struct CornerLog {
     pub(super) openings: Marks,
     /// All gaps that were hit, including those whose impacts are no longer stored.
     hit: GapSet,
-    /// Impacts between which friction in a joint, or at a contact that stays closed, changes: in a fixed
+    /// Impacts between which friction in a joint or at a closed contact changes: in a fixed
     /// part of each flight, so that even those of one gap have a ratio of their own.
     kicks: usize,
 }
@@ -392,7 +392,7 @@ impl CornerLog {
         self.kicks = 0;
     }
 
-    /// What comes next repeats no earlier impacts, but those that opened contacts.
+    /// Later impacts repeat no earlier ones except those that opened contacts.
     pub(super) fn clear_impacts(&mut self) {
         self.impacts.clear();
     }

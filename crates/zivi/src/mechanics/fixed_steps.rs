@@ -57,7 +57,7 @@ pub(super) struct Stepped {
     pub(super) x: Vec<f64>,
     pub(super) v: Vec<f64>,
     pub(super) free: Vec<f64>,
-    /// The end of the step, and by gap impulses, then reactions.
+    /// The end of the step; impulses by gap, followed by reactions.
     pub(super) next_x: Vec<f64>,
     pub(super) next_v: Vec<f64>,
     pub(super) lambda: Vec<f64>,

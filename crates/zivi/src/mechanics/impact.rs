@@ -77,7 +77,7 @@ pub(super) struct Struck {
 }
 
 impl Struck {
-    /// What friction did in it.
+    /// Modes of friction during it.
     pub(super) fn pattern(&self) -> ContactMode {
         self.pattern
     }

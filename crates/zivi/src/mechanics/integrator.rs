@@ -1,7 +1,7 @@
 //! The switched method for mechanical systems: its parts, and which of them comes next.
 //!
-//! The mode is the set of closed gaps: with none of them it is free flight, else motion on the
-//! manifold where they are zero. Between events both are one ordinary differential equation.
+//! The mode is the set of closed gaps: without closed gaps it is free flight, otherwise motion on
+//! the manifold of zero gaps. Between events both are one ordinary differential equation.
 
 use std::collections::TryReserveError;
 

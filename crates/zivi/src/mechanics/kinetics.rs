@@ -21,7 +21,7 @@ use crate::system::dynamics::{Dynamics, Layout};
 use crate::system::force::{ContactForce, Friction, Smooth};
 use crate::Status;
 
-/// A system whose evaluations are counted, between times where it is smooth.
+/// A system whose evaluations are counted, between its non-smooth times.
 pub(super) struct Model<'a, D> {
     pub(super) dynamics: &'a mut D,
     pub(super) count: u64,
@@ -105,7 +105,7 @@ pub(super) struct Kinetics {
     free: Vec<f64>,
     /// `b`, by row.
     b: Vec<f64>,
-    /// The rows `M^-1 n_i` and `D_ii`, and of which evaluation, counted by `evaluation`, they are.
+    /// The rows `M^-1 n_i` and `D_ii`, with the number of their evaluation.
     mobility: Vec<f64>,
     diagonal: Vec<f64>,
     /// Their square roots, NaN if undefined.
@@ -121,7 +121,7 @@ pub(super) struct Kinetics {
     order: Vec<usize>,
     /// Contact forces by gap, zero without contact, then friction forces by channel.
     pub(super) lambda: Vec<f64>,
-    /// `q''`, then `g''` and `w'`, then with friction a place for its power.
+    /// `q''`, `g''` and `w'`, followed by a place for the friction power.
     pub(super) acceleration: Vec<f64>,
     /// Directions by row in which contact forces may change without changing the motion.
     pub(super) undetermined: Vec<Vec<f64>>,
@@ -382,7 +382,7 @@ impl Kinetics {
         laws.iter().find(|it| it.0 == gap).map(|it| it.1)
     }
 
-    /// Whether a channel without a rigid gap has friction: a joint, or at a compliant gap that is pressed.
+    /// Whether a channel without a rigid gap has friction: a joint or a pressed compliant gap.
     pub(super) fn is_loaded(&self, channel: usize) -> bool {
         let Some(compliant) = &self.compliant else { return true };
         compliant.gap_of[channel].is_none_or(|gap| compliant.pressed.has(gap))
@@ -749,8 +749,8 @@ impl Kinetics {
         Ok(self.right[0])
     }
 
-    /// Whether impacts on the gaps `hit`, with what friction does in a mode, press the other contacts
-    /// of it: the impulses there, `K^-1` times the changes of the speeds, are not negative.
+    /// Whether impacts on the gaps `hit`, with the friction of a mode, press its other contacts:
+    /// the impulses there, `K^-1` times the changes of the speeds, are not negative.
     pub(super) fn impacts_press(
         &mut self,
         hit: GapSet,

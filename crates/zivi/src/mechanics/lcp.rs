@@ -1,10 +1,9 @@
 //! Linear complementarity problems of impacts and contacts, `0 <= z  perp  D z + q >= 0`.
 //!
-//! `D` is symmetric positive definite: there is one solution; if it is singular, `D z + q` is the same for
-//! all of them. Few gaps: every pattern of positive
-//! unknowns, the one that fits best. Larger sets: patterns that exchange all unknowns of the wrong
-//! sign together, and if these do not terminate, the least accelerations that keep all gaps open
-//! (Gauss's principle).
+//! For symmetric positive definite `D` the solution is unique; for singular `D`, `D z + q` is equal
+//! for all solutions. Few gaps: every pattern of positive unknowns, the one that fits best. Larger
+//! sets: patterns that exchange all unknowns of the wrong sign together, and if these do not
+//! terminate, the least accelerations that keep all gaps open (Gauss's principle).
 
 use super::shares::Shares;
 use crate::numeric::cholesky;

@@ -51,7 +51,7 @@ pub(super) enum Release {
     Varies(f64),
 }
 
-/// Values of a contact force at the nodes, then at the checks.
+/// Values of a contact force at the nodes and at the checks.
 type Values = [f64; MOST_DEGREE + 3];
 
 /// A limit of the mode over a step: a contact force, or one of the sums of which the margin is the least.
@@ -118,7 +118,7 @@ pub(super) fn first_release<E, D: Dynamics<E>>(
     Ok(first.map_or(Release::None, |(theta, number)| Release::At(theta, number)))
 }
 
-/// Where a function that is positive at the start of a step becomes negative; if it is zero there, after that.
+/// Where a function becomes negative that is positive (or zero) at the start of a step.
 pub(super) fn first_turn<E>(
     is_zero: bool,
     mut force: impl FnMut(f64) -> Result<f64, Failure<E>>,

@@ -11,8 +11,8 @@ use crate::switched::SwitchedRk;
 use crate::system::dynamics::{Dynamics, Layout};
 use crate::zeno::table::ExtrapolatedEnd;
 
-/// Speeds below which a corner is reached whatever the pattern, and slips are none behind an
-/// accumulation: relative to `1 + |q'|`, and in tolerances.
+/// Speeds below which a corner is reached for any pattern and slips after an accumulation vanish,
+/// relative to `1 + |q'|` and in tolerances.
 const FLOOR: (f64, f64) = (1e-12, 1e-2);
 /// A jump passes no other gap that is nearer than so many of its estimated errors.
 pub(super) const CLEAR: f64 = 100.0;

@@ -89,7 +89,7 @@ pub(super) struct Key {
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Ahead {
     pub(super) landing: ExtrapolatedEnd<Vec<f64>>,
-    /// The gaps that close together, if it is no Zeno point of a chain.
+    /// The gaps that close together, except at a Zeno point of a chain.
     pub(super) corner: Option<GapSet>,
 }
 
@@ -190,8 +190,8 @@ pub(super) type State = coordinates::State<Vec<f64>>;
 /// A step.
 pub(super) type Stages = crate::numeric::stages::Stages<Vec<f64>>;
 
-/// Data at the end of the last step: contact forces by row, limits of the mode, and by row the
-/// gaps, rates and sums of gradients from their functions.
+/// Data at the end of the last step: contact forces by row, limits of the mode; gaps, rates and
+/// sums of gradients by row, from their functions.
 #[derive(Clone, Debug)]
 pub(super) struct AtEnd {
     pub(super) lambda: Vec<f64>,

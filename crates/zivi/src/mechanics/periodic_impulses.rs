@@ -344,7 +344,7 @@ mod tests {
     /// Impulses and times.
     const UNKNOWNS: [f64; 6] = [0.8, 0.3, 1.3, 1.1, 0.5, 1.9];
 
-    /// The states are position and velocity of the first oscillator, then of the second.
+    /// The states are position and velocity of the first and of the second oscillator.
     fn modes() -> Modes {
         let rates: Vec<Pair> = OSCILLATORS.iter().map(|&(a, b)| (-a, b)).collect();
         let mut kernels = Vec::new();

@@ -79,7 +79,8 @@ impl Shares {
         }
     }
 
-    /// The sum `y . a` with the weights that these levels have here; none if they are no vertex of (2).
+    /// The sum `y . a` with the weights that these levels have here; `None` if they are not a
+    /// vertex of (2).
     pub(super) fn combined(&self, levels: &[usize]) -> Option<f64> {
         let weights = self.weights(levels)?;
         Some(levels.iter().zip(weights).map(|(&j, y)| y * self.a[j]).sum())

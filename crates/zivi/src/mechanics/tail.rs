@@ -77,7 +77,7 @@ pub(super) type PartOfArc = (usize, f64, f64, f64);
 pub(super) struct StoppedSlip {
     /// How a unit of it moves the components, at both ends.
     pub(super) ways: [Vec<f64>; 2],
-    /// Its acceleration at the starts of arcs, and at their ends.
+    /// Its acceleration at the starts and ends of flights.
     pub(super) accelerations: [InPowers; 2],
 }
 

@@ -410,8 +410,8 @@ const RATIOS: [[f64; TERMS]; TERMS] = {
     ratios
 };
 
-/// A cheaper alternative to de Casteljau's scheme, with `u = theta/(1 - theta)` in the first half,
-/// and from the other end in the second,
+/// A cheaper alternative to de Casteljau's scheme, with `u = theta/(1 - theta)` in the first half
+/// (in the second, from the other end),
 ///
 /// ```text
 /// p = (1 - theta)^n (c_0 + u n/1 (c_1 + u (n - 1)/2 (c_2 + ... + u/n c_n))).

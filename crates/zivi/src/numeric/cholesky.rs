@@ -3,8 +3,8 @@
 use crate::numeric::dense::dot;
 
 /// Overwrites the lower triangle of `A` (`n x n`) by `L`. The smallest `l_ii^2/a_ii`: the remaining
-/// share of a diagonal entry after the rows above, 1 for a diagonal matrix, 0 if `A` is singular,
-/// negative or NaN if it is not definite.
+/// share of a diagonal entry after the rows above, 1 for a diagonal matrix, 0 for singular `A`,
+/// negative or NaN for indefinite `A`.
 pub(crate) fn factor(a: &mut [f64], n: usize) -> f64 {
     // of a size that the compiler knows the loops are unrolled
     match n {

@@ -57,8 +57,8 @@ impl<Q: Coordinates> Stages<Q> {
         }
     }
 
-    /// The root of the coordinate nearest to the end of the finished step, if it is close: the time
-    /// offset, and the rate there. It comes from above, with -1 for `side` from below.
+    /// The root of the coordinate nearest to the end of the finished step, if close: the time
+    /// offset and the rate there. It comes from above, with -1 for `side` from below.
     #[inline(always)]
     pub(crate) fn root_at_end(&self, c: usize, side: f64) -> Option<(f64, f64)> {
         let (x, xdot) = (side * self.end.x.as_slice()[c], side * self.end.xdot.as_slice()[c]);

@@ -283,7 +283,7 @@ impl<'a> OutputTimes<'a> {
         self.times.and_then(|times| times.get(self.passed).copied())
     }
 
-    /// Passes the next time if it is before `t`.
+    /// Passes the next time if before `t`.
     pub(crate) fn pass_before(&mut self, t: f64) -> Option<f64> {
         let next = self.next().filter(|&next| next < t)?;
         self.passed += 1;
@@ -305,8 +305,8 @@ impl<'a> OutputTimes<'a> {
         }
     }
 
-    /// Maximal number of further samples: at the ends of a segment, or at all output times and at
-    /// the end.
+    /// Maximal number of further samples: at the ends of a segment, or at the end and all output
+    /// times.
     pub(crate) fn at_most(&self) -> usize {
         const OF_A_PIECE: usize = 4;
         self.times.map_or(OF_A_PIECE, |times| times.len() - self.passed + 1)

@@ -71,8 +71,8 @@ impl DenseStep {
         crosses.then(|| from + (to - from) / (1.0 - end / start))
     }
 
-    /// Time and state of a sample number, from 0 on: at the ends of `looks` equal parts, and at the
-    /// wall if it is met within the step (by rounding possibly at an end).
+    /// Time and state of a sample number, counted from 0: the ends of `looks` equal parts, plus the
+    /// wall if met within the step (by rounding possibly at an end).
     pub(crate) fn nth_look(&self, number: usize, looks: usize) -> Option<(f64, Physical)> {
         let (from, to) = (self.from.t, self.to.t);
         let wall = self.crossing();

@@ -211,13 +211,13 @@ impl EventLog {
 /// Events at the gaps of a system; a mass above a wall has one gap, number 0.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Occurrence {
-    /// An impulse at a gap: it was hit, or it was closed and transmits the impact on another gap.
+    /// An impulse at a gap that was hit, or that is closed and transmits the impact on another gap.
     Impact {
         /// Time (s).
         t: f64,
         /// The gap.
         gap: usize,
-        /// Speed of the gap before, `<= 0`; zero if it was closed.
+        /// Speed of the gap before, `<= 0`; zero for a closed gap.
         before: f64,
         /// Speed of the gap after, `>= 0`.
         after: f64,

@@ -53,7 +53,7 @@ impl StridedRecorder {
     }
 }
 
-/// The memory of a record of `n` steps of which `keep` is kept, and of a block if that is less.
+/// The memory of a record of `n` steps of which `keep` is kept, or of a block if smaller.
 pub(crate) fn memory(
     n: usize,
     keep: Keep,
@@ -142,7 +142,7 @@ impl Recorder {
         }
     }
 
-    /// The stored samples, and a summary if they are decimated.
+    /// The stored samples, with a summary for decimated ones.
     pub(crate) fn finish(self) -> (Columns, Option<Summary>) {
         match self.thinned {
             Some(StridedRecorder { kept, summary, .. }) => (kept, Some(summary)),
@@ -172,9 +172,9 @@ pub(crate) fn is_sigma(sigma: f64) -> bool {
 /// A state of the motion: coordinates, gaps and slips, their rates, and the mode.
 #[derive(Clone, Debug, PartialEq)]
 pub struct MotionPoint {
-    /// `q`, then `g`, then with friction the slip distance of each channel, and an unused number.
+    /// `q`, `g`; with friction, the slip distance of each channel and an unused number.
     pub x: Vec<f64>,
-    /// `q'`, then `g'`, then with friction the slip speeds, and the work that friction has dissipated.
+    /// `q'`, `g'`; with friction, the slip speeds and the dissipated work.
     pub v: Vec<f64>,
     /// The closed gaps, and the modes of friction.
     pub mode: ContactMode,

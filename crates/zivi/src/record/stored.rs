@@ -11,7 +11,7 @@
 
 use std::fmt;
 
-/// The meaning of the numbers, and of the other contents of files.
+/// Version of the meaning of the numbers and other contents of files.
 pub const FORMAT: u32 = 7;
 
 /// The formats before with the same header.

@@ -2,8 +2,8 @@
 //!
 //! With the force frozen at a trial value the step has a closed form; what is left is one scalar
 //! equation for that value, `mismatch(f) = f(t, x(f), x'(f)) - f = 0`. Within one sign pattern `x`
-//! and `x'` are affine in the trial, so for a linear force one secant step is exact. The slope is
-//! carried from step to step, and a bracket is kept wherever the mismatch has changed sign.
+//! and `x'` are affine in the trial, hence one secant step is exact for a linear force. The slope
+//! is carried from step to step, and a bracket is kept wherever the mismatch has changed sign.
 
 use crate::record::status::Failure;
 use crate::stepping::fixed_step::Start;
@@ -259,7 +259,7 @@ impl ImplicitStep<'_> {
         Physical { x: mean(end.s, z.s).abs(), xdot: r * end.lambda_s * mean(end.v, z.v) }
     }
 
-    /// Rounding of that state: a few units in the last place of the terms that it is summed from.
+    /// Rounding of that state: a few units in the last place of the summed terms.
     fn rounding_at_theta(&self, f: f64, end: &StepSolution) -> Physical {
         let lambda = [end.lambda_s, end.lambda_v];
         let [scale_s, scale_v] = self.step.vi_scales(self.start.z, f, lambda);

@@ -60,7 +60,7 @@ impl MoreauJean {
         default: Value::Number(Self::MIDPOINT.theta),
     };
 
-    /// The settings if they are within their ranges.
+    /// The settings, checked for their ranges.
     ///
     /// # Errors
     /// [`SetupError::Setting`] for a weight outside `[0, 1]`.
@@ -210,7 +210,7 @@ impl ContactLog {
         self.reader.events
     }
 
-    /// An error if there is no memory left to record events.
+    /// An error if memory for the record of events is exhausted.
     #[inline(always)]
     fn step(
         &mut self,

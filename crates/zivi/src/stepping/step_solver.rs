@@ -1,6 +1,6 @@
 //! Solvers for the signs of a step.
 //!
-//! How the signs of a step are found: exactly by cases, or by a general solver for box VIs.
+//! Solvers for the signs of a step: an exact distinction of cases, or a general solver for box VIs.
 //!
 //! * [`Exact`] is the case analysis of `zivi_core::step`.
 //! * [`General`] solves the inclusion as a VI. "Inner linearisation" ([`General::newton`])

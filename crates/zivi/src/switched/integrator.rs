@@ -86,7 +86,7 @@ impl SwitchedIntegrator {
     /// `first_step`, or the size proposed by the last step if there was one.
     ///
     /// # Errors
-    /// [`SetupError::Setting`] for a time or a state that is not finite, or for x < 0.
+    /// [`SetupError::Setting`] for x < 0, or a time or a state that is not finite.
     pub fn start(&mut self, t: f64, state: Physical) -> Result<(), SetupError> {
         if !t.is_finite() {
             return Err(SetupError::Setting("t", t, "a finite time"));

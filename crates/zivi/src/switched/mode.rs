@@ -21,8 +21,7 @@ pub(super) enum Mode {
     Rest(Rest),
 }
 
-/// Next operation in flight. The tag is separate from its data so that it is written in one
-/// instruction.
+/// Next operation in flight. The tag is separate from its data, so one instruction writes it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[repr(u32)]
 pub(super) enum NextInFlight {

@@ -19,7 +19,7 @@ pub(crate) struct Counted<'a, F> {
     count: u64,
     /// It is evaluated at no times outside.
     pub(super) smooth: Smooth,
-    /// Its numbers if it is linear: then it is not evaluated.
+    /// Its numbers if linear: then it is not evaluated.
     linear: Option<&'a Linear>,
     /// Its value at the wall, once it is known, where that does not depend on time.
     at_wall: Option<f64>,

@@ -263,7 +263,7 @@ pub struct Driven<D, F> {
     dynamics: D,
     inputs: InputMatrix<F>,
     u: Vec<f64>,
-    /// `B`, if it is a function.
+    /// `B`, if a function.
     matrix: Vec<f64>,
     /// `B u`.
     force: Vec<f64>,

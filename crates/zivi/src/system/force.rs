@@ -83,7 +83,7 @@ pub trait Force<E> {
         (self.dependence() == Dependence::Constant).then_some(f64::INFINITY)
     }
 
-    /// The force as a linear one if it is linear: its flights are then known to rounding.
+    /// The linear law of a linear force, whose flights are known to rounding.
     fn linear(&self) -> Option<LinearLaw> {
         None
     }
@@ -96,7 +96,7 @@ pub trait Force<E> {
         false
     }
 
-    /// The force as a bit-identical [`LinearForce`], if it is one.
+    /// The force as a bit-identical [`LinearForce`], if possible.
     fn as_linear_force(&self) -> Option<LinearForce> {
         None
     }
@@ -379,7 +379,7 @@ impl ContactForce {
     }
 
     /// The numbers `a`, `b`, `c` with which `a + b g + c g'` has the sign of the force below zero;
-    /// `None` for a law whose force is never negative there, and for a function.
+    /// `None` for a function and for a law whose force is never negative there.
     pub(crate) fn sign(self) -> Option<[f64; 3]> {
         match self {
             Self::SpringDamper { k, c } if c > 0.0 => Some([0.0, -k, -c]),

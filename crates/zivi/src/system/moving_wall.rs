@@ -14,7 +14,7 @@ pub trait WallMotion<E> {
     /// Errors of the implementation; they end the run, which keeps its results so far.
     fn at(&mut self, t: f64) -> Result<[f64; 3], E>;
 
-    /// The motion as a harmonic wave, if it is one.
+    /// The motion as a harmonic wave, if possible.
     fn harmonic(&self) -> Option<HarmonicWall> {
         None
     }

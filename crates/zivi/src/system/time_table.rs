@@ -16,7 +16,7 @@ use crate::{Dependence, Force, LinearForce};
 #[derive(Clone, Debug, PartialEq)]
 pub struct TimeTable {
     knots: Vec<f64>,
-    /// Ordered by interval, then by value, `a_0, a_1, ...`.
+    /// Ordered by interval and value, `a_0, a_1, ...`.
     coefficients: Vec<f64>,
     /// How many coefficients a polynomial has.
     order: usize,

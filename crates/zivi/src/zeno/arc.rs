@@ -14,8 +14,8 @@ pub(crate) struct TailArc {
     pub(crate) u: f64,
     pub(crate) incoming: f64,
     pub(crate) sigma: f64,
-    /// `end - start` with the precision of the speeds: near the end of a long tail, and where `e`
-    /// is near 1, rounding of the times is much of that difference.
+    /// `end - start` with the precision of the speeds: near the end of a long tail and for `e` near
+    /// 1, rounding of the times dominates that difference.
     pub(crate) length: f64,
     /// By how much the accelerations at both ends differ from those of the cubic.
     pub(crate) bends: [f64; 2],

@@ -204,7 +204,7 @@ impl<Z: Coordinates, K: Copy + PartialEq> Chain<Z, K> {
     }
 
     /// The end of the chain, from three impacts on: the entry of the last row of the table with the
-    /// smallest estimated error in the given scales, of the time, then of the state.
+    /// smallest estimated error in the given scales (time, state).
     pub(crate) fn landing(&mut self, scales: &[f64]) -> Option<ExtrapolatedEnd<Z>> {
         let [first, _, .., last] = *self.bounces else { return None };
         let (chosen, powers, _) = self.selection();

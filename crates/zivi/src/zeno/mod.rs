@@ -4,7 +4,7 @@
 //! t_n = t_inf - C_1 e^n - C_2 e^(2n) - ...      z_n = z_inf + Z_1 e^n + Z_2 e^(2n) + ...
 //! ```
 //!
-//! The map from one impact to the next has the multiplier `e` across `u = 0`, where it is the
+//! The map from one impact to the next has the multiplier `e` across `u = 0`, on which it is the
 //! identity: so the powers are known, and extrapolation removes one after the other. This module is
 //! independent of the bouncing system. A mass above a wall has times alone, mechanisms have states
 //! along with them.

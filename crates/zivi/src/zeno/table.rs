@@ -104,7 +104,7 @@ impl<Z: Coordinates> ZenoTable<Z> {
         self.rows.extend_from_slice(row);
     }
 
-    /// Whether the time alone, the first number of the rows, may be known to its scale: if it is not,
+    /// Whether the time alone, the first number of the rows, may be known to its scale: otherwise
     /// no entry of [`Self::landing`] has a size of one or less.
     pub(crate) fn may_land<'r>(
         rows: impl Iterator<Item = &'r f64>,

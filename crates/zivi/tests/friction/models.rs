@@ -17,7 +17,7 @@ pub(crate) struct Row {
     pub(crate) rate: f64,
 }
 
-/// What a system says at a state; limits in slip and in stick.
+/// Values of a system at a state; limits while slipping and sticking.
 pub(crate) struct Parts {
     pub(crate) mass: Vec<f64>,
     pub(crate) force: Vec<f64>,

@@ -67,7 +67,7 @@ fn case(family: &str, random: &mut Random) -> Case {
 
 type Event = (&'static str, usize, i8, f64);
 
-/// What happened, without the impacts before accumulations.
+/// Events without the impacts before accumulations.
 fn events(run: &MechanicalRun<std::convert::Infallible>) -> Vec<Event> {
     let event = |it: &Occurrence| match *it {
         Occurrence::Zeno { t, gap, .. } => Some(("zeno", gap, 0, t)),

@@ -21,7 +21,7 @@ fn numbers(value: &Value) -> Vec<f64> {
     value.as_array().unwrap().iter().map(number).collect()
 }
 
-/// What happened, in which gap or channel, and when.
+/// An event: kind, gap or channel, time.
 type Event = (String, usize, f64);
 
 pub(crate) struct Case {
@@ -65,7 +65,7 @@ pub(crate) fn cases() -> Vec<Case> {
     file["cases"].as_array().unwrap().iter().map(case).collect()
 }
 
-/// What happened. The references list closings through infinitely many impacts only.
+/// Events of a run. The references list closings through infinitely many impacts only.
 fn events(run: &MechanicalRun<Infallible>, e: &[f64]) -> Vec<Event> {
     let slip = |number: i8| match number {
         1 => "slip+",

@@ -109,7 +109,7 @@ fn root(g: f64, v: f64, a: f64) -> f64 {
 /// One gap in an impact: time, gap, speeds before and after, impulse.
 type LocatedEvent = (f64, usize, f64, f64, f64);
 
-/// The impacts up to `END` or the first two within `apart`, and the state at the end if it was reached.
+/// The impacts up to `END` or the first two within `apart`, and the state at the end if reached.
 fn follow(chain: &Chain, apart: f64) -> (Vec<LocatedEvent>, Option<Vec<f64>>) {
     let Chain { system: Linear { mass, gaps, e, q, w }, force } = chain;
     let (n, m) = (mass.len(), gaps.len());
@@ -201,7 +201,7 @@ fn follow_surely(chain: &Chain) -> (Vec<LocatedEvent>, Option<Vec<f64>>) {
     (hits, end.filter(sure))
 }
 
-/// Signs, complementarity and energy of what a run calls impacts.
+/// Signs, complementarity and energy of the impacts of a run.
 fn check_laws(chain: &Chain, run: &MechanicalRun<std::convert::Infallible>, name: &str) {
     let (mut work, mut group, mut lost) = (0.0, 0, 0.0);
     for it in &run.occurrences {

@@ -1,4 +1,4 @@
-//! What a small system does by closed forms: look-ahead, budgets, flags, drift, reactions.
+//! Small systems with closed forms: look-ahead, budgets, flags, drift, reactions.
 
 use std::convert::Infallible;
 

@@ -1,4 +1,4 @@
-//! What is known of impacts and contact without a reference.
+//! Properties of impacts and contact that need no reference.
 
 use std::convert::Infallible;
 

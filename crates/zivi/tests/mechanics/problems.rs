@@ -1,4 +1,4 @@
-//! Runs of the models, and what they share.
+//! Runs of the models with shared helpers.
 
 use std::convert::Infallible;
 

@@ -193,7 +193,7 @@ pub(crate) fn draw(family: &'static str, random: &mut Random) -> Problem {
     Problem { model: family, par: parameters(par), e, q0, w0, t1 }
 }
 
-/// What happens, where gaps that close within a few hundred tolerances of each other close
+/// Events, where gaps that close within a few hundred tolerances of each other close
 /// together: whether one corner or several Zeno points is not determined then.
 fn clusters(events: &[Event], tol: f64) -> Vec<(bool, usize)> {
     let mut all: Vec<(bool, usize)> = Vec::new();

@@ -132,7 +132,8 @@ fn events_of<E>(run: &MechanicalRun<E>) -> Vec<Event> {
     run.occurrences.iter().filter_map(event).collect()
 }
 
-/// Errors of the state at the end and of the Zeno and lift times, in tolerances; or what is wrong.
+/// Errors of the state at the end and of the Zeno and lift times, in tolerances; or a description
+/// of the failure.
 fn errors(case: &Case, order: Order, tol: f64) -> Result<[f64; 3], String> {
     let run = run(case, order, tol);
     if run.status != Status::Completed {

@@ -10,7 +10,7 @@ use zivi_core::SettingError;
 
 const U: usize = 5;
 
-/// What a controller or a force raises here.
+/// Errors of a controller or a force.
 type Raised = &'static str;
 
 struct Nobody;
@@ -124,7 +124,7 @@ fn a_refused_sample_repeats_the_newest_control() {
     assert_eq!(run.columns[U], [0.0; 3]);
 }
 
-/// Free fall from 10 m under held controls: the last period is as long as what is left of the span.
+/// Free fall from 10 m under held controls: the last period has the length of the rest of the span.
 #[test]
 fn the_last_period_ends_with_the_span() {
     let controls = [0.5, -1.0, 2.0];
@@ -167,7 +167,7 @@ fn two_ways_of_moving_agree() {
     assert_eq!(exact.nfev, 1);
 }
 
-/// What a controller is told: the measured state, its model's force there, and the reference's
+/// Inputs of a controller: the measured state, its model's force there, and the reference's
 /// force at the reference; while the true force moves the plant.
 #[test]
 fn a_controller_is_told_of_its_models() {

@@ -1,4 +1,4 @@
-//! Fixed steps put back into their equations, and what is recorded of them.
+//! Residuals of fixed steps in their equations, and their records.
 
 use std::convert::Infallible;
 

@@ -76,7 +76,7 @@ fn what_is_constant_depends_on_time_above_a_moving_wall() {
     assert_eq!(of(&OnMovingWall { force: spring, wall: TABLE }), Dependence::State);
 }
 
-/// What the force or the wall raises arrives.
+/// Errors of the force or the wall are passed on.
 #[test]
 fn errors_pass_through() {
     #[derive(Clone, Copy)]

@@ -8,7 +8,7 @@
 
 use zivi::LinearForce;
 
-/// What happened, in order.
+/// Events in order.
 #[derive(Debug, Default)]
 pub(crate) struct Story {
     /// Time and speed after each impact, down to [`SLOW`].

@@ -1,4 +1,4 @@
-//! Runs that cannot go on: they say why, and what they computed is valid.
+//! Runs that fail: the reason is reported, and their results up to then are valid.
 
 use zivi::{
     simulate_switched_rk, ConstantForce, Failure, Flights, Force, FunctionForce, LinearForce,

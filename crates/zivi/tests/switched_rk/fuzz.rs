@@ -1,4 +1,4 @@
-//! Forces that no one would write: runs end, and what they report is consistent.
+//! Pathological forces: runs end, and their reports are consistent.
 
 use std::convert::Infallible;
 

@@ -1,4 +1,4 @@
-//! Steps onto the wall, and what may not follow from them.
+//! Steps onto the wall and their consequences.
 
 use std::convert::Infallible;
 

@@ -22,7 +22,7 @@ pub struct LoopMember<'r, F> {
     pub observer: Option<ImpactObserver>,
     /// The plant's wall.
     pub restitution: Restitution,
-    /// The forces on the plant, in the controller's model, and on the reference.
+    /// The forces on the plant, in the controller's model and on the reference.
     pub forces: [F; 3],
     /// The plant's initial state.
     pub initial: Physical,

@@ -204,7 +204,7 @@ impl ListedImpacts<'_> {
         self.resolved.iter().filter(|it| -it.xdot_before >= self.speed)
     }
 
-    /// The time of the first (s), NaN without one: it was resolved.
+    /// The time of the first (s), which is a resolved one; NaN without one.
     fn first(&self) -> f64 {
         self.fast().next().map_or(f64::NAN, |it| it.t)
     }

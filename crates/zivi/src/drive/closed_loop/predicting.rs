@@ -51,7 +51,7 @@ pub trait Predictable {
     fn h(&self) -> f64;
     /// The plant's wall.
     fn wall(&self) -> Restitution;
-    /// The state of a measurement, and whether it was clamped to the wall.
+    /// The state of a measurement; true if clamped to the wall.
     ///
     /// # Errors
     /// [`SettingError`] for a sample that is refused.
@@ -132,7 +132,7 @@ impl Predicting<Solved<TwistingRegulator>> {
 }
 
 impl Predicting<Solved<TwistingTracker>> {
-    /// Brings the reference ahead, where it is not yet, under this force (m/s^2).
+    /// Advances the reference under this force (m/s^2), if necessary.
     pub(super) fn bring_ahead(&mut self, force_ref: f64) -> Result<(), SettingError> {
         while self.under_way.due > 0 {
             self.one_ahead(force_ref)?;

@@ -53,7 +53,7 @@ pub struct Moved {
     pub w: Vec<f64>,
     /// Which gaps are closed.
     pub closed: Vec<bool>,
-    /// Whether the motion was computed to its end; otherwise it stops where it was lost.
+    /// Whether the motion was computed to its end; otherwise it stops at the last valid state.
     pub completed: bool,
 }
 

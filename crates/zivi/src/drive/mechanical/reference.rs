@@ -21,8 +21,8 @@ pub struct ReferenceSample<'a> {
     pub contacts: &'a [bool],
     /// Gaps and their rates; without them the controller's own model says.
     pub gaps: Option<(&'a [f64], &'a [f64])>,
-    /// Accelerations of the gaps without the force of their own contact. Without them, or for NaN,
-    /// the difference quotient of the rates.
+    /// Accelerations of the gaps without the force of their own contact. Missing or NaN
+    /// accelerations are replaced by the difference quotient of the rates.
     pub accelerations: Option<&'a [f64]>,
     /// Accelerations of the coordinates without contact forces, 0 without them.
     pub turning: Option<&'a [f64]>,

@@ -143,7 +143,7 @@ fn of_marks(impacts: Vec<Mark>, openings: Vec<Mark>) -> CornerApproach {
     approach
 }
 
-/// However late it is: 1e-6 of the 10 ms since the first impact, not of the time of day.
+/// For any time offset: 1e-6 of the 10 ms since the first impact, independent of the absolute time.
 #[test]
 fn the_time_of_a_corner_is_known_to_the_tolerance_of_the_accumulation() {
     let found = |jitter: f64| {

@@ -124,8 +124,7 @@ impl SmoothMotion {
         self.linear.as_ref().map(|linear| linear.period())
     }
 
-    /// Times (s) from which extrapolated flights are requested, and from which the motion along
-    /// them.
+    /// Times (s) from which extrapolated flights, and the motion along them, are requested.
     pub(super) fn requested_from(&self) -> (f64, f64) {
         (self.steps.dense_from(), self.drawn_from)
     }
@@ -649,7 +648,7 @@ impl<D> Flying<'_, '_, D> {
 impl<D> Flying<'_, '_, D> {
     /// Whether the step overlooks something that lies between its stages, and by which factor it
     /// is to be shortened then; `contact` tells the gap that closes in it. The gaps that are
-    /// integrated must be those of their functions at its end, and where a step may be a whole arc,
+    /// integrated must be those of their functions at its end, and if a step may be a whole flight,
     /// the equation of motion must hold at the apex.
     fn missed_events<E>(&mut self, contact: Option<usize>) -> Result<Option<f64>, Failure<E>>
     where
@@ -735,9 +734,9 @@ const GAUSS: [(f64, f64); 5] = [
 
 impl<D> Flying<'_, '_, D> {
     /// How far the polynomials of the last step move along the directions in which it sticks, by
-    /// channel: `int B q' + beta dt`, which should be nothing. Empty for constant gradients and
-    /// walls at rest, where the accelerations keep the step on the manifold, and for a step of zero
-    /// length.
+    /// channel: `int B q' + beta dt`, which should be nothing. Empty for steps of zero length, and
+    /// for constant gradients with walls at rest, whose accelerations keep the step on the
+    /// manifold.
     fn drift<E>(&mut self) -> Result<Vec<f64>, Failure<E>>
     where
         D: Dynamics<E>,

@@ -411,7 +411,7 @@ pub(super) struct Rough {
     pub(super) row: usize,
     /// The coefficients in slip and in stick.
     pub(super) mu: (f64, f64),
-    /// The sign of a continuing slip, zero if it is to be determined.
+    /// The sign of a continuing slip, zero if undetermined.
     pub(super) slip: f64,
 }
 

@@ -256,9 +256,9 @@ impl Collision<'_> {
         each.collect()
     }
 
-    /// How far the velocities are from what a pattern asks, `unpushed + R push = 0` in its rows: where these
-    /// depend on each other, there may be none. A disc that the floor throws up along a wall cannot stick to
-    /// both.
+    /// Distance of the velocities from the conditions of a pattern, `unpushed + R push = 0` in its
+    /// rows, which may be inconsistent for dependent rows. A disc that the floor throws up along a
+    /// wall cannot stick to both.
     pub(super) fn misfit(
         &self,
         pattern: ContactMode,

@@ -224,7 +224,7 @@ impl Drives {
         }
     }
 
-    /// Each drive with that of others, and where its numbers begin.
+    /// Each excitation with its counterpart, and the start of its numbers.
     fn pairs<'a>(
         &'a self,
         other: &'a Self,

@@ -49,7 +49,7 @@ pub(in crate::mechanics) struct Pull {
 /// A flight of several steps, given one by one.
 #[derive(Clone, Copy, Debug)]
 struct SeveralSteps {
-    /// The step that comes next, and where it begins.
+    /// The next step and its start.
     step: usize,
     from: Point,
     end: Point,
@@ -93,7 +93,7 @@ impl OneCoordinate {
         self.gaps.iter().filter_map(of).fold(f64::INFINITY, f64::min)
     }
 
-    /// The gap whose flight that of the coordinate is: one that is at its wall if there is any.
+    /// The gap whose flight determines the coordinate, preferably one at its wall.
     pub(super) fn lead(&mut self, state: &MechanicalState) -> usize {
         if let Some(hit) = (0..self.gaps.len()).find(|&i| state.gap(i).0 == 0.0) {
             self.lead = hit;

@@ -129,7 +129,7 @@ impl ParameterVariation {
 }
 
 impl LinearFlight {
-    /// Moves the derivatives of coordinates and gaps, `x`, and of their rates, `v`, over a
+    /// Propagates the derivatives `x` of coordinates and gaps and `v` of their rates over a
     /// completed step, with respect to a parameter if given.
     pub(in crate::mechanics) fn differentiate<E>(
         &mut self,

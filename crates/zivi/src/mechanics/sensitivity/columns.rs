@@ -402,8 +402,8 @@ impl Local {
         Ok(self.kinetics.solved()[..set.len()].to_vec())
     }
 
-    /// Equations (1) for the mode in which the kinetics were last evaluated: the derivatives of the
-    /// accelerations of coordinates and gaps, and of the forces by gap.
+    /// Equations (1) for the mode of the last kinetics: derivatives of the accelerations of
+    /// coordinates and gaps and of the forces by gap.
     pub(super) fn acceleration<E>(
         &mut self,
         closed: GapSet,

@@ -25,7 +25,7 @@ pub(super) struct MechanicalState {
     is_known: bool,
     /// Whether the gaps are as an impact left them: they stay so.
     is_struck: bool,
-    /// The mechanics where they were evaluated last: here, or at a stage of a step from here.
+    /// The kinetics of the last evaluation, here or at a stage of a step from here.
     kinetics: Kinetics,
 }
 
@@ -61,8 +61,8 @@ impl MechanicalState {
         }
     }
 
-    /// Starts where the gaps are open, or closed to rounding: that of the coordinates and velocities, or of
-    /// their units.
+    /// Starts with gaps open or closed to rounding, relative to the coordinates and velocities or
+    /// to their units.
     pub(super) fn start<E, D: Dynamics<E>>(
         &mut self,
         t: f64,
@@ -167,7 +167,7 @@ impl MechanicalState {
         &self.slope
     }
 
-    /// Contact forces by gap, and of friction by channel, where they are known.
+    /// Contact forces by gap and friction forces by channel, if known.
     pub(super) fn lambda(&self) -> &[f64] {
         &self.lambda
     }
@@ -231,8 +231,8 @@ impl MechanicalState {
         self.kinetics.evaluate(model, self.now.t, &self.now.x[..n], &self.now.xdot[..n])
     }
 
-    /// The same without quantities for forces only, and for a linear system without the values of
-    /// the gaps.
+    /// The same without quantities for forces only; a linear system also omits the values of the
+    /// gaps.
     pub(super) fn evaluate_walls<E, D: Dynamics<E>>(
         &mut self,
         model: &mut Model<'_, D>,
@@ -540,8 +540,8 @@ impl MechanicalState {
         Ok(())
     }
 
-    /// Moves the time on by a length that was flown, or to `t_end` where the flight arrives there; the
-    /// state is that at its end.
+    /// Advances the time by the length of a flight (to `t_end` if `arrives`) whose end is the
+    /// state.
     pub(super) fn pass(&mut self, (length, t_end): (f64, f64), arrives: bool) {
         self.now.pass(length);
         if arrives || self.now.t > t_end {

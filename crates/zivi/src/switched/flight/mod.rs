@@ -22,7 +22,7 @@ pub(crate) use series::Arrival;
 /// Steps of power series that are taken in one go where nobody samples their ends.
 const AT_ONCE: usize = 1000;
 
-/// The flights of a run: by steps of an embedded pair, or by power series under a linear force.
+/// Flights of a run: steps of an embedded pair; power series for a linear force.
 #[derive(Clone, Debug)]
 pub(super) struct FreeFlight {
     pair: PairSteps,

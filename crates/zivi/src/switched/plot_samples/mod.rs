@@ -85,7 +85,7 @@ impl PlotSamples {
     /// Those of a motion and of the ends of its steps: their times and positions.
     ///
     /// # Errors
-    /// There is no room for them, or for the arrays that are made of them.
+    /// There is no room for them or for arrays made from them.
     pub(super) fn of(path: &DensePath, steps: [&[f64]; 2]) -> Result<Self, TryReserveError> {
         let mut share = 1.0;
         let all = loop {

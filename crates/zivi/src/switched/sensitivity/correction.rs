@@ -63,7 +63,7 @@ pub enum NotCorrected<E> {
 /// request with the derivative with respect to the parameter, period included.
 ///
 /// # Errors
-/// Errors of the equations, a singular system, too many evaluations.
+/// An error of the equations; a singular system; too many evaluations.
 pub fn correct<E>(
     plane: Hyperplane<'_>,
     limits: Limits,

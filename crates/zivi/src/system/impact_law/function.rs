@@ -1,6 +1,6 @@
 //! A coefficient of restitution that is a function of the speed.
 //!
-//! For `e = 1 - x(v)` with `x ~ c v^p`, `0 < p < 1`, as for viscoelastic spheres with `p = 1/5`
+//! For `e = 1 - x(v)` with `x ~ c v^p`, `0 < p < 1` (viscoelastic spheres have `p = 1/5`)
 //! (Schwager and Poschel, Phys. Rev. E 57, 1998), speeds fall as `n^(-1/p)`. They have the sum
 //!
 //! ```text

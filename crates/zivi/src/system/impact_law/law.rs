@@ -56,7 +56,7 @@ pub trait ImpactLaw: Clone {
         None
     }
 
-    /// The coefficient of restitution if it is independent of the speed.
+    /// The coefficient of restitution, if independent of the speed.
     fn constant(&self) -> Option<Restitution> {
         None
     }

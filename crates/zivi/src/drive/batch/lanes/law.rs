@@ -154,7 +154,7 @@ impl<F: Force<Stopped>> OneByOne<F> {
         !rests && self.ended.is_none()
     }
 
-    /// The step after `k` that is not everyday; `None` if there is none; the mass stops.
+    /// The step after `k` that is not everyday; `None` without one; the mass stops.
     #[cold]
     #[inline(never)]
     pub(super) fn step(&mut self, z: Lifted, k: usize, (t, t_next): (f64, f64)) -> Option<Lifted> {

@@ -91,7 +91,7 @@ struct MoreauOneByOne<F> {
 }
 
 impl<F: Force<Stopped>> MoreauOneByOne<F> {
-    /// The step after `k` that is not everyday; the mass stays where there is none, and stops.
+    /// The special step after `k`; the mass stops if the step has no solution.
     #[cold]
     #[inline(never)]
     fn step(&mut self, from: Physical, k: usize, times: (f64, f64), h: f64) -> Physical {
@@ -194,7 +194,7 @@ impl MoreauLanes {
         run.mover.scheme.largest = self.largest[i];
     }
 
-    /// Keeps the samples after `k` steps, if they are kept.
+    /// Stores the samples after `k` steps, if requested.
     fn sample<F>(&self, runs: &mut [MoreauOneByOne<F>], (every, k): (usize, usize)) {
         if every > 0 && k % every == 0 {
             for (i, run) in runs.iter_mut().enumerate().filter(|(_, run)| run.ended.is_none()) {

@@ -325,7 +325,7 @@ impl SeriesFlight {
         [FlightPart { length: 1.0, ..part }, part].map(|part| part.powers(&self.table))
     }
 
-    /// The last segment, if it is a single step.
+    /// The last segment, if a single step.
     #[inline(always)]
     pub(crate) fn alone(&self) -> Option<(f64, FlightPart)> {
         let FlownSteps { from, start, known, step } = &self.piece;
@@ -439,8 +439,8 @@ mod tests {
         Point { t, late: 0.0, x: 0.0, xdot: 0.0 }
     }
 
-    /// When a force that depends on time alone becomes positive: immediately, or on its next rise
-    /// within a period, by small steps and bisection.
+    /// When a force that depends on time alone becomes positive: immediately or on its next rise
+    /// within a period; found by small steps and bisection.
     fn rises(force: impl Fn(f64) -> f64, t0: f64, period: f64) -> Option<f64> {
         const STEPS: u32 = 20_000;
         if force(t0) > 0.0 {

@@ -99,8 +99,7 @@ pub(crate) fn polished(q: &Series, guess: f64, is_last: impl Fn(f64, f64) -> boo
 /// q = a/s = a_1 + a_2 s + ...,    s (sum_(n>=3) (n - 1) |a_n| s^(n-3)) <= |a_2|/5 at 1.3 s_0
 /// ```
 ///
-/// with `s_0 = -a_1/a_2`: `q` decreases by at least `0.8 |a_2|` up to this point, where it is
-/// negative.
+/// with `s_0 = -a_1/a_2`: `q` decreases by at least `0.8 |a_2|` up to this point, at which `q < 0`.
 #[inline(always)]
 pub(super) fn of_short_arc(a: &[f64; SHORT], beyond: f64) -> Option<SeriesRoot> {
     const FARTHER: f64 = 1.3;

@@ -44,7 +44,8 @@ impl Step {
 
     /// The next step of a flight, at most `left` long: many at once where they stay far from the
     /// wall and `far` allows it, else one, or the part of one up to the wall. The first `known`
-    /// derivatives of the position are zero at its start. `outlook` is what [`StepAhead::of`] says of it.
+    /// derivatives of the position are zero at its start. `outlook` is the result of
+    /// [`StepAhead::of`].
     #[inline(always)]
     pub(super) fn with_waves<const W: usize>(
         table: &Table,

@@ -111,7 +111,7 @@ impl Table {
         Self { law, h, n_waves, series, screens, beyond, off_cubic, turns, leaps, levels }
     }
 
-    /// The table of a law, one of those of the last flights on this thread if it is among them.
+    /// The table of a law, cached for the last flights on this thread.
     /// Runs under the same law share one table, even if they differ in initial states or alternate
     /// between a few parameter values.
     pub(crate) fn shared(law: Law) -> Arc<Self> {
