@@ -249,7 +249,7 @@ zivi.sensitivity(BALL) | write zivi.sensitivity(system, (0, 1), (x0, xdot0)
 zivi.sensitivity(BALL, SPAN, START, ("gravity",)) | the one parameter force: zivi.LinearForce
 zivi.sensitivity(BALL, SPAN, START, ("x_0",)) | did you mean 'x0'?
 zivi.sensitivity(MASS, SPAN, ([1.0], [0.0]), ("qdot_0",)) | did you mean 'qdot0'?
-zivi.sensitivity(MASS, SPAN, ([1.0], [0.0]), ("m",)) | this system has no parameters
+zivi.sensitivity(MASS, SPAN, ([1.0], [0.0]), ("m",)) | this system does not have named parameters
 zivi.periodic_orbit(BALL) | write zivi.periodic_orbit(system, (0, (x0, xdot0)))
 zivi.continue_orbit(BALL) | write zivi.continue_orbit(orbit, "amplitude", (1.0, 1.8))
 zivi.bifurcation_diagram(BALL) | write zivi.bifurcation_diagram(system, "amplitude", values)

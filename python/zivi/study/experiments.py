@@ -26,7 +26,7 @@ _registered = registered  # stored studies are known by the text of their experi
 def ball_rest_time(
     e: float = 0.5, x0: float = 1.0, v0: float = 0.0, g: float = 9.81, h: float = 0.0
 ) -> dict[str, float]:
-    r"""Simulate a bouncing ball until it rests.
+    r"""Let a ball bounce until it rests.
 
     .. math:: t_Z = \frac{v_0 + V}{g} + \frac{2 e V}{g (1 - e)}, \quad V^2 = v_0^2 + 2 g x_0
 
@@ -81,9 +81,9 @@ def table_period(
     longest: int = 16,
     tolerance: float = 1e-5,
 ) -> dict[str, float]:
-    r"""Simulate a ball on a table :math:`a \sin \omega t` and find the period of its motion.
+    r"""Let a ball bounce on a table :math:`a \sin \omega t` and find the period of its motion.
 
-    It starts near the orbit of period 1, which is stable for
+    It starts on the orbit of period 1, slightly beside it, which is stable for
 
     .. math:: \pi \frac{1-e}{1+e} < \Gamma < \sqrt{\pi^2 \left(\frac{1-e}{1+e}\right)^2
         + \frac{4 (1+e^2)^2}{(1+e)^4}}, \quad \Gamma = a \omega^2 / g
@@ -99,9 +99,9 @@ def table_period(
     g : float
         Gravity, > 0 (m/s^2).
     transient : int
-        Transient periods of the table, which are discarded, >= 0.
+        Periods of the table that are not looked at, >= 0.
     longest : int
-        Longest period to detect, in periods of the table, >= 1.
+        Longest period that is looked for, in periods of the table, >= 1.
     tolerance : float
         How far from itself a motion may be after a period: velocities in units of
         ``g`` times the period of the table, positions in units of ``g`` times its square.
@@ -109,7 +109,7 @@ def table_period(
     Returns
     -------
     dict
-        ``period`` in periods of the table (NaN if longer than `longest`), ``impacts`` in
+        ``period`` in periods of the table (NaN if there is none up to `longest`), ``impacts`` in
         `longest` of them, ``speed``, the largest relative speed after an impact (m/s), and
         ``sticks``, whether the ball came to rest on the table.
 
