@@ -42,7 +42,7 @@ from zivi.simulation.run import pair
 from zivi.simulation.run_result import as_raised, with_partial
 from zivi.simulation.trajectory import describe
 from zivi.system.kicks import kicks_table
-from zivi.system.mechanism import ControlInputs, MechanicalSystem, Model
+from zivi.system.mechanism import ControlInputs, MechanicalSystem, Model, check_planar
 from zivi.system.start import check_start
 
 if TYPE_CHECKING:
@@ -258,6 +258,7 @@ def simulate_mechanical(
     q, qdot = state_of(y0, system._n)
     part, chosen = check_slowest(slowest), read_plant_method(method)
     check_friction(system, chosen[0])
+    check_planar(system, "simulate_closed_loop")
     model, times = system.model(len(q)), _zivi.grid_times(*span, h, 1)
     check_start(system, model, span, q, qdot)
     inputs = system.control_inputs(q)

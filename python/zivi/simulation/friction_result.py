@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+import math
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -82,6 +83,13 @@ class FrictionSamples:
     dissipated: Array
     transitions: Rows
 
+    @property
+    def rows(self) -> tuple[int | None, ...]:
+        """The number of the direction of each channel, of a gap with two."""
+        several = [gap is not None and self.gaps.count(gap) > 1 for gap in self.gaps]
+        first = [self.gaps.index(gap) for gap in self.gaps]
+        return tuple(c - first[c] if two else None for c, two in enumerate(several))
+
 
 def friction_samples(
     record: _zivi.FrictionRecord | None, channels: tuple[Channel, ...]
@@ -91,7 +99,7 @@ def friction_samples(
         return None
     columns = {name: getattr(record, f"transition_{name}") for name in TRANSITIONS}
     return FrictionSamples(
-        names=tuple(channel.name for channel in channels),
+        names=tuple(channel.label for channel in channels),
         gaps=tuple(channel.gap for channel in channels),
         slips=record.slips,
         slip_distances=record.slip_distances,
@@ -117,10 +125,19 @@ def impacts_with(
     places = {key: i for i, key in enumerate(known)}
     told = zip(record.tangential_group.tolist(), record.tangential_channel.tolist(), strict=True)
     at = [places[group, channels[channel].gap] for group, channel in told]
-    more["tangential_impulse"][at] = record.tangential_impulse
-    more["slip_before"][at] = record.tangential_slip_before
-    more["slip_after"][at] = record.tangential_slip_after
     more["sticks"][at] = record.tangential_sticks
+    rows = [channels[channel].row for channel in record.tangential_channel.tolist()]
+    for name, values in (
+        ("tangential_impulse", record.tangential_impulse),
+        ("slip_before", record.tangential_slip_before),
+        ("slip_after", record.tangential_slip_after),
+    ):
+        into = more[name]
+        for place, row, value in zip(at, rows, values.tolist(), strict=True):
+            # of two directions, which follow each other, the size
+            into[place] = math.hypot(into[place], value) if row else value
+            if row == 0:
+                into[place] = abs(value)
     return columns | more
 
 
@@ -152,6 +169,21 @@ class FrictionRun:
     def slips(self) -> Array:
         """Slip speeds, shape (k, p); exactly 0 in stick."""
         return self._rubbed("slips")  # type: ignore[no-any-return]
+
+    @property
+    def slip_directions(self) -> Array:
+        """Directions of slip, shape (k, p); 0 where nothing slips.
+
+        Of a gap with two tangents the components of the unit vector, in a channel of its own the
+        sign.
+        """
+        sizes = np.abs(self.slips)
+        channels = () if self._friction is None else self._friction.rows
+        for c, row in enumerate(channels):
+            if row == 0:
+                sizes[:, c] = sizes[:, c + 1] = np.hypot(sizes[:, c], sizes[:, c + 1])
+        slipping = (np.abs(self.modes) == 1) & (sizes > 0.0)
+        return np.divide(self.slips, sizes, out=np.zeros_like(sizes), where=slipping)
 
     @property
     def slip_distances(self) -> Array:

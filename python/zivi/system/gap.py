@@ -271,11 +271,19 @@ class Channel:
         The number of its gap, None for a joint.
     e_t : float
         Tangential restitution.
+    row : int or None
+        The number of the direction, of a gap with two.
     """
 
     name: str
     gap: int | None
     e_t: float = 0.0
+    row: int | None = None
+
+    @property
+    def label(self) -> str:
+        """The name in tables: with the number of the row for a gap with two directions."""
+        return self.name if self.row is None else f"{self.name}[{self.row}]"
 
 
 @hinted("DryFriction")
@@ -397,8 +405,8 @@ def slip_of_gap(
     curvature: Any,
     coefficients: tuple[Any, Any],
     belt: Any = None,
-) -> Slip | None:
-    """Read the friction of a gap, None without; an error names the argument and the gap.
+) -> tuple[Slip, ...]:
+    """Read the directions of friction of a gap; an error names the argument and the gap.
 
     Parameters
     ----------
@@ -418,9 +426,80 @@ def slip_of_gap(
         for name, value in others.items():
             if value is not None:
                 raise ValueError(f"{name} of {called} needs a tangent, the direction of slip")
-        return None
+        return ()
     if mu is None:
         raise ValueError(f"mu of {called} must be given: it has a tangent")
+    if isinstance(mu, list | tuple | np.ndarray):
+        raise ValueError(
+            f"mu of {called} must be one number for all directions, got {mu!r}: coefficients that "
+            "depend on the direction are not supported"
+        )
+    if _is_pair(tangent):
+        return _cone(called, tangent, velocity, curvature, coefficients, belt)
+    return (_slip_along(called, tangent, velocity, curvature, coefficients, belt),)
+
+
+def _is_pair(tangent: Any) -> bool:
+    """Whether two directions are given: an array of two rows, or a pair of functions."""
+    if callable(tangent):
+        return False
+    if isinstance(tangent, list | tuple) and len(tangent) == 2 and all(map(callable, tangent)):
+        return True
+    return np.ndim(tangent) == 2 and len(tangent) == 2
+
+
+def _cone(
+    called: str,
+    tangent: Any,
+    velocity: Any,
+    curvature: Any,
+    coefficients: tuple[Any, Any],
+    belt: Any,
+) -> tuple[Slip, ...]:
+    """Read friction in two directions: each argument has two entries."""
+    if callable(coefficients[0]):
+        raise ValueError(
+            f"mu of {called} must be a number: a function of the speed is not supported with two "
+            "tangents; use mu and mu_static"
+        )
+
+    size = 3 if callable(tangent[0]) else np.shape(tangent)[1]
+    if size < 3:
+        raise ValueError(
+            f"tangent of {called} must be one vector of shape ({size},), got two: with the "
+            "gradient they need three coordinates"
+        )
+
+    def entry(name: str, given: Any, i: int) -> Any:
+        if given is None:
+            return None
+        if not isinstance(given, list | tuple | np.ndarray) or len(given) != 2:
+            raise ValueError(f"{name} of {called} must be a pair, one for each tangent")
+        return given[i]
+
+    return tuple(
+        _slip_along(
+            called,
+            tangent[i],
+            entry("tangent_velocity", velocity, i),
+            entry("tangent_curvature", curvature, i),
+            coefficients,
+            entry("belt", belt, i),
+        )
+        for i in range(2)
+    )
+
+
+def _slip_along(
+    called: str,
+    tangent: Any,
+    velocity: Any,
+    curvature: Any,
+    coefficients: tuple[Any, Any],
+    belt: Any,
+) -> Slip:
+    """Read one direction of friction of a gap."""
+    mu, mu_static = coefficients
     row = _row(f"tangent of {called}", tangent)
     rate: Part
     rate, k, motion = np.zeros(()), None, None
@@ -449,8 +528,8 @@ def _row(name: str, given: Any) -> Part:
     row = np.atleast_1d(read)
     if row.ndim != 1:
         raise ValueError(
-            f"{name} must be one vector of shape (n,), got shape {row.shape}: friction is planar, "
-            "one tangential direction a gap"
+            f"{name} must be one vector of shape (n,), or two in an array of shape (2, n), got "
+            f"shape {row.shape}"
         )
     if not np.any(row):
         raise ValueError(f"{name} must not be zero, got {row.tolist()}")
@@ -771,12 +850,14 @@ class Gap(Unchanging):
     tangent : callable or array_like, optional
         With friction: the direction :math:`B` of slip, of shape (n,), as ``(t, q)`` or an array,
         on the scale of the gap: of a distance, the unit tangent. The slip speed is
-        :math:`w = B \dot q + \beta`.
+        :math:`w = B \dot q + \beta`. Two directions at right angles, an array of shape (2, n) or a
+        pair of functions, make Coulomb's cone of a body in space.
     tangent_velocity : callable, float or None
-        ``(t, q)`` to :math:`\beta`, minus the speed of a belt; by default 0.
+        ``(t, q)`` to :math:`\beta`, minus the speed of a belt; by default 0. With two tangents a
+        pair.
     tangent_curvature : callable, float or None
         ``(t, q, qdot)`` to the number :math:`k`, what :math:`\dot w` is without acceleration; by
-        default it is differenced.
+        default it is differenced. With two tangents a pair.
     mu : float or callable
         Coefficient of friction, >= 0, or ``mu(speed)`` of the slip speed >= 0. With 0 the gap is
         one without friction.
@@ -874,14 +955,21 @@ class Gap(Unchanging):
         coefficients = given["mu"], given["mu_static"]
         velocity, curvature = given.get("tangent_velocity"), given.get("tangent_curvature")
         tangent = given["tangent"]
-        self._slip = slip_of_gap(called, tangent, velocity, curvature, coefficients, belt)
+        self._slips = slip_of_gap(called, tangent, velocity, curvature, coefficients, belt)
+        self._directions_known = False
         self._e_t = tangential_restitution(called, given["e_t"])
+        if len(self._slips) > 1 and (self._e_t or self._contact is not None):
+            name, value = ("e_t", self._e_t) if self._e_t else ("contact", self._contact)
+            raise ValueError(
+                f"{name} of {called} is not supported with two tangents, got {value!r}; use a "
+                "rigid gap with e_t=0, or one tangent"
+            )
         if tangent is None and self._e_t:
             raise ValueError(f"e_t of {called} needs a tangent, the direction of slip")
         if self._contact is not None and self._e_t:
             raise ValueError(f"e_t of {called} must be 0: a compliant gap does not have impacts")
-        if self._slip is not None and self._slip.is_smooth() and self._e_t == 0.0:
-            self._slip = None
+        if all(slip.is_smooth() for slip in self._slips) and self._e_t == 0.0:
+            self._slips = ()
         self._friction = {} if tangent is None else {k: own(it) for k, it in given.items()}
 
     @property
@@ -893,6 +981,28 @@ class Gap(Unchanging):
     def contact(self) -> ContactLaw | None:
         """The law of the contact force of a compliant gap, None of a rigid one."""
         return self._contact
+
+    def _know_directions(self, n: int) -> None:
+        """Read how many directions a tangent gives that is a function of `n` coordinates."""
+        tangent = self._friction.get("tangent")
+        if not self._slips or self._directions_known or not callable(tangent):
+            return
+        if isinstance(tangent, Compiled) or isinstance(self._slips[0].direction, Compiled):
+            return
+        self._directions_known = True
+        try:
+            shape = np.shape(tangent(0.0, np.zeros(n)))
+        except Exception:  # a function that has no value there gives one direction
+            return
+        if shape == (2, n):
+            given: dict[str, Any] = dict(self._friction)
+            given["tangent"] = [
+                lambda t, q: np.asarray(tangent(t, q), dtype=np.float64)[0],
+                lambda t, q: np.asarray(tangent(t, q), dtype=np.float64)[1],
+            ]
+            called = "gap" if self._name is None else f"gap {self._name!r}"
+            self._rub(given, called, given.get("belt"))
+            self._friction["tangent"] = tangent
 
     def _parts(self) -> tuple[Part, Part, Part, Part]:
         """Return value, gradient, curvature and rate."""
@@ -935,11 +1045,13 @@ class LinearGap(Gap):
     name : str, optional
         As for `Gap`.
     tangent : array_like, optional
-        With friction: the direction of slip, of shape (n,).
+        With friction: the direction of slip, of shape (n,), or two at right angles, of shape
+        (2, n).
     mu, mu_static, e_t, contact
         As for `Gap`.
     belt : float, HarmonicWall or MovingWall
-        The speed of the surface along the tangent, or its motion; by default it does not move.
+        The speed of the surface along the tangent, or its motion; by default it does not move. With
+        two tangents a pair.
 
     Raises
     ------

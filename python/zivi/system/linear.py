@@ -526,7 +526,7 @@ def _linear_gaps(gaps: Any) -> tuple[LinearGap, ...]:
     for i, gap in enumerate(several):
         if not isinstance(gap, LinearGap):
             raise TypeError(f"gaps[{i}] must be a zivi.LinearGap, got {gap!r}")
-        if gap._slip is not None:
+        if gap._slips:
             raise NotImplementedError(
                 f"gaps[{i}] must be without friction; use a zivi.MechanicalSystem for friction"
             )

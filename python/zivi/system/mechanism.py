@@ -60,8 +60,10 @@ __all__ = [
     "Model",
     "as_mechanism",
     "check_compliant",
+    "check_cones",
     "check_mass",
     "check_names",
+    "check_planar",
     "check_rigid",
     "check_size",
     "control_inputs",
@@ -151,6 +153,28 @@ def check_rigid(system: MechanicalSystem, what: str) -> None:
             f"{what} take rigid gaps, got gap {system.gap_names[i]!r} with a contact law: use "
             "zivi.simulate, or a batch of runs"
         )
+
+
+def check_cones(system: MechanicalSystem) -> None:
+    """Raise a ValueError for choices that friction in two directions does not have."""
+    name = next((it.name for it in system._channels if it.row is not None), None)
+    chosen = {"impact_law": (system.impact_law, "newton"), "paradox": (system.paradox, "stop")}
+    for argument, (value, known) in chosen.items():
+        if name is not None and value != known:
+            raise ValueError(
+                f"{argument} must be {known!r} with two tangents, which gap {name!r} has, got "
+                f"{value!r}"
+            )
+
+
+def check_planar(system: MechanicalSystem, what: str) -> None:
+    """Raise a NotImplementedError for gaps with two tangents, which `what` does not take."""
+    for channel in system._channels:
+        if channel.row is not None:
+            raise NotImplementedError(
+                f"gap {channel.name!r} has two tangents, which {what} does not take; use "
+                "zivi.simulate with zivi.SwitchedRK, or one tangent"
+            )
 
 
 def check_compliant(e: Any, laws: Sequence[ContactLaw | None], names: Sequence[str]) -> None:
@@ -453,10 +477,13 @@ class MechanicalSystem:
         check_compliant(e, self._contact_laws(), self._gap_names)
         self._joints = joints_of(friction)
         self._channels = self._rubbing()
+        self._n = self._known_size()
+        if self._n is not None:
+            self._know_directions(self._n)
         self._impact_law = one_of("impact_law", impact_law, IMPACT_LAWS)
         self._paradox = one_of("paradox", paradox, PARADOXES)
         self._reentrant = switch("reentrant", reentrant)
-        self._n = self._known_size()
+        check_cones(self)
         self._coordinates = coordinates_of(coordinates, self._n)
 
     if not TYPE_CHECKING:  # which would take any name for granted
@@ -491,10 +518,22 @@ class MechanicalSystem:
                 )
         return sizes[0][1] if sizes else None
 
+    def _know_directions(self, n: int) -> None:
+        """Read how many directions the tangents give that are functions of `n` coordinates."""
+        before = [len(gap._slips) for gap in self._gaps]
+        for gap in self._gaps:
+            gap._know_directions(n)
+        if [len(gap._slips) for gap in self._gaps] != before:
+            self._channels = self._rubbing()
+
     def _rubbing(self) -> tuple[Channel, ...]:
         """List the friction channels: first gaps, then joints."""
         named = zip(self._gap_names, self._gaps, strict=True)
-        found = [Channel(name, i, gap._e_t) for i, (name, gap) in enumerate(named) if gap._slip]
+        found = [
+            Channel(name, i, gap._e_t, row if len(gap._slips) > 1 else None)
+            for i, (name, gap) in enumerate(named)
+            for row in range(len(gap._slips))
+        ]
         found += [
             Channel(joint.name or f"friction{i}", None) for i, joint in enumerate(self._joints)
         ]
@@ -510,7 +549,7 @@ class MechanicalSystem:
 
     def _slips(self) -> list[Slip]:
         """Return the parts of the channels of friction."""
-        of_gaps = [gap._slip for gap in self._gaps if gap._slip is not None]
+        of_gaps = [slip for gap in self._gaps for slip in gap._slips]
         return [*of_gaps, *(joint._slip for joint in self._joints)]
 
     def _directions(self) -> list[Part]:
@@ -524,7 +563,7 @@ class MechanicalSystem:
     @property
     def channel_names(self) -> tuple[str, ...]:
         """Names of the channels of friction: gaps with friction by their names, then joints."""
-        return tuple(channel.name for channel in self._channels)
+        return tuple(channel.label for channel in self._channels)
 
     @property
     def impact_law(self) -> str:
@@ -597,6 +636,8 @@ class MechanicalSystem:
                 raise ValueError(f"q0 must have {self._n} entries, got {n}")
             if not 1 <= n <= MAX_SIZE:
                 raise ValueError(f"q0 must have from 1 to {MAX_SIZE} entries, got {n}")
+            self._know_directions(n)
+            check_cones(self)
             model, friction = self._new_model(n), self._friction_spec()
             if friction is not None:
                 model = dataclasses.replace(model, friction=friction)

@@ -109,7 +109,7 @@ impl Accumulation {
             Some(key) => zeno = chain.note((key, pull), &mut at)?,
             None => chain.clear(),
         }
-        match struck.is_slow {
+        match struck.is_slow && !at.state.kinetics().has_cones() {
             true => corner.note(struck, at.state),
             false => corner.clear(),
         }

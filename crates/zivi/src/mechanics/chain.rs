@@ -121,6 +121,7 @@ impl ImpactChain {
         let (x, v) = self.z.split_at(self.z.len() / 2);
         let aside = &mut *at.aside;
         aside.evaluate(at.model, t, &x[..n], &v[..n])?;
+        aside.turn(&at.state.now().xdot[n..]);
         let g = if key.flight == ContactMode::default() && key.hit.only().is_some() {
             -aside.b(first)
         } else {
@@ -531,6 +532,7 @@ fn probe<E, D: Dynamics<E>>(
     let t = arcs.after(part, [&mut x, &mut v, &mut a]).unwrap_or(arcs.end);
     let n = at.aside.coordinates();
     at.aside.evaluate(at.model, t, &x[..n], &v[..n])?;
+    at.aside.turn(&v[n..]);
     at.aside.contact(mode)?;
     Ok(Probe { t, part, v, a })
 }
@@ -580,6 +582,7 @@ impl<E, D: Dynamics<E>> Force<E> for AlongArcs<'_, '_, D> {
             Err(Failure::Status(_)) => return Ok(f64::NAN),
             Ok(()) => (),
         }
+        self.kinetics.turn(&self.v[self.n..]);
         Ok(match self.kinetics.contact(self.mode) {
             Ok(()) => self.kinetics.acceleration[self.component],
             Err(_) => f64::NAN,
@@ -721,6 +724,85 @@ mod tests {
                 let order = (errors[0][of] / errors[1][of]).log2();
                 assert!((order - 2.0).abs() < 0.05, "{mu} {slip} {of}: {order} {errors:?}");
             }
+        }
+    }
+
+    /// A particle that slides in the paraboloid `z = (x^2 + y^2)/2`, with drag along `x`.
+    struct Dish(Friction);
+
+    impl Dynamics<Infallible> for Dish {
+        fn layout(&self) -> Layout {
+            Layout { n: 3, m: 1, p: 2 }
+        }
+
+        fn friction(&self) -> &Friction {
+            &self.0
+        }
+
+        fn evaluate(
+            &mut self,
+            _: f64,
+            q: &[f64],
+            w: &[f64],
+            out: &mut [f64],
+        ) -> Result<(), Infallible> {
+            let ([x, y, z], [u, v, r]) = ([q[0], q[1], q[2]], [w[0], w[1], w[2]]);
+            out.fill(0.0);
+            (out[0], out[4], out[8]) = (1.0, 1.2, 1.5);
+            out[9..12].copy_from_slice(&[-0.4 * u - 2.0 * x, 1.0 - y, -9.81 - 0.3 * r]);
+            out[12] = z - 0.5 * (x * x + y * y);
+            out[13..22].copy_from_slice(&[-x, -y, 1.0, 1.0, 0.0, x, 0.0, 1.0, y]);
+            out[22..25].copy_from_slice(&[-u * u - v * v, u * r, v * r]);
+            out[28..32].fill(0.3);
+            Ok(())
+        }
+    }
+
+    #[test]
+    fn the_first_column_is_of_the_second_order_where_the_slip_turns() {
+        let channels = vec![Channel { gap: Some(0), e_t: 0.0 }; 2];
+        let friction = Friction { channels, ..Friction::default() };
+        let mut dish = Dish(friction.clone());
+        let (q, tight) = ([0.5, 0.3, 0.17], 1e-13);
+        let settings = SwitchedRk { rtol: tight, atol: [tight; 2], ..SwitchedRk::default() };
+        let mut column = |u: f64| {
+            // g' = u
+            let w = [0.7, -1.1, u + 0.5 * 0.7 - 0.3 * 1.1];
+            let output = MechanicalOutput { dense: true, ..MechanicalOutput::default() };
+            let laws = newton_impacts(&[E]).unwrap();
+            let (span, start) = ((0.0, 2.0 * u), (&q[..], &w[..]));
+            let run =
+                simulate_mechanical(settings, &mut dish, &laws, span, start, output, &mut Silent)
+                    .unwrap();
+            let zeno = |it: &Occurrence| match *it {
+                Occurrence::Zeno { t, .. } => Some(t),
+                _ => None,
+            };
+            let end = run.occurrences.iter().find_map(zeno).unwrap();
+            let there = run.path.as_ref().unwrap().at(end).unwrap();
+            let layout = dish.layout();
+            let mut state = MechanicalState::new(layout, &friction);
+            let mut aside = Kinetics::new(layout, &friction);
+            let mut model = Model::new(&mut dish);
+            state.start(0.0, start, [0.0; 2], &mut model).unwrap();
+            let (gap, both) = (GapSet::of(0), GapSet::of(0).with(GapSet::of(1)));
+            let landed = ContactMode { closed: gap, slip_plus: both, ..ContactMode::default() };
+            let key = Key { hit: gap, flight: ContactMode::default(), landed };
+            let (state, aside, model) = (&mut state, &mut aside, &mut model);
+            let mut at = Mechanism { settings: &settings, e: &[E], state, aside, model };
+            let mut chain = ImpactChain::new(layout.size());
+            chain.note((key, None), &mut at).unwrap();
+            let row = chain.impacts().row(0);
+            let far = |from: usize, exact: &[f64]| {
+                let pairs = row[1 + from..].iter().zip(exact);
+                pairs.map(|(a, b)| (a - b).abs()).fold(0.0, f64::max)
+            };
+            [(row[0] - end).abs(), far(0, &there.x[..3]), far(layout.size(), &there.v[..3])]
+        };
+        let errors = [0.01, 0.005].map(&mut column);
+        for of in 0..3 {
+            let order = (errors[0][of] / errors[1][of]).log2();
+            assert!((order - 2.0).abs() < 0.05, "{of}: {order} {errors:?}");
         }
     }
 

@@ -74,6 +74,8 @@ pub fn contact_forces<E>(
     let mode = ContactMode { closed: mode.closed.without(pressed), pressed, ..mode };
     kinetics.carry(pressed);
     kinetics.evaluate(&mut Model::new(system), 0.0, w, w)?;
+    let rates: Vec<f64> = (0..kinetics.layout.rows()).map(|row| kinetics.rate(row, w)).collect();
+    kinetics.turn(&rates);
     kinetics.contact(mode)?;
     kinetics.share_least(mode);
     Ok(kinetics.lambda)
@@ -86,6 +88,11 @@ pub(super) struct Kinetics {
     /// Gaps of the channels, and channels of the gaps.
     gap_of: Vec<Option<usize>>,
     channel_of: Vec<Option<usize>>,
+    /// The other channel of a gap with friction in two directions, by channel.
+    other: Vec<Option<usize>>,
+    /// The direction of slip in such a pair, by channel, and those that do not turn.
+    heading: Vec<f64>,
+    frozen: GapSet,
     pub(super) values: Vec<f64>,
     /// Where the gradients begin in them, and the curvatures.
     gradient: usize,
@@ -209,10 +216,16 @@ impl Kinetics {
         let gap_of: Vec<Option<usize>> =
             friction.channels.iter().map(|c| c.gap.filter(is_rigid)).collect();
         let channel_of = (0..m).map(|i| gap_of.iter().position(|&gap| gap == Some(i))).collect();
+        let same = |c: usize, i: usize| i != c && gap_of[i].is_some() && gap_of[i] == gap_of[c];
+        let other = (0..gap_of.len()).map(|c| (0..gap_of.len()).find(|&i| same(c, i))).collect();
+        let heading = vec![0.0; gap_of.len()];
         Self {
             layout,
             gap_of,
             channel_of,
+            other,
+            heading,
+            frozen: GapSet::EMPTY,
             values: zeros(layout.len()),
             gradient: layout.gradient().start,
             curvature: layout.curvature().start,
@@ -531,6 +544,78 @@ impl Kinetics {
     /// The channel of a gap, if it has friction.
     pub(super) fn channel_of(&self, gap: usize) -> Option<usize> {
         self.channel_of[gap]
+    }
+
+    /// The channels of a gap: two of them are the directions of one cone.
+    pub(super) fn channels_of(&self, gap: usize) -> impl Iterator<Item = usize> {
+        let first = self.channel_of[gap];
+        first.into_iter().chain(first.and_then(|channel| self.other[channel]))
+    }
+
+    /// The other direction of the cone of a channel, if there are two.
+    pub(super) fn other_of(&self, channel: usize) -> Option<usize> {
+        self.other[channel]
+    }
+
+    /// The channels of a set that are the first of two, with the second.
+    pub(super) fn cones(&self, channels: GapSet) -> impl Iterator<Item = [usize; 2]> + '_ {
+        let pair = |c: usize| self.other[c].filter(|&other| c < other).map(|other| [c, other]);
+        channels.iter().filter_map(pair)
+    }
+
+    /// Whether a gap has friction in two directions.
+    pub(super) fn has_cones(&self) -> bool {
+        self.other.iter().any(Option::is_some)
+    }
+
+    /// The part of a slip in a channel: its sign, or the component of its direction.
+    pub(super) fn sign(&self, mode: ContactMode, channel: usize) -> f64 {
+        match self.other[channel] {
+            Some(_) if mode.slip_plus.has(channel) => self.heading[channel],
+            _ => mode.sign(channel),
+        }
+    }
+
+    /// The slip in both channels of a cone has this direction.
+    pub(super) fn head(&mut self, [first, second]: [usize; 2], [c, s]: [f64; 2]) {
+        (self.heading[first], self.heading[second]) = (c, s);
+    }
+
+    /// The directions of slip.
+    pub(super) fn headings(&self) -> &[f64] {
+        &self.heading
+    }
+
+    /// Takes the directions of slip from elsewhere.
+    pub(super) fn take_headings(&mut self, of: &[f64]) {
+        self.heading.copy_from_slice(of);
+    }
+
+    /// The directions of slip in these channels stay as they are.
+    pub(super) fn freeze(&mut self, channels: GapSet) {
+        self.frozen = channels;
+    }
+
+    /// The channels whose directions of slip stay as they are.
+    pub(super) fn frozen(&self) -> GapSet {
+        self.frozen
+    }
+
+    /// Turns the directions of slip to those of the rates by row, where these are not zero and directions are
+    /// not frozen.
+    pub(super) fn turn(&mut self, rates: &[f64]) {
+        let m = self.layout.m;
+        for c in 0..self.other.len() {
+            let Some(other) = self.other[c].filter(|&other| c < other) else { continue };
+            if self.frozen.has(c) {
+                continue;
+            }
+            let slip = [rates[m + c], rates[m + other]];
+            let speed = slip[0].hypot(slip[1]);
+            if speed > 0.0 {
+                self.head([c, other], slip.map(|it| it / speed));
+            }
+        }
     }
 
     /// Limits of friction in a channel while slipping and while sticking: `mu` of a gap, the force

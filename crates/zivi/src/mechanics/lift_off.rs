@@ -266,6 +266,7 @@ pub(super) fn open<E, D: Dynamics<E>>(
     }
     state.project(state.kinetics().rows_of(mode), model)?;
     let (kinetics, now) = state.parts();
+    kinetics.turn(&now.xdot[n..]);
     kinetics.contact(mode)?;
     let (a, later) = (&kinetics.acceleration, LATER * h);
     let (q, w): (Vec<f64>, Vec<f64>) = (0..n)
@@ -287,15 +288,20 @@ pub(super) fn open<E, D: Dynamics<E>>(
     }
     let slips = later_slips(state, later);
     let held = match limit {
-        Limit::Stick(channel, _) => mode.stick.without(GapSet::of(channel)),
+        Limit::Stick(channel, _) => {
+            let other = aside.other_of(channel).into_iter().collect();
+            mode.stick.without(GapSet::of(channel)).without(other)
+        }
         Limit::Force(_) => mode.stick,
         Limit::Law(_) | Limit::Margin | Limit::Regularity => GapSet::EMPTY,
     };
     let mut contacts = decide(aside, closed, &slips, held)?;
     if contacts.mode == mode && again {
+        aside.contact(mode)?;
         contacts = force(limit, contacts, aside);
     }
     let left = contacts.left;
+    state.parts().0.take_headings(aside.headings());
     state.enter(contacts);
     Ok(left)
 }
@@ -308,12 +314,12 @@ fn later_slips(state: &MechanicalState, later: f64) -> Vec<f64> {
 }
 
 /// The change of one contact that a limit asks for.
-fn force(limit: Limit, mut contacts: Contacts, aside: &Kinetics) -> Contacts {
+fn force(limit: Limit, mut contacts: Contacts, aside: &mut Kinetics) -> Contacts {
     match limit {
         Limit::Force(gap) => {
             let one = GapSet::of(gap);
             contacts.mode.closed = contacts.mode.closed.without(one);
-            if let Some(channel) = aside.channel_of(gap) {
+            for channel in aside.channels_of(gap) {
                 contacts.mode = contacts.mode.without_channel(channel);
             }
             contacts.left = contacts.left.with(one);
@@ -322,6 +328,13 @@ fn force(limit: Limit, mut contacts: Contacts, aside: &Kinetics) -> Contacts {
         Limit::Stick(channel, sign) => {
             contacts.mode = contacts.mode.with_channel(channel, -sign);
             contacts.released = contacts.released.with(GapSet::of(channel));
+            if let Some(other) = aside.other_of(channel) {
+                let pair = [channel, other];
+                let [x, y] = pair.map(|channel| aside.lambda[aside.row(channel)]);
+                aside.head(pair, [-x / x.hypot(y), -y / x.hypot(y)]);
+                contacts.mode = contacts.mode.with_channel(channel, 1.0).with_channel(other, 1.0);
+                contacts.released = contacts.released.with(GapSet::of(other));
+            }
         }
         Limit::Law(_) | Limit::Margin | Limit::Regularity => (),
     }

@@ -62,7 +62,16 @@ impl<D> Mechanism<'_, '_, D> {
         let (Layout { n, m, .. }, now) = (self.state.layout(), self.state.now());
         let (set, size) = (mode.closed, now.x.len());
         let (h, z, errors) = (landing.t - now.t, landing.state(), landing.errors());
+        let kinetics = self.state.kinetics();
         let slips = |channel: usize| {
+            if let Some(other) = kinetics.other_of(channel) {
+                let of = |values: &[f64], from: usize| {
+                    [channel, other].map(|channel| values[from + n + m + channel])
+                };
+                let [[x, y], [a, b]] = [of(&now.xdot, 0), of(z, size)];
+                let [p, q] = of(errors, size);
+                return a * x + b * y > 0.0 && a.hypot(b) > CLEAR * p.hypot(q);
+            }
             let (c, sign) = (n + m + channel, mode.sign(channel));
             sign * now.xdot[c] > 0.0 && sign * z[size + c] > CLEAR * errors[size + c]
         };
@@ -102,6 +111,7 @@ impl<D> Mechanism<'_, '_, D> {
                 Err(Failure::Status(_)) => return Ok(false),
                 evaluated => evaluated?,
             }
+            at.turn(&on_the_way(&now.xdot[n..], &z[size + n..]));
             if at.contact(mode).is_err() {
                 return Ok(false);
             }
@@ -144,6 +154,7 @@ impl<D> Mechanism<'_, '_, D> {
         let (mode, n, size) = (mode.into(), self.aside.coordinates(), z.len() / 2);
         let (x, v) = z.split_at(size);
         self.aside.evaluate(self.model, t, &x[..n], &v[..n])?;
+        self.aside.turn(&v[n..]);
         self.aside.contact(mode)?;
         let mut acceleration = self.aside.accelerations();
         if let Some(power) = acceleration.get_mut(n + self.aside.layout.rows()) {

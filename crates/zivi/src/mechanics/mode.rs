@@ -157,6 +157,12 @@ impl<D> AlongStep<'_, '_, D> {
         let t = self.step.from.t + theta * self.step.h;
         self.aside.carry(self.mode.pressed);
         self.aside.evaluate(self.model, t, &q, &w)?;
+        if self.aside.has_cones() {
+            let Layout { n, .. } = self.aside.layout;
+            let rate = |row: usize| self.step.polynomials_of(n + row)[1].at(theta);
+            let rates: Vec<f64> = (0..self.aside.layout.rows()).map(rate).collect();
+            self.aside.turn(&rates);
+        }
         Ok(self.aside.contact(self.mode)?)
     }
 
@@ -223,6 +229,7 @@ impl<E, D: Dynamics<E>> Equation<Vec<f64>, Failure<E>> for InContact<'_, '_, D> 
         let n = self.kinetics.coordinates();
         self.kinetics.carry(self.mode.pressed);
         self.kinetics.evaluate(self.model, at.t, &at.x[..n], &at.xdot[..n])?;
+        self.kinetics.turn(&at.xdot[n..]);
         self.kinetics.contact(self.mode)?;
         into.copy_from_slice(&self.kinetics.acceleration);
         if let Some(power) = into.get_mut(n + self.kinetics.layout.rows()) {

@@ -18,7 +18,7 @@ use crate::record::status::Failure;
 use crate::record::user_events::{unknown, SmoothPart};
 use crate::switched::SwitchedRk;
 use crate::system::dynamics::{Dynamics, Layout, MOST};
-use crate::system::force::{Friction, Smooth};
+use crate::system::force::{Channel, Friction, FrictionalImpact, Smooth};
 use crate::{
     AnyImpactLaw, Counts, GridError, LocatedEvent, Monitor, SetupError, Status, UserEvent,
 };
@@ -438,7 +438,7 @@ pub fn simulate_mechanical<E, D: Dynamics<E>>(
     check_sizes(layout, laws.len(), q, w)?;
     check_span(t0, t1)?;
     let friction = dynamics.friction().clone();
-    check_friction(layout, &friction)?;
+    check_cones(layout, &friction)?;
     let mut model = Model::new(dynamics);
     let mut machine = MechanicalIntegrator::new(settings, layout, laws, &friction);
     let begun = started(machine.start(t0, (q, w), &mut model))?;
@@ -506,6 +506,25 @@ pub(super) fn check_rigid(friction: &Friction) -> Result<(), SetupError> {
         0 => Ok(()),
         count => Err(SetupError::Count("compliant", count, "none: take SwitchedRk")),
     }
+}
+
+/// The same as [`check_friction`] where a rigid gap may have two channels, one after the other: the directions of a
+/// cone, under Newton's law and without tangential restitution.
+fn check_cones(layout: Layout, friction: &Friction) -> Result<(), SetupError> {
+    let is_plain = friction.law == FrictionalImpact::Newton && !friction.impact_without_collision;
+    let mut one_each: Vec<Channel> = Vec::new();
+    let mut is_second = false;
+    for channel in &friction.channels {
+        let is_soft = friction.compliant.iter().any(|it| Some(it.0) == channel.gap);
+        let may_be = is_plain && !is_soft && channel.gap.is_some() && channel.e_t == 0.0;
+        is_second = may_be && !is_second && one_each.last() == Some(channel);
+        if !is_second {
+            one_each.push(*channel);
+        }
+    }
+    let seconds = friction.channels.len() - one_each.len();
+    let layout = Layout { p: layout.p.saturating_sub(seconds), ..layout };
+    check_friction(layout, &Friction { channels: one_each, ..friction.clone() })
 }
 
 pub(super) fn check_friction(

@@ -67,6 +67,8 @@ pub(crate) struct Stages<Q: Coordinates> {
     known: usize,
     /// Memory for the stage that is computed: state and accelerations.
     work: [Q; 3],
+    /// The polynomials of position and velocity by coordinate, of a step of another method.
+    curves: Vec<[Bernstein; 2]>,
 }
 
 impl<Q: Coordinates> Stages<Q> {
@@ -83,7 +85,25 @@ impl<Q: Coordinates> Stages<Q> {
             last: Q::zeros(count),
             known: 0,
             work: std::array::from_fn(|_| Q::zeros(count)),
+            curves: Vec::new(),
         }
+    }
+
+    /// Takes the step of another method: from where and with which accelerations, its length, its end with the
+    /// accelerations there, and the polynomials between.
+    pub(crate) fn take_curves(
+        &mut self,
+        (from, slope): (&State<Q>, &Q),
+        h: f64,
+        (end, last): (&State<Q>, &Q),
+        curves: Vec<[Bernstein; 2]>,
+    ) {
+        self.from.copy_from(from);
+        self.end.copy_from(end);
+        self.slope.clone_from(slope);
+        self.last.clone_from(last);
+        self.rows.as_mut().fill(Row::default());
+        (self.h, self.known, self.curves) = (h, self.pair.c.len(), curves);
     }
 
     /// `q` in the local error: a step of length `h` has one of order `h^q`.
@@ -104,6 +124,7 @@ impl<Q: Coordinates> Stages<Q> {
         self.h = h;
         self.slope.clone_from(slope);
         self.known = 1;
+        self.curves.clear();
         let pair = self.pair;
         for row in pair.a {
             self.stage(row, equation)?;
@@ -285,6 +306,9 @@ impl<Q: Coordinates> Stages<Q> {
     /// As [`dense::screen`], for a coordinate.
     #[inline]
     pub(crate) fn screen(&self, c: usize) -> Option<(Bernstein, f64)> {
+        if !self.curves.is_empty() {
+            return None;
+        }
         let [from, end] =
             [&self.from, &self.end].map(|it| (it.x.as_slice()[c], it.xdot.as_slice()[c]));
         dense::screen(self.pair, self.h, (from, self.start_slope(c)), end, self.row(c))
@@ -294,6 +318,9 @@ impl<Q: Coordinates> Stages<Q> {
     /// from that of the cubic by half the deviation of the second derivatives (see
     /// [`dense::screen`]).
     pub(crate) fn is_surely_positive(&self, i: usize, [a, b, c]: [f64; 3]) -> bool {
+        if !self.curves.is_empty() {
+            return false;
+        }
         let [from, end] =
             [&self.from, &self.end].map(|it| (it.x.as_slice()[i], it.xdot.as_slice()[i]));
         let start = (from, self.start_slope(i));
@@ -308,6 +335,9 @@ impl<Q: Coordinates> Stages<Q> {
     /// The polynomials of a coordinate and of its rate over the step, once it is complete.
     #[inline]
     pub(crate) fn polynomials_of(&self, c: usize) -> [Bernstein; 2] {
+        if let Some(curve) = self.curves.get(c) {
+            return *curve;
+        }
         let [from, end] =
             [&self.from, &self.end].map(|it| [it.x.as_slice()[c], it.xdot.as_slice()[c]]);
         dense::polynomials(self.pair, self.h, (from, self.start_slope(c)), end, self.row(c))

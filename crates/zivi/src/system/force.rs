@@ -302,7 +302,8 @@ impl<E, F: FnMut(f64, f64, f64) -> Result<f64, E>> Force<E> for FunctionForce<F>
 /// A direction of friction.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Channel {
-    /// The gap whose contact force presses, at most one channel each; none for a joint or a guide.
+    /// The gap whose contact force presses; none for a joint or a guide. Two channels of one gap, one after the
+    /// other, are the directions of a cone.
     pub gap: Option<usize>,
     /// The tangential restitution in impacts, from 0 to 1.
     pub e_t: f64,

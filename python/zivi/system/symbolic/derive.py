@@ -82,7 +82,22 @@ def slips_of(words: Any, gaps: Sequence[str], given: Rubbing) -> list[SlipExpres
             raise ValueError(f"mu of gap {gap!r} must be given: it has a slip speed")
         e_t = tangential_restitution(f"gap {gap!r}", given.e_t.get(gap, 0.0))
         limits = _several(given.mu[gap], f"mu of gap {gap!r}", 1)
-        found.append(_slip(words, Channel(gap, i, e_t), given.slips[gap], limits))
+        speeds = given.slips[gap]
+        if not isinstance(speeds, list | tuple):
+            found.append(_slip(words, Channel(gap, i, e_t), speeds, limits))
+            continue
+        if len(speeds) not in (1, 2):
+            raise ValueError(
+                f"slips of gap {gap!r} must be one slip speed or two, got {len(speeds)}"
+            )
+        if len(speeds) == 2 and e_t:
+            raise ValueError(
+                f"e_t of gap {gap!r} is not supported with two slip speeds, got {e_t}; use e_t=0, "
+                "or one slip speed"
+            )
+        rows = [None] if len(speeds) == 1 else [0, 1]
+        for row, speed in zip(rows, speeds, strict=True):
+            found.append(_slip(words, Channel(gap, i, e_t, row), speed, limits))
     for name, told in given.friction.items():
         if name in gaps:
             raise ValueError(f"names of gaps and friction must differ, got {name!r} twice")

@@ -21,6 +21,7 @@ from zivi.system.mechanism import (
     MechanicalSystem,
     Model,
     check_compliant,
+    check_cones,
     control_inputs,
 )
 from zivi.system.model_parts import Layout, Partials
@@ -257,6 +258,7 @@ class SymbolicSystem(MechanicalSystem):
         self._channels = tuple(channels)
         self._impact_law = one_of("impact_law", impact_law, IMPACT_LAWS)
         self._paradox = one_of("paradox", paradox, PARADOXES)
+        check_cones(self)
         self._sources, self._compiler, self._equations = sources, compiler, equations
         self._parameters = Parameters(parameters)
         self._native: Native = compile_model(sources, compiler)

@@ -1,6 +1,9 @@
 //! The motion between events: steps under error control, each searched for the first impact and the
 //! first lift-off.
 
+mod collocation;
+mod slip;
+
 use crate::mechanics::kinetics::{Kinetics, Model};
 use crate::mechanics::lift_off;
 use crate::mechanics::lift_off::Release;
@@ -29,12 +32,25 @@ const ULPS: f64 = 4.0 * f64::EPSILON;
 const ITERATIONS: usize = 4;
 /// The first step after a lift-off, relative to that before.
 const PART: f64 = 1e-2;
+/// The factor for a step in which the direction of a slip turns, instead of one in which it is kept and the slip does not
+/// end.
+const UNFROZEN: f64 = 2.0 / 3.0;
 /// Contacts that open so often at one instant open whatever the force does next.
 const OFTEN: u32 = 8;
 
 /// Those of the settings. Gaps and coordinates are rounded apart: by more than one number is.
 pub(super) fn tolerances(settings: &SwitchedRk) -> Tolerances {
     Tolerances { rounding: 4.0, ..settings.tolerances() }
+}
+
+/// How the slip in contacts with two directions goes on.
+enum Slides {
+    /// Explicit steps follow it.
+    Turning,
+    /// It turns too fast for them.
+    Stiff,
+    /// It ends in some contacts, whose directions stay as they are.
+    Stopping(GapSet),
 }
 
 /// The motion between events.
@@ -233,6 +249,7 @@ impl SmoothMotion {
             let n = self.aside.coordinates();
             self.aside.carry(mode.pressed);
             self.aside.evaluate(model, t, &x[..n], &v[..n])?;
+            self.aside.turn(&v[n..]);
             self.aside.contact(mode)?;
             self.aside.share_least(mode);
         }
@@ -266,11 +283,25 @@ impl SmoothMotion {
         if let Some(next) = self.fly_linear(t_end, state, obstacle, model)? {
             return Ok(next);
         }
-        let plan = self.plan(t_end, state, obstacle, model)?;
+        let mut plan = self.plan(t_end, state, obstacle, model)?;
         // below it rounding of the time is, at t = 0 that of a time of rest
         let rest = if state.mode() == ContactMode::default() { 0.0 } else { self.probes.horizon() };
         let shortest = (8.0 * f64::EPSILON * state.now().t.abs()).max(f64::EPSILON * rest);
-        Flying { motion: self, state, model, t_end }.fly(plan, shortest)
+        if !state.kinetics().has_cones() {
+            return Flying { motion: self, state, model, t_end }.fly(plan, shortest);
+        }
+        let slides = self.slides(&mut plan, state);
+        let mut flying = Flying { motion: self, state, model, t_end };
+        match slides {
+            Slides::Turning => flying.fly(plan, shortest),
+            Slides::Stiff => flying.collocate(plan, shortest),
+            Slides::Stopping(channels) => {
+                flying.freeze(channels);
+                let flown = flying.fly(plan, shortest);
+                flying.freeze(GapSet::EMPTY);
+                flown
+            }
+        }
     }
 
     fn plan<E, D: Dynamics<E>>(
@@ -345,6 +376,9 @@ impl<E, D: Dynamics<E>> SteppedFlight<Vec<f64>, E> for Flying<'_, '_, D> {
         }
         if !self.released_channels_slip()? {
             return Ok(StepDecision::TOO_LONG);
+        }
+        if !self.frozen_slip_stops()? {
+            return Ok(StepDecision::Shorten(UNFROZEN, Status::StepSizeTooSmall));
         }
         let contact = self.first_contact()?;
         if let Some(factor) = self.missed_events(contact.map(|(_, gap)| gap))? {
@@ -768,6 +802,9 @@ impl<D> Flying<'_, '_, D> {
         D: Dynamics<E>,
     {
         let (released, mode) = (self.state.released(), self.state.mode());
+        // contacts with two directions begin to slip in a step of their own
+        let cones: Vec<[usize; 2]> = self.state.kinetics().cones(released).collect();
+        let released = released.without(cones.into_iter().flatten().collect());
         if released.is_empty() {
             return Ok(true);
         }
@@ -786,8 +823,11 @@ impl<D> Flying<'_, '_, D> {
         D: Dynamics<E>,
     {
         let mode = self.state.mode();
-        let slipping = mode.slipping().without(self.state.released());
-        if slipping.is_empty() {
+        let kinetics = self.state.kinetics();
+        let cones: GapSet = kinetics.cones(mode.slipping()).flatten().collect();
+        let frozen = kinetics.frozen();
+        let slipping = mode.slipping().without(self.state.released()).without(cones);
+        if slipping.is_empty() && frozen.is_empty() {
             return Ok(None);
         }
         self.complete()?;
@@ -797,7 +837,10 @@ impl<D> Flying<'_, '_, D> {
             let slip = if mode.slip_minus.has(channel) { slip.negated() } else { slip };
             slip.first_negative().map(|theta| (theta, channel))
         };
-        let roots = slipping.iter().filter_map(root);
+        let kinetics = self.state.kinetics();
+        let ends = |pair: [usize; 2]| self.frozen_slip(pair).first_negative();
+        let frozen = kinetics.cones(frozen).filter_map(|it| ends(it).map(|theta| (theta, it[0])));
+        let roots = slipping.iter().filter_map(root).chain(frozen);
         Ok(roots.min_by(|one, other| one.0.total_cmp(&other.0)))
     }
 
@@ -814,8 +857,8 @@ impl<D> Flying<'_, '_, D> {
         for _ in 0..STOPS {
             self.attempt(x)?;
             self.finish()?;
-            let last = self.motion.last();
-            let next = x - last.end.xdot[first + channel] / last.end_slope(first + channel);
+            let [slip, slope] = self.slip_at_end(channel);
+            let next = x - slip / slope;
             if !next.is_finite() || next <= 0.0 || next > 2.0 * whole {
                 break;
             }
@@ -827,9 +870,15 @@ impl<D> Flying<'_, '_, D> {
         }
         let near = TOGETHER_SLIPS * whole + rounding(x, self.state.now().t);
         let (last, mode) = (self.motion.last(), self.state.mode());
+        let second = self.state.kinetics().other_of(channel);
         let stops = |&other: &usize| {
             let c = first + other;
-            other == channel || last.end.xdot[c].abs() <= last.end_slope(c).abs() * near
+            match self.state.kinetics().other_of(other) {
+                Some(_) => other == channel || second == Some(other),
+                None => {
+                    other == channel || last.end.xdot[c].abs() <= last.end_slope(c).abs() * near
+                }
+            }
         };
         let channels = mode.slipping().iter().filter(stops).collect();
         self.arrive(x, x - self.motion.last().h)?;

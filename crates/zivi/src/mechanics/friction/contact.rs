@@ -2,6 +2,7 @@
 //!
 //! Contact forces with friction, equations (1).
 
+use crate::mechanics::friction::local::LocalContact;
 use crate::mechanics::kinetics::{Kinetics, Undetermined};
 use crate::mechanics::shares::{orthonormal, shortest};
 use crate::numeric::dense::{axpy, dot};
@@ -155,9 +156,11 @@ impl Kinetics {
         for &row in &rows {
             let from = columns.len();
             columns.extend_from_slice(self.mobility(row));
-            let slip = mode.closed.has(row).then(|| self.channel_of(row)).flatten();
-            if let Some(channel) = slip.filter(|&channel| mode.slipping().has(channel)) {
-                let pull = -self.friction_limits(channel).0 * mode.sign(channel);
+            if !mode.closed.has(row) {
+                continue;
+            }
+            for channel in self.channels_of(row).filter(|&it| mode.slipping().has(it)) {
+                let pull = -self.friction_limits(channel).0 * self.sign(mode, channel);
                 let along = self.mobility(self.row(channel)).to_vec();
                 axpy(&mut columns[from..], pull, &along);
             }
@@ -266,6 +269,10 @@ impl Kinetics {
         self.undetermined.clear();
         self.is_shared_motion = false;
         if let Some(NullSpace { still, all }) = &edges.null {
+            if mode.closed.iter().any(|gap| self.channels_of(gap).count() > 1) {
+                // which forces are within their cones is not known
+                return Err(Undetermined::Contacts);
+            }
             self.is_shared_motion = !all.is_empty();
             if self.is_shared_motion {
                 self.carried_by_gaps(&edges, all, &mut forces);
@@ -293,7 +300,7 @@ impl Kinetics {
         edges.rows().iter().zip(forces).for_each(|(&row, force)| all[row] = *force);
         for channel in mode.slipping().iter() {
             if let Some(gap) = self.gap_of(channel) {
-                let pull = -self.friction_limits(channel).0 * mode.sign(channel);
+                let pull = -self.friction_limits(channel).0 * self.sign(mode, channel);
                 all[self.row(channel)] = pull * all[gap];
             }
         }
@@ -403,6 +410,9 @@ pub(super) enum Site {
     Gap { normal: usize, friction: Option<Rough> },
     /// A joint with its row, and the limits of its force in slip and in stick.
     Joint { row: usize, limits: (f64, f64) },
+    /// A gap with two directions of friction: its rows, the coefficients in slip and in stick, and the direction of a
+    /// slip that goes on.
+    Cone { rows: [usize; 3], mu: (f64, f64), heading: Option<[f64; 2]> },
 }
 
 /// The friction of a gap.
@@ -420,6 +430,8 @@ pub(super) struct Rough {
 pub(super) struct SiteMode {
     pub(super) closed: bool,
     pub(super) slip: f64,
+    /// The direction of a slip in two directions.
+    pub(super) heading: Option<[f64; 2]>,
 }
 
 /// The problem (1), scaled to a diagonal of ones.
@@ -434,7 +446,14 @@ impl Coulomb {
     /// From `D` row by row and `b`.
     pub(super) fn new(sites: Vec<Site>, d: &[f64], b: &[f64]) -> Self {
         let k = b.len();
-        let root: Vec<f64> = (0..k).map(|i| d[i * k + i].sqrt()).collect();
+        let mut root: Vec<f64> = (0..k).map(|i| d[i * k + i].sqrt()).collect();
+        for site in &sites {
+            // one scale of both tangents: the cone stays round
+            if let Site::Cone { rows: [_, one, other], .. } = *site {
+                let larger = root[one].max(root[other]);
+                (root[one], root[other]) = (larger, larger);
+            }
+        }
         let d = (0..k * k).map(|at| d[at] / root[at / k] / root[at % k]).collect();
         let b = b.iter().zip(&root).map(|(b, root)| b / root).collect();
         let both = |(one, other): (f64, f64), by: f64| (one * by, other * by);
@@ -447,6 +466,10 @@ impl Coulomb {
                 }),
             },
             Site::Joint { row, limits } => Site::Joint { row, limits: both(limits, root[row]) },
+            Site::Cone { rows, mu, heading } => {
+                let [normal, tangent, _] = rows;
+                Site::Cone { rows, mu: both(mu, root[tangent] / root[normal]), heading }
+            }
         };
         Self { sites: sites.iter().map(scaled).collect(), d, b }
     }
@@ -485,8 +508,19 @@ impl Coulomb {
                     0.0 => sign(rate(it.row)),
                     slip => slip,
                 }),
+                heading: None,
             },
-            Site::Joint { row, .. } => SiteMode { closed: true, slip: sign(rate(row)) },
+            Site::Joint { row, .. } => {
+                SiteMode { closed: true, slip: sign(rate(row)), heading: None }
+            }
+            Site::Cone { rows: [normal, one, other], heading, .. } => {
+                let slip = [rate(one), rate(other)];
+                let speed = slip[0].hypot(slip[1]);
+                let found = (speed > still).then(|| slip.map(|it| it / speed));
+                let heading = heading.or(found);
+                let slip = f64::from(u8::from(heading.is_some()));
+                SiteMode { closed: rate(normal) <= still, slip, heading }
+            }
         };
         Some(self.sites.iter().map(outcome).collect())
     }
@@ -502,6 +536,25 @@ impl Coulomb {
                 let held = -others(x, row) / diagonal;
                 let force = if held.abs() <= stick { held } else { slip * held.signum() };
                 set(x, row, force)
+            }
+            Site::Cone { rows, mu: (mu, mu_s), heading } => {
+                let mut d = rows.map(|i| rows.map(|j| entry(i, j)));
+                (0..3).for_each(|i| d[i][i] += PROXIMAL);
+                let own = rows.map(|row| x[row]);
+                let rates = [0, 1, 2].map(|i| {
+                    let all = b[rows[i]] + dot(&self.d[rows[i] * k..][..k], x);
+                    all - (0..3).map(|j| entry(rows[i], rows[j]) * own[j]).sum::<f64>()
+                });
+                let contact = LocalContact { d, b: rates, mu };
+                let along = |[c, s]: [f64; 2], p: f64| [p, -mu * p * c, -mu * p * s];
+                let force = match heading {
+                    Some(heading) => along(heading, (-rates[0] / contact.k(heading)).max(0.0)),
+                    None => LocalContact { mu: mu_s, ..contact }.stick().unwrap_or_else(|| {
+                        let slips = contact.slips();
+                        slips.first().map_or([0.0; 3], |it| along(it.heading, it.pressed))
+                    }),
+                };
+                (0..3).map(|i| set(x, rows[i], force[i])).fold(0.0, f64::max)
             }
             Site::Gap { normal, friction: None } => {
                 let force = (-others(x, normal) / diagonal).max(0.0);

@@ -34,7 +34,15 @@ enum Choice {
     Gap(usize, Option<(usize, f64)>),
     /// A joint that has stopped.
     Joint(usize),
+    /// A gap and both channels of its cone, and whether it slips already.
+    Cone(usize, [usize; 2], bool),
 }
+
+/// Most repetitions for the directions of several contacts, and a turn of them that is rounding.
+pub(super) const REFINED: usize = 300;
+pub(super) const TURNED: f64 = 1e-15;
+/// Most directions in which a contact may begin to slip.
+pub(super) const DIRECTIONS: usize = 4;
 
 impl Choice {
     /// How many ways there are.
@@ -43,6 +51,18 @@ impl Choice {
             Self::Gap(_, Some((_, 0.0))) => 4,
             Self::Gap(..) => 2,
             Self::Joint(_) => 3,
+            Self::Cone(.., true) => 2,
+            Self::Cone(.., false) => 2 + DIRECTIONS,
+        }
+    }
+
+    /// The direction, by its number, in which a contact begins to slip in one of the ways.
+    fn direction(&self, way: usize) -> Option<(usize, [usize; 2], usize)> {
+        match *self {
+            Self::Cone(gap, pair, false) if (1..=DIRECTIONS).contains(&way) => {
+                Some((gap, pair, way - 1))
+            }
+            _ => None,
         }
     }
 
@@ -51,6 +71,12 @@ impl Choice {
         let sign = [0.0, 1.0, -1.0];
         match *self {
             Self::Joint(channel) => mode.with_channel(channel, sign[way]),
+            Self::Cone(..) if way + 1 == self.count() => mode,
+            // the direction is found once all else is known
+            Self::Cone(gap, pair, slips) => match self.direction(way) {
+                Some(_) => mode,
+                None => with_cone(mode, gap, pair, slips),
+            },
             Self::Gap(..) if way + 1 == self.count() => mode,
             Self::Gap(gap, friction) => {
                 let mode = ContactMode { closed: mode.closed.with(GapSet::of(gap)), ..mode };
@@ -64,12 +90,27 @@ impl Choice {
     }
 }
 
+/// A mode with one more closed gap, both channels of which slip or stick.
+pub(super) fn with_cone(
+    mode: ContactMode,
+    gap: usize,
+    pair: [usize; 2],
+    slips: bool,
+) -> ContactMode {
+    let mode = ContactMode { closed: mode.closed.with(GapSet::of(gap)), ..mode };
+    let sign = f64::from(u8::from(slips));
+    pair.into_iter().fold(mode, |mode, channel| mode.with_channel(channel, sign))
+}
+
 /// A combination that may be.
+#[derive(Clone)]
 struct Candidate {
     mode: ContactMode,
     violation: f64,
     acceleration: Vec<f64>,
     kappa: f64,
+    /// The directions of slip, by channel.
+    headings: Vec<f64>,
 }
 
 /// The touching gaps that stay closed, and the modes of friction with the slip speeds by channel,
@@ -83,8 +124,15 @@ pub(in crate::mechanics) fn decide<E>(
 ) -> Result<Contacts, Failure<E>> {
     let mut choices: Vec<Choice> = Vec::new();
     let mut known = ContactMode::default();
+    let rates = [vec![0.0; kinetics.layout.m], slips.to_vec()].concat();
+    kinetics.turn(&rates);
     for gap in touching.iter() {
-        choices.push(Choice::Gap(gap, kinetics.channel_of(gap).map(|c| (c, slips[c]))));
+        let channel = kinetics.channel_of(gap);
+        let pair = channel.and_then(|c| kinetics.other_of(c).map(|other| [c, other]));
+        choices.push(match pair {
+            Some(pair) => Choice::Cone(gap, pair, pair.iter().any(|&c| slips[c] != 0.0)),
+            None => Choice::Gap(gap, channel.map(|c| (c, slips[c]))),
+        });
     }
     for (channel, &slip) in slips.iter().enumerate() {
         if kinetics.gap_of(channel).is_none() && kinetics.is_loaded(channel) {
@@ -99,13 +147,35 @@ pub(in crate::mechanics) fn decide<E>(
     let mut candidates: Vec<Candidate> = Vec::new();
     if let Some(count) = count.filter(|&count| count <= MOST_PATTERNS) {
         for number in 0..count {
-            let (mut mode, mut rest) = (known, number);
+            let (mut mode, mut rest, mut begin) = (known, number, Vec::new());
             for choice in &choices {
-                mode = choice.take(rest % choice.count(), mode);
+                let way = rest % choice.count();
+                mode = choice.take(way, mode);
+                begin.extend(choice.direction(way));
                 rest /= choice.count();
             }
-            candidates.extend(judged(kinetics, (mode, touching), slips));
+            let mode = match begin[..] {
+                [] => Some(mode),
+                [(gap, pair, number)] => begins(kinetics, mode, (gap, pair), number),
+                // several by repetition, from each on its own
+                _ if begin.iter().any(|it| it.2 > 0) => None,
+                _ => begin_together(kinetics, mode, &begin),
+            };
+            candidates.extend(mode.and_then(|it| judged(kinetics, (it, touching), slips)));
         }
+    } else if choices.iter().any(|choice| matches!(choice, Choice::Cone(..))) {
+        let mode = by_steps(kinetics, &choices, known);
+        let begun = |it: &&Choice| matches!(it, Choice::Cone(.., false));
+        let begun: Vec<(usize, [usize; 2], usize)> = (choices.iter().filter(begun))
+            .filter_map(|choice| choice.direction(1))
+            .filter(|it| mode.is_some_and(|mode| mode.slip_plus.has(it.1[0])))
+            .collect();
+        let rest = mode.map(|mode| begun.iter().fold(mode, without_cone));
+        let mode = rest.and_then(|rest| match begun.is_empty() {
+            true => mode,
+            false => refined(kinetics, rest, &begun),
+        });
+        candidates.extend(mode.and_then(|it| judged(kinetics, (it, touching), slips)));
     } else {
         let mut tried = choices.iter().fold(known, |mode, choice| choice.take(0, mode));
         for _ in 0..=choices.len() {
@@ -128,11 +198,74 @@ pub(in crate::mechanics) fn decide<E>(
             return Err(Failure::Status(Status::ContactNotSolved));
         }
     }
-    let mode = chosen(candidates, held)?;
+    let Candidate { mode, headings, .. } = chosen(candidates, held)?;
+    kinetics.take_headings(&headings);
     let left = touching.without(mode.closed);
     let begins = |&c: &usize| slips[c] == 0.0;
     let released: GapSet = mode.slipping().iter().filter(begins).collect();
     Ok(Contacts { mode, left, released, ..Contacts::default() })
+}
+
+/// A mode with one more closed gap, which begins to slip in one of the directions in which it can.
+fn begins(
+    kinetics: &mut Kinetics,
+    mode: ContactMode,
+    (gap, pair): (usize, [usize; 2]),
+    number: usize,
+) -> Option<ContactMode> {
+    kinetics.contact(mode).ok()?;
+    let first = kinetics.coordinates();
+    let b = kinetics.rows_of_cone(gap, pair).map(|row| kinetics.acceleration[first + row]);
+    let local = kinetics.local_contact(mode, (gap, pair), b)?;
+    let slip = local.slips().into_iter().nth(number)?;
+    kinetics.head(pair, slip.heading);
+    Some(with_cone(mode, gap, pair, true))
+}
+
+/// A mode without a closed gap and both of its channels.
+pub(super) fn without_cone(mode: ContactMode, it: &(usize, [usize; 2], usize)) -> ContactMode {
+    let mode = ContactMode { closed: mode.closed.without(GapSet::of(it.0)), ..mode };
+    it.1.into_iter().fold(mode, ContactMode::without_channel)
+}
+
+/// A mode with more closed gaps, all of which begin to slip in directions that depend on each other.
+fn begin_together(
+    kinetics: &mut Kinetics,
+    mode: ContactMode,
+    begin: &[(usize, [usize; 2], usize)],
+) -> Option<ContactMode> {
+    for &(gap, pair, number) in begin {
+        begins(kinetics, mode, (gap, pair), number)?;
+    }
+    refined(kinetics, mode, begin)
+}
+
+/// The same from the directions that are known roughly: each is found while the others stay.
+fn refined(
+    kinetics: &mut Kinetics,
+    mode: ContactMode,
+    begin: &[(usize, [usize; 2], usize)],
+) -> Option<ContactMode> {
+    let with =
+        |mode: ContactMode, it: &(usize, [usize; 2], usize)| with_cone(mode, it.0, it.1, true);
+    let all = begin.iter().fold(mode, with);
+    for _ in 0..REFINED {
+        let mut moved = 0.0_f64;
+        for it in begin {
+            let (gap, pair) = (it.0, it.1);
+            let before = pair.map(|channel| kinetics.headings()[channel]);
+            let rest = without_cone(all, it);
+            kinetics.contact(rest).ok()?;
+            let first = kinetics.coordinates();
+            let b = kinetics.rows_of_cone(gap, pair).map(|row| kinetics.acceleration[first + row]);
+            let slips = kinetics.local_contact(rest, (gap, pair), b)?.slips();
+            moved = moved.max(kinetics.head_near(pair, &slips, before)?);
+        }
+        if moved <= TURNED {
+            break;
+        }
+    }
+    Some(all)
 }
 
 /// A combination with its violation, unless its equations have no solution.
@@ -156,7 +289,18 @@ fn judged(
         violation = violation
             .max(excess(-kinetics.acceleration[n + gap], kinetics.acceleration_scale(gap)));
     }
-    for channel in mode.slipping().iter().filter(|&c| slips[c] == 0.0) {
+    let begun: Vec<[usize; 2]> = kinetics.cones(mode.slipping()).collect();
+    for pair in begun.into_iter().filter(|pair| pair.iter().all(|&c| slips[c] == 0.0)) {
+        let [x, y] = pair.map(|channel| kinetics.acceleration[n + kinetics.row(channel)]);
+        let [c, s] = pair.map(|channel| kinetics.headings()[channel]);
+        let scales = pair.map(|channel| kinetics.acceleration_scale(kinetics.row(channel)));
+        let scale = scales[0].max(scales[1]);
+        violation = violation.max(excess(-(c * x + s * y), scale));
+        violation = violation.max(excess((c * y - s * x).abs(), scale));
+    }
+    let is_planar = |c: &usize| slips[*c] == 0.0 && kinetics.other_of(*c).is_none();
+    let begun: Vec<usize> = mode.slipping().iter().filter(is_planar).collect();
+    for channel in begun {
         let row = kinetics.row(channel);
         let rate = mode.sign(channel) * kinetics.acceleration[n + row];
         violation = violation.max(excess(-rate, kinetics.acceleration_scale(row)));
@@ -168,7 +312,8 @@ fn judged(
         let misfit = excess(left.abs(), kinetics.acceleration_scale(row));
         violation = violation.max(if misfit > AGREES.0 { AGREES.1 * misfit } else { 0.0 });
     }
-    Some(Candidate { mode, violation, acceleration, kappa })
+    let headings = kinetics.headings().to_vec();
+    Some(Candidate { mode, violation, acceleration, kappa, headings })
 }
 
 /// The mode of many choices by [`Coulomb`], unless numbers overflow.
@@ -186,6 +331,11 @@ fn by_steps(
         Choice::Joint(channel) => {
             let limits = kinetics.friction_limits(channel);
             Site::Joint { row: at(kinetics.row(channel)), limits }
+        }
+        Choice::Cone(gap, pair, slips) => {
+            let heading = slips.then(|| pair.map(|channel| kinetics.headings()[channel]));
+            let rows = kinetics.rows_of_cone(gap, pair).map(&mut at);
+            Site::Cone { rows, mu: kinetics.friction_limits(pair[0]), heading }
         }
         Choice::Gap(gap, friction) => Site::Gap {
             normal: at(gap),
@@ -218,7 +368,13 @@ fn by_steps(
     let outcomes = Coulomb::new(sites, &d, &b).outcomes()?;
     let take = |mode: ContactMode, (choice, outcome): (&Choice, SiteMode)| match *choice {
         Choice::Joint(channel) => mode.with_channel(channel, outcome.slip),
-        Choice::Gap(..) if !outcome.closed => mode,
+        Choice::Gap(..) | Choice::Cone(..) if !outcome.closed => mode,
+        Choice::Cone(gap, pair, _) => {
+            if let Some(heading) = outcome.heading {
+                kinetics.head(pair, heading);
+            }
+            with_cone(mode, gap, pair, outcome.heading.is_some())
+        }
         Choice::Gap(gap, friction) => {
             let mode = ContactMode { closed: mode.closed.with(GapSet::of(gap)), ..mode };
             friction.map_or(mode, |(channel, _)| mode.with_channel(channel, outcome.slip))
@@ -249,12 +405,15 @@ impl Kinetics {
         for limit in &violated {
             if let Limit::Stick(channel, sign) = *limit {
                 next = next.with_channel(channel, -sign);
+                let other = self.other_of(channel);
+                next = other
+                    .map_or(next, |other| next.with_channel(channel, 1.0).with_channel(other, 1.0));
             }
         }
         for limit in &violated {
             if let Limit::Force(gap) = *limit {
                 next.closed = next.closed.without(GapSet::of(gap));
-                if let Some(channel) = self.channel_of(gap) {
+                for channel in self.channels_of(gap) {
                     next = next.without_channel(channel);
                 }
             }
@@ -272,7 +431,7 @@ fn excess(violation: f64, scale: f64) -> f64 {
     }
 }
 
-fn chosen<E>(candidates: Vec<Candidate>, held: GapSet) -> Result<ContactMode, Failure<E>> {
+fn chosen<E>(candidates: Vec<Candidate>, held: GapSet) -> Result<Candidate, Failure<E>> {
     let least = candidates.iter().fold(f64::INFINITY, |least, it| least.min(it.violation));
     if least.is_nan() || least > VIOLATIONS.1 {
         return Err(Failure::Status(Status::InconsistentContact));
@@ -293,7 +452,7 @@ fn chosen<E>(candidates: Vec<Candidate>, held: GapSet) -> Result<ContactMode, Fa
         Some(best) if order(&best) >= order(&it) => Some(best),
         _ => Some(it),
     });
-    best.map(|best| best.mode).ok_or(Failure::Status(Status::InconsistentContact))
+    best.cloned().ok_or(Failure::Status(Status::InconsistentContact))
 }
 
 /// Whether a candidate has the motion of the first admissible one, up to rounding.
@@ -316,6 +475,7 @@ mod tests {
             violation,
             acceleration: acceleration.to_vec(),
             kappa: 1.0,
+            headings: vec![],
         };
         let all = [
             of(1.0, [7.0, 7.0]), // is not admissible, but says how large accelerations are

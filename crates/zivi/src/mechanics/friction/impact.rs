@@ -14,6 +14,8 @@
 //! kinetic cosine of normal and tangent; elsewhere it may, which is reported.
 
 use crate::mechanics::friction::contact::{Coulomb, Rough, Site, MOST_PATTERNS};
+use crate::mechanics::friction::decide::{with_cone, without_cone, DIRECTIONS, REFINED, TURNED};
+use crate::mechanics::friction::local::LocalSlip;
 use crate::mechanics::kinetics::Kinetics;
 use crate::numeric::dense::{axpy, dot};
 use crate::record::gap_set::{ContactMode, GapSet};
@@ -89,17 +91,39 @@ impl Collision<'_> {
         let joints = (0..kinetics.layout.p)
             .filter(|&channel| self.duration > 0.0 && kinetics.gap_of(channel).is_none());
         let ways: Vec<Way> = (self.set.iter())
-            .map(|gap| (Some(gap), kinetics.channel_of(gap)))
-            .chain(joints.map(|channel| (None, Some(channel))))
+            .map(|gap| {
+                let channel = kinetics.channel_of(gap);
+                (Some(gap), channel, channel.and_then(|channel| kinetics.other_of(channel)))
+            })
+            .chain(joints.map(|channel| (None, Some(channel), None)))
             .collect();
         let count = ways.iter().fold(1_usize, |all, &way| all.saturating_mul(count(way)));
         let mut found: Vec<FrictionalExchange> = Vec::new();
         if count <= MOST_PATTERNS {
             for number in 0..count {
-                found.extend(self.on_pattern(pattern(&ways, number), kinetics));
+                let (mode, begin) = pattern(&ways, number);
+                let pattern = match begin[..] {
+                    [] => Some(mode),
+                    [(gap, pair, number)] => self.slides(mode, (gap, pair), number, kinetics),
+                    _ if begin.iter().any(|it| it.2 > 0) => None,
+                    _ => self.slide_together(mode, &begin, kinetics),
+                };
+                found.extend(pattern.and_then(|pattern| self.on_pattern(pattern, kinetics)));
             }
         } else {
-            let pattern = self.by_steps(&ways, kinetics);
+            let mut pattern = self.by_steps(&ways, kinetics);
+            let slides = |pattern: ContactMode| {
+                let each = ways.iter().filter_map(|&(gap, channel, other)| {
+                    let pair = [channel?, other?];
+                    pattern.slip_plus.has(pair[0]).then_some((gap?, pair, 0))
+                });
+                each.collect::<Vec<Slide>>()
+            };
+            if let Some(found) = pattern.filter(|found| !slides(*found).is_empty()) {
+                let begin = slides(found);
+                let rest = begin.iter().fold(found, without_cone);
+                pattern = self.refined(rest, &begin, kinetics);
+            }
             found.extend(pattern.and_then(|pattern| self.on_pattern(pattern, kinetics)));
         }
         let fastest = self.fastest(kinetics);
@@ -109,7 +133,77 @@ impl Collision<'_> {
                 self.set.iter().any(|gap| it.impulses[gap] > least(gap))
             });
         }
-        chosen(found, &fastest).ok_or(Failure::Status(Status::ImpactNotSolved))
+        let chosen = chosen(found, &fastest).ok_or(Failure::Status(Status::ImpactNotSolved))?;
+        kinetics.turn(&chosen.rates);
+        Ok(chosen)
+    }
+
+    /// A pattern with one more contact, that slips after the impact in one of the directions in which it can.
+    fn slides(
+        &self,
+        mode: ContactMode,
+        (gap, pair): (usize, [usize; 2]),
+        number: usize,
+        kinetics: &mut Kinetics,
+    ) -> Option<ContactMode> {
+        let slips = self.slips(mode, (gap, pair), kinetics)?;
+        kinetics.head(pair, slips.get(number)?.heading);
+        Some(with_cone(mode, gap, pair, true))
+    }
+
+    /// The same with several more, in directions that depend on each other.
+    fn slide_together(
+        &self,
+        mode: ContactMode,
+        begin: &[Slide],
+        kinetics: &mut Kinetics,
+    ) -> Option<ContactMode> {
+        for &(gap, pair, number) in begin {
+            self.slides(mode, (gap, pair), number, kinetics)?;
+        }
+        self.refined(mode, begin, kinetics)
+    }
+
+    /// The same from the directions that are known roughly: each is found while the others stay.
+    fn refined(
+        &self,
+        mode: ContactMode,
+        begin: &[Slide],
+        kinetics: &mut Kinetics,
+    ) -> Option<ContactMode> {
+        let with = |mode: ContactMode, it: &Slide| with_cone(mode, it.0, it.1, true);
+        let all = begin.iter().fold(mode, with);
+        for _ in 0..REFINED {
+            let mut moved = 0.0_f64;
+            for it in begin {
+                let before = it.1.map(|channel| kinetics.headings()[channel]);
+                let slips = self.slips(without_cone(all, it), (it.0, it.1), kinetics)?;
+                moved = moved.max(kinetics.head_near(it.1, &slips, before)?);
+            }
+            if moved <= TURNED {
+                break;
+            }
+        }
+        Some(all)
+    }
+
+    /// The ways in which one more contact slips after the impact with a pattern of the others.
+    fn slips(
+        &self,
+        mode: ContactMode,
+        (gap, pair): (usize, [usize; 2]),
+        kinetics: &mut Kinetics,
+    ) -> Option<Vec<LocalSlip>> {
+        let (n, m) = (kinetics.coordinates(), kinetics.layout.m);
+        let mut push = vec![0.0; n];
+        if !kinetics.rows_of(mode).is_empty() {
+            let edges = kinetics.edges(mode).ok()?;
+            edges.push(&edges.solve(|row| -(self.back(row, m) + self.free[row])), &mut push);
+        }
+        let b = kinetics
+            .rows_of_cone(gap, pair)
+            .map(|row| self.back(row, m) + self.free[row] + dot(kinetics.normal(row), &push));
+        Some(kinetics.local_contact(mode, (gap, pair), b)?.slips())
     }
 
     /// The pattern of many contacts.
@@ -121,7 +215,13 @@ impl Collision<'_> {
             rows.len() - 1
         };
         let mut sites = Vec::with_capacity(ways.len());
-        for &(gap, channel) in ways {
+        for &(gap, channel, other) in ways {
+            if let (Some(gap), Some(channel), Some(other)) = (gap, channel, other) {
+                let (mu, _) = kinetics.friction_limits(channel);
+                let rows = kinetics.rows_of_cone(gap, [channel, other]).map(&mut at);
+                sites.push(Site::Cone { rows, mu: (mu, mu), heading: None });
+                continue;
+            }
             let limits = channel.map(|channel| kinetics.friction_limits(channel));
             let channel = channel.map(|channel| kinetics.row(channel)).zip(limits);
             sites.push(match (gap, channel) {
@@ -146,8 +246,16 @@ impl Collision<'_> {
             d.extend(rows.iter().map(|&j| kinetics.d(i, j)));
         }
         let mut mode = ContactMode::default();
-        for (&(gap, channel), outcome) in ways.iter().zip(Coulomb::new(sites, &d, &b).outcomes()?) {
+        let outcomes = Coulomb::new(sites, &d, &b).outcomes()?;
+        for (&(gap, channel, other), outcome) in ways.iter().zip(outcomes) {
             if !outcome.closed {
+                continue;
+            }
+            if let (Some(gap), Some(channel), Some(other)) = (gap, channel, other) {
+                if let Some(heading) = outcome.heading {
+                    kinetics.head([channel, other], heading);
+                }
+                mode = with_cone(mode, gap, [channel, other], outcome.heading.is_some());
                 continue;
             }
             mode.closed = gap.map_or(mode.closed, |gap| mode.closed.with(GapSet::of(gap)));
@@ -306,6 +414,22 @@ impl Collision<'_> {
             worst.take(impulses[gap], fastest[gap] / d);
             let Some(channel) = kinetics.channel_of(gap) else { continue };
             let (row, mu) = (kinetics.row(channel), kinetics.friction_limits(channel).0);
+            if let Some(other) = kinetics.other_of(channel) {
+                let pair = [channel, other];
+                let rows = pair.map(|channel| kinetics.row(channel));
+                let [x, y] = rows.map(|row| rates[row]);
+                let scale = fastest[rows[0]].max(fastest[rows[1]]);
+                if pattern.stick.has(channel) {
+                    let scale = scale / kinetics.d(row, row) + mu * fastest[gap] / d;
+                    let force = impulses[rows[0]].hypot(impulses[rows[1]]);
+                    worst.take(mu * impulses[gap] - force, scale);
+                } else {
+                    let [c, s] = pair.map(|channel| kinetics.headings()[channel]);
+                    worst.take(c * x + s * y, scale);
+                    worst.take(-(c * y - s * x).abs(), scale);
+                }
+                continue;
+            }
             let slip = rates[row] + self.friction.channels[channel].e_t * self.before[row];
             if pattern.stick.has(channel) {
                 let scale = fastest[row] / kinetics.d(row, row) + mu * fastest[gap] / d;
@@ -387,21 +511,34 @@ pub(super) fn chosen(
     Some(chosen)
 }
 
-/// A gap and its channel, or a joint.
-type Way = (Option<usize>, Option<usize>);
+/// A gap and its channel, or a joint, and the other channel of a gap with two.
+type Way = (Option<usize>, Option<usize>, Option<usize>);
 
 /// How many ways there are: sticking, slipping one way or the other, and open.
-fn count((gap, channel): Way) -> usize {
-    1 + if channel.is_some() { 2 } else { 0 } + usize::from(gap.is_some())
+fn count((gap, channel, other): Way) -> usize {
+    let slips = if other.is_some() { DIRECTIONS } else { 2 };
+    1 + if channel.is_some() { slips } else { 0 } + usize::from(gap.is_some())
 }
 
-/// Contacts with an impulse and their friction modes, by pattern number; in the first all stick.
-fn pattern(ways: &[Way], number: usize) -> ContactMode {
-    let (mut mode, mut rest) = (ContactMode::default(), number);
-    for &(gap, channel) in ways {
-        let count = count((gap, channel));
+/// A contact with both of its channels, and the number of the direction in which it slips.
+type Slide = (usize, [usize; 2], usize);
+
+/// Contacts with an impulse and their friction modes, by pattern number; in the first all stick. With them those
+/// with two directions of friction that slip.
+fn pattern(ways: &[Way], number: usize) -> (ContactMode, Vec<Slide>) {
+    let (mut mode, mut rest, mut slides) = (ContactMode::default(), number, Vec::new());
+    for &(gap, channel, other) in ways {
+        let count = count((gap, channel, other));
         let way = rest % count;
         rest /= count;
+        if let (Some(gap), Some(channel), Some(other)) = (gap, channel, other) {
+            if way == 0 {
+                mode = with_cone(mode, gap, [channel, other], false);
+            } else if way + 1 < count {
+                slides.push((gap, [channel, other], way - 1));
+            }
+            continue;
+        }
         if let Some(gap) = gap {
             if way + 1 == count {
                 continue;
@@ -412,7 +549,7 @@ fn pattern(ways: &[Way], number: usize) -> ContactMode {
             mode = mode.with_channel(channel, [0.0, 1.0, -1.0][way]);
         }
     }
-    mode
+    (mode, slides)
 }
 
 #[cfg(test)]

@@ -59,7 +59,11 @@ impl Kinetics {
             all.push(Level { limit, value: self.lambda[gap], noise });
         }
         for channel in mode.stick.iter() {
-            all.extend(self.stick_limits(channel));
+            match self.other_of(channel) {
+                None => all.extend(self.stick_limits(channel)),
+                Some(other) if channel < other => all.push(self.cone_limit([channel, other])),
+                Some(_) => (),
+            }
         }
         all
     }
@@ -172,6 +176,26 @@ impl Kinetics {
         })
     }
 
+    /// How far the force of a sticking contact with two directions is within its cone: a smooth function also
+    /// where both components vanish, `(mu^2 lambda^2 - f^2)/(2 mu lambda)`.
+    fn cone_limit(&mut self, pair: [usize; 2]) -> Level {
+        let [one, other] = pair.map(|channel| self.stick_limits(channel)[0].noise);
+        let (force, largest) = self.cone_force(pair);
+        let value = match force <= f64::EPSILON * largest.abs() {
+            true => 0.5 * largest,
+            false if largest <= 0.0 => -force,
+            false => 0.5 * (largest - force * (force / largest)),
+        };
+        Level { limit: Limit::Stick(pair[0], 1.0), value, noise: one.hypot(other) }
+    }
+
+    /// The tangential force of a contact with two directions, and the most that sticks.
+    fn cone_force(&self, [first, second]: [usize; 2]) -> (f64, f64) {
+        let [x, y] = [first, second].map(|channel| self.lambda[self.row(channel)]);
+        let factor = self.friction_limits(first).1;
+        (x.hypot(y), self.gap_of(first).map_or(factor, |gap| factor * self.lambda[gap]))
+    }
+
     /// Whether impacts on the gaps `hit` keep sticking what sticks in a mode: those of flights under the
     /// present accelerations, `P ~ K^-1 (a (1 + e)/2, -w')`, where those of the motion between them
     /// have just been computed.
@@ -203,7 +227,9 @@ impl Kinetics {
         let rounding = NONE * largest(&impulses);
         mode.stick.iter().all(|channel| {
             let Some(gap) = self.gap_of(channel) else { return true };
-            impulses[self.row(channel)].abs() <= most(channel) * impulses[gap] + rounding
+            let along = impulses[self.row(channel)];
+            let across = self.other_of(channel).map_or(0.0, |other| impulses[self.row(other)]);
+            along.hypot(across) <= most(channel) * impulses[gap] + rounding
         })
     }
 

@@ -13,8 +13,10 @@ mod contact;
 mod decide;
 mod impact;
 mod limits;
+mod local;
 mod restitution;
 
 pub(super) use decide::decide;
 pub(super) use impact::Collision;
 pub(super) use limits::Level;
+pub(super) use local::{LocalContact, LocalSlip};

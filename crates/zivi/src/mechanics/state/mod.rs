@@ -279,6 +279,7 @@ impl MechanicalState {
     /// The same, where the system has just been evaluated.
     pub(super) fn refresh<E>(&mut self) -> Result<(), Failure<E>> {
         let (mode, n, rows) = (self.contacts.mode, self.layout.n, self.layout.rows());
+        self.kinetics.turn(&self.now.xdot[n..]);
         self.kinetics.contact(mode)?;
         self.slope.copy_from_slice(&self.kinetics.acceleration);
         self.levels.clear();
@@ -743,12 +744,22 @@ impl MechanicalState {
 
     /// The least relative margin of some channels to their static limits, for known forces.
     pub(in crate::mechanics) fn least_hold(&self, channels: GapSet) -> Option<f64> {
+        let force = |channel: usize| self.lambda[self.kinetics.row(channel)];
         let hold = |channel: usize| {
             let limit = self.kinetics.friction_limits(channel).1;
             let most = self.kinetics.gap_of(channel).map_or(limit, |gap| limit * self.lambda[gap]);
-            1.0 - self.lambda[self.kinetics.row(channel)].abs() / most
+            let across = self.kinetics.other_of(channel).map_or(0.0, force);
+            1.0 - force(channel).hypot(across) / most
         };
         channels.iter().map(hold).reduce(f64::min)
+    }
+
+    /// By how much friction decelerates the slip of a contact with two directions, where the forces are known.
+    pub(in crate::mechanics) fn deceleration(&self, pair: [usize; 2]) -> f64 {
+        let Some(gap) = self.kinetics.gap_of(pair[0]) else { return 0.0 };
+        let roots = pair.map(|channel| self.kinetics.roots[self.kinetics.row(channel)]);
+        let limit = self.kinetics.friction_limits(pair[0]).0;
+        limit * self.lambda[gap] * roots.into_iter().fold(0.0, |d, root| f64::max(d, root * root))
     }
 
     /// The slip speeds, by channel.
@@ -765,7 +776,7 @@ impl MechanicalState {
         model: &mut Model<'_, D>,
     ) -> Result<(), Failure<E>> {
         let Self { kinetics, now, layout: Layout { n, .. }, .. } = self;
-        let channels: GapSet = set.iter().filter_map(|gap| kinetics.channel_of(gap)).collect();
+        let channels: GapSet = set.iter().flat_map(|gap| kinetics.channels_of(gap)).collect();
         let varies = |c: usize| {
             let (slip, stick) = kinetics.friction_limits(c);
             slip != stick
@@ -810,6 +821,9 @@ impl MechanicalState {
         let n = self.layout.n;
         let (q, w) = (&self.now.x[..n], &self.now.xdot[..n]);
         let held = |&channel: &usize| {
+            if self.kinetics.other_of(channel).is_some() {
+                return false;
+            }
             let row = self.kinetics.row(channel);
             let (rate, slip) = (self.kinetics.rate(row, w).abs(), self.now.xdot[n + row].abs());
             rate <= HELD * slip || rate <= self.kinetics.rounding(row, q, w).1
@@ -838,11 +852,8 @@ impl MechanicalState {
     /// corner have left them so.
     pub(in crate::mechanics) fn stuck_in(&self, z: &[f64], set: GapSet) -> GapSet {
         let first = z.len() / 2 + self.layout.n;
-        let stuck = |gap: usize| {
-            let channel = self.kinetics.channel_of(gap)?;
-            (z[first + self.kinetics.row(channel)] == 0.0).then_some(channel)
-        };
-        set.iter().filter_map(stuck).collect()
+        let channels = set.iter().flat_map(|gap| self.kinetics.channels_of(gap));
+        channels.filter(|&channel| z[first + self.kinetics.row(channel)] == 0.0).collect()
     }
 
     /// Notes what friction does otherwise than before.
@@ -872,6 +883,7 @@ impl MechanicalState {
         let n = *n;
         let (mut x, mut v) = (now.x.clone(), now.xdot.clone());
         let rates = now.xdot[n..].to_vec();
+        kinetics.turn(&rates);
         let moved = kinetics.displacement(mode, |row| -rates[row])?;
         v.iter_mut().zip(&moved).for_each(|(v, moved)| *v += moved);
         // the impulses do work, too
