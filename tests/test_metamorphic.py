@@ -55,6 +55,9 @@ FRICTION = {
     "elastic impacts whose contact sticks": (77, 228),
     "a joint that turns between impacts": (77, 819),
     "impacts that turn the slip round": (78, 793),
+    "a joint that holds what the gap does not press": (78, 52),
+    "two opposite gaps and a joint": (78, 97),
+    "a joint that holds a mass at a wall": (78, 729),
     "an accumulation of accumulations that friction makes": (77, 992),
 }
 

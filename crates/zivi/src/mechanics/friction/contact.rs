@@ -5,7 +5,7 @@
 use crate::mechanics::friction::local::LocalContact;
 use crate::mechanics::kinetics::{Kinetics, Undetermined};
 use crate::mechanics::shares::{orthonormal, shortest};
-use crate::numeric::dense::{axpy, dot};
+use crate::numeric::dense::{axpy, dot, largest};
 use crate::numeric::elimination::{Elimination, Singular};
 use crate::record::gap_set::{ContactMode, GapSet};
 
@@ -236,13 +236,20 @@ impl Kinetics {
     }
 
     /// Of the forces of a mode with `K x = r` those with which it moves, where the motion depends on how
-    /// contacts share their load: gaps carry it before joints do, with the least forces that press.
+    /// contacts share their load: gaps carry it before joints do, with the least forces that press. Where gaps
+    /// alone would pull, joints hold what they can.
     fn carried_by_gaps(&self, edges: &Edges, all: &[Vec<f64>], x: &mut [f64]) {
         let m = self.layout.m;
         let is_joint = |row: usize| row >= m && self.gap_of(row - m).is_none();
+        let solved = x.to_vec();
         let rest = edges.spare(all, x, &is_joint);
-        let gaps = (0..x.len()).filter(|&at| edges.rows[at] < m);
-        shortest(x, &rest, gaps);
+        let gaps = || (0..solved.len()).filter(|&at| edges.rows[at] < m);
+        shortest(x, &rest, gaps());
+        let most = largest(&solved).max(largest(x));
+        if gaps().any(|at| x[at] < -MOVES * most) {
+            x.copy_from_slice(&solved);
+            shortest(x, all, gaps());
+        }
     }
 
     /// Accelerations and forces in a mode with friction.
