@@ -354,3 +354,67 @@ def test_bad_input():
         interop.run_function(BALL, (0, 3), (1, 0), ("mass",))
     with pytest.raises(TypeError, match="RunFunction"):
         interop.jax_function(math.sin)
+
+
+EDGES = np.linspace(0.0, 1.5, 5)
+FINE = zivi.SwitchedRK(rtol=1e-11, atol=1e-13)
+
+
+def test_controls_have_the_columns_of_one_run_with_a_parameter_for_each():
+    def pushed(t, x, v, u0, u1, u2, u3):
+        return (u0, u1, u2, u3)[min(int(np.searchsorted(EDGES, t, side="right")) - 1, 3)] - 9.81
+
+    u = np.linspace(-3.0, 3.0, 4)
+    names = ("u0", "u1", "u2", "u3")
+    force = zivi.ParametricForce(pushed, dict(zip(names, u, strict=True)))
+    whole = zivi.ImpactSystem(force, e=0.7)
+    s = zivi.sensitivity(whole, (0, 1.5), (1, 0), names, FINE, tstops=EDGES[1:-1])
+    one = zivi.ImpactSystem(zivi.ParametricForce(lambda t, x, v, u: u - 9.81, {"u": 0.0}), e=0.7)
+    f = zivi.interop.controlled_function(one, EDGES, (1, 0), "u", method=FINE)
+    value, slopes = f(u)
+    np.testing.assert_allclose(value, [s.trajectory.x[-1], s.trajectory.xdot[-1]], atol=1e-9)
+    np.testing.assert_allclose(slopes, s.final, atol=1e-8)
+    np.testing.assert_allclose(f.gradient(u, [1.0, 2.0]), slopes[0] + 2 * slopes[1], rtol=1e-14)
+
+
+def test_controls_do_nothing_to_a_body_that_rests_at_the_end():
+    ball = zivi.ImpactSystem(zivi.LinearForce(gravity=9.81), e=0.5)
+    f = zivi.interop.controlled_function(ball, np.linspace(0, 4, 9), (1, 0), "gravity")
+    value, slopes = f(np.full(8, 9.81))
+    assert not value.any()
+    assert not slopes.any()
+    assert np.isinf(f.evaluate(np.full(8, np.nan)).value).all()
+
+
+def test_controls_of_mechanisms_follow_the_closed_form():
+    def cart(u):
+        return zivi.MechanicalSystem(mass=2.0, force=[u], gaps=[zivi.LinearGap([1.0])], e=0.5)
+
+    system = zivi.ParametricSystem(cart, {"u": 0.0})
+    f = zivi.interop.controlled_function(system, [0.0, 0.5, 1.0], ([3.0], [0.0]), ["u"])
+    value, slopes = f([2.0, -1.0])
+    assert value.shape == (2, 1)
+    assert slopes.shape == (2, 1, 2)
+    # x'' = u/2: (0.5^2/2 + 0.5 0.5)/2 and 0.5^2/2/2, 0.5/2 each
+    np.testing.assert_allclose(slopes[:, 0], [[0.1875, 0.0625], [0.25, 0.25]], rtol=1e-7)
+
+
+@pytest.mark.parametrize(
+    ("edges", "controls", "words"),
+    [([0.0], "u", "edges must be"), ([0, 1, 1], "u", "edges must be"), ([0, 1], (), "controls")],
+)
+def test_bad_controls_are_named(edges, controls, words):
+    force = zivi.ParametricForce(lambda t, x, v, u: u, {"u": 0.0})
+    ball = zivi.ImpactSystem(force, e=0.5)
+    with pytest.raises(ValueError, match=words):
+        zivi.interop.controlled_function(ball, edges, (1, 0), controls)
+
+
+def test_jax_differentiates_by_controls():
+    jax = pytest.importorskip("jax")
+    ball = zivi.ImpactSystem(zivi.LinearForce(gravity=9.81), e=0.5)
+    f = zivi.interop.controlled_function(ball, np.linspace(0, 0.4, 5), (1, 0), "gravity")
+    height = zivi.interop.jax_function(f)
+    slopes = jax.grad(lambda u: height(u)[0])(jax.numpy.full(4, 9.81))
+    # before the impact: of -int int g
+    np.testing.assert_allclose(slopes, -0.01 * (3.5 - np.arange(4)), rtol=1e-4)

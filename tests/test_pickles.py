@@ -90,6 +90,7 @@ MAKE = {
     ),
     "PeriodicOrbit": lambda: branch().orbits[0],
     "ReferenceSample": lambda: zivi.ReferenceSample(*np.ones((4, 2))),
+    "ControlledFunction": lambda: interop.controlled_function(BALL, [0, 1, 2], (1, 0), "force"),
     "RunFunction": run_function,
     "RunPoint": lambda: run_function().evaluate([0.5]),
     "Sensitivity": lambda: zivi.sensitivity(BALL, (0, 3), (1, 0)),

@@ -99,6 +99,16 @@ def test_what_data_do_not_determine_is_said(tmp_path, capsys):
     assert lines[3] == "mass and stiffness are not determined separately by these data"
 
 
+def test_an_optimal_throw_has_the_least_effort(tmp_path, capsys):
+    lines = printed("optimal_throw", tmp_path, capsys).splitlines()
+    # a hover without impacts in closed form; with impacts by another program
+    expected = [4 * 9.81**2 * 1.5 * (3 / 4 - 3 / 2 + 1), 48.450553243181511, 24.733333702082727]
+    for line, effort in zip(lines, expected, strict=True):
+        found, error = re.findall(r"effort (\S+) .*\((\S+)\)", line)[0]
+        assert float(found) == pytest.approx(effort, abs=1e-6)
+        assert float(error) < 1e-7
+
+
 def test_designed_gains_keep_their_promise(tmp_path, capsys):
     gains = example("design_gains")
     designed = gains.design()

@@ -6,10 +6,12 @@
 
 from zivi.base.habits import hint_calls
 from zivi.interop.gradient import (
+    ControlledFunction,
     RunFunction,
     RunPoint,
     SolutionFunction,
     SolutionPoint,
+    controlled_function,
     run_function,
     solution_function,
 )
@@ -23,10 +25,12 @@ from zivi.interop.python_control import (
 )
 
 __all__ = [
+    "ControlledFunction",
     "RunFunction",
     "RunPoint",
     "SolutionFunction",
     "SolutionPoint",
+    "controlled_function",
     "controller_block",
     "force_block",
     "impact_plant",

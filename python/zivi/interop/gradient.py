@@ -22,11 +22,13 @@ from zivi.vi.derivatives import VIDerivative, solution_derivative
 from zivi.vi.solve import VIOptions, VIResult, solve_vi
 
 __all__ = [
+    "ControlledFunction",
     "ParameterFunction",
     "RunFunction",
     "RunPoint",
     "SolutionFunction",
     "SolutionPoint",
+    "controlled_function",
     "run_function",
     "solution_function",
 ]
@@ -431,6 +433,178 @@ def _check_times(
         raise ValueError(f"times must be ascending and within t_span = {span}, got {times!r}")
     array.flags.writeable = False
     return array
+
+
+# The final state of a run as a function of controls that are constant over intervals.
+
+
+@dataclasses.dataclass(frozen=True)
+class ControlledFunction(ParameterFunction[RunPoint]):
+    """The final state of a run as a function of controls that are constant over intervals.
+
+    Calling it, ``f(u)``, returns ``(value, derivative)``. The run goes from edge to edge, one
+    `zivi.sensitivity` for each interval by its initial state and its controls; the derivative by
+    all controls is the product of these matrices. `jax_function` accepts this function.
+
+    Attributes
+    ----------
+    edges : ndarray
+        Edges of the N intervals (s), shape (N + 1,).
+    controls : tuple of str
+        Names of the r controls, parameters of the system.
+    """
+
+    system: Any
+    y0: Any
+    edges: Array
+    controls: tuple[str, ...]
+    method: SwitchedRK
+
+    @property
+    def wrt(self) -> tuple[str, ...]:
+        """Names of the entries of ``u``: all controls of the first interval, then of the next."""
+        numbers = range(len(self.edges) - 1)
+        return tuple(f"{name}[{k}]" for k in numbers for name in self.controls)
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Shape of the final state: (2,) for one mass, (2, n) for n coordinates."""
+        mechanical = isinstance(self.system, MechanicalSystem)
+        return (2, len(np.atleast_1d(self.y0[0]))) if mechanical else (2,)
+
+    def evaluate(self, p: ArrayLike) -> RunPoint:
+        """Return the final state, its derivative by all controls, and the status.
+
+        Parameters
+        ----------
+        p : array_like
+            Controls, shape (N r,) or (N, r).
+
+        Returns
+        -------
+        RunPoint
+            Infinite where there is no run with these controls.
+        """
+        found: RunPoint = self._at(p)
+        return found
+
+    def gradient(self, u: ArrayLike, weights: ArrayLike) -> Array:
+        """Return the gradient of a function of the final state by all controls.
+
+        Parameters
+        ----------
+        u : array_like
+            Controls.
+        weights : array_like
+            Derivatives of the function by the final state, of the shape `shape`.
+
+        Returns
+        -------
+        ndarray
+            Shape (N r,).
+        """
+        derivative = self.evaluate(u).derivative
+        return np.ravel(weights) @ derivative.reshape(-1, len(self.wrt))
+
+    def _computed(self, p: Array) -> RunPoint:
+        r, size = len(self.controls), int(np.prod(self.shape))
+        columns, state, status = np.zeros((size, len(p))), self.y0, OrbitStatus.COMPLETED
+        for k, end in enumerate(self.edges[1:]):
+            span = (float(self.edges[k]), float(end))
+            try:
+                s = self._over(span, state, p[k * r : (k + 1) * r])
+            except (ArithmeticError, ValueError) as error:
+                return self._without(OrbitStatus.OUT_OF_DOMAIN, str(error))
+            if not s.trajectory.success:
+                return self._without(OrbitStatus.RUN_ENDED, s.trajectory.message)
+            step = s.final.reshape(size, -1)
+            columns = step[:, :size] @ columns
+            columns[:, k * r : (k + 1) * r] += step[:, size:]
+            status = max(status, s.status)
+            sol: Any = s.trajectory
+            mechanical = isinstance(self.system, MechanicalSystem)
+            state = (sol.q[-1], sol.qdot[-1]) if mechanical else (sol.x[-1], sol.xdot[-1])
+        derivative = columns.reshape(*self.shape, len(p))
+        return RunPoint(np.array(state), derivative, status, "The run was differentiated.")
+
+    def _over(self, span: tuple[float, float], state: Any, controls: Array) -> Sensitivity:
+        """Run over an interval, with derivatives by its initial state and its controls."""
+        mechanical = isinstance(self.system, MechanicalSystem)
+        run = smooth_run(self.system, span, state, self.controls)
+        starts = ("q0", "qdot0") if mechanical else ("x0", "xdot0")
+        found: Sensitivity = sensitivity(
+            run.at(controls)[0],
+            span,
+            state,
+            (*starts, *self.controls),
+            self.method,
+            dense_output=False,
+            progress=False,
+        )
+        return found
+
+    def _without(self, status: OrbitStatus, message: str) -> RunPoint:
+        derivative = np.full((*self.shape, len(self.wrt)), np.nan)
+        return RunPoint(np.full(self.shape, np.inf), derivative, status, message)
+
+
+def controlled_function(
+    system: ImpactSystem | MechanicalSystem,
+    edges: ArrayLike,
+    y0: Any,
+    controls: Sequence[str] | str,
+    *,
+    method: SwitchedRK = DEFAULT,
+) -> ControlledFunction:
+    """Return the final state of a run as a function of piecewise constant controls.
+
+    Parameters
+    ----------
+    system : ImpactSystem or MechanicalSystem
+        The system, with the controls among its parameters.
+    edges : array_like
+        Increasing edges of the N intervals (s), shape (N + 1,).
+    y0 : (float, float) or (array_like, array_like)
+        Initial state.
+    controls : sequence of str
+        Names of the parameters that are controls, as in `zivi.sensitivity`.
+    method : SwitchedRK
+        Tolerances.
+
+    Returns
+    -------
+    ControlledFunction
+        ``f(u) -> (value, derivative)``, with `ControlledFunction.gradient`.
+
+    Raises
+    ------
+    ValueError, TypeError
+        If an argument is out of its range.
+
+    See Also
+    --------
+    run_function : parameters of a whole run.
+
+    Examples
+    --------
+    >>> push = zivi.ParametricForce(lambda t, x, v, u: u - 9.81, {"u": 0.0})
+    >>> ball = zivi.ImpactSystem(push, e=0.5)
+    >>> f = zivi.interop.controlled_function(ball, [0.0, 0.1, 0.2], (1.0, 0.0), "u")
+    >>> value, derivative = f([2.0, 0.0])
+    >>> derivative.round(6)  # of (x, xdot) at 0.2 s
+    array([[0.015, 0.005],
+           [0.1  , 0.1  ]])
+    """
+    names = (controls,) if isinstance(controls, str) else tuple(controls)
+    times = np.array(real_array("edges", edges))
+    if times.ndim != 1 or len(times) < 2 or not np.all(np.diff(times) > 0.0):
+        raise ValueError(f"edges must be two or more increasing times, got {edges!r}")
+    if not isinstance(method, SwitchedRK):
+        raise TypeError(f"method must be a zivi.SwitchedRK, got {method!r}")
+    if not names:
+        raise ValueError("controls must be one or more names of parameters, got none")
+    smooth_run(system, (float(times[0]), float(times[-1])), y0, names)
+    return ControlledFunction(system, y0, times, names, method)
 
 
 # The solution of a VI as a function of its parameters, with its derivative: for optimisers.
