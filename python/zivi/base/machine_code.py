@@ -30,7 +30,7 @@ from zivi.base.status import Status
 
 __all__ = [
     "COMPILERS",
-    "Ear",
+    "CallbackErrors",
     "ForkLock",
     "Native",
     "compile_model",
@@ -301,7 +301,7 @@ CALLBACKS = ("ctypes callback", "cffi callback")
 """What the message of a report speaks of if it is one of these libraries'."""
 
 
-class Ear:
+class CallbackErrors:
     """Collects exceptions raised in the compiled forces of a run.
 
     Parameters
@@ -327,18 +327,18 @@ class Ear:
 
 
 _hook_lock = ForkLock()
-_ears: list[Ear] = []
+_ears: list[CallbackErrors] = []
 _before: Any = None
 """The hook before ours, while there are ears."""
 
 
-_DEAF = contextlib.nullcontext(Ear(None))
+_DEAF = contextlib.nullcontext(CallbackErrors(None))
 """For runs without a compiled force: nothing can be heard in them."""
 
 
 def listening(
     specs: Iterable[_zivi.Force | _zivi.ImpactLaw], *, threads: bool = False
-) -> contextlib.AbstractContextManager[Ear]:
+) -> contextlib.AbstractContextManager[CallbackErrors]:
     """Listen to the compiled forces among some while they are run, in this thread or in several."""
     for spec in specs:
         if spec.is_compiled:
@@ -346,16 +346,16 @@ def listening(
     return _DEAF
 
 
-def listening_always(*, threads: bool = False) -> contextlib.AbstractContextManager[Ear]:
+def listening_always(*, threads: bool = False) -> contextlib.AbstractContextManager[CallbackErrors]:
     """Listen whatever is run: a mechanical system may have compiled parts."""
-    return Ear(None if threads else threading.get_ident())
+    return CallbackErrors(None if threads else threading.get_ident())
 
 
 ENDED = (int(Status.FORCE_NOT_FINITE), int(Status.STATE_NOT_FINITE), int(Status.IMPACT_NOT_SOLVED))
 """How runs end in which a function has no value."""
 
 
-def tell(ear: Ear, status: NDArray[np.uint8]) -> None:
+def tell(ear: CallbackErrors, status: NDArray[np.uint8]) -> None:
     """Warn of exceptions that ended runs of a batch; re-raise KeyboardInterrupt and the like."""
     ended = int(np.count_nonzero(np.isin(status, ENDED)))
     if not isinstance(error := ear.ends(not ended), Exception | None):
@@ -370,7 +370,7 @@ def tell(ear: Ear, status: NDArray[np.uint8]) -> None:
         )
 
 
-def _open(ear: Ear) -> None:
+def _open(ear: CallbackErrors) -> None:
     global _before
     with _hook_lock:
         if not _ears:
@@ -378,7 +378,7 @@ def _open(ear: Ear) -> None:
         _ears.append(ear)
 
 
-def _close(ear: Ear) -> None:
+def _close(ear: CallbackErrors) -> None:
     with _hook_lock:
         _ears.remove(ear)
         # whoever took the hook meanwhile keeps it

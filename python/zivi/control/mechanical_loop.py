@@ -30,7 +30,7 @@ from zivi.control.twisting import CONTROLLERS
 from zivi.simulation import mechanical_trajectory as labelled
 from zivi.simulation.impacts import SLOWEST, check_slowest
 from zivi.simulation.mechanical_run import (
-    Asked,
+    RunRequest,
     check_friction,
     configuration,
     state_of,
@@ -287,7 +287,7 @@ def simulate_mechanical(
         else called_loop(controller, given, inputs.names)
     )
     stops = np.unique(np.concatenate([times[1:-1], system._breaks(span)]))
-    asked = Asked(span, q, qdot, None, stops, [], dense_output)
+    asked = RunRequest(span, q, qdot, None, stops, [], dense_output)
     kicked = with_kicks(asked, kicks, system, chosen[0])
     with ProgressBar(progress) as bar, listening_always() as ear:
         record = _zivi.simulate_mechanical_loop(

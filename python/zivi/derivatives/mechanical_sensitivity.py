@@ -16,7 +16,7 @@ from zivi.base.habits import closest
 from zivi.base.machine_code import listening_always
 from zivi.base.table import Field, ResultTable
 from zivi.derivatives.result import EVENTS, KINDS, Nearest, OrbitStatus, Sensitivity
-from zivi.simulation.mechanical_run import Asked, closer_of, setup_of, state_of
+from zivi.simulation.mechanical_run import RunRequest, closer_of, setup_of, state_of
 from zivi.simulation.mechanical_trajectory import MechanicalTrajectory
 from zivi.simulation.methods import SwitchedRK
 from zivi.simulation.run_result import as_raised, with_partial
@@ -298,7 +298,7 @@ class _Problem:
     def solve(self, dense: bool = False, progress: bool | None = False) -> MechanicalSensitivity:
         with listening_always() as ear:
             record = self.record(self.span, np.empty(0), dense, progress)
-        asked = Asked(self.span, *self.state, None, self.stops, [], dense)
+        asked = RunRequest(self.span, *self.state, None, self.stops, [], dense)
         sol = MechanicalTrajectory._from_record(
             record.run,
             self.system,

@@ -15,7 +15,7 @@ from zivi.orbits.critical import crossed
 from zivi.orbits.equations import Frame, Terms, after_event, evaluate, row_sizes
 from zivi.orbits.flows import MOST_LETTERS, FlightError, MassFlow, Segment, Word
 from zivi.orbits.path import (
-    Low,
+    Constraint,
     Margins,
     Path,
     Point,
@@ -31,8 +31,8 @@ from zivi.simulation.run import simulate
 __all__ = [
     "STILL",
     "Arc",
+    "Continuation",
     "Found",
-    "Way",
     "about",
     "end_of_rest",
     "is_near",
@@ -67,7 +67,7 @@ REOPENING_PROBE, FAR = 1e-4, 0.3
 """How far, in scaled unknowns, a margin is looked at for its slope, and where it may vanish."""
 
 
-def reopened(path: Path, edge: Point, low: Low) -> tuple[Path, Point] | None:
+def reopened(path: Path, edge: Point, low: Constraint) -> tuple[Path, Point] | None:
     """Return an orbit whose contact opens, slightly past the event, and its path."""
     if len(path.frame.word) + 2 > MOST_LETTERS:
         return None
@@ -94,7 +94,7 @@ def reopened(path: Path, edge: Point, low: Low) -> tuple[Path, Point] | None:
     return None
 
 
-def _lifted(terms: Terms, low: Low) -> tuple[Frame, Array, int] | None:
+def _lifted(terms: Terms, low: Constraint) -> tuple[Frame, Array, int] | None:
     """Split a contact where its force vanishes: it ends and begins again at the next impact."""
     if terms.frame.word[0].kind == "P":
         if terms.frame.turn is not None or terms.frame.free:
@@ -159,7 +159,7 @@ def _from(terms: Terms, s: int, end: float) -> Array:
     return np.concatenate([[begin], z, [end]])[None]
 
 
-def _struck(terms: Terms, low: Low) -> tuple[Frame, Array, int] | None:
+def _struck(terms: Terms, low: Constraint) -> tuple[Frame, Array, int] | None:
     """Open a contact at an impact whose impulse on it would be negative; the gap is hit again."""
     frame, x, s, gap = terms.frame, terms.x.copy(), low.segment, low.gap
     segment, flow, k = frame.word[s], frame.flow, len(frame.word)
@@ -219,7 +219,7 @@ def _shortest(terms: Terms) -> int | None:
     return min(own, key=lambda s: float(terms.x[s, -1] - terms.x[s, 0]), default=None)
 
 
-def rejoined(path: Path, last: Point) -> tuple[Path, Point, Low] | None:
+def rejoined(path: Path, last: Point) -> tuple[Path, Point, Constraint] | None:
     """Return the path without the short flight of an opened contact, and the event on it."""
     joined = _without_flight(last.terms)
     if joined is None:
@@ -236,10 +236,10 @@ def rejoined(path: Path, last: Point) -> tuple[Path, Point, Low] | None:
     return None if event is None else (new, *event)
 
 
-def _event_near(path: Path, start: Point, kind: str, gap: int) -> tuple[Point, Low] | None:
+def _event_near(path: Path, start: Point, kind: str, gap: int) -> tuple[Point, Constraint] | None:
     """Find where a margin vanishes, and orient the tangent towards its positive side."""
 
-    def least(point: Point) -> Low | None:
+    def least(point: Point) -> Constraint | None:
         own = [it for it in point.margins.lows if it.kind == kind and it.gap == gap]
         return min(own, key=lambda it: it.value, default=None)
 
@@ -354,7 +354,7 @@ def is_near(points: Sequence[Point]) -> bool:
 
 def end_of_rest(
     path: Path, points: Sequence[Point], span: tuple[float, float]
-) -> tuple[Point, Low] | None:
+) -> tuple[Point, Constraint] | None:
     """Find where a contact lasts no time; None if it does not end so."""
     if len(points) < 2:
         return None
@@ -394,7 +394,9 @@ def end_of_rest(
     return Point(z, last.terms, last.tangent, end, last.corrections, last.residual), short
 
 
-def with_duration(path: Path, near: Sequence[Point], short: Low, duration: float) -> Point | None:
+def with_duration(
+    path: Path, near: Sequence[Point], short: Constraint, duration: float
+) -> Point | None:
     """Return the orbit with a contact of a given duration, from one to three nearby orbits."""
     size, last = path.frame.size, near[-1]
     normal = np.zeros(len(last.z))
@@ -411,7 +413,7 @@ def with_duration(path: Path, near: Sequence[Point], short: Low, duration: float
     return found if found is not None and _duration(found, short) > 0.0 else None
 
 
-def _weights(near: Sequence[Point], short: Low, powers: Sequence[float], at: float) -> Array:
+def _weights(near: Sequence[Point], short: Constraint, powers: Sequence[float], at: float) -> Array:
     """Return the weights of points for an extrapolation in powers of the duration."""
     size = _duration(near[-1], short)
     own = np.array(powers if len(near) == 3 else powers[::2])
@@ -419,7 +421,7 @@ def _weights(near: Sequence[Point], short: Low, powers: Sequence[float], at: flo
     return np.asarray(np.linalg.solve(rows.T, (at / size) ** own), np.float64)
 
 
-def _extrapolated(near: Sequence[Point], short: Low) -> float:
+def _extrapolated(near: Sequence[Point], short: Constraint) -> float:
     """Return the end that points point to: `p` goes like ``D**power``, then one power more."""
     power = _power(near[-1], short)
     powers = (0.0, power, power + 1.0) if len(near) == 3 else (0.0, np.nan, power)
@@ -428,7 +430,7 @@ def _extrapolated(near: Sequence[Point], short: Low) -> float:
     return last + float(weights @ [it.value - last for it in near])
 
 
-def _power(point: Point, short: Low) -> float:
+def _power(point: Point, short: Constraint) -> float:
     """Return the power of the duration, which the restitution alone determines."""
     frame = point.terms.frame
     # a plastic impact closes immediately, for every restitution
@@ -436,13 +438,13 @@ def _power(point: Point, short: Low) -> float:
     return 1.0 / chatter_exponent(0.0 if plastic else float(frame.flow.e[short.gap]))
 
 
-def shortest_rest(point: Point) -> Low | None:
+def shortest_rest(point: Point) -> Constraint | None:
     """Return the contact that lasts the shortest time."""
     own = [it for it in point.margins.lows if it.kind == "end_of_rest"]
     return min(own, key=lambda it: it.value, default=None)
 
 
-def _duration(point: Point, short: Low) -> float:
+def _duration(point: Point, short: Constraint) -> float:
     """Return how long a contact lasts: it is handed on a little after its accumulation ends."""
     terms = point.terms
     row = terms.x[short.segment]
@@ -469,7 +471,7 @@ RETURNS = 12
 
 def rest_beyond(
     path: Path, edge: Point, span: tuple[float, float]
-) -> tuple[Path, Point, Low] | None:
+) -> tuple[Path, Point, Constraint] | None:
     """Return where rest appears near an orbit with a long chain: its path, the end, the contact.
 
     The point has the value of the end; its unknowns are those of the shortest rest computed.
@@ -574,7 +576,7 @@ class Found(NamedTuple):
 
     kind: str
     point: Point
-    low: Low | None = None
+    low: Constraint | None = None
 
 
 @dataclasses.dataclass
@@ -584,11 +586,11 @@ class Arc:
     path: Path
     points: list[Point]
     events: list[Found] = dataclasses.field(default_factory=list)
-    sided: bool = False
+    admissible_near_start: bool = False
     """Whether an orbit a little beyond its start was seen to be a motion."""
 
 
-class Way:
+class Continuation:
     """The way along a branch in one direction, from word to word."""
 
     def __init__(
@@ -644,7 +646,12 @@ class Way:
         if self.out and self._is_out(last):
             return self._beyond(arc, new)
         edge = self._edge(arc, last, new)
-        if edge is not None and edge.point is last and arc.sided and self.step > PROBE:
+        if (
+            edge is not None
+            and edge.point is last
+            and arc.admissible_near_start
+            and self.step > PROBE
+        ):
             # the sequence is admissible on this side: if impacts appear in close succession, the
             # step passed the next ones
             self.step *= 0.1
@@ -762,11 +769,11 @@ class Way:
         sided = self._sided(path, start, float(edge.point.tangent[-1]))
         if sided is None:
             return OrbitStatus.LEFT_ADMISSIBLE
-        self.arcs.append(Arc(path, [sided], sided=True))
+        self.arcs.append(Arc(path, [sided], admissible_near_start=True))
         self.step = min(self.step, 0.2 * self.longest)
         return None
 
-    def _reopen(self, arc: Arc, edge: Point, low: Low) -> OrbitStatus | None:
+    def _reopen(self, arc: Arc, edge: Point, low: Constraint) -> OrbitStatus | None:
         """Continue at an event at which a contact opens briefly."""
         found = reopened(arc.path, edge, low)
         if found is None:
@@ -789,7 +796,7 @@ class Way:
         self.step = 0.2 * self.longest
         return True
 
-    def _rest(self, rest: tuple[Path, Point, Low]) -> OrbitStatus | None:
+    def _rest(self, rest: tuple[Path, Point, Constraint]) -> OrbitStatus | None:
         """Continue with the resting orbit at an impact sequence that became a rest."""
         path, end, short = rest
         self.arcs[-1].events.append(Found("rest_appears", end, short))
@@ -886,13 +893,13 @@ def _same(one: tuple[float, Array], other: tuple[float, Array]) -> bool:
     return abs(one[0] - other[0]) < 1e-8 and bool(np.max(np.abs(one[1] - other[1])) < 1e-6)
 
 
-def _same_kind(margins: Margins, low: Low) -> list[Low]:
+def _same_kind(margins: Margins, low: Constraint) -> list[Constraint]:
     own = [it for it in margins.lows if it[:3] == low[:3]]
     near = [it for it in own if abs(it.t - low.t) < 0.05 * abs(margins.terms.length)]
     return near or own
 
 
-def _watched(low: Low, word: Word) -> Callable[[Point], float]:
+def _watched(low: Constraint, word: Word) -> Callable[[Point], float]:
     """Return the test function of the constraint that became negative."""
     s = low.segment
     if low.kind == "simultaneous" and low.gap == word[s].gap:

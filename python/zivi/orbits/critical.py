@@ -11,7 +11,7 @@ import numpy as np
 from zivi.base.check import Array
 from zivi.orbits.equations import Frame, Terms, evaluate, sizes_of, whole_word
 from zivi.orbits.flows import MOST_LETTERS, FlightError, Segment, uncoupled
-from zivi.orbits.path import Low, Margins
+from zivi.orbits.path import Constraint, Margins
 
 __all__ = [
     "Critical",
@@ -378,7 +378,7 @@ class _Doubled:
 # Other words at an event: without an impact that grazes, with one that begins.
 
 
-def crossed(terms: Terms, low: Low) -> tuple[Frame, Array] | None:
+def crossed(terms: Terms, low: Constraint) -> tuple[Frame, Array] | None:
     """Return frame and unknowns of the event sequence past an event; None if there is none."""
     segment = terms.frame.word[low.segment]
     if low.kind == "interior_impact":
@@ -433,7 +433,7 @@ def _without(terms: Terms) -> tuple[Frame, Array]:
     return new, new.joined(x, terms.length)
 
 
-def _inserted(terms: Terms, low: Low) -> tuple[Frame, Array] | None:
+def _inserted(terms: Terms, low: Constraint) -> tuple[Frame, Array] | None:
     """Split a segment at the minimum of a gap that touches."""
     frame, x, s = terms.frame, terms.x, low.segment
     segment = frame.word[s]
@@ -460,7 +460,7 @@ def _inserted(terms: Terms, low: Low) -> tuple[Frame, Array] | None:
     return _reframed(frame, word, rows, terms.length)
 
 
-def _swapped(terms: Terms, low: Low) -> tuple[Frame, Array] | None:
+def _swapped(terms: Terms, low: Constraint) -> tuple[Frame, Array] | None:
     """Swap two simultaneous impacts of uncoupled gaps."""
     frame, x, s = terms.frame, terms.x.copy(), low.segment
     first, second = frame.word[s - 1], frame.word[s]

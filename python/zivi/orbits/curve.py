@@ -28,7 +28,7 @@ from zivi.orbits.critical import (
 from zivi.orbits.equations import Frame, Terms, evaluate, sizes_of
 from zivi.orbits.flows import FlightError
 from zivi.orbits.orbit import MechanicalOrbit, PeriodicOrbit
-from zivi.orbits.path import Low, Margins, Path, Point, located, moved_frame, value_of
+from zivi.orbits.path import Constraint, Margins, Path, Point, located, moved_frame, value_of
 from zivi.orbits.words import FOUND, NotDifferentiable, orbit_of_mechanism, recent, rolled
 from zivi.simulation.run import pair, simulate
 
@@ -507,7 +507,7 @@ class _Ends:
         return frame.joined(own, frame.length)
 
 
-def _lasting(path: Path, near: list[Point], short: Low, duration: float) -> Point | None:
+def _lasting(path: Path, near: list[Point], short: Constraint, duration: float) -> Point | None:
     """Return the orbit with a rest of given duration, from one with another duration."""
     now = float(near[-1].terms.x[short.segment, -1] - near[-1].terms.x[short.segment, 0])
     while now != duration:

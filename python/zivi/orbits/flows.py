@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 import zivi._zivi as _zivi
 from zivi.base.check import Array
-from zivi.base.machine_code import Ear, listening
+from zivi.base.machine_code import CallbackErrors, listening
 from zivi.base.status import Status
 from zivi.derivatives.sensitivity import sensitivity
 from zivi.simulation.methods import SwitchedRK
@@ -171,7 +171,7 @@ def _asked(system: ImpactSystem, name: str | None) -> tuple[list[int], Array]:
     return [list(known).index(name)], np.array([1.0, 1.0, abs(known[name]) or 1.0])
 
 
-def _check(status: int, ear: Ear) -> None:
+def _check(status: int, ear: CallbackErrors) -> None:
     if (error := ear.ends(status == 0)) is not None:
         raise error
     if status:

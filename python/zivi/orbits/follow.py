@@ -12,7 +12,7 @@ import numpy as np
 from zivi.base.check import Array, finite, integer
 from zivi.base.habits import hinted
 from zivi.derivatives.result import OrbitStatus
-from zivi.orbits.arc import STILL, Arc, Found, Way, rest_beyond, single_doubling
+from zivi.orbits.arc import STILL, Arc, Continuation, Found, rest_beyond, single_doubling
 from zivi.orbits.branch import (
     MASS_MESSAGES,
     MECHANICAL_MESSAGES,
@@ -28,7 +28,16 @@ from zivi.orbits.critical import crossed, cubic_coefficient, twice
 from zivi.orbits.equations import Frame, Terms, evaluate
 from zivi.orbits.flows import FlightError, MassFlow
 from zivi.orbits.orbit import MechanicalOrbit, PeriodicOrbit
-from zivi.orbits.path import TOLERANCE, Low, Margins, Path, Point, is_resting, moved_frame, value_of
+from zivi.orbits.path import (
+    TOLERANCE,
+    Constraint,
+    Margins,
+    Path,
+    Point,
+    is_resting,
+    moved_frame,
+    value_of,
+)
 from zivi.orbits.words import (
     NotDifferentiable,
     checked,
@@ -66,7 +75,7 @@ class Followed(NamedTuple):
     status: OrbitStatus
     """Of the two ends the one that needs more attention."""
     flights: int
-    ways: list[Way]
+    ways: list[Continuation]
 
 
 def path_of(frame: Frame, name: str, y: Array, span: tuple[float, float]) -> tuple[Path, Point]:
@@ -79,7 +88,11 @@ def path_of(frame: Frame, name: str, y: Array, span: tuple[float, float]) -> tup
 
 
 def both_ways(
-    way: Callable[[Point, int], Way], start: Point, most: int, first: int, side: float | None
+    way: Callable[[Point, int], Continuation],
+    start: Point,
+    most: int,
+    first: int,
+    side: float | None,
 ) -> Followed:
     """Continue from a point in both directions, first a few points, or in one direction."""
     backward = dataclasses.replace(start, tangent=-start.tangent)
@@ -164,8 +177,8 @@ def _found(
     away = orbit._away
     side = None if away is None else float(start.tangent[:-1] @ (away / path.scale[:-1]))
 
-    def way(start: Point, most: int) -> Way:
-        return Way(path, start, span, step, most, through=through, beyond=beyond)
+    def way(start: Point, most: int) -> Continuation:
+        return Continuation(path, start, span, step, most, through=through, beyond=beyond)
 
     return both_ways(way, start, most, first, side)
 
@@ -349,7 +362,7 @@ def _branch_event(multiple: int, found: Found, path: Path, span: Span) -> Branch
     return BranchEvent(found.kind, found.point.value, point_orbit(point, multiple, here=True))
 
 
-def _beyond(multiple: int, way: Way) -> list[BranchEvent]:
+def _beyond(multiple: int, way: Continuation) -> list[BranchEvent]:
     """Return the events at the end of a branch: rest that appears, or a period doubling."""
     arc = way.arcs[-1]
     if way.status is OrbitStatus.LEFT_ADMISSIBLE and arc.events and not way.through:
@@ -415,7 +428,7 @@ def _cross_event(branch: Any, event: Any) -> Any:
     return found
 
 
-def _touching(terms: Terms, kind: str) -> Low | None:
+def _touching(terms: Terms, kind: str) -> Constraint | None:
     own = [low for low in Margins(terms).lows if low.kind == kind]
     return min(own, key=lambda it: abs(it.value) / it.size, default=None)
 

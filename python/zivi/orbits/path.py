@@ -47,7 +47,7 @@ from zivi.system.parameters import (
 
 __all__ = [
     "OUT",
-    "Low",
+    "Constraint",
     "Margins",
     "Path",
     "Point",
@@ -461,7 +461,7 @@ OUT_OF_MASS = {
 """The same of one mass."""
 
 
-class Low(NamedTuple):
+class Constraint(NamedTuple):
     """Something that must be positive."""
 
     kind: str
@@ -480,7 +480,7 @@ class Margins:
     terms: Terms
 
     @functools.cached_property
-    def lows(self) -> list[Low]:
+    def lows(self) -> list[Constraint]:
         """All that must be positive; of gaps and forces their minima."""
         found = [*self._events(), *self._lasting(), *self._kinks()]
         for s in range(len(self.terms.frame.word)):
@@ -488,7 +488,7 @@ class Margins:
         return found
 
     @property
-    def least(self) -> Low | None:
+    def least(self) -> Constraint | None:
         """The least margin relative to its scale."""
         return min(self.lows, key=lambda it: it.value / it.size, default=None)
 
@@ -545,31 +545,31 @@ class Margins:
         rates = terms.frame.flow.gaps(times, z)[1][:, gap]
         return float((rates[1] - rates[0]) / h) if h else math.inf
 
-    def _events(self) -> list[Low]:
+    def _events(self) -> list[Constraint]:
         terms, found = self.terms, []
         hits = [s for s, it in enumerate(terms.frame.word) if it.kind in "ISZ"]
         fastest = float(np.max(np.abs(terms.rates[hits]), initial=0.0)) or 1.0
         for s in hits:
             segment, t = terms.frame.word[s], float(terms.x[s, -1])
-            found.append(Low("grazing", s, segment.gap, t, -float(terms.rates[s]), fastest))
+            found.append(Constraint("grazing", s, segment.gap, t, -float(terms.rates[s]), fastest))
             if not segment.kept:
                 continue
             largest = float(np.max(np.abs(terms.impulses[s]), initial=1e-300))
             for gap, impulse in zip(segment.kept, terms.impulses[s][1:], strict=True):
-                found.append(Low("opening", s, gap, t, float(impulse), largest))
+                found.append(Constraint("opening", s, gap, t, float(impulse), largest))
         return found
 
-    def _lasting(self) -> list[Low]:
+    def _lasting(self) -> list[Constraint]:
         terms, found = self.terms, []
         for s, segment in enumerate(terms.frame.word):
             kind = "end_of_rest" if segment.contacts else "simultaneous"
             t = float(terms.x[s, 0])
             last = float(terms.x[s, -1]) - t
             if segment.contacts or last < 0.0:
-                found.append(Low(kind, s, segment.gap, t, last, abs(terms.length)))
+                found.append(Constraint(kind, s, segment.gap, t, last, abs(terms.length)))
         return found
 
-    def _kinks(self) -> list[Low]:
+    def _kinks(self) -> list[Constraint]:
         """Look for gaps that are least where an impact of another one turns them."""
         terms, found = self.terms, []
         frame, word = terms.frame, terms.frame.word
@@ -587,10 +587,12 @@ class Margins:
             size = max(float(np.max(np.abs(before[0, : frame.flow.n]))), 1e-300)
             for i in others:
                 if rates[0, i] < 0.0 <= turned[0, i]:
-                    found.append(Low("simultaneous", s, i, float(t[0]), float(gaps[0, i]), size))
+                    found.append(
+                        Constraint("simultaneous", s, i, float(t[0]), float(gaps[0, i]), size)
+                    )
         return found
 
-    def behind(self) -> list[Low]:
+    def behind(self) -> list[Constraint]:
         """Return the minima next to impacts that open: the gap is below zero since they do."""
         word, found = self.terms.frame.word, []
         for s, segment in enumerate(word):
@@ -605,7 +607,7 @@ class Margins:
                 found += sorted(own, key=lambda it: it.t)[which:][:1]
         return found
 
-    def between(self, s: int) -> list[Low]:
+    def between(self, s: int) -> list[Constraint]:
         """Find minima of open gaps and of contact forces in a segment."""
         terms = self.terms
         flow, segment = terms.frame.flow, terms.frame.word[s]
@@ -628,7 +630,7 @@ class Margins:
             turns = np.flatnonzero((rates[:-1, i] < 0.0) & (rates[1:, i] >= 0.0))
             for k in turns[(turns > 0) | (i != lifted)]:
                 t, value = self._minimum(s, i, times[k : k + 2], rates[k : k + 2, i])
-                found.append(Low("interior_impact", s, i, t, value, size))
+                found.append(Constraint("interior_impact", s, i, t, value, size))
         if segment.contacts:
             found += self._forces(s, times, z)
         return found
@@ -637,16 +639,16 @@ class Margins:
     def _distance(self) -> float:
         return float(row_sizes(self.terms)[1])
 
-    def _of_mass(self, s: int, t: float, height: float) -> list[Low]:
+    def _of_mass(self, s: int, t: float, height: float) -> list[Constraint]:
         """Return the lowest minimum of one mass; where an impact is plastic whether it leaves."""
         terms, found = self.terms, []
         if math.isfinite(height):
             size = self._distance
-            found.append(Low("interior_impact", s, 0, float(t), float(height), size))
+            found.append(Constraint("interior_impact", s, 0, float(t), float(height), size))
         if terms.frame.flow.e[0] == 0.0 and terms.frame.word[s].kind == "I":
             pulls = terms.flights.first[:, 1]
             begin, size = float(terms.x[s - 1, -1]), float(np.max(np.abs(pulls)))
-            found.append(Low("rest_appears", s, 0, begin, float(pulls[s]), size))
+            found.append(Constraint("rest_appears", s, 0, begin, float(pulls[s]), size))
         return found
 
     def _minimum(self, s: int, gap: int, times: Array, rates: Array) -> tuple[float, float]:
@@ -661,7 +663,7 @@ class Margins:
 
         return _zero(look, times, rates)
 
-    def _forces(self, s: int, times: Array, z: Array) -> list[Low]:
+    def _forces(self, s: int, times: Array, z: Array) -> list[Constraint]:
         terms = self.terms
         flow, segment = terms.frame.flow, terms.frame.word[s]
         forces = flow.reactions(segment.contacts, times, z)
@@ -669,13 +671,15 @@ class Margins:
         for k, i in enumerate(segment.contacts):
             own = forces[:, k]
             size = max(float(np.max(np.abs(own))), 1e-300)
-            found.append(Low("contact_ends", s, i, float(times[0]), float(own[0]), size))
+            found.append(Constraint("contact_ends", s, i, float(times[0]), float(own[0]), size))
             if i != segment.gap:
-                found.append(Low("contact_ends", s, i, float(times[-1]), float(own[-1]), size))
+                found.append(
+                    Constraint("contact_ends", s, i, float(times[-1]), float(own[-1]), size)
+                )
             inner = np.flatnonzero((own[1:-1] < own[:-2]) & (own[1:-1] <= own[2:])) + 1
             for j in inner:
                 low = self._least_force(s, i, times[j - 1 : j + 2])
-                found.append(Low("contact_ends", s, i, *low, size))
+                found.append(Constraint("contact_ends", s, i, *low, size))
         return found
 
     def _least_force(self, s: int, gap: int, times: Array) -> tuple[float, float]:

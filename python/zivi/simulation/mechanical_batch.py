@@ -16,7 +16,7 @@ from zivi.base.extras import ProgressBar
 from zivi.base.table import Field, ResultTable
 from zivi.simulation.batch_result import BatchRuns, replaced, room_for, stops_of, threads_for
 from zivi.simulation.mechanical_run import (
-    Asked,
+    RunRequest,
     check_friction,
     check_mechanical_method,
     configuration,
@@ -208,7 +208,7 @@ def mechanical_batch(
                     method._core, span=span, slowest=slowest, threads=threads, progress=bar.report
                 )
             first = _system_of_run(several, columns, 0)
-            asked = Asked(span, q[0], qdot[0], None, stops[0], [], dense=False)
+            asked = RunRequest(span, q[0], qdot[0], None, stops[0], [], dense=False)
             config = configuration(first, first.model(q.shape[1]), method, asked)
             return _batch_of_ends(found, config | {"n_runs": len(q), "save": save}, dict(columns))
     if columns and len(several) == 1:
@@ -237,8 +237,8 @@ def _batch_of_runs(
     # the motion itself is requested in samples and whole runs only
     dense = times is not None or save == "runs" or not isinstance(method, SwitchedRK)
 
-    def asked(q: Array, qdot: Array, stops: Array) -> Asked:
-        return Asked(span, q, qdot, None, stops, [], dense, arcs=True, ends=save != "runs")
+    def asked(q: Array, qdot: Array, stops: Array) -> RunRequest:
+        return RunRequest(span, q, qdot, None, stops, [], dense, arcs=True, ends=save != "runs")
 
     tasks = list(zip(several, map(asked, q, qdot, stops), strict=True))
     if kicks is not None:

@@ -23,8 +23,8 @@ from zivi.system.mechanism import MechanicalSystem, Model, check_planar
 from zivi.system.start import check_start
 
 __all__ = [
-    "Asked",
     "FixedOrSwitched",
+    "RunRequest",
     "check_mechanical_method",
     "closer_of",
     "configuration",
@@ -40,7 +40,7 @@ FixedOrSwitched: TypeAlias = SwitchedRK | FixedSteps
 
 
 @dataclasses.dataclass(slots=True)
-class Asked:
+class RunRequest:
     """Arguments of a run, checked.
 
     Parameters
@@ -162,7 +162,7 @@ COUPLED = (
 
 
 def run_mechanical(
-    system: MechanicalSystem, method: FixedOrSwitched, asked: Asked, report: Any
+    system: MechanicalSystem, method: FixedOrSwitched, asked: RunRequest, report: Any
 ) -> tuple[MechanicalTrajectory, BaseException | None]:
     """Check the initial state, run, and return the result with the exception that ended it."""
     record, model = record_of(system, method, asked, report)
@@ -176,7 +176,7 @@ def run_mechanical(
 
 
 def record_of(
-    system: MechanicalSystem, method: FixedOrSwitched, asked: Asked, report: Any
+    system: MechanicalSystem, method: FixedOrSwitched, asked: RunRequest, report: Any
 ) -> tuple[_zivi.MechanicalRecord, Model]:
     """Check the initial state, run, and return the record of the extension."""
     check_friction(system, method)
@@ -204,7 +204,7 @@ ENERGY = (
 
 
 def _coupled(
-    system: MechanicalSystem, model: Model, asked: Asked, *, differing: bool = False
+    system: MechanicalSystem, model: Model, asked: RunRequest, *, differing: bool = False
 ) -> bool:
     """Whether gaps, or those with different e, are coupled through the mass matrix at the start."""
     pairs = ~np.eye(system.m, dtype=bool)
@@ -226,7 +226,7 @@ def stops_with(kicked: KickSchedule, stops: Array, method: Any) -> Array:
     return np.unique(np.concatenate([stops, kicked.stops]))
 
 
-def with_kicks(asked: Asked, kicks: Any, system: MechanicalSystem, method: Any) -> Asked:
+def with_kicks(asked: RunRequest, kicks: Any, system: MechanicalSystem, method: Any) -> RunRequest:
     """Return the arguments of a run with kicks, from the state after initial ones."""
     kicked = schedule_of(kicks, system, len(asked.q), asked.span)
     if kicked is None:
@@ -236,7 +236,9 @@ def with_kicks(asked: Asked, kicks: Any, system: MechanicalSystem, method: Any) 
     return dataclasses.replace(asked, tstops=stops, qdot=qdot, kicks=kicked)
 
 
-def closer_of(system: MechanicalSystem, method: FixedOrSwitched, asked: Asked) -> Closer | None:
+def closer_of(
+    system: MechanicalSystem, method: FixedOrSwitched, asked: RunRequest
+) -> Closer | None:
     """Return a function that repeats the run with smaller tolerances."""
     if not isinstance(method, SwitchedRK):
         return None
@@ -245,14 +247,14 @@ def closer_of(system: MechanicalSystem, method: FixedOrSwitched, asked: Asked) -
 
 
 def configuration(
-    system: MechanicalSystem, model: Model, method: Any, asked: Asked
+    system: MechanicalSystem, model: Model, method: Any, asked: RunRequest
 ) -> dict[str, Any]:
     """Plain values that tell the run again (functions only by their names)."""
     return setup_of(system, model, method, asked)()
 
 
 def setup_of(
-    system: MechanicalSystem, model: Model, method: Any, asked: Asked
+    system: MechanicalSystem, model: Model, method: Any, asked: RunRequest
 ) -> Callable[[], dict[str, Any]]:
     """Return a function that makes the `configuration` later, from the present parameters."""
     told, parameters = system._told()
@@ -265,7 +267,7 @@ def _configuration(
     parameters: dict[str, float] | None,
     model: Model,
     method: Any,
-    asked: Asked,
+    asked: RunRequest,
 ) -> dict[str, Any]:
     config = {
         "system": repr(system) if told is None else told,

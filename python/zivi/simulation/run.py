@@ -14,12 +14,12 @@ import zivi._zivi as _zivi
 from zivi.base.check import real, real_array
 from zivi.base.extras import ProgressBar, is_shown
 from zivi.base.habits import hinted, keyword_hint
-from zivi.base.machine_code import Ear, listening, listening_always
+from zivi.base.machine_code import CallbackErrors, listening, listening_always
 from zivi.base.status import Status, warn
 from zivi.simulation.events import MECHANICAL, events_of
 from zivi.simulation.impacts import SLOWEST, check_slowest
 from zivi.simulation.mechanical_run import (
-    Asked,
+    RunRequest,
     check_mechanical_method,
     run_mechanical,
     state_of,
@@ -379,7 +379,7 @@ def simulate(
             t_eval=times, tstops=stops, kicks=kicked, events=watched, dense=dense_output
         )
     run = (system._core, method._core, span, _zivi.State(*start), keep)
-    ear: Ear | None = None
+    ear: CallbackErrors | None = None
     if is_shown(progress) or system._calls_functions:
         with ProgressBar(progress) as bar, listening([system._spec, system._impact]) as ear:
             record = _zivi.simulate(*run, bar.report)
@@ -432,7 +432,7 @@ def _mechanical(
     q, qdot = state_of(y0, system._n)
     times = None if t_eval is None else times_within(t_eval, span)
     stops = stop_times(tstops, method, system, span)
-    asked = Asked(span, q, qdot, times, stops, events_of(events, MECHANICAL), dense_output)
+    asked = RunRequest(span, q, qdot, times, stops, events_of(events, MECHANICAL), dense_output)
     asked = with_kicks(asked, kicks, system, method)
     with ProgressBar(progress) as bar, listening_always() as ear:
         sol, error = run_mechanical(system, method, asked, bar.report)

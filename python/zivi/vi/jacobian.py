@@ -11,11 +11,11 @@ from numpy.typing import ArrayLike
 from zivi.base.check import Array, dense, is_sparse, matrix, real_array, require_finite, vector
 
 __all__ = [
-    "Both",
     "ColouredDifferences",
     "Converters",
     "IsSparseError",
     "JacobianError",
+    "ValueWithJacobian",
     "check_jacobian",
     "colours_of",
     "complex_steps",
@@ -197,7 +197,7 @@ def jacobian(jac: Any, x0: Array, args: tuple[Any, ...]) -> Callable[[Array], An
     return lambda x: constant
 
 
-class Both:
+class ValueWithJacobian:
     """A map that returns its Jacobian with its values, as two functions.
 
     Parameters
@@ -355,7 +355,7 @@ def check_jacobian(
     values, matrices = converters(n)
     map_: Callable[..., Any] = (lambda x: F(x, *args)) if args else F
     if jac is True:
-        map_ = both = Both(map_)
+        map_ = both = ValueWithJacobian(map_)
         given = matrices(both.jac(point.copy()))
     else:
         given = matrices(jac(point.copy(), *args) if callable(jac) else jac)

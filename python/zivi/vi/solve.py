@@ -14,11 +14,11 @@ import zivi._zivi as _zivi
 from zivi.base.check import MAX_DENSE, Array, bound, count, matrix, real, require_finite, vector
 from zivi.base.habits import hinted
 from zivi.vi.jacobian import (
-    Both,
     ColouredDifferences,
     Converters,
     IsSparseError,
     JacobianError,
+    ValueWithJacobian,
     check_jacobian,
     complex_steps,
     converters,
@@ -634,7 +634,7 @@ def solve_vi(
     limit, observe = seconds(time_limit), observer(callback)
     is_adaptive = _is_adaptive(tol, rtol, settings)
     calls = [0]
-    both = Both(map_) if jac is True else None
+    both = ValueWithJacobian(map_) if jac is True else None
     if both is not None:
         map_ = both
     if is_adaptive or both is not None or callable(jac):
@@ -677,7 +677,12 @@ def solve_vi(
 
 
 def _kept_sparse(
-    jac: Any, jac_sparsity: Any, both: Both | None, args: tuple[Any, ...], x0: Array, algebra: str
+    jac: Any,
+    jac_sparsity: Any,
+    both: ValueWithJacobian | None,
+    args: tuple[Any, ...],
+    x0: Array,
+    algebra: str,
 ) -> Any:
     """Return the Jacobian for the sparse solver if it is known to be sparse; None where not.
 
