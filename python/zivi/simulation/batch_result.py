@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Iterable, Mapping, Sequence
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -293,9 +294,9 @@ class BatchRuns(Tabulated):
     if TYPE_CHECKING:
         status: NDArray[np.uint8]
         rest_time: Array
-        parameters: dict[str, Array]
 
     _called = "runs"
+    parameters: Any = MappingProxyType({})
 
     def __len__(self) -> int:
         return len(self.status)

@@ -309,6 +309,9 @@ def _of_batch(batch: BatchRuns, n: int) -> Many:
     values: dict[str, Array] = {}
     units: dict[str, str] = {}
     for name, (dims, unit, _) in table.fields.items():
+        # parameters of the batch are those of the points, or made of them
+        if name in batch.parameters:
+            continue
         if ((dims,) if isinstance(dims, str) else dims)[0] == "run":
             own = "run_status" if name == "status" else name
             values[own] = _real_rows(name, table.value(batch, name), n)
