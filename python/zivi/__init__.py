@@ -128,6 +128,8 @@ if TYPE_CHECKING:
     from zivi.simulation.run import simulate
     from zivi.simulation.trajectory import Trajectory as Trajectory
     from zivi.study import Design, Study, grid, open_study, points, sample, sweep
+    from zivi.system.constraints.equality import Equality
+    from zivi.system.constraints.projection import consistent
     from zivi.system.force import ParametricForce
     from zivi.system.gap import (
         DryFriction,
@@ -175,6 +177,7 @@ __all__ = [
     "Controller",
     "Design",
     "DryFriction",
+    "Equality",
     "Experiment",
     "ExplicitEuler",
     "ExplicitTwisting",
@@ -232,6 +235,7 @@ __all__ = [
     "bifurcation_diagram",
     "bimatrix",
     "check_jacobian",
+    "consistent",
     "continue_curve",
     "continue_orbit",
     "design_regulator",
@@ -311,12 +315,12 @@ _LATE = {
     ),
     "study": ("Design", "Study", "grid", "open_study", "points", "sample", "sweep"),
     "system": (
-        *("DryFriction", "Gap", "Harmonic", "HarmonicWall", "Hertz", "HuntCrossley"),
+        *("DryFriction", "Equality", "Gap", "Harmonic", "HarmonicWall", "Hertz", "HuntCrossley"),
         *("ImpactLaw", "ImpactSystem", "SpringDamper"),
         *("Kick", "LinearForce", "LinearGap", "LinearSystem", "MechanicalSystem", "MovingWall"),
         *("NewtonImpact", "ParametricForce", "ParametricSystem", "Restitution"),
         *("Pulse", "RestitutionTable", "SpeedDependentImpact", "Square", "Table", "Tree"),
-        *("lift", "project"),
+        *("consistent", "lift", "project"),
     ),
     "vi": (
         *("Equilibrium", "JacobianError", "VIDerivative", "VIOptions", "VIProgress", "VIResult"),

@@ -317,7 +317,15 @@ class State:
 @final
 class Model:
     @staticmethod
-    def compiled(address: int, *, data: int | None = None, owner: object) -> Model: ...
+    def compiled(
+        address: int,
+        *,
+        data: int | None = None,
+        owner: object,
+        equalities: int | None = None,
+        drives: list[tuple[int, Wall]] = ...,
+        layout: tuple[int, int, int, int] | None = None,
+    ) -> Model: ...
     def evaluate(self, t: float, q: _Array, qdot: _Array, size: int) -> _Array: ...
     @staticmethod
     def callable(
@@ -335,10 +343,12 @@ class Model:
         gaps: list[tuple[list[float], float, Wall | None]],
     ) -> Model: ...
     @staticmethod
-    def tree(tree: Tree) -> Model: ...
+    def tree(
+        tree: Tree, *, drives: list[tuple[int, int]] = ..., owner: object | None = None
+    ) -> Model: ...
     @staticmethod
     def parts(
-        sizes: tuple[int, int, int],
+        sizes: tuple[int, int, int, int],
         row: _Array,
         *,
         gaps: list[tuple[int, list[float], float, Wall | None]],
@@ -382,6 +392,8 @@ class Tree:
         gaps: list[tuple[str, int, int]],
         friction: list[tuple[str, int]],
         numbers: _Array,
+        constraints: list[tuple[str, int, int]] = ...,
+        drives: list[tuple[int, Wall]] = ...,
     ) -> Self: ...
 
 @final
@@ -416,6 +428,7 @@ class Mechanism:
         m: int,
         e: _Array | list[ImpactLaw],
         friction: Friction | None = None,
+        k: int = 0,
     ) -> Self: ...
 
 @final
@@ -625,6 +638,7 @@ class MechanicalRecord:
     gaps: _Array
     gap_rates: _Array
     reactions: _Array
+    constraint_forces: _Array | None
     contacts: NDArray[np.bool_]
     speeds: tuple[float, float, float] | None
     occurrences: Occurrences | None

@@ -18,7 +18,7 @@ use zivi::system::flat_parts::FlatParts;
 use zivi::system::linear_dynamics::LinearDynamics;
 use zivi::system::linear_system::{GapMotion, LinearGap, LinearSystem, LoadWave};
 use zivi::system::tree;
-use zivi::system::tree::{Joint, JointKind, TreeDynamics, TreeFriction, TreeGap};
+use zivi::system::tree::{Joint, JointKind, TreeConstraint, TreeDynamics, TreeFriction, TreeGap};
 
 type Evaluate = unsafe extern "C" fn(f64, *const f64, *const f64, *mut f64) -> c_int;
 type EvaluateWith =
@@ -37,11 +37,11 @@ pub(crate) struct Model {
 
 enum Kind {
     /// A compiled function and the owner of its code.
-    Compiled(CompiledFunction, Py<PyAny>),
+    Compiled(CompiledRows, Py<PyAny>),
     /// Matrices.
     Linear(Arc<LinearSystem>),
-    /// Bodies and joints.
-    Tree(Arc<tree::Tree>),
+    /// Bodies and joints, functions of time that rows follow, and what owns their code.
+    Tree(Arc<tree::Tree>, Arc<[(usize, CompiledFunction)]>, Option<Py<PyAny>>),
     /// Constants, flat gaps, and functions for the rest.
     Parts(Arc<SystemParts>),
     /// A function, and whether it gives constants.
@@ -51,12 +51,31 @@ enum Kind {
 #[pymethods]
 impl Model {
     /// A function at an address that returns 0, or else an error code, and is called with the data,
-    /// if there are any. The owner keeps code and data alive.
+    /// if there are any. The owner keeps code and data alive. `equalities` is the address of one that
+    /// gives the numbers of the equality rows alone; `drives` are rows from which prescribed motion is
+    /// taken, of `layout`, the numbers of coordinates, gaps, channels and rows.
     #[staticmethod]
-    #[pyo3(signature = (address, *, data=None, owner))]
-    fn compiled(address: usize, data: Option<usize>, owner: Py<PyAny>) -> Self {
-        let function = CompiledFunction { address, data, returns_int: true };
-        Self { kind: Kind::Compiled(function, owner) }
+    #[pyo3(signature = (address, *, data=None, owner, equalities=None, drives=vec![], layout=None))]
+    fn compiled(
+        address: usize,
+        data: Option<usize>,
+        owner: Py<PyAny>,
+        equalities: Option<usize>,
+        drives: Vec<(usize, Py<Wall>)>,
+        layout: Option<(usize, usize, usize, usize)>,
+    ) -> PyResult<Self> {
+        let of = |address| CompiledFunction { address, data, returns_int: true };
+        let (n, m, p, k) = layout.unwrap_or_default();
+        let rows = CompiledRows {
+            function: of(address),
+            equalities: equalities.map(of),
+            drives: drives_of(&drives)?.into(),
+            layout: Layout { n, m, p, k },
+        };
+        if rows.drives.iter().any(|drive| drive.0 >= k) {
+            return Err(PyValueError::new_err("drives must be of rows that there are"));
+        }
+        Ok(Self { kind: Kind::Compiled(rows, owner) })
     }
 
     /// A function of the interpreter; `steady` if mass, force, gradients and rates are constants.
@@ -70,7 +89,7 @@ impl Model {
     #[getter]
     fn is_native(&self) -> bool {
         match &self.kind {
-            Kind::Compiled(..) | Kind::Linear(_) | Kind::Tree(_) => true,
+            Kind::Compiled(..) | Kind::Linear(_) | Kind::Tree(..) => true,
             Kind::Parts(parts) => !parts.needs_interpreter(),
             Kind::Callable(..) => false,
         }
@@ -85,7 +104,7 @@ impl Model {
     ))]
     #[allow(clippy::too_many_arguments, clippy::type_complexity)]
     fn parts(
-        sizes: (usize, usize, usize),
+        sizes: (usize, usize, usize, usize),
         row: PyReadonlyArray1<'_, f64>,
         gaps: Vec<(usize, Vec<f64>, f64, Option<Py<Wall>>)>,
         belts: Vec<(usize, Py<Wall>)>,
@@ -95,7 +114,7 @@ impl Model {
         constant: bool,
         owner: Py<PyAny>,
     ) -> PyResult<Self> {
-        let (n, m, p) = sizes;
+        let (n, m, p, k) = sizes;
         let motion = |wall: &Py<Wall>| wall.get().motion_of_gap();
         let gap = |(i, normal, offset, wall): (_, _, _, Option<Py<Wall>>)| {
             let motion = wall.as_ref().map_or(Some(GapMotion::Fixed), motion);
@@ -104,7 +123,7 @@ impl Model {
         let gaps: Option<Vec<(usize, LinearGap)>> = gaps.into_iter().map(gap).collect();
         let belts: Option<Vec<_>> =
             belts.iter().map(|(channel, wall)| Some((*channel, motion(wall)?))).collect();
-        let (row, layout) = (vector(&row)?, Layout { n, m, p });
+        let (row, layout) = (vector(&row)?, Layout { n, m, p, k });
         let fits = functions.iter().all(|it| it.get().fits(layout));
         let flat = gaps
             .zip(belts)
@@ -129,11 +148,11 @@ impl Model {
             Kind::Compiled(function, _) => {
                 // without a check of its values: numbers that are not finite are reported later
                 let mut row = vec![0.0; size];
-                function.call(t, q, qdot, &mut row);
+                function.fill(t, q, qdot, &mut row);
                 return Ok(PyArray1::from_vec(py, row));
             }
             Kind::Linear(system) => Layout::smooth(system.load.len(), system.gaps.len()),
-            Kind::Tree(tree) => tree.layout(),
+            Kind::Tree(tree, ..) => tree.layout(),
             Kind::Parts(parts) => parts.flat.layout(),
             Kind::Callable(..) => {
                 return Err(PyTypeError::new_err("a callable model is evaluated by its function"))
@@ -180,10 +199,22 @@ impl Model {
         Ok(Self { kind: Kind::Linear(Arc::new(system)) })
     }
 
-    /// Bodies and joints.
+    /// Bodies and joints; rows that follow compiled functions of time, which give place, speed and
+    /// acceleration, by their addresses, and what owns their code.
     #[staticmethod]
-    fn tree(tree: Py<Tree>) -> Self {
-        Self { kind: Kind::Tree(tree.get().inner.clone()) }
+    #[pyo3(signature = (tree, *, drives=vec![], owner=None))]
+    fn tree(
+        tree: Py<Tree>,
+        drives: Vec<(usize, usize)>,
+        owner: Option<Py<PyAny>>,
+    ) -> PyResult<Self> {
+        let tree = tree.get().inner.clone();
+        if drives.iter().any(|drive| drive.0 >= tree.layout().k) {
+            return Err(PyValueError::new_err("drives must be of rows that there are"));
+        }
+        let function = |(row, address)| (row, CompiledFunction::with_data(address, 0));
+        let drives: Arc<[_]> = drives.into_iter().map(function).collect();
+        Ok(Self { kind: Kind::Tree(tree, drives, owner) })
     }
 
     fn __traverse__(&self, visit: PyVisit<'_>) -> Result<(), PyTraverseError> {
@@ -193,7 +224,8 @@ impl Model {
                 visit.call(&parts.owner)?;
                 parts.functions.iter().try_for_each(|it| visit.call(it))
             }
-            Kind::Linear(_) | Kind::Tree(_) => Ok(()),
+            Kind::Tree(_, _, owner) => visit.call(owner),
+            Kind::Linear(_) => Ok(()),
         }
     }
 }
@@ -331,6 +363,8 @@ enum EvaluationScope {
     Varying,
     /// Those of the gaps, where mass and gradients never change.
     Gaps,
+    /// Those of the equality rows.
+    Equalities,
 }
 
 impl SystemParts {
@@ -344,14 +378,20 @@ impl SystemParts {
             EvaluationScope::All => self.flat.write(t, q, out),
             EvaluationScope::Varying => self.flat.write_again(t, q, out),
             EvaluationScope::Gaps => self.flat.write_gaps(t, q, out),
+            EvaluationScope::Equalities => (),
         }
     }
 
     /// Whether a function is called for these numbers.
     fn is_called(&self, part: &PyPart, scope: EvaluationScope) -> bool {
-        scope != EvaluationScope::Gaps
-            || matches!(part.by, PartKind::Wall { .. })
-            || part.start >= self.flat.layout().gap().start
+        let layout = self.flat.layout();
+        match scope {
+            EvaluationScope::All | EvaluationScope::Varying => true,
+            EvaluationScope::Gaps => {
+                matches!(part.by, PartKind::Wall { .. }) || part.start >= layout.gap().start
+            }
+            EvaluationScope::Equalities => part.start >= layout.equality().start && part.length > 0,
+        }
     }
 
     /// Evaluates a system of compiled functions.
@@ -459,6 +499,67 @@ impl CompiledFunction {
     }
 }
 
+/// A compiled function that gives all numbers of a system.
+#[derive(Clone)]
+struct CompiledRows {
+    function: CompiledFunction,
+    /// One that gives those of the equality rows alone.
+    equalities: Option<CompiledFunction>,
+    /// Rows from which prescribed motion is taken.
+    drives: Arc<[(usize, GapMotion)]>,
+    layout: Layout,
+}
+
+impl CompiledRows {
+    fn fill(&self, t: f64, q: &[f64], w: &[f64], out: &mut [f64]) -> c_int {
+        let code = self.function.call(t, q, w, out);
+        self.drive(t, out);
+        code
+    }
+
+    fn fill_equalities(&self, t: f64, q: &[f64], w: &[f64], out: &mut [f64]) -> c_int {
+        let Some(function) = &self.equalities else { return self.fill(t, q, w, out) };
+        let code = function.call(t, q, w, &mut out[self.layout.equality().start..]);
+        self.drive(t, out);
+        code
+    }
+
+    fn drive(&self, t: f64, out: &mut [f64]) {
+        for (row, motion) in self.drives.iter() {
+            let [place, rate, acceleration] = motion.at(t);
+            out[self.layout.equality().start + row] -= place;
+            out[self.layout.equality_rate().start + row] -= rate;
+            out[self.layout.equality_curvature().start + row] -= acceleration;
+        }
+    }
+}
+
+/// Takes compiled functions of time from equality rows; what the last of them that failed returned, or 0.
+fn drive_rows(
+    drives: &[(usize, CompiledFunction)],
+    layout: Layout,
+    t: f64,
+    out: &mut [f64],
+) -> c_int {
+    let mut failure = 0;
+    for (row, function) in drives {
+        let mut motion = [0.0; 3];
+        let code = function.call(t, &[], &[], &mut motion);
+        failure = if code == 0 { failure } else { code };
+        out[layout.equality().start + row] -= motion[0];
+        out[layout.equality_rate().start + row] -= motion[1];
+        out[layout.equality_curvature().start + row] -= motion[2];
+    }
+    failure
+}
+
+/// Prescribed motion that needs no interpreter.
+fn drives_of(given: &[(usize, Py<Wall>)]) -> PyResult<Vec<(usize, GapMotion)>> {
+    let drive = |(row, wall): &(usize, Py<Wall>)| Some((*row, wall.get().motion_of_gap()?));
+    let all: Option<Vec<_>> = given.iter().map(drive).collect();
+    all.ok_or_else(|| PyValueError::new_err("drives must be tables or harmonic motion"))
+}
+
 /// A model that is ready to be evaluated.
 pub(crate) enum AnyDynamics<'py> {
     Compiled(CompiledDynamics),
@@ -495,9 +596,11 @@ enum Evaluator<'a> {
 impl Model {
     fn evaluator(&self) -> Evaluator<'_> {
         Evaluator::Native(match &self.kind {
-            Kind::Compiled(function, _) => Source::Function(*function),
+            Kind::Compiled(function, _) => Source::Function(function.clone()),
             Kind::Linear(system) => Source::Linear(LinearDynamics::new(system.clone())),
-            Kind::Tree(tree) => Source::Tree(TreeDynamics::new(tree.clone())),
+            Kind::Tree(tree, drives, _) => {
+                Source::Tree(TreeDynamics::new(tree.clone()), drives.clone())
+            }
             Kind::Parts(parts) if !parts.needs_interpreter() => Source::Parts(parts.clone()),
             Kind::Parts(parts) => return Evaluator::Parts(parts),
             Kind::Callable(callable, steady) => return Evaluator::Callable(callable, *steady),
@@ -534,6 +637,26 @@ impl Dynamics<PyErr> for AnyDynamics<'_> {
         }
     }
 
+    fn evaluate_equalities(
+        &mut self,
+        t: f64,
+        q: &[f64],
+        w: &[f64],
+        out: &mut [f64],
+    ) -> PyResult<()> {
+        match self {
+            Self::Compiled(it) => it.evaluate_equalities(t, q, w, out),
+            Self::Callable(it) => it.evaluate_equalities(t, q, w, out),
+        }
+    }
+
+    fn has_separate_equalities(&self) -> bool {
+        match self {
+            Self::Compiled(it) => it.has_separate_equalities(),
+            Self::Callable(it) => it.has_separate_equalities(),
+        }
+    }
+
     fn is_steady(&self) -> bool {
         match self {
             Self::Compiled(it) => it.is_steady(),
@@ -566,9 +689,9 @@ pub(crate) struct CompiledDynamics {
 
 #[derive(Clone)]
 enum Source {
-    Function(CompiledFunction),
+    Function(CompiledRows),
     Linear(LinearDynamics),
-    Tree(TreeDynamics),
+    Tree(TreeDynamics, Arc<[(usize, CompiledFunction)]>),
     Parts(Arc<SystemParts>),
 }
 
@@ -582,9 +705,21 @@ impl CompiledDynamics {
     /// The same compiled function, called with other data.
     pub(crate) fn called_with(mut self, data: &[f64]) -> Self {
         if let Source::Function(function) = &mut self.source {
-            function.data = Some(data.as_ptr() as usize);
+            let address = Some(data.as_ptr() as usize);
+            function.function.data = address;
+            if let Some(rows) = &mut function.equalities {
+                rows.data = address;
+            }
         }
         self
+    }
+
+    /// What a compiled function returned at a time, as an error unless it is zero.
+    fn checked(&mut self, t: f64, code: c_int) -> PyResult<()> {
+        if code != 0 || self.raised.here() {
+            return Err(failed(t, code));
+        }
+        Ok(())
     }
 
     /// The matrices of a linear system.
@@ -595,7 +730,7 @@ impl CompiledDynamics {
     /// The tree of a tree system.
     pub(crate) fn tree(&self) -> Option<&Arc<tree::Tree>> {
         match &self.source {
-            Source::Tree(dynamics) => Some(dynamics.tree()),
+            Source::Tree(dynamics, _) => Some(dynamics.tree()),
             Source::Function(_) | Source::Linear(_) | Source::Parts(_) => None,
         }
     }
@@ -627,25 +762,27 @@ impl Dynamics<PyErr> for CompiledDynamics {
     }
 
     fn evaluate(&mut self, t: f64, q: &[f64], w: &[f64], out: &mut [f64]) -> PyResult<()> {
-        let function = match &mut self.source {
-            Source::Function(function) => *function,
-            Source::Linear(linear) => return linear.evaluate(t, q, w, out),
-            Source::Tree(tree) => return tree.evaluate(t, q, w, out),
+        match &mut self.source {
+            Source::Function(function) => {
+                let code = function.fill(t, q, w, out);
+                self.checked(t, code)
+            }
+            Source::Linear(linear) => linear.evaluate(t, q, w, out),
+            Source::Tree(tree, drives) => {
+                Dynamics::<PyErr>::evaluate(tree, t, q, w, out)?;
+                let code = drive_rows(drives, tree.tree().layout(), t, out);
+                self.checked(t, code)
+            }
             Source::Parts(parts) => {
                 let here = (&**parts, &mut self.raised);
-                return evaluate_compiled(here, EvaluationScope::All, (t, q, w), out);
+                evaluate_compiled(here, EvaluationScope::All, (t, q, w), out)
             }
-        };
-        let code = function.call(t, q, w, out);
-        if code != 0 || self.raised.here() {
-            return Err(failed(t, code));
         }
-        Ok(())
     }
 
     fn evaluate_again(&mut self, t: f64, q: &[f64], w: &[f64], out: &mut [f64]) -> PyResult<()> {
         match &mut self.source {
-            Source::Function(_) | Source::Tree(_) => self.evaluate(t, q, w, out),
+            Source::Function(_) | Source::Tree(..) => self.evaluate(t, q, w, out),
             Source::Linear(linear) => linear.evaluate_again(t, q, w, out),
             Source::Parts(parts) => {
                 let here = (&**parts, &mut self.raised);
@@ -656,12 +793,46 @@ impl Dynamics<PyErr> for CompiledDynamics {
 
     fn evaluate_gaps(&mut self, t: f64, q: &[f64], w: &[f64], out: &mut [f64]) -> PyResult<()> {
         match &mut self.source {
-            Source::Function(_) | Source::Tree(_) => self.evaluate(t, q, w, out),
+            Source::Function(_) | Source::Tree(..) => self.evaluate(t, q, w, out),
             Source::Linear(linear) => linear.evaluate_gaps(t, q, w, out),
             Source::Parts(parts) => {
                 let here = (&**parts, &mut self.raised);
                 evaluate_compiled(here, EvaluationScope::Gaps, (t, q, w), out)
             }
+        }
+    }
+
+    fn evaluate_equalities(
+        &mut self,
+        t: f64,
+        q: &[f64],
+        w: &[f64],
+        out: &mut [f64],
+    ) -> PyResult<()> {
+        match &mut self.source {
+            Source::Function(function) => {
+                let code = function.fill_equalities(t, q, w, out);
+                self.checked(t, code)
+            }
+            Source::Linear(linear) => linear.evaluate_equalities(t, q, w, out),
+            Source::Tree(tree, drives) => {
+                Dynamics::<PyErr>::evaluate_equalities(tree, t, q, w, out)?;
+                let code = drive_rows(drives, tree.tree().layout(), t, out);
+                self.checked(t, code)
+            }
+            Source::Parts(parts) => {
+                let here = (&**parts, &mut self.raised);
+                evaluate_compiled(here, EvaluationScope::Equalities, (t, q, w), out)
+            }
+        }
+    }
+
+    fn has_separate_equalities(&self) -> bool {
+        match &self.source {
+            Source::Function(function) => function.equalities.is_some(),
+            Source::Linear(linear) => Dynamics::<PyErr>::has_separate_equalities(linear),
+            Source::Tree(tree, _) => Dynamics::<PyErr>::has_separate_equalities(tree),
+            Source::Parts(_) => true,
         }
     }
 
@@ -673,13 +844,13 @@ impl Dynamics<PyErr> for CompiledDynamics {
         match &self.source {
             Source::Linear(_) => true,
             Source::Parts(parts) => parts.flat.has_constant_matrices(),
-            Source::Function(_) | Source::Tree(_) => false,
+            Source::Function(_) | Source::Tree(..) => false,
         }
     }
 
     fn linear(&self) -> Option<&Arc<LinearSystem>> {
         match &self.source {
-            Source::Function(_) | Source::Tree(_) | Source::Parts(_) => None,
+            Source::Function(_) | Source::Tree(..) | Source::Parts(_) => None,
             Source::Linear(linear) => Dynamics::<PyErr>::linear(linear),
         }
     }
@@ -821,6 +992,20 @@ impl Dynamics<PyErr> for PythonDynamics<'_> {
         self.evaluate_in(EvaluationScope::Gaps, (t, q, w), out)
     }
 
+    fn evaluate_equalities(
+        &mut self,
+        t: f64,
+        q: &[f64],
+        w: &[f64],
+        out: &mut [f64],
+    ) -> PyResult<()> {
+        self.evaluate_in(EvaluationScope::Equalities, (t, q, w), out)
+    }
+
+    fn has_separate_equalities(&self) -> bool {
+        matches!(self.source, PythonSource::Parts(..))
+    }
+
     fn is_steady(&self) -> bool {
         self.steady
     }
@@ -896,9 +1081,9 @@ pub(crate) fn is_sound_row(row: &[f64], (n, m): (usize, usize)) -> bool {
         && gradients.all(|gradient| gradient.iter().any(|&it| it != 0.0))
 }
 
-/// Contact forces by gap, then forces of friction by channel, at an evaluation of a system with velocities
-/// `w`: `friction` are its channels and compliant gaps, `closed` its gaps in contact, `modes` the
-/// mode numbers of its channels. None where no forces keep the gaps closed.
+/// Contact forces by gap, forces of friction by channel, then those of equality rows, at an evaluation of a
+/// system with velocities `w`: `friction` are its channels and compliant gaps, `closed` its gaps in contact,
+/// `modes` the mode numbers of its channels. None where no forces keep the gaps closed.
 #[pyfunction]
 pub(crate) fn contact_forces<'py>(
     py: Python<'py>,
@@ -910,7 +1095,8 @@ pub(crate) fn contact_forces<'py>(
 ) -> PyResult<Option<Bound<'py, PyArray1<f64>>>> {
     let channels = PyFriction::given(friction).channels.len();
     let (row, w) = (row.as_slice()?, w.as_slice()?);
-    let layout = Layout { n: w.len(), m: closed.len(), p: channels };
+    let layout = Layout { n: w.len(), m: closed.len(), p: channels, k: 0 };
+    let layout = Layout { k: row.len().saturating_sub(layout.len()) / (w.len() + 3), ..layout };
     if row.len() != layout.len() || modes.len() != layout.p || layout.rows() > GapSet::MOST {
         return Err(PyValueError::new_err(
             "row, closed and modes must have the sizes of one system",
@@ -958,6 +1144,15 @@ fn gap_of((kind, a, b): &(String, i64, i64)) -> Option<TreeGap> {
     }
 }
 
+fn constraint_of((kind, a, b): &(String, i64, i64)) -> Option<TreeConstraint> {
+    match (kind.as_str(), joint(*a)) {
+        ("connect", a) => Some(TreeConstraint::Connect(a, joint(*b))),
+        ("weld", a) => Some(TreeConstraint::Weld(a, joint(*b))),
+        ("joint", Some(a)) => Some(TreeConstraint::Joint(a, joint(*b))),
+        _ => None,
+    }
+}
+
 fn friction_of((kind, at): &(String, usize)) -> Option<TreeFriction> {
     match kind.as_str() {
         "joint" => Some(TreeFriction::Joint(*at)),
@@ -970,14 +1165,17 @@ fn friction_of((kind, at): &(String, usize)) -> Option<TreeFriction> {
 impl Tree {
     /// Parent (-1 for the world) and whether it is a slide, of each joint; kind and joints of each
     /// gap: "lower", "upper", "plane" or "balls"; kind and number of each channel of friction: "joint", or
-    /// "plane" with the number of its gap; the numbers as `zivi::system::tree::Tree` has them.
+    /// "plane" with the number of its gap; kind and joints of each constraint: "connect", "weld" or "joint";
+    /// rows from which prescribed motion is taken; the numbers as `zivi::system::tree::Tree` has them.
     #[new]
-    #[pyo3(signature = (joints, gaps, friction, numbers))]
+    #[pyo3(signature = (joints, gaps, friction, numbers, constraints=vec![], drives=vec![]))]
     fn new(
         joints: Vec<(i64, bool)>,
         gaps: Vec<(String, i64, i64)>,
         friction: Vec<(String, usize)>,
         numbers: PyReadonlyArray1<'_, f64>,
+        constraints: Vec<(String, i64, i64)>,
+        drives: Vec<(usize, Py<Wall>)>,
     ) -> PyResult<Self> {
         let kind = |slide| if slide { JointKind::Slide } else { JointKind::Hinge };
         let joints = joints
@@ -986,9 +1184,12 @@ impl Tree {
             .collect();
         let gaps: Option<Vec<TreeGap>> = gaps.iter().map(gap_of).collect();
         let friction: Option<Vec<TreeFriction>> = friction.iter().map(friction_of).collect();
-        let numbers = vector(&numbers)?;
-        let tree = gaps.zip(friction).and_then(|(gaps, friction)| {
-            tree::Tree { joints, gaps, friction, numbers }.validated()
+        let constraints: Option<Vec<TreeConstraint>> =
+            constraints.iter().map(constraint_of).collect();
+        let (numbers, drives) = (vector(&numbers)?, drives_of(&drives)?);
+        let parts = gaps.zip(friction).zip(constraints);
+        let tree = parts.and_then(|((gaps, friction), constraints)| {
+            tree::Tree { joints, gaps, friction, constraints, drives, numbers }.validated()
         });
         let tree = tree.ok_or_else(|| PyValueError::new_err("the parts do not fit together"))?;
         Ok(Self { inner: Arc::new(tree) })

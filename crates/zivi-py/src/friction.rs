@@ -121,6 +121,20 @@ impl<D: Dynamics<PyErr>> Dynamics<PyErr> for Rubbing<'_, D> {
         self.dynamics.evaluate_gaps(t, q, w, out)
     }
 
+    fn evaluate_equalities(
+        &mut self,
+        t: f64,
+        q: &[f64],
+        w: &[f64],
+        out: &mut [f64],
+    ) -> PyResult<()> {
+        self.dynamics.evaluate_equalities(t, q, w, out)
+    }
+
+    fn has_separate_equalities(&self) -> bool {
+        self.dynamics.has_separate_equalities()
+    }
+
     fn is_steady(&self) -> bool {
         self.dynamics.is_steady()
     }
@@ -177,7 +191,7 @@ impl FrictionRecord {
         Ok(Some(Self {
             slips,
             slip_distances: distances,
-            forces: columns(py, &samples.lambda, layout.rows(), m, p)?,
+            forces: columns(py, &samples.lambda, layout.forces(), m, p)?,
             modes: modes_of(py, &samples.modes, p)?,
             dissipated,
             transition_t: field!(Transition, t),

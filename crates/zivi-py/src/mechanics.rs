@@ -19,6 +19,8 @@ pub(crate) struct MechanicalRecord {
     gaps: Matrix<f64>,
     gap_rates: Matrix<f64>,
     reactions: Matrix<f64>,
+    /// Multipliers of the equality rows, where there are any.
+    constraint_forces: Option<Matrix<f64>>,
     contacts: Matrix<bool>,
     /// Since when nothing happened, and the largest speeds from the start and from then on, where
     /// only the ends are sampled.
@@ -72,9 +74,14 @@ impl MechanicalRecord {
         let picked = |values: &[f64], from, width| columns(py, values, size, from, width);
         let closed = list(samples.modes.iter().map(|mode| mode.in_contact()))?;
         let friction = FrictionRecord::of(py, &run)?;
-        let reactions = match run.layout.rows() {
+        let forces = run.layout.forces();
+        let reactions = match forces {
             0 => PyArray1::from_vec(py, Vec::new()).reshape([samples.t.len(), 0])?.unbind(),
-            rows => columns(py, &samples.lambda, rows, 0, m)?,
+            _ => columns(py, &samples.lambda, forces, 0, m)?,
+        };
+        let constraint_forces = match run.layout.k {
+            0 => None,
+            k => Some(columns(py, &samples.lambda, forces, run.layout.rows(), k)?),
         };
         let occurrences = Occurrences::of(py, &run.occurrences, m)?;
         let hits = Hits::of(py, &run.hits, n)?;
@@ -86,6 +93,7 @@ impl MechanicalRecord {
             gaps: picked(&samples.x, n, m)?,
             gap_rates: picked(&samples.v, n, m)?,
             reactions,
+            constraint_forces,
             contacts: members(py, &closed, m)?,
             speeds: run.speeds.map(|it| (it.since, it.fastest, it.fastest_since)),
             occurrences,

@@ -73,6 +73,8 @@ pub(crate) struct Mechanism {
     pub(crate) model: Py<Model>,
     pub(crate) n: usize,
     pub(crate) m: usize,
+    /// Equality rows.
+    k: usize,
     /// An impact law for each gap.
     pub(crate) laws: Vec<AnyImpactLaw>,
     /// Owners of the functions of the laws.
@@ -92,7 +94,7 @@ impl Mechanism {
     }
 
     pub(crate) fn layout(&self) -> Layout {
-        Layout { n: self.n, m: self.m, p: self.friction().channels.len() }
+        Layout { n: self.n, m: self.m, p: self.friction().channels.len(), k: self.k }
     }
 
     /// Its evaluator.
@@ -120,13 +122,14 @@ impl Mechanism {
 #[pymethods]
 impl Mechanism {
     #[new]
-    #[pyo3(signature = (model, *, n, m, e, friction=None))]
+    #[pyo3(signature = (model, *, n, m, e, friction=None, k=0))]
     fn new(
         model: Py<Model>,
         n: usize,
         m: usize,
         e: Restitutions<'_>,
         friction: Option<Py<PyFriction>>,
+        k: usize,
     ) -> PyResult<Self> {
         let (laws, owners) = match e {
             Restitutions::Laws(given) => {
@@ -137,7 +140,7 @@ impl Mechanism {
                 (laws.map_err(|error| setup_error(error.into()))?, Vec::new())
             }
         };
-        Ok(Self { model, n, m, laws, owners, friction })
+        Ok(Self { model, n, m, k, laws, owners, friction })
     }
 
     fn __traverse__(&self, visit: PyVisit<'_>) -> Result<(), PyTraverseError> {

@@ -96,6 +96,8 @@ class Status(NamedStatus):
     all of the last tenth."""
     NO_PROGRESS = 22
     """1000 steps of a mechanical system without an event covered less than 1e-9 of the span."""
+    INCONSISTENT_CONSTRAINTS = 23
+    """Dependent equality rows of a mechanical system ask for different motions."""
 
 
 class StudyStatus(NamedStatus):

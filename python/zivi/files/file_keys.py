@@ -709,6 +709,11 @@ def tree_text(tree: Tree, t_span: tuple[float, float], y0: Any) -> str:
     >>> print(zivi.files.tree_text(tree, (0, 2), ([1.5], [0.0])).splitlines()[-1])
     offset = -0.8
     """
+    if tree.constraints:
+        raise NotImplementedError(
+            "constraints are not supported by zivi.files.tree_text; use zivi.simulate, got "
+            f"{', '.join(map(repr, tree.equality_names))}"
+        )
     start = [np.asarray(part, dtype=float).tolist() for part in y0]
     if [len(part) for part in start] != [len(tree._coordinates or ())] * 2:
         raise ValueError(f"y0 must have two lists of {len(tree._coordinates or ())}, got {start}")

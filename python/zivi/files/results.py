@@ -125,6 +125,7 @@ def mechanical_run(dataset: xarray.Dataset) -> MechanicalTrajectory:
         n_rejected=int(attrs["n_rejected"]),
         coordinate_names=tuple(str(name) for name in dataset["coordinate"].values),
         gap_names=names,
+        **_equalities(dataset),
         _setup=json.loads(attrs["config"]),
         t_events=[dataset["event_time"].values[own] for own in each],
         q_events=[dataset["event_q"].values[own] for own in each],
@@ -142,6 +143,14 @@ def _of_loop(dataset: xarray.Dataset) -> tuple[type[MechanicalTrajectory], dict[
     more["latched"] = more["latched"].astype(bool)
     names = tuple(str(name) for name in dataset["control"].values)
     return MechanicalClosedLoop, more | {"control_names": names}
+
+
+def _equalities(dataset: xarray.Dataset) -> dict[str, Any]:
+    """Return the constraint forces and the names of the equality rows."""
+    if "equality" not in dataset.coords:
+        return {"constraint_forces": np.empty((len(dataset["time"]), 0))}
+    names = tuple(str(name) for name in dataset["equality"].values)
+    return {"constraint_forces": dataset["constraint_forces"].values, "equality_names": names}
 
 
 def _friction(dataset: xarray.Dataset) -> FrictionSamples | None:

@@ -1,6 +1,7 @@
 """Mechanical systems with several coordinates and gaps: names for `zivi.system` and its runs."""
 
 from zivi.base.habits import hint_calls
+from zivi.system.constraints.connections import Connect, Couple, Drive, Weld
 from zivi.system.gap import Gap, LinearGap
 from zivi.system.gap_coordinates import GapCoordinates, gap_coordinates
 from zivi.system.mechanism import MechanicalSystem
@@ -10,6 +11,9 @@ from zivi.system.tree_bodies import BallGap, Body, JointLimit, PlaneGap
 __all__ = [
     "BallGap",
     "Body",
+    "Connect",
+    "Couple",
+    "Drive",
     "Evaluation",
     "Gap",
     "GapCoordinates",
@@ -17,6 +21,7 @@ __all__ = [
     "LinearGap",
     "MechanicalSystem",
     "PlaneGap",
+    "Weld",
     "gap_coordinates",
 ]
 

@@ -417,7 +417,7 @@ def _mechanical_drawings(run: MechanicalTrajectory, units: Units) -> list[Callab
     drawings += [partial(gaps, units=units)] if run.gap_names else []
     if run.channel_names:
         drawings += [modes] if run.gap_names else [slips, modes]
-    elif run.contacts.any():
+    elif run.contacts.any() or run.equality_names:
         drawings += [partial(reactions, units=units)]
     plane = partial(configuration, units=units)
     return [*drawings, control if hasattr(run, "control_names") else plane]

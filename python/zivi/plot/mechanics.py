@@ -127,7 +127,8 @@ def _sample_values(sol: MechanicalTrajectory, quantity: Quantity) -> Array:
         return np.hstack([sol.q, sol.qdot])
     if quantity == "reactions":
         # a reaction jumps where its contact begins and ends
-        return np.where(sol.contacts, sol.reactions, np.nan)
+        contacts = np.where(sol.contacts, sol.reactions, np.nan)
+        return np.hstack([contacts, sol.constraint_forces]) if sol.equality_names else contacts
     columns: Array = getattr(sol, quantity)
     return columns
 
@@ -229,12 +230,13 @@ def reactions(
 ) -> Axes:
     """Plot the reactions over time, from 0; impulses, which are infinite forces, are not in them.
 
-    Parameters and return value as for `gaps`; `units` are those of the gaps: of metres the
-    reactions are in newtons.
+    The multipliers of equality rows are drawn with them. Parameters and return value as for `gaps`;
+    `units` are those of the gaps: of metres the reactions are in newtons.
     """
     check_mechanical("reactions", sol)
-    ax, names = axes_of(ax), sol.gap_names
+    ax, names = axes_of(ax), (*sol.gap_names, *sol.equality_names)
     forces = [FORCES.get(it, "") for it in units_of(sol, "gaps", units)]
+    forces += [""] * len(sol.equality_names)
     times, values = drawn(sol, "reactions")
     _lines(ax, times, values, names, forces, line)
     # the whole run with zero force, even if a gap is initially open

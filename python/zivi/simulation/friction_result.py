@@ -312,8 +312,8 @@ def forces_at(
     states: tuple[Array, Array, Array],
     contacts: NDArray[np.bool_],
     modes: NDArray[np.int8] | None = None,
-) -> tuple[Array, Array]:
-    r"""Compute contact forces and forces of friction at several states.
+) -> tuple[Array, Array, Array]:
+    r"""Compute contact forces, forces of friction and multipliers of equality rows.
 
     .. math::
 
@@ -336,15 +336,17 @@ def forces_at(
 
     Returns
     -------
-    (ndarray, ndarray)
-        Shapes (k, m) and (k, p); zero without contact, NaN if the model is unknown or no forces
-        keep the gaps closed.
+    (ndarray, ndarray, ndarray)
+        Shapes (k, m), (k, p) and (k, rows); zero without contact, NaN if the model is unknown or no
+        forces keep the gaps closed.
     """
     t, q, qdot = (np.ascontiguousarray(it) for it in states)  # compiled parts take rows
     if modes is None:
         modes = np.full((len(t), 0), 2, dtype=np.int8)
     reactions, friction = np.zeros(contacts.shape), np.zeros(modes.shape)
-    for k in np.flatnonzero(contacts.any(axis=1) | (modes != 2).any(axis=1)):
+    rows = 0 if model is None else model.layout.k
+    multipliers, acts = np.zeros((len(t), rows)), contacts.any(axis=1) | (modes != 2).any(axis=1)
+    for k in np.flatnonzero(acts | (rows > 0)):
         found = None
         if model is not None:
             row = model.evaluate(float(t[k]), q[k], qdot[k])
@@ -353,6 +355,8 @@ def forces_at(
         if found is None:
             reactions[k, contacts[k]] = np.nan
             friction[k, modes[k] != 2] = np.nan
+            multipliers[k] = np.nan
         else:
-            reactions[k], friction[k] = np.split(found, [contacts.shape[1]])
-    return reactions, friction
+            m, p = contacts.shape[1], modes.shape[1]
+            reactions[k], friction[k], multipliers[k] = np.split(found, [m, m + p])
+    return reactions, friction, multipliers

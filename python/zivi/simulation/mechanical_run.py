@@ -17,6 +17,7 @@ from zivi.simulation.mechanical_trajectory import MechanicalTrajectory
 from zivi.simulation.methods import FixedSteps, MoreauJean, Settings, SwitchedRK, ThetaGamma
 from zivi.simulation.run_result import Closer, closer_mechanism
 from zivi.simulation.trajectory import describe_restitutions
+from zivi.system.constraints.projection import consistent
 from zivi.system.gap_coordinates import kinetic_cosines
 from zivi.system.kicks import KickSchedule, schedule_of
 from zivi.system.mechanism import MechanicalSystem, Model, check_planar
@@ -128,6 +129,10 @@ def check_mechanical_method(method: Any) -> None:
 
 def check_friction(system: MechanicalSystem, method: Any) -> None:
     """Reject methods that do not support the friction or compliant gaps of a system."""
+    if system.equality_names and not isinstance(method, SwitchedRK):
+        raise NotImplementedError(
+            f"equality rows are not supported by {type(method).__name__}; use zivi.SwitchedRK()"
+        )
     compliant = system._compliant()
     if compliant and not isinstance(method, SwitchedRK):
         name = system.gap_names[compliant[0][0]]
@@ -233,6 +238,8 @@ def with_kicks(asked: RunRequest, kicks: Any, system: MechanicalSystem, method: 
         return asked
     stops = stops_with(kicked, asked.tstops, method)
     qdot = kicked.start(asked.span[0], asked.q, asked.qdot)
+    if system.equality_names:
+        qdot = consistent(system, asked.q, qdot, asked.span[0])[1]
     return dataclasses.replace(asked, tstops=stops, qdot=qdot, kicks=kicked)
 
 
@@ -284,6 +291,8 @@ def _configuration(
     if system._channels:
         config["friction"] = list(system.channel_names)
         config |= {"impact_law": system.impact_law, "paradox": system.paradox}
+    if system.equality_names:
+        config["equalities"] = list(system.equality_names)
     if parameters:
         config["parameters"] = dict(parameters)
     return config

@@ -15,7 +15,7 @@ import zivi._zivi as _zivi
 from zivi.base.check import Array
 from zivi.base.extras import needed
 from zivi.base.status import Status
-from zivi.base.table import Field, ResultTable
+from zivi.base.table import Field, ResultTable, counted
 from zivi.simulation.friction_result import (
     FRICTION,
     IMPACTS,
@@ -36,6 +36,7 @@ if TYPE_CHECKING:
     import pandas
 
 __all__ = [
+    "EQUALITIES",
     "FIELDS",
     "MEANING",
     "TABLES",
@@ -135,6 +136,10 @@ MEANING: dict[str, Field] = {
     "contacts": (("time", "gap"), "", "which gaps are closed"),
     "reactions": (("time", "gap"), "", "multipliers of the gaps' gradients"),
 }
+EQUALITIES: dict[str, Field] = {
+    "constraint_forces": (("time", "equality"), "", "multipliers of the equality rows"),
+}
+"""Quantities of the samples where there are equality rows."""
 COORDS: dict[str, Field] = {
     "time": ("time", "", "time"),
     "coordinate": ("coordinate", "", "name of the coordinate"),
@@ -160,6 +165,7 @@ def summary_rows(sol: Any) -> dict[str, str]:
         **({"touchdowns": times(sol.touchdowns)} if len(sol.touchdowns) else {}),
         "lift-offs": times(sol.liftoffs),
         **_stick_rows(sol),
+        **_equality_rows(sol),
         "corners": ", ".join(f"{t:.9g}" for t in sol.corners["t"][:5]) or "none",
         "flags": ", ".join(f"{f['kind']} at {f['t']:.6g}" for f in sol.flags[:5]) or "none",
         "closed at the end": ", ".join(closed) or "none",
@@ -180,6 +186,16 @@ def _stick_rows(sol: Any) -> dict[str, str]:
     return {"sticks": (", ".join(told) + more) or "never"}
 
 
+def _equality_rows(sol: Any) -> dict[str, str]:
+    """Tell the largest constraint forces, if there are equality rows."""
+    if not sol.equality_names:
+        return {}
+    forces = np.abs(sol.constraint_forces).max(axis=0, initial=0.0)
+    told = zip(sol.equality_names[:5], forces, strict=False)
+    more = " ..." if len(sol.equality_names) > 5 else ""
+    return {"largest constraint forces": ", ".join(f"{n} {f:.6g}" for n, f in told) + more}
+
+
 def _impact_counts(sol: Any) -> list[str]:
     return [str(len(np.unique(it["group"]))) for it in (sol.impacts, sol.resolved_impacts)]
 
@@ -197,6 +213,8 @@ def table_of(sol: Any) -> pandas.DataFrame:
         columns[name] = sol.gaps[:, i]
     for i, name in enumerate(sol.gap_names):
         columns[f"reaction_{name}"] = sol.reactions[:, i]
+    for i, name in enumerate(sol.equality_names):
+        columns[f"force_{name}"] = sol.constraint_forces[:, i]
     for c, name in enumerate(sol.channel_names):
         columns[f"slip_{name}"] = sol.slips[:, c]
         columns[f"friction_{name}"] = sol.friction_forces[:, c]
@@ -212,6 +230,10 @@ def labels_of(sol: Any) -> ResultTable:
     values["coordinate"] = np.array(sol.coordinate_names, dtype=object)
     values["gap"] = np.array(sol.gap_names, dtype=object)
     tables, coords = dict(TABLES), dict(COORDS)
+    if sol.equality_names:
+        fields |= EQUALITIES
+        coords["equality"] = "equality", "", "name of the equality row"
+        values["equality"] = np.array(sol.equality_names, dtype=object)
     if sol.channel_names:
         fields |= FRICTION
         tables["transitions"], tables["stick"] = "transition", "stick"
@@ -244,7 +266,7 @@ def no_touchdowns() -> Rows:
 
 @dataclasses.dataclass(frozen=True, eq=False, repr=False)
 class MechanicalTrajectory(FrictionRun, SampledRun):
-    """Samples and events of one run of a mechanical system: n coordinates, m gaps.
+    r"""Samples and events of one run of a mechanical system: n coordinates, m gaps.
 
     Calling it, ``sol(t)``, gives ``(q, qdot)`` between the samples. Tables of events are record
     arrays: ``sol.zeno["t"]`` and ``sol.zeno.t`` are the same. The impacts are the table ``impacts``
@@ -266,6 +288,10 @@ class MechanicalTrajectory(FrictionRun, SampledRun):
         Which gaps are closed and stay so, shape (k, m).
     reactions : ndarray
         Multipliers of the gradients, the contact forces, shape (k, m): 0 where a gap is open.
+    constraint_forces : ndarray
+        Multipliers :math:`\mu` of the equality rows, shape (k, rows): :math:`G^T \mu` is the
+        generalised force of the rows, for a row in metres :math:`\mu` is in newtons. Where
+        dependent rows leave them open they are those of least norm.
     resolved_impacts : recarray
         The impacts that the steps resolve, with the fields of ``impacts``; those that a jump to a
         Zeno point skips are not among them.
@@ -301,7 +327,7 @@ class MechanicalTrajectory(FrictionRun, SampledRun):
         The states there, each of shape (j, n).
     slowest : float
         The slowest of ``impacts``, as a part of the fastest.
-    coordinate_names, gap_names : tuple of str
+    coordinate_names, gap_names, equality_names : tuple of str
         Names.
     config : dict
         System, method, span and initial state, as plain values.
@@ -335,6 +361,8 @@ class MechanicalTrajectory(FrictionRun, SampledRun):
     qdot_events: list[Array] = dataclasses.field(default_factory=list)
     slowest: float = SLOWEST
     touchdowns: Rows = dataclasses.field(default_factory=lambda: no_touchdowns())
+    constraint_forces: Array = dataclasses.field(default_factory=lambda: np.empty((0, 0)))
+    equality_names: tuple[str, ...] = ()
     _path: Any = None
     _model: Model | None = None
     _closer: Closer | None = None
@@ -362,8 +390,9 @@ class MechanicalTrajectory(FrictionRun, SampledRun):
         return self.__dict__ | {"_setup": self.config, "_model": None, "_closer": None}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        # version 0.2 had no compliant gaps
-        self.__dict__.update({"touchdowns": no_touchdowns()} | state)
+        # version 0.2 had no compliant gaps and no equality rows
+        forces = {"constraint_forces": np.empty((0, 0)), "equality_names": ()}
+        self.__dict__.update({"touchdowns": no_touchdowns()} | forces | state)
 
     @functools.cached_property
     def trusted_until(self) -> float:
@@ -451,11 +480,12 @@ class MechanicalTrajectory(FrictionRun, SampledRun):
         q, qdot, gaps, rates, contacts = self._known().at(times)
         if isinstance(self._path, LinearMotion):
             reactions, friction = self._path.reactions_at(times), self._path.friction_at(times)
+            multipliers = np.empty((len(times), 0))
         elif self._friction is not None:
             slips, distances, dissipated, modes = self._path.friction_at(times)
             states = times, q, qdot
             forces = forces_at(self._model, states, contacts, modes)
-            reactions, rubbing = forces
+            reactions, rubbing, multipliers = forces
             friction = dataclasses.replace(
                 self._friction,
                 slips=slips,
@@ -465,7 +495,10 @@ class MechanicalTrajectory(FrictionRun, SampledRun):
                 friction_forces=rubbing,
             )
         else:
-            (reactions, _), friction = forces_at(self._model, (times, q, qdot), contacts), None
+            reactions, _, multipliers = forces_at(self._model, (times, q, qdot), contacts)
+            friction = None
+        if self.equality_names and not multipliers.shape[1]:
+            multipliers = np.full((len(times), len(self.equality_names)), np.nan)
         return dataclasses.replace(
             self,
             t=times,
@@ -475,6 +508,7 @@ class MechanicalTrajectory(FrictionRun, SampledRun):
             gap_rates=rates,
             contacts=contacts,
             reactions=reactions,
+            constraint_forces=multipliers,
             _friction=friction,
         )
 
@@ -522,6 +556,8 @@ class MechanicalTrajectory(FrictionRun, SampledRun):
         counts += f", {len(self.liftoffs)} lift-offs"
         if len(self.corners):
             counts += f", {len(self.corners)} corners"
+        if self.equality_names:
+            counts += f", {counted(len(self.equality_names), 'equality row')}"
         if len(self.stick):
             counts += f", {len(self.stick)} times stick"
         if len(self.flags):
@@ -548,6 +584,12 @@ def _read(record: _zivi.MechanicalRecord, system: MechanicalSystem, model: Model
     return {
         **{name: getattr(record, name) for name in STEPS},
         **_tables_of(record, model.layout.m, channels),
+        "constraint_forces": (
+            np.empty((len(record.t), 0))
+            if record.constraint_forces is None
+            else record.constraint_forces
+        ),
+        "equality_names": system.equality_names,
         "message": record.message,
         "nfev": record.nfev,
         "n_steps": record.n_steps,

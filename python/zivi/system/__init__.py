@@ -1,6 +1,8 @@
 """Mechanical systems: one mass or a mechanism, its forces, its wall or its gaps."""
 
 from zivi.base.former import of_zivi
+from zivi.system.constraints.equality import Equality
+from zivi.system.constraints.projection import consistent
 from zivi.system.force import ParametricForce
 from zivi.system.gap import (
     DryFriction,
@@ -29,6 +31,7 @@ from zivi.system.tree import Tree
 
 __all__ = [
     "DryFriction",
+    "Equality",
     "Force",
     "Gap",
     "Harmonic",
@@ -54,6 +57,7 @@ __all__ = [
     "Square",
     "Table",
     "Tree",
+    "consistent",
     "lift",
     "project",
 ]

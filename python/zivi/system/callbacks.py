@@ -12,6 +12,7 @@ import numpy as np
 
 import zivi._zivi as _zivi
 from zivi.base.check import Array, check_arguments
+from zivi.system.constraints.equality import Equality
 from zivi.system.gap import Channel, Gap, HarmonicWall, LinearGap, MovingWall, Slip
 from zivi.system.model_parts import Compiled, Layout, Part, compiled_part
 from zivi.system.table import Table
@@ -148,6 +149,7 @@ def model_of_parts(
     force: Part,
     gaps: Sequence[Gap],
     slips: Sequence[tuple[Channel, Slip]] = (),
+    equalities: Sequence[Equality] = (),
     *,
     steady: bool = False,
 ) -> _zivi.Model:
@@ -163,6 +165,8 @@ def model_of_parts(
         The gaps.
     slips : sequence of (Channel, Slip)
         The channels of friction.
+    equalities : sequence of Equality
+        The equality rows.
     steady : bool
         Whether mass, force, gradients and rates are constants.
 
@@ -180,9 +184,12 @@ def model_of_parts(
         if isinstance(slip.motion, HarmonicWall):
             belts.append((c, slip.motion._spec()))
         _add_channel(places, c, channel, slip)
+    for i, row in enumerate(equalities):
+        _add_equality(places, i, row)
     is_flat = all(isinstance(gap, LinearGap) for gap in gaps)
+    is_flat = is_flat and all(row._is_flat() for row in equalities)
     return _zivi.Model.parts(
-        (layout.n, layout.m, layout.p),
+        (layout.n, layout.m, layout.p, layout.k),
         places.row,
         gaps=[flat for flat in added if flat is not None],
         belts=belts,
@@ -190,7 +197,7 @@ def model_of_parts(
         functions=places.functions,
         steady=steady,
         constant=isinstance(mass, np.ndarray) and is_flat and not slips,
-        owner=(mass, force, tuple(gaps), tuple(slips)),
+        owner=(mass, force, tuple(gaps), tuple(slips), tuple(equalities)),
     )
 
 
@@ -214,6 +221,17 @@ def _add_gap(places: PartPlaces, i: int, gap: Gap) -> FlatGap | None:
     places.add_number(f"curvature {called}", curvature, views["curvatures"][i : i + 1])
     places.add_number(f"rate {called}", rate, views["rates"][i : i + 1], 2)
     return None
+
+
+def _add_equality(places: PartPlaces, i: int, row: Equality) -> None:
+    """Add the parts of an equality row."""
+    value, gradient, curvature, rate = row._parts()
+    called, views = f"of equality {row.name!r}", places.views
+    one = slice(i, i + 1)
+    places.add_number(f"value {called}", value, views["equalities"][one], 2)
+    places.add(f"gradient {called}", gradient, views["equality_gradients"][i], 2)
+    places.add_number(f"curvature {called}", curvature, views["equality_curvatures"][one])
+    places.add_number(f"rate {called}", rate, views["equality_rates"][one], 2)
 
 
 def _add_channel(places: PartPlaces, c: int, channel: Channel, slip: Slip) -> None:

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 import zivi._zivi as _zivi
 from zivi.base.check import Array, finite, integer, read_only, real_array
 from zivi.base.habits import hinted
+from zivi.system.constraints.equality import Equality, equalities_of
 from zivi.system.gap import Gap, LinearGap, MovingWall
 from zivi.system.impact_law import GivenRestitutions, written
 from zivi.system.mechanism import MechanicalSystem, Model, check_names
@@ -149,6 +150,9 @@ class LinearSystem(MechanicalSystem):
         of ``shapes``, :math:`\Phi^T M \Phi = 1`.
     coordinates : sequence of str, optional
         As for `MechanicalSystem`.
+    equalities : sequence of Equality
+        Rows with constant gradients that are kept exactly. Their matrices are factored once; forces
+        are then evaluated by the interpreter.
 
     Attributes
     ----------
@@ -201,13 +205,16 @@ class LinearSystem(MechanicalSystem):
         e: GivenRestitutions = 0.0,
         modes: int | None = None,
         coordinates: Sequence[str] | None = None,
+        equalities: Sequence[Equality] = (),
     ) -> None:
         mass = _square("M", M)
         n = len(mass)
         zero = np.zeros((n, n))
         matrices = mass, zero if C is None else _square("C", C, n), _square("K", K, n)
         shapes = None if modes is None else _lowest(matrices[0], matrices[2], modes)
-        self._set(matrices, parts_of(excitation, n), _linear_gaps(gaps), e, coordinates, shapes)
+        rows = _linear_rows(equalities)
+        gaps = _linear_gaps(gaps)
+        self._set(matrices, parts_of(excitation, n), gaps, e, coordinates, shapes, rows)
 
     def _set(
         self,
@@ -217,6 +224,7 @@ class LinearSystem(MechanicalSystem):
         e: Any,
         coordinates: Sequence[str] | None,
         shapes: Array | None,
+        rows: tuple[Equality, ...] = (),
     ) -> None:
         """Store checked arguments; with shapes, transform them to modal amplitudes."""
         self._shapes = None if shapes is None else read_only(shapes)
@@ -225,12 +233,20 @@ class LinearSystem(MechanicalSystem):
             matrices = mass, damping, stiffness
             parts = tuple(projected(part, shapes) for part in parts)
             gaps = tuple(gap.with_normal(gap.normal @ shapes) for gap in gaps)
+            rows = tuple(row.in_modes(shapes) for row in rows)
         for array in (*matrices, *parts):
             if isinstance(array, np.ndarray):
                 read_only(array)
         self._matrices, self._excitation = matrices, parts
         force = functools.partial(_load_vector, matrices, parts)
-        super().__init__(mass=matrices[0], force=force, gaps=gaps, e=e, coordinates=coordinates)
+        super().__init__(
+            mass=matrices[0],
+            force=force,
+            gaps=gaps,
+            e=e,
+            coordinates=coordinates,
+            equalities=rows,
+        )
 
     @property
     def M(self) -> Array:  # noqa: N802
@@ -400,7 +416,7 @@ class LinearSystem(MechanicalSystem):
         3.0
         """
         matrices = ("M", "C", "K")
-        known = (*matrices, "excitation", "gaps", "e", "coordinates", "omega")
+        known = (*matrices, "excitation", "gaps", "e", "coordinates", "equalities", "omega")
         check_names(changes, known)
         n, state = len(self.M), self.__getstate__()
         given = [
@@ -414,6 +430,8 @@ class LinearSystem(MechanicalSystem):
             state["parts"] = parts_of(changes["excitation"], n)
         if "gaps" in changes:
             state["gaps"] = _linear_gaps(changes["gaps"])
+        if "equalities" in changes:
+            state["rows"] = _linear_rows(changes["equalities"])
         state |= {name: changes[name] for name in ("e", "coordinates") if name in changes}
         new = object.__new__(type(self))
         new.__setstate__(state)
@@ -441,7 +459,8 @@ class LinearSystem(MechanicalSystem):
         return new
 
     def _new_model(self, n: int) -> Model:
-        if any(isinstance(getattr(gap, "motion", None), MovingWall) for gap in self._gaps):
+        called = any(isinstance(getattr(gap, "motion", None), MovingWall) for gap in self._gaps)
+        if called or self._equalities:
             return super()._new_model(n)
         return Model.native(Layout(n, self.m), self._linear_spec())
 
@@ -476,6 +495,7 @@ class LinearSystem(MechanicalSystem):
             "e": self._e,
             "coordinates": self._coordinates,
             "shapes": self._shapes,
+            **({"rows": self._equalities} if self._equalities else {}),
         }
 
     def __setstate__(self, state: dict[str, Any]) -> None:
@@ -485,7 +505,8 @@ class LinearSystem(MechanicalSystem):
 
     def __repr__(self) -> str:
         gaps = ", ".join(self.gap_names)
-        return f"LinearSystem(n={len(self.M)}, gaps=({gaps}), e={written(self._e)})"
+        held = f", equalities=({', '.join(self.equality_names)})" if self._equalities else ""
+        return f"LinearSystem(n={len(self.M)}, gaps=({gaps}), e={written(self._e)}{held})"
 
 
 def _square(name: str, given: Any, n: int | None = None) -> Array:
@@ -531,6 +552,17 @@ def _linear_gaps(gaps: Any) -> tuple[LinearGap, ...]:
                 f"gaps[{i}] must be without friction; use a zivi.MechanicalSystem for friction"
             )
     return several
+
+
+def _linear_rows(equalities: Any) -> tuple[Equality, ...]:
+    rows = equalities_of(equalities)
+    for row in rows:
+        if not row._is_flat():
+            raise ValueError(
+                f"equality {row.name!r} of a LinearSystem must have an array as gradient; use a "
+                "zivi.MechanicalSystem for other rows"
+            )
+    return rows
 
 
 def _lowest(mass: Array, stiffness: Array, modes: Any) -> Array:

@@ -23,6 +23,7 @@ from zivi.base.check import (
 )
 from zivi.base.habits import attribute_error, hinted
 from zivi.system.callbacks import Evaluate, driven, model_of_parts
+from zivi.system.constraints.equality import Equality, equalities_of
 from zivi.system.force import force_spec
 from zivi.system.gap import (
     IMPACT_LAWS,
@@ -147,7 +148,12 @@ def coordinates_of(names: Sequence[str] | None, n: int | None) -> tuple[str, ...
 
 
 def check_rigid(system: MechanicalSystem, what: str) -> None:
-    """Raise a NotImplementedError for compliant gaps, which `what` does not take."""
+    """Raise a NotImplementedError for compliant gaps or equality rows, which `what` rejects."""
+    if system.equality_names:
+        raise NotImplementedError(
+            f"equality rows are not supported by {what}; use minimal coordinates, got "
+            f"{', '.join(map(repr, system.equality_names))}"
+        )
     for i, *_ in system._compliant():
         raise NotImplementedError(
             f"{what} take rigid gaps, got gap {system.gap_names[i]!r} with a contact law: use "
@@ -315,7 +321,7 @@ class Model:
 
 ARGUMENTS = (
     *("mass", "force", "gaps", "e", "coordinates", "inputs", "friction", "impact_law", "paradox"),
-    "reentrant",
+    *("reentrant", "equalities"),
 )
 """The arguments of a system, which `replace` takes too."""
 
@@ -381,6 +387,9 @@ class MechanicalSystem:
         Whether compiled parts may be called by several threads concurrently (`simulate_batch` and
         batches of loops do so). False for parts that keep memory of their own between or during
         calls (static variables, the state of another library): such batches use one thread.
+    equalities : sequence of Equality
+        Equations between the coordinates that are kept exactly, closed chains and prescribed
+        motion; default none.
 
     Raises
     ------
@@ -427,6 +436,7 @@ class MechanicalSystem:
     _controls: ControlInputs | None = None
     _channels: tuple[Channel, ...] = ()
     _joints: tuple[DryFriction, ...] = ()
+    _equalities: tuple[Equality, ...] = ()
     _impact_law = "newton"
     _paradox = "stop"
     _reentrant = True
@@ -449,6 +459,7 @@ class MechanicalSystem:
         impact_law: str = "newton",
         paradox: str = "stop",
         reentrant: bool = True,
+        equalities: Sequence[Equality] = (),
     ) -> None:
         for name, given in (("mass", mass), ("force", force)):
             check_size(name, given)  # before it is copied
@@ -476,6 +487,10 @@ class MechanicalSystem:
         self._e: Restitutions = restitutions(e, self.m)
         check_compliant(e, self._contact_laws(), self._gap_names)
         self._joints = joints_of(friction)
+        self._equalities = equalities_of(equalities)
+        distinct_names("equalities", self.equality_names)
+        if len(self._equalities) > MAX_SIZE:
+            raise ValueError(f"equalities must be at most {MAX_SIZE}, got {len(self._equalities)}")
         self._channels = self._rubbing()
         self._n = self._known_size()
         if self._n is not None:
@@ -504,6 +519,7 @@ class MechanicalSystem:
             (f"{'direction' if channel.gap is None else 'tangent'} of {channel.name!r}", row)
             for channel, row in zip(self._channels, self._directions(), strict=True)
         ]
+        told += [(f"gradient of equality {row.name!r}", row._row) for row in self._equalities]
         if self._controls is not None:
             told.append(("inputs", self._controls.matrix))
         arrays = [(name, array) for name, array in told if isinstance(array, np.ndarray)]
@@ -566,6 +582,16 @@ class MechanicalSystem:
         return tuple(channel.label for channel in self._channels)
 
     @property
+    def equalities(self) -> tuple[Equality, ...]:
+        """The equality rows as given."""
+        return self._equalities
+
+    @property
+    def equality_names(self) -> tuple[str, ...]:
+        """Names of the equality rows."""
+        return tuple(row.name for row in self._equalities)
+
+    @property
     def impact_law(self) -> str:
         """Meaning of `e` in an impact with friction."""
         return self._impact_law
@@ -588,7 +614,11 @@ class MechanicalSystem:
     def _breaks(self, span: tuple[float, float]) -> Array:
         """Return the knots of the tables within a span, which it must not leave."""
         walls = [getattr(gap, "motion", None) for gap in self._gaps]
-        return declared_breaks(span, [self._inputs], walls)
+        return declared_breaks(span, [self._inputs], [*walls, *self._motions()])
+
+    def _motions(self) -> list[Any]:
+        """Return the prescribed motions of equality rows that are tables or walls."""
+        return []
 
     @property
     def e(self) -> Array:
@@ -658,6 +688,7 @@ class MechanicalSystem:
                 m=model.layout.m,
                 e=core_of(self._e),
                 friction=model.friction,
+                k=model.layout.k,
             )
             kept = model, self._e, made
             if self._kept_model is not None and model is self._kept_model[1]:
@@ -666,9 +697,9 @@ class MechanicalSystem:
 
     def _new_model(self, n: int) -> Model:
         """Make the model for `n` coordinates."""
-        layout = Layout(n, self.m, len(self._channels))
+        layout = Layout(n, self.m, len(self._channels), len(self._equalities))
         slips = list(zip(self._channels, self._slips(), strict=True))
-        parts = layout, self._mass, self._force, self._gaps, slips
+        parts = layout, self._mass, self._force, self._gaps, slips, self._equalities
         return Model.native(layout, model_of_parts(*parts, steady=self._is_steady()))
 
     def _parameter_rows(self, columns: Mapping[str, Array]) -> Array | None:
@@ -710,6 +741,7 @@ class MechanicalSystem:
             still
             and all(isinstance(part, np.ndarray) for part in parts)
             and all(slip.is_steady() for slip in self._slips())
+            and not self._equalities
         )
 
     def _units(self) -> dict[str, list[str]] | None:
@@ -755,7 +787,8 @@ class MechanicalSystem:
         Returns
         -------
         Evaluation
-            Mass, force, gaps, their gradients, curvatures and rates; the parts of the friction.
+            Mass, force, gaps, their gradients, curvatures and rates; the parts of the friction and
+            of the equality rows.
 
         Examples
         --------
@@ -810,6 +843,8 @@ class MechanicalSystem:
         told.append(f"e={written(self._e)}")
         if self._channels:
             told.append(f"friction=({', '.join(self.channel_names)})")
+        if self.equality_names:
+            told.append(f"equalities=({', '.join(self.equality_names)})")
         told += [f"{name}={value!r}" for name, value in self._chosen().items()]
         return f"{type(self).__name__}({', '.join(told)})"
 
@@ -818,6 +853,7 @@ class MechanicalSystem:
         given = self._given_inputs
         more: dict[str, Any] = {} if given is None else {"inputs": given}
         more |= {"friction": self._joints} if self._joints else {}
+        more |= {"equalities": self._equalities} if self._equalities else {}
         return self._given | state | more | self._chosen()
 
     def _chosen(self) -> dict[str, Any]:

@@ -206,6 +206,14 @@ class Evaluation:
     limits, static_limits : ndarray
         What friction takes in slip and holds in stick, of shape (p,): coefficients of friction at
         gaps, forces in joints.
+    equalities : ndarray
+        Values :math:`\varphi` of the k equality rows, of shape (k,).
+    equality_gradients : ndarray
+        Their gradients :math:`G`, of shape (k, n).
+    equality_curvatures : ndarray
+        What the second time derivatives of the rows are without acceleration, of shape (k,).
+    equality_rates : ndarray
+        Partial time derivatives :math:`\varphi_t`, of shape (k,).
     """
 
     mass: Array
@@ -219,6 +227,10 @@ class Evaluation:
     slip_rates: Array
     limits: Array
     static_limits: Array
+    equalities: Array
+    equality_gradients: Array
+    equality_curvatures: Array
+    equality_rates: Array
 
 
 @dataclasses.dataclass(frozen=True)
@@ -227,23 +239,25 @@ class Layout:
 
     Parameters
     ----------
-    n, m, p : int
-        Numbers of coordinates, of gaps and of channels of dry friction.
+    n, m, p, k : int
+        Numbers of coordinates, of gaps, of channels of dry friction and of equality rows.
     """
 
     n: int
     m: int
     p: int = 0
+    k: int = 0
 
     @property
     def size(self) -> int:
         """How many numbers there are."""
-        return self.n * (self.n + 1) + self.m + (self.m + self.p) * (self.n + 2) + 2 * self.p
+        rows = self.m + (self.m + self.p) * (self.n + 2) + 2 * self.p
+        return self.n * (self.n + 1) + rows + self.k * (self.n + 3)
 
     @property
     def shapes(self) -> dict[str, tuple[int, ...]]:
         """The parts in their order, by the names of `Evaluation`."""
-        n, m, p = self.n, self.m, self.p
+        n, m, p, k = self.n, self.m, self.p, self.k
         return {
             "mass": (n, n),
             "force": (n,),
@@ -256,6 +270,10 @@ class Layout:
             "slip_rates": (p,),
             "limits": (p,),
             "static_limits": (p,),
+            "equalities": (k,),
+            "equality_gradients": (k, n),
+            "equality_curvatures": (k,),
+            "equality_rates": (k,),
         }
 
     def views(self, row: Array) -> dict[str, Array]:

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 import zivi._zivi as _zivi
 from zivi.base.check import Array
+from zivi.system.constraints.equality import check_equalities
 from zivi.system.gap import Channel, HarmonicWall, LinearGap, MovingWall, Slip
 from zivi.system.mechanism import MechanicalSystem, Model, check_mass
 from zivi.system.model_parts import Evaluation
@@ -51,6 +52,7 @@ def check_start(
     mass = row[: n * n].tobytes()
     span_before, mass_before = system._checked_start
     known = span_before == span or (system.derived and span_before is not None)
+    known = known and not model.layout.k
     if known and mass == mass_before and not system._channels and _zivi.is_sound(row, n, m):
         return
     look, row = _Look(model), np.array(row)
@@ -59,6 +61,8 @@ def check_start(
         _check_finite(system, here)
     if mass != mass_before:
         check_mass(here.mass)
+    if model.layout.k:
+        _check_rows_at_start(system, look, span, q, qdot)
     if (here.gaps < 0.0).any():
         _check_open(system, here, q)
     if not here.gradients.any(axis=1).all():
@@ -135,6 +139,62 @@ def _part_of(channel: Channel, part: str) -> str:
         return f"{part} of friction {channel.name!r}"
     return f"{AT_GAP.get(part, f'tangent_{part}')} of gap {channel.name!r}"
 
+
+def _check_rows_at_start(
+    system: MechanicalSystem, look: _Look, span: tuple[float, float], q: Array, qdot: Array
+) -> None:
+    """Refuse equality rows with wrong derivatives, and a start that does not obey them."""
+    here, names = look(span[0], q, qdot), system.equality_names
+    for part, field in OF_EQUALITIES.items():
+        for name, values in zip(names, getattr(here, field), strict=True):
+            if not np.all(np.isfinite(values)):
+                told = f"{part} of equality {name!r}" if part else f"equality {name!r}"
+                raise ValueError(f"{told} must be finite at the start, got {values.tolist()}")
+    if not system.derived and system._checked_start[0] != span:
+        _check_derivatives_of_equalities(system, look, span, q)
+    check_equalities(names, here, q, qdot)
+
+
+def _check_derivatives_of_equalities(
+    system: MechanicalSystem, look: _Look, span: tuple[float, float], q: Array
+) -> None:
+    names, (t, end), rest = system.equality_names, span, np.zeros_like(q)
+    here, known = look(t, q, rest), np.zeros(len(names), dtype=bool)
+    terms = np.abs(here.equalities) + np.abs(here.equality_gradients) @ np.abs(q)
+    for j in range(len(q)):
+        unit = np.eye(len(q))[j]
+        _compare(
+            [f"gradient (entry {j}) of equality {name!r}" for name in names],
+            "value",
+            lambda s, unit=unit: look(t, q + s * unit, rest).equalities,  # type: ignore[misc]
+            (here.equality_gradients[:, j], known, terms),
+            (float(q[j]), 1.0 + abs(float(q[j]))),
+        )
+    for i, row in enumerate(system.equalities):
+        values = [look(at, q, rest).equalities[i] for at in np.linspace(t, end, TIMES)]
+        if row.rate is None and np.ptp(values) > 1e-12 * np.max(np.abs(values)):
+            raise ValueError(
+                f"equality {names[i]!r} depends on time: give its rate, the derivative by t"
+            )
+    parts = (here.equality_rates, known, terms)
+    rates = [f"rate of equality {name!r}" for name in names]
+    _compare(rates, "value", lambda s: look(t + s, q, rest).equalities, parts, (t, end - t))
+    ours = np.array([row.curvature is None and row._is_flat() for row in system.equalities])
+    _check_accelerations(
+        ([f"curvature of equality {name!r}" for name in names], ours, "rate"),
+        look,
+        (span, q),
+        lambda at: (at.equality_gradients, at.equality_rates, at.equality_curvatures),
+    )
+
+
+OF_EQUALITIES = {
+    "": "equalities",
+    "gradient": "equality_gradients",
+    "curvature": "equality_curvatures",
+    "rate": "equality_rates",
+}
+"""Parts of an equality row, and what an evaluation calls those of all."""
 
 OF_CHANNELS = {
     "direction": "tangents",
@@ -420,11 +480,25 @@ def _check_pairs(system: MechanicalSystem, here: Evaluation) -> None:
 def _check_tangent(channel: Channel, here: Evaluation, row: Array) -> None:
     """Refuse a tangent along the normal: no mass would distinguish slip from penetration."""
     normal = here.gradients[channel.gap]
+    if len(here.equality_gradients):
+        free = _free_directions(here.equality_gradients)
+        size = np.linalg.norm(normal), np.linalg.norm(row)
+        normal, row = free @ normal, free @ row
+        if np.linalg.norm(normal) < 1e-9 * size[0] or np.linalg.norm(row) < 1e-9 * size[1]:
+            return  # the equality rows hold it
     if abs(row @ normal) >= (1.0 - 1e-12) * np.linalg.norm(row) * np.linalg.norm(normal):
         raise ValueError(
             f"tangent of gap {channel.name!r} must not be along its gradient at the start, got "
             f"{row.tolist()}; set mu=0 where one coordinate moves the point"
         )
+
+
+def _free_directions(rows: Array) -> Array:
+    """Return an orthonormal basis of the velocities that equality rows allow."""
+    sizes = np.linalg.norm(rows, axis=1)
+    _, values, right = np.linalg.svd(rows[sizes > 0.0] / sizes[sizes > 0.0, None])
+    free: Array = right[int(np.sum(values > 1e-10)) :]
+    return free
 
 
 def _check_slip_curvatures(

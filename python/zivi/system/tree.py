@@ -14,6 +14,11 @@ from numpy.typing import ArrayLike
 import zivi._zivi as _zivi
 from zivi.base.check import Array, finite
 from zivi.base.extras import late
+from zivi.system.constraints.connections import (
+    ConstraintRows,
+    TreeConstraint,
+    rows_of_constraints,
+)
 from zivi.system.gap import IMPACT_LAWS, PARADOXES, ContactLaw, DryFriction, one_of
 from zivi.system.impact_law import GivenRestitutions, restitutions, written
 from zivi.system.mechanism import (
@@ -89,11 +94,14 @@ class Structure:
         The gaps.
     friction : sequence of DryFriction
         The dry friction of joints.
+    constraints : ConstraintRows
+        The equality rows.
     """
 
     bodies: tuple[Body, ...]
     gaps: tuple[TreeGap, ...]
     friction: tuple[DryFriction, ...] = ()
+    constraints: ConstraintRows = dataclasses.field(default_factory=ConstraintRows)
 
     @property
     def moving(self) -> list[Body]:
@@ -169,6 +177,7 @@ class Structure:
             rows += [*placement, np.sum(mass, axis=0), np.array([*of_joint, body.reference])]
         rows += [_gap(side, frames, values) for side in self.sides()]
         rows += [np.array(rubbing.numbers(values)) for rubbing in self.rubbings]
+        rows += self.constraints.numbers(frames)
         return np.concatenate(rows)
 
     def directions(self, values: Mapping[str, float], names: Sequence[str] | None = None) -> Array:
@@ -351,6 +360,9 @@ class Tree(MechanicalSystem):
         ``{"thigh": "hip", "belt": {"hip": 1.0, "knee": -1.0}}``.
     impact_law, paradox : str
         As for `MechanicalSystem`.
+    constraints : sequence of Connect, Weld, Drive or Couple
+        Equality rows (of `zivi.mechanics`): joints that close chains, bodies that are fixed to each
+        other, joints that are driven or coupled.
 
     Raises
     ------
@@ -403,6 +415,7 @@ class Tree(MechanicalSystem):
         inputs: Any = None,
         impact_law: str = "newton",
         paradox: str = "stop",
+        constraints: Sequence[TreeConstraint] = (),
     ) -> None:
         self._structure = Structure(ordered(bodies), tuple(gaps))
         self._gravity = vector("gravity", gravity)
@@ -420,6 +433,13 @@ class Tree(MechanicalSystem):
         self._e = restitutions(e, len(sides))
         check_compliant(e, self._contact_laws(), self._gap_names)
         self._read_friction(friction)
+        rows = rows_of_constraints(constraints, self._structure.bodies)
+        self._structure = dataclasses.replace(self._structure, constraints=rows)
+        distinct_names("equalities", rows.names)
+        if len(rows.names) > MAX_SIZE:
+            raise ValueError(
+                f"constraints must have at most {MAX_SIZE} rows, got {len(rows.names)}"
+            )
         self._given_inputs = inputs
         if inputs is not None:
             self._controls = inputs_of_tree(inputs, self._coordinates or ())
@@ -626,8 +646,24 @@ class Tree(MechanicalSystem):
         return self._parameters.state
 
     def _new_model(self, n: int) -> Model:
-        layout = Layout(n, self.m, len(self._channels))
-        return Model.native(layout, _zivi.Model.tree(self._core_tree()))
+        rows = self._structure.constraints
+        layout = Layout(n, self.m, len(self._channels), len(rows.names))
+        drives = [(row, native.address) for row, native in rows.native]
+        spec = _zivi.Model.tree(self._core_tree(), drives=drives, owner=rows.native)
+        return Model.native(layout, spec)
+
+    @property
+    def constraints(self) -> tuple[TreeConstraint, ...]:
+        """The constraints as given."""
+        return self._structure.constraints.given
+
+    @property
+    def equality_names(self) -> tuple[str, ...]:
+        """Names of the equality rows of the constraints."""
+        return self._structure.constraints.names
+
+    def _motions(self) -> list[Any]:
+        return [motion for _, motion in self._structure.constraints.drives]
 
     def _units(self) -> dict[str, list[str]]:
         kinds = {"hinge": "rad", "slide": "m"}
@@ -643,7 +679,9 @@ class Tree(MechanicalSystem):
         sides = [(side.kind, *side.joints) for side in structure.sides()]
         friction = [(rubbing.kind, rubbing.at) for rubbing in structure.rubbings]
         numbers = structure.numbers(self._parameters)
-        return _zivi.Tree(structure.joints(), sides, friction, numbers)
+        rows = structure.constraints
+        drives = [(row, motion._spec()) for row, motion in rows.drives]
+        return _zivi.Tree(structure.joints(), sides, friction, numbers, list(rows.core), drives)
 
     def partials(self, model: Model, wanted: Collection[str] | None = None) -> Partials:
         """Return the derivatives of the numbers of the tree with respect to parameters."""
@@ -656,12 +694,15 @@ class Tree(MechanicalSystem):
     def __repr__(self) -> str:
         told = f"joints=({', '.join(self._coordinates or ())}), gaps=({', '.join(self._gap_names)})"
         rough = f", friction=({', '.join(self.channel_names)})" if self._channels else ""
+        held = self.equality_names
+        rough += f", equalities=({', '.join(held)})" if held else ""
         chosen = "".join(f", {name}={value!r}" for name, value in self._chosen().items())
         return f"Tree({told}, e={written(self._e)}{rough}{chosen})"
 
     def __getstate__(self) -> dict[str, Any]:
         more: dict[str, Any] = {"friction": self._joints} if self._joints else {}
         more |= {} if self._given_inputs is None else {"inputs": self._given_inputs}
+        more |= {"constraints": self.constraints} if self.constraints else {}
         return (
             more
             | self._chosen()

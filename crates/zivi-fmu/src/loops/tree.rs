@@ -75,8 +75,17 @@ impl ParametricTree {
             }
             numbers.push(terms);
         }
-        let mut it =
-            Self { tree: Tree { joints, gaps, friction: vec![], numbers: vec![] }, numbers };
+        let mut it = Self {
+            tree: Tree {
+                joints,
+                gaps,
+                friction: vec![],
+                constraints: vec![],
+                drives: vec![],
+                numbers: vec![],
+            },
+            numbers,
+        };
         it.tree = Tree { numbers: it.numbers_at(parameters), ..it.tree }.validated()?;
         Some(it)
     }

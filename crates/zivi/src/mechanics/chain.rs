@@ -359,7 +359,7 @@ impl ImpactChain {
         let (Some(tail), Some(last)) = (&arcs.arcs, self.chain.bounces().last()) else {
             return Ok(None);
         };
-        let Layout { n, m, p } = at.aside.layout;
+        let Layout { n, m, p, .. } = at.aside.layout;
         let (size, slips, whole) = (arcs.rows.len(), n + m, arcs.end - arcs.start);
         let (numbers, q) = probed(arcs);
         let mut values = vec![<[Vec<f64>; POINTS.len()]>::default(); size];
@@ -619,7 +619,7 @@ mod tests {
 
     impl Dynamics<Infallible> for Bowl {
         fn layout(&self) -> Layout {
-            Layout { n: 2, m: 1, p: 1 }
+            Layout { n: 2, m: 1, p: 1, k: 0 }
         }
 
         fn friction(&self) -> &Friction {
@@ -732,7 +732,7 @@ mod tests {
 
     impl Dynamics<Infallible> for Dish {
         fn layout(&self) -> Layout {
-            Layout { n: 3, m: 1, p: 2 }
+            Layout { n: 3, m: 1, p: 2, k: 0 }
         }
 
         fn friction(&self) -> &Friction {

@@ -141,7 +141,7 @@ impl CornerApproach {
         (landing, set): (&ExtrapolatedEnd<Vec<f64>>, GapSet),
         at: &Mechanism<'_, '_, D>,
     ) -> bool {
-        let (Layout { n, m, p: channels }, now) = (at.state.layout(), at.state.now());
+        let (Layout { n, m, p: channels, .. }, now) = (at.state.layout(), at.state.now());
         let (size, slow) = (now.x.len(), slow(at.settings, at.state));
         let last = &self.patterns[self.patterns.len().saturating_sub(count)..];
         let touches =
@@ -277,7 +277,7 @@ fn at_one_instant<E, D: Dynamics<E>>(
     set: GapSet,
     at: &mut Mechanism<'_, '_, D>,
 ) -> Result<Option<ExtrapolatedEnd<Vec<f64>>>, Failure<E>> {
-    let (Layout { n, m, p: channels }, t) = (at.state.layout(), at.state.now().t);
+    let (Layout { n, m, p: channels, .. }, t) = (at.state.layout(), at.state.now().t);
     let end = time_of_corner(marks, fewest).filter(|_| channels == 0);
     let Some(end) = end.filter(|_| speeds_fall(marks, p, (n, set))) else { return Ok(None) };
     at.state.complete(at.model)?;

@@ -7,7 +7,7 @@ use crate::mechanics::friction::Collision;
 use crate::mechanics::kinetics::{Kinetics, Model};
 use crate::mechanics::lcp;
 use crate::mechanics::recording::{
-    check_friction, check_rigid, check_sizes, MechanicalRun, MechanicalSamples,
+    check_free, check_friction, check_rigid, check_sizes, MechanicalRun, MechanicalSamples,
 };
 use crate::numeric::dense::axpy;
 use crate::record::columns::Reserve;
@@ -225,6 +225,7 @@ pub(super) fn simulate<E, D: Dynamics<E>>(
         return Err(SetupError::Setting("e", e, "from 0 to 1"));
     }
     let friction = dynamics.friction().clone();
+    check_free(layout)?;
     check_friction(layout, &friction)?;
     check_rigid(&friction)?;
     let mut model = Model::new(dynamics);
@@ -427,7 +428,7 @@ impl Scheme for Impulses {
 impl Stepped {
     /// Slips at the end of the step, how far they went, and the work of friction.
     fn take_slips(&mut self, h: f64, theta: f64) {
-        let Layout { n, m, p } = self.layout;
+        let Layout { n, m, p, .. } = self.layout;
         let mut work = 0.0;
         for row in m..m + p {
             let sticks =
@@ -448,7 +449,7 @@ fn push_with_friction<E>(
     (set, duration): (GapSet, f64),
     w: &mut [f64],
 ) -> Result<(), Failure<E>> {
-    let Layout { n, m, p } = state.layout;
+    let Layout { n, m, p, .. } = state.layout;
     let free: Vec<f64> = (0..m + p).map(|row| state.kinetics.rate(row, w)).collect();
     let Stepped { e, v, friction, kinetics, .. } = state;
     let (before, is_jammed) = (&v[n..n + m + p], false);
@@ -796,7 +797,7 @@ impl JointForces {
 
     /// Slips at the end of the step, how far they went, and the work of friction.
     pub(super) fn finish_step(&self, state: &mut Stepped, h: f64) {
-        let Layout { n, m, p } = state.layout;
+        let Layout { n, m, p, .. } = state.layout;
         if p == 0 {
             return;
         }

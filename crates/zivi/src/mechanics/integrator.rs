@@ -36,6 +36,8 @@ pub(super) struct MechanicalIntegrator {
     occurrences: Vec<Occurrence>,
     /// The mode whose forces were last noted as undetermined.
     undetermined: ContactMode,
+    /// Whether the multipliers of equality rows were noted as undetermined.
+    has_noted_equalities: bool,
     /// Events since the time last advanced by a step.
     stalled: u32,
     /// When the run started; when the last event was, and steps since then.
@@ -87,6 +89,7 @@ impl MechanicalIntegrator {
             next: Next::Step,
             occurrences: Vec::new(),
             undetermined: ContactMode::default(),
+            has_noted_equalities: false,
             stalled: 0,
             started: 0.0,
             smooth: (0.0, 0),
@@ -136,7 +139,8 @@ impl MechanicalIntegrator {
             return Err(Failure::Status(Status::StateNotFinite));
         }
         self.accumulation.clear();
-        match self.state.start(t, at, self.settings.rounding(), model)? {
+        let w = self.state.hold_kick(at, model)?;
+        match self.state.start(t, (at.0, &w), self.settings.rounding(), model)? {
             Start::Overlap(_) => return Err(Failure::Status(Status::ContactNotSolved)),
             Start::At(hit) if !hit.is_empty() => self.next = Next::LocatedEvent(hit),
             Start::At(_) => {
@@ -226,6 +230,11 @@ impl MechanicalIntegrator {
     /// Notes where the motion does not determine the forces, or is not determined itself, once in a mode.
     fn note_undetermined(&mut self, t: f64) {
         let mode = self.state.mode();
+        if !self.has_noted_equalities && self.state.kinetics().has_dependent_equalities() {
+            self.has_noted_equalities = true;
+            let (kind, gaps, size) = (FlagKind::UndeterminedForces, GapSet::EMPTY, f64::INFINITY);
+            self.occurrences.push(Occurrence::Flag { kind, t, gaps, size });
+        }
         if mode == self.undetermined {
             return;
         }

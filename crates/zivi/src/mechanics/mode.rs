@@ -4,6 +4,7 @@
 //! contact, and one equation serves all modes, so that there are no two cases with data of their
 //! own as there are for a mass, whose rest needs no equation.
 
+use crate::mechanics::kinetics::equalities::Equalities;
 use crate::mechanics::kinetics::{Kinetics, Model};
 use crate::numeric::bernstein::Bernstein;
 use crate::numeric::coordinates;
@@ -205,13 +206,16 @@ pub(super) struct AtEnd {
     pub(super) gap: Vec<f64>,
     pub(super) rate: Vec<f64>,
     pub(super) steepness: Vec<f64>,
+    /// Equality rows there, and the gradients of gaps and slips.
+    pub(super) equalities: Option<Box<(Equalities, Vec<f64>)>>,
 }
 
 impl AtEnd {
-    pub(super) fn new(Layout { m, p, .. }: Layout) -> Self {
-        let (zeros, rows) = (vec![0.0; m], vec![0.0; m + p]);
-        let levels = Vec::new();
-        Self { lambda: rows.clone(), levels, gap: zeros.clone(), rate: rows, steepness: zeros }
+    pub(super) fn new(layout: Layout) -> Self {
+        let (zeros, rate) = (vec![0.0; layout.m], vec![0.0; layout.rows()]);
+        let (lambda, levels) = (vec![0.0; layout.forces()], Vec::new());
+        let (gap, steepness, equalities) = (zeros.clone(), zeros, None);
+        Self { lambda, levels, gap, rate, steepness, equalities }
     }
 }
 
@@ -238,9 +242,21 @@ impl<E, D: Dynamics<E>> Equation<Vec<f64>, Failure<E>> for InContact<'_, '_, D> 
         Ok(())
     }
 
+    fn has_projection(&self) -> bool {
+        self.kinetics.equalities().is_some()
+    }
+
+    fn project_errors(&self, errors: &mut [StepError]) {
+        self.kinetics.project_errors(errors);
+    }
+
     fn is_at_end(&mut self, at: &State) {
         let (Some(end), kinetics) = (&mut self.at_end, &mut self.kinetics) else { return };
-        end.lambda.copy_from_slice(&kinetics.lambda);
+        end.lambda.copy_from_slice(kinetics.forces());
+        if let Some(rows) = kinetics.equalities() {
+            let normals = (0..kinetics.layout.rows()).flat_map(|row| kinetics.normal(row));
+            end.equalities = Some(Box::new((rows.clone(), normals.copied().collect())));
+        }
         if self.mode.is_frictionless() && kinetics.undetermined.is_empty() {
             end.levels.clear();
             end.levels.extend(self.mode.closed.iter().map(|gap| end.lambda[gap]));

@@ -268,7 +268,7 @@ impl MechanicalPath {
     #[must_use]
     pub fn to_numbers(&self) -> Option<Vec<f64>> {
         let mut out = Writer::new(StoredKind::Mechanism);
-        let Layout { n, m, p } = self.layout;
+        let Layout { n, m, p, .. } = self.layout;
         for count in [n, m, p, self.segments.len(), self.coefficients.len(), self.skipped.len()] {
             out.count(count);
         }
@@ -338,7 +338,7 @@ impl MechanicalPath {
         {
             return None;
         }
-        let layout = Layout { n, m, p };
+        let layout = Layout { n, m, p, k: 0 };
         let size = layout.size();
         let mut path = Self::new(layout);
         for _ in 0..segments {

@@ -361,7 +361,7 @@ impl<E> Running<'_, E> {
             if let Some(log) = &mut speeds {
                 log.note(*t, &point.v[..layout.n], &occurrences);
             }
-            let none = vec![0.0; layout.rows()];
+            let none = vec![0.0; layout.forces()];
             samples.push(*t, (&point.x, &point.v), &none, point.mode);
         }
         drop(reserve);
@@ -455,6 +455,10 @@ pub(super) fn started<E>(
     start: Result<Option<f64>, Failure<E>>,
 ) -> Result<Result<(), Failure<E>>, SetupError> {
     match start {
+        Ok(Some(value)) if value.is_nan() => {
+            let range = "such that positions and velocities obey the equality rows";
+            Err(SetupError::Setting("q0 and qdot0", value, range))
+        }
         Ok(Some(value)) => {
             Err(SetupError::Setting("q0", value, "such that no gap g(t0, q0) is below 0"))
         }
@@ -467,7 +471,7 @@ pub(super) fn started<E>(
 }
 
 pub(super) fn check_sizes(
-    Layout { n, m, p }: Layout,
+    Layout { n, m, p, k }: Layout,
     laws: usize,
     q: &[f64],
     w: &[f64],
@@ -477,6 +481,9 @@ pub(super) fn check_sizes(
     }
     if m + p > MOST {
         return Err(SetupError::Count("m", m + p, "at most 256, with the channels of friction"));
+    }
+    if k > MOST {
+        return Err(SetupError::Count("equalities", k, "at most 256"));
     }
     for (name, given, wanted) in [("e", laws, m), ("q0", q.len(), n), ("qdot0", w.len(), n)] {
         if given != wanted {
@@ -497,6 +504,14 @@ pub(super) fn check_smooth(layout: Layout, friction: &Friction) -> Result<(), Se
     match layout.p {
         0 => Ok(()),
         p => Err(SetupError::Count("friction", p, "none: derivatives with friction are not known")),
+    }
+}
+
+/// For what does not know equality rows.
+pub(super) fn check_free(layout: Layout) -> Result<(), SetupError> {
+    match layout.k {
+        0 => Ok(()),
+        k => Err(SetupError::Count("equalities", k, "none: take SwitchedRk without derivatives")),
     }
 }
 
@@ -621,7 +636,7 @@ impl MechanicalSamples {
         reserve.room(&mut self.t, count, ASIDE)?;
         reserve.room(&mut self.x, count * layout.size(), ASIDE)?;
         reserve.room(&mut self.v, count * layout.size(), ASIDE)?;
-        reserve.room(&mut self.lambda, count * layout.rows(), ASIDE)?;
+        reserve.room(&mut self.lambda, count * layout.forces(), ASIDE)?;
         reserve.room(&mut self.modes, count, layout.rows())
     }
 
@@ -715,7 +730,7 @@ mod run_tests {
 
     #[test]
     fn friction_has_its_channels_and_a_gap_one_at_most() {
-        let layout = Layout { n: 2, m: 2, p: 2 };
+        let layout = Layout { n: 2, m: 2, p: 2, k: 0 };
         let check = |gaps: &[Option<usize>], e_t: f64| {
             let channels = gaps.iter().map(|&gap| Channel { gap, e_t }).collect();
             check_friction(layout, &Friction { channels, ..Friction::default() })

@@ -75,7 +75,7 @@ impl<C> Held<'_, C> {
             machine.state_mut().prepare(model)?;
         }
         let state = machine.state();
-        let none = vec![0.0; layout.rows()];
+        let none = vec![0.0; layout.forces()];
         let lambda = if pending { &none } else { state.lambda() };
         let (now, mode) = (state.now(), state.mode());
         let (lambda, mode) = pressed(layout, lambda, mode);

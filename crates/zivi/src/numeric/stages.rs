@@ -32,6 +32,14 @@ pub(crate) trait Equation<Q, X> {
     fn is_autonomous(&self) -> bool {
         false
     }
+
+    /// Whether states are projected after each step: [`Self::project_errors`] is called then.
+    fn has_projection(&self) -> bool {
+        false
+    }
+
+    /// Takes out of the estimated errors of a step, by coordinate, what the projection removes.
+    fn project_errors(&self, _errors: &mut [StepError]) {}
 }
 
 impl<Q, X, A: Equation<Q, X>> Equation<Q, X> for &mut A {
@@ -47,6 +55,15 @@ impl<Q, X, A: Equation<Q, X>> Equation<Q, X> for &mut A {
 
     fn is_autonomous(&self) -> bool {
         (**self).is_autonomous()
+    }
+
+    #[inline(always)]
+    fn has_projection(&self) -> bool {
+        (**self).has_projection()
+    }
+
+    fn project_errors(&self, errors: &mut [StepError]) {
+        (**self).project_errors(errors);
     }
 }
 
@@ -259,6 +276,17 @@ impl<Q: Coordinates> Stages<Q> {
             self.finish(equation)?;
         }
         let all = 0..self.end.x.as_slice().len();
+        if equation.has_projection() {
+            let mut errors: Vec<StepError> = all.map(|c| self.error_of(c)).collect();
+            let largest = |errors: &[StepError]| {
+                let each = errors.iter().enumerate();
+                let each = each.map(|(c, error)| error.norm(self.scales(c, tolerances)));
+                each.reduce(worse).unwrap_or(0.0)
+            };
+            let whole = largest(&errors);
+            equation.project_errors(&mut errors);
+            return Ok(worse(PROJECTED * whole, largest(&errors)));
+        }
         let each = all.map(|c| self.error_of(c).norm(self.scales(c, tolerances)));
         Ok(each.reduce(worse).unwrap_or(0.0))
     }
@@ -459,6 +487,9 @@ pub(crate) fn worse(one: f64, other: f64) -> f64 {
 }
 
 // Error control: how long a step may be.
+
+/// The weight of errors that a projection removes: it must start near the manifold.
+const PROJECTED: f64 = 0.05;
 
 /// Factor that keeps the next step from being rejected.
 pub(crate) const SAFETY: f64 = 0.9;

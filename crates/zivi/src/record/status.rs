@@ -60,11 +60,13 @@ pub enum Status {
     ControlRejected = 21,
     /// Many steps without an event hardly advanced the time.
     NoProgress = 22,
+    /// Equality rows that depend on each other ask for different motions.
+    InconsistentConstraints = 23,
 }
 
 impl Status {
     /// Every status, in the order of their numbers.
-    pub const ALL: [Status; 23] = [
+    pub const ALL: [Status; 24] = [
         Status::Completed,
         Status::ForceNotFinite,
         Status::StateNotFinite,
@@ -88,6 +90,7 @@ impl Status {
         Status::ModeChatter,
         Status::ControlRejected,
         Status::NoProgress,
+        Status::InconsistentConstraints,
     ];
 
     /// Reason and advice.
@@ -193,6 +196,11 @@ impl Status {
                  trajectory ends at the last step. The forces are not smooth at this scale: check at \
                  the last sample that they are functions of time and state alone, or loosen rtol and \
                  atol."
+            }
+            Status::InconsistentConstraints => {
+                "Equality rows that depend on each other ask for different motions, or an impulse \
+                 for one that no row allows; the trajectory ends at the last step before. Check the \
+                 dependent rows and what they prescribe there, or remove some of them."
             }
         }
     }

@@ -10,6 +10,9 @@
 //! `N` has the rows `n_i = grad g_i`. The gap speeds are `g' = N q' + g_t` and their accelerations
 //! `g'' = N q'' + h` with the numbers `h_i = q'^T (Hess g_i) q' + 2 (grad dg_i/dt) q' + d^2 g_i/dt^2`.
 //! The slip speeds are `w = B q' + beta`, their accelerations `w' = B q'' + k`, see [`crate::system::force`].
+//!
+//! `k` equality rows `phi(t, q) = 0` add `G^T mu` to the forces, with `G = d phi/d q`: closed chains and
+//! prescribed motion. Their speeds `G q' + phi_t` and accelerations `G q'' + c` vanish.
 
 use crate::record::gap_set::GapSet;
 use crate::record::status::Failure;
@@ -24,7 +27,8 @@ use zivi_core::Physical;
 pub const MOST: usize = GapSet::MOST;
 
 /// Where what belongs to `M`, `F`, `g`, `(N, B)`, `(h, k)`, `(g_t, beta)`, the limits of friction and
-/// those of sticking lies in the numbers of an evaluation, in this order, matrices row by row.
+/// those of sticking, and then `phi`, `G`, `c` and `phi_t` lies in the numbers of an evaluation, in this
+/// order, matrices row by row.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Layout {
     /// Coordinates.
@@ -33,19 +37,27 @@ pub struct Layout {
     pub m: usize,
     /// Channels of friction.
     pub p: usize,
+    /// Equality rows.
+    pub k: usize,
 }
 
 impl Layout {
     /// Without friction.
     #[must_use]
     pub const fn smooth(n: usize, m: usize) -> Self {
-        Self { n, m, p: 0 }
+        Self { n, m, p: 0, k: 0 }
     }
 
-    /// How many numbers there are: `n^2 + n + m + (m + p) (n + 2) + 2 p`.
+    /// How many numbers there are: `n^2 + n + m + (m + p) (n + 2) + 2 p + k (n + 3)`.
     #[must_use]
     pub fn len(self) -> usize {
-        self.static_limit().end
+        self.equality_rate().end
+    }
+
+    /// Forces of gaps, channels and equality rows.
+    #[must_use]
+    pub fn forces(self) -> usize {
+        self.rows() + self.k
     }
 
     /// Gaps and channels: the rows of `N`, then those of `B`.
@@ -113,6 +125,30 @@ impl Layout {
     pub fn static_limit(self) -> Range<usize> {
         after(self.limit(), self.p)
     }
+
+    /// `phi`, `k`.
+    #[must_use]
+    pub fn equality(self) -> Range<usize> {
+        after(self.static_limit(), self.k)
+    }
+
+    /// `G`, `k x n`.
+    #[must_use]
+    pub fn equality_gradient(self) -> Range<usize> {
+        after(self.equality(), self.k * self.n)
+    }
+
+    /// `c`, `k`.
+    #[must_use]
+    pub fn equality_curvature(self) -> Range<usize> {
+        after(self.equality_gradient(), self.k)
+    }
+
+    /// `phi_t`, `k`.
+    #[must_use]
+    pub fn equality_rate(self) -> Range<usize> {
+        after(self.equality_curvature(), self.k)
+    }
 }
 
 fn after(range: Range<usize>, length: usize) -> Range<usize> {
@@ -153,6 +189,25 @@ pub trait Dynamics<E> {
     /// As [`Self::evaluate`].
     fn evaluate_gaps(&mut self, t: f64, q: &[f64], w: &[f64], out: &mut [f64]) -> Result<(), E> {
         self.evaluate_again(t, q, w, out)
+    }
+
+    /// Writes `phi`, `G`, `c` and `phi_t` alone: what else is in `out` may be overwritten.
+    ///
+    /// # Errors
+    /// As [`Self::evaluate`].
+    fn evaluate_equalities(
+        &mut self,
+        t: f64,
+        q: &[f64],
+        w: &[f64],
+        out: &mut [f64],
+    ) -> Result<(), E> {
+        self.evaluate_again(t, q, w, out)
+    }
+
+    /// Whether [`Self::evaluate_equalities`] computes no forces.
+    fn has_separate_equalities(&self) -> bool {
+        false
     }
 
     /// The contact force of a compliant gap whose law is a function, at a depth `>= 0` and its rate.
@@ -201,6 +256,20 @@ impl<E, D: Dynamics<E> + ?Sized> Dynamics<E> for &mut D {
 
     fn evaluate_gaps(&mut self, t: f64, q: &[f64], w: &[f64], out: &mut [f64]) -> Result<(), E> {
         (**self).evaluate_gaps(t, q, w, out)
+    }
+
+    fn evaluate_equalities(
+        &mut self,
+        t: f64,
+        q: &[f64],
+        w: &[f64],
+        out: &mut [f64],
+    ) -> Result<(), E> {
+        (**self).evaluate_equalities(t, q, w, out)
+    }
+
+    fn has_separate_equalities(&self) -> bool {
+        (**self).has_separate_equalities()
     }
 
     fn contact_force(&mut self, gap: usize, depth: f64, rate: f64) -> Result<f64, E> {
@@ -350,6 +419,20 @@ where
         let gaps = &mut out[self.dynamics.layout().gap()];
         gaps.iter_mut().zip(&self.offsets).for_each(|(gap, offset)| *gap -= offset);
         Ok(())
+    }
+
+    fn evaluate_equalities(
+        &mut self,
+        t: f64,
+        q: &[f64],
+        w: &[f64],
+        out: &mut [f64],
+    ) -> Result<(), E> {
+        self.dynamics.evaluate_equalities(t, q, w, out)
+    }
+
+    fn has_separate_equalities(&self) -> bool {
+        self.dynamics.has_separate_equalities()
     }
 
     fn contact_force(&mut self, gap: usize, depth: f64, rate: f64) -> Result<f64, E> {

@@ -159,7 +159,7 @@ mod tests {
         HarmonicWall { amplitude: 0.5, omega: 2.0, phase: 0.25, offset: 0.125 };
 
     fn parts() -> FlatParts {
-        let layout = Layout { n: 2, m: 2, p: 1 };
+        let layout = Layout { n: 2, m: 2, p: 1, k: 0 };
         let mut row = vec![0.0; layout.len()];
         row[layout.mass()].copy_from_slice(&[2.0, 0.5, 0.5, 1.0]);
         row[layout.limit().start] = 0.75;
@@ -203,7 +203,7 @@ mod tests {
 
     #[test]
     fn sizes_that_do_not_fit_are_told() {
-        let layout = Layout { n: 1, m: 1, p: 0 };
+        let layout = Layout { n: 1, m: 1, p: 0, k: 0 };
         let gap = |normal| LinearGap { normal, offset: 0.0, motion: GapMotion::Fixed };
         let with = |row, gaps, belts| FlatParts::new(layout, row, gaps, belts, vec![]);
         let row = || vec![0.0; layout.len()];

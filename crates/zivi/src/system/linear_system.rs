@@ -34,7 +34,8 @@ pub enum GapMotion {
 impl GapMotion {
     /// `[w, w', w'']`.
     #[inline]
-    pub(crate) fn at(&self, t: f64) -> [f64; 3] {
+    #[must_use]
+    pub fn at(&self, t: f64) -> [f64; 3] {
         let of = |motion: Result<[f64; 3], std::convert::Infallible>| match motion {
             Ok(motion) => motion,
             Err(never) => match never {},

@@ -90,7 +90,7 @@ pub(crate) fn rough(
 ) -> Rough {
     let channels = gap_of.iter().map(|&gap| Channel { gap, e_t }).collect();
     Rough {
-        layout: Layout { n, m: e.len(), p: gap_of.len() },
+        layout: Layout { n, m: e.len(), p: gap_of.len(), k: 0 },
         friction: Friction { channels, law: FrictionalImpact::Newton, ..Friction::default() },
         e: e.to_vec(),
         function: Box::new(function),

@@ -14,8 +14,15 @@ from zivi.base.check import Array, real_array
 from zivi.base.extras import needed
 from zivi.base.status import ModelWarning
 from zivi.interop.mujoco.contacts import read_gaps, rotation_of
-from zivi.interop.mujoco.refusals import element_name, is_off, refuse_for_tree
+from zivi.interop.mujoco.refusals import (
+    CONNECT,
+    JOINT,
+    element_name,
+    is_off,
+    refuse_for_tree,
+)
 from zivi.interop.mujoco.texts import compiled, compiled_urdf
+from zivi.system.constraints.connections import Connect, Couple, TreeConstraint, Weld
 from zivi.system.gap import DryFriction
 from zivi.system.impact_law import GivenRestitutions
 from zivi.system.tree import Structure, Tree
@@ -109,7 +116,55 @@ def read_parts(model: Any, gaps: Any, ctrl: Any, friction: str) -> dict[str, Any
         "gravity": np.zeros(3) if off else np.array(model.opt.gravity),
         "friction": _friction(model, friction),
         "inputs": inputs_of(model),
+        "constraints": _constraints(model),
     }
+
+
+def _constraints(model: Any) -> list[TreeConstraint]:
+    """Read the equality constraints that are active at the start."""
+    if is_off(model, "EQUALITY"):
+        return []
+    return [_constraint(model, int(i)) for i in np.flatnonzero(model.eq_active0)]
+
+
+def _constraint(model: Any, index: int) -> TreeConstraint:
+    """Read an equality constraint: connect, weld or joint."""
+    name, kind = element_name(model, "equality", index), int(model.eq_type[index])
+    first, second = int(model.eq_obj1id[index]), int(model.eq_obj2id[index])
+    data = np.array(model.eq_data[index])
+    if kind == JOINT:
+        places = np.asarray(model.jnt_qposadr)
+        return Couple(
+            element_name(model, "joint", first),
+            None if second < 0 else element_name(model, "joint", second),
+            coefficients=data[:5].tolist(),
+            reference=float(model.qpos0[places[first]]),
+            other_reference=0.0 if second < 0 else float(model.qpos0[places[second]]),
+            name=name,
+        )
+    turned = np.eye(3)
+    if int(model.eq_objtype[index]) == SITE:
+        points = np.array(model.site_pos[first]), np.array(model.site_pos[second])
+        turned = rotation_of(model.site_quat[second]) @ rotation_of(model.site_quat[first]).T
+        first, second = int(model.site_bodyid[first]), int(model.site_bodyid[second])
+    elif kind == CONNECT:
+        points = data[:3], data[3:6]
+    else:
+        points = data[3:6], data[:3]
+        turned = rotation_of(data[6:10]).T
+    if first == 0:
+        first, second, points, turned = second, first, points[::-1], turned.T
+    body, other = (element_name(model, "body", it) for it in (first, second))
+    ends: dict[str, Any] = {"point": points[0], "other_point": points[1], "name": name}
+    if second == 0:
+        other = None  # type: ignore[assignment]
+    if kind == CONNECT:
+        return Connect(body, other, **ends)
+    return Weld(body, other, rotation=turned, **ends)
+
+
+SITE = 6
+"""The kind of objects that are sites (mjOBJ_SITE)."""
 
 
 def _friction(model: Any, friction: str) -> list[DryFriction]:
@@ -128,7 +183,7 @@ def _friction(model: Any, friction: str) -> list[DryFriction]:
     return [DryFriction(name, limit=limit) for name, limit in rough]
 
 
-def _bodies(model: Any, body: int, driven: dict[int, Drive]) -> list[Body]:
+def _bodies(model: Any, body: int, driven: dict[int, Actuation]) -> list[Body]:
     """Return a body, preceded by a massless body for each joint but its last."""
     name = element_name(model, "body", body)
     parent = int(model.body_parentid[body])
@@ -157,7 +212,7 @@ def _bodies(model: Any, body: int, driven: dict[int, Drive]) -> list[Body]:
     return parts
 
 
-def _joint(model: Any, joint: int, drive: Drive) -> dict[str, Any]:
+def _joint(model: Any, joint: int, drive: Actuation) -> dict[str, Any]:
     dof, at = int(model.jnt_dofadr[joint]), int(model.jnt_qposadr[joint])
     stiffness, spring = float(model.jnt_stiffness[joint]), float(model.qpos_spring[at])
     # -k (q - s) + tau - k' q = -(k + k') (q - s) + tau - k' s
@@ -182,7 +237,7 @@ def _symmetric(matrix: Any) -> Any:
 
 
 @dataclasses.dataclass
-class Drive:
+class Actuation:
     r"""Force of the actuators at a joint, :math:`\tau - k q - c \dot q`."""
 
     torque: float = 0.0
@@ -200,11 +255,11 @@ def read_ctrl(model: Any, ctrl: Any) -> Array:
     return given
 
 
-def drives(model: Any, ctrl: Any) -> dict[int, Drive]:
+def drives(model: Any, ctrl: Any) -> dict[int, Actuation]:
     """Return the force of the actuators by joint."""
     import mujoco
 
-    given, found = read_ctrl(model, ctrl), {i: Drive() for i in range(model.njnt)}
+    given, found = read_ctrl(model, ctrl), {i: Actuation() for i in range(model.njnt)}
     affine = int(mujoco.mjtBias.mjBIAS_AFFINE)
     for i in range(model.nactuator):
         called = f"actuator {element_name(model, 'actuator', i)!r}"

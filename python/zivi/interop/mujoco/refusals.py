@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-__all__ = ["element_name", "is_off", "refuse_for_system", "refuse_for_tree"]
+__all__ = ["CONNECT", "JOINT", "element_name", "is_off", "refuse_for_system", "refuse_for_tree"]
 
 
 def element_name(model: Any, kind: str, index: int) -> str:
@@ -62,6 +62,15 @@ def _limited_drives(model: Any) -> Any:
     return driven & (model.jnt_actfrclimited != 0)
 
 
+def _other_equalities(model: Any) -> Any:
+    """Find equality constraints other than connect, weld and joint."""
+    return np.asarray(model.eq_type) > JOINT
+
+
+CONNECT, WELD, JOINT = 0, 1, 2
+"""Kinds of equality constraints of MuJoCo."""
+
+
 def _callbacks(_: Any) -> bool:
     import mujoco
 
@@ -98,11 +107,6 @@ FOR_ALL: tuple[Refusal, ...] = (
     ),
     ("free joints", _which("joint", lambda model: model.jnt_type == FREE), SCALAR),
     ("ball joints", _which("joint", lambda model: model.jnt_type == BALL), SCALAR),
-    (
-        "equality constraints",
-        _every("equality", "neq"),
-        "delete it, or choose coordinates that satisfy it",
-    ),
     (
         "friction in tendons (frictionloss)",
         _which("tendon", lambda m: m.tendon_frictionloss != 0),
@@ -142,6 +146,11 @@ coordinates."""
 
 FOR_SYSTEM: tuple[Refusal, ...] = (
     (
+        "equality constraints",
+        _every("equality", "neq"),
+        "zivi.Tree.from_mjcf reads connect, weld and joint; or delete it",
+    ),
+    (
         "friction in joints (frictionloss)",
         _which("joint", _joints("dof_frictionloss")),
         "zivi.Tree.from_mjcf reads it, or set it to 0",
@@ -154,6 +163,7 @@ UNSUPPORTED = "zivi does not support {what} of MuJoCo: {which}; {remedy}"
 FOR_TREE: tuple[Refusal, ...] = tuple(
     (what, search, BY_MUJOCO)
     for what, search in (
+        ("equality constraints of this kind", _which("equality", _other_equalities)),
         ("tendons", _every("tendon", "ntendon")),
         (
             "compensation of gravity (gravcomp)",

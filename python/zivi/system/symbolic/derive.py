@@ -9,8 +9,9 @@ from typing import Any
 from zivi.base.check import finite
 from zivi.base.extras import needed
 from zivi.base.formula import CONSTANTS, FormulaError, meant, normal
-from zivi.system.gap import Channel, tangential_restitution
+from zivi.system.gap import Channel, HarmonicWall, tangential_restitution
 from zivi.system.symbolic.expressions import UnknownNameError, depends, expression, sound, worked_on
+from zivi.system.table import Table
 
 __all__ = [
     "NO_FRICTION",
@@ -159,6 +160,10 @@ class Derived:
         Names of the controls.
     inputs : tuple of sympy.Expr
         The matrix by which they act, row by row.
+    equalities : tuple of str
+        Names of the equality rows.
+    drives : tuple
+        Numbers of rows and the tables or walls whose motion they prescribe.
     """
 
     entries: tuple[Any, ...]
@@ -168,6 +173,14 @@ class Derived:
     channels: tuple[Channel, ...] = ()
     controls: tuple[str, ...] = ()
     inputs: tuple[Any, ...] = ()
+    equalities: tuple[str, ...] = ()
+    drives: tuple[tuple[int, Any], ...] = ()
+
+    @property
+    def rows(self) -> tuple[Any, ...]:
+        """The entries of the equality rows, the last ones."""
+        count = len(self.equalities) * (len(self.coordinates) + 3)
+        return self.entries[len(self.entries) - count :]
 
     def partials(self) -> tuple[Any, ...]:
         """Differentiate all entries with respect to time, coordinates, velocities, parameters."""
@@ -191,6 +204,7 @@ def derive(
     qdot: Any,
     rubbing: Rubbing = NO_FRICTION,
     inputs: Any = None,
+    equalities: Any = None,
 ) -> Derived:
     r"""Derive the equations of motion and the derivatives of gaps and slip speeds.
 
@@ -225,6 +239,7 @@ def derive(
             raise ValueError(
                 f"gap {name!r} must depend only on time and coordinates, got velocities"
             )
+    held, drives = equalities_by_name(equalities)
     with worked_on("T, V, Q and gaps"):
         force = [
             pushes[i]
@@ -233,13 +248,7 @@ def derive(
             - momenta[i].diff(t)
             for i in range(n)
         ]
-        gradients = [[g.diff(v) for v in x] for g in distances]
-        rates = [g.diff(t) for g in distances]
-        along = [
-            sum(grad[j] * w[j] for j in range(n)) + rate
-            for grad, rate in zip(gradients, rates, strict=True)
-        ]
-        curvatures = [sum(y.diff(x[j]) * w[j] for j in range(n)) + y.diff(t) for y in along]
+    gradients, curvatures, rates = _along_the_motion(words, distances)
     slips = slips_of(words, list(named), rubbing)
     entries = [entry for row in mass for entry in row] + force + distances
     entries += [entry for row in gradients for entry in row]
@@ -247,6 +256,16 @@ def derive(
     entries += curvatures + [slip.curvature for slip in slips]
     entries += rates + [slip.rate for slip in slips]
     entries += [slip.limit for slip in slips] + [slip.static for slip in slips]
+    values_of_rows = [words.read(f"equality {name!r}", it) for name, it in held.items()]
+    for name, it in zip(held, values_of_rows, strict=True):
+        if it.free_symbols & set(w) or not it.free_symbols & set(x):
+            raise ValueError(
+                f"equality {name!r} must depend on coordinates, not on velocities, got "
+                f"{held[name]!r}"
+            )
+    of_rows = _along_the_motion(words, values_of_rows)
+    entries += [*values_of_rows, *(entry for row in of_rows[0] for entry in row)]
+    entries += [*of_rows[1], *of_rows[2]]
     try:
         with worked_on("the equations"):
             found = tuple(sound(sympy.sympify(entry)) for entry in entries)
@@ -254,7 +273,57 @@ def derive(
         raise FormulaError(f"T, V, Q and gaps: {error}") from None
     channels, columns = tuple(slip.channel for slip in slips), _control_columns(inputs, n)
     controls, matrix = tuple(columns), _inputs(words, columns)
-    return Derived(found, words.names, tuple(named), values, channels, controls, matrix)
+    return Derived(
+        found,
+        words.names,
+        tuple(named),
+        values,
+        channels,
+        controls,
+        matrix,
+        tuple(held),
+        drives,
+    )
+
+
+def _along_the_motion(
+    words: _Words, values: Sequence[Any]
+) -> tuple[list[list[Any]], list[Any], list[Any]]:
+    """Derive gradients, curvatures and rates of functions of time and coordinates."""
+    n, t, x, w = len(words.q), words.t, words.q, words.w
+    with worked_on("T, V, Q and gaps"):
+        gradients = [[g.diff(v) for v in x] for g in values]
+        rates = [g.diff(t) for g in values]
+        along = [
+            sum(grad[j] * w[j] for j in range(n)) + rate
+            for grad, rate in zip(gradients, rates, strict=True)
+        ]
+        curvatures = [sum(y.diff(x[j]) * w[j] for j in range(n)) + y.diff(t) for y in along]
+    return gradients, curvatures, rates
+
+
+def equalities_by_name(given: Any) -> tuple[dict[str, Any], tuple[tuple[int, Any], ...]]:
+    """Read equality rows by name: expressions, or pairs with the motion that they follow."""
+    if given is None:
+        return {}, ()
+    if not isinstance(given, Mapping):
+        raise TypeError(
+            f"equalities must be a dict of expressions by the names of rows, got {given!r}"
+        )
+    named, drives = {}, []
+    for i, (name, row) in enumerate(given.items()):
+        if isinstance(row, tuple | list):
+            if len(row) != 2 or not isinstance(row[1], Table | HarmonicWall):
+                raise TypeError(
+                    f"equalities[{name!r}] must be an expression, or (expression, motion) with a "
+                    f"zivi.Table or a zivi.HarmonicWall, got {row!r}"
+                )
+            row, motion = row
+            if isinstance(motion, Table):
+                motion._wall(f"motion of equality {name!r}")
+            drives.append((i, motion))
+        named[str(name)] = row
+    return named, tuple(drives)
 
 
 class _Words:

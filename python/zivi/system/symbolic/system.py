@@ -113,6 +113,34 @@ def _input_matrix(native: Native, inputs: SymbolicInputs, parameters: Any) -> An
     return matrix
 
 
+@dataclasses.dataclass(frozen=True)
+class SymbolicEqualities:
+    """What a symbolic system keeps of its equality rows.
+
+    Parameters
+    ----------
+    names : tuple of str
+        The rows.
+    drives : tuple
+        Numbers of rows and the motion that they follow.
+    sources : dict
+        Sources of the function that gives the numbers of the rows alone.
+    """
+
+    names: tuple[str, ...]
+    drives: tuple[tuple[int, Any], ...]
+    sources: dict[str, str]
+
+    @classmethod
+    def of(cls, derived: Derived) -> SymbolicEqualities | None:
+        """Keep the rows of derived equations; None without any."""
+        if not derived.equalities:
+            return None
+        entries = derived.rows
+        sources = {"c": c_source(entries), "numba": python_source(entries)}
+        return cls(derived.equalities, derived.drives, sources)
+
+
 # A mechanical system from its energies, whose parameters can change without compiling.
 
 
@@ -227,9 +255,12 @@ class SymbolicSystem(MechanicalSystem):
         How controls act.
     contact : dict, optional
         Contact laws of compliant gaps, by name.
+    equalities : SymbolicEqualities, optional
+        The equality rows.
     """
 
     derived = True
+    _rows: SymbolicEqualities | None = None
     _last_told: tuple[bytes, Restitutions, str, dict[str, float]] | None = None
     """What was told of the system last, and with which parameters."""
 
@@ -247,6 +278,7 @@ class SymbolicSystem(MechanicalSystem):
         paradox: str = "stop",
         inputs: SymbolicInputs | ControlInputs | None = None,
         contact: Mapping[str, ContactLaw] | None = None,
+        equalities: SymbolicEqualities | None = None,
     ) -> None:
         self._gaps = ()
         self._gap_names = tuple(gaps)
@@ -262,6 +294,10 @@ class SymbolicSystem(MechanicalSystem):
         self._sources, self._compiler, self._equations = sources, compiler, equations
         self._parameters = Parameters(parameters)
         self._native: Native = compile_model(sources, compiler)
+        self._rows = equalities
+        self._rows_native = (
+            None if equalities is None else compile_model(equalities.sources, compiler)
+        )
         self._symbolic_inputs = inputs
         if isinstance(inputs, SymbolicInputs):
             self._controls = inputs.made(compiler, self._parameters)
@@ -311,6 +347,7 @@ class SymbolicSystem(MechanicalSystem):
             self._paradox,
             self._symbolic_inputs,
             self._contact,
+            self._rows,
         )
         other._parameters.update(parameters)
         return other
@@ -334,8 +371,27 @@ class SymbolicSystem(MechanicalSystem):
 
     def _new_model(self, n: int) -> Model:
         """Make the model, which reads the current parameter values at each evaluation."""
-        layout, parameters = Layout(n, self.m, len(self._channels)), self._parameters
-        return Model.of_code(layout, self._native, parameters.address, parameters)
+        layout = Layout(n, self.m, len(self._channels), len(self.equality_names))
+        parameters, rows, native = self._parameters, self._rows, self._rows_native
+        if rows is None or native is None:
+            return Model.of_code(layout, self._native, parameters.address, parameters)
+        spec = _zivi.Model.compiled(
+            self._native.address,
+            data=parameters.address,
+            owner=(self._native, native, parameters),
+            equalities=native.address,
+            drives=[(row, motion._spec()) for row, motion in rows.drives],
+            layout=(n, layout.m, layout.p, layout.k),
+        )
+        return Model.native(layout, spec)
+
+    @property
+    def equality_names(self) -> tuple[str, ...]:
+        """Names of the equality rows."""
+        return () if self._rows is None else self._rows.names
+
+    def _motions(self) -> list[Any]:
+        return [] if self._rows is None else [motion for _, motion in self._rows.drives]
 
     def _told(self) -> tuple[str, dict[str, float]]:
         now = self._parameters.values_as_bytes, self._e
@@ -371,6 +427,7 @@ class SymbolicSystem(MechanicalSystem):
             channels
             | ({} if inputs is None else {"inputs": inputs})
             | ({"contact": self._contact} if self._contact else {})
+            | ({} if self._rows is None else {"equalities": self._rows})
             | self._chosen()
             | {
                 "sources": self._sources,
@@ -423,6 +480,7 @@ def system(
     inputs: Any = None,
     contact: Mapping[str, ContactLaw] | None = None,
     states: Sequence[Any] = (),
+    equalities: Mapping[str, Any] | None = None,
 ) -> SymbolicSystem:
     r"""Derive and compile a mechanical system from its energies.
 
@@ -482,6 +540,11 @@ def system(
         First-order states, such as the current of a motor: each is a name that all expressions but
         the gaps may have, and `Q` gives its rate by this name. In results the state is the velocity
         of a last coordinate ``name_integral``: ``sol.qdot[:, n]``.
+    equalities : dict, optional
+        Expressions in time and coordinates that stay 0, by the names of the rows: the equations of
+        a joint that closes a chain, or a drive, ``{"drive": "th - omega*t"}``. A pair
+        ``(expression, motion)`` follows a `zivi.Table` or `zivi.HarmonicWall`: the expression
+        equals its value. Gradients, curvatures and rates are derived.
 
     Returns
     -------
@@ -544,6 +607,23 @@ def system(
     >>> sol = zivi.simulate(motor, (0, 2), ([0, 0], [0, 0]))
     >>> float(sol.qdot[-1, 1].round(6))  # U/R, at rest on the stop
     3.0
+
+    A slider-crank whose crank turns at 3 rad/s:
+
+    >>> crank = zivi.symbolic.system(
+    ...     "th ph x",
+    ...     T="m*xdot**2/2 + J*thdot**2/2 + J*phdot**2/2",
+    ...     equalities={
+    ...         "along": "r*cos(th) + l*cos(ph) - x",
+    ...         "across": "r*sin(th) + l*sin(ph)",
+    ...         "drive": "th - omega*t",
+    ...     },
+    ...     parameters={"m": 1.0, "J": 0.1, "r": 1.0, "l": 2.5, "omega": 3.0},
+    ... )
+    >>> q, qdot = zivi.consistent(crank, [0.0, 0.0, 3.5])
+    >>> sol = zivi.simulate(crank, (0, 10), (q, qdot))
+    >>> float(sol.q[-1, 2].round(12))
+    2.450725597313
     """
     if len(states):
         q, T, Q, qdot = with_states(q, T, Q, qdot, states)
@@ -551,7 +631,9 @@ def system(
     rubbing = Rubbing(**{name: {} if it is None else it for name, it in given.items()})
     called = control_inputs(inputs) if callable(inputs) else None
     read = None if called else inputs
-    found = derive(q, T, V, Q, gaps, parameters, qdot=qdot, rubbing=rubbing, inputs=read)
+    found = derive(
+        q, T, V, Q, gaps, parameters, qdot=qdot, rubbing=rubbing, inputs=read, equalities=equalities
+    )
     sources = {"c": c_source(found.entries), "numba": python_source(found.entries)}
     return SymbolicSystem(
         sources,
@@ -566,4 +648,5 @@ def system(
         paradox,
         SymbolicInputs.of(found.controls, found.inputs) if found.controls else called,
         contact,
+        SymbolicEqualities.of(found),
     )

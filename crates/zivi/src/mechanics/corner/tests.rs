@@ -33,7 +33,7 @@ impl Bodies {
 impl Dynamics<Infallible> for Bodies {
     fn layout(&self) -> Layout {
         let n = self.force.len();
-        Layout { n, m: n, p: self.friction.channels.len() }
+        Layout { n, m: n, p: self.friction.channels.len(), k: 0 }
     }
 
     fn friction(&self) -> &Friction {
@@ -427,7 +427,7 @@ struct Particle(Friction);
 
 impl Dynamics<Infallible> for Particle {
     fn layout(&self) -> Layout {
-        Layout { n: 2, m: 1, p: 1 }
+        Layout { n: 2, m: 1, p: 1, k: 0 }
     }
 
     fn friction(&self) -> &Friction {

@@ -243,7 +243,7 @@ impl SmoothMotion {
         mode: ContactMode,
         model: &mut Model<'_, D>,
     ) -> Result<&[f64], Failure<E>> {
-        if mode.closed.is_empty() && mode.is_plain() {
+        if mode.closed.is_empty() && mode.is_plain() && self.aside.equalities().is_none() {
             self.aside.lambda.fill(0.0);
         } else {
             let n = self.aside.coordinates();
@@ -253,7 +253,7 @@ impl SmoothMotion {
             self.aside.contact(mode)?;
             self.aside.share_least(mode);
         }
-        Ok(&self.aside.lambda)
+        Ok(self.aside.forces())
     }
 
     /// Opens the contacts that open where a limit of the mode is reached, in a step of length `h`, after
@@ -576,7 +576,8 @@ impl<'m, D> Flying<'_, 'm, D> {
         motion.experience = StepHistory::NONE;
         motion.length = total;
         self.state.move_along(motion.last(), (total, delta), self.t_end);
-        self.state.undo_drift(&drift, self.model)
+        self.state.undo_drift(&drift, self.model)?;
+        self.state.hold_here(self.model)
     }
 
     /// The gap and those that close at the same time, to rounding of the flight's length.
@@ -901,7 +902,7 @@ mod slip_tests {
 
     impl Dynamics<Infallible> for Braked {
         fn layout(&self) -> Layout {
-            Layout { n: 1, m: 0, p: 1 }
+            Layout { n: 1, m: 0, p: 1, k: 0 }
         }
 
         fn friction(&self) -> &Friction {

@@ -130,7 +130,8 @@ impl Kinetics {
         for class in 0..3 {
             loop {
                 let may = |&i: &usize| kind(self, rows[i]) == class && !chosen.has(rows[i]);
-                let part = |i: usize| left[i] / diagonal[i];
+                // a row that equality rows hold has no mobility
+                let part = |i: usize| if diagonal[i] > 0.0 { left[i] / diagonal[i] } else { 0.0 };
                 let next = (0..rows.len()).filter(may).reduce(|i, j| match part(j) > part(i) {
                     true => j,
                     false => i,
@@ -165,7 +166,8 @@ impl Kinetics {
                 axpy(&mut columns[from..], pull, &along);
             }
         }
-        let scales: Vec<f64> = rows.iter().map(|&row| self.d(row, row).sqrt().recip()).collect();
+        let scale = |d: f64| if d == 0.0 { 1.0 } else { d.sqrt().recip() };
+        let scales: Vec<f64> = rows.iter().map(|&row| scale(self.d(row, row))).collect();
         let k = rows.len();
         let mut matrix = Vec::with_capacity(k * k);
         for (a, &row) in rows.iter().enumerate() {

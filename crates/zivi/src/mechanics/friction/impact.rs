@@ -582,7 +582,7 @@ mod tests {
         let row =
             [1.0, 0.0, 0.0, 4.0, 0.0, 0.0, 0.0, 0.0, 1.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.3, 0.3];
         let friction = friction(Some(0));
-        let mut at = kinetics(Layout { n: 2, m: 1, p: 1 }, &friction, &row);
+        let mut at = kinetics(Layout { n: 2, m: 1, p: 1, k: 0 }, &friction, &row);
         let rates = [-1.0, 0.5];
         let collision = Collision {
             set: GapSet::of(0),
@@ -602,7 +602,7 @@ mod tests {
         // M = 4, w = q': d = 1/4; its friction is 3 in slip, 4 at rest
         let friction = friction(None);
         let row = [4.0, 0.0, 1.0, 0.0, 0.0, 3.0, 4.0];
-        let mut at = kinetics(Layout { n: 1, m: 0, p: 1 }, &friction, &row);
+        let mut at = kinetics(Layout { n: 1, m: 0, p: 1, k: 0 }, &friction, &row);
         let collision = Collision {
             set: GapSet::default(),
             e: &[],

@@ -259,7 +259,7 @@ mod tests {
         // M = diag(1, 4), g = q_2, w = q_1': P = -(F_1, (1 + e)/2 F_2), |P_T| <= mu P_N up to F_1 = 4
         let friction =
             Friction { channels: vec![Channel { gap: Some(0), e_t: 0.0 }], ..Friction::default() };
-        let layout = Layout { n: 2, m: 1, p: 1 };
+        let layout = Layout { n: 2, m: 1, p: 1, k: 0 };
         let stick = ContactMode::from(GapSet::of(0)).with_channel(0, 0.0);
         let mut holds = |pull: f64| {
             let function = |_: f64, _: &[f64], _: &[f64], out: &mut [f64]| {

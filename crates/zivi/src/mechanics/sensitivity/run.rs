@@ -4,7 +4,9 @@ use super::columns::MechanicalWrt;
 use super::variational_run::VariationalRun;
 use crate::mechanics::integrator::MechanicalIntegrator;
 use crate::mechanics::kinetics::Model;
-use crate::mechanics::recording::{check_sizes, check_smooth, check_span, running, started};
+use crate::mechanics::recording::{
+    check_free, check_sizes, check_smooth, check_span, running, started,
+};
 use crate::mechanics::{MechanicalOutput, MechanicalRun};
 use crate::switched::sensitivity::{Derivatives, Question};
 use crate::switched::SwitchedRk;
@@ -61,6 +63,7 @@ pub fn mechanical_sensitivity<E, D: DifferentiableDynamics<E>>(
     let settings = settings.validated()?;
     let layout = dynamics.layout();
     check_sizes(layout, laws.len(), q, w)?;
+    check_free(layout)?;
     check_smooth(layout, dynamics.friction())?;
     check_span(t0, t1)?;
     let Question { wrt, sizes, controlled, times } = *question;

@@ -4,7 +4,7 @@ use crate::mechanics::contact_problem::settle;
 use crate::mechanics::friction::decide;
 use crate::mechanics::kinetics::{without_rounding, Kinetics, Model};
 use crate::mechanics::mode::{AtEnd, Contacts, InContact, Stages, State};
-use crate::numeric::dense::largest;
+use crate::numeric::dense::{dot, largest};
 use crate::record::events::Occurrence;
 use crate::record::gap_set::{ContactMode, GapSet};
 use crate::record::status::Failure;
@@ -33,7 +33,7 @@ pub(super) struct MechanicalState {
 pub(super) enum Start {
     /// The gaps that are hit, maybe none.
     At(GapSet),
-    /// A gap is not open: its value.
+    /// A gap is not open: its value. NaN where the state does not obey the equality rows.
     Overlap(f64),
 }
 
@@ -52,7 +52,7 @@ impl MechanicalState {
             now: State::zeros(size),
             contacts: Contacts::default(),
             slope: vec![0.0; size],
-            lambda: vec![0.0; layout.rows()],
+            lambda: vec![0.0; layout.forces()],
             levels: Vec::new(),
             undetermined: None,
             is_known: false,
@@ -75,6 +75,12 @@ impl MechanicalState {
         self.now.x[..n].copy_from_slice(q);
         self.now.xdot[..n].copy_from_slice(w);
         self.kinetics.evaluate(model, t, q, w)?;
+        let held = match self.layout.k {
+            0 => None,
+            _ if !self.kinetics.obeys_equalities(q, w) => return Ok(Start::Overlap(f64::NAN)),
+            _ => Some(self.start_on_manifold(model)?),
+        };
+        let (q, w) = held.as_ref().map_or((q, w), |(q, w)| (q, w));
         let (mut touching, mut hit) = (GapSet::EMPTY, GapSet::EMPTY);
         for i in 0..m {
             let (gap, rate) = (self.kinetics.gap(i), self.kinetics.rate(i, w));
@@ -284,14 +290,14 @@ impl MechanicalState {
         self.slope.copy_from_slice(&self.kinetics.acceleration);
         self.levels.clear();
         self.undetermined = None;
-        self.lambda.copy_from_slice(&self.kinetics.lambda);
+        self.lambda.copy_from_slice(self.kinetics.forces());
         if mode.is_frictionless() && self.kinetics.undetermined.is_empty() {
             self.levels.extend(mode.closed.iter().map(|gap| self.lambda[gap]));
         } else {
             self.levels.extend(self.kinetics.limits(mode).iter().map(|it| it.value));
             self.undetermined = self.kinetics.share_least(mode);
             if self.undetermined.is_some() {
-                self.lambda.copy_from_slice(&self.kinetics.lambda);
+                self.lambda.copy_from_slice(self.kinetics.forces());
             }
         }
         if let Some(power) = self.slope.get_mut(n + rows) {
@@ -352,7 +358,7 @@ impl MechanicalState {
         model: &mut Model<'_, D>,
     ) -> Result<(), Failure<E>> {
         self.is_known = false;
-        if let Some(gap) = set.only().filter(|&gap| gap < self.layout.m) {
+        if let Some(gap) = set.only().filter(|&gap| gap < self.layout.m && self.layout.k == 0) {
             return self.project_alone(gap, model);
         }
         let Self { kinetics, now, layout, .. } = self;
@@ -362,6 +368,7 @@ impl MechanicalState {
             let (q, gaps) = now.x.split_at_mut(n);
             let (w, speeds) = now.xdot.split_at_mut(n);
             kinetics.evaluate_gaps(model, now.t, q, w)?;
+            let is_off = iteration < PROJECTIONS && kinetics.pull_back(q, w);
             let (mut far, mut fast) = (false, false);
             for i in set.iter() {
                 let (of_gap, of_rate) = kinetics.rounding(i, q, w);
@@ -371,7 +378,7 @@ impl MechanicalState {
                 }
                 fast |= (speeds[i] - kinetics.rate(i, w)).abs() > of_rate;
             }
-            if !(far || fast) || iteration == PROJECTIONS {
+            if !(far || fast || is_off) || iteration == PROJECTIONS {
                 break;
             }
             if layout.p > 0 && (fast || far) {
@@ -527,6 +534,9 @@ impl MechanicalState {
             return Ok(());
         }
         (self.is_known, self.is_struck) = (step.copy_end_slope(&mut self.slope), false);
+        if self.layout.k > 0 {
+            return self.take_on_manifold(at_end, model);
+        }
         self.lambda.fill(0.0);
         self.levels.clear();
         if self.is_known {
@@ -626,6 +636,96 @@ impl MechanicalState {
             x[n + i] = 0.0;
         }
         Ok(())
+    }
+}
+
+// The manifold of the equality rows.
+
+impl MechanicalState {
+    /// The start, where the system has just been evaluated, moved onto the manifold by rounding.
+    fn start_on_manifold<E, D: Dynamics<E>>(
+        &mut self,
+        model: &mut Model<'_, D>,
+    ) -> Result<(Vec<f64>, Vec<f64>), Failure<E>> {
+        let n = self.layout.n;
+        self.hold(model)?;
+        self.kinetics.land_on_manifold();
+        self.evaluate(model)?;
+        Ok((self.now.x[..n].to_vec(), self.now.xdot[..n].to_vec()))
+    }
+
+    /// Moves coordinates and velocities onto the manifold, where the system was evaluated nearby.
+    fn hold<E, D: Dynamics<E>>(&mut self, model: &mut Model<'_, D>) -> Result<(), Failure<E>> {
+        let Self { kinetics, now, layout: Layout { n, .. }, .. } = self;
+        kinetics.hold(model, now.t, (&mut now.x[..*n], &mut now.xdot[..*n]))
+    }
+
+    /// Moves the state onto the manifold.
+    pub(super) fn hold_here<E, D: Dynamics<E>>(
+        &mut self,
+        model: &mut Model<'_, D>,
+    ) -> Result<(), Failure<E>> {
+        if self.layout.k == 0 {
+            return Ok(());
+        }
+        self.evaluate(model)?;
+        self.hold(model)
+    }
+
+    /// From the end of a step without contacts onto the manifold. Accelerations and gaps change with the
+    /// coordinates, to first order.
+    fn take_on_manifold<E, D: Dynamics<E>>(
+        &mut self,
+        at_end: &AtEnd,
+        model: &mut Model<'_, D>,
+    ) -> Result<(), Failure<E>> {
+        let Layout { n, m, .. } = self.layout;
+        let known = at_end.equalities.as_ref().filter(|_| self.is_known);
+        let Some((rows, normals)) = known.map(|it| &**it) else {
+            self.kinetics.land_on_manifold();
+            self.evaluate(model)?;
+            self.refresh()?;
+            self.hold(model)?;
+            self.kinetics.hold_acceleration(&mut self.slope[..n]);
+            self.anchor_all();
+            return Ok(());
+        };
+        self.kinetics.restore_equalities(rows);
+        let before = self.now.clone();
+        self.hold(model)?;
+        self.kinetics.hold_acceleration(&mut self.slope[..n]);
+        let moved = |now: &[f64], before: &[f64]| -> Vec<f64> {
+            now[..n].iter().zip(before).map(|(now, before)| now - before).collect()
+        };
+        let (dx, dv) = (moved(&self.now.x, &before.x), moved(&self.now.xdot, &before.xdot));
+        self.lambda.copy_from_slice(&at_end.lambda);
+        self.levels.clear();
+        for (row, normal) in normals.chunks_exact(n).enumerate() {
+            let rate = dot(normal, &dv);
+            self.now.xdot[n + row] += rate;
+            if row < m {
+                let way = dot(normal, &dx);
+                self.now.x[n + row] += way;
+                self.anchor(row, at_end.gap[row] + way, at_end.rate[row] + rate);
+            } else {
+                self.anchor_slip(row, at_end.rate[row] + rate);
+            }
+        }
+        Ok(())
+    }
+
+    /// Takes out of velocities after a kick what the equality rows do not allow: they have impulses.
+    pub(super) fn hold_kick<E, D: Dynamics<E>>(
+        &mut self,
+        (q, w): (&[f64], &[f64]),
+        model: &mut Model<'_, D>,
+    ) -> Result<Vec<f64>, Failure<E>> {
+        let (mut q, mut w) = (q.to_vec(), w.to_vec());
+        if self.layout.k > 0 {
+            self.kinetics.evaluate(model, self.now.t, &q, &w)?;
+            self.kinetics.hold(model, self.now.t, (&mut q, &mut w))?;
+        }
+        Ok(w)
     }
 }
 
@@ -764,7 +864,7 @@ impl MechanicalState {
 
     /// The slip speeds, by channel.
     pub(in crate::mechanics) fn slips(&self) -> &[f64] {
-        let Layout { n, m, p } = self.layout;
+        let Layout { n, m, p, .. } = self.layout;
         &self.now.xdot[n + m..n + m + p]
     }
 
@@ -834,7 +934,7 @@ impl MechanicalState {
     /// Sets the slip speeds to those of the velocities, where the system has just been evaluated; to
     /// zero within rounding, and behind an accumulation within errors of the rates and a slow speed.
     pub(in crate::mechanics) fn take_slips(&mut self, errors: Option<(&[f64], f64)>) {
-        let Layout { n, m, p } = self.layout;
+        let Layout { n, m, p, .. } = self.layout;
         let (q, w) = (self.now.x[..n].to_vec(), self.now.xdot[..n].to_vec());
         for row in m..m + p {
             if self.now.xdot[n + row] == 0.0 {

@@ -82,16 +82,16 @@ pub(super) struct SlipRow<'a, T> {
 }
 
 /// A point of a body, with its velocity, and its acceleration without `q''`.
-struct Point<T> {
+pub(super) struct Point<T> {
     joint: Option<usize>,
-    at: Vector<T>,
+    pub(super) at: Vector<T>,
     velocity: Vector<T>,
-    acceleration: Vector<T>,
+    pub(super) acceleration: Vector<T>,
 }
 
 impl<T: Real> Point<T> {
     #[inline(always)]
-    fn of(joint: Option<usize>, own: Vector<T>, frames: &[Frame<T>]) -> Self {
+    pub(super) fn of(joint: Option<usize>, own: Vector<T>, frames: &[Frame<T>]) -> Self {
         let Some(index) = joint else {
             let still = [T::of(0.0); 3];
             return Self { joint, at: own, velocity: still, acceleration: still };
@@ -113,7 +113,7 @@ impl<T: Real> Point<T> {
 
     /// Adds how the point moves along `n` with each coordinate.
     #[inline(always)]
-    fn pull(&self, n: Vector<T>, joints: &[Joint], frames: &[Frame<T>], out: &mut [T]) {
+    pub(super) fn pull(&self, n: Vector<T>, joints: &[Joint], frames: &[Frame<T>], out: &mut [T]) {
         let mut at = self.joint;
         while let Some(index) = at {
             let frame = &frames[index];

@@ -7,14 +7,18 @@
 //! Each joint has one coordinate and a frame whose third axis is its own. Coordinates, velocities and
 //! accelerations of bodies are followed from the root outwards, in axes of the world ([`frame`]);
 //! forces and composite bodies are gathered inwards, which gives `b` (the recursive Newton-Euler
-//! equations) and `M` (the composite rigid body algorithm, [`gather`]). Gaps and dry friction are in [`gap`].
+//! equations) and `M` (the composite rigid body algorithm, [`gather`]). Gaps and dry friction are in [`gap`],
+//! equality rows in [`constraint`].
 
+mod constraint;
 mod frame;
 mod gap;
 
+pub use constraint::TreeConstraint;
 pub use frame::{Joint, JointKind};
 pub use gap::{TreeFriction, TreeGap};
 
+use constraint::EqualityRows;
 use frame::{
     add, cross, dot, place, read, scaled, shift, sub, times, turned, turned_inertia, Frame,
     Symmetric, Vector,
@@ -23,12 +27,13 @@ use gap::{Row, SlipRow};
 
 use crate::numeric::power_series::{DualNumber, Real};
 use crate::system::dynamics::{Dynamics, Layout};
+use crate::system::linear_system::GapMotion;
 use crate::system::partials::{DifferentiableDynamics, TimedState};
 use std::ops::Range;
 use std::sync::Arc;
 
 /// A tree: joints, gaps, dry friction, and their numbers: gravity (3), each joint, each gap, each
-/// friction channel.
+/// friction channel, each constraint.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Tree {
     /// The joints.
@@ -37,6 +42,10 @@ pub struct Tree {
     pub gaps: Vec<TreeGap>,
     /// The channels of dry friction.
     pub friction: Vec<TreeFriction>,
+    /// The constraints: each has equality rows.
+    pub constraints: Vec<TreeConstraint>,
+    /// Prescribed motion that is taken from the value of an equality row.
+    pub drives: Vec<(usize, GapMotion)>,
     /// The numbers.
     pub numbers: Vec<f64>,
 }
@@ -50,8 +59,17 @@ impl Tree {
         let known = |gap: &TreeGap| gap.joints().into_iter().flatten().all(|joint| joint < n);
         let rubs = |it: &TreeFriction| it.is_known(&self.joints, &self.gaps);
         let of_friction: usize = self.friction.iter().map(|it| it.numbers()).sum();
-        let numbers = self.gap_numbers(self.gaps.len()).start + of_friction;
-        let fits = n > 0 && grown && self.gaps.iter().all(known) && self.numbers.len() == numbers;
+        let of_constraints: usize = self.constraints.iter().map(|it| it.numbers()).sum();
+        let numbers = self.gap_numbers(self.gaps.len()).start + of_friction + of_constraints;
+        let holds = |it: &TreeConstraint| it.joints().into_iter().flatten().all(|joint| joint < n);
+        let rows = self.layout().k;
+        let moves = self.drives.iter().all(|it| it.0 < rows);
+        let fits = n > 0
+            && moves
+            && self.constraints.iter().all(holds)
+            && grown
+            && self.gaps.iter().all(known)
+            && self.numbers.len() == numbers;
         (fits && self.friction.iter().all(rubs)).then_some(self)
     }
 
@@ -234,7 +252,8 @@ impl Tree {
     /// Coordinates, gaps and channels of friction.
     #[must_use]
     pub fn layout(&self) -> Layout {
-        Layout { n: self.joints.len(), m: self.gaps.len(), p: self.friction.len() }
+        let k = self.constraints.iter().map(|it| it.rows()).sum();
+        Layout { n: self.joints.len(), m: self.gaps.len(), p: self.friction.len(), k }
     }
 
     /// Fills in all numbers of an evaluation.
@@ -255,6 +274,48 @@ impl Tree {
         self.fill_gaps(numbers, q, known, &mut out[layout.gap().start..]);
         if layout.p > 0 {
             self.fill_friction(numbers, known, out);
+        }
+        if layout.k > 0 {
+            self.fill_constraints(numbers, (q, w), known, out);
+        }
+    }
+
+    /// Equality rows, without what is prescribed.
+    fn fill_constraints<T: Real>(
+        &self,
+        numbers: &[T],
+        (q, w): (&[T], &[T]),
+        known: (&[Joint], &[Frame<T>]),
+        out: &mut [T],
+    ) {
+        let layout = self.layout();
+        let of_friction: usize = self.friction.iter().map(|it| it.numbers()).sum();
+        let mut start = self.gap_numbers(self.gaps.len()).start + of_friction;
+        let (values, rest) = out[layout.equality().start..].split_at_mut(layout.k);
+        let (gradients, rest) = rest.split_at_mut(layout.k * layout.n);
+        let (curvatures, rates) = rest.split_at_mut(layout.k);
+        rates.fill(T::of(0.0));
+        let mut row = 0;
+        for it in &self.constraints {
+            let (own, count) = (&numbers[start..start + it.numbers()], it.rows());
+            let rows = EqualityRows {
+                values: &mut values[row..row + count],
+                gradients: &mut gradients[row * layout.n..(row + count) * layout.n],
+                curvatures: &mut curvatures[row..row + count],
+            };
+            it.fill(own, q, w, known, rows);
+            (start, row) = (start + own.len(), row + count);
+        }
+    }
+
+    /// Takes prescribed motion from the rows that were just filled in.
+    fn drive(&self, t: f64, out: &mut [f64]) {
+        let layout = self.layout();
+        for (row, motion) in &self.drives {
+            let [place, rate, acceleration] = motion.at(t);
+            out[layout.equality().start + row] -= place;
+            out[layout.equality_rate().start + row] -= rate;
+            out[layout.equality_curvature().start + row] -= acceleration;
         }
     }
 
@@ -355,9 +416,29 @@ impl<E> Dynamics<E> for TreeDynamics {
         self.tree.layout()
     }
 
-    fn evaluate(&mut self, _: f64, q: &[f64], w: &[f64], out: &mut [f64]) -> Result<(), E> {
+    fn evaluate(&mut self, t: f64, q: &[f64], w: &[f64], out: &mut [f64]) -> Result<(), E> {
         self.tree.fill(&self.tree.numbers, (q, w), &mut self.bodies, out);
+        self.tree.drive(t, out);
         Ok(())
+    }
+
+    fn evaluate_equalities(
+        &mut self,
+        t: f64,
+        q: &[f64],
+        w: &[f64],
+        out: &mut [f64],
+    ) -> Result<(), E> {
+        let Self { tree, bodies, .. } = self;
+        tree.follow(&tree.numbers, q, w, bodies);
+        let known = (&tree.joints[..], &bodies.frames[..]);
+        tree.fill_constraints(&tree.numbers, (q, w), known, out);
+        tree.drive(t, out);
+        Ok(())
+    }
+
+    fn has_separate_equalities(&self) -> bool {
+        true
     }
 }
 
@@ -420,8 +501,14 @@ mod dynamics_tests {
             (seed >> 33) as f64 / f64::from(1_u32 << 30) - 1.0
         };
         let friction = vec![TreeFriction::Plane(1), TreeFriction::Joint(3)];
-        let numbers = (0..3 + 4 * place::ALL + 23 + 8).map(|_| number()).collect();
-        Tree { joints, gaps, friction, numbers }.validated().unwrap()
+        let numbers = (0..3 + 4 * place::ALL + 23 + 8 + 37).map(|_| number()).collect();
+        let constraints = vec![
+            TreeConstraint::Connect(Some(2), Some(3)),
+            TreeConstraint::Weld(Some(2), None),
+            TreeConstraint::Joint(1, Some(3)),
+        ];
+        let drives = vec![];
+        Tree { joints, gaps, friction, constraints, drives, numbers }.validated().unwrap()
     }
 
     #[test]

@@ -1,0 +1,1 @@
+"""Equality rows: closed chains and prescribed motion."""
