@@ -9,6 +9,7 @@ Run as ``python examples/fit_restitution.py [out.png]``.
 
 import math
 import sys
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,7 +29,7 @@ def heights(t: NDArray[np.float64]) -> NDArray[np.float64]:
     found = np.zeros_like(t)
     start, x, v = 0.0, x0, 0.0
 
-    def at(tau: float | NDArray[np.float64]) -> tuple[float, float]:
+    def at(tau: Any) -> tuple[Any, Any]:
         fade = -np.expm1(-c * tau)
         return x + (v + g / c) * fade / c - g * tau / c, v - (v + g / c) * fade
 

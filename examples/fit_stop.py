@@ -48,7 +48,7 @@ def whole_record(record: zivi.Record) -> float:
     )
 
     def misfit(p: np.ndarray) -> np.ndarray:
-        return (f.evaluate(p).value[:, 0] - record.values) / NOISE
+        return (np.asarray(f.evaluate(p).value)[:, 0] - record.values) / NOISE
 
     def slopes(p: np.ndarray) -> np.ndarray:
         return f.evaluate(p).derivative[:, 0] / NOISE
