@@ -221,3 +221,20 @@ def test_threads_do_not_change_the_results():
     )
     assert np.array_equal(one.q, three.q)
     assert np.array_equal(one.nfev, three.nfev)
+
+
+def test_batches_of_systems_with_equality_rows_check_each_start():
+    rail = zivi.Equality(lambda t, q: q[1], lambda t, q: [0.0, 1.0], name="rail")
+    system = zivi.MechanicalSystem(
+        mass=np.eye(2),
+        force=[-9.81, 0.0],
+        gaps=[zivi.LinearGap([1.0, 0.0])],
+        e=0.5,
+        equalities=[rail],
+    )
+    q = np.array([[1.0, 0.0], [0.5, 0.0]])
+    batch = zivi.simulate_batch(system, (0, 3), (q, 0 * q))
+    np.testing.assert_allclose(batch.rest_time, 3 * np.sqrt(2 * q[:, 0] / 9.81), rtol=1e-9)
+    q[1, 1] = 0.1
+    with pytest.raises(ValueError, match="rail"):
+        zivi.simulate_batch(system, (0, 3), (q, 0 * q))

@@ -302,7 +302,8 @@ def _native_runs(
 ) -> _zivi.MechanicalRuns | None:
     """Prepare runs that need no interpreter, and check their starts; None if some need it."""
     (q, qdot), (columns, rows, e) = states, parameters
-    if any(system._channels for system in several):
+    # each start must obey the rows, which the extension does not check
+    if any(system._channels or system.equality_names for system in several):
         return None
     models = [system.model(q.shape[1]) for system in several]
     if not all(model.spec.is_native for model in models):
