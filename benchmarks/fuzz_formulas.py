@@ -179,7 +179,7 @@ def tried(text: str, where: str) -> str:
         return "refused"
     except ValueError as error:
         # what the formulas mean together is wrong
-        known = ("quadratic", "on velocities", "compiled form")
+        known = ("quadratic", "got velocities", "compiled form")
         return "no system" if any(word in str(error) for word in known) else f"ValueError: {error}"
     except Exception as error:
         return f"{type(error).__name__}: {error}"

@@ -62,6 +62,10 @@ def main(path: str | None) -> None:
     error = np.abs(batch.sample_q[:, :, 0] - standard_map(20)).max()
     print(batch)
     print(f"20 kicks: {batch.n_impacts.sum()} impacts, at most {error:.0e} rad from the map")
+    for start, found, expected in zip(
+        ANGLES, batch.sample_q[:, -1, 0], standard_map(20)[:, -1], strict=True
+    ):
+        print(f"from {start:.2f} rad: angle {found:.9f} rad ({expected:.9f})")
     if path is not None:
         draw(path)
 

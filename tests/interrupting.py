@@ -3,10 +3,15 @@
 import contextlib
 import faulthandler
 import gc
+import importlib.util
 import signal
+import subprocess
 import sys
 import threading
 import time
+from pathlib import Path
+
+import pytest
 
 HANGS = 300
 """Seconds after which what has not ended is taken to hang."""
@@ -18,6 +23,20 @@ def wait_for(condition):
     while not condition():
         assert time.monotonic() < end, "it hangs"
         time.sleep(0.005)
+
+
+def in_own_process(package, program):
+    """Run a program of the tests in a process of its own: a package with threads forbids forks."""
+    if importlib.util.find_spec(package) is None:
+        pytest.skip(f"{package} is not installed")
+    done = subprocess.run(
+        [sys.executable, "-c", program],
+        cwd=Path(__file__).parent,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr[-3000:]
 
 
 @contextlib.contextmanager

@@ -348,7 +348,7 @@ def test_all_settings_of_the_library_are_there():
         assert taken - keys == always | {"samples"}
     taken = set(inspect.signature(zivi.symbolic.system).parameters)
     (system,) = (key for key in file_keys.COMMANDS["mechanics"] if key.name == "system")
-    others = {"qdot", "compiler", "inputs", "contact", "states"}
+    others = {"qdot", "compiler", "inputs", "contact", "states", "equalities"}
     assert taken - {key.name for key in system.kind.keys} == others
 
 

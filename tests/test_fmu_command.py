@@ -77,7 +77,7 @@ def test_what_is_wrong_is_named(tmp_path):
     tree.write_text(commands.example_file("tree"))
     cases = [
         ((ball,), "--model mass"),
-        ((tmp_path / "none.xml",), "is no file"),
+        ((tmp_path / "none.xml",), "is not a file"),
         ((tree, "--gap", "elbow"), "--gap is for MJCF and URDF"),
         ((tree, "--model", "mass"), "--model is for zivi's own models"),
         ((tree, "--name", "2 arms"), "name"),

@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-import importlib.util
 import math
-import subprocess
-import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 import zivi
+from interrupting import in_own_process
 from zivi import interop
 
 BALL = zivi.ImpactSystem(zivi.LinearForce(stiffness=1.0, damping=0.1, gravity=2.0), e=0.5)
@@ -320,17 +317,9 @@ def in_jax():
 
 
 @pytest.mark.slow
-def test_jax_differentiates_through_a_run():
-    if importlib.util.find_spec("jax") is None:
-        pytest.skip("jax is not installed: it comes with the extra jax")
-    done = subprocess.run(
-        [sys.executable, "-c", "import test_gradients; test_gradients.in_jax()"],
-        cwd=Path(__file__).parent,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert done.returncode == 0, done.stderr[-3000:]
+@pytest.mark.parametrize("program", ["in_jax", "controls_in_jax"])
+def test_jax_differentiates(program):
+    in_own_process("jax", f"import test_gradients; test_gradients.{program}()")
 
 
 def test_bad_input():
@@ -410,8 +399,10 @@ def test_bad_controls_are_named(edges, controls, words):
         zivi.interop.controlled_function(ball, edges, (1, 0), controls)
 
 
-def test_jax_differentiates_by_controls():
-    jax = pytest.importorskip("jax")
+def controls_in_jax():
+    """Check derivatives by controls in JAX, which is to be alone in its process."""
+    import jax
+
     ball = zivi.ImpactSystem(zivi.LinearForce(gravity=9.81), e=0.5)
     f = zivi.interop.controlled_function(ball, np.linspace(0, 0.4, 5), (1, 0), "gravity")
     height = zivi.interop.jax_function(f)

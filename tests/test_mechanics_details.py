@@ -11,7 +11,7 @@ def test_forces_that_nobody_can_tell_are_nan_where_there_is_one():
     modes = np.array([[0, 1, 2, -1], [2, 2, 2, 2]], dtype=np.int8)
     contacts = np.array([[True, False], [False, False]])
     states = np.zeros(2), np.zeros((2, 3)), np.zeros((2, 3))
-    reactions, friction = forces_at(None, states, contacts, modes)
+    reactions, friction, _ = forces_at(None, states, contacts, modes)
     np.testing.assert_array_equal(reactions, [[np.nan, 0.0], [0.0, 0.0]])
     # 2 is a gap that is open
     np.testing.assert_array_equal(friction, [[np.nan, np.nan, 0.0, np.nan], [0.0] * 4])

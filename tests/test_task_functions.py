@@ -157,7 +157,7 @@ def test_dynamic_symbols_are_formulas_too():
         ({"floor": X}, {}, ValueError, "other than"),
         ({"posture": X}, {}, ValueError, "other than"),
         ({"x": 3.0, "z": zivi.LinearGap([1, 0])}, {}, TypeError, "formulas"),
-        ({"x": X}, {"z": 1.0}, ValueError, "no task"),
+        ({"x": X}, {"z": 1.0}, ValueError, "unknown entry"),
         ({"x": X, "z": "a"}, {"x": 1.0}, ValueError, "task 'z'"),
         ({"x": X}, {"x": np.nan}, ValueError, "finite"),
         ({"x": X}, {"x": [1, 2, 3, 4]}, ValueError, "derivatives"),

@@ -173,9 +173,6 @@ TENDON = '<tendon><fixed name="t" {}><joint joint="j" coef="1"/></fixed></tendon
 REFUSED = {
     "free joints .*'j'": model(joint='<freejoint name="j"/>'),
     "ball joints .*'j'": model(joint='<joint name="j" type="ball"/>'),
-    "equality constraints": model(
-        more='<equality><joint name="k" joint1="j" polycoef="0 1 0 0 0"/></equality>'
-    ),
     "friction in tendons": model(more=TENDON.format('frictionloss=".1"')),
     "limits of tendons": model(more=TENDON.format('limited="true" range="0 1"')),
     "tendons: tendon 't'": model(more=TENDON.format("")),

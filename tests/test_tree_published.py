@@ -357,10 +357,6 @@ REMEDIES = {
         '<body><freejoint name="root"/><geom size="1"/></body>',
         "",
     ),
-    "equality 'tie'; delete it": (
-        '<body><joint name="j"/><geom size="1" pos="1 0 0"/></body>',
-        '<equality><joint name="tie" joint1="j" polycoef="0 1 0 0 0"/></equality>',
-    ),
     "actuator 'slow'; set dyntype='none'": (
         '<body><joint name="j"/><geom size="1" pos="1 0 0"/></body>',
         '<actuator><general name="slow" joint="j" dyntype="integrator"/></actuator>',

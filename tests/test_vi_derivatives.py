@@ -6,6 +6,7 @@ import scipy.optimize
 import scipy.sparse as sp
 
 import zivi
+from interrupting import in_own_process
 from zivi.vi import solution_derivative
 
 H = 1e-6
@@ -226,8 +227,10 @@ def test_where_there_is_no_solution_it_is_infinite():
         zivi.interop.solution_function(prices, 0, None, [1, 1], [], jac=slopes)
 
 
-def test_jax_differentiates_solutions():
-    jax = pytest.importorskip("jax")
+def in_jax():
+    """Check derivatives of solutions in JAX, which is to be alone in its process."""
+    import jax
+
     jax.config.update("jax_enable_x64", True)
     f = zivi.interop.solution_function(prices, 0, None, [1, 1], ["a", "b"], jac=slopes)
     solution = zivi.interop.jax_function(f)
@@ -236,3 +239,8 @@ def test_jax_differentiates_solutions():
     assert np.abs(np.asarray(found) - f.jac(p)).max() < 1e-10
     gradient = jax.grad(lambda p: (solution(p) ** 2).sum())(p)
     assert np.allclose(gradient, f.gradient(p, 2 * f.fun(p)), atol=1e-9)
+
+
+@pytest.mark.slow
+def test_jax_differentiates_solutions():
+    in_own_process("jax", "import test_vi_derivatives; test_vi_derivatives.in_jax()")

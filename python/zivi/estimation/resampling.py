@@ -19,7 +19,7 @@ LONGEST = 4
 
 @dataclasses.dataclass
 class FitState:
-    """What is kept of a fit to go on from its optimum.
+    """State of a fit from which it continues at its optimum.
 
     Parameters
     ----------

@@ -24,7 +24,7 @@ NEAR = 0.05
 
 @dataclasses.dataclass(frozen=True)
 class Uncertainty:
-    """What the Jacobian at the optimum says.
+    """Covariance and determinacy from the Jacobian at the optimum.
 
     Parameters
     ----------

@@ -231,7 +231,7 @@ def _batch_of_runs(
     threads: int,
     progress: bool | None,
 ) -> MechanicalBatch:
-    """Run systems one by one, on threads, and keep what is asked for."""
+    """Run systems one by one, on threads."""
     (span, q, qdot, stops, kicks), (times, save, slowest) = starts, kept
     samples = None if times is None else room_for(2, len(q), len(times), q.shape[1])
     # the motion itself is requested in samples and whole runs only

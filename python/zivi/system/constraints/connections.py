@@ -241,7 +241,7 @@ def _read_points(it: Connect | Weld) -> None:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class ConstraintRows:
-    """The constraints of a tree with what they are at coordinates of zero.
+    """The constraints of a tree with their values at coordinates of zero.
 
     Parameters
     ----------

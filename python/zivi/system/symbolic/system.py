@@ -115,7 +115,7 @@ def _input_matrix(native: Native, inputs: SymbolicInputs, parameters: Any) -> An
 
 @dataclasses.dataclass(frozen=True)
 class SymbolicEqualities:
-    """What a symbolic system keeps of its equality rows.
+    """Equality rows of a symbolic system.
 
     Parameters
     ----------
