@@ -126,7 +126,7 @@ def draw(path: str, found: dict[int, list[Flight]]) -> None:
         bottom.plot(np.concatenate(times), np.concatenate(forces), color=colour)
     top.set(ylabel="height (m)")
     bottom.set(xlabel="t (s)", ylabel="control (m/s²)")
-    top.legend(frameon=False)
+    top.legend(frameon=False, ncols=3, loc="lower center", bbox_to_anchor=(0.5, 1.0))
     figure.savefig(path, dpi=150)
 
 
