@@ -1,6 +1,7 @@
 """Walls that move: the same motions as under the equivalent force in the frame of the wall."""
 
 import math
+import re
 from operator import attrgetter
 
 import numpy as np
@@ -247,10 +248,10 @@ def test_an_acceleration_that_is_not_finite(method):
 
 @pytest.mark.parametrize(
     ("name", "values"),
-    [("amplitude", (1e300, 1e10)), ("omega", (1e300, 1e300)), ("omega", (1e-300, 1e200))],
+    [("amplitude*omega^2", (1e300, 1e10)), ("omega", (1e300, 1e300)), ("omega", (1e-300, 1e200))],
 )
 def test_a_wall_that_vibrates_beyond_all_numbers(name, values):
-    with pytest.raises(ValueError, match=rf"^{name}\S* must"):
+    with pytest.raises(ValueError, match=f"^{re.escape(name)} must"):
         zivi.HarmonicWall(*values)
     w, wdot, wddot = zivi.HarmonicWall(1e-300, 1e150)(np.array([0.0, 1.0]))
     assert np.all(np.isfinite([w, wdot, wddot]))

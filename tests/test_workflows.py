@@ -68,7 +68,6 @@ def test_tests_of_a_group_stay_with_one_worker(request):
 
 SLEEPERS = [
     "interrupting",
-    "test_fit",
     "sweep_functions",
     "test_cli_files",
     "test_lab_browser",

@@ -489,6 +489,12 @@ impl MechanicalRuns {
         progress: Option<Py<PyAny>>,
     ) -> PyResult<MechanicalEnds> {
         let _running = crate::leaving::running()?;
+        // results that would not fit into memory are refused before anything is computed
+        let numbers = self.q.len() + self.qdot.len();
+        let gaps = 2 * self.count() * self.mechanisms[0].get().m;
+        let ends = self.count().saturating_mul(size_of::<MechanicalEnd>());
+        let kept = ends.saturating_add((numbers + gaps).saturating_mul(size_of::<f64>()));
+        drop(with_room::<u8>(kept.saturating_mul(2))?);
         let (method, numbers) = (method.inner, list(0..self.count())?);
         let work = Work {
             width: 16,

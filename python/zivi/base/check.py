@@ -10,8 +10,8 @@ import numbers
 import re
 import sys
 import types
-from collections.abc import Callable, Mapping
-from typing import Any, TypeAlias
+from collections.abc import Callable, Iterable, Mapping
+from typing import Any, TypeAlias, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +21,7 @@ __all__ = [
     "Array",
     "MaybeNone",
     "OfState",
+    "all_of",
     "bound",
     "by_name",
     "check_arguments",
@@ -45,6 +46,8 @@ __all__ = [
     "unmasked",
     "vector",
 ]
+
+_T = TypeVar("_T")
 
 # Checks of user input: types and shapes; ranges are checked by the classes that define them.
 
@@ -146,6 +149,19 @@ def integer(name: str, value: object) -> int:
     if abs(number := int(value)) >= 2**63:
         raise ValueError(f"{name} must be a whole number below 2**63, got {value}")
     return number
+
+
+def all_of(name: str, given: Any, kind: type[_T]) -> tuple[_T, ...]:
+    """Return one object of a public class, or a sequence of them, as a tuple."""
+    several = (given,) if isinstance(given, kind) else given
+    if not isinstance(several, Iterable):
+        got = type(given).__name__
+        raise TypeError(f"{name} must be a sequence of zivi.{kind.__name__}, got {got}")
+    several = tuple(several)
+    for i, one in enumerate(several):
+        if not isinstance(one, kind):
+            raise TypeError(f"{name}[{i}] must be a zivi.{kind.__name__}, got {one!r}")
+    return several
 
 
 def switch(name: str, value: object) -> bool:

@@ -209,6 +209,16 @@ def _beside(file: Path, suffix: str) -> Path:
     return named.with_suffix(suffix)
 
 
+def netcdf_for(file: Path, out: Path | None, *, replace: bool) -> Path:
+    """Return the path of a result in netCDF; a FileError where it cannot be one."""
+    path = output(out, file, ".nc", replace=replace)
+    try:
+        check_suffix("--out", path)
+    except ValueError as error:
+        raise FileError(f"zivi: {error}") from None
+    return path
+
+
 def single(
     prepare: Callable[[Path], Prepared],
     file: Path,
@@ -221,11 +231,7 @@ def single(
     """Compute and keep one run."""
     require_library()
     prepared = prepare(file)
-    path = output(out, file, ".nc", replace=force)
-    try:
-        check_suffix("--out", path)
-    except ValueError as error:
-        raise FileError(f"zivi: {error}") from None
+    path = netcdf_for(file, out, replace=force)
     run, code = _run_prepared(prepared, quiet)
     if not _saved(run, path, force):
         return WRONG
@@ -268,11 +274,7 @@ def fit_to_data(
 
     require_library()
     prepared = prepare_fit(file)
-    path = output(out, file, ".nc", replace=force)
-    try:
-        check_suffix("--out", path)
-    except ValueError as error:
-        raise FileError(f"zivi: {error}") from None
+    path = netcdf_for(file, out, replace=force)
     code = 0
     try:
         found = prepared.run(progress=False if quiet else None)

@@ -165,7 +165,9 @@ def values_by_run(parameters: Any, system: Any, y0: Any) -> dict[str, Array]:
     if not isinstance(system, ImpactSystem | MechanicalSystem):
         raise ValueError("parameters need one system for all runs, got several systems")
     given = {str(name): _checked_values(str(name), values) for name, values in parameters.items()}
-    several = (y0,) if isinstance(system, ImpactSystem) else tuple(y0)
+    # what else is wrong with y0 is said where it is read
+    pair = tuple(y0) if isinstance(y0, Iterable) else ()
+    several = (y0,) if isinstance(system, ImpactSystem) else pair
     sizes = {"y0": max((len(it) if np.ndim(it) > 1 else 1 for it in several), default=1)}
     sizes |= {f"parameters[{name!r}]": it.size for name, it in given.items() if it.ndim}
     n = max(sizes.values())

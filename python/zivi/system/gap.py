@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 import zivi._zivi as _zivi
-from zivi.base.check import Array, check_arguments, finite, read_only, real_array
+from zivi.base.check import Array, all_of, check_arguments, finite, read_only, real_array
 from zivi.base.habits import hinted
 from zivi.system.model_parts import Compiled, Part, differenced, number_part, part
 from zivi.system.table import Table
@@ -580,14 +580,8 @@ def tangential_restitution(called: str, e_t: Any) -> float:
 
 def joints_of(friction: Any) -> tuple[DryFriction, ...]:
     """Read the joints with dry friction."""
-    several = (friction,) if isinstance(friction, DryFriction) else friction
-    if not isinstance(several, Iterable):
-        kind = type(friction).__name__
-        raise TypeError(f"friction must be a sequence of zivi.DryFriction, got {kind}")
-    several = tuple(several)
+    several = all_of("friction", friction, DryFriction)
     for i, joint in enumerate(several):
-        if not isinstance(joint, DryFriction):
-            raise TypeError(f"friction[{i}] must be a zivi.DryFriction, got {joint!r}")
         if isinstance(joint.direction, str):
             raise TypeError(
                 f"friction[{i}] must have a direction of shape (n,), got the name "

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from zivi.base.check import Array, check_arguments, finite, real_array
+from zivi.base.check import Array, all_of, check_arguments, finite, real_array
 from zivi.system.mass import ImpactSystem
 from zivi.system.mechanism import MechanicalSystem
 from zivi.system.tree import Tree
@@ -239,10 +239,8 @@ def schedule_of(
     """Read the argument `kicks` of a run; None without kicks."""
     if kicks is None:
         return None
-    each = [kicks] if isinstance(kicks, Kick) else list(kicks)
-    for i, kick in enumerate(each):
-        if not isinstance(kick, Kick):
-            raise TypeError(f"kicks[{i}] must be a zivi.Kick, got {kick!r}")
+    each = all_of("kicks", kicks, Kick)
+    for kick in each:
         if n is None and kick.body is not None:
             raise ValueError("body must be None for an ImpactSystem; a zivi.Tree has bodies")
     return KickSchedule(each, system, n, span) if each else None

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from zivi.base.check import Array, read_only
+from zivi.base.check import Array, all_of, read_only
 from zivi.base.habits import hinted
 from zivi.system.gap import Unchanging, own
 from zivi.system.model_parts import (
@@ -176,15 +176,7 @@ class Equality(Unchanging):
 
 def equalities_of(given: Any) -> tuple[Equality, ...]:
     """Read the equality rows: one or a sequence."""
-    several = (given,) if isinstance(given, Equality) else given
-    if not isinstance(several, Iterable):
-        kind = type(given).__name__
-        raise TypeError(f"equalities must be a sequence of zivi.Equality, got {kind}")
-    several = tuple(several)
-    for i, row in enumerate(several):
-        if not isinstance(row, Equality):
-            raise TypeError(f"equalities[{i}] must be a zivi.Equality, got {row!r}")
-    return several
+    return all_of("equalities", given, Equality)
 
 
 # Whether a state obeys the rows.
