@@ -48,7 +48,8 @@ if TYPE_CHECKING:
         plot as plot,
         symbolic as symbolic,
     )
-    from zivi.control.closed_loop import ClosedLoop as ClosedLoop, Controller, simulate_closed_loop
+    from zivi.control.closed_loop import Controller, simulate_closed_loop
+    from zivi.control.component import TickStatus
     from zivi.control.design import (
         GainDesign as GainDesign,
         InfeasibleError,
@@ -57,10 +58,8 @@ if TYPE_CHECKING:
         design_tracker,
     )
     from zivi.control.gap_tracker import GapTracker, Striker
-    from zivi.control.loop_batch import (
-        ClosedLoopBatch as ClosedLoopBatch,
-        simulate_closed_loop_batch,
-    )
+    from zivi.control.loop_batch import simulate_closed_loop_batch
+    from zivi.control.loop_run import ClosedLoop as ClosedLoop, ClosedLoopBatch as ClosedLoopBatch
     from zivi.control.mechanical_loop import (
         MechanicalClosedLoop as MechanicalClosedLoop,
         MechanicalController,
@@ -70,12 +69,7 @@ if TYPE_CHECKING:
     from zivi.control.mechanical_reference import ReferenceSample as ReferenceSample, reference_run
     from zivi.control.model_based import JointObserver
     from zivi.control.observer import ImpactObserver, Observed as Observed
-    from zivi.control.twisting import (
-        ExplicitTwisting,
-        TickStatus,
-        TwistingRegulator,
-        TwistingTracker,
-    )
+    from zivi.control.twisting import ExplicitTwisting, TwistingRegulator, TwistingTracker
     from zivi.derivatives.impact_map import (
         ImpactMap as ImpactMap,
         ImpactReturn as ImpactReturn,
@@ -84,7 +78,8 @@ if TYPE_CHECKING:
     from zivi.derivatives.mechanical_sensitivity import (
         MechanicalSensitivity as MechanicalSensitivity,
     )
-    from zivi.derivatives.sensitivity import OrbitStatus, Sensitivity as Sensitivity, sensitivity
+    from zivi.derivatives.result import OrbitStatus, Sensitivity as Sensitivity
+    from zivi.derivatives.sensitivity import sensitivity
     from zivi.estimation import (
         Bootstrap as Bootstrap,
         Bounces,
@@ -120,17 +115,19 @@ if TYPE_CHECKING:
     )
     from zivi.orbits.diagram import basins
     from zivi.simulation import methods as methods
-    from zivi.simulation.batch import Batch as Batch, simulate_batch
+    from zivi.simulation.batch import simulate_batch
+    from zivi.simulation.batch_result import Batch as Batch
     from zivi.simulation.events import Level, event
     from zivi.simulation.mechanical_batch import MechanicalBatch as MechanicalBatch
     from zivi.simulation.mechanical_trajectory import MechanicalTrajectory as MechanicalTrajectory
-    from zivi.simulation.methods import ExplicitEuler, Method, MoreauJean, SwitchedRK, ThetaGamma
+    from zivi.simulation.method_settings import Method
+    from zivi.simulation.methods import ExplicitEuler, MoreauJean, SwitchedRK, ThetaGamma
     from zivi.simulation.run import simulate
     from zivi.simulation.trajectory import Trajectory as Trajectory
     from zivi.study import Design, Study, grid, open_study, points, sample, sweep
     from zivi.system.constraints.equality import Equality
     from zivi.system.constraints.projection import consistent
-    from zivi.system.force import ParametricForce
+    from zivi.system.force import LinearForce, ParametricForce
     from zivi.system.gap import (
         DryFriction,
         Gap,
@@ -150,22 +147,15 @@ if TYPE_CHECKING:
     )
     from zivi.system.kicks import Kick
     from zivi.system.linear import Harmonic, LinearSystem
-    from zivi.system.mass import ImpactSystem, LinearForce, lift, project
+    from zivi.system.mass import ImpactSystem, lift, project
     from zivi.system.mechanism import MechanicalSystem
     from zivi.system.parameters import ParametricSystem
     from zivi.system.table import Pulse, Square, Table
     from zivi.system.tree import Tree
     from zivi.vi.complementarity import Equilibrium as Equilibrium, bimatrix, solve_lcp, solve_ncp
-    from zivi.vi.solve import (
-        VIOptions,
-        VIProgress as VIProgress,
-        VIResult as VIResult,
-        VIStatus,
-        check_jacobian,
-        natural_residual,
-        solve_avi,
-        solve_vi,
-    )
+    from zivi.vi.jacobian import check_jacobian
+    from zivi.vi.solve import natural_residual, solve_avi, solve_vi
+    from zivi.vi.types import VIOptions, VIProgress as VIProgress, VIResult as VIResult, VIStatus
 
 importlib.import_module("zivi.base.extras").watch()
 _habits = importlib.import_module("zivi.base.habits")

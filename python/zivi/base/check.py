@@ -16,37 +16,6 @@ from typing import Any, TypeAlias, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = [
-    "MAX_DENSE",
-    "Array",
-    "MaybeNone",
-    "OfState",
-    "all_of",
-    "bound",
-    "by_name",
-    "check_arguments",
-    "compiled_by_numba",
-    "count",
-    "dense",
-    "finite",
-    "identifier",
-    "integer",
-    "is_jitted",
-    "is_sparse",
-    "matrix",
-    "not_negative",
-    "of_three",
-    "positive",
-    "read_only",
-    "reads_time",
-    "real",
-    "real_array",
-    "require_finite",
-    "switch",
-    "unmasked",
-    "vector",
-]
-
 _T = TypeVar("_T")
 
 # Checks of user input: types and shapes; ranges are checked by the classes that define them.

@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import TypeAlias
 
-__all__ = ["EXPERIMENTS", "experiment", "registered"]
-
 Experiment: TypeAlias = Callable[..., dict[str, float]]
 
 EXPERIMENTS: dict[str, Experiment] = {}

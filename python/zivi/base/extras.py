@@ -16,14 +16,6 @@ import zivi._zivi as _zivi
 if TYPE_CHECKING:
     import rich.progress
 
-__all__ = [
-    "WAIT",
-    "have",
-    "late",
-    "needed",
-    "watch",
-]
-
 # Libraries that only a part of zivi needs, imported when they are.
 
 EXTRAS = {

@@ -7,8 +7,6 @@ from typing import Any
 
 from zivi.base.habits import CallableHint, hint_calls
 
-__all__ = ["FORMER", "hand_on", "of_zivi", "with_resolved_impacts"]
-
 FORMER = {
     "_compiled": "base.machine_code",
     "_complementarity": "vi.complementarity",

@@ -17,17 +17,6 @@ from typing import TypeGuard
 
 from zivi.base.habits import closest
 
-__all__ = [
-    "CONSTANTS",
-    "FUNCTIONS",
-    "HIGHEST",
-    "FormulaError",
-    "checked_value",
-    "meant",
-    "normal",
-    "parse",
-]
-
 
 class FormulaError(ValueError):
     """Raised for a formula that cannot be parsed; the message names the fault."""

@@ -11,26 +11,6 @@ import types
 from collections.abc import Callable, Iterable, Mapping
 from typing import TYPE_CHECKING, Any, ClassVar, NoReturn, TypeVar, cast
 
-__all__ = [
-    "ARGUMENTS",
-    "ATTRIBUTES",
-    "CALLS",
-    "MODULE",
-    "MODULE_CALLS",
-    "PLOT",
-    "RESTITUTION",
-    "CallableHint",
-    "Hinted",
-    "attribute_error",
-    "closest",
-    "field_error",
-    "hint_calls",
-    "hinted",
-    "keyword_hint",
-    "module_error",
-    "name_hint",
-]
-
 # Arguments of other libraries, and the zivi function or method that accepts them.
 
 RESTITUTION = "the coefficient of restitution is e"

@@ -28,18 +28,6 @@ import zivi._zivi as _zivi
 from zivi.base.extras import have
 from zivi.base.status import Status
 
-__all__ = [
-    "COMPILERS",
-    "CallbackErrors",
-    "ForkLock",
-    "Native",
-    "compile_model",
-    "listening",
-    "listening_always",
-    "shared_library",
-    "tell",
-]
-
 # Locks that a fork leaves open: the thread that held one may not exist in the child.
 
 

@@ -7,14 +7,6 @@ import sys
 import warnings
 from pathlib import Path
 
-__all__ = [
-    "ModelWarning",
-    "NamedStatus",
-    "Status",
-    "StudyStatus",
-    "warn",
-]
-
 # Status of runs and of points of a study.
 
 

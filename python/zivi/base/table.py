@@ -19,18 +19,6 @@ if TYPE_CHECKING:
     import pandas
     import xarray
 
-__all__ = [
-    "Field",
-    "ResultTable",
-    "Tabulated",
-    "counted",
-    "dataset",
-    "frame",
-    "listed_by",
-    "page",
-    "text_of",
-]
-
 # Plain text: counts of things, and configurations as JSON without infinity and NaN.
 
 

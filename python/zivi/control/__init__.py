@@ -1,7 +1,7 @@
 """Controllers, their gains, the observer, closed loops."""
 
 from zivi.base.former import of_zivi
-from zivi.control.closed_loop import ClosedLoop, Controller, simulate_closed_loop, tracker_gains
+from zivi.control.closed_loop import Controller, simulate_closed_loop, tracker_gains
 from zivi.control.design import (
     GainDesign,
     InfeasibleError,
@@ -10,7 +10,8 @@ from zivi.control.design import (
     design_tracker,
 )
 from zivi.control.gap_tracker import GapTracker, Striker
-from zivi.control.loop_batch import ClosedLoopBatch, simulate_closed_loop_batch
+from zivi.control.loop_batch import simulate_closed_loop_batch
+from zivi.control.loop_run import ClosedLoop, ClosedLoopBatch
 from zivi.control.mechanical_loop import MechanicalClosedLoop, MechanicalController, RKPeriod
 from zivi.control.mechanical_loop_batch import MechanicalLoopBatch
 from zivi.control.mechanical_reference import ReferenceSample, reference_run

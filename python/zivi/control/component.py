@@ -16,14 +16,6 @@ from zivi.base.check import Array, integer, real, real_array, switch
 from zivi.base.habits import attribute_error
 from zivi.system.mass import coefficients
 
-__all__ = [
-    "DEPTH",
-    "HORIZON",
-    "TickStatus",
-    "limit_pairs",
-    "limits_of",
-]
-
 # Ranges of controls.
 
 
@@ -78,6 +70,7 @@ _REFUSED = int(TickStatus.REFUSED)
 
 
 def is_controller_state(state: Any) -> bool:
+    """Whether a pickled state is one of a controller."""
     try:
         s, v, side, u, signs, bits = state
         numbers = [float(number) for number in (s, v, side, u, *signs)]
@@ -288,6 +281,7 @@ class LandingController(Shared):
 
 
 def rebuilt(kind: type[Any], attributes: dict[str, Any], state: tuple[Any, ...]) -> Any:
+    """Return a controller from its pickled attributes and state."""
     # by the constructor of the class of ours: a subclass may have one of its own
     ours: Any = next(base for base in kind.__mro__ if base.__module__.split(".")[0] == "zivi")
     controller = ours.__new__(kind, **attributes["_settings"])
@@ -344,6 +338,7 @@ def plant_kappa(e: float | None, kappa: float | None) -> float | None:
 
 
 def without_wall(*_: Any, **__: Any) -> Never:
+    """Raise the error of a tick without the restitution of a wall."""
     raise ValueError(
         "e of the controller is not set: pass e= or kappa=; zivi.simulate_closed_loop sets the "
         "plant's"
@@ -362,6 +357,7 @@ def with_wall(controller: Controller) -> Controller:
 def reference_kappa(
     e_ref: float | None, kappa_ref: float | None, plant: float | None
 ) -> float | None:
+    """Return kappa of the wall of the reference; by default that of the plant."""
     if e_ref is None and kappa_ref is None:
         return plant
     e = None if e_ref is None else real("e_ref", e_ref)

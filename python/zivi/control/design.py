@@ -17,24 +17,6 @@ from zivi.control.twisting import TwistingRegulator, TwistingTracker
 from zivi.simulation.run import pair
 from zivi.system.mass import coefficients
 
-__all__ = [
-    "LARGEST",
-    "Candidate",
-    "ControlLaw",
-    "DesignSpec",
-    "GainDesign",
-    "InfeasibleError",
-    "Landing",
-    "LandingEnd",
-    "best_ratio",
-    "bound_landing",
-    "design_regulator",
-    "design_tracker",
-    "feasible_time",
-    "least_limit",
-    "search",
-]
-
 # How long a sampled landing takes at most, for any unknown force within its bound.
 #
 # The mass falls with ``D``, an unknown force of at most ``M`` added or not, and rises against as

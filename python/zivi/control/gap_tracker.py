@@ -21,14 +21,6 @@ from zivi.system.mechanism import MechanicalSystem, Model
 from zivi.system.start import check_functions
 from zivi.system.symbolic.system import SymbolicSystem, system as symbolic_system
 
-__all__ = [
-    "GapTracker",
-    "Striker",
-    "check_gap_tracker",
-    "check_tasks",
-    "functions_of",
-]
-
 # Task functions of the coordinates that a controller tracks in addition to the gaps.
 
 

@@ -24,37 +24,8 @@ from zivi.simulation.dense import DenseMotion
 from zivi.simulation.methods import SwitchedRK, ThetaGamma
 from zivi.simulation.run import argument_text, pair
 from zivi.simulation.trajectory import Trajectory, describe
-from zivi.system.force import LinearForce
-from zivi.system.mass import ImpactSystem, force_spec, in_wall_frame
-
-__all__ = [
-    "GivenReference",
-    "Reference",
-    "asked_of",
-    "at_samples",
-    "check_ahead",
-    "check_delay",
-    "check_follows",
-    "check_interface",
-    "check_not_negative",
-    "check_observer",
-    "check_plant_method",
-    "check_reference",
-    "check_seed",
-    "check_stays",
-    "describe_reference",
-    "described",
-    "described_observer",
-    "has_own_tick",
-    "interface_of",
-    "loop_forces",
-    "noise_of",
-    "on_wall",
-    "plant_motion",
-    "sampling_period",
-    "spec_of",
-    "with_step_to",
-]
+from zivi.system.force import LinearForce, force_spec
+from zivi.system.mass import ImpactSystem, in_wall_frame
 
 # References that a closed loop is given: a run, a function of time, or values at the samples.
 

@@ -14,7 +14,7 @@ from zivi.base.extras import ProgressBar
 from zivi.base.habits import hinted
 from zivi.base.machine_code import listening, tell
 from zivi.base.status import warn
-from zivi.control.closed_loop import SAMPLED, ClosedLoop, Controller, keep, simulate_closed_loop
+from zivi.control.closed_loop import SAMPLED, Controller, keep, simulate_closed_loop
 from zivi.control.loop_arguments import (
     Reference,
     at_samples,
@@ -33,7 +33,7 @@ from zivi.control.loop_arguments import (
     plant_motion,
     sampling_period,
 )
-from zivi.control.loop_run import ClosedLoopBatch, warn_of_batch
+from zivi.control.loop_run import ClosedLoop, ClosedLoopBatch, warn_of_batch
 from zivi.control.mechanical_loop import MechanicalController, RKPeriod
 from zivi.control.mechanical_loop_batch import (
     MechanicalLoopBatch,
@@ -64,21 +64,9 @@ from zivi.simulation.impacts import SLOWEST, check_slowest
 from zivi.simulation.methods import SwitchedRK, ThetaGamma
 from zivi.simulation.run import pair
 from zivi.simulation.trajectory import describe, describe_system
-from zivi.system.mass import Force, ImpactSystem, force_spec, in_wall_frame
+from zivi.system.force import Force, force_spec
+from zivi.system.mass import ImpactSystem, in_wall_frame
 from zivi.system.mechanism import MechanicalSystem
-
-__all__ = [
-    "ClosedLoopBatch",
-    "as_list",
-    "batch_forces",
-    "entry",
-    "loop_count",
-    "observers_of",
-    "on_walls",
-    "place_controllers",
-    "references_of",
-    "simulate_closed_loop_batch",
-]
 
 # What is requested of a batch of closed loops: its arguments, checked and translated.
 

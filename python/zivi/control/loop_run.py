@@ -23,27 +23,6 @@ from zivi.simulation.run_result import EVENT_COORDS, EVENT_FIELDS, MassRun
 from zivi.simulation.trajectory import FormerName, Transformed
 from zivi.system.mass import lift, project
 
-__all__ = [
-    "ESTIMATES",
-    "NONE",
-    "NUMBERS",
-    "QUANTITIES",
-    "SIGNS",
-    "BallisticPath",
-    "ClosedLoop",
-    "ClosedLoopBatch",
-    "Reference",
-    "SampledReference",
-    "Updated",
-    "UpdatedBatch",
-    "Updates",
-    "branches_at",
-    "on_side",
-    "path_of",
-    "warn_of_batch",
-    "with_updates",
-]
-
 # What happened at the control updates of a loop: one count for every kind of loop.
 
 SHARE = 0.1

@@ -48,15 +48,6 @@ from zivi.system.start import check_start
 if TYPE_CHECKING:
     import pandas
 
-__all__ = [
-    "LOOP_COORDS",
-    "LOOP_FIELDS",
-    "MechanicalClosedLoop",
-    "MechanicalController",
-    "RKPeriod",
-    "simulate_mechanical",
-]
-
 # The result of a closed loop of a mechanical system.
 
 LOOP_FIELDS: dict[str, Field] = {

@@ -30,19 +30,6 @@ from zivi.system.mechanism import MechanicalSystem
 if TYPE_CHECKING:
     from zivi.control.loop_run import ClosedLoop
 
-__all__ = [
-    "MechanicalLoopBatch",
-    "check_starts",
-    "columns_of_record",
-    "copy_for_loop",
-    "loop_columns",
-    "noises_of",
-    "numbers_of",
-    "outcomes",
-    "seeds_of",
-    "simulate_mechanical_batch",
-]
-
 # Loops of a batch that run one by one: with noise, at given times, with controllers of users.
 
 SAVED = ("x", "x_ref", "u")

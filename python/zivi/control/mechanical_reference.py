@@ -22,14 +22,6 @@ from zivi.system.gap_coordinates import GapKinetics, check_independent, kinetic_
 from zivi.system.mechanism import MechanicalSystem, Model, check_rigid
 from zivi.system.model_parts import Partials, places
 
-__all__ = [
-    "MechanicalReference",
-    "ReferenceSample",
-    "check_coupling",
-    "reference_of",
-    "reference_run",
-]
-
 # References of mechanical systems at the samples of a controller.
 
 MOST_IMPACTS = 100_000

@@ -13,14 +13,6 @@ from zivi.control.component import limits_of
 from zivi.system.gap_coordinates import GapKinetics
 from zivi.system.mechanism import ControlInputs, MechanicalSystem, check_rigid
 
-__all__ = [
-    "BelievedPlant",
-    "JointObserver",
-    "ModelBased",
-    "believed",
-    "check_believes",
-]
-
 # A model of a plant for a controller, integrated period by period.
 
 

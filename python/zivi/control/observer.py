@@ -16,8 +16,6 @@ from zivi.base.habits import hinted
 from zivi.base.table import Field, ResultTable, Tabulated
 from zivi.control.component import Component
 
-__all__ = ["ImpactObserver", "Observed"]
-
 
 @dataclasses.dataclass(frozen=True, eq=False, repr=False)
 class Observed(Tabulated):

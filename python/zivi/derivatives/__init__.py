@@ -3,7 +3,8 @@
 from zivi.base.former import of_zivi
 from zivi.derivatives.impact_map import ImpactMap, ImpactReturn, impact_map
 from zivi.derivatives.mechanical_sensitivity import MechanicalSensitivity
-from zivi.derivatives.sensitivity import OrbitStatus, Sensitivity, sensitivity
+from zivi.derivatives.result import OrbitStatus, Sensitivity
+from zivi.derivatives.sensitivity import sensitivity
 
 __all__ = [
     "ImpactMap",

@@ -24,8 +24,6 @@ from zivi.base.extras import ProgressBar
 from zivi.simulation.batch_result import check_threads
 from zivi.system.mass import ImpactSystem, check_system
 
-__all__ = ["ImpactMap", "ImpactReturn", "impact_map"]
-
 PARAMETERS = ("stiffness", "damping", "gravity", "amplitude", "omega", "phase", "e")
 """What a map can be differentiated by."""
 

@@ -27,13 +27,6 @@ from zivi.system.start import check_start
 if TYPE_CHECKING:
     from zivi.system.model_parts import Partials
 
-__all__ = [
-    "Column",
-    "MechanicalSensitivity",
-    "columns_of",
-    "differentiate_mechanical",
-]
-
 # Parameters of the derivatives of a mechanical system: names, numbers, values.
 
 Q0, QDOT0, T0, ALL_E, LAW, PARAMETER = range(6)

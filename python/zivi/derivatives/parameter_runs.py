@@ -25,8 +25,6 @@ from zivi.system.mass import ImpactSystem
 from zivi.system.mechanism import MechanicalSystem
 from zivi.system.parameters import INITIAL, ParametricSystem, check_smooth, codes_of, with_value
 
-__all__ = ["MechanicalRun", "Moved", "SmoothMassRun", "run_of", "smooth_run"]
-
 Moved: TypeAlias = tuple[Any, tuple[float, float], Any]
 """A system, a span and a start."""
 

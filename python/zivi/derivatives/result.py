@@ -16,8 +16,6 @@ from zivi.base.status import NamedStatus
 from zivi.base.table import Field, ResultTable, Tabulated
 from zivi.simulation.trajectory import Trajectory
 
-__all__ = ["Nearest", "OrbitStatus", "Problem", "Sensitivity"]
-
 
 class Problem(Protocol):
     """A run with its parameters, from which derivatives are recomputed."""

@@ -26,8 +26,6 @@ from zivi.system.parameters import INITIAL, check_differentiable, check_smooth, 
 if TYPE_CHECKING:
     from zivi.derivatives.mechanical_sensitivity import MechanicalSensitivity
 
-__all__ = ["Nearest", "OrbitStatus", "Sensitivity", "sensitivity"]
-
 DEFAULT = SwitchedRK()
 
 

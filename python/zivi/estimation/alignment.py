@@ -10,8 +10,6 @@ from numpy.typing import NDArray
 
 from zivi.base.check import Array
 
-__all__ = ["SPURIOUS", "Alignment", "align", "geometric_indices"]
-
 SPURIOUS = -1
 """Index of a measured time that is no impact."""
 Indices = NDArray[np.int64]

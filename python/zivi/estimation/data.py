@@ -11,8 +11,6 @@ from numpy.typing import ArrayLike
 
 from zivi.base.check import Array, finite, real_array
 
-__all__ = ["Bounces", "Data", "Experiment", "Quantity", "Record", "as_experiments"]
-
 Quantity: TypeAlias = "str | Callable[[float, Any, Any], float]"
 """What a `Record` measures."""
 PENALTY = 3.0

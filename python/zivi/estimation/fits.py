@@ -21,8 +21,6 @@ from zivi.simulation.methods import SwitchedRK
 from zivi.system.mass import check_system
 from zivi.system.mechanism import MechanicalSystem
 
-__all__ = ["fit"]
-
 METHOD = SwitchedRK(rtol=1e-9, atol=1e-11)
 SAME = 1e-3
 """Starts with this relative excess of the cost found the optimum."""

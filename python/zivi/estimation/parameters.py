@@ -16,8 +16,6 @@ from zivi.derivatives.parameter_runs import run_of
 from zivi.estimation.data import Experiment
 from zivi.system.mechanism import MechanicalSystem
 
-__all__ = ["Unknowns", "expanded", "read_unknowns"]
-
 WIDE = 4.0
 """Starts of an unbounded parameter lie within this factor of its value."""
 GROUPS = ("q0", "qdot0")

@@ -11,8 +11,6 @@ from zivi.estimation.data import Data
 from zivi.estimation.runs import NoRunError
 from zivi.estimation.search import FitProblem, Optimum, Place
 
-__all__ = ["FitState", "profile_of", "resampled"]
-
 LONGEST = 4
 """Steps of a profile, as multiples of those that a linear model needs."""
 

@@ -23,8 +23,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-__all__ = ["Bootstrap", "Fit", "FitStatus", "Profile"]
-
 
 class FitStatus(NamedStatus):
     """How a fit ended.

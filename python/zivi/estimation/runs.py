@@ -19,8 +19,6 @@ from zivi.system.mass import ImpactSystem
 from zivi.system.mechanism import MechanicalSystem
 from zivi.system.parameters import parameter
 
-__all__ = ["ExperimentRun", "Motion", "NoRunError", "Prediction"]
-
 STEP = 1e-4
 """Step of a difference by a parameter, relative to it."""
 NEAR = 1e-6

@@ -21,8 +21,6 @@ from zivi.estimation.data import Bounces, Data
 from zivi.estimation.parameters import Unknowns
 from zivi.estimation.runs import ExperimentRun, NoRunError
 
-__all__ = ["LOSSES", "FitProblem", "Optimum", "Place", "fit_all", "from_data", "grow"]
-
 WINDOWS = np.geomspace(0.12, 1.0, 9)
 """Parts of the record that a start fits one after the other."""
 EVALUATIONS = 15

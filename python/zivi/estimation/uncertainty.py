@@ -10,8 +10,6 @@ import numpy as np
 from zivi.base.check import Array
 from zivi.base.extras import needed
 
-__all__ = ["Uncertainty", "estimate", "quantile"]
-
 SINGULAR = 1e8
 """Condition of the scaled Jacobian from which on a direction is undetermined."""
 SINGULAR_DIFFERENCED = 1e6

@@ -41,28 +41,6 @@ from zivi.study.folder import FolderStore
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = [
-    "EARLY",
-    "INTERRUPTED",
-    "WRONG",
-    "check_result",
-    "echo_error",
-    "example_file",
-    "fit_to_data",
-    "has_display",
-    "is_study",
-    "open_window",
-    "output",
-    "picture",
-    "say",
-    "show_record",
-    "show_table",
-    "single",
-    "study",
-    "summarise",
-    "write_picture",
-]
-
 # Output of the commands; closed pipes are tolerated.
 
 

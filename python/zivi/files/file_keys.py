@@ -40,32 +40,6 @@ from zivi.system.impact_law import NewtonImpact
 from zivi.system.tree import Tree
 from zivi.system.tree_bodies import KINDS, BallGap, JointLimit, PlaneGap
 
-__all__ = [
-    "COMMANDS",
-    "CONTROL",
-    "FIT",
-    "GAPS",
-    "MAX_NUM",
-    "MECHANICS",
-    "OBJECTS",
-    "RESTITUTIONS",
-    "SIMULATE",
-    "SWEEP",
-    "TREE",
-    "Key",
-    "KeyTable",
-    "Open",
-    "Row",
-    "Tagged",
-    "flatten_keys",
-    "insert",
-    "is_mechanism",
-    "is_tree",
-    "keys_as_text",
-    "markdown",
-    "tree_text",
-]
-
 # Tables in a file: which keys they have, and which of them belong together.
 
 

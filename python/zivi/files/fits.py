@@ -16,8 +16,6 @@ from zivi.files.file_keys import FIT, Key
 from zivi.files.kinds import FileError, Mistakes
 from zivi.files.runs import argument_keys, build_method, keys_of_run, read_file, system_of
 
-__all__ = ["PreparedFit", "prepare_fit"]
-
 SHARED = ("y0", "system", "method")
 """Keys that a file of ``zivi simulate`` has too."""
 

@@ -15,27 +15,6 @@ from typing import Any, Protocol
 from zivi.base.formula import FormulaError, normal, parse
 from zivi.base.habits import closest
 
-__all__ = [
-    "Choice",
-    "Each",
-    "Either",
-    "Expression",
-    "Few",
-    "FileError",
-    "Kind",
-    "Mistakes",
-    "Names",
-    "Number",
-    "Numbers",
-    "OneOrEach",
-    "Pair",
-    "Switch",
-    "Whole",
-    "dotted",
-    "got_value",
-    "suggestion",
-]
-
 # Errors in a file, reported with file, key and allowed values.
 
 BARE = re.compile(r"[A-Za-z0-9_-]+")

@@ -20,11 +20,6 @@ if TYPE_CHECKING:
     from zivi.control.loop_run import ClosedLoop
     from zivi.simulation.mechanical_trajectory import MechanicalTrajectory
 
-__all__ = [
-    "run_picture",
-    "study_picture",
-]
-
 PANELS = 9
 """Results of a study that are drawn at most."""
 LINES = 6

@@ -41,25 +41,6 @@ from zivi.system.table import Table, TableMotion
 if TYPE_CHECKING:
     import xarray
 
-__all__ = [
-    "ResultError",
-    "check_netcdf",
-    "holds_mechanical",
-    "load",
-    "loop_variables",
-    "mechanical_dataset",
-    "mechanical_run",
-    "open_result",
-    "path_variables",
-    "read_curve",
-    "read_run",
-    "require_folder",
-    "require_library",
-    "require_regular",
-    "restored",
-    "save",
-]
-
 # Runs of mechanical systems in datasets, and back.
 
 JOINT = -1

@@ -12,7 +12,8 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from zivi.control import twisting
-from zivi.control.closed_loop import ClosedLoop, simulate_closed_loop
+from zivi.control.closed_loop import simulate_closed_loop
+from zivi.control.loop_run import ClosedLoop
 from zivi.files.file_keys import (
     CONTROL,
     GAPS,
@@ -29,36 +30,14 @@ from zivi.simulation.mechanical_trajectory import MechanicalTrajectory
 from zivi.simulation.methods import METHODS
 from zivi.simulation.run import simulate
 from zivi.simulation.trajectory import Trajectory
+from zivi.system.force import Force, LinearForce
 from zivi.system.gap import DryFriction, HarmonicWall
 from zivi.system.impact_law import LAWS
-from zivi.system.mass import Force, ImpactSystem, LinearForce
+from zivi.system.mass import ImpactSystem
 from zivi.system.mechanism import MechanicalSystem
 from zivi.system.symbolic.system import SymbolicSystem, system as symbolic_system
 from zivi.system.tree import Tree
 from zivi.system.tree_bodies import Body
-
-__all__ = [
-    "FileContent",
-    "Prepared",
-    "Run",
-    "argument_keys",
-    "build_controller",
-    "build_force",
-    "build_mechanism",
-    "build_method",
-    "build_system",
-    "build_tree",
-    "command_of",
-    "keys_of_run",
-    "mechanism_of",
-    "plant_of",
-    "prepare_control",
-    "prepare_simulate",
-    "read_file",
-    "restitution_key",
-    "spaced",
-    "system_of",
-]
 
 # Reads a file into checked values.
 

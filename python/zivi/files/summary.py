@@ -13,20 +13,11 @@ from rich.text import Text
 
 from zivi.base.check import Array
 from zivi.base.status import StudyStatus
-from zivi.control.closed_loop import ClosedLoop
+from zivi.control.loop_run import ClosedLoop
 from zivi.files.sweeps import experiment_parameters
 from zivi.simulation.mechanical_trajectory import MechanicalTrajectory, summary_rows
 from zivi.simulation.trajectory import Trajectory
 from zivi.study import EXPERIMENTS, Study
-
-__all__ = [
-    "experiments_table",
-    "opening",
-    "record_of_run",
-    "record_of_study",
-    "run_table",
-    "study_table",
-]
 
 NARROWEST = 6
 """Characters of a column at least."""

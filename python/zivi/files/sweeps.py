@@ -15,8 +15,6 @@ from zivi.files.kinds import Mistakes, dotted, suggestion
 from zivi.files.runs import read_file, spaced
 from zivi.study import EXPERIMENTS, Design, Study, grid, points, sample, sweep
 
-__all__ = ["MAX_POINTS", "PreparedSweep", "experiment_parameters", "prepare_sweep"]
-
 MAX_POINTS = 10_000_000
 """Most points of a study from a file."""
 EXECUTORS = {"serial": None, "threads": "threads", "processes": "processes"}

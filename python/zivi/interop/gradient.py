@@ -19,7 +19,8 @@ from zivi.simulation.run import pair
 from zivi.system.mass import ImpactSystem, check_system
 from zivi.system.mechanism import MechanicalSystem
 from zivi.vi.derivatives import VIDerivative, solution_derivative
-from zivi.vi.solve import VIOptions, VIResult, solve_vi
+from zivi.vi.solve import solve_vi
+from zivi.vi.types import VIOptions, VIResult
 
 __all__ = [
     "ControlledFunction",

@@ -19,11 +19,13 @@ from zivi.base.check import Array, real
 from zivi.base.extras import needed
 from zivi.base.status import ModelWarning
 from zivi.control.closed_loop import Controller, simulate_closed_loop
+from zivi.control.component import TickStatus
 from zivi.control.loop_arguments import Told, asked_of, interface_of, sampling_period
 from zivi.control.mechanical_loop_batch import copy_for_loop
-from zivi.control.twisting import CONTROLLERS, TickStatus
+from zivi.control.twisting import CONTROLLERS
 from zivi.simulation.methods import SwitchedRK, ThetaGamma
-from zivi.system.mass import Force, ImpactSystem
+from zivi.system.force import Force
+from zivi.system.mass import ImpactSystem
 
 __all__ = ["controller_block", "force_block", "impact_plant", "state_vector"]
 

@@ -9,10 +9,6 @@ import typer
 
 from zivi.base.extras import have
 
-__all__ = [
-    "lab",
-]
-
 NEEDED = ("marimo", "plotly", "uvicorn")
 PORT = 2718
 WRONG = 2

@@ -9,8 +9,6 @@ import marimo as mo
 
 from zivi.lab.settings import PRESETS, SECTIONS, Settings, range_text, ranges
 
-__all__ = ["SHOWN", "laid_out", "panel", "presets", "read_controls"]
-
 SHOWN = "shown"
 """The control of the window that is shown, which is no setting."""
 Moved = Callable[[Any], None]

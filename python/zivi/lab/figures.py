@@ -19,16 +19,6 @@ from zivi.simulation.trajectory import Trajectory
 if TYPE_CHECKING:
     import plotly.graph_objects as go
 
-__all__ = [
-    "POINTS",
-    "Curve",
-    "LineStyle",
-    "curves",
-    "draw_runs",
-    "film",
-    "thinned",
-]
-
 # Fewer points of a line that look the same: the extremes of every piece of it.
 
 POINTS = 1000

@@ -27,27 +27,14 @@ from zivi.lab.settings import (
     observer_of,
 )
 from zivi.simulation.mechanical_trajectory import MechanicalTrajectory
-from zivi.simulation.methods import ExplicitEuler, Method, SwitchedRK, ThetaGamma
+from zivi.simulation.method_settings import Method
+from zivi.simulation.methods import ExplicitEuler, SwitchedRK, ThetaGamma
 from zivi.simulation.run import simulate
 from zivi.simulation.trajectory import Trajectory
+from zivi.system.force import Force, LinearForce
 from zivi.system.gap import DryFriction
-from zivi.system.mass import Force, ImpactSystem, LinearForce
+from zivi.system.mass import ImpactSystem
 from zivi.system.mechanism import MechanicalSystem
-
-__all__ = [
-    "FAR",
-    "NAMES",
-    "BeltRun",
-    "Drawn",
-    "ExplicitFollower",
-    "ExplicitRegulator",
-    "Runs",
-    "SignedSlip",
-    "belt_runs",
-    "facts",
-    "simulate_settings",
-    "warning_texts",
-]
 
 # The twisting regulator with the signs of the sample: what the implicit one is compared to.
 

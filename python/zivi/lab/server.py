@@ -19,16 +19,6 @@ from urllib.parse import parse_qs
 import marimo
 import uvicorn
 
-__all__ = [
-    "HOST",
-    "LOOPBACK",
-    "MOST_SESSIONS",
-    "RequestGate",
-    "address",
-    "listen",
-    "serve",
-]
-
 # Who may see the page: a browser that was given the address with its token.
 #
 # By default the page is served to this machine only, with ``--host`` to others as well. Any page

@@ -11,27 +11,6 @@ from urllib.parse import urlencode
 
 from zivi.base.check import finite, switch
 
-__all__ = [
-    "KINDS",
-    "PRESETS",
-    "SECTIONS",
-    "Ball",
-    "Belt",
-    "Regulator",
-    "Settings",
-    "Tracker",
-    "check_settings",
-    "end_notices",
-    "landing_of",
-    "nearest_value",
-    "observer_of",
-    "preset_name",
-    "query",
-    "range_text",
-    "ranges",
-    "read_query",
-]
-
 # Inputs of the page: one frozen dataclass per tab.
 
 MOST_STEPS = 400_000

@@ -37,12 +37,6 @@ from zivi.lab.settings import (
 )
 from zivi.simulation.trajectory import Trajectory
 
-__all__ = [
-    "describe_signs",
-    "script",
-    "show_tab",
-]
-
 # Description of the figure in a sentence or two.
 
 LATE = 0.5

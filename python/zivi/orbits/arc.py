@@ -28,23 +28,6 @@ from zivi.orbits.path import (
 from zivi.orbits.words import NotDifferentiable, recent
 from zivi.simulation.run import simulate
 
-__all__ = [
-    "STILL",
-    "Arc",
-    "Continuation",
-    "Found",
-    "about",
-    "end_of_rest",
-    "is_near",
-    "is_vanishing",
-    "rejoined",
-    "reopened",
-    "rest_beyond",
-    "shortest_rest",
-    "single_doubling",
-    "with_duration",
-]
-
 # Where a contact opens for a short time, and impacts close it again: both ways.
 #
 # Where the least force of a contact falls below zero, :math:`\lambda \sim s^2 - r^2` in time, the

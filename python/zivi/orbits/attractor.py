@@ -30,26 +30,6 @@ from zivi.simulation.run import simulate
 from zivi.system.mass import ImpactSystem
 from zivi.system.mechanism import MechanicalSystem
 
-__all__ = [
-    "After",
-    "Attractor",
-    "Cells",
-    "MechanicalSettled",
-    "Settled",
-    "attractor_of",
-    "between",
-    "classify",
-    "classify_mechanical",
-    "open_starts",
-    "quiet",
-    "settle",
-    "settle_cells",
-    "settle_mechanical",
-    "settle_mechanical_cells",
-    "settle_one",
-    "together",
-]
-
 # Attractors of runs: numbers of periods and impacts, their phases and speeds.
 
 TOLERANCE = 1e-5

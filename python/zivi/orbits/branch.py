@@ -16,22 +16,6 @@ from zivi.derivatives.result import OrbitStatus
 from zivi.orbits.flows import shortened
 from zivi.orbits.orbit import MechanicalOrbit, PeriodicOrbit
 
-__all__ = [
-    "BRANCH_FIELDS",
-    "BRANCH_MESSAGES",
-    "MASS_MESSAGES",
-    "MECHANICAL_MESSAGES",
-    "Branch",
-    "BranchArc",
-    "BranchEvent",
-    "MechanicalBranch",
-    "MechanicalEvent",
-    "OrbitsAlong",
-    "chatter_exponent",
-    "failed_text",
-    "with_failed",
-]
-
 # Base class of branches of orbits of one mass and of mechanical systems.
 
 BRANCH_MESSAGES = {

@@ -13,19 +13,6 @@ from zivi.orbits.equations import Frame, Terms, evaluate, sizes_of, whole_word
 from zivi.orbits.flows import MOST_LETTERS, FlightError, Segment, uncoupled
 from zivi.orbits.path import Constraint, Margins
 
-__all__ = [
-    "Critical",
-    "Grazing",
-    "Margin",
-    "Singular",
-    "Turning",
-    "Values",
-    "crossed",
-    "cubic_coefficient",
-    "cubic_test",
-    "twice",
-]
-
 # Conditions on a curve of events in two parameters, in addition to the orbit's equations.
 #
 # A fold or a doubling: the number :math:`\sigma` of the bordered system of :math:`J(0)` or

@@ -32,16 +32,6 @@ from zivi.orbits.path import Constraint, Margins, Path, Point, located, moved_fr
 from zivi.orbits.words import FOUND, NotDifferentiable, orbit_of_mechanism, recent, rolled
 from zivi.simulation.run import pair, simulate
 
-__all__ = [
-    "CodimensionTwo",
-    "CurvePoint",
-    "EventCurve",
-    "Line",
-    "Named",
-    "continue_curve",
-    "rest_curve",
-]
-
 # Curves of events in two parameters.
 
 CORRECTIONS = 10

@@ -37,21 +37,6 @@ from zivi.system.mass import ImpactSystem
 from zivi.system.mechanism import MechanicalSystem
 from zivi.system.parameters import check_newton, parameter
 
-__all__ = [
-    "Basins",
-    "Diagram",
-    "MassPlan",
-    "MechanicalPlan",
-    "Plan",
-    "RunFound",
-    "basins",
-    "bifurcation_diagram",
-    "number_of",
-    "read_states",
-    "settled_point",
-    "starts_of",
-]
-
 # Task at each value of a bifurcation diagram for one mass.
 
 RunFound = tuple[Array, Attractor]

@@ -35,31 +35,6 @@ from zivi.simulation.trajectory import Trajectory
 from zivi.system.mass import ImpactSystem
 from zivi.system.mechanism import MechanicalSystem
 
-__all__ = [
-    "Accumulation",
-    "Frame",
-    "ImpulseTerms",
-    "MassTerms",
-    "SegmentTerms",
-    "Solution",
-    "Terms",
-    "accumulated",
-    "after_event",
-    "evaluate",
-    "gaps_turned",
-    "impact_rows",
-    "monodromy_at",
-    "multipliers_of",
-    "newton",
-    "of_segments",
-    "onto",
-    "periodic_impulses",
-    "row_sizes",
-    "sizes_of",
-    "turn_of",
-    "whole_word",
-]
-
 # Linear systems as modes, for the equations in impulses.
 #
 # Every motion is the sum of the forced response and the response to the impulses. With the

@@ -25,34 +25,6 @@ from zivi.system.model_parts import Evaluation
 from zivi.system.parameters import INITIAL, codes_of, parameter, parameters_of
 from zivi.system.symbolic.system import SymbolicSystem
 
-__all__ = [
-    "LETTERS",
-    "MOST_LETTERS",
-    "PRECISE",
-    "Contacts",
-    "Evaluated",
-    "FlightError",
-    "Flights",
-    "Flow",
-    "Jump",
-    "LinearFlow",
-    "MassFlow",
-    "MassImpulses",
-    "NonlinearFlow",
-    "Scalar",
-    "Segment",
-    "Word",
-    "corrected",
-    "fly",
-    "impact_maps",
-    "is_exact",
-    "named",
-    "parsed",
-    "sequence_equations",
-    "shortened",
-    "uncoupled",
-]
-
 # Flights of known length with their derivatives: what orbits are made of.
 
 PRECISE = SwitchedRK(rtol=1e-12, atol=1e-13)

@@ -48,8 +48,6 @@ from zivi.orbits.words import (
 )
 from zivi.simulation.run import pair, simulate
 
-__all__ = ["Followed", "both_ways", "continue_orbit", "doubled", "follow", "path_of", "switched"]
-
 Span: TypeAlias = tuple[float, float]
 
 # The way along a branch of orbits of a mechanical system, in both directions from one.

@@ -29,15 +29,6 @@ from zivi.system.mass import ImpactSystem
 from zivi.system.mechanism import MechanicalSystem, check_rigid
 from zivi.system.parameters import check_newton
 
-__all__ = [
-    "Lyapunov",
-    "flow_maps",
-    "grazing_curve",
-    "lyapunov_exponents",
-    "piece_of",
-    "response_amplitude",
-]
-
 # Lyapunov exponents, from the derivatives of one impact by the last.
 
 ACCURATE = SwitchedRK(rtol=1e-9, atol=1e-11)

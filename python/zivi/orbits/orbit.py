@@ -25,17 +25,6 @@ from zivi.system.mass import ImpactSystem
 from zivi.system.mechanism import MechanicalSystem
 from zivi.system.parameters import parameter
 
-__all__ = [
-    "ORBIT_IMPACT",
-    "MassFrame",
-    "MechanicalOrbit",
-    "PeriodicOrbit",
-    "middle_of",
-    "resting_frame",
-    "rows_along",
-    "word_of_rows",
-]
-
 # Orbits of one mass as rows ``(t, u)`` of impacts, and as words of the equations.
 
 

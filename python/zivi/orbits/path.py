@@ -45,31 +45,6 @@ from zivi.system.parameters import (
     with_value,
 )
 
-__all__ = [
-    "OUT",
-    "Constraint",
-    "Margins",
-    "Path",
-    "Point",
-    "by_parameter",
-    "core_of",
-    "flow_of",
-    "frame_of",
-    "frequency_of",
-    "is_resting",
-    "length_of",
-    "located",
-    "located_near",
-    "mass_column",
-    "moved_frame",
-    "period_of",
-    "secant",
-    "trend_of",
-    "value_of",
-    "values_of",
-    "with_values",
-]
-
 # A step of a search for a zero in a bracket.
 
 Look = tuple[float, float]
@@ -739,9 +714,9 @@ class Placed(Protocol):
     """A point of a curve of solutions."""
 
     @property
-    def z(self) -> Array: ...
+    def z(self) -> Array: ...  # noqa: D102
     @property
-    def tangent(self) -> Array: ...
+    def tangent(self) -> Array: ...  # noqa: D102
 
 
 AnyPoint = TypeVar("AnyPoint", bound=Placed)

@@ -41,30 +41,6 @@ from zivi.simulation.run import simulate
 from zivi.simulation.trajectory import Trajectory
 from zivi.system.mass import ImpactSystem
 
-__all__ = [
-    "FOUND",
-    "MOST_MULTIPLE",
-    "NEAR",
-    "TOLERANCES",
-    "NotDifferentiable",
-    "canonical",
-    "checked",
-    "cycle_of",
-    "earliest",
-    "failed",
-    "least",
-    "orbit_of_mechanism",
-    "orbit_of_word",
-    "recent",
-    "renewed",
-    "repeating",
-    "resting_orbit",
-    "rolled",
-    "shown",
-    "solve_word",
-    "weaker_reason",
-]
-
 # The word and the unknowns that the end of a run shows.
 
 MOST_MULTIPLE, MOST_EVENTS = 64, 256

@@ -22,7 +22,8 @@ from zivi.paper.report import (
     rest_time_of,
     run_data,
 )
-from zivi.simulation.methods import ExplicitEuler, Method, ThetaGamma
+from zivi.simulation.method_settings import Method
+from zivi.simulation.methods import ExplicitEuler, ThetaGamma
 from zivi.simulation.run import simulate
 from zivi.simulation.trajectory import Trajectory
 from zivi.system.mass import ImpactSystem

@@ -11,10 +11,12 @@ import numpy as np
 
 from zivi.base.check import Array
 from zivi.base.status import ModelWarning
-from zivi.control.closed_loop import ClosedLoop, simulate_closed_loop
+from zivi.control.closed_loop import simulate_closed_loop
+from zivi.control.loop_run import ClosedLoop
 from zivi.control.twisting import ExplicitTwisting, TwistingRegulator, TwistingTracker
 from zivi.simulation.methods import ThetaGamma
-from zivi.system.mass import Force, ImpactSystem, lift
+from zivi.system.force import Force
+from zivi.system.mass import ImpactSystem, lift
 
 __all__ = ["KAPPA", "closed_form_zeno", "last_above", "lift_run", "regulate", "track"]
 

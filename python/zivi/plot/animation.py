@@ -32,14 +32,9 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from zivi.base.check import Array
-    from zivi.control.closed_loop import ClosedLoop
+    from zivi.control.loop_run import ClosedLoop
     from zivi.simulation.mechanical_trajectory import MechanicalTrajectory
     from zivi.simulation.trajectory import Trajectory
-
-__all__ = [
-    "Lines",
-    "MechanicalScene",
-]
 
 # The pictures of a film of a mechanical system.
 

@@ -47,19 +47,12 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from matplotlib.gridspec import SubplotSpec
 
-    from zivi.control.closed_loop import ClosedLoop
+    from zivi.control.loop_run import ClosedLoop
     from zivi.control.mechanical_loop import MechanicalClosedLoop
     from zivi.orbits.branch import Branch
     from zivi.plot.look import Frame
     from zivi.simulation.mechanical_trajectory import MechanicalTrajectory
     from zivi.simulation.trajectory import Trajectory
-
-__all__ = [
-    "Line",
-    "impacts",
-    "line_of",
-    "reference_line",
-]
 
 # A run as lines that can be drawn: smooth between samples, broken at impacts.
 

@@ -13,8 +13,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-__all__ = ["draw_fit", "draw_profile"]
-
 
 def draw_fit(rows: Sequence[Mapping[str, Any]], figure: Figure | None) -> Figure:
     """Draw data, predictions and residuals of each data set in a column of two axes."""

@@ -13,12 +13,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from zivi.base.check import Array
-    from zivi.control.closed_loop import ClosedLoop
+    from zivi.control.loop_run import ClosedLoop
     from zivi.simulation.trajectory import Trajectory
-
-__all__ = [
-    "check_run",
-]
 
 # Common parts of all plots: axes, colours, and the frame of a run.
 

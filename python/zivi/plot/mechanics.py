@@ -18,21 +18,6 @@ if TYPE_CHECKING:
     from zivi.control.mechanical_loop import MechanicalClosedLoop
     from zivi.simulation.mechanical_trajectory import MechanicalTrajectory
 
-__all__ = [
-    "Quantity",
-    "broken",
-    "check_mechanical",
-    "configuration",
-    "controls",
-    "coordinates",
-    "drawn",
-    "gaps",
-    "is_mechanical",
-    "modes",
-    "reactions",
-    "slips",
-]
-
 # A run of a mechanical system as lines that can be drawn, with points by the motion.
 
 Quantity: TypeAlias = Literal["q", "phase", "gaps", "reactions", "slips"]

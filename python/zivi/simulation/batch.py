@@ -32,14 +32,13 @@ from zivi.simulation.batch_result import (
 from zivi.simulation.impacts import IMPACT, SLOWEST, check_slowest, rows_of_events, rows_of_impacts
 from zivi.simulation.mechanical_batch import MechanicalBatch, mechanical_batch
 from zivi.simulation.mechanical_run import stops_with
-from zivi.simulation.methods import Method, SwitchedRK
+from zivi.simulation.method_settings import Method
+from zivi.simulation.methods import SwitchedRK
 from zivi.simulation.run import DEFAULT_METHOD, check_method, pair, times_within
 from zivi.simulation.trajectory import describe, describe_system
 from zivi.system.kicks import Kick, schedule_of
 from zivi.system.mass import ImpactSystem
 from zivi.system.mechanism import MechanicalSystem
-
-__all__ = ["Batch", "simulate_batch"]
 
 SAVES = ("final", "statistics", "events", "grazing")
 """What can be kept of each run, beside samples."""

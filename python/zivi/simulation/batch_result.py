@@ -15,36 +15,13 @@ import zivi._zivi as _zivi
 from zivi.base.check import Array, MaybeNone, integer, real_array
 from zivi.base.status import Status
 from zivi.base.table import Field, ResultTable, Tabulated
-from zivi.simulation.methods import Method, SwitchedRK
+from zivi.simulation.method_settings import Method
+from zivi.simulation.methods import SwitchedRK
 from zivi.simulation.run import stop_times, times_within
 from zivi.system.mass import ImpactSystem, coefficients
 from zivi.system.mechanism import MechanicalSystem, as_mechanism
 from zivi.system.parameters import parameter, parameters_of
 from zivi.system.table import Table
-
-__all__ = [
-    "MAX_DESCRIBED",
-    "NUMBERS",
-    "Batch",
-    "BatchRuns",
-    "Sampling",
-    "check_native",
-    "check_threads",
-    "every_of",
-    "kept_times",
-    "native_columns",
-    "replaced",
-    "room_for",
-    "sampled",
-    "sampling_of",
-    "state_rows",
-    "states_for",
-    "stops_of",
-    "systems_of",
-    "threads_for",
-    "values_by_run",
-    "with_friction",
-]
 
 # Arguments of a batch, checked and converted.
 

@@ -10,8 +10,6 @@ import numpy as np
 from zivi.base.check import Array
 from zivi.system.mass import project
 
-__all__ = ["DenseMotion", "LinearPath", "LostPath", "PenetratingPath"]
-
 
 class DenseMotion(Protocol):
     """The motion as a function of time."""

@@ -12,8 +12,6 @@ import zivi._zivi as _zivi
 from zivi.base.check import check_arguments, finite, of_three
 from zivi.base.habits import hinted
 
-__all__ = ["MECHANICAL", "Level", "event", "events_of"]
-
 Function = TypeVar("Function", bound=Callable[..., Any])
 
 MECHANICAL = "g(t, q, qdot)"

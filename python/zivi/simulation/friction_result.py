@@ -17,18 +17,6 @@ from zivi.simulation.impacts import FIELDS, EventTable, Rows, table
 from zivi.system.gap import Channel
 from zivi.system.mechanism import Model
 
-__all__ = [
-    "FRICTION",
-    "IMPACTS",
-    "TRANSITIONS",
-    "FrictionRun",
-    "FrictionSamples",
-    "LinearMotion",
-    "forces_at",
-    "friction_samples",
-    "impacts_with",
-]
-
 # Friction results of a run of a mechanical system.
 
 OPEN = 2

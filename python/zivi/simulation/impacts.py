@@ -13,26 +13,6 @@ from zivi.base.check import Array, finite, integer
 from zivi.base.habits import field_error
 from zivi.simulation.dense import LostPath
 
-__all__ = [
-    "FIELDS",
-    "IMPACT",
-    "SLOWEST",
-    "EventTable",
-    "Rows",
-    "check_bounds",
-    "check_slowest",
-    "down_to",
-    "down_to_of_gaps",
-    "impacts_of",
-    "listed",
-    "listed_of_gaps",
-    "rows_of_events",
-    "rows_of_impacts",
-    "skipped_before",
-    "skipped_fast",
-    "table",
-]
-
 
 class EventTable(np.recarray):
     """A record array of events; a field that it does not have is answered by a hint."""

@@ -28,11 +28,6 @@ from zivi.simulation.methods import SwitchedRK
 from zivi.system.mechanism import MechanicalSystem
 from zivi.system.start import check_start
 
-__all__ = [
-    "MechanicalBatch",
-    "mechanical_batch",
-]
-
 # Result of a batch of mechanical runs.
 
 NUMBERS: dict[str, Field] = {

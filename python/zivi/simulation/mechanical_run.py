@@ -14,7 +14,8 @@ import zivi._zivi as _zivi
 from zivi.base.check import Array, real_array
 from zivi.base.status import warn
 from zivi.simulation.mechanical_trajectory import MechanicalTrajectory
-from zivi.simulation.methods import FixedSteps, MoreauJean, Settings, SwitchedRK, ThetaGamma
+from zivi.simulation.method_settings import FixedSteps, Settings
+from zivi.simulation.methods import MoreauJean, SwitchedRK, ThetaGamma
 from zivi.simulation.run_result import Closer, closer_mechanism
 from zivi.simulation.trajectory import describe_restitutions
 from zivi.system.constraints.projection import consistent
@@ -22,19 +23,6 @@ from zivi.system.gap_coordinates import kinetic_cosines
 from zivi.system.kicks import KickSchedule, schedule_of
 from zivi.system.mechanism import MechanicalSystem, Model, check_planar
 from zivi.system.start import check_start
-
-__all__ = [
-    "FixedOrSwitched",
-    "RunRequest",
-    "check_mechanical_method",
-    "closer_of",
-    "configuration",
-    "record_of",
-    "run_mechanical",
-    "setup_of",
-    "state_of",
-]
-
 
 FixedOrSwitched: TypeAlias = SwitchedRK | FixedSteps
 """The methods that take mechanical systems."""

@@ -35,20 +35,6 @@ from zivi.system.mechanism import MechanicalSystem, Model
 if TYPE_CHECKING:
     import pandas
 
-__all__ = [
-    "EQUALITIES",
-    "FIELDS",
-    "MEANING",
-    "TABLES",
-    "MechanicalTrajectory",
-    "end_message",
-    "labels_of",
-    "summary_rows",
-    "table",
-    "table_of",
-    "time_of_rest",
-]
-
 # Messages of runs of mechanical systems, with the names of their gaps.
 
 TOUCHING = 1e-9

@@ -10,8 +10,6 @@ import zivi._zivi as _zivi
 from zivi.base.check import Array, integer, real
 from zivi.simulation.dense import DenseMotion, LinearPath, PenetratingPath
 
-__all__ = ["FixedSteps", "Method", "Settings", "annotation", "class_of"]
-
 
 class Method(Protocol):
     """Anything that `simulate` can run."""

@@ -34,23 +34,6 @@ if TYPE_CHECKING:
     from zivi.system.mass import ImpactSystem
     from zivi.system.mechanism import MechanicalSystem
 
-__all__ = [
-    "EVENT_COORDS",
-    "EVENT_FIELDS",
-    "Closer",
-    "MassRun",
-    "SampledRun",
-    "Setup",
-    "as_raised",
-    "between_steps",
-    "closer_mass",
-    "closer_mechanism",
-    "times_of",
-    "trust_note",
-    "trusted",
-    "with_partial",
-]
-
 # Time up to which a run is accurate, by comparison with a run at tighter tolerances.
 #
 # Tolerances bound the errors of steps. Their growth, ``exp(lambda t)`` in a chaotic motion, shows

@@ -16,7 +16,7 @@ from zivi.base.check import Array, MaybeNone
 from zivi.base.status import Status, warn
 from zivi.base.table import Field, ResultTable
 from zivi.simulation.dense import DenseMotion, LinearPath, PenetratingPath
-from zivi.simulation.impacts import IMPACT, SLOWEST, impacts_of
+from zivi.simulation.impacts import SLOWEST, impacts_of
 from zivi.simulation.methods import SwitchedRK
 from zivi.simulation.run_result import (
     EVENT_COORDS,
@@ -33,26 +33,9 @@ from zivi.system.impact_law import NewtonImpact, Restitutions
 from zivi.system.table import Table, TableMotion, motion_of
 
 if TYPE_CHECKING:
-    from zivi.simulation.methods import Method
+    from zivi.simulation.method_settings import Method
     from zivi.system.gap import HarmonicWall, MovingWall
     from zivi.system.mass import ImpactSystem
-
-__all__ = [
-    "IMPACT",
-    "LIFTED",
-    "NO_STOPS",
-    "QUANTITIES",
-    "STATUSES",
-    "FormerName",
-    "Trajectory",
-    "Transformed",
-    "configuration_of",
-    "describe",
-    "describe_restitutions",
-    "describe_system",
-    "end_run_at_event",
-    "restrict_run",
-]
 
 # Systems, forces and runs as plain values, which files and results keep.
 

@@ -11,8 +11,6 @@ from numpy.typing import NDArray
 
 from zivi.base.extras import needed
 
-__all__ = ["SHARDS", "FileCodec"]
-
 SHARDS = "sharding_indexed"
 DTYPES = {"float64": "<f8", "int64": "<i8", "int8": "i1", "bool": "?", "string": "O"}
 NO_PART = 2**64 - 1

@@ -15,19 +15,6 @@ from numpy.typing import ArrayLike, NDArray
 from zivi.base.check import integer, real, unmasked
 from zivi.base.habits import hinted
 
-__all__ = [
-    "MOST_POINTS",
-    "RESERVED",
-    "Design",
-    "child",
-    "design_of",
-    "generators",
-    "grid",
-    "points",
-    "sample",
-    "seeds",
-]
-
 # Where a study is computed: points on a grid, in a list or drawn by a sampler.
 
 RESERVED = ("point", "status", "message", "n_events", "events")

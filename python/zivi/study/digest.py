@@ -29,24 +29,6 @@ import zivi._zivi as _zivi
 from zivi.study.design import Design
 from zivi.system.mass import ImpactSystem
 
-__all__ = [
-    "VERSION",
-    "UndigestibleError",
-    "differences",
-    "digest",
-    "function_name",
-    "function_state",
-    "identity",
-    "is_local",
-    "kept_attributes",
-    "kept_cells",
-    "module_of",
-    "source_digest",
-    "unformatted",
-    "used",
-    "uses",
-]
-
 # Names that the code of a function refers to: globals, attributes of modules, imports.
 
 DYNAMIC = {"getattr", "globals", "vars", "eval", "exec", "import_module", "__import__"}

@@ -22,8 +22,6 @@ from zivi.study.outcome import Piece, check_same_schema, message_of
 from zivi.study.pools import SLICE, Job, Pool, SignalGate, compute, is_ready
 from zivi.study.store import Block, Store, count_points
 
-__all__ = ["Driver"]
-
 DEATHS = 2
 """Times that a point alone may take its worker with it before it counts as failed."""
 BREAKS = 20

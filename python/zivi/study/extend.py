@@ -19,8 +19,6 @@ from zivi.study.head import EVENTS
 from zivi.study.outcome import concatenate_tables
 from zivi.study.store import Block
 
-__all__ = ["extended", "put_back"]
-
 LOADED = 4
 """Chunks of the smaller study that are in memory at a time."""
 EXACT = 2**53

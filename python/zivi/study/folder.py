@@ -35,17 +35,6 @@ from zivi.study.head import (
 from zivi.study.outcome import EventTable, Schema
 from zivi.study.store import Block, Chunks, Labels
 
-__all__ = [
-    "DamagedError",
-    "FolderStore",
-    "create",
-    "head_of",
-    "locked",
-    "read_events",
-    "write_empty",
-    "write_events",
-]
-
 # The lock of a store: one run writes at a time.
 
 

@@ -20,23 +20,6 @@ from zivi.study.outcome import Schema
 from zivi.study.pools import MAX_SEED
 from zivi.study.store import DESCRIPTIONS, INNER, SHARD, Chunks, Labels, dataset_attributes, dims_of
 
-__all__ = [
-    "EVENTS",
-    "GROUP",
-    "KINDS",
-    "Head",
-    "documents",
-    "json_text",
-    "metadata_difference",
-    "no_link",
-    "read_head",
-    "read_json",
-    "write_below",
-    "write_bytes",
-    "write_json",
-    "write_whole",
-]
-
 # Files of a store, written atomically, even if another file type occupies their place.
 
 

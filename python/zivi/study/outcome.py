@@ -20,25 +20,6 @@ from zivi.simulation.mechanical_trajectory import MechanicalTrajectory
 from zivi.simulation.run_result import MassRun
 from zivi.study.design import valid_name
 
-__all__ = [
-    "LONGEST",
-    "RUN_UNITS",
-    "Collector",
-    "EventTable",
-    "Events",
-    "Many",
-    "Piece",
-    "Schema",
-    "Values",
-    "check_same_schema",
-    "concatenate_tables",
-    "many_of",
-    "message_of",
-    "result_units",
-    "split",
-    "writable",
-]
-
 # Text of an exception, safe for any file and terminal.
 
 LONGEST = 1000

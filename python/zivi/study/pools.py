@@ -21,18 +21,6 @@ from zivi.base.check import integer
 from zivi.study.design import child, generators, seeds
 from zivi.study.outcome import Collector, Piece, message_of
 
-__all__ = [
-    "MAX_SEED",
-    "SLICE",
-    "Job",
-    "Pool",
-    "SignalGate",
-    "begin_thread",
-    "compute",
-    "is_ready",
-    "pool_of",
-]
-
 # Work of a worker: the points of one task, until its time is up.
 
 SLICE = 2.0

@@ -23,8 +23,6 @@ if TYPE_CHECKING:
     import pandas
     import xarray
 
-__all__ = ["Study", "open_study", "study_of"]
-
 MOST_SALVAGED = 10**8
 """Points of the largest damaged study that is read into memory."""
 

@@ -22,20 +22,6 @@ from zivi.study.outcome import EventTable, Piece, Schema, concatenate_tables
 if TYPE_CHECKING:
     import xarray
 
-__all__ = [
-    "DESCRIPTIONS",
-    "INNER",
-    "SHARD",
-    "Block",
-    "Chunks",
-    "Labels",
-    "MemoryStore",
-    "Store",
-    "count_points",
-    "dataset_attributes",
-    "dims_of",
-]
-
 # The points of one chunk between the workers and the store.
 
 

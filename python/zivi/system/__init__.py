@@ -3,7 +3,7 @@
 from zivi.base.former import of_zivi
 from zivi.system.constraints.equality import Equality
 from zivi.system.constraints.projection import consistent
-from zivi.system.force import ParametricForce
+from zivi.system.force import Force, LinearForce, ParametricForce
 from zivi.system.gap import (
     DryFriction,
     Gap,
@@ -23,7 +23,7 @@ from zivi.system.impact_law import (
 )
 from zivi.system.kicks import Kick
 from zivi.system.linear import Harmonic, LinearSystem
-from zivi.system.mass import Force, ImpactSystem, LinearForce, lift, project
+from zivi.system.mass import ImpactSystem, lift, project
 from zivi.system.mechanism import MechanicalSystem
 from zivi.system.parameters import ParametricSystem
 from zivi.system.table import Pulse, Square, Table

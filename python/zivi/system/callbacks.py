@@ -17,13 +17,6 @@ from zivi.system.gap import Channel, Gap, HarmonicWall, LinearGap, MovingWall, S
 from zivi.system.model_parts import Compiled, Layout, Part, compiled_part
 from zivi.system.table import Table
 
-__all__ = [
-    "DrivenForce",
-    "Evaluate",
-    "driven",
-    "model_of_parts",
-]
-
 Evaluate: TypeAlias = Callable[[float, Array, Array], Array]
 """``(t, q, qdot)`` to the row of a `Layout`, a new one at each call."""
 

@@ -23,14 +23,6 @@ from zivi.base.check import (
 from zivi.base.habits import hinted
 from zivi.system.table import Table
 
-__all__ = [
-    "Force",
-    "LinearForce",
-    "NativeForce",
-    "ParametricForce",
-    "force_spec",
-]
-
 # Forces of the user with parameters that a run can be differentiated by.
 
 RESERVED = ("x0", "xdot0", "t0", "e")

@@ -16,28 +16,6 @@ from zivi.base.habits import hinted
 from zivi.system.model_parts import Compiled, Part, differenced, number_part, part
 from zivi.system.table import Table
 
-__all__ = [
-    "IMPACT_LAWS",
-    "PARADOXES",
-    "Channel",
-    "ContactLaw",
-    "DryFriction",
-    "Gap",
-    "HarmonicWall",
-    "Hertz",
-    "HuntCrossley",
-    "LinearGap",
-    "MovingWall",
-    "Slip",
-    "SpringDamper",
-    "compliant_gaps",
-    "contact_law",
-    "joints_of",
-    "one_of",
-    "slip_of_gap",
-    "tangential_restitution",
-]
-
 ARGUMENTS = (
     *("value", "gradient", "curvature", "rate", "normal", "offset", "motion"),
     *("direction", "limit", "static", "velocity"),

@@ -12,8 +12,6 @@ from zivi.base.check import Array, real_array
 from zivi.system.mechanism import MechanicalSystem
 from zivi.system.model_parts import Evaluation
 
-__all__ = ["GapCoordinates", "GapKinetics", "gap_coordinates", "kinetic_cosines"]
-
 
 class GapCoordinates(NamedTuple):
     r"""A state of a mechanical system, split into gaps and velocities that impacts do not change.

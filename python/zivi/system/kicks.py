@@ -16,8 +16,6 @@ from zivi.system.mechanism import MechanicalSystem
 from zivi.system.tree import Tree
 from zivi.system.tree_bodies import PlaneGap
 
-__all__ = ["Kick", "KickSchedule", "kicks_table", "schedule_of"]
-
 MOST = 1_000_000
 """Kicks of one run."""
 

@@ -20,14 +20,6 @@ from zivi.system.mechanism import MechanicalSystem, Model, check_names
 from zivi.system.model_parts import Layout
 from zivi.system.table import Table, declared_breaks
 
-__all__ = [
-    "Excitation",
-    "Harmonic",
-    "LinearSystem",
-    "parts_of",
-    "projected",
-]
-
 # Loads of linear systems: constants, waves, tables.
 
 

@@ -13,20 +13,10 @@ import zivi._zivi as _zivi
 from zivi.base.check import Array, MaybeNone, OfState, of_three, real, real_array
 from zivi.base.extras import late
 from zivi.base.habits import attribute_error, hinted
-from zivi.system.force import Force, LinearForce, force_spec
+from zivi.system.force import Force, force_spec
 from zivi.system.gap import DryFriction, HarmonicWall, MovingWall, joints_of
 from zivi.system.impact_law import ImpactLaw, NewtonImpact, law_of
 from zivi.system.table import Table, declared_breaks
-
-__all__ = [
-    "Force",
-    "ImpactSystem",
-    "LinearForce",
-    "check_system",
-    "force_spec",
-    "lift",
-    "project",
-]
 
 # The Zhuravlev-Ivanov transform between ``(x, x')`` and ``(s, v)``.
 

@@ -54,27 +54,6 @@ from zivi.system.table import Table, declared_breaks
 if TYPE_CHECKING:
     from zivi.base.machine_code import Native
 
-__all__ = [
-    "MAX_SIZE",
-    "ControlInputs",
-    "MechanicalSystem",
-    "Model",
-    "as_mechanism",
-    "check_compliant",
-    "check_cones",
-    "check_mass",
-    "check_names",
-    "check_planar",
-    "check_rigid",
-    "check_size",
-    "control_inputs",
-    "coordinates_of",
-    "distinct_names",
-    "every_coordinate",
-    "gaps_of",
-    "matrix_of",
-]
-
 # Checks of a mechanical system without a state: gaps, mass, names.
 
 MAX_SIZE = 256

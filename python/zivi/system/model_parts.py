@@ -15,18 +15,6 @@ import numpy as np
 import zivi._zivi as _zivi
 from zivi.base.check import Array, check_arguments, real_array
 
-__all__ = [
-    "Compiled",
-    "Evaluation",
-    "Layout",
-    "Part",
-    "Partials",
-    "differenced",
-    "evaluated",
-    "number_part",
-    "part",
-]
-
 # Parts of a system as the user passes them: arrays, functions, compiled functions.
 
 Part: TypeAlias = "Array | Callable[..., Any] | Compiled"

@@ -17,19 +17,6 @@ from zivi.system.mechanism import MechanicalSystem, Model, check_names, check_ri
 from zivi.system.model_parts import Partials
 from zivi.system.table import refuse_tables
 
-__all__ = [
-    "ParametricSystem",
-    "check_differentiable",
-    "check_newton",
-    "check_smooth",
-    "codes_of",
-    "excitation",
-    "names_of",
-    "parameter",
-    "parameters_of",
-    "with_value",
-]
-
 # Mechanical systems whose numbers have names, by a function that builds them.
 
 STEP = 5e-4

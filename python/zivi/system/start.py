@@ -14,8 +14,6 @@ from zivi.system.gap import Channel, HarmonicWall, LinearGap, MovingWall, Slip
 from zivi.system.mechanism import MechanicalSystem, Model, check_mass
 from zivi.system.model_parts import Evaluation
 
-__all__ = ["check_functions", "check_start"]
-
 AGREEMENT = 1e-5
 """Relative difference between a derivative and its differences that is taken for one."""
 COUPLED = 1e-9

@@ -16,19 +16,6 @@ import zivi._zivi as _zivi
 from zivi.base.check import Array, finite, real_array
 from zivi.base.habits import hinted
 
-__all__ = [
-    "Pulse",
-    "Square",
-    "Table",
-    "TableMotion",
-    "column",
-    "declared_breaks",
-    "is_number",
-    "motion_of",
-    "of_pandas",
-    "refuse_tables",
-]
-
 # Columns of tables in files and in objects of pandas.
 
 

@@ -49,14 +49,6 @@ from zivi.system.tree_friction import (
     rubbings,
 )
 
-__all__ = [
-    "Side",
-    "Structure",
-    "Tree",
-    "TreeParameters",
-    "ordered",
-]
-
 # The numbers of a tree in the order of the extension, from named values.
 
 INERTIA = ((0, 1, 2, 0, 0, 1), (0, 1, 2, 1, 2, 2))

@@ -11,18 +11,6 @@ from numpy.typing import ArrayLike
 from zivi.base.check import Array, finite, real_array
 from zivi.system.gap import ContactLaw, contact_law
 
-__all__ = [
-    "KINDS",
-    "BallGap",
-    "Body",
-    "JointLimit",
-    "PlaneGap",
-    "TreeGap",
-    "body_values",
-    "is_rough",
-    "joint_values",
-]
-
 # Bodies of a tree, each with the joint that carries it.
 
 KINDS = ("hinge", "slide", "fixed")

@@ -13,14 +13,6 @@ from zivi.system.gap import Channel, DryFriction
 from zivi.system.mechanism import ControlInputs, control_inputs
 from zivi.system.tree_bodies import Body, PlaneGap, TreeGap, is_rough
 
-__all__ = [
-    "LIMITS",
-    "Rubbing",
-    "friction_of_joints",
-    "inputs_of_tree",
-    "rubbings",
-]
-
 PARALLEL = 1e-9
 """Sine of the angle up to which directions are parallel."""
 LIMITS = (".mu", ".mu_static", ".friction", ".friction_static")

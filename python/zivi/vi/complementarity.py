@@ -15,8 +15,6 @@ from zivi.base.habits import hinted
 from zivi.vi.solve import seconds, solve_avi, solve_vi
 from zivi.vi.types import VIOptions, VIProgress, VIResult
 
-__all__ = ["Equilibrium", "bimatrix", "solve_lcp", "solve_ncp"]
-
 
 @hinted("solve_vi")
 def solve_lcp(

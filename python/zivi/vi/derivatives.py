@@ -14,8 +14,6 @@ from zivi.base.check import Array, bound, is_sparse, real, real_array, require_f
 from zivi.vi.factorisation import Factoriser
 from zivi.vi.types import VIResult
 
-__all__ = ["VIDerivative", "solution_derivative"]
-
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class VIDerivative:

@@ -16,8 +16,6 @@ import numpy as np
 import zivi._zivi as _zivi
 from zivi.base.check import Array
 
-__all__ = ["Factoriser", "Factors", "in_thread", "rows_of_sizes"]
-
 _SHORT = 4_000
 """Entries of a matrix below which its factorisation is too short to be interrupted."""
 _LOOK = 0.05

@@ -10,21 +10,6 @@ from numpy.typing import ArrayLike
 
 from zivi.base.check import Array, dense, is_sparse, matrix, real_array, require_finite, vector
 
-__all__ = [
-    "ColouredDifferences",
-    "Converters",
-    "IsSparseError",
-    "JacobianError",
-    "ValueWithJacobian",
-    "check_jacobian",
-    "colours_of",
-    "complex_steps",
-    "converters",
-    "jacobian",
-    "pattern_of",
-    "wants_sparse",
-]
-
 # Jacobians by differences of maps whose pattern is known: columns that share no row together.
 #
 # Curtis, Powell & Reid, *J. Inst. Math. Appl.* 13 (1974) 117-119: as many evaluations of `F` as

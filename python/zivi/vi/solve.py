@@ -17,9 +17,7 @@ from zivi.vi.jacobian import (
     ColouredDifferences,
     Converters,
     IsSparseError,
-    JacobianError,
     ValueWithJacobian,
-    check_jacobian,
     complex_steps,
     converters,
     jacobian,
@@ -33,35 +31,7 @@ from zivi.vi.sparse import (
     solve_sparse,
     sparse_matrix,
 )
-from zivi.vi.types import VIOptions, VIProgress, VIResult, VIStatus, result_of
-
-__all__ = [
-    "MAX_DENSE",
-    "Affine",
-    "JacobianError",
-    "SparseVI",
-    "VIOptions",
-    "VIProgress",
-    "VIResult",
-    "VIStatus",
-    "Watched",
-    "affine_by_sparse",
-    "arranged",
-    "check_jacobian",
-    "checked_affine",
-    "dense_is_off_scale",
-    "is_off_scale",
-    "natural_residual",
-    "observer",
-    "pattern_for",
-    "polished",
-    "read_bounds",
-    "seconds",
-    "settings_of",
-    "solve_avi",
-    "solve_scaled",
-    "solve_vi",
-]
+from zivi.vi.types import VIOptions, VIProgress, VIResult, result_of
 
 # Bounds, options and starts of the solver of box VIs as users of SciPy write them.
 

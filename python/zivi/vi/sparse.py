@@ -22,14 +22,6 @@ from zivi.vi.sparse_methods import (
 from zivi.vi.sparse_search import EndedError, Map, Search, natural_map
 from zivi.vi.types import VIResult, VIStatus
 
-__all__ = [
-    "AffineMap",
-    "CallableMap",
-    "require_finite_entries",
-    "solve_sparse",
-    "sparse_matrix",
-]
-
 # Maps of the sparse solver: affine maps, and callables with checks of their values.
 
 

@@ -10,18 +10,6 @@ from zivi.base.check import Array
 from zivi.vi.factorisation import Factors, in_thread, rows_of_sizes
 from zivi.vi.sparse_search import Search, natural_map
 
-__all__ = [
-    "SETTLED",
-    "ActiveSetEnd",
-    "a_row_is_infeasible",
-    "active_set",
-    "active_set_newton",
-    "interior_point",
-    "is_infeasible",
-    "proximal_newton",
-    "smoothing_newton",
-]
-
 # Newton's method on the active set, the first stage of the sparse solver.
 #
 # ```text

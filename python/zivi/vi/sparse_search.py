@@ -12,8 +12,6 @@ from zivi.base.check import Array
 from zivi.vi.factorisation import Factoriser
 from zivi.vi.types import VIStatus
 
-__all__ = ["EndedError", "Map", "Search", "natural_map"]
-
 
 class Map(Protocol):
     """``F`` and its Jacobian, None where undefined."""

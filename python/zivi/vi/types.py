@@ -13,8 +13,6 @@ from zivi.base.habits import attribute_error
 from zivi.base.status import NamedStatus
 from zivi.base.table import counted, page
 
-__all__ = ["VIOptions", "VIProgress", "VIResult", "VIStatus", "result_of"]
-
 
 class VIStatus(NamedStatus):
     """How a solve ended. Only a residual recomputed from `F` makes it solved."""

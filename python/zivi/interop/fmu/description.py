@@ -9,16 +9,6 @@ from xml.etree import ElementTree as Xml
 
 import zivi._zivi as _zivi
 
-__all__ = [
-    "FMU",
-    "IDENTIFIER",
-    "MODELS",
-    "Kind",
-    "Role",
-    "Variable",
-    "description",
-]
-
 # The models and their variables: the one place from which their descriptions are made.
 #
 # The place of a variable is its value reference, which never changes once it is released: what is

@@ -39,26 +39,6 @@ from zivi.system.start import check_start
 from zivi.system.symbolic.system import SymbolicInputs, SymbolicSystem
 from zivi.system.tree import Tree
 
-__all__ = [
-    "PLATFORMS",
-    "VERSION",
-    "Exported",
-    "Rows",
-    "binaries_of",
-    "binary_here",
-    "chosen_versions",
-    "export_fmu",
-    "export_loop",
-    "optional",
-    "part_numbers",
-    "system_numbers",
-    "told",
-    "tree_numbers",
-    "variables_of",
-    "write_archive",
-    "write_systems",
-]
-
 # Writing FMUs: a description, the prebuilt binaries and a page, in a reproducible archive.
 
 VERSIONS = (2, 3)

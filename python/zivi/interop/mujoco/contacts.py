@@ -13,8 +13,6 @@ from zivi.interop.mujoco.refusals import element_name, is_off
 from zivi.system.tree import Tree
 from zivi.system.tree_bodies import BallGap, Body, JointLimit, PlaneGap, TreeGap, is_rough
 
-__all__ = ["CHOICES", "read_gaps", "rotation_of"]
-
 CHOICES = ("read", "refuse", "ignore")
 """What becomes of the friction of a model."""
 

@@ -28,8 +28,6 @@ from zivi.system.impact_law import GivenRestitutions
 from zivi.system.tree import Structure, Tree
 from zivi.system.tree_bodies import Body
 
-__all__ = ["read_ctrl", "read_mjcf", "read_urdf", "tree"]
-
 
 def tree(
     model: Any,

@@ -7,8 +7,6 @@ from typing import Any
 
 import numpy as np
 
-__all__ = ["CONNECT", "JOINT", "element_name", "is_off", "refuse_for_system", "refuse_for_tree"]
-
 
 def element_name(model: Any, kind: str, index: int) -> str:
     """Return the name of an element, or its kind and number if it has none."""

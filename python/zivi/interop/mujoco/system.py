@@ -24,15 +24,6 @@ from zivi.system.mechanism import MAX_SIZE, MechanicalSystem, Model, distinct_na
 from zivi.system.model_parts import Layout
 from zivi.system.tree_bodies import JointLimit, PlaneGap, TreeGap, is_rough
 
-__all__ = [
-    "SOURCE",
-    "GapStruct",
-    "Glue",
-    "MujocoSystem",
-    "scalar_joints",
-    "system",
-]
-
 # The numbers of a system from MuJoCo's functions, in C: each call has an mjData of its own.
 
 SOURCE = r"""

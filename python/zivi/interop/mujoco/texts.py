@@ -13,8 +13,6 @@ import numpy as np
 from zivi.base.extras import needed
 from zivi.base.status import ModelWarning
 
-__all__ = ["check_sizes", "compiled", "compiled_urdf"]
-
 # Checks of the size of a model before MuJoCo reads it, since that cannot be interrupted.
 
 ELEMENTS = 100_000

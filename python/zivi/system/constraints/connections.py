@@ -18,16 +18,6 @@ from zivi.system.symbolic.expressions import UnknownNameError, c_source, express
 from zivi.system.table import Table
 from zivi.system.tree_bodies import Body, vector
 
-__all__ = [
-    "Connect",
-    "ConstraintRows",
-    "Couple",
-    "Drive",
-    "TreeConstraint",
-    "Weld",
-    "rows_of_constraints",
-]
-
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Connect:

@@ -21,8 +21,6 @@ from zivi.system.model_parts import (
     part,
 )
 
-__all__ = ["Equality", "check_equalities", "equalities_of", "violations"]
-
 
 @hinted("Equality")
 class Equality(Unchanging):

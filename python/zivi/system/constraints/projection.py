@@ -10,8 +10,6 @@ from zivi.system.constraints.equality import violations
 from zivi.system.mechanism import MechanicalSystem
 from zivi.system.model_parts import Evaluation
 
-__all__ = ["consistent"]
-
 ITERATIONS = 50
 """Newton steps of a projection at most."""
 NOTHING = 1e-12

@@ -11,8 +11,6 @@ from numpy.typing import ArrayLike
 import zivi._zivi as _zivi
 from zivi.base.check import Array, real, real_array
 
-__all__ = ["ImpactLaw", "NewtonImpact", "SpeedDependentImpact", "law_parameters"]
-
 
 @dataclasses.dataclass(frozen=True)
 class ImpactLaw:

@@ -14,8 +14,6 @@ import zivi._zivi as _zivi
 from zivi.base.check import Array, check_arguments, is_jitted, real, vector
 from zivi.system.impact_law.laws import ImpactLaw
 
-__all__ = ["Restitution", "RestitutionTable"]
-
 FUNCTIONS: Any = type(ctypes.CFUNCTYPE(None)()).__mro__[1]
 """The class of all function pointers of ctypes."""
 RATIO = ctypes.CFUNCTYPE(ctypes.c_double, ctypes.c_double)

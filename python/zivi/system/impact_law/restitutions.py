@@ -14,17 +14,6 @@ from zivi.base.check import Array, real, real_array
 from zivi.system.impact_law.laws import ImpactLaw, NewtonImpact, SpeedDependentImpact
 from zivi.system.impact_law.restitution import Restitution, RestitutionTable
 
-__all__ = [
-    "LAWS",
-    "GivenRestitutions",
-    "Restitutions",
-    "core_of",
-    "law_of",
-    "laws_of",
-    "restitutions",
-    "written",
-]
-
 
 def law_class(name: str) -> type[ImpactLaw]:
     """Make the class of a law that only the core knows, from its parameters."""

@@ -13,15 +13,6 @@ from zivi.system.gap import Channel, HarmonicWall, tangential_restitution
 from zivi.system.symbolic.expressions import UnknownNameError, depends, expression, sound, worked_on
 from zivi.system.table import Table
 
-__all__ = [
-    "NO_FRICTION",
-    "Derived",
-    "Rubbing",
-    "derive",
-    "slips_of",
-    "with_states",
-]
-
 # Slip speeds and limits of dry friction as expressions, and the derivatives of the speeds.
 
 

@@ -13,16 +13,6 @@ from typing import Any
 from zivi.base.extras import needed
 from zivi.base.formula import CONSTANTS, FormulaError, checked_value, parse
 
-__all__ = [
-    "UnknownNameError",
-    "c_source",
-    "depends",
-    "expression",
-    "python_source",
-    "sound",
-    "worked_on",
-]
-
 # Formulas as SymPy expressions, without SymPy's parser and predefined names.
 
 OPERATORS: dict[type[ast.AST], Callable[..., Any]] = {

@@ -14,8 +14,6 @@ from sympy import Function, Integer, Rational
 
 from zivi.base.formula import HIGHEST, FormulaError
 
-__all__ = ["OF_FORMULAS", "raised"]
-
 HALF = Rational(1, 2)
 
 

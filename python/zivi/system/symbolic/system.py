@@ -28,13 +28,6 @@ from zivi.system.model_parts import Layout, Partials
 from zivi.system.symbolic.derive import Derived, Rubbing, derive, with_states
 from zivi.system.symbolic.expressions import c_source, python_source
 
-__all__ = [
-    "Parameters",
-    "SymbolicInputs",
-    "SymbolicSystem",
-    "system",
-]
-
 # The inputs of symbolic systems: constant columns, or a compiled matrix of the coordinates.
 
 
