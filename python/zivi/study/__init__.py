@@ -4,9 +4,9 @@ design      ->    work       ->   drive           ->   store
 (points)          (a task)        (who, and again)     (memory, folder)
 """
 
-from zivi.base.experiments import EXPERIMENTS
 from zivi.base.former import of_zivi
 from zivi.study.design import Design, grid, points, sample
+from zivi.study.experiments import EXPERIMENTS
 from zivi.study.result import Study, open_study
 from zivi.study.run import sweep
 

@@ -13,13 +13,13 @@ from typing import Any
 import numpy as np
 
 from zivi.base.check import integer
-from zivi.base.experiments import experiment
 from zivi.base.extras import ProgressBar
 from zivi.base.habits import hinted
 from zivi.base.status import StudyStatus
 from zivi.study.design import Design, design_of
 from zivi.study.digest import differences, identity
 from zivi.study.drive import Driver
+from zivi.study.experiments import experiment
 from zivi.study.extend import extended, put_back
 from zivi.study.folder import FolderStore, create
 from zivi.study.head import read_head
