@@ -228,7 +228,9 @@ pub(super) fn simulate<E, D: Dynamics<E>>(
     check_free(layout)?;
     check_friction(layout, &friction)?;
     check_rigid(&friction)?;
-    let mut model = Model::new(dynamics);
+    // compiled once for all systems
+    let mut dynamics: &mut dyn Dynamics<E> = dynamics;
+    let mut model = Model::new(&mut dynamics);
     let mut state = Stepped::new(layout, e, &friction, (q, w));
     let duration = grid.t(grid.n_steps()) - grid.t(0);
     let mut seeker = EventLocator::new(events, state.point(), duration);

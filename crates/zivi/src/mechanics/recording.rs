@@ -439,7 +439,9 @@ pub fn simulate_mechanical<E, D: Dynamics<E>>(
     check_span(t0, t1)?;
     let friction = dynamics.friction().clone();
     check_cones(layout, &friction)?;
-    let mut model = Model::new(dynamics);
+    // compiled once for all systems
+    let mut dynamics: &mut dyn Dynamics<E> = dynamics;
+    let mut model = Model::new(&mut dynamics);
     let mut machine = MechanicalIntegrator::new(settings, layout, laws, &friction);
     let begun = started(machine.start(t0, (q, w), &mut model))?;
     let mut running = running(machine, t1, output);
