@@ -11,9 +11,9 @@ import resource
 import sys
 import time
 
+from zivi.base.expressions import c_source
 from zivi.symbolic import FormulaError
-from zivi.system.symbolic.derive import derive
-from zivi.system.symbolic.expressions import c_source
+from zivi.system.symbolic_system import derive
 
 SECONDS, MEGABYTES = 2.0, 500.0
 NAMES = ("x", "xdot", "y", "ydot", "t", "k", "m", "pi")

@@ -7,6 +7,7 @@ import importlib
 
 NAMES = {
     "base.check": "reads_time",
+    "base.expressions": "depends expression",
     "base.extras": "EXTRAS",
     "base.former": "FORMER",
     "base.formula": "FUNCTIONS FormulaError parse",
@@ -72,12 +73,11 @@ NAMES = {
     "study.outcome": "LONGEST message_of",
     "study.pools": "Pool SignalGate compute_points=compute",
     "study.store": "Chunks",
-    "system.impact_law.restitutions": "law_class",
+    "system.impact_law": "law_class",
     "system.model_parts": "STEP differenced",
     "system.parameters": "parameter with_value",
     "system.start": "_Look _check_curvatures _check_gradients _check_rates check_start",
-    "system.symbolic.derive": "derive",
-    "system.symbolic.expressions": "depends expression",
+    "system.symbolic_system": "derive",
     "vi.factorisation": "Factoriser Factors Keep in_thread",
     "vi.jacobian": "ColouredDifferences colours_of pattern_of",
     "vi.solve": "Affine _sizes",

@@ -125,9 +125,6 @@ if TYPE_CHECKING:
     from zivi.simulation.run import simulate
     from zivi.simulation.trajectory import Trajectory as Trajectory
     from zivi.study import Design, Study, grid, open_study, points, sample, sweep
-    from zivi.system.constraints.equality import Equality
-    from zivi.system.constraints.projection import consistent
-    from zivi.system.force import LinearForce, ParametricForce
     from zivi.system.gap import (
         DryFriction,
         Gap,
@@ -147,9 +144,11 @@ if TYPE_CHECKING:
     )
     from zivi.system.kicks import Kick
     from zivi.system.linear import Harmonic, LinearSystem
-    from zivi.system.mass import ImpactSystem, lift, project
+    from zivi.system.mass import ImpactSystem, LinearForce, ParametricForce, lift, project
     from zivi.system.mechanism import MechanicalSystem
+    from zivi.system.model_parts import Equality
     from zivi.system.parameters import ParametricSystem
+    from zivi.system.start import consistent
     from zivi.system.table import Pulse, Square, Table
     from zivi.system.tree import Tree
     from zivi.vi.complementarity import Equilibrium as Equilibrium, bimatrix, solve_lcp, solve_ncp

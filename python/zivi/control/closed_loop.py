@@ -67,9 +67,8 @@ from zivi.simulation.methods import SwitchedRK, ThetaGamma
 from zivi.simulation.run import Event, pair, refuse, times_within
 from zivi.simulation.run_result import as_raised, with_partial
 from zivi.simulation.trajectory import describe, describe_system
-from zivi.system.force import Force
 from zivi.system.kicks import Kick, kicks_table, schedule_of
-from zivi.system.mass import ImpactSystem, check_system
+from zivi.system.mass import Force, ImpactSystem, check_system
 from zivi.system.mechanism import MechanicalSystem
 
 # A closed loop reported otherwise than sample by sample: at given times, up to an event.

@@ -19,7 +19,7 @@ from zivi.simulation.run import pair
 from zivi.system.gap import Gap
 from zivi.system.mechanism import MechanicalSystem, Model
 from zivi.system.start import check_functions
-from zivi.system.symbolic.system import SymbolicSystem, system as symbolic_system
+from zivi.system.symbolic_system import SymbolicSystem, system as symbolic_system
 
 # Task functions of the coordinates that a controller tracks in addition to the gaps.
 

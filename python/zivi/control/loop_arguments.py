@@ -24,8 +24,7 @@ from zivi.simulation.dense import DenseMotion
 from zivi.simulation.methods import SwitchedRK, ThetaGamma
 from zivi.simulation.run import argument_text, pair
 from zivi.simulation.trajectory import Trajectory, describe
-from zivi.system.force import LinearForce, force_spec
-from zivi.system.mass import ImpactSystem, in_wall_frame
+from zivi.system.mass import ImpactSystem, LinearForce, force_spec, in_wall_frame
 
 # References that a closed loop is given: a run, a function of time, or values at the samples.
 

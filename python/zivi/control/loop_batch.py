@@ -64,8 +64,7 @@ from zivi.simulation.impacts import SLOWEST, check_slowest
 from zivi.simulation.methods import SwitchedRK, ThetaGamma
 from zivi.simulation.run import pair
 from zivi.simulation.trajectory import describe, describe_system
-from zivi.system.force import Force, force_spec
-from zivi.system.mass import ImpactSystem, in_wall_frame
+from zivi.system.mass import Force, ImpactSystem, force_spec, in_wall_frame
 from zivi.system.mechanism import MechanicalSystem
 
 # What is requested of a batch of closed loops: its arguments, checked and translated.

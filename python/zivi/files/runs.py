@@ -30,12 +30,11 @@ from zivi.simulation.mechanical_trajectory import MechanicalTrajectory
 from zivi.simulation.methods import METHODS
 from zivi.simulation.run import simulate
 from zivi.simulation.trajectory import Trajectory
-from zivi.system.force import Force, LinearForce
 from zivi.system.gap import DryFriction, HarmonicWall
 from zivi.system.impact_law import LAWS
-from zivi.system.mass import ImpactSystem
+from zivi.system.mass import Force, ImpactSystem, LinearForce
 from zivi.system.mechanism import MechanicalSystem
-from zivi.system.symbolic.system import SymbolicSystem, system as symbolic_system
+from zivi.system.symbolic_system import SymbolicSystem, system as symbolic_system
 from zivi.system.tree import Tree
 from zivi.system.tree_bodies import Body
 

@@ -13,7 +13,7 @@ import zivi._zivi as _zivi
 from zivi.base.check import identifier
 from zivi.control.gap_tracker import GapTracker, check_gap_tracker
 from zivi.system.mechanism import check_rigid
-from zivi.system.symbolic.system import SymbolicInputs, SymbolicSystem
+from zivi.system.symbolic_system import SymbolicInputs, SymbolicSystem
 
 __all__ = ["gap_tracker_source", "prefix"]
 

@@ -24,8 +24,7 @@ from zivi.control.loop_arguments import Told, asked_of, interface_of, sampling_p
 from zivi.control.mechanical_loop_batch import copy_for_loop
 from zivi.control.twisting import CONTROLLERS
 from zivi.simulation.methods import SwitchedRK, ThetaGamma
-from zivi.system.force import Force
-from zivi.system.mass import ImpactSystem
+from zivi.system.mass import Force, ImpactSystem
 
 __all__ = ["controller_block", "force_block", "impact_plant", "state_vector"]
 

@@ -31,9 +31,8 @@ from zivi.simulation.method_settings import Method
 from zivi.simulation.methods import ExplicitEuler, SwitchedRK, ThetaGamma
 from zivi.simulation.run import simulate
 from zivi.simulation.trajectory import Trajectory
-from zivi.system.force import Force, LinearForce
 from zivi.system.gap import DryFriction
-from zivi.system.mass import ImpactSystem
+from zivi.system.mass import Force, ImpactSystem, LinearForce
 from zivi.system.mechanism import MechanicalSystem
 
 # The twisting regulator with the signs of the sample: what the implicit one is compared to.

@@ -30,9 +30,8 @@ from zivi.simulation.mechanical_trajectory import MechanicalTrajectory
 from zivi.simulation.methods import SwitchedRK
 from zivi.simulation.run import pair, simulate
 from zivi.simulation.trajectory import Trajectory
-from zivi.system.force import LinearForce
 from zivi.system.gap import HarmonicWall
-from zivi.system.mass import ImpactSystem
+from zivi.system.mass import ImpactSystem, LinearForce
 from zivi.system.mechanism import MechanicalSystem
 from zivi.system.parameters import check_newton, check_smooth, excitation
 from zivi.system.table import Table

@@ -23,7 +23,7 @@ from zivi.system.mass import ImpactSystem
 from zivi.system.mechanism import MechanicalSystem
 from zivi.system.model_parts import Evaluation
 from zivi.system.parameters import INITIAL, codes_of, parameter, parameters_of
-from zivi.system.symbolic.system import SymbolicSystem
+from zivi.system.symbolic_system import SymbolicSystem
 
 # Flights of known length with their derivatives: what orbits are made of.
 

@@ -15,8 +15,7 @@ from zivi.control.closed_loop import simulate_closed_loop
 from zivi.control.loop_run import ClosedLoop
 from zivi.control.twisting import ExplicitTwisting, TwistingRegulator, TwistingTracker
 from zivi.simulation.methods import ThetaGamma
-from zivi.system.force import Force
-from zivi.system.mass import ImpactSystem, lift
+from zivi.system.mass import Force, ImpactSystem, lift
 
 __all__ = ["KAPPA", "closed_form_zeno", "last_above", "lift_run", "regulate", "track"]
 

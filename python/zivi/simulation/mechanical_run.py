@@ -18,11 +18,10 @@ from zivi.simulation.method_settings import FixedSteps, Settings
 from zivi.simulation.methods import MoreauJean, SwitchedRK, ThetaGamma
 from zivi.simulation.run_result import Closer, closer_mechanism
 from zivi.simulation.trajectory import describe_restitutions
-from zivi.system.constraints.projection import consistent
 from zivi.system.gap_coordinates import kinetic_cosines
 from zivi.system.kicks import KickSchedule, schedule_of
 from zivi.system.mechanism import MechanicalSystem, Model, check_planar
-from zivi.system.start import check_start
+from zivi.system.start import check_start, consistent
 
 FixedOrSwitched: TypeAlias = SwitchedRK | FixedSteps
 """The methods that take mechanical systems."""

@@ -31,10 +31,9 @@ from zivi.simulation.method_settings import FixedSteps, Method, Settings
 from zivi.simulation.methods import METHODS, SwitchedRK
 from zivi.simulation.run_result import as_raised, with_partial
 from zivi.simulation.trajectory import NO_STOPS, Trajectory, end_run_at_event, restrict_run
-from zivi.system.force import LinearForce
 from zivi.system.gap import LinearGap
 from zivi.system.kicks import Kick, KickSchedule, kicks_table, schedule_of
-from zivi.system.mass import WRAPPED, ImpactSystem, check_system
+from zivi.system.mass import WRAPPED, ImpactSystem, LinearForce, check_system
 from zivi.system.mechanism import MechanicalSystem, as_mechanism
 
 # Arguments in the wrong place: errors that name the right one, above all to users of SciPy.

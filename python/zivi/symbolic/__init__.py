@@ -6,7 +6,7 @@
 from zivi.base.former import hand_on
 from zivi.base.formula import FormulaError
 from zivi.base.habits import hint_calls
-from zivi.system.symbolic.system import SymbolicSystem, system
+from zivi.system.symbolic_system import SymbolicSystem, system
 
 __all__ = ["FormulaError", "SymbolicSystem", "system"]
 

@@ -1,9 +1,6 @@
 """Mechanical systems: one mass or a mechanism, its forces, its wall or its gaps."""
 
 from zivi.base.former import of_zivi
-from zivi.system.constraints.equality import Equality
-from zivi.system.constraints.projection import consistent
-from zivi.system.force import Force, LinearForce, ParametricForce
 from zivi.system.gap import (
     DryFriction,
     Gap,
@@ -23,9 +20,11 @@ from zivi.system.impact_law import (
 )
 from zivi.system.kicks import Kick
 from zivi.system.linear import Harmonic, LinearSystem
-from zivi.system.mass import ImpactSystem, lift, project
+from zivi.system.mass import Force, ImpactSystem, LinearForce, ParametricForce, lift, project
 from zivi.system.mechanism import MechanicalSystem
+from zivi.system.model_parts import Equality
 from zivi.system.parameters import ParametricSystem
+from zivi.system.start import consistent
 from zivi.system.table import Pulse, Square, Table
 from zivi.system.tree import Tree
 

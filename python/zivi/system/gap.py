@@ -13,32 +13,8 @@ from numpy.typing import ArrayLike
 import zivi._zivi as _zivi
 from zivi.base.check import Array, all_of, check_arguments, finite, read_only, real_array
 from zivi.base.habits import hinted
-from zivi.system.model_parts import Compiled, Part, differenced, number_part, part
+from zivi.system.model_parts import Compiled, Part, Unchanging, differenced, number_part, own, part
 from zivi.system.table import Table
-
-ARGUMENTS = (
-    *("value", "gradient", "curvature", "rate", "normal", "offset", "motion"),
-    *("direction", "limit", "static", "velocity"),
-)
-"""Attributes of gaps and friction that systems have read."""
-
-
-class Unchanging:
-    """A part of a system whose arguments stay: systems keep the models that are made of them."""
-
-    def __setattr__(self, name: str, value: Any) -> None:
-        if name in ARGUMENTS and name in vars(self):
-            kind = type(self).__name__
-            raise AttributeError(f"{name} of a zivi.{kind} cannot be changed; make another {kind}")
-        object.__setattr__(self, name, value)
-
-
-def own(value: Any) -> Any:
-    """Return a read-only copy of an array, a copy of a list, and other values unchanged."""
-    if isinstance(value, np.ndarray):
-        return read_only(value.copy())
-    return list(value) if isinstance(value, list) else value
-
 
 # Walls that move: ``x >= w(t)`` with ``w``, ``w'`` and ``w''`` given.
 

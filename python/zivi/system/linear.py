@@ -13,11 +13,10 @@ from numpy.typing import ArrayLike
 import zivi._zivi as _zivi
 from zivi.base.check import Array, finite, integer, read_only, real_array
 from zivi.base.habits import hinted
-from zivi.system.constraints.equality import Equality, equalities_of
 from zivi.system.gap import Gap, LinearGap, MovingWall
 from zivi.system.impact_law import GivenRestitutions, written
 from zivi.system.mechanism import MechanicalSystem, Model, check_names
-from zivi.system.model_parts import Layout
+from zivi.system.model_parts import Equality, Layout, equalities_of
 from zivi.system.table import Table, declared_breaks
 
 # Loads of linear systems: constants, waves, tables.

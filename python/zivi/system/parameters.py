@@ -9,10 +9,9 @@ from typing import Any, cast
 import zivi._zivi as _zivi
 from zivi.base.check import finite
 from zivi.base.habits import closest
-from zivi.system.force import NativeForce, ParametricForce
 from zivi.system.gap import HarmonicWall
 from zivi.system.impact_law import GivenRestitutions, NewtonImpact, law_parameters
-from zivi.system.mass import ImpactSystem, check_system
+from zivi.system.mass import ImpactSystem, NativeForce, ParametricForce, check_system
 from zivi.system.mechanism import MechanicalSystem, Model, check_names, check_rigid
 from zivi.system.model_parts import Partials
 from zivi.system.table import refuse_tables

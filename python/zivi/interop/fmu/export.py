@@ -36,7 +36,7 @@ from zivi.simulation.run import pair
 from zivi.system.mass import ImpactSystem
 from zivi.system.mechanism import MechanicalSystem, check_rigid
 from zivi.system.start import check_start
-from zivi.system.symbolic.system import SymbolicInputs, SymbolicSystem
+from zivi.system.symbolic_system import SymbolicInputs, SymbolicSystem
 from zivi.system.tree import Tree
 
 # Writing FMUs: a description, the prebuilt binaries and a page, in a reproducible archive.

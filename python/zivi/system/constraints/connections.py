@@ -10,11 +10,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from zivi.base.check import Array, finite, real_array
+from zivi.base.expressions import UnknownNameError, c_source, expression, python_source
 from zivi.base.extras import needed
 from zivi.base.formula import FormulaError
 from zivi.base.machine_code import Native, compile_model
 from zivi.system.gap import HarmonicWall
-from zivi.system.symbolic.expressions import UnknownNameError, c_source, expression, python_source
 from zivi.system.table import Table
 from zivi.system.tree_bodies import Body, vector
 

@@ -14,6 +14,9 @@ from sympy import Function, Integer, Rational
 
 from zivi.base.formula import HIGHEST, FormulaError
 
+# The functions of formulas, for SymPy to derive and print but not to work on.
+
+
 HALF = Rational(1, 2)
 
 

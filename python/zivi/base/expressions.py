@@ -1,4 +1,4 @@
-"""Formulas as SymPy expressions, and code generation from expressions."""
+"""Expressions of SymPy from formulas, and their source code."""
 
 from __future__ import annotations
 
@@ -118,7 +118,7 @@ class _Builder:
         return found
 
     def _joined(self, op: ast.operator, a: Any, b: Any) -> Any:
-        from zivi.system.symbolic.functions import raised
+        from zivi.base.sympy_functions import raised
 
         return raised(a, b) if isinstance(op, ast.Pow) else OPERATORS[type(op)](a, b)
 
@@ -135,7 +135,7 @@ class _Builder:
         return self._called(node.func.id, [self.of(argument) for argument in node.args])
 
     def _called(self, name: str, arguments: list[Any]) -> Any:
-        from zivi.system.symbolic.functions import OF_FORMULAS
+        from zivi.base.sympy_functions import OF_FORMULAS
 
         if not all(argument.is_number for argument in arguments):
             return OF_FORMULAS[name](*arguments)

@@ -1,1 +1,0 @@
-"""Mechanical systems from their energies, derived by SymPy."""
