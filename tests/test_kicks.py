@@ -295,3 +295,90 @@ def test_a_kicked_rotor_between_elastic_stops_moves_as_the_standard_map():
     # with losses all motions end at the stop where kicks push towards it
     inelastic = rotor.kicked(0.9, 150)
     assert np.abs(math.pi - inelastic.sample_q[:, -1, 0]).max() < 0.1
+
+
+# Derivatives: the stretches between kicks, and the kicks.
+
+VARIED = [
+    zivi.Kick(t=[0.1, 0.9], dv=lambda t, x, v: 0.3 * np.sin(x) - 0.1 * v),
+    zivi.Kick(t=1.3, dv=-2.0),
+]
+
+
+def differenced(of, p, h=1e-3):
+    """Differences of fourth order, of shape (values, parameters)."""
+    columns = []
+    for step in h * np.eye(len(p)):
+        wide, narrow = of(p + step) - of(p - step), of(p + step / 2) - of(p - step / 2)
+        columns.append((8 * narrow - wide) / (6 * h))
+    return np.array(columns).T
+
+
+def test_derivatives_of_a_kicked_mass_are_those_of_differences():
+    def run(p):
+        sol = zivi.simulate(ball(p[2]), (p[3], 1.6), p[:2], TIGHT, kicks=VARIED)
+        return np.array([sol.x[-1], sol.xdot[-1], *sol.impacts["t"]])
+
+    point = np.array([1.0, 0.2, 0.8, 0.0])
+    wrt = ("x0", "xdot0", "e", "t0")
+    s = zivi.sensitivity(ball(0.8), (0, 1.6), point[:2], wrt, TIGHT, kicks=VARIED)
+    found = np.concatenate([s.final, s.impacts["dt"]])
+    assert s.success
+    assert len(found) == 5
+    assert np.max(np.abs(found - differenced(run, point, 2.5e-4))) < 1e-10
+    assert np.array_equal(s.impacts["t"], s.trajectory.impacts["t"])
+    assert np.max(np.abs(s(1.6) - s.final)) < 1e-12
+    assert np.max(np.abs(s.monodromy - s.final[:, :2])) < 1e-12
+    # at a kick the derivatives after it: d(v + .3 sin x - .1 v)
+    before, after = s(np.nextafter(0.9, 0)), s(0.9)
+    x = float(s.trajectory(0.9)[0])
+    assert np.max(np.abs(after[1] - 0.9 * before[1] - 0.3 * np.cos(x) * before[0])) < 1e-9
+    assert np.array_equal(pickle.loads(pickle.dumps(s)).final, s.final)
+
+
+def test_the_zeno_time_after_a_kick_from_rest():
+    # t = t_k + 4 e/(g (1 - e)): dt/de = 4/(g (1 - e)^2)
+    for of, start in [(ball, (0.0, 0.0)), (body, ([0.0], [0.0]))]:
+        kick = zivi.Kick(t=1.0, dv=-2.0)
+        s = zivi.sensitivity(of(), (0, 3), start, ("e",), TIGHT, kicks=kick)
+        assert s.success
+        assert abs(s.zeno_times[-1, 0] - 4 / (G * 0.25)) < 1e-10
+        assert np.all(s.final == 0.0)
+
+
+def test_derivatives_of_a_kicked_mechanism_are_those_of_differences():
+    # coupled masses that depend on the configuration and on parameters
+    inertia = "(m + M*sin(x)**2)*xdot**2/2 + m*ydot**2/2 + c*xdot*ydot"
+    given = {"m": 1.0, "M": 0.4, "g": G, "k": 3.0, "c": 0.2}
+    potential, gaps = "m*g*y + k*x**2/2", {"floor": "y"}
+    of = zivi.symbolic.system("x y", T=inertia, V=potential, gaps=gaps, e=0.7, parameters=given)
+    kicks = [
+        zivi.Kick(t=[0.2, 0.7], impulse=[0.3, -0.2]),
+        zivi.Kick(every=0.45, start=0.1, impulse=lambda t, q, v: [0.1 * q[1], 0.2 * v[0]]),
+    ]
+
+    def run(p):
+        system = of.replace(m=p[4], k=p[5])
+        sol = zivi.simulate(system, (0, 1.1), (p[:2], p[2:4]), TIGHT, kicks=kicks)
+        return np.concatenate([sol.q[-1], sol.qdot[-1], sol.impacts["t"]])
+
+    point = np.array([0.3, 0.4, 0.1, 0.0, 1.0, 3.0])
+    wrt = ("q0", "qdot0", "m", "k")
+    s = zivi.sensitivity(of, (0, 1.1), (point[:2], point[2:4]), wrt, TIGHT, kicks=kicks)
+    found = np.concatenate([s.final.reshape(4, -1), s.impacts["dt"]])
+    assert s.success
+    assert len(s.impacts) == 3
+    assert np.max(np.abs(found - differenced(run, point, 2.5e-4))) < 1e-10
+    within = s([0.05, 0.3, 1.1])
+    assert within.shape == (2, 2, 6, 3)
+    assert np.max(np.abs(within[..., 2] - s.final)) < 1e-12
+
+
+def test_a_kick_at_the_start_moves_the_velocity_not_the_start():
+    kick = zivi.Kick(t=0.0, dv=lambda t, x, v: 0.5 * v)
+    s = zivi.sensitivity(ball(), (0, 0.1), (1, 2), ("xdot0",), TIGHT, kicks=kick)
+    assert np.max(np.abs(s.final[:, 0] - [0.15, 1.5])) < 1e-12
+    with pytest.raises(ValueError, match="wrt must not have 't0' with a kick at the start t = 0"):
+        zivi.sensitivity(ball(), (0, 1), (1, 2), ("t0",), TIGHT, kicks=kick)
+    with pytest.raises(ValueError, match="unknown parameter 'ee'"):
+        zivi.sensitivity(ball(), (0, 1), (1, 2), ("ee",), TIGHT, kicks=kick)

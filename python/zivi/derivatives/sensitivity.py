@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 import zivi._zivi as _zivi
-from zivi.base.check import Array
+from zivi.base.check import Array, all_of
 from zivi.base.extras import ProgressBar
 from zivi.base.habits import hinted
 from zivi.base.machine_code import listening
@@ -19,6 +19,7 @@ from zivi.simulation.methods import SwitchedRK
 from zivi.simulation.run import argument_text, pair, stop_times
 from zivi.simulation.run_result import as_raised, with_partial
 from zivi.simulation.trajectory import Trajectory
+from zivi.system.kicks import Kick
 from zivi.system.mass import ImpactSystem
 from zivi.system.mechanism import MechanicalSystem
 from zivi.system.parameters import INITIAL, check_differentiable, check_smooth, codes_of, parameter
@@ -155,6 +156,7 @@ def sensitivity(
     errsens: bool = True,
     dense_output: bool = True,
     tstops: ArrayLike | None = None,
+    kicks: Kick | Sequence[Kick] | None = None,
     progress: bool | None = None,
 ) -> MechanicalSensitivity: ...
 
@@ -170,6 +172,7 @@ def sensitivity(
     errsens: bool = True,
     dense_output: bool = True,
     tstops: ArrayLike | None = None,
+    kicks: Kick | Sequence[Kick] | None = None,
     progress: bool | None = None,
 ) -> Sensitivity: ...
 
@@ -185,6 +188,7 @@ def sensitivity(
     errsens: bool = True,
     dense_output: bool = True,
     tstops: ArrayLike | None = None,
+    kicks: Kick | Sequence[Kick] | None = None,
     progress: bool | None = None,
 ) -> Sensitivity:
     r"""Simulate a system with the derivatives of the run, through impacts and Zeno points.
@@ -231,6 +235,9 @@ def sensitivity(
     tstops : array_like, optional
         Times of jumps of the force or one of its derivatives (s; see `simulate`). They are
         fixed: what moves them is not differentiated by.
+    kicks : Kick or sequence of Kick, optional
+        Impulses at given times, as for `simulate`. Their times are fixed. Functions of the state
+        are differenced; the derivatives are products of those between kicks.
     progress : bool, optional
         Show a progress bar once a run lasts longer than a second; by default on a terminal only.
 
@@ -293,6 +300,21 @@ def sensitivity(
     names = (wrt,) if isinstance(wrt, str) else tuple(wrt)
     if not names or len(set(names)) != len(names):
         raise ValueError(f"wrt must be one or more different names, got {names!r}")
+    if kicks is not None and (kicked := all_of("kicks", kicks, Kick)):
+        from zivi.derivatives.kicked import differentiate_kicked
+
+        start = y0 if mechanical else pair("y0", y0, "(x0, xdot0)")
+        return differentiate_kicked(
+            system,
+            span,
+            start,
+            names,
+            kicked,
+            sensitivity,
+            {"method": method, "errsens": errsens, "tstops": stops},
+            dense=dense_output,
+            progress=progress,
+        )
     if isinstance(system, MechanicalSystem):
         from zivi.derivatives.mechanical_sensitivity import differentiate_mechanical
 

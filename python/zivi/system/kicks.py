@@ -179,6 +179,13 @@ class KickSchedule:
         ]
 
     def __call__(self, t: float, q: Any, v: Any) -> Any:
+        """Return the velocities after the kicks at `t`, and list them; None without one."""
+        after = self.after(t, q, v)
+        if after is not None:
+            self.rows.append((t, v, after - v, after))
+        return after
+
+    def after(self, t: float, q: Any, v: Any) -> Any:
         """Return the velocities after the kicks at `t`; None without one."""
         chosen = self.at.get(t)
         if chosen is None:
@@ -186,8 +193,18 @@ class KickSchedule:
         after = v
         for i in chosen:
             after = after + self._change(i, t, q, after)
-        self.rows.append((t, v, after - v, after))
         return after
+
+    def depends_on_state(self, t: float) -> bool:
+        """Whether the change of the velocities at `t` may depend on the state."""
+        chosen = [self.kicks[i] for i in self.at.get(t, ())]
+        return any(callable(it.value_given) for it in chosen) or self.depends_on_mass(t)
+
+    def depends_on_mass(self, t: float) -> bool:
+        """Whether the mass matrix has a part in the kicks at `t`."""
+        return self.n is not None and any(
+            self.kicks[i].impulse is not None for i in self.at.get(t, ())
+        )
 
     def _change(self, i: int, t: float, q: Any, v: Any) -> Any:
         """Return the change of the velocities by a kick."""
