@@ -60,8 +60,8 @@ def test_a_kick_on_a_mass_at_rest(of, dv, after, rest):
         assert sol.rest_time == last
         assert len(sol.kicks) == 1
         assert sol.kicks["dv"][0] == dv
-    assert "1 kicks" in repr(sol)
-    assert sol.message.endswith(" 1 kicks.")
+    assert "1 kick:" in repr(sol)
+    assert sol.message.endswith(" 1 kick.")
 
 
 def random_run(seed):
@@ -382,3 +382,17 @@ def test_a_kick_at_the_start_moves_the_velocity_not_the_start():
         zivi.sensitivity(ball(), (0, 1), (1, 2), ("t0",), TIGHT, kicks=kick)
     with pytest.raises(ValueError, match="unknown parameter 'ee'"):
         zivi.sensitivity(ball(), (0, 1), (1, 2), ("ee",), TIGHT, kicks=kick)
+
+
+@pytest.mark.parametrize("of", [ball, body])
+def test_a_file_keeps_the_kicks(of, tmp_path):
+    pytest.importorskip("h5netcdf", reason="the extra 'files' is not installed")
+    start = (0.0, 0.0) if of is ball else ([0.0], [0.0])
+    kicks = [zivi.Kick(t=[1.0, 2.0], dv=-2.0), zivi.Kick(t=1.5, impulse=lambda t, q, v: v - 1)]
+    sol = zivi.simulate(of(), (0, 3), start, kicks=kicks)
+    zivi.files.save(sol, tmp_path / "run.nc")
+    found = zivi.files.load(tmp_path / "run.nc")
+    assert len(found.kicks) == 3
+    assert found.kicks.dtype == sol.kicks.dtype
+    assert np.array_equal(found.kicks, sol.kicks)
+    assert repr(found) == repr(sol)

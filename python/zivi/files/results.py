@@ -36,6 +36,7 @@ from zivi.simulation.impacts import FIELDS, IMPACT, SLOWEST, table
 from zivi.simulation.mechanical_trajectory import MEANING, TABLES, MechanicalTrajectory
 from zivi.simulation.trajectory import LIFTED, QUANTITIES, Trajectory, Transformed
 from zivi.system.gap import HarmonicWall, MovingWall
+from zivi.system.kicks import kicks_table
 from zivi.system.table import Table, TableMotion
 
 if TYPE_CHECKING:
@@ -189,9 +190,17 @@ MOTION, NOTHING, LOST = "MotionPath", "none", ""
 
 def read_run(dataset: xarray.Dataset) -> Trajectory | ClosedLoop | MechanicalTrajectory:
     """Return the run that a dataset holds."""
+    run: Trajectory | ClosedLoop | MechanicalTrajectory
     if holds_mechanical(dataset):
-        return mechanical_run(dataset)
-    return _closed_loop(dataset) if "u" in dataset else _trajectory(dataset)
+        run = mechanical_run(dataset)
+    else:
+        run = _closed_loop(dataset) if "u" in dataset else _trajectory(dataset)
+    if "kick_t" in dataset:
+        n = dataset.sizes["coordinate"] if dataset["kick_dv"].ndim > 1 else None
+        names = kicks_table([], n).dtype.names or ()
+        columns = (dataset[f"kick_{name}"].values for name in names)
+        vars(run)["_kicks"] = kicks_table(list(zip(*columns, strict=True)), n)
+    return run
 
 
 def read_curve(dataset: xarray.Dataset) -> Trajectory | ClosedLoop | MechanicalTrajectory:

@@ -29,7 +29,7 @@ from zivi.simulation.mechanical_run import (
 from zivi.simulation.mechanical_trajectory import MechanicalTrajectory
 from zivi.simulation.method_settings import FixedSteps, Method, Settings
 from zivi.simulation.methods import METHODS, SwitchedRK
-from zivi.simulation.run_result import as_raised, with_partial
+from zivi.simulation.run_result import as_raised, count_of_kicks, with_partial
 from zivi.simulation.trajectory import NO_STOPS, Trajectory, end_run_at_event, restrict_run
 from zivi.system.gap import LinearGap
 from zivi.system.kicks import Kick, KickSchedule, kicks_table, schedule_of
@@ -448,7 +448,7 @@ def note_kicks(sol: Trajectory | MechanicalTrajectory, kicked: KickSchedule, giv
     closer: Any = sol._closer
     own["_closer"] = None if closer is None else functools.partial(closer, kicks=given)
     own["_kicks"] = kicks_table(kicked.rows, kicked.n)
-    own["message"] = f"{sol.message} {len(kicked.rows)} kicks."
+    own["message"] = f"{sol.message} {count_of_kicks(len(kicked.rows))}."
 
 
 def _check_switches(samples: Any, dense_output: Any) -> None:

@@ -193,6 +193,20 @@ NO_KICKS = np.zeros(0, dtype=[("t", float), ("dv", float)])
 """The kicks of a run without any."""
 
 
+KICKS = {
+    "t": "time",
+    "dv": "change of the velocity",
+    **{f"{name}_before": "velocity before" for name in ("xdot", "qdot")},
+    **{f"{name}_after": "velocity after" for name in ("xdot", "qdot")},
+}
+"""Meaning of the fields of kicks."""
+
+
+def count_of_kicks(count: int) -> str:
+    """Return a number of kicks as text."""
+    return f"{count} kick{'' if count == 1 else 's'}"
+
+
 class SampledRun(Hinted, Tabulated):
     """A run: samples, and the motion between them."""
 
@@ -220,13 +234,21 @@ class SampledRun(Hinted, Tabulated):
         """Kicks of the run: ``t`` (s), ``dv``, and the velocities before and after.
 
         The velocities are ``xdot_before`` and ``xdot_after`` of a mass (m/s), ``qdot_before`` and
-        ``qdot_after`` of a mechanical system. None are known of a run that was loaded from a file.
+        ``qdot_after`` of a mechanical system.
         """
         found: Rows = vars(self).get("_kicks", NO_KICKS)
         return found
 
     def _kicks_text(self) -> str:
-        return f", {len(self.kicks)} kicks" if len(self.kicks) else ""
+        return f", {count_of_kicks(len(self.kicks))}" if len(self.kicks) else ""
+
+    def _as_dataset(self) -> xarray.Dataset:
+        dataset = super()._as_dataset()
+        for name in self.kicks.dtype.names if len(self.kicks) else ():
+            values = self.kicks[name]
+            dims = ("kick", "coordinate")[: values.ndim]
+            dataset[f"kick_{name}"] = dims, values, {"long_name": f"kicks: {KICKS[name]}"}
+        return dataset
 
     @property
     def success(self) -> bool:
