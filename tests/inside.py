@@ -20,7 +20,7 @@ NAMES = {
     "control.loop_run": "LOOP_NUMBERS=NUMBERS SIGNS",
     "control.mechanical_reference": "_gap_branches reference_of",
     "control.twisting": "CONTROLLERS",
-    "estimation.alignment": "SPURIOUS align geometric_indices",
+    "estimation.search": "SPURIOUS align geometric_indices",
     "files.file_keys": "FILE_CONTROLLERS=CONTROLLERS METHODS flatten_keys",
     "files.fits": "file_columns=read_csv_columns",
     "files.kinds": "FileError",
@@ -38,40 +38,35 @@ NAMES = {
     "lab.view": "script describe_signs",
     "orbits.arc": "_chain _power",
     "orbits.attractor": "Attractor Settled least_rows",
-    "orbits.branch": "chatter_exponent",
     "orbits.critical": "Turning crossed",
     "orbits.curve": "CodimensionTwo Line run",
     "orbits.equations": (
-        "Frame ImpulseTerms Terms evaluate multipliers_of newton of_segments row_sizes sizes_of "
+        "Frame ImpulseTerms Terms evaluate multipliers_of newton of_segments row_sizes sizes_of"
     ),
     "orbits.find": "is_free",
     "orbits.flows": "FlightError MassFlow PRECISE impact_maps parsed",
     "orbits.follow": "doubled",
-    "orbits.orbit": "SequenceFrame=MassFrame rows_along word_of_rows",
+    "orbits.orbit": "chatter_exponent SequenceFrame=MassFrame rows_along word_of_rows",
     "orbits.path": (
         "Margins Path Point by_parameter flow_of frame_of located located_near moved_frame "
-        "period_of secant value_of "
+        "period_of secant value_of"
     ),
     "orbits.words": "canonical recent repeating resting_orbit weaker_reason",
     "paper.closed_loops": "last_above track",
     "plot.curves": "SIGN_ROW line_of",
-    "simulation.friction_result": "forces_at",
-    "simulation.mechanical_batch": "BATCH_NUMBERS=NUMBERS",
-    "simulation.mechanical_trajectory": "summary_rows",
+    "simulation.batch": "BATCH_NUMBERS=NUMBERS",
+    "simulation.mechanical_trajectory": "forces_at summary_rows",
     "simulation.method_settings": "FixedSteps class_of",
     "simulation.run": "argument_text",
-    "study.codec": "FileCodec",
     "study.design": "child generators points seeds",
     "study.digest": (
         "UndigestibleError digest function_name function_state identity is_local source_digest "
         "unformatted used uses"
     ),
-    "study.drive": "Driver OPEN",
+    "study.drive": "Driver OPEN Pool SignalGate compute_points=compute",
     "study.experiments": "ball_rest_time",
-    "study.folder": "FolderStore",
-    "study.head": "read_head write_below",
+    "study.folder": "FileCodec FolderStore read_head write_below",
     "study.outcome": "LONGEST message_of",
-    "study.pools": "Pool SignalGate compute_points=compute",
     "study.store": "Chunks",
     "system.impact_law": "law_class",
     "system.model_parts": "STEP differenced",
@@ -82,8 +77,7 @@ NAMES = {
     "vi.jacobian": "ColouredDifferences colours_of pattern_of",
     "vi.solve": "Affine _sizes",
     "vi.sparse": "AffineMap _agrees _is_within_rounding",
-    "vi.sparse_methods": "_Smoothing _proves interior_point is_infeasible",
-    "vi.sparse_search": "Search",
+    "vi.sparse_methods": "_Smoothing _proves interior_point is_infeasible Search",
 }
 """Names of each module; ``A=b``: `b` is called `A` here."""
 MODULES = {
@@ -99,7 +93,7 @@ MODULES = {
     "files_results": "files.results",
     "files_summary": "files.summary",
     "interop_gradient": "interop.gradient",
-    "orbits_along": "orbits.branch",
+    "orbits_along": "orbits.orbit",
     "orbits_attractor": "orbits.attractor",
     "orbits_cells": "orbits.attractor",
     "orbits_follow": "orbits.follow",
@@ -125,15 +119,15 @@ MODULES = {
     "study_digest": "study.digest",
     "study_drive": "study.drive",
     "study_folder": "study.folder",
-    "study_head": "study.head",
-    "study_pools": "study.pools",
+    "study_head": "study.folder",
+    "study_pools": "study.drive",
     "study_result": "study.result",
     "study_run": "study.run",
     "study_store": "study.store",
     "system_impact_law": "system.impact_law",
     "vi_sparse": "vi.sparse",
     "vi_sparse_methods": "vi.sparse_methods",
-    "vi_sparse_search": "vi.sparse_search",
+    "vi_sparse_search": "vi.sparse_methods",
 }
 """Modules in which tests replace something."""
 

@@ -63,9 +63,9 @@ if TYPE_CHECKING:
     from zivi.control.mechanical_loop import (
         MechanicalClosedLoop as MechanicalClosedLoop,
         MechanicalController,
+        MechanicalLoopBatch as MechanicalLoopBatch,
         RKPeriod,
     )
-    from zivi.control.mechanical_loop_batch import MechanicalLoopBatch as MechanicalLoopBatch
     from zivi.control.mechanical_reference import ReferenceSample as ReferenceSample, reference_run
     from zivi.control.model_based import JointObserver
     from zivi.control.observer import ImpactObserver, Observed as Observed
@@ -115,10 +115,9 @@ if TYPE_CHECKING:
     )
     from zivi.orbits.diagram import basins
     from zivi.simulation import methods as methods
-    from zivi.simulation.batch import simulate_batch
+    from zivi.simulation.batch import MechanicalBatch as MechanicalBatch, simulate_batch
     from zivi.simulation.batch_result import Batch as Batch
     from zivi.simulation.events import Level, event
-    from zivi.simulation.mechanical_batch import MechanicalBatch as MechanicalBatch
     from zivi.simulation.mechanical_trajectory import MechanicalTrajectory as MechanicalTrajectory
     from zivi.simulation.method_settings import Method
     from zivi.simulation.methods import ExplicitEuler, MoreauJean, SwitchedRK, ThetaGamma

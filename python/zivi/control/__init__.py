@@ -12,8 +12,12 @@ from zivi.control.design import (
 from zivi.control.gap_tracker import GapTracker, Striker
 from zivi.control.loop_batch import simulate_closed_loop_batch
 from zivi.control.loop_run import ClosedLoop, ClosedLoopBatch
-from zivi.control.mechanical_loop import MechanicalClosedLoop, MechanicalController, RKPeriod
-from zivi.control.mechanical_loop_batch import MechanicalLoopBatch
+from zivi.control.mechanical_loop import (
+    MechanicalClosedLoop,
+    MechanicalController,
+    MechanicalLoopBatch,
+    RKPeriod,
+)
 from zivi.control.mechanical_reference import ReferenceSample, reference_run
 from zivi.control.model_based import JointObserver
 from zivi.control.observer import ImpactObserver, Observed

@@ -60,8 +60,7 @@ from zivi.control.mechanical_loop import (
 from zivi.control.model_based import JointObserver
 from zivi.control.observer import ImpactObserver
 from zivi.control.twisting import CONTROLLERS, TwistingTracker
-from zivi.simulation.events import events_of
-from zivi.simulation.impacts import SLOWEST, check_slowest, impacts_of
+from zivi.simulation.events import SLOWEST, check_slowest, events_of, impacts_of
 from zivi.simulation.mechanical_run import stops_with
 from zivi.simulation.methods import SwitchedRK, ThetaGamma
 from zivi.simulation.run import Event, pair, refuse, times_within

@@ -34,9 +34,10 @@ from zivi.control.loop_arguments import (
     sampling_period,
 )
 from zivi.control.loop_run import ClosedLoop, ClosedLoopBatch, warn_of_batch
-from zivi.control.mechanical_loop import MechanicalController, RKPeriod
-from zivi.control.mechanical_loop_batch import (
+from zivi.control.mechanical_loop import (
+    MechanicalController,
     MechanicalLoopBatch,
+    RKPeriod,
     check_starts,
     columns_of_record,
     copy_for_loop,
@@ -60,7 +61,7 @@ from zivi.simulation.batch_result import (
     room_for,
     state_rows,
 )
-from zivi.simulation.impacts import SLOWEST, check_slowest
+from zivi.simulation.events import SLOWEST, check_slowest
 from zivi.simulation.methods import SwitchedRK, ThetaGamma
 from zivi.simulation.run import pair
 from zivi.simulation.trajectory import describe, describe_system

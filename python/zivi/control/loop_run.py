@@ -18,7 +18,7 @@ from zivi.base.table import Field, ResultTable
 from zivi.control.component import TickStatus
 from zivi.simulation.batch_result import BatchRuns
 from zivi.simulation.dense import DenseMotion, LinearPath
-from zivi.simulation.impacts import SLOWEST
+from zivi.simulation.events import SLOWEST
 from zivi.simulation.run_result import EVENT_COORDS, EVENT_FIELDS, MassRun
 from zivi.simulation.trajectory import FormerName, Transformed
 from zivi.system.mass import lift, project

@@ -11,12 +11,9 @@ from zivi.base.check import Array, count, integer
 from zivi.base.extras import ProgressBar
 from zivi.base.habits import hinted
 from zivi.estimation.data import Bounces, Data, Experiment, as_experiments
-from zivi.estimation.parameters import Unknowns, read_unknowns
-from zivi.estimation.resampling import FitState
-from zivi.estimation.result import Fit, FitStatus
-from zivi.estimation.runs import ExperimentRun, NoRunError
+from zivi.estimation.result import Fit, FitState, FitStatus, Uncertainty, estimate
+from zivi.estimation.runs import ExperimentRun, NoRunError, Unknowns, read_unknowns
 from zivi.estimation.search import LOSSES, FitProblem, Optimum, fit_all, from_data, grow
-from zivi.estimation.uncertainty import Uncertainty, estimate
 from zivi.simulation.methods import SwitchedRK
 from zivi.system.mass import check_system
 from zivi.system.mechanism import MechanicalSystem

@@ -1,4 +1,4 @@
-"""The result of a fit: values, deviations, intervals, profiles and bootstraps."""
+"""The result of a fit: values, covariance, intervals, profiles and bootstraps."""
 
 from __future__ import annotations
 
@@ -12,16 +12,256 @@ import numpy as np
 from numpy.typing import NDArray
 
 from zivi.base.check import Array, count, integer
-from zivi.base.extras import late
+from zivi.base.extras import late, needed
 from zivi.base.status import NamedStatus
 from zivi.base.table import Field, ResultTable, Tabulated
-from zivi.estimation.data import Bounces
-from zivi.estimation.resampling import profile_of, resampled
-from zivi.estimation.uncertainty import quantile
+from zivi.estimation.data import Bounces, Data
+from zivi.estimation.runs import NoRunError
+from zivi.estimation.search import FitProblem, Optimum, Place
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+
+# Covariance at the optimum, directions that the data do not determine, parameters at bounds.
+
+
+SINGULAR = 1e8
+"""Condition of the scaled Jacobian from which on a direction is undetermined."""
+SINGULAR_DIFFERENCED = 1e6
+"""The same for a Jacobian of differences."""
+PART = 0.1
+"""Parameters with this part of the largest entry belong to an undetermined direction."""
+NEAR = 0.05
+"""Distance from a bound, in standard deviations, below which a parameter is at it."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Uncertainty:
+    """Covariance and determinacy from the Jacobian at the optimum.
+
+    Parameters
+    ----------
+    covariance : ndarray
+        Shape (m, m); infinite variances of undetermined parameters, NaN of those at a bound.
+    undetermined : tuple of tuple of int
+        Groups of parameters that are not determined separately.
+    at_bound : dict of int to float
+        Parameters at a bound, and the bound.
+    """
+
+    covariance: Array
+    undetermined: tuple[tuple[int, ...], ...]
+    at_bound: dict[int, float]
+
+
+def estimate(
+    p: Array,
+    r: Array,
+    jacobian: Array,
+    bounds: tuple[Array, Array],
+    weights: Array | None,
+    differenced: bool,
+) -> Uncertainty:
+    """Return the covariance of least squares.
+
+    Parameters
+    ----------
+    p : ndarray
+        Optimum, shape (m,).
+    r, jacobian : ndarray
+        Residuals in standard deviations, shape (n,), and their derivatives, (n, m).
+    bounds : (ndarray, ndarray)
+        Bounds of the parameters.
+    weights : ndarray or None
+        Derivatives of a robust loss by the squared residuals; None for least squares.
+    differenced : bool
+        Whether the derivatives are differences.
+
+    Returns
+    -------
+    Uncertainty
+
+    Notes
+    -----
+    With a robust loss the covariance is the sandwich estimate of Huber (1967).
+    """
+    w = np.ones(len(r)) if weights is None else weights
+    root = jacobian * np.sqrt(w)[:, None]
+    at_bound = _at_bounds(p, jacobian.T @ (w * r), root, bounds)
+    free = np.array([j not in at_bound for j in range(len(p))])
+    covariance = np.full((len(p), len(p)), np.nan)
+    groups: list[tuple[int, ...]] = []
+    if np.any(free):
+        limit = SINGULAR_DIFFERENCED if differenced else SINGULAR
+        inverse, among = _inverse(root[:, free], limit)
+        numbers = np.flatnonzero(free)
+        groups = [tuple(int(numbers[j]) for j in group) for group in among]
+        if weights is not None:
+            rows = jacobian[:, free] * (w * r)[:, None]
+            finite = np.where(np.isfinite(inverse), inverse, 0.0)
+            robust = finite @ (rows.T @ rows) @ finite
+            inverse = np.where(np.isfinite(inverse), robust, inverse)
+        covariance[np.ix_(free, free)] = inverse
+    return Uncertainty(covariance, tuple(groups), at_bound)
+
+
+def _at_bounds(p: Array, gradient: Array, root: Array, bounds: tuple[Array, Array]) -> Any:
+    """Return the parameters that a bound holds, and the bound."""
+    sizes = np.linalg.norm(root, axis=0)
+    found = {}
+    for j, value in enumerate(p):
+        near = NEAR / sizes[j] if sizes[j] > 0.0 else 0.0
+        near = max(near, 1e-6 * max(1.0, abs(value)))
+        for bound, outward in ((bounds[0][j], 1.0), (bounds[1][j], -1.0)):
+            if abs(value - bound) <= near and outward * gradient[j] > 0.0:
+                found[j] = float(bound)
+    return found
+
+
+def _inverse(root: Array, limit: float) -> tuple[Array, list[list[int]]]:
+    """Return the inverse of the normal matrix, and the groups of undetermined columns."""
+    sizes = np.linalg.norm(root, axis=0)
+    scale = np.where(sizes > 0.0, sizes, 1.0)
+    _, s, vt = np.linalg.svd(root / scale, full_matrices=True)
+    s = np.concatenate([s, np.zeros(len(vt) - len(s))])
+    poor = s * limit <= max(s[0], 1e-300)
+    inverse = (vt[~poor].T / s[~poor] ** 2) @ vt[~poor] / np.outer(scale, scale)
+    groups: list[list[int]] = [[int(j)] for j in np.flatnonzero(sizes == 0.0)]
+    for row in vt[poor]:
+        row = np.where(sizes > 0.0, np.abs(row), 0.0)
+        if np.max(row) > 1e-6:
+            group = [int(j) for j in np.flatnonzero(row > PART * np.max(row))]
+            if group not in groups:
+                groups.append(group)
+    for j in {j for group in groups for j in group}:
+        inverse[j, j] = np.inf
+    return inverse, groups
+
+
+def quantile(level: float, freedom: float | None) -> float:
+    """Return the half-width of a two-sided interval, in standard deviations.
+
+    Normal distribution; Student's distribution with degrees of freedom for an estimated variance.
+    """
+    special = needed("scipy.special", "fits")
+    above = 0.5 + 0.5 * level
+    return float(special.ndtri(above) if freedom is None else special.stdtrit(freedom, above))
+
+
+# Profiles of the likelihood and bootstraps of residuals, from the optimum of a fit.
+
+
+LONGEST = 4
+"""Steps of a profile, as multiples of those that a linear model needs."""
+
+
+@dataclasses.dataclass
+class FitState:
+    """State of a fit from which it continues at its optimum.
+
+    Parameters
+    ----------
+    problem : FitProblem
+        Data, runs, and standard deviations.
+    optimum : Optimum
+        The parameters and the alignment of bounces.
+    """
+
+    problem: FitProblem
+    optimum: Optimum
+
+    def all_data(self) -> list[Data]:
+        """Return the data sets of all experiments."""
+        return list(self.problem.data.values())
+
+
+def profile_of(
+    state: FitState, j: int, step: float, reach: float, points: int
+) -> tuple[Array, Array, Array]:
+    """Walk from the optimum to both sides until the rise of the sum of squares reaches a level.
+
+    Returns
+    -------
+    values, delta, others : ndarray
+        Values of the parameter, rises, and all parameters, in increasing order.
+    """
+    problem, best = state.problem, state.optimum
+    free = np.arange(len(best.p)) != j
+    bounds = (problem.unknowns.lower[j], problem.unknowns.upper[j])
+    base = _squares(problem, best, free=np.zeros(len(free), bool), p=best.p)[0]
+    rows = [(float(best.p[j]), 0.0, best.p)]
+    for side in (-1.0, 1.0):
+        p = best.p
+        for k in range(1, LONGEST * points + 1):
+            value = float(np.clip(best.p[j] + side * k * step, *bounds))
+            p = np.where(free, p, value)
+            try:
+                squares, p = _squares(problem, best, free=free, p=p)
+            except NoRunError:
+                break
+            rows.append((value, squares - base, p))
+            if squares - base > reach**2 or value in bounds:
+                break
+    rows.sort(key=lambda row: row[0])
+    values, delta, others = zip(*rows, strict=True)
+    return np.array(values), np.array(delta), np.array(others)
+
+
+def _squares(problem: FitProblem, best: Optimum, *, free: Array, p: Array) -> tuple[float, Array]:
+    """Return twice the least cost over the free parameters and its location."""
+    whole = problem.window(1.0)
+    found = problem.least_squares(p, whole, best.alignments, 100, 1e-10, free=free)
+    return 2.0 * float(found.cost), found.x
+
+
+def resampled(state: FitState, n: int, generator: np.random.Generator) -> Array:
+    """Return estimates from data with resampled residuals, shape (n, m) or fewer rows."""
+    problem, best = state.problem, state.optimum
+    whole = problem.window(1.0)
+    motions = problem.motions(best.p, whole)
+    pool, predicted = {}, {}
+    for place in problem.data:
+        r, _ = problem.of_data(place, best.p, motions[place.experiment], whole, best.alignments)
+        pool[place] = r - np.mean(r)
+        predicted[place] = problem.measured[place].copy()
+        predicted[place][problem.kept(place, whole, best.alignments)] += (
+            r * problem.sigma[place][problem.kept(place, whole, best.alignments)]
+        )
+    rows = sum(len(r) for r in pool.values())
+    wider = np.sqrt(rows / max(rows - len(best.p), 1))
+    original, samples = dict(problem.measured), []
+    try:
+        for _ in range(n):
+            for place, r in pool.items():
+                problem.measured[place] = _resampled_data(
+                    problem, place, predicted[place], wider * r, best, generator
+                )
+            try:
+                found = problem.least_squares(best.p, whole, best.alignments, 100, 1e-8)
+            except NoRunError:
+                continue
+            samples.append(found.x)
+    finally:
+        problem.measured.update(original)
+    return np.array(samples).reshape(-1, len(best.p))
+
+
+def _resampled_data(
+    problem: FitProblem,
+    place: Place,
+    predicted: Array,
+    pool: Array,
+    best: Optimum,
+    generator: np.random.Generator,
+) -> Array:
+    kept = problem.kept(place, problem.window(1.0), best.alignments)
+    drawn = predicted.copy()
+    drawn[kept] += problem.sigma[place][kept] * generator.choice(pool, len(kept))
+    return drawn
+
+
+# The result of a fit: values, deviations, intervals, profiles and bootstraps.
 
 
 class FitStatus(NamedStatus):

@@ -8,8 +8,14 @@ from zivi.base.habits import hint_calls
 from zivi.files.file_keys import tree_text
 from zivi.files.kinds import FileError
 from zivi.files.results import ResultError, load, save
-from zivi.files.runs import Prepared, mechanism_of, prepare_control, prepare_simulate
-from zivi.files.sweeps import PreparedSweep, prepare_sweep
+from zivi.files.runs import (
+    Prepared,
+    PreparedSweep,
+    mechanism_of,
+    prepare_control,
+    prepare_simulate,
+    prepare_sweep,
+)
 
 __all__ = [
     "FileError",

@@ -33,8 +33,7 @@ from zivi.files.results import (
     restored,
     save,
 )
-from zivi.files.runs import Prepared, Run
-from zivi.files.sweeps import prepare_sweep
+from zivi.files.runs import Prepared, Run, prepare_sweep
 from zivi.study import Study, open_study
 from zivi.study.folder import FolderStore
 

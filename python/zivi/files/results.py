@@ -25,15 +25,17 @@ from zivi.control.loop_run import BallisticPath, ClosedLoop, SampledReference, U
 from zivi.control.mechanical_loop import LOOP_FIELDS, MechanicalClosedLoop
 from zivi.plot.curves import Line, line_of
 from zivi.simulation.dense import LinearPath, LostPath, PenetratingPath
-from zivi.simulation.friction_result import (
+from zivi.simulation.events import FIELDS, IMPACT, SLOWEST, table
+from zivi.simulation.mechanical_trajectory import (
     FRICTION,
     IMPACTS,
+    MEANING,
+    TABLES,
     TRANSITIONS,
     FrictionSamples,
     LinearMotion,
+    MechanicalTrajectory,
 )
-from zivi.simulation.impacts import FIELDS, IMPACT, SLOWEST, table
-from zivi.simulation.mechanical_trajectory import MEANING, TABLES, MechanicalTrajectory
 from zivi.simulation.trajectory import LIFTED, QUANTITIES, Trajectory, Transformed
 from zivi.system.gap import HarmonicWall, MovingWall
 from zivi.system.kicks import kicks_table

@@ -14,7 +14,7 @@ from rich.text import Text
 from zivi.base.check import Array
 from zivi.base.status import StudyStatus
 from zivi.control.loop_run import ClosedLoop
-from zivi.files.sweeps import experiment_parameters
+from zivi.files.runs import experiment_parameters
 from zivi.simulation.mechanical_trajectory import MechanicalTrajectory, summary_rows
 from zivi.simulation.trajectory import Trajectory
 from zivi.study import EXPERIMENTS, Study

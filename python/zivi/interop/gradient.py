@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from zivi.base.check import Array, integer, is_sparse, real_array, vector
-from zivi.derivatives.parameter_runs import MechanicalRun, Moved, SmoothMassRun, smooth_run
+from zivi.derivatives.mechanical_sensitivity import MechanicalRun, Moved, SmoothMassRun, smooth_run
 from zivi.derivatives.result import OrbitStatus, Sensitivity
 from zivi.derivatives.sensitivity import sensitivity
 from zivi.simulation.methods import SwitchedRK

@@ -2,13 +2,19 @@
 
 from zivi.base.former import of_zivi
 from zivi.orbits.attractor import Attractor
-from zivi.orbits.branch import Branch, BranchEvent, MechanicalBranch, MechanicalEvent
 from zivi.orbits.curve import CodimensionTwo, EventCurve, continue_curve
 from zivi.orbits.diagram import Basins, Diagram, basins, bifurcation_diagram
 from zivi.orbits.find import periodic_orbit
 from zivi.orbits.follow import continue_orbit
 from zivi.orbits.lyapunov import Lyapunov, grazing_curve, lyapunov_exponents, response_amplitude
-from zivi.orbits.orbit import MechanicalOrbit, PeriodicOrbit
+from zivi.orbits.orbit import (
+    Branch,
+    BranchEvent,
+    MechanicalBranch,
+    MechanicalEvent,
+    MechanicalOrbit,
+    PeriodicOrbit,
+)
 
 __all__ = [
     "Attractor",

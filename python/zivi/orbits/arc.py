@@ -10,10 +10,10 @@ import numpy as np
 
 from zivi.base.check import Array
 from zivi.derivatives.result import OrbitStatus
-from zivi.orbits.branch import chatter_exponent
 from zivi.orbits.critical import crossed
 from zivi.orbits.equations import Frame, Terms, after_event, evaluate, row_sizes
 from zivi.orbits.flows import MOST_LETTERS, FlightError, MassFlow, Segment, Word
+from zivi.orbits.orbit import chatter_exponent
 from zivi.orbits.path import (
     Constraint,
     Margins,

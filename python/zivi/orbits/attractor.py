@@ -24,7 +24,7 @@ from zivi.orbits.orbit import word_of_rows
 from zivi.orbits.words import NEAR, cycle_of, earliest, least, resting_orbit
 from zivi.simulation.batch import simulate_batch
 from zivi.simulation.batch_result import check_threads
-from zivi.simulation.impacts import SLOWEST
+from zivi.simulation.events import SLOWEST
 from zivi.simulation.methods import SwitchedRK
 from zivi.simulation.run import simulate
 from zivi.system.mass import ImpactSystem

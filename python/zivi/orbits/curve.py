@@ -14,7 +14,6 @@ from zivi.base.check import Array, finite, integer
 from zivi.base.table import Field, ResultTable, Tabulated
 from zivi.derivatives.result import OrbitStatus
 from zivi.orbits.arc import about, end_of_rest, shortest_rest, with_duration
-from zivi.orbits.branch import BranchEvent, MechanicalEvent, with_failed
 from zivi.orbits.critical import (
     Critical,
     Grazing,
@@ -27,7 +26,13 @@ from zivi.orbits.critical import (
 )
 from zivi.orbits.equations import Frame, Terms, evaluate, sizes_of
 from zivi.orbits.flows import FlightError
-from zivi.orbits.orbit import MechanicalOrbit, PeriodicOrbit
+from zivi.orbits.orbit import (
+    BranchEvent,
+    MechanicalEvent,
+    MechanicalOrbit,
+    PeriodicOrbit,
+    with_failed,
+)
 from zivi.orbits.path import Constraint, Margins, Path, Point, located, moved_frame, value_of
 from zivi.orbits.words import FOUND, NotDifferentiable, orbit_of_mechanism, recent, rolled
 from zivi.simulation.run import pair, simulate

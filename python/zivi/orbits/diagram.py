@@ -28,8 +28,7 @@ from zivi.orbits.attractor import (
     settle_mechanical,
     settle_mechanical_cells as settle_mechanical_cells,
 )
-from zivi.orbits.branch import with_failed
-from zivi.orbits.orbit import MechanicalOrbit, PeriodicOrbit
+from zivi.orbits.orbit import MechanicalOrbit, PeriodicOrbit, with_failed
 from zivi.orbits.path import period_of, value_of, with_values
 from zivi.simulation.mechanical_run import state_of
 from zivi.simulation.methods import SwitchedRK

@@ -13,7 +13,10 @@ from zivi.base.check import Array, finite, integer
 from zivi.base.habits import hinted
 from zivi.derivatives.result import OrbitStatus
 from zivi.orbits.arc import STILL, Arc, Continuation, Found, rest_beyond, single_doubling
-from zivi.orbits.branch import (
+from zivi.orbits.critical import crossed, cubic_coefficient, twice
+from zivi.orbits.equations import Frame, Terms, evaluate
+from zivi.orbits.flows import FlightError, MassFlow
+from zivi.orbits.orbit import (
     MASS_MESSAGES,
     MECHANICAL_MESSAGES,
     Branch,
@@ -21,13 +24,11 @@ from zivi.orbits.branch import (
     BranchEvent,
     MechanicalBranch,
     MechanicalEvent,
+    MechanicalOrbit,
+    PeriodicOrbit,
     failed_text,
     with_failed,
 )
-from zivi.orbits.critical import crossed, cubic_coefficient, twice
-from zivi.orbits.equations import Frame, Terms, evaluate
-from zivi.orbits.flows import FlightError, MassFlow
-from zivi.orbits.orbit import MechanicalOrbit, PeriodicOrbit
 from zivi.orbits.path import (
     TOLERANCE,
     Constraint,

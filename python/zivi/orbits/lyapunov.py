@@ -16,8 +16,8 @@ from zivi.base.habits import hinted
 from zivi.base.table import ResultTable, Tabulated, counted
 from zivi.derivatives.result import OrbitStatus
 from zivi.derivatives.sensitivity import sensitivity
-from zivi.orbits.branch import with_failed
 from zivi.orbits.flows import MassFlow, fly, impact_maps, is_exact
+from zivi.orbits.orbit import with_failed
 from zivi.orbits.path import frequency_of, value_of
 from zivi.simulation.mechanical_run import state_of
 from zivi.simulation.methods import SwitchedRK

@@ -49,7 +49,7 @@ if TYPE_CHECKING:
 
     from zivi.control.loop_run import ClosedLoop
     from zivi.control.mechanical_loop import MechanicalClosedLoop
-    from zivi.orbits.branch import Branch
+    from zivi.orbits.orbit import Branch
     from zivi.plot.look import Frame
     from zivi.simulation.mechanical_trajectory import MechanicalTrajectory
     from zivi.simulation.trajectory import Trajectory
@@ -223,7 +223,7 @@ def multipliers(sol: Trajectory | Branch, ax: Axes | None = None, **line: Any) -
     The Floquet multipliers of a `Branch` are drawn in the complex plane, with the unit circle.
     Parameters and return value as for `position`.
     """
-    from zivi.orbits.branch import Branch
+    from zivi.orbits.orbit import Branch
 
     if isinstance(sol, Branch):
         return branch_multipliers(sol, ax, **line)

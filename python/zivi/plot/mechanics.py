@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 import numpy as np
 
 from zivi.plot.look import PALETTE, WALL, axes_of, legend
-from zivi.simulation.friction_result import LinearMotion
+from zivi.simulation.mechanical_trajectory import LinearMotion
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -7,16 +7,16 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from zivi.orbits.branch import MechanicalBranch
+from zivi.orbits.orbit import MechanicalBranch
 from zivi.plot.look import BLUE, GREEN, ORANGE, PALETTE, PURPLE, axes_of, legend
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
     from zivi.base.check import Array
-    from zivi.orbits.branch import Branch
     from zivi.orbits.curve import EventCurve
     from zivi.orbits.diagram import Basins, Diagram
+    from zivi.orbits.orbit import Branch
 
 # Branches of periodic orbits, bifurcation diagrams, basins of attraction.
 

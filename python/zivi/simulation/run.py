@@ -16,8 +16,7 @@ from zivi.base.extras import ProgressBar, is_shown
 from zivi.base.habits import hinted, keyword_hint
 from zivi.base.machine_code import CallbackErrors, listening, listening_always
 from zivi.base.status import Status, warn
-from zivi.simulation.events import MECHANICAL, events_of
-from zivi.simulation.impacts import SLOWEST, check_slowest
+from zivi.simulation.events import MECHANICAL, SLOWEST, check_slowest, events_of
 from zivi.simulation.mechanical_run import (
     RunRequest,
     check_mechanical_method,

@@ -19,7 +19,7 @@ from zivi.base.habits import Hinted
 from zivi.base.status import Status
 from zivi.base.table import Field, Tabulated, counted
 from zivi.simulation.dense import DenseMotion, LinearPath, LostPath
-from zivi.simulation.impacts import SLOWEST, Rows, down_to, listed, rows_of_events, rows_of_impacts
+from zivi.simulation.events import SLOWEST, Rows, down_to, listed, rows_of_events, rows_of_impacts
 from zivi.system.impact_law import ImpactLaw, NewtonImpact, Restitutions, restitutions
 
 if TYPE_CHECKING:

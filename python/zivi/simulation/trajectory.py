@@ -16,7 +16,7 @@ from zivi.base.check import Array, MaybeNone
 from zivi.base.status import Status, warn
 from zivi.base.table import Field, ResultTable
 from zivi.simulation.dense import DenseMotion, LinearPath, PenetratingPath
-from zivi.simulation.impacts import SLOWEST, impacts_of
+from zivi.simulation.events import SLOWEST, impacts_of
 from zivi.simulation.methods import SwitchedRK
 from zivi.simulation.run_result import (
     EVENT_COORDS,

@@ -12,14 +12,17 @@ from zivi.base.check import MAX_DENSE, Array, is_sparse
 from zivi.vi.factorisation import rows_of_sizes
 from zivi.vi.jacobian import ColouredDifferences, pattern_of
 from zivi.vi.sparse_methods import (
+    EndedError,
+    Map,
+    Search,
     a_row_is_infeasible,
     active_set_newton,
     interior_point,
     is_infeasible,
+    natural_map,
     proximal_newton,
     smoothing_newton,
 )
-from zivi.vi.sparse_search import EndedError, Map, Search, natural_map
 from zivi.vi.types import VIResult, VIStatus
 
 # Maps of the sparse solver: affine maps, and callables with checks of their values.
