@@ -20,7 +20,7 @@ const JUMP: Real = 1e-3;
 
 /// Measurement of a body and of the striker.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Sight {
+pub struct StrikeMeasurement {
     /// Time (s).
     pub t: Real,
     /// The gap between them (m).
@@ -37,7 +37,7 @@ pub struct Sight {
     pub relative: Real,
 }
 
-impl Sight {
+impl StrikeMeasurement {
     /// Speed of the striker (m/s).
     #[must_use]
     pub fn w(&self) -> Real {
@@ -85,13 +85,13 @@ pub struct AimState {
     /// Acceleration of the striker in this period, and its slope.
     pub plan: [Real; 2],
     /// Measurement of the last update.
-    pub last: Option<Sight>,
+    pub last: Option<StrikeMeasurement>,
     /// Samples of the body's speed in this flight, and their mean.
     pub flight: (u32, Real),
     /// When a wall is hit next (s).
     pub strike_at: Option<Real>,
     /// Raw measurement of the last update.
-    pub seen: Option<Sight>,
+    pub seen: Option<StrikeMeasurement>,
     /// Samples of the unknown acceleration, and their mean (m/s^2).
     pub push: (u32, Real),
     /// Impacts that were measured.
@@ -116,12 +116,12 @@ impl AimState {
 /// The law: settings, state, and the noise of the measured speeds.
 ///
 /// ```
-/// use zivi_core::control::{Aim, AimSettings, Learning, Sight};
+/// use zivi_core::control::{Aim, AimSettings, Learning, StrikeMeasurement};
 /// let learning = Learning { share: 0.7, least: 0.1, pushes: [50, 500], mean: 50 };
 /// let (h, of_wall, place, interval) = (1e-3, true, 0.0, 0.5);
 /// let mut aim = Aim::new(AimSettings { h, of_wall, place, interval, learns: true, learning });
 /// // at rest 0.1 m before a wall that is hit with 1 m/s in half a second
-/// let now = Sight { gap: 0.1, ..Sight::default() };
+/// let now = StrikeMeasurement { gap: 0.1, ..StrikeMeasurement::default() };
 /// let (a, j) = (6.0 * 0.1 / 0.25 - 2.0 / 0.5, 6.0 / 0.25 - 12.0 * 0.1 / 0.125);
 /// let found = aim.acceleration(&now, 0.0, &mut |_| Ok::<_, ()>(1.0));
 /// assert!((found.unwrap() - (a + 0.5 * h * j)).abs() < 1e-12);
@@ -146,14 +146,14 @@ impl Aim {
     /// Learns from the measurement after a period in which the known acceleration of the striker
     /// was `acting` (NaN if unknown): from an impact in the period, otherwise about the unknown
     /// acceleration.
-    pub fn learn(&mut self, now: Sight, acting: Real) {
+    pub fn learn(&mut self, now: StrikeMeasurement, acting: Real) {
         let Learning { share, least, pushes: [quiet, noisy], .. } = self.settings.learning;
         let Some(last) = self.state.seen.replace(now) else { return };
         if !(self.settings.learns && acting.is_finite()) {
             return;
         }
         let relative = now.pull - acting - self.state.push.1;
-        let jump = self.jump(&Sight { relative, ..last }, &now);
+        let jump = self.jump(&StrikeMeasurement { relative, ..last }, &now);
         if jump == 0.0 {
             let unasked = (now.w() - last.w()) / (now.t - last.t) - acting;
             let most = if self.noise > 0.0 { noisy } else { quiet };
@@ -172,7 +172,7 @@ impl Aim {
 
     /// Takes in the state in which the control of this tick will act; under noise the speed of the body
     /// is the mean of this flight.
-    pub fn look(&mut self, now: Sight) -> Sight {
+    pub fn look(&mut self, now: StrikeMeasurement) -> StrikeMeasurement {
         if self.state.last.is_some_and(|last| self.jump(&last, &now) > 0.0) {
             self.state.strokes = self.state.strokes.saturating_add(1);
             (self.state.strike_at, self.state.flight) = (None, (0, 0.0));
@@ -184,7 +184,7 @@ impl Aim {
         let expected = if n > 0 { before + self.settings.h * now.pull } else { now.v };
         self.state.flight = averaged((n, expected), now.v, self.settings.learning.mean);
         let v = self.state.flight.1;
-        Sight { v, rate: v - now.w(), ..now }
+        StrikeMeasurement { v, rate: v - now.w(), ..now }
     }
 
     /// The acceleration of the striker; the prediction over `late` (s) excludes the unknown
@@ -194,7 +194,7 @@ impl Aim {
     /// Those of `target`.
     pub fn acceleration<E>(
         &mut self,
-        now: &Sight,
+        now: &StrikeMeasurement,
         late: Real,
         target: &mut dyn FnMut(u32) -> Result<Real, E>,
     ) -> Result<Real, E> {
@@ -230,12 +230,12 @@ impl Aim {
     }
 
     /// Stores the measurement and the acceleration `a` of the striker from here on.
-    pub fn go_on(&mut self, now: Sight, a: Real) {
-        self.state.last = Some(Sight { relative: now.pull - a, ..now });
+    pub fn go_on(&mut self, now: StrikeMeasurement, a: Real) {
+        self.state.last = Some(StrikeMeasurement { relative: now.pull - a, ..now });
     }
 
     /// The change of a speed by an impact since the last sample; 0 without one.
-    fn jump(&self, last: &Sight, now: &Sight) -> Real {
+    fn jump(&self, last: &StrikeMeasurement, now: &StrikeMeasurement) -> Real {
         let h = now.t - last.t;
         let jump = match self.settings.of_wall {
             true => now.rate - last.rate - h * last.relative,
@@ -267,15 +267,22 @@ mod tests {
         Aim::new(AimSettings { h, of_wall, place, interval, learns: true, learning })
     }
 
-    const BEFORE: Sight =
-        Sight { t: 0.0, gap: 0.1, rate: -5.0, x: 0.1, v: -5.0, pull: -10.0, relative: -10.0 };
+    const BEFORE: StrikeMeasurement = StrikeMeasurement {
+        t: 0.0,
+        gap: 0.1,
+        rate: -5.0,
+        x: 0.1,
+        v: -5.0,
+        pull: -10.0,
+        relative: -10.0,
+    };
 
     #[test]
     fn a_jump_counts_by_the_speed_of_the_impact() {
         for (jump, counts) in [(4.9e-3, false), (5.1e-3, true)] {
-            let after = Sight { t: 1e-3, v: -5.01 + jump, ..BEFORE };
+            let after = StrikeMeasurement { t: 1e-3, v: -5.01 + jump, ..BEFORE };
             assert_eq!(aim(false).jump(&BEFORE, &after) > 0.0, counts);
-            let after = Sight { t: 1e-3, rate: -5.01 + jump, ..BEFORE };
+            let after = StrikeMeasurement { t: 1e-3, rate: -5.01 + jump, ..BEFORE };
             assert_eq!(aim(true).jump(&BEFORE, &after) > 0.0, counts);
         }
     }
@@ -285,10 +292,13 @@ mod tests {
         let mut law = aim(false);
         law.state.gamma = 1.0;
         // the racket rests: from 0.75 mm with 1 m/s under 10 m/s^2 to v-, then 1.5 of it
-        let last = Sight { gap: 7.5e-4, rate: -1.0, x: 7.5e-4, v: -1.0, ..BEFORE };
+        let last = StrikeMeasurement { gap: 7.5e-4, rate: -1.0, x: 7.5e-4, v: -1.0, ..BEFORE };
         let v = sqrt(1.0 + 2.0 * 10.0 * 7.5e-4);
         law.learn(last, 0.0);
-        law.learn(Sight { t: 1e-3, gap: 0.0, rate: 0.5, v: -1.01 + 1.5 * v, ..last }, 0.0);
+        law.learn(
+            StrikeMeasurement { t: 1e-3, gap: 0.0, rate: 0.5, v: -1.01 + 1.5 * v, ..last },
+            0.0,
+        );
         assert!((law.state.gamma - (1.0 + 0.7 * 0.5)).abs() < 1e-5, "{}", law.state.gamma);
         assert_eq!((law.state.impacts, law.state.push.0), (1, 0));
     }
@@ -301,7 +311,7 @@ mod tests {
             let t = 1e-3 * k as Real;
             // falls with the ball, the racket is pushed by 2 in addition to 3
             let v = BEFORE.v - 10.0 * t;
-            law.learn(Sight { t, v, rate: v - 5.0 * t, ..BEFORE }, 3.0);
+            law.learn(StrikeMeasurement { t, v, rate: v - 5.0 * t, ..BEFORE }, 3.0);
         }
         assert_eq!(law.state.push.0, 50);
         assert!((law.state.push.1 - 2.0).abs() < 1e-3, "{}", law.state.push.1);
@@ -312,7 +322,15 @@ mod tests {
         let mut law = aim(false);
         (law.state.gamma, law.state.push, law.settings.place) = (1.7, (1, 0.3), 0.05);
         // .3 m above the racket, both on their ways
-        let now = Sight { t: 2.0, gap: 0.3, rate: -0.5, x: 0.4, v: 0.2, pull: -10.0, ..BEFORE };
+        let now = StrikeMeasurement {
+            t: 2.0,
+            gap: 0.3,
+            rate: -0.5,
+            x: 0.4,
+            v: 0.2,
+            pull: -10.0,
+            ..BEFORE
+        };
         let (h, late, height) = (law.settings.h, 2e-3, 0.8);
         let mean = law.acceleration(&now, late, &mut |_| Ok::<_, ()>(height)).unwrap();
         let [first, j] = law.state.plan;
@@ -336,7 +354,7 @@ mod tests {
     #[test]
     fn speeds_of_a_flight_are_averaged_under_noise_only() {
         let mut law = aim(false);
-        let next = Sight { t: 1e-3, v: -5.01 + 4e-3, ..BEFORE };
+        let next = StrikeMeasurement { t: 1e-3, v: -5.01 + 4e-3, ..BEFORE };
         assert_eq!(law.look(next), next);
         law.noise = 1.0;
         law.look(BEFORE);

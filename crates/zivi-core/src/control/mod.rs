@@ -39,7 +39,7 @@ pub mod tracking;
 #[allow(clippy::expect_used)]
 mod tests;
 
-pub use aim::{Aim, AimSettings, AimState, Learning, Sight};
+pub use aim::{Aim, AimSettings, AimState, Learning, StrikeMeasurement};
 pub use explicit::ExplicitTwisting;
 pub use gains::{Descent, GainError, Gains, Landing};
 pub use port::{DelayLine, Port, TickStatus};

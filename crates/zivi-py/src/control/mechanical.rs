@@ -20,7 +20,7 @@ use zivi::drive::mechanical::{
     StrikerState, Tasks,
 };
 use zivi::system::dynamics::Layout;
-use zivi_core::control::{Aim, AimSettings, AimState, Learning, Sight};
+use zivi_core::control::{Aim, AimSettings, AimState, Learning, StrikeMeasurement};
 
 /// Exception for a law that failed.
 pub(crate) fn law_error(error: LawError<PyErr>) -> PyErr {
@@ -411,13 +411,13 @@ impl StrokeTarget {
 /// Time, gap, rate; place, speed and acceleration of the body; acceleration of the gap.
 type Seen = (f64, f64, f64, f64, f64, f64, f64);
 
-fn told(it: Sight) -> Seen {
-    let Sight { t, gap, rate, x, v, pull, relative } = it;
+fn told(it: StrikeMeasurement) -> Seen {
+    let StrikeMeasurement { t, gap, rate, x, v, pull, relative } = it;
     (t, gap, rate, x, v, pull, relative)
 }
 
-fn sight((t, gap, rate, x, v, pull, relative): Seen) -> Sight {
-    Sight { t, gap, rate, x, v, pull, relative }
+fn sight((t, gap, rate, x, v, pull, relative): Seen) -> StrikeMeasurement {
+    StrikeMeasurement { t, gap, rate, x, v, pull, relative }
 }
 
 /// The state: strokes, gamma, the plan, the last measurement, the flight, the next blow; raw

@@ -87,12 +87,12 @@ fn sizes(limits: Option<&Limits>, r: usize) -> Vec<f64> {
 }
 
 /// An equality constraint on controls: `A u = b`.
-struct Asked {
+struct EqualityConstraint {
     matrix: Vec<f64>,
     right: Vec<f64>,
 }
 
-impl Asked {
+impl EqualityConstraint {
     fn scaled(&self, size: &[f64]) -> Vec<f64> {
         let rows = self.matrix.chunks_exact(size.len());
         rows.flat_map(|row| row.iter().zip(size).map(|(a, size)| a * size)).collect()
@@ -100,7 +100,7 @@ impl Asked {
 }
 
 /// Effect of the controls on the gaps, scaled by `L^-1` with `L L^T = W`.
-fn of_gaps(kinetics: &GapKinetics, matrix: &[f64], a: &[f64], r: usize) -> Asked {
+fn of_gaps(kinetics: &GapKinetics, matrix: &[f64], a: &[f64], r: usize) -> EqualityConstraint {
     let Layout { m, .. } = kinetics.layout();
     let (mut by, mut right) = (vec![0.0; m * r], vec![0.0; m]);
     for i in 0..m {
@@ -118,7 +118,7 @@ fn of_gaps(kinetics: &GapKinetics, matrix: &[f64], a: &[f64], r: usize) -> Asked
         own[..r].iter_mut().for_each(|it| *it /= root[i]);
         right[i] /= root[i];
     }
-    Asked { matrix: by, right }
+    EqualityConstraint { matrix: by, right }
 }
 
 /// The least singular value of `W^-1/2 N M^-1 B`.
@@ -156,7 +156,12 @@ pub(super) fn reach<E>(
 
 /// Effect of the controls on the motion in the null space of the gaps, in the kinetic-energy
 /// metric: scaled by `L^T` with `L L^T = M`.
-fn of_rest(kinetics: &mut GapKinetics, matrix: &[f64], wanted: &[f64], r: usize) -> Asked {
+fn of_rest(
+    kinetics: &mut GapKinetics,
+    matrix: &[f64],
+    wanted: &[f64],
+    r: usize,
+) -> EqualityConstraint {
     let Layout { n, m, .. } = kinetics.layout();
     let column = |j: usize| (0..n).map(|i| matrix[i * r + j]).collect();
     let mut vectors: Vec<Vec<f64>> = (0..r).map(column).collect();
@@ -171,7 +176,10 @@ fn of_rest(kinetics: &mut GapKinetics, matrix: &[f64], wanted: &[f64], r: usize)
         *v = (0..n).map(|i| (i..n).map(|k| root[k * n + i] * v[k]).sum()).collect();
     }
     let right = vectors.pop().unwrap_or_default();
-    Asked { matrix: (0..n).flat_map(|i| vectors.iter().map(move |v| v[i])).collect(), right }
+    EqualityConstraint {
+        matrix: (0..n).flat_map(|i| vectors.iter().map(move |v| v[i])).collect(),
+        right,
+    }
 }
 
 /// The controls that do what is requested of the gaps, then as much as they can of the rest:
@@ -182,8 +190,8 @@ fn of_rest(kinetics: &mut GapKinetics, matrix: &[f64], wanted: &[f64], r: usize)
 ///
 /// Where limits act, which it says, the first two are weighed against each other by 1e8 to 1.
 fn allocated(
-    gaps: &Asked,
-    rest: &Asked,
+    gaps: &EqualityConstraint,
+    rest: &EqualityConstraint,
     limits: Option<&Limits>,
     size: &[f64],
     u: &mut [f64],

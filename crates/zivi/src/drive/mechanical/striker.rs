@@ -5,7 +5,7 @@
 //! g'' = x_body'' - a      a of the aim      Z q'' = -k Z q'
 //! ```
 
-use zivi_core::control::{Aim, Sight};
+use zivi_core::control::{Aim, StrikeMeasurement};
 
 use super::allocation::controls;
 use super::believed_plant::BelievedPlant;
@@ -170,7 +170,7 @@ impl Striker {
         (q, w): (&[f64], &[f64]),
         all: &mut GapKinetics,
         own: &mut GapKinetics,
-    ) -> Result<Sight, LawError<E>>
+    ) -> Result<StrikeMeasurement, LawError<E>>
     where
         D: Dynamics<E>,
         Driven<D, F>: Dynamics<E>,
@@ -179,11 +179,19 @@ impl Striker {
         own.alone(all, self.settings.gap, w)?;
         let (gap, rate) = (own.gaps()[0], own.rates[0]);
         let Some(body) = self.settings.body else {
-            return Ok(Sight { t, gap, rate, ..Sight::default() });
+            return Ok(StrikeMeasurement { t, gap, rate, ..StrikeMeasurement::default() });
         };
         let mut pull = own.force().to_vec();
         cholesky::solve(&own.mass, q.len(), &mut pull);
-        Ok(Sight { t, gap, rate, x: q[body], v: w[body], pull: pull[body], relative: 0.0 })
+        Ok(StrikeMeasurement {
+            t,
+            gap,
+            rate,
+            x: q[body],
+            v: w[body],
+            pull: pull[body],
+            relative: 0.0,
+        })
     }
 }
 
