@@ -388,7 +388,7 @@ class Part:
 class Tree:
     def __new__(
         cls,
-        joints: list[tuple[int, bool]],
+        joints: list[tuple[int, str]],
         gaps: list[tuple[str, int, int]],
         friction: list[tuple[str, int]],
         numbers: _Array,

@@ -677,6 +677,13 @@ impl Dynamics<PyErr> for AnyDynamics<'_> {
             Self::Callable(it) => it.has_constant_matrices(),
         }
     }
+
+    fn change_charts(&self, far: f64, q: &mut [f64], w: &mut [f64]) -> bool {
+        match self {
+            Self::Compiled(it) => it.change_charts(far, q, w),
+            Self::Callable(_) => false,
+        }
+    }
 }
 
 /// A system that needs no interpreter. The [`Model`] holds the owner of its code.
@@ -845,6 +852,13 @@ impl Dynamics<PyErr> for CompiledDynamics {
             Source::Linear(_) => true,
             Source::Parts(parts) => parts.flat.has_constant_matrices(),
             Source::Function(_) | Source::Tree(..) => false,
+        }
+    }
+
+    fn change_charts(&self, far: f64, q: &mut [f64], w: &mut [f64]) -> bool {
+        match &self.source {
+            Source::Tree(tree, _) => Dynamics::<PyErr>::change_charts(tree, far, q, w),
+            Source::Function(_) | Source::Linear(_) | Source::Parts(_) => false,
         }
     }
 
@@ -1134,6 +1148,18 @@ fn joint(number: i64) -> Option<usize> {
     usize::try_from(number).ok()
 }
 
+fn joint_of((parent, kind): &(i64, String)) -> Option<Joint> {
+    let kind = match kind.as_str() {
+        "hinge" => JointKind::Hinge,
+        "slide" => JointKind::Slide,
+        "rotation0" => JointKind::Rotation(0),
+        "rotation1" => JointKind::Rotation(1),
+        "rotation2" => JointKind::Rotation(2),
+        _ => return None,
+    };
+    Some(Joint { parent: joint(*parent), kind })
+}
+
 fn gap_of((kind, a, b): &(String, i64, i64)) -> Option<TreeGap> {
     match (kind.as_str(), joint(*a)) {
         ("lower", Some(a)) => Some(TreeGap::Lower(a)),
@@ -1157,38 +1183,35 @@ fn friction_of((kind, at): &(String, usize)) -> Option<TreeFriction> {
     match kind.as_str() {
         "joint" => Some(TreeFriction::Joint(*at)),
         "plane" => Some(TreeFriction::Plane(*at)),
+        "tangent" => Some(TreeFriction::Tangent(*at)),
         _ => None,
     }
 }
 
 #[pymethods]
 impl Tree {
-    /// Parent (-1 for the world) and whether it is a slide, of each joint; kind and joints of each
-    /// gap: "lower", "upper", "plane" or "balls"; kind and number of each channel of friction: "joint", or
-    /// "plane" with the number of its gap; kind and joints of each constraint: "connect", "weld" or "joint";
+    /// Parent (-1 for the world) and kind of each joint: "hinge", "slide", or "rotation" and the number of the
+    /// coordinate; kind and joints of each gap: "lower", "upper", "plane" or "balls"; kind and number of each
+    /// channel of friction: "joint", or "plane" or "tangent" with the number of its gap; kind and joints of each constraint: "connect", "weld" or "joint";
     /// rows from which prescribed motion is taken; the numbers as `zivi::system::tree::Tree` has them.
     #[new]
     #[pyo3(signature = (joints, gaps, friction, numbers, constraints=vec![], drives=vec![]))]
     fn new(
-        joints: Vec<(i64, bool)>,
+        joints: Vec<(i64, String)>,
         gaps: Vec<(String, i64, i64)>,
         friction: Vec<(String, usize)>,
         numbers: PyReadonlyArray1<'_, f64>,
         constraints: Vec<(String, i64, i64)>,
         drives: Vec<(usize, Py<Wall>)>,
     ) -> PyResult<Self> {
-        let kind = |slide| if slide { JointKind::Slide } else { JointKind::Hinge };
-        let joints = joints
-            .into_iter()
-            .map(|(parent, slide)| Joint { parent: joint(parent), kind: kind(slide) })
-            .collect();
+        let joints: Option<Vec<Joint>> = joints.iter().map(joint_of).collect();
         let gaps: Option<Vec<TreeGap>> = gaps.iter().map(gap_of).collect();
         let friction: Option<Vec<TreeFriction>> = friction.iter().map(friction_of).collect();
         let constraints: Option<Vec<TreeConstraint>> =
             constraints.iter().map(constraint_of).collect();
         let (numbers, drives) = (vector(&numbers)?, drives_of(&drives)?);
-        let parts = gaps.zip(friction).zip(constraints);
-        let tree = parts.and_then(|((gaps, friction), constraints)| {
+        let parts = joints.zip(gaps).zip(friction).zip(constraints);
+        let tree = parts.and_then(|(((joints, gaps), friction), constraints)| {
             tree::Tree { joints, gaps, friction, constraints, drives, numbers }.validated()
         });
         let tree = tree.ok_or_else(|| PyValueError::new_err("the parts do not fit together"))?;

@@ -139,6 +139,10 @@ impl<D: Dynamics<PyErr>> Dynamics<PyErr> for Rubbing<'_, D> {
         self.dynamics.is_steady()
     }
 
+    fn change_charts(&self, far: f64, q: &mut [f64], w: &mut [f64]) -> bool {
+        self.dynamics.change_charts(far, q, w)
+    }
+
     /// None with compliant gaps: those in contact have another matrix.
     fn linear(&self) -> Option<&Arc<LinearSystem>> {
         self.dynamics.linear().filter(|_| self.friction().compliant.is_empty())

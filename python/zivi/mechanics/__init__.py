@@ -6,12 +6,17 @@ from zivi.system.gap import Gap, LinearGap
 from zivi.system.gap_coordinates import GapCoordinates, gap_coordinates
 from zivi.system.mechanism import MechanicalSystem
 from zivi.system.model_parts import Evaluation
+from zivi.system.space.shapes import Ball, Box, Capsule, Contact, Plane
 from zivi.system.tree_bodies import BallGap, Body, JointLimit, PlaneGap
 
 __all__ = [
+    "Ball",
     "BallGap",
     "Body",
+    "Box",
+    "Capsule",
     "Connect",
+    "Contact",
     "Couple",
     "Drive",
     "Evaluation",
@@ -20,6 +25,7 @@ __all__ = [
     "JointLimit",
     "LinearGap",
     "MechanicalSystem",
+    "Plane",
     "PlaneGap",
     "Weld",
     "gap_coordinates",

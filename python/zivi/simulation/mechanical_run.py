@@ -275,6 +275,8 @@ def _configuration(
     }
     if (units := system._units()) is not None:
         config["units"] = units
+    if rotations := system._rotations():
+        config["rotations"] = {name: list(it) for name, it in rotations.items()}
     if system._channels:
         config["friction"] = list(system.channel_names)
         config |= {"impact_law": system.impact_law, "paradox": system.paradox}

@@ -30,6 +30,12 @@ from zivi.simulation.run_result import Closer, SampledRun, Setup, trust_note, tr
 from zivi.simulation.trajectory import STATUSES
 from zivi.system.gap import Channel
 from zivi.system.mechanism import MechanicalSystem, Model
+from zivi.system.space.rotations import (
+    continuous,
+    with_angular_velocities,
+    with_quaternions,
+    without_charts,
+)
 
 if TYPE_CHECKING:
     import pandas
@@ -737,7 +743,7 @@ class MechanicalTrajectory(FrictionRun, SampledRun):
         >>> zivi.simulate(ball, (0, 3), ([1], [0])).trusted_until
         3.0
         """
-        return trusted(self, self.q)
+        return trusted(self, self.q, self._without_charts)
 
     @classmethod
     def _from_record(
@@ -770,6 +776,56 @@ class MechanicalTrajectory(FrictionRun, SampledRun):
             rests = sol.contacts[-1].any() or (sol.modes[-1:] == 0).any()
             vars(sol)["rest_time"] = time_of_rest(record.speeds, rests=rests)
         return sol
+
+    @property
+    def qpos(self) -> Array:
+        """Places and unit quaternions of the samples, shape (k, nq), as `zivi.Tree.state` has them.
+
+        For a system without rotations in space this is `q`.
+        """
+        return with_quaternions(self._rotations(), self.q)
+
+    @property
+    def qvel(self) -> Array:
+        """Velocities with angular velocities in axes of the bodies (rad/s), shape (k, nv).
+
+        For a system without rotations in space this is `qdot`.
+        """
+        return with_angular_velocities(self._rotations(), self.q, self.qdot)
+
+    def pose(self, body: str) -> tuple[Array, Array]:
+        """Return places and unit quaternions of a free body at the samples.
+
+        Parameters
+        ----------
+        body : str
+            Its name.
+
+        Returns
+        -------
+        position : ndarray
+            Origin of its frame in the world (m), shape (k, 3).
+        quaternion : ndarray
+            Its rotation (w, x, y, z), shape (k, 4); there is no jump between samples.
+
+        Raises
+        ------
+        KeyError
+            If no free body has this name.
+        """
+        free = {name: first for name, (first, is_free) in self._rotations().items() if is_free}
+        if body not in free:
+            known = ", ".join(map(repr, free)) or "none"
+            raise KeyError(f"body must be a free body of the system, {known}, got {body!r}")
+        first = free[body]
+        return self.q[:, first - 3 : first].copy(), continuous(self.q[:, first : first + 3])
+
+    def _rotations(self) -> dict[str, Any]:
+        found: dict[str, Any] = self.config.get("rotations", {})
+        return found
+
+    def _without_charts(self, q: Array) -> Array:
+        return without_charts(self._rotations(), q)
 
     def __call__(self, t: ArrayLike) -> Array:
         """Return the state between the samples, through impacts, accumulations and contact.

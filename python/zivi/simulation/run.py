@@ -419,7 +419,7 @@ def _mechanical(
     check_mechanical_method(method)
     _check_switches(samples, dense_output)
     span = pair("t_span", t_span, "(t0, t1)")
-    q, qdot = state_of(y0, system._n)
+    q, qdot = state_of(system._start_of(y0), system._n)
     times = None if t_eval is None else times_within(t_eval, span)
     stops = stop_times(tstops, method, system, span)
     asked = RunRequest(span, q, qdot, times, stops, events_of(events, MECHANICAL), dense_output)

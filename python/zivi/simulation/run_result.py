@@ -52,7 +52,9 @@ TIMES = 1000
 """Times of comparison, besides those of the samples."""
 
 
-def trusted(sol: SampledRun, positions: Array) -> float:
+def trusted(
+    sol: SampledRun, positions: Array, compared: Callable[[Array], Array] = np.asarray
+) -> float:
     """Return the last time up to which a run agrees with a closer one.
 
     Parameters
@@ -61,6 +63,8 @@ def trusted(sol: SampledRun, positions: Array) -> float:
         The run.
     positions : ndarray
         Those of its samples.
+    compared : callable
+        The numbers to be compared of positions. Default: all.
     """
     closer: Closer | None = sol._closer
     if closer is None:
@@ -75,7 +79,7 @@ def trusted(sol: SampledRun, positions: Array) -> float:
         at = sol(times)[0].reshape(len(times), -1)
     if len(times) < 2:
         return float(times[-1])
-    near = closer(times)
+    at, near = compared(at), compared(closer(times))
     settings: Any = sol.config["method"]
     atol = np.broadcast_to(settings["atol"], 2)[0]
     most = MOST * (settings["rtol"] * np.abs(at).max(axis=0) + atol)

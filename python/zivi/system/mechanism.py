@@ -399,7 +399,15 @@ def check_cones(system: MechanicalSystem) -> None:
 
 
 def check_planar(system: MechanicalSystem, what: str) -> None:
-    """Raise a NotImplementedError for gaps with two tangents, which `what` does not take."""
+    """Raise a NotImplementedError for motion in space that `what` does not take.
+
+    That are gaps with two tangents, and rotations whose coordinates change during a run.
+    """
+    for body in system._rotations():
+        raise NotImplementedError(
+            f"body {body!r} rotates in space, which {what} does not take; use zivi.simulate with "
+            "zivi.SwitchedRK"
+        )
     for channel in system._channels:
         if channel.row is not None:
             raise NotImplementedError(
@@ -957,6 +965,14 @@ class MechanicalSystem:
         known = hasattr(type(self), "parameters")
         parameters = getattr(self, "parameters", None) if known else None
         return None, dict(parameters) if parameters else None
+
+    def _start_of(self, y0: Any) -> Any:
+        """Return the initial state in the coordinates of a run."""
+        return y0
+
+    def _rotations(self) -> dict[str, tuple[int, bool]]:
+        """Return the first coordinate of each rotation in space, by its body, and if that is free."""
+        return {}
 
     def _is_steady(self) -> bool:
         """Whether mass, force and gradients are arrays, and no gap moves."""

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 import zivi._zivi as _zivi
-from zivi.base.check import Array, finite
+from zivi.base.check import Array, finite, real_array
 from zivi.base.extras import late
 from zivi.system.constraints.connections import (
     ConstraintRows,
@@ -20,7 +20,7 @@ from zivi.system.constraints.connections import (
     rows_of_constraints,
 )
 from zivi.system.gap import IMPACT_LAWS, PARADOXES, ContactLaw, DryFriction, one_of
-from zivi.system.impact_law import GivenRestitutions, restitutions, written
+from zivi.system.impact_law import GivenRestitutions, laws_of, restitutions, written
 from zivi.system.mechanism import (
     MAX_SIZE,
     MechanicalSystem,
@@ -31,13 +31,24 @@ from zivi.system.mechanism import (
     distinct_names,
 )
 from zivi.system.model_parts import Layout, Partials
+from zivi.system.space.rotations import (
+    chart_of,
+    chart_rates,
+    rotate,
+    with_angular_velocities,
+    with_quaternions,
+)
+from zivi.system.space.shapes import Contact, Shape, gaps_of_contacts
 from zivi.system.tree_bodies import (
+    ROTATIONS,
     BallGap,
     Body,
+    Coordinate,
     JointLimit,
     PlaneGap,
     TreeGap,
     body_values,
+    coordinates_of_body,
     joint_values,
     vector,
 )
@@ -105,11 +116,34 @@ class Structure:
         values = {f"gravity.{k}": float(gravity[i]) for i, k in enumerate("xyz")}
         for body in self.bodies:
             values |= body_values(body) | joint_values(body)
+        values = {name: value for name, value in values.items() if name not in self.hidden}
         for side in self.sides():
             values |= _of_side(side)
         for rubbing in self.rubbings:
             values |= rubbing.limits
         return values
+
+    @functools.cached_property
+    def hidden(self) -> dict[str, float]:
+        """Names and values of what ball joints and free bodies need, which never changes."""
+        found: dict[str, float] = {}
+        for body in self.bodies:
+            if isinstance(body, Coordinate):
+                inner = body.kind != ROTATIONS[2]
+                found |= joint_values(body) | (body_values(body) if inner else {})
+                place = {f"{body.name}.position.{k}": 0.0 for k in "xyz"}
+                found |= {} if inner else place
+        return found
+
+    @functools.cached_property
+    def rotations(self) -> dict[str, tuple[int, bool]]:
+        """First coordinate of each rotation in space by its body, and whether that is free."""
+        moving = [body.kind for body in self.moving]
+        return {
+            body.name: (i - 2, i >= 5 and f"{body.name}.x" in self.carriers())
+            for i, body in enumerate(self.moving)
+            if moving[i] == ROTATIONS[2]
+        }
 
     @functools.cached_property
     def rubbings(self) -> list[Rubbing]:
@@ -126,11 +160,11 @@ class Structure:
             count += body.moves
         return {name: joint for name, joint in joints.items() if name is not None}
 
-    def joints(self) -> list[tuple[int, bool]]:
-        """Return the parent of each joint, and whether it is a slide."""
+    def joints(self) -> list[tuple[int, str]]:
+        """Return the parent of each joint, and its kind."""
         carriers = self.carriers()
         return [
-            (-1 if body.parent is None else carriers[body.parent], body.kind == "slide")
+            (-1 if body.parent is None else carriers[body.parent], body.kind)
             for body in self.moving
         ]
 
@@ -156,6 +190,7 @@ class Structure:
 
     def numbers(self, values: Mapping[str, Any]) -> Any:
         """Return the numbers, complex ones of complex values."""
+        values = {**self.hidden, **values}
         kind = np.result_type(np.float64, *(type(value) for value in values.values()))
         frames, placements = self._frames(values, kind)
         masses: list[list[Any]] = [[] for _ in placements]
@@ -325,7 +360,7 @@ class TreeParameters(MutableMapping[str, float]):
 
 
 class Tree(MechanicalSystem):
-    r"""Rigid bodies that hinges and slides join to a tree, with points of them as gaps.
+    r"""Rigid bodies that joints connect to a tree, or that are free, with points of them as gaps.
 
     .. math:: M(q) \ddot q = -b(q, \dot q) - k (q - s) - c \dot q + \tau + N^T \lambda
 
@@ -355,17 +390,24 @@ class Tree(MechanicalSystem):
     constraints : sequence of Connect, Weld, Drive or Couple
         Equality rows (of `zivi.mechanics`): joints that close chains, bodies that are fixed to each
         other, joints that are driven or coupled.
+    contacts : sequence of Contact
+        Contacts of shapes (of `zivi.mechanics`), each with its friction and restitution: they are
+        the gaps after `gaps`.
+    shapes : dict
+        The shapes (`Ball`, `Capsule`, `Box`, `Plane` of `zivi.mechanics`) by name: a shape with the
+        name of a body is part of that body.
 
     Raises
     ------
     ValueError, TypeError
         If a name is not known or used twice, or the mass matrix is singular at coordinates of zero.
     NotImplementedError
-        For friction above a plane of a body that does not move in a plane, by its name.
+        For a contact of shapes that have no gap, by its name.
 
     See Also
     --------
     Tree.from_mjcf, Tree.from_urdf : the same from files.
+    Tree.state : initial states from unit quaternions.
 
     Notes
     -----
@@ -408,8 +450,13 @@ class Tree(MechanicalSystem):
         impact_law: str = "newton",
         paradox: str = "stop",
         constraints: Sequence[TreeConstraint] = (),
+        contacts: Sequence[Contact] = (),
+        shapes: Mapping[str, Shape] | None = None,
     ) -> None:
-        self._structure = Structure(ordered(bodies), tuple(gaps))
+        self._bodies = ordered(bodies)
+        inner = ordered([it for body in self._bodies for it in coordinates_of_body(body)])
+        touching = gaps_of_contacts(contacts, shapes or {}, self._bodies)
+        self._structure = Structure(inner, (*gaps, *(gap for gap, _ in touching)))
         self._gravity = vector("gravity", gravity)
         moving = self._structure.moving
         if not 1 <= len(moving) <= MAX_SIZE:
@@ -424,6 +471,12 @@ class Tree(MechanicalSystem):
         self._gap_names = distinct_names("gaps", [side.name for side in sides])
         self._e = restitutions(e, len(sides))
         check_compliant(e, self._contact_laws(), self._gap_names)
+        if any(of_contact is not None for _, of_contact in touching):
+            laws: list[Any] = list(laws_of(self._e))
+            first = len(sides) - len(touching)
+            for i, (_, own) in enumerate(touching):
+                laws[first + i] = laws[first + i] if own is None else own
+            self._e = restitutions(laws, len(sides))
         self._read_friction(friction)
         rows = rows_of_constraints(constraints, self._structure.bodies)
         self._structure = dataclasses.replace(self._structure, constraints=rows)
@@ -435,6 +488,7 @@ class Tree(MechanicalSystem):
         self._given_inputs = inputs
         if inputs is not None:
             self._controls = inputs_of_tree(inputs, self._coordinates or ())
+            self._check_inputs()
         self._impact_law = one_of("impact_law", impact_law, IMPACT_LAWS)
         self._paradox = one_of("paradox", paradox, PARADOXES)
         self._parameters = TreeParameters(self._structure.values(self._gravity))
@@ -446,7 +500,7 @@ class Tree(MechanicalSystem):
 
     def _read_friction(self, friction: Any) -> None:
         """Read the dry friction of joints and gaps."""
-        self._joints = friction_of_joints(friction, self._coordinates or ())
+        self._joints = friction_of_joints(friction, self._axes_of_joints())
         self._structure = dataclasses.replace(self._structure, friction=self._joints)
         self._channels = tuple(rubbing.channel for rubbing in self._structure.rubbings)
         of_joints = [channel.name for channel in self._channels if channel.gap is None]
@@ -457,9 +511,25 @@ class Tree(MechanicalSystem):
                 f"counts as two, got {self.m + len(self._channels)}"
             )
 
+    def _axes_of_joints(self) -> tuple[str, ...]:
+        """Return the coordinates but for those of rotations in space."""
+        moving = self._structure.moving
+        return tuple(body.joint for body in moving if body.kind not in ROTATIONS)
+
+    def _check_inputs(self) -> None:
+        """Refuse controls along the coordinates of rotations in space."""
+        assert self._controls is not None
+        turns = [i for i, body in enumerate(self._structure.moving) if body.kind in ROTATIONS]
+        matrix = self._controls.matrix
+        if turns and (callable(matrix) or np.any(np.asarray(matrix)[turns])):
+            raise NotImplementedError(
+                "inputs that turn a ball joint or free body are not supported by zivi.Tree; let "
+                "them act on hinges and slides"
+            )
+
     def _check_gaps(self) -> None:
-        bodies = {body.name for body in self._structure.bodies}
-        joints = set(self._coordinates or ())
+        bodies = {body.name for body in self._bodies}
+        joints = set(self._axes_of_joints())
         for i, gap in enumerate(self._structure.gaps):
             if not isinstance(gap, JointLimit | PlaneGap | BallGap):
                 raise TypeError(
@@ -598,7 +668,7 @@ class Tree(MechanicalSystem):
     @property
     def bodies(self) -> tuple[Body, ...]:
         """The bodies as given."""
-        return self._structure.bodies
+        return self._bodies
 
     @property
     def parameters(self) -> TreeParameters:
@@ -658,7 +728,7 @@ class Tree(MechanicalSystem):
         return [motion for _, motion in self._structure.constraints.drives]
 
     def _units(self) -> dict[str, list[str]]:
-        kinds = {"hinge": "rad", "slide": "m"}
+        kinds = {"hinge": "rad", "slide": "m"} | dict.fromkeys(ROTATIONS, "1")
         of_joint = {body.joint: kinds[body.kind] for body in self._structure.moving}
         sides = [getattr(side.gap, "joint", "") for side in self._structure.sides()]
         return {
@@ -677,11 +747,154 @@ class Tree(MechanicalSystem):
 
     def partials(self, model: Model, wanted: Collection[str] | None = None) -> Partials:
         """Return the derivatives of the numbers of the tree with respect to parameters."""
+        if self._structure.rotations:
+            name = next(iter(self._structure.rotations))
+            raise NotImplementedError(
+                f"derivatives are not supported for body {name!r}, which rotates in space: its "
+                "coordinates change during a run; use differences of zivi.simulate"
+            )
         values, used = self._parameters, self._parameters if wanted is None else wanted
         names = [name for name in values if name in used]
         rows = dict(zip(names, self._structure.directions(values, names).tolist(), strict=True))
         directions = [rows.get(name, []) for name in values]
         return Partials(_zivi.Partials.tree(directions), dict(values))
+
+    # States with unit quaternions.
+
+    @property
+    def nq(self) -> int:
+        """Numbers of a state with unit quaternions, ``nv`` and one more for each rotation."""
+        return int(self._n or 0) + len(self._structure.rotations)
+
+    def state(self, qpos: ArrayLike, qvel: ArrayLike | None = None) -> tuple[Array, Array]:
+        """Return coordinates and velocities of a run from places and unit quaternions.
+
+        Parameters
+        ----------
+        qpos : array_like
+            By joint, in the order of the bodies: the coordinate of a hinge or slide; the unit
+            quaternion (w, x, y, z) of a ball joint; the place of a free body (m), then its
+            quaternion. Shape (..., nq). The layout is that of MuJoCo's ``qpos``.
+        qvel : array_like, optional
+            Their rates: of a rotation the angular velocity in axes of the body (rad/s). Shape
+            (..., nv), with one number less for each quaternion; default zero. The layout is that
+            of MuJoCo's ``qvel``.
+
+        Returns
+        -------
+        q0, qdot0 : ndarray
+            Coordinates and velocities of a run, shapes (..., n).
+
+        Raises
+        ------
+        ValueError
+            If a shape is wrong, a number is not finite or a quaternion not of length one to 1e-6.
+
+        See Also
+        --------
+        qpos, qvel : the way back.
+
+        Notes
+        -----
+        `simulate` takes ``(qpos, qvel)`` directly. A rotation has three coordinates in a run, the
+        stereographic projection p / (1 + w) of its quaternion (w, p). Both p and -p are the same
+        rotation, so that coordinates larger than one change to -s / s^2 between steps.
+
+        References
+        ----------
+        J. Stuelpnagel, On the parametrization of the three-dimensional rotation group, SIAM Review
+        6, 1964.
+
+        Examples
+        --------
+        >>> top = zivi.Tree([zivi.mechanics.Body("top", kind="free", mass=1.0, inertia=[1, 2, 3])])
+        >>> q, qdot = top.state([0, 0, 1, 0.8, 0.6, 0, 0], [0, 0, 0, 0, 0, 5])
+        >>> top.coordinate_names(6)[3:], (3 * q[3:]).round(12)
+        (('top.rx', 'top.ry', 'top.rz'), array([1., 0., 0.]))
+        >>> top.qvel(q, qdot).round(12)
+        array([0., 0., 0., 0., 0., 5.])
+        """
+        given = self._finite("qpos", qpos, self.nq)
+        rates = np.zeros((*given.shape[:-1], int(self._n or 0)))
+        if qvel is not None:
+            rates = self._finite("qvel", qvel, int(self._n or 0))
+        places, velocities, at = [], np.array(rates), 0
+        for count, name in self._blocks():
+            block = given[..., at : at + count]
+            if name is not None:
+                size = np.linalg.norm(block, axis=-1)
+                if np.any(np.abs(size - 1.0) > 1e-6):
+                    raise ValueError(
+                        f"quaternion of body {name!r} must have length 1, got {size.flat[0]:.6g}"
+                    )
+                block = block / size[..., None]
+                first = self._structure.rotations[name][0]
+                omega = rotate(block, rates[..., first : first + 3])
+                block = chart_of(block)
+                velocities[..., first : first + 3] = chart_rates(block, omega)
+            places.append(block)
+            at += count
+        return np.concatenate(places, axis=-1), velocities
+
+    def qpos(self, q: ArrayLike) -> Array:
+        """Return places and unit quaternions for coordinates of a run.
+
+        Parameters
+        ----------
+        q : array_like
+            Coordinates, shape (..., n).
+
+        Returns
+        -------
+        ndarray
+            As for `state`, shape (..., nq); the first number of a quaternion may have either sign.
+        """
+        return with_quaternions(self._structure.rotations, np.asarray(q, dtype=float))
+
+    def qvel(self, q: ArrayLike, qdot: ArrayLike) -> Array:
+        """Return velocities with angular velocities for a state of a run.
+
+        Parameters
+        ----------
+        q, qdot : array_like
+            Coordinates and velocities, shapes (..., n).
+
+        Returns
+        -------
+        ndarray
+            As for `state`, shape (..., nv).
+        """
+        state = np.asarray(q, dtype=float), np.asarray(qdot, dtype=float)
+        return with_angular_velocities(self._structure.rotations, *state)
+
+    def _finite(self, name: str, value: Any, size: int) -> Array:
+        array = np.atleast_1d(real_array(name, value))
+        if array.shape[-1] != size or not np.all(np.isfinite(array)):
+            raise ValueError(f"{name} must be {size} finite numbers, got {array.tolist()}")
+        return array
+
+    def _blocks(self) -> Iterator[tuple[int, str | None]]:
+        """Yield how many numbers of `qpos` belong together, and the body of a quaternion."""
+        firsts = {first: name for name, (first, _) in self._structure.rotations.items()}
+        at = 0
+        while at < int(self._n or 0):
+            name = firsts.get(at)
+            yield (1, None) if name is None else (4, name)
+            at += 1 if name is None else 3
+
+    def _rotations(self) -> dict[str, tuple[int, bool]]:
+        return self._structure.rotations
+
+    def _start_of(self, y0: Any) -> Any:
+        """Return the coordinates of a run for a state with quaternions, other states as given."""
+        if not self._structure.rotations:
+            return y0
+        try:
+            q, qdot = y0
+            with_quaternion = len(q) == self.nq
+        except (TypeError, ValueError):
+            return y0
+        return self.state(q, qdot) if with_quaternion else y0
 
     def __repr__(self) -> str:
         told = f"joints=({', '.join(self._coordinates or ())}), gaps=({', '.join(self._gap_names)})"
@@ -699,7 +912,7 @@ class Tree(MechanicalSystem):
             more
             | self._chosen()
             | {
-                "bodies": self._structure.bodies,
+                "bodies": self._bodies,
                 "gaps": self._structure.gaps,
                 "gravity": self._gravity,
                 "e": self._e,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import Any, TypeAlias
+from typing import Any, ClassVar, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -13,10 +13,20 @@ from zivi.system.gap import ContactLaw, contact_law
 
 # Bodies of a tree, each with the joint that carries it.
 
-KINDS = ("hinge", "slide", "fixed")
+KINDS = ("hinge", "slide", "ball", "free", "fixed")
+ROTATIONS = ("rotation0", "rotation1", "rotation2")
+"""The three coordinates of a rotation in space."""
 
 OF_JOINT = ("stiffness", "spring", "damping", "armature", "torque")
 """What belongs to the joint of a body."""
+REMEDIES = {
+    "position": "its place is in the initial state",
+    "rotation": "its rotation is in the initial state",
+    "reference": "its rotation is in the initial state",
+    "anchor": "it turns about its centre of mass",
+    "parent": "a free body moves in the world",
+}
+"""What to do about fields that a body without an axis does not have."""
 OF_INERTIA = ("xx", "yy", "zz", "xy", "xz", "yz")
 
 
@@ -30,8 +40,9 @@ class Body:
         Its name.
     parent : str, optional
         The body that carries it; by default the world.
-    kind : {"hinge", "slide", "fixed"}
-        Its joint: it turns about the axis (rad), slides along it (m), or is fixed to its parent.
+    kind : {"hinge", "slide", "ball", "free", "fixed"}
+        Its joint: it turns about the axis (rad), slides along it (m), turns about the anchor in any
+        direction, moves freely in the world, or is fixed to its parent.
     position : array_like
         The origin of its frame in that of its parent (m), where its coordinate is `reference`.
     rotation : array_like, optional
@@ -39,7 +50,7 @@ class Body:
     axis : array_like
         Direction of the joint in the body's frame, of any length.
     anchor : array_like
-        A point on the axis of a hinge, in the body's frame (m).
+        A point on the axis of a hinge, or the centre of a ball joint, in the body's frame (m).
     mass : float
         Mass (kg), >= 0.
     com : array_like
@@ -58,12 +69,19 @@ class Body:
     reference : float
         The coordinate at which the frame is at `position`.
     coordinate : str, optional
-        Name of the coordinate; by default that of the body.
+        Name of the coordinate; by default that of the body. A free body has the coordinates
+        ``name.x``, ``name.y``, ``name.z``, the place of its frame in the world, and as a ball joint
+        ``name.rx``, ``name.ry``, ``name.rz`` of its rotation.
 
     Raises
     ------
     ValueError, TypeError
-        If a number is not finite or out of range, or an axis is zero.
+        If a number is not finite or out of range, an axis is zero, or a ball joint or free body
+        has a spring, damping, armature or torque, or a free body a parent, position or rotation.
+
+    See Also
+    --------
+    zivi.Tree.state : coordinates from positions and unit quaternions.
 
     Examples
     --------
@@ -89,10 +107,12 @@ class Body:
     reference: float = 0.0
     coordinate: str | None = None
 
+    _kinds: ClassVar[tuple[str, ...]] = KINDS
+
     def __post_init__(self) -> None:
         if not isinstance(self.name, str) or not self.name:
             raise TypeError(f"name of a body must be a string, got {self.name!r}")
-        if self.kind not in KINDS:
+        if self.kind not in self._kinds:
             raise ValueError(
                 f"kind of body {self.name!r} must be one of {', '.join(KINDS)}, got {self.kind!r}"
             )
@@ -107,6 +127,23 @@ class Body:
             if field in ("mass", "armature") and value < 0.0:
                 raise ValueError(f"{field} of body {self.name!r} must be >= 0, got {value}")
             self._take(field, value)
+        if self.kind in ("ball", "free"):
+            self._check_rotation()
+
+    def _check_rotation(self) -> None:
+        """Refuse what a joint without an axis does not have."""
+        without: tuple[str, ...] = (*OF_JOINT, "reference")
+        without += ("position", "anchor") if self.kind == "free" else ()
+        given = [field for field in without if np.any(np.asarray(getattr(self, field)))]
+        if self.kind == "free" and np.any(np.asarray(self.rotation) != np.eye(3)):
+            given.append("rotation")
+        if self.kind == "free" and self.parent is not None:
+            given.append("parent")
+        if given:
+            raise NotImplementedError(
+                f"{given[0]} of body {self.name!r} is not supported for kind={self.kind!r}; "
+                + REMEDIES.get(given[0], "use hinges and slides, or an external force")
+            )
 
     def _take(self, field: str, value: Any) -> None:
         object.__setattr__(self, field, value)
@@ -146,6 +183,38 @@ class Body:
     def joint(self) -> str:
         """The name of its coordinate."""
         return self.coordinate or self.name
+
+
+class Coordinate(Body):
+    """One coordinate of a ball joint or free body; the last one carries it."""
+
+    _kinds: ClassVar[tuple[str, ...]] = ("slide", *ROTATIONS)
+
+
+def coordinates_of_body(body: Body) -> list[Body]:
+    """Return the body, preceded by a massless one for each of its coordinates but the last."""
+    if body.kind not in ("ball", "free"):
+        return [body]
+    found: list[Body] = []
+    parent, called = body.parent, body.joint
+    if body.kind == "free":
+        for axis, k in zip(np.eye(3), "xyz", strict=True):
+            found.append(
+                Coordinate(f"{body.name}.{k}", parent, "slide", axis=axis, coordinate=f"{called}.{k}")
+            )
+            parent = found[-1].name
+    placed: dict[str, Any] = {
+        "position": body.position,
+        "rotation": body.rotation,
+        "anchor": body.anchor,
+    }
+    for kind, k in zip(ROTATIONS[:2], "xy", strict=True):
+        name = f"{body.name}.r{k}"
+        found.append(Coordinate(name, parent, kind, coordinate=f"{called}.r{k}", **placed))
+        parent, placed = name, {"anchor": body.anchor}
+    own: dict[str, Any] = {"mass": body.mass, "com": body.com, "inertia": body.inertia}
+    last = Coordinate(body.name, parent, ROTATIONS[2], coordinate=f"{called}.rz", **placed, **own)
+    return [*found, last]
 
 
 def body_values(body: Body) -> dict[str, float]:

@@ -1,4 +1,4 @@
-"""Dry friction of trees: in joints and between planar bodies and fixed planes."""
+"""Dry friction of trees: in joints and between bodies and fixed planes."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 from zivi.base.check import Array, finite, real_array
 from zivi.system.gap import Channel, DryFriction
 from zivi.system.mechanism import ControlInputs, control_inputs
-from zivi.system.tree_bodies import Body, PlaneGap, TreeGap, is_rough
+from zivi.system.tree_bodies import ROTATIONS, Body, PlaneGap, TreeGap, is_rough
 
 PARALLEL = 1e-9
 """Sine of the angle up to which directions are parallel."""
@@ -25,8 +25,8 @@ class Rubbing:
 
     Parameters
     ----------
-    kind : {"plane", "joint"}
-        Whether it is of a gap or of a joint.
+    kind : {"plane", "tangent", "joint"}
+        Whether it is of a gap, one of two of a gap, or of a joint.
     at : int
         The number of the gap or joint.
     channel : Channel
@@ -58,24 +58,20 @@ def rubbings(
     gaps: Sequence[tuple[str, TreeGap]],
     joints: Sequence[DryFriction],
 ) -> list[Rubbing]:
-    """Return the channels of friction: those of gaps with their names, then those of joints.
-
-    Raises
-    ------
-    NotImplementedError
-        For the friction of a body that does not move in a plane, by the names of gap and joint.
-    """
+    """Return the channels of friction: those of gaps with their names, then those of joints."""
     found = []
     for i, (name, gap) in enumerate(gaps):
         if not is_rough(gap):
             continue
         assert isinstance(gap, PlaneGap)
-        tangent = tangent_of(bodies, gap, name)
-        if tangent is not None:
-            limits = {f"{name}.mu": gap.mu}
-            if gap.mu_static is not None:
-                limits[f"{name}.mu_static"] = gap.mu_static
-            found.append(Rubbing("plane", i, Channel(name, i), limits, tangent, f"{name}.radius"))
+        limits = {f"{name}.mu": gap.mu}
+        if gap.mu_static is not None:
+            limits[f"{name}.mu_static"] = gap.mu_static
+        tangents = tangents_of(bodies, gap)
+        for row, tangent in enumerate(tangents):
+            channel = Channel(name, i, 0.0, row) if len(tangents) > 1 else Channel(name, i)
+            kind = "tangent" if len(tangents) > 1 else "plane"
+            found.append(Rubbing(kind, i, channel, limits, tangent, f"{name}.radius"))
     coordinates = [body.joint for body in bodies if body.moves]
     for friction in joints:
         joint = str(friction.direction)
@@ -120,58 +116,59 @@ def friction_of_joints(friction: Any, coordinates: Sequence[str]) -> tuple[DryFr
     return several
 
 
-# Bodies that move in a plane.
+# Directions of slip along a plane: one of a body that moves in a plane, two of one in space.
 
 
-def tangent_of(bodies: Sequence[Body], gap: PlaneGap, name: str) -> Array | None:
-    """Return the direction in which a body slips along a plane, None if it does not."""
+def tangents_of(bodies: Sequence[Body], gap: PlaneGap) -> list[Array]:
+    """Return the directions in which a body slips along a plane."""
     normal = np.asarray(gap.normal)
-    hinges, slides = _axes(bodies, gap.body)
+    axes = _axes(bodies, gap.body)
+    if axes is None:
+        return _both(normal)
+    hinges, slides = axes
     if hinges:
-        first, axis = hinges[0]
-        for joint, other in hinges[1:]:
-            if np.linalg.norm(np.cross(axis, other)) > PARALLEL:
-                raise _in_space(name, f"hinge {joint!r} is not parallel to {first!r}")
-        for joint, other in slides:
-            if abs(axis @ other) > PARALLEL:
-                raise _in_space(name, f"slide {joint!r} is not orthogonal to the hinge {first!r}")
-        if abs(axis @ normal) > PARALLEL:
-            raise _in_space(name, f"the normal is not orthogonal to the hinge {first!r}")
+        axis = hinges[0]
+        in_plane = abs(axis @ normal) <= PARALLEL
+        in_plane &= all(np.linalg.norm(np.cross(axis, it)) <= PARALLEL for it in hinges)
+        in_plane &= all(abs(axis @ it) <= PARALLEL for it in slides)
+        if not in_plane:
+            return _both(normal)
         tangent = np.cross(axis, normal)
-        return np.asarray(tangent / np.linalg.norm(tangent))
-    along = [(joint, axis - normal * (normal @ axis)) for joint, axis in slides]
-    along = [(joint, it) for joint, it in along if np.linalg.norm(it) > PARALLEL]
+        return [np.asarray(tangent / np.linalg.norm(tangent))]
+    along = [axis - normal * (normal @ axis) for axis in slides]
+    along = [it for it in along if np.linalg.norm(it) > PARALLEL]
     if not along:
-        return None
-    first, tangent = along[0]
-    tangent = tangent / np.linalg.norm(tangent)
-    for joint, other in along[1:]:
-        if np.linalg.norm(np.cross(tangent, other)) > PARALLEL * np.linalg.norm(other):
-            raise _in_space(name, f"slides {first!r} and {joint!r} span the plane of contact")
-    return np.asarray(tangent)
+        return []
+    tangent = along[0] / np.linalg.norm(along[0])
+    spans = [np.linalg.norm(np.cross(tangent, it)) > PARALLEL * np.linalg.norm(it) for it in along]
+    return _both(normal) if any(spans) else [np.asarray(tangent)]
 
 
-def _in_space(name: str, why: str) -> NotImplementedError:
-    return NotImplementedError(
-        f"friction of gap {name!r} is not supported by zivi.Tree for a body that moves in space: "
-        f"{why}; set mu=0 (friction='ignore' in from_mjcf and from_urdf)"
-    )
+def _both(normal: Array) -> list[Array]:
+    """Return two directions that are orthogonal to a normal and to each other."""
+    k = int(np.argmin(np.abs(normal)))
+    first = np.eye(3)[k] - normal[k] * normal
+    first /= np.linalg.norm(first)
+    return [first, np.asarray(np.cross(normal, first))]
 
 
-def _axes(
-    bodies: Sequence[Body], body: str
-) -> tuple[list[tuple[str, Array]], list[tuple[str, Array]]]:
-    """Return names and unit axes, in axes of the world, of the hinges and slides of a body."""
+def _axes(bodies: Sequence[Body], body: str) -> tuple[list[Array], list[Array]] | None:
+    """Return unit axes of the hinges and slides of a body, in axes of the world.
+
+    They are from the world outwards; None if it rotates in space.
+    """
     known = {it.name: it for it in bodies}
     turns = _rotations(bodies)
-    hinges: list[tuple[str, Array]] = []
-    slides: list[tuple[str, Array]] = []
+    hinges: list[Array] = []
+    slides: list[Array] = []
     at: str | None = body
     while at is not None:
         it = known[at]
+        if it.kind in ROTATIONS:
+            return None
         if it.moves:
             axis = np.asarray(it.axis) / np.linalg.norm(np.asarray(it.axis))
-            (hinges if it.kind == "hinge" else slides).append((it.joint, turns[at] @ axis))
+            (hinges if it.kind == "hinge" else slides).append(turns[at] @ axis)
         at = it.parent
     return hinges[::-1], slides[::-1]
 

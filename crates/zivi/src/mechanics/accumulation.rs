@@ -76,6 +76,17 @@ impl Accumulation {
         self.impacts = 0;
     }
 
+    /// States after impacts are in other coordinates from here on: what comes next is known by later impacts.
+    pub(super) fn forget_impacts(&mut self) {
+        self.chain.clear();
+        self.corner.clear();
+    }
+
+    /// Whether there was no impact that the next accumulation may be known by.
+    pub(super) fn has_no_impacts(&self) -> bool {
+        self.chain.impacts().bounces().is_empty() && self.corner.has_no_impacts()
+    }
+
     /// Friction in a joint or at a closed contact changed in flight: the impacts do not form a
     /// chain with a known ratio.
     pub(super) fn note_transition(&mut self) {

@@ -56,6 +56,11 @@ impl CornerApproach {
         self.patterns.clear();
     }
 
+    /// Whether it knows no impacts.
+    pub(super) fn has_no_impacts(&self) -> bool {
+        self.log.is_empty()
+    }
+
     /// A gap came to rest alone: what comes next may be a part of an accumulation of several gaps.
     pub(super) fn end_one_gap(&mut self) {
         self.log.clear_impacts();

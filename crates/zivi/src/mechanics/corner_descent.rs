@@ -392,6 +392,10 @@ impl CornerLog {
         self.kicks = 0;
     }
 
+    pub(super) fn is_empty(&self) -> bool {
+        self.impacts.all.is_empty() && self.openings.all.is_empty()
+    }
+
     /// Later impacts repeat no earlier ones except those that opened contacts.
     pub(super) fn clear_impacts(&mut self) {
         self.impacts.clear();

@@ -68,6 +68,8 @@ const MOST_CHANGES: u32 = 100;
 /// Steps without an event after which a motion that has covered less than this part of the span is given up.
 const MOST_IDLE: u32 = 1000;
 const IDLE: f64 = 1e-9;
+/// A rotation so far from the middle of its chart changes it whatever happens.
+const FAR: f64 = 2.0;
 /// A slip that ends with so little to spare, relative to the root of the tolerance, may not have.
 const GRAZE: f64 = 10.0;
 /// Occurrences that a piece of the motion has, at most, by gap.
@@ -190,6 +192,9 @@ impl MechanicalIntegrator {
         if !through.is_empty() {
             return self.strike(through, model);
         }
+        if self.change_charts(model) {
+            return Ok(Piece::Charts);
+        }
         let t = self.state.now().t;
         let linear = self.motion.linear_period(model);
         if let Some(period) = linear {
@@ -208,6 +213,16 @@ impl MechanicalIntegrator {
         }
         self.check_progress(t, t_end)?;
         Ok(Piece::Motion)
+    }
+
+    /// Takes rotations that leave their charts into the others; whether there were such. Impacts that may lead
+    /// to an accumulation are in one chart, as long as that is good.
+    fn change_charts<E, D: Dynamics<E>>(&mut self, model: &Model<'_, D>) -> bool {
+        if self.state.change_charts(FAR, model) {
+            self.accumulation.forget_impacts();
+            return true;
+        }
+        self.accumulation.has_no_impacts() && self.state.change_charts(1.0, model)
     }
 
     /// Ends a motion whose steps without an event do not get on.

@@ -15,6 +15,8 @@ pub(super) enum Piece {
     Descent(Vec<Flight>),
     /// Nothing but an event at the present time.
     Instant,
+    /// Not even that: rotations have other coordinates.
+    Charts,
 }
 
 /// A part of the way into a corner, and the mode in it.

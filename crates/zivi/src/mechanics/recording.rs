@@ -160,6 +160,12 @@ impl<'f, E, D: Dynamics<E>> SegmentSink<MechanicalIntegrator, Model<'f, D>, E> f
         // since the last piece
         let (from, mode) = (self.end.0, self.end.1.mode);
         match piece {
+            Piece::Charts => {
+                // the same state: no sample, and events are looked for from here on
+                self.arrive();
+                self.seeker.start(self.end.0, &self.end.1).map_err(Failure::Raised)?;
+                return Ok(());
+            }
             Piece::Motion => self.motion(from, mode, model)?,
             Piece::Skipped(arcs) => self.skipped(&arcs, mode, model)?,
             Piece::Descent(flights) => self.descent(&flights, model)?,

@@ -234,6 +234,12 @@ pub trait Dynamics<E> {
     fn has_constant_matrices(&self) -> bool {
         self.linear().is_some()
     }
+
+    /// Takes rotations that are farther than `far` from the middle of their chart, whose edge is at one, into
+    /// their other chart: coordinates and velocities change, the motion does not. Whether there were such.
+    fn change_charts(&self, _far: f64, _q: &mut [f64], _w: &mut [f64]) -> bool {
+        false
+    }
 }
 
 /// A borrowed system, possibly of dynamic type (`dyn`).
@@ -286,6 +292,10 @@ impl<E, D: Dynamics<E> + ?Sized> Dynamics<E> for &mut D {
 
     fn has_constant_matrices(&self) -> bool {
         (**self).has_constant_matrices()
+    }
+
+    fn change_charts(&self, far: f64, q: &mut [f64], w: &mut [f64]) -> bool {
+        (**self).change_charts(far, q, w)
     }
 }
 
@@ -446,6 +456,10 @@ where
     /// None: the control is no load of the linear system.
     fn linear(&self) -> Option<&Arc<LinearSystem>> {
         None
+    }
+
+    fn change_charts(&self, far: f64, q: &mut [f64], w: &mut [f64]) -> bool {
+        self.dynamics.change_charts(far, q, w)
     }
 }
 

@@ -177,8 +177,8 @@ KINDS = ("lower", "upper", "plane", "balls")
 def tree_numbers(tree: Tree) -> Iterator[float]:
     """Return joints, gaps, and each number of the tree as a polynomial in the parameters."""
     structure = tree._structure
-    for parent, slide in structure.joints():
-        yield from (parent, slide)
+    for parent, kind in structure.joints():
+        yield from (parent, kind == "slide")
     for side in structure.sides():
         yield from (KINDS.index(side.kind), *side.joints)
     values = {name: Polynomial({(i,): 1.0}) for i, name in enumerate(tree.parameters)}

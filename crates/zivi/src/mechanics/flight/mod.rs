@@ -804,8 +804,8 @@ impl<D> Flying<'_, '_, D> {
     {
         let (released, mode) = (self.state.released(), self.state.mode());
         // contacts with two directions begin to slip in a step of their own
-        let cones: Vec<[usize; 2]> = self.state.kinetics().cones(released).collect();
-        let released = released.without(cones.into_iter().flatten().collect());
+        let is_alone = |&channel: &usize| self.state.kinetics().other_of(channel).is_none();
+        let released: GapSet = released.iter().filter(is_alone).collect();
         if released.is_empty() {
             return Ok(true);
         }

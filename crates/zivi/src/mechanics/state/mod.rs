@@ -228,6 +228,18 @@ impl MechanicalState {
         (self.is_known, self.is_struck) = (false, false);
     }
 
+    /// Takes rotations farther than `far` from the middle of their chart into the other one.
+    pub(super) fn change_charts<E, D: Dynamics<E>>(
+        &mut self,
+        far: f64,
+        model: &Model<'_, D>,
+    ) -> bool {
+        let (n, now) = (self.layout.n, &mut self.now);
+        let is_changed = model.dynamics.change_charts(far, &mut now.x[..n], &mut now.xdot[..n]);
+        self.is_known &= !is_changed;
+        is_changed
+    }
+
     /// Evaluates the system here.
     pub(super) fn evaluate<E, D: Dynamics<E>>(
         &mut self,

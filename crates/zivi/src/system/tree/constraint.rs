@@ -163,7 +163,7 @@ impl<T: Real> Axis<T> {
     fn pull(&self, n: Vector<T>, joints: &[Joint], frames: &[Frame<T>], out: &mut [T]) {
         let mut at = self.joint;
         while let Some(index) = at {
-            if joints[index].kind == JointKind::Hinge {
+            if joints[index].kind != JointKind::Slide {
                 out[index] = out[index] + dot(n, frames[index].axis());
             }
             at = joints[index].parent;

@@ -9,6 +9,8 @@ pub enum JointKind {
     Hinge,
     /// Along its axis (m).
     Slide,
+    /// One of the three coordinates of a rotation (see [`super::rotation`]), by its number: each is on the one before.
+    Rotation(u8),
 }
 
 /// A joint and its body.
@@ -140,6 +142,8 @@ pub(super) fn shift<T: Real>(m: T, h: Vector<T>, d: Vector<T>) -> Symmetric<T> {
 pub(super) struct Frame<T> {
     /// Its axes.
     pub(super) axes: Columns<T>,
+    /// How the body turns or moves at a unit speed of the joint: an axis, of length one but in a rotation.
+    pub(super) along: Vector<T>,
     /// Its origin.
     pub(super) origin: Vector<T>,
     /// The origin less that of the parent.
@@ -158,6 +162,7 @@ impl<T: Real> Frame<T> {
         (x[0], y[1], z[2]) = (one, one, one);
         Self {
             axes: [x, y, z],
+            along: z,
             origin: zero,
             arm: zero,
             omega: zero,
@@ -170,7 +175,7 @@ impl<T: Real> Frame<T> {
     /// The axis of the joint.
     #[inline(always)]
     pub(super) fn axis(&self) -> Vector<T> {
-        self.axes[2]
+        self.along
     }
 
     /// `omega x r`.
@@ -203,6 +208,7 @@ impl<T: Real> Frame<T> {
                         add(scaled(y, cos), scaled(x, -sin)),
                         axis,
                     ],
+                    along: axis,
                     origin: add(self.origin, arm),
                     arm,
                     omega: add(self.omega, scaled(axis, w)),
@@ -211,10 +217,11 @@ impl<T: Real> Frame<T> {
                     acceleration: self.acceleration_at(arm),
                 }
             }
-            JointKind::Slide => {
+            JointKind::Slide | JointKind::Rotation(_) => {
                 arm = add(arm, scaled(axis, moved));
                 Self {
                     axes: [x, y, axis],
+                    along: axis,
                     origin: add(self.origin, arm),
                     arm,
                     omega: self.omega,

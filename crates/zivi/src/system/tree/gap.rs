@@ -4,8 +4,9 @@
 //! w = t . (p' - r omega x n)      w' = t . (p'' - r omega' x n)
 //! ```
 //!
-//! is the speed at which a ball of radius `r` about `p` slips over a plane with the normal `n`, where the body
-//! moves in a plane that contains `n` and `t`: what `omega` turns is orthogonal to `t` then.
+//! is the speed at which a ball of radius `r` about `p` slips over a plane with the normal `n`. Where the body
+//! moves in a plane that contains `n` and `t`, what `omega` turns is orthogonal to `t`: the acceleration of the
+//! point of the body that touches is `w'` then.
 
 use super::frame::{add, cross, dot, read, scaled, sub, turned, Frame, Joint, JointKind, Vector};
 use crate::numeric::power_series::Real;
@@ -47,13 +48,15 @@ pub enum TreeFriction {
     /// Along the plane of a gap, of a body that moves in a plane: the direction `t` of slip, the radius of the ball
     /// about the point of the gap, `mu` in slip and in stick.
     Plane(usize),
+    /// One of two directions along the plane of a gap, of a body that moves in space: the same numbers.
+    Tangent(usize),
 }
 
 impl TreeFriction {
     pub(super) fn numbers(self) -> usize {
         match self {
             Self::Joint(_) => 2,
-            Self::Plane(_) => 6,
+            Self::Plane(_) | Self::Tangent(_) => 6,
         }
     }
 
@@ -61,7 +64,9 @@ impl TreeFriction {
     pub(super) fn is_known(self, joints: &[Joint], gaps: &[TreeGap]) -> bool {
         match self {
             Self::Joint(joint) => joint < joints.len(),
-            Self::Plane(gap) => matches!(gaps.get(gap), Some(TreeGap::Plane(_))),
+            Self::Plane(gap) | Self::Tangent(gap) => {
+                matches!(gaps.get(gap), Some(TreeGap::Plane(_)))
+            }
         }
     }
 }
@@ -118,8 +123,10 @@ impl<T: Real> Point<T> {
         while let Some(index) = at {
             let frame = &frames[index];
             let moved = match joints[index].kind {
-                JointKind::Hinge => cross(frame.axis(), sub(self.at, frame.origin)),
                 JointKind::Slide => frame.axis(),
+                JointKind::Hinge | JointKind::Rotation(_) => {
+                    cross(frame.axis(), sub(self.at, frame.origin))
+                }
             };
             out[index] = out[index] + dot(n, moved);
             at = joints[index].parent;
@@ -198,6 +205,23 @@ impl TreeFriction {
                     let touching = Point::on(joint, sub(arm, scaled(n, numbers[3])), frames);
                     touching.pull(t, joints, frames, row.direction);
                     *row.curvature = dot(t, touching.acceleration);
+                }
+                &numbers[4..]
+            }
+            Self::Tangent(gap) => {
+                if let TreeGap::Plane(joint) = gaps[gap] {
+                    let (t, n, frame) = (read(numbers, 0), read(of_gap, 3), &frames[joint]);
+                    let (arm, beside) =
+                        (turned(&frame.axes, read(of_gap, 0)), scaled(n, -numbers[3]));
+                    Point::on(joint, add(arm, beside), frames).pull(
+                        t,
+                        joints,
+                        frames,
+                        row.direction,
+                    );
+                    // the ball touches with another of its points at each time
+                    let turning = cross(frame.alpha, beside);
+                    *row.curvature = dot(t, add(frame.acceleration_at(arm), turning));
                 }
                 &numbers[4..]
             }

@@ -4,7 +4,8 @@
 //! M(q) q'' = -b(q, q') - k (q - s) - c q' + tau + N^T lambda
 //! ```
 //!
-//! Each joint has one coordinate and a frame whose third axis is its own. Coordinates, velocities and
+//! Each joint has one coordinate and a frame whose third axis is its own; a rotation in space is three joints
+//! ([`rotation`]). Coordinates, velocities and
 //! accelerations of bodies are followed from the root outwards, in axes of the world ([`frame`]);
 //! forces and composite bodies are gathered inwards, which gives `b` (the recursive Newton-Euler
 //! equations) and `M` (the composite rigid body algorithm, [`gather`]). Gaps and dry friction are in [`gap`],
@@ -13,6 +14,7 @@
 mod constraint;
 mod frame;
 mod gap;
+mod rotation;
 
 pub use constraint::TreeConstraint;
 pub use frame::{Joint, JointKind};
@@ -24,6 +26,7 @@ use frame::{
     Symmetric, Vector,
 };
 use gap::{Row, SlipRow};
+use rotation::change_chart;
 
 use crate::numeric::power_series::{DualNumber, Real};
 use crate::system::dynamics::{Dynamics, Layout};
@@ -56,6 +59,7 @@ impl Tree {
     pub fn validated(self) -> Option<Self> {
         let n = self.joints.len();
         let grown = self.joints.iter().enumerate().all(|(i, it)| it.parent.is_none_or(|p| p < i));
+        let turns = (0..n).all(|i| self.is_in_order(i));
         let known = |gap: &TreeGap| gap.joints().into_iter().flatten().all(|joint| joint < n);
         let rubs = |it: &TreeFriction| it.is_known(&self.joints, &self.gaps);
         let of_friction: usize = self.friction.iter().map(|it| it.numbers()).sum();
@@ -66,11 +70,29 @@ impl Tree {
         let moves = self.drives.iter().all(|it| it.0 < rows);
         let fits = n > 0
             && moves
+            && turns
             && self.constraints.iter().all(holds)
             && grown
             && self.gaps.iter().all(known)
             && self.numbers.len() == numbers;
         (fits && self.friction.iter().all(rubs)).then_some(self)
+    }
+
+    /// Whether the coordinates of a rotation follow each other.
+    fn is_in_order(&self, i: usize) -> bool {
+        let Joint { parent, kind } = self.joints[i];
+        let of = |j: usize| self.joints.get(j).map(|it| it.kind);
+        match kind {
+            JointKind::Rotation(0) => of(i + 1) == Some(JointKind::Rotation(1)),
+            JointKind::Rotation(1) => {
+                parent == i.checked_sub(1) && of(i + 1) == Some(JointKind::Rotation(2))
+            }
+            JointKind::Rotation(2) => {
+                parent.is_some_and(|p| p + 1 == i && of(p) == Some(JointKind::Rotation(1)))
+            }
+            JointKind::Rotation(_) => false,
+            JointKind::Hinge | JointKind::Slide => true,
+        }
     }
 
     fn joint_numbers(&self, joint: usize) -> Range<usize> {
@@ -100,8 +122,8 @@ impl<T: Real> Wrench<T> {
     #[inline(always)]
     fn along(&self, joint: Joint, frame: &Frame<T>) -> T {
         let of = match joint.kind {
-            JointKind::Hinge => self.moment,
             JointKind::Slide => self.force,
+            JointKind::Hinge | JointKind::Rotation(_) => self.moment,
         };
         dot(frame.axis(), of)
     }
@@ -168,11 +190,11 @@ impl<T: Real> Load<T> {
     #[inline(always)]
     fn momentum(&self, joint: Joint, axis: Vector<T>) -> Wrench<T> {
         match joint.kind {
-            JointKind::Hinge => {
-                Wrench { force: cross(axis, self.first), moment: times(&self.inertia, axis) }
-            }
             JointKind::Slide => {
                 Wrench { force: scaled(axis, self.mass), moment: cross(self.first, axis) }
+            }
+            JointKind::Hinge | JointKind::Rotation(_) => {
+                Wrench { force: cross(axis, self.first), moment: times(&self.inertia, axis) }
             }
         }
     }
@@ -349,7 +371,9 @@ impl Tree {
         let mut start = self.gap_numbers(self.gaps.len()).start;
         for (c, it) in self.friction.iter().enumerate() {
             let of_gap = match it {
-                TreeFriction::Plane(gap) => &numbers[self.gap_numbers(*gap)],
+                TreeFriction::Plane(gap) | TreeFriction::Tangent(gap) => {
+                    &numbers[self.gap_numbers(*gap)]
+                }
                 TreeFriction::Joint(_) => &[],
             };
             let row = layout.m + c;
@@ -378,7 +402,10 @@ impl Tree {
         for (i, joint) in self.joints.iter().enumerate() {
             let own = &numbers[self.joint_numbers(i)];
             let parent = joint.parent.map_or(&world, |parent| &bodies.frames[parent]);
-            let frame = parent.next(*joint, own, q[i], w[i]);
+            let frame = match joint.kind {
+                JointKind::Rotation(k) => parent.next_in_rotation(k, own, (i, q, w)),
+                _ => parent.next(*joint, own, q[i], w[i]),
+            };
             bodies.loads.push(Load::of(&frame, own, gravity));
             bodies.frames.push(frame);
         }
@@ -439,6 +466,16 @@ impl<E> Dynamics<E> for TreeDynamics {
 
     fn has_separate_equalities(&self) -> bool {
         true
+    }
+
+    fn change_charts(&self, far: f64, q: &mut [f64], w: &mut [f64]) -> bool {
+        let mut is_changed = false;
+        for (i, joint) in self.tree.joints.iter().enumerate() {
+            if joint.kind == JointKind::Rotation(0) {
+                is_changed |= change_chart(far, &mut q[i..i + 3], &mut w[i..i + 3]);
+            }
+        }
+        is_changed
     }
 }
 

@@ -1,0 +1,1 @@
+"""Bodies that rotate in space, and shapes whose contacts are gaps."""
