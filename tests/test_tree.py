@@ -303,7 +303,7 @@ def test_a_change_of_a_parameter_holds_for_later_runs():
 
 
 BAD = {
-    "kind of body 'a' must be one of": lambda: Body("a", kind="ball"),
+    "kind of body 'a' must be one of": lambda: Body("a", kind="screw"),
     "axis of body 'a' must not be zero": lambda: Body("a", axis=[0, 0, 0]),
     "com of body 'a' must be three": lambda: Body("a", com=[1, 2]),
     "rotation of body 'a' must be a rotation": lambda: Body("a", rotation=-np.eye(3)),

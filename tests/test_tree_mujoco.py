@@ -126,6 +126,53 @@ def test_spheres_capsules_boxes_and_welded_planes_are_gaps():
     np.testing.assert_array_equal(here.gradients[:2], [[0, 0, 1, 0], [0, 0, -1, 0]])
 
 
+SPACE = """<mujoco><option gravity="1 2 -9"/><worldbody>
+  <geom name="slope" type="plane" size="1 1 .1" pos="0 0 -1" euler="20 10 0"/>
+  <body name="free" pos="1 2 3" euler="10 20 30"><freejoint name="f"/>
+    <geom name="stone" type="box" size=".1 .2 .3" mass="2" pos=".1 0 .1" friction=".4 0 0"/>
+    <geom name="rod" type="capsule" size=".1 .3" mass="1" euler="30 0 20" friction=".4 0 0"/>
+    <body name="arm" pos=".3 0 0" euler="0 50 0"><joint name="h" axis="1 1 0" pos="0 .1 0"/>
+      <geom size=".1" mass="1" pos="0 .2 .3"/>
+      <body name="end" pos="0 0 .5"><joint name="b" type="ball" pos="-.1 0 .2"/>
+        <geom name="tip" size=".15" mass="1" pos=".2 0 .1" friction=".5 0 0"/>
+  </body></body></body></worldbody></mujoco>"""
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_free_and_ball_joints_are_those_of_mujoco(seed):
+    pairs = [(name, "slope") for name in ("stone", "rod", "tip")]
+    tree, reference = zivi.Tree.from_mjcf(SPACE, gaps=pairs), Reference(SPACE)
+    assert (tree.nq, tree.m, len(tree.channel_names)) == (reference.m.nq, 11, 22)
+    rng = np.random.default_rng(seed)
+    pos, vel = rng.normal(size=reference.m.nq), rng.normal(size=reference.m.nv)
+    for at in (3, 8):
+        pos[at : at + 4] /= np.linalg.norm(pos[at : at + 4])
+    q, w = tree.state(pos, vel)
+    here = tree.at(0.0, q, w)
+    mass, force = reference.at(pos, vel)
+    # qvel = J q', J' q' by a difference
+    jacobian = np.array([tree.qvel(q, unit) for unit in np.eye(len(w))]).T
+    close(here.mass, jacobian.T @ mass @ jacobian)
+    acceleration, h = np.linalg.solve(here.mass, here.force), 1e-4
+    ahead, behind = (tree.qvel(q + s * h * w, w) for s in (1, -1))
+    turning = (ahead - behind) / (2 * h)
+    close(jacobian @ acceleration + turning, np.linalg.solve(mass, force), 1e-6)
+    corners = [(x, y, z) for x in (-0.1, 0.1) for y in (-0.2, 0.2) for z in (-0.3, 0.3)]
+    balls = [("stone", 0.0, corner) for corner in corners]
+    balls += [("rod", 0.1, (0, 0, z)) for z in (-0.3, 0.3)] + [("tip", 0.15, (0, 0, 0))]
+    normal = reference.d.geom_xmat[0].reshape(3, 3)[:, 2]
+    for i, (geom, radius, local) in enumerate(balls):
+        gap, gradient, _ = reference.above(geom, "slope", radius, local)
+        close(here.gaps[i], gap)
+        close(here.gradients[i] @ w, gradient @ vel)
+        at, _, _, _ = reference.point(geom, local)
+        jac = np.zeros((3, reference.m.nv))
+        body = int(reference.m.geom_bodyid[reference.m.geom(geom).id])
+        mujoco.mj_jac(reference.m, reference.d, jac, None, at - radius * normal, body)
+        slip = jac @ vel - normal * (normal @ jac @ vel)
+        close(np.linalg.norm(here.tangents[2 * i : 2 * i + 2] @ w), np.linalg.norm(slip))
+
+
 def test_controls_springs_and_references_of_a_hopper():
     ctrl = [3.0, 0.1]
     tree = zivi.Tree.from_mjcf(HOPPER, gaps=[("foot", "floor")], ctrl=ctrl)
@@ -171,8 +218,24 @@ def model(inside="", joint='<joint name="j" axis="0 1 0"/>', geom="", more="", o
 
 TENDON = '<tendon><fixed name="t" {}><joint joint="j" coef="1"/></fixed></tendon>'
 REFUSED = {
-    "free joints .*'j'": model(joint='<freejoint name="j"/>'),
-    "ball joints .*'j'": model(joint='<joint name="j" type="ball"/>'),
+    "damping of free and ball joints: joint 'j'; set": model(
+        joint='<joint name="j" type="ball" damping="1"/>'
+    ),
+    "armature of free and ball joints: joint 'j'": model(
+        joint='<joint name="j" type="free" armature=".1"/>'
+    ),
+    "springs of free and ball joints: joint 'j'": model(
+        joint='<joint name="j" type="ball" stiffness="1"/>'
+    ),
+    "friction in free and ball joints .*'j'": model(
+        joint='<joint name="j" type="ball" frictionloss="1"/>'
+    ),
+    "limits of ball joints: joint 'j'": model(
+        joint='<joint name="j" type="ball" range="0 1" limited="true"/>'
+    ),
+    "actuators at free and ball joints: joint 'j'": model(
+        joint='<joint name="j" type="ball"/>', more='<actuator><motor joint="j"/></actuator>'
+    ),
     "friction in tendons": model(more=TENDON.format('frictionloss=".1"')),
     "limits of tendons": model(more=TENDON.format('limited="true" range="0 1"')),
     "tendons: tendon 't'": model(more=TENDON.format("")),

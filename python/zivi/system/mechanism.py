@@ -971,7 +971,7 @@ class MechanicalSystem:
         return y0
 
     def _rotations(self) -> dict[str, tuple[int, bool]]:
-        """Return the first coordinate of each rotation in space, by its body, and if that is free."""
+        """Return the first coordinate of each rotation in space by body, and if that is free."""
         return {}
 
     def _is_steady(self) -> bool:

@@ -200,7 +200,9 @@ def coordinates_of_body(body: Body) -> list[Body]:
     if body.kind == "free":
         for axis, k in zip(np.eye(3), "xyz", strict=True):
             found.append(
-                Coordinate(f"{body.name}.{k}", parent, "slide", axis=axis, coordinate=f"{called}.{k}")
+                Coordinate(
+                    f"{body.name}.{k}", parent, "slide", axis=axis, coordinate=f"{called}.{k}"
+                )
             )
             parent = found[-1].name
     placed: dict[str, Any] = {

@@ -124,7 +124,7 @@ def tangents_of(bodies: Sequence[Body], gap: PlaneGap) -> list[Array]:
     normal = np.asarray(gap.normal)
     axes = _axes(bodies, gap.body)
     if axes is None:
-        return _both(normal)
+        return _in_both_directions(normal)
     hinges, slides = axes
     if hinges:
         axis = hinges[0]
@@ -132,7 +132,7 @@ def tangents_of(bodies: Sequence[Body], gap: PlaneGap) -> list[Array]:
         in_plane &= all(np.linalg.norm(np.cross(axis, it)) <= PARALLEL for it in hinges)
         in_plane &= all(abs(axis @ it) <= PARALLEL for it in slides)
         if not in_plane:
-            return _both(normal)
+            return _in_both_directions(normal)
         tangent = np.cross(axis, normal)
         return [np.asarray(tangent / np.linalg.norm(tangent))]
     along = [axis - normal * (normal @ axis) for axis in slides]
@@ -141,10 +141,10 @@ def tangents_of(bodies: Sequence[Body], gap: PlaneGap) -> list[Array]:
         return []
     tangent = along[0] / np.linalg.norm(along[0])
     spans = [np.linalg.norm(np.cross(tangent, it)) > PARALLEL * np.linalg.norm(it) for it in along]
-    return _both(normal) if any(spans) else [np.asarray(tangent)]
+    return _in_both_directions(normal) if any(spans) else [np.asarray(tangent)]
 
 
-def _both(normal: Array) -> list[Array]:
+def _in_both_directions(normal: Array) -> list[Array]:
     """Return two directions that are orthogonal to a normal and to each other."""
     k = int(np.argmin(np.abs(normal)))
     first = np.eye(3)[k] - normal[k] * normal

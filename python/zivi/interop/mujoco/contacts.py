@@ -11,7 +11,16 @@ import numpy as np
 from zivi.base.check import Array
 from zivi.interop.mujoco.refusals import element_name, is_off
 from zivi.system.tree import Tree
-from zivi.system.tree_bodies import BallGap, Body, JointLimit, PlaneGap, TreeGap, is_rough
+from zivi.system.tree_bodies import (
+    BallGap,
+    Body,
+    JointLimit,
+    PlaneGap,
+    TreeGap,
+    coordinates_of_body,
+    is_rough,
+)
+from zivi.system.tree_friction import tangents_of
 
 CHOICES = ("read", "refuse", "ignore")
 """What becomes of the friction of a model."""
@@ -58,8 +67,11 @@ def read_gaps(
             found.append(given)
         else:
             where = f"gaps[{i}]"
-            several = _of_pair(model, where, _named(where, given, geoms), friction)
+            pair = _named(where, given, geoms)
+            several = _of_pair(model, where, pair, friction)
             rough = any(map(is_rough, several))
+            if rough and bodies:
+                _refuse_torsion(model, pair, several[0], bodies)
             found += _distinct(bodies, several) if bodies and rough and not every else several
     return _distinct(bodies, found) if bodies and every else found
 
@@ -197,6 +209,26 @@ def _coefficient(model: Any, called: str, pair: tuple[int, int], friction: str) 
             f"rolling friction is not supported: {called!r}; condim='3' is sliding friction alone"
         )
     return float(both[0])
+
+
+def _refuse_torsion(
+    model: Any, pair: tuple[int, int], gap: TreeGap, bodies: Sequence[Body]
+) -> None:
+    """Reject friction about the normal of a body that moves in space."""
+    if (own := _explicit(model, pair)) is not None:
+        dimension, torsion = int(model.pair_dim[own]), float(model.pair_friction[own][2])
+    else:
+        priority = np.asarray(model.geom_priority)[[*pair]]
+        first = np.flatnonzero(priority == priority.max())
+        dimension = int(np.max(model.geom_condim[[*pair]][first]))
+        torsion = float(np.max(np.array(model.geom_friction[[*pair]])[first, 1]))
+    inner = [it for body in bodies for it in coordinates_of_body(body)]
+    in_space = isinstance(gap, PlaneGap) and len(tangents_of(inner, gap)) == 2
+    if dimension >= 4 and torsion != 0.0 and in_space:
+        called = "-".join(element_name(model, "geom", geom) for geom in pair)
+        raise NotImplementedError(
+            f"torsional friction is not supported: {called!r}; condim='3' is sliding friction alone"
+        )
 
 
 def _refuse_contact(model: Any, called: str, pair: tuple[int, int]) -> None:

@@ -15,7 +15,9 @@ from zivi.base.extras import needed
 from zivi.base.status import ModelWarning
 from zivi.interop.mujoco.contacts import read_gaps, rotation_of
 from zivi.interop.mujoco.refusals import (
+    BALL,
     CONNECT,
+    FREE,
     JOINT,
     element_name,
     is_off,
@@ -200,6 +202,8 @@ def _bodies(model: Any, body: int, driven: dict[int, Actuation]) -> list[Body]:
     if count == 0:
         return [Body(name, carrier, "fixed", **placed, **own)]
     parts = []
+    if int(model.jnt_type[first]) == FREE:
+        return [Body(name, kind="free", coordinate=element_name(model, "joint", first), **own)]
     for joint in range(first, first + count):
         last = joint == first + count - 1
         coordinate = element_name(model, "joint", joint)
@@ -211,6 +215,8 @@ def _bodies(model: Any, body: int, driven: dict[int, Actuation]) -> list[Body]:
 
 
 def _joint(model: Any, joint: int, drive: Actuation) -> dict[str, Any]:
+    if model.jnt_type[joint] == BALL:
+        return {"kind": "ball", "anchor": np.array(model.jnt_pos[joint])}
     dof, at = int(model.jnt_dofadr[joint]), int(model.jnt_qposadr[joint])
     stiffness, spring = float(model.jnt_stiffness[joint]), float(model.qpos_spring[at])
     # -k (q - s) + tau - k' q = -(k + k') (q - s) + tau - k' s

@@ -65,8 +65,20 @@ def _other_equalities(model: Any) -> Any:
     return np.asarray(model.eq_type) > JOINT
 
 
+FREE, BALL = 0, 1
 CONNECT, WELD, JOINT = 0, 1, 2
 """Kinds of equality constraints of MuJoCo."""
+
+
+def _rotating(condition: Callable[[Any], Any]) -> Search:
+    """Find the first free or ball joint for which a condition holds."""
+    return _which("joint", lambda model: (model.jnt_type <= BALL) & np.asarray(condition(model)))
+
+
+def _with_actuator(model: Any) -> Any:
+    found = np.zeros(model.njnt, bool)
+    found[model.actuator_trnid[model.actuator_trntype <= 1, 0]] = True
+    return found
 
 
 def _callbacks(_: Any) -> bool:
@@ -93,7 +105,6 @@ def _disabled(flag: str) -> Callable[[Any], bool]:
     return off
 
 
-FREE, BALL = 0, 1
 SCALAR = "zivi.interop.mujoco.scalar_joints(spec) replaces it by slides and hinges"
 Refusal = tuple[str, Search, str]
 """What is not supported, the search for it, and what would work."""
@@ -103,8 +114,6 @@ FOR_ALL: tuple[Refusal, ...] = (
         _some("nv = 0", lambda model: model.nv == 0),
         "give a body a joint",
     ),
-    ("free joints", _which("joint", lambda model: model.jnt_type == FREE), SCALAR),
-    ("ball joints", _which("joint", lambda model: model.jnt_type == BALL), SCALAR),
     (
         "friction in tendons (frictionloss)",
         _which("tendon", lambda m: m.tendon_frictionloss != 0),
@@ -143,6 +152,8 @@ FOR_ALL: tuple[Refusal, ...] = (
 coordinates."""
 
 FOR_SYSTEM: tuple[Refusal, ...] = (
+    ("free joints", _which("joint", lambda model: model.jnt_type == FREE), SCALAR),
+    ("ball joints", _which("joint", lambda model: model.jnt_type == BALL), SCALAR),
     (
         "equality constraints",
         _every("equality", "neq"),
@@ -191,6 +202,28 @@ FOR_TREE: tuple[Refusal, ...] = tuple(
 )
 """What a tree does not have, but `system` has."""
 
+OF_ROTATIONS: tuple[Refusal, ...] = (
+    ("damping of free and ball joints", _rotating(_joints("dof_damping")), "set damping='0'"),
+    ("armature of free and ball joints", _rotating(_joints("dof_armature")), "set armature='0'"),
+    (
+        "friction in free and ball joints (frictionloss)",
+        _rotating(_joints("dof_frictionloss")),
+        "set frictionloss='0'",
+    ),
+    (
+        "springs of free and ball joints",
+        _rotating(lambda model: model.jnt_stiffness != 0),
+        "set stiffness='0'",
+    ),
+    (
+        "limits of ball joints",
+        _rotating(lambda model: model.jnt_limited != 0),
+        "set limited='false'",
+    ),
+    ("actuators at free and ball joints", _rotating(_with_actuator), "use hinges and slides"),
+)
+"""What a tree does not have at joints that rotate in space."""
+
 
 def refuse_for_system(model: Any) -> None:
     """Reject what `system` does not have."""
@@ -201,6 +234,7 @@ def refuse_for_tree(model: Any) -> None:
     """Reject what a tree does not have."""
     _reject(model, FOR_ALL, UNSUPPORTED)
     _reject(model, FOR_TREE, "zivi.Tree does not support {what}: {which}; {remedy}")
+    _reject(model, OF_ROTATIONS, "zivi.Tree does not support {what}: {which}; {remedy}")
 
 
 def _reject(model: Any, table: tuple[Refusal, ...], told: str) -> None:

@@ -16,6 +16,7 @@ import numpy as np
 
 from zivi.base.check import Array
 
+
 def quaternions_of(s: Any) -> Array:
     """Return the unit quaternions (w, x, y, z) of coordinates of shape (..., 3)."""
     s = np.asarray(s)
