@@ -54,8 +54,7 @@ impl<T: Real> Turning<T> {
     /// The rates for `omega`: its matrix is orthogonal but for a factor.
     fn rates(&self, omega: Vector<T>) -> Vector<T> {
         let along = dot(self.s, omega);
-        let across =
-            add(scaled(cross(self.s, omega), T::of(-2.0)), scaled(self.s, along + along));
+        let across = add(scaled(cross(self.s, omega), T::of(-2.0)), scaled(self.s, along + along));
         scaled(add(scaled(omega, self.rest()), across), T::of(0.25))
     }
 
