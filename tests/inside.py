@@ -44,7 +44,7 @@ NAMES = {
         "Frame ImpulseTerms Terms evaluate multipliers_of newton of_segments row_sizes sizes_of"
     ),
     "orbits.find": "is_free",
-    "orbits.flows": "FlightError MassFlow PRECISE impact_maps parsed",
+    "orbits.flows": "exponentials FlightError MassFlow PRECISE impact_maps parsed",
     "orbits.follow": "doubled",
     "orbits.orbit": "chatter_exponent SequenceFrame=MassFrame rows_along word_of_rows",
     "orbits.path": (

@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 import pytest
+from scipy.linalg import expm
 
 import zivi
 from inside import (
@@ -17,6 +18,7 @@ from inside import (
     by_parameter,
     canonical,
     evaluate,
+    exponentials,
     frame_of,
     impact_maps,
     moved_frame,
@@ -43,6 +45,20 @@ def test_periods_and_lengths():
         period_of(ball, None)
     with pytest.raises(ValueError, match="period='free' finds it"):
         period_of(ball, None, or_free=True)
+
+
+def test_exponentials_of_many_matrices_at_once():
+    w, times = 3.0, np.array([0.0, 1e-9, 0.3, 40.0])
+    found = exponentials(np.array([[0.0, 1.0], [-w * w, 0.0]]) * times[:, None, None])
+    c, s = np.cos(w * times), np.sin(w * times)
+    exact = np.array([[c, s / w], [-w * s, c]]).transpose(2, 0, 1)
+    assert np.max(np.abs(found - exact)) < 1e-12
+    # masses that nothing holds, under waves
+    sizes = np.random.default_rng(2).standard_normal((20, 7, 7))
+    sizes[:, :2, 3:] = 0.0
+    for size in (1e-3, 1.0, 10.0):
+        for one, other in zip(exponentials(size * sizes), map(expm, size * sizes), strict=True):
+            assert np.max(np.abs(one - other)) < 1e-12 * np.max(np.abs(other)) * max(1.0, size)
 
 
 CASES = {
