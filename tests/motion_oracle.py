@@ -143,6 +143,25 @@ class Oracle:
                 if np.abs(off).max() > allowed:
                     self.fault(t, f"{name} of the dense output", np.abs(off).max())
 
+    def displacements(self):
+        """Coordinates move by the integral of the velocity, also in tails that are extrapolated.
+
+        Within a step it varies by what forces accelerate by, and by bounces, which are no faster
+        than what the velocity changes by up to its end.
+        """
+        sol = self.sol
+        for k in np.flatnonzero(np.diff(sol.t) > 0):
+            here, h = self.system.at(sol.t[k], sol.q[k], sol.qdot[k]), sol.t[k + 1] - sol.t[k]
+            push = self.force(sol.t[k], here) + sol.reactions[k] @ np.atleast_2d(here.gradients)
+            if len(sol.channel_names):
+                push = push + sol.friction_forces[k] @ np.atleast_2d(here.tangents)
+            a = np.abs(np.linalg.solve(here.mass, push)).max()
+            turn = np.abs(np.diff(sol.qdot[k : k + 2], axis=0)).max()
+            mean = (sol.qdot[k] + sol.qdot[k + 1]) / 2
+            off = np.abs(sol.q[k + 1] - sol.q[k] - h * mean).max()
+            if off > h * (3 * turn + 10 * h * (1 + a)) + self.tol:
+                self.fault(sol.t[k], f"coordinates do not move for {h:.3g} s", off)
+
     def dissipation(self, energy, times):
         """The energy of a system that nothing drives never grows, but for flagged impacts."""
         if "energy_gain" in self.sol.flags["kind"]:
@@ -201,6 +220,7 @@ def check(system, sol, rng, tol, energy=None, start=None, count=20, **push):
     step = 1e-4 * min(1.0, t1 - t0)
     times = it.smooth(np.sort(rng.uniform(t0 + step, t1 - step, count)), 2 * step)
     it.forces(it.smooth(np.unique(sol.t), 1e-12 * (t1 - t0)))
+    it.displacements()
     if len(times):
         it.forces(times)
         it.motion(times, step)

@@ -68,15 +68,16 @@ class Status(NamedStatus):
     REDUNDANT_CONTACTS = 12
     """Closed gaps of a mechanism depend on each other, and no forces keep all of them closed."""
     IMPACT_NOT_SOLVED = 13
-    """The impulses of an impact on several gaps were not found; with friction there may be none."""
+    """The impulses of an impact on several gaps were not found."""
     CONTACT_NOT_SOLVED = 14
-    """Which contacts of a mechanical system stay closed was not decided."""
+    """Which contacts of a mechanical system stay closed was not decided, or its impacts at one
+    instant do not end."""
     MASS_NOT_DEFINITE = 15
     """The mass matrix of a mechanical system is not symmetric positive definite."""
     INCONSISTENT_CONTACT = 16
     """No motion of a sliding contact obeys the law of friction (Painlevé's paradox)."""
     INDETERMINATE_CONTACT = 17
-    """Several motions obey the law of friction (Painlevé's paradox)."""
+    """Several motions obey the law of friction: Painlevé's paradox, or an open prestress."""
     PAINLEVE_SINGULAR = 18
     """A sliding contact reached the border of Painlevé's paradox."""
     REDUNDANT_STICK = 19
@@ -90,6 +91,8 @@ class Status(NamedStatus):
     """1000 steps of a mechanical system without an event covered less than 1e-9 of the span."""
     INCONSISTENT_CONSTRAINTS = 23
     """Dependent equality rows of a mechanical system ask for different motions."""
+    INCONSISTENT_IMPACT = 24
+    """No impulses obey the laws of an impact on several gaps with friction."""
 
 
 class StudyStatus(NamedStatus):

@@ -30,6 +30,7 @@ from zivi.simulation.run_result import Closer, SampledRun, Setup, trust_note, tr
 from zivi.simulation.trajectory import STATUSES
 from zivi.system.gap import Channel
 from zivi.system.mechanism import MechanicalSystem, Model
+from zivi.system.model_parts import Evaluation
 from zivi.system.space.rotations import (
     continuous,
     with_angular_velocities,
@@ -379,7 +380,12 @@ def forces_at(
 TOUCHING = 1e-9
 """Gaps below this, relative to the coordinates, touch where a run ends."""
 
-UNSOLVED = (Status.REDUNDANT_CONTACTS, Status.IMPACT_NOT_SOLVED, Status.CONTACT_NOT_SOLVED)
+UNSOLVED = (
+    Status.REDUNDANT_CONTACTS,
+    Status.IMPACT_NOT_SOLVED,
+    Status.INCONSISTENT_IMPACT,
+    Status.CONTACT_NOT_SOLVED,
+)
 
 NOT_FINITE = (
     "The mass, the force, or a part of a gap is NaN or infinite; the trajectory ends at the last "
@@ -391,6 +397,18 @@ PARADOXES = (
     Status.INCONSISTENT_CONTACT,
     Status.INDETERMINATE_CONTACT,
     Status.PAINLEVE_SINGULAR,
+)
+
+
+PRESTRESS = (
+    "Several motions obey the law of friction from here on: contacts and joints hold each other by "
+    "forces that the motion does not determine, and this prestress decides what sticks; the "
+    "trajectory ends there. Give a gap a contact= law, or use zivi.MoreauJean, which chooses one "
+    "motion."
+)
+PAINLEVE = (
+    "Several motions obey the law of friction from here on (Painlevé's paradox); the trajectory "
+    "ends there. Lower mu, or use zivi.MoreauJean, which chooses one."
 )
 
 
@@ -408,36 +426,57 @@ def end_message(
         return record.message
     size = TOUCHING * (1.0 + float(np.max(np.abs(record.q[-1]))))
     touching = record.contacts[-1] | (record.gaps[-1] <= size)
-    if status in PARADOXES:
-        told = _paradox(record, model, channels, touching)
-        return f"{record.message} At t = {record.t[-1]:.9g}: {told}."
     names = ", ".join(repr(name) for name, on in zip(gaps, touching, strict=True) if on)
+    if status in PARADOXES:
+        here = model.layout.read(model.evaluate(record.t[-1], record.q[-1], record.qdot[-1]))
+        numbers = _paradoxes(here, record.qdot[-1], channels, touching)
+        several = status is Status.INDETERMINATE_CONTACT
+        if several and _is_prestressed(here, channels, touching, numbers):
+            return f"{PRESTRESS} At t = {record.t[-1]:.9g} these gaps touch: {names}."
+        told = "; ".join(
+            f"{name!r} slides with {slip:.6g}, K = {k:.6g}, b = {b:.6g}"
+            for name, slip, k, b in numbers
+        )
+        message = PAINLEVE if several else record.message
+        return f"{message} At t = {record.t[-1]:.9g}: {told or 'no sliding contact touches'}."
     return f"{record.message} At t = {record.t[-1]:.9g} these gaps touch: {names}."
 
 
-def _paradox(
-    record: _zivi.MechanicalRecord,
-    model: Model,
+def _is_prestressed(
+    here: Evaluation,
     channels: Sequence[Channel],
     touching: NDArray[np.bool_],
-) -> str:
-    r"""Return the numbers that decide about each sliding contact, taken alone.
+    numbers: Sequence[tuple[str, float, float, float]],
+) -> bool:
+    """Return whether no sliding contact is in the paradox and the rows depend on each other."""
+    rough = [channel.gap is None or bool(touching[channel.gap]) for channel in channels]
+    rows = np.concatenate([here.gradients[touching], here.tangents[rough]])
+    paradox = any(k <= 0.0 for _, _, k, _ in numbers)
+    return not paradox and int(np.linalg.matrix_rank(rows)) < len(rows)
+
+
+def _paradoxes(
+    here: Evaluation,
+    qdot: NDArray[np.float64],
+    channels: Sequence[Channel],
+    touching: NDArray[np.bool_],
+) -> list[tuple[str, float, float, float]]:
+    r"""Return the numbers that decide about each sliding contact, taken alone: name, slip, K, b.
 
     .. math:: \ddot g = K \lambda + b, \qquad K = (N M^{-1} (N - \mu \sigma B)^T)
     """
-    here = model.layout.read(model.evaluate(record.t[-1], record.q[-1], record.qdot[-1]))
     free = np.linalg.solve(here.mass, here.force)
     told = []
     for c, channel in enumerate(channels):
         i = channel.gap
         if i is None or not touching[i]:
             continue
-        slip = float(here.tangents[c] @ record.qdot[-1] + here.slip_rates[c])
+        slip = float(here.tangents[c] @ qdot + here.slip_rates[c])
         edge = here.gradients[i] - here.limits[c] * np.sign(slip) * here.tangents[c]
         k = float(here.gradients[i] @ np.linalg.solve(here.mass, edge))
         b = float(here.gradients[i] @ free + here.curvatures[i])
-        told.append(f"{channel.name!r} slides with {slip:.6g}, K = {k:.6g}, b = {b:.6g}")
-    return "; ".join(told) or "no sliding contact touches"
+        told.append((channel.name, slip, k, b))
+    return told
 
 
 # Runs of mechanical systems as tables and labelled datasets.

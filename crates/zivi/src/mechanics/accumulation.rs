@@ -10,7 +10,7 @@ use super::mode::{Ahead, Key};
 use super::piece::Piece;
 use super::state::MechanicalState;
 use crate::record::events::{FlagKind, Occurrence};
-use crate::record::gap_set::GapSet;
+use crate::record::gap_set::{ContactMode, GapSet};
 use crate::record::status::Failure;
 use crate::switched::accumulation::Deviation;
 use crate::switched::SwitchedRk;
@@ -179,6 +179,54 @@ impl Accumulation {
         self.chain.restart();
         self.impacts = 0;
         Ok(piece)
+    }
+}
+
+impl Accumulation {
+    /// To rest where the system is, in all gaps and channels whose speeds are below `slow`: what is left of
+    /// accumulations within accumulations, whose patterns tell no end. Whether anything comes to rest.
+    pub(super) fn rest<E, D: Dynamics<E>>(
+        &mut self,
+        slow: f64,
+        state: &mut MechanicalState,
+        occurrences: &mut Vec<Occurrence>,
+        model: &mut Model<'_, D>,
+    ) -> Result<bool, Failure<E>> {
+        state.complete(model)?;
+        let (t, before, mode, m) = (state.now().t, state.closed(), state.mode(), state.layout().m);
+        let set: GapSet = (0..m).filter(|&i| state.is_still(i, slow)).collect();
+        let slips = state.slips();
+        let stops = |&c: &usize| match state.kinetics().gap_of(c) {
+            _ if slips[c].abs() > slow => false,
+            Some(gap) => set.has(gap),
+            None => true,
+        };
+        let stick: GapSet = (0..slips.len()).filter(stops).collect();
+        let moves =
+            set.iter().any(|i| state.gap(i).1 != 0.0) || stick.iter().any(|c| slips[c] != 0.0);
+        let singular =
+            |state: &mut MechanicalState| state.parts().0.solve(set, |_, _| 0.0).is_err();
+        if !moves || (state.layout().p == 0 && singular(state)) {
+            return Ok(false);
+        }
+        let z = [&state.now().x[..], &state.now().xdot[..]].concat();
+        let landed = ContactMode { stick, ..set.into() };
+        let set = state.move_to((t, &z), landed, self.settings.rounding(), model)?;
+        state.settle(set)?;
+        state.refresh()?;
+        let closed = set.without(before);
+        match closed.len() {
+            0 | 1 => {
+                let zeno = |gap| Occurrence::Zeno { t, gap, closed: set };
+                occurrences.extend(closed.iter().map(zeno));
+            }
+            _ => occurrences.push(Occurrence::Corner { t, gaps: set }),
+        }
+        note_lifted(t, state.left(), occurrences);
+        state.note_transitions(mode, occurrences);
+        self.chain.restart();
+        self.clear();
+        Ok(true)
     }
 }
 

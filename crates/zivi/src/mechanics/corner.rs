@@ -227,7 +227,7 @@ impl CornerApproach {
         let channels = set.iter().filter_map(|gap| state.kinetics().channel_of(gap));
         let stick: GapSet = channels.filter(|&channel| state.slips()[channel] == 0.0).collect();
         let z = state.without_speeds(ContactMode { stick, ..set.into() })?;
-        let of = |marks| time_of_corner(marks, fewest);
+        let of = |marks| time_of_corner(marks, fewest, set);
         let end = of(&self.log.openings).or_else(|| of(&self.log.impacts));
         let now = state.now().t;
         let t = end.map_or(now, |end| end.max(now));
@@ -283,7 +283,7 @@ fn at_one_instant<E, D: Dynamics<E>>(
     at: &mut Mechanism<'_, '_, D>,
 ) -> Result<Option<ExtrapolatedEnd<Vec<f64>>>, Failure<E>> {
     let (Layout { n, m, p: channels, .. }, t) = (at.state.layout(), at.state.now().t);
-    let end = time_of_corner(marks, fewest).filter(|_| channels == 0);
+    let end = time_of_corner(marks, fewest, set).filter(|_| channels == 0);
     let Some(end) = end.filter(|_| speeds_fall(marks, p, (n, set))) else { return Ok(None) };
     at.state.complete(at.model)?;
     let (state, slow) = (&*at.state, slow(at.settings, at.state));

@@ -459,9 +459,13 @@ fn of_last_phase(marks: &[Mark], p: usize) -> Option<(Vec<&Mark>, f64)> {
     (r > 0.0 && r < RATIO.0 && steady).then_some((phase, r))
 }
 
-/// The sum of the geometric series of the times: where the corner is, without the state.
-pub(super) fn time_of_corner(marks: &[Mark], fewest: usize) -> Option<f64> {
-    let (p, _) = pattern(marks, fewest)?;
+/// The sum of the geometric series of the times: where the corner of a set is, without the state. Events that
+/// hit other gaps lead elsewhere: a gap comes to rest within each flight of another, long before that does.
+pub(super) fn time_of_corner(marks: &[Mark], fewest: usize, set: GapSet) -> Option<f64> {
+    let (p, gaps) = pattern(marks, fewest)?;
+    if !gaps.without(set).is_empty() {
+        return None;
+    }
     let (phase, r) = of_last_phase(marks, p)?;
     Some(phase[0].t + (phase[0].t - phase[1].t) * r / (1.0 - r))
 }
@@ -576,7 +580,8 @@ mod corner_log_tests {
         uneven[11].t += 0.5 * (marks[13].t - marks[11].t);
         assert_eq!(landing(&uneven, 2, &[1e9, 1e9]), None);
         // without the table: one geometric series
-        let sum = time_of_corner(&marks, 2).unwrap();
+        let sum = time_of_corner(&marks, 2, GapSet::of_bits(3)).unwrap();
         assert!((sum - 2.0).abs() < 1e-5 && marks[13].t < 2.0 - 1e-4, "{sum}");
+        assert_eq!(time_of_corner(&marks, 2, GapSet::of(0)), None);
     }
 }

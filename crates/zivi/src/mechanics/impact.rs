@@ -361,6 +361,8 @@ impl Impacts {
         let collision = Collision { set, e, friction, before: &before, free, duration, is_jammed };
         let found = collision.solve(kinetics)?;
         rates.copy_from_slice(&found.rates);
+        // a speed towards zero that is left is rounding of the slips
+        set.iter().for_each(|gap| rates[gap] = rates[gap].max(0.0));
         now.xdot[..n].iter_mut().zip(&found.push).for_each(|(w, push)| *w += push);
         let work = |row: usize| -0.5 * found.impulses[row] * (before[row] + found.rates[row]);
         now.xdot[n + rows] += (kinetics.layout.m..rows).map(work).sum::<f64>();

@@ -12,6 +12,7 @@ use super::kinetics::Model;
 use super::mode::{Key, Limit, Next};
 use super::piece::Piece;
 use super::state::{MechanicalState, Start};
+use crate::numeric::dense::largest;
 use crate::record::columns::Reserve;
 use crate::record::events::{FlagKind, Occurrence};
 use crate::record::gap_set::{ContactMode, GapSet};
@@ -40,6 +41,10 @@ pub(super) struct MechanicalIntegrator {
     has_noted_equalities: bool,
     /// Events since the time last advanced by a step.
     stalled: u32,
+    /// When what was slow was last brought to rest.
+    rested: f64,
+    /// When the last pieces began that cover little of the span, and how many there were.
+    crawl: (f64, u32),
     /// When the run started; when the last event was, and steps since then.
     started: f64,
     smooth: (f64, u32),
@@ -65,11 +70,18 @@ impl StepBackup {
 const MOST_AT_ONCE: u32 = 20_000;
 /// Changes of friction at one instant after which it is called undecided.
 const MOST_CHANGES: u32 = 100;
+/// Speeds below this part of the tolerance come to rest there.
+const RESTS: f64 = 1e-2;
 /// Steps without an event after which a motion that has covered less than this part of the span is given up.
 const MOST_IDLE: u32 = 1000;
 const IDLE: f64 = 1e-9;
 /// A rotation so far from the middle of its chart changes it whatever happens.
 const FAR: f64 = 2.0;
+/// Pieces that cover less than this part of the span, after which speeds below this part of the tolerance come to
+/// rest.
+const MOST_CRAWLING: u32 = 1000;
+const CRAWL: f64 = 1e-8;
+const TRICKLE: f64 = 0.1;
 /// A slip that ends with so little to spare, relative to the root of the tolerance, may not have.
 const GRAZE: f64 = 10.0;
 /// Occurrences that a piece of the motion has, at most, by gap.
@@ -93,6 +105,8 @@ impl MechanicalIntegrator {
             undetermined: ContactMode::default(),
             has_noted_equalities: false,
             stalled: 0,
+            rested: f64::NEG_INFINITY,
+            crawl: (f64::NEG_INFINITY, 0),
             started: 0.0,
             smooth: (0.0, 0),
         }
@@ -165,6 +179,9 @@ impl MechanicalIntegrator {
         if self.stalled > MOST_AT_ONCE {
             return Err(Failure::Status(Status::ContactNotSolved));
         }
+        if self.crawls(t_end) && self.rest(TRICKLE, model)? {
+            return Ok(Piece::Instant);
+        }
         match std::mem::replace(&mut self.next, Next::Step) {
             Next::LocatedEvent(gaps) => {
                 let struck = self.strike(gaps, model);
@@ -223,6 +240,35 @@ impl MechanicalIntegrator {
             return true;
         }
         self.accumulation.has_no_impacts() && self.state.change_charts(1.0, model)
+    }
+
+    /// Whether the last pieces of the motion have covered next to nothing of the span.
+    fn crawls(&mut self, t_end: f64) -> bool {
+        let (now, (from, pieces)) = (self.state.now().t, &mut self.crawl);
+        if now - *from > CRAWL * (t_end - self.started) || *pieces > MOST_CRAWLING {
+            (*from, *pieces) = (now, 0);
+        }
+        *pieces += 1;
+        *pieces > MOST_CRAWLING && self.next == Next::Step
+    }
+
+    /// Brings to rest what is slower than this part of the tolerance, once at an instant.
+    fn rest<E, D: Dynamics<E>>(
+        &mut self,
+        part: f64,
+        model: &mut Model<'_, D>,
+    ) -> Result<bool, Failure<E>> {
+        let Self { state, accumulation, occurrences, .. } = self;
+        let now = state.now().t;
+        if self.rested == now {
+            return Ok(false);
+        }
+        self.rested = now;
+        let speed = largest(&state.now().xdot[..state.layout().n]);
+        let slow = part * self.settings.rtol * (1.0 + speed);
+        let rests = accumulation.rest(slow, state, occurrences, model)?;
+        self.motion.forget_experience();
+        Ok(rests)
     }
 
     /// Ends a motion whose steps without an event do not get on.
@@ -337,10 +383,13 @@ impl MechanicalIntegrator {
         channels: GapSet,
         model: &mut Model<'_, D>,
     ) -> Result<Piece, Failure<E>> {
-        let Self { state, occurrences, .. } = self;
         if self.stalled > MOST_CHANGES {
-            return Err(Failure::Status(Status::ModeChatter));
+            return match self.rest(RESTS, model)? {
+                true => Ok(Piece::Instant),
+                false => Err(Failure::Status(Status::ModeChatter)),
+            };
         }
+        let Self { state, occurrences, .. } = self;
         let (mode, closed) = (state.mode(), state.closed());
         let others = mode.slipping().without(state.released()).without(channels);
         state.stop_slip(channels);

@@ -310,7 +310,10 @@ pub(super) fn open<E, D: Dynamics<E>>(
 fn later_slips(state: &MechanicalState, later: f64) -> Vec<f64> {
     let Layout { n, m, .. } = state.layout();
     let slopes = &state.kinetics().acceleration[n + m..];
-    state.slips().iter().zip(slopes).map(|(w, slope)| w + later * slope).collect()
+    let mut slips: Vec<f64> =
+        state.slips().iter().zip(slopes).map(|(w, slope)| w + later * slope).collect();
+    state.spent().iter().for_each(|channel| slips[channel] = 0.0);
+    slips
 }
 
 /// The change of one contact that a limit asks for.

@@ -24,6 +24,8 @@ pub(super) struct Contacts {
     pub(super) left: GapSet,
     /// The channels that begin to slip: their slip does not end in the first step.
     pub(super) released: GapSet,
+    /// The channels with the force of slip whose slip speed stays zero, as the others hold them.
+    pub(super) spent: GapSet,
     /// The compliant gaps whose law changes its sign here: it does not change back at once.
     pub(super) turned: GapSet,
 }

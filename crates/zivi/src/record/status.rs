@@ -48,7 +48,7 @@ pub enum Status {
     MassNotDefinite = 15,
     /// No motion in contact obeys the law of friction (Painlevé's paradox).
     InconsistentContact = 16,
-    /// Several motions obey the law of friction (Painlevé's paradox).
+    /// Several motions obey the law of friction.
     IndeterminateContact = 17,
     /// A sliding contact reached the border of Painlevé's paradox.
     PainleveSingular = 18,
@@ -62,11 +62,13 @@ pub enum Status {
     NoProgress = 22,
     /// Equality rows that depend on each other ask for different motions.
     InconsistentConstraints = 23,
+    /// No impulses obey the laws of an impact on several gaps with friction.
+    InconsistentImpact = 24,
 }
 
 impl Status {
     /// Every status, in the order of their numbers.
-    pub const ALL: [Status; 24] = [
+    pub const ALL: [Status; 25] = [
         Status::Completed,
         Status::ForceNotFinite,
         Status::StateNotFinite,
@@ -91,6 +93,7 @@ impl Status {
         Status::ControlRejected,
         Status::NoProgress,
         Status::InconsistentConstraints,
+        Status::InconsistentImpact,
     ];
 
     /// Reason and advice.
@@ -150,12 +153,12 @@ impl Status {
             }
             Status::ImpactNotSolved => {
                 "The impulses of an impact on several gaps were not found; the trajectory ends \
-                 before it. With friction Newton's law may have none: try impact_law='poisson', or \
-                 a smaller mu. Without friction, check the mass matrix and the gradients there."
+                 before it. With friction there may be none: try impact_law='poisson', or a smaller \
+                 mu. Without friction, check the mass matrix and the gradients there."
             }
             Status::ContactNotSolved => {
-                "Which contacts stay closed could not be decided; the trajectory ends there. \
-                 Look whether gaps leave the bodies no room there, tighten rtol and atol, and check \
+                "Which contacts stay closed could not be decided, or impacts at one instant follow each \
+                 other without an end; the trajectory ends there. Look whether gaps leave the bodies no room there, tighten rtol and atol, and check \
                  that mass, force and gaps are smooth."
             }
             Status::MassNotDefinite => {
@@ -168,8 +171,10 @@ impl Status {
                  paradox='impact' continue by an impact without a collision."
             }
             Status::IndeterminateContact => {
-                "Several motions obey the law of friction from here on (Painlevé's paradox); the \
-                 trajectory ends there. Lower mu, or use zivi.MoreauJean, which chooses one."
+                "Several motions obey the law of friction from here on; the trajectory ends there. A \
+                 sliding contact is in Painlevé's paradox, or contacts at rest hold each other by a \
+                 prestress that the motion does not determine. Lower mu, or use zivi.MoreauJean, \
+                 which chooses one."
             }
             Status::PainleveSingular => {
                 "A sliding contact has reached the border of Painlevé's paradox, where its force \
@@ -201,6 +206,11 @@ impl Status {
                 "Equality rows that depend on each other ask for different motions, or an impulse \
                  for one that no row allows; the trajectory ends at the last step before. Check the \
                  dependent rows and what they prescribe there, or remove some of them."
+            }
+            Status::InconsistentImpact => {
+                "An impact on several gaps has no solution: whichever of them stick, slip or open, no \
+                 impulses obey the laws of restitution and friction. The trajectory ends before it. \
+                 Try impact_law='poisson', or a smaller mu."
             }
         }
     }

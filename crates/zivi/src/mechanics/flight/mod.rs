@@ -827,7 +827,8 @@ impl<D> Flying<'_, '_, D> {
         let kinetics = self.state.kinetics();
         let cones: GapSet = kinetics.cones(mode.slipping()).flatten().collect();
         let frozen = kinetics.frozen();
-        let slipping = mode.slipping().without(self.state.released()).without(cones);
+        let still = self.state.released().with(self.state.spent());
+        let slipping = mode.slipping().without(still).without(cones);
         if slipping.is_empty() && frozen.is_empty() {
             return Ok(None);
         }

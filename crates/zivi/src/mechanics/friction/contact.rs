@@ -149,6 +149,13 @@ impl Kinetics {
         chosen
     }
 
+    /// Whether the rows of a mode hold a channel: its slip does not change.
+    pub(in crate::mechanics) fn is_held(&mut self, mode: ContactMode, channel: usize) -> bool {
+        let (rows, row) = (self.rows_of(mode), self.row(channel));
+        let with = self.independent(rows.with(GapSet::of(row))).len();
+        with == self.independent(rows).len()
+    }
+
     /// `K` of a mode.
     pub(in crate::mechanics) fn edges(&mut self, mode: ContactMode) -> Result<Edges, Undetermined> {
         let set = self.rows_of(mode);
@@ -401,6 +408,8 @@ impl Kinetics {
 
 /// Most patterns of stick and slip that are tried one by one.
 pub(super) const MOST_PATTERNS: usize = 256;
+/// The same where the steps find none that obeys the laws: after these it is known that there is none.
+pub(super) const ALL_PATTERNS: usize = 1 << 14;
 /// The proximal parameter, relative to the diagonal.
 const PROXIMAL: f64 = 0.1;
 /// Most proximal steps, and most sweeps over all contacts in one of them.

@@ -11,7 +11,9 @@
 //! At one contact with `det K > 0` exactly one does, at the limits two with the same motion, and where
 //! `mu_s > mu` sticking continues: most closed, then most sticking, then most that stuck before.
 
-use crate::mechanics::friction::contact::{Coulomb, Rough, Site, SiteMode, MOST_PATTERNS};
+use crate::mechanics::friction::contact::{
+    Coulomb, Rough, Site, SiteMode, ALL_PATTERNS, MOST_PATTERNS,
+};
 use crate::mechanics::kinetics::Kinetics;
 use crate::mechanics::mode::{Contacts, Limit};
 use crate::numeric::dense::dot;
@@ -143,26 +145,10 @@ pub(in crate::mechanics) fn decide<E>(
             }
         }
     }
-    let count = choices.iter().try_fold(1_usize, |all, it| all.checked_mul(it.count()));
+    let count = choices.iter().fold(1_usize, |all, it| all.saturating_mul(it.count()));
     let mut candidates: Vec<Candidate> = Vec::new();
-    if let Some(count) = count.filter(|&count| count <= MOST_PATTERNS) {
-        for number in 0..count {
-            let (mut mode, mut rest, mut begin) = (known, number, Vec::new());
-            for choice in &choices {
-                let way = rest % choice.count();
-                mode = choice.take(way, mode);
-                begin.extend(choice.direction(way));
-                rest /= choice.count();
-            }
-            let mode = match begin[..] {
-                [] => Some(mode),
-                [(gap, pair, number)] => begins(kinetics, mode, (gap, pair), number),
-                // several by repetition, from each on its own
-                _ if begin.iter().any(|it| it.2 > 0) => None,
-                _ => begin_together(kinetics, mode, &begin),
-            };
-            candidates.extend(mode.and_then(|it| judged(kinetics, (it, touching), slips)));
-        }
+    if count <= MOST_PATTERNS {
+        candidates = by_patterns(kinetics, (&choices, known), touching, slips);
     } else if choices.iter().any(|choice| matches!(choice, Choice::Cone(..))) {
         let mode = by_steps(kinetics, &choices, known);
         let begun = |it: &&Choice| matches!(it, Choice::Cone(.., false));
@@ -195,7 +181,10 @@ pub(in crate::mechanics) fn decide<E>(
             candidates.extend(found);
         }
         if !candidates.iter().any(is_found) {
-            return Err(Failure::Status(Status::ContactNotSolved));
+            if count > ALL_PATTERNS {
+                return Err(Failure::Status(Status::ContactNotSolved));
+            }
+            candidates = by_patterns(kinetics, (&choices, known), touching, slips);
         }
     }
     let Candidate { mode, headings, .. } = chosen(candidates, held)?;
@@ -203,7 +192,55 @@ pub(in crate::mechanics) fn decide<E>(
     let left = touching.without(mode.closed);
     let begins = |&c: &usize| slips[c] == 0.0;
     let released: GapSet = mode.slipping().iter().filter(begins).collect();
-    Ok(Contacts { mode, left, released, ..Contacts::default() })
+    let spent = spent(kinetics, mode, released);
+    let released = released.without(spent);
+    Ok(Contacts { mode, left, released, spent, ..Contacts::default() })
+}
+
+/// Every combination, judged.
+fn by_patterns(
+    kinetics: &mut Kinetics,
+    (choices, known): (&[Choice], ContactMode),
+    touching: GapSet,
+    slips: &[f64],
+) -> Vec<Candidate> {
+    let count = choices.iter().fold(1_usize, |all, it| all.saturating_mul(it.count()));
+    let mut candidates: Vec<Candidate> = Vec::new();
+    for number in 0..count {
+        let (mut mode, mut rest, mut begin) = (known, number, Vec::new());
+        for choice in choices {
+            let way = rest % choice.count();
+            mode = choice.take(way, mode);
+            begin.extend(choice.direction(way));
+            rest /= choice.count();
+        }
+        let mode = match begin[..] {
+            [] => Some(mode),
+            [(gap, pair, number)] => begins(kinetics, mode, (gap, pair), number),
+            // several by repetition, from each on its own
+            _ if begin.iter().any(|it| it.2 > 0) => None,
+            _ => begin_together(kinetics, mode, &begin),
+        };
+        candidates.extend(mode.and_then(|it| judged(kinetics, (it, touching), slips)));
+    }
+    candidates
+}
+
+/// The channels that begin to slip in a mode but that its rows hold: their force is that of slip, their slip
+/// speed stays zero.
+fn spent(kinetics: &mut Kinetics, mode: ContactMode, released: GapSet) -> GapSet {
+    let planar = |&channel: &usize| kinetics.other_of(channel).is_none();
+    let released: Vec<usize> = released.iter().filter(planar).collect();
+    if released.is_empty() || kinetics.contact(mode).is_err() {
+        return GapSet::EMPTY;
+    }
+    let n = kinetics.coordinates();
+    let mut still = |channel: usize| {
+        let row = kinetics.row(channel);
+        let rate = kinetics.acceleration[n + row].abs();
+        rate <= AGREES.0 * kinetics.acceleration_scale(row) && kinetics.is_held(mode, channel)
+    };
+    released.into_iter().filter(|&channel| still(channel)).collect()
 }
 
 /// A mode with one more closed gap, which begins to slip in one of the directions in which it can.

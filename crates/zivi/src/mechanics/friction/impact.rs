@@ -13,7 +13,7 @@
 //! all `e_t` are the common `e`, nor at one contact with `e_t = 0` and `e^2 <= 1 - c^2`, where `c` is the
 //! kinetic cosine of normal and tangent; elsewhere it may, which is reported.
 
-use crate::mechanics::friction::contact::{Coulomb, Rough, Site, MOST_PATTERNS};
+use crate::mechanics::friction::contact::{Coulomb, Rough, Site, ALL_PATTERNS, MOST_PATTERNS};
 use crate::mechanics::friction::decide::{with_cone, without_cone, DIRECTIONS, REFINED, TURNED};
 use crate::mechanics::friction::local::LocalSlip;
 use crate::mechanics::kinetics::Kinetics;
@@ -99,7 +99,14 @@ impl Collision<'_> {
             .collect();
         let count = ways.iter().fold(1_usize, |all, &way| all.saturating_mul(count(way)));
         let mut found: Vec<FrictionalExchange> = Vec::new();
-        if count <= MOST_PATTERNS {
+        if count > MOST_PATTERNS {
+            let pattern = self.by_steps(&ways, kinetics);
+            let pattern =
+                pattern.and_then(|pattern| self.with_directions(pattern, &ways, kinetics));
+            found.extend(pattern.and_then(|pattern| self.on_pattern(pattern, kinetics)));
+        }
+        let is_found = found.iter().any(|it| it.violation <= MISFIT.1);
+        if !is_found && count <= ALL_PATTERNS {
             for number in 0..count {
                 let (mode, begin) = pattern(&ways, number);
                 let pattern = match begin[..] {
@@ -110,21 +117,6 @@ impl Collision<'_> {
                 };
                 found.extend(pattern.and_then(|pattern| self.on_pattern(pattern, kinetics)));
             }
-        } else {
-            let mut pattern = self.by_steps(&ways, kinetics);
-            let slides = |pattern: ContactMode| {
-                let each = ways.iter().filter_map(|&(gap, channel, other)| {
-                    let pair = [channel?, other?];
-                    pattern.slip_plus.has(pair[0]).then_some((gap?, pair, 0))
-                });
-                each.collect::<Vec<Slide>>()
-            };
-            if let Some(found) = pattern.filter(|found| !slides(*found).is_empty()) {
-                let begin = slides(found);
-                let rest = begin.iter().fold(found, without_cone);
-                pattern = self.refined(rest, &begin, kinetics);
-            }
-            found.extend(pattern.and_then(|pattern| self.on_pattern(pattern, kinetics)));
         }
         let fastest = self.fastest(kinetics);
         if self.is_jammed {
@@ -133,9 +125,28 @@ impl Collision<'_> {
                 self.set.iter().any(|gap| it.impulses[gap] > least(gap))
             });
         }
-        let chosen = chosen(found, &fastest).ok_or(Failure::Status(Status::ImpactNotSolved))?;
+        let tried_all = count <= ALL_PATTERNS && ways.iter().all(|way| way.2.is_none());
+        let chosen = chosen(found, &fastest).ok_or(Failure::Status(unsolved(tried_all)))?;
         kinetics.turn(&chosen.rates);
         Ok(chosen)
+    }
+
+    /// A pattern with the directions of the contacts with two that slip, which are known roughly.
+    fn with_directions(
+        &self,
+        pattern: ContactMode,
+        ways: &[Way],
+        kinetics: &mut Kinetics,
+    ) -> Option<ContactMode> {
+        let slides = ways.iter().filter_map(|&(gap, channel, other)| {
+            let pair = [channel?, other?];
+            pattern.slip_plus.has(pair[0]).then_some((gap?, pair, 0))
+        });
+        let begin: Vec<Slide> = slides.collect();
+        if begin.is_empty() {
+            return Some(pattern);
+        }
+        self.refined(begin.iter().fold(pattern, without_cone), &begin, kinetics)
     }
 
     /// A pattern with one more contact, that slips after the impact in one of the directions in which it can.
@@ -509,6 +520,14 @@ pub(super) fn chosen(
     };
     chosen.is_ambiguous = found.iter().any(differs);
     Some(chosen)
+}
+
+/// Why there is no impact, and whether every pattern was tried.
+pub(super) fn unsolved(tried_all: bool) -> Status {
+    match tried_all {
+        true => Status::InconsistentImpact,
+        false => Status::ImpactNotSolved,
+    }
 }
 
 /// A gap and its channel, or a joint, and the other channel of a gap with two.

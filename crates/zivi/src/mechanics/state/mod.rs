@@ -157,6 +157,15 @@ impl MechanicalState {
         self.contacts.turned
     }
 
+    /// Whether a rigid gap is zero, up to heights that a speed takes it to.
+    pub(super) fn is_still(&self, gap: usize, speed: f64) -> bool {
+        let (n, (x, v), now) = (self.layout.n, self.gap(gap), &self.now);
+        let (rounding, _) = self.kinetics.rounding(gap, &now.x[..n], &now.xdot[..n]);
+        let low =
+            x.abs() <= rounding || 2.0 * x.abs() * self.kinetics.b(gap).abs() <= speed * speed;
+        !self.compliant().has(gap) && v.abs() <= speed && low
+    }
+
     /// Whether a compliant gap is below zero.
     pub(super) fn is_deep(&self, gap: usize) -> bool {
         self.contacts.mode.is_deep(gap)
@@ -537,6 +546,7 @@ impl MechanicalState {
         }
         self.contacts.left = GapSet::EMPTY;
         (self.contacts.released, self.contacts.turned) = (GapSet::EMPTY, GapSet::EMPTY);
+        self.stop_slip(self.contacts.spent);
         self.undo_drift(drift, model)?;
         let rows = self.kinetics.rows_of(self.contacts.mode);
         if !rows.is_empty() {
@@ -587,6 +597,7 @@ impl MechanicalState {
             self.now.x[c] = end.x[c] + delta * (end.xdot[c] + 0.5 * delta * slope);
             self.now.xdot[c] = end.xdot[c] + delta * slope;
         }
+        self.stop_slip(self.contacts.spent);
         (self.is_known, self.is_struck) = (false, false);
     }
 
@@ -833,6 +844,11 @@ impl MechanicalState {
     /// The channels that begin to slip.
     pub(in crate::mechanics) fn released(&self) -> GapSet {
         self.contacts.released
+    }
+
+    /// The channels whose slip speed stays zero under the force of slip.
+    pub(in crate::mechanics) fn spent(&self) -> GapSet {
+        self.contacts.spent
     }
 
     /// Moves the coordinates back by how far a step has drifted along the channels that stick.
