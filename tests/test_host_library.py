@@ -104,7 +104,7 @@ def prefix(tmp_path_factory: pytest.TempPathFactory) -> Path:
     target = Path(os.environ.get("CARGO_TARGET_DIR", ROOT / "target")).resolve()
     command = "cargo rustc --locked --quiet --package zivi-host --lib --crate-type cdylib"
     plain, built = os.environ | {"CARGO_PROFILE_DEV_DEBUG": "0"}, "debug"
-    if os.environ.get("CARGO_PROFILE_RELEASE_LTO") == "off":
+    if os.environ.get("CARGO_PROFILE_RELEASE_LTO") == "false":
         newer = runpy.run_path(str(ROOT / "tools" / "native.py"))["minor_version_of_cargo"]() >= 89
         command, built = f"{command} --release{' --features avx512' * newer}", "release"
         # what is compiled here alone
