@@ -444,13 +444,13 @@ def test_times_change_none_of_the_numbers_and_each_loop_runs_once(method, monkey
     given = (plant, trackers, (0, 1.5), [(6, 5), (2, -1)])
     plain = zivi.simulate_closed_loop_batch(*given, **settings)
     runs = []
-    loop = loop_batch.simulate_closed_loop
+    loop = loop_batch.simulate_mass
 
     def counted(*given, **named):
         runs.append(given)
         return loop(*given, **named)
 
-    monkeypatch.setattr(loop_batch, "simulate_closed_loop", counted)
+    monkeypatch.setattr(loop_batch, "simulate_mass", counted)
     timed = zivi.simulate_closed_loop_batch(*given, t_eval=[0.0, 0.55, 1.5], **settings)
     assert len(runs) == 2
     for name in NUMBERS:

@@ -20,6 +20,7 @@ from zivi.base.machine_code import listening
 from zivi.base.status import Status
 from zivi.control.loop_arguments import (
     GivenReference,
+    Loop,
     Reference,
     Told,
     check_ahead,
@@ -378,92 +379,76 @@ def simulate_closed_loop(
     (0.0, -9.69)
     """
     refuse("simulate_closed_loop", misplaced)
+    loop = Loop(
+        y_ref0=y_ref0, force_ref=force_ref, force_model=force_model, reference=reference,
+        method=method, noise=noise, seed=seed, quantization=quantization, delay=delay,
+        observer=observer, disturbance=disturbance, kicks=kicks, t_eval=t_eval, events=events,
+        dense_output=dense_output, slowest=slowest, progress=progress,
+    )  # fmt: skip
     if isinstance(system, MechanicalSystem):
-        of_one = {
-            "y_ref0": y_ref0,
-            "force_ref": force_ref,
-            "force_model": force_model,
-            "t_eval": t_eval,
-            "events": events,
-        }
-        for name, it in of_one.items():
-            if it is not None:
-                raise TypeError(f"{name} is for a zivi.ImpactSystem, not for a MechanicalSystem")
-        moved = simulate_mechanical(
-            system,
-            controller,
-            t_span,
-            y0,
-            reference=reference,
-            method=method,
-            noise=noise,
-            seed=seed,
-            quantization=quantization,
-            delay=delay,
-            observer=observer,
-            disturbance=disturbance,
-            kicks=kicks,
-            dense_output=dense_output,
-            slowest=slowest,
-            progress=progress,
-        )
+        loop.check_mechanical()
+        moved = simulate_mechanical(system, controller, t_span, y0, loop)
         moved.updates.warn(moved.config["controller"]["name"])
         return moved
-    if disturbance is not None:
+    return simulate_mass(system, controller, t_span, y0, loop)
+
+
+def simulate_mass(
+    system: ImpactSystem, controller: Any, t_span: Sequence[float], y0: Any, loop: Loop
+) -> ClosedLoop:
+    """Simulate the closed loop of a mass, as `simulate_closed_loop` has it."""
+    if loop.disturbance is not None:
         raise TypeError("disturbance is for a zivi.MechanicalSystem: here system.force is true")
-    part = check_slowest(slowest)
+    part = check_slowest(loop.slowest)
     check_system(system)
-    h = sampling_period(controller)
+    h, reference = sampling_period(controller), loop.reference
     own, controller = controller, on_wall(with_step_to(controller, reference), system)
     interface = interface_of(controller)
     span = pair("t_span", t_span, "(t0, t1)")
     state = pair("y0", y0, "(x0, xdot0)")
-    forces, specs = loop_forces(system, force_model, force_ref)
-    check_observer(observer, h)
-    check_interface(controller, interface, specs[-1], y_ref0=y_ref0, force_ref=force_ref)
-    check_reference(controller, reference, y_ref0=y_ref0, force_ref=force_ref)
-    check_stays(controller, not (y_ref0 is None and reference is None), forces["force_ref"])
+    forces, specs = loop_forces(system, loop.force_model, loop.force_ref)
+    check_observer(loop.observer, h)
+    follows = {"y_ref0": loop.y_ref0, "force_ref": loop.force_ref}
+    check_interface(controller, interface, specs[-1], **follows)
+    check_reference(controller, reference, **follows)
+    check_stays(controller, not (loop.y_ref0 is None and reference is None), forces["force_ref"])
     told = None if reference is None else spec_of(reference, span, h)
     kappa_ref = real("kappa_ref", getattr(controller, "kappa_ref", system.kappa))
-    restitution_ref = _zivi.Restitution(kappa=kappa_ref)
-    deviations = check_not_negative("noise", noise)
-    resolution = check_not_negative("quantization", quantization)
-    periods = check_delay(delay)
-    check_ahead(controller, periods, deviations[1] if observer is None else 0.0)
-    check_plant_method(method, h)
-    kicked, stops = schedule_of(kicks, system, None, span), np.empty(0)
+    deviations = check_not_negative("noise", loop.noise)
+    resolution = check_not_negative("quantization", loop.quantization)
+    periods = check_delay(loop.delay)
+    check_ahead(controller, periods, deviations[1] if loop.observer is None else 0.0)
+    check_plant_method(loop.method, h)
+    kicked, stops = schedule_of(loop.kicks, system, None, span), np.empty(0)
     if kicked is not None:
-        stops = stops_with(kicked, stops, method or SwitchedRK())
+        stops = stops_with(kicked, stops, loop.method or SwitchedRK())
         state = state[0], kicked.start(span[0], *state)
-    times = None if t_eval is None else times_within(t_eval, span)
-    watched = events_of(events)
-    if not isinstance(dense_output, bool):
-        raise TypeError(f"dense_output must be True or False, got {dense_output!r}")
-    seed, samples = noise_of(deviations, seed, span, h)
+    times = None if loop.t_eval is None else times_within(loop.t_eval, span)
+    watched = events_of(loop.events)
+    if not isinstance(loop.dense_output, bool):
+        raise TypeError(f"dense_output must be True or False, got {loop.dense_output!r}")
+    seed, samples = noise_of(deviations, loop.seed, span, h)
     if isinstance(controller, CONTROLLERS):
         controller = copy.copy(controller)
-    start_ref = None if y_ref0 is None else pair("y_ref0", y_ref0, "(x_ref0, xdot_ref0)")
-    if start_ref is not None:
-        following: Any = controller
-        following.reset(*start_ref)
-    config = (
-        describe_system(system)
-        | {name: describe(it) for name, it in forces.items()}
-        | {
-            "t_span": list(span),
-            "y0": list(state),
-            "y_ref0": None if start_ref is None else list(start_ref),
-            "reference": None if reference is None else describe_reference(reference),
-            "controller": described(own if isinstance(controller, Told) else controller),
-            "method": None if method is None else describe(method),
-            "noise": list(deviations),
-            "seed": seed,
-            "quantization": list(resolution),
-            "delay": periods,
-        }
-    )
-    config |= described_observer(observer)
-    with ProgressBar(progress) as bar, listening(specs) as ear:
+    start_ref = None
+    if loop.y_ref0 is not None:
+        start_ref = pair("y_ref0", loop.y_ref0, "(x_ref0, xdot_ref0)")
+        controller.reset(*start_ref)
+    config = describe_system(system) | {name: describe(it) for name, it in forces.items()}
+    config |= {
+        "t_span": list(span),
+        "y0": list(state),
+        "y_ref0": None if start_ref is None else list(start_ref),
+        "reference": None if reference is None else describe_reference(reference),
+        "controller": described(own if isinstance(controller, Told) else controller),
+        "method": None if loop.method is None else describe(loop.method),
+        "noise": list(deviations),
+        "seed": seed,
+        "quantization": list(resolution),
+        "delay": periods,
+        **described_observer(loop.observer),
+    }
+    with ProgressBar(loop.progress) as bar, listening(specs) as ear:
         record = _zivi.simulate_closed_loop(
             controller,
             specs,
@@ -471,23 +456,24 @@ def simulate_closed_loop(
             h=h,
             span=span,
             start=_zivi.State(*state),
-            **plant_motion(method),
+            **plant_motion(loop.method),
             noise=samples,
             resolution=resolution,
             delay=periods,
-            observer=observer,
+            observer=loop.observer,
             interface=interface,
             ours=has_own_tick(controller),
-            dense=dense_output or times is not None or bool(watched),
+            dense=loop.dense_output or times is not None or bool(watched),
             given=told,
-            restitution_ref=restitution_ref,
+            restitution_ref=_zivi.Restitution(kappa=kappa_ref),
             events=watched,
             kicks=None if kicked is None else (stops[stops > span[0]], kicked),
             progress=bar.report,
         )
     run, raised = _loop_result(record, config, part), record.raised
-    if reference is not None:
-        run = _with_reference(run, reference)
+    if callable(reference) and isinstance(run._reference, SampledReference):
+        # defined between the samples too
+        run = dataclasses.replace(run, _reference=GivenReference(reference, run._reference))
     if raised is None and (raised := ear.ends(run.success)):
         run = as_raised(run)
     if run.status is Status.TERMINATED_BY_EVENT:
@@ -532,14 +518,6 @@ def _loop_result(record: _zivi.LoopRecord, config: dict[str, Any], slowest: floa
         _reference=_reference(t, samples, config),
         _span=(float(t[0]), float(t[-1])) if len(t) else None,
     )
-
-
-def _with_reference(run: ClosedLoop, reference: Any) -> ClosedLoop:
-    """Attach to a run its reference between the samples, if it is defined there."""
-    sampled = run._reference
-    if not callable(reference) or not isinstance(sampled, SampledReference):
-        return run
-    return dataclasses.replace(run, _reference=GivenReference(reference, sampled))
 
 
 def _estimates(columns: Sequence[Array]) -> dict[str, Any]:

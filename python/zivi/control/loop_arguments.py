@@ -21,10 +21,43 @@ from zivi.control.loop_run import SampledReference, on_side
 from zivi.control.observer import ImpactObserver
 from zivi.control.twisting import CONTROLLERS
 from zivi.simulation.dense import DenseMotion
+from zivi.simulation.events import SLOWEST
 from zivi.simulation.methods import SwitchedRK, ThetaGamma
 from zivi.simulation.run import argument_text, pair
 from zivi.simulation.trajectory import Trajectory, describe
 from zivi.system.mass import ImpactSystem, LinearForce, force_spec, in_wall_frame
+
+# What a closed loop is given beside its plant, its controller, its span and its initial state.
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Loop:
+    """The arguments of `simulate_closed_loop`, of a mass or of a mechanical system."""
+
+    y_ref0: Any = None
+    force_ref: Any = None
+    force_model: Any = None
+    reference: Any = None
+    method: Any = None
+    noise: Any = (0.0, 0.0)
+    seed: Any = None
+    quantization: Any = (0.0, 0.0)
+    delay: Any = 0
+    observer: Any = None
+    disturbance: Any = None
+    kicks: Any = None
+    t_eval: Any = None
+    events: Any = None
+    dense_output: bool = True
+    slowest: float = SLOWEST
+    progress: bool | None = None
+
+    def check_mechanical(self) -> None:
+        """Refuse what only the loop of a mass is given."""
+        for name in ("y_ref0", "force_ref", "force_model", "t_eval", "events"):
+            if getattr(self, name) is not None:
+                raise TypeError(f"{name} is for a zivi.ImpactSystem, not for a MechanicalSystem")
+
 
 # References that a closed loop is given: a run, a function of time, or values at the samples.
 
@@ -34,7 +67,7 @@ Reference: TypeAlias = Trajectory | Callable[[float], Sequence[float]] | ArrayLi
 Spec: TypeAlias = "Array | Callable[[float], tuple[float, float, float]]"
 """As the extension takes it: rows of x, xdot, branch (0 unknown), acceleration (NaN unknown)."""
 
-SLOWEST = 1e-12
+SLOWEST_JUMP = 1e-12
 """Speed of the slowest impact whose jump is told from the acceleration (m/s)."""
 
 
@@ -146,7 +179,7 @@ def sampled_run(run: Trajectory, times: Array) -> tuple[Array, Array, Array, Arr
     """Return position, velocity and branch at the times, and the mean acceleration between them."""
     x, xdot = run(times)
     s, v = run._known().lifted(times)
-    impacts = run.impacts_down_to(SLOWEST)
+    impacts = run.impacts_down_to(SLOWEST_JUMP)
     jumps = np.append(0.0, np.cumsum(impacts["xdot_after"] - impacts["xdot_before"]))
     before = jumps[np.searchsorted(impacts["t"], times, side="right")]
     pull = np.diff(xdot - before) / np.diff(times)

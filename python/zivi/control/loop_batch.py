@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Mapping, Sequence
 from typing import Any, overload
 
@@ -14,8 +15,9 @@ from zivi.base.extras import ProgressBar
 from zivi.base.habits import hinted
 from zivi.base.machine_code import listening, tell
 from zivi.base.status import warn
-from zivi.control.closed_loop import SAMPLED, Controller, keep, simulate_closed_loop
+from zivi.control.closed_loop import SAMPLED, Controller, keep, simulate_mass
 from zivi.control.loop_arguments import (
+    Loop,
     Reference,
     at_samples,
     check_ahead,
@@ -330,20 +332,21 @@ def simulate_closed_loop_batch(
     if "seeds" in mechanical:
         warn("seeds= is deprecated; use seed=", DeprecationWarning)
         seed = mechanical.pop("seeds")
+    loop = Loop(
+        y_ref0=y_ref0, force_ref=force_ref, force_model=force_model, reference=reference,
+        method=method, noise=noise, seed=seed, quantization=quantization, delay=delay,
+        observer=observer, t_eval=t_eval, slowest=slowest, progress=progress,
+    )  # fmt: skip
     if isinstance(systems, MechanicalSystem):
-        kept = {"reference": reference, "method": method, "noise": noise, "save": save}
-        kept |= {"delay": delay, "observer": observer, "quantization": quantization}
-        kept |= {"slowest": slowest, "threads": threads, "progress": progress}
-        of_one = {"y_ref0": y_ref0, "force_ref": force_ref, "force_model": force_model}
-        for name, it in (of_one | {"t_eval": t_eval}).items():
-            if it is not None:
-                raise TypeError(f"{name} is for a zivi.ImpactSystem, not for a MechanicalSystem")
+        loop.check_mechanical()
         strange = sorted(set(mechanical) - {"parameters", "disturbance", "kicks"})
         if strange:
             raise TypeError(f"unknown argument {strange[0]} for loops of a mechanical system")
+        parameters = mechanical.pop("parameters", None)
         loops = simulate_mechanical_batch(
-            systems, controllers, t_span, y0, seeds=seed, **kept, **mechanical
-        )
+            systems, controllers, t_span, y0, dataclasses.replace(loop, **mechanical),
+            parameters=parameters, save=save, threads=threads,
+        )  # fmt: skip
         warn_of_batch(loops)
         return loops
     if mechanical:
@@ -384,34 +387,26 @@ def simulate_closed_loop_batch(
     check_stays(ticking[0], given_place, own if force_ref is None else force_ref)
     if not (finite("within", within) > 0.0):
         raise ValueError(f"within must be > 0 (m), got {within}")
-    asked = {"force_ref": force_ref, "force_model": force_model, "method": method, "delay": delay}
-    if not ours:
-        asked["y_ref0"] = y_ref0
+    asked = dataclasses.replace(
+        loop, y_ref0=None, noise=(0.0, 0.0), seed=None, t_eval=None, progress=False
+    )
 
-    def loop(i: int) -> ClosedLoop:
-        given: dict[str, Any] = dict(asked)
-        if given.get("y_ref0") is not None:
+    def run_of(i: int) -> ClosedLoop:
+        given: dict[str, Any] = {"reference": entry(followed, i)}
+        if not ours and y_ref0 is not None:
             given["y_ref0"] = entry(references, i)
         if noisy:
             given |= {"noise": entry(deviations, i), "seed": entry(seeds, i)}
-        run: ClosedLoop = simulate_closed_loop(
-            entry(plants, i),
-            copy_for_loop(entry(ticking, i), i),
-            span,
-            entry(states, i),
-            reference=entry(followed, i),
-            quantization=quantization,
-            observer=entry(observers, i) if observers else None,
-            slowest=slowest,
-            progress=False,
-            **given,
-        )
-        return run
+        if observers:
+            given["observer"] = entry(observers, i)
+        own = copy_for_loop(entry(ticking, i), i)
+        one = dataclasses.replace(asked, **given)
+        return simulate_mass(entry(plants, i), own, span, entry(states, i), one)
 
     every, workers = every_of(save, ("final",)) or 0, check_threads(threads)
 
     def numbers(i: int) -> dict[str, Any]:
-        run = loop(i)
+        run = run_of(i)
         if times is not None and rows is not None:
             keep(rows[:, i], run, times)
         return numbers_of(run, float(within), every)

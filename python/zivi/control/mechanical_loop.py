@@ -20,6 +20,7 @@ from zivi.base.status import ModelWarning
 from zivi.base.table import Field, ResultTable
 from zivi.control.gap_tracker import GapTracker, Striker
 from zivi.control.loop_arguments import (
+    Loop,
     check_delay,
     check_not_negative,
     check_predicted,
@@ -33,7 +34,7 @@ from zivi.control.model_based import JointObserver, ModelBased, check_believes
 from zivi.control.twisting import CONTROLLERS
 from zivi.simulation import mechanical_trajectory as labelled
 from zivi.simulation.batch_result import check_threads, threads_for
-from zivi.simulation.events import SLOWEST, check_slowest
+from zivi.simulation.events import check_slowest
 from zivi.simulation.mechanical_run import (
     RunRequest,
     check_friction,
@@ -234,28 +235,12 @@ class MechanicalController(Protocol):
 
 
 def simulate_mechanical(
-    system: MechanicalSystem,
-    controller: Any,
-    t_span: Sequence[float],
-    y0: Any,
-    *,
-    reference: Any = None,
-    method: Any = None,
-    noise: Sequence[float] = (0.0, 0.0),
-    seed: int | None = None,
-    quantization: Sequence[float] = (0.0, 0.0),
-    delay: int = 0,
-    observer: Any = None,
-    disturbance: Any = None,
-    dense_output: bool = True,
-    slowest: float = SLOWEST,
-    progress: bool | None = None,
-    kicks: Any = None,
+    system: MechanicalSystem, controller: Any, t_span: Sequence[float], y0: Any, loop: Loop
 ) -> MechanicalClosedLoop:
     """Simulate the closed loop of a mechanical system, as `simulate_closed_loop` has it."""
     h, span = sampling_period(controller), pair("t_span", t_span, "(t0, t1)")
     q, qdot = state_of(y0, system._n)
-    part, chosen = check_slowest(slowest), read_plant_method(method)
+    part, chosen = check_slowest(loop.slowest), read_plant_method(loop.method)
     check_friction(system, chosen[0])
     check_planar(system, "simulate_closed_loop")
     model, times = system.model(len(q)), _zivi.grid_times(*span, h, 1)
@@ -266,29 +251,28 @@ def simulate_mechanical(
         raise TypeError(f"controller must be one of a mechanical system, {kind} is of one mass")
     if isinstance(controller, ModelBased):
         check_believes("controller", controller.system, system, q)
-    sensor = Sensor.of(noise, quantization, seed, len(times), len(q))
-    periods = check_delay(delay)
-    own = controller
-    controller = copy_controller(controller)
+    sensor = Sensor.of(loop.noise, loop.quantization, loop.seed, len(times), len(q))
+    periods = check_delay(loop.delay)
+    own, controller, reference = controller, copy_controller(controller), loop.reference
     ahead = int(getattr(controller, "delay", 0))
     check_predicted(ahead, periods)
     asked_at = times_ahead(times, h, ahead, reference)
     tasks = tuple(getattr(controller, "tasks", ()))
     given = reference_of(reference, asked_at, system.gap_names, q, tasks)
     check_gap_reference(controller, given, model, (q, qdot), (asked_at, system.gap_names, tasks))
-    watching = watching_of(observer, system, h, q)
+    watching = watching_of(loop.observer, system, h, q)
     tell_sensor(controller, sensor, watching)
-    plant = model if disturbance is None else disturbed(model, disturbance, len(q))
+    plant = model if loop.disturbance is None else disturbed(model, loop.disturbance, len(q))
     native = type(controller) in (GapTracker, Striker)
-    loop = (
+    ticks = (
         controller.in_loop(len(q), given)
         if native
         else called_loop(controller, given, inputs.names)
     )
     stops = np.unique(np.concatenate([times[1:-1], system._breaks(span)]))
-    asked = RunRequest(span, q, qdot, None, stops, [], dense_output)
-    kicked = with_kicks(asked, kicks, system, chosen[0])
-    with ProgressBar(progress) as bar, listening_always() as ear:
+    asked = RunRequest(span, q, qdot, None, stops, [], loop.dense_output)
+    kicked = with_kicks(asked, loop.kicks, system, chosen[0])
+    with ProgressBar(loop.progress) as bar, listening_always() as ear:
         record = _zivi.simulate_mechanical_loop(
             system.mechanism(plant),
             inputs.spec(),
@@ -296,12 +280,12 @@ def simulate_mechanical(
             times,
             kicked.tstops,
             _zivi.Configuration(q, kicked.qdot),
-            loop,
+            ticks,
             observer=None if watching is None else watching.step,
             noise=sensor.noise,
             steps=sensor.steps,
             delay=periods,
-            dense=dense_output,
+            dense=loop.dense_output,
             one_step=chosen[1],
             kicks=kicked.kicks,
             progress=bar.report,
@@ -313,8 +297,8 @@ def simulate_mechanical(
         "quantization": list(sensor.steps),
         "seed": sensor.seed,
         "delay": periods,
-        "observer": None if observer is None else repr(observer),
-        "disturbance": None if disturbance is None else describe(disturbance),
+        "observer": None if loop.observer is None else repr(loop.observer),
+        "disturbance": None if loop.disturbance is None else describe(loop.disturbance),
     }
     if chosen[1]:
         config["method"] = {"name": "SwitchedRK"} | {"one_step_a_period": True}
@@ -768,54 +752,41 @@ def simulate_mechanical_batch(
     controller: Any,
     t_span: Sequence[float],
     starts: Any,
+    asked: Loop,
     *,
-    reference: Any = None,
-    noise: Any = (0.0, 0.0),
-    seeds: Any = None,
     parameters: Mapping[str, ArrayLike] | None = None,
     save: str | int = "final",
     threads: int | None = None,
-    progress: bool | None = None,
-    **asked: Any,
 ) -> MechanicalLoopBatch:
     """Simulate many closed loops of a mechanical system, as `simulate_closed_loop_batch` has it."""
     if save not in ("final", "runs"):
         raise ValueError(f"save must be 'final' or 'runs' for a mechanical system, got {save!r}")
     states = read_starts(starts)
     plants = plants_of(system, {} if parameters is None else by_name("parameters", parameters))
-    deviations = noises_of(noise)
+    deviations = noises_of(asked.noise)
     noisy = any(it != (0.0, 0.0) for it in deviations)
-    given = [] if seeds is None else np.atleast_1d(seeds).tolist()
+    given = [] if asked.seed is None else np.atleast_1d(asked.seed).tolist()
     lists = {"starts": states, "parameters": plants, "noise": deviations, "seed": given}
     n = common_length(lists)
-    numbers = seeds_of(seeds, n) if noisy or seeds is not None else []
+    numbers = seeds_of(asked.seed, n) if noisy or asked.seed is not None else []
     span, h = pair("t_span", t_span, "(t0, t1)"), sampling_period(controller)
+    reference = asked.reference
     if isinstance(reference, MechanicalTrajectory):
         ahead = int(getattr(controller, "delay", 0))
         times = times_ahead(_zivi.grid_times(*span, h, 1), h, ahead, reference)
         reference = reference_of(reference, times, system.gap_names, states[0][0])
-
-    def loop(i: int) -> MechanicalClosedLoop:
-        more = {"seed": entry(numbers, i)} if numbers else {}
-        return simulate_mechanical(
-            entry(plants, i),
-            controller,
-            span,
-            entry(states, i),
-            reference=reference,
-            noise=entry(deviations, i),
-            dense_output=save == "runs",
-            progress=False,
-            **more,
-            **asked,
-        )
+    kept_loop = dataclasses.replace(
+        asked, reference=reference, dense_output=save == "runs", progress=False
+    )
 
     def kept(i: int) -> tuple[dict[str, Any], MechanicalClosedLoop | None]:
-        run = loop(i)
+        seed = entry(numbers, i) if numbers else None
+        loop = dataclasses.replace(kept_loop, noise=entry(deviations, i), seed=seed)
+        run = simulate_mechanical(entry(plants, i), controller, span, entry(states, i), loop)
         return mechanical_numbers_of(run), run if save == "runs" else None
 
     found, runs = [], []
-    with ProgressBar(progress) as bar:
+    with ProgressBar(asked.progress) as bar:
         pool = ThreadPoolExecutor(threads_for(plants, check_threads(threads)))
         try:
             for row, run in pool.map(kept, range(n)):

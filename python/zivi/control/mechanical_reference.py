@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 import zivi._zivi as _zivi
 from zivi.base.check import Array, by_name, finite, not_negative, real, real_array
-from zivi.control.loop_arguments import SLOWEST, sampled_run
+from zivi.control.loop_arguments import SLOWEST_JUMP, sampled_run
 from zivi.control.model_based import believed
 from zivi.simulation.mechanical_run import state_of
 from zivi.simulation.mechanical_trajectory import MechanicalTrajectory
@@ -184,7 +184,7 @@ def _pushed(D: Array, free: Array, closed: NDArray[np.bool_]) -> Array:
 
 def _gap_branches(run: MechanicalTrajectory, times: Array, m: int) -> Array:
     """Return the branch of each gap: 1, and the other after each of its impacts."""
-    impacts = run.impacts_down_to(SLOWEST, limit=MOST_IMPACTS)
+    impacts = run.impacts_down_to(SLOWEST_JUMP, limit=MOST_IMPACTS)
     sides = np.ones((len(times), m))
     for i in range(m):
         own = impacts[(impacts["gap"] == i) & (impacts["speed_before"] < 0.0)]["t"]
