@@ -127,7 +127,7 @@ def check_friction(system: MechanicalSystem, method: Any) -> None:
             f"gap {name!r} is compliant, which {type(method).__name__} does not support: use "
             "zivi.SwitchedRK()"
         )
-    if not isinstance(method, SwitchedRK):
+    if not isinstance(method, SwitchedRK | MoreauJean):
         check_planar(system, type(method).__name__)
     at_gaps = [channel.name for channel in system._channels if channel.gap is not None]
     if at_gaps and isinstance(method, ThetaGamma):

@@ -675,7 +675,8 @@ class MechanicalTrajectory(FrictionRun, SampledRun):
         slightly different time yields another motion, and the size is their kinetic cosine.
         "order_uncertain": their times differ by less than the tolerance. With friction also
         "energy_gain": an impact raised the energy, by so much; "impact_not_unique": other impulses
-        solve it too; "undetermined_forces": the contact forces are not unique, the motion is;
+        solve it too; "motion_not_unique": several motions obey the laws where slip begins or ends;
+        "undetermined_forces": the contact forces are not unique, the motion is;
         "undetermined_motion": the motion depends on how contacts share a load; "slip_graze": a slip
         speed touched zero; "forced_landing": an accumulation was ended at the smallest speed;
         "impact_without_collision": a jammed contact went on by one.

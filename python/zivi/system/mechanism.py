@@ -412,7 +412,7 @@ def check_planar(system: MechanicalSystem, what: str) -> None:
         if channel.row is not None:
             raise NotImplementedError(
                 f"gap {channel.name!r} has two tangents, which {what} does not take; use "
-                "zivi.simulate with zivi.SwitchedRK, or one tangent"
+                "zivi.simulate with zivi.SwitchedRK or zivi.MoreauJean, or one tangent"
             )
 
 

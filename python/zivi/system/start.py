@@ -18,8 +18,6 @@ from zivi.system.model_parts import Evaluation, check_equalities, violations
 
 AGREEMENT = 1e-5
 """Relative difference between a derivative and its differences that is taken for one."""
-COUPLED = 1e-9
-"""Contacts whose kinetic cosines are smaller do not act on each other."""
 CLEAR = 1e-4
 """Differences over two steps that differ by less, relative to their size, agree."""
 STEPS = (*(1e-3 * 100.0**-k for k in range(8)), 1e-1)
@@ -454,21 +452,10 @@ def _check_channels(
 
 def _check_pairs(system: MechanicalSystem, here: Evaluation) -> None:
     """Refuse two tangents of a gap that depend on each other or on its gradient."""
-    seen: list[tuple[str, Array]] = []
     for c, channel in enumerate(system._channels):
         if channel.row != 0 or channel.gap is None:
             continue
         rows = np.array([here.gradients[channel.gap], *here.tangents[c : c + 2]])
-        moved = np.linalg.solve(here.mass, rows.T)
-        sizes = np.sqrt(np.sum(rows.T * moved, axis=0))
-        for name, others in seen:
-            if np.max(np.abs(others @ moved) / sizes) > COUPLED:
-                raise NotImplementedError(
-                    f"gaps {name!r} and {channel.name!r} have two tangents each and act on each "
-                    "other: one such contact a body is supported; use mu=0 or one tangent at the "
-                    "others"
-                )
-        seen.append((channel.name, (rows.T / sizes).T))
         rows /= np.linalg.norm(rows, axis=1)[:, None]
         if np.linalg.svd(rows, compute_uv=False)[-1] < 1e-9:
             raise ValueError(

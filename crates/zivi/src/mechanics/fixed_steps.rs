@@ -7,7 +7,7 @@ use crate::mechanics::friction::Collision;
 use crate::mechanics::kinetics::{Kinetics, Model};
 use crate::mechanics::lcp;
 use crate::mechanics::recording::{
-    check_free, check_friction, check_rigid, check_sizes, MechanicalRun, MechanicalSamples,
+    check_cones, check_free, check_rigid, check_sizes, MechanicalRun, MechanicalSamples,
 };
 use crate::numeric::dense::axpy;
 use crate::record::columns::Reserve;
@@ -226,7 +226,7 @@ pub(super) fn simulate<E, D: Dynamics<E>>(
     }
     let friction = dynamics.friction().clone();
     check_free(layout)?;
-    check_friction(layout, &friction)?;
+    check_cones(layout, &friction)?;
     check_rigid(&friction)?;
     // compiled once for all systems
     let mut dynamics: &mut dyn Dynamics<E> = dynamics;

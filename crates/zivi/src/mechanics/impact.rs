@@ -394,6 +394,7 @@ impl Impacts {
         let flags = [
             (FlagKind::EnergyGain, found.gain, found.gain > GAIN * energy),
             (FlagKind::ImpactNotUnique, 0.0, found.is_ambiguous),
+            (FlagKind::UndeterminedMotion, 0.0, found.is_shared),
             (FlagKind::ImpactWithoutCollision, 0.0, is_jammed),
         ];
         for (kind, size, _) in flags.into_iter().filter(|flag| flag.2) {

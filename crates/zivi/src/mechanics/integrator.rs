@@ -296,6 +296,10 @@ impl MechanicalIntegrator {
             let (kind, gaps, size) = (FlagKind::UndeterminedForces, GapSet::EMPTY, f64::INFINITY);
             self.occurrences.push(Occurrence::Flag { kind, t, gaps, size });
         }
+        if self.state.take_ambiguity() {
+            let (kind, gaps, size) = (FlagKind::MotionNotUnique, mode.closed, 0.0);
+            self.occurrences.push(Occurrence::Flag { kind, t, gaps, size });
+        }
         if mode == self.undetermined {
             return;
         }

@@ -28,6 +28,8 @@ pub(super) struct Contacts {
     pub(super) spent: GapSet,
     /// The compliant gaps whose law changes its sign here: it does not change back at once.
     pub(super) turned: GapSet,
+    /// Whether other modes with another motion obey the laws of contact.
+    pub(super) is_ambiguous: bool,
 }
 
 /// Limit of a mode: a number that must stay positive.

@@ -533,7 +533,7 @@ pub(super) fn check_rigid(friction: &Friction) -> Result<(), SetupError> {
 
 /// The same as [`check_friction`] where a rigid gap may have two channels, one after the other: the directions of a
 /// cone, under Newton's law and without tangential restitution.
-fn check_cones(layout: Layout, friction: &Friction) -> Result<(), SetupError> {
+pub(super) fn check_cones(layout: Layout, friction: &Friction) -> Result<(), SetupError> {
     let is_plain = friction.law == FrictionalImpact::Newton && !friction.impact_without_collision;
     let mut one_each: Vec<Channel> = Vec::new();
     let mut is_second = false;

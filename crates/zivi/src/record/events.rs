@@ -366,6 +366,8 @@ pub enum FlagKind {
     EnergyGain,
     /// Several impulses solve an impact with friction.
     ImpactNotUnique,
+    /// Several motions obey the laws of contact and friction where contacts begin or end to slip.
+    MotionNotUnique,
     /// The forces of contact are not unique, the motion is; the size is how far they may vary.
     UndeterminedForces,
     /// The motion depends on how contacts share their forces: gaps carry a load before joints do,
@@ -388,6 +390,7 @@ impl FlagKind {
             FlagKind::OrderUncertain => "order_uncertain",
             FlagKind::EnergyGain => "energy_gain",
             FlagKind::ImpactNotUnique => "impact_not_unique",
+            FlagKind::MotionNotUnique => "motion_not_unique",
             FlagKind::UndeterminedForces => "undetermined_forces",
             FlagKind::UndeterminedMotion => "undetermined_motion",
             FlagKind::SlipGraze => "slip_graze",

@@ -5,11 +5,11 @@
 //! IV.5) is stable for any length. Newton's method solves for the slips at the stages,
 //!
 //! ```text
-//! W_i = w_0 + h sum_j A_ij w'(W_j)      dw'/dW = dw'/dd (I - d d^T)/|W|                       (1)
-//! dw'/dd = -mu lambda D_tt + (D_tn - mu D_tt d) mu lambda/K D_nt                            (2)
+//! W_i = w_0 + h sum_j A_ij w'(W_j)      dw'/dW = -mu lambda G (I - d d^T)/|W|                 (1)
 //! ```
 //!
-//! and all else follows by repetition.
+//! with the accelerations `G` by forces along the tangents, while all that is closed stays so, of several contacts for
+//! all of them together; all else follows by repetition.
 
 use super::{Flying, PART};
 use crate::mechanics::friction::{LocalContact, LocalSlip};
@@ -97,12 +97,14 @@ struct Collocated {
     corrected: f64,
 }
 
-/// What a contact that slips adds to Newton's matrix: its channels, its mobility, and its force by stage.
+/// Part of a slipping contact in Newton's matrix: channels, mobility, and for each stage the normal force and the
+/// accelerations of all slips by unit forces along the two tangents.
 struct Slipping {
     pair: [usize; 2],
     gap: usize,
     local: LocalContact,
     lambda: [f64; STAGES],
+    response: [Vec<f64>; STAGES],
 }
 
 impl Slipping {
@@ -120,21 +122,19 @@ impl Slipping {
         Some(nearest.heading)
     }
 
-    /// `dw'/dW` of a stage where the slip is `w`.
-    fn slope(&self, stage: usize, [x, y]: [f64; 2]) -> [[f64; 2]; 2] {
+    /// How the accelerations of all slips change with the slip of this contact, which is `w` at a stage: the columns
+    /// one after the other.
+    fn slope(&self, stage: usize, [x, y]: [f64; 2]) -> Vec<f64> {
         let speed = x.hypot(y);
         let d = [x / speed, y / speed];
-        let (pull, of) = (self.local.mu * self.lambda[stage], &self.local.d);
-        let k = self.local.k(d);
-        let by_heading = |i: usize, j: usize| {
-            let edge = of[i][0] - self.local.mu * (of[i][1] * d[0] + of[i][2] * d[1]);
-            -pull * of[i][j] + edge * pull / k * of[0][j]
-        };
+        let pull = self.local.mu * self.lambda[stage];
+        let response = &self.response[stage];
+        let rows = response.len() / 2;
         let across = |j: usize, l: usize| (f64::from(u8::from(j == l)) - d[j] * d[l]) / speed;
-        let entry = |i: usize, l: usize| -> f64 {
-            (0..2).map(|j| by_heading(i + 1, j + 1) * across(j, l)).sum()
+        let entry = |l: usize, i: usize| -> f64 {
+            (0..2).map(|j| -pull * response[j * rows + i] * across(j, l)).sum()
         };
-        [[entry(0, 0), entry(0, 1)], [entry(1, 0), entry(1, 1)]]
+        (0..2).flat_map(|l| (0..rows).map(move |i| (l, i))).map(|(l, i)| entry(l, i)).collect()
     }
 }
 
@@ -304,8 +304,12 @@ impl<D> Flying<'_, '_, D> {
             there.x.copy_from_slice(&at.x[stage]);
             there.xdot.copy_from_slice(&at.v[stage]);
             equation.acceleration(&there, &mut at.k[stage])?;
+            let pairs: Vec<[usize; 2]> = contacts.iter().map(|it| it.pair).collect();
             for contact in contacts.iter_mut() {
-                contact.lambda[stage] = equation.kinetics.lambda[contact.gap];
+                let kinetics = &mut *equation.kinetics;
+                contact.lambda[stage] = kinetics.lambda[contact.gap];
+                contact.response[stage] =
+                    kinetics.slip_response(equation.mode, contact.pair, &pairs)?;
             }
             if stage + 1 == STAGES {
                 equation.is_at_end(&there);
@@ -328,7 +332,9 @@ impl<D> Flying<'_, '_, D> {
             let rest = pair.into_iter().fold(ContactMode { closed, ..mode }, without);
             let lambda = [kinetics.lambda[gap]; STAGES];
             let local = kinetics.local_contact(rest, (gap, pair), [0.0; 3])?;
-            Some(Slipping { pair, gap, local, lambda })
+            let response = kinetics.slip_response(mode, pair, pairs).ok()?;
+            let response = [(); STAGES].map(|()| response.clone());
+            Some(Slipping { pair, gap, local, lambda, response })
         };
         pairs.iter().map(contact).collect()
     }
@@ -389,32 +395,37 @@ impl Collocated {
 
     /// A step of Newton's method (1) for the slips from those for which the accelerations were evaluated.
     fn correct(&mut self, h: f64, contacts: &[Slipping], first: usize) {
-        let size = 2 * STAGES;
-        for contact in contacts {
+        let channels: Vec<usize> =
+            contacts.iter().flat_map(|it| it.pair.map(|channel| first + channel)).collect();
+        let s = channels.len();
+        let size = s * STAGES;
+        let mut matrix = vec![0.0; size * size];
+        let mut left = vec![0.0; size];
+        for i in 0..STAGES {
+            for (a, &c) in channels.iter().enumerate() {
+                left[s * i + a] = self.v[i][c] - self.kept[i][c];
+                matrix[(s * i + a) * size + s * i + a] = 1.0;
+            }
+        }
+        for (number, contact) in contacts.iter().enumerate() {
             let at = contact.pair.map(|channel| first + channel);
-            let slopes: Vec<[[f64; 2]; 2]> = (0..STAGES)
-                .map(|stage| contact.slope(stage, at.map(|c| self.kept[stage][c])))
-                .collect();
-            let mut matrix = vec![0.0; size * size];
-            let mut left = vec![0.0; size];
-            for i in 0..STAGES {
-                for a in 0..2 {
-                    left[2 * i + a] = self.v[i][at[a]] - self.kept[i][at[a]];
-                    for j in 0..STAGES {
-                        for b in 0..2 {
-                            let unit = f64::from(u8::from(i == j && a == b));
-                            matrix[(2 * i + a) * size + 2 * j + b] =
-                                unit - h * WEIGHTS[i][j] * slopes[j][a][b];
+            for j in 0..STAGES {
+                let slope = contact.slope(j, at.map(|c| self.kept[j][c]));
+                for i in 0..STAGES {
+                    for (l, column) in slope.chunks_exact(s).enumerate() {
+                        for (a, slope) in column.iter().enumerate() {
+                            matrix[(s * i + a) * size + s * j + 2 * number + l] -=
+                                h * WEIGHTS[i][j] * slope;
                         }
                     }
                 }
             }
-            let moved = Elimination::new(matrix, size, SINGULAR).solve(&left);
-            for i in 0..STAGES {
-                for a in 0..2 {
-                    self.v[i][at[a]] = self.kept[i][at[a]] + moved[2 * i + a];
-                    self.corrected = worse(self.corrected, moved[2 * i + a].abs());
-                }
+        }
+        let moved = Elimination::new(matrix, size, SINGULAR).solve(&left);
+        for i in 0..STAGES {
+            for (a, &c) in channels.iter().enumerate() {
+                self.v[i][c] = self.kept[i][c] + moved[s * i + a];
+                self.corrected = worse(self.corrected, moved[s * i + a].abs());
             }
         }
     }

@@ -51,7 +51,9 @@ impl SmoothMotion {
             let [a, b] = pair.map(|channel| state.slope()[first + channel]);
             let (slows, turns) = (-(x * a + y * b) / speed, (x * b - y * a) / speed);
             let left = if slows > 0.0 { speed / slows } else { f64::INFINITY };
-            if turns.abs() * left <= kept && left <= NEAR * plan.h {
+            // also what is left of a slip that ends with another
+            let is_straight = turns.abs() * left <= kept || slows > 0.0 && speed <= kept;
+            if is_straight && left <= NEAR * plan.h {
                 stopping = stopping.with(pair.into_iter().collect());
                 last = last.min(LAST * left);
                 continue;
@@ -67,11 +69,12 @@ impl SmoothMotion {
         if stiff && !ending && stopping.is_empty() {
             return Slides::Stiff;
         }
-        plan.h = longest;
-        if !stopping.is_empty() {
-            plan.h = plan.h.min(last);
+        // slips that go on may need a shorter step than that to the stop
+        if !stopping.is_empty() && (longest >= last / LAST || longest >= plan.h) {
+            plan.h = longest.min(last);
             return Slides::Stopping(stopping);
         }
+        plan.h = longest.min(GRADED * last / LAST);
         Slides::Turning
     }
 }

@@ -1,5 +1,5 @@
 //! Which contacts stay closed and which channels stick: every combination of a few, judged by its forces; of
-//! many that of [`crate::mechanics::friction::contact`].
+//! many that of [`crate::mechanics::friction::coulomb`].
 //!
 //! A gap that touches without a speed stays closed or opens, a channel without a slip speed sticks or
 //! begins to slip one way. A combination obeys the laws where
@@ -11,8 +11,8 @@
 //! At one contact with `det K > 0` exactly one does, at the limits two with the same motion, and where
 //! `mu_s > mu` sticking continues: most closed, then most sticking, then most that stuck before.
 
-use crate::mechanics::friction::contact::{
-    Coulomb, Rough, Site, SiteMode, ALL_PATTERNS, MOST_PATTERNS,
+use crate::mechanics::friction::coulomb::{
+    Coulomb, CoulombSolution, Rough, Site, SiteMode, ALL_PATTERNS, MOST_PATTERNS,
 };
 use crate::mechanics::kinetics::Kinetics;
 use crate::mechanics::mode::{Contacts, Limit};
@@ -147,10 +147,22 @@ pub(in crate::mechanics) fn decide<E>(
     }
     let count = choices.iter().fold(1_usize, |all, it| all.saturating_mul(it.count()));
     let mut candidates: Vec<Candidate> = Vec::new();
-    if count <= MOST_PATTERNS {
+    let is_cone = |choice: &&Choice| matches!(choice, Choice::Cone(..));
+    let (cones, mut is_ambiguous) = (choices.iter().filter(is_cone).count(), false);
+    if cones > 1 {
+        let found = by_steps(kinetics, &choices, known);
+        let solved = found.filter(|it| it.1.forces.is_some()).and_then(|(mode, solved)| {
+            is_ambiguous = solved.is_ambiguous;
+            judged(kinetics, (mode, touching), slips)
+        });
+        candidates.extend(solved.filter(|it| it.violation <= VIOLATIONS.1));
+    }
+    if !candidates.is_empty() {
+        // several contacts together have no finite list of patterns
+    } else if count <= MOST_PATTERNS {
         candidates = by_patterns(kinetics, (&choices, known), touching, slips);
     } else if choices.iter().any(|choice| matches!(choice, Choice::Cone(..))) {
-        let mode = by_steps(kinetics, &choices, known);
+        let mode = by_steps(kinetics, &choices, known).map(|it| it.0);
         let begun = |it: &&Choice| matches!(it, Choice::Cone(.., false));
         let begun: Vec<(usize, [usize; 2], usize)> = (choices.iter().filter(begun))
             .filter_map(|choice| choice.direction(1))
@@ -176,7 +188,7 @@ pub(in crate::mechanics) fn decide<E>(
         }
         let is_found = |it: &Candidate| it.violation <= VIOLATIONS.1;
         if !candidates.iter().any(is_found) {
-            let mode = by_steps(kinetics, &choices, known);
+            let mode = by_steps(kinetics, &choices, known).map(|it| it.0);
             let found = mode.and_then(|mode| judged(kinetics, (mode, touching), slips));
             candidates.extend(found);
         }
@@ -187,6 +199,11 @@ pub(in crate::mechanics) fn decide<E>(
             candidates = by_patterns(kinetics, (&choices, known), touching, slips);
         }
     }
+    let is_plain = |&c: &usize| kinetics.friction_limits(c).0 == kinetics.friction_limits(c).1;
+    if cones == 1 && (0..slips.len()).all(|c| is_plain(&c)) {
+        // larger limits in stick have several continuations by themselves
+        is_ambiguous = !all_same(&candidates);
+    }
     let Candidate { mode, headings, .. } = chosen(candidates, held)?;
     kinetics.take_headings(&headings);
     let left = touching.without(mode.closed);
@@ -194,7 +211,7 @@ pub(in crate::mechanics) fn decide<E>(
     let released: GapSet = mode.slipping().iter().filter(begins).collect();
     let spent = spent(kinetics, mode, released);
     let released = released.without(spent);
-    Ok(Contacts { mode, left, released, spent, ..Contacts::default() })
+    Ok(Contacts { mode, left, released, spent, is_ambiguous, ..Contacts::default() })
 }
 
 /// Every combination, judged.
@@ -333,7 +350,9 @@ fn judged(
         let scales = pair.map(|channel| kinetics.acceleration_scale(kinetics.row(channel)));
         let scale = scales[0].max(scales[1]);
         violation = violation.max(excess(-(c * x + s * y), scale));
-        violation = violation.max(excess((c * y - s * x).abs(), scale));
+        // where the sharing of loads decides, the direction is found with that in the first step
+        let across = if kinetics.is_shared_motion { 0.0 } else { (c * y - s * x).abs() };
+        violation = violation.max(excess(across, scale));
     }
     let is_planar = |c: &usize| slips[*c] == 0.0 && kinetics.other_of(*c).is_none();
     let begun: Vec<usize> = mode.slipping().iter().filter(is_planar).collect();
@@ -353,12 +372,12 @@ fn judged(
     Some(Candidate { mode, violation, acceleration, kappa, headings })
 }
 
-/// The mode of many choices by [`Coulomb`], unless numbers overflow.
+/// The mode of many choices by [`Coulomb`], with its solution; none if numbers overflow.
 fn by_steps(
     kinetics: &mut Kinetics,
     choices: &[Choice],
     known: ContactMode,
-) -> Option<ContactMode> {
+) -> Option<(ContactMode, CoulombSolution)> {
     let mut rows: Vec<usize> = Vec::new();
     let mut at = |row: usize| {
         rows.push(row);
@@ -402,7 +421,7 @@ fn by_steps(
         .flat_map(|&i| rows.iter().map(move |&j| (i, j)))
         .map(|(i, j)| kinetics.d(i, j))
         .collect();
-    let outcomes = Coulomb::new(sites, &d, &b).outcomes()?;
+    let solved = Coulomb::new(sites, &d, &b).solve()?;
     let take = |mode: ContactMode, (choice, outcome): (&Choice, SiteMode)| match *choice {
         Choice::Joint(channel) => mode.with_channel(channel, outcome.slip),
         Choice::Gap(..) | Choice::Cone(..) if !outcome.closed => mode,
@@ -417,7 +436,8 @@ fn by_steps(
             friction.map_or(mode, |(channel, _)| mode.with_channel(channel, outcome.slip))
         }
     };
-    Some(choices.iter().zip(outcomes).fold(known, take))
+    let mode = choices.iter().zip(solved.modes.iter().copied()).fold(known, take);
+    Some((mode, solved))
 }
 
 impl Kinetics {
@@ -475,9 +495,7 @@ fn chosen<E>(candidates: Vec<Candidate>, held: GapSet) -> Result<Candidate, Fail
     }
     let allowed = VIOLATIONS.0.max(least);
     let admissible = || candidates.iter().filter(|it| it.violation <= allowed);
-    if admissible().any(|it| it.kappa <= 0.0)
-        && !admissible().all(|it| same(it, &candidates, allowed))
-    {
+    if admissible().any(|it| it.kappa <= 0.0) && !all_same(&candidates) {
         return Err(Failure::Status(Status::IndeterminateContact));
     }
     let order = |it: &&Candidate| {
@@ -490,6 +508,14 @@ fn chosen<E>(candidates: Vec<Candidate>, held: GapSet) -> Result<Candidate, Fail
         _ => Some(it),
     });
     best.cloned().ok_or(Failure::Status(Status::InconsistentContact))
+}
+
+/// Whether all admissible candidates have one motion, up to rounding.
+fn all_same(candidates: &[Candidate]) -> bool {
+    let least = candidates.iter().fold(f64::INFINITY, |least, it| least.min(it.violation));
+    let allowed = VIOLATIONS.0.max(least);
+    let mut admissible = candidates.iter().filter(|it| it.violation <= allowed);
+    admissible.all(|it| same(it, candidates, allowed))
 }
 
 /// Whether a candidate has the motion of the first admissible one, up to rounding.

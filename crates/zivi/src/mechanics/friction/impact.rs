@@ -13,7 +13,7 @@
 //! all `e_t` are the common `e`, nor at one contact with `e_t = 0` and `e^2 <= 1 - c^2`, where `c` is the
 //! kinetic cosine of normal and tangent; elsewhere it may, which is reported.
 
-use crate::mechanics::friction::contact::{Coulomb, Rough, Site, ALL_PATTERNS, MOST_PATTERNS};
+use crate::mechanics::friction::coulomb::{Coulomb, Rough, Site, ALL_PATTERNS, MOST_PATTERNS};
 use crate::mechanics::friction::decide::{with_cone, without_cone, DIRECTIONS, REFINED, TURNED};
 use crate::mechanics::friction::local::LocalSlip;
 use crate::mechanics::kinetics::Kinetics;
@@ -49,6 +49,8 @@ pub(in crate::mechanics) struct FrictionalExchange {
     pub(in crate::mechanics) gain: f64,
     /// Whether another pattern obeys (1) with other speeds.
     pub(in crate::mechanics) is_ambiguous: bool,
+    /// Whether the speeds depend on how contacts share their impulses.
+    pub(in crate::mechanics) is_shared: bool,
     violation: f64,
 }
 
@@ -99,14 +101,13 @@ impl Collision<'_> {
             .collect();
         let count = ways.iter().fold(1_usize, |all, &way| all.saturating_mul(count(way)));
         let mut found: Vec<FrictionalExchange> = Vec::new();
-        if count > MOST_PATTERNS {
-            let pattern = self.by_steps(&ways, kinetics);
-            let pattern =
-                pattern.and_then(|pattern| self.with_directions(pattern, &ways, kinetics));
-            found.extend(pattern.and_then(|pattern| self.on_pattern(pattern, kinetics)));
+        let cones = ways.iter().filter(|way| way.2.is_some()).count();
+        if count > MOST_PATTERNS || cones > 1 && !self.is_jammed {
+            let stepped = self.by_steps(&ways, kinetics);
+            found.extend(stepped.and_then(|it| self.from_steps(it, &ways, kinetics)));
         }
         let is_found = found.iter().any(|it| it.violation <= MISFIT.1);
-        if !is_found && count <= ALL_PATTERNS {
+        if !is_found && count <= if cones > 1 { MOST_PATTERNS } else { ALL_PATTERNS } {
             for number in 0..count {
                 let (mode, begin) = pattern(&ways, number);
                 let pattern = match begin[..] {
@@ -129,6 +130,22 @@ impl Collision<'_> {
         let chosen = chosen(found, &fastest).ok_or(Failure::Status(unsolved(tried_all)))?;
         kinetics.turn(&chosen.rates);
         Ok(chosen)
+    }
+
+    /// The impact of the steps: with their impulses if these solve the equations, or the exact ones of their pattern.
+    fn from_steps(
+        &self,
+        stepped: PatternWithImpulses,
+        ways: &[Way],
+        kinetics: &mut Kinetics,
+    ) -> Option<FrictionalExchange> {
+        let pattern = stepped.0;
+        let solved = self.with_impulses(stepped, kinetics);
+        if let Some(solved) = solved.filter(|it| it.violation <= MISFIT.1) {
+            return Some(solved);
+        }
+        let pattern = self.with_directions(pattern, ways, kinetics)?;
+        self.on_pattern(pattern, kinetics)
     }
 
     /// A pattern with the directions of the contacts with two that slip, which are known roughly.
@@ -217,8 +234,9 @@ impl Collision<'_> {
         Some(kinetics.local_contact(mode, (gap, pair), b)?.slips())
     }
 
-    /// The pattern of many contacts.
-    fn by_steps(&self, ways: &[Way], kinetics: &mut Kinetics) -> Option<ContactMode> {
+    /// The pattern of many contacts, and the impulses by row that solve its equations, if they are known, with
+    /// whether others would move the system otherwise.
+    fn by_steps(&self, ways: &[Way], kinetics: &mut Kinetics) -> Option<PatternWithImpulses> {
         let m = kinetics.layout.m;
         let mut rows: Vec<usize> = Vec::new();
         let mut at = |row: usize| {
@@ -257,8 +275,8 @@ impl Collision<'_> {
             d.extend(rows.iter().map(|&j| kinetics.d(i, j)));
         }
         let mut mode = ContactMode::default();
-        let outcomes = Coulomb::new(sites, &d, &b).outcomes()?;
-        for (&(gap, channel, other), outcome) in ways.iter().zip(outcomes) {
+        let solved = Coulomb::new(sites, &d, &b).solve()?;
+        for (&(gap, channel, other), outcome) in ways.iter().zip(solved.modes) {
             if !outcome.closed {
                 continue;
             }
@@ -272,7 +290,34 @@ impl Collision<'_> {
             mode.closed = gap.map_or(mode.closed, |gap| mode.closed.with(GapSet::of(gap)));
             mode = channel.map_or(mode, |channel| mode.with_channel(channel, outcome.slip));
         }
-        Some(mode)
+        let impulses = solved.forces.map(|forces| {
+            let mut all = vec![0.0; kinetics.layout.rows()];
+            rows.iter().zip(forces).for_each(|(&row, force)| all[row] = force);
+            (all, [solved.is_shared, solved.is_ambiguous])
+        });
+        Some((mode, impulses))
+    }
+
+    /// The impact with impulses by row that solve the equations of a pattern.
+    fn with_impulses(
+        &self,
+        (pattern, impulses): PatternWithImpulses,
+        kinetics: &mut Kinetics,
+    ) -> Option<FrictionalExchange> {
+        let (impulses, [is_shared, is_ambiguous]) = impulses?;
+        let mut push = vec![0.0; kinetics.coordinates()];
+        for (row, &impulse) in impulses.iter().enumerate().filter(|(_, &impulse)| impulse != 0.0) {
+            let along = kinetics.mobility(row).to_vec();
+            axpy(&mut push, impulse, &along);
+        }
+        let rates = self.rates(pattern, (&push, &impulses), kinetics);
+        let m = kinetics.layout.m;
+        let violation = self.violation(pattern, &impulses, &rates, kinetics);
+        let unpushed = |row: usize| self.back(row, m) + self.free[row];
+        let violation = violation.max(self.misfit(pattern, unpushed, &push, kinetics));
+        let mut exchange = self.exchange(pattern, impulses, push, rates, violation);
+        (exchange.is_shared, exchange.is_ambiguous) = (is_shared, is_ambiguous);
+        Some(exchange)
     }
 
     /// The scale of the rates of each row.
@@ -350,8 +395,17 @@ impl Collision<'_> {
     ) -> FrictionalExchange {
         let both = rates.iter().zip(self.before).zip(&impulses);
         let gain = both.map(|((after, before), impulse)| 0.5 * impulse * (after + before)).sum();
-        let is_ambiguous = false;
-        FrictionalExchange { pattern, impulses, push, rates, gain, is_ambiguous, violation }
+        let (is_ambiguous, is_shared) = (false, false);
+        FrictionalExchange {
+            pattern,
+            impulses,
+            push,
+            rates,
+            gain,
+            is_ambiguous,
+            is_shared,
+            violation,
+        }
     }
 
     /// Rates by row after the impact: exact where the pattern says them.
@@ -518,7 +572,7 @@ pub(super) fn chosen(
         let pairs = it.rates.iter().zip(&chosen.rates).zip(fastest);
         pairs.into_iter().any(|((a, b), fastest)| (a - b).abs() > SAME * fastest)
     };
-    chosen.is_ambiguous = found.iter().any(differs);
+    chosen.is_ambiguous |= found.iter().any(differs);
     Some(chosen)
 }
 
@@ -529,6 +583,10 @@ pub(super) fn unsolved(tried_all: bool) -> Status {
         false => Status::ImpactNotSolved,
     }
 }
+
+/// A pattern, and impulses by row if they are known, with whether other shares of them would move the system otherwise,
+/// and whether other rates are a solution.
+type PatternWithImpulses = (ContactMode, Option<(Vec<f64>, [bool; 2])>);
 
 /// A gap and its channel, or a joint, and the other channel of a gap with two.
 type Way = (Option<usize>, Option<usize>, Option<usize>);

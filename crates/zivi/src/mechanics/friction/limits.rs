@@ -6,8 +6,10 @@
 //!
 //! Where the motion leaves forces undetermined, `(lambda, f) + V alpha` with any `alpha` that keeps all of
 //! them positive will do: there is one while their margin is, the largest `t` with
-//! `a_j + s_j . alpha >= t` for all `j` and some `alpha`, where `a` are the values (1).
+//! `a_j + s_j . alpha >= t` for all `j` and some `alpha`, where `a` are the values (1). A contact that sticks in two
+//! directions has the level `mu_s lambda - |f|`.
 
+use crate::mechanics::friction::cone_shares::ConeShares;
 use crate::mechanics::kinetics::Kinetics;
 use crate::mechanics::mode::Limit;
 use crate::mechanics::shares::Shares;
@@ -36,11 +38,17 @@ impl Kinetics {
             return all;
         }
         if !self.undetermined.is_empty() {
-            let margin = self.shares(mode).map(|shares| shares.margin()).unwrap_or_default();
-            let noise =
-                |(j, weight): &(usize, f64)| weight * self.unit(all[*j].limit) * all[*j].noise;
-            let noise = margin.support.iter().map(noise).sum();
-            all = vec![Level { limit: Limit::Margin, value: margin.value, noise }];
+            let of = |level: &Level| self.unit(level.limit) * level.noise;
+            let (value, noise) = if self.sticks_in_cones(mode) {
+                let most = |channel: usize| self.friction_limits(channel).1;
+                let shares = self.cone_shares(mode, &self.lambda, &self.undetermined, &most);
+                (shares.margin().0, all.iter().map(of).fold(0.0, f64::max))
+            } else {
+                let margin = self.shares(mode).map(|shares| shares.margin()).unwrap_or_default();
+                let noise = margin.support.iter().map(|(j, weight)| weight * of(&all[*j])).sum();
+                (margin.value, noise)
+            };
+            all = vec![Level { limit: Limit::Margin, value, noise }];
         }
         let slips = |c: usize| self.gap_of(c).is_some() && self.friction_limits(c).0 > 0.0;
         if mode.slipping().iter().any(slips) {
@@ -68,11 +76,59 @@ impl Kinetics {
         all
     }
 
-    /// How the levels of a mode change with undetermined forces, where there are any.
+    /// Whether a contact with two directions sticks.
+    fn sticks_in_cones(&self, mode: ContactMode) -> bool {
+        mode.stick.iter().any(|channel| self.other_of(channel).is_some())
+    }
+
+    /// How the levels of a mode change with undetermined forces, where there are any and cones are intervals.
     pub(in crate::mechanics) fn shares(&self, mode: ContactMode) -> Option<Shares> {
         let most = |channel: usize| self.friction_limits(channel).1;
         let null = &self.undetermined;
-        (!null.is_empty()).then(|| self.shares_of(mode, &self.lambda, null, &most))
+        let is_linear = !null.is_empty() && !self.sticks_in_cones(mode);
+        is_linear.then(|| self.shares_of(mode, &self.lambda, null, &most))
+    }
+
+    /// The same with round cones.
+    fn cone_shares(
+        &self,
+        mode: ContactMode,
+        forces: &[f64],
+        null: &[Vec<f64>],
+        most: &dyn Fn(usize) -> f64,
+    ) -> ConeShares {
+        let mut shares = ConeShares::new(null.len());
+        let along = |unit: f64, of: &dyn Fn(&[f64]) -> f64| {
+            (unit * of(forces), null.iter().map(|null| unit * of(null)).collect::<Vec<f64>>())
+        };
+        for gap in mode.closed.iter() {
+            shares.push(along(self.roots[gap], &|forces| forces[gap]));
+        }
+        for channel in mode.stick.iter() {
+            let (row, unit) = (self.row(channel), self.unit(Limit::Stick(channel, 1.0)));
+            let limit = |forces: &[f64]| {
+                self.gap_of(channel).map_or(0.0, |gap| most(channel) * forces[gap])
+            };
+            let fixed = if self.gap_of(channel).is_none() { unit * most(channel) } else { 0.0 };
+            match self.other_of(channel) {
+                Some(other) if channel < other => {
+                    let across = self.row(other);
+                    shares.push_cone([
+                        along(unit, &limit),
+                        along(unit, &|forces| forces[row]),
+                        along(unit, &|forces| forces[across]),
+                    ]);
+                }
+                Some(_) => (),
+                None => {
+                    for sign in [1.0, -1.0] {
+                        let (a, s) = along(unit, &|forces| limit(forces) - sign * forces[row]);
+                        shares.push((fixed + a, s));
+                    }
+                }
+            }
+        }
+        shares
     }
 
     /// The same of any forces, which change along the vectors `null`, with these static limits.
@@ -121,6 +177,13 @@ impl Kinetics {
         for one in null {
             let part: f64 = rows.iter().map(|row| one[row] * forces[row]).sum();
             axpy(forces, -part, one);
+        }
+        if self.sticks_in_cones(mode) {
+            let shares = self.cone_shares(mode, forces, null, most);
+            let (alpha, obeyed) = shares.least();
+            null.iter().zip(&alpha).for_each(|(one, alpha)| axpy(forces, *alpha, one));
+            let width = |(part, one): (usize, &Vec<f64>)| shares.width(&alpha, part) * largest(one);
+            return (null.iter().enumerate().map(width).fold(0.0, f64::max), obeyed);
         }
         let shares = self.shares_of(mode, forces, null, most);
         let least = shares.least().map(|(alpha, _)| alpha);

@@ -11,7 +11,7 @@
 //! `K(d) > 0` for all `d` there is one solution, open, sticking or slipping, but for about one random contact in
 //! 20 000, which has three.
 
-use crate::mechanics::kinetics::Kinetics;
+use crate::mechanics::kinetics::{Kinetics, Undetermined};
 use crate::numeric::dense::dot;
 use crate::record::gap_set::ContactMode;
 
@@ -199,6 +199,25 @@ impl Kinetics {
         [first, second]: [usize; 2],
     ) -> [usize; 3] {
         [gap, self.row(first), self.row(second)]
+    }
+
+    /// How the slips of some contacts are accelerated by a force of one along the first, then the second of its
+    /// tangents, while the rows of a mode stay as they are.
+    pub(in crate::mechanics) fn slip_response(
+        &mut self,
+        mode: ContactMode,
+        pair: [usize; 2],
+        of: &[[usize; 2]],
+    ) -> Result<Vec<f64>, Undetermined> {
+        let edges = self.edges(mode)?;
+        let mut all = Vec::with_capacity(4 * of.len());
+        for channel in pair {
+            let mut along = self.mobility(self.row(channel)).to_vec();
+            let held = edges.solve(|row| -dot(self.normal(row), &along));
+            edges.push(&held, &mut along);
+            all.extend(of.iter().flatten().map(|&it| dot(self.normal(self.row(it)), &along)));
+        }
+        Ok(all)
     }
 
     /// Equation (1) of one contact whose rows have the rates `b` without it, while the rows of a mode stay as they

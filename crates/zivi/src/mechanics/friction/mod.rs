@@ -9,7 +9,9 @@
 //! cone of friction. Where a contact slips and `det K <= 0` no motion obeys the law, or several do
 //! (Painlevé's paradox).
 
+mod cone_shares;
 mod contact;
+mod coulomb;
 mod decide;
 mod impact;
 mod limits;

@@ -473,6 +473,11 @@ impl MechanicalState {
         self.is_struck = true;
     }
 
+    /// Whether the last decision was ambiguous; it is told once.
+    pub(super) fn take_ambiguity(&mut self) -> bool {
+        std::mem::take(&mut self.contacts.is_ambiguous)
+    }
+
     /// Undetermined part of the contact forces: the range of their variation.
     pub(super) fn undetermined(&self) -> Option<f64> {
         self.undetermined
@@ -949,12 +954,16 @@ impl MechanicalState {
         let n = self.layout.n;
         let (q, w) = (&self.now.x[..n], &self.now.xdot[..n]);
         let held = |&channel: &usize| {
-            if self.kinetics.other_of(channel).is_some() {
-                return false;
-            }
-            let row = self.kinetics.row(channel);
-            let (rate, slip) = (self.kinetics.rate(row, w).abs(), self.now.xdot[n + row].abs());
-            rate <= HELD * slip || rate <= self.kinetics.rounding(row, q, w).1
+            // of a contact with two directions both
+            let all = [Some(channel), self.kinetics.other_of(channel)].map(|channel| {
+                channel.map_or([0.0; 3], |channel| {
+                    let row = self.kinetics.row(channel);
+                    let rounding = self.kinetics.rounding(row, q, w).1;
+                    [self.kinetics.rate(row, w), self.now.xdot[n + row], rounding]
+                })
+            });
+            let [rate, slip, rounding] = [0, 1, 2].map(|k| all[0][k].hypot(all[1][k]));
+            rate <= HELD * slip || rate <= rounding
         };
         channels.iter().filter(held).collect()
     }

@@ -1,0 +1,643 @@
+//! Many contacts with friction that act on each other.
+//!
+//! ```text
+//! v = b + D x      0 <= p  perp  v_n >= 0            f in -mu p Sign(v_t),   -L Sign(v_t) in a joint   (1)
+//! x_j+1 solves (1) with D + eps I and b - eps x_j                                                     (2)
+//! ```
+//!
+//! Proximal steps (2) make singular `D` regular, and each is solved contact by contact (Gauss-Seidel, M. Jean and
+//! J. J. Moreau). Of planar contacts they are needed for the pattern alone, whose equations are solved exactly
+//! afterwards. Where slips have directions Newton's method solves the equations of the pattern, for forces and
+//! angles, by the shortest steps: the first pattern that obeys (1) without the proximal term is the solution. It
+//! starts from no forces at all and depends on the order of contacts by rounding only.
+
+use crate::mechanics::friction::local::{LocalContact, LocalSlip};
+use crate::numeric::dense::dot;
+use crate::numeric::elimination::{Elimination, Singular};
+
+/// Most patterns of stick and slip that are tried one by one.
+pub(super) const MOST_PATTERNS: usize = 256;
+/// The same where the steps find none that obeys the laws: after these it is known that there is none.
+pub(super) const ALL_PATTERNS: usize = 1 << 14;
+/// The proximal parameter, relative to the diagonal.
+const PROXIMAL: f64 = 0.1;
+/// Most proximal steps, and most sweeps over all contacts in one of them.
+const STEPS: usize = 60;
+const SWEEPS: usize = 3000;
+/// Changes below this part of the largest number end the sweeps, and the proximal steps.
+const SETTLED: f64 = 1e-13;
+const STEADY: f64 = 1e-11;
+/// Rates below this part of the largest term are none.
+const STILL: f64 = 1e-9;
+/// Newton steps on a pattern, and how far its equations and inequalities may be violated, relative to the largest
+/// term.
+const POLISH: usize = 25;
+const SOLVED: f64 = 1e-12;
+const OBEYED: f64 = 1e-11;
+/// Rates that differ by more, relative to the largest term, are others.
+const OTHER: f64 = 1e-6;
+/// Singular values below this part of the largest are zero.
+const SINGULAR: f64 = 1e-9;
+/// Newton's method turns a direction by at most this angle in a step.
+const MOST_TURN: f64 = 1.0;
+/// Sweeps before the first trial of the pattern of regular contacts; the number doubles after each.
+const FIRST_TRIAL: usize = 3;
+
+/// Contact or friction site.
+#[derive(Clone, Copy, Debug)]
+pub(super) enum Site {
+    /// A gap with its row of the problem.
+    Gap { normal: usize, friction: Option<Rough> },
+    /// A joint with its row, and the limits of its force in slip and in stick.
+    Joint { row: usize, limits: (f64, f64) },
+    /// A gap with two directions of friction: its rows, the coefficients in slip and in stick, and the direction of a
+    /// slip that goes on.
+    Cone { rows: [usize; 3], mu: (f64, f64), heading: Option<[f64; 2]> },
+}
+
+/// The friction of a gap.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Rough {
+    pub(super) row: usize,
+    /// The coefficients in slip and in stick.
+    pub(super) mu: (f64, f64),
+    /// The sign of a continuing slip, zero if undetermined.
+    pub(super) slip: f64,
+}
+
+/// Mode of a site: whether it is closed, and the sign of its slip, zero while sticking.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct SiteMode {
+    pub(super) closed: bool,
+    pub(super) slip: f64,
+    /// The direction of a slip in two directions.
+    pub(super) heading: Option<[f64; 2]>,
+}
+
+/// A solution of (1).
+#[derive(Clone, Debug)]
+pub(super) struct Solved {
+    pub(super) modes: Vec<SiteMode>,
+    /// The forces by row, where they solve the equations of the modes; none if only the modes are known.
+    pub(super) forces: Option<Vec<f64>>,
+    /// Whether forces that solve these equations too would move the system otherwise.
+    pub(super) is_shared: bool,
+    /// Whether a contact could also slip otherwise, with other rates.
+    pub(super) is_ambiguous: bool,
+}
+
+/// The solution of one site.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Branch {
+    Open,
+    /// It is closed, and sticks if it has friction.
+    Held,
+    /// It slips with this sign.
+    Slip(f64),
+    /// It slips along this angle.
+    Turn(f64),
+    /// It goes on to slip in its direction.
+    Kept([f64; 2]),
+}
+
+/// The problem (1), scaled to a diagonal of ones.
+#[derive(Debug)]
+pub(super) struct Coulomb {
+    sites: Vec<Site>,
+    d: Vec<f64>,
+    b: Vec<f64>,
+    root: Vec<f64>,
+}
+
+impl Coulomb {
+    /// From `D` row by row and `b`.
+    pub(super) fn new(sites: Vec<Site>, d: &[f64], b: &[f64]) -> Self {
+        let k = b.len();
+        let mut root: Vec<f64> = (0..k).map(|i| d[i * k + i].sqrt()).collect();
+        for site in &sites {
+            // one scale of both tangents: the cone stays round
+            if let Site::Cone { rows: [_, one, other], .. } = *site {
+                let larger = root[one].max(root[other]);
+                (root[one], root[other]) = (larger, larger);
+            }
+        }
+        let d = (0..k * k).map(|at| d[at] / root[at / k] / root[at % k]).collect();
+        let b = b.iter().zip(&root).map(|(b, root)| b / root).collect();
+        let both = |(one, other): (f64, f64), by: f64| (one * by, other * by);
+        let scaled = |site: &Site| match *site {
+            Site::Gap { normal, friction } => Site::Gap {
+                normal,
+                friction: friction.map(|rough| Rough {
+                    mu: both(rough.mu, root[rough.row] / root[normal]),
+                    ..rough
+                }),
+            },
+            Site::Joint { row, limits } => Site::Joint { row, limits: both(limits, root[row]) },
+            Site::Cone { rows, mu, heading } => {
+                let [normal, tangent, _] = rows;
+                Site::Cone { rows, mu: both(mu, root[tangent] / root[normal]), heading }
+            }
+        };
+        Self { sites: sites.iter().map(scaled).collect(), d, b, root }
+    }
+
+    /// The solution within the allowed number of steps; `None` if numbers overflow.
+    pub(super) fn solve(&self) -> Option<Solved> {
+        let k = self.b.len();
+        let mut x = vec![0.0; k];
+        let mut branches = vec![Branch::Open; self.sites.len()];
+        let turns = self.sites.iter().any(|site| matches!(site, Site::Cone { .. }));
+        // of dependent contacts the first pattern to obey would depend on their order
+        let is_regular = turns && Elimination::new(self.d.clone(), k, SINGULAR).rank() == k;
+        for _ in 0..STEPS {
+            let shifted: Vec<f64> = self.b.iter().zip(&x).map(|(b, x)| b - PROXIMAL * x).collect();
+            let before = x.clone();
+            let mut trial = FIRST_TRIAL;
+            for sweep in 1..=SWEEPS {
+                let mut moved = 0.0_f64;
+                for (site, branch) in self.sites.iter().zip(&mut branches) {
+                    moved = moved.max(self.relax(site, &shifted, &mut x, branch));
+                }
+                if moved <= SETTLED * size(&x) {
+                    break;
+                }
+                if is_regular && sweep == trial {
+                    trial *= 2;
+                    if let Some(solved) = self.judged(&x, &branches) {
+                        return Some(solved);
+                    }
+                }
+            }
+            if !x.iter().all(|x| x.is_finite()) {
+                return None;
+            }
+            if let Some(solved) = turns.then(|| self.judged(&x, &branches)).flatten() {
+                return Some(solved);
+            }
+            let moved = x.iter().zip(&before).fold(0.0_f64, |a, (x, y)| a.max((x - y).abs()));
+            if moved <= STEADY * size(&x) {
+                break;
+            }
+        }
+        let modes = self.modes(&x);
+        Some(Solved { modes, forces: None, is_shared: false, is_ambiguous: false })
+    }
+
+    /// The rates that forces make.
+    fn rates(&self, x: &[f64]) -> Vec<f64> {
+        self.d.chunks_exact(x.len()).zip(&self.b).map(|(d, b)| b + dot(d, x)).collect()
+    }
+
+    /// Mode of each site with these forces.
+    fn modes(&self, x: &[f64]) -> Vec<SiteMode> {
+        let rates = self.rates(x);
+        let still = STILL * (size(&self.b) + size(x));
+        let sign = |v: f64| if v.abs() <= still { 0.0 } else { v.signum() };
+        let mode = |site: &Site| match *site {
+            Site::Gap { normal, friction, .. } => SiteMode {
+                closed: rates[normal] <= still,
+                slip: friction.map_or(0.0, |it| match it.slip {
+                    0.0 => sign(rates[it.row]),
+                    slip => slip,
+                }),
+                heading: None,
+            },
+            Site::Joint { row, .. } => {
+                SiteMode { closed: true, slip: sign(rates[row]), heading: None }
+            }
+            Site::Cone { rows: [normal, one, other], heading, .. } => {
+                let slip = [rates[one], rates[other]];
+                let speed = slip[0].hypot(slip[1]);
+                let found = (speed > still).then(|| slip.map(|it| it / speed));
+                let heading = heading.or(found);
+                let slip = f64::from(u8::from(heading.is_some()));
+                SiteMode { closed: rates[normal] <= still, slip, heading }
+            }
+        };
+        self.sites.iter().map(mode).collect()
+    }
+
+    /// The solution with the pattern of some forces, if that obeys (1), and whether it is the only one.
+    fn judged(&self, x: &[f64], branches: &[Branch]) -> Option<Solved> {
+        let (solved, at, rates) = self.polished(x, branches)?;
+        let is_ambiguous = self.has_others(&at, &rates);
+        Some(Solved { is_ambiguous, ..solved })
+    }
+
+    /// The solution with the pattern of some forces, if that obeys (1), its forces and rates.
+    fn polished(&self, x: &[f64], branches: &[Branch]) -> Option<(Solved, Pattern, Vec<f64>)> {
+        let mut at = Pattern { x: x.to_vec(), branches: branches.to_vec() };
+        let most = size(&self.b);
+        let mut last = f64::INFINITY;
+        let mut is_shared = false;
+        for _ in 0..POLISH {
+            at.take_forces(&self.sites);
+            let rates = self.rates(&at.x);
+            let (left, equations) = at.equations(&self.sites, &rates);
+            let unknowns = at.unknowns(&self.sites, most);
+            if equations.is_empty() {
+                break;
+            }
+            let worst = size(&left);
+            let rounding = 4.0 * f64::EPSILON * (most + size(&at.x));
+            let columns = unknowns.len();
+            let matrix = self.slopes((&at, &rates, most), &equations, &unknowns);
+            let parts = Singular::new(&matrix, equations.len(), columns);
+            let rank = parts.rank(SINGULAR);
+            let mut null = parts.null_space(rank).chunks_exact(columns);
+            is_shared = null.any(|weights| self.moves(weights, &unknowns));
+            if worst <= rounding || worst <= SOLVED * most && worst >= 0.5 * last {
+                break;
+            }
+            last = worst;
+            let right: Vec<f64> = left.iter().map(|left| -left).collect();
+            at.step(&unknowns, &parts.solve(&right, rank), most)?;
+        }
+        at.take_forces(&self.sites);
+        let rates = self.rates(&at.x);
+        let (left, _) = at.equations(&self.sites, &rates);
+        let all = most + size(&at.x);
+        if !(size(&left) <= SOLVED * all && at.excess(&self.sites, &rates) <= OBEYED * all) {
+            return None;
+        }
+        let mut modes = self.modes(&at.x);
+        for (mode, branch) in modes.iter_mut().zip(&at.branches) {
+            match *branch {
+                Branch::Open => (),
+                Branch::Held => (mode.closed, mode.slip, mode.heading) = (true, 0.0, None),
+                Branch::Slip(sign) => (mode.closed, mode.slip) = (true, sign),
+                Branch::Turn(angle) => {
+                    let (s, c) = angle.sin_cos();
+                    (mode.closed, mode.slip, mode.heading) = (true, 1.0, Some([c, s]));
+                }
+                Branch::Kept(heading) => {
+                    (mode.closed, mode.slip, mode.heading) = (true, 1.0, Some(heading));
+                }
+            }
+        }
+        let forces = at.x.iter().zip(&self.root).map(|(x, root)| x / root).collect();
+        Some((Solved { modes, forces: Some(forces), is_shared, is_ambiguous: false }, at, rates))
+    }
+
+    /// How the equations of a pattern change with its unknowns.
+    fn slopes(
+        &self,
+        (at, rates, most): (&Pattern, &[f64], f64),
+        equations: &[Vec<(usize, f64)>],
+        unknowns: &[Unknown],
+    ) -> Vec<f64> {
+        let k = rates.len();
+        let mut all = Vec::with_capacity(equations.len() * unknowns.len());
+        for (i, equation) in equations.iter().enumerate() {
+            for unknown in unknowns {
+                let pairs = equation.iter().flat_map(|a| unknown.along.iter().map(move |b| (a, b)));
+                let sum: f64 = pairs.map(|((r, a), (s, b))| a * b * self.d[r * k + s]).sum();
+                let site = unknown.turns.filter(|site| at.equation_of(*site, i, &self.sites));
+                let turned = site.map(|it| at.turned((&self.sites[it], it), rates, most));
+                all.push(sum + turned.unwrap_or(0.0));
+            }
+        }
+        all
+    }
+
+    /// Whether a change of the unknowns moves the system.
+    fn moves(&self, weights: &[f64], unknowns: &[Unknown]) -> bool {
+        let mut change = vec![0.0; self.b.len()];
+        for (weight, unknown) in weights.iter().zip(unknowns) {
+            unknown.along.iter().for_each(|(row, by)| change[*row] += weight * by);
+        }
+        self.d.chunks_exact(change.len()).any(|d| dot(d, &change).abs() > STILL)
+    }
+
+    /// Whether another solution is found from the alternatives of one contact, the forces of the others fixed.
+    fn has_others(&self, at: &Pattern, rates: &[f64]) -> bool {
+        let most = size(&self.b) + size(&at.x);
+        self.sites.iter().enumerate().any(|(number, site)| {
+            let Site::Cone { rows, mu, heading: None } = *site else { return false };
+            // a larger limit in stick has several solutions by itself
+            if mu.1 > mu.0 || at.branches[number] == Branch::Open {
+                return false;
+            }
+            let contact = self.contact((rows, mu.0), rows.map(|row| rates[row]), &at.x, 0.0);
+            let mut ways: Vec<([f64; 3], Branch)> =
+                contact.stick().into_iter().map(|force| (force, Branch::Held)).collect();
+            ways.extend(contact.slips().iter().map(|it| it.branch(mu.0)));
+            ways.len() > 1
+                && ways.into_iter().any(|(force, branch)| {
+                    let mut other = at.clone();
+                    (0..3).for_each(|i| other.x[rows[i]] = force[i]);
+                    other.branches[number] = branch;
+                    let found = self.polished(&other.x, &other.branches);
+                    let differs = |of: &[f64]| {
+                        of.iter().zip(rates).any(|(a, b)| (a - b).abs() > OTHER * most)
+                    };
+                    found.is_some_and(|it| differs(&it.2))
+                })
+        })
+    }
+
+    /// One contact with the forces of the others: its rates with all of them.
+    fn contact(
+        &self,
+        (rows, mu): ([usize; 3], f64),
+        rates: [f64; 3],
+        x: &[f64],
+        proximal: f64,
+    ) -> LocalContact {
+        let k = x.len();
+        let entry = |i: usize, j: usize| self.d[i * k + j];
+        let mut d = rows.map(|i| rows.map(|j| entry(i, j)));
+        let own = rows.map(|row| x[row]);
+        let b = [0, 1, 2].map(|i| rates[i] - dot(&d[i], &own));
+        (0..3).for_each(|i| d[i][i] += proximal);
+        LocalContact { d, b, mu }
+    }
+
+    /// Solves (2) at one site with the forces of the others, in this way: by how much its own have moved.
+    fn relax(&self, site: &Site, b: &[f64], x: &mut [f64], branch: &mut Branch) -> f64 {
+        let k = b.len();
+        let diagonal = 1.0 + PROXIMAL;
+        let entry = |i: usize, j: usize| self.d[i * k + j];
+        let others = |x: &[f64], i: usize| b[i] + dot(&self.d[i * k..][..k], x) - x[i];
+        match *site {
+            Site::Joint { row, limits: (slip, stick) } => {
+                let held = -others(x, row) / diagonal;
+                let force = if held.abs() <= stick { held } else { slip * held.signum() };
+                *branch =
+                    if held.abs() <= stick { Branch::Held } else { Branch::Slip(-held.signum()) };
+                set(x, row, force)
+            }
+            Site::Cone { rows, mu: (mu, mu_s), heading } => {
+                let rates = rows.map(|row| b[row] + dot(&self.d[row * k..][..k], x));
+                let contact = self.contact((rows, mu), rates, x, PROXIMAL);
+                let along = |[c, s]: [f64; 2], p: f64| [p, -mu * p * c, -mu * p * s];
+                let stuck = LocalContact { mu: mu_s, ..contact };
+                let force;
+                (force, *branch) =
+                    match (heading, heading.is_none().then(|| stuck.stick()).flatten()) {
+                        (Some(heading), _) => {
+                            let pressed = -contact.b[0] / contact.k(heading);
+                            match pressed > 0.0 {
+                                true => (along(heading, pressed), Branch::Kept(heading)),
+                                false => ([0.0; 3], Branch::Open),
+                            }
+                        }
+                        (None, Some(held)) => (held, Branch::Held),
+                        (None, None) => contact
+                            .slips()
+                            .first()
+                            .map_or(([0.0; 3], Branch::Open), |it| it.branch(mu)),
+                    };
+                (0..3).map(|i| set(x, rows[i], force[i])).fold(0.0, f64::max)
+            }
+            Site::Gap { normal, friction: None } => {
+                let force = (-others(x, normal) / diagonal).max(0.0);
+                *branch = if force > 0.0 { Branch::Held } else { Branch::Open };
+                set(x, normal, force)
+            }
+            Site::Gap { normal, friction: Some(Rough { row, mu: (mu, mu_s), slip }) } => {
+                let c = entry(normal, row);
+                let g = others(x, normal) - c * x[row];
+                let w = others(x, row) - c * x[normal];
+                let sliding = |sign: f64| -g / (diagonal - mu * sign * c);
+                let (p, f, sign) = if slip != 0.0 {
+                    let p = sliding(slip).max(0.0);
+                    (p, -mu * slip * p, slip)
+                } else {
+                    let determinant = diagonal * diagonal - c * c;
+                    let p = (c * w - diagonal * g) / determinant;
+                    let f = (c * g - diagonal * w) / determinant;
+                    let slides = |sign: f64| {
+                        let p = sliding(sign);
+                        let slip = w + c * p - diagonal * mu * sign * p;
+                        (p >= 0.0 && sign * slip >= 0.0).then_some((p, -mu * sign * p, sign))
+                    };
+                    if p >= 0.0 && f.abs() <= mu_s * p {
+                        (p, f, 0.0)
+                    } else {
+                        slides(1.0).or_else(|| slides(-1.0)).unwrap_or((0.0, 0.0, 0.0))
+                    }
+                };
+                *branch = match (p > 0.0, sign) {
+                    (false, _) => Branch::Open,
+                    (true, 0.0) => Branch::Held,
+                    (true, sign) => Branch::Slip(sign),
+                };
+                let moved = set(x, normal, p);
+                moved.max(set(x, row, f))
+            }
+        }
+    }
+}
+
+/// Forces with the pattern of their sites.
+#[derive(Clone, Debug)]
+struct Pattern {
+    x: Vec<f64>,
+    branches: Vec<Branch>,
+}
+
+/// An unknown of a pattern: how forces change with it, its own first.
+struct Unknown {
+    along: Vec<(usize, f64)>,
+    /// The site whose direction it turns.
+    turns: Option<usize>,
+}
+
+impl Pattern {
+    /// Makes the forces that others or angles determine what they are.
+    fn take_forces(&mut self, sites: &[Site]) {
+        for (site, branch) in sites.iter().zip(&self.branches) {
+            match (*site, *branch) {
+                (Site::Joint { row, limits: (slip, _) }, Branch::Slip(sign)) => {
+                    self.x[row] = -slip * sign;
+                }
+                (Site::Joint { .. }, _) => (),
+                (Site::Gap { normal, friction }, branch) => {
+                    if branch == Branch::Open {
+                        self.x[normal] = 0.0;
+                    }
+                    let Some(Rough { row, mu: (mu, _), .. }) = friction else { continue };
+                    match branch {
+                        Branch::Open => self.x[row] = 0.0,
+                        Branch::Slip(sign) => self.x[row] = -mu * sign * self.x[normal],
+                        _ => (),
+                    }
+                }
+                (Site::Cone { rows, .. }, Branch::Open) => {
+                    rows.iter().for_each(|&row| self.x[row] = 0.0)
+                }
+                (Site::Cone { rows: [n, one, other], mu: (mu, _), .. }, branch) => {
+                    if let Some([c, s]) = branch.heading() {
+                        (self.x[one], self.x[other]) = (-mu * c * self.x[n], -mu * s * self.x[n]);
+                    }
+                }
+            }
+        }
+    }
+
+    /// The equations of the pattern as sums of rates, with their residuals.
+    fn equations(&self, sites: &[Site], rates: &[f64]) -> (Vec<f64>, Vec<Vec<(usize, f64)>>) {
+        let mut all: Vec<Vec<(usize, f64)>> = Vec::new();
+        for (site, branch) in sites.iter().zip(&self.branches) {
+            let held = site.rows_of(*branch);
+            all.extend(held.into_iter().map(|row| vec![(row, 1.0)]));
+            if let (Site::Cone { rows: [_, one, other], .. }, Branch::Turn(angle)) = (site, branch)
+            {
+                let (s, c) = angle.sin_cos();
+                all.push(vec![(*one, -s), (*other, c)]);
+            }
+        }
+        let left = all.iter().map(|it| it.iter().map(|(row, by)| by * rates[*row]).sum()).collect();
+        (left, all)
+    }
+
+    /// The unknowns of the pattern, angles in units of which the largest rate is `most`.
+    fn unknowns(&self, sites: &[Site], most: f64) -> Vec<Unknown> {
+        let mut all: Vec<Unknown> = Vec::new();
+        for (at, (site, branch)) in sites.iter().zip(&self.branches).enumerate() {
+            let mut held = site.rows_of(*branch).into_iter();
+            match (*site, *branch) {
+                (Site::Gap { normal, friction: Some(it) }, Branch::Slip(sign)) => {
+                    let along = vec![(normal, 1.0), (it.row, -it.mu.0 * sign)];
+                    all.push(Unknown { along, turns: None });
+                }
+                (Site::Cone { rows: [n, one, other], mu: (mu, _), .. }, branch) => {
+                    let Some([c, s]) = branch.heading() else {
+                        all.extend(
+                            held.map(|row| Unknown { along: vec![(row, 1.0)], turns: None }),
+                        );
+                        continue;
+                    };
+                    let along = vec![(n, 1.0), (one, -mu * c), (other, -mu * s)];
+                    all.push(Unknown { along, turns: None });
+                    if let Branch::Turn(_) = branch {
+                        let pull = mu * self.x[n] / most;
+                        let along = vec![(one, pull * s), (other, -pull * c)];
+                        all.push(Unknown { along, turns: Some(at) });
+                    }
+                }
+                _ => all.extend(
+                    held.by_ref().map(|row| Unknown { along: vec![(row, 1.0)], turns: None }),
+                ),
+            }
+        }
+        all
+    }
+
+    /// Changes the unknowns; none if a direction would turn too far.
+    fn step(&mut self, unknowns: &[Unknown], step: &[f64], most: f64) -> Option<()> {
+        for (unknown, by) in unknowns.iter().zip(step) {
+            let Some(site) = unknown.turns else {
+                self.x[unknown.along[0].0] += by;
+                continue;
+            };
+            let turn = by / most;
+            (turn.abs() <= MOST_TURN).then_some(())?;
+            if let Branch::Turn(angle) = &mut self.branches[site] {
+                *angle += turn;
+            }
+        }
+        Some(())
+    }
+
+    /// Whether an equation is that of the direction of a site.
+    fn equation_of(&self, site: usize, number: usize, sites: &[Site]) -> bool {
+        let count = |at: usize| {
+            let turns = matches!(self.branches[at], Branch::Turn(_));
+            sites[at].rows_of(self.branches[at]).len() + usize::from(turns)
+        };
+        (0..=site).map(count).sum::<usize>() == number + 1
+    }
+
+    /// How the equation of a direction changes with that.
+    fn turned(&self, (it, site): (&Site, usize), rates: &[f64], most: f64) -> f64 {
+        match (it, self.branches[site].heading()) {
+            (Site::Cone { rows: [_, one, other], .. }, Some([c, s])) => {
+                -(c * rates[*one] + s * rates[*other]) / most
+            }
+            _ => 0.0,
+        }
+    }
+
+    /// The largest violation of the inequalities (1).
+    fn excess(&self, sites: &[Site], rates: &[f64]) -> f64 {
+        let mut worst = 0.0_f64;
+        let mut obeys = |value: f64| worst = worst.max(-value);
+        let x = &self.x;
+        for (site, branch) in sites.iter().zip(&self.branches) {
+            match (*site, *branch) {
+                (Site::Joint { row, limits: (_, stick) }, Branch::Held) => {
+                    obeys(stick - x[row].abs())
+                }
+                (Site::Joint { row, .. }, Branch::Slip(sign)) => obeys(sign * rates[row]),
+                (Site::Joint { .. }, _) => (),
+                (Site::Gap { normal, .. }, Branch::Open) => obeys(rates[normal]),
+                (Site::Cone { rows: [n, ..], .. }, Branch::Open) => obeys(rates[n]),
+                (Site::Gap { normal, friction }, branch) => {
+                    obeys(x[normal]);
+                    match (friction, branch) {
+                        (Some(it), Branch::Slip(sign)) if it.slip == 0.0 => {
+                            obeys(sign * rates[it.row])
+                        }
+                        (Some(it), Branch::Held) => obeys(it.mu.1 * x[normal] - x[it.row].abs()),
+                        _ => (),
+                    }
+                }
+                (Site::Cone { rows: [n, one, other], mu, .. }, branch) => {
+                    obeys(x[n]);
+                    match branch {
+                        Branch::Held => obeys(mu.1 * x[n] - x[one].hypot(x[other])),
+                        Branch::Turn(angle) => {
+                            obeys(angle.cos() * rates[one] + angle.sin() * rates[other])
+                        }
+                        _ => (),
+                    }
+                }
+            }
+        }
+        worst
+    }
+}
+
+impl LocalSlip {
+    /// Its force.
+    fn branch(&self, mu: f64) -> ([f64; 3], Branch) {
+        let ([c, s], p) = (self.heading, self.pressed);
+        ([p, -mu * p * c, -mu * p * s], Branch::Turn(s.atan2(c)))
+    }
+}
+
+impl Branch {
+    /// The direction of a slip.
+    fn heading(self) -> Option<[f64; 2]> {
+        match self {
+            Branch::Turn(angle) => Some([angle.cos(), angle.sin()]),
+            Branch::Kept(heading) => Some(heading),
+            Branch::Open | Branch::Held | Branch::Slip(_) => None,
+        }
+    }
+}
+
+impl Site {
+    /// The rows that stay as they are.
+    fn rows_of(&self, branch: Branch) -> Vec<usize> {
+        match (*self, branch) {
+            (Site::Joint { row, .. }, Branch::Held) => vec![row],
+            (Site::Joint { .. }, _) | (_, Branch::Open) => Vec::new(),
+            (Site::Gap { normal, friction: Some(it) }, Branch::Held) => vec![normal, it.row],
+            (Site::Gap { normal, .. }, _) => vec![normal],
+            (Site::Cone { rows, .. }, Branch::Held) => rows.to_vec(),
+            (Site::Cone { rows: [normal, ..], .. }, _) => vec![normal],
+        }
+    }
+}
+
+fn size(x: &[f64]) -> f64 {
+    x.iter().fold(f64::MIN_POSITIVE, |size, x| size.max(x.abs()))
+}
+
+/// Sets a number: by how much it has moved.
+fn set(x: &mut [f64], at: usize, value: f64) -> f64 {
+    (std::mem::replace(&mut x[at], value) - value).abs()
+}
