@@ -30,14 +30,14 @@ const SINGULAR: f64 = 1e-15;
 const OBEYED: f64 = 1e-9;
 
 /// A number that is affine in `alpha`.
-type Affine = (f64, Vec<f64>);
+type AffineLevel = (f64, Vec<f64>);
 
 /// The inequalities (1).
 #[derive(Clone, Debug, Default)]
 pub(in crate::mechanics) struct ConeShares {
     d: usize,
-    levels: Vec<Affine>,
-    cones: Vec<[Affine; 3]>,
+    levels: Vec<AffineLevel>,
+    cones: Vec<[AffineLevel; 3]>,
 }
 
 /// A barrier at a place: its value, gradient and Hessian.
@@ -73,18 +73,18 @@ impl ConeShares {
     }
 
     /// One more level.
-    pub(in crate::mechanics) fn push(&mut self, level: Affine) {
+    pub(in crate::mechanics) fn push(&mut self, level: AffineLevel) {
         self.levels.push(level);
     }
 
     /// One more level that is the distance to the surface of a cone: its limit, then both components.
-    pub(in crate::mechanics) fn push_cone(&mut self, cone: [Affine; 3]) {
+    pub(in crate::mechanics) fn push_cone(&mut self, cone: [AffineLevel; 3]) {
         self.cones.push(cone);
     }
 
     /// The levels at a place.
     fn values<'a>(&'a self, alpha: &'a [f64]) -> impl Iterator<Item = f64> + 'a {
-        let at = |(a, s): &Affine| a + dot(s, alpha);
+        let at = |(a, s): &AffineLevel| a + dot(s, alpha);
         let lines = self.levels.iter().map(at);
         lines.chain(self.cones.iter().map(move |[n, x, y]| at(n) - at(x).hypot(at(y))))
     }
@@ -183,7 +183,7 @@ impl ConeShares {
         let d = self.d;
         let mut all = Barrier::new(d + 1);
         let (alpha, t) = (&z[..d], z[d]);
-        let at = |(a, s): &Affine| a / size + dot(s, alpha);
+        let at = |(a, s): &AffineLevel| a / size + dot(s, alpha);
         let mut row = vec![0.0; d + 1];
         for level in &self.levels {
             let f = at(level) - t;

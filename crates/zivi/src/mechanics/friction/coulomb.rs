@@ -76,7 +76,7 @@ pub(super) struct SiteMode {
 
 /// A solution of (1).
 #[derive(Clone, Debug)]
-pub(super) struct Solved {
+pub(super) struct CoulombSolution {
     pub(super) modes: Vec<SiteMode>,
     /// The forces by row, where they solve the equations of the modes; none if only the modes are known.
     pub(super) forces: Option<Vec<f64>>,
@@ -88,7 +88,7 @@ pub(super) struct Solved {
 
 /// The solution of one site.
 #[derive(Clone, Copy, Debug, PartialEq)]
-enum Branch {
+enum SiteBranch {
     Open,
     /// It is closed, and sticks if it has friction.
     Held,
@@ -142,10 +142,10 @@ impl Coulomb {
     }
 
     /// The solution within the allowed number of steps; `None` if numbers overflow.
-    pub(super) fn solve(&self) -> Option<Solved> {
+    pub(super) fn solve(&self) -> Option<CoulombSolution> {
         let k = self.b.len();
         let mut x = vec![0.0; k];
-        let mut branches = vec![Branch::Open; self.sites.len()];
+        let mut branches = vec![SiteBranch::Open; self.sites.len()];
         let turns = self.sites.iter().any(|site| matches!(site, Site::Cone { .. }));
         // of dependent contacts the first pattern to obey would depend on their order
         let is_regular = turns && Elimination::new(self.d.clone(), k, SINGULAR).rank() == k;
@@ -180,7 +180,7 @@ impl Coulomb {
             }
         }
         let modes = self.modes(&x);
-        Some(Solved { modes, forces: None, is_shared: false, is_ambiguous: false })
+        Some(CoulombSolution { modes, forces: None, is_shared: false, is_ambiguous: false })
     }
 
     /// The rates that forces make.
@@ -218,15 +218,19 @@ impl Coulomb {
     }
 
     /// The solution with the pattern of some forces, if that obeys (1), and whether it is the only one.
-    fn judged(&self, x: &[f64], branches: &[Branch]) -> Option<Solved> {
+    fn judged(&self, x: &[f64], branches: &[SiteBranch]) -> Option<CoulombSolution> {
         let (solved, at, rates) = self.polished(x, branches)?;
         let is_ambiguous = self.has_others(&at, &rates);
-        Some(Solved { is_ambiguous, ..solved })
+        Some(CoulombSolution { is_ambiguous, ..solved })
     }
 
     /// The solution with the pattern of some forces, if that obeys (1), its forces and rates.
-    fn polished(&self, x: &[f64], branches: &[Branch]) -> Option<(Solved, Pattern, Vec<f64>)> {
-        let mut at = Pattern { x: x.to_vec(), branches: branches.to_vec() };
+    fn polished(
+        &self,
+        x: &[f64],
+        branches: &[SiteBranch],
+    ) -> Option<(CoulombSolution, SitePattern, Vec<f64>)> {
+        let mut at = SitePattern { x: x.to_vec(), branches: branches.to_vec() };
         let most = size(&self.b);
         let mut last = f64::INFINITY;
         let mut is_shared = false;
@@ -263,26 +267,30 @@ impl Coulomb {
         let mut modes = self.modes(&at.x);
         for (mode, branch) in modes.iter_mut().zip(&at.branches) {
             match *branch {
-                Branch::Open => (),
-                Branch::Held => (mode.closed, mode.slip, mode.heading) = (true, 0.0, None),
-                Branch::Slip(sign) => (mode.closed, mode.slip) = (true, sign),
-                Branch::Turn(angle) => {
+                SiteBranch::Open => (),
+                SiteBranch::Held => (mode.closed, mode.slip, mode.heading) = (true, 0.0, None),
+                SiteBranch::Slip(sign) => (mode.closed, mode.slip) = (true, sign),
+                SiteBranch::Turn(angle) => {
                     let (s, c) = angle.sin_cos();
                     (mode.closed, mode.slip, mode.heading) = (true, 1.0, Some([c, s]));
                 }
-                Branch::Kept(heading) => {
+                SiteBranch::Kept(heading) => {
                     (mode.closed, mode.slip, mode.heading) = (true, 1.0, Some(heading));
                 }
             }
         }
         let forces = at.x.iter().zip(&self.root).map(|(x, root)| x / root).collect();
-        Some((Solved { modes, forces: Some(forces), is_shared, is_ambiguous: false }, at, rates))
+        Some((
+            CoulombSolution { modes, forces: Some(forces), is_shared, is_ambiguous: false },
+            at,
+            rates,
+        ))
     }
 
     /// How the equations of a pattern change with its unknowns.
     fn slopes(
         &self,
-        (at, rates, most): (&Pattern, &[f64], f64),
+        (at, rates, most): (&SitePattern, &[f64], f64),
         equations: &[Vec<(usize, f64)>],
         unknowns: &[Unknown],
     ) -> Vec<f64> {
@@ -310,17 +318,17 @@ impl Coulomb {
     }
 
     /// Whether another solution is found from the alternatives of one contact, the forces of the others fixed.
-    fn has_others(&self, at: &Pattern, rates: &[f64]) -> bool {
+    fn has_others(&self, at: &SitePattern, rates: &[f64]) -> bool {
         let most = size(&self.b) + size(&at.x);
         self.sites.iter().enumerate().any(|(number, site)| {
             let Site::Cone { rows, mu, heading: None } = *site else { return false };
             // a larger limit in stick has several solutions by itself
-            if mu.1 > mu.0 || at.branches[number] == Branch::Open {
+            if mu.1 > mu.0 || at.branches[number] == SiteBranch::Open {
                 return false;
             }
             let contact = self.contact((rows, mu.0), rows.map(|row| rates[row]), &at.x, 0.0);
-            let mut ways: Vec<([f64; 3], Branch)> =
-                contact.stick().into_iter().map(|force| (force, Branch::Held)).collect();
+            let mut ways: Vec<([f64; 3], SiteBranch)> =
+                contact.stick().into_iter().map(|force| (force, SiteBranch::Held)).collect();
             ways.extend(contact.slips().iter().map(|it| it.branch(mu.0)));
             ways.len() > 1
                 && ways.into_iter().any(|(force, branch)| {
@@ -354,7 +362,7 @@ impl Coulomb {
     }
 
     /// Solves (2) at one site with the forces of the others, in this way: by how much its own have moved.
-    fn relax(&self, site: &Site, b: &[f64], x: &mut [f64], branch: &mut Branch) -> f64 {
+    fn relax(&self, site: &Site, b: &[f64], x: &mut [f64], branch: &mut SiteBranch) -> f64 {
         let k = b.len();
         let diagonal = 1.0 + PROXIMAL;
         let entry = |i: usize, j: usize| self.d[i * k + j];
@@ -363,8 +371,11 @@ impl Coulomb {
             Site::Joint { row, limits: (slip, stick) } => {
                 let held = -others(x, row) / diagonal;
                 let force = if held.abs() <= stick { held } else { slip * held.signum() };
-                *branch =
-                    if held.abs() <= stick { Branch::Held } else { Branch::Slip(-held.signum()) };
+                *branch = if held.abs() <= stick {
+                    SiteBranch::Held
+                } else {
+                    SiteBranch::Slip(-held.signum())
+                };
                 set(x, row, force)
             }
             Site::Cone { rows, mu: (mu, mu_s), heading } => {
@@ -378,21 +389,21 @@ impl Coulomb {
                         (Some(heading), _) => {
                             let pressed = -contact.b[0] / contact.k(heading);
                             match pressed > 0.0 {
-                                true => (along(heading, pressed), Branch::Kept(heading)),
-                                false => ([0.0; 3], Branch::Open),
+                                true => (along(heading, pressed), SiteBranch::Kept(heading)),
+                                false => ([0.0; 3], SiteBranch::Open),
                             }
                         }
-                        (None, Some(held)) => (held, Branch::Held),
+                        (None, Some(held)) => (held, SiteBranch::Held),
                         (None, None) => contact
                             .slips()
                             .first()
-                            .map_or(([0.0; 3], Branch::Open), |it| it.branch(mu)),
+                            .map_or(([0.0; 3], SiteBranch::Open), |it| it.branch(mu)),
                     };
                 (0..3).map(|i| set(x, rows[i], force[i])).fold(0.0, f64::max)
             }
             Site::Gap { normal, friction: None } => {
                 let force = (-others(x, normal) / diagonal).max(0.0);
-                *branch = if force > 0.0 { Branch::Held } else { Branch::Open };
+                *branch = if force > 0.0 { SiteBranch::Held } else { SiteBranch::Open };
                 set(x, normal, force)
             }
             Site::Gap { normal, friction: Some(Rough { row, mu: (mu, mu_s), slip }) } => {
@@ -419,9 +430,9 @@ impl Coulomb {
                     }
                 };
                 *branch = match (p > 0.0, sign) {
-                    (false, _) => Branch::Open,
-                    (true, 0.0) => Branch::Held,
-                    (true, sign) => Branch::Slip(sign),
+                    (false, _) => SiteBranch::Open,
+                    (true, 0.0) => SiteBranch::Held,
+                    (true, sign) => SiteBranch::Slip(sign),
                 };
                 let moved = set(x, normal, p);
                 moved.max(set(x, row, f))
@@ -432,9 +443,9 @@ impl Coulomb {
 
 /// Forces with the pattern of their sites.
 #[derive(Clone, Debug)]
-struct Pattern {
+struct SitePattern {
     x: Vec<f64>,
-    branches: Vec<Branch>,
+    branches: Vec<SiteBranch>,
 }
 
 /// An unknown of a pattern: how forces change with it, its own first.
@@ -444,27 +455,27 @@ struct Unknown {
     turns: Option<usize>,
 }
 
-impl Pattern {
+impl SitePattern {
     /// Makes the forces that others or angles determine what they are.
     fn take_forces(&mut self, sites: &[Site]) {
         for (site, branch) in sites.iter().zip(&self.branches) {
             match (*site, *branch) {
-                (Site::Joint { row, limits: (slip, _) }, Branch::Slip(sign)) => {
+                (Site::Joint { row, limits: (slip, _) }, SiteBranch::Slip(sign)) => {
                     self.x[row] = -slip * sign;
                 }
                 (Site::Joint { .. }, _) => (),
                 (Site::Gap { normal, friction }, branch) => {
-                    if branch == Branch::Open {
+                    if branch == SiteBranch::Open {
                         self.x[normal] = 0.0;
                     }
                     let Some(Rough { row, mu: (mu, _), .. }) = friction else { continue };
                     match branch {
-                        Branch::Open => self.x[row] = 0.0,
-                        Branch::Slip(sign) => self.x[row] = -mu * sign * self.x[normal],
+                        SiteBranch::Open => self.x[row] = 0.0,
+                        SiteBranch::Slip(sign) => self.x[row] = -mu * sign * self.x[normal],
                         _ => (),
                     }
                 }
-                (Site::Cone { rows, .. }, Branch::Open) => {
+                (Site::Cone { rows, .. }, SiteBranch::Open) => {
                     rows.iter().for_each(|&row| self.x[row] = 0.0)
                 }
                 (Site::Cone { rows: [n, one, other], mu: (mu, _), .. }, branch) => {
@@ -482,7 +493,8 @@ impl Pattern {
         for (site, branch) in sites.iter().zip(&self.branches) {
             let held = site.rows_of(*branch);
             all.extend(held.into_iter().map(|row| vec![(row, 1.0)]));
-            if let (Site::Cone { rows: [_, one, other], .. }, Branch::Turn(angle)) = (site, branch)
+            if let (Site::Cone { rows: [_, one, other], .. }, SiteBranch::Turn(angle)) =
+                (site, branch)
             {
                 let (s, c) = angle.sin_cos();
                 all.push(vec![(*one, -s), (*other, c)]);
@@ -498,7 +510,7 @@ impl Pattern {
         for (at, (site, branch)) in sites.iter().zip(&self.branches).enumerate() {
             let mut held = site.rows_of(*branch).into_iter();
             match (*site, *branch) {
-                (Site::Gap { normal, friction: Some(it) }, Branch::Slip(sign)) => {
+                (Site::Gap { normal, friction: Some(it) }, SiteBranch::Slip(sign)) => {
                     let along = vec![(normal, 1.0), (it.row, -it.mu.0 * sign)];
                     all.push(Unknown { along, turns: None });
                 }
@@ -511,7 +523,7 @@ impl Pattern {
                     };
                     let along = vec![(n, 1.0), (one, -mu * c), (other, -mu * s)];
                     all.push(Unknown { along, turns: None });
-                    if let Branch::Turn(_) = branch {
+                    if let SiteBranch::Turn(_) = branch {
                         let pull = mu * self.x[n] / most;
                         let along = vec![(one, pull * s), (other, -pull * c)];
                         all.push(Unknown { along, turns: Some(at) });
@@ -534,7 +546,7 @@ impl Pattern {
             };
             let turn = by / most;
             (turn.abs() <= MOST_TURN).then_some(())?;
-            if let Branch::Turn(angle) = &mut self.branches[site] {
+            if let SiteBranch::Turn(angle) = &mut self.branches[site] {
                 *angle += turn;
             }
         }
@@ -544,7 +556,7 @@ impl Pattern {
     /// Whether an equation is that of the direction of a site.
     fn equation_of(&self, site: usize, number: usize, sites: &[Site]) -> bool {
         let count = |at: usize| {
-            let turns = matches!(self.branches[at], Branch::Turn(_));
+            let turns = matches!(self.branches[at], SiteBranch::Turn(_));
             sites[at].rows_of(self.branches[at]).len() + usize::from(turns)
         };
         (0..=site).map(count).sum::<usize>() == number + 1
@@ -567,28 +579,30 @@ impl Pattern {
         let x = &self.x;
         for (site, branch) in sites.iter().zip(&self.branches) {
             match (*site, *branch) {
-                (Site::Joint { row, limits: (_, stick) }, Branch::Held) => {
+                (Site::Joint { row, limits: (_, stick) }, SiteBranch::Held) => {
                     obeys(stick - x[row].abs())
                 }
-                (Site::Joint { row, .. }, Branch::Slip(sign)) => obeys(sign * rates[row]),
+                (Site::Joint { row, .. }, SiteBranch::Slip(sign)) => obeys(sign * rates[row]),
                 (Site::Joint { .. }, _) => (),
-                (Site::Gap { normal, .. }, Branch::Open) => obeys(rates[normal]),
-                (Site::Cone { rows: [n, ..], .. }, Branch::Open) => obeys(rates[n]),
+                (Site::Gap { normal, .. }, SiteBranch::Open) => obeys(rates[normal]),
+                (Site::Cone { rows: [n, ..], .. }, SiteBranch::Open) => obeys(rates[n]),
                 (Site::Gap { normal, friction }, branch) => {
                     obeys(x[normal]);
                     match (friction, branch) {
-                        (Some(it), Branch::Slip(sign)) if it.slip == 0.0 => {
+                        (Some(it), SiteBranch::Slip(sign)) if it.slip == 0.0 => {
                             obeys(sign * rates[it.row])
                         }
-                        (Some(it), Branch::Held) => obeys(it.mu.1 * x[normal] - x[it.row].abs()),
+                        (Some(it), SiteBranch::Held) => {
+                            obeys(it.mu.1 * x[normal] - x[it.row].abs())
+                        }
                         _ => (),
                     }
                 }
                 (Site::Cone { rows: [n, one, other], mu, .. }, branch) => {
                     obeys(x[n]);
                     match branch {
-                        Branch::Held => obeys(mu.1 * x[n] - x[one].hypot(x[other])),
-                        Branch::Turn(angle) => {
+                        SiteBranch::Held => obeys(mu.1 * x[n] - x[one].hypot(x[other])),
+                        SiteBranch::Turn(angle) => {
                             obeys(angle.cos() * rates[one] + angle.sin() * rates[other])
                         }
                         _ => (),
@@ -602,32 +616,32 @@ impl Pattern {
 
 impl LocalSlip {
     /// Its force.
-    fn branch(&self, mu: f64) -> ([f64; 3], Branch) {
+    fn branch(&self, mu: f64) -> ([f64; 3], SiteBranch) {
         let ([c, s], p) = (self.heading, self.pressed);
-        ([p, -mu * p * c, -mu * p * s], Branch::Turn(s.atan2(c)))
+        ([p, -mu * p * c, -mu * p * s], SiteBranch::Turn(s.atan2(c)))
     }
 }
 
-impl Branch {
+impl SiteBranch {
     /// The direction of a slip.
     fn heading(self) -> Option<[f64; 2]> {
         match self {
-            Branch::Turn(angle) => Some([angle.cos(), angle.sin()]),
-            Branch::Kept(heading) => Some(heading),
-            Branch::Open | Branch::Held | Branch::Slip(_) => None,
+            SiteBranch::Turn(angle) => Some([angle.cos(), angle.sin()]),
+            SiteBranch::Kept(heading) => Some(heading),
+            SiteBranch::Open | SiteBranch::Held | SiteBranch::Slip(_) => None,
         }
     }
 }
 
 impl Site {
     /// The rows that stay as they are.
-    fn rows_of(&self, branch: Branch) -> Vec<usize> {
+    fn rows_of(&self, branch: SiteBranch) -> Vec<usize> {
         match (*self, branch) {
-            (Site::Joint { row, .. }, Branch::Held) => vec![row],
-            (Site::Joint { .. }, _) | (_, Branch::Open) => Vec::new(),
-            (Site::Gap { normal, friction: Some(it) }, Branch::Held) => vec![normal, it.row],
+            (Site::Joint { row, .. }, SiteBranch::Held) => vec![row],
+            (Site::Joint { .. }, _) | (_, SiteBranch::Open) => Vec::new(),
+            (Site::Gap { normal, friction: Some(it) }, SiteBranch::Held) => vec![normal, it.row],
             (Site::Gap { normal, .. }, _) => vec![normal],
-            (Site::Cone { rows, .. }, Branch::Held) => rows.to_vec(),
+            (Site::Cone { rows, .. }, SiteBranch::Held) => rows.to_vec(),
             (Site::Cone { rows: [normal, ..], .. }, _) => vec![normal],
         }
     }
