@@ -20,7 +20,7 @@ from zivi.simulation.run_result import Closer, closer_mechanism
 from zivi.simulation.trajectory import describe_restitutions
 from zivi.system.gap_coordinates import kinetic_cosines
 from zivi.system.kicks import KickSchedule, schedule_of
-from zivi.system.mechanism import MechanicalSystem, Model, check_planar
+from zivi.system.mechanism import MechanicalSystem, Model, check_planar, check_rotations
 from zivi.system.start import check_start, consistent
 
 FixedOrSwitched: TypeAlias = SwitchedRK | FixedSteps
@@ -127,7 +127,9 @@ def check_friction(system: MechanicalSystem, method: Any) -> None:
             f"gap {name!r} is compliant, which {type(method).__name__} does not support: use "
             "zivi.SwitchedRK()"
         )
-    if not isinstance(method, SwitchedRK | MoreauJean):
+    if isinstance(method, MoreauJean):
+        check_rotations(system, type(method).__name__)
+    elif not isinstance(method, SwitchedRK):
         check_planar(system, type(method).__name__)
     at_gaps = [channel.name for channel in system._channels if channel.gap is not None]
     if at_gaps and isinstance(method, ThetaGamma):

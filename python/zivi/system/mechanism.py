@@ -398,16 +398,21 @@ def check_cones(system: MechanicalSystem) -> None:
             )
 
 
-def check_planar(system: MechanicalSystem, what: str) -> None:
-    """Raise a NotImplementedError for motion in space that `what` does not take.
-
-    That are gaps with two tangents, and rotations whose coordinates change during a run.
-    """
+def check_rotations(system: MechanicalSystem, what: str) -> None:
+    """Raise a NotImplementedError for rotations whose coordinates change during a run."""
     for body in system._rotations():
         raise NotImplementedError(
             f"body {body!r} rotates in space, which {what} does not take; use zivi.simulate with "
             "zivi.SwitchedRK"
         )
+
+
+def check_planar(system: MechanicalSystem, what: str) -> None:
+    """Raise a NotImplementedError for motion in space that `what` does not take.
+
+    That are gaps with two tangents, and rotations whose coordinates change during a run.
+    """
+    check_rotations(system, what)
     for channel in system._channels:
         if channel.row is not None:
             raise NotImplementedError(

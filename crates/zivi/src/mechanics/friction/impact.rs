@@ -104,7 +104,7 @@ impl Collision<'_> {
         let cones = ways.iter().filter(|way| way.2.is_some()).count();
         if count > MOST_PATTERNS || cones > 1 && !self.is_jammed {
             let stepped = self.by_steps(&ways, kinetics);
-            found.extend(stepped.and_then(|it| self.from_steps(it, &ways, kinetics)));
+            found.extend(stepped.and_then(|it| self.exchange_by_steps(it, &ways, kinetics)));
         }
         let is_found = found.iter().any(|it| it.violation <= MISFIT.1);
         if !is_found && count <= if cones > 1 { MOST_PATTERNS } else { ALL_PATTERNS } {
@@ -133,7 +133,7 @@ impl Collision<'_> {
     }
 
     /// The impact of the steps: with their impulses if these solve the equations, or the exact ones of their pattern.
-    fn from_steps(
+    fn exchange_by_steps(
         &self,
         stepped: PatternWithImpulses,
         ways: &[Way],
