@@ -6,8 +6,8 @@ velocity ``v = (x', y', theta')`` obeys
     diag(m, m, I) v' = -(mu m g/3) sum_k B_k^T W_k/|W_k|,      W_k = B_k(theta) v
 
 One foot sticks first; its slip turns ever faster while it stops. Then the tripod turns
-about this foot, uniformly slowed, and stops. The numbers in brackets are from these three equations:
-DOP853 of SciPy up to a slip of 1e-9 m/s, then the closed form.
+about this foot, uniformly slowed, and stops. The numbers in brackets are from these
+equations: DOP853 of SciPy up to a slip of 1e-9 m/s, then the closed form.
 
 Run as ``python examples/mechanics_tripod.py [out.png]``.
 """
