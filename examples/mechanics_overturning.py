@@ -101,10 +101,11 @@ def outcome(events: dict[str, Any], falls: bool) -> int:
 
 
 @functools.cache
-def chart() -> np.ndarray:
-    """Tell what becomes of it over all accelerations (rows) and frequencies (columns)."""
-    columns = [outcomes(np.full(len(ACCELERATIONS), it), ACCELERATIONS) for it in FREQUENCIES]
-    return np.column_stack(columns)
+def chart(rows: int = 1, columns: int = 1) -> np.ndarray:
+    """Tell what becomes of it over every so many accelerations (rows) and frequencies (columns)."""
+    betas = ACCELERATIONS[::rows]
+    found = [outcomes(np.full(len(betas), it), betas) for it in FREQUENCIES[::columns]]
+    return np.column_stack(found)
 
 
 def least(

@@ -196,7 +196,7 @@ def ends_of_rest(system, span, over):
     branch = zivi.continue_orbit(zivi.periodic_orbit(system, run), "road.amplitude", span, step=0.1)
     event = branch.of_kind("end_of_rest")[0]
     names, spans = ("road.amplitude", "e"), ((1.0, 3.0), over)
-    return zivi.continue_curve(event, names, spans, step=0.05)
+    return zivi.continue_curve(event, names, spans, step=0.1)
 
 
 @pytest.mark.slow
@@ -388,7 +388,7 @@ def test_the_width_of_a_cycle_is_where_it_grazes():
 
     cycle = zivi.ParametricForce(force, {"c": 1.9, "mu": 0.5}, slopes)
     orbit = zivi.periodic_orbit(zivi.ImpactSystem(cycle, e=0.7), (0.0, (1.0, 0.0)))
-    (event,) = zivi.continue_orbit(orbit, "c", (1.7, 2.3)).of_kind("grazing")
-    curve = zivi.continue_curve(event, ("c", "mu"), ((1.7, 2.3), (0.3, 1.0)), step=0.2)
+    (event,) = zivi.continue_orbit(orbit, "c", (1.89, 2.1)).of_kind("grazing")
+    curve = zivi.continue_curve(event, ("c", "mu"), ((1.9, 2.1), (0.45, 1.0)), step=0.2)
     end = curve.values[np.argmax(curve.values[:, 1])]
     assert end == pytest.approx([2.008619861, 1.0], abs=1e-6)
