@@ -71,6 +71,7 @@ FORMER = {
     "system.constraints.equality": "system.model_parts",
     "system.force": "system.mass",
     "system.friction": "system.gap",
+    "system.gap_coordinates": "system.start",
     "system.impact_law.laws": "system.impact_law",
     "system.impact_law.restitution": "system.impact_law",
     "system.impact_law.restitutions": "system.impact_law",

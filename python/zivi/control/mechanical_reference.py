@@ -18,9 +18,9 @@ from zivi.simulation.mechanical_trajectory import MechanicalTrajectory
 from zivi.simulation.methods import SwitchedRK
 from zivi.simulation.run import pair, simulate
 from zivi.simulation.trajectory import Trajectory
-from zivi.system.gap_coordinates import GapKinetics, check_independent, kinetic_cosines
 from zivi.system.mechanism import MechanicalSystem, Model, check_rigid
 from zivi.system.model_parts import Partials, places
+from zivi.system.start import GapKinetics, check_independent, kinetic_cosines
 
 # References of mechanical systems at the samples of a controller.
 

@@ -10,8 +10,8 @@ from numpy.typing import ArrayLike, NDArray
 import zivi._zivi as _zivi
 from zivi.base.check import Array, real, real_array
 from zivi.control.component import limits_of
-from zivi.system.gap_coordinates import GapKinetics
 from zivi.system.mechanism import ControlInputs, MechanicalSystem, check_rigid
+from zivi.system.start import GapKinetics
 
 # A model of a plant for a controller, integrated period by period.
 

@@ -3,10 +3,10 @@
 from zivi.base.habits import hint_calls
 from zivi.system.constraints.connections import Connect, Couple, Drive, Weld
 from zivi.system.gap import Gap, LinearGap
-from zivi.system.gap_coordinates import GapCoordinates, gap_coordinates
 from zivi.system.mechanism import MechanicalSystem
 from zivi.system.model_parts import Evaluation
 from zivi.system.space.shapes import Ball, Box, Capsule, Contact, Plane
+from zivi.system.start import GapCoordinates, gap_coordinates
 from zivi.system.tree_bodies import BallGap, Body, JointLimit, PlaneGap
 
 __all__ = [

@@ -32,7 +32,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-__all__ = ["check_ball", "draw_ball", "explicit_and_implicit", "simulate_ball"]
 
 KAPPA, X0, XDOT0, GRAVITY = 0.41, 1.0, 6.0, 9.81
 H, T_END = 1e-3, 3.0

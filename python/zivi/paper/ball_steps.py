@@ -10,15 +10,10 @@ import numpy as np
 import zivi._zivi as _zivi
 from zivi.paper import step_solvers
 from zivi.paper.ball import GRAVITY, KAPPA, simulate_ball
-from zivi.paper.step_solvers import Array, Solver, Steps, worst_row_residual
+from zivi.paper.step_solvers import PROBLEMS, SPEEDS, Array, Solver, Steps, worst_row_residual
 from zivi.simulation.methods import ThetaGamma
 
-__all__ = ["ball_residual", "ball_solvers", "ball_step_sets"]
-
-SPEEDS = (1.0, 1e-1, 1e-2, 1e-3, 1e-4)
 STEP_SIZES = (1e-2, 1e-3, 1e-4)
-PROBLEMS = 500
-"""Random problems for each speed and step size."""
 
 
 def _ball_solver(h: float, solver: str, linearisations: int = 1, fall_backs: bool = True) -> Solver:

@@ -20,8 +20,6 @@ from zivi.paper import report
 from zivi.paper.closed_loops import FORCE, KAPPA, MU1, MU2, track
 from zivi.paper.report import Picture, loop_data, max_abs
 
-__all__ = ["Chattering", "chattering_table", "draw_chattering", "measure_chattering", "run_case"]
-
 CONTROLLERS = ("explicit", "positive", "nearest")
 STEPS = (1e-2, 1e-3, 1e-4)
 UNMODELLED = 1.5

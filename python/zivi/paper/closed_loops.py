@@ -17,8 +17,6 @@ from zivi.control.twisting import ExplicitTwisting, TwistingRegulator, TwistingT
 from zivi.simulation.methods import ThetaGamma
 from zivi.system.mass import Force, ImpactSystem, lift
 
-__all__ = ["KAPPA", "closed_form_zeno", "last_above", "lift_run", "regulate", "track"]
-
 KAPPA = 0.5
 E = (1 - KAPPA) / (1 + KAPPA)
 H = 1e-3

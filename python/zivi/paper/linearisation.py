@@ -20,8 +20,6 @@ from rich.table import Table
 
 from zivi.paper import ball_steps, report, tracking_steps
 
-__all__ = ["Rate", "failure_tables", "measure_failures", "save_rates"]
-
 TOLERANCE = 1e-9
 
 

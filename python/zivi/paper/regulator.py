@@ -28,7 +28,6 @@ from zivi.paper.report import Check, Picture, draw_sv_plane, loop_data, max_abs,
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["check_regulator", "draw_regulator", "exact_settling"]
 
 STEPS = (1e-2, 1e-3, 1e-4)
 FINE = 1e-6

@@ -24,9 +24,6 @@ if TYPE_CHECKING:
     import pandas as pd
     from matplotlib.figure import Figure
 
-__all__ = ["Check", "Picture", "checks_table", "draw_sv_plane", "empty", "farthest_from"]
-__all__ += ["loop_data", "max_abs", "rest_time_of", "run_data", "save_checks", "save_rows"]
-__all__ += ["terminal_table"]
 
 # Tables of measured rows: on the terminal and as CSV.
 

@@ -21,8 +21,6 @@ from zivi.paper.report import max_abs
 from zivi.simulation.methods import ThetaGamma
 from zivi.system.mass import ImpactSystem
 
-__all__ = ["Rest", "measure_rest", "rest_table"]
-
 RESTITUTIONS = (0.05, 0.1, 0.2, 0.3, 1 / 3, 0.38, 0.4, 0.45, 0.5, 0.6, 0.7, 0.8, 0.9)
 STARTS = 50
 T_END, TAIL = 4.0, 3.0

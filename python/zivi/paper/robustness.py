@@ -17,8 +17,6 @@ from zivi.paper import report
 from zivi.paper.closed_loops import FORCE, IMPLICIT, START, last_above, track
 from zivi.paper.report import max_abs
 
-__all__ = ["DISTURBANCES", "Robustness", "measure_robustness", "robustness_table"]
-
 SEED = 20161212
 STARTS = 20
 SPREAD = 0.5

@@ -15,21 +15,16 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = [
-    "Array",
-    "Solver",
-    "Steps",
-    "interpreter",
-    "siconos_solvers",
-    "worst_row_residual",
-]
-
 # Siconos' solvers for the step's VI, where a Python that has Siconos is found.
 #
 # Siconos is never required: without it there are no solvers here. It runs in processes of its own,
 # because it may be installed for another interpreter, and because its solvers may not terminate.
 
 Array = NDArray[np.float64]
+
+SPEEDS = (1.0, 1e-1, 1e-2, 1e-3, 1e-4)
+PROBLEMS = 500
+"""Random problems for each speed (and step size)."""
 
 SOLVERS = ("VI_BOX_AVI_LSA", "VI_BOX_QI")
 ENVIRONMENT = "ZIVI_SICONOS_PYTHON"

@@ -36,7 +36,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-__all__ = ["check_tracker", "draw_tracker", "errors", "runs", "sampled_and_paper"]
 
 NEAR = 1e-2
 """The reference counts as reached within this distance (m)."""

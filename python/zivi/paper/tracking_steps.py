@@ -21,17 +21,11 @@ from zivi.paper.closed_loops import (
     START_REF,
     H,
 )
-from zivi.paper.step_solvers import Array, Solver, Steps, worst_row_residual
+from zivi.paper.step_solvers import PROBLEMS, SPEEDS, Array, Solver, Steps, worst_row_residual
 from zivi.simulation.methods import ThetaGamma
 from zivi.system.mass import ImpactSystem
 
-__all__ = ["loop_residual", "loop_solvers", "loop_states", "loop_step_sets", "signs_of"]
-__all__ += ["random_loop_states"]
-
 T_END = 2.0
-SPEEDS = (1.0, 1e-1, 1e-2, 1e-3, 1e-4)
-PROBLEMS = 500
-"""Random problems for each speed."""
 Branch = Literal["positive", "nearest"]
 BRANCHES: tuple[Branch, ...] = ("positive", "nearest")
 

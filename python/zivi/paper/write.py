@@ -14,14 +14,6 @@ from zivi.paper.closed_loops import regulate
 from zivi.paper.report import Check, Picture, save_checks
 from zivi.simulation.methods import ThetaGamma
 
-__all__ = [
-    "STAGES",
-    "Reproduction",
-    "check_stages",
-    "reproduce",
-    "write",
-]
-
 # Writes the figures, their data, and the tables, stage by stage.
 
 

@@ -18,10 +18,9 @@ from zivi.simulation.method_settings import FixedSteps, Settings
 from zivi.simulation.methods import MoreauJean, SwitchedRK, ThetaGamma
 from zivi.simulation.run_result import Closer, closer_mechanism
 from zivi.simulation.trajectory import describe_restitutions
-from zivi.system.gap_coordinates import kinetic_cosines
 from zivi.system.kicks import KickSchedule, schedule_of
 from zivi.system.mechanism import MechanicalSystem, Model, check_planar, check_rotations
-from zivi.system.start import check_start, consistent
+from zivi.system.start import check_start, consistent, kinetic_cosines
 
 FixedOrSwitched: TypeAlias = SwitchedRK | FixedSteps
 """The methods that take mechanical systems."""
