@@ -190,9 +190,14 @@ impl Kinetics {
                 return Err(Undetermined::Painleve);
             }
             let at: Vec<usize> = (0..k).filter(|&at| basis.has(edges.rows[at])).collect();
-            let block = at.iter().flat_map(|&i| at.iter().map(move |&j| i * k + j));
-            let block = block.map(|at| matrix[at]).collect();
-            edges.kappa = Elimination::new(block, at.len(), SINGULAR).determinant();
+            edges.kappa = if mode.closed.iter().any(|gap| self.channels_of(gap).count() > 1) {
+                // the corners of a box are equal: which of them is a basis changes by rounding
+                sum_of_minors(&matrix, k, at.len())
+            } else {
+                let block = at.iter().flat_map(|&i| at.iter().map(move |&j| i * k + j));
+                let block = block.map(|at| matrix[at]).collect();
+                Elimination::new(block, at.len(), SINGULAR).determinant()
+            };
             edges.null = Some(self.null_space(&edges));
         }
         Ok(edges)
@@ -387,5 +392,43 @@ impl Kinetics {
             all[n + row] = rate(row);
         }
         Ok(all)
+    }
+}
+
+/// The sum of all principal minors of this order of a matrix (U. Le Verrier's method): of a matrix of that rank the
+/// product of the eigenvalues that are not zero.
+fn sum_of_minors(matrix: &[f64], k: usize, order: usize) -> f64 {
+    let mut power = matrix.to_vec();
+    let mut coefficient = 0.0;
+    for step in 1..=order {
+        if step > 1 {
+            (0..k).for_each(|i| power[i * k + i] -= coefficient);
+            let entry = |at: usize| -> f64 {
+                (0..k).map(|l| matrix[at / k * k + l] * power[l * k + at % k]).sum()
+            };
+            power = (0..k * k).map(entry).collect();
+        }
+        coefficient = (0..k).map(|i| power[i * k + i]).sum::<f64>() / step as f64;
+    }
+    if order % 2 == 0 {
+        -coefficient
+    } else {
+        coefficient
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn sums_of_minors_are_those_of_the_characteristic_polynomial() {
+        let a = [2.0, -1.0, 0.5, 0.3, 1.5, 0.2, -0.4, 0.6, 3.0];
+        let minor = |i: usize, j: usize| a[i * 3 + i] * a[j * 3 + j] - a[i * 3 + j] * a[j * 3 + i];
+        let determinant = Elimination::new(a.to_vec(), 3, 0.0).determinant();
+        assert!((sum_of_minors(&a, 3, 1) - 6.5).abs() < 1e-14);
+        let two = minor(0, 1) + minor(0, 2) + minor(1, 2);
+        assert!((sum_of_minors(&a, 3, 2) - two).abs() < 1e-14);
+        assert!((sum_of_minors(&a, 3, 3) - determinant).abs() < 1e-13);
     }
 }
