@@ -82,6 +82,8 @@ const ROUNDING: f64 = 8.0 * f64::EPSILON;
 const NATURAL: f64 = 0.1;
 /// How far ahead accelerations are compared to find that time, relative to the step.
 const AHEAD: f64 = 1e-3;
+/// Up to so many of the shortest steps before an event explicit steps do.
+const BRIEF: f64 = 16.0;
 /// The error of a step is of this order.
 const ORDER: f64 = 6.0;
 /// Pivots below this are zero.
@@ -169,7 +171,15 @@ impl<D> Flying<'_, '_, D> {
                         self.motion.steps.set_next(Some(h * growth.max(1.0)));
                         return self.take();
                     }
-                    StepDecision::Stop(theta, _) => 0.9 * theta.min(0.5),
+                    StepDecision::Stop(theta, _) => {
+                        let by = 0.9 * theta.min(0.5);
+                        if by * h <= BRIEF * shortest {
+                            // an event so near is met before the direction turns
+                            self.state.parts().0.take_headings(&headings);
+                            return self.fly(Plan { h, ..plan }, shortest);
+                        }
+                        by
+                    }
                     StepDecision::Shorten(by, _) => by,
                 }
             } else {
