@@ -279,6 +279,29 @@ def test_time_stepping_converges_to_the_same_motion():
     assert errors[2] < 0.6 * errors[1] < 0.36 * errors[0]
 
 
+@pytest.mark.parametrize("seed", [8, 9])
+def test_a_thrown_box_comes_to_rest_on_a_face(seed):
+    rng = np.random.default_rng([17, seed])
+    half = rng.uniform(0.05, 0.2, 3)
+    inertia = (half @ half - half**2) / 3
+    mechanics = zivi.mechanics
+    tree = zivi.Tree(
+        [mechanics.Body("box", kind="free", mass=1.0, inertia=np.diag(inertia).tolist())],
+        contacts=[mechanics.Contact("box", "floor", mu=rng.uniform(0.2, 0.8), e=0.0)],
+        shapes={"box": mechanics.Box(tuple(half)), "floor": mechanics.Plane((0, 0, 1))},
+        gravity=[0, 0, -9.81],
+    )
+    turned = rng.normal(size=4)
+    start = [0, 0, 0.5, *turned / np.linalg.norm(turned)]
+    sol = zivi.simulate(tree, (0, 6), (start, [*rng.normal(size=3) * 0.5, *rng.normal(size=3) * 3]))
+    assert sol.success, sol.message
+    assert np.abs(sol.qdot[-1]).max() < 1e-12
+    # a face is on the floor: its height is half an edge, and corners are on the floor
+    assert np.abs(half - sol.qpos[-1, 2]).min() < 1e-9
+    assert (np.sort(sol.gaps[-1])[:4] < 1e-9).all()
+    assert sol.gaps.min() > -1e-12
+
+
 if __name__ == "__main__":
     import sys
 

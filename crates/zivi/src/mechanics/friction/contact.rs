@@ -410,7 +410,7 @@ fn sum_of_minors(matrix: &[f64], k: usize, order: usize) -> f64 {
         }
         coefficient = (0..k).map(|i| power[i * k + i]).sum::<f64>() / step as f64;
     }
-    if order % 2 == 0 {
+    if order.is_multiple_of(2) {
         -coefficient
     } else {
         coefficient
