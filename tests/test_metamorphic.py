@@ -64,6 +64,7 @@ FRICTION = {
     "elastic impacts that are slower than all tolerances": (78, 751),
     "a joint along the normal of a gap, at its limit": (78, 828),
     "impacts at one instant, next to moving belts": (78, 995),
+    "a slip on a shaking belt in an accumulation by Poisson's law": (81, 542),
 }
 
 

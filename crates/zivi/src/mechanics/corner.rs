@@ -16,7 +16,7 @@ use super::corner_descent::{descent, CornerEntry};
 use super::impact::Struck;
 use super::mechanism::{scales, slow, Mechanism, CLEAR};
 use super::piece::Flight;
-use super::state::MechanicalState;
+use super::state::{MechanicalState, TOLERANCE};
 use crate::mechanics::corner_descent::{
     landing, pattern, time_of_corner, CornerLog, Mark, LONGEST,
 };
@@ -154,6 +154,8 @@ impl CornerApproach {
         (0..channels).filter(touches).all(|channel| {
             let c = n + m + channel;
             let (slip, error) = (landing.state()[size + c], landing.errors()[size + c]);
+            let most = TOLERANCE * (1.0 + at.state.kinetics().steepness(m + channel)) * slow;
+            let error = error.min(most);
             let goes_on = |sign: f64| sign * slip > 0.0;
             let by_impacts = |it: &ContactMode| {
                 let slips = !it.slipping().has(channel) || goes_on(it.sign(channel));

@@ -842,6 +842,8 @@ impl MechanicalState {
 const SLIP_ANCHOR: f64 = 1e-6;
 /// A slip speed of so many estimated errors after an accumulation may be none.
 const STILL: f64 = 100.0;
+/// How many speeds below all tolerances are the tolerance.
+pub(super) const TOLERANCE: f64 = 1e2;
 /// Rounding share of an integrated slip speed that other rows determine to be zero.
 const HELD: f64 = 1e-3;
 
@@ -979,7 +981,10 @@ impl MechanicalState {
             }
             let (rate, noise) =
                 (self.kinetics.rate(row, &w), self.kinetics.rounding(row, &q, &w).1);
-            let error = errors.map_or(0.0, |(errors, slow)| slow.max(STILL * errors[n + row]));
+            // what the extrapolation of a slip misses, that of the velocities does not
+            let most = TOLERANCE * (1.0 + self.kinetics.steepness(row));
+            let error = errors
+                .map_or(0.0, |(errors, slow)| slow.max(STILL * errors[n + row].min(most * slow)));
             let still = rate.abs() <= 4.0 * noise + error;
             self.now.xdot[n + row] = if still { 0.0 } else { rate };
         }
