@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import zivi
+from example_scripts import example
 from zivi.mechanics import Ball, Body, Box, Capsule, Connect, Contact, Plane, PlaneGap
 
 KNOWN = json.loads((pathlib.Path(__file__).parent / "data" / "space.json").read_text("utf-8"))
@@ -91,15 +92,18 @@ def test_curvatures_and_tangents_are_differences_of_speeds():
         "box": Box([0.1, 0.2, 0.3], [0, 0.1, 0], body="body"),
         "rod": Capsule(0.05, 0.4, [1, 1, 0], body="body"),
         "slope": Plane([1, -2, 3], point=[0, 0, -3]),
+        "bob": Ball(0.3, [0, 0.1, 0.2], body="top"),
+        "post": Ball(0.2, [3, 1, 2]),
     }
     contacts = [Contact(name, "slope", mu=0.3) for name in ("foot", "box", "rod")]
-    tree = zivi.Tree([OFFSET, ARM], contacts=contacts, shapes=shapes)
+    contacts += [Contact("bob", "foot", mu=0.2), Contact("post", "bob", mu=0.2)]
+    tree = zivi.Tree([OFFSET, ARM, TOP], contacts=contacts, shapes=shapes)
     assert tree.gap_names[:2] == ("foot-slope", "box-slope.0")
-    assert tree.m == 11
+    assert tree.m == 13
     rng = np.random.default_rng(5)
     n = len(tree.coordinate_names(0))
     for _ in range(3):
-        q, w = rng.normal(size=n) * [1, 1, 1, 0.4, 0.4, 0.4, 1], rng.normal(size=n)
+        q, w = rng.normal(size=n) * ([1] * 3 + [0.4] * 3 + [1] + [0.4] * 3), rng.normal(size=n)
         here, h = tree.at(0.0, q, w), 1e-3
 
         def at(s, q=q, w=w):
@@ -316,6 +320,90 @@ def test_two_balls_collide_and_a_body_is_held_at_a_point():
     assert apart(free.qpos[-1, 3:], hung.qpos[-1]) < 1e-8
 
 
+@pytest.mark.parametrize("mu", [0.1, 0.9])
+def test_balls_that_collide_obliquely_rub(mu):
+    radii, masses, e, turn = np.array([0.2, 0.3]), np.array([1.0, 1.7]), 0.6, axes(3)
+    one, two = (
+        Body(name, kind="free", mass=m, inertia=0.4 * m * r**2)
+        for name, m, r in zip("ab", masses, radii, strict=True)
+    )
+    tree = zivi.Tree(
+        [one, two],
+        contacts=[Contact("a", "b", mu=mu, e=e)],
+        shapes={"a": Ball(0.2), "b": Ball(0.3)},
+        gravity=[0, 0, 0],
+    )
+    normal, velocity, spin = turn @ [1, 0, 0], turn @ [-2.0, 0.7, 0.4], turn @ [3.0, -5.0, 4.0]
+    apart = 0.5 + 0.5
+    place = apart * normal - velocity * 0.25
+    start = [*place, 1, 0, 0, 0, *[0] * 3, 1, 0, 0, 0], [*velocity, *spin, *[0] * 6]
+    first = zivi.simulate(tree, (0, 0.6), start, method(1e-11))
+    hit = first.impacts[0]
+    at = float(hit["t"])
+    u = place + velocity * at
+    u /= np.linalg.norm(u)
+    slip = velocity - u * (u @ velocity) + np.cross(spin, -0.2 * u)
+    p_n = -(1 + e) * (velocity @ u) / np.sum(1 / masses)
+    stick = np.linalg.norm(slip) / (3.5 * np.sum(1 / masses))
+    impulse = p_n * u - min(mu * p_n, stick) * slip / np.linalg.norm(slip)
+    assert bool(hit["sticks"]) == (stick <= mu * p_n) == (mu == 0.9)
+    end = first.qvel[-1]
+    np.testing.assert_allclose(end[:3], velocity + impulse / masses[0], atol=1e-9)
+    np.testing.assert_allclose(end[6:9], -impulse / masses[1], atol=1e-9)
+    kicks = [
+        np.cross(-r * u, impulse) / (0.4 * m * r**2) for m, r in zip(masses, radii, strict=True)
+    ]
+    for k, rate in enumerate([spin + kicks[0], kicks[1]]):
+        found = rotation(first.qpos[-1][7 * k + 3 : 7 * k + 7]) @ end[6 * k + 3 : 6 * k + 6]
+        np.testing.assert_allclose(found, rate, atol=1e-8)
+
+
+def test_a_ball_rolls_on_a_ball_until_it_slips():
+    # v^2 = 10/7 g l (cos a_0 - cos a), normal force m (g cos a - v^2/l), friction 2/7 m g sin a
+    mu, angle = 0.9, 0.1
+    ball = Body("ball", kind="free", mass=0.7, inertia=0.4 * 0.7 * 0.1**2)
+    tree = zivi.Tree(
+        [ball],
+        contacts=[Contact("ball", "dome", mu=mu)],
+        shapes={"ball": Ball(0.1), "dome": Ball(0.5)},
+    )
+    across = np.array([0.6, 0.8, 0.0])
+    up = np.cos(angle) * np.array([0, 0, 1]) + np.sin(angle) * across
+    sol = zivi.simulate(tree, (0, 1.5), ([*(0.6 * up), 1, 0, 0, 0], [0] * 6), method(1e-10))
+    slips = float(sol.transitions["t"][sol.transitions["after"] == 1][0])
+    place = sol(slips)[0][:3] / 0.6
+    sine = np.sqrt(1 - place[2] ** 2)
+    assert 17 * place[2] - 10 * np.cos(angle) == pytest.approx(2 * sine / mu, abs=1e-8)
+    np.testing.assert_allclose(place[:2], sine * across[:2], atol=1e-9)
+    assert float(sol.liftoffs["t"][0]) > slips
+    assert not sol.slips[sol.t < slips].any()
+
+
+# Examples.
+
+
+def test_the_ball_with_backspin_rolls_as_its_start_says(tmp_path, capsys):
+    thrown_back = example("mechanics_backspin")
+    thrown_back.main(str(tmp_path / "out.png"))
+    sol = thrown_back.throw()
+    np.testing.assert_allclose(sol.qvel[-1, :2], thrown_back.ROLLING[:2], atol=2e-8)
+    spin = thrown_back.axes_of(sol)[-1] @ sol.qvel[-1, 3:]
+    assert spin[2] == pytest.approx(20.0, abs=1e-7)
+    assert "0.257142857" in capsys.readouterr().out
+
+
+def test_the_top_rises_and_keeps_jelletts_integral(tmp_path):
+    top = example("mechanics_rising_top")
+    sol = top.spin()
+    known = top.jellett(sol)
+    assert np.ptp(known) < 1e-9 * known[0]
+    tilt = np.degrees(np.arccos(top.axis_of(sol)[:, 2]))
+    assert tilt[0] > 20
+    assert tilt[-1] < 5
+    assert len(sol.liftoffs) == 6
+    top.draw(str(tmp_path / "out.png"), sol)
+
+
 # What else a tree does.
 
 
@@ -344,9 +432,6 @@ REFUSED = {
     ),
     "parent of body 'a' .* moves in the world": lambda: Body("a", "b", kind="free"),
     "position of body 'a' .* initial state": lambda: Body("a", kind="free", position=[1, 0, 0]),
-    "friction of contact 'a-b' is not supported between balls": lambda: zivi.Tree(
-        [OFFSET], contacts=[Contact("a", "b", mu=0.1)], shapes={"a": Ball(1), "b": Ball(1)}
-    ),
     "contact 'a-b' is between Box and Ball": lambda: zivi.Tree(
         [OFFSET], contacts=[Contact("a", "b")], shapes={"a": Box([1, 1, 1]), "b": Ball(1)}
     ),

@@ -1184,6 +1184,8 @@ fn friction_of((kind, at): &(String, usize)) -> Option<TreeFriction> {
         "joint" => Some(TreeFriction::Joint(*at)),
         "plane" => Some(TreeFriction::Plane(*at)),
         "tangent" => Some(TreeFriction::Tangent(*at)),
+        "between0" => Some(TreeFriction::Between(*at, 0)),
+        "between1" => Some(TreeFriction::Between(*at, 1)),
         _ => None,
     }
 }
@@ -1192,7 +1194,7 @@ fn friction_of((kind, at): &(String, usize)) -> Option<TreeFriction> {
 impl Tree {
     /// Parent (-1 for the world) and kind of each joint: "hinge", "slide", or "rotation" and the number of the
     /// coordinate; kind and joints of each gap: "lower", "upper", "plane" or "balls"; kind and number of each
-    /// channel of friction: "joint", or "plane" or "tangent" with the number of its gap; kind and joints of each constraint: "connect", "weld" or "joint";
+    /// channel of friction: "joint", or "plane", "tangent", "between0" or "between1" with the number of its gap; kind and joints of each constraint: "connect", "weld" or "joint";
     /// rows from which prescribed motion is taken; the numbers as `zivi::system::tree::Tree` has them.
     #[new]
     #[pyo3(signature = (joints, gaps, friction, numbers, constraints=vec![], drives=vec![]))]

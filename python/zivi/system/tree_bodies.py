@@ -335,15 +335,7 @@ class PlaneGap:
     def __post_init__(self) -> None:
         called = f"of the gap of body {self.body!r}"
         object.__setattr__(self, "contact", contact_law(called.removeprefix("of "), self.contact))
-        object.__setattr__(self, "mu", finite(f"mu {called}", self.mu))
-        if self.mu < 0.0:
-            raise ValueError(f"mu {called} must be >= 0, got {self.mu}")
-        if self.mu_static is not None:
-            object.__setattr__(self, "mu_static", finite(f"mu_static {called}", self.mu_static))
-            if self.mu_static < self.mu:
-                raise ValueError(
-                    f"mu_static {called} must be at least mu, got {self.mu_static} < {self.mu}"
-                )
+        _coefficients(self, called)
         for field in ("point", "normal"):
             value = vector(f"{field} {called}", getattr(self, field))
             object.__setattr__(self, field, value)
@@ -376,6 +368,13 @@ class BallGap:
         By default the name of the body.
     contact : SpringDamper, Hertz, HuntCrossley or callable, optional
         Makes the gap compliant (see `zivi.Gap`).
+    mu : float
+        Coefficient of dry friction, >= 0, of bodies that move in space: there are two directions of
+        slip. The ball of `body` must not come to lie exactly below the other one.
+    mu_static : float, optional
+        Coefficient while sticking, at least `mu`; by default `mu`.
+    share : float
+        Part of `radius` that belongs to the ball of `body`, in [0, 1].
 
     Raises
     ------
@@ -390,10 +389,17 @@ class BallGap:
     radius: float = 0.0
     name: str | None = None
     contact: ContactLaw | None = None
+    mu: float = 0.0
+    mu_static: float | None = None
+    share: float = 0.5
 
     def __post_init__(self) -> None:
         called = f"of the gap of body {self.body!r}"
         object.__setattr__(self, "contact", contact_law(called.removeprefix("of "), self.contact))
+        _coefficients(self, called)
+        object.__setattr__(self, "share", finite(f"share {called}", self.share))
+        if not 0.0 <= self.share <= 1.0:
+            raise ValueError(f"share {called} must be in [0, 1], got {self.share:.6g}")
         for field in ("point", "other_point"):
             value = vector(f"{field} {called}", getattr(self, field))
             object.__setattr__(self, field, value)
@@ -406,11 +412,23 @@ class BallGap:
 
 def is_rough(gap: Any) -> bool:
     """Whether a gap has dry friction."""
-    return isinstance(gap, PlaneGap) and (gap.mu > 0.0 or bool(gap.mu_static))
+    return isinstance(gap, PlaneGap | BallGap) and (gap.mu > 0.0 or bool(gap.mu_static))
 
 
 TreeGap: TypeAlias = JointLimit | PlaneGap | BallGap
 """A gap of a tree, or two of them."""
+
+
+def _coefficients(gap: PlaneGap | BallGap, called: str) -> None:
+    object.__setattr__(gap, "mu", finite(f"mu {called}", gap.mu))
+    if gap.mu < 0.0:
+        raise ValueError(f"mu {called} must be >= 0, got {gap.mu}")
+    if gap.mu_static is not None:
+        object.__setattr__(gap, "mu_static", finite(f"mu_static {called}", gap.mu_static))
+        if gap.mu_static < gap.mu:
+            raise ValueError(
+                f"mu_static {called} must be at least mu, got {gap.mu_static} < {gap.mu}"
+            )
 
 
 def _lengths(gap: PlaneGap | BallGap, called: str) -> None:

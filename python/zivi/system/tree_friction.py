@@ -11,7 +11,7 @@ import numpy as np
 from zivi.base.check import Array, finite, real_array
 from zivi.system.gap import Channel, DryFriction
 from zivi.system.mechanism import ControlInputs, control_inputs
-from zivi.system.tree_bodies import ROTATIONS, Body, PlaneGap, TreeGap, is_rough
+from zivi.system.tree_bodies import ROTATIONS, BallGap, Body, PlaneGap, TreeGap, is_rough
 
 PARALLEL = 1e-9
 """Sine of the angle up to which directions are parallel."""
@@ -25,8 +25,8 @@ class Rubbing:
 
     Parameters
     ----------
-    kind : {"plane", "tangent", "joint"}
-        Whether it is of a gap, one of two of a gap, or of a joint.
+    kind : {"plane", "tangent", "between0", "between1", "joint"}
+        Whether it is of a gap above a plane, one of two of it or of a gap of balls, or of a joint.
     at : int
         The number of the gap or joint.
     channel : Channel
@@ -36,7 +36,9 @@ class Rubbing:
     tangent : ndarray
         Direction of slip in axes of the world, empty for a joint.
     radius : str
-        Parameter of the radius of the ball, empty for a joint.
+        Parameter of the radius of the ball, or of the sum of two radii; empty for a joint.
+    shares : tuple of float
+        Parts of it: the radii.
     """
 
     kind: str
@@ -45,11 +47,12 @@ class Rubbing:
     limits: Mapping[str, float]
     tangent: Array = dataclasses.field(default_factory=lambda: np.empty(0))
     radius: str = ""
+    shares: tuple[float, ...] = (1.0,)
 
     def numbers(self, values: Mapping[str, Any]) -> list[Any]:
         """Return the numbers of the channel."""
         names = list(self.limits)
-        radius = [values[self.radius]] if self.radius else []
+        radius = [values[self.radius] * part for part in self.shares] if self.radius else []
         return [*self.tangent, *radius, values[names[0]], values[names[-1]]]
 
 
@@ -63,10 +66,18 @@ def rubbings(
     for i, (name, gap) in enumerate(gaps):
         if not is_rough(gap):
             continue
-        assert isinstance(gap, PlaneGap)
+        assert isinstance(gap, PlaneGap | BallGap)
         limits = {f"{name}.mu": gap.mu}
         if gap.mu_static is not None:
             limits[f"{name}.mu_static"] = gap.mu_static
+        if isinstance(gap, BallGap):
+            parts = gap.share, 1.0 - gap.share
+            for row in (0, 1):
+                channel, none = Channel(name, i, 0.0, row), np.empty(0)
+                found.append(
+                    Rubbing(f"between{row}", i, channel, limits, none, f"{name}.radius", parts)
+                )
+            continue
         tangents = tangents_of(bodies, gap)
         for row, tangent in enumerate(tangents):
             channel = Channel(name, i, 0.0, row) if len(tangents) > 1 else Channel(name, i)

@@ -195,8 +195,8 @@ class Contact:
     """A contact of two shapes of a `zivi.Tree`, by their names.
 
     A ball above a plane is one gap, a capsule two, a box its eight corners; a ball beside a ball is
-    one gap without friction. Both ends of a capsule that lies, and the corners of a box on a face,
-    touch together.
+    one gap. With friction `first` of two balls must not come to lie exactly below `second`. Both
+    ends of a capsule that lies, and the corners of a box on a face, touch together.
 
     Parameters
     ----------
@@ -271,7 +271,7 @@ def gaps_of_contacts(
     Raises
     ------
     NotImplementedError
-        For a pair of shapes without a gap, and friction of balls beside balls.
+        For a pair of shapes without a gap.
     """
     known = {body.name for body in bodies}
     for name, shape in shapes.items():
@@ -336,18 +336,14 @@ def _gaps_between(
             for k, point in enumerate(points)
         ]
     if isinstance(one, Ball) and isinstance(other, Ball):
-        if contact.mu > 0.0 or contact.mu_static:
-            raise NotImplementedError(
-                f"friction of contact {called!r} is not supported between balls; set mu=0, or let "
-                "one of both shapes be a plane"
-            )
         if body is None:
             (one, body), (other, other_body) = (other, other_body), (one, body)
         if body is None:
             raise ValueError(f"contact {called!r} is between shapes of the world; neither moves")
         radius = one.radius + other.radius
         ends = one.center, other_body, other.center
-        return [BallGap(body, *ends, radius, called, contact.contact)]
+        rubs = contact.mu, contact.mu_static, one.radius / radius
+        return [BallGap(body, *ends, radius, called, contact.contact, *rubs)]
     kinds = " and ".join(type(it).__name__ for it, _ in pair)
     raise NotImplementedError(
         f"contact {called!r} is between {kinds}, which is not supported; use a ball, capsule or "

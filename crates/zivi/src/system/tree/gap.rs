@@ -50,6 +50,8 @@ pub enum TreeFriction {
     Plane(usize),
     /// One of two directions along the plane of a gap, of a body that moves in space: the same numbers.
     Tangent(usize),
+    /// One of two directions between the balls of a gap, `0` or `1`: both radii, `mu` in slip and in stick.
+    Between(usize, u8),
 }
 
 impl TreeFriction {
@@ -57,6 +59,7 @@ impl TreeFriction {
         match self {
             Self::Joint(_) => 2,
             Self::Plane(_) | Self::Tangent(_) => 6,
+            Self::Between(..) => 4,
         }
     }
 
@@ -67,6 +70,7 @@ impl TreeFriction {
             Self::Plane(gap) | Self::Tangent(gap) => {
                 matches!(gaps.get(gap), Some(TreeGap::Plane(_)))
             }
+            Self::Between(gap, _) => matches!(gaps.get(gap), Some(TreeGap::Balls(..))),
         }
     }
 }
@@ -225,7 +229,67 @@ impl TreeFriction {
                 }
                 &numbers[4..]
             }
+            Self::Between(gap, which) => {
+                if let TreeGap::Balls(a, b) = gaps[gap] {
+                    let centres = [(a, read(of_gap, 0)), (b, read(of_gap, 3))];
+                    let radii = [numbers[0], numbers[1]];
+                    *row.curvature =
+                        between(which, centres, radii, (joints, frames), row.direction);
+                }
+                &numbers[2..]
+            }
         };
         (*row.limit, *row.static_limit) = (limits[0], limits[1]);
     }
+}
+
+/// A direction of slip between two balls: fills in its row, and returns its curvature.
+///
+/// ```text
+/// u = s/l, s = p_a - p_b      c_a = v_a - r_a omega_a x u      c_b = v_b + r_b omega_b x u
+/// w = t . (c_a - c_b)         w' = t . (c_a - c_b)' + t' . (c_a - c_b)
+/// t_1 = e_x - x/(1 + z) (e_z + u)   t_2 = e_y - y/(1 + z) (e_z + u),   u = (x, y, z)
+/// ```
+///
+/// with the tangents that turn along the shortest way with `u` from the third axis: all `u` but its opposite.
+fn between<T: Real>(
+    which: u8,
+    [(a, at_a), (b, at_b)]: [(Option<usize>, Vector<T>); 2],
+    radii: [T; 2],
+    (joints, frames): (&[Joint], &[Frame<T>]),
+    row: &mut [T],
+) -> T {
+    let (one, other) = (Point::of(a, at_a, frames), Point::of(b, at_b, frames));
+    let [s, rate] = [sub(one.at, other.at), sub(one.velocity, other.velocity)];
+    let part = dot(s, s).sqrt().inverse();
+    let u = scaled(s, part);
+    let turning = scaled(sub(rate, scaled(u, dot(u, rate))), part);
+    let (t, t_rate) = tangent(usize::from(which), u, turning);
+    let sides = [(one, a, -radii[0], T::of(1.0)), (other, b, radii[1], T::of(-1.0))];
+    let mut curvature = T::of(0.0);
+    for (point, joint, radius, sign) in sides {
+        let (arm, arm_rate) = (scaled(u, radius), scaled(turning, radius));
+        let (mut velocity, mut acceleration) = (point.velocity, point.acceleration);
+        if let Some(frame) = joint.map(|index| &frames[index]) {
+            velocity = add(velocity, cross(frame.omega, arm));
+            let by_arm = add(cross(frame.alpha, arm), cross(frame.omega, arm_rate));
+            acceleration = add(acceleration, by_arm);
+        }
+        let touching = Point { at: add(point.at, arm), ..point };
+        touching.pull(scaled(t, sign), joints, frames, row);
+        curvature = curvature + sign * (dot(t, acceleration) + dot(t_rate, velocity));
+    }
+    curvature
+}
+
+/// One of two directions across `u`, and its rate where `u` has the rate `v`.
+fn tangent<T: Real>(k: usize, u: Vector<T>, v: Vector<T>) -> (Vector<T>, Vector<T>) {
+    let part = (u[2] + T::of(1.0)).inverse();
+    let slope = u[k] * part;
+    let slope_rate = (v[k] - slope * v[2]) * part;
+    let mut sum = u;
+    sum[2] = sum[2] + T::of(1.0);
+    let mut t = scaled(sum, -slope);
+    t[k] = t[k] + T::of(1.0);
+    (t, sub(scaled(sum, -slope_rate), scaled(v, slope)))
 }

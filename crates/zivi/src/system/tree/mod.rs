@@ -371,9 +371,9 @@ impl Tree {
         let mut start = self.gap_numbers(self.gaps.len()).start;
         for (c, it) in self.friction.iter().enumerate() {
             let of_gap = match it {
-                TreeFriction::Plane(gap) | TreeFriction::Tangent(gap) => {
-                    &numbers[self.gap_numbers(*gap)]
-                }
+                TreeFriction::Plane(gap)
+                | TreeFriction::Tangent(gap)
+                | TreeFriction::Between(gap, _) => &numbers[self.gap_numbers(*gap)],
                 TreeFriction::Joint(_) => &[],
             };
             let row = layout.m + c;
@@ -524,6 +524,9 @@ mod dynamics_tests {
             joint(Some(0), JointKind::Slide),
             joint(Some(1), JointKind::Hinge),
             joint(Some(0), JointKind::Hinge),
+            joint(Some(1), JointKind::Rotation(0)),
+            joint(Some(4), JointKind::Rotation(1)),
+            joint(Some(5), JointKind::Rotation(2)),
         ];
         let gaps = vec![
             TreeGap::Lower(1),
@@ -531,14 +534,23 @@ mod dynamics_tests {
             TreeGap::Upper(3),
             TreeGap::Balls(Some(2), Some(3)),
             TreeGap::Balls(None, Some(1)),
+            TreeGap::Plane(6),
+            TreeGap::Balls(Some(6), Some(3)),
         ];
         let mut seed = 7_u64;
         let mut number = || {
             seed = seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
             (seed >> 33) as f64 / f64::from(1_u32 << 30) - 1.0
         };
-        let friction = vec![TreeFriction::Plane(1), TreeFriction::Joint(3)];
-        let numbers = (0..3 + 4 * place::ALL + 23 + 8 + 37).map(|_| number()).collect();
+        let friction = vec![
+            TreeFriction::Plane(1),
+            TreeFriction::Joint(3),
+            TreeFriction::Tangent(5),
+            TreeFriction::Between(6, 0),
+            TreeFriction::Between(6, 1),
+        ];
+        let of_parts = 23 + 14 + 8 + 14 + 37;
+        let numbers = (0..3 + 7 * place::ALL + of_parts).map(|_| number()).collect();
         let constraints = vec![
             TreeConstraint::Connect(Some(2), Some(3)),
             TreeConstraint::Weld(Some(2), None),
@@ -567,9 +579,10 @@ mod dynamics_tests {
         let plain = TreeDynamics::new(tree.clone());
         let mut differenced = DifferencedDynamics::new(plain, neighbours.collect(), 1.0);
         let mut exact = TreeDynamics::with_directions(tree.clone(), Arc::new(directions));
-        let (q, w) = ([0.3, -0.7, 1.1, 0.4], [0.9, -1.2, 0.5, 0.8]);
+        let q = [0.3, -0.7, 1.1, 0.4, 0.2, -0.5, 0.3];
+        let w = [0.9, -1.2, 0.5, 0.8, 0.7, 0.4, -0.6];
         let at = TimedState { t: 0.0, q: &q, w: &w };
-        let size = tree.layout().len() * 11;
+        let size = tree.layout().len() * 17;
         let (mut found, mut known) = (vec![0.0; size], vec![0.0; size]);
         let Ok(()) =
             DifferentiableDynamics::<Infallible>::partials(&mut exact, at, &[1, 0], &mut found);

@@ -118,3 +118,45 @@ pub(super) fn change_chart(far: f64, s: &mut [f64], v: &mut [f64]) -> bool {
     s.copy_from_slice(&there.s);
     true
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::numeric::power_series::DualNumber;
+
+    const S: Vector<f64> = [0.7, -1.1, 0.4];
+    const V: Vector<f64> = [0.3, 0.9, -0.5];
+
+    fn dual(s: Vector<f64>, v: Vector<f64>) -> Vector<DualNumber> {
+        std::array::from_fn(|k| DualNumber { value: s[k], slope: v[k] })
+    }
+
+    fn near(a: Vector<f64>, b: Vector<f64>) {
+        assert!((0..3).all(|k| (a[k] - b[k]).abs() < 1e-14), "{a:?} {b:?}");
+    }
+
+    #[test]
+    fn axes_turn_with_omega_and_omega_changes_by_the_bias() {
+        let (here, moved) = (Turning::of(S), Turning::of(dual(S, V)));
+        let omega = here.omega(V);
+        for (axis, moved) in here.axes().into_iter().zip(moved.axes()) {
+            near(moved.map(|it| it.slope), cross(omega, axis));
+        }
+        let steady = V.map(DualNumber::of);
+        near(moved.omega(steady).map(|it| it.slope), here.bias(V));
+        near(here.rates(omega), V);
+    }
+
+    #[test]
+    fn both_charts_have_one_rotation_and_one_angular_velocity() {
+        let (mut s, mut v) = (S, V);
+        assert!(!change_chart(2.0, &mut s, &mut v) && s == S);
+        assert!(change_chart(1.0, &mut s, &mut v) && dot(s, s) < 1.0);
+        let (one, other) = (Turning::of(S), Turning::of(s));
+        near(one.omega(V), other.omega(v));
+        for (a, b) in one.axes().into_iter().zip(other.axes()) {
+            near(a, b);
+        }
+        assert!(!change_chart(1.0, &mut s, &mut v));
+    }
+}
