@@ -394,7 +394,7 @@ def test_one_coordinate_has_no_direction_of_slip_besides_that_of_the_gap():
 def test_balls_beside_balls_have_two_directions_of_friction():
     bodies = [Body("yaw", axis=[0, 0, 1], mass=1.0, inertia=0.1),
               Body("rail", "yaw", "slide", axis=[0, 1, 1], mass=1.0)]  # fmt: skip
-    gap = zivi.mechanics.BallGap("rail", [1, 0, 0], radius=0.1, mu=0.2, name="balls")
+    gap = BallGap("rail", [1, 0, 0], radius=0.1, mu=0.2, name="balls")
     assert zivi.Tree(bodies, gaps=[gap]).channel_names == ("balls[0]", "balls[1]")
     with pytest.raises(ValueError, match="share of the gap of body 'rail' must be in"):
-        zivi.mechanics.BallGap("rail", radius=0.1, mu=0.2, share=1.5)
+        BallGap("rail", radius=0.1, mu=0.2, share=1.5)
