@@ -11,6 +11,7 @@ use zivi::record::gap_set::ContactMode;
 use zivi::system::dynamics::{Dynamics, Layout};
 use zivi::system::force::{Channel, ContactForce, Friction, FrictionalImpact};
 use zivi::system::linear_system::LinearSystem;
+use zivi::system::partials::{DifferentiableDynamics, TimedState};
 
 use crate::interface::{array, columns, Matrix, Vector};
 
@@ -150,6 +151,28 @@ impl<D: Dynamics<PyErr>> Dynamics<PyErr> for Rubbing<'_, D> {
 
     fn has_constant_matrices(&self) -> bool {
         self.dynamics.has_constant_matrices() && self.friction().compliant.is_empty()
+    }
+}
+
+impl<D: DifferentiableDynamics<PyErr>> DifferentiableDynamics<PyErr> for Rubbing<'_, D> {
+    fn parameters(&self) -> usize {
+        self.dynamics.parameters()
+    }
+
+    fn set_extent(&mut self, q: &[f64], w: &[f64]) {
+        self.dynamics.set_extent(q, w);
+    }
+
+    fn partials(&mut self, at: TimedState<'_>, by: &[usize], out: &mut [f64]) -> PyResult<()> {
+        self.dynamics.partials(at, by, out)
+    }
+
+    fn linear_rate(&self, parameter: usize) -> Option<&Arc<LinearSystem>> {
+        self.dynamics.linear_rate(parameter)
+    }
+
+    fn reach(&self, by: &[usize]) -> Option<Vec<f64>> {
+        self.dynamics.reach(by)
     }
 }
 

@@ -6,7 +6,8 @@ use numpy::PyReadonlyArray1;
 use pyo3::gc::{PyTraverseError, PyVisit};
 use pyo3::prelude::*;
 use zivi::mechanics::sensitivity::{
-    mechanical_sensitivity as differentiate, Derivatives, EventRates, MechanicalWrt, Question,
+    mechanical_sensitivity as differentiate, Derivatives, EventRates, FrictionNumber,
+    MechanicalWrt, Question,
 };
 use zivi::mechanics::{MechanicalOutput, MechanicalRun};
 use zivi::system::dynamics::{Dynamics, Layout};
@@ -18,6 +19,7 @@ use zivi::system::tree::TreeDynamics;
 use zivi::{AnyImpactLaw, SetupError, SwitchedRk};
 
 use crate::dynamics::{AnyDynamics, CompiledDynamics, Model, PythonDynamics};
+use crate::friction::{PyFriction, Rubbing};
 use crate::interface::{setup_error, vector, Array, Watch};
 use crate::mechanics::MechanicalRecord;
 use crate::method::PyMethod;
@@ -193,6 +195,7 @@ pub(crate) struct MechanicalSensitivityRecord {
     impact_du: Array,
     zeno_times: Array,
     liftoff_times: Array,
+    transition_times: Array,
     radius: Array,
     /// The event that limits each column.
     nearest: Vec<Option<PyNearest>>,
@@ -202,8 +205,17 @@ pub(crate) struct MechanicalSensitivityRecord {
     n_slopes: u64,
 }
 
+/// The numbers of a channel of friction in their order.
+const NUMBERS: [FrictionNumber; 5] = [
+    FrictionNumber::Slip,
+    FrictionNumber::Static,
+    FrictionNumber::Both,
+    FrictionNumber::Velocity,
+    FrictionNumber::Restitution,
+];
+
 /// `(kind, index, of)`: `q0`, `qdot0`, `t0`, `e` of all gaps, the parameter `of` of the law of one, a
-/// parameter are 0 to 5.
+/// parameter, the number `of` of a channel of friction are 0 to 6.
 fn wrt_of((kind, index, of): &(u8, usize, usize)) -> MechanicalWrt {
     match kind {
         0 => MechanicalWrt::Q0(*index),
@@ -211,7 +223,11 @@ fn wrt_of((kind, index, of): &(u8, usize, usize)) -> MechanicalWrt {
         2 => MechanicalWrt::T0,
         3 => MechanicalWrt::AllE,
         4 => MechanicalWrt::Law { gap: *index, parameter: *of },
-        _ => MechanicalWrt::Parameter(*index),
+        5 => MechanicalWrt::Parameter(*index),
+        _ => MechanicalWrt::Friction {
+            channel: *index,
+            number: NUMBERS[(*of).min(NUMBERS.len() - 1)],
+        },
     }
 }
 
@@ -219,6 +235,7 @@ fn wrt_of((kind, index, of): &(u8, usize, usize)) -> MechanicalWrt {
 struct RunArguments<'a> {
     method: SwitchedRk,
     laws: &'a [AnyImpactLaw],
+    friction: Option<&'a PyFriction>,
     span: (f64, f64),
     start: (&'a [f64], &'a [f64]),
     tstops: &'a [f64],
@@ -235,9 +252,10 @@ impl RunArguments<'_> {
         mut dynamics: &mut dyn DifferentiableDynamics<PyErr>,
         watch: &mut Watch<'_>,
     ) -> Outcome {
-        let Self { method, laws, span, start, tstops, dense, question } = self;
+        let Self { method, laws, friction, span, start, tstops, dense, question } = self;
         let output = MechanicalOutput { tstops, dense: *dense, ..MechanicalOutput::default() };
-        differentiate(*method, &mut dynamics, laws, *span, *start, output, question, watch)
+        let mut system = Rubbing { dynamics: &mut dynamics, friction: *friction };
+        differentiate(*method, &mut system, laws, *span, *start, output, question, watch)
     }
 
     /// Without the interpreter where nothing needs it.
@@ -317,10 +335,11 @@ pub(crate) fn mechanical_sensitivity(
     let (q, qdot) = (start.q.clone(), start.qdot.clone());
     let (sizes, times, tstops) = (vector(&sizes)?, vector(&times)?, vector(&tstops)?);
     let wrt: Vec<MechanicalWrt> = wrt.iter().map(wrt_of).collect();
-    let layout = Layout::smooth(system.n, system.m);
+    let (layout, friction) = (system.layout(), system.laws_of_contact());
     let question = Question { wrt: &wrt, sizes: &sizes, controlled, times: &times };
     let start = (&q[..], &qdot[..]);
-    let task = RunArguments { method, laws, span, start, tstops: &tstops, dense, question };
+    let tstops = &tstops[..];
+    let task = RunArguments { method, laws, friction, span, start, tstops, dense, question };
     let model = AnyDynamics::of(py, system.model.get(), layout);
     let watch = &mut Watch::reporting(progress);
     let outcome = task.dispatch(py, model, &partials, layout, watch)?;
@@ -330,7 +349,8 @@ pub(crate) fn mechanical_sensitivity(
         .nearest
         .iter()
         .map(|it| it.map(|it| PyNearest { limit: it.limit as u8, t: it.t, depth: it.depth }));
-    let EventRates { impact_dt, impact_du, zeno_times, liftoff_times } = found.events;
+    let EventRates { impact_dt, impact_du, zeno_times, liftoff_times, transition_times } =
+        found.events;
     Ok(MechanicalSensitivityRecord {
         nearest: nearest.collect(),
         run: Py::new(py, MechanicalRecord::new(py, run)?)?,
@@ -340,6 +360,7 @@ pub(crate) fn mechanical_sensitivity(
         impact_du: array(impact_du),
         zeno_times: array(zeno_times),
         liftoff_times: array(liftoff_times),
+        transition_times: array(transition_times),
         radius: array(found.radius),
         grazing: found.grazing,
         lost_at: found.lost_at,

@@ -104,7 +104,7 @@ pub(crate) fn sensitivity(
     });
     let (run, derivatives) = result.map_err(setup_error)?;
     let array = |values: Vec<f64>| PyArray1::from_vec(py, values).unbind();
-    let EventRates { impact_dt, impact_du, zeno_times, liftoff_times } = derivatives.events;
+    let EventRates { impact_dt, impact_du, zeno_times, liftoff_times, .. } = derivatives.events;
     let nearest = derivatives
         .nearest
         .iter()

@@ -273,7 +273,8 @@ def problem_of(
         laws = dict(zip(system.gap_names, system.laws, strict=True))
         parameters = system.partials(model, tuple(wrt)).parameters
         coordinates = system.coordinate_names(size)
-        columns = columns_of(wrt, state, span[1] - span[0], laws, coordinates, parameters)
+        given = (span[1] - span[0], laws, coordinates, parameters, system)
+        columns = columns_of(wrt, state, *given)
         names = tuple(column.name for column in columns)
         codes = [(*column.code, column.of) for column in columns]
         values = [column.value for column in columns]

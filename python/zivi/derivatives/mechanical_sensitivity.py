@@ -22,10 +22,17 @@ from zivi.simulation.mechanical_trajectory import MechanicalTrajectory
 from zivi.simulation.methods import SwitchedRK
 from zivi.simulation.run import pair
 from zivi.simulation.run_result import as_raised, with_partial
+from zivi.system.friction_numbers import friction_numbers, with_friction_numbers
 from zivi.system.impact_law import ImpactLaw, NewtonImpact, law_parameters, restitutions
 from zivi.system.mass import ImpactSystem
 from zivi.system.mechanism import MechanicalSystem, Model
-from zivi.system.parameters import INITIAL, ParametricSystem, check_smooth, codes_of, with_value
+from zivi.system.parameters import (
+    INITIAL,
+    ParametricSystem,
+    check_planar_friction,
+    codes_of,
+    with_value,
+)
 from zivi.system.start import check_start
 
 if TYPE_CHECKING:
@@ -34,7 +41,7 @@ if TYPE_CHECKING:
 
 # Parameters of the derivatives of a mechanical system: names, numbers, values.
 
-Q0, QDOT0, T0, ALL_E, LAW, PARAMETER = range(6)
+Q0, QDOT0, T0, ALL_E, LAW, PARAMETER, FRICTION = range(7)
 """Kinds of columns, as the extension numbers them."""
 
 
@@ -51,7 +58,7 @@ class Column:
     value : float
         The number.
     of : int
-        Which parameter of an impact law it is.
+        Which parameter of an impact law, or number of a channel of friction, it is.
     """
 
     name: str
@@ -67,6 +74,7 @@ def columns_of(
     laws: Mapping[str, ImpactLaw],
     coordinates: Sequence[str],
     parameters: Mapping[str, float],
+    system: MechanicalSystem,
 ) -> list[Column]:
     """Read the names of columns, ``"q0"`` and ``"qdot0"`` as those of all coordinates.
 
@@ -89,8 +97,9 @@ def columns_of(
         name: Column(name, (PARAMETER, k), value)
         for k, (name, value) in enumerate(parameters.items())
     }
+    rough = _of_friction(system)
     # a parameter does not hide what every system has
-    known = own | single
+    known = rough | own | single
     found: list[Column] = []
     for name in wrt:
         if name in groups:
@@ -98,7 +107,7 @@ def columns_of(
         elif name in known:
             found.append(known[name])
         else:
-            raise ValueError(_unknown_column(name, coordinates, laws, parameters))
+            raise ValueError(_unknown_column(name, coordinates, laws, [*parameters, *rough]))
     names = [column.name for column in found]
     if not found or len(set(names)) != len(names):
         raise ValueError(f"wrt must be one or more different names, got {tuple(wrt)!r}")
@@ -121,11 +130,19 @@ def _of_laws(laws: Mapping[str, ImpactLaw]) -> dict[str, Column]:
     return found
 
 
+def _of_friction(system: MechanicalSystem) -> dict[str, Column]:
+    """Return the columns by numbers of dry friction: ``belt.limit``, ``floor.mu``."""
+    return {
+        name: Column(name, (FRICTION, it.channel), it.value, it.kind)
+        for name, it in friction_numbers(system).items()
+    }
+
+
 def _unknown_column(
     name: str,
     coordinates: Sequence[str],
     laws: Mapping[str, ImpactLaw],
-    parameters: Mapping[str, float],
+    parameters: Sequence[str],
 ) -> str:
     names = ["q0", "qdot0", *(f"q0.{own}" for own in coordinates)]
     names += [*(f"qdot0.{own}" for own in coordinates), "t0"]
@@ -160,6 +177,18 @@ COORDS: dict[str, Field] = {
     },
 }
 """Dimensions, unit and meaning of what is in the dataset."""
+
+FIELDS_OF_FRICTION: dict[str, Field] = {
+    "transition_time": (
+        ("transition", "wrt"),
+        "",
+        "derivatives of the times at which friction changes",
+    ),
+}
+COORDS_OF_FRICTION: dict[str, Field] = {
+    "transition_t": ("transition", "s", "time of the transition"),
+    "transition_channel": ("transition", "", "channel of the transition"),
+}
 
 
 @dataclasses.dataclass(frozen=True, eq=False, repr=False)
@@ -198,12 +227,16 @@ class MechanicalSensitivity(Sensitivity):
     n_slopes : int
         How often the partial derivatives of the system were evaluated.
     lost_at : float or None
-        Time from which some column is unknown (NaN): a corner, or a simultaneous impact or lift-off
-        of coupled gaps. Where the contacts determine the state the columns are known again.
+        Time from which some column is unknown (NaN): a corner, a simultaneous impact or lift-off
+        of coupled gaps, a slip that only touches zero, friction between stick and slip. Where the
+        contacts determine the state the columns are known again.
+    transition_times : ndarray
+        Derivatives of ``trajectory.transitions["t"]``: changes of dry friction.
     """
 
     trajectory: MechanicalTrajectory  # type: ignore[assignment]
     lost_at: float | None = None
+    transition_times: Array = dataclasses.field(default_factory=lambda: np.empty((0, 0)))
 
     @functools.cached_property
     def monodromy(self) -> Array:
@@ -234,7 +267,13 @@ class MechanicalSensitivity(Sensitivity):
             values[f"{event}_t"] = rows["t"]
             values[f"{event}_gap"] = [sol.gap_names[int(gap)] for gap in rows["gap"]]
         title, attrs = "Derivatives of a run of a mechanical system", {"status": self.status.name}
-        return ResultTable(title, FIELDS, COORDS, values, attrs, rows="wrt")
+        if not sol.channel_names:
+            return ResultTable(title, FIELDS, COORDS, values, attrs, rows="wrt")
+        changes = sol.transitions[: len(self.transition_times)]
+        values["transition_time"], values["transition_t"] = self.transition_times, changes["t"]
+        values["transition_channel"] = [sol.channel_names[int(c)] for c in changes["channel"]]
+        fields, coords = FIELDS | FIELDS_OF_FRICTION, COORDS | COORDS_OF_FRICTION
+        return ResultTable(title, fields, coords, values, attrs, rows="wrt")
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -337,6 +376,7 @@ class _Problem:
             resolved_impacts=impacts,
             zeno_times=record.zeno_times.reshape(-1, k),
             liftoff_times=record.liftoff_times.reshape(-1, k),
+            transition_times=record.transition_times.reshape(-1, k),
             radius=record.radius,
             limits=limits,
             status=status if sol.success else OrbitStatus.RUN_ENDED,
@@ -382,7 +422,7 @@ def _read_columns(
 ) -> list[Column]:
     names = system.coordinate_names(model.layout.n)
     laws = dict(zip(system.gap_names, system.laws, strict=True))
-    return columns_of(wrt, state, span[1] - span[0], laws, names, partials.parameters)
+    return columns_of(wrt, state, span[1] - span[0], laws, names, partials.parameters, system)
 
 
 def differentiate_mechanical(
@@ -453,6 +493,7 @@ class MechanicalRun:
         start, state = self.span[0], (self.state[0].copy(), self.state[1].copy())
         laws: list[ImpactLaw] = list(self.system.laws)
         parameters: dict[str, float] = {}
+        rough: dict[str, float] = {}
         for column, value in zip(self.columns, map(float, p), strict=True):
             kind, i = column.code
             if kind <= QDOT0:
@@ -466,7 +507,9 @@ class MechanicalRun:
                 laws[i] = _law_moved(laws[i], name, value - column.value)
             elif kind == PARAMETER:
                 parameters[column.name] = value
-        system = self.system
+            elif kind == FRICTION:
+                rough[column.name] = value
+        system = with_friction_numbers(self.system, rough)
         if parameters:
             system = system.replace(**parameters)
         if tuple(laws) != self.system.laws:
@@ -495,7 +538,7 @@ def _built(build: Any, laws: tuple[ImpactLaw, ...], **parameters: float) -> Mech
 
 def smooth_run(system: Any, span: tuple[float, float], y0: Any, wrt: tuple[str, ...]) -> Any:
     """Check that a run has derivatives, and return it as `run_of`."""
-    check_smooth(system)
+    check_planar_friction(system)
     return run_of(system, span, y0, wrt)
 
 
@@ -513,6 +556,7 @@ def run_of(system: Any, span: tuple[float, float], y0: Any, wrt: tuple[str, ...]
         dict(zip(system.gap_names, system.laws, strict=True)),
         system.coordinate_names(model.layout.n),
         _model_parameters(system),
+        system,
     )
     return MechanicalRun(system, span, state, tuple(columns))
 

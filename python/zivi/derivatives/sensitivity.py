@@ -22,7 +22,13 @@ from zivi.simulation.trajectory import Trajectory
 from zivi.system.kicks import Kick
 from zivi.system.mass import ImpactSystem
 from zivi.system.mechanism import MechanicalSystem
-from zivi.system.parameters import INITIAL, check_differentiable, check_smooth, codes_of, parameter
+from zivi.system.parameters import (
+    INITIAL,
+    check_differentiable,
+    check_planar_friction,
+    codes_of,
+    parameter,
+)
 
 if TYPE_CHECKING:
     from zivi.derivatives.mechanical_sensitivity import MechanicalSensitivity
@@ -224,7 +230,9 @@ def sensitivity(
         impact law than Newton's as ``"law.e0"``. Of a
         `MechanicalSystem` ``"q0"`` and ``"qdot0"`` (all coordinates), ``"q0.x"`` or ``"q0[0]"``
         (one), ``"t0"``, ``"e"`` (of all gaps together), ``"e.floor"`` or ``"e[0]"`` (of one), the
-        names of its parameters. By default the initial state.
+        names of its parameters, and numbers of its dry friction: ``"belt.limit"``,
+        ``"belt.static"``, ``"belt.velocity"`` of a `DryFriction`, ``"floor.mu"``,
+        ``"floor.mu_static"``, ``"floor.e_t"`` of a gap. By default the initial state.
     method : SwitchedRK
         Tolerances and order.
     errsens : bool
@@ -285,7 +293,7 @@ def sensitivity(
     mechanical = isinstance(system, MechanicalSystem)
     if not mechanical:
         check_differentiable(system)
-    check_smooth(system)
+    check_planar_friction(system)
     if not isinstance(method, SwitchedRK):
         raise TypeError(
             f"sensitivity needs method=zivi.SwitchedRK(...), got {argument_text(method)}"
@@ -303,6 +311,8 @@ def sensitivity(
     if kicks is not None and (kicked := all_of("kicks", kicks, Kick)):
         from zivi.derivatives.kicked import differentiate_kicked
 
+        if mechanical and system.channel_names:
+            raise NotImplementedError("derivatives through kicks do not support dry friction")
         start = y0 if mechanical else pair("y0", y0, "(x0, xdot0)")
         return differentiate_kicked(
             system,

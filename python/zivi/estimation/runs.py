@@ -543,8 +543,8 @@ class ExperimentRun:
         except NotImplementedError as error:
             self.differenced, self.reason = True, str(error).partition(":")[0]
             return None
-        except OUTSIDE as error:
-            raise NoRunError(str(error)) from None
+        except OUTSIDE:  # of a neighbour in a difference, or of the run itself, which will tell
+            return None
         if not found.trajectory.success:
             raise NoRunError(found.trajectory.message)
         if np.isnan(found.final).any():

@@ -12,7 +12,13 @@ from zivi.base.habits import closest
 from zivi.system.gap import HarmonicWall
 from zivi.system.impact_law import GivenRestitutions, NewtonImpact, law_parameters
 from zivi.system.mass import ImpactSystem, NativeForce, ParametricForce, check_system
-from zivi.system.mechanism import MechanicalSystem, Model, check_names, check_rigid
+from zivi.system.mechanism import (
+    MechanicalSystem,
+    Model,
+    check_names,
+    check_planar,
+    check_rigid,
+)
 from zivi.system.model_parts import Partials
 from zivi.system.table import refuse_tables
 
@@ -181,16 +187,37 @@ def check_differentiable(system: Any) -> None:
 
 
 def check_smooth(system: Any) -> None:
-    """Refuse dry friction and compliant gaps: derivatives do not support them yet."""
+    """Refuse dry friction and compliant gaps, which orbits do not support."""
     mechanical = isinstance(system, MechanicalSystem)
-    if mechanical:
-        check_rigid(system, "derivatives and orbits")
-    if system.channel_names if mechanical else system.friction:
-        more = "; diagrams and basins support a zivi.MechanicalSystem with friction"
+    if not mechanical:
+        check_planar_friction(system)
+        return
+    check_rigid(system, "derivatives and orbits")
+    if system.channel_names:
         raise NotImplementedError(
-            "derivatives do not support dry friction yet: use finite differences of "
-            f"zivi.simulate with tight tolerances{'' if mechanical else more}"
+            "orbits do not support dry friction: zivi.sensitivity has derivatives and the "
+            "monodromy matrix of runs with friction, diagrams and basins support it"
         )
+
+
+def check_planar_friction(system: Any) -> None:
+    """Refuse what derivatives do not support: compliant gaps, equality rows, cones of friction."""
+    if not isinstance(system, MechanicalSystem):
+        if system.friction:
+            raise NotImplementedError(
+                "derivatives do not support the friction of a zivi.ImpactSystem: build a "
+                "zivi.MechanicalSystem with friction=[...]"
+            )
+        return
+    check_rigid(system, "derivatives")
+    if not system.channel_names:
+        return
+    check_planar(system, "derivatives")
+    for name, value in (("impact_law", "newton"), ("paradox", "stop")):
+        if (given := getattr(system, name)) != value:
+            raise NotImplementedError(
+                f"derivatives with friction need {name}={value!r}, got {given!r}"
+            )
 
 
 def check_newton(system: Any) -> None:

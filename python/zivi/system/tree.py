@@ -415,7 +415,7 @@ class Tree(MechanicalSystem):
     ``joint.stiffness``, ``.spring``, ``.damping``, ``.armature``, ``.torque``; ``gravity.z``; of
     gaps ``joint.lower``, ``joint.upper``, ``gap.offset``, ``gap.radius``; of friction ``gap.mu``,
     ``gap.mu_static``, ``joint.friction``, ``joint.friction_static``. `zivi.sensitivity` takes
-    derivatives by them, of systems without friction.
+    derivatives by them.
 
     References
     ----------

@@ -507,12 +507,23 @@ pub(super) fn check_sizes(
 }
 
 /// For what does not know friction and compliant gaps yet.
-pub(super) fn check_smooth(layout: Layout, friction: &Friction) -> Result<(), SetupError> {
+pub(super) fn check_differentiable(friction: &Friction) -> Result<(), SetupError> {
     check_rigid(friction)?;
-    match layout.p {
-        0 => Ok(()),
-        p => Err(SetupError::Count("friction", p, "none: derivatives with friction are not known")),
+    let mut gaps: Vec<usize> = friction.channels.iter().filter_map(|it| it.gap).collect();
+    let count = gaps.len();
+    gaps.dedup();
+    if gaps.len() < count {
+        let cones = count - gaps.len();
+        return Err(SetupError::Count("friction in two directions", cones, "none in derivatives"));
     }
+    if friction.law != FrictionalImpact::Newton || friction.impact_without_collision {
+        return Err(SetupError::Count(
+            "other laws of impacts",
+            1,
+            "none in derivatives: take Newton's",
+        ));
+    }
+    Ok(())
 }
 
 /// For what does not know equality rows.

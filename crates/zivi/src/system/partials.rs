@@ -37,6 +37,12 @@ pub trait DifferentiableDynamics<E>: Dynamics<E> {
     fn linear_rate(&self, _parameter: usize) -> Option<&Arc<LinearSystem>> {
         None
     }
+
+    /// How far from a state the last derivatives looked: in the time, each coordinate, each velocity, and the
+    /// parameters `by`. None where they are no differences.
+    fn reach(&self, _by: &[usize]) -> Option<Vec<f64>> {
+        None
+    }
 }
 
 impl<E, D: DifferentiableDynamics<E> + ?Sized> DifferentiableDynamics<E> for &mut D {
@@ -54,6 +60,10 @@ impl<E, D: DifferentiableDynamics<E> + ?Sized> DifferentiableDynamics<E> for &mu
 
     fn linear_rate(&self, parameter: usize) -> Option<&Arc<LinearSystem>> {
         (**self).linear_rate(parameter)
+    }
+
+    fn reach(&self, by: &[usize]) -> Option<Vec<f64>> {
+        (**self).reach(by)
     }
 }
 
@@ -119,6 +129,30 @@ impl<E, D: Dynamics<E>> Dynamics<E> for DifferencedDynamics<D> {
 }
 
 impl<D> DifferencedDynamics<D> {
+    /// Adds `weight (f(point) - f(other))` to `out`, where `other` is `point` but for one number: what never
+    /// changes has no derivative, not even rounding.
+    fn add_pair<E>(
+        &mut self,
+        n: usize,
+        (c, other): (usize, f64),
+        weight: f64,
+        out: &mut [f64],
+    ) -> Result<(), E>
+    where
+        D: Dynamics<E>,
+    {
+        let mut pair = [vec![0.0; out.len()], vec![0.0; out.len()]];
+        for row in &mut pair {
+            let (q, w) = self.point[1..].split_at(n);
+            self.dynamics.evaluate(self.point[0], q, w, row)?;
+            self.point[c] = other;
+        }
+        let [one, other] = &pair;
+        let differences = one.iter().zip(other).map(|(one, other)| one - other);
+        out.iter_mut().zip(differences).for_each(|(out, difference)| *out += weight * difference);
+        Ok(())
+    }
+
     /// Adds `weight f(point)` to `out`.
     fn add<E>(&mut self, n: usize, weight: f64, out: &mut [f64]) -> Result<(), E>
     where
@@ -143,6 +177,19 @@ impl<D> DifferencedDynamics<D> {
     {
         self.row.resize(out.len(), 0.0);
         let Neighbours { step, systems } = &mut self.neighbours[parameter];
+        if systems[0].layout().p > 0 {
+            // what never changes has no derivative, not even rounding
+            let mut other = vec![0.0; out.len()];
+            for k in 0..MOVES.len() / 2 {
+                let last = MOVES.len() - 1 - k;
+                let weight = WEIGHTS[MOVES[last] as usize - 1] / *step;
+                systems[last].evaluate(at.t, at.q, at.w, &mut self.row)?;
+                systems[k].evaluate(at.t, at.q, at.w, &mut other)?;
+                let differences = self.row.iter().zip(&other).map(|(one, other)| one - other);
+                out.iter_mut().zip(differences).for_each(|(out, it)| *out += weight * it);
+            }
+            return Ok(());
+        }
         for (system, factor) in systems.iter_mut().zip(MOVES) {
             let weight = WEIGHTS[factor.abs() as usize - 1] * factor.signum() / *step;
             system.evaluate(at.t, at.q, at.w, &mut self.row)?;
@@ -155,6 +202,13 @@ impl<D> DifferencedDynamics<D> {
 impl<E, D: Dynamics<E>> DifferentiableDynamics<E> for DifferencedDynamics<D> {
     fn parameters(&self) -> usize {
         self.neighbours.len()
+    }
+
+    fn reach(&self, by: &[usize]) -> Option<Vec<f64>> {
+        let most = WEIGHTS.len() as f64;
+        let of_state = self.extent.iter().map(|extent| most * STEP * extent);
+        let of_parameters = by.iter().map(|&it| most * self.neighbours[it].step);
+        Some(of_state.chain(of_parameters).collect())
     }
 
     fn set_extent(&mut self, q: &[f64], w: &[f64]) {
@@ -176,6 +230,12 @@ impl<E, D: Dynamics<E>> DifferentiableDynamics<E> for DifferencedDynamics<D> {
             let up = here[c] + STEP * self.extent[c];
             let h = up - here[c];
             for (k, weight) in WEIGHTS.into_iter().enumerate() {
+                if self.layout().p > 0 {
+                    let moved = |sign: f64| here[c] + sign * (k + 1) as f64 * h;
+                    self.point[c] = moved(1.0);
+                    self.add_pair(at.q.len(), (c, moved(-1.0)), weight / h, out)?;
+                    continue;
+                }
                 for sign in [1.0, -1.0] {
                     self.point[c] = here[c] + sign * (k + 1) as f64 * h;
                     self.add(at.q.len(), sign * weight / h, out)?;

@@ -81,6 +81,22 @@ impl Kinetics {
         mode.stick.iter().any(|channel| self.other_of(channel).is_some())
     }
 
+    /// The sum of levels that is the margin of undetermined forces, which becomes these: the least within their
+    /// limits. None where the motion determines them.
+    pub(in crate::mechanics) fn margin_levels(
+        &mut self,
+        mode: ContactMode,
+    ) -> Option<Vec<(Limit, f64)>> {
+        let margin = self.shares(mode)?.margin();
+        self.share_least(mode);
+        let all = self.levels(mode);
+        let weight = |(j, weight): &(usize, f64)| {
+            let limit = all[*j].limit;
+            (limit, weight * self.unit(limit))
+        };
+        Some(margin.support.iter().map(weight).collect())
+    }
+
     /// How the levels of a mode change with undetermined forces, where there are any and cones are intervals.
     pub(in crate::mechanics) fn shares(&self, mode: ContactMode) -> Option<Shares> {
         let most = |channel: usize| self.friction_limits(channel).1;

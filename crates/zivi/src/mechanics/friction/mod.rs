@@ -18,6 +18,7 @@ mod limits;
 mod local;
 mod restitution;
 
+pub(super) use contact::Edges;
 pub(super) use decide::decide;
 pub(super) use impact::Collision;
 pub(super) use limits::Level;

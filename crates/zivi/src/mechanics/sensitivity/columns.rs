@@ -4,12 +4,13 @@
 //! time. The gaps are carried along as in the motion itself: the shift of an impact is the ratio of
 //! a small derivative to a small speed.
 
+use crate::mechanics::friction::Edges;
 use crate::mechanics::kinetics::{Kinetics, Model};
 use crate::mechanics::mode::{Stages, State};
 use crate::numeric::dense::{axpy, dot};
 use crate::numeric::stages::{worse, Equation, Tolerances};
 use crate::numeric::tableau::{ErrorEstimate, Interpolant};
-use crate::record::gap_set::GapSet;
+use crate::record::gap_set::{ContactMode, GapSet};
 use crate::record::status::Failure;
 use crate::system::dynamics::Layout;
 use crate::system::force::Friction;
@@ -37,6 +38,28 @@ pub enum MechanicalWrt {
     },
     /// A parameter of the system, by its number.
     Parameter(usize),
+    /// A number of dry friction.
+    Friction {
+        /// The channel.
+        channel: usize,
+        /// Which of its numbers.
+        number: FrictionNumber,
+    },
+}
+
+/// The numbers of a channel of dry friction.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum FrictionNumber {
+    /// The coefficient or force in slip alone.
+    Slip,
+    /// The same while it sticks.
+    Static,
+    /// Both, where they are one number.
+    Both,
+    /// The speed of the counter-surface.
+    Velocity,
+    /// The tangential restitution in impacts.
+    Restitution,
 }
 
 impl MechanicalWrt {
@@ -48,6 +71,12 @@ impl MechanicalWrt {
             Self::Law { gap, parameter } if gap == of => by(parameter),
             _ => 0.0,
         }
+    }
+
+    /// Derivative of the tangential restitution of a channel with respect to it.
+    pub(super) fn of_restitution(self, of: usize) -> f64 {
+        let is_it = matches!(self, Self::Friction { channel, number: FrictionNumber::Restitution } if channel == of);
+        f64::from(u8::from(is_it))
     }
 }
 
@@ -62,21 +91,21 @@ pub(super) struct Columns {
     /// All columns, one after the other, and the last step of them.
     pub(super) now: State,
     pub(super) steps: Stages,
-    /// The contacts in the last step, and how many of its stages are known.
-    pub(super) closed: GapSet,
+    /// The mode of the last step, and how many of its stages are known.
+    pub(super) mode: ContactMode,
     known: usize,
     /// Where the system was last evaluated, if that is known.
     pub(super) visited: Option<Place>,
 }
 
-/// A time, the contacts, and between which times the system is smooth.
-type Place = (f64, GapSet, (f64, f64));
+/// A time, the mode, and between which times the system is smooth.
+type Place = (f64, ContactMode, (f64, f64));
 
 /// The variational equations along the stages of a step of the motion: with `J` the Jacobian at
 /// each of them the columns are the exact derivative of the step that was made.
 struct Variation<'r, 'm, D> {
     motion: &'r Stages,
-    closed: GapSet,
+    mode: ContactMode,
     parameter: &'r [Option<usize>],
     layout: Layout,
     local: &'r mut Local,
@@ -85,7 +114,7 @@ struct Variation<'r, 'm, D> {
 }
 
 impl<E, D: DifferentiableDynamics<E>> Equation<Vec<f64>, Failure<E>> for Variation<'_, '_, D> {
-    fn acceleration(&mut self, at: &State, into: &mut Vec<f64>) -> Result<(), Failure<E>> {
+    fn acceleration(&mut self, state: &State, into: &mut Vec<f64>) -> Result<(), Failure<E>> {
         let (motion, i, n) = (self.motion, *self.known, self.layout.n);
         let last = motion.pair.b.len();
         let node = match motion.pair.interpolant {
@@ -93,58 +122,63 @@ impl<E, D: DifferentiableDynamics<E>> Equation<Vec<f64>, Failure<E>> for Variati
             Interpolant::Nested { a, .. } if i > last => motion.node(i, &a[i - last - 1]),
             _ => motion.node(i, &motion.pair.a[i - 1]),
         };
-        self.local.visit(self.model, node.t, &node.x[..n], &node.xdot[..n])?;
-        self.local.kinetics.determined_contact(self.closed)?;
+        let at = (node.t, &node.x[..n], &node.xdot[..n]);
+        self.local.visit_mode(self.model, at, self.mode)?;
         *self.known += 1;
-        accelerations(self.local, (self.layout, self.parameter), self.closed, at, into)
+        accelerations(self.local, (self.layout, self.parameter), self.mode, state, into)
     }
 }
 
 impl Columns {
     pub(super) fn new(
         wrt: &[MechanicalWrt],
-        layout: Layout,
+        (layout, friction): (Layout, &Friction),
         pair: &'static crate::numeric::tableau::Pair,
     ) -> Self {
-        let mut by = Vec::new();
-        let mut place = |wrt: &MechanicalWrt| match wrt {
-            MechanicalWrt::Parameter(number) => {
-                by.push(*number);
-                Some(by.len() - 1)
+        let number = |wrt: &MechanicalWrt| match wrt {
+            MechanicalWrt::Parameter(number) => Some(*number),
+            _ => None,
+        };
+        let by: Vec<usize> = wrt.iter().filter_map(number).collect();
+        let (mut own, mut rough) = (0.., Vec::new());
+        let mut place = |wrt: &MechanicalWrt| match *wrt {
+            MechanicalWrt::Parameter(_) => own.next(),
+            MechanicalWrt::Friction { channel, number } => {
+                rough.push((channel, number));
+                Some(by.len() + rough.len() - 1)
             }
             _ => None,
         };
         let parameter = wrt.iter().map(&mut place).collect();
-        let entries = wrt.len() * (layout.n + layout.m);
+        let entries = wrt.len() * layout.size();
         Self {
             wrt: wrt.to_vec(),
             parameter,
             layout,
-            local: Local::new(layout, by),
+            local: Local::new((layout, friction), by, &rough),
             now: State::zeros(entries),
             steps: Stages::new(pair, entries),
-            closed: GapSet::EMPTY,
+            mode: ContactMode::default(),
             known: 0,
             visited: None,
         }
     }
 
-    /// Coordinates and gaps: the length of a column.
+    /// Coordinates, gaps, slips and the work of friction, which has no derivatives: the length of a column.
     pub(super) fn size(&self) -> usize {
-        self.layout.n + self.layout.m
+        self.layout.size()
     }
 
-    /// Evaluates the system at a state with some contacts.
+    /// Evaluates the system at a state in a mode.
     pub(super) fn visit<E, D: DifferentiableDynamics<E>>(
         &mut self,
         model: &mut Model<'_, D>,
         at: &State,
-        closed: GapSet,
+        mode: ContactMode,
     ) -> Result<(), Failure<E>> {
         let n = self.layout.n;
-        self.local.visit(model, at.t, &at.x[..n], &at.xdot[..n])?;
-        self.local.kinetics.determined_contact(closed)?;
-        self.visited = Some((at.t, closed, model.smooth.ends()));
+        self.local.visit_mode(model, (at.t, &at.x[..n], &at.xdot[..n]), mode)?;
+        self.visited = Some((at.t, mode, model.smooth.ends()));
         Ok(())
     }
 
@@ -154,27 +188,27 @@ impl Columns {
         motion: &'r Stages,
         model: &'r mut Model<'m, D>,
     ) -> (Variation<'r, 'm, D>, &'r mut Stages) {
-        let Self { steps, closed, parameter, layout, local, known, visited, .. } = self;
+        let Self { steps, mode, parameter, layout, local, known, visited, .. } = self;
         *visited = None;
-        let (closed, layout) = (*closed, *layout);
-        (Variation { motion, closed, parameter, layout, local, known, model }, steps)
+        let (mode, layout) = (*mode, *layout);
+        (Variation { motion, mode, parameter, layout, local, known, model }, steps)
     }
 
-    /// From `self.now` through a step of the motion with these contacts, to `self.steps.end`.
+    /// From `self.now` through a step of the motion in a mode, to `self.steps.end`.
     pub(super) fn advance<E, D: DifferentiableDynamics<E>>(
         &mut self,
         motion: &Stages,
-        closed: GapSet,
+        mode: ContactMode,
         model: &mut Model<'_, D>,
     ) -> Result<(), Failure<E>> {
-        if self.visited != Some((motion.from.t, closed, model.smooth.ends())) {
-            self.visit(model, &motion.from, closed)?;
+        if self.visited != Some((motion.from.t, mode, model.smooth.ends())) {
+            self.visit(model, &motion.from, mode)?;
         }
         (self.now.t, self.now.late) = (motion.from.t, motion.from.late);
         let mut slope = vec![0.0; self.now.x.len()];
         let (of, now) = ((self.layout, &self.parameter[..]), &self.now);
-        accelerations(&mut self.local, of, closed, now, &mut slope)?;
-        (self.closed, self.known) = (closed, 1);
+        accelerations(&mut self.local, of, mode, now, &mut slope)?;
+        (self.mode, self.known) = (mode, 1);
         let from = self.now.clone();
         let (mut equation, steps) = self.along(motion, model);
         steps.step(&from, &slope, motion.h, &mut equation)
@@ -191,7 +225,8 @@ impl Columns {
     }
 
     /// The largest error relative to `atol/size + rtol |entry|`, `sizes` being the magnitudes of
-    /// the variables of differentiation; lost columns are ignored.
+    /// the variables of differentiation; lost columns are ignored, and slips, which follow from the
+    /// coordinates where they are needed.
     pub(super) fn error<E, D: DifferentiableDynamics<E>>(
         &mut self,
         motion: &Stages,
@@ -205,7 +240,9 @@ impl Columns {
         }
         let (size, steps) = (self.size(), &self.steps);
         let mut worst = 0.0_f64;
-        for entry in (0..self.now.x.len()).filter(|entry| !lost[entry / size]) {
+        let followed = self.layout.n + self.layout.m;
+        let counts = |entry: &usize| !lost[entry / size] && entry % size < followed;
+        for entry in (0..self.now.x.len()).filter(counts) {
             let atol = tolerances.atol.map(|atol| atol / sizes[entry / size]);
             let scales = steps.scales(entry, &Tolerances { atol, ..*tolerances });
             worst = worse(steps.error_of(entry).norm(scales), worst);
@@ -237,18 +274,48 @@ impl Columns {
 
     /// Moves the columns into the manifold of the contacts, at a state where the system has just
     /// been evaluated.
-    pub(super) fn project<E>(&mut self, closed: GapSet, at: &State) -> Result<(), Failure<E>> {
+    pub(super) fn project<E>(&mut self, mode: ContactMode, at: &State) -> Result<(), Failure<E>> {
         let Layout { n, .. } = self.layout;
         let size = self.size();
         for (column, parameter) in self.parameter.iter().enumerate() {
             let x = &mut self.now.x[column * size..][..size];
             let v = &mut self.now.xdot[column * size..][..size];
-            self.local.project(closed, &at.xdot[..n], *parameter, (&mut x[..n], &mut v[..n]))?;
-            for i in closed.iter() {
-                (x[n + i], v[n + i]) = (0.0, 0.0);
-            }
+            self.local.project(mode, &at.xdot[..n], *parameter, (&mut x[..n], &mut v[..n]))?;
+            hold_rows(mode, self.layout, (x, v));
         }
         Ok(())
+    }
+
+    /// Gaps and slips of the columns from the coordinates, which were moved, where the system has just been
+    /// evaluated.
+    pub(super) fn renew_rows(&mut self, mode: ContactMode, at: &State) {
+        let (Layout { n, .. }, size) = (self.layout, self.size());
+        for (column, parameter) in self.parameter.iter().enumerate() {
+            let x = &mut self.now.x[column * size..][..size];
+            let v = &mut self.now.xdot[column * size..][..size];
+            let row = self.local.along(Direction {
+                t: 0.0,
+                q: &x[..n],
+                w: &v[..n],
+                parameter: *parameter,
+            });
+            let rows = self.local.gaps(&row, &at.xdot[..n], &v[..n]);
+            for (k, [gap, rate]) in rows.into_iter().enumerate() {
+                (x[n + k], v[n + k]) = (gap, rate);
+            }
+            hold_rows(mode, self.layout, (x, v));
+        }
+    }
+}
+
+/// Zeros for the closed gaps of a column, and for what sticks.
+pub(super) fn hold_rows(mode: ContactMode, layout: Layout, (x, v): (&mut [f64], &mut [f64])) {
+    let Layout { n, m, .. } = layout;
+    for i in mode.closed.iter() {
+        (x[n + i], v[n + i]) = (0.0, 0.0);
+    }
+    for channel in mode.stick.iter() {
+        (x[n + m + channel], v[n + m + channel]) = (0.0, 0.0);
     }
 }
 
@@ -256,16 +323,16 @@ impl Columns {
 fn accelerations<E>(
     local: &mut Local,
     (layout, parameter): (Layout, &[Option<usize>]),
-    closed: GapSet,
+    mode: ContactMode,
     at: &State,
     out: &mut [f64],
 ) -> Result<(), Failure<E>> {
-    let (n, size) = (layout.n, layout.n + layout.m);
+    let (n, size) = (layout.n, layout.size());
     for (column, parameter) in parameter.iter().enumerate() {
         let (q, w) = (&at.x[column * size..][..n], &at.xdot[column * size..][..n]);
         let row = local.along(Direction { t: 0.0, q, w, parameter: *parameter });
-        let (change, _) = local.acceleration(closed, &row)?;
-        out[column * size..][..size].copy_from_slice(&change);
+        let (change, _) = local.acceleration(mode, &row)?;
+        out[column * size..][..change.len()].copy_from_slice(&change);
     }
     Ok(())
 }
@@ -286,6 +353,8 @@ fn accelerations<E>(
 // M w+' - N_S^T P' = M w-' - M' (w+ - w-) + N_S'^T P
 // N_S w+'          = u' - N_S' w+ - g_t'                                                  (2)
 // ```
+//
+// With friction they are those of [`super::friction`].
 
 /// A direction in time, state and parameters.
 #[derive(Clone, Copy, Debug)]
@@ -311,19 +380,41 @@ pub(super) struct Exchange<'a> {
 /// Values and partial derivatives at one time and state.
 #[derive(Clone, Debug)]
 pub(super) struct Local {
-    layout: Layout,
+    pub(super) layout: Layout,
     pub(super) kinetics: Kinetics,
+    /// `K` of the last mode, with friction.
+    pub(super) edges: Option<Edges>,
     /// The parameters that the derivatives are taken by.
     by: Vec<usize>,
-    partials: Vec<f64>,
+    /// The derivatives by time, state and parameters, then those by numbers of friction.
+    pub(super) partials: Vec<f64>,
     /// How often they were evaluated.
     pub(super) count: u64,
 }
 
 impl Local {
-    pub(super) fn new(layout: Layout, by: Vec<usize>) -> Self {
-        let partials = vec![0.0; layout.len() * (1 + 2 * layout.n + by.len())];
-        Self { layout, kinetics: Kinetics::new(layout, Friction::none()), by, partials, count: 0 }
+    pub(super) fn new(
+        (layout, friction): (Layout, &Friction),
+        by: Vec<usize>,
+        rough: &[(usize, FrictionNumber)],
+    ) -> Self {
+        let mut partials = vec![0.0; layout.len() * (1 + 2 * layout.n + by.len())];
+        for &(channel, number) in rough {
+            let (first, rate) = (partials.len(), layout.rate().start + layout.m);
+            partials.resize(first + layout.len(), 0.0);
+            let own = &mut partials[first..];
+            if let FrictionNumber::Slip | FrictionNumber::Both = number {
+                own[layout.limit()][channel] = 1.0;
+            }
+            if let FrictionNumber::Static | FrictionNumber::Both = number {
+                own[layout.static_limit()][channel] = 1.0;
+            }
+            if number == FrictionNumber::Velocity {
+                own[rate + channel] = -1.0;
+            }
+        }
+        let kinetics = Kinetics::new(layout, friction);
+        Self { layout, kinetics, edges: None, by, partials, count: 0 }
     }
 
     /// The parameters that the derivatives are taken by.
@@ -343,11 +434,28 @@ impl Local {
         let t = model.smooth.nearest(t);
         self.count += 1;
         let at = TimedState { t, q, w };
-        model.dynamics.partials(at, &self.by, &mut self.partials).map_err(Failure::Raised)?;
+        let known = self.layout.len() * (1 + 2 * self.layout.n + self.by.len());
+        let partials = &mut self.partials[..known];
+        model.dynamics.partials(at, &self.by, partials).map_err(Failure::Raised)?;
         if self.partials.iter().all(|value| value.is_finite()) {
             Ok(())
         } else {
             Err(Failure::Status(Status::ForceNotFinite))
+        }
+    }
+
+    /// The same in a mode, where the motion determines it.
+    pub(super) fn visit_mode<E, D: DifferentiableDynamics<E>>(
+        &mut self,
+        model: &mut Model<'_, D>,
+        (t, q, w): (f64, &[f64], &[f64]),
+        mode: ContactMode,
+    ) -> Result<(), Failure<E>> {
+        self.visit(model, t, q, w)?;
+        self.contact(mode)?;
+        match mode.slipping().is_empty() {
+            true => Ok(()),
+            false => self.differentiate_limits(model, (t, q, w), mode),
         }
     }
 
@@ -371,13 +479,13 @@ impl Local {
         row
     }
 
-    fn normal<'r>(&self, row: &'r [f64], i: usize) -> &'r [f64] {
+    pub(super) fn normal<'r>(&self, row: &'r [f64], i: usize) -> &'r [f64] {
         let n = self.layout.n;
         &row[self.layout.gradient()][i * n..][..n]
     }
 
     /// `x - M' y`.
-    fn less_mass(&self, row: &[f64], y: &[f64], x: &mut [f64]) {
+    pub(super) fn less_mass(&self, row: &[f64], y: &[f64], x: &mut [f64]) {
         let n = self.layout.n;
         for (x, mass) in x.iter_mut().zip(row[self.layout.mass()].chunks_exact(n)) {
             *x -= dot(mass, y);
@@ -402,14 +510,26 @@ impl Local {
         Ok(self.kinetics.solved()[..set.len()].to_vec())
     }
 
+    /// Accelerations and forces in a mode, where the motion determines it.
+    pub(super) fn contact<E>(&mut self, mode: ContactMode) -> Result<(), Failure<E>> {
+        self.edges = None;
+        if mode.is_frictionless() {
+            return Ok(self.kinetics.determined_contact(mode.closed)?);
+        }
+        self.frictional_contact(mode)
+    }
+
     /// Equations (1) for the mode of the last kinetics: derivatives of the accelerations of
-    /// coordinates and gaps and of the forces by gap.
+    /// coordinates and rows and of the forces by row.
     pub(super) fn acceleration<E>(
         &mut self,
-        closed: GapSet,
+        mode: ContactMode,
         row: &[f64],
     ) -> Result<(Vec<f64>, Vec<f64>), Failure<E>> {
-        let Layout { n, m, .. } = self.layout;
+        if !mode.is_frictionless() {
+            return self.frictional_acceleration(mode, row);
+        }
+        let (n, rows, closed) = (self.layout.n, self.layout.rows(), mode.closed);
         let at = self.kinetics.acceleration[..n].to_vec();
         let mut change = row[self.layout.force()].to_vec();
         self.less_mass(row, &at, &mut change);
@@ -417,9 +537,9 @@ impl Local {
             axpy(&mut change, self.kinetics.lambda[i], self.normal(row, i));
         }
         let bend = |i: usize| row[self.layout.curvature()][i];
-        let turned: Vec<f64> = (0..m).map(|i| bend(i) + dot(self.normal(row, i), &at)).collect();
+        let turned: Vec<f64> = (0..rows).map(|i| bend(i) + dot(self.normal(row, i), &at)).collect();
         let pressed = self.solve(closed, &mut change, |i| -turned[i])?;
-        let mut forces = vec![0.0; m];
+        let mut forces = vec![0.0; rows];
         closed.iter().zip(pressed).for_each(|(i, force)| forces[i] = force);
         let gap = |k: usize| {
             if closed.has(k) {
@@ -428,7 +548,7 @@ impl Local {
                 turned[k] + dot(self.kinetics.normal(k), &change)
             }
         };
-        let gaps: Vec<f64> = (0..m).map(gap).collect();
+        let gaps: Vec<f64> = (0..rows).map(gap).collect();
         change.extend(gaps);
         Ok((change, forces))
     }
@@ -459,7 +579,7 @@ impl Local {
             .collect();
         self.solve(set, &mut change, |i| wanted[i])?;
         axpy(velocities, 1.0, &change);
-        for (k, rate) in rates.iter_mut().enumerate() {
+        for (k, rate) in rates.iter_mut().enumerate().take(self.layout.rows()) {
             *rate = if set.has(k) {
                 target(k)
             } else {
@@ -470,31 +590,38 @@ impl Local {
         Ok(())
     }
 
-    /// The derivatives of the gaps and of their rates, by those of the state.
+    /// The derivatives of the gaps and of their rates, by those of the state; of slips those of the rates.
     pub(super) fn gaps(&self, row: &[f64], w: &[f64], by_w: &[f64]) -> Vec<[f64; 2]> {
+        let gaps = &row[self.layout.gap()];
         let one = |i: usize| {
             let rate = dot(self.normal(row, i), w) + row[self.layout.rate()][i];
-            [row[self.layout.gap()][i], rate + dot(self.kinetics.normal(i), by_w)]
+            let gap = gaps.get(i).copied().unwrap_or(0.0);
+            [gap, rate + dot(self.kinetics.normal(i), by_w)]
         };
-        (0..self.layout.m).map(one).collect()
+        (0..self.layout.rows()).map(one).collect()
     }
 
     /// Moves the derivatives of a state, along the directions of the impulses, into the manifold
     /// where the gaps of a set stay zero.
     pub(super) fn project<E>(
         &mut self,
-        set: GapSet,
+        mode: ContactMode,
         w: &[f64],
         parameter: Option<usize>,
         (q, v): (&mut [f64], &mut [f64]),
     ) -> Result<(), Failure<E>> {
         let direction =
             |q: &[f64], v: &[f64], at: &Self| at.along(Direction { t: 0.0, q, w: v, parameter });
-        let gaps = direction(q, v, self)[self.layout.gap()].to_vec();
+        let (gaps, set) = (direction(q, v, self)[self.layout.gap()].to_vec(), mode.closed);
         self.kinetics.solve_regular(set, |_, i| -gaps[i])?;
         self.kinetics.apply(set, q);
         let row = direction(q, v, self);
         let rates = self.gaps(&row, w, v);
+        let set = match mode.stick.is_empty() {
+            true => set,
+            // feet of one body that stick determine each other
+            false => self.kinetics.independent(self.kinetics.rows_of(mode)),
+        };
         self.kinetics.solve_regular(set, |_, i| -rates[i][1])?;
         self.kinetics.apply(set, v);
         Ok(())

@@ -21,13 +21,14 @@ impl VariationalRun<'_> {
         t_end: f64,
         model: &mut Model<'_, D>,
     ) -> Result<Piece, Failure<E>> {
-        let (from, closed) = (machine.state().now().clone(), machine.state().closed());
+        let (from, mode) = (machine.state().now().clone(), machine.state().mode());
+        let closed = mode.closed;
         let t = model.smooth.nearest(from.t);
         let piece = machine.advance(t_end, model)?;
         let length = machine.motion().length();
         if machine.motion_mut().linear().is_none() {
             // its contacts are not determined: from here on by steps
-            self.columns.advance(machine.motion().last(), closed, model)?;
+            self.columns.advance(machine.motion().last(), mode, model)?;
             self.flew(machine, model)?;
             return Ok(piece);
         }
@@ -49,8 +50,8 @@ impl VariationalRun<'_> {
         }
         (self.columns.now.x, self.columns.now.xdot) = self.columns_after(flown, machine)?;
         if !closed.is_empty() {
-            self.columns.visit(model, machine.state().now(), closed)?;
-            self.columns.project(closed, machine.state().now())?;
+            self.columns.visit(model, machine.state().now(), mode)?;
+            self.columns.project(mode, machine.state().now())?;
         }
         Ok(piece)
     }

@@ -10,9 +10,12 @@
 
 mod columns;
 mod exact;
+mod friction;
+mod impacts;
+mod modes;
 mod run;
 mod variational_run;
 
 pub use crate::switched::sensitivity::{Derivatives, EventRates, Question};
-pub use columns::MechanicalWrt;
+pub use columns::{FrictionNumber, MechanicalWrt};
 pub use run::mechanical_sensitivity;

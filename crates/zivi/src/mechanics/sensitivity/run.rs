@@ -5,12 +5,11 @@ use super::variational_run::VariationalRun;
 use crate::mechanics::integrator::MechanicalIntegrator;
 use crate::mechanics::kinetics::Model;
 use crate::mechanics::recording::{
-    check_free, check_sizes, check_smooth, check_span, running, started,
+    check_differentiable, check_free, check_sizes, check_span, running, started,
 };
 use crate::mechanics::{MechanicalOutput, MechanicalRun};
 use crate::switched::sensitivity::{Derivatives, Question};
 use crate::switched::SwitchedRk;
-use crate::system::force::Friction;
 use crate::system::partials::DifferentiableDynamics;
 use crate::{AnyImpactLaw, Monitor, SetupError};
 
@@ -64,14 +63,15 @@ pub fn mechanical_sensitivity<E, D: DifferentiableDynamics<E>>(
     let layout = dynamics.layout();
     check_sizes(layout, laws.len(), q, w)?;
     check_free(layout)?;
-    check_smooth(layout, dynamics.friction())?;
+    check_differentiable(dynamics.friction())?;
     check_span(t0, t1)?;
     let Question { wrt, sizes, controlled, times } = *question;
+    let friction = dynamics.friction().clone();
     let mut model = Model::new(dynamics);
-    let mut machine = MechanicalIntegrator::new(settings, layout, laws, Friction::none());
+    let mut machine = MechanicalIntegrator::new(settings, layout, laws, &friction);
     let begun = started(machine.start(t0, (q, w), &mut model))?;
-    let mut follower =
-        VariationalRun::new((wrt, sizes), controlled, times, t1, (layout, settings.order.pair()));
+    let of = (layout, &friction, settings.order.pair());
+    let mut follower = VariationalRun::new((wrt, sizes), controlled, times, t1, of);
     let room = times.len().saturating_mul(2 * layout.n * sizes.len());
     follower.samples.try_reserve_exact(room).map_err(|_| SetupError::Memory(times.len()))?;
     let begun = begun.and_then(|()| follower.begin(&machine, &mut model));

@@ -6,19 +6,32 @@ use crate::mechanics::kinetics::Model;
 use crate::mechanics::linear_flight::FlightRates;
 use crate::mechanics::mode::{InContact, Next, Stages, State};
 use crate::mechanics::piece::Piece;
-use crate::mechanics::sensitivity::columns::{Columns, Direction, Exchange, MechanicalWrt};
+use crate::mechanics::sensitivity::columns::{
+    hold_rows, Columns, Direction, Exchange, MechanicalWrt,
+};
+use crate::mechanics::sensitivity::friction::{FrictionalImpulses, RoughImpact};
 use crate::numeric::stages::{factor, shorter, FACTORS};
 use crate::numeric::tableau::Pair;
 use crate::piecewise::steps::Driver;
 use crate::record::events::{FlagKind, Occurrence};
-use crate::record::gap_set::GapSet;
+use crate::record::gap_set::{ContactMode, GapSet};
 use crate::record::status::Failure;
 use crate::switched::sensitivity::{EventRates, Limit, Validity};
 use crate::system::dynamics::Layout;
+use crate::system::force::Friction;
 use crate::system::partials::DifferentiableDynamics;
 use crate::zeno::rates::{ChainRates, Rate};
 use crate::zeno::table::ExtrapolatedEnd;
 use crate::Status;
+
+/// Changes of a contact whose times have derivatives.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum Change {
+    /// A gap opens.
+    Opening(usize),
+    /// A channel of friction begins to slip or stick.
+    Friction(usize),
+}
 
 /// The columns of a run under way.
 pub(super) struct VariationalRun<'a> {
@@ -40,6 +53,8 @@ pub(super) struct VariationalRun<'a> {
     pub(super) lost: Vec<bool>,
     /// Whether the order of coupled impacts is decided by the tolerance.
     pub(super) uncertain: bool,
+    /// Tangential restitutions by channel.
+    pub(super) e_t: Vec<f64>,
     /// How parameters move the flights of a linear system, once there are some.
     pub(super) exact: Option<FlightRates>,
     /// The largest gap so far, and when the run ends.
@@ -53,10 +68,10 @@ impl<'a> VariationalRun<'a> {
         controlled: bool,
         times: &'a [f64],
         end: f64,
-        (layout, pair): (Layout, &'static Pair),
+        (layout, friction, pair): (Layout, &Friction, &'static Pair),
     ) -> Self {
         Self {
-            columns: Columns::new(wrt, layout, pair),
+            columns: Columns::new(wrt, (layout, friction), pair),
             sizes,
             controlled,
             times,
@@ -68,6 +83,7 @@ impl<'a> VariationalRun<'a> {
             lost_at: None,
             lost: vec![false; wrt.len()],
             uncertain: false,
+            e_t: friction.channels.iter().map(|channel| channel.e_t).collect(),
             exact: None,
             highest: 0.0,
             end,
@@ -84,14 +100,14 @@ impl<'a> VariationalRun<'a> {
         machine: &MechanicalIntegrator,
         model: &mut Model<'_, D>,
     ) -> Result<(), Failure<E>> {
-        let (Layout { n, m, .. }, now) = (self.columns.layout, machine.state().now());
-        let size = n + m;
+        let (Layout { n, .. }, now) = (self.columns.layout, machine.state().now());
+        let (size, mode) = (self.columns.size(), machine.state().mode());
         self.set_extent(machine, model)?;
         // what opens at the start does so whatever the parameters are
         let is_t0 = |it: &MechanicalWrt| f64::from(u8::from(matches!(it, MechanicalWrt::T0)));
         let opened: Vec<f64> = self.columns.wrt.iter().map(is_t0).collect();
         self.note_events(machine, 0, |_| None, |_| Some(opened.clone()), &[]);
-        self.columns.visit(model, now, machine.state().closed())?;
+        self.columns.visit(model, now, mode)?;
         self.note_height(machine);
         let acceleration = self.columns.local.kinetics.acceleration.clone();
         for column in 0..self.count() {
@@ -118,10 +134,14 @@ impl<'a> VariationalRun<'a> {
                 (x[n + k], v[n + k]) = (gap, rate);
             }
         }
-        if machine.state().closed().is_empty() {
+        if mode.closed.is_empty() && mode.stick.is_empty() {
             return Ok(());
         }
-        self.columns.project(machine.state().closed(), now)
+        self.columns.project(mode, now)?;
+        if self.columns.layout.p > 0 {
+            self.columns.renew_rows(mode, now);
+        }
+        Ok(())
     }
 
     /// Extent of the motion in a second or in a shorter run.
@@ -131,10 +151,10 @@ impl<'a> VariationalRun<'a> {
         model: &mut Model<'_, D>,
     ) -> Result<(), Failure<E>> {
         let (n, State { t, x, xdot: v, .. }) = (self.columns.layout.n, machine.state().now());
-        let kinetics = &mut self.columns.local.kinetics;
-        kinetics.evaluate(model, *t, &x[..n], &v[..n])?;
-        kinetics.determined_contact(machine.state().closed())?;
-        let (duration, a) = ((self.end - t).min(1.0), &kinetics.acceleration);
+        let local = &mut self.columns.local;
+        local.kinetics.evaluate(model, *t, &x[..n], &v[..n])?;
+        local.contact(machine.state().mode())?;
+        let (duration, a) = ((self.end - t).min(1.0), &local.kinetics.acceleration);
         let of_w: Vec<f64> = (0..n).map(|c| v[c].abs() + duration * a[c].abs()).collect();
         let of_q: Vec<f64> = (0..n).map(|c| x[c].abs() + duration * of_w[c]).collect();
         model.dynamics.set_extent(&of_q, &of_w);
@@ -142,9 +162,9 @@ impl<'a> VariationalRun<'a> {
     }
 
     pub(super) fn note_height(&mut self, machine: &MechanicalIntegrator) {
-        let n = self.columns.layout.n;
+        let Layout { n, m, .. } = self.columns.layout;
         self.highest =
-            machine.state().now().x[n..].iter().fold(self.highest, |a, b| a.max(b.abs()));
+            machine.state().now().x[n..n + m].iter().fold(self.highest, |a, b| a.max(b.abs()));
     }
 
     /// From here on a column is not known.
@@ -180,7 +200,7 @@ impl<'a> VariationalRun<'a> {
         machine: &MechanicalIntegrator,
         from: usize,
         impact: impl Fn(usize) -> Option<(Vec<f64>, Vec<f64>)>,
-        lift_off: impl Fn(usize) -> Option<Vec<f64>>,
+        change: impl Fn(Change) -> Option<Vec<f64>>,
         zeno: &[f64],
     ) {
         let unknown = vec![f64::NAN; self.count()];
@@ -197,9 +217,13 @@ impl<'a> VariationalRun<'a> {
                     self.events.zeno_times.extend_from_slice(zeno);
                 }
                 Occurrence::LiftOff { gap, t } => {
-                    let dt = lift_off(gap).unwrap_or(unknown.clone());
+                    let dt = change(Change::Opening(gap)).unwrap_or(unknown.clone());
                     self.note_end(t, &dt);
                     self.events.liftoff_times.extend(dt);
+                }
+                Occurrence::Transition { channel, .. } => {
+                    let dt = change(Change::Friction(channel)).unwrap_or(unknown.clone());
+                    self.events.transition_times.extend(dt);
                 }
                 Occurrence::Flag { kind: FlagKind::OrderUncertain, .. } => self.uncertain = true,
                 _ => (),
@@ -244,8 +268,9 @@ impl<'a> VariationalRun<'a> {
                 self.columns.now.xdot[column * size..][..size].fill(0.0);
             }
         }
-        self.columns.visit(model, machine.state().now(), machine.state().closed())?;
-        self.columns.project(machine.state().closed(), machine.state().now())
+        let mode = machine.state().mode();
+        self.columns.visit(model, machine.state().now(), mode)?;
+        self.columns.project(mode, machine.state().now())
     }
 
     /// Samples up to a time where the columns are not known.
@@ -288,6 +313,10 @@ impl<'f, E, D: DifferentiableDynamics<E>> Driver<MechanicalIntegrator, Model<'f,
         let is_linear = machine.motion_mut().linear_period(model).is_some();
         match machine.next() {
             Next::LocatedEvent(_) => self.strike(machine, t_end, model),
+            Next::Stop(_) => self.change_friction(machine, t_end, model),
+            Next::Release { .. } if self.columns.layout.p > 0 => {
+                self.change_friction(machine, t_end, model)
+            }
             Next::Release { .. } => self.release(machine, t_end, model),
             Next::Jump(ahead) if ahead.landing.t <= t_end => self.jump(machine, t_end, model),
             _ if machine.state().through() != GapSet::EMPTY => self.strike(machine, t_end, model),
@@ -313,7 +342,7 @@ impl VariationalRun<'_> {
         t_end: f64,
         model: &mut Model<'_, D>,
     ) -> Result<Piece, Failure<E>> {
-        let (visited, closed) = (self.columns.visited, machine.state().closed());
+        let (visited, mode) = (self.columns.visited, machine.state().mode());
         let before = machine.save();
         let order = machine.motion().last().order_of_error();
         let shortest = 16.0 * f64::EPSILON * before.state().now().t.abs();
@@ -321,7 +350,7 @@ impl VariationalRun<'_> {
             let piece = machine.advance(t_end, model)?;
             let h = machine.motion().last().h;
             self.columns.visited = visited.filter(|_| retry == 0);
-            self.columns.advance(machine.motion().last(), closed, model)?;
+            self.columns.advance(machine.motion().last(), mode, model)?;
             let error = self.error(machine, model)?;
             let factor = factor(error, order);
             if error <= 1.0 || retry == RETRIES || h <= shortest {
@@ -358,15 +387,15 @@ impl VariationalRun<'_> {
         self.note_height(machine);
         let (total, t) = (machine.motion().length(), machine.state().now().t);
         let mut onto = None;
-        let closed = self.columns.closed;
+        let mode = self.columns.mode;
         if (total - machine.motion().last().h).abs() > NUDGE * machine.motion().last().h {
             // the event was found on the polynomials, away from the end of the step
             let mut stages = machine.motion().last().clone();
             let (from, size) = (stages.from.clone(), self.columns.size());
             let slope: Vec<f64> = (0..size).map(|c| stages.start_slope(c)).collect();
-            stages.step(&from, &slope, total, &mut self.motion(closed, model))?;
+            stages.step(&from, &slope, total, &mut self.motion(mode, model))?;
             self.columns.visited = None;
-            self.columns.advance(&stages, closed, model)?;
+            self.columns.advance(&stages, mode, model)?;
             onto = Some(stages);
         }
         if let Next::Step = machine.next() {
@@ -375,9 +404,9 @@ impl VariationalRun<'_> {
         let stages = onto.as_ref().unwrap_or(machine.motion().last());
         self.sample(stages, t, model)?;
         self.columns.take(stages, total - stages.h, model)?;
-        if !closed.is_empty() {
-            self.columns.visit(model, machine.state().now(), closed)?;
-            self.columns.project(closed, machine.state().now())?;
+        if !(mode.closed.is_empty() && mode.stick.is_empty()) {
+            self.columns.visit(model, machine.state().now(), mode)?;
+            self.columns.project(mode, machine.state().now())?;
         }
         Ok(())
     }
@@ -385,15 +414,10 @@ impl VariationalRun<'_> {
     /// The motion itself, evaluated aside.
     fn motion<'r, 'm, D>(
         &'r mut self,
-        closed: GapSet,
+        mode: ContactMode,
         model: &'r mut Model<'m, D>,
     ) -> InContact<'r, 'm, D> {
-        InContact {
-            mode: closed.into(),
-            kinetics: &mut self.columns.local.kinetics,
-            model,
-            at_end: None,
-        }
+        InContact { mode, kinetics: &mut self.columns.local.kinetics, model, at_end: None }
     }
 
     /// Minima of the gaps within the step.
@@ -403,8 +427,8 @@ impl VariationalRun<'_> {
         model: &mut Model<'_, D>,
     ) -> Result<(), Failure<E>> {
         let (Layout { n, m, .. }, size) = (self.columns.layout, self.columns.size());
-        let closed = self.columns.closed;
-        for gap in (0..m).filter(|&gap| !closed.has(gap)) {
+        let mode = self.columns.mode;
+        for gap in (0..m).filter(|&gap| !mode.closed.has(gap)) {
             let (from, end) = (
                 machine.motion().last().from.xdot[n + gap],
                 machine.motion().last().end.xdot[n + gap],
@@ -413,7 +437,7 @@ impl VariationalRun<'_> {
                 continue;
             }
             let stages = machine.motion_mut().steps_mut().last_mut();
-            stages.complete(&mut self.motion(closed, model))?;
+            stages.complete(&mut self.motion(mode, model))?;
             let [x, rate] = stages.polynomials_of(n + gap);
             let Some(theta) = rate.negated().first_negative() else { continue };
             self.columns.complete(stages, model)?;
@@ -469,15 +493,17 @@ impl VariationalRun<'_> {
 const KINK: f64 = 1e-7;
 
 /// Result of an impact for the columns.
-struct StruckColumns {
-    before: State,
+pub(super) struct StruckColumns {
+    pub(super) before: State,
     /// Accelerations before it.
     slope: Vec<f64>,
-    closed: GapSet,
+    mode: ContactMode,
     /// The gaps that were hit, and those with an impulse.
     hit: GapSet,
-    set: GapSet,
+    pub(super) set: GapSet,
     impulses: Vec<f64>,
+    /// What friction did in it.
+    pub(super) rough: Option<RoughImpact>,
 }
 
 /// Derivatives along an event, by one column.
@@ -497,9 +523,9 @@ impl VariationalRun<'_> {
         t_end: f64,
         model: &mut Model<'_, D>,
     ) -> Result<Piece, Failure<E>> {
-        let (before, closed, from) =
-            (machine.state().now().clone(), machine.state().closed(), machine.occurrences().len());
-        self.columns.visit(model, &before, closed)?;
+        let (before, mode, from) =
+            (machine.state().now().clone(), machine.state().mode(), machine.occurrences().len());
+        self.columns.visit(model, &before, mode)?;
         let slope = self.columns.local.kinetics.acceleration.clone();
         let piece = machine.advance(t_end, model)?;
         machine.state_mut().know(model)?;
@@ -515,8 +541,9 @@ impl VariationalRun<'_> {
                 }
             }
         }
-        let struck = StruckColumns { before, slope, closed, hit, set, impulses };
-        let shifted = self.through(&struck, machine)?;
+        let rough = self.rough_impact(&machine.occurrences()[from..], set);
+        let struck = StruckColumns { before, slope, mode, hit, set, impulses, rough };
+        let shifted = self.through(&struck, machine, model)?;
         if shifted.is_empty() {
             let unknown = vec![f64::NAN; self.count()];
             self.note_events(machine, from, |_| None, |_| None, &unknown);
@@ -531,19 +558,25 @@ impl VariationalRun<'_> {
         };
         self.note_events(machine, from, impact, |_| Some(dt.clone()), &stops);
         self.land_columns(&shifted, machine);
+        if !machine.state().mode().stick.is_empty() {
+            let mode = machine.state().mode();
+            self.columns.visit(model, machine.state().now(), mode)?;
+            self.columns.project(mode, machine.state().now())?;
+        }
         self.weigh(&struck, &shifted, machine, model)?;
         Ok(piece)
     }
 
     /// The derivatives along the impact of the state after it; the columns are lost where there are
     /// none.
-    fn through<E>(
+    fn through<E, D: DifferentiableDynamics<E>>(
         &mut self,
         struck: &StruckColumns,
         machine: &MechanicalIntegrator,
+        model: &mut Model<'_, D>,
     ) -> Result<Vec<Shifted>, Failure<E>> {
         let (Layout { n, m, .. }, size) = (self.columns.layout, self.columns.size());
-        let (t, StruckColumns { before, slope, closed, hit, set, impulses }) =
+        let (t, StruckColumns { before, slope, mode, hit, set, impulses, rough }) =
             (machine.state().now().t, struck);
         let mut hits = hit.iter();
         let (Some(gap), None) = (hits.next(), hits.next()) else {
@@ -552,6 +585,10 @@ impl VariationalRun<'_> {
         };
         let c = n + gap;
         self.note_depth(struck, c);
+        let limits = match rough {
+            Some(rough) => self.prepare_impact(rough, (struck, c), machine, model)?,
+            None => Vec::new(),
+        };
         let mut all = Vec::with_capacity(self.count());
         let (rtol, atol) = (machine.settings().rtol, machine.settings().atol);
         for column in 0..self.count() {
@@ -561,6 +598,7 @@ impl VariationalRun<'_> {
             let mut x: Vec<f64> = x.iter().zip(&before.xdot).map(|(x, v)| x + dt * v).collect();
             let mut v: Vec<f64> = v.iter().zip(slope).map(|(v, a)| v + dt * a).collect();
             x[c] = 0.0;
+            (n + self.columns.layout.rows()..size).for_each(|work| (x[work], v[work]) = (0.0, 0.0));
             let largest = |of: &[f64]| of.iter().fold(0.0_f64, |a, b| a.max(b.abs()));
             let tolerance = atol[1] + rtol * largest(&before.xdot);
             let noise = KINK * (largest(&x) + largest(&v)) + 100.0 * tolerance / self.sizes[column];
@@ -579,11 +617,30 @@ impl VariationalRun<'_> {
                 }
             };
             let wanted: Vec<f64> = (0..m).map(target).collect();
-            let how =
-                Exchange { set: *set, impulses, before: &before.xdot[..n], after: &after[..n] };
-            local.exchange(&how, &row, |i| wanted[i], w, rates)?;
+            let (of, to) = (&before.xdot[..n], &after[..n]);
+            if let Some(rough) = rough {
+                let limits = limits.get(column).map(|it| &it[..]);
+                let how = FrictionalImpulses {
+                    mode: rough.pattern,
+                    impulses: &rough.impulses,
+                    before: of,
+                    after: to,
+                    limits,
+                };
+                let back = |channel: usize| {
+                    let e_t = self.e_t[channel] * rates[m + channel];
+                    -e_t - wrt.of_restitution(channel) * before.xdot[n + m + channel]
+                };
+                let back: Vec<f64> = (0..self.e_t.len()).map(back).collect();
+                let target = |i: usize| if i < m { wanted[i] } else { back[i - m] };
+                local.frictional_exchange(&how, &row, target, (w, &mut *rates))?;
+            } else {
+                let how = Exchange { set: *set, impulses, before: of, after: to };
+                local.exchange(&how, &row, |i| wanted[i], w, rates)?;
+            }
             let kink = |i: usize| rates[i].abs() > noise && after[n + i] == 0.0;
-            if closed.without(*set).iter().any(kink) {
+            let sticks = machine.state().mode().stick.iter().map(|channel| m + channel);
+            if mode.closed.without(*set).iter().chain(sticks).any(kink) {
                 self.lose(column, t);
             }
             all.push(Shifted { dt, x, v });
@@ -620,9 +677,9 @@ impl VariationalRun<'_> {
         let kinetics = &mut self.columns.local.kinetics;
         let now = machine.state().now();
         kinetics.evaluate(model, now.t, &now.x[..n], &now.xdot[..n])?;
-        kinetics.determined_contact(struck.closed)?;
+        self.columns.local.contact(struck.mode)?;
         self.columns.visited = None;
-        let pull = -kinetics.acceleration[n + gap];
+        let pull = -self.columns.local.kinetics.acceleration[n + gap];
         if pull > 0.0 {
             for (column, dt) in dt.iter_mut().enumerate() {
                 let (law, v) = (machine.law(gap), -struck.before.xdot[n + gap]);
@@ -638,11 +695,15 @@ impl VariationalRun<'_> {
         let size = self.columns.size();
         let end = &mut self.columns.now;
         for (column, it) in shifted.iter().enumerate() {
+            let (x, v) =
+                (&mut end.x[column * size..][..size], &mut end.xdot[column * size..][..size]);
             for c in 0..size {
-                end.x[column * size + c] = it.x[c] - it.dt * machine.state().now().xdot[c];
-                end.xdot[column * size + c] = it.v[c] - it.dt * machine.state().slope()[c];
+                x[c] = it.x[c] - it.dt * machine.state().now().xdot[c];
+                v[c] = it.v[c] - it.dt * machine.state().slope()[c];
             }
-            close(column * size + self.columns.layout.n, machine.state().closed(), end);
+            let known = self.columns.layout.n + self.columns.layout.rows();
+            (known..size).for_each(|work| (x[work], v[work]) = (0.0, 0.0));
+            hold_rows(machine.state().mode(), self.columns.layout, (x, v));
         }
         self.blank();
     }
@@ -695,45 +756,59 @@ impl VariationalRun<'_> {
         machine: &mut MechanicalIntegrator,
         model: &mut Model<'_, D>,
     ) -> Result<(), Failure<E>> {
-        let (Layout { n, m, .. }, size, key) =
-            (self.columns.layout, self.columns.size(), machine.chain().key());
+        let (n, rows) = (self.columns.layout.n, self.columns.layout.rows());
+        let (size, key) = (self.columns.size(), machine.chain().key());
         let (set, now) = (key.landed.closed, machine.state().now().clone());
         let Some(gap) = key.hit.iter().next() else { return Ok(()) };
-        let z = machine.state_mut().without_speeds(set)?;
+        let z = machine.state_mut().without_speeds(key.landed)?;
         let w = &z[size..][..n];
         // the state without the bounce, and how it moves along the event
         let local = &mut self.columns.local;
         local.visit(model, now.t, &now.x[..n], &now.xdot[..n])?;
-        local.kinetics.solve_regular(set, |_, i| -now.xdot[n + i])?;
-        let impulses = local.kinetics.solved()[..set.len()].to_vec();
-        let how = Exchange { set, impulses: &impulses, before: &now.xdot[..n], after: w };
+        let rough = !key.landed.is_frictionless();
+        let impulses = match rough {
+            true => local.stopping_impulses(key.landed, &now.xdot[n..])?,
+            false => {
+                local.kinetics.solve_regular(set, |_, i| -now.xdot[n + i])?;
+                local.kinetics.solved()[..set.len()].to_vec()
+            }
+        };
+        let (before, mode) = (&now.xdot[..n], key.landed);
+        let how = Exchange { set, impulses: &impulses, before, after: w };
+        let pattern =
+            FrictionalImpulses { mode, impulses: &impulses, before, after: w, limits: None };
         let mut moved = Vec::with_capacity(shifted.len());
         for (column, it) in shifted.iter().enumerate() {
             let parameter = self.columns.parameter[column];
             let row = local.along(Direction { t: it.dt, q: &it.x[..n], w: &it.v[..n], parameter });
             let mut v = it.v.clone();
             let (of_w, rates) = v.split_at_mut(n);
-            local.exchange(&how, &row, |_| 0.0, of_w, rates)?;
+            match rough {
+                true => local.frictional_exchange(&pattern, &row, |_| 0.0, (of_w, rates))?,
+                false => local.exchange(&how, &row, |_| 0.0, of_w, rates)?,
+            }
             let mut x = it.x.clone();
-            set.iter().for_each(|i| x[n + i] = 0.0);
+            hold_rows(mode, local.layout, (&mut x, &mut v));
             moved.push([x, v].concat());
         }
         // the pull on the gap, and the motion in contact
         local.visit(model, now.t, &now.x[..n], w)?;
         let mut pulls = Vec::with_capacity(shifted.len());
-        local.kinetics.determined_contact(key.flight.closed)?;
+        local.contact(key.flight)?;
         for (column, (it, dz)) in shifted.iter().zip(&moved).enumerate() {
             let (q, w, parameter) = (&dz[..n], &dz[size..][..n], self.columns.parameter[column]);
             let row = local.along(Direction { t: it.dt, q, w, parameter });
-            pulls.push(-local.acceleration(key.flight.closed, &row)?.0[n + gap]);
+            pulls.push(-local.acceleration(key.flight, &row)?.0[n + gap]);
         }
-        local.kinetics.determined_contact(set)?;
-        let flow = [&z[size..], &local.kinetics.acceleration[..]].concat();
+        local.contact(key.landed)?;
+        let mut flow = [&z[size..], &local.kinetics.acceleration[..]].concat();
+        (n + rows..size).for_each(|work| (flow[work], flow[size + work]) = (0.0, 0.0));
         for (column, (it, dz)) in shifted.iter().zip(&moved).enumerate() {
             let (q, w, parameter) = (&dz[..n], &dz[size..][..n], self.columns.parameter[column]);
             let row = local.along(Direction { t: it.dt, q, w, parameter });
-            let (turned, _) = local.acceleration(set, &row)?;
-            let by_flow = [&dz[size..], &turned[..]].concat();
+            let (turned, _) = local.acceleration(key.landed, &row)?;
+            let mut by_flow = [&dz[size..], &turned[..]].concat();
+            by_flow.resize(2 * size, 0.0);
             let rate = Rate {
                 dt: it.dt,
                 du: it.v[n + gap],
@@ -744,16 +819,9 @@ impl VariationalRun<'_> {
             };
             self.chains[column].note(machine.chain(), &rate);
         }
-        debug_assert_eq!(flow.len(), 2 * (n + m));
+        debug_assert_eq!(flow.len(), 2 * size);
         self.columns.visited = None;
         Ok(())
-    }
-}
-
-/// Zeros for the closed gaps of the column whose gaps start at an entry.
-fn close(first: usize, closed: GapSet, end: &mut State) {
-    for i in closed.iter() {
-        (end.x[first + i], end.xdot[first + i]) = (0.0, 0.0);
     }
 }
 
@@ -795,28 +863,35 @@ impl VariationalRun<'_> {
         let end = &mut self.columns.now;
         for (column, zeno) in self.zeno.iter().enumerate() {
             let dz = zeno.state();
-            for c in 0..size {
+            for c in 0..n + self.columns.layout.rows() {
                 let entry = column * size + c;
                 end.x[entry] = dz[c] - zeno.t * machine.state().now().xdot[c];
                 end.xdot[entry] = dz[size + c] - zeno.t * machine.state().slope()[c];
             }
         }
-        self.columns.visit(model, machine.state().now(), machine.state().closed())?;
+        let mode = machine.state().mode();
+        self.columns.visit(model, machine.state().now(), mode)?;
         if let Some(gap) = key.hit.iter().next() {
-            self.note_pull(n + gap, machine)?;
+            self.note_pull(n + gap, (key.flight, mode), machine)?;
         }
-        self.columns.project(machine.state().closed(), machine.state().now())?;
+        self.columns.project(mode, machine.state().now())?;
         self.hold(machine, model)?;
         self.zeno.clear();
         Ok(piece)
     }
 
     /// At a Zeno point the pull on the gap has to stay a pull.
-    fn note_pull<E>(&mut self, c: usize, machine: &MechanicalIntegrator) -> Result<(), Failure<E>> {
+    fn note_pull<E>(
+        &mut self,
+        c: usize,
+        (flight, mode): (ContactMode, ContactMode),
+        machine: &MechanicalIntegrator,
+    ) -> Result<(), Failure<E>> {
         let n = self.columns.layout.n;
-        let key_closed = machine.state().closed().without(GapSet::of(c - n));
+        let closed = machine.state().closed().without(GapSet::of(c - n));
+        let flight = ContactMode { closed, ..flight };
         let local = &mut self.columns.local;
-        local.kinetics.determined_contact(key_closed)?;
+        local.contact(flight)?;
         let pull = -local.kinetics.acceleration[c];
         let mut rates = Vec::with_capacity(self.zeno.len());
         for (column, zeno) in self.zeno.iter().enumerate() {
@@ -825,9 +900,9 @@ impl VariationalRun<'_> {
             let (q, w) = (&dz[..n], &dz[size..][..n]);
             let parameter = self.columns.parameter[column];
             let row = local.along(Direction { t: zeno.t, q, w, parameter });
-            rates.push(local.acceleration(key_closed, &row)?.0[c]);
+            rates.push(local.acceleration(flight, &row)?.0[c]);
         }
-        local.kinetics.determined_contact(machine.state().closed())?;
+        local.contact(mode)?;
         if pull > 0.0 {
             self.validity.note(Limit::Zeno, machine.state().now().t, pull, rates);
         }
@@ -842,23 +917,24 @@ impl VariationalRun<'_> {
         model: &mut Model<'_, D>,
     ) -> Result<Piece, Failure<E>> {
         let (Layout { n, .. }, size) = (self.columns.layout, self.columns.size());
-        let (closed, now, from) =
-            (machine.state().closed(), machine.state().now().clone(), machine.occurrences().len());
-        self.columns.visit(model, &now, closed)?;
+        let (mode, now, from) =
+            (machine.state().mode(), machine.state().now().clone(), machine.occurrences().len());
+        self.columns.visit(model, &now, mode)?;
         let local = &mut self.columns.local;
         let a = local.kinetics.acceleration[..n].to_vec();
         let onwards = Direction { t: 1.0, q: &now.xdot[..n], w: &a, parameter: None };
         let row = local.along(onwards);
-        let (_, fall) = local.acceleration(closed, &row)?;
+        let (_, fall) = local.acceleration(mode, &row)?;
         let mut rates = Vec::with_capacity(self.sizes.len());
         for (column, parameter) in self.columns.parameter.iter().enumerate() {
             let end = &self.columns.now;
             let (q, w) = (&end.x[column * size..][..n], &end.xdot[column * size..][..n]);
             let row = local.along(Direction { t: 0.0, q, w, parameter: *parameter });
-            rates.push(local.acceleration(closed, &row)?.1);
+            rates.push(local.acceleration(mode, &row)?.1);
         }
         let piece = machine.advance(t_end, model)?;
-        let dt = |gap: usize| {
+        let dt = |change: Change| {
+            let Change::Opening(gap) = change else { return None };
             let one = |rate: &Vec<f64>| match rate[gap] {
                 0.0 => 0.0,
                 rate => -rate / fall[gap],

@@ -375,6 +375,8 @@ pub struct EventRates {
     pub zeno_times: Vec<f64>,
     /// Of the times of the lift-offs.
     pub liftoff_times: Vec<f64>,
+    /// Of the times at which dry friction changes between slip and stick.
+    pub transition_times: Vec<f64>,
 }
 
 /// The derivatives of a run of `n` coordinates; a mass above a wall has one, its distance.
