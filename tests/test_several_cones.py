@@ -259,6 +259,55 @@ def test_a_tripod_slides_turns_about_one_foot_and_stops(tol):
         assert sol.nfev < 2500
 
 
+@pytest.mark.parametrize("seed", range(2))
+def test_the_equations_hold_between_samples_in_skewed_coordinates(seed):
+    # a table on springs in random coordinates, shaken: equation of motion, Coulomb's law, energy
+    rng = np.random.default_rng([23, seed])
+    skew = np.linalg.qr(rng.normal(size=(6, 6)))[0] * np.linspace(1, 2, 6)
+    mu, tol = rng.uniform(0.2, 0.4), 1e-10
+    stiff = np.diag([0.6, 0.4, 0, 0, 0, 0.5])
+    own = np.diag([1.0, 1, 1, 0.5, 0.5, 0.8])
+    mass = skew.T @ own @ skew
+    rows = [
+        np.array([[0, 0, 1, b, -a, 0], [1, 0, 0, 0, 0, -b], [0, 1, 0, 0, 0, a]]) @ skew
+        for a, b in TRIPOD
+    ]
+
+    def force(t, q, qdot):
+        return skew.T @ ([0, 0, -1, 0, 0, 0] - stiff @ skew @ q)
+
+    gaps = [zivi.LinearGap(row[0], tangent=row[1:], mu=mu) for row in rows]
+    system = zivi.MechanicalSystem(mass=mass, force=force, gaps=gaps)
+    start = [rng.normal(), rng.normal(), 0, 0, 0, rng.normal()]
+    place = np.linalg.solve(skew, [1.5, -1.0, 0, 0, 0, 2.0])
+    sol = zivi.simulate(system, (0, 30), (place, np.linalg.solve(skew, start)), adaptive(tol))
+    assert sol.success, sol.message
+    assert (sol.transitions["after"] == 0).any()
+    kinetic = 0.5 * np.einsum("ki,ij,kj->k", sol.qdot, mass, sol.qdot)
+    moved = sol.q @ skew.T
+    energy = kinetic + 0.5 * np.einsum("ki,ij,kj->k", moved, stiff, moved) + moved[:, 2]
+    assert np.abs(energy + sol.dissipated - energy[0]).max() < 20 * tol
+    times = np.sort(rng.uniform(0.01, 29.9, 120))
+    again, step = sol.resample(times), 1e-5
+    events = sol.transitions["t"]
+    for k, t in enumerate(times):
+        if np.abs(events - t).min() < 1e-3:
+            continue
+        q, qdot = sol(t)
+        left = mass @ (sol(t + step)[1] - sol(t - step)[1]) / (2 * step) - force(t, q, qdot)
+        for i, row in enumerate(rows):
+            pressed = again.reactions[k, i]
+            pull = again.friction_forces[k, 2 * i : 2 * i + 2]
+            left -= row.T @ [pressed, *pull]
+            slip = row[1:] @ qdot
+            speed = np.hypot(*slip)
+            assert pressed > 0
+            assert np.hypot(*pull) <= mu * pressed * (1 + 1e-9)
+            if speed > 1e-6:
+                assert pull == pytest.approx(-mu * pressed * slip / speed, abs=1e-6)
+        assert np.abs(left).max() < 1e-4
+
+
 def test_time_stepping_converges_to_the_same_motion():
     start = np.array([1.0, 0.2, 0, 0, 0, 1.5])
     system = plate(TRIPOD, 0.3)
