@@ -6,7 +6,7 @@ import dataclasses
 import functools
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, Generic, NamedTuple, TypeVar
+from typing import TYPE_CHECKING, Any, ClassVar, Generic, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -128,8 +128,33 @@ SUMMARY = {
 """What a study keeps of an orbit beside its multipliers, with its unit."""
 
 
+class AnyOrbit(Tabulated):
+    """What orbits of one mass and of mechanical systems have in common."""
+
+    _kept: ClassVar[dict[str, str]] = SUMMARY
+    if TYPE_CHECKING:
+        status: OrbitStatus
+        impacts: NDArray[np.void]
+        multipliers: NDArray[np.complex128]
+
+    @property
+    def success(self) -> bool:
+        """Whether the orbit converged and is admissible."""
+        return self.status is OrbitStatus.COMPLETED
+
+    def _summary(self) -> tuple[dict[str, Any], dict[str, str]]:
+        """Return the values that a study keeps, and their units."""
+        found = {name: getattr(self, name) for name in self._kept}
+        return found | {
+            "n_impacts": len(self.impacts),
+            "multiplier_real": self.multipliers.real,
+            "multiplier_imag": self.multipliers.imag,
+            "orbit_status": int(self.status),
+        }, {name: unit for name, unit in self._kept.items() if unit}
+
+
 @dataclasses.dataclass(frozen=True, eq=False, repr=False)
-class PeriodicOrbit(Tabulated):
+class PeriodicOrbit(AnyOrbit):
     """A periodic motion.
 
     Attributes
@@ -193,11 +218,6 @@ class PeriodicOrbit(Tabulated):
         vars(self).update(state)
 
     @property
-    def success(self) -> bool:
-        """Whether the orbit converged and is admissible."""
-        return self.status is OrbitStatus.COMPLETED
-
-    @property
     def stable(self) -> bool:
         """Whether all multipliers, except the trivial one, lie inside the unit circle."""
         own = self.multipliers
@@ -218,16 +238,6 @@ class PeriodicOrbit(Tabulated):
         t, state = self._beginning()
         length = self.multiple * self.period
         return simulate(self.system, (t, t + length), state, self._frame.method)
-
-    def _summary(self) -> tuple[dict[str, Any], dict[str, str]]:
-        """Return the values that a study keeps, and their units."""
-        found = {name: getattr(self, name) for name in SUMMARY}
-        return found | {
-            "n_impacts": len(self.impacts),
-            "multiplier_real": self.multipliers.real,
-            "multiplier_imag": self.multipliers.imag,
-            "orbit_status": int(self.status),
-        }, {name: unit for name, unit in SUMMARY.items() if unit}
 
     def _beginning(self) -> tuple[float, tuple[float, float]]:
         if self.liftoff_time is not None:
@@ -361,7 +371,7 @@ MECHANICAL_ORBIT_FIELDS: dict[str, Field] = {
 
 
 @dataclasses.dataclass(frozen=True, eq=False, repr=False)
-class MechanicalOrbit(Tabulated):
+class MechanicalOrbit(AnyOrbit):
     """A periodic motion of a mechanical system with n coordinates and m gaps.
 
     Attributes
@@ -406,6 +416,8 @@ class MechanicalOrbit(Tabulated):
         What happened.
     """
 
+    _kept = dict.fromkeys(("period", "multiple", "stable", "admissible", "residual", "depth"), "")
+
     system: MechanicalSystem
     period: float
     multiple: int
@@ -446,11 +458,6 @@ class MechanicalOrbit(Tabulated):
     def symmetric(self) -> bool:
         """Whether it was computed as a half orbit, whose image is the other half."""
         return self._frame.turn is not None
-
-    @property
-    def success(self) -> bool:
-        """Whether the orbit converged and is admissible."""
-        return self.status is OrbitStatus.COMPLETED
 
     @property
     def stable(self) -> bool:
@@ -521,16 +528,6 @@ class MechanicalOrbit(Tabulated):
         moved = np.linalg.solve(terms.matrix(), -by_parameter(frame, self._y, name, precise=True))
         rows = np.asarray(moved, np.float64).reshape(len(frame.word), frame.size)
         return np.append(rows[:, -1], rows[:1, 0]) if frame.free else rows[:, -1].copy()
-
-    def _summary(self) -> tuple[dict[str, Any], dict[str, str]]:
-        """Return the values that a study keeps, and their units."""
-        names = ("period", "multiple", "stable", "admissible", "residual", "depth")
-        return {name: getattr(self, name) for name in names} | {
-            "n_impacts": len(self.impacts),
-            "multiplier_real": self.multipliers.real,
-            "multiplier_imag": self.multipliers.imag,
-            "orbit_status": int(self.status),
-        }, {}
 
     def _table(self) -> ResultTable:
         values = {name: self.impacts[name] for name in ("t", "gap", "u", "impulse")}
