@@ -18,7 +18,7 @@ import control as ct
 import numpy as np
 
 import zivi
-from zivi.control.closed_loop import ClosedLoop
+from zivi.control import ClosedLoop
 from zivi.interop import controller_block, force_block, impact_plant, state_vector
 
 H, GRAVITY, GRAVITY_REF = 1e-3, -9.81, -19.81

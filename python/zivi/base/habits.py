@@ -411,8 +411,6 @@ ATTRIBUTES: Mapping[str, Mapping[str, str]] = {
         "x": "coordinates are q",
         "xdot": "velocities are qdot",
         "v": "velocities are qdot",
-        "qpos": "it is q",
-        "qvel": "it is qdot",
         "dq": "it is qdot",
         "lambda_": "contact forces are reactions",
         "forces": "contact forces are reactions",

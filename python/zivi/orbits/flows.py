@@ -387,7 +387,7 @@ PADE_NORM = 5.37
 
 
 def exponentials(matrices: Array) -> Array:
-    """Return the exponentials of small matrices, all of them at once.
+    """Return the exponentials of small matrices.
 
     By scaling and squaring with a Pade approximation (N. J. Higham, The scaling and squaring method
     for the matrix exponential revisited, SIAM J. Matrix Anal. Appl. 26, 2005). That of SciPy goes

@@ -194,7 +194,7 @@ Shape: TypeAlias = Ball | Capsule | Box | Plane
 class Contact:
     """A contact of two shapes of a `zivi.Tree`, by their names.
 
-    A ball above a plane is one gap, a capsule two, a box its eight corners; a ball beside a ball is
+    A ball above a plane is one gap, a capsule two, a box its eight corners; two balls have
     one gap. With friction `first` of two balls must not come to lie exactly below `second`. Both
     ends of a capsule that lies, and the corners of a box on a face, touch together.
 

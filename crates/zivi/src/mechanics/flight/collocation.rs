@@ -94,7 +94,7 @@ struct Collocated {
     x: Vec<Vec<f64>>,
     v: Vec<Vec<f64>>,
     k: Vec<Vec<f64>>,
-    /// The velocities for which the accelerations were evaluated, and by how much Newton's method moved the slips.
+    /// Velocities of the latest evaluation, and the correction of the slips by Newton's method.
     kept: Vec<Vec<f64>>,
     corrected: f64,
 }

@@ -98,7 +98,7 @@ impl ConeShares {
         all.fold(0.0, |most, it| most.max(it.0.abs()))
     }
 
-    /// The margin (2) and where it is.
+    /// The margin (2) and its place.
     pub(in crate::mechanics) fn margin(&self) -> (f64, Vec<f64>) {
         let (d, size) = (self.d, self.size());
         if size == 0.0 {

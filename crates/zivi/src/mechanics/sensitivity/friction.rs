@@ -29,26 +29,26 @@ const EXTRAPOLATION: [f64; 5] = [5.0, -10.0, 10.0, -5.0, 1.0];
 /// So much farther than differences look the first of these values lies.
 const APART: f64 = 1.05;
 
-/// Impulses with friction, and how they move with the data.
+/// Impulses with friction and the data on which they depend.
 pub(super) struct FrictionalImpulses<'a> {
-    /// The contacts with impulses, and what friction does there.
+    /// The contacts with impulses and the modes of friction there.
     pub(super) mode: ContactMode,
     /// Impulses by row.
     pub(super) impulses: &'a [f64],
     /// `w-` and `w+`.
     pub(super) before: &'a [f64],
     pub(super) after: &'a [f64],
-    /// The derivatives of `mu` in impacts, by channel, where they are not those of the evaluation.
+    /// Derivatives of `mu` in impacts, by channel, if other than at the evaluation.
     pub(super) limits: Option<&'a [f64]>,
 }
 
-/// What friction does in an impact.
+/// An impact with friction.
 pub(super) struct RoughImpact {
     /// The contacts with an impulse and their modes.
     pub(super) pattern: ContactMode,
     /// Impulses by row.
     pub(super) impulses: Vec<f64>,
-    /// Slips before it by channel, and those after it with what restitution brings back.
+    /// Slips by channel: before it, and after it with their restitution.
     pub(super) slips: Vec<[f64; 2]>,
 }
 
@@ -115,7 +115,7 @@ impl Local {
         self.edges.take().ok_or(Failure::Status(Status::Internal))
     }
 
-    /// Adds the forces on the rows, as these turn, and what the limits of friction change of them.
+    /// Adds the effect of turning rows and of the limits of friction on the forces.
     fn turn_forces(
         &self,
         mode: ContactMode,

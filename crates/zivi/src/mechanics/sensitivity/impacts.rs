@@ -67,7 +67,7 @@ impl Local {
 }
 
 impl VariationalRun<'_> {
-    /// What friction did in an impact, if it had a part in it.
+    /// Friction in an impact, if any.
     pub(super) fn rough_impact(
         &self,
         occurrences: &[Occurrence],

@@ -131,7 +131,7 @@ fn connect<T: Real>(
     }
 }
 
-/// An axis in space with what turns it.
+/// An axis in space and its angular velocity and acceleration.
 #[derive(Clone, Copy)]
 struct Axis<T> {
     joint: Option<usize>,

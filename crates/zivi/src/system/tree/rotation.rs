@@ -6,7 +6,7 @@
 //! ```
 //!
 //! is the stereographic projection of the unit quaternion `(p_0, p)`, in axes of the frame that carries the rotation;
-//! `S` is the matrix of `s x`. As `-p` is the same rotation, `-s / s.s` is it, too: one of both is at most one. The
+//! `S` is the matrix of `s x`. `-p` is the same rotation, with the coordinates `-s / s.s`: one of both is at most one. The
 //! matrix of `omega` is orthogonal but for its factor, so that no chart is singular before `|s|` is infinite, a whole
 //! turn (J. Stuelpnagel, On the parametrization of the three-dimensional rotation group, SIAM Review 6, 1964).
 
