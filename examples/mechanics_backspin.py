@@ -71,7 +71,7 @@ def draw(path: str, sol: zivi.MechanicalTrajectory) -> None:
     mark = place + R * axes_of(fine)[:, :, 0]
     axes.plot(*place.T, lw=1.2, label="centre")
     axes.plot(*mark.T, lw=0.4, color="0.5", label="a point of the surface")
-    axes.set(xlabel="$x$ (m)", ylabel="$y$ (m)", zlabel="$z$ (m)")
+    axes.set(xlabel="$x$ (m)", ylabel="$y$ (m)", zlabel="$z$ (m)", zticks=[0.2, 0.4, 0.6])
     axes.set_box_aspect((3, 3, 1), zoom=1.1)
     axes.legend(loc="upper left", fontsize=8)
     over = figure.add_subplot(1, 2, 2)

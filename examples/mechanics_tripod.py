@@ -64,17 +64,15 @@ def draw(path: str, sol: zivi.MechanicalTrajectory) -> None:
     fine = sol.resample(n=1601)
     for k, angle in enumerate(ANGLES):
         turned = fine.q[:, 5] + angle
-        axes[0].plot(
-            fine.q[:, 0] + np.cos(turned), fine.q[:, 1] + np.sin(turned), label=f"foot {k}"
-        )
+        axes[0].plot(fine.q[:, 0] + np.cos(turned), fine.q[:, 1] + np.sin(turned))
         slip = fine.slips[:, 2 * k : 2 * k + 2]
         speed = np.hypot(*slip.T)
-        axes[1].plot(fine.t, speed)
+        axes[1].plot(fine.t, speed, label=f"foot {k}")
         angle = np.degrees(np.unwrap(np.arctan2(slip[speed > 0, 1], slip[speed > 0, 0])))
         axes[2].plot(fine.t[speed > 0], angle)
     axes[0].set(xlabel="$x$ (m)", ylabel="$y$ (m)", aspect="equal")
-    axes[0].legend()
     axes[1].set(xlabel="time $t$ (s)", ylabel="slip speed (m/s)")
+    axes[1].legend()
     axes[2].set(xlabel="time $t$ (s)", ylabel="direction of slip (degrees)")
     figure.savefig(path, dpi=160)
 
