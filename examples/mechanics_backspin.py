@@ -31,7 +31,7 @@ ROLLING = SPEED - 2 / 7 * (SPEED + np.cross(SPIN, [0, 0, -R]))
 def throw() -> zivi.MechanicalTrajectory:
     """Throw it from a height of half a metre."""
     start = [0, 0, 0.5 + R, 1, 0, 0, 0], [*SPEED, *SPIN]
-    return zivi.simulate(SYSTEM, (0, 6), start, zivi.SwitchedRK(rtol=1e-9, atol=1e-9))
+    return zivi.simulate(SYSTEM, (0, 6), start, zivi.SwitchedRK(rtol=1e-11, atol=1e-11))
 
 
 def main(path: str | None) -> None:

@@ -62,9 +62,12 @@ def main(path: str | None) -> None:
     known = jellett(sol)
     print(repr(sol))
     print(f"tilt: {angle[0]:.3f} degrees at first, {angle[-1]:.3f} at the end")
-    print(
-        f"Jellett's integral: {known[0]:.6e} kg m^3/s, it varies by {np.ptp(known) / known[0]:.0e}"
-    )
+    for t in (0.5, 1.0, 1.5):
+        k = int(np.searchsorted(sol.t, t))
+        print(
+            f"Jellett's integral at {sol.t[k]:.1f} s: "
+            f"{1e6 * known[k]:.7f} ({1e6 * known[0]:.7f}) mg m^3/s"
+        )
     if path is not None:
         draw(path, sol)
 

@@ -439,7 +439,7 @@ REFUSED = {
         [OFFSET], contacts=[Contact("body", "b")], shapes={"body": Plane(), "b": Ball(1)}
     ),
     "inputs that turn": lambda: zivi.Tree([OFFSET], inputs={"u": "body.rx"}),
-    "body 'body' rotates in space, which MoreauJean": lambda: zivi.simulate(
+    "MoreauJean cannot be used with body 'body', which rotates in space": lambda: zivi.simulate(
         zivi.Tree([OFFSET]), (0, 1), ([0] * 6, [0] * 6), zivi.MoreauJean(1e-2)
     ),
     "derivatives are not supported for body 'body'": lambda: zivi.sensitivity(

@@ -402,8 +402,8 @@ def check_rotations(system: MechanicalSystem, what: str) -> None:
     """Raise a NotImplementedError for rotations whose coordinates change during a run."""
     for body in system._rotations():
         raise NotImplementedError(
-            f"body {body!r} rotates in space, which {what} does not take; use zivi.simulate with "
-            "zivi.SwitchedRK"
+            f"{what} cannot be used with body {body!r}, which rotates in space; use zivi.simulate "
+            "with zivi.SwitchedRK"
         )
 
 
@@ -416,7 +416,7 @@ def check_planar(system: MechanicalSystem, what: str) -> None:
     for channel in system._channels:
         if channel.row is not None:
             raise NotImplementedError(
-                f"gap {channel.name!r} has two tangents, which {what} does not take; use "
+                f"{what} cannot be used with gap {channel.name!r}, which has two tangents; use "
                 "zivi.simulate with zivi.SwitchedRK or zivi.MoreauJean, or one tangent"
             )
 

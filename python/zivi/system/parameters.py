@@ -205,8 +205,8 @@ def check_planar_friction(system: Any) -> None:
     if not isinstance(system, MechanicalSystem):
         if system.friction:
             raise NotImplementedError(
-                "derivatives do not support the friction of a zivi.ImpactSystem: build a "
-                "zivi.MechanicalSystem with friction=[...]"
+                "derivatives, orbits, diagrams and basins do not support the friction of a "
+                "zivi.ImpactSystem: use a zivi.MechanicalSystem with friction=[...]"
             )
         return
     check_rigid(system, "derivatives")
