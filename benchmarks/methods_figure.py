@@ -68,7 +68,7 @@ def draw(figures: Figures, path: Path) -> None:
         _evaluations(top, figures, key)
         _times(bottom, figures, key)
         kind = "Zeno points, rest and lift-off" if problem.zeno else "no Zeno point"
-        top.set_title(f"{problem.title} ({key}): {kind}", fontsize=11)
+        top.set_title(f"{problem.title}: {kind}", fontsize=11)
         top.set_xlabel("evaluations of the force")
         bottom.set_xlabel("processor time of a run (ms)")
     for ax in panels.flat:

@@ -115,6 +115,7 @@ def main(path: str | None) -> None:
         return
     import matplotlib.pyplot as plt
 
+    plt.style.use("zivi.plot.figures")
     figure, axes = plt.subplots(2, 1, sharex=True, figsize=(7, 5), layout="constrained")
     axes[0].plot(run.t, 1e3 * run.gaps, label=run.gap_names)
     axes[0].set_ylabel("gap (mm)")
@@ -122,6 +123,7 @@ def main(path: str | None) -> None:
     axes[1].plot(run.t, run.reactions)
     axes[1].set_ylabel("contact force (N)")
     axes[1].set_xlabel("time (s)")
+    figure.suptitle("An arm lands in a corner and presses with 10 N and 5 N")
     figure.savefig(path, dpi=120)
 
 

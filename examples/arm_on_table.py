@@ -82,6 +82,7 @@ def main(path: str | None) -> None:
         return
     import matplotlib.pyplot as plt
 
+    plt.style.use("zivi.plot.figures")
     figure, axes = plt.subplots(3, 1, sharex=True, figsize=(7, 6), layout="constrained")
     axes[0].plot(run.t, 1e3 * run.gaps[:, 0])
     axes[0].set_ylabel("gap (mm)")
@@ -91,6 +92,7 @@ def main(path: str | None) -> None:
     axes[2].set_ylabel("torque (Nm)")
     axes[2].set_xlabel("time (s)")
     axes[2].legend()
+    figure.suptitle("An arm taps a table, rests, presses with 10 N and lifts off")
     figure.savefig(path, dpi=120)
 
 

@@ -94,6 +94,7 @@ def main(out: str, scheduler: str | None = None) -> None:
     off = np.abs(rest / exact(*np.meshgrid(GRID["e"], GRID["v"], indexing="ij")) - 1).max()
     print(f"largest relative error: {off:.0e}")
 
+    plt.style.use("zivi.plot.figures")
     figure, ax = plt.subplots(figsize=(6, 4), layout="constrained")
     levels = [0.6, 1, 1.5, 2, 3, 5, 10]
     lines = ax.contour(GRID["v"], GRID["e"], rest, levels, cmap="viridis", norm="log")

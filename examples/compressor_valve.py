@@ -152,6 +152,7 @@ def draw(path: str) -> None:
     mpl.use("Agg")
     import matplotlib.pyplot as plt
 
+    plt.style.use("zivi.plot.figures")
     figure, axes = plt.subplots(1, 3, layout="constrained", figsize=(11.5, 3.5))
     times = np.linspace(0, 0.02, 2001)
     for e, color in [(0.0, "0.5"), (0.3, zivi.plot.BLUE), (0.6, zivi.plot.ORANGE)]:
@@ -185,6 +186,7 @@ def draw(path: str) -> None:
     axes[2].set(xlabel="preload $y_0$ (mm)", ylim=(0, 3.6))
     axes[2].set_title("$e = 0.3$", fontsize="medium")
     axes[2].legend(fontsize="small")
+    figure.suptitle("A compressor valve: lift, bounces, landing speed")
     figure.savefig(path, dpi=160)
 
 

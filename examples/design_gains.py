@@ -83,6 +83,7 @@ def draw(path: str, gains: zivi.GainDesign, runs: list[zivi.ClosedLoop]) -> None
     mpl.use("Agg")
     import matplotlib.pyplot as plt
 
+    plt.style.use("zivi.plot.figures")
     figure, axes = plt.subplots(2, 1, layout="constrained", figsize=(8.0, 5.0), sharex=True)
     for run in runs:
         axes[0].plot(run.t, run.x, color=zivi.plot.BLUE, lw=0.4)
@@ -92,6 +93,7 @@ def draw(path: str, gains: zivi.GainDesign, runs: list[zivi.ClosedLoop]) -> None
     for limit in (gains.u_min, gains.u_max):
         axes[1].axhline(limit, color="0.5", lw=0.8)
     axes[1].set(xlabel="time (s)", ylabel="control (m/s$^2$)")
+    figure.suptitle("Landings with noise and a delay (grey: computed bounds)")
     figure.savefig(path, dpi=150)
 
 

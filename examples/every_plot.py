@@ -88,6 +88,7 @@ def main(out: str) -> None:
     import matplotlib.pyplot as plt
 
     panels = [*runs(), *orbits()]
+    plt.style.use("zivi.plot.figures")
     figure, axes = plt.subplots(7, 3, figsize=(13, 23), layout="constrained")
     for ax, (name, result, settings) in zip(axes.ravel(), panels, strict=True):
         getattr(zivi.plot, name)(result, ax=ax, **settings)

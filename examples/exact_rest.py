@@ -65,10 +65,11 @@ def draw(path: str, runs: dict[str, zivi.ClosedLoop]) -> None:
     mpl.use("Agg")
     import matplotlib.pyplot as plt
 
+    plt.style.use("zivi.plot.figures")
     figure, axes = plt.subplots(2, 2, layout="constrained", figsize=(9.0, 4.8), sharex=True)
     for (above, below), (law, sol) in zip(axes.T, runs.items(), strict=True):
         above.plot(sol.t, sol.x, color=zivi.plot.BLUE, lw=0.8)
-        above.set(title=law, ylabel="position $x$ (m)")
+        above.set(title=law, ylabel="$x$ (m), linear below 0.1 mm")
         above.set_yscale("symlog", linthresh=1e-4)
         above.set_ylim(0, 2)
         zivi.plot.control(sol, below, lw=0.6)

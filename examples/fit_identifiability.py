@@ -67,6 +67,7 @@ def draw(path: str, fits: dict[float, zivi.Fit]) -> None:
     mpl.use("Agg")
     import matplotlib.pyplot as plt
 
+    plt.style.use("zivi.plot.figures")
     figure, ax = plt.subplots(layout="constrained", figsize=(6.4, 3.6))
     colours = (zivi.plot.GREEN, zivi.plot.ORANGE, zivi.plot.BLUE)
     for (end, found), colour in zip(fits.items(), colours, strict=True):
@@ -74,6 +75,7 @@ def draw(path: str, fits: dict[float, zivi.Fit]) -> None:
     ax.plot(0.1, 9.81, "k+", ms=10, label="true")
     ax.set(xlabel="drag (1/s)", ylabel="gravity (m/s²)")
     ax.legend(frameon=False)
+    figure.suptitle("95 % regions of drag and gravity, from videos of a ball")
     figure.savefig(path, dpi=150)
 
 

@@ -73,7 +73,12 @@ def main(path: str | None) -> None:
         import matplotlib as mpl
 
         mpl.use("Agg")
-        found.plot().savefig(path, dpi=150)
+        import matplotlib.pyplot as plt
+
+        with plt.style.context("zivi.plot.figures"):
+            figure = found.plot()
+            figure.suptitle("Intervals between the clicks of a recording, and the fit")
+            figure.savefig(path, dpi=150)
 
 
 if __name__ == "__main__":

@@ -65,7 +65,13 @@ def main(path: str | None) -> None:
         import matplotlib as mpl
 
         mpl.use("Agg")
-        found.plot().savefig(path, dpi=150)
+        import matplotlib.pyplot as plt
+
+        with plt.style.context("zivi.plot.figures"):
+            figure = found.plot()
+            figure.suptitle("Height of a ball in a video, and the fit")
+            figure.axes[0].set_ylabel("height $x$ (m)")
+            figure.savefig(path, dpi=150)
 
 
 if __name__ == "__main__":

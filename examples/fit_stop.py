@@ -100,16 +100,17 @@ def draw(
     mpl.use("Agg")
     import matplotlib.pyplot as plt
 
+    plt.style.use("zivi.plot.figures")
     figure, (left, right) = plt.subplots(1, 2, layout="constrained", figsize=(9.6, 3.6))
     t = np.linspace(0.0, 6.0, 601)
     left.plot(record.t, record.values, ".", color="0.6", label="lower storey, measured")
     left.plot(t, found.trajectory(t)[0][:, 0], color=zivi.plot.BLUE, label="fit")
-    left.set(xlabel="t (s)", ylabel="displacement (m)")
+    left.set(xlabel="time $t$ (s)", ylabel="displacement (m)", title="a structure hits a stop")
     for (end, values), colour in zip(
         curves.items(), (zivi.plot.ORANGE, zivi.plot.BLUE), strict=True
     ):
         right.semilogy(k12, values, color=colour, lw=1.0, label=f"first {end:.0f} s")
-    right.set(xlabel="stiffness $k_{12}$ (N/m)", ylabel="mean square / $\\sigma^2$")
+    right.set(xlabel="stiffness $k_{12}$ (N/m)", ylabel="mean square / $\\sigma^2$", title="local minima")
     for ax in (left, right):
         ax.legend(frameon=False)
     figure.savefig(path, dpi=150)

@@ -111,6 +111,7 @@ def draw(path: str) -> None:
     from matplotlib.patches import Patch
 
     colors = ["#F0E442", "#56B4E9", "#0B3C5D"]
+    plt.style.use("zivi.plot.figures")
     figure, ax = plt.subplots(layout="constrained", figsize=(7.2, 6))
     extent = (*HEIGHTS, *SPEEDS)
     ax.imshow(

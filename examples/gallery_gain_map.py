@@ -96,6 +96,7 @@ def draw(path: str) -> None:
     import matplotlib.pyplot as plt
     from matplotlib.colors import LogNorm
 
+    plt.style.use("zivi.plot.figures")
     figure, axes = plt.subplots(1, 2, layout="constrained", figsize=(10.6, 4.4), sharey=True)
     colors = mpl.colormaps["viridis_r"].with_extremes(over="0.55")
     meshes = []

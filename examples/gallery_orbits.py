@@ -143,6 +143,7 @@ def draw(path: str) -> None:
     mpl.use("Agg")
     import matplotlib.pyplot as plt
 
+    plt.style.use("zivi.plot.figures")
     figure, axes = plt.subplots(2, 2, layout="constrained", figsize=(10, 7.6))
     (one, two), (three, four) = axes
     diagram = zivi.bifurcation_diagram(

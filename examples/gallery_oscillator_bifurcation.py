@@ -164,6 +164,7 @@ def draw(path: str) -> None:
     mpl.use("Agg")
     import matplotlib.pyplot as plt
 
+    plt.style.use("zivi.plot.figures")
     figure, (whole, part) = plt.subplots(2, 1, layout="constrained", figsize=(9.6, 7.2))
     over = np.repeat(FREQUENCIES, 2 * KEPT)
     curves = []
@@ -177,12 +178,16 @@ def draw(path: str) -> None:
         ax.plot(over, diagram().ravel(), ".", **dots)
         for omegas, speeds, style in curves:
             ax.plot(omegas, speeds, style, color=zivi.plot.ORANGE, lw=2.2, alpha=0.7, zorder=1)
+    for style, kind in ("-", "stable"), (":", "unstable"):
+        whole.plot([], [], style, color=zivi.plot.ORANGE, label=f"closed form, {kind}")
+    whole.plot([], [], ".", color=zivi.plot.BLUE, label="simulated")
+    figure.legend(loc="outside upper center", ncols=3)
+    for ax in (whole, part):
         ax.set_ylabel("speed after an impact (m/s)")
     whole.set(xlim=(1.2, 6.0), ylim=(0, 3.3))
     part.set(xlim=ENLARGED, ylim=(0, 0.72))
     part.set_xlabel(r"frequency $\omega$ of the excitation (rad/s)")
-    title = "orange: one impact in 1, 2, 3 periods, in closed form (dotted: unstable)"
-    whole.set_title(title, fontsize="medium")
+    whole.set_title("An impact oscillator: one impact in 1, 2, 3 periods")
     figure.savefig(path, dpi=160)
 
 

@@ -107,6 +107,7 @@ def draw(path: str) -> None:
     mpl.use("Agg")
     import matplotlib.pyplot as plt
 
+    plt.style.use("zivi.plot.figures")
     figure, axes = plt.subplots(1, len(RANGES), layout="constrained", figsize=(11, 4.4))
     for ax, e in zip(axes, RANGES, strict=True):
         excitations, phases = diagram(e)

@@ -82,6 +82,7 @@ def main(path: str | None) -> None:
         return
     import matplotlib.pyplot as plt
 
+    plt.style.use("zivi.plot.figures")
     figure, axes = plt.subplots(3, 1, sharex=True, figsize=(7, 6), layout="constrained")
     axes[0].plot(run.t, run.q, label=["carriage", "hoist"])
     axes[0].set_ylabel("place (m)")
@@ -92,6 +93,7 @@ def main(path: str | None) -> None:
     axes[2].set_ylabel("force of a motor (N)")
     axes[2].set_xlabel("time (s)")
     axes[2].legend()
+    figure.suptitle("A gantry finds a stop, presses it with 20 N and picks something up")
     figure.savefig(path, dpi=120)
 
 

@@ -1,4 +1,4 @@
-"""A hammer that strikes a wall with the speed that is asked for, blow by blow.
+"""A hammer that strikes a wall with a specified speed, blow by blow.
 
 Each blow is aimed: arrive in time, at the wall, with the speed that this blow shall have. The way
 there takes the least effort; the last four periods are played from the plan.
@@ -51,15 +51,17 @@ def main(path: str | None) -> None:
         return
     import matplotlib.pyplot as plt
 
+    plt.style.use("zivi.plot.figures")
     figure, axes = plt.subplots(2, 1, sharex=True, figsize=(7, 5), layout="constrained")
     axes[0].plot(run.t, 1e3 * run.gaps[:, 0])
     axes[0].set_ylabel("gap (mm)")
     axes[1].plot(run.t, run.qdot[:, 0])
     axes[1].plot(blows["t"], blows["speed_before"], "o", label="blows")
-    axes[1].plot(blows["t"], [-it for it in SPEEDS], "x", label="asked for")
+    axes[1].plot(blows["t"], [-it for it in SPEEDS], "x", label="specified")
     axes[1].set_ylabel("speed (m/s)")
     axes[1].set_xlabel("time (s)")
     axes[1].legend()
+    figure.suptitle("A hammer: the gap, and the speed of each blow")
     figure.savefig(path, dpi=120)
 
 

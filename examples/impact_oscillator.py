@@ -106,6 +106,7 @@ def draw(path: str) -> None:
     mpl.use("Agg")
     import matplotlib.pyplot as plt
 
+    plt.style.use("zivi.plot.figures")
     figure, axes = plt.subplots(1, 3, layout="constrained", figsize=(11.5, 3.5))
     sol, times = sticking(), np.linspace(0, 30, 3001)
     axes[0].plot(times, sol(times)[0], color=zivi.plot.BLUE)

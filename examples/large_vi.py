@@ -246,6 +246,7 @@ def draw(path: str, n: int, problems: dict[str, Linear], results: dict[str, zivi
     mpl.use("Agg")
     import matplotlib.pyplot as plt
 
+    plt.style.use("zivi.plot.figures")
     figure, axes = plt.subplots(2, 3, figsize=(9.6, 5.6), layout="constrained")
     for ax, (name, res) in zip(axes.flat, results.items(), strict=True):
         ax.set_title(name, fontsize=9, loc="left")

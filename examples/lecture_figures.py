@@ -70,23 +70,26 @@ def draw(path: str) -> None:
     mpl.use("Agg")
     import matplotlib.pyplot as plt
 
+    plt.style.use("zivi.plot.figures")
     figure, axes = plt.subplot_mosaic("AABBCC;DDDEEE", layout="constrained", figsize=(10.0, 6.0))
     colors = (zivi.plot.BLUE, zivi.plot.ORANGE, "0.4")
     for e, color in zip(RESTITUTIONS, colors, strict=True):
         sol = dropped(e)
         zivi.plot.position(sol, axes["A"], color=color, lw=1.0, label=f"e = {e}")
     axes["A"].legend()
+    axes["A"].set_title("positions")
     sol = dropped(0.7)
-    zivi.plot.phase_plane(sol, axes["B"], coordinates="physical")
-    zivi.plot.lifted(sol, axes["C"])
+    zivi.plot.phase_plane(sol, axes["B"], coordinates="physical").set_title("phase plane")
+    zivi.plot.lifted(sol, axes["C"]).set_title("unfolded at the wall")
     grid = np.linspace(0.05, 0.85, 81)
     axes["D"].plot(grid, rest_times(grid), ".", ms=4, color=zivi.plot.BLUE)
     axes["D"].plot(grid, [zeno_time(e) for e in grid], color="0.5", lw=0.8)
-    axes["D"].set(xlabel="restitution", ylabel="time of rest (s)")
+    axes["D"].set(xlabel="restitution $e$ (1)", ylabel="time of rest (s)", title="Zeno time")
     gammas = np.linspace(1.2, 1.7, 150)
     diagram = zivi.bifurcation_diagram(table(1.3), "amplitude", gammas, starts=(0.3, 1.9))
-    zivi.plot.diagram(diagram, ax=axes["E"], ms=1.0)
+    zivi.plot.diagram(diagram, ax=axes["E"], ms=1.0).set_title("a shaken ball doubles its period")
     axes["E"].axvline(doubling()[1], color="0.5", lw=0.8)
+    figure.suptitle("Five figures on the bouncing ball")
     figure.savefig(path, dpi=150)
 
 

@@ -64,6 +64,7 @@ def draw(path: str, sol: zivi.MechanicalTrajectory) -> None:
     mpl.use("Agg")
     import matplotlib.pyplot as plt
 
+    plt.style.use("zivi.plot.figures")
     figure = plt.figure(layout="constrained", figsize=(10.4, 3.6))
     axes = figure.add_subplot(1, 2, 1, projection="3d")
     fine = sol.resample(n=1201)
@@ -81,6 +82,7 @@ def draw(path: str, sol: zivi.MechanicalTrajectory) -> None:
         over.axhline(ROLLING[k], color=line.get_color(), lw=0.6, ls="--")
     over.set(xlabel="time $t$ (s)", ylabel="speed (m/s)")
     over.legend(fontsize=8)
+    figure.suptitle("A ball with backspin turns back (dashed: velocity of rolling)")
     figure.savefig(path, dpi=160)
 
 

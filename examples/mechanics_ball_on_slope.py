@@ -61,6 +61,7 @@ def draw(path: str, sol: zivi.MechanicalTrajectory) -> None:
     mpl.use("Agg")
     import matplotlib.pyplot as plt
 
+    plt.style.use("zivi.plot.figures")
     figure, axes = plt.subplots(1, 3, layout="constrained", figsize=(10.4, 3.2))
     fine = sol.resample(n=1601)
     axes[0].plot(fine.q[:, 1], -fine.q[:, 0])
@@ -73,6 +74,7 @@ def draw(path: str, sol: zivi.MechanicalTrajectory) -> None:
     axes[2].plot(fine.t[slips], angle, ".", ms=2)
     axes[2].axhline(0, color="0.6", lw=0.8)
     axes[2].set(xlabel="time $t$ (s)", ylabel="direction of slip (degrees)")
+    figure.suptitle("A spinning ball thrown across a slope: path, slip speed, slip direction")
     figure.savefig(path, dpi=160)
 
 

@@ -110,15 +110,17 @@ def draw(path: str) -> None:
 
     ones, t = np.ones(ELEMENTS + 1), np.linspace(0, END, 1501)
     sol = zivi.simulate(bar(), (0, END), (HEIGHT * ones, SPEED * ones), t_eval=t)
+    plt.style.use("zivi.plot.figures")
     figure, axes = plt.subplots(1, 2, layout="constrained", figsize=(9.6, 3.6))
     axes[0].plot(1e3 * t, 1e6 * sol.q[:, -1], color="0.6", label="upper end")
     axes[0].plot(1e3 * t, 1e6 * sol.q[:, 0], color=zivi.plot.BLUE, label="lower end")
-    axes[0].set(xlabel="time (ms)", ylabel="displacement (um)")
+    axes[0].set(xlabel="time (ms)", ylabel="displacement (µm)")
     axes[0].legend()
     impedance = SECTION * np.sqrt(YOUNG * DENSITY)
     axes[1].plot(1e3 * t, 1e-3 * sol.reactions[:, 0], color=zivi.plot.BLUE, lw=0.9)
     axes[1].axhline(1e-3 * impedance * abs(sol.impacts["speed_before"][0]), color="0.6", lw=0.8)
     axes[1].set(xlabel="time (ms)", ylabel="force on the floor (kN)")
+    figure.suptitle("An elastic bar dropped on a floor (grey: impedance times speed)")
     figure.savefig(path, dpi=160)
 
 

@@ -89,6 +89,7 @@ def draw(path: str, sol: zivi.MechanicalTrajectory) -> None:
     mpl.use("Agg")
     import matplotlib.pyplot as plt
 
+    plt.style.use("zivi.plot.figures")
     figure, axes = plt.subplots(2, 2, layout="constrained", figsize=(9.6, 5.2))
     zivi.plot.coordinates(sol, axes[0, 0], units="m").set_title("belt speed 0.2 m/s, no damping")
     zivi.plot.modes(sol, axes[1, 0]).set_title("stick and slip: $w$ is the speed on the belt")
@@ -103,6 +104,7 @@ def draw(path: str, sol: zivi.MechanicalTrajectory) -> None:
         ylabel="extremes of $x$ (m)",
         title="damped: stick-slip up to 0.44 m/s",
     )
+    figure.suptitle("A mass on a belt")
     figure.savefig(path, dpi=160)
 
 

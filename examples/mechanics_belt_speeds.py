@@ -80,16 +80,18 @@ def draw(path: str) -> None:
     mpl.use("Agg")
     import matplotlib.pyplot as plt
 
+    plt.style.use("zivi.plot.figures")
     figure, axes = plt.subplot_mosaic("aab\naac", layout="constrained", figsize=(9.6, 4.4))
     for speed in np.linspace(0.02, 0.6, 30):
         late = run(float(speed), 100 * PERIOD)(PERIOD * np.arange(60, 101))[0, :, 0]
         axes["a"].plot(np.full(41, speed), late, ".", color=zivi.plot.BLUE, ms=1.5)
     axes["a"].axvline(OMEGA * abs(RESPONSE), color="0.6", lw=0.8)
-    axes["a"].set(xlabel="belt speed $v$ (m/s)", ylabel="$x$ once a period")
+    axes["a"].set(xlabel="belt speed $v$ (m/s)", ylabel="$x$ once a period (m)")
     for name, speed in (("b", 0.2), ("c", 0.3)):
         part = run(speed, 100 * PERIOD).resample(np.linspace(80, 100, 3001) * PERIOD)
         axes[name].plot(part.q[:, 0], part.qdot[:, 0], lw=0.6)
-        axes[name].set(xlabel="$x$", ylabel="$x'$", title=f"v = {speed}")
+        axes[name].set(xlabel="$x$ (m)", ylabel=r"$\dot x$ (m/s)", title=f"$v$ = {speed} m/s")
+    figure.suptitle("A shaken mass on a belt: periodic, or not")
     figure.savefig(path, dpi=160)
 
 

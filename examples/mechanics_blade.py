@@ -86,6 +86,7 @@ def draw(path: str) -> None:
     mpl.use("Agg")
     import matplotlib.pyplot as plt
 
+    plt.style.use("zivi.plot.figures")
     figure, axes = plt.subplots(1, 2, layout="constrained", figsize=(9.6, 3.6))
     omega = 0.95 * FREQUENCIES[0]
     t = np.linspace(0, 12 * 2 * np.pi / omega, 4001)
@@ -93,7 +94,7 @@ def draw(path: str) -> None:
     axes[0].plot(t, run(omega, 12, t_eval=t).q @ TIP, color=zivi.plot.BLUE, label="tip")
     axes[0].axhline(STOP, color="0.3", lw=0.8)
     axes[0].set(xlabel="time (s)", ylabel="displacement of the tip (m)")
-    axes[0].legend(loc="lower left")
+    axes[0].legend(loc="upper left", bbox_to_anchor=(1, 1))
     omegas = np.linspace(0.6, 1.6, 500) * FREQUENCIES[0]
     batch = sweep(omegas)
     duration = PERIODS * 2 * np.pi / omegas.min()
@@ -101,6 +102,7 @@ def draw(path: str) -> None:
     axes[1].plot(omegas / FREQUENCIES[0], per_period, ".", ms=1.5, color=zivi.plot.BLUE)
     axes[1].set(xlabel=r"$\omega/\omega_1$", ylabel="impacts per period of the force")
     axes[1].set_yscale("symlog", linthresh=1)
+    figure.suptitle("A blade with a stop: tip at resonance, impacts over the frequency")
     figure.savefig(path, dpi=160)
 
 

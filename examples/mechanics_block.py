@@ -96,6 +96,7 @@ def draw(path: str, tall: zivi.MechanicalTrajectory, wide: zivi.MechanicalTrajec
     mpl.use("Agg")
     import matplotlib.pyplot as plt
 
+    plt.style.use("zivi.plot.figures")
     figure, axes = plt.subplots(1, 2, layout="constrained", figsize=(9.6, 3.4))
     for ax, sol, name in zip(axes, (tall, wide), ("tall", "wide"), strict=True):
         zivi.plot.gaps(sol, ax)

@@ -95,6 +95,7 @@ def draw(path: str, sol: zivi.MechanicalTrajectory) -> None:
     mpl.use("Agg")
     import matplotlib.pyplot as plt
 
+    plt.style.use("zivi.plot.figures")
     figure, axes = plt.subplots(1, 3, layout="constrained", figsize=(10.4, 3.2))
     fine = sol.resample(n=601)
     axes[0].plot(fine.t, fine.qdot[:, 0])
@@ -105,6 +106,7 @@ def draw(path: str, sol: zivi.MechanicalTrajectory) -> None:
     axes[1].set(xlabel="time $t$ (s)", ylabel="forces (N)")
     axes[1].legend(fontsize=7)
     zivi.plot.modes(sol, axes[2])
+    figure.suptitle("A box pulled with a growing force")
     figure.savefig(path, dpi=160)
 
 

@@ -65,6 +65,7 @@ def draw(path: str, first: zivi.MechanicalTrajectory) -> None:
     mpl.use("Agg")
     import matplotlib.pyplot as plt
 
+    plt.style.use("zivi.plot.figures")
     figure, axes = plt.subplots(1, 2, layout="constrained", figsize=(9.0, 3.2), width_ratios=(2, 1))
     laws = {"rigid": None} | {f"$k = 10^{k}$": zivi.Hertz(10.0**k) for k in (5, 4, 3)}
     for (name, law), style in zip(laws.items(), ("k", "C0--", "C1-.", "C2:"), strict=True):

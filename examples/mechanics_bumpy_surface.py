@@ -99,6 +99,7 @@ def draw(path: str, sol: zivi.MechanicalTrajectory) -> None:
     mpl.use("Agg")
     import matplotlib.pyplot as plt
 
+    plt.style.use("zivi.plot.figures")
     figure, (top, bottom) = plt.subplots(2, 1, layout="constrained", figsize=(9.6, 4.6))
     dense = sol.resample(n=2000)
     x = np.linspace(dense.q[0, 0], dense.q[-1, 0], 1000)
@@ -107,6 +108,7 @@ def draw(path: str, sol: zivi.MechanicalTrajectory) -> None:
     top.set(xlabel="$x$ (m)", ylabel="$y$ (m)", aspect="equal", ylim=(-0.4, 0.7))
     zivi.plot.reactions(sol, bottom)
     bottom.set(xlabel="time $t$ (s)", ylabel="force of the surface (N)")
+    figure.suptitle("A cart on a bumpy surface: path and contact force")
     figure.savefig(path, dpi=160)
 
 

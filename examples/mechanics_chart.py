@@ -89,9 +89,11 @@ def main(path: str = "chart.png") -> None:
     matplotlib.use("Agg")
     import matplotlib.pyplot as plt
 
+    plt.style.use("zivi.plot.figures")
     fig, ax = plt.subplots(figsize=(7.0, 4.6), layout="constrained")
     zivi.plot.chart(found, ax=ax)
-    ax.set(xlim=SPANS[0], ylim=SPANS[1], xlabel="frequency omega", ylabel="force F")
+    ax.set(xlim=SPANS[0], ylim=SPANS[1], xlabel=r"frequency $\omega$ (1)", ylabel="load amplitude $F$ (1)")
+    fig.suptitle("Two masses and a stop: bifurcations in two parameters")
     fig.savefig(path, dpi=150)
 
 

@@ -77,11 +77,13 @@ def draw(path: str, sol: zivi.MechanicalTrajectory) -> None:
     mpl.use("Agg")
     import matplotlib.pyplot as plt
 
+    plt.style.use("zivi.plot.figures")
     figure, (left, right) = plt.subplots(1, 2, layout="constrained", figsize=(9.6, 3.4))
     zivi.plot.coordinates(sol, left)
     left.set(xlabel="time $t$ (s)", ylabel="positions (m)")
     zivi.plot.reactions(sol, right)
     right.set(xlabel="time $t$ (s)", ylabel="forces between the balls (N)")
+    figure.suptitle("Newton's cradle: positions and contact forces")
     figure.savefig(path, dpi=160)
 
 

@@ -130,6 +130,7 @@ def draw(path: str, clearances: np.ndarray, ratio: np.ndarray) -> None:
     mpl.use("Agg")
     import matplotlib.pyplot as plt
 
+    plt.style.use("zivi.plot.figures")
     figure, axes = plt.subplots(1, 2, layout="constrained", figsize=(9.6, 3.6))
     t = np.linspace(0, 60 * PERIOD, 6001)
     best = float(clearances[np.argmin(ratio)])
@@ -137,10 +138,11 @@ def draw(path: str, clearances: np.ndarray, ratio: np.ndarray) -> None:
         sol = zivi.simulate(damped(d), (0, t[-1]), REST)
         axes[0].plot(t / PERIOD, sol(t)[0][:, 1], color=color, lw=0.8, label=label)
     axes[0].set(xlabel="periods of the force", ylabel="upper storey (m)")
-    axes[0].legend(loc="upper left")
+    axes[0].legend(loc="upper left", bbox_to_anchor=(1, 1))
     axes[1].semilogx(clearances, ratio, ".-", color=zivi.plot.BLUE)
     axes[1].axhline(1.0, color="0.7", lw=0.8)
     axes[1].set(xlabel="clearance (m)", ylabel="rms over that without impacts", ylim=(0, 1.1))
+    figure.suptitle("An impact damper in a building")
     figure.savefig(path, dpi=160)
 
 

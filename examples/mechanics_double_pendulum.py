@@ -77,19 +77,22 @@ def draw(path: str, sol: zivi.MechanicalTrajectory) -> None:
     mpl.use("Agg")
     import matplotlib.pyplot as plt
 
+    plt.style.use("zivi.plot.figures")
     figure, (left, middle, right) = plt.subplots(
         1, 3, layout="constrained", figsize=(10.5, 3.4), width_ratios=(1, 1.6, 1.6)
     )
-    for t in np.linspace(0, sol.t[-1], 60):
-        ((x, y),) = arms(t, sol(t)[0])
-        shade = 0.85 - 0.7 * t / sol.t[-1]
-        left.plot(x, y, color=str(shade), lw=0.8)
-    left.axvline(-D, color="0.5", lw=3)
-    left.set(aspect="equal", xlabel="$x$ (m)", ylabel="$y$ (m)", title="60 pictures in 5.2 s")
+    times = np.linspace(0, sol.t[-1], 801)
+    ends = np.array([arms(t, sol(t)[0])[0] for t in times])
+    for x, y in ends[::100]:
+        left.plot(x, y, color="0.8", lw=0.8)
+    left.plot(ends[:, 0, -1], ends[:, 1, -1], color=zivi.plot.BLUE, lw=1.0)
+    left.plot([-D, -D], [-1.75, -1.3], color="0.3", lw=3)
+    left.set(aspect="equal", xlabel="$x$ (m)", ylabel="$y$ (m)", title="the tip (blue) and its wall")
     zivi.plot.gaps(sol, middle)
     middle.set(ylabel="distance of the tip (m)", xlabel="time $t$ (s)")
     zivi.plot.reactions(sol, right)
     right.set(ylabel="force of the wall (N)", xlabel="time $t$ (s)")
+    figure.suptitle("A double pendulum against a wall")
     figure.savefig(path, dpi=160)
 
 

@@ -84,14 +84,15 @@ def main(path: str = "drill.png") -> None:
     matplotlib.use("Agg")
     import matplotlib.pyplot as plt
 
+    plt.style.use("zivi.plot.figures")
     fig, (left, right) = plt.subplots(1, 2, figsize=(9.0, 3.8), layout="constrained")
     zivi.plot.branch(branch, "u", ax=left)
-    left.set(title="Speed of the gap after the blow")
+    left.set(title="Speed of the gap after the blow", xlabel=r"frequency $\omega$ (1)")
     stable = [orbit.stable for orbit in single.orbits]
     given = np.array([power(orbit) for orbit in single.orbits])
     right.plot(single.values, np.where(stable, given, np.nan), label="stable")
     right.plot(single.values, given, ":", color="0.5", zorder=0, label="one blow a period")
-    right.set(title="Power into the rock", xlabel="frequency omega", ylabel="power")
+    right.set(title="Power into the rock", xlabel=r"frequency $\omega$ (1)", ylabel="power (1)")
     right.legend()
     fig.savefig(path, dpi=150)
 

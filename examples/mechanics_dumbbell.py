@@ -72,13 +72,14 @@ def draw(path: str, flat: zivi.MechanicalTrajectory) -> None:
     mpl.use("Agg")
     import matplotlib.pyplot as plt
 
+    plt.style.use("zivi.plot.figures")
     figure, (left, right) = plt.subplots(1, 2, layout="constrained", figsize=(9.6, 3.4))
     for tilt in (0.0, 1e-6, 0.1):
         sol = flat if tilt == 0.0 else drop(tilt)
         t = np.linspace(0, sol.t[-1], 2000)
         left.plot(t, sol(t)[0, :, 0], label=f"tilt {tilt:g}")
-    left.set(xlabel="time $t$ (s)", ylabel="height of the centre (m)")
-    left.legend()
+    left.set(xlabel="time $t$ (s)", ylabel="height of the centre (m)", title="tilts in rad")
+    left.legend(loc="upper left", bbox_to_anchor=(1, 1))
     zivi.plot.gaps(drop(0.1), right)
     right.set(xlabel="time $t$ (s)", ylabel="heights of the ends (m)", title="tilt 0.1 rad")
     figure.savefig(path, dpi=160)

@@ -74,6 +74,7 @@ def draw(path: str, sol: zivi.MechanicalTrajectory) -> None:
     mpl.use("Agg")
     import matplotlib.pyplot as plt
 
+    plt.style.use("zivi.plot.figures")
     figure, axes = plt.subplots(1, 3, layout="constrained", figsize=(10.4, 3.2))
     fine = sol.resample(n=1001)
     axes[0].plot(fine.t, 1e3 * fine.q[:, 0])
@@ -84,6 +85,7 @@ def draw(path: str, sol: zivi.MechanicalTrajectory) -> None:
     axes[2].plot(excitations / G, np.diff(ends)[:, 0] / (30 * PERIOD), ".-", ms=3)
     axes[2].axvline(1 / math.sin(BETA), color="0.6", lw=0.8)
     axes[2].set(xlabel=r"$A\omega^2/g$", ylabel="mean speed (m/s)")
+    figure.suptitle("A vibratory feeder: motion, stick and slip, mean speed")
     figure.savefig(path, dpi=160)
 
 

@@ -109,6 +109,7 @@ def draw(path: str, amplitude: float) -> None:
     mpl.use("Agg")
     import matplotlib.pyplot as plt
 
+    plt.style.use("zivi.plot.figures")
     figure, axes = plt.subplots(1, 2, layout="constrained", figsize=(9.6, 3.6))
     t = np.linspace(0, 12, 4001) * 2 * np.pi / OMEGA
     sol = run(amplitude, 12, t_eval=t)
@@ -123,6 +124,7 @@ def draw(path: str, amplitude: float) -> None:
         x = np.full(len(late), ratio)
         axes[1].plot(x, late["impulse"], ".", ms=1.2, color=zivi.plot.BLUE)
     axes[1].set(xlabel="amplitude of the torque / T1*", ylabel="impulses of impacts (N m s)")
+    figure.suptitle("A pair of gears: play, and impulses over the torque")
     figure.savefig(path, dpi=160)
 
 

@@ -100,6 +100,7 @@ def main(path: str = "gear_orbits.png") -> None:
     matplotlib.use("Agg")
     import matplotlib.pyplot as plt
 
+    plt.style.use("zivi.plot.figures")
     fig, (left, right) = plt.subplots(1, 2, figsize=(10.0, 4.0), layout="constrained")
     zivi.plot.diagram(rattling(np.linspace(0.16, 1.54, 47)), ax=left, ms=2.5)
     # dashed where the orbit is unstable
@@ -109,10 +110,10 @@ def main(path: str = "gear_orbits.png") -> None:
         name = "in contact" if arc.word == ("P",) else " ".join(arc.word)
         left.plot(arc.values, speeds, "--", lw=0.9, color=colour)
         left.plot(arc.values, np.where(stable, speeds, np.nan), color=colour, label=name)
-    left.legend(fontsize="small")
-    left.set(title="Speeds after impacts of the front", xlabel="force F", ylabel="speed")
+    left.legend(loc="upper left", bbox_to_anchor=(1, 1))
+    left.set(title="Speeds after impacts of the front", xlabel="load amplitude $F$ (1)", ylabel="speed (1)")
     zivi.plot.chart([ends, hits], ax=right)
-    right.set(title="Contact ends, the back is hit", xlabel="force F", ylabel="frequency omega")
+    right.set(title="Contact ends, the back is hit", xlabel="load amplitude $F$ (1)", ylabel=r"frequency $\omega$ (1)")
     fig.savefig(path, dpi=150)
 
 

@@ -77,6 +77,7 @@ def draw(path: str) -> None:
     mpl.use("Agg")
     import matplotlib.pyplot as plt
 
+    plt.style.use("zivi.plot.figures")
     figure, axes = plt.subplots(1, 2, layout="constrained", figsize=(9.0, 3.6), sharey=True)
     for axis, e in zip(axes, (1.0, 0.9), strict=True):
         batch = kicked(e, KICKS)

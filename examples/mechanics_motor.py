@@ -84,6 +84,7 @@ def draw(path: str, sol: zivi.MechanicalTrajectory) -> None:
 
     t = np.linspace(0, 2, 2001)
     dense = sol.resample(t)
+    plt.style.use("zivi.plot.figures")
     figure, axes = plt.subplots(3, 1, layout="constrained", figsize=(8, 5.6), sharex=True)
     axes[0].plot(t, dense.q[:, 0], color=zivi.plot.BLUE)
     axes[0].axhline(STOP, color="0.6", lw=0.8)

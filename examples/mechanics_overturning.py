@@ -185,6 +185,7 @@ def draw(path: str) -> None:
 
     names = ["stands", "rocks, survives", "overturns after an impact", "overturns without one"]
     colours = ["#f2f2f2", "#cfe3f1", "#f6c9a0", "#e08a7b"]
+    plt.style.use("zivi.plot.figures")
     figure, axes = plt.subplots(1, 2, layout="constrained", figsize=(9.6, 4.2), width_ratios=(3, 2))
     found = chart()
     dx, dy = (np.diff(it)[0] / 2 for it in (FREQUENCIES, ACCELERATIONS))
@@ -209,7 +210,7 @@ def draw(path: str) -> None:
     for name, colour in zip(names, colours, strict=True):
         axes[0].plot([], [], "s", color=colour, mec="0.5", label=name)
     axes[0].set(xlabel=r"$\omega_p/p$", ylabel=r"$a_p/(g\,\tan\alpha)$", xlim=box[:2], ylim=box[2:])
-    axes[0].legend(loc="upper left", fontsize="small")
+    axes[0].legend(loc="lower left", bbox_to_anchor=(0, 1), ncols=2)
 
     alpha, p = scales()
     for beta, kind in ((2.8, SURVIVES), (5.0, AFTER_IMPACT), (7.4, WITHOUT_IMPACT)):
@@ -218,7 +219,7 @@ def draw(path: str) -> None:
     axes[1].axhline(0, color="0.7", lw=0.6)
     axes[1].set(xlabel="$p\\,t$", ylabel=r"$\theta/\alpha$", ylim=(-2, 2))
     axes[1].set_title(r"$\omega_p = 5 p$, over $a_p/(g\,\tan\alpha)$", fontsize="medium")
-    axes[1].legend(fontsize="small", loc="lower right")
+    axes[1].legend(loc="lower left", bbox_to_anchor=(0, 1.08))
     figure.savefig(path, dpi=160)
 
 

@@ -76,6 +76,7 @@ def draw(path: str) -> None:
     mpl.use("Agg")
     import matplotlib.pyplot as plt
 
+    plt.style.use("zivi.plot.figures")
     figure, axes = plt.subplots(1, 2, layout="constrained", figsize=(9.6, 3.4))
     mus, angles = np.linspace(1.0, 2.0, 21), np.linspace(0.5, 1.4, 21)
     image = [[jams(mu, th) for mu in mus] for th in angles]
@@ -87,6 +88,7 @@ def draw(path: str) -> None:
         axes[1].plot(sol.t, sol.slips[:, 0], label=rf"$\mu = {mu}$")
     axes[1].set(xlabel="time $t$ (s)", ylabel="slip speed of the tip (m/s)")
     axes[1].legend()
+    figure.suptitle("A sliding rod: where the paradox exists, and runs at an angle inside of it")
     figure.savefig(path, dpi=160)
 
 

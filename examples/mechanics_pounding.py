@@ -96,15 +96,17 @@ def draw(path: str) -> None:
 
     t = np.linspace(0, END, 4001)
     sol = run(t_eval=t)
+    plt.style.use("zivi.plot.figures")
     figure, axes = plt.subplots(3, 1, sharex=True, layout="constrained", figsize=(9.6, 5.6))
     axes[0].plot(*accelerogram(), lw=0.7, color="0.4")
     axes[0].set_ylabel("ground (m/s$^2$)")
     axes[1].plot(t, sol.q[:, 0], label="$x_1$", color=zivi.plot.BLUE)
     axes[1].plot(t, sol.q[:, 1] + CLEAR, label="$x_2 + d$", color=zivi.plot.ORANGE)
     axes[1].set_ylabel("floors (m)")
-    axes[1].legend(loc="upper right")
+    axes[1].legend(loc="upper left", bbox_to_anchor=(1, 1))
     axes[2].stem(sol.impacts["t"], -sol.impacts["speed_before"], markerfmt=".", basefmt=" ")
     axes[2].set(xlabel="time (s)", ylabel="impacts (m/s)", xlim=(0, END))
+    figure.suptitle("Two storeys that pound: ground, floors, speeds of the impacts")
     figure.savefig(path, dpi=160)
 
 

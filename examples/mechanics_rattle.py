@@ -105,6 +105,7 @@ def draw(path: str, mass: zivi.MechanicalTrajectory, wheels: zivi.MechanicalTraj
     mpl.use("Agg")
     import matplotlib.pyplot as plt
 
+    plt.style.use("zivi.plot.figures")
     figure, (left, right) = plt.subplots(1, 2, layout="constrained", figsize=(9.6, 3.4))
     t = np.linspace(0, 12, 1200)
     wall = A * np.sin(OMEGA * t)

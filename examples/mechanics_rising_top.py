@@ -79,6 +79,7 @@ def draw(path: str, sol: zivi.MechanicalTrajectory) -> None:
     mpl.use("Agg")
     import matplotlib.pyplot as plt
 
+    plt.style.use("zivi.plot.figures")
     figure, axes = plt.subplots(1, 3, layout="constrained", figsize=(10.4, 3.2))
     fine = sol.resample(n=3001)
     axis = axis_of(fine)
@@ -88,6 +89,7 @@ def draw(path: str, sol: zivi.MechanicalTrajectory) -> None:
     axes[1].set(xlabel="time $t$ (s)", ylabel="slip speed (m/s)")
     axes[2].plot(axis[:, 0], axis[:, 1], lw=0.6)
     axes[2].set(xlabel=r"axis, $\zeta_x$", ylabel=r"axis, $\zeta_y$", aspect="equal")
+    figure.suptitle("A top that rises: tilt, slip speed, path of its axis")
     figure.savefig(path, dpi=160)
 
 

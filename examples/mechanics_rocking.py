@@ -74,6 +74,7 @@ def draw(path: str, rocks: zivi.MechanicalTrajectory, slides: zivi.MechanicalTra
     mpl.use("Agg")
     import matplotlib.pyplot as plt
 
+    plt.style.use("zivi.plot.figures")
     figure, axes = plt.subplots(2, 2, layout="constrained", figsize=(9.6, 5.2))
     for sol, name in ((rocks, r"$\mu = 0.5$"), (slides, r"$\mu = 0.15$")):
         fine = sol.resample(n=2001)
@@ -84,6 +85,7 @@ def draw(path: str, rocks: zivi.MechanicalTrajectory, slides: zivi.MechanicalTra
     axes[0, 1].legend()
     zivi.plot.modes(rocks, axes[1, 0])
     zivi.plot.modes(slides, axes[1, 1])
+    figure.suptitle("A block that rocks (blue) or slides away (orange)")
     figure.savefig(path, dpi=160)
 
 

@@ -74,6 +74,7 @@ def draw(path: str, driven: zivi.MechanicalTrajectory, free: zivi.MechanicalTraj
 
     # between the steps, too
     driven, free = (sol.resample(np.linspace(sol.t[0], sol.t[-1], 401)) for sol in (driven, free))
+    plt.style.use("zivi.plot.figures")
     figure, axes = plt.subplots(3, 1, layout="constrained", figsize=(8, 5.6), sharex=True)
     for sol, colour in ((driven, zivi.plot.BLUE), (free, zivi.plot.ORANGE)):
         axes[0].plot(sol.t, sol.q[:, 2], color=colour)

@@ -56,6 +56,7 @@ def draw(path: str, *runs: zivi.MechanicalTrajectory) -> None:
     mpl.use("Agg")
     import matplotlib.pyplot as plt
 
+    plt.style.use("zivi.plot.figures")
     figure, axes = plt.subplots(1, 3, layout="constrained", figsize=(10.4, 3.2))
     for sol, name in zip(runs, ("backspin", "no spin", "superball"), strict=True):
         fine = sol.resample(n=2001)
@@ -65,6 +66,7 @@ def draw(path: str, *runs: zivi.MechanicalTrajectory) -> None:
     axes[0].legend()
     axes[1].set(xlabel="time $t$ (s)", ylabel="slip speed (m/s)")
     zivi.plot.modes(runs[0], axes[2])
+    figure.suptitle("Balls with spin: paths, slip speeds, stick of the ball with backspin")
     figure.savefig(path, dpi=160)
 
 

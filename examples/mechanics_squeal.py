@@ -98,6 +98,7 @@ def draw(path: str, sol: zivi.MechanicalTrajectory) -> None:
     mpl.use("Agg")
     import matplotlib.pyplot as plt
 
+    plt.style.use("zivi.plot.figures")
     figure, axes = plt.subplots(1, 3, layout="constrained", figsize=(10.4, 3.2))
     fine = sol.resample(n=6001)
     axes[0].plot(fine.t, fine.q[:, 0], lw=0.7)
@@ -109,6 +110,7 @@ def draw(path: str, sol: zivi.MechanicalTrajectory) -> None:
         axes[2].plot(mu, np.ptp(late), ".", color=zivi.plot.BLUE)
     axes[2].axvline(critical(), color="0.6", lw=0.8)
     axes[2].set(xlabel=r"$\mu$", ylabel="width of the motion in $x$")
+    figure.suptitle("A brake that squeals: growth, limit cycle, width over the friction")
     figure.savefig(path, dpi=160)
 
 

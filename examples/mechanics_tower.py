@@ -68,6 +68,7 @@ def draw(path: str, sol: zivi.MechanicalTrajectory) -> None:
     mpl.use("Agg")
     import matplotlib.pyplot as plt
 
+    plt.style.use("zivi.plot.figures")
     figure, (top, bottom) = plt.subplots(2, 1, layout="constrained", figsize=(9.6, 5), sharex=True)
     t = np.linspace(0, sol.t[-1], 1000)
     top.plot(t, A * np.sin(OMEGA * t), color="0.5", label="floor")
@@ -75,6 +76,7 @@ def draw(path: str, sol: zivi.MechanicalTrajectory) -> None:
     top.set(xlabel="", ylabel="heights (m)")
     zivi.plot.reactions(sol, bottom)
     bottom.set(xlabel="time $t$ (s)", ylabel="forces (N)")
+    figure.suptitle("A tower of balls on a vibrating floor")
     figure.savefig(path, dpi=160)
 
 

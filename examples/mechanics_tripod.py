@@ -60,6 +60,7 @@ def draw(path: str, sol: zivi.MechanicalTrajectory) -> None:
     mpl.use("Agg")
     import matplotlib.pyplot as plt
 
+    plt.style.use("zivi.plot.figures")
     figure, axes = plt.subplots(1, 3, layout="constrained", figsize=(10.4, 3.2))
     fine = sol.resample(n=1601)
     for k, angle in enumerate(ANGLES):
@@ -74,6 +75,7 @@ def draw(path: str, sol: zivi.MechanicalTrajectory) -> None:
     axes[1].set(xlabel="time $t$ (s)", ylabel="slip speed (m/s)")
     axes[1].legend()
     axes[2].set(xlabel="time $t$ (s)", ylabel="direction of slip (degrees)")
+    figure.suptitle("A tripod: paths of its feet, slip speeds, slip directions")
     figure.savefig(path, dpi=160)
 
 

@@ -65,6 +65,7 @@ def draw(path: str, sol: zivi.MechanicalTrajectory) -> None:
     mpl.use("Agg")
     import matplotlib.pyplot as plt
 
+    plt.style.use("zivi.plot.figures")
     figure, (left, right) = plt.subplots(1, 2, layout="constrained", figsize=(9.6, 3.6))
     x = np.array([-0.5, 0.0, 0.6])
     left.fill_between(x, np.where(x < 0, -math.tan(A1) * x, math.tan(A2) * x), -0.1, color="0.85")
@@ -76,6 +77,7 @@ def draw(path: str, sol: zivi.MechanicalTrajectory) -> None:
         right.semilogy(np.flatnonzero(on), before[on], "o", label=name)
     right.set(xlabel="number of the accumulation", ylabel="time to the corner (s)")
     right.legend()
+    figure.suptitle("A ball in a wedge: path, and accumulations up to the corner")
     figure.savefig(path, dpi=160)
 
 

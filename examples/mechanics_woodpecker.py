@@ -81,6 +81,7 @@ def draw(path: str, sol: zivi.MechanicalTrajectory) -> None:
     mpl.use("Agg")
     import matplotlib.pyplot as plt
 
+    plt.style.use("zivi.plot.figures")
     figure, axes = plt.subplots(2, 2, layout="constrained", figsize=(9.6, 5.2))
     fine = sol.resample(n=4001)
     axes[0, 0].plot(fine.t, fine.q[:, 0])
@@ -91,6 +92,7 @@ def draw(path: str, sol: zivi.MechanicalTrajectory) -> None:
     axes[0, 1].legend()
     zivi.plot.modes(sol, axes[1, 0])
     zivi.plot.configuration(sol, axes[1, 1], over=("bird", "sleeve"))
+    figure.suptitle("The woodpecker toy over two periods")
     figure.savefig(path, dpi=160)
 
 

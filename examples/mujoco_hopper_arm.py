@@ -137,6 +137,7 @@ def draw(path: str) -> None:
     mpl.use("Agg")
     import matplotlib.pyplot as plt
 
+    plt.style.use("zivi.plot.figures")
     figure, axes = plt.subplots(1, 2, layout="constrained", figsize=(9.6, 3.6))
     for ax, (name, (_, pair, _, end)) in zip(axes, MODELS.items(), strict=True):
         t = np.linspace(0, end / 2, 3001)

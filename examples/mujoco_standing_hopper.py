@@ -107,6 +107,7 @@ def draw(path: str, runs: dict[float, zivi.MechanicalTrajectory]) -> None:
     mpl.use("Agg")
     import matplotlib.pyplot as plt
 
+    plt.style.use("zivi.plot.figures")
     figure, axes = plt.subplots(
         2, 2, layout="constrained", figsize=(9.6, 5.2), sharex=True, sharey="row"
     )

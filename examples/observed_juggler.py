@@ -79,14 +79,16 @@ def draw(path: str, run: zivi.ClosedLoop) -> None:
     mpl.use("Agg")
     import matplotlib.pyplot as plt
 
+    plt.style.use("zivi.plot.figures")
     figure, axes = plt.subplots(3, 1, layout="constrained", figsize=(9.0, 6.0), sharex=True)
     zivi.plot.position(run, axes[0]).set(xlabel="")
     axes[1].plot(run.t, PUSH * np.cos(RATE * run.t), color="0.5", label="unknown force")
     axes[1].plot(run.t, run.d_est, color=zivi.plot.ORANGE, lw=0.8, label="estimate")
     axes[1].set(ylabel="force (m/s$^2$)", ylim=(-4, 4))
-    axes[1].legend(loc="upper right")
+    axes[1].legend(loc="upper left", bbox_to_anchor=(1, 1))
     axes[2].plot(run.t, 1e3 * run.error, color=zivi.plot.BLUE, lw=0.6)
     axes[2].set(xlabel="time $t$ (s)", ylabel="error (mm)", ylim=(-5, 5))
+    figure.suptitle("A juggler that measures positions only")
     figure.savefig(path, dpi=150)
 
 

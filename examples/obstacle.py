@@ -52,6 +52,7 @@ def main(path: str | None) -> None:
     mpl.use("Agg")
     import matplotlib.pyplot as plt
 
+    plt.style.use("zivi.plot.figures")
     figure, (left, right) = plt.subplots(1, 2, figsize=(7.6, 3.3), layout="constrained")
     extent = (0, 1, 0, 1)
     image = left.imshow(result.x.reshape(N, N).T, origin="lower", extent=extent, cmap="cividis")

@@ -112,6 +112,7 @@ def draw(path: str, found: dict[int, list[Flight]]) -> None:
     mpl.use("Agg")
     import matplotlib.pyplot as plt
 
+    plt.style.use("zivi.plot.figures")
     figure, (top, bottom) = plt.subplots(
         2, 1, layout="constrained", figsize=(7.2, 4.8), sharex=True
     )
@@ -125,7 +126,7 @@ def draw(path: str, found: dict[int, list[Flight]]) -> None:
         top.plot(np.concatenate(times), np.concatenate(heights), color=colour, label=label)
         bottom.plot(np.concatenate(times), np.concatenate(forces), color=colour)
     top.set(ylabel="height (m)")
-    bottom.set(xlabel="t (s)", ylabel="control (m/s²)")
+    bottom.set(xlabel="time $t$ (s)", ylabel="control (m/s²)")
     top.legend(frameon=False, ncols=3, loc="lower center", bbox_to_anchor=(0.5, 1.0))
     figure.savefig(path, dpi=150)
 

@@ -172,6 +172,7 @@ def draw(path: str) -> None:
     mpl.use("Agg")
     import matplotlib.pyplot as plt
 
+    plt.style.use("zivi.plot.figures")
     figure, axes = plt.subplots(2, 2, layout="constrained", figsize=(9.0, 4.8), sharex="col")
     shown = (
         ("positive, gains 30, 17", run("positive", periods=8)),

@@ -115,6 +115,7 @@ def draw(plain: ct.TimeResponseData, found: dict[float, ct.TimeResponseData], pa
 
     from zivi.plot import BLUE, GREEN, ORANGE
 
+    plt.style.use("zivi.plot.figures")
     figure, (left, right) = plt.subplots(1, 2, figsize=(9.0, 3.2), layout="constrained")
     tau = max(LAGS)
     for run, color, label in (
@@ -127,8 +128,9 @@ def draw(plain: ct.TimeResponseData, found: dict[float, ct.TimeResponseData], pa
     left.plot(TIMES, x_ref, color=GREEN, ls="--", label="$x_r$")
     left.set(xlabel="time $t$ (s)", ylabel="position $x$ (m)", xlim=(0, 2))
     right.set(xlabel="time $t$ (s)", ylabel="control $u$ (m/s$^2$)", xlim=(0, 2))
-    left.legend()
-    right.legend()
+    left.legend(loc="upper left", bbox_to_anchor=(1, 1))
+    right.legend(loc="upper left", bbox_to_anchor=(1, 1))
+    figure.suptitle("A loop in python-control, without and with a lag of the actuator")
     figure.savefig(path, dpi=160)
 
 

@@ -54,11 +54,12 @@ def main(path: str) -> None:
     mpl.use("Agg")
     import matplotlib.pyplot as plt
 
+    plt.style.use("zivi.plot.figures")
     figure, (left, middle, right) = plt.subplots(
         1, 3, figsize=(10.2, 3.1), layout="constrained", gridspec_kw={"wspace": 0.06}
     )
     times, stuck = scipy_restarts()
-    left.plot(times, np.arange(1, len(times) + 1), ".-", color=ORANGE, ms=4, lw=0.8)
+    left.plot(times, np.arange(1, len(times) + 1), ".-", color="0.35", ms=4, lw=0.8)
     left.axvline(Exact.zeno, color="0.5", ls=":", lw=1)
     left.set(xlabel="time $t$ (s)", ylabel="restarts after an impact", xlim=(1.3, 2.6))
     left.set_title("events and restarts (SciPy): stuck", fontsize="medium")
@@ -71,8 +72,8 @@ def main(path: str) -> None:
     )
     times = np.linspace(2.4, 2.6, 20_001)
     for ax, method, title, color in [
-        (middle, zivi.ExplicitEuler(1e-3), "explicit signs: chattering", BLUE),
-        (right, zivi.SwitchedRK(), "zivi: exactly at rest", GREEN),
+        (middle, zivi.ExplicitEuler(1e-3), "explicit signs: chattering", ORANGE),
+        (right, zivi.SwitchedRK(), "zivi: exactly at rest", BLUE),
     ]:
         sol = simulate_ball(method)
         ax.plot(times, sol(times)[1], color=color, lw=1)

@@ -34,6 +34,7 @@ def main(path: str, comparison: str | None = None) -> None:
     mpl.use("Agg")
     import matplotlib.pyplot as plt
 
+    plt.style.use("zivi.plot.figures")
     figure, (left, middle, right) = plt.subplots(
         1, 3, figsize=(10.2, 3.1), layout="constrained", gridspec_kw={"wspace": 0.06}
     )

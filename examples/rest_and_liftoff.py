@@ -123,6 +123,7 @@ def draw(path: str) -> None:
     import matplotlib.pyplot as plt
 
     sol = run("positive")
+    plt.style.use("zivi.plot.figures")
     figure, axes = plt.subplots(3, 1, layout="constrained", figsize=(6.4, 5.6), sharex=True)
     zivi.plot.position(sol, axes[0]).set(xlabel="")
     zivi.plot.velocity(sol, axes[1]).set(xlabel="")
@@ -136,6 +137,7 @@ def draw(path: str) -> None:
     axes[0].text(20 + LIFTOFF, 0.026, " exact lift-off")
     axes[0].legend(loc="upper right", ncols=2)
     axes[1].legend(loc="upper right", ncols=2)
+    figure.suptitle("A reference that rests and lifts off")
     figure.savefig(path, dpi=160)
 
 

@@ -101,6 +101,7 @@ def draw(path: str) -> None:
     mpl.use("Agg")
     import matplotlib.pyplot as plt
 
+    plt.style.use("zivi.plot.figures")
     figure, (left, right) = plt.subplots(
         1, 2, layout="constrained", figsize=(9.6, 3.4), width_ratios=(2, 1)
     )

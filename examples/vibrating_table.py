@@ -137,6 +137,7 @@ def draw(path: str) -> None:
     mpl.use("Agg")
     import matplotlib.pyplot as plt
 
+    plt.style.use("zivi.plot.figures")
     figure, (left, right) = plt.subplots(1, 2, layout="constrained", figsize=(9.6, 3.6))
     system = in_fixed_frame(1.5, 0.5)
     times = np.linspace(0, 4, 4001)

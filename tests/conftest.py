@@ -41,6 +41,8 @@ def no_figure_is_left_open():
     import matplotlib.pyplot as plt
 
     plt.close("all")
+    if not plt.rcParams["axes.spines.top"]:  # an example uses the style of the figures
+        plt.rcdefaults()
 
 
 @pytest.fixture(autouse=True, scope="session")

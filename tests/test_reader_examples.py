@@ -159,3 +159,11 @@ def test_every_plot_is_drawn(tmp_path, capsys):
     }  # several panels, a film, one of a chart, an alias
     functions = {name for name in zivi.plot.__all__ if callable(getattr(zivi.plot, name))}
     assert drawn == functions - others
+
+
+def test_the_methods_have_their_orders(tmp_path, capsys):
+    found = re.findall(r"order (\S+) \((\d)\)", printed("orders", tmp_path, capsys))
+    assert len(found) == 4
+    for measured, expected in found:
+        # steps that adapt to the tolerance are not powers of each other
+        assert float(measured) == pytest.approx(float(expected), rel=0.25)
