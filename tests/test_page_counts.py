@@ -11,8 +11,10 @@ PAGES = sorted(path for path in DOCS.glob("*.md") if not path.name.startswith("_
 LONGEST = 1300
 """Words of a page."""
 ALL = 46_000
-"""Words of all pages (`wc -w docs/*.md`), above their number: a guard against copies. A page for one
-kind of reader (structures, walking, teaching, theorems) has about 600."""
+"""Words of all pages (`wc -w docs/*.md`), above their number: a guard against copies.
+
+A page for one kind of reader (structures, walking, teaching, theorems) has about 600.
+"""
 RUN = 7
 """So many words that two pages share are a copy."""
 
