@@ -110,7 +110,8 @@ def draw(
         curves.items(), (zivi.plot.ORANGE, zivi.plot.BLUE), strict=True
     ):
         right.semilogy(k12, values, color=colour, lw=1.0, label=f"first {end:.0f} s")
-    right.set(xlabel="stiffness $k_{12}$ (N/m)", ylabel="mean square / $\\sigma^2$", title="local minima")
+    right.set(xlabel="stiffness $k_{12}$ (N/m)", ylabel="mean square / $\\sigma^2$")
+    right.set_title("local minima")
     for ax in (left, right):
         ax.legend(frameon=False)
     figure.savefig(path, dpi=150)

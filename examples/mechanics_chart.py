@@ -92,7 +92,8 @@ def main(path: str = "chart.png") -> None:
     plt.style.use("zivi.plot.figures")
     fig, ax = plt.subplots(figsize=(7.0, 4.6), layout="constrained")
     zivi.plot.chart(found, ax=ax)
-    ax.set(xlim=SPANS[0], ylim=SPANS[1], xlabel=r"frequency $\omega$ (1)", ylabel="load amplitude $F$ (1)")
+    ax.set(xlim=SPANS[0], ylim=SPANS[1], xlabel=r"frequency $\omega$ (1)")
+    ax.set_ylabel("load amplitude $F$ (1)")
     fig.suptitle("Two masses and a stop: bifurcations in two parameters")
     fig.savefig(path, dpi=150)
 

@@ -111,9 +111,11 @@ def main(path: str = "gear_orbits.png") -> None:
         left.plot(arc.values, speeds, "--", lw=0.9, color=colour)
         left.plot(arc.values, np.where(stable, speeds, np.nan), color=colour, label=name)
     left.legend(loc="upper left", bbox_to_anchor=(1, 1))
-    left.set(title="Speeds after impacts of the front", xlabel="load amplitude $F$ (1)", ylabel="speed (1)")
+    left.set(xlabel="load amplitude $F$ (1)", ylabel="speed (1)")
+    left.set_title("Speeds after impacts of the front")
     zivi.plot.chart([ends, hits], ax=right)
-    right.set(title="Contact ends, the back is hit", xlabel="load amplitude $F$ (1)", ylabel=r"frequency $\omega$ (1)")
+    right.set(xlabel="load amplitude $F$ (1)", ylabel=r"frequency $\omega$ (1)")
+    right.set_title("Contact ends, the back is hit")
     fig.savefig(path, dpi=150)
 
 

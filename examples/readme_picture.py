@@ -12,7 +12,7 @@ from scipy.integrate import solve_ivp
 
 import zivi
 from zivi.paper.ball import GRAVITY, XDOT0, Exact, simulate_ball
-from zivi.plot import BLUE, GREEN, ORANGE
+from zivi.plot import BLUE, ORANGE
 
 MAX_EVENTS = 60
 
