@@ -9,8 +9,8 @@ use zivi::drive::batch::{
 use zivi::{
     simulate_explicit_euler, simulate_moreau_jean, simulate_switched_rk, simulate_theta_gamma,
     AnyMethod, ConstantForce, Dependence, ExplicitEuler, FixedSteps, Force, Grid, HarmonicWall,
-    LinearForce, Monitor, MoreauJean, OnMovingWall, Output, Physical, Quantity, Restitution, Run,
-    Silent, Status, Summary, SwitchedRk, ThetaGamma,
+    LinearForce, LinearLaw, Monitor, MoreauJean, OnMovingWall, Output, Physical, Quantity,
+    Restitution, Run, Silent, Status, Summary, SwitchedRk, ThetaGamma,
 };
 
 /// A generator whose draws are the same everywhere.
@@ -24,8 +24,105 @@ impl Draws {
     }
 }
 
+/// The forces of these tests, as one type: batches are compiled once.
+#[derive(Clone, Copy)]
+enum TestForce<'a> {
+    Constant(ConstantForce),
+    Linear(LinearForce),
+    /// Counts its evaluations, and may hide that it is linear.
+    Counted {
+        force: LinearForce,
+        linear: bool,
+        evaluations: &'a AtomicU64,
+    },
+    OnMovingWall(OnMovingWall<ConstantForce, HarmonicWall>),
+    /// Panics where it is positive.
+    Faulty(f64),
+}
+
+impl TestForce<'_> {
+    fn inner<E>(&self) -> Option<&dyn Force<E>> {
+        match self {
+            Self::Constant(force) => Some(force),
+            Self::Linear(force) | Self::Counted { force, .. } => Some(force),
+            Self::OnMovingWall(force) => Some(force),
+            Self::Faulty(_) => None,
+        }
+    }
+}
+
+impl<E> Force<E> for TestForce<'_> {
+    fn at(&mut self, t: f64, x: f64, xdot: f64) -> Result<f64, E> {
+        match self {
+            Self::Constant(force) => force.at(t, x, xdot),
+            Self::Linear(force) => force.at(t, x, xdot),
+            Self::Counted { force, evaluations, .. } => {
+                evaluations.fetch_add(1, Ordering::Relaxed);
+                force.at(t, x, xdot)
+            }
+            Self::OnMovingWall(force) => force.at(t, x, xdot),
+            Self::Faulty(value) => {
+                assert!(*value < 0.0, "a fault");
+                Ok(*value)
+            }
+        }
+    }
+
+    fn dependence(&self) -> Dependence {
+        self.inner::<E>().map_or(Dependence::State, |force| force.dependence())
+    }
+
+    fn shortest_period(&self) -> Option<f64> {
+        match self {
+            Self::Counted { .. } | Self::Faulty(_) => None,
+            _ => self.inner::<E>()?.shortest_period(),
+        }
+    }
+
+    fn linear(&self) -> Option<LinearLaw> {
+        match self {
+            Self::Counted { .. } => None,
+            _ => self.inner::<E>()?.linear(),
+        }
+    }
+
+    fn as_linear_force(&self) -> Option<LinearForce> {
+        match self {
+            Self::Counted { linear: false, .. } => None,
+            _ => self.inner::<E>()?.as_linear_force(),
+        }
+    }
+
+    fn excitation(&self, t: f64) -> Option<f64> {
+        match self {
+            Self::Counted { .. } => None,
+            _ => self.inner::<E>()?.excitation(t),
+        }
+    }
+
+    fn excited(&mut self, excitation: f64, t: f64, x: f64, xdot: f64) -> Result<f64, E> {
+        match self {
+            Self::Linear(force) => force.excited(excitation, t, x, xdot),
+            Self::OnMovingWall(force) => force.excited(excitation, t, x, xdot),
+            _ => self.at(t, x, xdot),
+        }
+    }
+
+    fn is_same(&self, other: &Self) -> bool {
+        match (self, other) {
+            (Self::Constant(one), Self::Constant(other)) => Force::<E>::is_same(one, other),
+            (Self::Linear(one), Self::Linear(other))
+            | (Self::Counted { force: one, .. }, Self::Counted { force: other, .. }) => {
+                Force::<E>::is_same(one, other)
+            }
+            (Self::OnMovingWall(one), Self::OnMovingWall(other)) => Force::<E>::is_same(one, other),
+            _ => false,
+        }
+    }
+}
+
 /// Balls with all kinds of walls, forces (also upward, none, absurd) and states (also at rest).
-fn balls(n: usize) -> Vec<Member<'static, ConstantForce>> {
+fn balls(n: usize) -> Vec<Member<'static, TestForce<'static>>> {
     let mut draws = Draws(7);
     (0..n)
         .map(|i| {
@@ -41,7 +138,7 @@ fn balls(n: usize) -> Vec<Member<'static, ConstantForce>> {
             let xdot = if i % 10 == 0 { 0.0 } else { draws.between(-5.0, 5.0) };
             Member {
                 law: restitution.into(),
-                force: ConstantForce(force),
+                force: TestForce::Constant(ConstantForce(force)),
                 initial: Physical { x, xdot },
                 tstops: &[],
                 kicks: &[],
@@ -63,7 +160,7 @@ fn implicit(span: (f64, f64), h: f64) -> Task {
 }
 
 /// A run by the function of its method, not by the entry that batches use.
-fn alone<F: Force<Infallible> + Copy>(member: &Member<'_, F>, task: Task) -> Run<Infallible> {
+fn alone(member: &Member<'_, TestForce<'_>>, task: Task) -> Run<Infallible> {
     let Member { law, mut force, initial, tstops, .. } = member.clone();
     let restitution = law.constant().unwrap();
     let (force, Task { method, span, .. }) = (&mut force, task);
@@ -153,7 +250,7 @@ fn balls_move_as_they_move_alone() {
 
 /// Linear forces of all kinds: of time alone or with springs and dampers, pressing, pulling and
 /// both in turn, with waves of their own or of all.
-fn driven(draws: &mut Draws, n: usize) -> Vec<Member<'static, LinearForce>> {
+fn driven(draws: &mut Draws, n: usize) -> Vec<Member<'static, TestForce<'static>>> {
     let of_all = [draws.between(0.0, 30.0), draws.between(-4.0, 4.0)];
     let shares = draws.between(0.0, 1.0) < 0.5;
     let kind = draws.between(0.0, 5.0) as usize;
@@ -187,7 +284,7 @@ fn driven(draws: &mut Draws, n: usize) -> Vec<Member<'static, LinearForce>> {
             let xdot = size(draws, 5.0) * if draws.between(0.0, 1.0) < 0.5 { 1.0 } else { -1.0 };
             Member {
                 law: restitution.unwrap().into(),
-                force,
+                force: TestForce::Linear(force),
                 initial: Physical { x, xdot },
                 tstops: &[],
                 kicks: &[],
@@ -294,7 +391,7 @@ fn a_step_from_near_a_switch_is_that_of_a_mass_alone() {
                     let xdot = restitution.r(1.0, v.signum()) * v;
                     Member {
                         law: restitution.into(),
-                        force,
+                        force: TestForce::Linear(force),
                         initial: Physical { x, xdot },
                         tstops: &[],
                         kicks: &[],
@@ -316,7 +413,7 @@ fn linear_forces_that_overflow_end_as_they_end_alone() {
     let restitution = Restitution::from_e(0.5).unwrap();
     let member = |force, x| Member {
         law: restitution.into(),
-        force,
+        force: TestForce::Linear(force),
         initial: Physical { x, xdot: 0.0 },
         tstops: &[],
         kicks: &[],
@@ -363,33 +460,6 @@ const NO_FORCE: LinearForce = LinearForce {
     phase: 0.0,
 };
 
-/// A linear force that counts where it is evaluated, and may hide that it is linear.
-#[derive(Clone, Copy)]
-struct Counted<'a> {
-    force: LinearForce,
-    linear: bool,
-    evaluations: &'a AtomicU64,
-}
-
-impl<E> Force<E> for Counted<'_> {
-    fn at(&mut self, t: f64, x: f64, xdot: f64) -> Result<f64, E> {
-        self.evaluations.fetch_add(1, Ordering::Relaxed);
-        self.force.at(t, x, xdot)
-    }
-
-    fn dependence(&self) -> Dependence {
-        Force::<E>::dependence(&self.force)
-    }
-
-    fn as_linear_force(&self) -> Option<LinearForce> {
-        self.linear.then_some(self.force)
-    }
-
-    fn is_same(&self, other: &Self) -> bool {
-        Force::<E>::is_same(&self.force, &other.force)
-    }
-}
-
 #[test]
 fn masses_share_the_evaluations_of_forces_that_are_the_same() {
     let restitution = Restitution::from_e(0.3).unwrap();
@@ -397,7 +467,7 @@ fn masses_share_the_evaluations_of_forces_that_are_the_same() {
     let member = |i: u32| {
         let amplitude = [5.0, 5.0, 3.0, 5.0, f64::NAN][(i % 5) as usize];
         let force = LinearForce { amplitude, gravity: 9.81, omega: 7.0, ..NO_FORCE };
-        let force = Counted { force, linear: false, evaluations: &count };
+        let force = TestForce::Counted { force, linear: false, evaluations: &count };
         let initial = Physical { x: 0.02 * f64::from(i), xdot: 0.5 };
         Member { law: restitution.into(), force, initial, tstops: &[], kicks: &[] }
     };
@@ -425,7 +495,7 @@ fn masses_above_walls_that_vibrate_move_as_they_move_alone() {
             let force = ConstantForce([-9.81, -2.0, 1.0][i % 3]);
             let (x, xdot) = (draws.between(0.0, 0.3), draws.between(-1.0, 1.0));
             let initial = if i % 7 == 0 { Physical::default() } else { Physical { x, xdot } };
-            let force = OnMovingWall { force, wall };
+            let force = TestForce::OnMovingWall(OnMovingWall { force, wall });
             Member { law: restitution.into(), force, initial, tstops: &[], kicks: &[] }
         })
         .collect();
@@ -450,9 +520,9 @@ fn most_steps_are_taken_side_by_side() {
         [wave(9.81), wave(1.0), wave(-6.0), spring, sprung, LinearForce { gravity: 8.0, ..sprung }];
     let restitution = Restitution::from_e(0.3).unwrap();
     let start = |i: u32| Physical { x: 0.5 + 0.01 * f64::from(i), xdot: 1.0 };
-    for force in forces {
+    for linear in forces {
         let count = AtomicU64::new(0);
-        let force = Counted { force, linear: true, evaluations: &count };
+        let force = TestForce::Counted { force: linear, linear: true, evaluations: &count };
         let member = |i| Member {
             law: restitution.into(),
             force,
@@ -472,7 +542,7 @@ fn most_steps_are_taken_side_by_side() {
             let ends = simulate_batch(&members, task, Save::Final, 1, &mut Silent).unwrap();
             let alone = count.load(Ordering::Relaxed);
             let all: u64 = ends.iter().map(|end| end.nfev).sum();
-            assert!(alone < all / 20, "{:?}: {alone} of {all}", force.force);
+            assert!(alone < all / 20, "{:?}: {alone} of {all}", linear);
         }
     }
 }
@@ -490,7 +560,7 @@ fn every_method_and_force_gives_what_it_gives_alone() {
     let restitution = Restitution::from_e(0.6).unwrap();
     let member = |x| Member {
         law: restitution.into(),
-        force,
+        force: TestForce::Linear(force),
         initial: Physical { x, xdot: 0.5 },
         tstops: &[],
         kicks: &[],
@@ -543,7 +613,10 @@ fn the_first_member_that_cannot_start_is_named() {
 #[test]
 fn runs_that_end_at_times_of_their_own_are_those_of_batches_up_to_there() {
     let task = |end| Task { method: SwitchedRk::default().into(), span: (0.0, end), slowest: 1e-3 };
-    let members: Vec<_> = balls(40).into_iter().filter(|it| it.force.0.abs() < 100.0).collect();
+    let members: Vec<_> = balls(40)
+        .into_iter()
+        .filter(|it| matches!(it.force, TestForce::Constant(force) if force.0.abs() < 100.0))
+        .collect();
     let ends: Vec<f64> = (0..members.len()).map(|i| 0.3 + 0.17 * i as f64).collect();
     let both: Vec<_> = members.iter().cloned().zip(ends.iter().copied()).collect();
     for save in [Save::Final, Save::Events, Save::Grazing] {
@@ -603,17 +676,6 @@ fn a_failure_is_that_of_its_member_alone() {
     assert!(with(Status::StateNotFinite) > 0 && with(Status::Completed) > 40);
 }
 
-/// A force whose evaluation is a fault, where it falls up.
-#[derive(Clone, Copy)]
-struct Faulty(f64);
-
-impl<E> Force<E> for Faulty {
-    fn at(&mut self, _: f64, _: f64, _: f64) -> Result<f64, E> {
-        assert!(self.0 < 0.0, "a fault");
-        Ok(self.0)
-    }
-}
-
 #[test]
 fn a_fault_costs_no_other_run_its_result() {
     let restitution = Restitution::from_e(0.5).unwrap();
@@ -623,7 +685,7 @@ fn a_fault_costs_no_other_run_its_result() {
         initial,
         tstops: &[],
         kicks: &[],
-        force: Faulty(if i % 7 == 3 { 1.0 } else { -f64::from(i) - 1.0 }),
+        force: TestForce::Faulty(if i % 7 == 3 { 1.0 } else { -f64::from(i) - 1.0 }),
     };
     let members: Vec<_> = (0..70).map(member).collect();
     let task = implicit((0.0, 0.5), 1e-2);
@@ -673,7 +735,7 @@ fn statistics_are_those_of_the_samples_and_the_impacts() {
     let restitution = Restitution::from_e(0.7).unwrap();
     let member = |x| Member {
         law: restitution.into(),
-        force,
+        force: TestForce::Linear(force),
         initial: Physical { x, xdot: 0.5 },
         tstops: &[],
         kicks: &[],
