@@ -88,4 +88,4 @@ class Crate:
 
     @staticmethod
     def is_used(name: str, body: str) -> bool:
-        return name == "*" or re.search(rf"\b{name}\b", body) is not None
+        return name == "*" or re.search(rf"(?<!::)\b{name}\b", body) is not None

@@ -14,7 +14,7 @@ use crate::record::gap_set::{ContactMode, GapSet};
 use crate::record::status::Failure;
 use crate::switched::accumulation::{Deviation, Lookahead};
 use crate::switched::flight::series::Linear;
-use crate::switched::stages::Counted;
+use crate::switched::mode::Counted;
 use crate::switched::{accumulation, SwitchedRk};
 use crate::system::dynamics::{Dynamics, Layout};
 use crate::zeno::arc::Bounce;

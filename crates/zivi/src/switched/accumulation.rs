@@ -2,10 +2,10 @@
 //!
 //! Accumulating impacts, and the extrapolated end of the accumulation.
 
+use super::mode::Counted;
+use super::settings::StallingImpacts;
 use crate::record::status::Failure;
-use crate::switched::output::StallingImpacts;
 use crate::switched::settings::SwitchedRk;
-use crate::switched::stages::Counted;
 use crate::zeno::arc::{Bounce, TailArc};
 use crate::zeno::chain::Chain;
 use crate::zeno::tail::Tail;

@@ -24,30 +24,24 @@
 
 pub(crate) mod accumulation;
 pub(crate) mod flight;
-pub(crate) mod grazing;
 mod impact_map;
 mod integrator;
-mod lift_off;
 pub(crate) mod mode;
-mod output;
 mod path;
 mod plot_samples;
 mod recording;
-mod samples;
 pub mod sensitivity;
 mod settings;
-pub(crate) mod stages;
-mod stored;
 
 pub use impact_map::{ImpactMap, MapParameter, Return};
 pub use integrator::SwitchedIntegrator;
 pub(crate) use integrator::Trace;
 pub use mode::Counts;
-pub use output::{Output, SwitchedRun};
+pub use path::Motion;
 pub use path::{DensePath, PathReader};
 pub use plot_samples::PlotSamples;
 pub(crate) use recording::check_span;
 pub use recording::simulate_switched_rk;
-pub use samples::Samples;
+pub use settings::Samples;
 pub use settings::{Flights, Order, SwitchedRk};
-pub use stored::Motion;
+pub use settings::{Output, SwitchedRun};

@@ -2,6 +2,9 @@
 //!
 //! A whole run: steps, samples, events, dense output.
 
+use super::mode::Counted;
+use super::settings::Samples;
+use super::settings::{Output, SwitchedRun};
 use crate::piecewise::running as piecewise;
 use crate::piecewise::running::{unless_terminal, until, Record, SegmentSink};
 use crate::piecewise::steps::{Advance, Driver, NoSink, Piecewise, Rhs};
@@ -14,11 +17,8 @@ use crate::record::user_events::{Level, LocatedEvent, SmoothPart};
 use crate::switched::flight::series::{FlightPart, SeriesStart};
 use crate::switched::integrator::SwitchedIntegrator;
 use crate::switched::mode::{Counts, Piece, Point};
-use crate::switched::output::{Output, SwitchedRun};
 use crate::switched::path::{DensePath, FlightCurve};
-use crate::switched::samples::Samples;
 use crate::switched::settings::{Flights, SwitchedRk};
-use crate::switched::stages::Counted;
 use crate::system::force::Smooth;
 use crate::zeno::tail::Tail;
 use crate::{AnyImpactLaw, Force, GridError, Impact, Monitor, Occurrence, Physical, Status};

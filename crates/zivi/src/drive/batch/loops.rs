@@ -3,7 +3,7 @@
 use zivi_core::observer::ImpactObserver;
 use zivi_core::{Physical, Restitution};
 
-use super::outcome::{samples, thinned};
+use super::pool::{samples, thinned};
 use super::{pool, BatchError, Need, Stopped};
 use crate::drive::closed_loop::{
     observe_closed_loop, AnyController, Forces, Loop, LoopOptions, LoopRun, Motion, ReferencePoint,

@@ -7,23 +7,22 @@
 
 mod lanes;
 mod loops;
-mod outcome;
 mod pool;
-mod returns;
 
 use zivi_core::{Physical, ThetaGammaStep};
 
-pub use loops::{simulate_closed_loop_batch, LoopMember, LoopOutcome, LoopSettings};
-pub use outcome::{BatchError, Outcome, Save, Saved};
-pub use pool::{available_threads, run as run_chunks, Stop, Work};
-pub use returns::{map_impacts, orbits, Mapped};
-
 use crate::method::{newton, AnyMethod, Method, PointMass, PointRun, Settings};
 use crate::switched::check_span;
-use crate::switched::grazing::simulate_watching;
+use crate::switched::sensitivity::simulate_watching;
 use crate::{
-    AnyImpactLaw, Dependence, FixedSteps, Force, Grid, Keep, Kick, Monitor, MoreauJean, Output,
-    PathPoint, SetupError, Solver, Summary, ThetaGamma, Trajectory, QUANTITIES,
+    AnyImpactLaw, Dependence, FixedSteps, Force, Grid, ImpactMap, Keep, Kick, MapParameter,
+    Monitor, MoreauJean, Output, PathPoint, Return, SetupError, Solver, Summary, ThetaGamma,
+    Trajectory, QUANTITIES,
+};
+
+pub use loops::{simulate_closed_loop_batch, LoopMember, LoopOutcome, LoopSettings};
+pub use pool::{
+    available_threads, run as run_chunks, BatchError, Outcome, Save, Saved, Stop, Work,
 };
 
 /// A method and the span of the runs, the same for all.
@@ -198,9 +197,9 @@ fn check_memory<E>(
         Save::At(times) => times.len(),
         // s and v take as much as x and x'
         Save::Steps(steps) => 2 * steps.len(),
-        _ => grid.map_or(0, |grid| outcome::samples(save.every(), grid)),
+        _ => grid.map_or(0, |grid| pool::samples(save.every(), grid)),
     };
-    let whole = grid.map_or(samples, |grid| outcome::samples(1, grid));
+    let whole = grid.map_or(samples, |grid| pool::samples(1, grid));
     let recorded = match (method, save) {
         (_, Save::Steps(_)) | (AnyMethod::MoreauJean(_), _) => whole,
         _ if !alone => 0,
@@ -391,4 +390,81 @@ fn one<F: Force<Stopped> + Copy>(
     let tails = motion.as_ref().map_or([].as_slice(), |it| &it.tails);
     let (happened, ended) = ((events, tails), (status, nfev));
     Ok(Outcome { grazing, ..Outcome::new(happened, saved, summary, ended, (save, slowest)) })
+}
+
+// Many impacts mapped to the next, on all cores.
+
+/// Results of the impact map for one of many impacts.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Mapped {
+    /// The next impact.
+    pub next: Return,
+    /// `[[dphi'/dphi, dphi'/du], [du'/dphi, du'/du]]`.
+    pub jacobian: [[f64; 2]; 2],
+    /// The derivatives of its phase and speed by each parameter.
+    pub by: Vec<[f64; 2]>,
+}
+
+/// Number of impacts per task of a thread.
+const WIDTH: usize = 64;
+
+/// The next impact of each of many, with derivatives by the state and by parameters.
+///
+/// # Errors
+/// [`BatchError`]: the map cannot be differentiated so, or the monitor wants to stop.
+pub fn map_impacts<E>(
+    map: &ImpactMap,
+    starts: &[[f64; 2]],
+    parameters: &[MapParameter],
+    threads: usize,
+    monitor: &mut impl Monitor<E>,
+) -> Result<Vec<Mapped>, BatchError<E>> {
+    let one = |&[phase, u]: &[f64; 2]| {
+        let (next, jacobian) = map.with_jacobian(phase, u);
+        let by = match parameters {
+            [] => Vec::new(),
+            _ => map.with_parameters(phase, u, parameters)?.1,
+        };
+        Ok(Mapped { next, jacobian, by })
+    };
+    let nothing = [[f64::NAN; 2]; 2];
+    let work = pool::Work {
+        width: WIDTH,
+        chunk: |chunk: &[[f64; 2]], _: pool::Stop<'_>| chunk.iter().map(one).collect(),
+        lost: |_: &[f64; 2], _| Mapped {
+            next: map.next(f64::NAN, f64::NAN),
+            jacobian: nothing,
+            by: vec![[f64::NAN; 2]; parameters.len()],
+        },
+    };
+    pool::run(starts, threads, monitor, work)
+}
+
+/// The orbits of many impacts under maps of their own, or one for all: phase and speed of `n`
+/// impacts each, the first after `skip` others.
+///
+/// # Errors
+/// [`BatchError::Raised`]: the monitor wants to stop.
+pub fn orbits<E>(
+    maps: &[ImpactMap],
+    starts: &[[f64; 2]],
+    (skip, n): (usize, usize),
+    threads: usize,
+    monitor: &mut impl Monitor<E>,
+) -> Result<Vec<Vec<[f64; 2]>>, BatchError<E>> {
+    let numbered: Vec<(usize, [f64; 2])> = starts.iter().copied().enumerate().collect();
+    let one = |&(i, start): &(usize, [f64; 2]), stop: &dyn Fn() -> bool| {
+        let map = &maps[if maps.len() == 1 { 0 } else { i }];
+        let mut out = vec![[f64::NAN; 2]; n];
+        map.orbit_unless(start, skip, &mut out, stop);
+        out
+    };
+    let work = pool::Work {
+        width: 1,
+        chunk: |chunk: &[(usize, [f64; 2])], stop: pool::Stop<'_>| {
+            Ok(chunk.iter().map(|item| one(item, stop)).collect())
+        },
+        lost: |_: &(usize, [f64; 2]), _| vec![[f64::NAN; 2]; n],
+    };
+    pool::run(&numbered, threads, monitor, work)
 }

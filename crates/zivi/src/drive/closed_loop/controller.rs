@@ -1,11 +1,17 @@
 //! Interface of controllers for the sampled loop, with the controllers of `zivi_core`.
 
-use super::predicting::{Predictable, Predicting};
-use super::reference::ReferencePeriod;
-use super::solved::Solved;
+use zivi_core::control::inclusion::{AsProblem, Inclusion};
 use zivi_core::control::regulation::RegulationStep;
-use zivi_core::control::{ExplicitTwisting, TickStatus, TwistingRegulator, TwistingTracker};
-use zivi_core::{Physical, SettingError};
+use zivi_core::control::{
+    DelayLine, ExplicitTwisting, ReferencePeriod as PlannedPeriod, TickStatus, TwistingRegulator,
+    TwistingTracker, Waypoint,
+};
+use zivi_core::{Branch, Physical, Restitution, SettingError};
+
+use crate::stepping::ballistic;
+use crate::stepping::step_solver::SignSolver;
+use crate::stepping::theta_gamma::Solver;
+use crate::Events;
 
 /// Number of signs that are recorded: `ls, lv, lsr, lvr, les, lev`.
 pub const SIGNS: usize = 6;
@@ -362,4 +368,410 @@ controllers! {
         |it| it.controller.h();
     "The tracker whose controls act late." LateTracker(Predicting<Solved<TwistingTracker>>),
         |it| it.controller.h();
+}
+
+// Given references, and their branch at each sample.
+
+/// A given reference at one time.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ReferencePoint {
+    /// Distance from the wall (m) and velocity (m/s).
+    pub state: Physical,
+    /// The side of the wall on which it is followed, where that is known.
+    pub branch: Option<Branch>,
+    /// Its acceleration from then on, where that is known (m/s^2).
+    pub acceleration: Option<f64>,
+}
+
+/// A given reference of a loop.
+pub trait Reference<E> {
+    /// The reference at the `k`-th sample, the time `t`.
+    ///
+    /// # Errors
+    /// What the function of the user raises.
+    fn at(&mut self, k: usize, t: f64) -> Result<ReferencePoint, E>;
+}
+
+/// A reference that is known at all samples.
+#[derive(Clone, Copy, Debug)]
+pub struct Samples<'a>(pub &'a [ReferencePoint]);
+
+impl<E> Reference<E> for Samples<'_> {
+    fn at(&mut self, k: usize, _: f64) -> Result<ReferencePoint, E> {
+        let missing = Physical { x: f64::NAN, xdot: f64::NAN };
+        let unknown = ReferencePoint { state: missing, branch: None, acceleration: None };
+        Ok(self.0.get(k).copied().unwrap_or(unknown))
+    }
+}
+
+/// Input of an update from a reference.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ReferencePeriod {
+    /// Where it is at the sample.
+    pub now: Waypoint,
+    /// Where it is at the next one.
+    pub next: Waypoint,
+    /// Its acceleration over the period (m/s^2), if known.
+    pub acceleration: Option<f64>,
+}
+
+/// A reference and the wall above which it moves.
+pub struct ReferenceWithWall<'a, E> {
+    /// The reference.
+    pub reference: &'a mut dyn Reference<E>,
+    /// Its wall.
+    pub restitution: Restitution,
+}
+
+/// Follows a given reference from sample to sample.
+pub(super) struct ReferenceTracker<'a, E> {
+    followed: ReferenceWithWall<'a, E>,
+    branch: Branch,
+    /// Its acceleration over the last period without an impact (m/s^2).
+    pull: f64,
+}
+
+impl<'a, E> ReferenceTracker<'a, E> {
+    pub(super) fn new(followed: ReferenceWithWall<'a, E>) -> Self {
+        Self { followed, branch: Branch::Positive, pull: 0.0 }
+    }
+
+    /// The reference at a sample.
+    pub(super) fn state(&mut self, k: usize, t: f64) -> Result<Physical, E> {
+        Ok(self.followed.reference.at(k, t)?.state)
+    }
+
+    /// The reference over the period from the `k`-th sample on.
+    pub(super) fn period(
+        &mut self,
+        k: usize,
+        (t, t_next): (f64, f64),
+    ) -> Result<ReferencePeriod, E> {
+        let from = self.followed.reference.at(k, t)?;
+        let to = self.followed.reference.at(k + 1, t_next)?;
+        let now = from.branch.unwrap_or(self.branch);
+        let pull = from.acceleration.unwrap_or(self.pull);
+        let next = to.branch.unwrap_or_else(|| {
+            if bounces(from.state, to.state, pull, self.followed.restitution, t_next - t) {
+                other(now)
+            } else {
+                now
+            }
+        });
+        if next == now {
+            self.pull = (to.state.xdot - from.state.xdot) / (t_next - t);
+        }
+        self.branch = next;
+        Ok(ReferencePeriod {
+            now: Waypoint { state: from.state, branch: now },
+            next: Waypoint { state: to.state, branch: next },
+            acceleration: from.acceleration,
+        })
+    }
+}
+
+fn other(branch: Branch) -> Branch {
+    match branch {
+        Branch::Positive => Branch::Negative,
+        Branch::Negative => Branch::Positive,
+    }
+}
+
+/// Whether a reference has an odd number of impacts between two samples: whether its last
+/// acceleration explains the second better with the impacts that it makes than without.
+fn bounces(from: Physical, to: Physical, pull: f64, restitution: Restitution, h: f64) -> bool {
+    let mut events = Events::default();
+    let bounced = ballistic::advance(from, pull, restitution, (0.0, h), &mut events);
+    if events.impacts.len() % 2 == 0 {
+        return false;
+    }
+    let free =
+        Physical { x: from.x + h * (from.xdot + 0.5 * pull * h), xdot: from.xdot + pull * h };
+    let off = |it: Physical| (it.x - to.x).abs() + h * (it.xdot - to.xdot).abs();
+    off(bounced) < off(free)
+}
+
+// The controllers with the signs of their steps found by a general solver: as the VI (23) of two signs
+// and (24) of six.
+//
+// Each solve starts from the signs of the last tick. Where the step has one solution the control is
+// that of the exact one; where it has several, this is the one near the last signs.
+
+/// A controller and how its steps are solved.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Solved<C> {
+    /// The controller.
+    pub controller: C,
+    /// The solver.
+    pub solver: Solver,
+}
+
+/// The general solver, `None` for the exact solution.
+fn general<const N: usize>(solver: Solver, signs: [f64; N]) -> Option<SignSolver<N>> {
+    let mut found = match solver {
+        Solver::Exact => return None,
+        Solver::Newton => SignSolver::newton(),
+        Solver::Outer { linearisations } => SignSolver::outer(linearisations),
+    };
+    found.start_from(signs);
+    Some(found)
+}
+
+impl Solved<TwistingRegulator> {
+    /// [`TwistingRegulator::tick`].
+    ///
+    /// # Errors
+    /// The same.
+    pub fn tick(&mut self, measured: Physical, force: f64) -> Result<f64, SettingError> {
+        let it = &mut self.controller;
+        let Some(mut solver) = general(self.solver, it.state().signs) else {
+            return it.tick(measured, force);
+        };
+        it.tick_by(measured, force, |inclusion| {
+            let scales = inclusion.scales([1.0; 2]);
+            solver.solve(&mut AsProblem(*inclusion), scales).then(|| solver.signs())
+        })
+    }
+}
+
+impl Solved<ExplicitTwisting> {
+    /// [`ExplicitTwisting::tick`], whose signs are those of the sample.
+    ///
+    /// # Errors
+    /// The same.
+    pub fn tick(
+        &mut self,
+        measured: Physical,
+        force: f64,
+        force_ref: f64,
+    ) -> Result<f64, SettingError> {
+        self.controller.tick(measured, force, force_ref)
+    }
+}
+
+impl Solved<TwistingTracker> {
+    /// [`TwistingTracker::tick`].
+    ///
+    /// # Errors
+    /// The same.
+    pub fn tick(
+        &mut self,
+        measured: Physical,
+        force: f64,
+        force_ref: f64,
+    ) -> Result<f64, SettingError> {
+        if self.solver == Solver::Exact {
+            return self.controller.tick(measured, force, force_ref);
+        }
+        self.ticked(measured, force, |it| Ok(it.own_period(force_ref)))
+    }
+
+    /// [`TwistingTracker::tick_to`].
+    ///
+    /// # Errors
+    /// The same.
+    pub fn tick_to(
+        &mut self,
+        measured: Physical,
+        force: f64,
+        [now, next]: [Waypoint; 2],
+        acceleration: Option<f64>,
+    ) -> Result<f64, SettingError> {
+        if self.solver == Solver::Exact {
+            return self.controller.tick_to(measured, force, now, next, acceleration);
+        }
+        self.ticked(measured, force, |it| {
+            let of = (it.reference_step().restitution(), it.h());
+            let course = PlannedPeriod::between(of, force, [now, next], acceleration)?;
+            Ok(it.given_period(course))
+        })
+    }
+
+    fn ticked(
+        &mut self,
+        measured: Physical,
+        force: f64,
+        course: impl FnOnce(&TwistingTracker) -> Result<PlannedPeriod, SettingError>,
+    ) -> Result<f64, SettingError> {
+        let it = &mut self.controller;
+        let planned = it.plan(measured, force, course)?;
+        let Some(mut solver) = general(self.solver, it.state().signs) else {
+            return it.follow(&planned);
+        };
+        it.follow_by(&planned, |inclusion| {
+            let scales = inclusion.scales([1.0; 6]);
+            solver.solve(&mut AsProblem(*inclusion), scales).then(|| solver.signs())
+        })
+    }
+}
+
+// Controllers that know that their controls act late: each tick is one for the state of then.
+
+/// Delayed controls between their sample and the time at which they act.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct UnderWay {
+    /// The controls that do not act yet.
+    pub controls: DelayLine<f64>,
+    /// A reference of its own, from the sample until then.
+    pub references: DelayLine<Physical>,
+    /// Periods by which that is not ahead yet.
+    pub due: usize,
+}
+
+impl UnderWay {
+    /// An empty delay line of a length in periods.
+    ///
+    /// # Errors
+    /// [`SettingError`] for a delay out of range.
+    pub fn nothing(delay: usize) -> Result<Self, SettingError> {
+        let references = DelayLine::new(delay, Physical::default())?;
+        Ok(Self { controls: DelayLine::new(delay, 0.0)?, references, due: delay })
+    }
+
+    /// As before the first tick.
+    pub fn forget(&mut self) {
+        self.due = self.controls.periods();
+        for _ in 0..self.due {
+            self.controls.push(0.0);
+            self.references.push(Physical::default());
+        }
+    }
+}
+
+/// A controller whose controls act late.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Predicting<C> {
+    /// The controller.
+    pub controller: C,
+    /// The delay line.
+    pub under_way: Box<UnderWay>,
+}
+
+/// Interface of controllers for the prediction.
+pub trait Predictable {
+    /// Sampling period (s).
+    fn h(&self) -> f64;
+    /// The plant's wall.
+    fn wall(&self) -> Restitution;
+    /// The state of a measurement; true if clamped to the wall.
+    ///
+    /// # Errors
+    /// [`SettingError`] for a sample that is refused.
+    fn sense(&self, measured: Physical) -> Result<(Physical, bool), SettingError>;
+    /// The last control.
+    fn u(&self) -> f64;
+    /// Records that the measurement was clamped to the wall.
+    fn clamp(&mut self);
+}
+
+macro_rules! predictable {
+    ($kind:ty, |$it:ident| $h:expr, $wall:expr) => {
+        impl Predictable for Solved<$kind> {
+            fn h(&self) -> f64 {
+                let $it = &self.controller;
+                $h
+            }
+
+            fn wall(&self) -> Restitution {
+                let $it = &self.controller;
+                $wall
+            }
+
+            fn sense(&self, measured: Physical) -> Result<(Physical, bool), SettingError> {
+                self.controller.sense(measured)
+            }
+
+            fn u(&self) -> f64 {
+                self.controller.state().u
+            }
+
+            fn clamp(&mut self) {
+                let mut state = self.controller.state();
+                state.status = TickStatus { clamped: true, ..state.status };
+                self.controller.set_state(state);
+            }
+        }
+    };
+}
+
+predictable!(TwistingRegulator, |it| it.step().h, it.step().restitution);
+predictable!(TwistingTracker, |it| it.h(), it.restitution());
+
+impl<C: Predictable> Predicting<C> {
+    /// A tick for the state in which its control will act. Controls that were sent, including
+    /// repeated ones after a rejected sample, are then in the delay line.
+    pub(super) fn late<E: From<SettingError>>(
+        &mut self,
+        measured: Physical,
+        force: f64,
+        then: impl FnOnce(&mut C, Physical) -> Result<f64, E>,
+    ) -> Result<f64, E> {
+        let h = self.controller.h();
+        let it = &mut self.controller;
+        let done = match it.sense(measured) {
+            Ok((state, clamped)) => {
+                let state = self.under_way.controls.ahead(state, it.wall(), force, h);
+                let done = then(it, state);
+                if clamped && done.is_ok() {
+                    it.clamp();
+                }
+                done
+            }
+            Err(error) => Err(error.into()),
+        };
+        self.under_way.controls.push(self.controller.u());
+        done
+    }
+}
+
+impl Predicting<Solved<TwistingRegulator>> {
+    /// A period without a sample: the control is held.
+    pub fn miss(&mut self) -> f64 {
+        let u = self.controller.controller.miss();
+        self.under_way.controls.push(u);
+        u
+    }
+}
+
+impl Predicting<Solved<TwistingTracker>> {
+    /// Advances the reference under this force (m/s^2), if necessary.
+    pub(super) fn bring_ahead(&mut self, force_ref: f64) -> Result<(), SettingError> {
+        while self.under_way.due > 0 {
+            self.one_ahead(force_ref)?;
+        }
+        Ok(())
+    }
+
+    /// Brings it ahead by one period.
+    pub(super) fn one_ahead(&mut self, force_ref: f64) -> Result<(), SettingError> {
+        let here = self.controller.controller.reference();
+        self.controller.controller.miss(force_ref)?;
+        self.under_way.references.push(here);
+        self.under_way.due -= 1;
+        Ok(())
+    }
+
+    /// A period without a sample: the control is held, the reference moves on.
+    ///
+    /// # Errors
+    /// [`SettingError`] for a force that is not finite or too large.
+    pub fn miss(&mut self, force_ref: f64) -> Result<f64, SettingError> {
+        self.bring_ahead(force_ref)?;
+        let here = self.controller.controller.reference();
+        let u = self.controller.controller.miss(force_ref)?;
+        self.under_way.references.push(here);
+        self.under_way.controls.push(u);
+        Ok(u)
+    }
+
+    /// The same of a reference that is given.
+    ///
+    /// # Errors
+    /// [`SettingError`] for a waypoint that is not finite or has x < 0.
+    pub fn miss_to(&mut self, next: Waypoint) -> Result<f64, SettingError> {
+        let u = self.controller.controller.miss_to(next)?;
+        self.under_way.due = 0;
+        self.under_way.controls.push(u);
+        Ok(u)
+    }
 }

@@ -6,16 +6,19 @@
 //! a_A   = -W_AA lambda_d      of contacts A that are held
 //! ```
 
-use crate::drive::mechanical::allocation::{controls, press_of, reach, usual_forces, weakest_of};
-use crate::drive::mechanical::believed_plant::{BelievedPlant, SentControls};
-use crate::drive::mechanical::kinetics::GapKinetics;
-use crate::drive::mechanical::law_error::LawError;
-use crate::drive::mechanical::reference::{gaps_of, waypoint, ReferenceSample};
+use std::collections::VecDeque;
+
+use zivi_core::control::TwistingTracker;
+use zivi_core::{Physical, SettingError};
+
+use super::believed_plant::{
+    gaps_of, waypoint, BelievedPlant, MechanicalReference, ReferenceSample, SentControls,
+};
+use super::{controls, press_of, reach, usual_forces, weakest_of, GapKinetics, LawError};
+use crate::mechanics::Ticks;
 use crate::numeric::dense::dot;
 use crate::numeric::elimination::Singular;
 use crate::system::dynamics::{Driven, Dynamics};
-use zivi_core::control::TwistingTracker;
-use zivi_core::{Physical, SettingError};
 
 /// Part of its own weakest pull by which the other contacts may push a gap that lands.
 const PUSHED: f64 = 0.8;
@@ -453,6 +456,168 @@ fn limits_of(kinetics: &GapKinetics, i: usize, noise: &Noise) -> [f64; 2] {
     let size = dot(normal, normal).sqrt();
     let by_noise = noise.of_contacts();
     [0, 1].map(|k| EXACT[k].max(size * by_noise[k]))
+}
+
+// Operations at a sample of a closed loop: sensor, observer, controller, delay.
+
+/// A sampled controller of a mechanical system.
+pub trait MechanicalController<E> {
+    /// Writes the controls for the period that starts at sample `k` into `u`, which has the last ones,
+    /// and gives the bits of its status.
+    ///
+    /// # Errors
+    /// Whatever ends the run.
+    fn tick(&mut self, k: usize, t: f64, state: (&[f64], &[f64]), u: &mut [f64]) -> Result<u8, E>;
+
+    /// Writes which contacts it holds.
+    ///
+    /// # Errors
+    /// Whatever ends the run.
+    fn latched(&self, to: &mut [bool]) -> Result<(), E>;
+}
+
+/// Interface of observers.
+pub trait Observing<E> {
+    /// Replaces what was measured by the estimate; `u` acted since the last sample.
+    ///
+    /// # Errors
+    /// Whatever ends the run.
+    fn estimate(&mut self, t: f64, state: (&mut [f64], &mut [f64]), u: &[f64]) -> Result<(), E>;
+}
+
+/// Sensor of coordinates and velocities.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct MechanicalSensor<'a> {
+    /// Added at each sample: `n` numbers of the coordinates, then `n` of the velocities; none if
+    /// empty.
+    pub noise: &'a [f64],
+    /// Steps of the sensor; `0` is exact.
+    pub steps: [f64; 2],
+}
+
+impl MechanicalSensor<'_> {
+    fn read(&self, k: usize, q: &mut [f64], w: &mut [f64]) {
+        let n = q.len();
+        for (part, values) in [q, w].into_iter().enumerate() {
+            if let Some(noise) = self.noise.get((2 * k + part) * n..(2 * k + part + 1) * n) {
+                values.iter_mut().zip(noise).for_each(|(value, noise)| *value += noise);
+            }
+            let step = self.steps[part];
+            if step > 0.0 {
+                values.iter_mut().for_each(|it| *it = step * (*it / step).round_ties_even());
+            }
+        }
+    }
+}
+
+/// Record of the samples of a loop, row by row.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct TickRecord {
+    /// Status bits of sample and controls.
+    pub status: Vec<u8>,
+    /// Contacts that are held.
+    pub latched: Vec<bool>,
+    /// Coordinates and velocities passed to the controller.
+    pub told: [Vec<f64>; 2],
+}
+
+/// All that happens at a sample.
+#[derive(Debug)]
+pub struct SampledLoop<'a, C, O> {
+    /// It runs.
+    pub controller: C,
+    observer: Option<O>,
+    sensor: MechanicalSensor<'a>,
+    /// Controls that do not act yet, the oldest first.
+    queue: VecDeque<Vec<f64>>,
+    acting: Vec<f64>,
+    asked: Vec<f64>,
+    /// Of all samples so far.
+    pub record: TickRecord,
+    m: usize,
+}
+
+impl<'a, C, O> SampledLoop<'a, C, O> {
+    /// Of a system with `m` gaps and `r` controls, which act `delay` periods late.
+    pub fn new(
+        controller: C,
+        observer: Option<O>,
+        sensor: MechanicalSensor<'a>,
+        (m, r, delay): (usize, usize, usize),
+    ) -> Self {
+        let zeros = || vec![0.0; r];
+        let queue = (0..delay).map(|_| zeros()).collect();
+        let (acting, asked, record) = (zeros(), zeros(), TickRecord::default());
+        Self { controller, observer, sensor, queue, acting, asked, record, m }
+    }
+}
+
+impl<E, C: MechanicalController<E>, O: Observing<E>> Ticks<E> for SampledLoop<'_, C, O> {
+    fn tick(&mut self, k: usize, t: f64, (q, w): (&[f64], &[f64]), u: &mut [f64]) -> Result<(), E> {
+        let (mut q, mut w) = (q.to_vec(), w.to_vec());
+        self.sensor.read(k, &mut q, &mut w);
+        if let Some(observer) = &mut self.observer {
+            observer.estimate(t, (&mut q, &mut w), &self.acting)?;
+        }
+        let mut given = self.asked.clone();
+        let mut status = self.controller.tick(k, t, (&q, &w), &mut given)?;
+        if given.iter().all(|u| u.is_finite()) {
+            self.asked = given;
+        } else {
+            status |= GapTracker::REFUSED;
+        }
+        let Self { record, queue, acting, asked, .. } = self;
+        record.status.push(status);
+        let from = record.latched.len();
+        record.latched.resize(from + self.m, false);
+        self.controller.latched(&mut record.latched[from..])?;
+        record.told[0].extend_from_slice(&q);
+        record.told[1].extend_from_slice(&w);
+        queue.push_back(asked.clone());
+        if let Some(next) = queue.pop_front() {
+            *acting = next;
+        }
+        u.copy_from_slice(acting);
+        Ok(())
+    }
+}
+
+// The tracker of gaps in a loop.
+
+/// A gap tracker with its model of the plant and its reference.
+pub struct Tracking<'a, D, F, A, E> {
+    /// The law.
+    pub law: GapTracker,
+    /// Its model.
+    pub plant: BelievedPlant<'a, D, F>,
+    /// Where it is to be; all gaps land and rest without it.
+    pub reference: Option<&'a MechanicalReference>,
+    /// The force with which a contact is pressed at a time, if one is requested.
+    pub asked: A,
+    /// Converts an error of the law.
+    pub wrong: fn(LawError<E>) -> E,
+}
+
+impl<E, D, F, A> MechanicalController<E> for Tracking<'_, D, F, A, E>
+where
+    D: Dynamics<E>,
+    Driven<D, F>: Dynamics<E>,
+    A: FnMut(usize, f64) -> Result<Option<f64>, E>,
+{
+    fn tick(&mut self, k: usize, t: f64, state: (&[f64], &[f64]), u: &mut [f64]) -> Result<u8, E> {
+        let Self { law, plant, reference, asked, wrong } = self;
+        let layout = plant.layout();
+        let ends = reference.map(|reference| {
+            [0, 1].map(|it| reference.sample(k + law.settings.delay + it, (layout.n, layout.m)))
+        });
+        law.tick(plant, t, state, ends, asked, u).map_err(*wrong)?;
+        Ok(law.state.status)
+    }
+
+    fn latched(&self, to: &mut [bool]) -> Result<(), E> {
+        to.copy_from_slice(&self.law.state.latch.held);
+        Ok(())
+    }
 }
 
 #[cfg(test)]

@@ -7,12 +7,12 @@
 
 use zivi_core::control::{Aim, StrikeMeasurement};
 
-use super::allocation::controls;
 use super::believed_plant::BelievedPlant;
+use super::controls;
 use super::gap_tracker::GapTracker;
-use super::kinetics::GapKinetics;
-use super::law_error::LawError;
-use super::sampled::MechanicalController;
+use super::gap_tracker::MechanicalController;
+use super::GapKinetics;
+use super::LawError;
 use crate::drive::mechanical::believed_plant::SentControls;
 use crate::numeric::cholesky;
 use crate::system::dynamics::{Driven, Dynamics, Layout};

@@ -1,5 +1,5 @@
-use super::outline::{all_apexes, of_parabola, of_powers};
 use super::*;
+use super::{all_apexes, of_parabola, of_powers};
 use crate::record::columns::Quantity;
 use crate::switched::path::Form;
 use crate::zeno::arc::Bounce;
@@ -318,7 +318,7 @@ fn the_last_sample_before_an_impact_goes_back_to_where_it_is_above_the_wall() {
         let curve = FlightCurve::powers((start, h), 1.0, a, a[1] / h, true);
         let end = start + h;
         let mut merged = Merged::new([&[], &[]], 1);
-        merged.make_room(2 + LANES, 0).unwrap();
+        merged.make_room(2 + TIMES_AT_ONCE, 0).unwrap();
         let mut times = [0.0; MOST];
         (times[0], times[1]) = (start + 0.5 * h, end.next_down());
         merged.push(&curve, &times, 2);
@@ -332,7 +332,7 @@ fn the_last_sample_before_an_impact_goes_back_to_where_it_is_above_the_wall() {
         // one that is not later than the sample before is none
         times[0] = end.next_down().next_down();
         let mut merged = Merged::new([&[], &[]], 1);
-        merged.make_room(2 + LANES, 0).unwrap();
+        merged.make_room(2 + TIMES_AT_ONCE, 0).unwrap();
         merged.push(&curve, &times, 2);
         merged.last_before(&curve, end, 0);
         assert_eq!(merged.all.t.len(), 1 + usize::from(last > times[0]), "{k}");

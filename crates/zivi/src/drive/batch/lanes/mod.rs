@@ -19,22 +19,19 @@
 //! 0`, where there may be several solutions, they exclude the eight other patterns, each by more
 //! than its tolerance: the rule of [`zivi_core::step::selection`] has nothing to choose.
 
-mod constant;
 mod flight;
-mod law;
-mod linear;
 pub(super) mod moreau;
 
-use crate::drive::batch::lanes::constant::Constant;
+use super::pool::Outcome;
 pub(super) use crate::drive::batch::lanes::flight::WIDTH;
 use crate::drive::batch::lanes::flight::{vectors, vectors_mut, Common, FlyingMasses, Lane, Lanes};
-pub(super) use crate::drive::batch::lanes::law::Mass;
-use crate::drive::batch::lanes::law::{OneByOne, StepLaw, Waves};
-use crate::drive::batch::lanes::linear::LinearLanes;
-use crate::drive::batch::outcome::Outcome;
 use crate::drive::batch::{Save, Stopped};
 use crate::stepping::fixed_step::{lift, FixedStep};
 use crate::{Dependence, Force, Grid, SetupError};
+use flight::Constant;
+use flight::LinearLanes;
+pub(super) use flight::Mass;
+use flight::{OneByOne, StepLaw, Waves};
 use pulp::{Simd, WithSimd};
 use zivi_core::Restitution;
 

@@ -7,10 +7,10 @@
 use pulp::{Simd, WithSimd};
 use zivi_core::Physical;
 
+use super::flight::Waves;
 use super::flight::{vectors, vectors_mut, Lane, HUGE, WIDTH};
 use super::PIECE;
-use crate::drive::batch::lanes::law::Waves;
-use crate::drive::batch::outcome::{Outcome, Saved};
+use crate::drive::batch::pool::{Outcome, Saved};
 use crate::drive::batch::{Save, Stopped};
 use crate::stepping::moreau_jean::{Mover, TOLERANCE};
 use crate::{Dependence, Failure, Force, Grid, SetupError, Status, Summary};

@@ -4,26 +4,22 @@
 //! turns and the part of one, and the time is read from it: phase and time cannot drift relative to
 //! each other.
 
-mod law;
-mod level;
-mod period;
-mod root;
-mod step;
 mod table;
-
-pub(crate) use crate::numeric::power_series::{derivative, value, value_and_slope};
-pub(crate) use law::{column, wave, Linear, Series, SeriesStart, TERMS};
-pub(crate) use root::{first_fall, polished};
-pub(crate) use step::Step;
-use step::{Outlook, StepAhead};
-pub(crate) use table::{Table, WaveReading};
 
 use std::sync::Arc;
 
-use crate::numeric::power_series::{stretch, stretch_and_size};
+use pulp::{Simd, WithSimd};
+use table::{screened, LinearColumns, SignTest, COLUMNS, PART, SHORT, WAVES};
+
+use crate::numeric::bernstein::Polynomial;
+use crate::numeric::power_series::{of_few, slopes, stretch, stretch_and_size};
+use crate::numeric::root::sin_cos;
 use crate::switched::mode::Point;
 use crate::LinearLaw;
-use period::RepeatedFlight;
+
+pub(crate) use table::{column, wave, Linear, Series, SeriesStart, Table, WaveReading, TERMS};
+
+pub(crate) use crate::numeric::power_series::{derivative, value, value_and_slope};
 
 /// Flights under one linear force.
 #[derive(Clone, Debug)]
@@ -375,6 +371,560 @@ impl SeriesFlight {
     }
 }
 
+// Flights of one length again and again, such as the periods of a control that is held.
+//
+// Over a part `p` of a step, up to `q = p + delta` in truth, what a flight adds to its start is
+// linear in it, with a matrix that is the same each time,
+//
+// ```text
+// x(q) = x + q V + sum_(n>=2) a_n p^n + delta d,    d = sum_(n>=2) n a_n p^(n-1),
+// V(q) = V + d + delta V'(p),                       z(q) = z e^(i W p) (1 + i W delta),
+// ```
+//
+// where `delta` is the rounding of times: its square is below rounding. The matrix minus the
+// identity is small, and so is its accumulated rounding.
+
+/// Largest `delta/p`: its square is rounding.
+const CLOSE: f64 = 1e-8;
+
+/// Periods over which waves are turned before they are read off the clock again.
+const TURNED: u32 = 16;
+
+/// A length of flights that came twice in a row, and the waves at the end of the last.
+#[derive(Clone, Debug, Default)]
+struct RepeatedFlight {
+    /// The last length (steps of the table).
+    last: f64,
+    ends: Option<Ends>,
+    /// The waves, their time, and the number of periods of rotation.
+    waves: [[f64; 2]; WAVES],
+    at: (f64, f64),
+    turned: u32,
+}
+
+/// How the end depends on the start.
+#[derive(Clone, Debug)]
+struct Ends {
+    length: f64,
+    /// Increments of `x` and `V`, and `V'`.
+    by: LinearColumns<3>,
+    /// `e^(i W p)` as cosine and sine, and `W`.
+    turn: [[f64; 2]; WAVES],
+    rate: [f64; WAVES],
+}
+
+/// Whether two lengths are the same but for rounding.
+#[inline(always)]
+fn close(a: f64, b: f64) -> bool {
+    // false for NaN
+    (a - b).abs() <= CLOSE * b
+}
+
+impl RepeatedFlight {
+    /// Takes note of a flight without an impact. Those of more than a step are not learnt, nor
+    /// parabolas, whose ends are known.
+    #[inline]
+    fn note(&mut self, length: f64, table: &Table) {
+        let short = length <= 1.0 && !table.is_parabola();
+        if short && close(length, self.last) && !self.knows(length) {
+            self.ends = Some(Ends::new(length, table));
+        }
+        self.last = length;
+    }
+
+    /// Whether the end of a flight of this length is known.
+    #[inline(always)]
+    fn knows(&self, length: f64) -> bool {
+        self.ends.as_ref().is_some_and(|ends| close(length, ends.length))
+    }
+
+    /// The waves at a time, where they were turned up to there.
+    #[inline(always)]
+    fn waves_at(&self, at: (f64, f64)) -> Option<[[f64; 2]; WAVES]> {
+        (self.at == at && self.turned < TURNED).then_some(self.waves)
+    }
+
+    /// Position, and velocity times the step of the table, at the end of a flight whose length is
+    /// known, and turns the waves up to that time; `read`: whether the initial ones were read off
+    /// the clock.
+    #[inline(always)]
+    fn fly<const W: usize>(
+        &mut self,
+        start: &SeriesStart,
+        length: f64,
+        read: bool,
+        end: (f64, f64),
+    ) -> Option<[f64; 2]> {
+        let ends = self.ends.as_ref()?;
+        let delta = length - ends.length;
+        let ([x, v, bend], SeriesStart { x: x0, v: v0, .. }) = (ends.by.of::<W, 3>(start), *start);
+        for m in 0..W {
+            let ([cos, sin], [re, im]) = (ends.turn[m], start.waves[m]);
+            let [re, im] = [re * cos - im * sin, im * cos + re * sin];
+            let angle = ends.rate[m] * delta;
+            self.waves[m] = [re - im * angle, im + re * angle];
+        }
+        self.turned = if read { 1 } else { self.turned + 1 };
+        self.at = end;
+        Some([x0 + (length * v0 + (x + delta * v)), v0 + (v + delta * bend)])
+    }
+}
+
+impl Ends {
+    fn new(length: f64, table: &Table) -> Self {
+        let columns: [[f64; TERMS]; COLUMNS] = table.columns();
+        let by = columns.map(|mut a| {
+            (a[0], a[1]) = (0.0, 0.0);
+            let mut sums = [0.0; 3];
+            // Horner's scheme for the value and the first two derivatives
+            for a in a.iter().rev() {
+                sums[2] = sums[2] * length + sums[1];
+                sums[1] = sums[1] * length + sums[0];
+                sums[0] = sums[0] * length + a;
+            }
+            [sums[0], sums[1], 2.0 * sums[2]]
+        });
+        let omega = table.law().omega;
+        let turn = omega.map(|omega| {
+            let (sin, cos) = sin_cos(omega * table.h() * length / std::f64::consts::TAU);
+            [cos, sin]
+        });
+        let rate = omega.map(|omega| omega * table.h());
+        Self { length, by: LinearColumns(by), turn, rate }
+    }
+}
+
+// A step of a flight: as far as nothing can happen, or up to the wall.
+
+/// A step that ends at most this part of it after its end is no longer: what rounding makes of it.
+const OVER: f64 = 1.0 + 1e-9;
+
+/// By how much a step near the wall is longer than the arc under a constant force.
+const ARC: f64 = 1.3;
+
+/// A step, or several together.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(crate) struct Step {
+    /// Its length, in steps of the table.
+    pub(crate) length: f64,
+    /// `2^j` whole steps.
+    pub(crate) doublings: Option<usize>,
+    /// Position, and velocity times the step of the table, at its end.
+    pub(crate) x: f64,
+    pub(crate) v: f64,
+    /// Whether that is at the wall.
+    pub(crate) lands: bool,
+    /// Whether it has the full allowed length.
+    pub(crate) complete: bool,
+}
+
+/// How a step ends: where, as `x` and `V`, and whether at the wall.
+type End = (f64, [f64; 2], bool);
+
+impl Step {
+    /// The next step of a flight with one wave, however long.
+    #[inline]
+    pub(crate) fn next(table: &Table, start: &SeriesStart, known: usize, far: bool) -> Self {
+        let left = f64::INFINITY;
+        let outlook = StepAhead::of::<1>(table, start, known, left).map(|ahead| ahead.outlook);
+        Self::with_waves::<1>(table, start, known, left, far, outlook)
+    }
+
+    /// The next step of a flight, at most `left` long: many at once where they stay far from the
+    /// wall and `far` allows it, else one, or the part of one up to the wall. The first `known`
+    /// derivatives of the position are zero at its start. `outlook` is the result of
+    /// [`StepAhead::of`].
+    #[inline(always)]
+    fn with_waves<const W: usize>(
+        table: &Table,
+        start: &SeriesStart,
+        known: usize,
+        left: f64,
+        far: bool,
+        outlook: Option<Outlook>,
+    ) -> Self {
+        let mut doublings = None;
+        let jump = |doublings: &mut Option<usize>| {
+            *doublings = if far { table.far::<W>(start, left) } else { None };
+            doublings.map(|j| (f64::from(1u32 << j), table.ends::<W>(start, j), false))
+        };
+        let (length, [x, v], root) = if let Some(outlook) = outlook {
+            judged::<W>(table, start, known, left, outlook)
+        } else if let Some(end) = of_parabola(table, start, known, left) {
+            end
+        } else if known > 1 {
+            searched(table, start, known, left)
+        } else if let Some(end) = jump(&mut doublings) {
+            end
+        } else if left <= 1.0 && table.is_clear::<W>(start, left) {
+            (left, part_of::<W>(table, start, left), false)
+        } else {
+            single::<W>(table, start, known, left)
+        };
+        Self {
+            length,
+            doublings,
+            // not max, which would drop NaN
+            x: if x < 0.0 { 0.0 } else { x },
+            v,
+            // less than rounding above the wall, and moving to it
+            lands: root || (x <= 0.0 && v < 0.0),
+            complete: !root && left <= length * OVER,
+        }
+    }
+}
+
+/// Of one step of an ordinary flight.
+#[inline(always)]
+fn single<const W: usize>(table: &Table, start: &SeriesStart, known: usize, left: f64) -> End {
+    if known == 1 && table.is_short::<W>(start) {
+        let a = table.first::<W, SHORT>(start);
+        let root = of_short_arc(&a, table.beyond::<W>(start)).filter(|root| root.at <= left);
+        if let Some(SeriesRoot { at, slope }) = root {
+            return (at, [0.0, slope], true);
+        }
+    }
+    judged::<W>(table, start, known, left, Outlook::of::<W>(table, start, known))
+}
+
+/// A whole step of an ordinary flight: where it ends if nothing is in the way, and whether something
+/// is.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct StepAhead {
+    ends: [f64; 2],
+    outlook: Outlook,
+}
+
+impl StepAhead {
+    /// The usual case: a step is shorter than the rest, starts at x <= 0 with a flight that is not
+    /// short, and no bound allows more than a step.
+    #[inline(always)]
+    fn of<const W: usize>(
+        table: &Table,
+        start: &SeriesStart,
+        known: usize,
+        left: f64,
+    ) -> Option<Self> {
+        if !(left > OVER && known < 2) || table.leaps() {
+            return None;
+        }
+        let ends = table.ends::<W>(start, 0);
+        if table.is_clear_between::<W>(start, known, ends) {
+            return Some(Self { ends, outlook: Outlook::Clear });
+        }
+        let is_short = known == 1 && table.is_short::<W>(start);
+        (!is_short).then(|| Self { ends, outlook: Outlook::of::<W>(table, start, known) })
+    }
+}
+
+/// Outcome of a full step.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Outlook {
+    /// It stays above the wall.
+    Clear,
+    /// It meets the wall once, here.
+    Wall(SeriesRoot),
+    Open,
+}
+
+impl Outlook {
+    /// By the Bernstein coefficients of the step.
+    #[inline(always)]
+    fn of<const W: usize>(table: &Table, start: &SeriesStart, known: usize) -> Self {
+        pulp::Arch::new().dispatch(Looked::<W> { table, start, known })
+    }
+}
+
+/// [`Outlook::of`], compiled for the vectors that the machine has.
+struct Looked<'a, const W: usize> {
+    table: &'a Table,
+    start: &'a SeriesStart,
+    known: usize,
+}
+
+impl<const W: usize> WithSimd for Looked<'_, W> {
+    type Output = Outlook;
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) -> Outlook {
+        let Self { table, start, known } = self;
+        match table.screened::<W>(start, known) {
+            SignTest::Clear => Outlook::Clear,
+            SignTest::One(guess) => {
+                let SeriesRoot { at, slope } =
+                    only_root(&series_of::<W>(table, start, known), guess);
+                Outlook::Wall(SeriesRoot { at, slope: slope.min(0.0) })
+            }
+            SignTest::Open => Outlook::Open,
+        }
+    }
+}
+
+/// The series of a step, at most the first of whose derivatives is zero at its start.
+#[inline(always)]
+fn series_of<const W: usize>(table: &Table, start: &SeriesStart, known: usize) -> Series {
+    let mut a = table.first::<W, TERMS>(start);
+    if known == 1 {
+        a[0] = 0.0;
+    }
+    a
+}
+
+/// Of one step of which that is known.
+#[inline(always)]
+fn judged<const W: usize>(
+    table: &Table,
+    start: &SeriesStart,
+    known: usize,
+    left: f64,
+    outlook: Outlook,
+) -> End {
+    match outlook {
+        Outlook::Clear if left > 1.0 => (1.0, table.ends::<W>(start, 0), false),
+        Outlook::Clear => (left, part_of::<W>(table, start, left), false),
+        Outlook::Open => searched(table, start, known, left),
+        Outlook::Wall(SeriesRoot { at, slope }) if at <= left => (at, [0.0, slope], true),
+        Outlook::Wall(_) => (left, short_of_the_wall::<W>(table, start, known, left), false),
+    }
+}
+
+/// Position and velocity after a part of a step that ends before the wall.
+#[cold]
+fn short_of_the_wall<const W: usize>(
+    table: &Table,
+    start: &SeriesStart,
+    known: usize,
+    left: f64,
+) -> [f64; 2] {
+    value_and_slope(&series_of::<W>(table, start, known), left)
+}
+
+/// Position and velocity after a part of a step.
+#[inline(always)]
+fn part_of<const W: usize>(table: &Table, start: &SeriesStart, part: f64) -> [f64; 2] {
+    if part <= PART {
+        of_few(&table.first::<W, SHORT>(start), part)
+    } else {
+        value_and_slope(&table.first::<W, TERMS>(start), part)
+    }
+}
+
+/// The root of a parabola at the wall, in a form without cancellation, unless it is not a parabola
+/// or its numbers are too large to be squared.
+#[inline]
+fn of_parabola(table: &Table, start: &SeriesStart, known: usize, left: f64) -> Option<End> {
+    const USUAL: std::ops::Range<f64> = 1e-290..1e290;
+    if !table.is_parabola() {
+        return None;
+    }
+    let (x, v, bend) = (start.x, start.v, 0.5 * table.h() * table.h() * start.force);
+    let square = v * v - 4.0 * bend * x;
+    let (at, slope) = match known {
+        0 if !USUAL.contains(&square.abs()) => return None,
+        0 if square < 0.0 => (f64::INFINITY, 0.0),
+        0 if v < 0.0 => (2.0 * x / (square.sqrt() - v), -square.sqrt()),
+        0 if bend < 0.0 => ((v + square.sqrt()) / (-2.0 * bend), -square.sqrt()),
+        1 if bend < 0.0 => (-v / bend, -v),
+        _ => (f64::INFINITY, 0.0),
+    };
+    if at <= left {
+        return Some((at, [0.0, slope], true));
+    }
+    let (x, v) = (if known > 0 { 0.0 } else { x }, if known > 1 { 0.0 } else { v });
+    Some((left, [x + left * (v + bend * left), v + 2.0 * bend * left], false))
+}
+
+/// End of a step with an exhaustive search for the wall.
+#[cold]
+fn searched(table: &Table, start: &SeriesStart, known: usize, left: f64) -> End {
+    let mut a = table.series(start);
+    a[..known].fill(0.0);
+    let width = width(table, &a, known, left);
+    stretch(&mut a, width);
+    if let Some(root) = first_root(&a, known).filter(|root| root.at * width <= left) {
+        return (root.at * width, [0.0, root.slope.min(0.0) / width], true);
+    }
+    let part = if left <= width * OVER { left / width } else { 1.0 };
+    let [x, slope] = value_and_slope(&a, part);
+    (part * width, [x, slope / width], false)
+}
+
+/// Range of the search for the wall: a power of two times the step. A step of a motion that hardly
+/// turns may be far longer than an arc.
+fn width(table: &Table, a: &Series, known: usize, left: f64) -> f64 {
+    let [x, v, bend, ..] = *a;
+    let arc = match known {
+        // the form without cancellation
+        0 if v < 0.0 => 2.0 * x / ((v * v - 4.0 * bend * x).sqrt() - v),
+        0 if bend < 0.0 => (v + (v * v - 4.0 * bend * x).sqrt()) / (-2.0 * bend),
+        1 if bend < 0.0 => -v / bend,
+        _ => f64::INFINITY,
+    };
+    let longest = if table.is_parabola() { f64::INFINITY } else { 1.0 };
+    // a root of a negative number is none, and min drops NaN
+    let wanted = longest.min(ARC * arc).min(left);
+    let power = power_of_two(wanted);
+    if wanted > power * OVER {
+        2.0 * power
+    } else {
+        power
+    }
+}
+
+/// The largest power of two that is not larger, for a positive number.
+fn power_of_two(x: f64) -> f64 {
+    const EXPONENT: u64 = 0x7ff0_0000_0000_0000;
+    let power = f64::from_bits(x.to_bits() & EXPONENT);
+    // all of them are finite
+    power.clamp(f64::MIN_POSITIVE, 1e300)
+}
+
+// The first root of a flight, certified.
+//
+// The coefficients in Bernstein form enclose the polynomial, and the number of their changes of
+// sign bounds that of its roots. Known roots at the start are divided out of the coefficients
+// first: their values would be rounding. Degree 11 nearly always decides, with the remaining terms
+// as a slack; otherwise the whole series is subdivided. A dip below rounding is none.
+
+/// Rounding of a value, relative to the sum of the absolute values of the terms, where a series is
+/// subdivided.
+const DIP: f64 = 1e-15;
+
+/// A step by Halley's formula that is so short, relative to the abscissa, is the last.
+const LAST: f64 = 3e-6;
+
+/// Steps of the iteration for a root; bisection alone takes 53.
+const MOST_STEPS: usize = 120;
+
+/// A root within `[0, 1]`, and the derivative there.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct SeriesRoot {
+    pub(crate) at: f64,
+    pub(crate) slope: f64,
+}
+
+/// The first point of `[0, 1]` where the series becomes negative, its first `known` coefficients
+/// being zero: a root of that order at 0 that the motion leaves.
+pub(crate) fn first_root(a: &Series, known: usize) -> Option<SeriesRoot> {
+    let mut q = [0.0; TERMS];
+    match known {
+        0 => q = *a,
+        1 => q[..TERMS - 1].copy_from_slice(&a[1..]),
+        _ => q[..TERMS - known].copy_from_slice(&a[known..]),
+    }
+    let at = first_fall(&q)?;
+    // a = s^known q: at a root of q the derivative is s^known q'
+    let slope = value_and_slope(&q, at)[1] * at.powi(known as i32);
+    Some(SeriesRoot { at, slope })
+}
+
+/// The same where a root at 0 has been divided out: the point alone.
+#[inline(always)]
+pub(crate) fn first_fall(q: &Series) -> Option<f64> {
+    match screened(q) {
+        SignTest::Clear => None,
+        SignTest::One(guess) => Some(polished(q, guess, is_near)),
+        SignTest::Open => subdivided(q),
+    }
+}
+
+/// The only root in `(0, 1]` of a series that changes there from positive to negative, near a
+/// guess.
+#[inline(always)]
+fn only_root(a: &Series, guess: f64) -> SeriesRoot {
+    let at = polished(a, guess, is_near);
+    SeriesRoot { at, slope: value_and_slope(a, at)[1] }
+}
+
+/// Whether a step is short enough, relative to the abscissa, to be the last.
+#[inline(always)]
+fn is_near(step: f64, s: f64) -> bool {
+    step.abs() <= LAST * s
+}
+
+/// The abscissa of such a root; `is_last(step, start)` returns whether a step is the last: the next
+/// would be its cube.
+#[inline(always)]
+pub(crate) fn polished(q: &Series, guess: f64, is_last: impl Fn(f64, f64) -> bool) -> f64 {
+    let (mut low, mut high, mut s) = (0.0, 1.0, guess);
+    for _ in 0..MOST_STEPS {
+        let [value, first, second] = slopes(q, s);
+        if value > 0.0 {
+            low = s;
+        } else {
+            high = s;
+        }
+        // Halley's formula
+        let step = 2.0 * value * first / (value * second - 2.0 * first * first);
+        let next = s + step;
+        if is_last(step, s) && next >= low && next <= high {
+            return next;
+        }
+        s = if next > low && next < high { next } else { 0.5 * (low + high) };
+        if s <= low || s >= high {
+            return s;
+        }
+    }
+    s
+}
+
+/// The only root after 0 of a short flight from the wall, if proved unique, from the first
+/// coefficients and a bound of `sum (n - 1) |a_n|` over the others.
+///
+/// ```text
+/// q = a/s = a_1 + a_2 s + ...,    s (sum_(n>=3) (n - 1) |a_n| s^(n-3)) <= |a_2|/5 at 1.3 s_0
+/// ```
+///
+/// with `s_0 = -a_1/a_2`: `q` decreases by at least `0.8 |a_2|` up to this point, at which `q < 0`.
+#[inline(always)]
+fn of_short_arc(a: &[f64; SHORT], beyond: f64) -> Option<SeriesRoot> {
+    const FARTHER: f64 = 1.3;
+    /// A step by Newton's formula that is so short is the last.
+    const NEAR: f64 = 1e-8;
+    let mut s = -a[1] / a[2];
+    // false for NaN too
+    let short = s > 0.0 && FARTHER * s <= PART && a[2] < 0.0;
+    let (far, mut sum) = (FARTHER * s, beyond);
+    for n in (3..SHORT).rev() {
+        sum = sum * far + (n as f64 - 1.0) * a[n].abs();
+    }
+    if !(short && far * sum <= -0.2 * a[2]) {
+        return None;
+    }
+    let mut q = [0.0; SHORT - 1];
+    q.copy_from_slice(&a[1..]);
+    for _ in 0..MOST_STEPS {
+        let [value, slope] = of_few(&q, s);
+        let step = value / slope;
+        s -= step;
+        if step.abs() <= NEAR * s {
+            break;
+        }
+    }
+    Some(SeriesRoot { at: s, slope: s * of_few(&q, s)[1] })
+}
+
+/// The first root by subdivision of the whole series, rounding above zero.
+#[cold]
+fn subdivided(q: &Series) -> Option<f64> {
+    let rounding: f64 = DIP * q.iter().map(|a| a.abs()).sum::<f64>();
+    let mut p = Polynomial::<TERMS>::from_powers(*q);
+    p.add(rounding);
+    let found = p.first_negative()?;
+    // that of the shifted one comes a little after the root itself
+    let (mut s, mut now) = (found, slopes(q, found));
+    for _ in 0..8 {
+        let next = (s - now[0] / now[1]).clamp(0.0, 1.0);
+        let then = slopes(q, next);
+        if then[0].abs() < now[0].abs() {
+            (s, now) = (next, then);
+        } else {
+            break;
+        }
+    }
+    Some(s)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -576,5 +1126,312 @@ mod tests {
             now = end;
         }
         panic!("never at the wall");
+    }
+}
+
+#[cfg(test)]
+mod period_tests {
+    use super::table::Law;
+    use super::*;
+    use crate::numeric::power_series::{derivative, value};
+
+    const LAW: Law = Law { stiffness: 2.0, damping: 0.3, omega: [1.7, 0.9] };
+    const START: SeriesStart =
+        SeriesStart { x: 0.4, v: -0.7, force: 1.1, waves: [[0.5, -0.8], [-1.2, 0.3]] };
+
+    /// A period that came twice.
+    fn learnt(length: f64, table: &Table) -> RepeatedFlight {
+        let mut period = RepeatedFlight::default();
+        period.note(length, table);
+        assert!(!period.knows(length));
+        period.note(length, table);
+        period
+    }
+
+    #[test]
+    fn the_end_of_a_period_is_that_of_the_series() {
+        let table = Table::new(LAW, f64::INFINITY);
+        let (a, mut waves) = (table.series(&START), START.waves);
+        for length in [1e-3, 0.07, 0.5, 1.0] {
+            let mut period = learnt(length, &table);
+            for part in [1.0, 1.0 + 0.9e-8, 1.0 - 0.9e-8] {
+                let q = part * length;
+                assert!(period.knows(q));
+                let [x, v] = period.fly::<2>(&START, q, true, (q, 0.0)).unwrap();
+                assert!((x - value(&a, q)).abs() < 1e-15, "{q}: {:e}", x - value(&a, q));
+                let slope = value(&derivative(&a), q);
+                assert!((v - slope).abs() < 2e-15, "{q}: {:e}", v - slope);
+                for ((z, start), omega) in waves.iter_mut().zip(START.waves).zip(LAW.omega) {
+                    let (sin, cos) = (omega * q * table.h()).sin_cos();
+                    *z = [start[0] * cos - start[1] * sin, start[1] * cos + start[0] * sin];
+                }
+                let pairs = period.waves_at((q, 0.0)).unwrap();
+                for (z, exact) in pairs.iter().flatten().zip(waves.iter().flatten()) {
+                    assert!((z - exact).abs() < 1e-15, "{q}");
+                }
+            }
+            assert!(!period.knows(length * (1.0 + 2e-8)) && !period.knows(f64::NAN));
+        }
+    }
+
+    #[test]
+    fn waves_are_read_off_the_clock_again() {
+        let table = Table::new(LAW, f64::INFINITY);
+        let mut period = learnt(0.1, &table);
+        for k in 0..TURNED {
+            assert!(period.fly::<2>(&START, 0.1, k == 0, (f64::from(k), 0.0)).is_some());
+            let known = period.waves_at((f64::from(k), 0.0)).is_some();
+            assert_eq!(known, k + 1 < TURNED);
+            // not at another time
+            assert!(period.waves_at((f64::from(k), 1e-20)).is_none());
+        }
+    }
+
+    #[test]
+    fn long_flights_and_parabolas_are_not_learnt() {
+        assert!(!learnt(1.5, &Table::new(LAW, f64::INFINITY)).knows(1.5));
+        let free = Law { stiffness: 0.0, damping: 0.0, omega: [0.0; 2] };
+        assert!(!learnt(0.5, &Table::new(free, f64::INFINITY)).knows(0.5));
+    }
+}
+
+#[cfg(test)]
+mod step_tests {
+    use super::table::Law;
+    use super::*;
+    use crate::numeric::power_series::{derivative, value};
+
+    fn random(draw: &mut u64) -> f64 {
+        *draw = draw.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
+        (*draw >> 11) as f64 / (1_u64 << 52) as f64 - 1.0
+    }
+
+    /// Every step, whichever way it took, against values of its series: above the wall before its
+    /// end, at the wall there if it lands, its velocity that of a difference.
+    fn check(law: Law, seed: u64) -> [u32; 2] {
+        let (table, mut draw, mut counts) = (Table::new(law, f64::INFINITY), seed, [0; 2]);
+        for _ in 0..4000 {
+            let mut r = || random(&mut draw);
+            let speed = 10.0_f64.powf(-3.0 + 3.0 * r());
+            let known = usize::from(r() > 0.0);
+            let x = if known == 1 { 0.0 } else { r().abs() * speed };
+            let v = if known == 1 { speed } else { speed * r() };
+            let waves = [[r(), r()], [0.0; 2]];
+            let start = SeriesStart { x, v, force: r() - 0.5, waves };
+            let left = if r() > 0.0 { 0.5 + 0.5 * r() } else { 5.0 };
+            let outlook =
+                StepAhead::of::<1>(&table, &start, known, left).map(|ahead| ahead.outlook);
+            let step = Step::with_waves::<1>(&table, &start, known, left, true, outlook);
+            assert!(step.length > 0.0 && step.length <= left);
+            counts[usize::from(step.lands)] += 1;
+            let whole = step.doublings.map_or(step.length, |j| f64::from(1 << j));
+            if whole > 1.0 {
+                continue; // levels have tests of their own
+            }
+            let mut a = table.series(&start);
+            a[..known].fill(0.0);
+            // divided by what is known to be zero at the start
+            let size = a.iter().map(|a| a.abs()).sum::<f64>();
+            for k in 1..60 {
+                let s = whole * f64::from(k) / 60.0;
+                assert!(value(&a, s) > -1e-15 * size, "{start:?} {known} {k} {step:?}");
+            }
+            let end = value(&a, whole);
+            assert!((end - step.x).abs() < 1e-15 * size, "{start:?} {known} {step:?} {end:e}");
+            let slope = value(&derivative(&a), whole);
+            assert!((slope - step.v).abs() < 4e-15 * size, "{start:?} {known} {step:?} {slope}");
+        }
+        counts
+    }
+
+    #[test]
+    fn steps_end_at_the_wall_or_above_it() {
+        let laws = [
+            Law { stiffness: 2.0, damping: 0.3, omega: [1.7, 0.0] },
+            Law { stiffness: -1.0, damping: -0.1, omega: [0.9, 0.0] },
+            Law { stiffness: 0.0, damping: 0.0, omega: [30.0, 0.0] },
+            Law { stiffness: 0.0, damping: 0.0, omega: [0.0; 2] },
+        ];
+        for (law, seed) in laws.into_iter().zip(3..) {
+            let counts = check(law, seed);
+            assert!(counts.iter().all(|&count| count > 300), "{law:?} {counts:?}");
+        }
+    }
+
+    #[test]
+    fn what_is_ahead_is_a_whole_step_and_nothing_else() {
+        let law = Law { stiffness: 1.0, damping: 0.1, omega: [0.9, 0.0] };
+        let table = Table::new(law, f64::INFINITY);
+        let ahead =
+            |start: SeriesStart, known, left| StepAhead::of::<1>(&table, &start, known, left);
+        let high = SeriesStart { x: 1.0, v: 0.1, force: 1.0, ..SeriesStart::default() };
+        let ends = table.ends::<1>(&high, 0);
+        let clear = Some(StepAhead { ends, outlook: Outlook::Clear });
+        assert_eq!(ahead(high, 0, 1.1), clear);
+        // what is left is less, or a step but for rounding
+        assert_eq!(ahead(high, 0, 0.9), None);
+        assert_eq!(ahead(high, 0, 1.0 + 1e-10), None);
+        let from_wall = SeriesStart { x: 0.0, ..high };
+        assert!(ahead(from_wall, 1, 1.1).is_some_and(|ahead| ahead.outlook == Outlook::Clear));
+        assert_eq!(ahead(from_wall, 2, 1.1), None);
+        // down onto the wall, and a short arc
+        let down = SeriesStart { v: -1.5, force: -1.0, ..high };
+        assert!(ahead(down, 0, 1.1).is_some_and(|it| matches!(it.outlook, Outlook::Wall(_))));
+        assert_eq!(ahead(SeriesStart { v: 1e-3, force: -1.0, ..from_wall }, 1, 1.1), None);
+        // where a bound is low enough for many steps that is tried first
+        let free = Table::new(Law { stiffness: 0.0, ..law }, 0.1);
+        assert!(free.leaps() && StepAhead::of::<1>(&free, &high, 0, 1.1).is_none());
+    }
+
+    #[test]
+    fn a_motion_that_does_not_turn_is_searched_over_a_whole_step() {
+        let law = Law { stiffness: 1.0, damping: 0.0, omega: [0.0; 2] };
+        let table = Table::new(law, f64::INFINITY);
+        let mut a = [0.0; TERMS];
+        // from the wall, faster and faster: no arc
+        (a[1], a[2]) = (1e-3, 0.5);
+        assert_eq!(width(&table, &a, 1, 10.0), 1.0);
+        // back at the wall after 1e-3 of a step
+        (a[1], a[2]) = (1e-3, -1.0);
+        assert!((1e-3..0.1).contains(&width(&table, &a, 1, 10.0)));
+    }
+
+    #[test]
+    fn the_wall_is_looked_for_beyond_the_end_of_the_parabola() {
+        let law = Law { stiffness: 1.0, damping: 0.0, omega: [0.0; 2] };
+        let table = Table::new(law, f64::INFINITY);
+        // x + v s + bend s^2 = -bend (s + before) (arc - s)
+        for (before, arc, bend) in [(0.4, 0.013, -1.0), (1e-4, 3e-3, -2.0), (0.02, 0.02, -0.1)] {
+            let mut a = [0.0; TERMS];
+            (a[0], a[1], a[2]) = (-bend * before * arc, -bend * (arc - before), bend);
+            let found = width(&table, &a, 0, 10.0);
+            assert!(found >= ARC * arc * 0.999 && found <= 2.0 * ARC * arc, "{arc} {found}");
+            assert_eq!(found.log2().fract(), 0.0);
+        }
+        // one that turns back before the wall, and one that rises for ever
+        for (x, v, bend) in [(1.0, -0.1, 0.5), (1.0, 0.1, 0.5)] {
+            let mut a = [0.0; TERMS];
+            (a[0], a[1], a[2]) = (x, v, bend);
+            assert_eq!(width(&table, &a, 0, 10.0), 1.0);
+        }
+    }
+
+    #[test]
+    fn a_short_arc_has_the_digits_of_its_speed() {
+        // x'' = -g: back at the wall after 2 u/g, however small u is; the spring hardly acts
+        let law = Law { stiffness: 1.0, damping: 0.0, omega: [0.0; 2] };
+        let table = Table::new(law, f64::INFINITY);
+        for u in [1e-3, 1e-7, 1e-11] {
+            let v = u * table.h();
+            let start = SeriesStart { x: 0.0, v, force: -1.0, ..SeriesStart::default() };
+            let step = Step::with_waves::<0>(&table, &start, 1, 10.0, true, None);
+            // x = -1 + cos t + u sin t: zero at 2 atan u with the velocity -u
+            let exact = 2.0 * u.atan();
+            assert!((step.length * table.h() / exact - 1.0).abs() < 1e-15, "{u}");
+            assert!(step.lands && (step.v / v + 1.0).abs() < 2e-15, "{u} {:e}", step.v / v + 1.0);
+        }
+    }
+}
+
+#[cfg(test)]
+mod root_tests {
+    use super::*;
+    use crate::numeric::power_series::{derivative, value};
+
+    /// The powers of `+- prod (s - root)`, positive at the start, after `known` roots at 0.
+    fn through(roots: &[f64], known: usize) -> Series {
+        let mut a = [0.0; TERMS];
+        a[0] = roots.iter().map(|root| -root).product::<f64>().signum();
+        for (n, &root) in roots.iter().enumerate() {
+            for i in (0..=n).rev() {
+                a[i + 1] += a[i];
+                a[i] *= -root;
+            }
+        }
+        a.rotate_right(known);
+        a
+    }
+
+    #[test]
+    fn the_first_of_several_roots_is_found() {
+        let cases: [&[f64]; 5] = [
+            &[0.3],
+            &[0.3, 0.300_001, 0.9],
+            &[0.9, 0.2, 0.6, 0.7, 0.95],
+            &[0.001, 2.0, 3.0],
+            &[0.5, 0.75, -2.0, 1.5],
+        ];
+        for roots in cases {
+            for known in 0..4 {
+                let a = through(roots, known);
+                let first = roots.iter().copied().filter(|&r| r > 0.0).fold(1.0, f64::min);
+                let found = first_root(&a, known).unwrap();
+                // a pair of roots that is this close is known to the root of rounding
+                let tol = if roots.contains(&0.300_001) { 1e-8 } else { 1e-14 };
+                assert!((found.at - first).abs() < tol, "{roots:?} {known}: {found:?}");
+                let slope = value(&derivative(&a), found.at);
+                assert!((found.slope - slope).abs() < tol.max(1e-13) && found.slope < 0.0);
+            }
+        }
+    }
+
+    #[test]
+    fn a_step_onto_the_start_of_the_interval_is_halved() {
+        // from .5 Halley's formula leads to 0 exactly: 2 (-1/4) (-1)/((-1/4) (-4) - 2) = -1/2
+        let mut q = [0.0; TERMS];
+        // -1/4 - r - 2 r^2 - 8 r^3 with r = s - 1/2
+        (q[0], q[1], q[2], q[3]) = (0.75, -5.0, 10.0, -8.0);
+        let root = polished(&q, 0.5, is_near);
+        let (mut low, mut high) = (0.0, 0.5);
+        while high - low > 1e-15 {
+            let s: f64 = 0.5 * (low + high);
+            let r = s - 0.5;
+            if -0.25 - r - 2.0 * r * r - 8.0 * r * r * r > 0.0 {
+                low = s;
+            } else {
+                high = s;
+            }
+        }
+        assert!((root - low).abs() < 1e-14, "{root} {low}");
+    }
+
+    #[test]
+    fn a_short_arc_is_certified() {
+        // s (u - g s/2 + c s^2)
+        let (u, g, c): (f64, f64, f64) = (1e-3, 2.0, 0.3);
+        let mut a = [0.0; SHORT];
+        (a[1], a[2], a[3]) = (u, -0.5 * g, c);
+        let exact = 2.0 * u / (0.5 * g + (0.25 * g * g - 4.0 * u * c).sqrt());
+        let found = of_short_arc(&a, 0.0).unwrap();
+        assert!((found.at / exact - 1.0).abs() < 1e-15, "{found:?} {exact}");
+        let slope = u - g * exact + 3.0 * c * exact * exact;
+        assert!((found.slope / slope - 1.0).abs() < 1e-14, "{found:?} {slope}");
+        // terms beyond that may bring it back, and one that does not fall
+        assert_eq!(of_short_arc(&a, f64::INFINITY), None);
+        a[2] = 0.5 * g;
+        assert_eq!(of_short_arc(&a, 0.0), None);
+    }
+
+    #[test]
+    fn touches_and_dips_below_rounding_are_none() {
+        for roots in [&[0.5, 0.5][..], &[0.3, 0.3, 0.8, 0.8], &[-0.5, 1.5], &[1.0 + 1e-9]] {
+            assert_eq!(first_root(&through(roots, 0), 0), None, "{roots:?}");
+        }
+        // a dip of depth w^2 between two roots
+        for (w, seen) in [(1e-3, true), (1e-6, true), (3e-7, true), (1e-9, false)] {
+            let found = first_root(&through(&[0.4 - w, 0.4 + w], 0), 0);
+            assert_eq!(found.is_some(), seen, "{w}");
+            assert!(found.is_none_or(|found| (found.at - 0.4 + w).abs() < 0.02 * w));
+        }
+    }
+
+    #[test]
+    fn numbers_that_are_none_give_no_certificate() {
+        let mut a = through(&[0.3], 0);
+        a[5] = f64::NAN;
+        // whatever is found, it is not lost in a loop
+        let found = first_root(&a, 0);
+        assert!(found.is_none_or(|found| found.at.is_nan() || found.at <= 1.0));
+        assert_eq!(first_root(&[-0.0; TERMS], 0), None);
     }
 }
