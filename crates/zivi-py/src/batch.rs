@@ -20,8 +20,8 @@ use crate::interface::{array, list, members, setup_error, try_list, vector, with
 use crate::method::PyMethod;
 use crate::record::rows_of;
 use crate::simulate::run_dynamics;
+use crate::system::{from_both, from_e};
 use crate::system::{Mechanism, PyImpactLaw};
-use crate::transform::{from_both, from_e};
 
 pub(crate) fn refused(error: BatchError<PyErr>) -> PyErr {
     match error {
@@ -134,7 +134,7 @@ pub(crate) fn simulate_batch(
     columns: Vec<Column<'_>>,
     progress: Option<Py<PyAny>>,
 ) -> PyResult<BatchRecord> {
-    let _running = crate::leaving::running()?;
+    let _running = crate::interface::running()?;
     let task = Task { method: method.inner, span, slowest };
     let save = saving(save, at.as_deref(), steps.as_deref())?;
     let forces = natives(py, &forces)?;
@@ -488,7 +488,7 @@ impl MechanicalRuns {
         threads: usize,
         progress: Option<Py<PyAny>>,
     ) -> PyResult<MechanicalEnds> {
-        let _running = crate::leaving::running()?;
+        let _running = crate::interface::running()?;
         // results that would not fit into memory are refused before anything is computed
         let numbers = self.q.len() + self.qdot.len();
         let gaps = 2 * self.count() * self.mechanisms[0].get().m;

@@ -4,31 +4,38 @@ use std::cell::Cell;
 
 use numpy::ndarray::ArrayView1;
 use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2};
-use pyo3::exceptions::PyTypeError;
+use pyo3::exceptions::{PyTypeError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::IntoPyDict;
+use zivi::drive::batch::{
+    simulate_closed_loop_batch as run_batch, LoopMember, LoopOutcome, LoopSettings,
+};
 use zivi::drive::closed_loop::{
-    observe_closed_loop, Controller, Forces, Loop, LoopOptions, LoopPath, LoopRun, Motion,
-    Reference, ReferencePeriod, ReferencePoint, ReferenceWithWall, Samples, Sensor, SignRecord,
-    Tick, TickError, SIGNS,
+    observe_closed_loop, AnyController, Controller, Forces, Loop, LoopOptions, LoopPath, LoopRun,
+    Motion, Reference, ReferencePeriod, ReferencePoint, ReferenceWithWall, Samples, Sensor,
+    SignRecord, Tick, TickError, SIGNS,
 };
 use zivi::drive::Updates;
+use zivi::stepping::step_solver::SignSolver;
 use zivi::{
     AnyMethod, Branch, FixedSteps, Force, Grid, Kick, Lifted, PathPoint, Physical, Restitution,
-    SetupError, ThetaGamma, UserEvent,
+    SetupError, Solver, Status, ThetaGamma, UserEvent,
 };
-use zivi_core::control::Waypoint;
+use zivi_core::control::inclusion::{AsProblem, Inclusion, TrackingInclusion};
+use zivi_core::control::tracking::{Target, TrackingStep};
+use zivi_core::control::{Gains, Waypoint};
 use zivi_core::observer::ImpactObserver;
+use zivi_core::ThetaGammaStep;
 
-use crate::control::run_copy;
+use crate::batch::{natives, refused, row_restitution, rows, BETWEEN_LOOKS};
+use crate::control::{of_ours, run_copy};
 use crate::force::{AnyForce, AnyNative, Force as GivenForce};
-use crate::interface::{array, list, setup_error, EndedBy, Watch};
-use crate::method::{Hits, MotionPath, PyEvent, PyMethod};
+use crate::interface::{array, list, setup_error, with_room, EndedBy, Watch};
+use crate::method::{step_solver, Hits, MotionPath, PyEvent, PyMethod};
 use crate::observer::PyObserver;
 use crate::record::rows_of;
 use crate::simulate::grid_of;
-use crate::system::{kick_of_point, PyState};
-use crate::transform::PyRestitution;
+use crate::system::{kick_of_point, restitution_of, PyRestitution, PyState};
 
 /// Optional members of a controller, and optional arguments of its `step`.
 #[derive(Clone, Copy, FromPyObject)]
@@ -286,7 +293,7 @@ pub(crate) fn simulate_closed_loop(
     kicks: Option<(PyReadonlyArray1<'_, f64>, Py<PyAny>)>,
     progress: Option<Py<PyAny>>,
 ) -> PyResult<PyLoopRecord> {
-    let _running = crate::leaving::running()?;
+    let _running = crate::interface::running()?;
     let motion = motion_of(&method, exact)?;
     let sensor =
         Sensor { noise_x: noise.0.as_slice()?, noise_xdot: noise.1.as_slice()?, resolution };
@@ -425,4 +432,256 @@ impl LiftedSamples {
         let column = |of: fn(&Lifted) -> f64| array(py, states.iter().map(of));
         Ok(Self { s: column(|z| z.s)?, v: column(|z| z.v)? })
     }
+}
+
+// Batches of closed loops from Python.
+
+fn native(controller: &Bound<'_, PyAny>) -> PyResult<AnyController> {
+    of_ours(controller).ok_or_else(|| {
+        let kind = controller.get_type();
+        PyTypeError::new_err(format!("a batch takes zivi's own controllers, got {kind}"))
+    })
+}
+
+/// Many closed loops. `forces` are lists of the plants', the models' and the references'; every
+/// list has an entry for each loop, or one for all.
+#[pyfunction]
+#[pyo3(signature = (
+    controllers, observers, forces, restitutions, states, *, span, method, exact, resolution,
+    delay, within, every, slowest, threads, references=Vec::new(), progress=None
+))]
+#[allow(clippy::too_many_arguments)]
+pub(crate) fn simulate_closed_loop_batch(
+    py: Python<'_>,
+    controllers: Vec<Bound<'_, PyAny>>,
+    observers: Vec<PyRef<'_, PyObserver>>,
+    forces: [Vec<Py<GivenForce>>; 3],
+    restitutions: PyReadonlyArray2<'_, f64>,
+    states: PyReadonlyArray2<'_, f64>,
+    span: (f64, f64),
+    method: PyRef<'_, PyMethod>,
+    exact: bool,
+    resolution: (f64, f64),
+    delay: usize,
+    within: f64,
+    every: usize,
+    slowest: f64,
+    threads: usize,
+    references: Vec<(PyReadonlyArray2<'_, f64>, f64)>,
+    progress: Option<Py<PyAny>>,
+) -> PyResult<LoopBatchRecord> {
+    let _running = crate::interface::running()?;
+    let shared = LoopSettings {
+        motion: motion_of(&method, exact)?,
+        resolution,
+        delay,
+        within,
+        every,
+        slowest,
+    };
+    let controllers = controllers.iter().map(native).collect::<PyResult<Vec<_>>>()?;
+    let [plants, models, drives] = &forces;
+    let (plants, models) = (natives(py, plants)?, natives(py, models)?);
+    let drives = natives(py, drives)?;
+    let given = references
+        .iter()
+        .map(|(rows, kappa)| {
+            let rows: Vec<ReferencePoint> =
+                list(rows.as_array().rows().into_iter().map(given_of_row))?;
+            Ok((rows, restitution_of(*kappa)?))
+        })
+        .collect::<PyResult<Vec<_>>>()?;
+    let mut members = with_room(states.as_array().nrows())?;
+    for (i, state) in states.as_array().rows().into_iter().enumerate() {
+        if i % BETWEEN_LOOKS == 0 {
+            py.check_signals()?;
+        }
+        let which = |n: usize| if n == 1 { 0 } else { i };
+        let controller = &controllers[which(controllers.len())];
+        members.push(LoopMember {
+            controller: controller.clone(),
+            observer: observers.get(which(observers.len())).map(|it| it.inner),
+            restitution: row_restitution(&restitutions, i)?,
+            forces: [
+                plants[which(plants.len())],
+                models[which(models.len())],
+                drives[which(drives.len())],
+            ],
+            initial: Physical { x: state[0], xdot: state[1] },
+            grid: grid_of(span, controller.h())?,
+            reference: match given.len() {
+                0 => None,
+                n => Some((given[which(n)].0.as_slice(), given[which(n)].1)),
+            },
+        });
+    }
+    let watch = &mut Watch::reporting(progress);
+    let ends = py.detach(|| run_batch(&members, shared, threads, watch)).map_err(refused)?;
+    LoopBatchRecord::new(py, &ends)
+}
+
+type Rows = Py<PyArray2<f64>>;
+
+/// Saved data of the loops: one entry or row per loop.
+#[pyclass(frozen, get_all, module = "zivi._zivi")]
+pub(crate) struct LoopBatchRecord {
+    /// `t, x, x', x_r, x_r'` at the end, a row for each loop.
+    last: Rows,
+    settling_time: Array,
+    error_max: Array,
+    error_rms: Array,
+    u_max: Array,
+    u_rms: Array,
+    u_variation: Array,
+    rest_time: Array,
+    n_impacts: Py<PyArray1<u64>>,
+    n_updates: Py<PyArray1<u64>>,
+    n_refused: Py<PyArray1<u64>>,
+    n_saturated: Py<PyArray1<u64>>,
+    n_unsolved: Py<PyArray1<u64>>,
+    status: Py<PyArray1<u8>>,
+    samples_x: Rows,
+    samples_x_ref: Rows,
+    samples_u: Rows,
+}
+
+impl LoopBatchRecord {
+    fn new(py: Python<'_>, ends: &[LoopOutcome]) -> PyResult<Self> {
+        let column = |of: fn(&LoopOutcome) -> f64| array(py, ends.iter().map(of));
+        let count = |of: fn(&LoopOutcome) -> u64| array(py, ends.iter().map(of));
+        let number = |it: &LoopOutcome| it.status.unwrap_or(Status::Raised) as u8;
+        let last = list(ends.iter().flat_map(|it| it.last))?;
+        Ok(Self {
+            last: PyArray1::from_vec(py, last).reshape([ends.len(), 5])?.unbind(),
+            settling_time: column(|it| it.settling_time)?,
+            error_max: column(|it| it.error_max)?,
+            error_rms: column(|it| it.error_rms)?,
+            u_max: column(|it| it.u_max)?,
+            u_rms: column(|it| it.u_rms)?,
+            u_variation: column(|it| it.u_variation)?,
+            rest_time: column(|it| it.rest_time)?,
+            n_impacts: count(|it| it.n_impacts)?,
+            n_updates: count(|it| it.updates.total)?,
+            n_refused: count(|it| it.updates.rejected)?,
+            n_saturated: count(|it| it.updates.saturated)?,
+            n_unsolved: count(|it| it.updates.unsolved)?,
+            status: array(py, ends.iter().map(number))?,
+            samples_x: rows(py, ends.iter().map(|it| it.saved[0].as_slice()))?,
+            samples_x_ref: rows(py, ends.iter().map(|it| it.saved[1].as_slice()))?,
+            samples_u: rows(py, ends.iter().map(|it| it.saved[2].as_slice()))?,
+        })
+    }
+}
+
+// Batches of independent steps of the tracker: its exact solution and general solvers.
+
+/// `s, v, s_r, v_r` at the start of a step.
+const STATE: usize = 4;
+/// The tracker's scheme under constant forces.
+struct TrackerScheme {
+    step: TrackingStep,
+    reference: ThetaGammaStep,
+    f: f64,
+    f_ref: f64,
+}
+
+impl TrackerScheme {
+    /// The signs as the tick finds them; `None` where the reference's step has no solution.
+    #[inline]
+    fn exact(&self, [s, v, s_ref, v_ref]: [f64; STATE]) -> Option<[f64; SIGNS]> {
+        let reference = Lifted { s: s_ref, v: v_ref };
+        let of_ref = self.reference.solve(reference, self.f_ref, 1.0).ok()?;
+        let (lambda_sr, lambda_vr) = (of_ref.lambda_s, of_ref.lambda_v);
+        let r = self.reference.restitution().r(lambda_sr, lambda_vr);
+        let target = Target { end: of_ref.end(), acceleration: lambda_sr * self.f_ref / r };
+        let it = self.step.solve_near(Lifted { s, v }, self.f, target, lambda_vr);
+        Some([it.lambda_s, it.lambda_v, lambda_sr, lambda_vr, it.lambda_es, it.lambda_ev])
+    }
+
+    /// All six signs as one VI; its rows_of_width are divided by as much as their terms can be.
+    fn general(&self, solver: &mut SignSolver<SIGNS>, state: [f64; STATE]) -> bool {
+        let [s, v, s_ref, v_ref] = state;
+        let inclusion = TrackingInclusion {
+            step: &self.step,
+            restitution_ref: self.reference.restitution(),
+            z: Lifted { s, v },
+            reference: Lifted { s: s_ref, v: v_ref },
+            f: self.f,
+            f_ref: self.f_ref,
+        };
+        solver.solve(&mut AsProblem(inclusion), inclusion.scales([1.0; SIGNS]))
+    }
+}
+
+/// The rows_of_width of a two-dimensional array.
+fn rows_of_width<const N: usize>(
+    name: &str,
+    array: &PyReadonlyArray2<'_, f64>,
+) -> PyResult<Vec<[f64; N]>> {
+    let array = array.as_array();
+    if array.ncols() != N {
+        return Err(PyValueError::new_err(format!("{name} must have {N} columns")));
+    }
+    list((0..array.nrows()).map(|k| std::array::from_fn(|j| array[[k, j]])))
+}
+
+/// Signs of many steps of the tracker (NaN where there are none), and whether the solver calls them
+/// solved. `states` has the columns `s, v, s_r, v_r`; `starts` and the result have
+/// `ls, lv, lsr, lvr, les, lev`. A solve starts from its initial point or, if that is NaN, from the
+/// last signs that solved a step. The solver `"exact"` is the tick's and needs no start.
+#[pyfunction]
+#[pyo3(signature = (
+    states, starts, *, gains, kappa, kappa_ref, h, f, f_ref, solver, linearisations, fall_backs
+))]
+#[allow(clippy::too_many_arguments, clippy::type_complexity)]
+pub(crate) fn solve_tracking_steps<'py>(
+    py: Python<'py>,
+    states: PyReadonlyArray2<'py, f64>,
+    starts: PyReadonlyArray2<'py, f64>,
+    gains: (f64, f64),
+    kappa: f64,
+    kappa_ref: f64,
+    h: f64,
+    f: f64,
+    f_ref: f64,
+    solver: &Bound<'_, PyAny>,
+    linearisations: i64,
+    fall_backs: bool,
+) -> PyResult<(Bound<'py, PyArray2<f64>>, Bound<'py, PyArray1<bool>>)> {
+    let _running = crate::interface::running()?;
+    let refused = |error: zivi_core::SettingError| PyValueError::new_err(error.to_string());
+    let gains = Gains::new(gains.0, gains.1).map_err(refused)?;
+    let reference = ThetaGammaStep::new(h, 1.0, 1.0, restitution_of(kappa_ref)?);
+    let reference = reference.map_err(|error| setup_error(error.into()))?;
+    let step = TrackingStep { h, restitution: restitution_of(kappa)?, gains };
+    let scheme = TrackerScheme { step, reference, f, f_ref };
+    let states = rows_of_width::<STATE>("states", &states)?;
+    let starts = rows_of_width::<SIGNS>("starts", &starts)?;
+    if states.len() != starts.len() {
+        return Err(PyValueError::new_err("states and starts must be equally many"));
+    }
+    let mut signs = with_room(SIGNS * states.len())?;
+    let mut solved = with_room(states.len())?;
+    let mut general = match (step_solver(solver, linearisations)?, fall_backs) {
+        (Solver::Exact, _) => None,
+        (Solver::Outer { linearisations }, _) => Some(SignSolver::outer(linearisations)),
+        (Solver::Newton, true) => Some(SignSolver::newton()),
+        (Solver::Newton, false) => Some(SignSolver::newton_without_fall_backs()),
+    };
+    for (state, start) in states.into_iter().zip(starts) {
+        let found = match &mut general {
+            None => scheme.exact(state),
+            Some(general) => {
+                if start.iter().all(|sign| !sign.is_nan()) {
+                    general.start_from(start);
+                }
+                scheme.general(general, state).then(|| general.signs())
+            }
+        };
+        solved.push(found.is_some());
+        signs.extend(found.unwrap_or([f64::NAN; SIGNS]));
+    }
+    let count = solved.len();
+    let signs = PyArray1::from_vec(py, signs).reshape([count, SIGNS])?;
+    Ok((signs, PyArray1::from_vec(py, solved)))
 }

@@ -1,9 +1,9 @@
 //! Mechanical systems that come from Python.
 
+use crate::force::wall::PyTimeTable;
 use crate::force::{Raised, Wall};
 use crate::friction::{PyFriction, Rubbing};
 use crate::interface::{vector, Capsule, Function};
-use crate::time_table::PyTimeTable;
 use numpy::{PyArray1, PyArrayMethods, PyReadonlyArray1, PyUntypedArrayMethods};
 use pyo3::exceptions::{PyRuntimeError, PyTypeError, PyValueError};
 use pyo3::gc::{PyTraverseError, PyVisit};
@@ -946,7 +946,7 @@ impl<'py> PythonDynamics<'py> {
                 }
                 PartKind::Compiled(_) | PartKind::Driven(..) => (),
             }
-            crate::leaving::look()?;
+            crate::interface::look()?;
         }
         parts.flat.finish(out);
         Ok(())
@@ -958,7 +958,7 @@ impl<'py> PythonDynamics<'py> {
         hand(&mut self.q, q)?;
         hand(&mut self.w, w)?;
         let value = callable.call1((t, &self.q, &self.w))?;
-        crate::leaving::look()?;
+        crate::interface::look()?;
         let array = value.cast::<PyArray1<f64>>().map_err(|_| {
             let kind = value.get_type();
             PyTypeError::new_err(format!("the system must return an array of float64, got {kind}"))

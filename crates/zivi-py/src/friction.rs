@@ -97,7 +97,7 @@ impl<D: Dynamics<PyErr>> Dynamics<PyErr> for Rubbing<'_, D> {
         let Some((_, function)) = functions.iter().find(of_gap) else { return Ok(0.0) };
         Python::attach(|py| {
             let value = function.bind(py).call1((depth, rate))?;
-            crate::leaving::look()?;
+            crate::interface::look()?;
             value.extract().map_err(|_| {
                 let kind = value.get_type();
                 PyTypeError::new_err(format!(

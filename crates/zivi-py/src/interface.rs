@@ -1,15 +1,21 @@
 //! Interface of Python and Rust: arrays, errors, capsules, calls, orderings, interrupts.
 
-use crate::leaving;
+use std::alloc::{alloc_zeroed, GlobalAlloc, Layout, System};
+use std::cell::Cell;
+use std::convert::Infallible;
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use std::sync::Mutex;
+use std::time::{Duration, Instant};
+
 use numpy::{Element, PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1};
-use pyo3::exceptions::{PyKeyboardInterrupt, PyMemoryError, PyTypeError, PyValueError};
+use pyo3::exceptions::{
+    PyKeyboardInterrupt, PyMemoryError, PySystemExit, PyTypeError, PyValueError,
+};
 use pyo3::ffi::{PyObject, PyObject_CallFunctionObjArgs};
 use pyo3::prelude::*;
 use pyo3::sync::PyOnceLock;
 use pyo3::types::{PyAnyMethods, PyCapsule, PyCapsuleMethods, PyTuple};
-use std::alloc::{alloc_zeroed, Layout};
-use std::convert::Infallible;
-use std::sync::Mutex;
+use pyo3::PyResult;
 use zivi::drive::batch::Stop;
 use zivi::mechanics::GapSet;
 use zivi::{Monitor, SetupError};
@@ -283,7 +289,7 @@ impl<'a> Watch<'a> {
 
 impl Monitor<PyErr> for Watch<'_> {
     fn poll(&mut self, done: usize, of: usize) -> PyResult<()> {
-        leaving::look()?;
+        look()?;
         if let Some(stop) = self.stop {
             return match stop() {
                 true => Err(PyKeyboardInterrupt::new_err("the batch was stopped")),
@@ -327,3 +333,140 @@ fn advise_large_pages(start: usize, bytes: usize) {
 
 #[cfg(not(target_os = "linux"))]
 fn advise_large_pages(_start: usize, _bytes: usize) {}
+
+// The end of the interpreter while runs go on in other threads.
+//
+// Before Python 3.14, a thread that requests the lock of a finalised interpreter is terminated by
+// it through its callers: Rust frames cannot be unwound that way, and the process aborts. Hence
+// the interpreter waits at its exit until the runs of other threads have stopped, and none begins.
+
+static LEAVING: AtomicBool = AtomicBool::new(false);
+static RUNNING: AtomicUsize = AtomicUsize::new(0);
+
+thread_local! {
+    /// Runs of this thread, one in the force of another.
+    static OWN: Cell<usize> = const { Cell::new(0) };
+    /// Whether this thread ends the interpreter: it may go on.
+    static ENDS: Cell<bool> = const { Cell::new(false) };
+}
+
+/// A call that may give the lock away before it returns.
+pub(crate) struct UnlockedCall;
+
+/// Begins a run; `SystemExit`, of which threads make no words, if the interpreter ends.
+pub(crate) fn running() -> PyResult<UnlockedCall> {
+    RUNNING.fetch_add(1, Ordering::SeqCst);
+    OWN.set(OWN.get() + 1);
+    let run = UnlockedCall;
+    look().map(|()| run)
+}
+
+impl Drop for UnlockedCall {
+    fn drop(&mut self) {
+        OWN.set(OWN.get() - 1);
+        RUNNING.fetch_sub(1, Ordering::SeqCst);
+    }
+}
+
+/// Whether to go on; needs no lock.
+#[inline]
+pub(crate) fn look() -> PyResult<()> {
+    if LEAVING.load(Ordering::SeqCst) {
+        return look_while_leaving();
+    }
+    Ok(())
+}
+
+#[cold]
+fn look_while_leaving() -> PyResult<()> {
+    if ENDS.get() {
+        return Ok(());
+    }
+    Err(PySystemExit::new_err("the interpreter ends"))
+}
+
+/// Asks the runs of other threads to stop and waits until they have; False if some have not.
+#[pyfunction]
+pub(crate) fn stop_runs(py: Python<'_>, seconds: f64) -> bool {
+    ENDS.set(true);
+    LEAVING.store(true, Ordering::SeqCst);
+    let end = Instant::now() + Duration::from_secs_f64(seconds.clamp(0.0, 1e6));
+    while RUNNING.load(Ordering::SeqCst) > OWN.get() {
+        if Instant::now() > end {
+            return false;
+        }
+        py.detach(|| std::thread::sleep(Duration::from_millis(1)));
+    }
+    true
+}
+
+/// Forgets the runs of threads that a fork has not taken over.
+#[pyfunction]
+pub(crate) fn forget_runs() {
+    RUNNING.store(OWN.get(), Ordering::SeqCst);
+}
+
+// Memory for libraries whose allocations may not fail: it is set aside first.
+
+thread_local! {
+    /// Memory that this thread has set aside.
+    static ASIDE: Cell<Vec<u8>> = const { Cell::new(Vec::new()) };
+}
+
+/// The allocator of the system. If it fails, the thread's reserve is returned to it and the request
+/// is repeated.
+struct WithAside;
+
+#[global_allocator]
+static ALLOCATOR: WithAside = WithAside;
+
+/// Whether something was set aside, which is given back.
+#[cold]
+fn give_back() -> bool {
+    // not where a thread ends
+    ASIDE.try_with(Cell::take).is_ok_and(|block| block.capacity() > 0)
+}
+
+// SAFETY: all is the system's
+unsafe impl GlobalAlloc for WithAside {
+    unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
+        // SAFETY: the caller's layout
+        let ask = || unsafe { System.alloc(layout) };
+        once_more(ask)
+    }
+
+    unsafe fn alloc_zeroed(&self, layout: Layout) -> *mut u8 {
+        // SAFETY: the caller's layout
+        let ask = || unsafe { System.alloc_zeroed(layout) };
+        once_more(ask)
+    }
+
+    unsafe fn realloc(&self, block: *mut u8, layout: Layout, size: usize) -> *mut u8 {
+        // SAFETY: the caller's block, unchanged if there is no longer one
+        let ask = || unsafe { System.realloc(block, layout, size) };
+        once_more(ask)
+    }
+
+    unsafe fn dealloc(&self, block: *mut u8, layout: Layout) {
+        // SAFETY: the caller's block and layout
+        unsafe { System.dealloc(block, layout) }
+    }
+}
+
+#[inline(always)]
+fn once_more(ask: impl Fn() -> *mut u8) -> *mut u8 {
+    let block = ask();
+    if block.is_null() && give_back() {
+        return ask();
+    }
+    block
+}
+
+/// Runs `work`, which needs at most this number of bytes and would abort without them; a
+/// `MemoryError` if they are not available.
+pub(crate) fn with_aside<R>(bytes: usize, work: impl FnOnce() -> R) -> PyResult<R> {
+    ASIDE.set(with_room(bytes)?);
+    let result = work();
+    ASIDE.take();
+    Ok(result)
+}

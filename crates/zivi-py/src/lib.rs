@@ -2,31 +2,20 @@
 //!
 //! No numerics here. users import `python/zivi`; `python/zivi/_zivi.pyi` types this module.
 
-mod aside;
 mod batch;
 mod closed_loop;
 mod control;
 mod dynamics;
 mod force;
 mod friction;
-mod inputs;
 mod interface;
-mod leaving;
-mod loop_batch;
 mod mechanical_loop;
-mod mechanics;
 mod method;
-mod motion;
 mod observer;
-mod ordering;
-mod partials;
 mod record;
 mod sensitivity;
 mod simulate;
 mod system;
-mod time_table;
-mod tracking;
-mod transform;
 mod vi;
 
 use pyo3::prelude::*;
@@ -54,17 +43,17 @@ fn _zivi(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<method::PyEvent>()?;
     module.add_class::<method::Hits>()?;
     module.add_function(wrap_pyfunction!(simulate::simulate, module)?)?;
-    module.add_function(wrap_pyfunction!(leaving::stop_runs, module)?)?;
-    module.add_function(wrap_pyfunction!(leaving::forget_runs, module)?)?;
+    module.add_function(wrap_pyfunction!(interface::stop_runs, module)?)?;
+    module.add_function(wrap_pyfunction!(interface::forget_runs, module)?)?;
     module.add_class::<record::RunRecord>()?;
-    module.add_class::<transform::PyRestitution>()?;
+    module.add_class::<system::PyRestitution>()?;
     module.add_function(wrap_pyfunction!(force::cosine, module)?)?;
-    module.add_function(wrap_pyfunction!(transform::lift, module)?)?;
-    module.add_function(wrap_pyfunction!(transform::project, module)?)?;
+    module.add_function(wrap_pyfunction!(system::lift, module)?)?;
+    module.add_function(wrap_pyfunction!(system::project, module)?)?;
     module.add_function(wrap_pyfunction!(simulate::solve_steps, module)?)?;
-    module.add_function(wrap_pyfunction!(tracking::solve_tracking_steps, module)?)?;
-    module.add_class::<loop_batch::LoopBatchRecord>()?;
-    module.add_function(wrap_pyfunction!(loop_batch::simulate_closed_loop_batch, module)?)?;
+    module.add_function(wrap_pyfunction!(closed_loop::solve_tracking_steps, module)?)?;
+    module.add_class::<closed_loop::LoopBatchRecord>()?;
+    module.add_function(wrap_pyfunction!(closed_loop::simulate_closed_loop_batch, module)?)?;
     module.add_class::<batch::BatchRecord>()?;
     module.add_function(wrap_pyfunction!(batch::simulate_batch, module)?)?;
     module.add_class::<batch::MechanicalRuns>()?;
@@ -83,12 +72,12 @@ fn _zivi(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(sensitivity::correct_sequence, module)?)?;
     module.add_class::<force::Force>()?;
     module.add_class::<force::Wall>()?;
-    module.add_class::<time_table::PyTimeTable>()?;
+    module.add_class::<force::wall::PyTimeTable>()?;
     module.add_class::<dynamics::Tree>()?;
     module.add_function(wrap_pyfunction!(force::force_raised, module)?)?;
-    module.add_class::<mechanics::MechanicalRecord>()?;
-    module.add_class::<mechanics::Occurrences>()?;
-    module.add_class::<inputs::PyInputs>()?;
+    module.add_class::<record::MechanicalRecord>()?;
+    module.add_class::<record::Occurrences>()?;
+    module.add_class::<system::PyInputs>()?;
     module.add_class::<mechanical_loop::MechanicalLoopRecord>()?;
     module.add_class::<mechanical_loop::GapLoop>()?;
     module.add_class::<mechanical_loop::StrikeLoop>()?;
@@ -100,15 +89,15 @@ fn _zivi(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(control::mechanical::controls, module)?)?;
     module.add_function(wrap_pyfunction!(control::mechanical::decoupling_force, module)?)?;
     module.add_function(wrap_pyfunction!(mechanical_loop::simulate_mechanical_loop, module)?)?;
-    module.add_class::<motion::PyMechanicalPath>()?;
+    module.add_class::<record::PyMechanicalPath>()?;
     module.add_class::<dynamics::Model>()?;
     module.add_class::<dynamics::PyPart>()?;
     module.add_class::<dynamics::CompiledFunction>()?;
-    module.add_class::<mechanics::PeriodicImpulses>()?;
-    module.add_class::<partials::Partials>()?;
-    module.add_class::<partials::MovedModel>()?;
-    module.add_class::<partials::MechanicalSensitivityRecord>()?;
-    module.add_function(wrap_pyfunction!(partials::mechanical_sensitivity, module)?)?;
+    module.add_class::<record::PeriodicImpulses>()?;
+    module.add_class::<sensitivity::Partials>()?;
+    module.add_class::<sensitivity::MovedModel>()?;
+    module.add_class::<sensitivity::MechanicalSensitivityRecord>()?;
+    module.add_function(wrap_pyfunction!(sensitivity::mechanical_sensitivity, module)?)?;
     module.add_function(wrap_pyfunction!(dynamics::compiled_model, module)?)?;
     module.add_function(wrap_pyfunction!(dynamics::is_sound, module)?)?;
     module.add_function(wrap_pyfunction!(dynamics::contact_forces, module)?)?;
@@ -117,15 +106,15 @@ fn _zivi(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<closed_loop::PyLoopRecord>()?;
     module.add_class::<closed_loop::LiftedSamples>()?;
     module.add_class::<closed_loop::LoopSigns>()?;
-    module.add_class::<motion::Ballistic>()?;
+    module.add_class::<record::Ballistic>()?;
     module.add_function(wrap_pyfunction!(closed_loop::simulate_closed_loop, module)?)?;
-    module.add_function(wrap_pyfunction!(motion::ballistic_motion, module)?)?;
+    module.add_function(wrap_pyfunction!(record::ballistic_motion, module)?)?;
     module.add_class::<vi::ViRecord>()?;
     module.add_function(wrap_pyfunction!(vi::solve_vi, module)?)?;
     module.add_function(wrap_pyfunction!(vi::solve_avi, module)?)?;
     module.add_function(wrap_pyfunction!(vi::is_off_scale, module)?)?;
     module.add_function(wrap_pyfunction!(vi::natural_residual, module)?)?;
-    module.add_function(wrap_pyfunction!(ordering::minimum_degree, module)?)?;
+    module.add_function(wrap_pyfunction!(vi::minimum_degree, module)?)?;
     module.add_function(wrap_pyfunction!(vi::lemke_howson, module)?)?;
     Ok(())
 }

@@ -17,10 +17,10 @@ use crate::closed_loop::numbers_of;
 use crate::control::mechanical::{
     law_error, pressed, Believed, PyGapTracker, PyReference, PyStriker,
 };
-use crate::inputs::PyInputs;
 use crate::interface::{list, setup_error, vector, Matrix, Watch};
-use crate::mechanics::MechanicalRecord;
 use crate::method::PyMethod;
+use crate::record::MechanicalRecord;
+use crate::system::PyInputs;
 use crate::system::{kicks_of_mechanism, Configuration, Mechanism};
 
 /// A loop: its run at the samples, the controls, and the status of the updates.
@@ -185,7 +185,7 @@ fn copied<T: numpy::Element + Copy>(value: &Bound<'_, PyAny>, to: &mut [T]) -> b
 
 impl MechanicalController<PyErr> for Called<'_, '_> {
     fn tick(&mut self, k: usize, t: f64, (q, w): (&[f64], &[f64]), u: &mut [f64]) -> PyResult<u8> {
-        crate::leaving::look()?;
+        crate::interface::look()?;
         let (py, given) = (self.py, self.given);
         let (q, w) = (PyArray1::from_slice(py, q), PyArray1::from_slice(py, w));
         let value = match given.counts {
@@ -317,7 +317,7 @@ pub(crate) fn simulate_mechanical_loop(
     kicks: Option<Py<PyAny>>,
     progress: Option<Py<PyAny>>,
 ) -> PyResult<MechanicalLoopRecord> {
-    let _running = crate::leaving::running()?;
+    let _running = crate::interface::running()?;
     let AnyMethod::SwitchedRk(settings) = method.inner else {
         return Err(PyValueError::new_err("a mechanical loop is integrated by SwitchedRK"));
     };

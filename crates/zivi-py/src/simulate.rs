@@ -17,11 +17,11 @@ use crate::dynamics::AnyDynamics;
 use crate::force::with_force;
 use crate::friction::{PyFriction, Rubbing};
 use crate::interface::{with_room, Watch};
-use crate::mechanics::MechanicalRecord;
 use crate::method::{step_of, step_solver, PyMethod};
+use crate::record::MechanicalRecord;
 use crate::record::RunRecord;
+use crate::system::restitution_of;
 use crate::system::{kicks_of_mechanism, Configuration, Mechanism, PyKeep, PyPointMass, PyState};
-use crate::transform::restitution_of;
 
 /// An array of times as a slice with the lifetime of the array.
 pub(crate) struct Times<'py>(Option<PyReadonlyArray1<'py, f64>>);
@@ -54,7 +54,7 @@ pub(crate) fn simulate(
     keep: PyRef<'_, PyKeep>,
     progress: Option<Py<PyAny>>,
 ) -> PyResult<Py<PyAny>> {
-    let _running = crate::leaving::running()?;
+    let _running = crate::interface::running()?;
     let (method, watch) = (method.inner, &mut Watch::reporting(progress));
     if let (Ok(system), Ok(start)) = (system.cast::<PyPointMass>(), start.cast::<PyState>()) {
         let run = run_point(py, system.get(), method, span, start.get().inner, &keep, watch)?;
@@ -168,7 +168,7 @@ pub(crate) fn solve_steps<'py>(
     linearisations: i64,
     fall_backs: bool,
 ) -> PyResult<(Bound<'py, PyArray1<f64>>, Bound<'py, PyArray1<f64>>, Bound<'py, PyArray1<bool>>)> {
-    let _running = crate::leaving::running()?;
+    let _running = crate::interface::running()?;
     let step = step_of(h, restitution_of(kappa)?)?;
     let mut general = match (step_solver(solver, linearisations)?, fall_backs) {
         (Solver::Outer { linearisations }, _) => General::outer(linearisations),

@@ -2,22 +2,23 @@
 //!
 //! Arguments of a run: system, initial state, stored data.
 
-use crate::dynamics::{AnyDynamics, CompiledDynamics, Model};
-use crate::force::{compiled_ratio, Force};
-use crate::friction::{PyFriction, Rubbing};
-use crate::interface::{array, setup_error, vector, Array};
-use crate::method::{PyEvent, PySetting};
-use crate::transform::from_both;
-use numpy::{PyArray1, PyReadonlyArray1};
-use pyo3::exceptions::PyValueError;
+use numpy::{PyArray1, PyArrayMethods, PyReadonlyArray1, PyUntypedArrayMethods};
+use pyo3::exceptions::{PyRuntimeError, PyValueError};
 use pyo3::gc::{PyTraverseError, PyVisit};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use zivi::mechanics::MotionPoint;
-use zivi::system::dynamics::Layout;
+use zivi::system::dynamics::{Driven, InputMatrix, Layout};
 use zivi::system::force::Friction;
 use zivi::system::impact_law::{newton_impacts, FunctionImpact, TabulatedImpact};
 use zivi::{AnyImpactLaw, Kick, PathPoint, Physical};
+use zivi_core::{transform, Branch, Lifted, Restitution, RestitutionError};
+
+use crate::dynamics::{AnyDynamics, CompiledDynamics, CompiledFunction, Model};
+use crate::force::{compiled_ratio, Force};
+use crate::friction::{PyFriction, Rubbing};
+use crate::interface::{array, setup_error, vector, zeros, Array};
+use crate::method::{PyEvent, PySetting};
 
 /// A mass above a wall.
 #[pyclass(frozen, module = "zivi._zivi", name = "PointMass")]
@@ -339,4 +340,240 @@ pub(crate) fn all_laws(py: Python<'_>) -> PyResult<Bound<'_, PyDict>> {
         all.set_item(name, of)?;
     }
     Ok(all)
+}
+
+// Restitution and transform on arrays.
+
+fn refused(error: RestitutionError) -> PyErr {
+    PyValueError::new_err(error.to_string())
+}
+
+/// Restitution of a wall as `e` and as `kappa`: one as given, the other computed, so that neither
+/// loses digits.
+#[pyclass(frozen, module = "zivi._zivi", name = "Restitution")]
+pub(crate) struct PyRestitution {
+    pub(crate) inner: Restitution,
+}
+
+#[pymethods]
+impl PyRestitution {
+    /// From exactly one of them.
+    #[new]
+    #[pyo3(signature = (*, e=None, kappa=None))]
+    fn new(e: Option<f64>, kappa: Option<f64>) -> PyResult<Self> {
+        let inner = match (e, kappa) {
+            (Some(e), None) => Restitution::from_e(e),
+            (None, Some(kappa)) => Restitution::from_kappa(kappa),
+            _ => {
+                let given = if e.is_some() { "both" } else { "neither" };
+                return Err(PyValueError::new_err(format!(
+                    "exactly one of e and kappa must be given, got {given}"
+                )));
+            }
+        };
+        Ok(Self { inner: inner.map_err(refused)? })
+    }
+
+    /// From both, which must be each other's image.
+    #[staticmethod]
+    fn of_both(e: f64, kappa: f64) -> PyResult<Self> {
+        Ok(Self { inner: from_both(e, kappa)? })
+    }
+
+    #[getter]
+    fn e(&self) -> f64 {
+        self.inner.e()
+    }
+
+    #[getter]
+    fn kappa(&self) -> f64 {
+        self.inner.kappa()
+    }
+}
+
+pub(crate) fn from_both(e: f64, kappa: f64) -> PyResult<Restitution> {
+    Restitution::from_both(e, kappa).map_err(refused)
+}
+
+pub(crate) fn from_e(e: f64) -> PyResult<Restitution> {
+    Restitution::from_e(e).map_err(refused)
+}
+
+/// Where only the parameter of the transform matters.
+pub(crate) fn restitution_of(kappa: f64) -> PyResult<Restitution> {
+    Restitution::from_kappa(kappa).map_err(refused)
+}
+
+type Pair<'py> = (Bound<'py, PyArray1<f64>>, Bound<'py, PyArray1<f64>>);
+
+fn map_pairs<'py>(
+    py: Python<'py>,
+    (first, second): (PyReadonlyArray1<'py, f64>, PyReadonlyArray1<'py, f64>),
+    map: impl Fn(f64, f64) -> (f64, f64),
+) -> PyResult<Pair<'py>> {
+    let (first, second) = (first.as_array(), second.as_array());
+    let (mut a, mut b) = (zeros(first.len())?, zeros(first.len())?);
+    for (k, (first, second)) in first.iter().zip(second).enumerate() {
+        (a[k], b[k]) = map(*first, *second);
+    }
+    Ok((PyArray1::from_vec(py, a), PyArray1::from_vec(py, b)))
+}
+
+/// `(s, v)` of physical states on the branch `sigma`.
+#[pyfunction]
+pub(crate) fn lift<'py>(
+    py: Python<'py>,
+    x: PyReadonlyArray1<'py, f64>,
+    xdot: PyReadonlyArray1<'py, f64>,
+    sigma: f64,
+    kappa: f64,
+) -> PyResult<Pair<'py>> {
+    let restitution = restitution_of(kappa)?;
+    let branch = if sigma < 0.0 { Branch::Negative } else { Branch::Positive };
+    map_pairs(py, (x, xdot), |x, xdot| {
+        let z = transform::lift(Physical { x, xdot }, branch, restitution);
+        (z.s, z.v)
+    })
+}
+
+/// `(x, xdot)` of lifted states.
+#[pyfunction]
+pub(crate) fn project<'py>(
+    py: Python<'py>,
+    s: PyReadonlyArray1<'py, f64>,
+    v: PyReadonlyArray1<'py, f64>,
+    kappa: f64,
+) -> PyResult<Pair<'py>> {
+    let restitution = restitution_of(kappa)?;
+    map_pairs(py, (s, v), |s, v| {
+        let physical = transform::project(Lifted { s, v }, restitution);
+        (physical.x, physical.xdot)
+    })
+}
+
+// How controls act on a mechanical system.
+
+/// The matrix of inputs `B` of a mechanical system.
+#[pyclass(frozen, module = "zivi._zivi", name = "Inputs")]
+pub(crate) struct PyInputs {
+    /// How many.
+    pub(crate) r: usize,
+    kind: InputsKind,
+}
+
+enum InputsKind {
+    Constant(Vec<f64>),
+    /// A compiled function and its owner.
+    Compiled(CompiledFunction, Py<PyAny>),
+    /// A function of `(t, q)` that gives an array.
+    Callable(Py<PyAny>),
+}
+
+#[pymethods]
+impl PyInputs {
+    /// A constant matrix, row by row.
+    #[staticmethod]
+    fn constant(r: usize, matrix: Vec<f64>) -> Self {
+        Self { r, kind: InputsKind::Constant(matrix) }
+    }
+
+    /// As `Model.compiled`; it fills in the matrix row by row.
+    #[staticmethod]
+    fn compiled(r: usize, address: usize, data: usize, owner: Py<PyAny>) -> Self {
+        let function = CompiledFunction::with_data(address, data);
+        Self { r, kind: InputsKind::Compiled(function, owner) }
+    }
+
+    /// A function of time and coordinates that gives a contiguous matrix.
+    #[staticmethod]
+    fn callable(r: usize, function: Py<PyAny>) -> Self {
+        Self { r, kind: InputsKind::Callable(function) }
+    }
+
+    fn __traverse__(&self, visit: PyVisit<'_>) -> Result<(), PyTraverseError> {
+        match &self.kind {
+            InputsKind::Constant(_) => Ok(()),
+            InputsKind::Compiled(_, held) | InputsKind::Callable(held) => visit.call(held),
+        }
+    }
+}
+
+/// The matrix of inputs as a function of time and coordinates.
+pub(crate) type Matrices<'a> = Box<dyn FnMut(f64, &[f64], &mut [f64]) -> PyResult<()> + 'a>;
+
+/// The same without the interpreter.
+pub(crate) type NativeMatrices = Box<dyn FnMut(f64, &[f64], &mut [f64]) -> PyResult<()> + Send>;
+
+/// A system, evaluated with or without the interpreter, with its controls.
+pub(crate) type Evaluated<'a, 'py> = Driven<Rubbing<'a, AnyDynamics<'py>>, Matrices<'a>>;
+
+/// A system that needs no interpreter, with its controls.
+pub(crate) type Native<'a> = Driven<Rubbing<'a, CompiledDynamics>, NativeMatrices>;
+
+impl PyInputs {
+    /// The matrix; `None` if it needs the interpreter.
+    fn native(&self) -> Option<InputMatrix<NativeMatrices>> {
+        match &self.kind {
+            InputsKind::Constant(matrix) => Some(InputMatrix::Constant(matrix.clone())),
+            InputsKind::Compiled(function, _) => {
+                let function = *function;
+                Some(InputMatrix::Function(Box::new(move |t, q, out| {
+                    match function.call(t, q, q, out) {
+                        0 => Ok(()),
+                        code => Err(PyRuntimeError::new_err(format!(
+                            "the compiled inputs failed at t = {t:?} (they returned {code})"
+                        ))),
+                    }
+                })))
+            }
+            InputsKind::Callable(_) => None,
+        }
+    }
+
+    fn matrix<'a>(&'a self, py: Python<'a>) -> InputMatrix<Matrices<'a>> {
+        if let InputsKind::Callable(function) = &self.kind {
+            let function = function.bind(py).clone();
+            return InputMatrix::Function(Box::new(move |t, q, out| {
+                let q = PyArray1::from_slice(function.py(), q);
+                let value = function.call1((t, q))?;
+                let array = value.cast::<numpy::PyArray2<f64>>()?;
+                if array.len() != out.len() {
+                    let (got, wanted) = (array.len(), out.len());
+                    let message = format!("inputs must give {wanted} numbers, got {got}");
+                    return Err(PyValueError::new_err(message));
+                }
+                let readable = array.readonly();
+                out.iter_mut().zip(readable.as_array()).for_each(|(to, &from)| *to = from);
+                Ok(())
+            }));
+        }
+        match self.native() {
+            Some(InputMatrix::Function(function)) => InputMatrix::Function(function),
+            Some(InputMatrix::Constant(matrix)) => InputMatrix::Constant(matrix),
+            None => InputMatrix::Constant(Vec::new()),
+        }
+    }
+
+    /// A system with these controls.
+    pub(crate) fn driven<'a>(
+        &'a self,
+        py: Python<'a>,
+        system: &'a Mechanism,
+    ) -> PyResult<Evaluated<'a, 'a>> {
+        let size = (system.n, self.r);
+        Driven::new(system.rubbing(py), size, self.matrix(py)).ok_or_else(wrong_shape)
+    }
+
+    /// The same without the interpreter; `None` if the interpreter is needed.
+    pub(crate) fn driven_alone<'a>(
+        &self,
+        py: Python<'_>,
+        system: &'a Mechanism,
+    ) -> Option<Native<'a>> {
+        Driven::new(system.rubbing_alone(py)?, (system.n, self.r), self.native()?)
+    }
+}
+
+fn wrong_shape() -> PyErr {
+    PyValueError::new_err("inputs must be a matrix of shape (n, r)")
 }

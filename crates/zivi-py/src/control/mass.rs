@@ -7,7 +7,7 @@ use crate::control::arguments::{
     tracker_state, under_way_of, under_way_state, State, UnderWayState,
 };
 use crate::method::step_solver;
-use crate::transform::restitution_of;
+use crate::system::restitution_of;
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use zivi::drive::closed_loop::{

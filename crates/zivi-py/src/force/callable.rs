@@ -2,8 +2,8 @@
 
 use crate::force::native::AnyNative;
 use crate::force::wall::AnyWall;
+use crate::interface;
 use crate::interface::Function;
-use crate::leaving;
 use numpy::{PyArray1, PyArrayMethods};
 use pyo3::exceptions::{PyException, PyTypeError};
 use pyo3::prelude::*;
@@ -66,7 +66,7 @@ impl Force<PyErr> for PythonForce<'_> {
     #[inline]
     fn at(&mut self, t: f64, x: f64, xdot: f64) -> PyResult<f64> {
         let value = self.call(t, x, xdot)?;
-        leaving::look()?;
+        interface::look()?;
         value.extract().map_err(|error| no_number(&value, error))
     }
 
@@ -179,7 +179,7 @@ impl ParametricForce<'_> {
         let all: Vec<f64> = [at.t, at.x, at.xdot].iter().chain(&self.values).copied().collect();
         let arguments = PyTuple::new(function.py(), all)?;
         let value = function.call1(arguments)?;
-        crate::leaving::look()?;
+        crate::interface::look()?;
         Ok(value.unbind())
     }
 }

@@ -3,7 +3,7 @@
 mod callable;
 pub(crate) mod kind;
 mod native;
-mod wall;
+pub(crate) mod wall;
 
 use pyo3::exceptions::{PyTypeError, PyValueError};
 use pyo3::gc::{PyTraverseError, PyVisit};
@@ -11,10 +11,10 @@ use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyTuple};
 use zivi::system::slopes::Differenced;
 
-use crate::time_table::PyTimeTable;
 use callable::{ParametricForce, WithJacobian};
 use kind::{AnySlopes, Callable, Kind, Native};
 use wall::AnyWall;
+use wall::PyTimeTable;
 
 pub(crate) use callable::{with_force, AnyForce};
 pub(crate) use native::{

@@ -1,7 +1,7 @@
 //! `F` and its Jacobian as Python callables.
 
+use crate::interface;
 use crate::interface::array;
-use crate::leaving;
 use numpy::ndarray::Dimension;
 use numpy::{PyArray, PyArray1, PyArray2, PyArrayMethods, PyUntypedArrayMethods};
 use pyo3::exceptions::{PyArithmeticError, PyStopIteration, PyValueError};
@@ -271,7 +271,7 @@ impl Interrupts {
     /// Checks the clock and the signals; the GIL is held.
     pub(super) fn look(&self, py: Python<'_>) -> Result<(), Interruption> {
         self.look_at_clock(Instant::now)?;
-        leaving::look().and_then(|()| py.check_signals()).map_err(|error| self.keep(error))
+        interface::look().and_then(|()| py.check_signals()).map_err(|error| self.keep(error))
     }
 
     /// The same without the lock, which is taken now and then.
@@ -282,7 +282,7 @@ impl Interrupts {
             return Ok(());
         }
         self.looked.set(now);
-        let looked = leaving::look().and_then(|()| Python::attach(|py| py.check_signals()));
+        let looked = interface::look().and_then(|()| Python::attach(|py| py.check_signals()));
         looked.map_err(|error| self.keep(error))
     }
 
@@ -297,7 +297,7 @@ impl Interrupts {
     /// Hands an iteration to the callback, which may end the solve by `StopIteration`.
     pub(super) fn report(&self, progress: &Progress) -> Result<(), Interruption> {
         let Some(observe) = &self.observe else { return Ok(()) };
-        leaving::look().map_err(|error| self.keep(error))?;
+        interface::look().map_err(|error| self.keep(error))?;
         Python::attach(|py| {
             let Progress { iteration, residual, worst, stage } = *progress;
             match observe.call1(py, (iteration, residual, worst, stage.name())) {
