@@ -58,12 +58,14 @@ if TYPE_CHECKING:
         design_tracker,
     )
     from zivi.control.gap_tracker import GapTracker, Striker
-    from zivi.control.loop_batch import simulate_closed_loop_batch
+    from zivi.control.loop_batch import (
+        MechanicalLoopBatch as MechanicalLoopBatch,
+        simulate_closed_loop_batch,
+    )
     from zivi.control.loop_run import ClosedLoop as ClosedLoop, ClosedLoopBatch as ClosedLoopBatch
     from zivi.control.mechanical_loop import (
         MechanicalClosedLoop as MechanicalClosedLoop,
         MechanicalController,
-        MechanicalLoopBatch as MechanicalLoopBatch,
         RKPeriod,
     )
     from zivi.control.mechanical_reference import ReferenceSample as ReferenceSample, reference_run

@@ -21,7 +21,7 @@ FORMER = {
     "batch": "simulation.batch",
     "closed_loop": "control.closed_loop",
     "control.loop_path": "control.loop_run",
-    "control.mechanical_loop_batch": "control.mechanical_loop",
+    "control.mechanical_loop_batch": "control.loop_batch",
     "dense": "simulation.dense",
     "derivatives.parameter_runs": "derivatives.mechanical_sensitivity",
     "derivatives.wrt": "derivatives.mechanical_sensitivity",

@@ -10,12 +10,11 @@ from zivi.control.design import (
     design_tracker,
 )
 from zivi.control.gap_tracker import GapTracker, Striker
-from zivi.control.loop_batch import simulate_closed_loop_batch
+from zivi.control.loop_batch import MechanicalLoopBatch, simulate_closed_loop_batch
 from zivi.control.loop_run import ClosedLoop, ClosedLoopBatch
 from zivi.control.mechanical_loop import (
     MechanicalClosedLoop,
     MechanicalController,
-    MechanicalLoopBatch,
     RKPeriod,
 )
 from zivi.control.mechanical_reference import ReferenceSample, reference_run

@@ -22,11 +22,11 @@ from zivi.control.loop_arguments import (
     GivenReference,
     Loop,
     Reference,
+    Sensor,
     Told,
     check_ahead,
     check_delay,
     check_interface,
-    check_not_negative,
     check_observer,
     check_plant_method,
     check_reference,
@@ -37,7 +37,6 @@ from zivi.control.loop_arguments import (
     has_own_tick,
     interface_of,
     loop_forces,
-    noise_of,
     on_wall,
     plant_motion,
     sampling_period,
@@ -385,20 +384,17 @@ def simulate_closed_loop(
         observer=observer, disturbance=disturbance, kicks=kicks, t_eval=t_eval, events=events,
         dense_output=dense_output, slowest=slowest, progress=progress,
     )  # fmt: skip
-    if isinstance(system, MechanicalSystem):
-        loop.check_mechanical()
-        moved = simulate_mechanical(system, controller, t_span, y0, loop)
-        moved.updates.warn(moved.config["controller"]["name"])
-        return moved
-    return simulate_mass(system, controller, t_span, y0, loop)
+    loop.check_for(system)
+    one = simulate_mechanical if isinstance(system, MechanicalSystem) else simulate_mass
+    run = one(system, controller, t_span, y0, loop)
+    run.updates.warn(run.config["controller"]["name"])
+    return run
 
 
 def simulate_mass(
     system: ImpactSystem, controller: Any, t_span: Sequence[float], y0: Any, loop: Loop
 ) -> ClosedLoop:
     """Simulate the closed loop of a mass, as `simulate_closed_loop` has it."""
-    if loop.disturbance is not None:
-        raise TypeError("disturbance is for a zivi.MechanicalSystem: here system.force is true")
     part = check_slowest(loop.slowest)
     check_system(system)
     h, reference = sampling_period(controller), loop.reference
@@ -414,10 +410,10 @@ def simulate_mass(
     check_stays(controller, not (loop.y_ref0 is None and reference is None), forces["force_ref"])
     told = None if reference is None else spec_of(reference, span, h)
     kappa_ref = real("kappa_ref", getattr(controller, "kappa_ref", system.kappa))
-    deviations = check_not_negative("noise", loop.noise)
-    resolution = check_not_negative("quantization", loop.quantization)
+    samples = (max(span[1] - span[0], 0.0) / h if h > 0.0 else 0.0) + 2
+    sensor = Sensor.of(loop.noise, loop.quantization, loop.seed, samples, 1)
     periods = check_delay(loop.delay)
-    check_ahead(controller, periods, deviations[1] if loop.observer is None else 0.0)
+    check_ahead(controller, periods, sensor.deviations[1] if loop.observer is None else 0.0)
     check_plant_method(loop.method, h)
     kicked, stops = schedule_of(loop.kicks, system, None, span), np.empty(0)
     if kicked is not None:
@@ -427,7 +423,6 @@ def simulate_mass(
     watched = events_of(loop.events)
     if not isinstance(loop.dense_output, bool):
         raise TypeError(f"dense_output must be True or False, got {loop.dense_output!r}")
-    seed, samples = noise_of(deviations, loop.seed, span, h)
     if isinstance(controller, CONTROLLERS):
         controller = copy.copy(controller)
     start_ref = None
@@ -442,9 +437,7 @@ def simulate_mass(
         "reference": None if reference is None else describe_reference(reference),
         "controller": described(own if isinstance(controller, Told) else controller),
         "method": None if loop.method is None else describe(loop.method),
-        "noise": list(deviations),
-        "seed": seed,
-        "quantization": list(resolution),
+        **sensor.described(),
         "delay": periods,
         **described_observer(loop.observer),
     }
@@ -457,8 +450,8 @@ def simulate_mass(
             span=span,
             start=_zivi.State(*state),
             **plant_motion(loop.method),
-            noise=samples,
-            resolution=resolution,
+            noise=sensor.of_mass(),
+            resolution=sensor.steps,
             delay=periods,
             observer=loop.observer,
             interface=interface,
@@ -483,7 +476,6 @@ def simulate_mass(
     if kicked is not None:
         vars(run)["_kicks"] = kicks_table(kicked.rows, None)
     if raised is None:
-        run.updates.warn(config["controller"]["name"])
         return run
     try:
         raise with_partial(raised, run)

@@ -26,6 +26,7 @@ from zivi.simulation.methods import SwitchedRK, ThetaGamma
 from zivi.simulation.run import argument_text, pair
 from zivi.simulation.trajectory import Trajectory, describe
 from zivi.system.mass import ImpactSystem, LinearForce, force_spec, in_wall_frame
+from zivi.system.mechanism import MechanicalSystem
 
 # What a closed loop is given beside its plant, its controller, its span and its initial state.
 
@@ -52,8 +53,14 @@ class Loop:
     slowest: float = SLOWEST
     progress: bool | None = None
 
-    def check_mechanical(self) -> None:
-        """Refuse what only the loop of a mass is given."""
+    def check_for(self, system: Any) -> None:
+        """Reject arguments of the loop of the other kind of system."""
+        if not isinstance(system, MechanicalSystem):
+            if self.disturbance is not None:
+                raise TypeError(
+                    "disturbance is for a zivi.MechanicalSystem: here system.force is true"
+                )
+            return
         for name in ("y_ref0", "force_ref", "force_model", "t_eval", "events"):
             if getattr(self, name) is not None:
                 raise TypeError(f"{name} is for a zivi.ImpactSystem, not for a MechanicalSystem")
@@ -271,7 +278,7 @@ class GivenReference:
 # What is requested of a closed loop: its arguments, checked and translated.
 
 BETWEEN_SAMPLES = SwitchedRK(rtol=1e-9, atol=1e-12)
-"""How a plant moves whose force is not constant."""
+"""Method that moves a plant between samples."""
 
 
 def loop_forces(
@@ -402,26 +409,53 @@ def check_not_negative(name: str, value: Sequence[float]) -> tuple[float, float]
     return first, second
 
 
-def noise_of(
-    deviations: tuple[float, float], seed: int | None, span: tuple[float, float], h: float
-) -> tuple[int | None, tuple[Array, Array]]:
-    """Draw the noise of the whole run."""
-    seed = None if seed is None else check_seed(seed)
-    none = np.empty(0)
-    if deviations == (0.0, 0.0):
-        return seed, (none, none)
-    source = np.random.SeedSequence(seed)
-    generator = np.random.default_rng(source)
-    samples = max((span[1] - span[0]) / h, 0.0) + 2
-    if not samples <= MAX_NOISE:
-        raise ValueError(f"noise is drawn for at most {MAX_NOISE:.0e} samples, got {samples:.3g}")
-    # sample by sample: a longer run with the same seed begins alike
-    draws = generator.standard_normal((int(samples), 2))
-    entropy = source.entropy
-    return int(entropy) if isinstance(entropy, int) else None, (
-        deviations[0] * draws[:, 0],
-        deviations[1] * draws[:, 1],
-    )
+@dataclasses.dataclass(frozen=True, eq=False)
+class Sensor:
+    """Sensor of a loop: deviations and seed of its noise, resolutions, and the noise.
+
+    Parameters
+    ----------
+    deviations, steps : (float, float)
+        Standard deviations and resolutions of coordinates and of velocities.
+    noise : ndarray or None
+        Noise of the samples, shape (k, 2, n); None without noise.
+    seed : int or None
+        Seed of the noise.
+    """
+
+    deviations: tuple[float, float]
+    steps: tuple[float, float]
+    noise: Array | None
+    seed: int | None
+
+    @classmethod
+    def of(cls, noise: Any, quantization: Any, seed: Any, count: float, n: int) -> Sensor:
+        """Read the arguments of a loop, and draw the noise of all samples."""
+        deviations = check_not_negative("noise", noise)
+        steps = check_not_negative("quantization", quantization)
+        known = None if seed is None else check_seed(seed)
+        if deviations == (0.0, 0.0):
+            return cls(deviations, steps, None, known)
+        source = np.random.SeedSequence(known)
+        if not count * n <= MAX_NOISE:
+            text = f"noise is drawn for at most {MAX_NOISE:.0e} samples, got {count * n:.3g}"
+            raise ValueError(text)
+        # sample by sample: a longer run with the same seed begins alike
+        draws = np.random.default_rng(source).standard_normal((int(count), 2, n))
+        entropy = source.entropy
+        drawn = int(entropy) if isinstance(entropy, int) else None
+        return cls(deviations, steps, draws * np.array(deviations)[:, None], drawn)
+
+    def of_mass(self) -> tuple[Array, Array]:
+        """Return the noise of position and velocity of one mass; empty without noise."""
+        if self.noise is None:
+            return np.empty(0), np.empty(0)
+        x, xdot = np.ascontiguousarray(self.noise[..., 0].T)
+        return x, xdot
+
+    def described(self) -> dict[str, Any]:
+        """Return deviations, resolutions and seed for the settings of a run."""
+        return {"noise": [*self.deviations], "quantization": [*self.steps], "seed": self.seed}
 
 
 def check_seed(seed: Any) -> int:

@@ -119,6 +119,8 @@ class Updated:
     """The counts of a loop by the names that batches have."""
 
     updates: Updates
+    if TYPE_CHECKING:
+        _ticks: dict[str, Array] | None
 
     @property
     def n_updates(self) -> int:
@@ -138,6 +140,14 @@ class Updated:
     def _failed_text(self) -> str:
         """Describe the failures after a comma; "" if there are none."""
         return f", {self.updates}" if str(self.updates) else ""
+
+    def _held(
+        self, names: tuple[str, ...], times: Array
+    ) -> tuple[dict[str, Array], dict[str, Any]]:
+        """Return the columns at the samples, ``t`` first, and those held at other times."""
+        ticks = self._ticks or {name: getattr(self, name) for name in names}
+        k = np.maximum(np.searchsorted(ticks["t"], times, side="right") - 1, 0)
+        return ticks, {name: ticks[name][k] for name in names[1:]}
 
 
 def with_updates(state: dict[str, Any]) -> dict[str, Any]:
@@ -515,9 +525,7 @@ class ClosedLoop(Updated, MassRun):
 
     def _resampled(self, times: Array) -> ClosedLoop:
         names = ("t", "u", "signs", "tick_status", *(ESTIMATES if self.x_est is not None else ()))
-        ticks = self._ticks or {name: getattr(self, name) for name in names}
-        k = np.maximum(np.searchsorted(ticks["t"], times, side="right") - 1, 0)
-        held: dict[str, Any] = {name: ticks[name][k] for name in names[1:]}
+        ticks, held = self._held(names, times)
         unknown = np.full((2, len(times)), np.nan)
         x, xdot = self(times)
         x_ref, xdot_ref = unknown if self._reference is None else self.reference(times)

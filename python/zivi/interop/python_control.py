@@ -21,7 +21,7 @@ from zivi.base.status import ModelWarning
 from zivi.control.closed_loop import Controller, simulate_closed_loop
 from zivi.control.component import TickStatus
 from zivi.control.loop_arguments import Told, asked_of, interface_of, sampling_period
-from zivi.control.mechanical_loop import copy_for_loop
+from zivi.control.loop_batch import copy_for_loop
 from zivi.control.twisting import CONTROLLERS
 from zivi.simulation.methods import SwitchedRK, ThetaGamma
 from zivi.system.mass import Force, ImpactSystem
