@@ -26,7 +26,7 @@
 
 #include <stdint.h>
 
-// The version of this interface: it changes when a structure or the meaning of a function does.
+// Version of this interface. It changes if a structure or the meaning of a function changes.
 #define ZIVI_ABI_VERSION 3
 
 // Done; nothing to report.
@@ -113,7 +113,7 @@
 // `se` is not in [0, 1].
 #define ZIVI_E_SE -29
 
-// `x` is not finite, or further behind the wall than `depth`.
+// `x` is not finite, or less than `-depth`.
 #define ZIVI_E_X -30
 
 // `xdot` is not finite.
@@ -609,45 +609,45 @@ uint32_t zivi_abi_version(void);
 // The version of zivi, for instance "0.2.0".
 const char *zivi_version(void);
 
-// What a code means, in one line of English.
+// Meaning of a code, one line of English.
 const char *zivi_message(int32_t code);
 
 // `sizeof(zivi_mass)` in the library.
 uint32_t zivi_mass_size(void);
 
-// Sets the size, and everything else to its default: 0. What has none (gains, period, wall) is
-// yours to set.
+// Sets `size`, and all other members to their default, 0. You set the members without a default:
+// gains, period, wall.
 int32_t zivi_mass_defaults(struct zivi_mass_config *config);
 
-// Checks the settings and starts at rest on the wall. Where a code < 0 is given, nothing is
+// Checks the settings and starts at rest on the wall. If the returned code is < 0, nothing is
 // written.
 int32_t zivi_mass_init(struct zivi_mass *mass, const struct zivi_mass_config *config);
 
 // Puts the mass at `x` >= 0 (m) with velocity `xdot` (m/s).
 int32_t zivi_mass_reset(struct zivi_mass *mass, double x, double xdot);
 
-// Moves the mass by one step `h` under `force` per unit mass (m/s^2); the state is in
-// `mass->x` and `mass->xdot` then, exactly 0 at rest.
+// Moves the mass by one step `h` under `force` per unit mass (m/s^2). The new state is
+// `mass->x` (m) and `mass->xdot` (m/s), exactly 0 at rest.
 int32_t zivi_mass_step(struct zivi_mass *mass, double force);
 
 // `sizeof(zivi_regulator)` in the library.
 uint32_t zivi_regulator_size(void);
 
-// Sets the size, and everything else to its default: 0. What has none (gains, period, wall) is
-// yours to set.
+// Sets `size`, and all other members to their default, 0. You set the members without a default:
+// gains, period, wall.
 int32_t zivi_regulator_defaults(struct zivi_regulator_config *config);
 
-// Checks the settings. Where a code < 0 is given, nothing is written.
+// Checks the settings. If the returned code is < 0, nothing is written.
 int32_t zivi_regulator_init(struct zivi_regulator *regulator,
                             const struct zivi_regulator_config *config);
 
-// Forgets the last tick.
+// Forgets the last update.
 int32_t zivi_regulator_reset(struct zivi_regulator *regulator);
 
 // The control for the period that starts with the measurement `x` (m), `xdot` (m/s): `*u`
 // (m/s^2), to be held for one period. `force` acts on the mass without control (m/s^2).
 //
-// Where a sample is refused, a code < 0 is given, `*u` is the last control, and nothing else
+// If a sample is invalid, the returned code is < 0, `*u` is the last control, and nothing else
 // is written.
 int32_t zivi_regulator_step(struct zivi_regulator *regulator,
                             double x,
@@ -655,8 +655,8 @@ int32_t zivi_regulator_step(struct zivi_regulator *regulator,
                             double force,
                             double *u);
 
-// The same for a period of `dt` > 0 (s) that starts now, where that is not `h`. A sample that is missing
-// has NaN for `x`: `*u` is the last control, `xdot` and `force` are ignored.
+// `zivi_regulator_step` for a period of the length `dt` > 0 (s) instead of `h`. For a missing sample
+// pass NaN as `x`: `*u` is then the last control, `xdot` and `force` are ignored.
 int32_t zivi_regulator_step_over(struct zivi_regulator *regulator,
                                  double dt,
                                  double x,
@@ -667,16 +667,16 @@ int32_t zivi_regulator_step_over(struct zivi_regulator *regulator,
 // `sizeof(zivi_tracker)` in the library.
 uint32_t zivi_tracker_size(void);
 
-// Sets the size, `horizon` to 1, and everything else to its default: 0. What has none (gains, period,
-// wall) is yours to set.
+// Sets `size`, `horizon` to 1, and all other members to their default, 0. You set the members without
+// a default: gains, period, wall.
 int32_t zivi_tracker_defaults(struct zivi_tracker_config *config);
 
-// Checks the settings; the reference starts at rest. Where a code < 0 is given, nothing is
+// Checks the settings; the reference starts at rest. If the returned code is < 0, nothing is
 // written.
 int32_t zivi_tracker_init(struct zivi_tracker *tracker,
                           const struct zivi_tracker_config *config);
 
-// Puts the reference at `x_ref` >= 0 (m) with velocity `xdot_ref` (m/s) and forgets the last tick.
+// Puts the reference at `x_ref` >= 0 (m) with velocity `xdot_ref` (m/s) and forgets the last update.
 int32_t zivi_tracker_reset(struct zivi_tracker *tracker,
                            double x_ref,
                            double xdot_ref);
@@ -685,7 +685,7 @@ int32_t zivi_tracker_reset(struct zivi_tracker *tracker,
 // (m/s^2), to be held for one period. `force` acts on the mass without control, `force_ref` on
 // the reference (m/s^2), which advances by one period: `tracker->x_ref` is that at the next sample.
 //
-// Where a sample is refused, a code < 0 is given, `*u` is the last control, and nothing else
+// If a sample is invalid, the returned code is < 0, `*u` is the last control, and nothing else
 // is written: the reference has not advanced.
 int32_t zivi_tracker_step(struct zivi_tracker *tracker,
                           double x,
@@ -694,9 +694,9 @@ int32_t zivi_tracker_step(struct zivi_tracker *tracker,
                           double force_ref,
                           double *u);
 
-// The same for a reference that is given: where it is at this sample and at the next one.
-// `acceleration` is its own over the period (m/s^2), NaN if it is not known: the difference quotient
-// of its velocities is taken, over an impact `force`. `tracker->x_ref` becomes that of `next`.
+// `zivi_tracker_step` for a given reference, at this sample (`now`) and at the next one (`next`).
+// `acceleration` is that of the reference over the period (m/s^2). If it is NaN, the difference quotient
+// of the velocities replaces it, or `force` if the reference has an impact in the period.
 int32_t zivi_tracker_step_to(struct zivi_tracker *tracker,
                              double x,
                              double xdot,
@@ -706,9 +706,9 @@ int32_t zivi_tracker_step_to(struct zivi_tracker *tracker,
                              double acceleration,
                              double *u);
 
-// `zivi_tracker_step` for a period of `dt` > 0 (s) that starts now, where that is not `h`: the step is
-// planned and the reference advances over it; `horizon` and `ahead` count such periods. A sample that
-// is missing has NaN for `x`: `*u` is the last control, the reference advances, `xdot` and `force` are
+// `zivi_tracker_step` for a period of the length `dt` > 0 (s) instead of `h`: the reference advances by
+// `dt`; `horizon` and `ahead` count periods of this length. For a missing sample pass NaN as `x`: `*u` is
+// then the last control, the reference advances, `xdot` and `force` are
 // ignored.
 int32_t zivi_tracker_step_over(struct zivi_tracker *tracker,
                                double dt,
@@ -732,31 +732,31 @@ int32_t zivi_tracker_step_to_over(struct zivi_tracker *tracker,
 // `sizeof(zivi_observer)` in the library.
 uint32_t zivi_observer_size(void);
 
-// Sets the size, and everything else to its default: 0. What has none (period, wall) is yours to
-// set.
+// Sets `size`, and all other members to their default, 0. You set the members without a default:
+// period, wall.
 int32_t zivi_observer_defaults(struct zivi_observer_config *config);
 
-// Checks the settings; nothing was measured yet. Where a code < 0 is given, nothing is written.
+// Checks the settings and forgets all measurements. If the returned code is < 0, nothing is written.
 int32_t zivi_observer_init(struct zivi_observer *observer,
                            const struct zivi_observer_config *config);
 
 // Forgets all measurements.
 int32_t zivi_observer_reset(struct zivi_observer *observer);
 
-// Takes the measurement `x` (m), `xdot` (m/s, NaN where it is not measured). `force` is the known
-// force, `u` the control that acted over the period that ends now (m/s^2). The estimates are in
-// `observer->x`, `->xdot` and `->d`, the unknown force, to be added to the known one; they mean
-// nothing before `observer->started`. A measurement that is missing has NaN for `x`: the motion is
-// followed, nothing is corrected, `xdot` is ignored.
+// Updates the estimates with the measurement `x` (m), `xdot` (m/s, NaN if not measured). `force` is the
+// known force, `u` the control that acted over the period that ends now (m/s^2). The estimates are
+// `observer->x` (m), `->xdot` (m/s) and `->d`, the unknown force (m/s^2); they are valid from
+// `observer->started` on. For a missing measurement pass NaN as `x`: the estimates are predicted and
+// not corrected, `xdot` is ignored.
 //
-// Where a measurement is refused by a code < 0, nothing has changed.
+// If the returned code is < 0, the measurement is invalid and nothing has changed.
 int32_t zivi_observer_step(struct zivi_observer *observer,
                            double x,
                            double xdot,
                            double force,
                            double u);
 
-// The same `dt` (s) after the last call, where that is not `h`.
+// `zivi_observer_step` if `dt` (s) passed since the last call, instead of `h`.
 int32_t zivi_observer_step_after(struct zivi_observer *observer,
                                  double dt,
                                  double x,
@@ -767,28 +767,28 @@ int32_t zivi_observer_step_after(struct zivi_observer *observer,
 // `sizeof(zivi_predictor)` in the library.
 uint32_t zivi_predictor_size(void);
 
-// Sets the size, and everything else to its default: 0. What has none (delay, period, wall) is yours to
-// set.
+// Sets `size`, and all other members to their default, 0. You set the members without a default:
+// delay, period, wall.
 int32_t zivi_predictor_defaults(struct zivi_predictor_config *config);
 
-// Checks the settings; nothing is under way. Where a code < 0 is given, nothing is written.
+// Checks the settings; no control is pending. If the returned code is < 0, nothing is written.
 int32_t zivi_predictor_init(struct zivi_predictor *predictor,
                             const struct zivi_predictor_config *config);
 
-// Forgets what is under way: a control of 0 acts until the first one that is sent does.
+// Forgets pending controls: a control of 0 acts until the first one that is sent does.
 int32_t zivi_predictor_reset(struct zivi_predictor *predictor);
 
-// Of the measurement `x` (m), `xdot` (m/s) and the known `force` (m/s^2): `predictor->x` and `->xdot` are
-// where the mass will be when the control of this sample acts, through impacts and into rest. Hand them
-// to a controller (`ahead` 1) in place of the measurement; its reference is as many periods ahead: call
+// Predicts from the measurement `x` (m), `xdot` (m/s) and the known `force` (m/s^2) the state at which the
+// control of this sample acts, through impacts and into rest: `predictor->x` and `->xdot`. Pass them
+// to a controller (`ahead` 1) in place of the measurement. Its reference is `delay` periods ahead: call
 // `zivi_tracker_step_over` `delay` times without a sample after a reset. Then `zivi_predictor_send`.
 int32_t zivi_predictor_step(struct zivi_predictor *predictor,
                             double x,
                             double xdot,
                             double force);
 
-// Takes note of the control that is sent (m/s^2), after limits: once a period, also where the last one
-// is held.
+// Stores the control that is sent (m/s^2), after limits. Call it once a period, and with the last control
+// if that is held.
 int32_t zivi_predictor_send(struct zivi_predictor *predictor,
                             double u);
 

@@ -1,4 +1,4 @@
-//! What the functions of the header do around a tick: pointers, the control that holds then, periods of
+//! Common parts of the functions of the header: pointers, the control that is held, periods of
 //! another length.
 
 use zivi_core::{Physical, Real};
@@ -38,7 +38,7 @@ pub(crate) unsafe fn ticked<T: Control>(
     code
 }
 
-/// What holds a control.
+/// Object that holds a control.
 pub(crate) trait Control {
     fn control(&self) -> Real;
 }
@@ -69,7 +69,7 @@ pub(crate) unsafe fn tracked(
     unsafe { ticked(tracker, u, |it| it.tick(Physical { x, xdot }, force, drive, given)) }
 }
 
-/// What has a sampling period among its settings.
+/// Object with a sampling period.
 pub(crate) trait Sampled: Sealed {
     fn sampling(&mut self) -> (&mut Real, &mut u64);
 }

@@ -1,9 +1,9 @@
-//! What a call answers: 0, bits of what was done, or a negative number for what was refused.
+//! Codes of calls: 0, bits that report a change, or a negative number for an invalid argument.
 
 use zivi_core::control::{GainError, TickStatus};
 use zivi_core::{RestitutionError, SettingError};
 
-/// The answer of a call.
+/// Code that a call returns.
 pub type Code = i32;
 
 /// Done; nothing to report.
@@ -65,7 +65,7 @@ pub const ZIVI_E_Q_D: i32 = -28;
 /// `se` is not in [0, 1].
 pub const ZIVI_E_SE: i32 = -29;
 
-/// `x` is not finite, or further behind the wall than `depth`.
+/// `x` is not finite, or less than `-depth`.
 pub const ZIVI_E_X: i32 = -30;
 /// `xdot` is not finite.
 pub const ZIVI_E_XDOT: i32 = -31;
@@ -181,7 +181,7 @@ pub(crate) fn of_restitution(error: RestitutionError) -> Code {
     of_setting(error.name)
 }
 
-/// The code of what was refused.
+/// Code of an invalid setting or sample.
 pub(crate) struct Refusal(pub(crate) Code);
 
 impl From<SettingError> for Refusal {

@@ -41,7 +41,7 @@ pub const ZIVI_GIVEN_Q_D: u32 = 2048;
 /// In `given`: `dmax` is meant.
 pub const ZIVI_GIVEN_DMAX: u32 = 4096;
 
-/// The bits of a configuration that says which of its members that are zero are meant.
+/// Bits of a configuration: the members whose value is zero on purpose.
 #[derive(Clone, Copy)]
 pub(crate) struct Given(u32);
 
@@ -59,12 +59,12 @@ impl Given {
         self.0 & bit != 0
     }
 
-    /// A member, its default where it is zero and not meant.
+    /// Value of a member; its default if it is zero without its bit.
     pub(crate) fn or(self, bit: u32, value: Real, default: Real) -> Real {
         self.said(bit, value).unwrap_or(default)
     }
 
-    /// A member, `None` where it is zero and not meant.
+    /// Value of a member; `None` if it is zero without its bit.
     pub(crate) fn said(self, bit: u32, value: Real) -> Option<Real> {
         (value != 0.0 || self.has(bit)).then_some(value)
     }
@@ -72,7 +72,7 @@ impl Given {
 
 /// `e` and `kappa` of a wall.
 pub(crate) const WALL: u32 = ZIVI_GIVEN_E | ZIVI_GIVEN_KAPPA;
-/// What both controllers have.
+/// Settings of both controllers.
 pub(crate) const CONTROLLER: u32 = WALL | ZIVI_GIVEN_AHEAD | ZIVI_GIVEN_DEPTH | ZIVI_GIVEN_U_LIMITS;
 
 /// The size that a configuration of this version states.

@@ -52,7 +52,7 @@ pub extern "C" fn zivi_version() -> *const c_char {
     VERSION.as_ptr()
 }
 
-/// What a code means, in one line of English.
+/// Meaning of a code, one line of English.
 #[no_mangle]
 #[cfg_attr(feature = "single", export_name = "zivi_f32_message")]
 pub extern "C" fn zivi_message(code: i32) -> *const c_char {
@@ -66,8 +66,8 @@ pub extern "C" fn zivi_mass_size() -> u32 {
     size_of::<Mass>() as u32
 }
 
-/// Sets the size, and everything else to its default: 0. What has none (gains, period, wall) is
-/// yours to set.
+/// Sets `size`, and all other members to their default, 0. You set the members without a default:
+/// gains, period, wall.
 #[no_mangle]
 #[cfg_attr(feature = "single", export_name = "zivi_f32_mass_defaults")]
 pub unsafe extern "C" fn zivi_mass_defaults(config: *mut MassConfig) -> i32 {
@@ -77,7 +77,7 @@ pub unsafe extern "C" fn zivi_mass_defaults(config: *mut MassConfig) -> i32 {
     ZIVI_OK
 }
 
-/// Checks the settings and starts at rest on the wall. Where a code < 0 is given, nothing is
+/// Checks the settings and starts at rest on the wall. If the returned code is < 0, nothing is
 /// written.
 #[no_mangle]
 #[cfg_attr(feature = "single", export_name = "zivi_f32_mass_init")]
@@ -97,8 +97,8 @@ pub unsafe extern "C" fn zivi_mass_reset(mass: *mut Mass, x: Real, xdot: Real) -
     unsafe { object(mass) }.map_or(ZIVI_E_NULL, |it| it.reset(x, xdot))
 }
 
-/// Moves the mass by one step `h` under `force` per unit mass (m/s^2); the state is in
-/// `mass->x` and `mass->xdot` then, exactly 0 at rest.
+/// Moves the mass by one step `h` under `force` per unit mass (m/s^2). The new state is
+/// `mass->x` (m) and `mass->xdot` (m/s), exactly 0 at rest.
 #[no_mangle]
 #[cfg_attr(feature = "single", export_name = "zivi_f32_mass_step")]
 pub unsafe extern "C" fn zivi_mass_step(mass: *mut Mass, force: Real) -> i32 {
@@ -113,8 +113,8 @@ pub extern "C" fn zivi_regulator_size() -> u32 {
     size_of::<Regulator>() as u32
 }
 
-/// Sets the size, and everything else to its default: 0. What has none (gains, period, wall) is
-/// yours to set.
+/// Sets `size`, and all other members to their default, 0. You set the members without a default:
+/// gains, period, wall.
 #[no_mangle]
 #[cfg_attr(feature = "single", export_name = "zivi_f32_regulator_defaults")]
 pub unsafe extern "C" fn zivi_regulator_defaults(config: *mut RegulatorConfig) -> i32 {
@@ -124,7 +124,7 @@ pub unsafe extern "C" fn zivi_regulator_defaults(config: *mut RegulatorConfig) -
     ZIVI_OK
 }
 
-/// Checks the settings. Where a code < 0 is given, nothing is written.
+/// Checks the settings. If the returned code is < 0, nothing is written.
 #[no_mangle]
 #[cfg_attr(feature = "single", export_name = "zivi_f32_regulator_init")]
 pub unsafe extern "C" fn zivi_regulator_init(
@@ -138,7 +138,7 @@ pub unsafe extern "C" fn zivi_regulator_init(
     }
 }
 
-/// Forgets the last tick.
+/// Forgets the last update.
 #[no_mangle]
 #[cfg_attr(feature = "single", export_name = "zivi_f32_regulator_reset")]
 pub unsafe extern "C" fn zivi_regulator_reset(regulator: *mut Regulator) -> i32 {
@@ -149,7 +149,7 @@ pub unsafe extern "C" fn zivi_regulator_reset(regulator: *mut Regulator) -> i32 
 /// The control for the period that starts with the measurement `x` (m), `xdot` (m/s): `*u`
 /// (m/s^2), to be held for one period. `force` acts on the mass without control (m/s^2).
 ///
-/// Where a sample is refused, a code < 0 is given, `*u` is the last control, and nothing else
+/// If a sample is invalid, the returned code is < 0, `*u` is the last control, and nothing else
 /// is written.
 #[no_mangle]
 #[cfg_attr(feature = "single", export_name = "zivi_f32_regulator_step")]
@@ -164,8 +164,8 @@ pub unsafe extern "C" fn zivi_regulator_step(
     unsafe { ticked(regulator, u, |it| it.step(x, xdot, force)) }
 }
 
-/// The same for a period of `dt` > 0 (s) that starts now, where that is not `h`. A sample that is missing
-/// has NaN for `x`: `*u` is the last control, `xdot` and `force` are ignored.
+/// `zivi_regulator_step` for a period of the length `dt` > 0 (s) instead of `h`. For a missing sample
+/// pass NaN as `x`: `*u` is then the last control, `xdot` and `force` are ignored.
 #[no_mangle]
 #[cfg_attr(feature = "single", export_name = "zivi_f32_regulator_step_over")]
 pub unsafe extern "C" fn zivi_regulator_step_over(
@@ -191,8 +191,8 @@ pub extern "C" fn zivi_tracker_size() -> u32 {
     size_of::<Tracker>() as u32
 }
 
-/// Sets the size, `horizon` to 1, and everything else to its default: 0. What has none (gains, period,
-/// wall) is yours to set.
+/// Sets `size`, `horizon` to 1, and all other members to their default, 0. You set the members without
+/// a default: gains, period, wall.
 #[no_mangle]
 #[cfg_attr(feature = "single", export_name = "zivi_f32_tracker_defaults")]
 pub unsafe extern "C" fn zivi_tracker_defaults(config: *mut TrackerConfig) -> i32 {
@@ -202,7 +202,7 @@ pub unsafe extern "C" fn zivi_tracker_defaults(config: *mut TrackerConfig) -> i3
     ZIVI_OK
 }
 
-/// Checks the settings; the reference starts at rest. Where a code < 0 is given, nothing is
+/// Checks the settings; the reference starts at rest. If the returned code is < 0, nothing is
 /// written.
 #[no_mangle]
 #[cfg_attr(feature = "single", export_name = "zivi_f32_tracker_init")]
@@ -217,7 +217,7 @@ pub unsafe extern "C" fn zivi_tracker_init(
     }
 }
 
-/// Puts the reference at `x_ref` >= 0 (m) with velocity `xdot_ref` (m/s) and forgets the last tick.
+/// Puts the reference at `x_ref` >= 0 (m) with velocity `xdot_ref` (m/s) and forgets the last update.
 #[no_mangle]
 #[cfg_attr(feature = "single", export_name = "zivi_f32_tracker_reset")]
 pub unsafe extern "C" fn zivi_tracker_reset(
@@ -233,7 +233,7 @@ pub unsafe extern "C" fn zivi_tracker_reset(
 /// (m/s^2), to be held for one period. `force` acts on the mass without control, `force_ref` on
 /// the reference (m/s^2), which advances by one period: `tracker->x_ref` is that at the next sample.
 ///
-/// Where a sample is refused, a code < 0 is given, `*u` is the last control, and nothing else
+/// If a sample is invalid, the returned code is < 0, `*u` is the last control, and nothing else
 /// is written: the reference has not advanced.
 #[no_mangle]
 #[cfg_attr(feature = "single", export_name = "zivi_f32_tracker_step")]
@@ -249,9 +249,9 @@ pub unsafe extern "C" fn zivi_tracker_step(
     unsafe { tracked(tracker, (x, xdot), force, force_ref, None, u) }
 }
 
-/// The same for a reference that is given: where it is at this sample and at the next one.
-/// `acceleration` is its own over the period (m/s^2), NaN if it is not known: the difference quotient
-/// of its velocities is taken, over an impact `force`. `tracker->x_ref` becomes that of `next`.
+/// `zivi_tracker_step` for a given reference, at this sample (`now`) and at the next one (`next`).
+/// `acceleration` is that of the reference over the period (m/s^2). If it is NaN, the difference quotient
+/// of the velocities replaces it, or `force` if the reference has an impact in the period.
 #[no_mangle]
 #[cfg_attr(feature = "single", export_name = "zivi_f32_tracker_step_to")]
 pub unsafe extern "C" fn zivi_tracker_step_to(
@@ -273,9 +273,9 @@ pub unsafe extern "C" fn zivi_tracker_step_to(
     unsafe { tracked(tracker, (x, xdot), force, acceleration, Some((now, next)), u) }
 }
 
-/// `zivi_tracker_step` for a period of `dt` > 0 (s) that starts now, where that is not `h`: the step is
-/// planned and the reference advances over it; `horizon` and `ahead` count such periods. A sample that
-/// is missing has NaN for `x`: `*u` is the last control, the reference advances, `xdot` and `force` are
+/// `zivi_tracker_step` for a period of the length `dt` > 0 (s) instead of `h`: the reference advances by
+/// `dt`; `horizon` and `ahead` count periods of this length. For a missing sample pass NaN as `x`: `*u` is
+/// then the last control, the reference advances, `xdot` and `force` are
 /// ignored.
 #[no_mangle]
 #[cfg_attr(feature = "single", export_name = "zivi_f32_tracker_step_over")]
@@ -338,8 +338,8 @@ pub extern "C" fn zivi_observer_size() -> u32 {
     size_of::<Observer>() as u32
 }
 
-/// Sets the size, and everything else to its default: 0. What has none (period, wall) is yours to
-/// set.
+/// Sets `size`, and all other members to their default, 0. You set the members without a default:
+/// period, wall.
 #[no_mangle]
 #[cfg_attr(feature = "single", export_name = "zivi_f32_observer_defaults")]
 pub unsafe extern "C" fn zivi_observer_defaults(config: *mut ObserverConfig) -> i32 {
@@ -349,7 +349,7 @@ pub unsafe extern "C" fn zivi_observer_defaults(config: *mut ObserverConfig) -> 
     ZIVI_OK
 }
 
-/// Checks the settings; nothing was measured yet. Where a code < 0 is given, nothing is written.
+/// Checks the settings and forgets all measurements. If the returned code is < 0, nothing is written.
 #[no_mangle]
 #[cfg_attr(feature = "single", export_name = "zivi_f32_observer_init")]
 pub unsafe extern "C" fn zivi_observer_init(
@@ -371,13 +371,13 @@ pub unsafe extern "C" fn zivi_observer_reset(observer: *mut Observer) -> i32 {
     unsafe { object(observer) }.map_or(ZIVI_E_NULL, Observer::reset)
 }
 
-/// Takes the measurement `x` (m), `xdot` (m/s, NaN where it is not measured). `force` is the known
-/// force, `u` the control that acted over the period that ends now (m/s^2). The estimates are in
-/// `observer->x`, `->xdot` and `->d`, the unknown force, to be added to the known one; they mean
-/// nothing before `observer->started`. A measurement that is missing has NaN for `x`: the motion is
-/// followed, nothing is corrected, `xdot` is ignored.
+/// Updates the estimates with the measurement `x` (m), `xdot` (m/s, NaN if not measured). `force` is the
+/// known force, `u` the control that acted over the period that ends now (m/s^2). The estimates are
+/// `observer->x` (m), `->xdot` (m/s) and `->d`, the unknown force (m/s^2); they are valid from
+/// `observer->started` on. For a missing measurement pass NaN as `x`: the estimates are predicted and
+/// not corrected, `xdot` is ignored.
 ///
-/// Where a measurement is refused by a code < 0, nothing has changed.
+/// If the returned code is < 0, the measurement is invalid and nothing has changed.
 #[no_mangle]
 #[cfg_attr(feature = "single", export_name = "zivi_f32_observer_step")]
 pub unsafe extern "C" fn zivi_observer_step(
@@ -391,7 +391,7 @@ pub unsafe extern "C" fn zivi_observer_step(
     unsafe { object(observer) }.map_or(ZIVI_E_NULL, |it| it.step(x, xdot, force, u))
 }
 
-/// The same `dt` (s) after the last call, where that is not `h`.
+/// `zivi_observer_step` if `dt` (s) passed since the last call, instead of `h`.
 #[no_mangle]
 #[cfg_attr(feature = "single", export_name = "zivi_f32_observer_step_after")]
 pub unsafe extern "C" fn zivi_observer_step_after(
@@ -414,8 +414,8 @@ pub extern "C" fn zivi_predictor_size() -> u32 {
     size_of::<Predictor>() as u32
 }
 
-/// Sets the size, and everything else to its default: 0. What has none (delay, period, wall) is yours to
-/// set.
+/// Sets `size`, and all other members to their default, 0. You set the members without a default:
+/// delay, period, wall.
 #[no_mangle]
 #[cfg_attr(feature = "single", export_name = "zivi_f32_predictor_defaults")]
 pub unsafe extern "C" fn zivi_predictor_defaults(config: *mut PredictorConfig) -> i32 {
@@ -425,7 +425,7 @@ pub unsafe extern "C" fn zivi_predictor_defaults(config: *mut PredictorConfig) -
     ZIVI_OK
 }
 
-/// Checks the settings; nothing is under way. Where a code < 0 is given, nothing is written.
+/// Checks the settings; no control is pending. If the returned code is < 0, nothing is written.
 #[no_mangle]
 #[cfg_attr(feature = "single", export_name = "zivi_f32_predictor_init")]
 pub unsafe extern "C" fn zivi_predictor_init(
@@ -439,7 +439,7 @@ pub unsafe extern "C" fn zivi_predictor_init(
     }
 }
 
-/// Forgets what is under way: a control of 0 acts until the first one that is sent does.
+/// Forgets pending controls: a control of 0 acts until the first one that is sent does.
 #[no_mangle]
 #[cfg_attr(feature = "single", export_name = "zivi_f32_predictor_reset")]
 pub unsafe extern "C" fn zivi_predictor_reset(predictor: *mut Predictor) -> i32 {
@@ -447,9 +447,9 @@ pub unsafe extern "C" fn zivi_predictor_reset(predictor: *mut Predictor) -> i32 
     unsafe { object(predictor) }.map_or(ZIVI_E_NULL, Predictor::reset)
 }
 
-/// Of the measurement `x` (m), `xdot` (m/s) and the known `force` (m/s^2): `predictor->x` and `->xdot` are
-/// where the mass will be when the control of this sample acts, through impacts and into rest. Hand them
-/// to a controller (`ahead` 1) in place of the measurement; its reference is as many periods ahead: call
+/// Predicts from the measurement `x` (m), `xdot` (m/s) and the known `force` (m/s^2) the state at which the
+/// control of this sample acts, through impacts and into rest: `predictor->x` and `->xdot`. Pass them
+/// to a controller (`ahead` 1) in place of the measurement. Its reference is `delay` periods ahead: call
 /// `zivi_tracker_step_over` `delay` times without a sample after a reset. Then `zivi_predictor_send`.
 #[no_mangle]
 #[cfg_attr(feature = "single", export_name = "zivi_f32_predictor_step")]
@@ -463,8 +463,8 @@ pub unsafe extern "C" fn zivi_predictor_step(
     unsafe { object(predictor) }.map_or(ZIVI_E_NULL, |it| it.step(x, xdot, force))
 }
 
-/// Takes note of the control that is sent (m/s^2), after limits: once a period, also where the last one
-/// is held.
+/// Stores the control that is sent (m/s^2), after limits. Call it once a period, and with the last control
+/// if that is held.
 #[no_mangle]
 #[cfg_attr(feature = "single", export_name = "zivi_f32_predictor_send")]
 pub unsafe extern "C" fn zivi_predictor_send(predictor: *mut Predictor, u: Real) -> i32 {

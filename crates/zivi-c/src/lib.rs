@@ -1,10 +1,11 @@
 //! zivi for C: the implicit step of a mass, the twisting regulator and the twisting tracker.
 //!
-//! Every object is a structure of plain numbers that the caller owns: it can be copied, logged,
-//! stored and restored at any time, and nothing is allocated or kept anywhere else. The settings
-//! are checked once, by `zivi_*_init`, and sealed with a checksum; a step takes its measurement and gives a code: 0, bits of
-//! what was done to the sample and the control, or a negative number for what was refused, and
-//! then nothing has changed. The mathematics is that of `zivi-core`, bit by bit.
+//! Every object is a structure of plain numbers that the caller owns. It can be copied, logged,
+//! stored and restored at any time; the library neither allocates memory nor keeps pointers.
+//! `zivi_*_init` checks the settings once and seals them with a checksum. A step returns a code: 0,
+//! bits that report a clamped sample or a saturated control, or a negative number for an invalid
+//! setting or sample, in which case nothing has changed. The mathematics is that of `zivi-core`, bit
+//! by bit.
 //!
 //! The C header, `include/zivi.h`, is made from this crate by cbindgen; the static library by
 //! `tools/native.py`.
@@ -49,7 +50,7 @@ pub use tracker::{
     GivenReference, Tracker, TrackerConfig, ZIVI_BRANCH_NEAREST, ZIVI_BRANCH_POSITIVE,
 };
 
-/// The version of this interface: it changes when a structure or the meaning of a function does.
+/// Version of this interface. It changes if a structure or the meaning of a function changes.
 pub const ZIVI_ABI_VERSION: u32 = 3;
 
 #[cfg(feature = "target")]

@@ -1,8 +1,8 @@
 //! zivi for programs in C, C++, Julia and other languages, on a machine with an operating system.
 //!
-//! What is requested is a plain structure, a run is an opaque handle, functions of the caller are
-//! called with the pointer that came with them. No panic crosses the border: it becomes a code. What
-//! was wrong is told in words by `zivi_last_error`, of the calling thread.
+//! A request is a plain structure, a run is an opaque handle, and a function of the caller receives
+//! the pointer that was passed with it. A panic does not cross the border: it becomes a code.
+//! `zivi_last_error` returns the message of the last error of the calling thread.
 //!
 //! The header, `include/zivi_host.h`, is made from this crate by cbindgen. The shared library has
 //! the functions of `include/zivi.h` too.

@@ -146,6 +146,11 @@ class Controller(Protocol):
     MechanicalController : controllers of mechanical systems.
     simulate_closed_loop : run a controller.
 
+    Notes
+    -----
+    Any object with these members will do; no inheritance is needed. `step` is called once per
+    period, in the order of time.
+
     Examples
     --------
     >>> class Swinging:
@@ -358,6 +363,12 @@ def simulate_closed_loop(
     simulate : a run without controller.
     simulate_closed_loop_batch : many closed loops on all cores.
     design_tracker : gains and sampling period of a tracker.
+
+    Notes
+    -----
+    The plant moves exactly between two samples by `SwitchedRK`, through any number of impacts; the
+    cost is that of the plant's run plus one update per period. The noise of a sample depends on
+    `seed` and the number of the sample only.
 
     References
     ----------

@@ -598,6 +598,11 @@ def best_ratio(e: float, kind: Literal["tracker", "regulator"] = "tracker") -> f
     design_tracker : gains of a tracker.
     design_regulator : gains of a regulator.
 
+    Notes
+    -----
+    The time of the regulator or tracker to rest is a function of one variable, minimised in closed
+    form: :math:`e q^2 + 2 e q = 1`.
+
     Examples
     --------
     >>> round(zivi.best_ratio(0.5), 3)

@@ -142,6 +142,12 @@ class GapTracker(ModelBased):
     Striker : aim at the next impact.
     zivi.interop.native.gap_tracker_source : the controller in C.
 
+    Notes
+    -----
+    The accelerations of the gaps are decoupled by the Delassus matrix; each gap is then controlled
+    as one mass. An update evaluates the model once, factorises matrices of the size of the
+    coordinates, and solves one twisting step for each gap.
+
     References
     ----------
     O. Huber and H. B. Oza, Implicit numerical integration for the simulation and control of a
@@ -483,6 +489,11 @@ class Striker(ModelBased):
     See Also
     --------
     GapTracker : tracking of gaps.
+
+    Notes
+    -----
+    The speed of the striking body before the next impact follows from Newton's law and the flight
+    that is requested; its factor is learnt from each impact. An update is a closed formula.
 
     Examples
     --------

@@ -667,6 +667,11 @@ def simulate_closed_loop_batch(
     simulate_closed_loop : a single loop, with all its samples.
     simulate_batch : many runs without controller.
 
+    Notes
+    -----
+    Each loop has the bits of `simulate_closed_loop`, whatever the number of threads. Memory for
+    results is proportional to the number of loops, and to samples only where they are kept.
+
     References
     ----------
     O. Huber and H. B. Oza, Implicit numerical integration for the simulation and control of a

@@ -171,6 +171,16 @@ class RKPeriod:
     SwitchedRK : adaptive steps between samples.
     simulate_closed_loop : the argument ``method``.
 
+    Notes
+    -----
+    One step of Dormand and Prince's pair of order 5 per period, cut at impacts; the error is not
+    controlled but proportional to the fifth power of `h` in flight.
+
+    References
+    ----------
+    E. Hairer, S. P. Norsett, G. Wanner, Solving Ordinary Differential Equations I, 2nd ed.,
+    Springer, 1993, section II.5.
+
     Examples
     --------
     >>> zivi.RKPeriod()
@@ -196,6 +206,11 @@ class MechanicalController(Protocol):
     --------
     Controller : controllers of one mass.
     simulate_closed_loop : run a controller.
+
+    Notes
+    -----
+    Any object with these members will do; no inheritance is needed. `step` is called once per
+    period, in the order of time.
 
     Examples
     --------

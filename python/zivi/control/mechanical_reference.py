@@ -486,6 +486,11 @@ def reference_run(
     GapTracker : the controller that follows the run.
     simulate : runs without virtual accelerations.
 
+    Notes
+    -----
+    The gaps obey the given accelerations and Newton's law, the other directions are drawn to the
+    posture; the run is computed by `SwitchedRK` with its tolerances.
+
     Examples
     --------
     >>> box = zivi.MechanicalSystem(

@@ -227,6 +227,11 @@ class JointObserver:
     ImpactObserver : observer of one mass.
     GapTracker : the controller.
 
+    Notes
+    -----
+    The correction is that of an alpha-beta filter with the gains of Benedict and Bordner (1962). An
+    update integrates the model over one period, with impacts.
+
     References
     ----------
     D. Simon, Optimal State Estimation, Wiley, 2006.

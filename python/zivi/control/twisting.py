@@ -411,6 +411,11 @@ class ExplicitTwisting(_zivi.Explicit, Following):
     --------
     TwistingTracker : the same law with implicit signs.
 
+    Notes
+    -----
+    Explicit signs switch in each period, with an amplitude that does not depend on `h`. The class
+    is for comparison with `TwistingTracker`; an update needs no solver.
+
     References
     ----------
     A. Levant, Sliding order and sliding accuracy in sliding mode control, Int. J. Control 58, 1993.

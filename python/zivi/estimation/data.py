@@ -76,6 +76,11 @@ class Bounces:
     Record : samples of a quantity.
     zivi.fit : estimates parameters from these data.
 
+    Notes
+    -----
+    Times and impacts are matched by dynamic programming: in order, with a penalty for each missed
+    impact and each spurious time.
+
     Examples
     --------
     >>> zivi.Bounces([0.452, 1.15, 1.70], sigma=1e-3)
@@ -151,6 +156,11 @@ class Record:
     Bounces : times of impacts.
     zivi.fit : estimates parameters from these data.
 
+    Notes
+    -----
+    A sample costs one evaluation of the dense output of the run; derivatives of residuals are those
+    of `sensitivity`.
+
     Examples
     --------
     >>> zivi.Record([0.0, 0.1, 0.2], [1.0, 0.95, 0.80], sigma=2e-3, of="x")
@@ -224,6 +234,10 @@ class Experiment:
     See Also
     --------
     zivi.fit : accepts a list of experiments.
+
+    Notes
+    -----
+    Each experiment costs a run and its sensitivities in each iteration of the fit.
 
     Examples
     --------

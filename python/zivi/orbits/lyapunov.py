@@ -357,6 +357,10 @@ def response_amplitude(system: LinearSystem, gap: str, omegas: ArrayLike) -> Arr
     grazing_curve : loads at which the response touches a gap.
     LinearSystem : the system of the response.
 
+    Notes
+    -----
+    Each frequency costs one solution of a linear system of n complex equations.
+
     Examples
     --------
     >>> system = zivi.LinearSystem(
@@ -407,6 +411,11 @@ def grazing_curve(system: LinearSystem, gap: str, omegas: ArrayLike) -> Array:
     --------
     response_amplitude : the steady response of one gap.
     continue_curve : bifurcations in two parameters.
+
+    Notes
+    -----
+    The motion without impacts is linear in the load, so each frequency costs one solution of a
+    linear system of n complex equations.
 
     References
     ----------

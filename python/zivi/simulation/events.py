@@ -348,6 +348,11 @@ class Level:
     event : attributes of event functions.
     simulate : the argument ``events``.
 
+    Notes
+    -----
+    Crossings are roots of the dense output, isolated by Bernstein coefficients: none is missed, and
+    no function is called.
+
     Examples
     --------
     >>> ball = zivi.ImpactSystem(-2.0, e=0.5)

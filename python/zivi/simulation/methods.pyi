@@ -23,7 +23,7 @@ class SwitchedRK(Settings):
     Free flight is integrated in :math:`(x, \dot x)` by DOP853 or Dormand-Prince 5(4); a step that
     contains an impact is repeated onto it. The accumulation of impacts is extrapolated with its
     known ratios, :math:`t_n = t_\infty - C_1 e^n - C_2 e^{2n} - \dots`, until the Zeno time is
-    within the tolerance. At rest the first time is sought at which the force pulls outward.
+    within the tolerance. Rest ends at the first time at which the force points away from the wall.
     ``e`` may be anything in [0, 1].
 
     Parameters
@@ -33,7 +33,7 @@ class SwitchedRK(Settings):
     atol : float or (float, float)
         Absolute tolerances, > 0, of `x` (m) and `xdot` (m/s), or one number for both. In the time
         of an accumulation they allow ``min(atol_x / U, atol_xdot / g)``, with the speed `U` of
-        its first impact and the pull `g` at the wall: no result depends on the units.
+        its first impact and the acceleration `g` towards the wall: no result depends on the units.
     order : {8, 5}
         Order of the Runge-Kutta pair.
     max_step : float
@@ -50,7 +50,7 @@ class SwitchedRK(Settings):
         How free flight is computed. ``"rk"``: by the Runge-Kutta pair, within the tolerances.
         ``"series"``: by power series, to rounding, for a force that is a number or a `LinearForce`,
         above a wall at rest or a `HarmonicWall`; the tolerances then apply to the end of an
-        accumulation only, `max_step` to the looks of events, and no force is evaluated (`nfev` is
+        accumulation only, `max_step` to the samples of events, and no force is evaluated (`nfev` is
         0). ``"auto"``, the default: by power series where that is possible, else by the pair.
 
     Raises
@@ -58,11 +58,23 @@ class SwitchedRK(Settings):
     ValueError
         If a setting is out of range.
 
+    See Also
+    --------
+    ThetaGamma, MoreauJean : fixed steps.
+
     Notes
     -----
+    A step of order 8 takes 12 evaluations of the force, one of order 5 takes 6; an impact takes up to 18
+    more. Of a flight by power series all terms are computed from the coefficients, without evaluations.
+
     The force is evaluated at ``x`` slightly below 0 in the step that contains an impact, and should
     continue smoothly there; where it raises or is not finite, it is evaluated at ``x = 0`` instead.
     For `e` close to 1 an accumulation is long: hundreds of impacts at ``e = 0.99``.
+
+    References
+    ----------
+    E. Hairer, S. P. Norsett, G. Wanner, Solving Ordinary Differential Equations I, 2nd ed., Springer,
+    1993, sections II.4 to II.6.
 
     Examples
     --------
@@ -109,7 +121,7 @@ class ThetaGamma(FixedSteps):
         nonlinear inclusion ("inner linearisation"); or by affine VIs one after another, each
         linearised at the solution of the last, without a merit function ("outer linearisation").
         A step in which the solver fails is taken by the exact one and counted in
-        ``failed_steps``. Where a step has one solution, always when the force pulls towards the
+        ``failed_steps``. Where a step has one solution, always when the force points towards the
         wall, all give the same. Under an outward force a step may have several: the exact
         analysis selects by a rule, the solvers take the one they come to from the present signs,
         and the trajectories may part there.
@@ -121,6 +133,22 @@ class ThetaGamma(FixedSteps):
     ValueError
         If a setting is out of range. `simulate` also raises it for a system with ``e = 0``,
         where :math:`R` may vanish.
+
+    See Also
+    --------
+    SwitchedRK : high order with error control.
+    TwistingTracker : the controller whose update is the same step.
+
+    Notes
+    -----
+    A step costs one evaluation of the force, if it depends on time only, and one case analysis of two
+    signs; a step through an accumulation costs no more. Misprints of the paper are corrected (see the page
+    on it).
+
+    References
+    ----------
+    O. Huber, H. B. Oza, Implicit numerical integration for the simulation and control of a non-smooth
+    system with resets, CDC 2016.
 
     Examples
     --------
@@ -160,6 +188,20 @@ class MoreauJean(FixedSteps):
     ValueError
         If a setting is out of range.
 
+    See Also
+    --------
+    SwitchedRK : located impacts, without penetration.
+
+    Notes
+    -----
+    A step costs one evaluation of the force and one linear complementarity problem of the gaps that are
+    closed at its middle. Impacts within a step share one impulse.
+
+    References
+    ----------
+    J. J. Moreau, Unilateral contact and dry friction in finite freedom dynamics, Springer, 1988.
+    M. Jean, The non-smooth contact dynamics method, Comput. Methods Appl. Mech. Eng. 177, 1999.
+
     Examples
     --------
     >>> zivi.MoreauJean(h=1e-3)
@@ -187,6 +229,18 @@ class ExplicitEuler(FixedSteps):
     ------
     ValueError
         If `h` is out of range. `simulate` also raises it for a system with ``e = 0``.
+
+    See Also
+    --------
+    ThetaGamma : the same step with implicit signs, which comes to rest.
+
+    Notes
+    -----
+    A step costs one evaluation of the force and no solver.
+
+    References
+    ----------
+    V. Acary, B. Brogliato, Numerical Methods for Nonsmooth Dynamical Systems, Springer, 2008.
 
     Examples
     --------

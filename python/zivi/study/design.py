@@ -105,6 +105,10 @@ def grid(**axes: ArrayLike) -> Design:
     sample : random or quasi-random points.
     sweep : evaluate a function at the points.
 
+    Notes
+    -----
+    No point is stored: the values of a point are computed from its number.
+
     Examples
     --------
     >>> zivi.grid(e=np.linspace(0.1, 0.9, 9), h=[1e-3, 1e-2])
@@ -136,6 +140,10 @@ def points(**columns: ArrayLike) -> Design:
     grid : a full grid.
     sample : random or quasi-random points.
     sweep : evaluate a function at the points.
+
+    Notes
+    -----
+    The arrays are stored; points are counted in their order.
 
     Examples
     --------

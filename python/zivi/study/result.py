@@ -51,6 +51,10 @@ class Study:
     --------
     open_study : read a study from its folder.
     sweep : compute a study.
+
+    Notes
+    -----
+    Results are read from the store when they are used; a study in memory has the same interface.
     """
 
     def __init__(
@@ -175,6 +179,10 @@ def open_study(path: str | PathLike[str], *, verify: bool = False) -> Study:
     --------
     sweep : compute or resume a study.
     Study : the result.
+
+    Notes
+    -----
+    Only the metadata are read until a result is used; ``verify=True`` reads and checks all chunks.
 
     Examples
     --------

@@ -49,6 +49,11 @@ class HarmonicWall:
     MovingWall : other motions of a wall.
     Table : tabulated motions.
 
+    Notes
+    -----
+    The wall needs no evaluation in Python: impacts are the roots of a power series in the frame of
+    the wall.
+
     References
     ----------
     J. M. Luck and A. Mehta, Bouncing ball with a finite restitution: chattering, locking, and
@@ -114,6 +119,11 @@ class MovingWall:
     See Also
     --------
     HarmonicWall : a vibrating wall, evaluated without Python.
+
+    Notes
+    -----
+    All three functions are called at each evaluation of the force; a `HarmonicWall` or a `Table`
+    calls none.
 
     References
     ----------
@@ -1010,6 +1020,11 @@ class LinearGap(Gap):
     --------
     Gap : nonlinear gap functions.
     HarmonicWall : a vibrating wall.
+
+    Notes
+    -----
+    The gradient is constant, so a gap costs a scalar product, and its impact is a root of a
+    polynomial.
 
     References
     ----------

@@ -123,6 +123,11 @@ class NewtonImpact(ImpactLaw):
     SpeedDependentImpact : restitution that depends on the speed.
     Restitution : restitution as a function of the speed.
 
+    Notes
+    -----
+    The speeds of an accumulation are a geometric series with the ratio `e`, so its end is
+    extrapolated.
+
     References
     ----------
     B. Brogliato, Nonsmooth Mechanics, 3rd ed., Springer, 2016.
@@ -183,6 +188,12 @@ class SpeedDependentImpact(ImpactLaw):
     --------
     NewtonImpact : constant restitution.
     Restitution : any function of the speed.
+
+    Notes
+    -----
+    For plastic contact of spheres `k` is 1/4. Whether the impacts accumulate depends on the limit
+    of `e` for slow impacts; below the last speed at which the law changes, a series is
+    extrapolated.
 
     References
     ----------

@@ -46,6 +46,11 @@ class Harmonic:
     Table : tabulated loads.
     LinearSystem : the argument ``excitation``.
 
+    Notes
+    -----
+    The load enters the power series of a flight exactly; it limits the step to two radians of its
+    phase.
+
     Examples
     --------
     >>> zivi.Harmonic([0.0, 2.0], 3.0)
@@ -164,6 +169,12 @@ class LinearSystem(MechanicalSystem):
     --------
     MechanicalSystem : nonlinear systems.
     response_amplitude : the response without impacts.
+
+    Notes
+    -----
+    Flights are power series in the modes, or in all coordinates with their damping; steps turn the
+    fastest mode by two radians. The cost of a step is :math:`O(n^2)`, and :math:`O(n)` for modal
+    data.
 
     References
     ----------

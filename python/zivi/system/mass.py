@@ -70,6 +70,12 @@ class ParametricForce:
     LinearForce : linear forces, with exact flights.
     sensitivity : derivatives with respect to the parameters.
 
+    Notes
+    -----
+    The function is called with the parameters by name, once per evaluation. Without `jacobian` its
+    partial derivatives are central differences, two more evaluations for each parameter and for `x`
+    and `xdot`.
+
     Examples
     --------
     >>> spring = zivi.ParametricForce(
@@ -282,6 +288,11 @@ class LinearForce(NativeForce):
     ParametricForce : functions with named parameters.
     ImpactSystem : the system of a force.
 
+    Notes
+    -----
+    Flights under this force are power series that are computed to rounding; `SwitchedRK` then
+    evaluates no force. `sensitivity`, orbits and batches use the same series.
+
     Examples
     --------
     >>> force = zivi.LinearForce(gravity=9.81, damping=0.1)
@@ -477,6 +488,10 @@ def project(
     --------
     lift : the transform to lifted coordinates.
 
+    Notes
+    -----
+    Elementwise and exact to rounding; the inverse of `lift` on one branch.
+
     References
     ----------
     V. Ph. Zhuravlev, A method for analysing vibration-impact systems by means of special functions,
@@ -591,6 +606,12 @@ class ImpactSystem:
     MechanicalSystem : several coordinates and gaps.
     LinearForce : forces with exact flights.
     simulate : run the system.
+
+    Notes
+    -----
+    A system is a value: it does not change, and `replace` returns another one. The force is called
+    by the method only; a number or a `LinearForce` is never called, which saves nearly all of the
+    time of a run.
 
     References
     ----------

@@ -639,6 +639,12 @@ class MechanicalSystem:
     --------
     zivi.symbolic.system : the same from energies, without derivatives by hand, compiled.
 
+    Notes
+    -----
+    Contact forces solve a linear complementarity problem with the Delassus matrix of the closed
+    gaps. A step factorises the mass matrix at each stage, :math:`O(n^3)`; constant matrices are
+    factorised once.
+
     References
     ----------
     J. J. Moreau, Unilateral contact and dry friction in finite freedom dynamics, in Nonsmooth

@@ -55,6 +55,11 @@ class ParametricSystem(MechanicalSystem):
     --------
     zivi.symbolic.system : exact derivatives, compiled.
 
+    Notes
+    -----
+    The function is called once for each set of parameters. Derivatives by its parameters are
+    differences of the functions of the systems that it returns, to a relative 1e-12.
+
     Examples
     --------
     >>> def drop(mass, floor):

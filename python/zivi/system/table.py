@@ -94,7 +94,7 @@ ROUNDING = 64 * np.finfo(float).eps
 
 @hinted("Table")
 class Table:
-    """Interpolated values at given times: an excitation, the motion of a wall, or an input.
+    r"""Interpolated values at given times: an excitation, the motion of a wall, or an input.
 
     Accepted by `LinearForce` and `LinearSystem` (``excitation=``), `ImpactSystem` (``wall=``),
     `LinearGap` (``motion=``) and `MechanicalSystem` (``inputs=``). Runs of `SwitchedRK` end steps
@@ -137,6 +137,11 @@ class Table:
     --------
     Pulse : rectangular pulses.
     Harmonic : harmonic loads.
+
+    Notes
+    -----
+    Values between the times are piecewise polynomials of degree 1 or 3, evaluated without Python in
+    :math:`O(\log k)` for k times. Steps of `SwitchedRK` end at the times, where derivatives jump.
 
     Examples
     --------
@@ -402,6 +407,11 @@ class Pulse(Table):
     Square : a periodic pulse.
     Table : other excitations of time.
 
+    Notes
+    -----
+    Pulses are declared discontinuities: a step ends at each edge, so that none is missed however
+    short it is. The cost is two more steps for each pulse.
+
     Examples
     --------
     >>> push = zivi.Pulse(60.0, 1.0, 3.0)
@@ -457,6 +467,10 @@ class Square(Table):
     See Also
     --------
     Pulse : single pulses.
+
+    Notes
+    -----
+    As for `Pulse`, a step ends at each edge.
 
     Examples
     --------

@@ -324,6 +324,11 @@ def check_jacobian(
     solve_vi : the solver that uses the Jacobian.
     scipy.optimize.check_grad : gradients of scalar functions.
 
+    Notes
+    -----
+    Central differences whose step is the third root of the rounding of `F`; their error is
+    estimated by twice the step: 4 n + 1 evaluations of the map for n unknowns.
+
     References
     ----------
     A. R. Curtis, M. J. D. Powell and J. K. Reid, On the estimation of sparse Jacobian matrices, IMA

@@ -60,7 +60,7 @@ pub enum Status {
     ControlRejected = 21,
     /// Many steps without an event hardly advanced the time.
     NoProgress = 22,
-    /// Equality rows that depend on each other ask for different motions.
+    /// Dependent equality rows require different motions.
     InconsistentConstraints = 23,
     /// No impulses obey the laws of an impact on several gaps with friction.
     InconsistentImpact = 24,

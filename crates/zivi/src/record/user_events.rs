@@ -34,12 +34,12 @@ pub type EventFunction<'a, E, P = PathPoint> = Box<dyn FnMut(f64, &P) -> Result<
 
 /// An event: where a function of time and state changes its sign.
 ///
-/// The function is looked at on both ends of each step and at three points between, and at least
-/// 200 times in the span, and the zero is found on the dense output. A zero counts when it is reached, not when it is left: `g = x`
-/// has one event, a falling one, at each impact. At an impact `x'` jumps; if `g` changes its sign
-/// by that, the event is at the time of the impact and has the state after it. In a tail (see
-/// [`crate::Tail`]) the arcs are looked at one by one like steps, down to those that rounding ends,
-/// at most a million.
+/// The function is evaluated at both ends of each step and at three points between, and at least 200
+/// times in the span; the zero is found on the dense output. A zero counts when it is reached, not
+/// when it is left: `g = x` has one event, a falling one, at each impact. At an impact `x'` jumps; if
+/// `g` changes its sign thereby, the event is at the time of the impact and has the state after it.
+/// In the remaining impacts of an accumulation (see [`crate::Tail`]) each flight counts as a step, down
+/// to the shortest that rounding resolves, at most a million.
 pub struct UserEvent<'a, E, P = PathPoint> {
     /// The function.
     pub function: EventFunction<'a, E, P>,
