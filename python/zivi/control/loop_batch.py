@@ -669,8 +669,8 @@ def simulate_closed_loop_batch(
 
     Notes
     -----
-    Each loop has the bits of `simulate_closed_loop`, whatever the number of threads. Memory for
-    results is proportional to the number of loops, and to samples only where they are kept.
+    Each loop has the bits of `simulate_closed_loop`, whatever the number of threads. Memory is
+    proportional to the number of loops and of kept samples.
 
     References
     ----------
