@@ -64,8 +64,8 @@ class SwitchedRK(Settings):
 
     Notes
     -----
-    A step of order 8 takes 12 evaluations of the force, one of order 5 takes 6; an impact takes up to 18
-    more. Of a flight by power series all terms are computed from the coefficients, without evaluations.
+    A step of order 8 takes 12 evaluations of the force, one of order 5 takes 6; an impact takes up
+    to 18 more. The terms of a power series need no evaluations.
 
     The force is evaluated at ``x`` slightly below 0 in the step that contains an impact, and should
     continue smoothly there; where it raises or is not finite, it is evaluated at ``x = 0`` instead.
@@ -73,8 +73,8 @@ class SwitchedRK(Settings):
 
     References
     ----------
-    E. Hairer, S. P. Norsett, G. Wanner, Solving Ordinary Differential Equations I, 2nd ed., Springer,
-    1993, sections II.4 to II.6.
+    E. Hairer, S. P. Norsett, G. Wanner, Solving Ordinary Differential Equations I, 2nd ed.,
+    Springer, 1993, sections II.4 to II.6.
 
     Examples
     --------
@@ -141,14 +141,13 @@ class ThetaGamma(FixedSteps):
 
     Notes
     -----
-    A step costs one evaluation of the force, if it depends on time only, and one case analysis of two
-    signs; a step through an accumulation costs no more. Misprints of the paper are corrected (see the page
-    on it).
+    A step costs one evaluation of the force, if it depends on time only, and one case analysis of
+    two signs; a step through an accumulation costs no more. Misprints of the paper are corrected.
 
     References
     ----------
-    O. Huber, H. B. Oza, Implicit numerical integration for the simulation and control of a non-smooth
-    system with resets, CDC 2016.
+    O. Huber, H. B. Oza, Implicit numerical integration for the simulation and control of a
+    non-smooth system with resets, CDC 2016.
 
     Examples
     --------
@@ -194,8 +193,8 @@ class MoreauJean(FixedSteps):
 
     Notes
     -----
-    A step costs one evaluation of the force and one linear complementarity problem of the gaps that are
-    closed at its middle. Impacts within a step share one impulse.
+    A step costs one evaluation of the force and one linear complementarity problem of the gaps that
+    are closed at its middle. Impacts within a step share one impulse.
 
     References
     ----------
