@@ -84,9 +84,10 @@ class Oracle:
                     continue
                 self.channel(t, sol, k, c, here, tangents[c], lam, rub[c], moved, weight)
 
-    def small(self, t, what, terms):
-        """A sum that must vanish, beside the sizes of its terms."""
-        size = abs(sum(terms)) / max(np.abs(terms).sum(), 1e-300)
+    def small(self, t, what, first, moved, row):
+        """A sum that must vanish, ``first + row @ moved``, beside the sizes of its terms."""
+        terms = abs(first) + (np.abs(moved) @ np.abs(row)).sum()
+        size = abs(first + (moved @ row).sum()) / max(terms, 1e-300)
         self.worst = max(self.worst, size)
         if size > BALANCE:
             self.fault(t, what, size)
@@ -103,7 +104,7 @@ class Oracle:
             return
         if abs(g) > self.tol * unit:
             self.fault(t, f"closed gap {i} is open", g)
-        self.small(t, f"g'' of closed gap {i}", [here.curvatures[i], *(moved @ normal)])
+        self.small(t, f"g'' of closed gap {i}", here.curvatures[i], moved, normal)
 
     def channel(self, t, sol, k, c, here, tangent, lam, rub, moved, weight):
         mode, w = sol.modes[k, c], sol.slips[k, c]
@@ -116,9 +117,8 @@ class Oracle:
                 self.fault(t, f"channel {c} sticks and slips", w)
             if abs(rub) > here.static_limits[c] * lam * (1 + BALANCE) + slack * 1e-3:
                 self.fault(t, f"channel {c} sticks beyond its limit", rub / lam if lam else rub)
-            self.small(
-                t, f"w' of sticking channel {c}", [here.slip_curvatures[c], *(moved @ tangent)]
-            )
+            first = here.slip_curvatures[c]
+            self.small(t, f"w' of sticking channel {c}", first, moved, tangent)
         else:
             if mode * w < -self.tol:
                 self.fault(t, f"channel {c} slips the other way", w)

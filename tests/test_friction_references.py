@@ -74,6 +74,21 @@ def test_tails_that_stick_or_slip_are_the_closed_form(slider):
         assert np.abs(found.dissipated - work).max() <= 20 * tol * work.max()
 
 
+@pytest.mark.parametrize(("slider", "seed"), [("none", 44), ("joint", 41), ("floor", 41)])
+def test_the_last_flights_are_no_better_than_the_rounding_of_the_coordinates(slider, seed):
+    """At the tightest tolerance the last one that is followed is 1e-5 of the whole time long."""
+    rng, tol = np.random.default_rng([7, seed]), 1e-12
+    rng.uniform(-11, -6)
+    mass = Bouncing.drawn(rng, slider)
+    sol, times, size, zeno = mass.run(tol, np.sort(rng.random(200)))
+    found, (q, w, work) = sol.resample(times), mass.at(times)
+    rounding = 8 * np.finfo(float).eps * zeno / (zeno - sol.resolved_impacts["t"].max())
+    assert rounding < 400 * tol
+    assert np.abs(found.q - q).max() <= 20 * tol * size
+    assert np.abs(found.qdot - w).max() <= (20 * tol + rounding) * size / zeno
+    assert np.abs(found.dissipated - work).max() <= (20 * tol + rounding) * work.max()
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("bent", [False, True])
 @pytest.mark.parametrize("rough", [False, True])

@@ -471,6 +471,15 @@ def raises():
     raise ZeroDivisionError("of the user")
 
 
+def test_walls_that_are_equal_at_the_start_and_move_apart_are_two():
+    """The lower one carries at first, the upper one rises 5 cm above it and throws the box up."""
+    rising = zivi.LinearGap([0, 1], motion=zivi.HarmonicWall(-0.025, 3.0), offset=-0.025)
+    box = zivi.MechanicalSystem(mass=np.eye(2), force=[0, -9.81], gaps=[FLOOR, rising], e=0.0)
+    sol = zivi.simulate(box, (0, 1), ([0.0, 0.0], [0.0, 0.0]))
+    assert sol.success, sol.message
+    assert sol.q[-1, 1] == pytest.approx(0.025 - 0.025 * math.cos(3.0), abs=1e-8)
+
+
 def test_what_a_function_raises_keeps_the_run():
     def force(t, q, qdot):
         return raises() if t > 1 else [2.0, -9.81]

@@ -428,8 +428,9 @@ def end_message(
     touching = record.contacts[-1] | (record.gaps[-1] <= size)
     names = ", ".join(repr(name) for name, on in zip(gaps, touching, strict=True) if on)
     if status in PARADOXES:
-        here = model.layout.read(model.evaluate(record.t[-1], record.q[-1], record.qdot[-1]))
-        numbers = _paradoxes(here, record.qdot[-1], channels, touching)
+        qdot = _velocity_after(record, model)
+        here = model.layout.read(model.evaluate(record.t[-1], record.q[-1], qdot))
+        numbers = _paradoxes(here, qdot, channels, touching)
         several = status is Status.INDETERMINATE_CONTACT
         if several and _is_prestressed(here, channels, touching, numbers):
             return f"{PRESTRESS} At t = {record.t[-1]:.9g} these gaps touch: {names}."
@@ -440,6 +441,26 @@ def end_message(
         message = PAINLEVE if several else record.message
         return f"{message} At t = {record.t[-1]:.9g}: {told or 'no sliding contact touches'}."
     return f"{record.message} At t = {record.t[-1]:.9g} these gaps touch: {names}."
+
+
+def _velocity_after(record: _zivi.MechanicalRecord, model: Model) -> NDArray[np.float64]:
+    """Return the velocities at the end: after an impact there from which no motion goes on."""
+    qdot, events, rough = record.qdot[-1], record.occurrences, record.friction
+    if events is None or not len(events.impact_t) or events.impact_t[-1] != record.t[-1]:
+        return qdot
+    group = events.impact_group[-1]
+    last = events.impact_group == group
+    gaps = events.impact_gap[last]
+    rates = record.gap_rates[-1, gaps]
+    before, after = events.impact_speed_before[last], events.impact_speed_after[last]
+    if np.abs(rates - before).sum() >= np.abs(rates - after).sum():
+        return qdot
+    here = model.layout.read(model.evaluate(record.t[-1], record.q[-1], qdot))
+    push = events.impact_impulse[last] @ here.gradients[gaps]
+    if rough is not None:
+        mine = rough.tangential_group == group
+        push += rough.tangential_impulse[mine] @ here.tangents[rough.tangential_channel[mine]]
+    return qdot + np.linalg.solve(here.mass, push)
 
 
 def _is_prestressed(

@@ -24,6 +24,8 @@ CLEAR = 1e-4
 """Differences over two steps that differ by less, relative to their size, agree."""
 STEPS = (*(1e-3 * 100.0**-k for k in range(8)), 1e-1)
 """Steps of the differences, tried until they agree with the derivative: no unit is known."""
+LATER = 0.382
+"""Part of the span after which gaps that are equal at the start are compared again."""
 TIMES = 9
 """So many times in the span show whether a gap without a rate moves."""
 
@@ -70,7 +72,7 @@ def check_start(
     if system._channels:
         _check_channels(system, look, span, q, qdot)
     if span_before is None:
-        _check_distinct(system, look, span[0], q, here)
+        _check_distinct(system, look, span, q, here)
     if not system.derived and span_before is None:
         _check_gradients(system, look, span[0], q, here)
         _check_curvatures(system, look, span, q)
@@ -409,9 +411,17 @@ def _check_accelerations(
 
 
 def _check_distinct(
-    system: MechanicalSystem, look: _Look, t: float, q: Array, here: Evaluation
+    system: MechanicalSystem,
+    look: _Look,
+    span: tuple[float, float],
+    q: Array,
+    here: Evaluation,
 ) -> None:
-    """Refuse a gap that is another one again: its contact force would not be determined."""
+    """Refuse a gap that is another one again: its contact force would not be determined.
+
+    Gaps that are equal at the start differ where their walls move.
+    """
+    t = span[0] + LATER * (span[1] - span[0])
     there = look(t, q + 1e-3 * (1.0 + np.abs(q)) * _probe(len(q)), np.zeros_like(q))
     seen: list[tuple[str, Array]] = []
     for i, name in enumerate(system.gap_names):

@@ -36,6 +36,9 @@ const APART: f64 = 0.223;
 /// Misfit relative to the largest force: above the first the step is too long, below the second
 /// what is undecided is decided as the polynomial has it.
 const MISFIT: (f64, f64) = (1e-3, 1e-10);
+/// Forces below this part of their terms change hands within a step: where the motion depends on which gap carries,
+/// no polynomial fits the forces there.
+const HANDED: f64 = 1e-9;
 /// Simultaneous lift-offs are decided this fraction of a step later.
 const LATER: f64 = 1e-4;
 
@@ -93,6 +96,9 @@ pub(super) fn first_release<E, D: Dynamics<E>>(
     let mut first: Option<(f64, usize)> = None;
     for fit in &fits {
         if fit.misfit > MISFIT.0 * fit.scale + fit.noise {
+            if along.aside.is_shared_motion && along.is_below(HANDED, fit) {
+                continue;
+            }
             return Ok(Release::Unclear);
         }
         let least = fit.p.coefficients().iter().fold(f64::INFINITY, |a, &b| a.min(b));
@@ -116,6 +122,15 @@ pub(super) fn first_release<E, D: Dynamics<E>>(
         }
     }
     Ok(first.map_or(Release::None, |(theta, number)| Release::At(theta, number)))
+}
+
+impl<D> AlongStep<'_, '_, D> {
+    /// Whether a limit is nowhere in the step larger than a part of its terms.
+    fn is_below(&mut self, part: f64, fit: &Fit) -> bool {
+        let levels = self.aside.limits(self.mode);
+        let level = levels.get(fit.number);
+        level.is_some_and(|level| fit.scale <= part * self.aside.force_scale(level.limit))
+    }
 }
 
 /// Where a function becomes negative that is positive (or zero) at the start of a step.

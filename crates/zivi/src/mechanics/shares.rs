@@ -12,7 +12,7 @@
 
 use crate::numeric::cholesky;
 use crate::numeric::dense::{dot, largest};
-use crate::numeric::elimination::Elimination;
+use crate::numeric::elimination::{Elimination, Singular};
 
 /// The margin is no larger than so many of the largest levels: there may be no bound.
 const CAP: f64 = 4.0;
@@ -250,6 +250,22 @@ impl Shares {
             exact.iter_mut().zip(self.row(k)).for_each(|(x, s)| *x += u * s);
         }
         Some((exact, active.into_iter().zip(u).collect()))
+    }
+
+    /// The `alpha` with the margin (2), towards which the least moves as the margin falls to zero.
+    pub(super) fn of_margin(&self) -> Option<Vec<f64>> {
+        let Margin { value, support } = self.margin();
+        let (rows, unit) = (support.len(), largest(&self.s));
+        if rows == 0 {
+            return None;
+        }
+        let matrix: Vec<f64> =
+            support.iter().flat_map(|&(j, _)| self.row(j).iter().map(|s| s / unit)).collect();
+        let parts = Singular::new(&matrix, rows, self.d);
+        let longest = largest(parts.values());
+        let rank = parts.values().iter().filter(|&&size| size > VERTEX * longest).count();
+        let right: Vec<f64> = support.iter().map(|&(j, _)| (value - self.a[j]) / unit).collect();
+        Some(parts.solve(&right, rank))
     }
 
     /// Whether the inequalities hold to rounding.

@@ -127,9 +127,30 @@ impl Collision<'_> {
             });
         }
         let tried_all = count <= ALL_PATTERNS && ways.iter().all(|way| way.2.is_none());
-        let chosen = chosen(found, &fastest).ok_or(Failure::Status(unsolved(tried_all)))?;
+        let chosen = self.chosen(found, &fastest).ok_or(Failure::Status(unsolved(tried_all)))?;
         kinetics.turn(&chosen.rates);
         Ok(chosen)
+    }
+
+    /// The chosen impact of some; of several with other speeds one that touches no gaps but those that are hit.
+    ///
+    /// A rod that slides between opposite walls could be stopped by any impact elsewhere, as both may press.
+    pub(super) fn chosen(
+        &self,
+        found: Vec<FrictionalExchange>,
+        fastest: &[f64],
+    ) -> Option<FrictionalExchange> {
+        let is_apart = |it: &&FrictionalExchange| {
+            let mut idle = self.set.iter().filter(|&gap| self.before[gap] >= -SAME * fastest[gap]);
+            it.violation <= MISFIT.0
+                && idle.all(|gap| {
+                    let moved = it.rates[gap] - self.before[gap];
+                    it.impulses[gap] == 0.0 && moved.abs() <= SAME * fastest[gap]
+                })
+        };
+        let apart = found.iter().find(is_apart).cloned();
+        let chosen = chosen(found, fastest)?;
+        Some(if chosen.is_ambiguous && !self.is_jammed { apart.unwrap_or(chosen) } else { chosen })
     }
 
     /// The impact of the steps: with their impulses if these solve the equations, or the exact ones of their pattern.
@@ -555,10 +576,7 @@ impl Violation {
 }
 
 /// The first of the impacts that stick most among those that obey the inequalities.
-pub(super) fn chosen(
-    mut found: Vec<FrictionalExchange>,
-    fastest: &[f64],
-) -> Option<FrictionalExchange> {
+fn chosen(mut found: Vec<FrictionalExchange>, fastest: &[f64]) -> Option<FrictionalExchange> {
     let least = found.iter().fold(f64::INFINITY, |least, it| least.min(it.violation));
     if least.is_nan() || least > MISFIT.1 {
         return None;

@@ -204,7 +204,8 @@ impl Kinetics {
         let shares = self.shares_of(mode, forces, null, most);
         let least = shares.least().map(|(alpha, _)| alpha);
         let obeyed = least.as_ref().is_some_and(|alpha| shares.are_obeyed(alpha));
-        let alpha = least.unwrap_or_else(|| vec![0.0; null.len()]);
+        // within a step beyond the last forces that obey them, so that the work of friction is continuous
+        let alpha = least.or_else(|| shares.of_margin()).unwrap_or_else(|| vec![0.0; null.len()]);
         null.iter().zip(&alpha).for_each(|(one, alpha)| axpy(forces, *alpha, one));
         let width = |(part, one): (usize, &Vec<f64>)| shares.width(&alpha, part) * largest(one);
         (null.iter().enumerate().map(width).fold(0.0, f64::max), obeyed)
@@ -220,7 +221,7 @@ impl Kinetics {
     }
 
     /// The size of the terms of a level.
-    pub(super) fn force_scale(&mut self, limit: Limit) -> f64 {
+    pub(in crate::mechanics) fn force_scale(&mut self, limit: Limit) -> f64 {
         let of = |at: &mut Self, row: usize| at.acceleration_scale(row) / at.d(row, row);
         match limit {
             Limit::Force(gap) => of(self, gap),

@@ -11,7 +11,7 @@
 //! P_C,N` in Coulomb's law, `E+ - E- <= -1/2 |P_C|^2 - 1/2 |P|^2 + e P_C . D P <= 0`. Poisson's impulses come in two steps, Stronge's as a path along which
 //! the slip may stop or turn inside of the impact.
 
-use super::impact::{chosen, rate_after, unsolved, Collision, FrictionalExchange, Violation};
+use super::impact::{rate_after, unsolved, Collision, FrictionalExchange, Violation};
 use crate::mechanics::kinetics::Kinetics;
 use crate::numeric::dense::{axpy, dot};
 use crate::record::gap_set::{ContactMode, GapSet};
@@ -85,7 +85,7 @@ impl Collision<'_> {
         }
         let fastest = self.fastest(kinetics);
         let cones = ways.iter().filter_map(|way| kinetics.other_of(way.channel?)).count();
-        chosen(found, &fastest).ok_or(Failure::Status(unsolved(cones == 0)))
+        self.chosen(found, &fastest).ok_or(Failure::Status(unsolved(cones == 0)))
     }
 
     /// The restitution after a compression, of one pattern.
