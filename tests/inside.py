@@ -41,6 +41,7 @@ NAMES = {
     "orbits.attractor": "Attractor Settled least_rows",
     "orbits.critical": "Turning crossed",
     "orbits.curve": "CodimensionTwo Line run",
+    "orbits.dry_friction": "friction_flow_of",
     "orbits.equations": (
         "Frame ImpulseTerms Terms evaluate multipliers_of newton of_segments row_sizes sizes_of"
     ),

@@ -537,6 +537,8 @@ TOGETHER = 1e-7
 HALVES_MEET = 1e-4
 """Half differences that are less, relative to the motion, are those of a single orbit."""
 NO_TURNING = 1e-9
+SINGULAR = 1e-4
+"""The part of the accelerations below which the rate at the end of a slip counts as zero."""
 CIRCLE = 1e-6
 """How near the unit circle a located pair must be."""
 ALIGNED = 0.9
@@ -824,6 +826,8 @@ class Continuation:
                 if point is not None and abs(point.turning) < CIRCLE:
                     found.append(("neimark_sacker", point))
                     break
+        # the equations are singular where a slip only touches zero, whatever the factor
+        found = [it for it in found if not _grazes(it[1])]
         chord = new.z - last.z
         for kind, point in sorted(found, key=lambda it: float((it[1].z - last.z) @ chord)):
             arc.events.append(Found(kind, point))
@@ -851,6 +855,12 @@ class Continuation:
 
 def _order(found: tuple[float, Found]) -> tuple[bool, float]:
     return found[1].kind != "grazing", found[0]
+
+
+def _grazes(point: Point) -> bool:
+    """Whether the speed of a slip reaches zero tangentially."""
+    lows = [it for it in point.margins.lows if it.kind == "slip_grazing"]
+    return any(abs(it.value) < SINGULAR * it.size for it in lows)
 
 
 def _pairs(point: Point) -> float:

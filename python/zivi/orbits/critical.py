@@ -372,6 +372,10 @@ def crossed(terms: Terms, low: Constraint) -> tuple[Frame, Array] | None:
         return _inserted(terms, low)
     if low.kind == "simultaneous":
         return _swapped(terms, low)
+    if low.kind == "stick_vanishes":
+        return _without_stick(terms, low.segment)
+    if low.kind == "turn_sticks":
+        return _with_stick(terms, low.segment)
     if low.kind != "grazing":
         return None
     if segment.kind == "Z":
@@ -462,6 +466,49 @@ def _swapped(terms: Terms, low: Constraint) -> tuple[Frame, Array] | None:
     x[s, 1:-1] = flow.impact(second.gap, second.kept, t, before, float(flow.e[second.gap])).z
     word = (*frame.word[: s - 1], second, first, *frame.word[s + 1 :])
     return _reframed(frame, word, x, terms.length)
+
+
+TOGETHER = 1e-9
+"""Parts of the length, or of forces, below which a stick or a level counts as zero, too."""
+
+
+def _without_stick(terms: Terms, s: int) -> tuple[Frame, Array]:
+    """Turn slips without the sticks that last no time: of a symmetric motion there are two."""
+    frame, x = terms.frame, terms.x
+    word, k = list(frame.word), len(x)
+    short = np.abs(x[:, -1] - x[:, 0]) <= TOGETHER * abs(terms.length)
+    gone = [j for j in range(k) if j == s or (short[j] and _is_stick(frame.word, j))]
+    for j in gone:
+        word[(j - 1) % k] = dataclasses.replace(word[(j - 1) % k], kind="T", after=word[j].after)
+    kept = [j for j in range(k) if j not in gone]
+    return _reframed(frame, tuple(word[j] for j in kept), x[kept], terms.length)
+
+
+def _is_stick(word: Word, s: int) -> bool:
+    """Whether a segment is a stick between its two events."""
+    return word[s].kind == "B" and word[s - 1].kind == "K" and word[s].gap == word[s - 1].gap
+
+
+def _with_stick(terms: Terms, s: int) -> tuple[Frame, Array]:
+    """Let slips that turn stick, at first for no time."""
+    frame, x, k = terms.frame, terms.x, len(terms.x)
+    lows = [it for it in Margins(terms).lows if it.kind == "turn_sticks"]
+    own = {s, *(it.segment for it in lows if abs(it.value) <= TOGETHER * it.size)}
+    word: list[Segment] = []
+    rows: list[Array] = []
+    for j, it in enumerate(frame.word):
+        rows.append(x[j])
+        if j not in own:
+            word.append(it)
+            continue
+        stuck = tuple(sorted({*it.after, it.gap} - {-1 - it.gap}))
+        word += [
+            dataclasses.replace(it, kind="K", after=stuck),
+            Segment(stuck, "B", it.gap, it.after),
+        ]
+        t = x[j, -1:]
+        rows.append(np.concatenate([t, x[(j + 1) % k, 1:-1], t]))
+    return _reframed(frame, tuple(word), np.array(rows), terms.length)
 
 
 def _later(terms: Terms, s: int) -> tuple[Frame, Array] | None:

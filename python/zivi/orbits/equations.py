@@ -229,6 +229,8 @@ class Accumulation:
 def onto(flow: Flow, closed: Sequence[int], t: float, z: Array, rates: Sequence[int] = ()) -> Array:
     """Move a state by rounding so that gaps are closed, and some of them do not move."""
     z, n = z.copy(), flow.n
+    if flow.channels:
+        return flow.impact(rates[0], rates[1:], t, z, 0.0).z if len(rates) else z
     for _ in range(2):
         for wanted, place, own in ((0, 0, closed), (1, n, rates)):
             if not len(own):
@@ -249,9 +251,9 @@ def after_event(
     length: float,
 ) -> Array:
     """Return time and state after the event that ends a segment, a row ``(t, z)``."""
-    if segment.kind in "LP":
+    if segment.kind in "LPBT":
         return np.append(t, before)
-    e = 0.0 if segment.kind == "S" else float(flow.e[segment.gap])
+    e = 0.0 if segment.kind in "SK" else float(flow.e[segment.gap])
     jump = flow.impact(segment.gap, segment.kept, t, before, e)
     if segment.kind != "Z":
         return np.append(t, jump.z)
@@ -530,7 +532,7 @@ def of_segments(
     maps, rates = np.empty((k, size - 1, size - 1)), np.empty(k)
     impulses: list[Array] = []
     chains: dict[int, Accumulation] = {}
-    held = [i for i in frame.word[0].contacts if all(i in it.contacts for it in frame.word)]
+    held = [i for i in frame.word[0].held if all(i in it.contacts for it in frame.word)]
     for s, segment in enumerate(frame.word):
         own = flights.of(s)
         tau = float(x[s, -1])
@@ -592,9 +594,12 @@ def _event_function(frame: Frame, segment: Segment, tau: float, z: Array) -> Sca
         row = np.zeros(2 * n)
         row[n + frame.section] = 1.0
         return Scalar(float(z[n + frame.section]), row, 0.0)
-    if segment.kind == "L":
+    if segment.kind in "LB":
         return flow.reaction(segment.contacts, segment.gap, tau, z)
-    return flow.gap(segment.gap, tau, z)
+    found = flow.gap(segment.gap, tau, z)
+    if -1 - segment.gap in segment.contacts:
+        return Scalar(-found.value, -found.by_z, -found.by_t)
+    return found
 
 
 @dataclasses.dataclass(frozen=True)
@@ -615,9 +620,9 @@ def _mapped(
     flow, size = frame.flow, len(z)
     by_z, by_t = np.zeros((1 + size, size)), np.zeros(1 + size)
     by_z[1:], by_t[0] = np.eye(size), 1.0
-    if segment.kind in "LP":
+    if segment.kind in "LPBT":
         return _Mapped(tau, z, by_z, by_t, np.empty(0))
-    plastic = segment.kind == "S"
+    plastic = segment.kind in "SK"
     e = 0.0 if plastic else float(flow.e[segment.gap])
     jump = flow.impact(segment.gap, segment.kept, tau, z, e)
     by_z[1:], by_t[1:] = jump.by_z, jump.by_t
@@ -645,6 +650,12 @@ def _mapped(
 def _held(frame: Frame, held: list[int], mapped: _Mapped) -> _Mapped:
     """Project the state onto permanently closed gaps, which no event of the sequence closes."""
     flow, n, t, z = frame.flow, frame.flow.n, mapped.t, mapped.z
+    if flow.channels:
+        jump = flow.impact(held[0], held[1:], t, z, 0.0)
+        whole = np.eye(1 + 2 * n)
+        whole[1:, 0], whole[1:, 1:] = jump.by_t, jump.by_z
+        moved = {"by_z": whole @ mapped.by_z, "by_t": whole @ mapped.by_t}
+        return dataclasses.replace(mapped, z=jump.z, **moved)
     own = [flow.gap(i, t, z) for i in held]
     inverse = np.linalg.pinv(np.array([it.by_z[:n] for it in own]))
     h = 1e-6
@@ -853,7 +864,9 @@ def sizes_of(terms: Terms) -> tuple[Array, Array]:
         size = distance
         if segment.kind == "P":
             size = length if isinstance(frame.section, float) else speed
-        elif segment.kind == "L":
+        elif segment.kind in "KT":
+            size = speed
+        elif segment.kind in "LB":
             size = max(1.0, float(np.max(np.abs(flights.last[:, n:]))))
         events.append(size)
     unknowns = np.tile(np.append(own, length), len(frame.word))
@@ -944,17 +957,18 @@ def multipliers_of(terms: Terms, *, half: bool = False) -> NDArray[np.complex128
     """Return the Floquet multipliers of a period, or of half a symmetric one with `half`.
 
     ``(t, z)`` at an event has one eigenvalue 0, that of the shift along the motion. Every gap that
-    is closed at some time adds two: they are exact zeros, and so are the eigenvalues given.
+    is closed at some time adds two, every channel of friction that sticks one: they are exact
+    zeros, and so are the eigenvalues given.
     """
     frame = terms.frame
     word = frame.word
-    first = max(range(len(word)), key=lambda s: len(word[s].contacts))
+    first = max(range(len(word)), key=lambda s: len(word[s].held))
     whole = terms.return_map(first)
     if not np.all(np.isfinite(whole)):
         return np.full(2 * frame.flow.n - frame.free, np.inf + 0j)
     values = np.linalg.eigvals(whole)
     values = values[np.argsort(-np.abs(values), kind="stable")].astype(np.complex128)
-    zeros = 2 * len(word[first].contacts)
+    zeros = (1 if frame.flow.channels else 2) * len(word[first].held)
     if frame.free:
         values = np.delete(values, np.argmin(np.abs(values - 1.0)))
     values = values[:-1]

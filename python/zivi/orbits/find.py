@@ -163,8 +163,12 @@ def _from_word(
     letters, rows = start
     if isinstance(letters, str) or not isinstance(letters, Sequence):
         raise TypeError(f"start[0] must be a sequence of letters such as 'I stop', got {letters!r}")
-    word = parsed(letters, system.gap_names)
     flow = flow_of(system, method)
+    if flow.channels:
+        raise ValueError(
+            "start must be a run, a state or an orbit for a system with dry friction, got a word"
+        )
+    word = parsed(letters, system.gap_names)
     table = real_array("start[1]", rows)
     table = table[:, None] if table.ndim == 1 else table
     times_only = table.shape in ((len(word), 1), (len(word), 2)) and flow.n > 0
@@ -212,6 +216,8 @@ def _states(frame: Frame, x: Array) -> Array:
 
 def _half(frame: Frame, x: Array, turn: Array) -> tuple[Frame, Array]:
     """Return the first half of an event sequence, whose image is the second half."""
+    if frame.flow.channels:
+        raise ValueError("symmetry must be None for a system with dry friction")
     if len(frame.word) == 1 and frame.word[0].kind == "P":
         half = dataclasses.replace(frame, length=0.5 * frame.length, turn=turn)
         x = x.copy()

@@ -166,9 +166,13 @@ def _parted(numbers: Array, k: int) -> tuple[Array, Array]:
 # ``Z``     the first impact of an accumulation, which closes it
 # ``L``     a contact ends, its force vanishes
 # ``P``     a section: nothing happens
+# ``K``     a slip ends, its channel of dry friction sticks
+# ``B``     a stick breaks, its channel slips
+# ``T``     a slip turns into the other direction
 # ========  ===================================================
 
 LETTERS = "ISZLP"
+"""Those of words that are given: `K`, `B` and `T` come from runs."""
 MOST_LETTERS = 64
 
 
@@ -177,7 +181,7 @@ class Segment:
     """A flight, with some gaps closed, and the event that ends it."""
 
     contacts: tuple[int, ...]
-    """The gaps that are closed."""
+    """The gaps that are closed, or channels of friction that stick; -1 - c slips backwards."""
     kind: str
     gap: int
     """That of the event; -1 for a section."""
@@ -187,7 +191,12 @@ class Segment:
     @property
     def kept(self) -> tuple[int, ...]:
         """The contacts that the event leaves closed."""
-        return tuple(gap for gap in self.contacts if gap in self.after and gap != self.gap)
+        return tuple(gap for gap in self.held if gap in self.after and gap != self.gap)
+
+    @property
+    def held(self) -> tuple[int, ...]:
+        """The contacts that have a force."""
+        return held_of(self.contacts)
 
 
 Word = tuple[Segment, ...]
@@ -265,6 +274,11 @@ def _read_event(letter: str, gaps: list[str]) -> tuple[str, int]:
 Contacts = tuple[int, ...]
 
 
+def held_of(contacts: Contacts) -> Contacts:
+    """Return the contacts that have a force: not the directions of slip."""
+    return tuple(i for i in contacts if i >= 0)
+
+
 @dataclasses.dataclass(frozen=True)
 class Flights:
     """The ends of k flights, and their derivatives."""
@@ -313,6 +327,8 @@ class Flow(Protocol):
     n: int
     m: int
     e: Array
+    channels: int
+    """How many channels of dry friction there are; then these are the gaps."""
     accuracy: float
     """What flights leave of residuals, relative to their sizes: less cannot be asked for."""
 
@@ -331,7 +347,7 @@ class Flow(Protocol):
     def gap(self, i: int, t: float, z: Array) -> Scalar:
         """Return a gap."""
 
-    def gaps(self, times: Array, z: Array) -> tuple[Array, Array]:
+    def gaps(self, times: Array, z: Array, contacts: Contacts = ()) -> tuple[Array, Array]:
         """Return all gaps and their rates, each of shape (len(times), m)."""
 
     def reaction(self, contacts: Contacts, i: int, t: float, z: Array) -> Scalar:
@@ -452,7 +468,7 @@ def _accelerations(mass: bytes, stiffness: bytes, damping: bytes, n: int) -> tup
 class LinearFlow:
     """The motions of a `LinearSystem` under constants and waves."""
 
-    accuracy = 0.0
+    accuracy, channels = 0.0, 0
 
     def __init__(self, system: LinearSystem) -> None:
         self.n, self.m, self.e = len(system.M), system.m, system.e
@@ -503,13 +519,13 @@ class LinearFlow:
         return found
 
     def _mode(self, contacts: Contacts) -> _Mode:
-        n, width = self.n, self.load.shape[1]
-        rows = np.hstack([self.state, self.push])
+        n, width, held = self.n, self.load.shape[1], list(held_of(contacts))
+        rows = np.hstack([self.state, self._push(contacts)])
         forces = np.empty((0, 2 * n + width))
-        if contacts:
-            own = self.normals[list(contacts)]
+        if held:
+            own = self.normals[held]
             spread = self.inverse @ own.T
-            bend = np.hstack([np.zeros((len(own), 2 * n)), self.wall_bend[list(contacts)]])
+            bend = np.hstack([np.zeros((len(own), 2 * n)), self.wall_bend[held]])
             # the forces follow from N qddot = w''
             forces = np.linalg.solve(own @ spread, bend - own @ rows)
             rows = rows + spread @ forces
@@ -518,9 +534,13 @@ class LinearFlow:
         whole[n : 2 * n] = rows
         whole[2 * n :, 2 * n :] = self.shift
         values, vectors = np.linalg.eig(whole)
-        if contacts or np.linalg.cond(vectors) > WORST:
+        if held or np.linalg.cond(vectors) > WORST:
             return _Mode(whole, forces, None)
         return _Mode(whole, forces, values, vectors, np.linalg.inv(vectors))
+
+    def _push(self, contacts: Contacts) -> Array:
+        """Return how the inputs accelerate the coordinates with some contacts."""
+        return self.push
 
     def inputs(self, times: Array) -> Array:
         """Return `u`, shape (k, width)."""
@@ -567,7 +587,7 @@ class LinearFlow:
         value = float(normal @ z[: self.n] - self.wall[i] @ u)
         return Scalar(value, np.append(normal, 0.0 * normal), -float(self.wall_rate[i] @ u))
 
-    def gaps(self, times: Array, z: Array) -> tuple[Array, Array]:
+    def gaps(self, times: Array, z: Array, contacts: Contacts = ()) -> tuple[Array, Array]:
         """Return all gaps and their rates, each of shape (len(times), m)."""
         u, n = self.inputs(times), self.n
         return (
@@ -577,7 +597,7 @@ class LinearFlow:
 
     def reaction(self, contacts: Contacts, i: int, t: float, z: Array) -> Scalar:
         """Return the force of a contact."""
-        row = self.mode(contacts).forces[contacts.index(i)]
+        row = self.mode(contacts).forces[held_of(contacts).index(i)]
         at, size = self._at(t, z), 2 * self.n
         by_t = float(row[size:] @ self.shift @ at[size:])
         return Scalar(float(row @ at), row[:size], by_t)
@@ -624,7 +644,7 @@ STENCIL = ((1, 0.75), (2, -0.15), (3, 1.0 / 60.0))
 class NonlinearFlow:
     """The motions of a `MechanicalSystem` with given contacts, whose forces are solved for."""
 
-    accuracy = 0.0
+    accuracy, channels = 0.0, 0
 
     def __init__(self, system: MechanicalSystem, method: SwitchedRK) -> None:
         if system._n is None:
@@ -641,17 +661,18 @@ class NonlinearFlow:
         return {"system": self.system, "method": self.method, "e": self.e}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        NonlinearFlow.__init__(self, state["system"], state["method"])
+        type(self).__init__(self, state["system"], state["method"])
         self.e = state["e"]
 
     def initial(self, z: Array) -> tuple[Array, Array]:
         """Return the state with which a run begins."""
         return z[: self.n], z[self.n :]
 
-    def at(self, t: float, z: Array) -> Evaluation:
-        """Evaluate the system."""
+    def at(self, t: float, z: Array, contacts: Contacts = ()) -> Evaluation:
+        """Evaluate the system with some contacts."""
         q, qdot = np.ascontiguousarray(z[: self.n]), np.ascontiguousarray(z[self.n :])
-        return self.model.layout.read(np.array(self.model.evaluate(float(t), q, qdot)))
+        row = np.array(self.model.evaluate(float(t), q, qdot))
+        return Evaluation(**self.model.layout.views(row))
 
     def without_gaps(self, contacts: Contacts) -> MechanicalSystem:
         """Return the system whose force holds some gaps, and that has none."""
@@ -664,17 +685,17 @@ class NonlinearFlow:
                 self.open[contacts] = free
                 return free
         given = getattr(self.system, "_given", None)
-        if given is None or contacts:
+        if given is None or contacts or self.channels:
 
             def mass(t: float, q: Array) -> Array:
                 return np.array(self.at(t, np.concatenate([q, np.zeros(self.n)])).mass)
 
             def force(t: float, q: Array, qdot: Array) -> Array:
-                here = self.at(t, np.concatenate([q, qdot]))
-                held, rows = self._contact_forces(here, contacts)
-                return np.asarray(here.force + rows.T @ held, np.float64)
+                here = self.at(t, np.concatenate([q, qdot]), contacts)
+                return self._pull(here, contacts)
 
-            given = {"mass": mass, "force": force}
+            known = self.system._mass
+            given = {"mass": known if isinstance(known, np.ndarray) else mass, "force": force}
         names = self.system.coordinate_names(self.n)
         inputs = self.system._inputs
         found = MechanicalSystem(**given, coordinates=names, inputs=None if contacts else inputs)
@@ -683,20 +704,36 @@ class NonlinearFlow:
 
     def _contact_forces(self, here: Evaluation, contacts: Contacts) -> tuple[Array, Array]:
         """Return the forces of contacts and the gradients: the gaps have no acceleration."""
-        own = list(contacts)
-        rows = here.gradients[own]
+        own, (normals, bends, _) = list(held_of(contacts)), self._rows(here)
+        rows = normals[own]
         if not own:
             return np.empty(0), rows
         inverse = np.linalg.inv(here.mass)
-        right = -here.curvatures[own] - rows @ inverse @ here.force
+        right = -bends[own] - rows @ inverse @ self._applied(here, contacts)
         forces = np.linalg.solve(rows @ inverse @ rows.T, right)
         return np.asarray(forces, np.float64), rows
 
+    def _rows(self, here: Evaluation) -> tuple[Array, Array, Array]:
+        """Return gradients, curvatures and rates of all gaps."""
+        return here.gradients, here.curvatures, here.rates
+
+    def _applied(self, here: Evaluation, contacts: Contacts) -> Array:
+        """Return the forces without those of contacts."""
+        return here.force
+
+    def _pull(self, here: Evaluation, contacts: Contacts) -> Array:
+        """Return all forces."""
+        held, rows = self._contact_forces(here, contacts)
+        return np.asarray(self._applied(here, contacts) + rows.T @ held, np.float64)
+
+    def _levels(self, here: Evaluation, contacts: Contacts) -> Array:
+        """Return what must be positive of the contacts: their forces."""
+        return self._contact_forces(here, contacts)[0]
+
     def rate(self, contacts: Contacts, t: float, z: Array) -> Array:
         """Return the rate of the state."""
-        here = self.at(t, z)
-        held, rows = self._contact_forces(here, contacts)
-        return np.append(z[self.n :], np.linalg.solve(here.mass, here.force + rows.T @ held))
+        here = self.at(t, z, contacts)
+        return np.append(z[self.n :], np.linalg.solve(here.mass, self._pull(here, contacts)))
 
     def fly(self, contacts: Contacts, t0: Array, z0: Array, t1: Array) -> Flights:
         """Fly k times, from times and states to times."""
@@ -709,16 +746,22 @@ class NonlinearFlow:
             if t1[i] < t0[i]:
                 raise FlightError(Status.STEP_SIZE_TOO_SMALL)
             if t1[i] > t0[i]:
-                span, state = (float(t0[i]), float(t1[i])), (z0[i, :n], z0[i, n:])
-                s = sensitivity(system, span, state, method=self.method, dense_output=False)
-                run: Any = s.trajectory
-                if not run.success:
-                    raise FlightError(run.status)
-                z[i] = np.append(run.q[-1], run.qdot[-1])
-                phi[i] = s.final.reshape(2 * n, 2 * n)
+                z[i], phi[i] = self._flown(system, t0[i], z0[i], t1[i])
             first[i] = self.rate(contacts, t0[i], z0[i])
             last[i] = self.rate(contacts, t1[i], z[i])
         return Flights(z, phi, first, last)
+
+    def _flown(
+        self, system: MechanicalSystem, t0: float, z0: Array, t1: float
+    ) -> tuple[Array, Array]:
+        """Return the end of a flight, and its derivative by the state at the start."""
+        n, span = self.n, (float(t0), float(t1))
+        state = z0[:n], z0[n:]
+        s = sensitivity(system, span, state, method=self.method, dense_output=False)
+        run: Any = s.trajectory
+        if not run.success:
+            raise FlightError(run.status)
+        return np.append(run.q[-1], run.qdot[-1]), s.final.reshape(2 * n, 2 * n)
 
     def path(self, contacts: Contacts, t0: float, z0: Array, times: Array) -> Array:
         """Return states along a flight, shape (len(times), 2n)."""
@@ -736,7 +779,7 @@ class NonlinearFlow:
         row = np.append(here.gradients[i], np.zeros(self.n))
         return Scalar(float(here.gaps[i]), row, float(here.rates[i]))
 
-    def gaps(self, times: Array, z: Array) -> tuple[Array, Array]:
+    def gaps(self, times: Array, z: Array, contacts: Contacts = ()) -> tuple[Array, Array]:
         """Return all gaps and their rates, each of shape (len(times), m)."""
         all_of = [self.at(t, state) for t, state in zip(times, z, strict=True)]
         rates = [it.gradients @ s[self.n :] + it.rates for it, s in zip(all_of, z, strict=True)]
@@ -745,12 +788,11 @@ class NonlinearFlow:
 
     def reaction(self, contacts: Contacts, i: int, t: float, z: Array) -> Scalar:
         """Return the force of a contact."""
-        place = contacts.index(i)
+        place = held_of(contacts).index(i)
 
         def force(at: Array) -> Array:
-            return self._contact_forces(self.at(float(at[0]), at[1:]), contacts)[0][
-                place : place + 1
-            ]
+            here = self.at(float(at[0]), at[1:], contacts)
+            return self._levels(here, contacts)[place : place + 1]
 
         start = np.append(t, z)
         slopes = differenced(force, start)[0]
@@ -758,10 +800,9 @@ class NonlinearFlow:
 
     def reactions(self, contacts: Contacts, times: Array, z: Array) -> Array:
         """Return the forces of all contacts, shape (len(times), len(contacts))."""
-        found = [
-            self._contact_forces(self.at(t, s), contacts)[0] for t, s in zip(times, z, strict=True)
-        ]
-        return np.array(found)
+        return np.array(
+            [self._levels(self.at(t, s, contacts), contacts) for t, s in zip(times, z, strict=True)]
+        )
 
     def impact(self, i: int, kept: Sequence[int], t: float, z: Array, e: float) -> Jump:
         """Return an impact of a gap while some contacts stay closed."""
@@ -772,10 +813,11 @@ class NonlinearFlow:
         def after(at: Array) -> tuple[Array, Array]:
             """Return state and impulses, and how the state changes with the velocities."""
             here = self.at(float(at[0]), at[1:])
-            rows = here.gradients[own]
+            normals, _, rates = self._rows(here)
+            rows = normals[own]
             spread = np.linalg.solve(here.mass, rows.T)
             answer = -np.linalg.solve(rows @ spread, np.diag(factor))
-            impulses = answer @ (rows @ at[1 + self.n :] + here.rates[own])
+            impulses = answer @ (rows @ at[1 + self.n :] + rates[own])
             moved = at[1 + self.n :] + spread @ impulses
             turned = np.eye(self.n) + spread @ answer @ rows
             slopes = np.vstack([np.zeros((self.n, self.n)), turned])
@@ -786,6 +828,15 @@ class NonlinearFlow:
         by_place = differenced(lambda at: after(at)[0], start, 1 + self.n)
         by_z = np.hstack([by_place[:size, 1:], by_velocities])
         return Jump(found[:size], found[size:], by_z, by_place[:size, 0])
+
+
+def backward(system: MechanicalSystem) -> MechanicalSystem:
+    """Return a system of two functions, mass and force, whose time runs backwards."""
+    mass, force = system._given["mass"], system._given["force"]
+    return MechanicalSystem(
+        mass=(lambda t, q: mass(-t, q)) if callable(mass) else mass,
+        force=lambda t, q, qdot: force(-t, q, -qdot),
+    )
 
 
 def differenced(function: Callable[[Array], Array], at: Array, count: int | None = None) -> Array:
@@ -818,6 +869,7 @@ class MassFlow:
     """The motions of an `ImpactSystem`, in flight and at rest at its wall."""
 
     n = m = 1
+    channels = 0
 
     def __init__(self, system: ImpactSystem, method: SwitchedRK) -> None:
         self.system, self.method, self.e = system, method, np.array([system.e])
@@ -869,7 +921,7 @@ class MassFlow:
         """Return the gap."""
         return Scalar(float(z[0]), np.array([1.0, 0.0]), 0.0)
 
-    def gaps(self, times: Array, z: Array) -> tuple[Array, Array]:
+    def gaps(self, times: Array, z: Array, contacts: Contacts = ()) -> tuple[Array, Array]:
         """Return the gap and its rate, each of shape (len(times), 1)."""
         return z[:, :1], z[:, 1:]
 

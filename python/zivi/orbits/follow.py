@@ -27,6 +27,7 @@ from zivi.orbits.orbit import (
     MechanicalOrbit,
     PeriodicOrbit,
     failed_text,
+    letter_names,
     with_failed,
 )
 from zivi.orbits.path import (
@@ -146,7 +147,7 @@ def follow(
     orbit: MechanicalOrbit, name: str, span: Span, step: float, most: int, *, through: bool
 ) -> MechanicalBranch:
     """Follow an orbit of a mechanical system over a parameter."""
-    multiple, names = orbit.multiple, orbit.system.gap_names
+    multiple, names = orbit.multiple, letter_names(orbit.system)
     found = _found(orbit, name, span, step, most, most, through=through)
     arcs = [_arc(arc, multiple) for arc in found.arcs]
     failed = failed_text([orbit for arc in arcs for orbit in arc.orbits])

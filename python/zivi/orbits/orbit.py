@@ -343,16 +343,27 @@ class PeriodicOrbit(AnyOrbit):
 # A periodic orbit of a mechanical system.
 
 
+def letter_names(system: Any) -> tuple[str, ...]:
+    """Return the names of what the letters of a word may name: gaps, or channels of friction."""
+    if not isinstance(system, MechanicalSystem):
+        return ("wall",)
+    return system.channel_names or system.gap_names
+
+
 def middle_of(flow: Flow, word: Word, starts: Array, ends: Array) -> tuple[float, Array]:
-    """Return time and state in the middle of the longest segment with the most contacts."""
+    """Return time and state in the middle of the longest segment with the most contacts.
+
+    With dry friction it is one with the fewest channels that stick.
+    """
     lengths = ends - starts[:, 0]
-    most = max(len(it.contacts) for it in word)
-    own = [s for s, it in enumerate(word) if len(it.contacts) == most]
+    most = (min if flow.channels else max)(len(it.held) for it in word)
+    own = [s for s, it in enumerate(word) if len(it.held) == most]
     s = max(own, key=lambda it: float(lengths[it]))
     t0, contacts = float(starts[s, 0]), word[s].contacts
     t = t0 + 0.5 * float(lengths[s])
     z = flow.path(contacts, t0, starts[s, 1:], np.array([t]))[0]
-    return t, onto(flow, contacts, t, z, contacts) if contacts else z
+    held = word[s].held
+    return t, onto(flow, held, t, z, held) if held else z
 
 
 IMPACT = np.dtype([("t", "f8"), ("gap", "i8"), ("u", "f8"), ("impulse", "f8")])
@@ -445,12 +456,18 @@ class MechanicalOrbit(AnyOrbit):
     @property
     def word(self) -> tuple[str, ...]:
         """The events of one period, with the names of the gaps."""
-        return named(self._word, getattr(self.system, "gap_names", ("wall",)))
+        return named(self._word, letter_names(self.system))
 
     @property
     def kind(self) -> str:
-        """``"flight"`` (no events), ``"impacting"``, or ``"resting"`` (with contacts)."""
-        if any(it.contacts for it in self._word):
+        """``"flight"`` (no events), ``"impacting"``, or ``"resting"`` (with contacts).
+
+        With dry friction ``"sticking"`` (with sticks) or ``"slipping"``.
+        """
+        holds = any(it.held for it in self._word)
+        if self._frame.flow.channels:
+            return "sticking" if holds else "slipping"
+        if holds:
             return "resting"
         return "flight" if all(it.kind == "P" for it in self._word) else "impacting"
 

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from zivi.base.check import Array, finite
+from zivi.orbits.dry_friction import friction_flow_of
 from zivi.orbits.equations import (
     Frame,
     MassTerms,
@@ -33,6 +34,7 @@ from zivi.orbits.flows import (
     is_exact,
 )
 from zivi.simulation.methods import SwitchedRK
+from zivi.system.friction_numbers import friction_numbers, with_friction_numbers
 from zivi.system.gap import HarmonicWall, LinearGap
 from zivi.system.linear import Harmonic, LinearSystem
 from zivi.system.mass import ImpactSystem
@@ -83,6 +85,7 @@ def values_of(system: MechanicalSystem | ImpactSystem) -> dict[str, float]:
     found = _parameters(system)
     if isinstance(system, LinearSystem):
         found |= _of_linear(system)
+    found |= {name: it.value for name, it in friction_numbers(system).items()}
     if system.m:
         e = system.e
         if np.ptp(e) == 0.0:
@@ -153,7 +156,9 @@ def with_values(system: System, values: Mapping[str, float]) -> System:
             continue
         if name not in known:
             value_of(system, name)
-        if name == "e" or name.startswith("e."):
+        if name in friction_numbers(system):
+            new = with_friction_numbers(new, {name: value})
+        elif name == "e" or name.startswith("e."):
             new = _with_e(new, _moved_e(new, name, value))
         else:
             assert isinstance(new, LinearSystem)
@@ -276,6 +281,8 @@ def flow_of(system: MechanicalSystem | ImpactSystem, method: SwitchedRK) -> Flow
     if isinstance(system, ImpactSystem):
         return MassFlow(system, method)
     core = core_of(system)
+    if core.channel_names:
+        return friction_flow_of(core, method)
     if is_exact(core):
         assert isinstance(core, LinearSystem)
         flow: Flow = LinearFlow(core)
@@ -425,6 +432,13 @@ OUT = {
     "rest_appears": "The force holds the mass after an impact at t = {t:.9g} s: {value:.3g} < 0.",
     "opening": "An impact at t = {t:.9g} s would pull at a contact, with {value:.3g} < 0.",
     "simultaneous": "At t = {t:.9g} s two events have changed places, by {value:.3g} < 0.",
+    "slip_grazing": "The slip speed at t = {t:.9g} s does not fall to zero but rises from it, with "
+    "the rate {value:.3g} < 0.",
+    "stick_appears": "A slip speed is {value:.3g} < 0 in slip, at t = {t:.9g} s.",
+    "slip_appears": "The force of a stick passes the static limit at t = {t:.9g} s.",
+    "stick_vanishes": "The stick from t = {t:.9g} s would last {value:.3g} s < 0.",
+    "slip_vanishes": "The slip from t = {t:.9g} s would last {value:.3g} s < 0.",
+    "turn_sticks": "At t = {t:.9g} s the static limit holds where the slip would turn.",
 }
 """What is not there in a motion, by the event at which it begins."""
 OUT_OF_MASS = {
@@ -524,6 +538,8 @@ class Margins:
         terms, found = self.terms, []
         hits = [s for s, it in enumerate(terms.frame.word) if it.kind in "ISZ"]
         fastest = float(np.max(np.abs(terms.rates[hits]), initial=0.0)) or 1.0
+        for s, segment in enumerate(terms.frame.word):
+            found += self._end_of_slip(s) if segment.kind in "KT" else []
         for s in hits:
             segment, t = terms.frame.word[s], float(terms.x[s, -1])
             found.append(Constraint("grazing", s, segment.gap, t, -float(terms.rates[s]), fastest))
@@ -534,13 +550,32 @@ class Margins:
                 found.append(Constraint("opening", s, gap, t, float(impulse), largest))
         return found
 
+    def _end_of_slip(self, s: int) -> list[Constraint]:
+        """Return how the speed of a slip reaches zero, and what turns it there if it turns."""
+        terms = self.terms
+        flow, segment, t = terms.frame.flow, terms.frame.word[s], float(terms.x[s, -1])
+        ends = terms.flights.first, terms.flights.last
+        size = max(float(np.abs(it[:, flow.n :]).max()) for it in ends) or 1.0
+        own = Constraint("slip_grazing", s, segment.gap, t, -float(terms.rates[s]), size)
+        if segment.kind == "K":
+            return [own]
+        stuck = tuple(sorted({*segment.contacts, segment.gap} - {-1 - segment.gap}))
+        level = flow.reaction(stuck, segment.gap, t, terms.flights.z[s])
+        size = max(size, abs(level.value))
+        return [own, Constraint("turn_sticks", s, segment.gap, t, -level.value, size)]
+
     def _lasting(self) -> list[Constraint]:
         terms, found = self.terms, []
         for s, segment in enumerate(terms.frame.word):
             kind = "end_of_rest" if segment.contacts else "simultaneous"
+            if terms.frame.flow.channels:
+                before = terms.frame.word[s - 1]
+                same = before.gap == segment.gap and segment.kind != "P"
+                stuck = "stick" if segment.kind == "B" else "slip"
+                kind = f"{stuck}_vanishes" if same else "simultaneous"
             t = float(terms.x[s, 0])
             last = float(terms.x[s, -1]) - t
-            if segment.contacts or last < 0.0:
+            if kind != "simultaneous" or last < 0.0:
                 found.append(Constraint(kind, s, segment.gap, t, last, abs(terms.length)))
         return found
 
@@ -589,14 +624,16 @@ class Margins:
         t0, t1 = float(terms.x[s, 0]), float(terms.x[s, -1])
         if t1 <= t0:
             return []
+        touches = "stick_appears" if flow.channels else "interior_impact"
         lows, times = terms.flights.lows, t0 + (t1 - t0) * LOOKS
         if lows is not None and not segment.contacts:
             return self._of_mass(s, *lows[s])
         z = flow.path(segment.contacts, t0, terms.x[s, 1:-1], times)
-        gaps, rates = flow.gaps(times, z)
-        found, widest = [], float(np.max(np.abs(z[:, : flow.n])))
+        gaps, rates = flow.gaps(times, z, segment.contacts)
+        part = slice(flow.n, None) if flow.channels else slice(flow.n)
+        found, widest = [], float(np.max(np.abs(z[:, part])))
         # at a lift-off the rate of its gap is zero up to rounding: no minimum
-        lifted = terms.frame.word[s - 1].gap if terms.frame.word[s - 1].kind == "L" else -1
+        lifted = terms.frame.word[s - 1].gap if terms.frame.word[s - 1].kind in "LB" else -1
         for i in range(flow.m):
             if i in segment.contacts:
                 continue
@@ -605,8 +642,8 @@ class Margins:
             turns = np.flatnonzero((rates[:-1, i] < 0.0) & (rates[1:, i] >= 0.0))
             for k in turns[(turns > 0) | (i != lifted)]:
                 t, value = self._minimum(s, i, times[k : k + 2], rates[k : k + 2, i])
-                found.append(Constraint("interior_impact", s, i, t, value, size))
-        if segment.contacts:
+                found.append(Constraint(touches, s, i, t, value, size))
+        if segment.held:
             found += self._forces(s, times, z)
         return found
 
@@ -632,8 +669,9 @@ class Margins:
         frame, t0, z0 = terms.frame, float(terms.x[s, 0]), terms.x[s, 1:-1]
 
         def look(t: float) -> tuple[float, float]:
-            z = frame.flow.path(frame.word[s].contacts, t0, z0, np.array([t]))
-            value, rate = frame.flow.gaps(np.array([t]), z)
+            contacts = frame.word[s].contacts
+            z = frame.flow.path(contacts, t0, z0, np.array([t]))
+            value, rate = frame.flow.gaps(np.array([t]), z, contacts)
             return float(value[0, gap]), float(rate[0, gap])
 
         return _zero(look, times, rates)
@@ -642,19 +680,19 @@ class Margins:
         terms = self.terms
         flow, segment = terms.frame.flow, terms.frame.word[s]
         forces = flow.reactions(segment.contacts, times, z)
-        found = []
-        for k, i in enumerate(segment.contacts):
+        found, ends = [], "slip_appears" if flow.channels else "contact_ends"
+        for k, i in enumerate(segment.held):
             own = forces[:, k]
             size = max(float(np.max(np.abs(own))), 1e-300)
-            found.append(Constraint("contact_ends", s, i, float(times[0]), float(own[0]), size))
+            # a stick between its two events vanishes where its level does at its begin
+            if not flow.channels or (i, i) != (segment.gap, terms.frame.word[s - 1].gap):
+                found.append(Constraint(ends, s, i, float(times[0]), float(own[0]), size))
             if i != segment.gap:
-                found.append(
-                    Constraint("contact_ends", s, i, float(times[-1]), float(own[-1]), size)
-                )
+                found.append(Constraint(ends, s, i, float(times[-1]), float(own[-1]), size))
             inner = np.flatnonzero((own[1:-1] < own[:-2]) & (own[1:-1] <= own[2:])) + 1
             for j in inner:
                 low = self._least_force(s, i, times[j - 1 : j + 2])
-                found.append(Constraint("contact_ends", s, i, *low, size))
+                found.append(Constraint(ends, s, i, *low, size))
         return found
 
     def _least_force(self, s: int, gap: int, times: Array) -> tuple[float, float]:

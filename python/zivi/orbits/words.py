@@ -24,7 +24,7 @@ from zivi.orbits.equations import (
     sizes_of,
     whole_word,
 )
-from zivi.orbits.flows import FlightError, Flow, MassFlow, Segment, Word, uncoupled
+from zivi.orbits.flows import FlightError, Flow, MassFlow, Segment, Word, held_of, uncoupled
 from zivi.orbits.orbit import (
     CONTACT,
     IMPACT,
@@ -68,6 +68,8 @@ class Happened(NamedTuple):
     opened: tuple[int, ...] = ()
     speed: float = math.nan
     """Of the gap before the impact, where the run tells it."""
+    slip: int = 0
+    """The direction of slip of a channel of dry friction after it."""
 
 
 NO_CORNERS, NO_OPENINGS = np.empty(0, [("t", "f8")]), np.empty(0, [("t", "f8"), ("gap", "i8")])
@@ -199,9 +201,21 @@ def _events_of(flow: Flow, run: AnyRun, longest: float = math.inf) -> list[Happe
         elif all(gap != new[0] or abs(at - t) > SAME_TIME * max(1.0, abs(t)) for at, gap in left):
             closings.append((t, new[0]))
     found += [Happened(float(it["t"]), "L", int(it["gap"])) for it in lifts]
+    found += _ends_of_slips(run) if flow.channels else []
     found.sort(key=lambda it: it.t)
     for t, gap in sorted(closings):
         found = _merge_accumulation(found, t, gap, float(flow.e[gap]), t - longest)
+    return found
+
+
+def _ends_of_slips(run: Any) -> list[Happened]:
+    """Return the ends of slips and sticks of a run, without the modes in which it begins."""
+    found = []
+    for it in run.transitions:
+        before, after = int(it["before"]), int(it["after"])
+        if abs(before) <= 1:
+            kind = "K" if after == 0 else "B" if before == 0 else "T"
+            found.append(Happened(float(it["t"]), kind, int(it["channel"]), slip=after))
     return found
 
 
@@ -372,8 +386,20 @@ def _smooth(
 def _closed(run: AnyRun, t: float) -> tuple[int, ...]:
     if isinstance(run, MassTables):
         return () if run(t).any() else (0,)
+    if len(run.channel_names):
+        return _slipping(run, t)
     at = run.resample(np.array([t]))
     return tuple(int(i) for i in np.flatnonzero(at.contacts[0]))
+
+
+def _slipping(run: Any, t: float) -> tuple[int, ...]:
+    """Return the channels that stick at a time, and those that slip backwards as -1 - c."""
+    modes = np.ones(len(run.channel_names), int)
+    for it in run.transitions:
+        if it["t"] <= t:
+            modes[it["channel"]] = it["after"]
+    found = [c if mode == 0 else -1 - c for c, mode in enumerate(modes.tolist()) if mode < 1]
+    return tuple(sorted(found))
 
 
 def _unknowns(
@@ -389,7 +415,9 @@ def _unknowns(
     word, rows = [], []
     for it in events:
         after = {*contacts} - {*it.opened}
-        after = after | {it.gap} if it.kind in "SZ" else after - {it.gap}
+        after = after | {it.gap} if it.kind in "SZK" else after - {it.gap}
+        if it.kind in "KBT":
+            after = after - {-1 - it.gap} | ({-1 - it.gap} if it.slip < 0 else set())
         segment = Segment(contacts, it.kind, it.gap, tuple(sorted(after)))
         if isinstance(run, MassTables):
             before = np.array([0.0, 0.0 if it.kind == "L" else it.speed])
@@ -597,7 +625,7 @@ def _segments(word: Word, x: Array, m: int) -> Any:
     found = np.zeros(len(word), [("t0", "f8"), ("t1", "f8"), ("contacts", "?", (m,))])
     found["t0"], found["t1"] = x[:, 0], x[:, -1]
     for s, segment in enumerate(word):
-        found["contacts"][s, list(segment.contacts)] = True
+        found["contacts"][s, list(segment.held)] = True
     return found
 
 
@@ -619,7 +647,7 @@ def _impacts(terms: Terms, word: Word, x: Array, impulses: list[Array]) -> Any:
 def _contacts(word: Word, x: Array, length: float, zenos: dict[int, float]) -> Any:
     rows, count = [], len(word)
     for s, segment in enumerate(word):
-        new = [gap for gap in segment.after if gap not in segment.contacts]
+        new = [gap for gap in held_of(segment.after) if gap not in segment.contacts]
         for gap in new:
             begin = zenos.get(s, float(x[s, -1]))
             for k in range(s + 1, s + 1 + count):
@@ -637,6 +665,8 @@ def weaker_reason(orbit: Any) -> str | None:
         return f"A simulation of it ends early: {run.message}"
     t0, length = float(run.t[0]), orbit.multiple * orbit.period
     flips = [(it.kind, it.gap, t) for it, t in _in_order(orbit, t0, length)]
+    if orbit._frame.flow.channels:
+        return _other_slips(orbit, run, t0, length)
     hits = [(float(t), int(gap)) for t, gap in _hits(run)]
     mine = [(t, gap) for kind, gap, t in flips if kind in "IS"]
     chains = [(t, gap) for kind, gap, t in flips if kind == "Z"]
@@ -660,6 +690,20 @@ def weaker_reason(orbit: Any) -> str | None:
     for (t, gap), (when, whose) in zip(hits, mine, strict=True):
         if gap != whose or abs(t - when) > max(near, 1e-7) * length:
             return "A simulation has its impacts at other times than the orbit."
+    return None
+
+
+def _other_slips(orbit: Any, run: Any, t0: float, length: float) -> str | None:
+    """Return where a simulation has other slips and sticks than an orbit."""
+    mine = [(t, it.kind, it.gap) for it, t in _in_order(orbit, t0, length) if it.kind in "KBT"]
+    # where it begins a channel that sticks may slip by rounding
+    seen = [it for it in _ends_of_slips(run) if t0 + 1e-9 * length < it.t <= t0 + length]
+    if [it[1:] for it in mine] != [(it.kind, it.gap) for it in seen]:
+        events = " ".join(it.kind for it in seen) or "none"
+        return f"A simulation has other slips and sticks within the period: {events}."
+    near = max(1e6 * orbit._frame.method.rtol, 1e-7) * length
+    if any(abs(one[0] - other.t) > near for one, other in zip(mine, seen, strict=True)):
+        return "A simulation has its slips and sticks at other times than the orbit."
     return None
 
 

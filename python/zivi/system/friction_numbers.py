@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from zivi.system.linear import LinearSystem
 from zivi.system.mechanism import MechanicalSystem
 from zivi.system.parameters import ParametricSystem
 
@@ -46,7 +47,7 @@ def friction_numbers(system: MechanicalSystem) -> dict[str, FrictionNumber]:
     Symbolic systems and trees have names of their own for them, among their parameters.
     """
     built = system._built if isinstance(system, ParametricSystem) else system
-    if type(built) is not MechanicalSystem:
+    if type(built) not in (MechanicalSystem, LinearSystem):
         return {}
     found = {}
     first = len(built._channels) - len(built._joints)

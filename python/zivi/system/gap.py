@@ -344,6 +344,16 @@ class DryFriction(Unchanging):
         """Name in tables and messages."""
         return self._name
 
+    def in_modes(self, shapes: Array) -> DryFriction:
+        """Return the same joint in the amplitudes of modes, whose shapes are the columns."""
+        if not isinstance(self._slip.direction, np.ndarray):
+            raise ValueError(
+                f"direction of {self._name!r} must be an array of shape (n,) in a system of modes"
+            )
+        new = object.__new__(type(self))
+        new.__setstate__(self.__getstate__() | {"direction": self._slip.direction @ shapes})
+        return new
+
     def __repr__(self) -> str:
         told = {"direction": self.direction, "limit": self.limit}
         if self.static is not None:

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 import zivi._zivi as _zivi
 from zivi.base.check import Array, finite, integer, read_only, real_array
 from zivi.base.habits import hinted
-from zivi.system.gap import Gap, LinearGap, MovingWall
+from zivi.system.gap import DryFriction, Gap, LinearGap, MovingWall, joints_of
 from zivi.system.impact_law import GivenRestitutions, written
 from zivi.system.mechanism import MechanicalSystem, Model, check_names
 from zivi.system.model_parts import Equality, Layout, equalities_of
@@ -149,6 +149,9 @@ class LinearSystem(MechanicalSystem):
     equalities : sequence of Equality
         Rows with constant gradients that are kept exactly. Their matrices are factored once; forces
         are then evaluated by the interpreter.
+    friction : sequence of DryFriction
+        Dry friction in joints and on belts, for example ``DryFriction([1.0, 0.0], limit=0.8)``.
+        Forces are then evaluated by the interpreter.
 
     Attributes
     ----------
@@ -208,6 +211,7 @@ class LinearSystem(MechanicalSystem):
         modes: int | None = None,
         coordinates: Sequence[str] | None = None,
         equalities: Sequence[Equality] = (),
+        friction: Sequence[DryFriction] = (),
     ) -> None:
         mass = _square("M", M)
         n = len(mass)
@@ -216,7 +220,8 @@ class LinearSystem(MechanicalSystem):
         shapes = None if modes is None else _lowest(matrices[0], matrices[2], modes)
         rows = _linear_rows(equalities)
         gaps = _linear_gaps(gaps)
-        self._set(matrices, parts_of(excitation, n), gaps, e, coordinates, shapes, rows)
+        parts = parts_of(excitation, n)
+        self._set(matrices, parts, gaps, e, coordinates, shapes, rows, joints_of(friction))
 
     def _set(
         self,
@@ -227,6 +232,7 @@ class LinearSystem(MechanicalSystem):
         coordinates: Sequence[str] | None,
         shapes: Array | None,
         rows: tuple[Equality, ...] = (),
+        joints: tuple[DryFriction, ...] = (),
     ) -> None:
         """Store checked arguments; with shapes, transform them to modal amplitudes."""
         self._shapes = None if shapes is None else read_only(shapes)
@@ -236,6 +242,7 @@ class LinearSystem(MechanicalSystem):
             parts = tuple(projected(part, shapes) for part in parts)
             gaps = tuple(gap.with_normal(gap.normal @ shapes) for gap in gaps)
             rows = tuple(row.in_modes(shapes) for row in rows)
+            joints = tuple(joint.in_modes(shapes) for joint in joints)
         for array in (*matrices, *parts):
             if isinstance(array, np.ndarray):
                 read_only(array)
@@ -248,6 +255,7 @@ class LinearSystem(MechanicalSystem):
             e=e,
             coordinates=coordinates,
             equalities=rows,
+            friction=joints,
         )
 
     @property
@@ -393,8 +401,8 @@ class LinearSystem(MechanicalSystem):
         Parameters
         ----------
         **changes
-            ``M``, ``C``, ``K``, ``excitation``, ``gaps``, ``e``, ``coordinates``, arguments of
-            `LinearSystem`; for a modal system they refer to the modal amplitudes, like its
+            ``M``, ``C``, ``K``, ``excitation``, ``gaps``, ``e``, ``coordinates``, ``friction``,
+            arguments of `LinearSystem`; for a modal system they refer to the modal amplitudes, like its
             attributes. Or ``omega``, the angular frequency of its `Harmonic` loads (rad/s; see
             `at`).
 
@@ -418,7 +426,16 @@ class LinearSystem(MechanicalSystem):
         3.0
         """
         matrices = ("M", "C", "K")
-        known = (*matrices, "excitation", "gaps", "e", "coordinates", "equalities", "omega")
+        known = (
+            *matrices,
+            "excitation",
+            "gaps",
+            "e",
+            "coordinates",
+            "equalities",
+            "friction",
+            "omega",
+        )
         check_names(changes, known)
         n, state = len(self.M), self.__getstate__()
         given = [
@@ -434,6 +451,8 @@ class LinearSystem(MechanicalSystem):
             state["gaps"] = _linear_gaps(changes["gaps"])
         if "equalities" in changes:
             state["rows"] = _linear_rows(changes["equalities"])
+        if "friction" in changes:
+            state["joints"] = joints_of(changes["friction"])
         state |= {name: changes[name] for name in ("e", "coordinates") if name in changes}
         new = object.__new__(type(self))
         new.__setstate__(state)
@@ -462,7 +481,7 @@ class LinearSystem(MechanicalSystem):
 
     def _new_model(self, n: int) -> Model:
         called = any(isinstance(getattr(gap, "motion", None), MovingWall) for gap in self._gaps)
-        if called or self._equalities:
+        if called or self._equalities or self._joints:
             return super()._new_model(n)
         return Model.native(Layout(n, self.m), self._linear_spec())
 
@@ -498,6 +517,7 @@ class LinearSystem(MechanicalSystem):
             "coordinates": self._coordinates,
             "shapes": self._shapes,
             **({"rows": self._equalities} if self._equalities else {}),
+            **({"joints": self._joints} if self._joints else {}),
         }
 
     def __setstate__(self, state: dict[str, Any]) -> None:
@@ -508,6 +528,7 @@ class LinearSystem(MechanicalSystem):
     def __repr__(self) -> str:
         gaps = ", ".join(self.gap_names)
         held = f", equalities=({', '.join(self.equality_names)})" if self._equalities else ""
+        held += f", friction=({', '.join(self.channel_names)})" if self._joints else ""
         return f"LinearSystem(n={len(self.M)}, gaps=({gaps}), e={written(self._e)}{held})"
 
 

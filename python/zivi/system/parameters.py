@@ -192,16 +192,19 @@ def check_differentiable(system: Any) -> None:
 
 
 def check_smooth(system: Any) -> None:
-    """Refuse dry friction and compliant gaps, which orbits do not support."""
+    """Refuse compliant gaps and friction at gaps, which orbits do not support."""
     mechanical = isinstance(system, MechanicalSystem)
     if not mechanical:
         check_planar_friction(system)
         return
     check_rigid(system, "derivatives and orbits")
-    if system.channel_names:
+    check_planar_friction(system)
+    channels = system._channels
+    if channels and (system.m or any(it.gap is not None for it in channels)):
         raise NotImplementedError(
-            "orbits do not support dry friction: zivi.sensitivity has derivatives and the "
-            "monodromy matrix of runs with friction, diagrams and basins support it"
+            "orbits of systems with gaps do not support dry friction, got the channels "
+            f"{', '.join(system.channel_names)}; zivi.sensitivity has derivatives and the "
+            "monodromy matrix of their runs, diagrams and basins support them"
         )
 
 
