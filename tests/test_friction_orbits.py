@@ -58,7 +58,8 @@ def damped_cycle(v, damping, guess):
 def test_the_cycle_on_a_belt_has_the_period_of_its_closed_form():
     orbit, a = cycle(belt()), LS - L
     exact = 2 * a / V + 2 * math.pi - 2 * math.atan2(a, V)
-    assert orbit.success and orbit.kind == "sticking"
+    assert orbit.success
+    assert orbit.kind == "sticking"
     assert sorted(orbit.word) == ["B belt", "K belt"]
     assert abs(orbit.period - exact) < 1e-11
     assert orbit.multipliers.tolist() == [0.0]
@@ -72,7 +73,8 @@ def test_the_damped_cycle_ends_where_its_slip_only_touches_the_speed_of_the_belt
     orbit = cycle(belt(DAMPING))
     branch = zivi.continue_orbit(orbit, "belt.velocity", (0.05, 2.0), step=0.05)
     assert [it.kind for it in branch.events] == ["slip_grazing"]
-    assert branch.status.name == "LEFT_ADMISSIBLE" and np.all(branch.multipliers == 0.0)
+    assert branch.status.name == "LEFT_ADMISSIBLE"
+    assert np.all(branch.multipliers == 0.0)
     with mp.workdps(30):
 
         def touches(v, t):
@@ -87,7 +89,8 @@ def test_the_damped_cycle_ends_where_its_slip_only_touches_the_speed_of_the_belt
         guess = float(slips[~found.segments["contacts"][:, 0]][0])
         if value < 0.66:  # at its end the root is double
             length, period = damped_cycle(value, DAMPING, guess)
-            assert abs(guess - length) < 1e-10 and abs(found.period - period) < 1e-10
+            assert abs(guess - length) < 1e-10
+            assert abs(found.period - period) < 1e-10
 
 
 @pytest.mark.parametrize(("load", "omega"), [(2.5, 0.6), (2.0, 1.5), (4.0, 0.8)])
@@ -95,7 +98,8 @@ def test_slips_that_only_turn_are_those_of_den_hartog(load, omega):
     orbit = forced(load, omega)
     ratio, wide = 1 / (1 - omega**2), math.tan(math.pi / (2 * omega)) / omega
     amplitude = math.sqrt((ratio * load) ** 2 - wide**2)
-    assert orbit.word == ("T guide", "T guide") and orbit.kind == "slipping"
+    assert orbit.word == ("T guide", "T guide")
+    assert orbit.kind == "slipping"
     assert np.abs(np.abs(orbit._starts[:, 1]) - amplitude).max() < 1e-11
     half = math.pi / omega
     c, s = math.cos(half), math.sin(half)
@@ -114,12 +118,15 @@ def test_sticks_vanish_where_the_force_at_the_turn_is_that_of_friction():
     ratio, wide = 1 / (1 - omega**2), math.tan(math.pi / (2 * omega)) / omega
     exact = math.sqrt(omega**-4 + wide**2) / ratio
     (event,) = branch.events
-    assert event.kind == "stick_vanishes" and abs(event.value - exact) < 1e-10
+    assert event.kind == "stick_vanishes"
+    assert abs(event.value - exact) < 1e-10
     assert [arc.word[0] for arc in branch.arcs] == ["K guide", "T guide"]
     back = zivi.continue_orbit(branch.arcs[1].orbits[-1], "F", (1.6, 2.2), step=0.1)
     (event,) = back.events
-    assert event.kind == "turn_sticks" and abs(event.value - exact) < 1e-10
-    assert len(back.arcs) == 2 and all(it.admissible for it in back.orbits)
+    assert event.kind == "turn_sticks"
+    assert abs(event.value - exact) < 1e-10
+    assert len(back.arcs) == 2
+    assert all(it.admissible for it in back.orbits)
 
 
 def test_two_stops_a_period_against_mpmath():
@@ -177,15 +184,19 @@ def test_the_flows_of_linear_and_general_systems_agree(contacts):
     z, t = np.random.default_rng(1).normal(size=(1, 4)), np.array([0.1])
     for t1 in (0.8, -0.3):  # a stick of negative duration is flown backwards
         a, b = (it.fly(contacts, t, z, np.array([t1])) for it in (one, two))
-        assert np.abs(a.z - b.z).max() < 1e-10 and np.abs(a.phi - b.phi).max() < 1e-9
-        assert np.abs(a.first - b.first).max() < 1e-12 and np.abs(a.last - b.last).max() < 1e-10
+        assert np.abs(a.z - b.z).max() < 1e-10
+        assert np.abs(a.phi - b.phi).max() < 1e-9
+        assert np.abs(a.first - b.first).max() < 1e-12
+        assert np.abs(a.last - b.last).max() < 1e-10
     for a, b in zip(one.gaps(t, z, contacts), two.gaps(t, z, contacts), strict=True):
         assert np.abs(a - b).max() < 1e-12
     for i in (it for it in contacts if it >= 0):
         a, b = (it.reaction(contacts, i, 0.1, z[0]) for it in (one, two))
-        assert abs(a.value - b.value) < 1e-12 and np.abs(a.by_z - b.by_z).max() < 1e-9
+        assert abs(a.value - b.value) < 1e-12
+        assert np.abs(a.by_z - b.by_z).max() < 1e-9
         a, b = (it.gap(i, 0.1, z[0]) for it in (one, two))
-        assert abs(a.value - b.value) < 1e-12 and np.abs(a.by_z - b.by_z).max() < 1e-11
+        assert abs(a.value - b.value) < 1e-12
+        assert np.abs(a.by_z - b.by_z).max() < 1e-11
 
 
 def test_a_limit_that_falls_with_the_slip_speed_against_scipy():
@@ -198,7 +209,8 @@ def test_a_limit_that_falls_with_the_slip_speed_against_scipy():
     )
     run = zivi.simulate(system, (0, 40), ([0.0], [V]))
     orbit = zivi.periodic_orbit(system, run, period="free")
-    assert orbit.success and orbit.multipliers.tolist() == [0.0]
+    assert orbit.success
+    assert orbit.multipliers.tolist() == [0.0]
 
     def rates(t, z):
         return [z[1], -z[0] - 0.02 * z[1] + limit(t, [z[0]], [min(z[1], V)])]
@@ -232,9 +244,11 @@ def test_a_linear_system_with_friction_moves_as_the_general_one():
         mass=1.0, force=lambda t, q, qdot: -q - DAMPING * qdot, friction=linear.friction
     )
     runs = [zivi.simulate(it, (0, 20), ([0.0], [V])) for it in (linear, general)]
-    assert np.array_equal(runs[0].q[-1], runs[1].q[-1]) and len(runs[0].stick) == 3
+    assert np.array_equal(runs[0].q[-1], runs[1].q[-1])
+    assert len(runs[0].stick) == 3
     again = pickle.loads(pickle.dumps(linear.replace(K=2.0)))
-    assert again.channel_names == ("belt",) and again.K == 2.0
+    assert again.channel_names == ("belt",)
+    assert again.K == 2.0
     assert "friction=(belt)" in repr(again)
     assert linear.replace(friction=[]).channel_names == ()
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from zivi.base.check import Array
 from zivi.orbits.equations import Frame, Terms, evaluate, sizes_of, whole_word
-from zivi.orbits.flows import MOST_LETTERS, FlightError, Segment, uncoupled
+from zivi.orbits.flows import MOST_LETTERS, FlightError, Segment, Word, uncoupled
 from zivi.orbits.path import Constraint, Margins
 
 # Conditions on a curve of events in two parameters, in addition to the orbit's equations.

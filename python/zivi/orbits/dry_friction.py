@@ -36,12 +36,11 @@ from zivi.system.linear import LinearSystem
 from zivi.system.mechanism import MechanicalSystem
 from zivi.system.model_parts import Evaluation
 
-
 EXTRAPOLATION = (4.0, -6.0, 4.0, -1.0)
 """Weights of values at 0, w, 2 w, 3 w for the value of a cubic polynomial at -w."""
 
 
-def signs_of(contacts: Contacts, count: int) -> Array:
+def slip_signs(contacts: Contacts, count: int) -> Array:
     """Return the directions of slip of the channels, 0 while sticking."""
     signs = np.ones(count)
     signs[[i for i in contacts if i >= 0]] = 0.0
@@ -80,7 +79,7 @@ class LinearFrictionFlow(LinearFlow):
         self.wall = self.wall_bend = np.zeros((self.m, width))
 
     def _push(self, contacts: Contacts) -> Array:
-        drag = signs_of(contacts, self.m) * self.limits
+        drag = slip_signs(contacts, self.m) * self.limits
         found: Array = self.push.copy()
         found[:, 0] -= self.inverse @ self.normals.T @ drag
         return found
@@ -93,7 +92,7 @@ class LinearFrictionFlow(LinearFlow):
 
     def gaps(self, times: Array, z: Array, contacts: Contacts = ()) -> tuple[Array, Array]:
         """Return the slip speeds in the directions of slip and their rates."""
-        signs, with_inputs = signs_of(contacts, self.m), self._with_inputs(times, z)
+        signs, with_inputs = slip_signs(contacts, self.m), self._with_inputs(times, z)
         speeds = z[:, self.n :] @ self.normals.T - self.inputs(times) @ self.wall_rate.T
         rows = self.mode(contacts).whole[self.n : 2 * self.n]
         return signs * speeds, signs * (with_inputs @ rows.T @ self.normals.T)
@@ -125,7 +124,7 @@ class NonlinearFrictionFlow(NonlinearFlow):
         return here.tangents, here.slip_curvatures, here.slip_rates
 
     def _applied(self, here: Evaluation, contacts: Contacts) -> Array:
-        drag = signs_of(contacts, self.m) * here.limits
+        drag = slip_signs(contacts, self.m) * here.limits
         return np.asarray(here.force - here.tangents.T @ drag, np.float64)
 
     def at(self, t: float, z: Array, contacts: Contacts = ()) -> Evaluation:
@@ -136,7 +135,7 @@ class NonlinearFrictionFlow(NonlinearFlow):
         """
         here = super().at(t, z)
         speeds = here.tangents @ z[self.n :] + here.slip_rates
-        past = np.flatnonzero(signs_of(contacts, self.m) * speeds < 0.0)
+        past = np.flatnonzero(slip_signs(contacts, self.m) * speeds < 0.0)
         if not len(past) or self._constant:
             return here
         rows, z = here.tangents[past], z.copy()
@@ -179,7 +178,7 @@ class NonlinearFrictionFlow(NonlinearFlow):
 
     def gaps(self, times: Array, z: Array, contacts: Contacts = ()) -> tuple[Array, Array]:
         """Return the slip speeds in the directions of slip and their rates."""
-        signs, speeds, rates = signs_of(contacts, self.m), [], []
+        signs, speeds, rates = slip_signs(contacts, self.m), [], []
         for t, state in zip(times, z, strict=True):
             here = self.at(t, state, contacts)
             speeds.append(here.tangents @ state[self.n :] + here.slip_rates)

@@ -260,7 +260,7 @@ def continue_orbit(
         Where to begin. One that `Branch.switch` gave at a period doubling is followed away from it
         only.
     name : str
-        The parameter (see `sensitivity`).
+        The parameter (see `sensitivity`); of dry friction ``"belt.velocity"``, ``"belt.limit"``.
     span : (float, float)
         Range of its values.
     step : float

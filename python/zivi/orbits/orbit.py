@@ -392,23 +392,26 @@ class MechanicalOrbit(AnyOrbit):
     word : tuple of str
         The events of one period: ``"I stop"`` an impact, ``"S stop"`` a plastic one that closes
         the gap, ``"Z road"`` an accumulation (its first impact), ``"L road"`` a lift-off, ``"P"``
-        a motion without events.
+        a motion without events. With dry friction in joints ``"K belt"``, a slip ends in stick,
+        ``"B belt"``, a stick breaks, ``"T belt"``, a slip turns into the other direction.
     period : float
         Period of the excitation; where nothing excites the system that of the motion.
     multiple : int
         After how many of them the motion repeats.
     segments : structured ndarray
-        The motion between the events: ``t0``, ``t1``, and ``contacts``, m flags.
+        The motion between the events: ``t0``, ``t1``, and ``contacts``, m flags, or one for each
+        channel of dry friction, which say whether it sticks.
     impacts : structured ndarray
         The impacts of one period of the motion, ``t``, ``gap`` (its number), ``u``, the speed of
         the gap after it, and ``impulse``; of an accumulation those that were computed.
     contacts : structured ndarray
-        When gaps are closed: ``t0``, ``t1``, ``gap``.
+        When gaps are closed, or channels of dry friction stick: ``t0``, ``t1``, ``gap`` (the
+        number of the gap or channel).
     zeno_times, liftoff_times : ndarray
         When impacts accumulate, and when contacts end.
     multipliers : ndarray
-        The 2n Floquet multipliers (complex): two are 0 for each gap that is closed at some time.
-        Where nothing excites the system that of a shift in time is left out.
+        The 2n Floquet multipliers (complex): two are 0 for each gap that is closed at some time,
+        one for each channel of dry friction that sticks. Where nothing excites the system that of a shift in time is left out.
     symmetric : bool
         Whether it was computed as a half orbit, whose image under the symmetry is the other half.
     depth : float
@@ -805,7 +808,11 @@ class MechanicalEvent(NamedTuple):
         ``grazing`` (an impact vanishes), ``interior_impact`` (a new one appears), ``contact_ends``
         (the force of a contact vanishes), ``end_of_rest`` (the duration of a contact vanishes),
         ``rest_appears`` (an impact sequence accumulates), ``opening`` (the impulse of an impact on
-        a closed contact vanishes), ``simultaneous`` (two events coincide).
+        a closed contact vanishes), ``simultaneous`` (two events coincide). With dry
+        friction ``stick_vanishes`` (its duration), ``turn_sticks`` (the static limit holds a slip
+        that turned), ``slip_grazing`` (a slip speed reaches zero tangentially), ``stick_appears``
+        (it touches zero within a slip), ``slip_appears`` (the force of a stick reaches the static
+        limit), ``slip_vanishes``.
     value : float
         The parameter.
     orbit : MechanicalOrbit

@@ -402,8 +402,8 @@ class LinearSystem(MechanicalSystem):
         ----------
         **changes
             ``M``, ``C``, ``K``, ``excitation``, ``gaps``, ``e``, ``coordinates``, ``friction``,
-            arguments of `LinearSystem`; for a modal system they refer to the modal amplitudes, like its
-            attributes. Or ``omega``, the angular frequency of its `Harmonic` loads (rad/s; see
+            arguments of `LinearSystem`; for a modal system they refer to the modal amplitudes, like
+            its attributes. Or ``omega``, the angular frequency of its `Harmonic` loads (rad/s; see
             `at`).
 
         Returns

@@ -83,8 +83,7 @@ impl Local {
                 let own = own.map_or(0.0, |i| self.kinetics.normal(row)[i]);
                 reach * (turned + own).abs()
             };
-            let moved: Vec<f64> = reach.iter().enumerate().map(moves).collect();
-            let span: f64 = moved.iter().sum();
+            let span: f64 = reach.iter().enumerate().map(moves).sum();
             let slip = mode.sign(channel) * self.kinetics.rate(row, w);
             if slip > span || span == 0.0 {
                 continue;
@@ -104,9 +103,7 @@ impl Local {
                 }
             }
             let at = self.layout.limit().start + channel;
-            // a difference that does not move the slip does not look at both signs
-            let turned = found.into_iter().enumerate().filter(|&(j, _)| moved[j] > 0.0);
-            for (j, found) in turned {
+            for (j, found) in found.into_iter().enumerate() {
                 self.partials[j * length + at] = found;
             }
         }
