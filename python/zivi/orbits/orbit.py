@@ -411,7 +411,8 @@ class MechanicalOrbit(AnyOrbit):
         When impacts accumulate, and when contacts end.
     multipliers : ndarray
         The 2n Floquet multipliers (complex): two are 0 for each gap that is closed at some time,
-        one for each channel of dry friction that sticks. Where nothing excites the system that of a shift in time is left out.
+        one for each channel of dry friction that sticks. Where nothing excites the system that of a
+        shift in time is left out.
     symmetric : bool
         Whether it was computed as a half orbit, whose image under the symmetry is the other half.
     depth : float
