@@ -727,7 +727,7 @@ class NonlinearFlow:
         return np.asarray(self._applied(here, contacts) + rows.T @ held, np.float64)
 
     def _levels(self, here: Evaluation, contacts: Contacts) -> Array:
-        """Return what must be positive of the contacts: their forces."""
+        """Return the positive numbers of the contacts: their forces."""
         return self._contact_forces(here, contacts)[0]
 
     def rate(self, contacts: Contacts, t: float, z: Array) -> Array:

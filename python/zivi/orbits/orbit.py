@@ -344,7 +344,7 @@ class PeriodicOrbit(AnyOrbit):
 
 
 def letter_names(system: Any) -> tuple[str, ...]:
-    """Return the names of what the letters of a word may name: gaps, or channels of friction."""
+    """Return the names of gaps, or of channels of friction, for the letters of a word."""
     if not isinstance(system, MechanicalSystem):
         return ("wall",)
     return system.channel_names or system.gap_names

@@ -551,7 +551,7 @@ class Margins:
         return found
 
     def _end_of_slip(self, s: int) -> list[Constraint]:
-        """Return how the speed of a slip reaches zero, and what turns it there if it turns."""
+        """Return the rate at which a slip ends, and the level past the static limit if it turns."""
         terms = self.terms
         flow, segment, t = terms.frame.flow, terms.frame.word[s], float(terms.x[s, -1])
         ends = terms.flights.first, terms.flights.last
