@@ -654,8 +654,8 @@ def _held(frame: Frame, held: list[int], mapped: _Mapped) -> _Mapped:
         jump = flow.impact(held[0], held[1:], t, z, 0.0)
         whole = np.eye(1 + 2 * n)
         whole[1:, 0], whole[1:, 1:] = jump.by_t, jump.by_z
-        moved = {"by_z": whole @ mapped.by_z, "by_t": whole @ mapped.by_t}
-        return dataclasses.replace(mapped, z=jump.z, **moved)
+        by_z, by_t = whole @ mapped.by_z, whole @ mapped.by_t
+        return dataclasses.replace(mapped, z=jump.z, by_z=by_z, by_t=by_t)
     own = [flow.gap(i, t, z) for i in held]
     inverse = np.linalg.pinv(np.array([it.by_z[:n] for it in own]))
     h = 1e-6

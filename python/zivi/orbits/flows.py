@@ -832,7 +832,8 @@ class NonlinearFlow:
 
 def backward(system: MechanicalSystem) -> MechanicalSystem:
     """Return a system of two functions, mass and force, whose time runs backwards."""
-    mass, force = system._given["mass"], system._given["force"]
+    mass: Any = system._given["mass"]
+    force: Any = system._given["force"]
     return MechanicalSystem(
         mass=(lambda t, q: mass(-t, q)) if callable(mass) else mass,
         force=lambda t, q, qdot: force(-t, q, -qdot),

@@ -156,7 +156,7 @@ def with_values(system: System, values: Mapping[str, float]) -> System:
             continue
         if name not in known:
             value_of(system, name)
-        if name in friction_numbers(system):
+        if name in friction_numbers(new):
             new = with_friction_numbers(new, {name: value})
         elif name == "e" or name.startswith("e."):
             new = _with_e(new, _moved_e(new, name, value))
