@@ -32,6 +32,8 @@ CORNERS = {
     "accumulation within a flight": (9, 54),
     "feet that slide with a friction each": (21, 299),
     "undetermined impact": (21, 256),
+    "a foot between others that hits with them": (21, 80),
+    "a foot that takes a part of the impulse of others": (21, 95),
 }
 
 

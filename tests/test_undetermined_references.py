@@ -158,6 +158,23 @@ def test_the_gap_carries_what_a_joint_along_its_normal_could(mu):
 
 
 @pytest.mark.parametrize("k", [3, 4])
+def test_forces_of_a_wedge_with_one_contact_that_slips_balance():
+    """The belt drags the floor contact, the side sticks: two forces of four are left open."""
+    normal = np.array([math.sin(1.2), math.cos(1.2)])
+    side = zivi.LinearGap(normal, tangent=[normal[1], -normal[0]], mu=0.4, name="side")
+    floor = zivi.LinearGap([0, 1], tangent=[1, 0], mu=0.3, belt=-0.3, name="floor")
+    load = np.array([-6.0, -10.0])
+    system = zivi.MechanicalSystem(mass=np.eye(2), force=load, gaps=[floor, side], e=0.0)
+    sol = zivi.simulate(system, (0, 1), ([0, 0], [0, 0]), TIGHT)
+    assert sol.success, sol.message
+    for press, rub in zip(sol.reactions, sol.friction_forces, strict=True):
+        left = load + press[0] * np.array([0, 1]) + press[1] * normal
+        left += rub[0] * np.array([1, 0]) + rub[1] * np.array([normal[1], -normal[0]])
+        assert np.abs(left).max() < 1e-12 * 10
+        assert (np.abs(rub) <= [0.3, 0.4] * press * (1 + 1e-12)).all()
+        assert rub[0] == pytest.approx(-0.3 * press[0], rel=1e-12)
+
+
 def test_a_curved_box_is_that_of_small_angles_while_it_slides(k):
     feet = [
         Foot(np.zeros(3), 0.2, 0.0, mu=0.3, point=(x, -0.2)).gap(f"foot{i}")

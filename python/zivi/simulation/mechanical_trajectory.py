@@ -445,22 +445,24 @@ def end_message(
 
 def _velocity_after(record: _zivi.MechanicalRecord, model: Model) -> NDArray[np.float64]:
     """Return the velocities at the end: after an impact there from which no motion goes on."""
-    qdot, events, rough = record.qdot[-1], record.occurrences, record.friction
+    qdot: NDArray[np.float64] = record.qdot[-1]
+    events, rough = record.occurrences, record.friction
     if events is None or not len(events.impact_t) or events.impact_t[-1] != record.t[-1]:
         return qdot
     group = events.impact_group[-1]
     last = events.impact_group == group
     gaps = events.impact_gap[last]
     rates = record.gap_rates[-1, gaps]
-    before, after = events.impact_speed_before[last], events.impact_speed_after[last]
-    if np.abs(rates - before).sum() >= np.abs(rates - after).sum():
+    off = [events.impact_speed_before[last] - rates, events.impact_speed_after[last] - rates]
+    if np.abs(off[0]).sum() >= np.abs(off[1]).sum():
         return qdot
     here = model.layout.read(model.evaluate(record.t[-1], record.q[-1], qdot))
     push = events.impact_impulse[last] @ here.gradients[gaps]
     if rough is not None:
         mine = rough.tangential_group == group
         push += rough.tangential_impulse[mine] @ here.tangents[rough.tangential_channel[mine]]
-    return qdot + np.linalg.solve(here.mass, push)
+    after: NDArray[np.float64] = qdot + np.linalg.solve(here.mass, push)
+    return after
 
 
 def _is_prestressed(
