@@ -162,7 +162,7 @@ def _pivots(peer: Peer, problem: Problem, rounds: int) -> Pivots:
     zero = np.zeros(problem.n)
     matrix, constant = problem.jac(zero), problem.F(zero)
 
-    def run() -> _zivi.ViRecord:
+    def run() -> dict[str, Any]:
         # without the checks of the public function, which take longer than the smallest solves
         return _zivi.solve_avi(matrix, constant, problem.lower, problem.upper, zero, {"tol": 1e-9})
 
@@ -175,7 +175,7 @@ def _pivots(peer: Peer, problem: Problem, rounds: int) -> Pivots:
         theirs[solver] = answer["iterations"]
         timed = _interleaved(run, peer, solver, problem, zero, rounds)
         times[solver] = None if timed is None else timed[0]
-    return Pivots(problem.n, run().n_pivots, theirs, times)
+    return Pivots(problem.n, run()["n_pivots"], theirs, times)
 
 
 def lost_by(peer: Peer, solves: int) -> float | None:

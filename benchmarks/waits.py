@@ -1,10 +1,13 @@
 """What users wait for, beside what they would use instead: `python benchmarks/waits.py`.
 
-With `--mechanisms` the rows of mechanical systems alone, without a page of results.
+With `--mechanisms` the rows of mechanical systems alone, with `--problems` those of complementarity
+problems and balls, without a page of results.
 
 Every row is a ratio of two times of the processor that were measured in turns in one run; below 1
 zivi is the faster one. SciPy's `solve_ivp` restarts at events and gets stuck at a Zeno point: it is
-compared where there is none. Rows of MuJoCo, Siconos and a C compiler need these.
+compared where there is none. Rows of MuJoCo, Siconos, numba and a C compiler need these. Ratios
+hold for the build of the wheels (thin LTO, one unit of code): others take up to four times as long
+for complementarity problems.
 """
 
 from __future__ import annotations
@@ -35,7 +38,9 @@ ROUNDS = 15
 HEAD = """# What users wait for
 
 Written by `make bench` (alone: `python benchmarks/waits.py`); do not edit. Ratios of times of the
-processor, measured in turns in one run, the median of the rounds; below 1 zivi is faster.
+processor, measured in turns in one run, the median of the rounds; below 1 zivi is faster. They
+hold for one processor and the build of the wheels: on another the ratio to vectorised C or to NumPy
+may be twice as large.
 
 | what | zivi | beside | zivi (ms) | beside (ms) | ratio |
 | --- | --- | --- | ---: | ---: | ---: |
@@ -432,18 +437,102 @@ def _loop() -> Row:
     )
 
 
-def _avi() -> Row:
-    """Solve a complementarity problem, and one linear system of its size."""
+def _definite(n: int) -> tuple[Any, Any]:
+    """Draw a symmetric problem with half of the unknowns active."""
     source = np.random.default_rng(1)
-    a = source.standard_normal((400, 400))
-    M, q = a @ a.T / 400 + np.eye(400), source.standard_normal(400)
+    a = source.standard_normal((n, n))
+    return a @ a.T / n + np.eye(n), source.standard_normal(n)
+
+
+def _skewed(n: int) -> tuple[Any, Any]:
+    """Draw a monotone problem that is not symmetric."""
+    source = np.random.default_rng(2)
+    a = source.standard_normal((n, n))
+    return a @ a.T / n + (a - a.T) / np.sqrt(n) + 0.1 * np.eye(n), source.standard_normal(n)
+
+
+def _contacts(n: int, bodies: int) -> tuple[Any, Any]:
+    """Draw n contacts of discs close to each other: their mobilities and approach speeds."""
+    source = np.random.default_rng(n)
+    side = int(np.ceil(np.sqrt(bodies)))
+    places = np.array([(i % side, i // side) for i in range(bodies)], float)
+    places += 0.2 * source.standard_normal((bodies, 2))
+    first, second = np.triu_indices(bodies, 1)
+    apart = np.linalg.norm(places[first] - places[second], axis=1)
+    closest = np.argsort(apart)[:n]
+    normals = np.zeros((len(closest), bodies, 2))
+    for row, k in enumerate(closest):
+        normal = (places[first[k]] - places[second[k]]) / apart[k]
+        normals[row, first[k]], normals[row, second[k]] = normal, -normal
+    rows = normals.reshape(len(closest), -1)
+    return rows @ rows.T, 0.1 * rows @ source.standard_normal(2 * bodies)
+
+
+def _lcps() -> list[Row]:
+    """Solve complementarity problems of four families, and their linear systems."""
+    families = {
+        "symmetric": [_definite(n) for n in (10, 100, 400)],
+        "not symmetric": [_skewed(n) for n in (10, 100, 400)],
+        "contacts": [_contacts(n, n) for n in (30, 200, 400)],
+        "dependent contacts": [_contacts(n, n // 3) for n in (30, 100, 400)],
+    }
+    rows = []
+    for family, problems in families.items():
+        for M, q in problems:
+            rows += _lcp(family, M, q)
+    return rows
+
+
+def _lcp(family: str, M: Any, q: Any) -> list[Row]:
+    def residual(x: Any) -> float:
+        return float(np.max(np.abs(np.minimum(x, M @ x + q))))
+
+    def ours() -> Any:
+        return zivi.solve_lcp(M, q)
+
+    what, times = f"a complementarity problem, {family}, n = {len(q)}", max(1, 2000 // len(q))
+    if not residual(ours().x) < 1e-10:
+        raise RuntimeError(f"{what}: {residual(ours().x)}")
+    rows = []
+    try:
+        import numba_peers
+    except ImportError:
+        pass
+    else:
+        if not residual(numba_peers.lemke(M, q)) < 1e-10:
+            raise RuntimeError(f"{what}, Lemke: {residual(numba_peers.lemke(M, q))}")
+        peer = "Lemke's method on a tableau, numba, unchecked"
+        rows.append(Row(what, "`solve_lcp`", peer, ours, lambda: numba_peers.lemke(M, q), times))
+    if family != "dependent contacts" and len(q) >= 100:
+        peer = "`numpy.linalg.solve` of the whole matrix, one thread"
+        rows.append(Row(what, "`solve_lcp`", peer, ours, lambda: np.linalg.solve(M, q), times))
+    return rows
+
+
+def _balls_to_rest() -> Row | None:
+    """Let many balls bounce until they rest, each with an e of its own."""
+    try:
+        import numba_peers
+    except ImportError:
+        return None
+    e = np.linspace(0.3, 0.8, 20_000)
+    ball, starts = zivi.ImpactSystem(-9.81, e=0.5), np.tile([1.0, 0.0], (len(e), 1))
+
+    def ours() -> Any:
+        return zivi.simulate_batch(ball, (0, 6), starts, parameters={"e": e}, threads=1)
+
+    def beside() -> Any:
+        return numba_peers.balls(e, 1.0, 9.81, 1e-7)
+
+    if not np.allclose(ours().rest_time, beside(), rtol=1e-12):
+        raise RuntimeError("the balls do not rest at the same times")
     return Row(
-        "a complementarity problem, n = 400, half of it active",
-        "`solve_lcp`",
-        "`numpy.linalg.solve` of the whole matrix, one thread",
-        lambda: zivi.solve_lcp(M, q),
-        lambda: np.linalg.solve(M, q),
-        3,
+        f"{len(e)} balls until they rest",
+        '`simulate_batch`, `parameters={"e": e}`',
+        "the recursion, numba, one number for each ball",
+        ours,
+        lambda: beside() is None,
+        1,
     )
 
 
@@ -545,7 +634,7 @@ def write() -> str:
     with tempfile.TemporaryDirectory() as directory:
         rows = [*_calls(), _fall(), _pendulum(), _mujoco(), _siconos(), _by_hand(Path(directory))]
         rows += [_drawn(read=False), _drawn(read=True), *_orbits(), _diagram()]
-        rows += [_loop(), _avi(), *_mechanisms()]
+        rows += [_loop(), *_lcps(), _balls_to_rest(), *_mechanisms()]
         rows += [_import("numpy"), _import("scipy.integrate"), _help()]
         return _written([row for row in rows if row is not None])
 
@@ -570,5 +659,7 @@ def _told(rows: list[Row]) -> str:
 if __name__ == "__main__":
     if "--mechanisms" in sys.argv:
         _told(_mechanisms())
+    elif "--problems" in sys.argv:
+        _told([row for row in [*_lcps(), _balls_to_rest()] if row is not None])
     else:
         write()

@@ -425,21 +425,17 @@ def excess_contacts(rng, n, dofs):
 @pytest.mark.parametrize(("n", "dofs"), [(30, 10), (80, 40), (200, 100), (200, 30)])
 def test_more_contacts_than_degrees_of_freedom(n, dofs):
     """The impulses are those of non-negative least squares, where they do not depend on which."""
-    others = []
     for seed in range(3):
         M, q, A, b = excess_contacts(np.random.default_rng((n, dofs, seed)), n, dofs)
         res = zivi.solve_lcp(M, q)
         assert res.success
         F = M @ res.x + q
-        assert np.max(np.abs(np.minimum(res.x, F))) <= 1e-9
+        assert np.max(np.abs(np.minimum(res.x, F))) <= 1e-12
         least, _ = scipy.optimize.nnls(A, b, maxiter=100 * n)
-        assert A @ res.x == pytest.approx(A @ least, abs=5e-8)
-        assert (res.stage, res.n_pivots) == ("S0", 0)
-        other = zivi.solve_lcp(M, q, options={"proximal": False})
-        assert A @ other.x == pytest.approx(A @ res.x, abs=5e-8)
-        others.append(other.stage)
-    # without the proximal steps the active set alone does not do
-    assert "SM" in others
+        assert A @ res.x == pytest.approx(A @ least, abs=1e-11)
+        # principal pivots, hardly more than contacts that press
+        assert res.stage == "S0"
+        assert res.n_pivots <= 2 * n
 
 
 def test_singular_monotone_problems_on_boxes():

@@ -109,7 +109,6 @@ fn _zivi(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<record::Ballistic>()?;
     module.add_function(wrap_pyfunction!(closed_loop::simulate_closed_loop, module)?)?;
     module.add_function(wrap_pyfunction!(record::ballistic_motion, module)?)?;
-    module.add_class::<vi::ViRecord>()?;
     module.add_function(wrap_pyfunction!(vi::solve_vi, module)?)?;
     module.add_function(wrap_pyfunction!(vi::solve_avi, module)?)?;
     module.add_function(wrap_pyfunction!(vi::is_off_scale, module)?)?;

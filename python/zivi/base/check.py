@@ -40,12 +40,17 @@ def real(name: str, value: object) -> float:
         raise ValueError(f"{name} must fit into a float, got an integer above 1e308") from None
 
 
+_FLOAT64 = np.dtype(np.float64)
+
+
 def real_array(name: str, value: object) -> Array:
     """Return `value` as a new contiguous array of floats; a TypeError names what holds no reals.
 
     A copy: what the caller, or a function that the caller gave, writes into `value` later changes
     nothing.
     """
+    if type(value) is np.ndarray and value.dtype is _FLOAT64:
+        return value.copy()
     unmasked(name, value)
     try:
         array = np.asarray(value)
@@ -210,7 +215,7 @@ def dense(name: str, value: Any) -> Any:
 
 def matrix(name: str, value: Any, n: int) -> Array:
     """Return `value`, dense or sparse, as an ``n x n`` array of floats."""
-    array = real_array(name, dense(name, value))
+    array = real_array(name, value if type(value) is np.ndarray else dense(name, value))
     if array.shape != (n, n):
         raise ValueError(f"{name} must have shape ({n}, {n}), got {array.shape}")
     return array

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 import zivi._zivi as _zivi
 from zivi.base.check import Array, dense, real_array, require_finite
 from zivi.base.habits import hinted
-from zivi.vi.solve import seconds, solve_avi, solve_vi
+from zivi.vi.solve import observer, seconds, settings_of, solve_affine, solve_vi
 from zivi.vi.types import VIOptions, VIProgress, VIResult
 
 
@@ -78,19 +78,10 @@ def solve_lcp(
     >>> res.x.round(9).tolist()
     [1.333333333, 2.333333333]
     """
-    return solve_avi(
-        M,
-        q,
-        0.0,
-        np.inf if upper is None else upper,
-        x0,
-        tol=tol,
-        rtol=rtol,
-        max_iter=max_iter,
-        time_limit=time_limit,
-        callback=callback,
-        options=options,
-    )
+    chosen = settings_of(tol, rtol, max_iter, options)
+    limit, observe = seconds(time_limit), observer(callback)
+    box = (0.0, np.inf if upper is None else upper)
+    return solve_affine((M, q), box, x0, chosen, limit, observe)
 
 
 @hinted("solve_vi")

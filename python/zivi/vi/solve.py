@@ -81,6 +81,8 @@ def read_bounds(lower: Any, upper: Any, n: int) -> tuple[Array | float, Array | 
 
 
 def _read_bound(name: str, value: Any, n: int) -> Array | float:
+    if type(value) is float:
+        return value
     if isinstance(value, np.ndarray) and value.shape == (1,) and n > 1:
         value = value[0]  # scipy.optimize.Bounds makes arrays of numbers
     return bound(name, value, n)
@@ -239,13 +241,6 @@ def is_off_scale(a: Affine) -> bool:
     """Whether some rows or unknowns are so small that an absolute tolerance means nothing."""
     rows, columns = _sizes(a)
     return bool(rows.min() < _SMALL or columns.min() < _SMALL)
-
-
-def dense_is_off_scale(
-    M: Array, q: Array, box: tuple[Array | float, Array | float], x0: Array | None
-) -> bool:
-    """`is_off_scale` of a dense problem before anything of it is made; False otherwise."""
-    return _zivi.is_off_scale(M, q, *box, x0, _SMALL)
 
 
 def _units(a: Affine) -> tuple[Array, Array]:
@@ -602,7 +597,7 @@ def solve_vi(
     settings = settings_of(tol, rtol, max_iter, options)
     algebra = settings.pop("linear_algebra", "auto")
     limit, observe = seconds(time_limit), observer(callback)
-    is_adaptive = _is_adaptive(tol, rtol, settings)
+    is_adaptive = _is_adaptive(settings)
     calls = [0]
     both = ValueWithJacobian(map_) if jac is True else None
     if both is not None:
@@ -776,22 +771,35 @@ def solve_avi(
     >>> res.x.tolist()
     [1.0, 1.0]
     """
-    constant = vector("q", q)
+    if bounds is not None or upper is None:
+        lower, upper, _ = arranged(lower, upper, 0.0, bounds)
+    chosen = settings_of(tol, rtol, max_iter, options)
+    limit, observe = seconds(time_limit), observer(callback)
+    return solve_affine((M, q), (lower, upper), x0, chosen, limit, observe)
+
+
+def solve_affine(
+    numbers: tuple[Any, ArrayLike],
+    bounds: tuple[Any, Any],
+    x0: ArrayLike | None,
+    settings: dict[str, Any],
+    limit: float | None,
+    observe: Observer,
+) -> VIResult:
+    """Solve the affine problem of a matrix and a constant term, as `solve_avi`."""
+    M, constant = numbers[0], vector("q", numbers[1])
     n = len(constant)
     if not n:
         raise ValueError("q must have at least one entry, got none")
-    if bounds is not None or upper is None:
-        lower, upper, _ = arranged(lower, upper, 0.0, bounds)
-    settings = settings_of(tol, rtol, max_iter, options)
-    algebra = settings.pop("linear_algebra", "auto")
-    keeps = wants_sparse(M, n, algebra)
+    keeps = wants_sparse(M, n, settings.pop("linear_algebra", "auto"))
     given: Any = M if keeps else matrix("M", M, n)
     start = None if x0 is None else vector("x0", x0)
     if start is not None and len(start) != n:
         raise ValueError(f"x0 must have {n} entries, as q has, got {len(start)}")
-    box = read_bounds(lower, upper, n)
-    limit, observe = seconds(time_limit), observer(callback)
-    is_adaptive = _is_adaptive(tol, rtol, settings)
+    box = read_bounds(*bounds, n)
+    is_adaptive = _is_adaptive(settings)
+    if not keeps and not (is_adaptive and _zivi.is_off_scale(given, constant, *box, start, _SMALL)):
+        return result_of(_zivi.solve_avi(given, constant, *box, start, settings, limit, observe))
 
     def solve(a: Affine) -> VIResult:
         if keeps:
@@ -806,16 +814,14 @@ def solve_avi(
         if is_adaptive and is_off_scale(inside := dataclasses.replace(problem, x0=begin)):
             return solve_scaled(inside, solve)
         return solve(problem)
-    if is_adaptive and dense_is_off_scale(given, constant, box, start):
-        low, high = (np.broadcast_to(it, n).astype(float) for it in box)
-        begin = np.clip(np.zeros(n) if start is None else start, low, high)
-        return solve_scaled(Affine(given, constant, low, high, begin), solve)
-    return result_of(_zivi.solve_avi(given, constant, *box, start, settings, limit, observe))
+    low, high = (np.broadcast_to(it, n).astype(float) for it in box)
+    begin = np.clip(np.zeros(n) if start is None else start, low, high)
+    return solve_scaled(Affine(given, constant, low, high, begin), solve)
 
 
-def _is_adaptive(tol: float | None, rtol: float, settings: Mapping[str, Any]) -> bool:
-    """Whether the tolerance may follow the units: where no row scale and no tolerance is given."""
-    return tol is None and not rtol and "row_scale" not in settings
+def _is_adaptive(settings: Mapping[str, Any]) -> bool:
+    """Whether the problem's own numbers say what is small."""
+    return not ("tol" in settings or "rtol" in settings or "row_scale" in settings)
 
 
 def natural_residual(x: ArrayLike, F: ArrayLike, lower: ArrayLike, upper: ArrayLike) -> float:

@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from numpy.typing import ArrayLike
 
-import zivi._zivi as _zivi
 from zivi.base.check import Array, count, vector
 from zivi.base.habits import attribute_error
 from zivi.base.status import NamedStatus
@@ -276,19 +275,12 @@ class VIProgress:
 
 _STATUSES = {int(status): status for status in VIStatus}
 _SUCCESSES = (VIStatus.SOLVED, VIStatus.SOLVED_NOT_ISOLATED)
-_COPIED = tuple(
-    field.name
-    for field in dataclasses.fields(VIResult)
-    if field.name not in ("F", "status", "success", "n_factorisations", "fill")
-)
 
 
-def result_of(record: _zivi.ViRecord) -> VIResult:
-    """Make the public result of a record of the extension."""
+def result_of(entries: dict[str, Any]) -> VIResult:
+    """Make the public result of what the extension returns."""
+    status = _STATUSES[entries["status"]]
+    entries["status"], entries["success"] = status, status in _SUCCESSES
     result = object.__new__(VIResult)
-    entries = result.__dict__  # not field by field, which is slow in a frozen class
-    for name in _COPIED:
-        entries[name] = getattr(record, name)
-    status = _STATUSES[record.status]
-    entries.update(F=record.f, status=status, success=status in _SUCCESSES)
+    object.__setattr__(result, "__dict__", entries)  # not field by field in a frozen class
     return result

@@ -301,7 +301,7 @@ fn bound_ahead(at: &Iterate<'_, '_>, position: usize, rate: f64) -> Option<f64> 
 }
 
 /// Solves the row for the variable of the column, and puts that into the other rows.
-fn pivot(at: &mut Iterate<'_, '_>, position: usize, column: usize) {
+pub(super) fn pivot(at: &mut Iterate<'_, '_>, position: usize, column: usize) {
     let n = at.n();
     let pivotal = &mut at.work.pivotal;
     let by = dense::at(pivotal.inverse, position * n + column);

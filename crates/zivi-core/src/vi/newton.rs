@@ -23,6 +23,8 @@ use super::{active_set, dense};
 const WORTH_A_PROOF: usize = 16;
 /// Iterations of the smoothing Newton method before the first path.
 const SMOOTHING_ITERATIONS: usize = 40;
+/// Pivots of the descent on a symmetric problem, for each unknown.
+const DESCENT_PIVOTS: usize = 5;
 /// Pivots that it may take, for each unknown.
 const PROOF_PIVOTS: usize = 12;
 
@@ -226,10 +228,15 @@ fn affine_step(at: &mut Iterate<'_, '_>, method: AffineMethod, shift: f64) -> Ou
     active_set::reach(at);
     let end = match method {
         AffineMethod::Path(start) => follow_path(at, start, shift)?,
-        AffineMethod::ActiveSet if active_set::solve(at, 0.0, at.pivots_left())? => {
-            PathEnd::Solution
+        AffineMethod::ActiveSet => {
+            let found = active_set::solve(at, 0.0, at.pivots_left())?
+                || (at.problem.is_affine() && active_set::descend(at, DESCENT_PIVOTS * at.n())?);
+            if found {
+                PathEnd::Solution
+            } else {
+                PathEnd::Singular
+            }
         }
-        AffineMethod::ActiveSet => PathEnd::Singular,
     };
     if end != PathEnd::Solution {
         return Ok(end);

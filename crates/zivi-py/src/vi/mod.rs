@@ -20,29 +20,6 @@ use crate::interface::{list, vector, with_aside, zeros, Array};
 /// Code of a solve that its time limit ended; those of the solver itself are smaller.
 const TIME_LIMIT: u8 = 10;
 
-/// The outcome of one solve.
-#[pyclass(frozen, get_all, module = "zivi._zivi")]
-pub(crate) struct ViRecord {
-    x: Py<PyArray1<f64>>,
-    f: Py<PyArray1<f64>>,
-    residual: f64,
-    scaled_residual: f64,
-    tolerance: f64,
-    status: u8,
-    message: String,
-    stage: &'static str,
-    n_iter: usize,
-    nfev: usize,
-    njev: usize,
-    n_pivots: usize,
-    n_semismooth_steps: usize,
-    n_gradient_steps: usize,
-    n_restarts: usize,
-    size: f64,
-    convergence_ratio: f64,
-    projected: bool,
-}
-
 fn invalid(error: InvalidInput) -> PyErr {
     PyValueError::new_err(error.to_string())
 }
@@ -113,37 +90,49 @@ impl Vectors {
         Ok((report.map_err(invalid)?, f))
     }
 
-    fn record(
+    /// The fields of the public result, a number for the status.
+    fn entries(
         self,
         py: Python<'_>,
         (report, f): (Report, Vec<f64>),
         nfev: usize,
-        interrupts: &Interrupts,
-    ) -> ViRecord {
+        (interrupts, undefined): (&Interrupts, &str),
+    ) -> PyResult<Py<PyDict>> {
         let timed_out = report.status == Status::Stopped && interrupts.timed_out();
-        ViRecord {
-            x: PyArray1::from_vec(py, self.z).unbind(),
-            f: PyArray1::from_vec(py, f).unbind(),
-            residual: report.residual,
-            scaled_residual: report.scaled_residual,
-            tolerance: report.tolerance,
-            status: if timed_out { TIME_LIMIT } else { report.status as u8 },
-            message: match timed_out {
-                true => "the time limit was reached: allow more time or start nearer".to_owned(),
-                false => report.status.message().to_owned(),
-            },
-            stage: report.stage.name(),
-            n_iter: report.counts.iterations,
-            nfev,
-            njev: report.counts.jacobian,
-            n_pivots: report.counts.pivots,
-            n_semismooth_steps: report.counts.semismooth_steps,
-            n_gradient_steps: report.counts.gradient_steps,
-            n_restarts: report.counts.restarts,
-            size: report.size,
-            convergence_ratio: report.convergence_ratio,
-            projected: report.projected,
+        let status = if timed_out { TIME_LIMIT } else { report.status as u8 };
+        let message = match timed_out {
+            true => "the time limit was reached: allow more time or start nearer",
+            false => report.status.message(),
+        };
+        let entries = PyDict::new(py);
+        macro_rules! set {
+            ($($name:literal: $value:expr),* $(,)?) => {
+                $(entries.set_item(pyo3::intern!(py, $name), $value)?;)*
+            };
         }
+        set! {
+            "x": PyArray1::from_vec(py, self.z),
+            "F": PyArray1::from_vec(py, f),
+            "residual": report.residual,
+            "status": status,
+            "message": pyo3::types::PyString::new(py, message),
+            "n_iter": report.counts.iterations,
+            "nfev": nfev,
+            "njev": report.counts.jacobian,
+            "n_pivots": report.counts.pivots,
+            "n_semismooth_steps": report.counts.semismooth_steps,
+            "n_gradient_steps": report.counts.gradient_steps,
+            "n_restarts": report.counts.restarts,
+            "stage": pyo3::types::PyString::intern(py, report.stage.name()),
+            "scaled_residual": report.scaled_residual,
+            "tolerance": report.tolerance,
+            "convergence_ratio": report.convergence_ratio,
+            "projected": report.projected,
+        }
+        if !undefined.is_empty() {
+            entries.set_item("message", format!("{message}{undefined}"))?;
+        }
+        Ok(entries.unbind())
     }
 }
 
@@ -163,7 +152,7 @@ pub(crate) fn solve_vi<'py>(
     settings: &Bound<'py, PyDict>,
     time_limit: Option<f64>,
     observe: Option<Py<PyAny>>,
-) -> PyResult<ViRecord> {
+) -> PyResult<Py<PyDict>> {
     let _running = crate::interface::running()?;
     let mut vectors = Vectors::new(&lower, &upper, &x0)?;
     let given = GivenSettings::from_dict(settings)?;
@@ -196,9 +185,7 @@ pub(crate) fn solve_vi<'py>(
         return Err(error);
     }
     let end = solved?;
-    let mut record = vectors.record(py, end, callbacks.nfev.get(), &interrupts);
-    record.message.push_str(&callbacks.undefined());
-    Ok(record)
+    vectors.entries(py, end, callbacks.nfev.get(), (&interrupts, &callbacks.undefined()))
 }
 
 /// Whether all are finite: several are tested together, which a search for the first one cannot do.
@@ -232,7 +219,7 @@ pub(crate) fn solve_avi<'py>(
     settings: &Bound<'py, PyDict>,
     time_limit: Option<f64>,
     observe: Option<Py<PyAny>>,
-) -> PyResult<ViRecord> {
+) -> PyResult<Py<PyDict>> {
     let _running = crate::interface::running()?;
     // the Python layer has made copies: nobody else writes into them
     let (matrix, q) = (matrix.as_slice()?, q.as_slice()?);
@@ -257,7 +244,7 @@ pub(crate) fn solve_avi<'py>(
     }
     let end = solved?;
     let nfev = end.0.counts.f;
-    Ok(vectors.record(py, end, nfev, &problem.interrupts))
+    vectors.entries(py, end, nfev, (&problem.interrupts, ""))
 }
 
 /// The natural residual of `x`, given `F(x)`.
