@@ -1278,7 +1278,6 @@ def simulate_batch(
     columns: list[tuple[int | None, _Array]] = ...,
     progress: Any = None,
 ) -> BatchRecord: ...
-
 def solve_vi(
     f: Callable[[_Array], Any],
     lower: _Array | float,
