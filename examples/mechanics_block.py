@@ -6,8 +6,8 @@ number that matters,
 
     c = (1/m - b^2/J)/(1/m + b^2/J)
 
-A tall block has ``c > 0``: an impact on one corner lifts the other, so both bounce for ever, in
-accumulations of accumulations that end in a finite time. A wide one has ``c < 0``: a corner that
+A tall block has ``c > 0``: an impact on one corner lifts the other, so both bounce infinitely
+often, in nested accumulations that end in a finite time. A wide one has ``c < 0``: a corner that
 rests stays down when the other falls. In brackets: a computation with 26 digits, and c by hand.
 
 This is not Housner's block: there friction keeps the corner from sliding, and the block turns

@@ -2,7 +2,7 @@ r"""A percussive drill: a hammer that strikes a bit, once in a period.
 
 The hammer is driven by ``F cos(omega t)`` on a spring; the bit rests on the rock, a spring and a
 damper that take up the blows. With one impact a period the impulse P has a closed form: the motion
-is the forced response and what periodic impulses make of it,
+is the sum of the forced response and the periodic response to the impulses,
 
     F^2 R^2 = (d + P h0)^2 + (P c/omega)^2,
 

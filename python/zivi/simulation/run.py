@@ -230,15 +230,15 @@ def simulate(
         Start and end (s), ``t0 < t1``.
     y0 : (float, float) or (array_like, array_like)
         Initial distance from the wall, >= 0 (m), and velocity (m/s). A velocity into the wall
-        at ``x = 0`` is an impact at ``t0``. Of a `MechanicalSystem` its coordinates and
-        velocities ``(q0, qdot0)``, each of shape (n,).
+        at ``x = 0`` is an impact at ``t0``. For a `MechanicalSystem`, a pair ``(q0, qdot0)`` of
+        coordinates and velocities, each of shape (n,).
     method : SwitchedRK, ThetaGamma, MoreauJean or ExplicitEuler
-        The method with its settings; by default `SwitchedRK` with error control. A
-        `MechanicalSystem` takes `SwitchedRK`, or as second opinions of low order `MoreauJean` and,
-        for gaps at right angles, `ThetaGamma`.
+        The method with its settings; by default `SwitchedRK` with error control. For
+        a `MechanicalSystem` use `SwitchedRK`, or first-order methods for cross-checks: `MoreauJean`
+        and, for M-orthogonal gaps, `ThetaGamma`.
     t_eval : array_like, optional
         Increasing times in `t_span` to report instead of all steps (s). With a method of fixed
-        steps `s` and `v` are linear between them; the multipliers and the residual are those of
+        steps `s` and `v` are linear between them; the values of the signs and the residual are those of
         the step that contains the time.
     events : callable or sequence of callables, optional
         Functions ``g(t, x, xdot)`` or ``g(t, y)`` (SciPy's signature); for a `MechanicalSystem`

@@ -821,11 +821,11 @@ class Gap(Unchanging):
         :math:`w = B \dot q + \beta`. Two directions at right angles, an array of shape (2, n) or a
         pair of functions, make Coulomb's cone of a body in space.
     tangent_velocity : callable, float or None
-        ``(t, q)`` to :math:`\beta`, minus the speed of a belt; by default 0. With two tangents a
-        pair.
+        Callable ``(t, q) -> float``: the drift :math:`\beta` of the slip velocity (m/s), for a
+        conveyor belt minus its speed. Default 0. With two tangents a pair.
     tangent_curvature : callable, float or None
-        ``(t, q, qdot)`` to the number :math:`k`, what :math:`\dot w` is without acceleration; by
-        default it is differenced. With two tangents a pair.
+        Callable ``(t, q, qdot) -> float``: the part :math:`k` of :math:`\dot w` that does not depend
+        on accelerations. By default it is finite-differenced. With two tangents a pair.
     mu : float or callable
         Coefficient of friction, >= 0, or ``mu(speed)`` of the slip speed >= 0. With 0 the gap is
         one without friction.

@@ -76,14 +76,26 @@ impl fmt::Display for GainError {
             GainError::Setting(error) => error.fmt(out),
             GainError::TooSmall { name, value, least, formula, bound } => write!(
                 out,
-                "{name} must be greater than {formula} = {least:?} m/s^2 for bound = {bound:?}, \
-                 got {value:?}"
+                "{name} must be greater than {formula} = {:?} m/s^2 for bound = {bound:?}, \
+                 got {value:?}",
+                rounded(*least)
             ),
             GainError::Press { value, bound } => write!(
                 out,
                 "press must be at least the bound of the unknown force, {bound:?} m/s^2, got {value:?}"
             ),
         }
+    }
+}
+
+/// A number of a message with at most six decimals, if it is small enough for rounding to show.
+fn rounded(value: Real) -> Real {
+    const SCALE: Real = 1e6;
+    if value.abs() < 1e6 {
+        // half away from zero; conversion truncates
+        ((value * SCALE + if value < 0.0 { -0.5 } else { 0.5 }) as i64) as Real / SCALE
+    } else {
+        value
     }
 }
 

@@ -256,7 +256,7 @@ pub enum Occurrence {
         /// The gap.
         gap: usize,
     },
-    /// Several gaps closed together, by accumulations of accumulations.
+    /// Several gaps closed together, by nested accumulations.
     Corner {
         /// Time (s).
         t: f64,

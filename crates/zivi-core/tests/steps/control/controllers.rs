@@ -451,6 +451,8 @@ fn gains_hold_what_their_condition_says() {
     let text = refusal.to_string();
     assert!(text.starts_with("mu2 must be greater than bound (1 + e)/(2 e) = 26.0"), "{text}");
     assert!(text.ends_with("for bound = 13.0, got 17.0"), "{text}");
+    let text = Gains::for_tracking(30.0, 17.0, 50.0, restitution).expect_err("small").to_string();
+    assert!(text.contains("= 100.0 m/s^2"), "{text}");
     for bound in [-1.0, f64::NAN, f64::INFINITY] {
         assert_eq!(
             Gains::for_tracking(30.0, 17.0, bound, restitution).expect_err("range").name(),
