@@ -511,7 +511,9 @@ def _mechanical_plan(
     value_of(system, common[1])
     if given is None:
         if system._n is None:
-            raise ValueError("starts is required for this system, whose number of coordinates is unknown")
+            raise ValueError(
+                "starts is required for this system, whose number of coordinates is unknown"
+            )
         given = np.zeros((2, system._n))
     states = read_states("starts", given)
     names = system.coordinate_names(states.shape[2])

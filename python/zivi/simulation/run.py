@@ -238,8 +238,8 @@ def simulate(
         and, for M-orthogonal gaps, `ThetaGamma`.
     t_eval : array_like, optional
         Increasing times in `t_span` to report instead of all steps (s). With a method of fixed
-        steps `s` and `v` are linear between them; the values of the signs and the residual are those of
-        the step that contains the time.
+        steps `s` and `v` are linear between them; the values of the signs and the residual are
+        those of the step that contains the time.
     events : callable or sequence of callables, optional
         Functions ``g(t, x, xdot)`` or ``g(t, y)`` (SciPy's signature); for a `MechanicalSystem`
         ``g(t, q, qdot)`` with arrays. Their sign changes are located: see ``t_events`` and

@@ -824,8 +824,8 @@ class Gap(Unchanging):
         Callable ``(t, q) -> float``: the drift :math:`\beta` of the slip velocity (m/s), for a
         conveyor belt minus its speed. Default 0. With two tangents a pair.
     tangent_curvature : callable, float or None
-        Callable ``(t, q, qdot) -> float``: the part :math:`k` of :math:`\dot w` that does not depend
-        on accelerations. By default it is finite-differenced. With two tangents a pair.
+        Callable ``(t, q, qdot) -> float``: the part :math:`k` of :math:`\dot w` that does not
+        depend on accelerations. By default it is finite-differenced. With two tangents a pair.
     mu : float or callable
         Coefficient of friction, >= 0, or ``mu(speed)`` of the slip speed >= 0. With 0 the gap is
         one without friction.
