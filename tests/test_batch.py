@@ -232,6 +232,22 @@ def test_runs_that_fail_do_not_disturb_the_others():
         assert_is(batch, i, alone, 3)
 
 
+@pytest.mark.parametrize(
+    "method", [zivi.SwitchedRK(), zivi.ThetaGamma(1e-2), zivi.MoreauJean(1e-2)], ids=repr
+)
+def test_events_and_samples_at_times_are_those_of_single_runs(method):
+    times, states = np.linspace(0.0, 2.0, 23), [(1.0, 0.0), (0.3, 2.0), (0.0, 0.0)]
+    batch = zivi.simulate_batch(BALL, (0, 2), states, method=method, t_eval=times, save="events")
+    for i, state in enumerate(states):
+        sol = zivi.simulate(BALL, (0, 2), state, method=method, t_eval=times)
+        assert_array_equal(batch.sample_x[i], sol.x)
+        assert_array_equal(batch.sample_xdot[i], sol.xdot)
+        for name, table in batch.events[i].items():
+            assert_array_equal(table, getattr(sol, name))
+    assert batch.config["save"] == "events"
+    assert len(batch.events[0]["impacts"]) == batch.n_impacts[0] > 2
+
+
 def run(**changes):
     given = {"systems": BALL, "t_span": (0, 1), "y0": (1, 0), "method": EULER} | changes
     return zivi.simulate_batch(given.pop("systems"), given.pop("t_span"), given.pop("y0"), **given)
@@ -262,8 +278,8 @@ def run(**changes):
         ({"save": 0}, ValueError, "save must be a number of samples >= 1"),
         ({"save": 2.5}, TypeError, "save"),
         ({"save": 2, "method": zivi.SwitchedRK()}, ValueError, "needs a method of fixed steps"),
-        ({"t_eval": [0.1], "save": 2}, ValueError, "t_eval goes with save='final' only"),
-        ({"t_eval": [0.1], "save": "events"}, ValueError, "got save='events'"),
+        ({"t_eval": [0.1], "save": 2}, ValueError, "t_eval goes with save='final' or 'events' only"),
+        ({"t_eval": [0.1], "save": "statistics"}, ValueError, "got save='statistics'"),
         (
             {"t_eval": [0.2, 0.1]},
             ValueError,

@@ -33,17 +33,18 @@ pub(crate) fn refused(error: BatchError<PyErr>) -> PyErr {
     }
 }
 
-/// A name, or a number of samples; `at` and `steps` go before.
+/// A name, or a number of samples; with `at` and `steps` the name says whether events are saved.
 fn saving<'a>(
     save: &Bound<'_, PyAny>,
     at: Option<&'a [f64]>,
     steps: Option<&'a [usize]>,
 ) -> PyResult<Save<'a>> {
+    let events = save.extract::<&str>().is_ok_and(|it| it == "events");
     if let Some(times) = at {
-        return Ok(Save::At(times));
+        return Ok(Save::At(times, events));
     }
     if let Some(steps) = steps {
-        return Ok(Save::Steps(steps));
+        return Ok(Save::Steps(steps, events));
     }
     if let Ok(every) = save.extract::<usize>() {
         return Ok(Save::Every(every));

@@ -14,7 +14,7 @@ use std::sync::Arc;
 use zivi::mechanics::{ContactMode, GapSet};
 use zivi::record::status::Failure;
 use zivi::system::dynamics::{Dynamics, FunctionDynamics, Layout};
-use zivi::system::flat_parts::FlatParts;
+use zivi::system::linear_dynamics::FlatParts;
 use zivi::system::linear_dynamics::LinearDynamics;
 use zivi::system::linear_system::{GapMotion, LinearGap, LinearSystem, LoadWave};
 use zivi::system::tree;

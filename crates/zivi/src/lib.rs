@@ -20,7 +20,7 @@
 //!   grids.
 //! * [`record`]: the results of a run: a [`Trajectory`], a [`Status`], and the events at the gaps:
 //!   [`Occurrence`]s, which [`Events`] reads.
-//! * [`system`]: what moves: a [`Force`], a [`HarmonicWall`](system::moving_wall), an [`ImpactLaw`].
+//! * [`system`]: what moves: a [`Force`], a [`HarmonicWall`](system::force), an [`ImpactLaw`].
 //! * [`zeno`]: where impacts accumulate: extrapolation of times and states, the arcs that are skipped.
 //! * `piecewise`: the run loop of methods that advance up to one event after the other.
 //! * [`stepping`]: fixed steps, each scheme a [`stepping::fixed_step::Scheme`].
@@ -70,10 +70,10 @@ pub use switched::{
 pub use system::force::{
     ConstantForce, Dependence, Force, FunctionForce, LinearForce, LinearLaw, LinearRate, Wave,
 };
+pub use system::force::{HarmonicWall, OnMovingWall, WallMotion};
 pub use system::impact_law::{
     AnyImpactLaw, FunctionImpact, ImpactLaw, ParametricLaw, SpeedDependentImpact, TabulatedImpact,
 };
-pub use system::moving_wall::{HarmonicWall, OnMovingWall, WallMotion};
 pub use system::time_table::{TableForce, TimeTable};
 pub use zeno::Tail;
 pub use zivi_core::{Branch, Lifted, Physical, Restitution};

@@ -578,7 +578,7 @@ def simulate_batch(
         Increasing times in `t_span` (s) at which the states of all runs are stored in addition to
         their ends, equal to those of `simulate`: with `SwitchedRK` from its dense output, one state
         per time; with a fixed-step method interpolated between its steps (`ThetaGamma` then runs
-        one by one). Of an `ImpactSystem` not with another `save`.
+        one by one). Of an `ImpactSystem` with ``save="final"`` or ``"events"``.
     save : {"final", "statistics", "events", "grazing"} or int
         Data stored for each run: final state; final state and extremes of the samples; final state
         and all events; final state and whether the run grazed (`SwitchedRK` only); or, for an

@@ -216,10 +216,13 @@ def every_of(save: Any, names: Sequence[str]) -> int | None:
     return every
 
 
-def kept_times(t_eval: Any, save: Any, span: tuple[float, float]) -> Array:
-    """Return the times at which states are kept, which nothing else can be then."""
-    if save != "final":
-        raise ValueError(f"t_eval goes with save='final' only, got save={save!r}")
+def kept_times(
+    t_eval: Any, save: Any, span: tuple[float, float], beside: Sequence[str] = ("final",)
+) -> Array:
+    """Return the times at which states are kept, which not all of `save` allow."""
+    if save not in beside:
+        told = " or ".join(repr(name) for name in beside)
+        raise ValueError(f"t_eval goes with save={told} only, got save={save!r}")
     return times_within(t_eval, span)
 
 
@@ -416,7 +419,7 @@ def sampling_of(t_eval: Any, save: Any, span: tuple[float, float], method: Any, 
     """Find what is to be kept for the states at given times."""
     if t_eval is None:
         return Sampling()
-    times = kept_times(t_eval, save, span)
+    times = kept_times(t_eval, save, span, ("final", "events"))
     rows = room_for(2, n, len(times))
     if isinstance(method, SwitchedRK):
         return Sampling(times, at=times, rows=rows)

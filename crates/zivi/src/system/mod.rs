@@ -1,12 +1,10 @@
 //! Mechanical systems: force on the mass, motion of its wall, impact law.
 
 pub mod dynamics;
-pub mod flat_parts;
 pub mod force;
 pub mod impact_law;
 pub mod linear_dynamics;
 pub mod linear_system;
-pub mod moving_wall;
 pub mod partials;
 pub mod slopes;
 pub mod time_table;

@@ -3,7 +3,7 @@
 //! Parameters are numbered: those of [`LinearForce`] in the order of its fields, those of a moving
 //! wall after those of the force.
 
-use crate::system::moving_wall::WallMotion;
+use super::force::WallMotion;
 use crate::{
     ConstantForce, Force, HarmonicWall, LinearForce, LinearLaw, LinearRate, OnMovingWall, Wave,
 };

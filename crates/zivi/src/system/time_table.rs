@@ -8,7 +8,7 @@
 //! of whatever it drives, and a time counts to the interval that it lies in as a number of the
 //! machine: the knots of later periods are `t_i + n P` as they are rounded.
 
-use crate::system::moving_wall::WallMotion;
+use super::force::WallMotion;
 use crate::system::slopes::{DifferentiableForce, Place, Slopes};
 use crate::{Dependence, Force, LinearForce};
 

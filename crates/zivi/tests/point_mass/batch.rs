@@ -222,8 +222,8 @@ fn assert_same(outcome: &Outcome, run: &Run<Infallible>, save: Save, which: usiz
         Save::Final | Save::Grazing => {
             assert!(outcome.events.is_none() && outcome.saved.x.is_empty());
         }
-        Save::At(times) => assert_eq!(outcome.saved.x.len(), times.len()),
-        Save::Steps(steps) => assert_eq!(outcome.saved.s.len(), steps.len()),
+        Save::At(times, _) => assert_eq!(outcome.saved.x.len(), times.len()),
+        Save::Steps(steps, _) => assert_eq!(outcome.saved.s.len(), steps.len()),
     }
 }
 
@@ -632,7 +632,7 @@ fn runs_that_end_at_times_of_their_own_are_those_of_batches_up_to_there() {
     early[3].1 = 0.0;
     let refused = simulate_batch_to(&early, task(1.0), Save::Final, 2, &mut Silent);
     assert!(matches!(refused, Err(BatchError::Setup(Some(3), _))), "{refused:?}");
-    let times = Save::At(&[0.1, 0.9]);
+    let times = Save::At(&[0.1, 0.9], false);
     for (task, save) in [(implicit((0.0, 1.0), 1e-2), Save::Final), (task(1.0), times)] {
         let refused = simulate_batch_to(&both, task, save, 2, &mut Silent);
         let Err(BatchError::Setup(None, error)) = refused else { panic!("{refused:?}") };

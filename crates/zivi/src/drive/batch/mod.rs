@@ -55,9 +55,9 @@ impl<'a> BatchPlan<'a> {
         let refuse = |range| Err(SetupError::Setting("save", f64::NAN, range));
         let grid = method.step().map(|_| grid);
         match (grid, save) {
-            (None, Save::Every(_) | Save::Steps(_)) => refuse("for a method of fixed steps"),
-            (Some(_), Save::At(_) | Save::Grazing) => refuse("for the switched method"),
-            (None, Save::At(times)) => check_span(span.0, span.1, Some(times)),
+            (None, Save::Every(_) | Save::Steps(..)) => refuse("for a method of fixed steps"),
+            (Some(_), Save::At(..) | Save::Grazing) => refuse("for the switched method"),
+            (None, Save::At(times, _)) => check_span(span.0, span.1, Some(times)),
             _ => Ok(()),
         }?;
         Ok(Self { method, span, grid, save, slowest })
@@ -142,7 +142,7 @@ pub fn simulate_batch_to<E, F: Force<Stopped> + Copy + Send + Sync>(
 ) -> Result<Vec<Outcome>, BatchError<E>> {
     let plan = BatchPlan::new(task, save).map_err(|error| BatchError::Setup(None, error))?;
     // times of samples would be beyond some of the ends
-    if plan.grid.is_some() || matches!(save, Save::At(_)) {
+    if plan.grid.is_some() || matches!(save, Save::At(..)) {
         let what = "for the switched method without times of samples";
         let error = SetupError::Setting("ends", f64::NAN, what);
         return Err(BatchError::Setup(None, error));
@@ -194,14 +194,14 @@ fn check_memory<E>(
 ) -> Result<(), BatchError<E>> {
     let BatchPlan { method, grid, save, .. } = plan;
     let samples = match save {
-        Save::At(times) => times.len(),
+        Save::At(times, _) => times.len(),
         // s and v take as much as x and x'
-        Save::Steps(steps) => 2 * steps.len(),
+        Save::Steps(steps, _) => 2 * steps.len(),
         _ => grid.map_or(0, |grid| pool::samples(save.every(), grid)),
     };
     let whole = grid.map_or(samples, |grid| pool::samples(1, grid));
     let recorded = match (method, save) {
-        (_, Save::Steps(_)) | (AnyMethod::MoreauJean(_), _) => whole,
+        (_, Save::Steps(..)) | (AnyMethod::MoreauJean(_), _) => whole,
         _ if !alone => 0,
         _ => samples,
     };
@@ -261,7 +261,7 @@ fn several<F: Force<Stopped> + Copy>(
     stop: &dyn Fn() -> bool,
 ) -> Result<Vec<Outcome>, SetupError> {
     let mut outcomes: Vec<Option<Outcome>> = vec![None; chunk.len()];
-    if let (Some(grid), false) = (plan.grid, matches!(plan.save, Save::Steps(_))) {
+    if let (Some(grid), false) = (plan.grid, matches!(plan.save, Save::Steps(..))) {
         for dependence in [Dependence::Constant, Dependence::Time, Dependence::State] {
             let among = |member: &Member<'_, F>| {
                 member.force.dependence() == dependence && side_by_side(member, plan.method)
@@ -351,11 +351,11 @@ fn one<F: Force<Stopped> + Copy>(
 ) -> Result<Outcome, SetupError> {
     let &Member { ref law, mut force, initial, tstops, kicks } = member;
     let every = save.every();
-    let keep = if let Save::Steps(_) = save { Keep::All } else { Keep::Every(every) };
+    let keep = if let Save::Steps(..) = save { Keep::All } else { Keep::Every(every) };
     let watch = &mut Unobserved { keep, stop };
     // samples between the ends are drawn only where they are kept or looked at
     let t_eval = match (save, method) {
-        (Save::At(times), _) => Some(times),
+        (Save::At(times, _), _) => Some(times),
         (Save::Final | Save::Events, AnyMethod::SwitchedRk(_)) => Some([].as_slice()),
         _ => None,
     };
@@ -374,9 +374,9 @@ fn one<F: Force<Stopped> + Copy>(
     let Trajectory { columns, summary, events, status, nfev, .. } = trajectory;
     // a method that keeps all of its samples is thinned afterwards
     let saved = match (save, summary) {
-        (Save::At(_), _) | (Save::Every(_), Some(_)) => Saved::every(&columns, 1)?,
+        (Save::At(..), _) | (Save::Every(_), Some(_)) => Saved::every(&columns, 1)?,
         (Save::Every(every), None) => Saved::every(&columns, every)?,
-        (Save::Steps(steps), _) => Saved::steps(&columns, steps)?,
+        (Save::Steps(steps, _), _) => Saved::steps(&columns, steps)?,
         _ => Saved::default(),
     };
     let mut summary = summary.unwrap_or_else(|| Summary::of(&columns));

@@ -239,11 +239,11 @@ pub enum Save<'a> {
     /// The data of [`Save::Final`], the first sample and every n-th after it (n >= 1).
     Every(usize),
     /// The same as [`Save::Final`], and the states at these times, increasing and within the span
-    /// (the switched method only).
-    At(&'a [f64]),
+    /// (the switched method only); every event if the flag is set.
+    At(&'a [f64], bool),
     /// The same as [`Save::Final`], and the samples of these steps, increasing numbers, with `s`
-    /// and `v` (methods of fixed steps only).
-    Steps(&'a [usize]),
+    /// and `v` (methods of fixed steps only); every event if the flag is set.
+    Steps(&'a [usize], bool),
 }
 
 impl Save<'_> {
@@ -253,6 +253,11 @@ impl Save<'_> {
             Save::Every(every) => every,
             _ => 0,
         }
+    }
+
+    /// Whether the events are saved.
+    pub(super) fn events(self) -> bool {
+        matches!(self, Save::Events | Save::At(_, true) | Save::Steps(_, true))
     }
 }
 
@@ -403,8 +408,8 @@ impl Outcome {
             hardest_impact,
             rest_time: events.rest_time.unwrap_or(f64::NAN),
             grazing: false,
-            impacts: if save == Save::Events { listed.impacts() } else { Vec::new() },
-            events: (save == Save::Events).then_some(events),
+            impacts: if save.events() { listed.impacts() } else { Vec::new() },
+            events: save.events().then_some(events),
             saved,
         }
     }

@@ -7,14 +7,12 @@
 //! A new law is a file, in which its settings implement [`ImpactLaw`] and [`ParametricLaw`], and a
 //! line in the list of [`AnyImpactLaw`]. Laws without numeric parameters follow after the list.
 
-mod function;
 mod law;
-mod newton;
 mod speed_dependent;
 mod tabulated;
 
-pub use function::FunctionImpact;
 pub use law::{ImpactLaw, ParametricLaw};
+pub use speed_dependent::FunctionImpact;
 pub use speed_dependent::SpeedDependentImpact;
 pub use tabulated::TabulatedImpact;
 

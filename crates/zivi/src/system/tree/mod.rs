@@ -11,22 +11,20 @@
 //! equations) and `M` (the composite rigid body algorithm, [`gather`]). Gaps and dry friction are in [`gap`],
 //! equality rows in [`constraint`].
 
-mod constraint;
 mod frame;
 mod gap;
-mod rotation;
 
-pub use constraint::TreeConstraint;
 pub use frame::{Joint, JointKind};
+pub use gap::TreeConstraint;
 pub use gap::{TreeFriction, TreeGap};
 
-use constraint::EqualityRows;
+use frame::change_chart;
 use frame::{
     add, cross, dot, place, read, scaled, shift, sub, times, turned, turned_inertia, Frame,
     Symmetric, Vector,
 };
+use gap::EqualityRows;
 use gap::{Row, SlipRow};
-use rotation::change_chart;
 
 use crate::numeric::power_series::{DualNumber, Real};
 use crate::system::dynamics::{Dynamics, Layout};
