@@ -31,7 +31,7 @@ from zivi.simulation.trajectory import STATUSES
 from zivi.system.gap import Channel
 from zivi.system.mechanism import MechanicalSystem, Model
 from zivi.system.model_parts import Evaluation
-from zivi.system.space.rotations import (
+from zivi.system.space import (
     continuous,
     with_angular_velocities,
     with_quaternions,

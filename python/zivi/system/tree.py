@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 import zivi._zivi as _zivi
 from zivi.base.check import Array, finite, real_array
 from zivi.base.extras import late
-from zivi.system.constraints.connections import (
+from zivi.system.connections import (
     ConstraintRows,
     TreeConstraint,
     rows_of_constraints,
@@ -31,33 +31,33 @@ from zivi.system.mechanism import (
     distinct_names,
 )
 from zivi.system.model_parts import Layout, Partials
-from zivi.system.space.rotations import (
+from zivi.system.space import (
+    Contact,
+    Shape,
     chart_of,
     chart_rates,
+    gaps_of_contacts,
     rotate,
     with_angular_velocities,
     with_quaternions,
 )
-from zivi.system.space.shapes import Contact, Shape, gaps_of_contacts
 from zivi.system.tree_bodies import (
+    LIMITS,
     ROTATIONS,
     BallGap,
     Body,
     Coordinate,
     JointLimit,
     PlaneGap,
+    Rubbing,
     TreeGap,
     body_values,
     coordinates_of_body,
-    joint_values,
-    vector,
-)
-from zivi.system.tree_friction import (
-    LIMITS,
-    Rubbing,
     friction_of_joints,
     inputs_of_tree,
+    joint_values,
     rubbings,
+    vector,
 )
 
 # The numbers of a tree in the order of the extension, from named values.

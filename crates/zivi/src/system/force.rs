@@ -4,7 +4,6 @@
 
 use zivi_core::cosine;
 
-
 /// Arguments on which a force depends, which determine the implicit part of a step.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Dependence {

@@ -19,8 +19,8 @@ from zivi.system.tree_bodies import (
     TreeGap,
     coordinates_of_body,
     is_rough,
+    tangents_of,
 )
-from zivi.system.tree_friction import tangents_of
 
 CHOICES = ("read", "refuse", "ignore")
 """What becomes of the friction of a model."""

@@ -338,7 +338,7 @@ pub struct Outcome {
     pub status: Status,
     /// Evaluations of the force.
     pub nfev: u64,
-    /// Number of impacts, of Zeno points, of lift-offs, and of impacts that were resolved.
+    /// Numbers of impacts, Zeno points, lift-offs and resolved impacts.
     pub counts: [u64; 4],
     /// Time of the first impact (s), NaN without one.
     pub first_impact: f64,

@@ -23,6 +23,28 @@ pub struct Joint {
 }
 
 /// Where the numbers of a joint lie, from the first of them on.
+pub(super) mod place {
+    /// The origin of its frame in that of the parent.
+    pub(in super::super) const POSITION: usize = 0;
+    /// The columns of its axes in those of the parent.
+    pub(in super::super) const AXES: usize = 3;
+    /// Of what it moves: the mass,
+    pub(in super::super) const MASS: usize = 12;
+    /// the first moment,
+    pub(in super::super) const MOMENT: usize = 13;
+    /// the inertia about the origin: `xx, yy, zz, xy, xz, yz`.
+    pub(in super::super) const INERTIA: usize = 16;
+    /// `k`, `s`, `c`, what is added to the diagonal of `M`, `tau`.
+    pub(in super::super) const STIFFNESS: usize = 22;
+    pub(in super::super) const SPRING: usize = 23;
+    pub(in super::super) const DAMPING: usize = 24;
+    pub(in super::super) const ARMATURE: usize = 25;
+    pub(in super::super) const TORQUE: usize = 26;
+    /// The coordinate at which the frame is where position and axes say.
+    pub(in super::super) const REFERENCE: usize = 27;
+    /// How many there are.
+    pub(in super::super) const ALL: usize = 28;
+}
 
 // Vectors in space and symmetric matrices.
 
@@ -328,29 +350,6 @@ pub(super) fn change_chart(far: f64, s: &mut [f64], v: &mut [f64]) -> bool {
     v.copy_from_slice(&there.rates(omega));
     s.copy_from_slice(&there.s);
     true
-}
-
-pub(super) mod place {
-    /// The origin of its frame in that of the parent.
-    pub(in super::super) const POSITION: usize = 0;
-    /// The columns of its axes in those of the parent.
-    pub(in super::super) const AXES: usize = 3;
-    /// Of what it moves: the mass,
-    pub(in super::super) const MASS: usize = 12;
-    /// the first moment,
-    pub(in super::super) const MOMENT: usize = 13;
-    /// the inertia about the origin: `xx, yy, zz, xy, xz, yz`.
-    pub(in super::super) const INERTIA: usize = 16;
-    /// `k`, `s`, `c`, what is added to the diagonal of `M`, `tau`.
-    pub(in super::super) const STIFFNESS: usize = 22;
-    pub(in super::super) const SPRING: usize = 23;
-    pub(in super::super) const DAMPING: usize = 24;
-    pub(in super::super) const ARMATURE: usize = 25;
-    pub(in super::super) const TORQUE: usize = 26;
-    /// The coordinate at which the frame is where position and axes say.
-    pub(in super::super) const REFERENCE: usize = 27;
-    /// How many there are.
-    pub(in super::super) const ALL: usize = 28;
 }
 
 #[cfg(test)]

@@ -1,1 +1,0 @@
-"""Equality rows: closed chains and prescribed motion."""

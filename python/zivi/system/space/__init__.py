@@ -1,1 +1,0 @@
-"""Bodies that rotate in space, and shapes whose contacts are gaps."""
