@@ -144,6 +144,8 @@ pub(super) struct Kinetics {
     couplings: Vec<f64>,
     /// `D_CC` of some set, then its factor.
     small: Vec<f64>,
+    /// Of which rows the factor of `D` is in it.
+    factored: Option<GapSet>,
     right: Vec<f64>,
     /// The rows of that set.
     order: Vec<usize>,
@@ -267,6 +269,7 @@ impl Kinetics {
             evaluation: 0,
             couplings: vec![],
             small: zeros(rows * rows),
+            factored: None,
             right: zeros(rows),
             order: Vec::with_capacity(rows),
             lambda: zeros(rows),
@@ -302,6 +305,7 @@ impl Kinetics {
                 return Err(Failure::Status(Status::MassNotDefinite));
             }
             self.evaluation += 1;
+            self.factored = None;
             self.renew_equalities();
             self.is_constant = model.dynamics.has_constant_matrices();
         }
@@ -796,6 +800,10 @@ impl Kinetics {
             self.right[0] = self.impulse(gap, right)?;
             return Ok(());
         }
+        if self.factored == Some(set) && self.is_constant && self.layout.p == 0 {
+            return self.solve_again(set, right);
+        }
+        self.factored = None;
         self.order.clear();
         self.order.extend(set.iter());
         let k = self.order.len();
@@ -812,6 +820,7 @@ impl Kinetics {
         if left < REDUNDANT || left.is_nan() {
             return Err(Undetermined::Contacts);
         }
+        self.factored = Some(set);
         cholesky::solve(&self.small[..k * k], k, &mut self.right[..k]);
         Ok(())
     }

@@ -191,8 +191,12 @@ impl LinearMap {
     /// The matrix of given size with these entries.
     pub(crate) fn new(rows: usize, columns: usize, at: impl Fn(usize, usize) -> f64) -> Self {
         let filled = |j: usize| (0..rows).filter(|&i| at(i, j) != 0.0).count();
-        let is_full: Vec<bool> = (0..columns).map(|j| 4 * filled(j) > rows).collect();
+        let filled: Vec<usize> = (0..columns).map(filled).collect();
+        let is_full: Vec<bool> = filled.iter().map(|&count| 4 * count > rows).collect();
+        let is_sparse = |j: usize| filled[j] > 0 && !is_full[j];
+        let any_sparse = (0..columns).any(is_sparse);
         let starts = (1..rows).rev().map(|i| (i, 0)).chain((0..columns).map(|j| (0, j)));
+        let starts = starts.filter(|_| any_sparse);
         let diagonal = |(i, j): (usize, usize)| {
             let length = (rows - i).min(columns - j);
             let entry = |k: usize| if is_full[j + k] { 0.0 } else { at(i + k, j + k) };

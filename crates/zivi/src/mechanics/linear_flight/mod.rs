@@ -244,10 +244,9 @@ impl LinearFlight {
     /// The same without the sizes.
     fn told_alone(&self, i: usize) -> (f64, f64) {
         let (n, h, free) = (self.free.n, self.h, &self.free);
-        let (normal, drives) = (free.normal(i), &self.y[2 * n..]);
-        let sum = sum_of_products;
-        let rate = sum(normal, &self.y[n..2 * n]) - sum(&self.wall_rates[i], drives);
-        (sum(normal, &self.y[..n]) - sum(free.wall(i), drives), rate / h)
+        let (drives, sum) = (&self.y[2 * n..], sum_of_products);
+        let rate = free.along_normal(i, &self.y[n..2 * n]) - sum(&self.wall_rates[i], drives);
+        (free.along_normal(i, &self.y[..n]) - sum(free.wall(i), drives), rate / h)
     }
 
     /// Whether rounding has opened a closed gap.

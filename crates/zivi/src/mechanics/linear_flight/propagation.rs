@@ -15,10 +15,11 @@ use super::drives::Drives;
 use crate::mechanics::kinetics::Undetermined;
 use crate::numeric::cholesky;
 use crate::numeric::coordinates::LinearMap;
-use crate::numeric::dense::dot;
+use crate::numeric::dense::{dot, sum_of_products};
 use crate::numeric::power_series::{Series, TERMS};
 use crate::record::gap_set::GapSet;
 use crate::system::linear_system::LinearSystem;
+use std::ops::Range;
 
 /// Left of a diagonal entry of `D_CC` by the other gaps: below this they determine it.
 const REDUNDANT: f64 = 1e-10;
@@ -38,8 +39,10 @@ pub(super) struct Free {
     k: Vec<f64>,
     c: Vec<f64>,
     b: Vec<f64>,
-    /// By gap `n_i`, `M^-1 n_i` and the weights of the drives in its wall less the offset.
+    /// By gap `n_i`, where it is not zero, `M^-1 n_i` and the weights of the drives in its wall less the
+    /// offset.
     normals: Vec<Vec<f64>>,
+    supports: Vec<Range<usize>>,
     mobility: Vec<Vec<f64>>,
     walls: Vec<Vec<f64>>,
 }
@@ -84,6 +87,7 @@ impl Free {
             c: divided(&system.damping, n),
             b: divided(&loads, drives.size),
             normals: system.gaps.iter().map(|gap| gap.normal.clone()).collect(),
+            supports: system.gaps.iter().map(|gap| support(&gap.normal)).collect(),
             mobility: mobility.collect(),
             walls: walls.collect(),
             drives,
@@ -130,6 +134,7 @@ impl Free {
             c: divided(&rate.damping, &self.c, n),
             b: divided(&loads, &self.b, drives.size),
             normals: rate.gaps.iter().map(|gap| gap.normal.clone()).collect(),
+            supports: rate.gaps.iter().map(|gap| support(&gap.normal)).collect(),
             mobility,
             walls: walls.collect(),
             drives,
@@ -154,6 +159,16 @@ impl Free {
     /// `n_i`.
     pub(super) fn normal(&self, i: usize) -> &[f64] {
         &self.normals[i]
+    }
+
+    /// The product of `n_i` with a vector: of few entries, in any order with the same bits.
+    pub(super) fn along_normal(&self, i: usize, v: &[f64]) -> f64 {
+        let support = self.supports[i].clone();
+        if support.len() > 2 {
+            return sum_of_products(&self.normals[i], v);
+        }
+        let pairs = self.normals[i][support.clone()].iter().zip(&v[support]);
+        pairs.fold(0.0, |sum, (a, b)| sum + a * b)
     }
 
     /// Whether a gap moves as another one, the other way; offsets apart.
@@ -297,10 +312,13 @@ impl Propagation {
         for (gap, force) in set.iter().zip(&forces) {
             for (i, row) in rows.iter_mut().enumerate() {
                 let factor = h * h * free.mobility[gap][i];
-                row.iter_mut().zip(force).for_each(|(row, force)| *row += factor * force);
+                if factor != 0.0 {
+                    row.iter_mut().zip(force).for_each(|(row, force)| *row += factor * force);
+                }
             }
         }
-        let acceleration = LinearMap::new(n, size, |i, j| rows[i][j]);
+        let (acceleration, ranges) =
+            (LinearMap::new(n, size, |i, j| rows[i][j]), supports(&rows, n));
         let by_terms = acceleration.len() + OVERHEAD[0] * n + OVERHEAD[1];
         let reads = n * size <= by_terms && TERMS * n * size <= READ;
         let mut coordinates = reads.then(Vec::new);
@@ -308,15 +326,20 @@ impl Propagation {
         for i in 0..n {
             let mut row = vec![0.0; size];
             row[i] = 1.0;
-            let series = series_of(free, &rows, h, row);
+            let series = series_of(free, (&rows, &ranges), h, row);
             let largest = |row: &[f64]| row.iter().fold(0.0_f64, |most, it| most.max(it.abs()));
             let most = series.iter().map(|row| largest(row)).fold(0.0, f64::max);
             if largest(&series[TERMS - 1]) > LAST * most {
                 return Ok(None);
             }
-            let sum = |weight: &dyn Fn(usize) -> f64| -> Vec<f64> {
-                let of = |j: usize| (0..TERMS).rev().map(|k| weight(k) * series[k][j]).sum();
-                (0..size).map(of).collect()
+            // from the smallest terms on
+            let sum = |weight: &dyn Fn(usize) -> f64| {
+                let mut sums = vec![0.0; size];
+                for (k, terms) in series.iter().enumerate().rev() {
+                    let weight = weight(k);
+                    sums.iter_mut().zip(terms).for_each(|(sum, term)| *sum += weight * term);
+                }
+                sums
             };
             after.push(sum(&|_| 1.0));
             speeds.push(sum(&|k| k as f64));
@@ -333,7 +356,7 @@ impl Propagation {
             } else {
                 free.gap(i)
             };
-            Functional::new(&series_of(free, &rows, h, first))
+            Functional::new(&series_of(free, (&rows, &ranges), h, first))
         });
         Ok(Some(Self {
             gaps: gaps.collect(),
@@ -401,7 +424,9 @@ pub(super) fn contact_forces(
     let mut rows = wall_accelerations((free, free), &closed, h);
     for (row, &i) in rows.iter_mut().zip(&closed) {
         for (normal, acceleration) in free.normals[i].iter().zip(&accelerations) {
-            row.iter_mut().zip(acceleration).for_each(|(row, a)| *row -= normal * a);
+            if *normal != 0.0 {
+                row.iter_mut().zip(acceleration).for_each(|(row, a)| *row -= normal * a);
+            }
         }
         row.iter_mut().for_each(|row| *row /= h * h);
     }
@@ -413,7 +438,11 @@ pub(super) fn contact_forces(
 pub(super) fn factored_mobility(free: &Free, closed: &[usize]) -> Result<Vec<f64>, Undetermined> {
     let count = closed.len();
     let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
-    let entry = |k: usize| dot(&free.normals[closed[k / count]], &free.mobility[closed[k % count]]);
+    let entry = |k: usize| {
+        let (normal, mobility) = (closed[k / count], &free.mobility[closed[k % count]]);
+        let support = free.supports[normal].clone();
+        dot(&free.normals[normal][support.clone()], &mobility[support])
+    };
     let mut d: Vec<f64> = (0..count * count).map(entry).collect();
     let left = cholesky::factor(&mut d, count);
     if left < REDUNDANT || left.is_nan() {
@@ -441,13 +470,41 @@ pub(super) fn wall_accelerations(
 pub(super) fn solve_rows(factor: &[f64], count: usize, rows: &mut [Vec<f64>]) {
     for j in 0..rows.first().map_or(0, Vec::len) {
         let mut column: Vec<f64> = rows.iter().map(|row| row[j]).collect();
+        if column.iter().all(|entry| *entry == 0.0) {
+            continue;
+        }
         cholesky::solve(factor, count, &mut column);
         rows.iter_mut().zip(column).for_each(|(row, value)| row[j] = value);
     }
 }
 
+/// From the first to the last entry that is not zero.
+fn support(row: &[f64]) -> Range<usize> {
+    let is_set = |entry: &f64| *entry != 0.0;
+    match (row.iter().position(is_set), row.iter().rposition(is_set)) {
+        (Some(first), Some(last)) => first..last + 1,
+        _ => 0..0,
+    }
+}
+
+/// The same of the coordinates, the velocities and the drives in rows in `y`.
+fn supports(rows: &[Vec<f64>], n: usize) -> Vec<[Range<usize>; 3]> {
+    let of = |row: &Vec<f64>| {
+        [0..n, n..2 * n, 2 * n..row.len()].map(|part| {
+            let within = support(&row[part.clone()]);
+            part.start + within.start..part.start + within.end
+        })
+    };
+    rows.iter().map(of).collect()
+}
+
 /// The rows of the coefficients of a number in `y`.
-fn series_of(free: &Free, rows: &[Vec<f64>], h: f64, first: Vec<f64>) -> Vec<Vec<f64>> {
+fn series_of(
+    free: &Free,
+    (rows, ranges): (&[Vec<f64>], &[[Range<usize>; 3]]),
+    h: f64,
+    first: Vec<f64>,
+) -> Vec<Vec<f64>> {
     let n = free.n;
     let mut series = vec![first];
     for k in 1..TERMS {
@@ -456,9 +513,12 @@ fn series_of(free: &Free, rows: &[Vec<f64>], h: f64, first: Vec<f64>) -> Vec<Vec
         next[n..2 * n].copy_from_slice(&before[..n]);
         next[2 * n..].copy_from_slice(&before[2 * n..]);
         free.drives.differentiate(h, &mut next[2 * n..]);
-        for (factor, row) in before[n..2 * n].iter().zip(rows) {
+        for ((factor, row), ranges) in before[n..2 * n].iter().zip(rows).zip(ranges) {
             if *factor != 0.0 {
-                next.iter_mut().zip(row).for_each(|(next, row)| *next += factor * row);
+                for range in ranges.iter().cloned() {
+                    let row = &row[range.clone()];
+                    next[range].iter_mut().zip(row).for_each(|(next, row)| *next += factor * row);
+                }
             }
         }
         next.iter_mut().for_each(|next| *next /= k as f64);
