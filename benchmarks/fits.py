@@ -100,17 +100,17 @@ def table() -> Problem:
 
 
 def belt() -> Problem:
-    """Give a mass at a spring on a belt, with derivatives by differences."""
-
-    def build(k: float, L: float, Ls: float, v: float) -> zivi.LinearSystem:
-        belt = zivi.DryFriction(limit=L, static=Ls, velocity=v, name="belt")
-        return zivi.MechanicalSystem(
-            mass=1.0, force=lambda t, q, u: -k * q, friction=[belt], coordinates=["x"]
-        )
-
+    """Give a mass at a spring on a belt with dry friction."""
     truth = {"k": 1.0, "L": 0.8, "Ls": 1.2, "v": 0.2}
+    system = zivi.symbolic.system(
+        "x",
+        T="xdot**2/2",
+        V="k*x**2/2",
+        friction={"belt": ("xdot - v", "L", "Ls")},
+        parameters=truth,
+    )
     return Problem(
-        zivi.ParametricSystem(build, truth),
+        system,
         truth,
         {"k": (0.3, 3.0), "L": (0.2, 2.0), "Ls": (0.2, 3.0), "v": (0.05, 0.6)},
         lambda values: ([0.0], [0.0]),

@@ -9,6 +9,7 @@ import scipy.integrate
 
 import friction_derivatives
 import zivi
+from interrupting import in_own_process
 
 EXACT = zivi.SwitchedRK(rtol=1e-11, atol=1e-11)
 
@@ -151,6 +152,48 @@ def test_random_runs_have_the_derivatives_of_their_differences():
     found, worst = friction_derivatives.campaign(16, 9, kinds)
     assert found["compared"] >= 10
     assert worst < 1e-8
+
+
+PUSHES, ENDS = [3.0, 0.5, 0.2, -0.5], np.arange(5.0)
+
+
+def block():
+    joint = zivi.DryFriction(limit=1.0, name="floor")
+
+    def build(u):
+        return zivi.MechanicalSystem(mass=1.0, force=[u], friction=[joint])
+
+    return zivi.ParametricSystem(build, {"u": 0.0})
+
+
+def test_controls_through_friction_have_the_derivatives_of_the_parabolas():
+    f = zivi.interop.controlled_function(block(), ENDS, ([0.0], [0.0]), "u", method=EXACT)
+    value, derivative = f(PUSHES)
+    speed, brake = 0.7, 1.5  # before the last interval, and in it until the block sticks
+    np.testing.assert_allclose(np.ravel(value), [3.85 + speed**2 / (2 * brake), 0.0], atol=1e-12)
+    by_speed = speed / brake
+    exact = [2.5 + by_speed, 1.5 + by_speed, 0.5 + by_speed, speed**2 / (2 * brake**2)]
+    np.testing.assert_allclose(derivative[0].ravel(), exact, rtol=1e-11)
+    assert np.all(derivative[1] == 0.0)
+
+
+def in_jax():
+    """Check derivatives through friction in JAX, which is to be alone in its process."""
+    import jax
+
+    start, names = ([0.0], [2.0]), ("floor.limit", "qdot0.q0")
+    with jax.enable_x64(True):
+        f = zivi.interop.jax_function(
+            zivi.interop.run_function(block(), (0, 5), start, names, method=EXACT)
+        )
+        found = np.asarray(jax.jacobian(f)(jax.numpy.array([1.0, 2.0])))
+        # it stops after v^2/(2 L)
+        np.testing.assert_allclose(found[:, 0], [[-2.0, 2.0], [0.0, 0.0]], atol=1e-11)
+
+
+@pytest.mark.slow
+def test_jax_differentiates_through_friction():
+    in_own_process("jax", "import test_friction_derivatives; test_friction_derivatives.in_jax()")
 
 
 def test_what_derivatives_do_not_support_is_said():

@@ -757,6 +757,12 @@ def _toml_value(value: Any) -> str:
 FIT_RANGE = Pair(ANY, ANY, ("lower", "upper > lower"))
 SIGMA = Key("sigma", POSITIVE, "standard deviation of the data", default="estimated")
 CSV = Key("file", NAME, "CSV file with a row of names, beside this file", default="none")
+OTHER_RUN = Key(
+    "y0",
+    Each(Numbers(), "two lists of numbers, [q0, qdot0]"),
+    "initial state of another run",
+    default="that of the file",
+)
 DATA = Tagged(
     "kind",
     {
@@ -768,6 +774,7 @@ DATA = Tagged(
             Key("gap", NAME, "gap that is hit", default="any"),
             Key("missed", NOT_NEGATIVE, "cost of a missed impact, in sigma", "1", "3"),
             Key("spurious", NOT_NEGATIVE, "cost of a spurious time, in sigma", "1", "3"),
+            OTHER_RUN,
         ),
         "record": (
             CSV,
@@ -777,11 +784,13 @@ DATA = Tagged(
             Key("column", NAME, "column of the values", default="of"),
             Key("of", NAME, "coordinate, velocity, gap or reaction", default='"x"'),
             SIGMA,
+            OTHER_RUN,
         ),
     },
 )
 FIT = (
     Key("params", Each(NAME, "names"), "parameters to estimate, as of `zivi.fit`"),
+    Key("own", Each(NAME, "names"), "parameters with a value for each run", default="none"),
     Key("data", Each(DATA, "tables"), "measurements"),
     Key("bounds", Open(FIT_RANGE, "parameters"), "their bounds", default="e in [0, 1]"),
     Key(

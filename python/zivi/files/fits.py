@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from zivi.estimation import Bounces, Fit, Record, fit
+from zivi.estimation import Bounces, Experiment, Fit, Record, fit
 from zivi.files.file_keys import FIT, Key
 from zivi.files.kinds import FileError, Mistakes
 from zivi.files.runs import argument_keys, build_method, keys_of_run, read_file, system_of
@@ -63,15 +63,32 @@ def prepare_fit(path: Path) -> PreparedFit:
     system = system_of(values, mistakes)
     data = [_data_of(path, k, row, mistakes) for k, row in enumerate(values["data"])]
     mistakes.stop()
-    names = ("bounds", "prior", "starts", "seed", "loss", "t0")
+    names = ("bounds", "prior", "starts", "seed", "loss", "own")
     arguments: dict[str, Any] = {name: values[name] for name in names if name in values}
     if "method" in values:
         arguments["method"] = build_method(values["method"], mistakes)
 
     def call(progress: bool | None) -> Fit:
-        return fit(system, data, values["params"], y0=values["y0"], progress=progress, **arguments)
+        runs = _experiments(values, data)
+        return fit(system, runs, values["params"], progress=progress, **arguments)
 
     return PreparedFit(call, mistakes)
+
+
+def _experiments(values: dict[str, Any], data: list[Any]) -> list[Experiment]:
+    """Return the runs: data without an initial state of their own are of the first one."""
+    starts, runs = [values["y0"]], [[]]  # type: list[Any], list[list[Any]]
+    for row, measured in zip(values["data"], data, strict=True):
+        y0 = row.get("y0", values["y0"])
+        if "y0" in row and np.ndim(values["y0"]) == 1:  # one mass
+            y0 = [it[0] if len(it) == 1 else it for it in y0]
+        if y0 not in starts:
+            starts.append(y0)
+            runs.append([])
+        runs[starts.index(y0)].append(measured)
+    t0 = values.get("t0", 0.0)
+    pairs = zip(starts, runs, strict=True)
+    return [Experiment(own, y0=tuple(y0), t0=t0) for y0, own in pairs if own]
 
 
 def _keys_of_fit(content: dict[str, Any]) -> tuple[Key, ...]:
