@@ -154,6 +154,13 @@ def test_random_runs_have_the_derivatives_of_their_differences():
     assert worst < 1e-8
 
 
+def test_a_coefficient_that_falls_with_the_speed_has_its_own_derivatives_in_impacts():
+    """They were extrapolated from faster slips, to 4e-5: a feeder whose impacts slide."""
+    outcome, error, _ = friction_derivatives.verdict("feeder", np.random.default_rng([5, 15]))
+    assert outcome == "compared"
+    assert error < 1e-8
+
+
 PUSHES, ENDS = [3.0, 0.5, 0.2, -0.5], np.arange(5.0)
 
 

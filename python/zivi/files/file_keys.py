@@ -760,8 +760,8 @@ CSV = Key("file", NAME, "CSV file with a row of names, beside this file", defaul
 OTHER_RUN = Key(
     "y0",
     Each(Numbers(), "two lists of numbers, [q0, qdot0]"),
-    "initial state of another run",
-    default="that of the file",
+    "initial state of another run, which these data and those after them measure",
+    default="of the run before",
 )
 DATA = Tagged(
     "kind",

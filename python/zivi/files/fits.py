@@ -76,19 +76,16 @@ def prepare_fit(path: Path) -> PreparedFit:
 
 
 def _experiments(values: dict[str, Any], data: list[Any]) -> list[Experiment]:
-    """Return the runs: data without an initial state of their own are of the first one."""
-    starts, runs = [values["y0"]], [[]]  # type: list[Any], list[list[Any]]
+    """Return the runs: data with an initial state of their own begin another one."""
+    runs: list[tuple[Any, list[Any]]] = [(values["y0"], [])]
     for row, measured in zip(values["data"], data, strict=True):
-        y0 = row.get("y0", values["y0"])
-        if "y0" in row and np.ndim(values["y0"]) == 1:  # one mass
-            y0 = [it[0] if len(it) == 1 else it for it in y0]
-        if y0 not in starts:
-            starts.append(y0)
-            runs.append([])
-        runs[starts.index(y0)].append(measured)
+        if "y0" in row:
+            mass = np.ndim(values["y0"]) == 1
+            y0 = [it[0] if mass and len(it) == 1 else it for it in row["y0"]]
+            runs.append((y0, []))
+        runs[-1][1].append(measured)
     t0 = values.get("t0", 0.0)
-    pairs = zip(starts, runs, strict=True)
-    return [Experiment(own, y0=tuple(y0), t0=t0) for y0, own in pairs if own]
+    return [Experiment(own, y0=tuple(y0), t0=t0) for y0, own in runs if own]
 
 
 def _keys_of_fit(content: dict[str, Any]) -> tuple[Key, ...]:

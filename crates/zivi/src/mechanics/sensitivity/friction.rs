@@ -83,7 +83,8 @@ impl Local {
                 let own = own.map_or(0.0, |i| self.kinetics.normal(row)[i]);
                 reach * (turned + own).abs()
             };
-            let span: f64 = reach.iter().enumerate().map(moves).sum();
+            let moved: Vec<f64> = reach.iter().enumerate().map(moves).collect();
+            let span: f64 = moved.iter().sum();
             let slip = mode.sign(channel) * self.kinetics.rate(row, w);
             if slip > span || span == 0.0 {
                 continue;
@@ -103,7 +104,9 @@ impl Local {
                 }
             }
             let at = self.layout.limit().start + channel;
-            for (j, found) in found.into_iter().enumerate() {
+            // a difference that does not move the slip does not look at both signs
+            let turned = found.into_iter().enumerate().filter(|&(j, _)| moved[j] > 0.0);
+            for (j, found) in turned {
                 self.partials[j * length + at] = found;
             }
         }
