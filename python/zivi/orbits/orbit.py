@@ -129,7 +129,7 @@ SUMMARY = {
 
 
 class AnyOrbit(Tabulated):
-    """What orbits of one mass and of mechanical systems have in common."""
+    """Base class of orbits of one mass and of mechanical systems."""
 
     _kept: ClassVar[dict[str, str]] = SUMMARY
     if TYPE_CHECKING:
