@@ -157,7 +157,6 @@ def test_the_gap_carries_what_a_joint_along_its_normal_could(mu):
         assert early.friction_forces[0, 1] == pytest.approx(0, abs=1e-9)
 
 
-@pytest.mark.parametrize("k", [3, 4])
 def test_forces_of_a_wedge_with_one_contact_that_slips_balance():
     """The belt drags the floor contact, the side sticks: two forces of four are left open."""
     normal = np.array([math.sin(1.2), math.cos(1.2)])
@@ -175,6 +174,7 @@ def test_forces_of_a_wedge_with_one_contact_that_slips_balance():
         assert rub[0] == pytest.approx(-0.3 * press[0], rel=1e-12)
 
 
+@pytest.mark.parametrize("k", [3, 4])
 def test_a_curved_box_is_that_of_small_angles_while_it_slides(k):
     feet = [
         Foot(np.zeros(3), 0.2, 0.0, mu=0.3, point=(x, -0.2)).gap(f"foot{i}")
