@@ -6,6 +6,10 @@ which are not part of this repository. Of a model that is refused the table name
 takes what a tree has not out of such models first (constraints, actuators, tendons, friction of
 joints, fluids; free and ball joints become slides and hinges). Meshes are left out: what has no
 inertia without them is not compared.
+
+``--outcomes`` reads the files as `zivi.Tree.from_mjcf` and `zivi.Tree.from_urdf` read them, with
+their meshes, and prints how many are read and how many are rejected for what; ``--files`` lists
+them.
 """
 
 from __future__ import annotations
@@ -13,6 +17,7 @@ from __future__ import annotations
 import argparse
 import re
 import warnings
+from collections import Counter
 from pathlib import Path
 from typing import Any
 
@@ -116,13 +121,59 @@ def compared(model: Any) -> tuple[int, list[float]]:
     return model.nv, worst
 
 
+# What becomes of the files.
+
+BY_MUJOCO = (
+    ("a mesh or another file is missing", r"opening file|resource|does not exist"),
+    ("a mesh is flat", r"coplanar"),
+    ("a mass or an inertia is missing or impossible", r"^Error: .*(inertia|mass)"),
+)
+"""Reasons of MuJoCo, by words of its errors."""
+
+
+def outcome(path: Path) -> tuple[str, str]:
+    """Give what becomes of a file, and the name of what stops it."""
+    read = zivi.Tree.from_urdf if path.suffix == ".urdf" else zivi.Tree.from_mjcf
+    try:
+        tree = read(path)
+    except NotImplementedError as error:
+        what, _, rest = str(error).partition(":")
+        return re.sub(r"zivi(\.Tree)? does not support |( of MuJoCo)$", "", what), rest.strip()
+    except Exception as error:
+        told = " ".join(str(error).split())
+        kinds = (kind for kind, words in BY_MUJOCO if re.search(words, told))
+        return f"MuJoCo: {next(kinds, 'not valid in this version')}", told[:80]
+    return "read", f"{len(tree.coordinate_names(0))} coordinates, {tree.m} limits"
+
+
+def print_outcomes(paths: list[Path], files: bool) -> None:
+    """Print the table of outcomes."""
+    found = [(path, *outcome(path)) for path in paths if "<mujocoinclude" not in text_of(path)]
+    counts = Counter(kind for _, kind, _ in found)
+    print(f"| outcome of {len(found)} files | files |\n|---|---|")
+    for kind, count in sorted(counts.items(), key=lambda it: (it[0] != "read", -it[1], it[0])):
+        print(f"| {kind} | {count} |")
+    for path, kind, which in found if files else ():
+        print(f"| {'/'.join(path.parts[-2:])} | {kind} | {which} |")
+
+
+def text_of(path: Path) -> str:
+    """Read a file, whatever its encoding."""
+    return path.read_text(errors="replace")
+
+
 def main() -> None:
     """Print a table."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("folders", nargs="+", type=Path)
-    parser.add_argument("--strip", action="store_true")
+    for option in ("--strip", "--outcomes", "--files"):
+        parser.add_argument(option, action="store_true")
     given = parser.parse_args()
     warnings.simplefilter("ignore")
+    if given.outcomes:
+        below = [it for folder in given.folders for it in sorted(folder.glob("*"))]
+        print_outcomes([it for it in below if it.suffix in (".xml", ".urdf")], given.files)
+        return
     print("| model | joints | M | F | gap | gradient | curvature |\n|---|---|---|---|---|---|---|")
     for path in sorted(it for folder in given.folders for it in folder.rglob("*")):
         if path.suffix not in (".xml", ".urdf"):

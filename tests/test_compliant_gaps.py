@@ -304,7 +304,6 @@ def test_what_does_not_take_them_says_so():
     start = (0, 1), ([0.5], [0.0])
     for call in (
         lambda: zivi.simulate(ball, *start, zivi.MoreauJean(1e-3)),
-        lambda: zivi.sensitivity(ball, *start),
         lambda: zivi.lyapunov_exponents(ball, *start),
         lambda: zivi.periodic_orbit(ball, start=start[1], period=1.0),
     ):

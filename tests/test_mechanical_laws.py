@@ -263,8 +263,76 @@ def test_laws_are_kept_in_what_keeps_a_system():
     moved = zivi.ParametricSystem(
         lambda k: box([0.5, dataclasses.replace(CAPPED, k=k)]), {"k": 0.2}
     )
-    with pytest.raises(ValueError, match="must move neither gaps' names nor e"):
-        zivi.sensitivity(moved, (0, 1), start, wrt=("k",))
+    by_build = zivi.sensitivity(moved, (0, 1.3), start, wrt=("k",), method=TIGHT)
+    by_name = zivi.sensitivity(box([0.5, CAPPED]), (0, 1.3), start, ("law.wall.k",), TIGHT)
+    assert np.allclose(by_build.final, by_name.final, rtol=1e-9, atol=1e-10)
+
+
+# Derivatives by tables and functions.
+
+NODES, RATIOS = [0.0, 1.0, 2.0, 4.0], [0.8, 0.6, 0.5, 0.4]
+
+
+def rest_of_a_drop(ratios, height=1.0, g=9.81):
+    """Sum of the times of flight of a ball whose restitution is linear between the nodes."""
+    v = math.sqrt(2 * g * height)
+    t = v / g
+    while v > 1e-9:
+        v *= np.interp(v, NODES, ratios)
+        t += 2 * v / g
+    return t + 2 * v / g * ratios[0] / (1 - ratios[0])
+
+
+def test_values_of_a_table():
+    table = zivi.RestitutionTable(NODES, RATIOS)
+    ball = zivi.ImpactSystem(-9.81, e=table)
+    names = tuple(f"law.e[{i}]" for i in range(4))
+    s = zivi.sensitivity(ball, (0, 3), (1, 0), names, TIGHT)
+    wanted = []
+    for i in range(4):
+        ends = [
+            rest_of_a_drop([e + h * (j == i) for j, e in enumerate(RATIOS)])
+            for h in (1e-5, -1e-5, 2e-5, -2e-5)
+        ]
+        wanted.append((8 * (ends[0] - ends[1]) - (ends[2] - ends[3])) / 12e-5)
+    assert s.trajectory.rest_time == pytest.approx(rest_of_a_drop(RATIOS), abs=1e-9)
+    assert np.allclose(s.zeno_times[0], wanted, rtol=1e-7, atol=1e-8)
+    floor = zivi.LinearGap([1.0], name="floor")
+    same = zivi.MechanicalSystem(mass=1.0, force=[-9.81], gaps=[floor], e=[table])
+    names = tuple(f"law.floor.e[{i}]" for i in range(4))
+    found = zivi.sensitivity(same, (0, 3), ([1.0], [0.0]), names, TIGHT)
+    assert np.allclose(found.zeno_times, s.zeno_times, rtol=1e-7, atol=1e-9)
+    with pytest.raises(ValueError, match=r"did you mean 'law\.e\[3\]'"):
+        zivi.sensitivity(ball, (0, 3), (1, 0), ("law.e[4]",))
+
+
+@pytest.mark.parametrize("kind", ["function", "table", "newton"])
+def test_laws_that_a_parameter_moves(kind):
+    def build(c, m):
+        laws = {
+            "function": lambda v: 1 / (1 + c * v**0.6),
+            "table": zivi.RestitutionTable([0.0, 1.0 + c, 4.0], [0.8 - c, 0.5, 0.3]),
+            "newton": 0.5 + 0.3 * c,
+        }
+        walls = [
+            zivi.LinearGap([1.0], name="floor"),
+            zivi.LinearGap([-1.0], 1.5, name="roof"),
+        ]
+        return zivi.MechanicalSystem(mass=m, force=[-9.81], gaps=walls, e=[laws[kind], 0.7])
+
+    start, values = ([1.0], [4.0]), {"c": 0.2, "m": 1.2}
+    system = zivi.ParametricSystem(build, values)
+    s = zivi.sensitivity(system, (0, 1.2), start, ("c", "m"), TIGHT)
+    assert s.status is zivi.OrbitStatus.COMPLETED
+    assert len(s.trajectory.impacts) >= 2
+
+    def final(h, name):
+        sol = zivi.simulate(build(**(values | {name: values[name] + h})), (0, 1.2), start, TIGHT)
+        return np.array([sol.q[-1], sol.qdot[-1]])
+
+    for j, name in enumerate(values):
+        one, two = ((final(h, name) - final(-h, name)) / (2 * h) for h in (1e-4, 2e-4))
+        assert np.allclose(s.final[:, :, j], (4 * one - two) / 3, rtol=1e-6, atol=1e-6)
 
 
 def test_other_systems_take_laws():

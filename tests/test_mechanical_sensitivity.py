@@ -335,8 +335,16 @@ def test_parameters_of_a_system_that_is_built():
         lambda c: zivi.MechanicalSystem(mass=1, force=[-1], gaps=[zivi.LinearGap([1])], e=c),
         {"c": 0.5},
     )
-    with pytest.raises(ValueError, match="'c' must move neither gaps' names nor e"):
-        zivi.sensitivity(bouncing, (0, 1), ([1.0], [0.0]), ("c",))
+    found = zivi.sensitivity(bouncing, (0, 2), ([1.0], [0.0]), ("c", "e"))
+    assert np.allclose(found.final[..., 0], found.final[..., 1], rtol=1e-9)
+    renamed = zivi.ParametricSystem(
+        lambda c: zivi.MechanicalSystem(
+            mass=1, force=[-1], gaps=[zivi.LinearGap([1], name=f"{c:.9f}")]
+        ),
+        {"c": 0.5},
+    )
+    with pytest.raises(ValueError, match="'c' must not change the names of gaps"):
+        zivi.sensitivity(renamed, (0, 1), ([1.0], [0.0]), ("c",))
 
 
 def test_a_break_of_the_force_that_is_declared():

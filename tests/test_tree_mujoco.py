@@ -298,8 +298,7 @@ PAIRS = {
         model(geom='condim="1" surfacevel="1 0 0"'),
         ("g", "floor"),
     ),
-    "margins of geoms": (model(geom='condim="1" margin=".1"'), ("g", "floor")),
-    "gaps of geoms": (model(geom='condim="1" gap=".1"'), ("g", "floor")),
+    "adhesion of geoms": (model(geom='condim="1" adhesion=".1"'), ("g", "floor")),
     "gaps of a cylinder": (
         model(inside='<geom name="c" type="cylinder" size=".1 .1" condim="1"/>', geom=SMOOTH),
         ("c", "floor"),

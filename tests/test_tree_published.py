@@ -231,6 +231,49 @@ def test_margins_of_limits_are_not_read():
     assert np.allclose(walker().at(0, np.zeros(5), np.zeros(5)).gaps, [1, 1, 0.6, 0.6], atol=1e-15)
 
 
+def test_margins_of_geoms_are_left_out_with_a_warning():
+    text = WALKER.replace('size="40 40 40"', 'size="40 40 40" margin=".01" gap=".002"')
+    with pytest.warns(zivi.ModelWarning, match=r"margin of 'shin-floor', 0\.01 m, is left out"):
+        tree = zivi.Tree.from_mjcf(text, gaps=[("shin", "floor")])
+    known, zeros = walker(gaps=[("shin", "floor")]), np.zeros(5)
+    assert np.array_equal(tree.at(0, zeros, zeros).gaps, known.at(0, zeros, zeros).gaps)
+
+
+WHEEL = """
+<mujoco><worldbody><geom name="floor" type="plane" size="1 1 1"/><body name="cart" pos="0 0 .3">
+  <joint name="x" type="slide" axis="1 0 0"/><joint name="z" type="slide"/>
+  <inertial pos="0 0 0" mass="1" diaginertia=".1 .1 .1"/>
+  <body name="wheel"><joint name="spin" axis="0 1 0"/>
+    <geom name="tyre" type="cylinder" size=".1 .02" pos=".03 0 0" euler="90 0 0" condim="3"
+      friction=".5"/></body>
+</body></worldbody></mujoco>
+"""
+
+
+def test_a_cylinder_that_rolls_is_a_disc():
+    tree = zivi.Tree.from_mjcf(WHEEL, gaps="all")
+    assert tree.gap_names == tree.channel_names == ("tyre-floor",)
+    model = mujoco.MjModel.from_xml_string(WHEEL)
+    data, ends = mujoco.MjData(model), np.zeros(6)
+    for q in np.random.default_rng(1).uniform(-1, 1, (20, 3)):
+        data.qpos[:] = q
+        mujoco.mj_forward(model, data)
+        distance = mujoco.mj_geomDistance(model, data, 0, 1, 9.0, ends)
+        if distance > 0.0:
+            assert tree.at(0.0, q, np.zeros(3)).gaps[0] == pytest.approx(distance, abs=1e-9)
+    # it slides on the floor until it rolls
+    cart = zivi.simulate(tree, (0, 2), ([0.0, -0.2, -np.pi / 2], [1.0, 0.0, 0.0]))
+    assert cart.success
+    assert cart.transitions["after"][-1] == 0
+
+
+def test_a_cylinder_that_tilts_is_refused_by_name():
+    with pytest.raises(
+        NotImplementedError, match="cylinder that tilts are not supported: 'tyre-floor', whose rim"
+    ):
+        zivi.Tree.from_mjcf(WHEEL.replace('axis="0 1 0"', 'axis="1 0 0"'), gaps="all")
+
+
 @pytest.mark.parametrize("form", ["text", "path", "spec", "model"])
 def test_files_texts_specifications_and_models_are_the_same(form, tmp_path):
     path = tmp_path / "hopper.xml"

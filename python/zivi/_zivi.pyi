@@ -415,7 +415,13 @@ class Partials:
 
 @final
 class Moved:
-    def __new__(cls, step: float, models: list[Model]) -> Self: ...
+    def __new__(
+        cls,
+        step: float,
+        models: list[Model],
+        impacts: list[tuple[int, list[ImpactLaw]]] = ...,
+        contacts: list[tuple[int, int, float]] = ...,
+    ) -> Self: ...
 
 @final
 class Mechanism:
@@ -764,6 +770,8 @@ class MechanicalSensitivityRecord:
     def zeno_times(self) -> _Array: ...
     @property
     def liftoff_times(self) -> _Array: ...
+    @property
+    def touchdown_times(self) -> _Array: ...
     @property
     def transition_times(self) -> _Array: ...
     @property

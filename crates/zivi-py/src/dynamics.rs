@@ -1127,7 +1127,8 @@ pub(crate) fn contact_forces<'py>(
         out.copy_from_slice(row);
         Ok(())
     };
-    let mut dynamics = Rubbing { dynamics: FunctionDynamics { layout, function }, friction };
+    let mut dynamics =
+        Rubbing { dynamics: FunctionDynamics { layout, function }, friction, moved: &[] };
     match py.detach(|| zivi::mechanics::contact_forces(&mut dynamics, w, mode)) {
         Ok(forces) => Ok(Some(PyArray1::from_vec(py, forces))),
         Err(Failure::Status(_)) => Ok(None),

@@ -11,7 +11,7 @@ use zivi::record::gap_set::ContactMode;
 use zivi::system::dynamics::{Dynamics, Layout};
 use zivi::system::force::{Channel, ContactForce, Friction, FrictionalImpact};
 use zivi::system::linear_system::LinearSystem;
-use zivi::system::partials::{DifferentiableDynamics, TimedState};
+use zivi::system::partials::{DifferentiableDynamics, MovedLaws, TimedState};
 
 use crate::interface::{array, columns, Matrix, Vector};
 
@@ -80,6 +80,8 @@ impl PyFriction {
 pub(crate) struct Rubbing<'a, D> {
     pub(crate) dynamics: D,
     pub(crate) friction: Option<&'a PyFriction>,
+    /// How parameters move the laws of the gaps.
+    pub(crate) moved: &'a [Option<MovedLaws>],
 }
 
 impl<D: Dynamics<PyErr>> Dynamics<PyErr> for Rubbing<'_, D> {
@@ -169,6 +171,10 @@ impl<D: DifferentiableDynamics<PyErr>> DifferentiableDynamics<PyErr> for Rubbing
 
     fn linear_rate(&self, parameter: usize) -> Option<&Arc<LinearSystem>> {
         self.dynamics.linear_rate(parameter)
+    }
+
+    fn moved_laws(&self, parameter: usize) -> Option<&MovedLaws> {
+        self.moved.get(parameter)?.as_ref()
     }
 
     fn reach(&self, by: &[usize]) -> Option<Vec<f64>> {

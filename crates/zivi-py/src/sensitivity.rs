@@ -19,7 +19,7 @@ use zivi::switched::sensitivity::{
 use zivi::system::dynamics::{Dynamics, Layout};
 use zivi::system::linear_dynamics::LinearPartials;
 use zivi::system::partials::{
-    DifferencedDynamics, DifferentiableDynamics, Neighbours, TimedState, MOVES,
+    DifferencedDynamics, DifferentiableDynamics, MovedLaws, Neighbours, TimedState, MOVES,
 };
 use zivi::system::slopes::DifferentiableForce;
 use zivi::system::tree::TreeDynamics;
@@ -33,7 +33,7 @@ use crate::friction::{PyFriction, Rubbing};
 use crate::interface::{array, list, setup_error, vector, Array, Watch};
 use crate::method::PyMethod;
 use crate::record::{MechanicalRecord, RunRecord};
-use crate::system::{Configuration, Mechanism, PyPointMass, PyState};
+use crate::system::{Configuration, Mechanism, PyImpactLaw, PyPointMass, PyState};
 
 /// A run and its derivatives; arrays of events have a row of one number for each column.
 #[pyclass(frozen, get_all, module = "zivi._zivi")]
@@ -441,6 +441,16 @@ pub(crate) struct Partials {
     source: PartialsSource,
 }
 
+impl Partials {
+    /// How parameters move the laws of the gaps.
+    fn moved_laws(&self) -> Vec<Option<MovedLaws>> {
+        match &self.source {
+            PartialsSource::Differences(moved) => moved.iter().map(|it| it.get().laws()).collect(),
+            PartialsSource::Function(..) | PartialsSource::Tree(_) => Vec::new(),
+        }
+    }
+}
+
 enum PartialsSource {
     /// Differences: of the model itself by time and state, of moved models by each parameter.
     Differences(Vec<Py<MovedModel>>),
@@ -482,17 +492,43 @@ impl Partials {
 pub(crate) struct MovedModel {
     step: f64,
     models: Vec<Py<Model>>,
+    impacts: Vec<(usize, Vec<Py<PyImpactLaw>>)>,
+    contacts: Vec<(usize, usize, f64)>,
 }
 
 #[pymethods]
 impl MovedModel {
+    /// The models; the impact laws that move, by gap, in the same order; the derivatives of the numbers of
+    /// contact forces: gap, number, derivative.
     #[new]
-    fn new(step: f64, models: Vec<Py<Model>>) -> Self {
-        Self { step, models }
+    #[pyo3(signature = (step, models, impacts=vec![], contacts=vec![]))]
+    fn new(
+        step: f64,
+        models: Vec<Py<Model>>,
+        impacts: Vec<(usize, Vec<Py<PyImpactLaw>>)>,
+        contacts: Vec<(usize, usize, f64)>,
+    ) -> Self {
+        Self { step, models, impacts, contacts }
     }
 
     fn __traverse__(&self, visit: PyVisit<'_>) -> Result<(), PyTraverseError> {
+        let laws = self.impacts.iter().flat_map(|it| &it.1);
+        laws.into_iter().try_for_each(|it| visit.call(it))?;
         self.models.iter().try_for_each(|it| visit.call(it))
+    }
+}
+
+impl MovedModel {
+    /// The laws of the gaps, where they move.
+    fn laws(&self) -> Option<MovedLaws> {
+        let one = |(gap, laws): &(usize, Vec<Py<PyImpactLaw>>)| {
+            let laws: Vec<AnyImpactLaw> = laws.iter().map(|law| law.get().inner.clone()).collect();
+            Some((*gap, laws.try_into().ok()?))
+        };
+        let impacts: Option<Vec<_>> = self.impacts.iter().map(one).collect();
+        let laws =
+            MovedLaws { step: self.step, impacts: impacts?, contacts: self.contacts.clone() };
+        (!(laws.impacts.is_empty() && laws.contacts.is_empty())).then_some(laws)
     }
 }
 
@@ -504,7 +540,7 @@ fn neighbours<'py, D>(
     of: impl Fn(AnyDynamics<'py>) -> Option<D>,
 ) -> PyResult<Vec<Neighbours<D>>> {
     let one = |moved: &Py<MovedModel>| {
-        let MovedModel { step, models } = moved.get();
+        let MovedModel { step, models, .. } = moved.get();
         let systems = models.iter().map(|model| of(AnyDynamics::of(py, model.get(), layout)));
         let systems: Option<Vec<D>> = systems.collect();
         let systems = systems.and_then(|systems| <[D; MOVES.len()]>::try_from(systems).ok());
@@ -560,6 +596,7 @@ pub(crate) struct MechanicalSensitivityRecord {
     impact_du: Array,
     zeno_times: Array,
     liftoff_times: Array,
+    touchdown_times: Array,
     transition_times: Array,
     radius: Array,
     /// The event that limits each column.
@@ -580,7 +617,7 @@ const NUMBERS: [FrictionNumber; 5] = [
 ];
 
 /// `(kind, index, of)`: `q0`, `qdot0`, `t0`, `e` of all gaps, the parameter `of` of the law of one, a
-/// parameter, the number `of` of a channel of friction are 0 to 6.
+/// parameter, the number `of` of a channel of friction or of a compliant gap are 0 to 7.
 fn mechanical_wrt_of((kind, index, of): &(u8, usize, usize)) -> MechanicalWrt {
     match kind {
         0 => MechanicalWrt::Q0(*index),
@@ -589,6 +626,7 @@ fn mechanical_wrt_of((kind, index, of): &(u8, usize, usize)) -> MechanicalWrt {
         3 => MechanicalWrt::AllE,
         4 => MechanicalWrt::Law { gap: *index, parameter: *of },
         5 => MechanicalWrt::Parameter(*index),
+        7 => MechanicalWrt::Contact { gap: *index, number: *of },
         _ => MechanicalWrt::Friction {
             channel: *index,
             number: NUMBERS[(*of).min(NUMBERS.len() - 1)],
@@ -601,6 +639,7 @@ struct RunArguments<'a> {
     method: SwitchedRk,
     laws: &'a [AnyImpactLaw],
     friction: Option<&'a PyFriction>,
+    moved: &'a [Option<MovedLaws>],
     span: (f64, f64),
     start: (&'a [f64], &'a [f64]),
     tstops: &'a [f64],
@@ -617,9 +656,9 @@ impl RunArguments<'_> {
         mut dynamics: &mut dyn DifferentiableDynamics<PyErr>,
         watch: &mut Watch<'_>,
     ) -> Outcome {
-        let Self { method, laws, friction, span, start, tstops, dense, question } = self;
+        let Self { method, laws, friction, moved, span, start, tstops, dense, question } = self;
         let output = MechanicalOutput { tstops, dense: *dense, ..MechanicalOutput::default() };
-        let mut system = Rubbing { dynamics: &mut dynamics, friction: *friction };
+        let mut system = Rubbing { dynamics: &mut dynamics, friction: *friction, moved };
         differentiate(*method, &mut system, laws, *span, *start, output, question, watch)
     }
 
@@ -704,7 +743,9 @@ pub(crate) fn mechanical_sensitivity(
     let question = Question { wrt: &wrt, sizes: &sizes, controlled, times: &times };
     let start = (&q[..], &qdot[..]);
     let tstops = &tstops[..];
-    let task = RunArguments { method, laws, friction, span, start, tstops, dense, question };
+    let moved = partials.moved_laws();
+    let moved = &moved[..];
+    let task = RunArguments { method, laws, friction, moved, span, start, tstops, dense, question };
     let model = AnyDynamics::of(py, system.model.get(), layout);
     let watch = &mut Watch::reporting(progress);
     let outcome = task.dispatch(py, model, &partials, layout, watch)?;
@@ -714,8 +755,14 @@ pub(crate) fn mechanical_sensitivity(
         .nearest
         .iter()
         .map(|it| it.map(|it| PyNearest { limit: it.limit as u8, t: it.t, depth: it.depth }));
-    let EventRates { impact_dt, impact_du, zeno_times, liftoff_times, transition_times } =
-        found.events;
+    let EventRates {
+        impact_dt,
+        impact_du,
+        zeno_times,
+        liftoff_times,
+        touchdown_times,
+        transition_times,
+    } = found.events;
     Ok(MechanicalSensitivityRecord {
         nearest: nearest.collect(),
         run: Py::new(py, MechanicalRecord::new(py, run)?)?,
@@ -725,6 +772,7 @@ pub(crate) fn mechanical_sensitivity(
         impact_du: array(impact_du),
         zeno_times: array(zeno_times),
         liftoff_times: array(liftoff_times),
+        touchdown_times: array(touchdown_times),
         transition_times: array(transition_times),
         radius: array(found.radius),
         grazing: found.grazing,

@@ -147,7 +147,7 @@ pub(crate) fn run_dynamics(
     output: MechanicalOutput<'_, PyErr>,
     watch: &mut Watch<'_>,
 ) -> Result<MechanicalRun<PyErr>, SetupError> {
-    let mut rubbing = Rubbing { dynamics: &mut dynamics, friction };
+    let mut rubbing = Rubbing { dynamics: &mut dynamics, friction, moved: &[] };
     let system = zivi::Mechanism { dynamics: &mut rubbing, laws };
     method.run(system, span, start, output, watch)
 }

@@ -101,7 +101,7 @@ impl Mechanism {
     /// Its evaluator.
     pub(crate) fn rubbing<'a>(&'a self, py: Python<'a>) -> Rubbing<'a, AnyDynamics<'a>> {
         let dynamics = AnyDynamics::of(py, self.model.get(), self.layout());
-        Rubbing { dynamics, friction: self.laws_of_contact() }
+        Rubbing { dynamics, friction: self.laws_of_contact(), moved: &[] }
     }
 
     /// Its evaluator without friction and without the interpreter; `None` if that is needed.
@@ -113,7 +113,7 @@ impl Mechanism {
     pub(crate) fn rubbing_alone(&self, py: Python<'_>) -> Option<Rubbing<'_, CompiledDynamics>> {
         match AnyDynamics::of(py, self.model.get(), self.layout()) {
             AnyDynamics::Compiled(dynamics) => {
-                Some(Rubbing { dynamics, friction: self.laws_of_contact() })
+                Some(Rubbing { dynamics, friction: self.laws_of_contact(), moved: &[] })
             }
             _ => None,
         }

@@ -22,8 +22,19 @@ from zivi.simulation.mechanical_trajectory import MechanicalTrajectory
 from zivi.simulation.methods import SwitchedRK
 from zivi.simulation.run import pair
 from zivi.simulation.run_result import as_raised, with_partial
-from zivi.system.friction_numbers import friction_numbers, with_friction_numbers
-from zivi.system.impact_law import ImpactLaw, NewtonImpact, law_parameters, restitutions
+from zivi.system.friction_numbers import (
+    contact_numbers,
+    friction_numbers,
+    with_contact_numbers,
+    with_friction_numbers,
+)
+from zivi.system.impact_law import (
+    ImpactLaw,
+    NewtonImpact,
+    law_parameters,
+    law_with,
+    restitutions,
+)
 from zivi.system.mass import ImpactSystem
 from zivi.system.mechanism import MechanicalSystem, Model
 from zivi.system.parameters import (
@@ -41,7 +52,7 @@ if TYPE_CHECKING:
 
 # Parameters of the derivatives of a mechanical system: names, numbers, values.
 
-Q0, QDOT0, T0, ALL_E, LAW, PARAMETER, FRICTION = range(7)
+Q0, QDOT0, T0, ALL_E, LAW, PARAMETER, FRICTION, CONTACT = range(8)
 """Kinds of columns, as the extension numbers them."""
 
 
@@ -58,7 +69,7 @@ class Column:
     value : float
         The number.
     of : int
-        Which parameter of an impact law, or number of a channel of friction, it is.
+        Which parameter of an impact law, or number of friction or of a contact law, it is.
     """
 
     name: str
@@ -131,10 +142,14 @@ def _of_laws(laws: Mapping[str, ImpactLaw]) -> dict[str, Column]:
 
 
 def _of_friction(system: MechanicalSystem) -> dict[str, Column]:
-    """Return the columns by numbers of dry friction: ``belt.limit``, ``floor.mu``."""
-    return {
+    """Return the columns by numbers of friction and contact: ``belt.limit``, ``floor.k``."""
+    rough = {
         name: Column(name, (FRICTION, it.channel), it.value, it.kind)
         for name, it in friction_numbers(system).items()
+    }
+    return rough | {
+        name: Column(name, (CONTACT, gap), value, of)
+        for name, (gap, of, value) in contact_numbers(system).items()
     }
 
 
@@ -177,6 +192,14 @@ COORDS: dict[str, Field] = {
     },
 }
 """Dimensions, unit and meaning of what is in the dataset."""
+
+FIELDS_OF_CONTACT: dict[str, Field] = {
+    "touchdown_time": (("touchdown", "wrt"), "", "derivatives of the times of touchdown"),
+}
+COORDS_OF_CONTACT: dict[str, Field] = {
+    "touchdown_t": ("touchdown", "s", "time of the touchdown"),
+    "touchdown_gap": ("touchdown", "", "gap of the touchdown"),
+}
 
 FIELDS_OF_FRICTION: dict[str, Field] = {
     "transition_time": (
@@ -232,11 +255,14 @@ class MechanicalSensitivity(Sensitivity):
         contacts determine the state the columns are known again.
     transition_times : ndarray
         Derivatives of ``trajectory.transitions["t"]``: changes of dry friction.
+    touchdown_times : ndarray
+        Derivatives of ``trajectory.touchdowns["t"]``: compliant gaps that come into contact.
     """
 
     trajectory: MechanicalTrajectory  # type: ignore[assignment]
     lost_at: float | None = None
     transition_times: Array = dataclasses.field(default_factory=lambda: np.empty((0, 0)))
+    touchdown_times: Array = dataclasses.field(default_factory=lambda: np.empty((0, 0)))
 
     @functools.cached_property
     def monodromy(self) -> Array:
@@ -267,12 +293,18 @@ class MechanicalSensitivity(Sensitivity):
             values[f"{event}_t"] = rows["t"]
             values[f"{event}_gap"] = [sol.gap_names[int(gap)] for gap in rows["gap"]]
         title, attrs = "Derivatives of a run of a mechanical system", {"status": self.status.name}
+        fields, coords = dict(FIELDS), dict(COORDS)
+        if len(self.touchdown_times):
+            contacts = sol.touchdowns[: len(self.touchdown_times)]
+            values["touchdown_time"], values["touchdown_t"] = self.touchdown_times, contacts["t"]
+            values["touchdown_gap"] = [sol.gap_names[int(gap)] for gap in contacts["gap"]]
+            fields, coords = fields | FIELDS_OF_CONTACT, coords | COORDS_OF_CONTACT
         if not sol.channel_names:
-            return ResultTable(title, FIELDS, COORDS, values, attrs, rows="wrt")
+            return ResultTable(title, fields, coords, values, attrs, rows="wrt")
         changes = sol.transitions[: len(self.transition_times)]
         values["transition_time"], values["transition_t"] = self.transition_times, changes["t"]
         values["transition_channel"] = [sol.channel_names[int(c)] for c in changes["channel"]]
-        fields, coords = FIELDS | FIELDS_OF_FRICTION, COORDS | COORDS_OF_FRICTION
+        fields, coords = fields | FIELDS_OF_FRICTION, coords | COORDS_OF_FRICTION
         return ResultTable(title, fields, coords, values, attrs, rows="wrt")
 
 
@@ -377,6 +409,7 @@ class _Problem:
             zeno_times=record.zeno_times.reshape(-1, k),
             liftoff_times=record.liftoff_times.reshape(-1, k),
             transition_times=record.transition_times.reshape(-1, k),
+            touchdown_times=record.touchdown_times.reshape(-1, k),
             radius=record.radius,
             limits=limits,
             status=status if sol.success else OrbitStatus.RUN_ENDED,
@@ -494,6 +527,7 @@ class MechanicalRun:
         laws: list[ImpactLaw] = list(self.system.laws)
         parameters: dict[str, float] = {}
         rough: dict[str, float] = {}
+        soft: dict[str, float] = {}
         for column, value in zip(self.columns, map(float, p), strict=True):
             kind, i = column.code
             if kind <= QDOT0:
@@ -503,13 +537,16 @@ class MechanicalRun:
             elif kind == ALL_E:
                 laws = [_law_moved(law, "e", value - column.value) for law in laws]
             elif kind == LAW:
-                name = dataclasses.fields(laws[i])[column.of].name
+                name = list(law_parameters(laws[i]))[column.of]
                 laws[i] = _law_moved(laws[i], name, value - column.value)
             elif kind == PARAMETER:
                 parameters[column.name] = value
             elif kind == FRICTION:
                 rough[column.name] = value
+            elif kind == CONTACT:
+                soft[column.name] = value
         system = with_friction_numbers(self.system, rough)
+        system = with_contact_numbers(system, soft)
         if parameters:
             system = system.replace(**parameters)
         if tuple(laws) != self.system.laws:
@@ -519,7 +556,7 @@ class MechanicalRun:
 
 def _law_moved(law: ImpactLaw, name: str, by: float) -> ImpactLaw:
     """Return a law with one parameter moved; "e" and "e.floor" may move the same one."""
-    return dataclasses.replace(law, **{name: getattr(law, name) + by})
+    return law_with(law, name, law_parameters(law)[name] + by)
 
 
 def _with_laws(system: MechanicalSystem, laws: tuple[ImpactLaw, ...]) -> MechanicalSystem:

@@ -1,4 +1,4 @@
-"""The numbers of dry friction by name, as ``"belt.limit"``, and systems with other values."""
+"""The numbers of friction and contact laws by name, and systems with other values."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from zivi.system.gap import Hertz, HuntCrossley, SpringDamper
 from zivi.system.linear import LinearSystem
 from zivi.system.mechanism import MechanicalSystem
 from zivi.system.parameters import ParametricSystem
@@ -106,3 +107,57 @@ def _built_with_friction(
     build: Any, values: Mapping[str, float], **parameters: float
 ) -> MechanicalSystem:
     return with_friction_numbers(build(**parameters), values)
+
+
+# The numbers of the contact laws of compliant gaps.
+
+
+def contact_numbers(system: MechanicalSystem) -> dict[str, tuple[int, int, float]]:
+    """Return the numbers of contact laws by name, as ``"floor.k"``: gap, place, value."""
+    found = {}
+    for gap, law in enumerate(system._contact_laws()):
+        for place, (field, value) in enumerate(_numbers_of(law).items()):
+            found[f"{system.gap_names[gap]}.{field}"] = (gap, place, value)
+    return found
+
+
+def _numbers_of(law: Any) -> dict[str, float]:
+    return dataclasses.asdict(law) if isinstance(law, SpringDamper | Hertz | HuntCrossley) else {}
+
+
+def with_contact_numbers(
+    system: MechanicalSystem, values: Mapping[str, float]
+) -> MechanicalSystem:
+    """Return the same system with other numbers of contact laws, by name.
+
+    Raises
+    ------
+    NotImplementedError
+        For a tree or a symbolic system.
+    ValueError
+        If a number is out of its range.
+    """
+    if not values:
+        return system
+    if isinstance(system, ParametricSystem):
+        build = functools.partial(_built_with_contacts, system._build, dict(values))
+        return ParametricSystem(build, system.parameters)
+    if type(system) is not MechanicalSystem:
+        raise NotImplementedError(
+            f"numbers of contact laws of a {type(system).__name__} are not supported here; use a "
+            "zivi.MechanicalSystem or a zivi.ParametricSystem"
+        )
+    numbers, gaps = contact_numbers(system), list(system.gaps)
+    for name, value in values.items():
+        gap, place, _ = numbers[name]
+        law: Any = gaps[gap].contact
+        field = list(_numbers_of(law))[place]
+        moved = dataclasses.replace(law, **{field: float(value)})
+        gaps[gap] = _with_field(gaps[gap], "contact", moved)
+    return system.replace(gaps=gaps)
+
+
+def _built_with_contacts(
+    build: Any, values: Mapping[str, float], **parameters: float
+) -> MechanicalSystem:
+    return with_contact_numbers(build(**parameters), values)

@@ -222,8 +222,19 @@ class SpeedDependentImpact(ImpactLaw):
 
 
 def law_parameters(law: ImpactLaw) -> dict[str, float]:
-    """Names and values of the parameters of a law."""
+    """Names and values of the parameters of a law: of a table ``e[0]``, ``e[1]``, ..."""
+    if isinstance(law, RestitutionTable):
+        return {f"e[{i}]": value for i, value in enumerate(law.e.tolist())}
     return {field.name: getattr(law, field.name) for field in dataclasses.fields(law)}
+
+
+def law_with(law: ImpactLaw, name: str, value: float) -> ImpactLaw:
+    """Return a law with another value of a parameter."""
+    if isinstance(law, RestitutionTable):
+        e = law.e.copy()
+        e[list(law_parameters(law)).index(name)] = value
+        return RestitutionTable(law.v, e)
+    return dataclasses.replace(law, **{name: value})
 
 
 # Coefficients of restitution that are functions or tables of the speed of the impact.
@@ -346,7 +357,7 @@ class Restitution(ImpactLaw):
         if not isinstance(other, Restitution):
             return NotImplemented
         slopes = (self.slope_function, other.slope_function)
-        return self.limit == other.limit and _same(self.f, other.f) and _same(*slopes)
+        return self.limit == other.limit and same_function(self.f, other.f) and same_function(*slopes)
 
     def __hash__(self) -> int:
         return hash(("Restitution", self.limit))
@@ -364,7 +375,7 @@ def _name(f: Any) -> str:
     return str(name).rpartition(".<locals>.")[2]
 
 
-def _same(f: Any, g: Any) -> bool:
+def same_function(f: Any, g: Any) -> bool:
     """Whether two functions are known to be equal: one object, or one code with equal values."""
     if f is g:
         return True

@@ -372,13 +372,18 @@ def coordinates_of(names: Sequence[str] | None, n: int | None) -> tuple[str, ...
     return distinct_names("coordinates", list(names))
 
 
-def check_rigid(system: MechanicalSystem, what: str) -> None:
-    """Raise a NotImplementedError for compliant gaps or equality rows, which `what` rejects."""
+def check_free(system: MechanicalSystem, what: str) -> None:
+    """Raise a NotImplementedError for equality rows, which `what` rejects."""
     if system.equality_names:
         raise NotImplementedError(
             f"equality rows are not supported by {what}; use minimal coordinates, got "
             f"{', '.join(map(repr, system.equality_names))}"
         )
+
+
+def check_rigid(system: MechanicalSystem, what: str) -> None:
+    """Raise a NotImplementedError for compliant gaps or equality rows, which `what` rejects."""
+    check_free(system, what)
     for i, *_ in system._compliant():
         raise NotImplementedError(
             f"{what} take rigid gaps, got gap {system.gap_names[i]!r} with a contact law: use "

@@ -3,18 +3,25 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Mapping, Sequence
 from typing import Any, cast
 
 import zivi._zivi as _zivi
 from zivi.base.check import finite
 from zivi.base.habits import closest
 from zivi.system.gap import HarmonicWall
-from zivi.system.impact_law import GivenRestitutions, NewtonImpact, law_parameters
+from zivi.system.impact_law import (
+    GivenRestitutions,
+    NewtonImpact,
+    law_parameters,
+    law_with,
+    same_function,
+)
 from zivi.system.mass import ImpactSystem, NativeForce, ParametricForce, check_system
 from zivi.system.mechanism import (
     MechanicalSystem,
     Model,
+    check_free,
     check_names,
     check_planar,
     check_rigid,
@@ -28,6 +35,8 @@ STEP = 5e-4
 """The step of a difference by a parameter, relative to it."""
 MOVES = (-3, -2, -1, 1, 2, 3)
 """Where the systems of a difference lie, in steps."""
+WEIGHTS = (45 / 60, -9 / 60, 1 / 60)
+"""Weights of the differences across one to three steps."""
 
 
 class ParametricSystem(MechanicalSystem):
@@ -39,8 +48,8 @@ class ParametricSystem(MechanicalSystem):
     Parameters
     ----------
     build : callable
-        ``build(name=value, ...) -> MechanicalSystem``. Coefficients of restitution must not depend
-        on the parameters: derivatives by them are those by ``"e"``.
+        ``build(name=value, ...) -> MechanicalSystem``. Impact laws and the numbers of contact laws
+        may depend on the parameters.
     parameters : dict of str to float
         Names and values.
 
@@ -145,20 +154,20 @@ class ParametricSystem(MechanicalSystem):
         Raises
         ------
         ValueError
-            If a parameter moves a coefficient of restitution or changes the gaps.
+            If a parameter changes the names or the kinds of the gaps, or the contact law of a gap
+            that is a function.
         """
         differences = []
         for name, value in self._parameters.items():
             h = (value + STEP * (abs(value) or 1.0)) - value
             systems = [self._at({name: value + k * h}) for k in MOVES]
             for system in systems:
-                if system.gap_names != self._gap_names or system.laws != self.laws:
-                    raise ValueError(
-                        f"parameters: {name!r} must move neither gaps' names nor e: derivatives by "
-                        "coefficients of restitution are those by 'e'"
-                    )
-            models = [system.model(model.layout.n) for system in systems]
-            differences.append(_zivi.Moved(h, [moved.spec for moved in models]))
+                if system.gap_names != self._gap_names:
+                    raise ValueError(f"parameters: {name!r} must not change the names of gaps")
+            specs = [system.model(model.layout.n).spec for system in systems]
+            impacts = _moved_impacts(self, systems)
+            contacts = _moved_contacts(name, h, self, systems)
+            differences.append(_zivi.Moved(h, specs, impacts, contacts))
         return Partials(_zivi.Partials.differences(differences), self._parameters)
 
     def __repr__(self) -> str:
@@ -171,6 +180,45 @@ class ParametricSystem(MechanicalSystem):
     def __setstate__(self, state: dict[str, Any]) -> None:
         self._chosen_e = state.get("e")
         ParametricSystem.__init__(self, state["build"], state["parameters"])
+
+
+def _moved_impacts(
+    system: ParametricSystem, moved: Sequence[MechanicalSystem]
+) -> list[tuple[int, list[_zivi.ImpactLaw]]]:
+    """Return the impact laws that a parameter moves, by gap."""
+    found = []
+    for i, law in enumerate(system.laws):
+        laws = [other.laws[i] for other in moved]
+        if any(other != law for other in laws):
+            found.append((i, [other._core for other in laws]))
+    return found
+
+
+def _moved_contacts(
+    name: str, h: float, system: ParametricSystem, moved: Sequence[MechanicalSystem]
+) -> list[tuple[int, int, float]]:
+    """Return the derivatives of the numbers of contact laws: gap, number, derivative."""
+    kinds = {i: (kind, law) for i, kind, _, law in system._compliant()}
+    numbers: dict[int, list[list[float]]] = {i: [] for i in kinds}
+    for other in moved:
+        given = other._compliant()
+        same = [it[0] for it in given] == list(kinds) and all(
+            kinds[i][0] == kind and same_function(kinds[i][1], law) for i, kind, _, law in given
+        )
+        if not same:
+            raise ValueError(
+                f"parameters: {name!r} must not change the kind of a contact law, nor one that is "
+                "a function; use numbers of zivi.SpringDamper, zivi.Hertz or zivi.HuntCrossley"
+            )
+        for i, _, values, _ in given:
+            numbers[i].append(values)
+    found = []
+    for i, values in numbers.items():
+        for number, column in enumerate(zip(*values, strict=True)):
+            slope = sum(w * (column[3 + k] - column[2 - k]) for k, w in enumerate(WEIGHTS)) / h
+            if slope != 0.0:
+                found.append((i, number, slope))
+    return found
 
 
 # The parameters of a system by their names: numbers, values, systems with other values.
@@ -209,7 +257,7 @@ def check_smooth(system: Any) -> None:
 
 
 def check_planar_friction(system: Any) -> None:
-    """Refuse what derivatives do not support: compliant gaps, equality rows, cones of friction."""
+    """Refuse what derivatives do not support: equality rows, cones of friction."""
     if not isinstance(system, MechanicalSystem):
         if system.friction:
             raise NotImplementedError(
@@ -217,7 +265,7 @@ def check_planar_friction(system: Any) -> None:
                 "zivi.ImpactSystem: use a zivi.MechanicalSystem with friction=[...]"
             )
         return
-    check_rigid(system, "derivatives")
+    check_free(system, "derivatives")
     if not system.channel_names:
         return
     check_planar(system, "derivatives")
@@ -295,8 +343,7 @@ def with_value(system: ImpactSystem, name: str, value: float) -> ImpactSystem:
     if name == "e":
         return system._with(e=value)
     if name.startswith("law."):
-        law: Any = system.law
-        return system._with(e=dataclasses.replace(law, **{name.removeprefix("law."): value}))
+        return system._with(e=law_with(system.law, name.removeprefix("law."), value))
     if name.startswith("wall."):
         assert isinstance(wall, HarmonicWall)
         moved = dataclasses.replace(wall, **{name.removeprefix("wall."): value})

@@ -462,6 +462,11 @@ impl MechanicalIntegrator {
         self.motion.restart();
     }
 
+    /// Flights of a run of this length (s) are probed for pulses of the forces.
+    pub(super) fn probe_flights(&mut self, span: f64) {
+        self.motion.probe_flights(span);
+    }
+
     /// Cancels the extrapolation: the accumulation is not known accurately enough.
     pub(super) fn cancel_jump(&mut self) {
         if let Next::Jump(_) = self.next {

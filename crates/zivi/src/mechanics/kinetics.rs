@@ -405,6 +405,18 @@ impl Kinetics {
         }
     }
 
+    /// The force of a compliant gap at the last evaluation, none unless it is pressed.
+    pub(super) fn contact_force(&self, gap: usize) -> f64 {
+        let compliant = self.compliant.as_ref().filter(|it| it.pressed.has(gap));
+        compliant.map_or(0.0, |it| it.forces[gap])
+    }
+
+    /// The compliant gap of a channel, and the coefficients in slip and in stick.
+    pub(super) fn compliant_friction(&self, channel: usize) -> Option<(usize, (f64, f64))> {
+        let compliant = self.compliant.as_ref()?;
+        compliant.gap_of[channel].map(|gap| (gap, compliant.coefficients[channel]))
+    }
+
     /// Whether the law of a compliant gap that is not above zero would pull with this value and rate.
     pub(super) fn pulls<E, D: Dynamics<E>>(
         &self,

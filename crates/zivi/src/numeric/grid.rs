@@ -207,6 +207,85 @@ impl Probes {
     }
 }
 
+/// Probes of flights for pulses of a force that may be any function of time, which the stages of long steps
+/// may miss: any two evaluations are at most a hundredth of the run apart. Without a run there are none.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct PulseProbes {
+    /// The largest distance of two evaluations (s).
+    spacing: f64,
+    /// Up to here the probes showed nothing (s).
+    clear: f64,
+    /// Steps end at this time (s), at which a probe showed a pulse.
+    suspect: f64,
+}
+
+/// A part of a run in which a pulse is seen.
+const SEEN: f64 = 0.01;
+
+impl Default for PulseProbes {
+    fn default() -> Self {
+        let (clear, suspect) = (f64::NEG_INFINITY, f64::NEG_INFINITY);
+        Self { spacing: f64::INFINITY, clear, suspect }
+    }
+}
+
+impl PulseProbes {
+    /// For a run of this length (s).
+    pub(crate) fn of(span: f64) -> Self {
+        Self { spacing: SEEN * span, ..Self::default() }
+    }
+
+    /// From here on the force is another one.
+    pub(crate) fn restart(&mut self) {
+        *self = Self { spacing: self.spacing, ..Self::default() };
+    }
+
+    /// Where a step from `t` to `until` at most ends at the latest.
+    pub(crate) fn end(&self, t: f64, until: f64) -> f64 {
+        if self.suspect > t {
+            until.min(self.suspect)
+        } else {
+            until
+        }
+    }
+
+    /// Whether a step of a length (s) may hide a pulse.
+    pub(crate) fn is_long(&self, h: f64) -> bool {
+        h > 2.0 * self.spacing
+    }
+
+    /// Probes a step of length `h` from `t` up to a part of it, `end` (s), between its evaluations at the
+    /// `nodes`: the length of one that ends before a time at which the force does not conform.
+    pub(crate) fn deviation<E>(
+        &mut self,
+        (t, end): (f64, f64),
+        (h, nodes): (f64, &[f64]),
+        mut conforms: impl FnMut(f64) -> Result<bool, E>,
+    ) -> Result<Option<f64>, E> {
+        let mut nodes = nodes.to_vec();
+        nodes.sort_by(f64::total_cmp);
+        let mut before = 0.0;
+        for ends in nodes.windows(2) {
+            let (from, gap) = (h * ends[0], h * (ends[1] - ends[0]));
+            let parts = (gap / self.spacing).ceil().clamp(1.0, MOST_PROBES);
+            for k in 1..parts as u32 {
+                let at = from + gap * (f64::from(k) / parts);
+                if at >= end {
+                    break;
+                }
+                if t + at > self.clear && !conforms(at)? {
+                    self.suspect = t + at;
+                    return Ok(Some(if before > 0.0 { before } else { at }));
+                }
+                before = at;
+            }
+            before = from + gap;
+        }
+        self.clear = t + end;
+        Ok(None)
+    }
+}
+
 /// The first of `n` places from 0 to `end` where a function does not conform, and the place
 /// before that.
 fn first_deviation<E>(

@@ -7,7 +7,7 @@ use super::mode::{Counted, Counts, Mode, NextInFlight, Piece, Point, Rest};
 use super::path::DensePath;
 use super::settings::SwitchedRk;
 use crate::numeric::bernstein::{evaluate, Bernstein};
-use crate::numeric::grid::Probes;
+use crate::numeric::grid::{Probes, PulseProbes};
 use crate::numeric::root;
 use crate::record::columns::Reserve;
 use crate::record::events::Occurrence;
@@ -127,6 +127,7 @@ impl SwitchedIntegrator {
     /// Forgets what was learnt from the force, and how it varied at rest.
     pub(super) fn restart(&mut self) {
         self.forget_force();
+        self.flight.restart_probes();
         self.lookout.restart();
         if let Mode::Rest(_) = self.mode {
             self.mode = Mode::REST;
@@ -389,9 +390,12 @@ impl SwitchedIntegrator {
         &mut self.flight
     }
 
-    /// Sets whether rest is probed between the nodes of its windows.
-    pub(super) fn probe_rest(&mut self, probing: bool) {
+    /// Sets whether rest is probed between the nodes of its windows, and flights of a run of this length (s)
+    /// for pulses.
+    pub(super) fn probe(&mut self, probing: bool, span: f64) {
         self.lookout.set_probing(probing);
+        let pulses = if probing { PulseProbes::of(span) } else { PulseProbes::default() };
+        self.flight.probe_pulses(pulses);
     }
 
     /// Cancels the extrapolation: the end of the chain is not known accurately enough.

@@ -83,7 +83,7 @@ pub(super) fn simulate_with<E, F: Force<E>>(
     check_stops(output.tstops)?;
     let mut integrator = SwitchedIntegrator::new(settings, law)?;
     integrator.start(t0, initial)?;
-    integrator.probe_rest(force.shortest_period().is_none());
+    integrator.probe(force.shortest_period().is_none(), t1 - t0);
     integrator.adopt(force);
     let linear = integrator.flight().linear().copied();
     if settings.flights == Flights::Series && linear.is_none() {

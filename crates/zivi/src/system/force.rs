@@ -379,6 +379,38 @@ impl ContactForce {
         })
     }
 
+    /// The derivatives of the force by depth and rate, unless it is a function.
+    pub(crate) fn slopes(self, depth: f64, rate: f64) -> Option<[f64; 2]> {
+        let power = |p: f64| depth.abs().powf(p).copysign(depth);
+        let slope = |p: f64| p * depth.abs().powf(p - 1.0);
+        Some(match self {
+            Self::SpringDamper { k, c } => [k, c],
+            Self::Power { k, p } => [k * slope(p), 0.0],
+            Self::HuntCrossley { k, p, alpha } => {
+                [k * slope(p) * (1.0 + alpha * rate), k * power(p) * alpha]
+            }
+            Self::Function => return None,
+        })
+    }
+
+    /// The derivative of the force by one of its numbers, in the order of their declaration.
+    pub(crate) fn by(self, number: usize, depth: f64, rate: f64) -> f64 {
+        let power = |p: f64| depth.abs().powf(p).copysign(depth);
+        let logarithm = if depth == 0.0 { 0.0 } else { depth.abs().ln() };
+        match (self, number) {
+            (Self::SpringDamper { .. }, 0) => depth,
+            (Self::SpringDamper { .. }, 1) => rate,
+            (Self::Power { p, .. }, 0) => power(p),
+            (Self::Power { k, p }, 1) => k * power(p) * logarithm,
+            (Self::HuntCrossley { p, alpha, .. }, 0) => power(p) * (1.0 + alpha * rate),
+            (Self::HuntCrossley { k, p, alpha }, 1) => {
+                k * power(p) * logarithm * (1.0 + alpha * rate)
+            }
+            (Self::HuntCrossley { k, p, .. }, 2) => k * power(p) * rate,
+            _ => 0.0,
+        }
+    }
+
     /// The numbers `a`, `b`, `c` with which `a + b g + c g'` has the sign of the force below zero;
     /// `None` for a function and for a law whose force is never negative there.
     pub(crate) fn sign(self) -> Option<[f64; 3]> {

@@ -3,6 +3,7 @@
 use std::sync::Arc;
 
 use super::dynamics::{Dynamics, Layout};
+use super::impact_law::AnyImpactLaw;
 use super::linear_system::LinearSystem;
 
 /// A time and a state of a mechanical system.
@@ -38,6 +39,11 @@ pub trait DifferentiableDynamics<E>: Dynamics<E> {
         None
     }
 
+    /// How a parameter moves the laws of the gaps, if it does.
+    fn moved_laws(&self, _parameter: usize) -> Option<&MovedLaws> {
+        None
+    }
+
     /// How far from a state the last derivatives looked: in the time, each coordinate, each velocity, and the
     /// parameters `by`. None where they are no differences.
     fn reach(&self, _by: &[usize]) -> Option<Vec<f64>> {
@@ -62,6 +68,10 @@ impl<E, D: DifferentiableDynamics<E> + ?Sized> DifferentiableDynamics<E> for &mu
         (**self).linear_rate(parameter)
     }
 
+    fn moved_laws(&self, parameter: usize) -> Option<&MovedLaws> {
+        (**self).moved_laws(parameter)
+    }
+
     fn reach(&self, by: &[usize]) -> Option<Vec<f64>> {
         (**self).reach(by)
     }
@@ -82,6 +92,27 @@ pub fn parameter_step(value: f64) -> f64 {
     let h = STEP * if value == 0.0 { 1.0 } else { value.abs() };
     let up = value + h;
     up - value
+}
+
+/// The laws of the gaps with other values of one parameter.
+#[derive(Clone, Debug, Default)]
+pub struct MovedLaws {
+    /// `h`.
+    pub step: f64,
+    /// The impact laws that move, with the number of their gap, at `p + k h` with the factors [`MOVES`].
+    pub impacts: Vec<(usize, [AnyImpactLaw; 6])>,
+    /// Derivatives of the numbers of contact forces by the parameter: gap, number, derivative.
+    pub contacts: Vec<(usize, usize, f64)>,
+}
+
+impl MovedLaws {
+    /// The derivative by the parameter of a number of the impact law of a gap.
+    #[must_use]
+    pub fn of_impact(&self, gap: usize, number: impl Fn(&AnyImpactLaw) -> f64) -> f64 {
+        let Some((_, laws)) = self.impacts.iter().find(|it| it.0 == gap) else { return 0.0 };
+        let across = |k: usize| number(&laws[3 + k]) - number(&laws[2 - k]);
+        (0..3).map(|k| WEIGHTS[k] * across(k)).sum::<f64>() / self.step
+    }
 }
 
 /// The system with other values of one parameter.

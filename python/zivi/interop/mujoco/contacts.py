@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import dataclasses
+import warnings
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 import numpy as np
 
 from zivi.base.check import Array
+from zivi.base.status import ModelWarning
 from zivi.interop.mujoco.refusals import element_name, is_off
 from zivi.system.tree import Tree
 from zivi.system.tree_bodies import (
@@ -68,7 +70,7 @@ def read_gaps(
         else:
             where = f"gaps[{i}]"
             pair = _named(where, given, geoms)
-            several = _of_pair(model, where, pair, friction)
+            several = _of_pair(model, where, pair, friction, bodies)
             rough = any(map(is_rough, several))
             if rough and bodies:
                 _refuse_torsion(model, pair, several[0], bodies)
@@ -136,7 +138,9 @@ def _named(where: str, given: Any, geoms: dict[str, int]) -> tuple[int, int]:
     return geoms[given[0]], geoms[given[1]]
 
 
-def _of_pair(model: Any, where: str, pair: tuple[int, int], friction: str) -> list[TreeGap]:
+def _of_pair(
+    model: Any, where: str, pair: tuple[int, int], friction: str, bodies: Sequence[Body]
+) -> list[TreeGap]:
     import mujoco
 
     names = [element_name(model, "geom", geom) for geom in pair]
@@ -148,7 +152,7 @@ def _of_pair(model: Any, where: str, pair: tuple[int, int], friction: str) -> li
     if kinds[1] != plane and kinds[0] == plane:
         pair, kinds = pair[::-1], kinds[::-1]
     if kinds[1] == plane and kinds[0] != plane:
-        return _above_plane(model, called, pair, mu)
+        return _above_plane(model, called, pair, mu, bodies)
     if kinds == [sphere, sphere]:
         if mu:
             raise NotImplementedError(
@@ -165,8 +169,8 @@ def _of_pair(model: Any, where: str, pair: tuple[int, int], friction: str) -> li
         return [BallGap(bodies[0], points[0], bodies[1], points[1], radius + more, called)]
     told = " and ".join(mujoco.mjtGeom(int(kind)).name[7:].lower() for kind in kinds)
     raise NotImplementedError(
-        f"gaps between {told} are not supported: {called!r}; use spheres, capsules, boxes or "
-        "meshes above planes, or spheres beside spheres"
+        f"gaps between {told} are not supported: {called!r}; use spheres, capsules, boxes, "
+        "rolling cylinders or meshes above planes, or spheres beside spheres"
     )
 
 
@@ -232,17 +236,24 @@ def _refuse_torsion(
 
 
 def _refuse_contact(model: Any, called: str, pair: tuple[int, int]) -> None:
-    """Reject what a gap does not have."""
+    """Reject what a gap does not have; a margin says where MuJoCo's soft force begins."""
     own = _explicit(model, pair)
-    for field, what in (("margin", "margins"), ("gap", "gaps"), ("adhesion", "adhesion")):
-        values = np.asarray(getattr(model, f"geom_{field}"))[[*pair]]
-        if own is not None:
-            values = np.asarray(getattr(model, f"pair_{field}"))[own]
-        if np.any(values != 0):
-            raise NotImplementedError(
-                f"{what} of geoms in pairs is not supported: {called!r}; set {field}='0', contacts "
-                "are at the surfaces"
-            )
+    values = {
+        field: np.asarray(getattr(model, f"geom_{field}"))[[*pair]]
+        if own is None
+        else np.asarray(getattr(model, f"pair_{field}"))[own]
+        for field in ("margin", "adhesion")
+    }
+    if np.any(values["adhesion"] != 0):
+        raise NotImplementedError(
+            f"adhesion of geoms is not supported: {called!r}; set adhesion='0'"
+        )
+    if (margin := float(np.sum(values["margin"]))) != 0.0:
+        warnings.warn(
+            f"the margin of {called!r}, {margin:g} m, is left out: contact is at the surfaces",
+            ModelWarning,
+            stacklevel=8,
+        )
     if np.any(np.asarray(model.geom_surfacevel)[[*pair]] != 0):
         raise NotImplementedError(
             f"surface velocities in pairs are not supported: {called!r}; set surfacevel='0 0 0'"
@@ -257,7 +268,9 @@ def _body(model: Any, geom: int) -> str | None:
     return None if body == 0 else element_name(model, "body", body)
 
 
-def _above_plane(model: Any, called: str, pair: tuple[int, int], mu: float) -> list[TreeGap]:
+def _above_plane(
+    model: Any, called: str, pair: tuple[int, int], mu: float, bodies: Sequence[Body]
+) -> list[TreeGap]:
     """Return the gaps of the balls of a geom above a plane."""
     geom, plane = pair
     if model.body_weldid[model.geom_bodyid[plane]] != 0:
@@ -276,9 +289,10 @@ def _above_plane(model: Any, called: str, pair: tuple[int, int], mu: float) -> l
         rotation, origin = turn @ rotation, model.body_pos[at] + turn @ origin
         at = int(model.body_parentid[at])
     normal = rotation[:, 2]
-    points, radius = _balls(model, geom)
+    rolls = int(model.geom_type[geom]) == CYLINDER
+    points, radius = _ends(model, geom) if rolls else _balls(model, geom)
     one = len(points) == 1
-    return [
+    gaps = [
         PlaneGap(
             body,
             point,
@@ -290,6 +304,26 @@ def _above_plane(model: Any, called: str, pair: tuple[int, int], mu: float) -> l
         )
         for k, point in enumerate(points)
     ]
+    if not rolls:
+        return list(gaps)
+    if not bodies or len(_distinct(bodies, gaps)) > 1:
+        raise NotImplementedError(
+            f"gaps of a cylinder that tilts are not supported: {called!r}, whose rim touches the "
+            "plane; use the type capsule, or keep its axis parallel to the plane"
+        )
+    middle = (points[0] + points[1]) / 2
+    return [dataclasses.replace(gaps[0], point=middle, name=called)]
+
+
+CYLINDER = 5
+"""The kind of geoms that are cylinders (mjGEOM_CYLINDER)."""
+
+
+def _ends(model: Any, geom: int) -> tuple[list[Array], float]:
+    """Return the middles of both ends of a cylinder, in the frame of its body, and its radius."""
+    radius, half = model.geom_size[geom][:2]
+    axis = rotation_of(model.geom_quat[geom])[:, 2]
+    return [np.array(model.geom_pos[geom]) + k * half * axis for k in (-1, 1)], float(radius)
 
 
 def _balls(model: Any, geom: int) -> tuple[list[Array], float]:
@@ -309,7 +343,7 @@ def _balls(model: Any, geom: int) -> tuple[list[Array], float]:
         told = mujoco.mjtGeom(kind).name[7:].lower()
         raise NotImplementedError(
             f"gaps of a {told} are not supported: geom {element_name(model, 'geom', geom)!r}; use "
-            "the type sphere, capsule, box or mesh"
+            "the type sphere, capsule, box, cylinder or mesh"
         )
     points, radius = of[kind]()
     return [origin + rotation @ np.asarray(point) for point in points], float(radius)

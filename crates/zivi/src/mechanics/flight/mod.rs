@@ -13,6 +13,7 @@ use crate::mechanics::mode::{
 };
 use crate::mechanics::path::Curve;
 use crate::mechanics::state::MechanicalState;
+use crate::numeric::grid::PulseProbes;
 use crate::numeric::stages::{factor, worse, Equation, Plan, Tolerances, FACTORS};
 use crate::piecewise::flight::{StepDecision, StepRoot, SteppedFlight};
 use crate::piecewise::steps::{Start, StepHistory, Steps};
@@ -64,6 +65,8 @@ pub(super) struct SmoothMotion {
     /// Step history for the length of the next step.
     experience: StepHistory,
     probes: ContactProbes,
+    /// The probes of flights for pulses.
+    pulses: PulseProbes,
     /// Whether directions in which something sticks turned or moved in the last step.
     turns: bool,
     /// The mechanics away from the state.
@@ -92,6 +95,7 @@ impl SmoothMotion {
             length: 0.0,
             experience: StepHistory::NONE,
             probes: ContactProbes::default(),
+            pulses: PulseProbes::default(),
             turns: false,
             aside: Kinetics::new(layout, friction),
             linear: None,
@@ -207,6 +211,12 @@ impl SmoothMotion {
     /// From here on the forces are others.
     pub(super) fn restart(&mut self) {
         self.probes = ContactProbes::default();
+        self.pulses.restart();
+    }
+
+    /// From here on flights of a run of this length (s) are probed for pulses.
+    pub(super) fn probe_flights(&mut self, span: f64) {
+        self.pulses = PulseProbes::of(span);
     }
 
     /// Other compliant gaps are pressed from here on: steps are as long as the last time, or estimated.
@@ -316,7 +326,7 @@ impl SmoothMotion {
         let mut equation = InContact { mode, kinetics: &mut self.aside, model, at_end: None };
         let from = (now, state.slope());
         let mut plan = self.steps.plan(from, n..n + m, longest, t_end, &mut equation)?;
-        let end = self.probes.end(mode, now.t, t_end);
+        let end = self.pulses.end(now.t, self.probes.end(mode, now.t, t_end));
         if end < t_end {
             plan.h = plan.h.min(end - now.t);
         }
@@ -382,6 +392,10 @@ impl<E, D: Dynamics<E>> SteppedFlight<Vec<f64>, E> for Flying<'_, '_, D> {
         }
         let contact = self.first_contact()?;
         if let Some(factor) = self.missed_events(contact.map(|(_, gap)| gap))? {
+            return Ok(StepDecision::Shorten(factor, Status::StepSizeTooSmall));
+        }
+        if let Some(length) = self.missed_pulse(contact.map_or(1.0, |it| it.0))? {
+            let factor = length / self.motion.last().h;
             return Ok(StepDecision::Shorten(factor, Status::StepSizeTooSmall));
         }
         let mut first = contact.map(|(theta, gap)| (theta, Event::Closing(gap)));
@@ -587,7 +601,9 @@ impl<'m, D> Flying<'_, 'm, D> {
             let (x, v) = self.state.gap(i);
             v < 0.0 && x <= -v * near
         };
-        self.state.open_gaps().filter(|&i| i == gap || is_hit(i)).collect()
+        let soft = self.state.compliant().iter().filter(|&i| !self.state.is_deep(i));
+        let closing = self.state.open_gaps().chain(soft).filter(|&i| is_hit(i));
+        closing.chain([gap]).collect()
     }
 }
 
@@ -680,6 +696,9 @@ impl<D> Flying<'_, '_, D> {
 
 // Features of the forces or of the surfaces that lie between the stages of a step.
 
+/// Defect of the polynomials, relative to that of a missed feature, that shows a pulse.
+const PULSE: f64 = 100.0;
+
 impl<D> Flying<'_, '_, D> {
     /// Whether the step overlooks something that lies between its stages, and by which factor it
     /// is to be shortened then; `contact` tells the gap that closes in it. The gaps that are
@@ -713,6 +732,39 @@ impl<D> Flying<'_, '_, D> {
         self.motion.experience = StepHistory::NONE;
         let factor = factor(excess, self.motion.last().order_of_error());
         Ok(Some(factor.max(FACTORS.0)))
+    }
+
+    /// The length of a step that ends before a pulse of the force between the stages of a long one, of
+    /// which a part counts.
+    fn missed_pulse<E>(&mut self, part: f64) -> Result<Option<f64>, Failure<E>>
+    where
+        D: Dynamics<E>,
+    {
+        let limits = self.motion.steps.limits();
+        let (t, h) = (self.motion.last().from.t, self.motion.last().h);
+        let wanted = limits.adaptive && limits.max_step == f64::INFINITY;
+        if !self.motion.pulses.is_long(h)
+            || !wanted
+            || self.motion.steps.is_jump()
+            || self.model.dynamics.is_steady()
+        {
+            return Ok(None);
+        }
+        // aside: the step itself is completed if somebody asks for that
+        let (mut step, mode) = (self.motion.last().clone(), self.state.mode());
+        let kinetics = &mut self.motion.aside;
+        step.complete(&mut InContact { mode, kinetics, model: self.model, at_end: None })?;
+        let mut pulses = self.motion.pulses;
+        let mut along = AlongStep { step: &step, ..self.along() };
+        let rows = along.rows(along.aside.coordinates());
+        let nodes = step.pair.c;
+        let found =
+            pulses.deviation((t, part * h), (h, nodes), |at| match along.defect(&rows, at / h) {
+                Err(Failure::Status(_)) => Ok(false),
+                defect => Ok(defect? <= PULSE),
+            });
+        self.motion.pulses = pulses;
+        found
     }
 
     /// Distance of the gaps at the end of the finished step from their functions, relative to the

@@ -4,6 +4,7 @@
 //! time. The gaps are carried along as in the motion itself: the shift of an impact is the ratio of
 //! a small derivative to a small speed.
 
+use super::compliant::CompliantPartials;
 use crate::mechanics::friction::Edges;
 use crate::mechanics::kinetics::{Kinetics, Model};
 use crate::mechanics::mode::{Stages, State};
@@ -14,7 +15,8 @@ use crate::record::gap_set::{ContactMode, GapSet};
 use crate::record::status::Failure;
 use crate::system::dynamics::Layout;
 use crate::system::force::Friction;
-use crate::system::partials::{DifferentiableDynamics, TimedState};
+use crate::system::impact_law::AnyImpactLaw;
+use crate::system::partials::{DifferentiableDynamics, MovedLaws, TimedState};
 use crate::Status;
 
 /// Variable of differentiation of a column.
@@ -44,6 +46,14 @@ pub enum MechanicalWrt {
         channel: usize,
         /// Which of its numbers.
         number: FrictionNumber,
+    },
+    /// A number of the contact force of a compliant gap, in the order of
+    /// [`crate::system::force::ContactForce`].
+    Contact {
+        /// The gap.
+        gap: usize,
+        /// Which of its numbers.
+        number: usize,
     },
 }
 
@@ -86,6 +96,8 @@ pub(super) struct Columns {
     pub(super) wrt: Vec<MechanicalWrt>,
     /// Which of the parameters of `local` a column is by.
     pub(super) parameter: Vec<Option<usize>>,
+    /// How parameters move the laws of the gaps, by column.
+    moved: Vec<Option<MovedLaws>>,
     pub(super) layout: Layout,
     pub(super) local: Local,
     /// All columns, one after the other, and the last step of them.
@@ -131,7 +143,7 @@ impl<E, D: DifferentiableDynamics<E>> Equation<Vec<f64>, Failure<E>> for Variati
 
 impl Columns {
     pub(super) fn new(
-        wrt: &[MechanicalWrt],
+        (wrt, moved): (&[MechanicalWrt], Vec<Option<MovedLaws>>),
         (layout, friction): (Layout, &Friction),
         pair: &'static crate::numeric::tableau::Pair,
     ) -> Self {
@@ -141,21 +153,35 @@ impl Columns {
         };
         let by: Vec<usize> = wrt.iter().filter_map(number).collect();
         let (mut own, mut rough) = (0.., Vec::new());
-        let mut place = |wrt: &MechanicalWrt| match *wrt {
-            MechanicalWrt::Parameter(_) => own.next(),
+        let mut contacts: Vec<Vec<(usize, usize, f64)>> = vec![Vec::new(); by.len()];
+        let mut place = |(wrt, moved): (&MechanicalWrt, &Option<MovedLaws>)| match *wrt {
+            MechanicalWrt::Parameter(_) => {
+                let place: Option<usize> = own.next();
+                if let (Some(place), Some(moved)) = (place, moved) {
+                    contacts[place].clone_from(&moved.contacts);
+                }
+                place
+            }
             MechanicalWrt::Friction { channel, number } => {
-                rough.push((channel, number));
-                Some(by.len() + rough.len() - 1)
+                rough.push(Some((channel, number)));
+                contacts.push(Vec::new());
+                Some(contacts.len() - 1)
+            }
+            MechanicalWrt::Contact { gap, number } => {
+                rough.push(None);
+                contacts.push(vec![(gap, number, 1.0)]);
+                Some(contacts.len() - 1)
             }
             _ => None,
         };
-        let parameter = wrt.iter().map(&mut place).collect();
+        let parameter = wrt.iter().zip(&moved).map(&mut place).collect();
         let entries = wrt.len() * layout.size();
         Self {
             wrt: wrt.to_vec(),
             parameter,
+            moved,
             layout,
-            local: Local::new((layout, friction), by, &rough),
+            local: Local::new((layout, friction), by, (&rough, contacts)),
             now: State::zeros(entries),
             steps: Stages::new(pair, entries),
             mode: ContactMode::default(),
@@ -167,6 +193,20 @@ impl Columns {
     /// Coordinates, gaps, slips and the work of friction, which has no derivatives: the length of a column.
     pub(super) fn size(&self) -> usize {
         self.layout.size()
+    }
+
+    /// The derivative by a column of the speed after an impact of a gap at the speed `v`.
+    pub(super) fn of_law(&self, column: usize, gap: usize, law: &AnyImpactLaw, v: f64) -> f64 {
+        let own = self.wrt[column].of_law(gap, |parameter| law.by(parameter, v));
+        let moved = self.moved[column].as_ref();
+        own + moved.map_or(0.0, |it| it.of_impact(gap, |law| law.after(v)))
+    }
+
+    /// The same for the ratio of slow impacts.
+    pub(super) fn limit_of_law(&self, column: usize, gap: usize, law: &AnyImpactLaw) -> f64 {
+        let own = self.wrt[column].of_law(gap, |parameter| law.limit_by(parameter));
+        let moved = self.moved[column].as_ref();
+        own + moved.map_or(0.0, |it| it.of_impact(gap, |law| law.limit().unwrap_or(0.0)))
     }
 
     /// Evaluates the system at a state in a mode.
@@ -386,6 +426,8 @@ pub(super) struct Local {
     pub(super) edges: Option<Edges>,
     /// The parameters that the derivatives are taken by.
     by: Vec<usize>,
+    /// What is known of compliant gaps, if there are any.
+    pub(super) compliant: Option<Box<CompliantPartials>>,
     /// The derivatives by time, state and parameters, then those by numbers of friction.
     pub(super) partials: Vec<f64>,
     /// How often they were evaluated.
@@ -396,12 +438,14 @@ impl Local {
     pub(super) fn new(
         (layout, friction): (Layout, &Friction),
         by: Vec<usize>,
-        rough: &[(usize, FrictionNumber)],
+        (rough, contacts): (&[Option<(usize, FrictionNumber)>], Vec<Vec<(usize, usize, f64)>>),
     ) -> Self {
         let mut partials = vec![0.0; layout.len() * (1 + 2 * layout.n + by.len())];
-        for &(channel, number) in rough {
+        let known = partials.len();
+        for number in rough {
             let (first, rate) = (partials.len(), layout.rate().start + layout.m);
             partials.resize(first + layout.len(), 0.0);
+            let Some((channel, number)) = *number else { continue };
             let own = &mut partials[first..];
             if let FrictionNumber::Slip | FrictionNumber::Both = number {
                 own[layout.limit()][channel] = 1.0;
@@ -414,7 +458,9 @@ impl Local {
             }
         }
         let kinetics = Kinetics::new(layout, friction);
-        Self { layout, kinetics, edges: None, by, partials, count: 0 }
+        let constant = partials[known..].to_vec();
+        let compliant = CompliantPartials::new(friction, contacts, constant);
+        Self { layout, kinetics, edges: None, by, compliant, partials, count: 0 }
     }
 
     /// The parameters that the derivatives are taken by.
@@ -437,6 +483,7 @@ impl Local {
         let known = self.layout.len() * (1 + 2 * self.layout.n + self.by.len());
         let partials = &mut self.partials[..known];
         model.dynamics.partials(at, &self.by, partials).map_err(Failure::Raised)?;
+        self.differentiate_contacts(w, model)?;
         if self.partials.iter().all(|value| value.is_finite()) {
             Ok(())
         } else {
@@ -451,6 +498,7 @@ impl Local {
         (t, q, w): (f64, &[f64], &[f64]),
         mode: ContactMode,
     ) -> Result<(), Failure<E>> {
+        self.carry(mode);
         self.visit(model, t, q, w)?;
         self.contact(mode)?;
         match mode.slipping().is_empty() {
@@ -459,13 +507,18 @@ impl Local {
         }
     }
 
-    /// The derivatives of the numbers of an evaluation along a direction.
+    /// The derivatives of the numbers of an evaluation along a direction, then of the forces of compliant
+    /// gaps.
     pub(super) fn along(&self, direction: Direction<'_>) -> Vec<f64> {
         let (n, length) = (self.layout.n, self.layout.len());
-        let mut row = vec![0.0; length];
+        let (forces, m) = (self.compliant.as_ref().map(|it| &it.forces), self.layout.m);
+        let mut row = vec![0.0; length + forces.map_or(0, |_| m)];
         let mut add = |index: usize, factor: f64| {
             if factor != 0.0 {
-                axpy(&mut row, factor, &self.partials[index * length..][..length]);
+                axpy(&mut row[..length], factor, &self.partials[index * length..][..length]);
+                if let Some(forces) = forces {
+                    axpy(&mut row[length..], factor, &forces[index * m..][..m]);
+                }
             }
         };
         add(0, direction.t);
@@ -541,6 +594,7 @@ impl Local {
         let pressed = self.solve(closed, &mut change, |i| -turned[i])?;
         let mut forces = vec![0.0; rows];
         closed.iter().zip(pressed).for_each(|(i, force)| forces[i] = force);
+        self.add_contact_forces(row, &mut forces);
         let gap = |k: usize| {
             if closed.has(k) {
                 0.0

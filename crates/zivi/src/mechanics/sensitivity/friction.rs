@@ -107,7 +107,7 @@ impl Local {
             // a difference that does not move the slip does not look at both signs
             let turned = found.into_iter().enumerate().filter(|&(j, _)| moved[j] > 0.0);
             for (j, found) in turned {
-                self.partials[j * length + at] = found;
+                self.partials[j * length + at] = self.compliant_limit(channel, j, found);
             }
         }
         Ok(())
@@ -150,7 +150,9 @@ impl Local {
         row: &[f64],
     ) -> Result<(Vec<f64>, Vec<f64>), Failure<E>> {
         let (layout, edges) = (self.layout, self.take_edges()?);
-        let (n, rows, forces) = (layout.n, layout.rows(), self.kinetics.lambda.clone());
+        let (n, rows, mut forces) = (layout.n, layout.rows(), self.kinetics.lambda.clone());
+        // those of compliant gaps are among the forces of the system
+        self.kinetics.compliant().iter().for_each(|gap| forces[gap] = 0.0);
         let at = self.kinetics.acceleration[..n].to_vec();
         let limits = &row[layout.limit()];
         let mut change = row[layout.force()].to_vec();
@@ -173,6 +175,7 @@ impl Local {
                     None => limits[channel],
                 };
         }
+        self.add_contact_forces(row, &mut by_row);
         let mut of_rows: Vec<f64> =
             (0..rows).map(|i| turned[i] + dot(kinetics.normal(i), &change)).collect();
         edges.rows().iter().for_each(|&i| of_rows[i] = 0.0);

@@ -9,6 +9,7 @@
 //! ```
 
 mod columns;
+mod compliant;
 mod exact;
 mod friction;
 mod impacts;

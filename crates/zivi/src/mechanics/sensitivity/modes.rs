@@ -50,7 +50,7 @@ impl EndingMode {
     /// The derivative of a level that vanishes.
     fn level(&self, limit: Limit, of: &Margins, run: &VariationalRun<'_>) -> f64 {
         match limit {
-            Limit::Force(gap) => of.forces[gap],
+            Limit::Force(gap) | Limit::Law(gap) => of.forces[gap],
             Limit::Stick(channel, sign) => {
                 let kinetics = &run.columns.local.kinetics;
                 let (held, row) = (kinetics.friction_limits(channel).1, kinetics.row(channel));
@@ -60,7 +60,7 @@ impl EndingMode {
                 };
                 most - sign * of.forces[row]
             }
-            Limit::Margin | Limit::Regularity | Limit::Law(_) => f64::NAN,
+            Limit::Margin | Limit::Regularity => f64::NAN,
         }
     }
 
@@ -113,7 +113,9 @@ impl VariationalRun<'_> {
         };
         let dt = match &next {
             Next::Stop(channels) => channels.iter().next().map(Change::Friction),
-            Next::Release { limit: Limit::Force(gap), .. } => Some(Change::Opening(*gap)),
+            Next::Release { limit: Limit::Force(gap) | Limit::Law(gap), .. } => {
+                Some(Change::Opening(*gap))
+            }
             Next::Release { limit: Limit::Stick(channel, _), .. } => {
                 Some(Change::Friction(*channel))
             }

@@ -66,12 +66,18 @@ pub fn mechanical_sensitivity<E, D: DifferentiableDynamics<E>>(
     check_differentiable(dynamics.friction())?;
     check_span(t0, t1)?;
     let Question { wrt, sizes, controlled, times } = *question;
+    let moved = |wrt: &MechanicalWrt| match wrt {
+        MechanicalWrt::Parameter(number) => dynamics.moved_laws(*number).cloned(),
+        _ => None,
+    };
+    let moved = wrt.iter().map(moved).collect();
     let friction = dynamics.friction().clone();
     let mut model = Model::new(dynamics);
     let mut machine = MechanicalIntegrator::new(settings, layout, laws, &friction);
+    machine.probe_flights(t1 - t0);
     let begun = started(machine.start(t0, (q, w), &mut model))?;
     let of = (layout, &friction, settings.order.pair());
-    let mut follower = VariationalRun::new((wrt, sizes), controlled, times, t1, of);
+    let mut follower = VariationalRun::new(((wrt, moved), sizes), controlled, times, t1, of);
     let room = times.len().saturating_mul(2 * layout.n * sizes.len());
     follower.samples.try_reserve_exact(room).map_err(|_| SetupError::Memory(times.len()))?;
     let begun = begun.and_then(|()| follower.begin(&machine, &mut model));

@@ -19,7 +19,7 @@ use crate::record::status::Failure;
 use crate::switched::sensitivity::{EventRates, Limit, Validity};
 use crate::system::dynamics::Layout;
 use crate::system::force::Friction;
-use crate::system::partials::DifferentiableDynamics;
+use crate::system::partials::{DifferentiableDynamics, MovedLaws};
 use crate::zeno::rates::{ChainRates, Rate};
 use crate::zeno::table::ExtrapolatedEnd;
 use crate::Status;
@@ -27,7 +27,7 @@ use crate::Status;
 /// Changes of a contact whose times have derivatives.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Change {
-    /// A gap opens.
+    /// A gap opens, or the law of a compliant one changes its sign.
     Opening(usize),
     /// A channel of friction begins to slip or stick.
     Friction(usize),
@@ -64,7 +64,7 @@ pub(super) struct VariationalRun<'a> {
 
 impl<'a> VariationalRun<'a> {
     pub(super) fn new(
-        (wrt, sizes): (&[MechanicalWrt], &'a [f64]),
+        (wrt, sizes): ((&[MechanicalWrt], Vec<Option<MovedLaws>>), &'a [f64]),
         controlled: bool,
         times: &'a [f64],
         end: f64,
@@ -76,12 +76,12 @@ impl<'a> VariationalRun<'a> {
             controlled,
             times,
             samples: Vec::new(),
-            chains: vec![ChainRates::default(); wrt.len()],
+            chains: vec![ChainRates::default(); sizes.len()],
             zeno: Vec::new(),
             events: EventRates::default(),
-            validity: Validity::new(wrt.len()),
+            validity: Validity::new(sizes.len()),
             lost_at: None,
-            lost: vec![false; wrt.len()],
+            lost: vec![false; sizes.len()],
             uncertain: false,
             e_t: friction.channels.iter().map(|channel| channel.e_t).collect(),
             exact: None,
@@ -152,6 +152,7 @@ impl<'a> VariationalRun<'a> {
     ) -> Result<(), Failure<E>> {
         let (n, State { t, x, xdot: v, .. }) = (self.columns.layout.n, machine.state().now());
         let local = &mut self.columns.local;
+        local.carry(machine.state().mode());
         local.kinetics.evaluate(model, *t, &x[..n], &v[..n])?;
         local.contact(machine.state().mode())?;
         let (duration, a) = ((self.end - t).min(1.0), &local.kinetics.acceleration);
@@ -220,6 +221,11 @@ impl<'a> VariationalRun<'a> {
                     let dt = change(Change::Opening(gap)).unwrap_or(unknown.clone());
                     self.note_end(t, &dt);
                     self.events.liftoff_times.extend(dt);
+                }
+                Occurrence::Contact { gap, t } => {
+                    let dt = change(Change::Opening(gap)).unwrap_or(unknown.clone());
+                    self.note_end(t, &dt);
+                    self.events.touchdown_times.extend(dt);
                 }
                 Occurrence::Transition { channel, .. } => {
                     let dt = change(Change::Friction(channel)).unwrap_or(unknown.clone());
@@ -312,6 +318,10 @@ impl<'f, E, D: DifferentiableDynamics<E>> Driver<MechanicalIntegrator, Model<'f,
         }
         let is_linear = machine.motion_mut().linear_period(model).is_some();
         match machine.next() {
+            Next::LocatedEvent(hit) if hit.iter().any(|gap| self.is_compliant(gap)) => {
+                let hit = *hit;
+                self.cross(hit, machine, t_end, model)
+            }
             Next::LocatedEvent(_) => self.strike(machine, t_end, model),
             Next::Stop(_) => self.change_friction(machine, t_end, model),
             Next::Release { .. } if self.columns.layout.p > 0 => {
@@ -319,7 +329,13 @@ impl<'f, E, D: DifferentiableDynamics<E>> Driver<MechanicalIntegrator, Model<'f,
             }
             Next::Release { .. } => self.release(machine, t_end, model),
             Next::Jump(ahead) if ahead.landing.t <= t_end => self.jump(machine, t_end, model),
-            _ if machine.state().through() != GapSet::EMPTY => self.strike(machine, t_end, model),
+            _ if machine.state().through() != GapSet::EMPTY => {
+                let through = machine.state().through();
+                match through.iter().any(|gap| self.is_compliant(gap)) {
+                    true => self.cross(through, machine, t_end, model),
+                    false => self.strike(machine, t_end, model),
+                }
+            }
             _ if is_linear => self.fly_exactly(machine, t_end, model),
             _ => self.fly_within(machine, t_end, model),
         }
@@ -428,7 +444,8 @@ impl VariationalRun<'_> {
     ) -> Result<(), Failure<E>> {
         let (Layout { n, m, .. }, size) = (self.columns.layout, self.columns.size());
         let mode = self.columns.mode;
-        for gap in (0..m).filter(|&gap| !mode.closed.has(gap)) {
+        let deep = mode.closed.with(mode.pressed).with(mode.unloaded);
+        for gap in (0..m).filter(|&gap| !deep.has(gap)) {
             let (from, end) = (
                 machine.motion().last().from.xdot[n + gap],
                 machine.motion().last().end.xdot[n + gap],
@@ -606,14 +623,16 @@ impl VariationalRun<'_> {
             let parameter = self.columns.parameter[column];
             let local = &mut self.columns.local;
             let row = local.along(Direction { t: dt, q: &x[..n], w, parameter });
-            let wrt = self.columns.wrt[column];
+            let (wrt, speed) = (self.columns.wrt[column], -before.xdot[c]);
+            let of_law = self.columns.of_law(column, gap, machine.law(gap), speed);
+            let local = &mut self.columns.local;
             let after = &machine.state().now().xdot;
             let stays = |i: usize| i == gap && machine.state().closed().has(i);
             let target = |i: usize| match i {
                 i if stays(i) || i != gap => 0.0,
                 _ => {
                     let (law, v) = (machine.law(i), -before.xdot[n + i]);
-                    -law.slope(v) * rates[i] + wrt.of_law(i, |parameter| law.by(parameter, v))
+                    -law.slope(v) * rates[i] + of_law
                 }
             };
             let wanted: Vec<f64> = (0..m).map(target).collect();
@@ -683,7 +702,7 @@ impl VariationalRun<'_> {
         if pull > 0.0 {
             for (column, dt) in dt.iter_mut().enumerate() {
                 let (law, v) = (machine.law(gap), -struck.before.xdot[n + gap]);
-                let du = self.columns.wrt[column].of_law(gap, |parameter| law.by(parameter, v));
+                let du = self.columns.of_law(column, gap, law, v);
                 *dt += 2.0 * du / pull;
             }
         }
@@ -732,8 +751,7 @@ impl VariationalRun<'_> {
         self.zeno.clear();
         for (column, chain) in self.chains.iter().enumerate() {
             let size = self.sizes[column];
-            let law = machine.law(gap);
-            let de = self.columns.wrt[column].of_law(gap, |parameter| law.limit_by(parameter));
+            let de = self.columns.limit_of_law(column, gap, machine.law(gap));
             let scale = |c: usize, rate: f64| scales[c] / size + rtol * rate.abs();
             match chain.landing(machine.chain(), de, scale) {
                 Some(zeno) => {
@@ -801,6 +819,10 @@ impl VariationalRun<'_> {
             pulls.push(-local.acceleration(key.flight, &row)?.0[n + gap]);
         }
         local.contact(key.landed)?;
+        let slow: Vec<f64> = (0..shifted.len())
+            .map(|column| self.columns.limit_of_law(column, gap, machine.law(gap)))
+            .collect();
+        let local = &mut self.columns.local;
         let mut flow = [&z[size..], &local.kinetics.acceleration[..]].concat();
         (n + rows..size).for_each(|work| (flow[work], flow[size + work]) = (0.0, 0.0));
         for (column, (it, dz)) in shifted.iter().zip(&moved).enumerate() {
@@ -813,7 +835,7 @@ impl VariationalRun<'_> {
                 dt: it.dt,
                 du: it.v[n + gap],
                 dg: pulls[column],
-                de: self.columns.wrt[column].of_law(gap, |by| machine.law(gap).limit_by(by)),
+                de: slow[column],
                 flow: [&flow, &by_flow],
                 dz,
             };

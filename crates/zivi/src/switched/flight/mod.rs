@@ -11,6 +11,7 @@ use super::mode::{Counted, Mode, NextInFlight, Point, Stages};
 use super::path::{DensePath, FlightCurve};
 use super::settings::SwitchedRk;
 use crate::numeric::bernstein::Bernstein;
+use crate::numeric::grid::PulseProbes;
 use crate::numeric::stages::{factor, Equation, StepError, FACTORS};
 use crate::piecewise::flight::{StepDecision, StepRoot, SteppedFlight};
 use crate::piecewise::steps::{Start, StepHistory, Steps};
@@ -56,6 +57,16 @@ impl FreeFlight {
     /// The time from the start of that to the impact with which it ends.
     pub(super) fn landing(&self) -> Option<f64> {
         self.pair.landing()
+    }
+
+    /// From here on flights of a run are probed for pulses.
+    pub(super) fn probe_pulses(&mut self, pulses: PulseProbes) {
+        self.pair.pulses = pulses;
+    }
+
+    /// From here on the force is another one.
+    pub(super) fn restart_probes(&mut self) {
+        self.pair.pulses.restart();
     }
 
     /// Whether all ends of steps are inspected.
@@ -200,6 +211,8 @@ fn by_series<E>(
 
 /// Defect of the polynomials, relative to the tolerances, that shows a feature of the force.
 const DEFECT: f64 = 100.0;
+/// The same, relative to that, that shows a pulse.
+const PULSE: f64 = 100.0;
 /// The same up to which they tell an impact as well as a step onto it.
 const RESOLVED: f64 = 0.3;
 /// The same up to which they do once the residual is integrated.
@@ -230,6 +243,8 @@ struct PairSteps {
     landing: Option<ImpactStep>,
     /// How many steps had been given up when the flight began.
     rejected: u64,
+    /// The probes for pulses.
+    pub(super) pulses: PulseProbes,
 }
 
 /// An impact by the start of the step onto it.
@@ -244,7 +259,8 @@ struct ImpactStep {
 impl PairSteps {
     fn new(settings: &SwitchedRk) -> Self {
         let (limits, pair) = (settings.limits(settings.tolerances()), settings.order.pair());
-        Self { steps: Steps::new(limits, pair, 1, None), landing: None, rejected: 0 }
+        let steps = Steps::new(limits, pair, 1, None);
+        Self { steps, landing: None, rejected: 0, pulses: PulseProbes::default() }
     }
 
     /// The last step.
@@ -279,6 +295,10 @@ impl PairSteps {
         // where a step was given up there is more to see than a fall
         if self.steps.limits().adaptive && rejected == self.rejected {
             longest = fall(now, slope).map_or(longest, |fall| longest.min(FALL * fall));
+        }
+        let end = self.pulses.end(now.t, t_end);
+        if end < t_end {
+            longest = longest.min(end - now.t);
         }
         let plan = self.steps.plan((&now, &slope), 0..1, longest, t_end, force)?;
         let shortest = 8.0 * f64::EPSILON * now.t.abs();
@@ -356,6 +376,10 @@ impl<E, F: Force<E>> SteppedFlight<f64, E> for FlyingStep<'_, '_, F> {
                 *experience = StepHistory::NONE;
             }
             let factor = factor(excess, self.pair.steps.last().order_of_error()).max(FACTORS.0);
+            return Ok(StepDecision::Shorten(factor, Status::StepSizeTooSmall));
+        }
+        if let Some(length) = self.missed_pulse(contact.unwrap_or(1.0))? {
+            let factor = length / self.pair.steps.last().h;
             return Ok(StepDecision::Shorten(factor, Status::StepSizeTooSmall));
         }
         if let Some(theta) = contact {
@@ -436,6 +460,29 @@ impl<F> FlyingStep<'_, '_, F> {
         let polynomials = steps.last_mut().polynomials(self.force)?;
         let apex = polynomials[1].first_negative().unwrap_or(0.5);
         self.defect(&polynomials, apex).map(Some)
+    }
+
+    /// The length of a step that ends before a pulse of the force between the stages of a long one, of
+    /// which a part counts.
+    #[inline(never)]
+    fn missed_pulse<E>(&mut self, part: f64) -> Result<Option<f64>, Failure<E>>
+    where
+        F: Force<E>,
+    {
+        let PairSteps { steps, pulses, .. } = &mut *self.pair;
+        let (t, h, limits) = (steps.last().from.t, steps.last().h, steps.limits());
+        let wanted = limits.adaptive && limits.max_step == f64::INFINITY;
+        if !pulses.is_long(h) || !wanted || steps.is_jump() {
+            return Ok(None);
+        }
+        let mut pulses = *pulses;
+        let polynomials = steps.last_mut().polynomials(self.force)?;
+        let nodes = self.pair.steps.last().pair.c;
+        let found = pulses.deviation((t, part * h), (h, nodes), |at| {
+            Ok(self.defect(&polynomials, at / h)? <= PULSE * DEFECT)
+        });
+        self.pair.pulses = pulses;
+        found
     }
 
     /// The fraction of the step at the impact near `theta`, and the velocity before it, if the

@@ -398,6 +398,8 @@ pub struct EventRates {
     pub zeno_times: Vec<f64>,
     /// Of the times of the lift-offs.
     pub liftoff_times: Vec<f64>,
+    /// Of the times at which compliant gaps come into contact.
+    pub touchdown_times: Vec<f64>,
     /// Of the times at which dry friction changes between slip and stick.
     pub transition_times: Vec<f64>,
 }

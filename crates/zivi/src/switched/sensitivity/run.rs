@@ -51,7 +51,7 @@ pub fn sensitivity<E, F: DifferentiableForce<E>>(
     check_stops(output.tstops)?;
     let mut integrator = SwitchedIntegrator::new(settings, law)?;
     integrator.start(t0, initial)?;
-    integrator.probe_rest(force.shortest_period().is_none());
+    integrator.probe(force.shortest_period().is_none(), t1 - t0);
     let Question { wrt, sizes, controlled, times } = *question;
     let dense = !times.is_empty();
     let mut follower = VariationalRun::new(wrt, sizes, controlled, t1, output.tstops, dense);

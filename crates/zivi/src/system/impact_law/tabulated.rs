@@ -75,6 +75,25 @@ impl ImpactLaw for TabulatedImpact {
         e + slope * v
     }
 
+    /// By the coefficients in their order: a hat function between the neighbours.
+    fn by(&self, parameter: usize, v: f64) -> f64 {
+        let k = self.nodes.partition_point(|&(node, _)| node <= v);
+        let upper = match (k.checked_sub(1), self.nodes.get(k)) {
+            (Some(i), Some(&(v1, _))) => (v - self.nodes[i].0) / (v1 - self.nodes[i].0),
+            (None, _) => 1.0,
+            (Some(_), None) => 0.0,
+        };
+        match parameter {
+            i if i == k => upper * v,
+            i if i + 1 == k => (1.0 - upper) * v,
+            _ => 0.0,
+        }
+    }
+
+    fn limit_by(&self, parameter: usize) -> f64 {
+        f64::from(u8::from(parameter == 0))
+    }
+
     fn limit(&self) -> Option<f64> {
         self.nodes.first().map(|&(_, e)| e)
     }
