@@ -94,6 +94,9 @@ pub fn parameter_step(value: f64) -> f64 {
     up - value
 }
 
+/// How a parameter moves a number of the contact force of a gap: gap, number, derivative.
+pub type MovedNumber = (usize, usize, f64);
+
 /// The laws of the gaps with other values of one parameter.
 #[derive(Clone, Debug, Default)]
 pub struct MovedLaws {
@@ -101,8 +104,8 @@ pub struct MovedLaws {
     pub step: f64,
     /// The impact laws that move, with the number of their gap, at `p + k h` with the factors [`MOVES`].
     pub impacts: Vec<(usize, [AnyImpactLaw; 6])>,
-    /// Derivatives of the numbers of contact forces by the parameter: gap, number, derivative.
-    pub contacts: Vec<(usize, usize, f64)>,
+    /// Derivatives of the numbers of contact forces by the parameter.
+    pub contacts: Vec<MovedNumber>,
 }
 
 impl MovedLaws {

@@ -16,7 +16,7 @@ use crate::record::status::Failure;
 use crate::system::dynamics::Layout;
 use crate::system::force::Friction;
 use crate::system::impact_law::AnyImpactLaw;
-use crate::system::partials::{DifferentiableDynamics, MovedLaws, TimedState};
+use crate::system::partials::{DifferentiableDynamics, MovedLaws, MovedNumber, TimedState};
 use crate::Status;
 
 /// Variable of differentiation of a column.
@@ -71,6 +71,9 @@ pub enum FrictionNumber {
     /// The tangential restitution in impacts.
     Restitution,
 }
+
+/// A number of friction with its channel; none for a number of a contact force.
+type RoughNumber = Option<(usize, FrictionNumber)>;
 
 impl MechanicalWrt {
     /// Derivative of the law of a gap with respect to it: for a parameter of the law, otherwise
@@ -153,7 +156,7 @@ impl Columns {
         };
         let by: Vec<usize> = wrt.iter().filter_map(number).collect();
         let (mut own, mut rough) = (0.., Vec::new());
-        let mut contacts: Vec<Vec<(usize, usize, f64)>> = vec![Vec::new(); by.len()];
+        let mut contacts: Vec<Vec<MovedNumber>> = vec![Vec::new(); by.len()];
         let mut place = |(wrt, moved): (&MechanicalWrt, &Option<MovedLaws>)| match *wrt {
             MechanicalWrt::Parameter(_) => {
                 let place: Option<usize> = own.next();
@@ -438,7 +441,7 @@ impl Local {
     pub(super) fn new(
         (layout, friction): (Layout, &Friction),
         by: Vec<usize>,
-        (rough, contacts): (&[Option<(usize, FrictionNumber)>], Vec<Vec<(usize, usize, f64)>>),
+        (rough, contacts): (&[RoughNumber], Vec<Vec<MovedNumber>>),
     ) -> Self {
         let mut partials = vec![0.0; layout.len() * (1 + 2 * layout.n + by.len())];
         let known = partials.len();

@@ -16,7 +16,7 @@ use crate::record::gap_set::{ContactMode, GapSet};
 use crate::record::status::Failure;
 use crate::system::dynamics::Layout;
 use crate::system::force::{ContactForce, Friction};
-use crate::system::partials::{DifferentiableDynamics, WEIGHTS};
+use crate::system::partials::{DifferentiableDynamics, MovedNumber, WEIGHTS};
 
 /// Steps of differences of a law that is a function: relative to depth or rate, and to the largest gap or
 /// rate so far.
@@ -33,8 +33,8 @@ pub(super) struct CompliantPartials {
     /// The gaps below zero, and those of them that push.
     deep: GapSet,
     pressed: GapSet,
-    /// For each parameter the numbers of laws that it moves: gap, number, derivative.
-    numbers: Vec<Vec<(usize, usize, f64)>>,
+    /// For each parameter the numbers of laws that it moves.
+    numbers: Vec<Vec<MovedNumber>>,
     /// The derivatives by numbers of friction, without contact forces.
     constant: Vec<f64>,
     /// The derivatives of the forces by gap, one row for each of the partial derivatives.
@@ -46,7 +46,7 @@ pub(super) struct CompliantPartials {
 impl CompliantPartials {
     pub(super) fn new(
         friction: &Friction,
-        numbers: Vec<Vec<(usize, usize, f64)>>,
+        numbers: Vec<Vec<MovedNumber>>,
         constant: Vec<f64>,
     ) -> Option<Box<Self>> {
         let (deep, pressed, extent) = (GapSet::EMPTY, GapSet::EMPTY, [0.0; 2]);

@@ -64,14 +64,14 @@ pub(super) struct VariationalRun<'a> {
 
 impl<'a> VariationalRun<'a> {
     pub(super) fn new(
-        (wrt, sizes): ((&[MechanicalWrt], Vec<Option<MovedLaws>>), &'a [f64]),
+        (wrt, moved, sizes): (&[MechanicalWrt], Vec<Option<MovedLaws>>, &'a [f64]),
         controlled: bool,
         times: &'a [f64],
         end: f64,
         (layout, friction, pair): (Layout, &Friction, &'static Pair),
     ) -> Self {
         Self {
-            columns: Columns::new(wrt, (layout, friction), pair),
+            columns: Columns::new((wrt, moved), (layout, friction), pair),
             sizes,
             controlled,
             times,
