@@ -65,7 +65,9 @@ fn moved(case: &Case, wrt: MechanicalWrt, h: f64) -> Problem {
         MechanicalWrt::AllE => e.iter_mut().for_each(|e| *e += h),
         MechanicalWrt::Law { gap, .. } => e[gap] += h,
         MechanicalWrt::Parameter(k) => *par.get_mut(case.by[k]).unwrap() += h,
-        MechanicalWrt::T0 | MechanicalWrt::Friction { .. } => unreachable!(),
+        MechanicalWrt::T0 | MechanicalWrt::Friction { .. } | MechanicalWrt::Contact { .. } => {
+            unreachable!()
+        }
     }
     Problem { model, par, e, q0, w0, t1: *t1 }
 }
