@@ -74,7 +74,6 @@ def skewed(law, mu, mass, slope):
     )
 
 
-
 def moved(law, field, by):
     values = {f: getattr(law, f) for f in law.__dataclass_fields__}
     return type(law)(**(values | {field: values[field] * (1 + by)}))

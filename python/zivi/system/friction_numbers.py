@@ -125,9 +125,7 @@ def _numbers_of(law: Any) -> dict[str, float]:
     return dataclasses.asdict(law) if isinstance(law, SpringDamper | Hertz | HuntCrossley) else {}
 
 
-def with_contact_numbers(
-    system: MechanicalSystem, values: Mapping[str, float]
-) -> MechanicalSystem:
+def with_contact_numbers(system: MechanicalSystem, values: Mapping[str, float]) -> MechanicalSystem:
     """Return the same system with other numbers of contact laws, by name.
 
     Raises

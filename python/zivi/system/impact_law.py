@@ -357,7 +357,8 @@ class Restitution(ImpactLaw):
         if not isinstance(other, Restitution):
             return NotImplemented
         slopes = (self.slope_function, other.slope_function)
-        return self.limit == other.limit and same_function(self.f, other.f) and same_function(*slopes)
+        same = same_function(self.f, other.f) and same_function(*slopes)
+        return same and self.limit == other.limit
 
     def __hash__(self) -> int:
         return hash(("Restitution", self.limit))
