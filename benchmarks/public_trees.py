@@ -148,7 +148,7 @@ def outcome(path: Path) -> tuple[str, str]:
 
 def print_outcomes(paths: list[Path], files: bool) -> None:
     """Print the table of outcomes."""
-    found = [(path, *outcome(path)) for path in paths if "<mujocoinclude" not in text_of(path)]
+    found = [(path, *outcome(path)) for path in paths if "<mujocoinclude" not in plain_text(path)]
     counts = Counter(kind for _, kind, _ in found)
     print(f"| outcome of {len(found)} files | files |\n|---|---|")
     for kind, count in sorted(counts.items(), key=lambda it: (it[0] != "read", -it[1], it[0])):
@@ -157,7 +157,7 @@ def print_outcomes(paths: list[Path], files: bool) -> None:
         print(f"| {'/'.join(path.parts[-2:])} | {kind} | {which} |")
 
 
-def text_of(path: Path) -> str:
+def plain_text(path: Path) -> str:
     """Read a file, whatever its encoding."""
     return path.read_text(errors="replace")
 

@@ -116,12 +116,12 @@ def contact_numbers(system: MechanicalSystem) -> dict[str, tuple[int, int, float
     """Return the numbers of contact laws by name, as ``"floor.k"``: gap, place, value."""
     found = {}
     for gap, law in enumerate(system._contact_laws()):
-        for place, (field, value) in enumerate(_numbers_of(law).items()):
+        for place, (field, value) in enumerate(_numbers_of_law(law).items()):
             found[f"{system.gap_names[gap]}.{field}"] = (gap, place, value)
     return found
 
 
-def _numbers_of(law: Any) -> dict[str, float]:
+def _numbers_of_law(law: Any) -> dict[str, float]:
     return dataclasses.asdict(law) if isinstance(law, SpringDamper | Hertz | HuntCrossley) else {}
 
 
@@ -149,7 +149,7 @@ def with_contact_numbers(system: MechanicalSystem, values: Mapping[str, float]) 
     for name, value in values.items():
         gap, place, _ = numbers[name]
         law: Any = gaps[gap].contact
-        field = list(_numbers_of(law))[place]
+        field = list(_numbers_of_law(law))[place]
         moved = dataclasses.replace(law, **{field: float(value)})
         gaps[gap] = _with_field(gaps[gap], "contact", moved)
     return system.replace(gaps=gaps)

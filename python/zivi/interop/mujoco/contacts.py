@@ -290,7 +290,7 @@ def _above_plane(
         at = int(model.body_parentid[at])
     normal = rotation[:, 2]
     rolls = int(model.geom_type[geom]) == CYLINDER
-    points, radius = _ends(model, geom) if rolls else _balls(model, geom)
+    points, radius = _cylinder_ends(model, geom) if rolls else _balls(model, geom)
     one = len(points) == 1
     gaps = [
         PlaneGap(
@@ -319,7 +319,7 @@ CYLINDER = 5
 """The kind of geoms that are cylinders (mjGEOM_CYLINDER)."""
 
 
-def _ends(model: Any, geom: int) -> tuple[list[Array], float]:
+def _cylinder_ends(model: Any, geom: int) -> tuple[list[Array], float]:
     """Return the middles of both ends of a cylinder, in the frame of its body, and its radius."""
     radius, half = model.geom_size[geom][:2]
     axis = rotation_of(model.geom_quat[geom])[:, 2]

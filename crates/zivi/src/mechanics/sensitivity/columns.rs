@@ -4,7 +4,6 @@
 //! time. The gaps are carried along as in the motion itself: the shift of an impact is the ratio of
 //! a small derivative to a small speed.
 
-use super::compliant::CompliantPartials;
 use crate::mechanics::friction::Edges;
 use crate::mechanics::kinetics::{Kinetics, Model};
 use crate::mechanics::mode::{Stages, State};
@@ -418,6 +417,34 @@ pub(super) struct Exchange<'a> {
     /// `w-` and `w+`.
     pub(super) before: &'a [f64],
     pub(super) after: &'a [f64],
+}
+
+/// Derivatives of the contact forces of compliant gaps.
+#[derive(Clone, Debug)]
+pub(super) struct CompliantPartials {
+    /// The gaps below zero, and those of them that push.
+    pub(super) deep: GapSet,
+    pub(super) pressed: GapSet,
+    /// For each parameter the numbers of laws that it moves.
+    pub(super) numbers: Vec<Vec<MovedNumber>>,
+    /// The derivatives by numbers of friction, without contact forces.
+    pub(super) constant: Vec<f64>,
+    /// The derivatives of the forces by gap, one row for each of the partial derivatives.
+    pub(super) forces: Vec<f64>,
+    /// The largest gap and rate so far.
+    pub(super) extent: [f64; 2],
+}
+
+impl CompliantPartials {
+    fn new(
+        friction: &Friction,
+        numbers: Vec<Vec<MovedNumber>>,
+        constant: Vec<f64>,
+    ) -> Option<Box<Self>> {
+        let (deep, pressed, extent) = (GapSet::EMPTY, GapSet::EMPTY, [0.0; 2]);
+        let own = Self { deep, pressed, numbers, constant, forces: Vec::new(), extent };
+        (!friction.compliant.is_empty()).then(|| Box::new(own))
+    }
 }
 
 /// Values and partial derivatives at one time and state.

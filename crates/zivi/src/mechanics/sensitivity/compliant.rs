@@ -6,7 +6,7 @@
 //! dt      = -dlambda/lambda'                                                       where the law vanishes
 //! ```
 
-use super::columns::{hold_rows, Local};
+use super::columns::{hold_rows, CompliantPartials, Local};
 use super::variational_run::{Change, VariationalRun};
 use crate::mechanics::integrator::MechanicalIntegrator;
 use crate::mechanics::kinetics::Model;
@@ -15,8 +15,8 @@ use crate::numeric::dense::{axpy, dot, largest};
 use crate::record::gap_set::{ContactMode, GapSet};
 use crate::record::status::Failure;
 use crate::system::dynamics::Layout;
-use crate::system::force::{ContactForce, Friction};
-use crate::system::partials::{DifferentiableDynamics, MovedNumber, WEIGHTS};
+use crate::system::force::ContactForce;
+use crate::system::partials::{DifferentiableDynamics, WEIGHTS};
 
 /// Steps of differences of a law that is a function: relative to depth or rate, and to the largest gap or
 /// rate so far.
@@ -26,34 +26,6 @@ const LEAST: [f64; 2] = [1e-8, 1e-4];
 const SAME: f64 = 1e-12;
 /// Derivatives of times that differ by less, relatively, are the same.
 const TOGETHER: f64 = 1e-6;
-
-/// Derivatives of the contact forces of compliant gaps.
-#[derive(Clone, Debug)]
-pub(super) struct CompliantPartials {
-    /// The gaps below zero, and those of them that push.
-    deep: GapSet,
-    pressed: GapSet,
-    /// For each parameter the numbers of laws that it moves.
-    numbers: Vec<Vec<MovedNumber>>,
-    /// The derivatives by numbers of friction, without contact forces.
-    constant: Vec<f64>,
-    /// The derivatives of the forces by gap, one row for each of the partial derivatives.
-    pub(super) forces: Vec<f64>,
-    /// The largest gap and rate so far.
-    extent: [f64; 2],
-}
-
-impl CompliantPartials {
-    pub(super) fn new(
-        friction: &Friction,
-        numbers: Vec<Vec<MovedNumber>>,
-        constant: Vec<f64>,
-    ) -> Option<Box<Self>> {
-        let (deep, pressed, extent) = (GapSet::EMPTY, GapSet::EMPTY, [0.0; 2]);
-        let own = Self { deep, pressed, numbers, constant, forces: Vec::new(), extent };
-        (!friction.compliant.is_empty()).then(|| Box::new(own))
-    }
-}
 
 impl Local {
     /// From here on the compliant gaps are those of a mode.
