@@ -506,7 +506,7 @@ typedef struct zivi_observer {
   double xdot;
   // Estimate of the unknown force (m/s^2).
   double d;
-  // The coefficient of restitution: the estimate where it is learnt.
+  // The coefficient of restitution, or its estimate.
   double e;
   // Covariance of the estimates.
   double p_xx;

@@ -506,7 +506,7 @@ typedef struct zivi_f32_observer {
   float xdot;
   // Estimate of the unknown force (m/s^2).
   float d;
-  // The coefficient of restitution: the estimate where it is learnt.
+  // The coefficient of restitution, or its estimate.
   float e;
   // Covariance of the estimates.
   float p_xx;

@@ -59,12 +59,12 @@ impl Given {
         self.0 & bit != 0
     }
 
-    /// Value of a member; its default if it is zero without its bit.
+    /// Value of a member; its default for zero without its bit.
     pub(crate) fn or(self, bit: u32, value: Real, default: Real) -> Real {
         self.said(bit, value).unwrap_or(default)
     }
 
-    /// Value of a member; `None` if it is zero without its bit.
+    /// Value of a member; `None` for zero without its bit.
     pub(crate) fn said(self, bit: u32, value: Real) -> Option<Real> {
         (value != 0.0 || self.has(bit)).then_some(value)
     }

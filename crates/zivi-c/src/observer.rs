@@ -61,7 +61,7 @@ pub struct Observer {
     pub xdot: Real,
     /// Estimate of the unknown force (m/s^2).
     pub d: Real,
-    /// The coefficient of restitution: the estimate where it is learnt.
+    /// The coefficient of restitution, or its estimate.
     pub e: Real,
     /// Covariance of the estimates.
     pub p_xx: Real,

@@ -66,7 +66,7 @@ class _Stretch:
         return rows
 
     def closeness(self) -> tuple[Array, list[Nearest | None]]:
-        """Return the sum of the inverse radii by column, and what contributes most."""
+        """Return the sum of the inverse radii by column, and the largest contribution."""
         parts = np.abs(self.before) / self.of.radius[:, None]
         largest = np.argmax(parts, axis=0)
         return parts.sum(axis=0), [self.of.limits[int(j)] for j in largest]

@@ -278,7 +278,7 @@ _SUCCESSES = (VIStatus.SOLVED, VIStatus.SOLVED_NOT_ISOLATED)
 
 
 def result_of(entries: dict[str, Any]) -> VIResult:
-    """Make the public result of what the extension returns."""
+    """Make the public result from the record of the extension."""
     status = _STATUSES[entries["status"]]
     entries["status"], entries["success"] = status, status in _SUCCESSES
     result = object.__new__(VIResult)

@@ -63,7 +63,7 @@ pub enum FrictionNumber {
     Slip,
     /// The same while it sticks.
     Static,
-    /// Both, where they are one number.
+    /// Both numbers if they are equal.
     Both,
     /// The speed of the counter-surface.
     Velocity,
@@ -350,7 +350,7 @@ impl Columns {
     }
 }
 
-/// Zeros for the closed gaps of a column, and for what sticks.
+/// Zeros for the closed gaps and sticking contacts of a column.
 pub(super) fn hold_rows(mode: ContactMode, layout: Layout, (x, v): (&mut [f64], &mut [f64])) {
     let Layout { n, m, .. } = layout;
     for i in mode.closed.iter() {
