@@ -179,10 +179,21 @@ def box_campaign(count, on_edge):
             continue
         far = np.abs(one.qdot[-1] - other.qdot[-1]).max()
         gains = one.qdot[-1] @ case[0] @ one.qdot[-1] / (case[4] @ case[0] @ case[4])
-        once = len(set(one.impacts["group"])) == 1
+        # an impact may press a corner that just left the floor: another follows, which may be slow
+        once = len(set(one.resolved_impacts["group"])) == 1
         depend += far > 1e-7 or gains > 1 + 1e-9
         depend += once and violation_of_laws(one, case) > 1e-10
     return unsolved, depend
+
+
+def test_an_impact_that_steps_contact_by_contact_do_not_solve():
+    # both corners of the edge are left with 1e-3 of the speed
+    case = box([11, 3259], on_edge=True)
+    for order in (None, [1, 0]):
+        sol = struck(case, order)
+        assert sol.success, sol.message
+        assert not sol.impacts["sticks"].any()
+    assert violation_of_laws(struck(case), case) < 1e-11
 
 
 # Starts and stops.
@@ -211,6 +222,90 @@ def test_a_twisted_table_breaks_away_at_the_limit(places):
     assert sol.transitions["t"][-1] == pytest.approx(limit, abs=1e-9)
     assert sol.qdot[-1, 5] == pytest.approx((1 - limit) ** 2 / 1.6, abs=1e-9)
     assert np.abs(sol.qdot[-1, :5]).max() < 1e-12
+
+
+@pytest.mark.parametrize("copies", [1, 2], ids=["one contact", "two contacts"])
+def test_a_contact_that_may_stick_or_slip_sticks_and_says_so(copies):
+    # W' = b_t + lambda (D_tn - mu D_tt d), lambda = -b_n/(D_nn - mu D_nt d), is along d for two d
+    mobility = np.array([[1.01, 1.69, 0.15], [1.69, 4.2, 1.26], [0.15, 1.26, 3.2]])
+    b, mu, angle = np.array([-0.04, 0.1, -1.17]), 1.23, 4.927342488054485
+    d = np.array([np.cos(angle), np.sin(angle)])
+    pressed = -b[0] / (mobility[0, 0] - mu * mobility[0, 1:] @ d)
+    slope = b[1:] + pressed * (mobility[1:, 0] - mu * mobility[1:, 1:] @ d)
+    assert pressed > 0
+    assert slope / np.hypot(*slope) == pytest.approx(d, abs=1e-12)
+    held = -np.linalg.solve(mobility, b)
+    assert np.hypot(*held[1:]) < mu * held[0]
+    mass, rows = np.kron(np.eye(copies), np.linalg.inv(mobility)), np.eye(3 * copies)
+    gaps = [
+        zivi.LinearGap(rows[k], tangent=rows[k + 1 : k + 3], mu=mu) for k in range(0, 3 * copies, 3)
+    ]
+    system = zivi.MechanicalSystem(mass=mass, force=mass @ np.tile(b, copies), gaps=gaps)
+    start = np.zeros(3 * copies)
+    sol = zivi.simulate(system, (0, 1), (start, start), adaptive(1e-9))
+    assert sol.flags["kind"].tolist() == ["motion_not_unique"]
+    assert np.abs(sol.qdot[-1]).max() < 1e-30
+    # a push of a micrometre per second, and it slips
+    pushed = np.tile([0, *(1e-6 * d)], copies)
+    sol = zivi.simulate(system, (0, 1), (start, pushed), adaptive(1e-9))
+    slips = np.tile([0, *(slope + 1e-6 * d)], copies)
+    assert sol.qdot[-1] == pytest.approx(slips, abs=1e-9)
+
+
+@pytest.mark.parametrize("count", [4, 5])
+def test_feet_that_share_their_load_break_away_under_a_pull_and_a_torque(count):
+    # stick ends where no loads within the cones hold the plate; then the least loads slide it
+    for seed in range(3):
+        rng = np.random.default_rng([31, count, seed])
+        rng.uniform(0, 2 * np.pi, count)
+        angles = 2 * np.pi * np.arange(count) / count + rng.uniform(-0.3, 0.3, count)
+        radii = rng.uniform(0.6, 1.4, count)
+        places = list(zip(radii * np.cos(angles), radii * np.sin(angles), strict=True))
+        way, torque = rng.uniform(0, 2 * np.pi), 0.4 * rng.normal()
+        along = np.array([0.6 * np.cos(way), 0.6 * np.sin(way), 0, 0, 0, torque])
+        system = plate(places, 0.3, lambda t, q, qdot, along=along: along * t - np.eye(6)[2])
+        sol = zivi.simulate(system, (0, 1.5), (np.zeros(6), np.zeros(6)), adaptive(1e-8))
+        assert sol.success, (seed, sol.message)
+        assert "undetermined_motion" in sol.flags["kind"]
+        last = sol.resample([1.5])
+        load, pull = last.reactions[0], last.friction_forces[0].reshape(-1, 2)
+        slip = last.slips[0].reshape(-1, 2)
+        # the loads balance the weight, and friction opposes the slip
+        assert load.sum() == pytest.approx(1.0, abs=1e-12)
+        assert load @ places == pytest.approx([0, 0], abs=1e-12)
+        speed = np.hypot(*slip.T)[:, None]
+        assert pull == pytest.approx(-0.3 * load[:, None] * slip / speed, abs=1e-9)
+
+
+def test_impacts_of_a_foot_accumulate_while_others_slide():
+    mass = np.diag([1.0, 1, 1, 0.5, 0.5, 0.8])
+    for i, j, value in ((0, 3, 0.1), (1, 4, -0.08), (0, 5, 0.05)):
+        mass[i, j] = mass[j, i] = value
+
+    def force(t, q, qdot):
+        pulls = [0.15 - 0.3 * q[0], 0.05 - 0.2 * q[1], -1 - 0.1 * np.sin(3 * t)]
+        return np.array([*pulls, 0, 0, -0.2 * q[5]])
+
+    system = zivi.MechanicalSystem(mass=mass, force=force, gaps=feet_of(TRIPOD, 0.2), e=0.5)
+    rows = np.array([[1, b, -a] for a, b in TRIPOD])
+    start = np.array([1.5, 0.4, *(0.35 * np.linalg.solve(rows, [1, 0, 0])), 0.6])
+
+    def run(tol):
+        return zivi.simulate(system, (0, 2), (np.zeros(6), start), adaptive(tol))
+
+    fine = run(1e-12)
+    assert fine.zeno["gap"].tolist() == [0]
+    assert not (fine.transitions["after"] == 0).any()
+    found = []
+    for tol in (1e-6, 1e-8, 1e-10):
+        sol = run(tol)
+        found.append(np.abs(np.subtract(sol(1.9), fine(1.9))).max())
+        assert found[-1] < 20 * tol
+        assert abs(sol.zeno["t"][0] - fine.zeno["t"][0]) < 20 * tol + 1e-9
+        # impacts of all feet together, six to nine before the jump
+        assert len(set(sol.resolved_impacts["group"])) <= 9
+    # 1e-6 to 1e-10 by two more impacts
+    assert found[2] < 1e-3 * found[0]
 
 
 def tripod_reference(start, mu=0.3, small=1e-9):
@@ -348,24 +443,25 @@ def thrown_box(seed, e, method):
     return half, zivi.simulate(tree, (0, 6), (start, rates), method)
 
 
-@pytest.mark.parametrize("seed", [8, 9])
-def test_a_thrown_box_comes_to_rest_on_a_face(seed):
-    half, sol = thrown_box(seed, 0.0, zivi.SwitchedRK())
+@pytest.mark.parametrize(("seed", "e"), [(8, 0.0), (9, 0.0), (1, 0.0), (51, 0.0), (26, 0.3)])
+def test_a_thrown_box_comes_to_rest_on_a_face(seed, e):
+    # 1 and 26 rock from edge to edge, two feet of 51 stop together
+    half, sol = thrown_box(seed, e, adaptive(1e-8))
     assert sol.success, sol.message
     assert np.abs(sol.qdot[-1]).max() < 1e-12
     # a face is on the floor: its height is half an edge, and corners are on the floor
     assert np.abs(half - sol.qpos[-1, 2]).min() < 1e-9
-    assert (np.sort(sol.gaps[-1])[:4] < 1e-9).all()
+    assert (np.sort(sol.gaps[-1])[:4] < 1e-8).all()
     assert sol.gaps.min() > -1e-12
 
 
 def box_throws(count, e):
-    """Throw boxes: how many runs end with each status, at rest or not."""
+    """Throw boxes: how many runs end with each status, on a face or not."""
     ends = collections.Counter()
     for seed in range(count):
         _, sol = thrown_box(seed, e, adaptive(1e-8))
-        at_rest = np.abs(sol.qdot[-1]).max() < 1e-9
-        ends[sol.status.name, "at rest" if at_rest else "moves"] += 1
+        at_rest = np.abs(sol.qdot[-1]).max() < 1e-9 and np.sort(sol.gaps[-1])[3] < 1e-7
+        ends[sol.status.name, "on a face" if at_rest else "moves"] += 1
     return dict(ends)
 
 
@@ -374,6 +470,5 @@ if __name__ == "__main__":
 
     for edge in (True, False):
         print("edge" if edge else "face", box_campaign(int(sys.argv[1]), edge))
-    # seeds 52 at e = 0 and 27 at e = 0.3 take minutes
-    for e, throws in ((0.0, 52), (0.3, 27)):
-        print(f"thrown with e = {e}", box_throws(throws, e))
+    for e in (0.0, 0.3):
+        print(f"thrown with e = {e}", box_throws(min(int(sys.argv[1]), 200), e))

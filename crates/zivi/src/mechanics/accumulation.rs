@@ -120,7 +120,7 @@ impl Accumulation {
             Some(key) => zeno = chain.note((key, pull), &mut at)?,
             None => chain.clear(),
         }
-        match struck.is_slow && !at.state.kinetics().has_cones() {
+        match struck.is_slow {
             true => corner.note(struck, at.state),
             false => corner.clear(),
         }

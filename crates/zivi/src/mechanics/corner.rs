@@ -112,6 +112,9 @@ impl CornerApproach {
                 continue;
             };
             let set = closed.with(gaps);
+            if at.state.kinetics().has_cones() {
+                break;
+            }
             let since = t - marks[0].t;
             let scales = scales(at.settings, at.state, at.settings.rtol * since);
             if let Some(landing) = landing(marks, p, &scales) {
@@ -178,7 +181,11 @@ impl CornerApproach {
         let since = state.now().t - self.log.impacts.first().map_or(f64::NAN, |first| first.t);
         let elastic = |&i: &usize| e[i] >= 1.0 && state.gap(i).0 <= STILL * slow * since;
         let recent = self.log.recent().with(self.log.hit().iter().filter(elastic).collect());
+        let has_cones = state.kinetics().has_cones();
         let near = |&i: &usize| {
+            if has_cones {
+                return closed.has(i) || (recent.has(i) && state.is_still(i, slow));
+            }
             let (x, v) = state.gap(i);
             let low = 2.0 * x * state.kinetics().b(i).abs() <= slow * slow;
             closed.has(i) || (recent.has(i) && v.abs() <= slow && low)
@@ -214,6 +221,10 @@ impl CornerApproach {
             return Ok(None);
         }
         let mut pressed = state.kinetics().solved()[..set.len()].to_vec();
+        if state.kinetics().has_cones() && pressed.iter().any(|&force| force <= 0.0) {
+            // of dependent contacts some solution has no force at some of them
+            pressed = state.parts().0.least_impulses(set)?;
+        }
         if pressed.iter().any(|&force| force <= 0.0) {
             // impacts without end at one instant: they go on until there are no speeds, and then
             // the forces open what they pull; another gap that still bounces strikes them again
@@ -315,7 +326,13 @@ fn speeds_fall(marks: &[Mark], p: usize, (n, set): (usize, GapSet)) -> bool {
 fn depth<E>(set: GapSet, lambda: &[f64], state: &mut MechanicalState) -> Result<f64, Failure<E>> {
     let (kinetics, now) = state.parts();
     let n = kinetics.coordinates();
-    let (gaps, speeds) = (&now.x[n..], &now.xdot[n..]);
+    let (mut gaps, speeds) = (now.x[n..].to_vec(), &now.xdot[n..]);
+    if kinetics.has_cones() {
+        // heights of the corners of a box have the rounding of its place
+        let low = |&i: &usize| gaps[i].abs() <= kinetics.rounding(i, &now.x[..n], &now.xdot[..n]).0;
+        let low: Vec<usize> = set.iter().filter(low).collect();
+        low.into_iter().for_each(|i| gaps[i] = 0.0);
+    }
     kinetics.solve(set, |_, i| speeds[i])?;
     let momenta = kinetics.solved()[..set.len()].to_vec();
     let (mut depth, mut widest) = (0.0, 0.0_f64);

@@ -924,11 +924,16 @@ impl<D> Flying<'_, '_, D> {
         }
         let near = TOGETHER_SLIPS * whole + rounding(x, self.state.now().t);
         let (last, mode) = (self.motion.last(), self.state.mode());
+        let kept = self.motion.kept(&last.end.xdot[..self.state.layout().n]);
         let second = self.state.kinetics().other_of(channel);
         let stops = |&other: &usize| {
             let c = first + other;
             match self.state.kinetics().other_of(other) {
-                Some(_) => other == channel || second == Some(other),
+                // feet of one body stop together to their rounding only
+                Some(pair) => {
+                    let [one, two] = [c, first + pair].map(|c| last.end.xdot[c]);
+                    other == channel || second == Some(other) || one.hypot(two) <= kept
+                }
                 None => {
                     other == channel || last.end.xdot[c].abs() <= last.end_slope(c).abs() * near
                 }

@@ -32,14 +32,18 @@ const LAST: f64 = 1.2;
 const KEPT: (f64, f64) = (1e-2, 1e-13);
 
 impl SmoothMotion {
+    /// A slip speed that is below the tolerance, beside these velocities.
+    pub(super) fn kept(&self, velocities: &[f64]) -> f64 {
+        let limits = self.steps.limits();
+        let part = if limits.adaptive { KEPT.0 * limits.tolerances.rtol } else { 0.0 };
+        part.max(KEPT.1) * (1.0 + largest(velocities))
+    }
+
     /// How the slip goes on in the next step, whose length is limited by it.
     pub(super) fn slides(&self, plan: &mut Plan, state: &MechanicalState) -> Slides {
         let (layout, now, kinetics) = (state.layout(), state.now(), state.kinetics());
         let first = layout.n + layout.m;
-        let limits = self.steps.limits();
-        let fastest = 1.0 + largest(&now.xdot[..layout.n]);
-        let part = if limits.adaptive { KEPT.0 * limits.tolerances.rtol } else { 0.0 };
-        let kept = part.max(KEPT.1) * fastest;
+        let kept = self.kept(&now.xdot[..layout.n]);
         let (mut stiff, mut ending, mut stopping) = (false, false, GapSet::EMPTY);
         let (mut longest, mut last) = (plan.h, f64::INFINITY);
         for pair in kinetics.cones(state.mode().slipping()) {

@@ -90,7 +90,7 @@ pub(super) struct CoulombSolution {
 
 /// The solution of one site.
 #[derive(Clone, Copy, Debug, PartialEq)]
-enum SiteBranch {
+pub(super) enum SiteBranch {
     Open,
     /// It is closed, and sticks if it has friction.
     Held,
@@ -181,12 +181,30 @@ impl Coulomb {
                 break;
             }
         }
+        if let Some(solved) = turns.then(|| self.by_convex_steps()).flatten() {
+            return Some(solved);
+        }
         let modes = self.modes(&x);
         Some(CoulombSolution { modes, forces: None, is_shared: false, is_ambiguous: false })
     }
 
+    /// The contacts and joints.
+    pub(super) fn sites(&self) -> &[Site] {
+        &self.sites
+    }
+
+    /// `D` row by row, scaled.
+    pub(super) fn d(&self) -> &[f64] {
+        &self.d
+    }
+
+    /// The rates without forces, scaled.
+    pub(super) fn b(&self) -> &[f64] {
+        &self.b
+    }
+
     /// The rates that forces make.
-    fn rates(&self, x: &[f64]) -> Vec<f64> {
+    pub(super) fn rates(&self, x: &[f64]) -> Vec<f64> {
         self.d.chunks_exact(x.len()).zip(&self.b).map(|(d, b)| b + dot(d, x)).collect()
     }
 
@@ -220,7 +238,7 @@ impl Coulomb {
     }
 
     /// The solution with the pattern of some forces, if that obeys (1), and whether it is the only one.
-    fn judged(&self, x: &[f64], branches: &[SiteBranch]) -> Option<CoulombSolution> {
+    pub(super) fn judged(&self, x: &[f64], branches: &[SiteBranch]) -> Option<CoulombSolution> {
         let (solved, at, rates) = self.polished(x, branches)?;
         let is_ambiguous = self.has_others(&at, &rates);
         Some(CoulombSolution { is_ambiguous, ..solved })
@@ -271,11 +289,15 @@ impl Coulomb {
             return None;
         }
         let mut modes = self.modes(&at.x);
-        for (mode, branch) in modes.iter_mut().zip(&at.branches) {
+        for ((mode, branch), site) in modes.iter_mut().zip(&at.branches).zip(&self.sites) {
             match *branch {
                 SiteBranch::Open => (),
                 SiteBranch::Held => (mode.closed, mode.slip, mode.heading) = (true, 0.0, None),
                 SiteBranch::Slip(sign) => (mode.closed, mode.slip) = (true, sign),
+                // a force at the edge of its cone that lets nothing slip holds
+                SiteBranch::Turn(_) if site.speed(&rates) <= STILL * all => {
+                    (mode.closed, mode.slip, mode.heading) = (true, 0.0, None);
+                }
                 SiteBranch::Turn(angle) => {
                     let (s, c) = angle.sin_cos();
                     (mode.closed, mode.slip, mode.heading) = (true, 1.0, Some([c, s]));
@@ -653,7 +675,8 @@ impl Site {
     }
 }
 
-fn size(x: &[f64]) -> f64 {
+/// The largest magnitude.
+pub(super) fn size(x: &[f64]) -> f64 {
     x.iter().fold(f64::MIN_POSITIVE, |size, x| size.max(x.abs()))
 }
 

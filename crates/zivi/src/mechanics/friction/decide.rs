@@ -16,7 +16,8 @@ use crate::mechanics::friction::coulomb::{
 };
 use crate::mechanics::kinetics::Kinetics;
 use crate::mechanics::mode::{Contacts, Limit};
-use crate::numeric::dense::dot;
+use crate::numeric::dense::{dot, largest};
+use crate::numeric::elimination::Elimination;
 use crate::record::gap_set::{ContactMode, GapSet};
 use crate::record::status::Failure;
 use crate::Status;
@@ -43,6 +44,10 @@ enum Choice {
 /// Most repetitions for the directions of several contacts, and a turn of them that is rounding.
 pub(super) const REFINED: usize = 300;
 pub(super) const TURNED: f64 = 1e-15;
+/// Newton steps for directions that depend on shared loads, their halvings, and the angle of a difference.
+const TURNS: usize = 40;
+const HALVINGS: i32 = 24;
+const DIFFERENCE: f64 = 1e-7;
 /// Most directions in which a contact may begin to slip.
 pub(super) const DIRECTIONS: usize = 4;
 
@@ -153,6 +158,13 @@ pub(in crate::mechanics) fn decide<E>(
         let found = by_steps(kinetics, &choices, known);
         let solved = found.filter(|it| it.1.forces.is_some()).and_then(|(mode, solved)| {
             is_ambiguous = solved.is_ambiguous;
+            let found = judged(kinetics, (mode, touching), slips);
+            if found.as_ref().is_some_and(|it| it.violation <= VIOLATIONS.1) {
+                return found;
+            }
+            let begins = |pair: &[usize; 2]| pair.iter().all(|&c| slips[c] == 0.0);
+            let begun = kinetics.cones(mode.slipping()).filter(begins).collect();
+            turned_together(kinetics, mode, begun)?;
             judged(kinetics, (mode, touching), slips)
         });
         candidates.extend(solved.filter(|it| it.violation <= VIOLATIONS.1));
@@ -320,6 +332,55 @@ fn refined(
         }
     }
     Some(all)
+}
+
+/// Turns the contacts of a mode that begin to slip into the directions in which they are accelerated with the loads as
+/// dependent contacts share them, by Newton's method.
+fn turned_together(
+    kinetics: &mut Kinetics,
+    mode: ContactMode,
+    begun: Vec<[usize; 2]>,
+) -> Option<()> {
+    let (n, k) = (kinetics.coordinates(), begun.len());
+    let mut angles: Vec<f64> = begun
+        .iter()
+        .map(|pair| {
+            let [c, s] = pair.map(|channel| kinetics.headings()[channel]);
+            s.atan2(c)
+        })
+        .collect();
+    let misses = |kinetics: &mut Kinetics, angles: &[f64]| -> Option<Vec<f64>> {
+        for (pair, angle) in begun.iter().zip(angles) {
+            kinetics.head(*pair, [angle.cos(), angle.sin()]);
+        }
+        kinetics.contact(mode).ok()?;
+        let of = |(pair, angle): (&[usize; 2], &f64)| {
+            let [x, y] = pair.map(|channel| kinetics.acceleration[n + kinetics.row(channel)]);
+            angle.cos() * y - angle.sin() * x
+        };
+        Some(begun.iter().zip(angles).map(of).collect())
+    };
+    let mut miss = misses(kinetics, &angles)?;
+    for _ in 0..TURNS {
+        let mut slopes = vec![0.0; k * k];
+        for j in 0..k {
+            let mut turned = angles.clone();
+            turned[j] += DIFFERENCE;
+            let there = misses(kinetics, &turned)?;
+            (0..k).for_each(|i| slopes[i * k + j] = (there[i] - miss[i]) / DIFFERENCE);
+        }
+        let down: Vec<f64> = miss.iter().map(|miss| -miss).collect();
+        let step = Elimination::new(slopes, k, f64::EPSILON).solve(&down);
+        let shorter = (0..HALVINGS).find_map(|halvings| {
+            let part = 0.5_f64.powi(halvings);
+            let turned: Vec<f64> = angles.iter().zip(&step).map(|(a, s)| a + part * s).collect();
+            let there = misses(kinetics, &turned)?;
+            (largest(&there) < largest(&miss)).then_some((turned, there))
+        });
+        let Some((turned, there)) = shorter else { break };
+        (angles, miss) = (turned, there);
+    }
+    misses(kinetics, &angles).map(|_| ())
 }
 
 /// A combination with its violation, unless its equations have no solution.

@@ -11,6 +11,7 @@
 
 mod cone_shares;
 mod contact;
+mod convex_steps;
 mod coulomb;
 mod decide;
 mod impact;
