@@ -403,3 +403,27 @@ def test_what_a_controller_of_the_user_lacks_is_told():
         text = message(TypeError, loop_of, kind())
         assert "controller.step must take (x, xdot, force), then force_ref if it has an at" in text
         assert f"that of {kind.__name__} takes (x, xdot" in text
+
+
+def test_a_start_without_its_time_or_with_another_size_is_told_the_right_form():
+    chain = zivi.LinearSystem(
+        np.eye(2), 0.1 * np.eye(2), np.eye(2), excitation=zivi.Harmonic([1.0, 0.0], 2.0)
+    )
+    for start in (([0.0, 0.0], [0.0, 0.0]), (np.zeros(2), np.zeros(2))):
+        assert "(t0, (q, qdot))" in message(TypeError, zivi.periodic_orbit, chain, start)
+    ball = zivi.mechanics.Body("ball", kind="free", mass=1.0, inertia=0.1)
+    text = message(ValueError, zivi.simulate, zivi.Tree([ball]), SPAN, ([0, 0, 1], [0, 0, 0]))
+    assert "(qpos, qvel) with 7 and 6 numbers" in text
+
+
+def test_an_orbit_is_drawn_by_its_trajectory():
+    shaken = zivi.ImpactSystem(zivi.LinearForce(gravity=1, amplitude=1.3), e=0.5)
+    orbit = zivi.periodic_orbit(shaken, (0, (2, 2)))
+    assert message(TypeError, zivi.plot.position, orbit).endswith("draw its attribute trajectory")
+    assert len(zivi.plot.position(orbit.trajectory).lines) > 0
+
+
+def test_controllers_of_one_mass_are_sent_to_the_c_library():
+    regulator = zivi.TwistingRegulator(10, 5, h=1e-3, e=0.5)
+    text = message(TypeError, zivi.native.gap_tracker_source, regulator)
+    assert "zivi.native.prefix()" in text

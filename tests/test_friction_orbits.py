@@ -73,6 +73,7 @@ def test_the_damped_cycle_ends_where_its_slip_only_touches_the_speed_of_the_belt
     orbit = cycle(belt(DAMPING))
     branch = zivi.continue_orbit(orbit, "belt.velocity", (0.05, 2.0), step=0.05)
     assert [it.kind for it in branch.events] == ["slip_grazing"]
+    assert "slip grazes" in [it.get_label() for it in zivi.plot.branch(branch).get_lines()]
     assert branch.status.name == "LEFT_ADMISSIBLE"
     assert np.all(branch.multipliers == 0.0)
     with mp.workdps(30):

@@ -29,6 +29,8 @@ ARGUMENTS: Mapping[str, Mapping[str, str]] = {
         ("m", "mass"), "the force is per unit mass: divide it, or take zivi.MechanicalSystem"
     )
     | {
+        "contact": "compliant contact belongs to a gap, zivi.LinearGap([1], contact=) of a "
+        "zivi.MechanicalSystem",
         "mu": "friction is zivi.DryFriction here, or mu of a gap of zivi.MechanicalSystem",
         "x0": "the start belongs to the run, zivi.simulate(system, t_span, (x0, xdot0))",
         "y0": "the start belongs to the run, zivi.simulate(system, t_span, (x0, xdot0))",

@@ -145,8 +145,9 @@ class GapTracker(ModelBased):
     Notes
     -----
     The accelerations of the gaps are decoupled by the Delassus matrix; each gap is then controlled
-    as one mass. An update evaluates the model once, factorises matrices of the size of the
-    coordinates, and solves one twisting step for each gap.
+    as one mass. An update evaluates the model at the sample and, for a reference without gaps,
+    at both ends of its period; with `delay` it integrates the model ahead. It factorises matrices
+    of the size of the coordinates and solves one twisting step for each gap.
 
     References
     ----------
@@ -380,7 +381,10 @@ class GapTracker(ModelBased):
 def check_gap_tracker(controller: Any) -> None:
     """Refuse any other controller, also one that is derived from it."""
     if type(controller) is not GapTracker:
-        raise TypeError(f"controller must be a zivi.GapTracker, got {type(controller).__name__}")
+        raise TypeError(
+            f"controller must be a zivi.GapTracker, got {type(controller).__name__}; the C "
+            "library, zivi.native.prefix(), and zivi.export_fmu have controllers of one mass"
+        )
 
 
 def _sample_spec(sample: ReferenceSample) -> tuple[Any, ...]:

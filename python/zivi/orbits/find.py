@@ -161,6 +161,8 @@ def _from_word(
             f"{type(start).__name__}"
         )
     letters, rows = start
+    if np.ndim(letters) == 1 and np.size(letters) and not isinstance(letters[0], str):
+        raise TypeError(f"start must be (t0, (q, qdot)) for a state, got two arrays: {start!r}")
     if isinstance(letters, str) or not isinstance(letters, Sequence):
         raise TypeError(f"start[0] must be a sequence of letters such as 'I stop', got {letters!r}")
     flow = flow_of(system, method)

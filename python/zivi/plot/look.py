@@ -163,6 +163,8 @@ def check_run(plot: str, run: Any, *, needs: str | None = None, of: str | None =
 
 
 def _instead(run: Any) -> str:
+    if hasattr(run, "trajectory"):
+        return ": draw its attribute trajectory"
     if hasattr(run, "gaps"):
         return ": of a mechanical system draw zivi.plot.gaps, reactions, coordinates, configuration"
     if hasattr(run, "n_impacts"):

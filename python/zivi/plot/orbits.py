@@ -33,6 +33,12 @@ EVENTS = {
     "contact_ends": ("X", ORANGE, "end of a contact"),
     "opening": ("X", PURPLE, "opening"),
     "simultaneous": ("P", ORANGE, "two events at once"),
+    "slip_grazing": ("v", BLUE, "slip grazes"),
+    "slip_appears": ("^", BLUE, "slip appears"),
+    "slip_vanishes": ("X", BLUE, "slip vanishes"),
+    "stick_appears": ("^", GREEN, "stick appears"),
+    "stick_vanishes": ("v", GREEN, "stick vanishes"),
+    "turn_sticks": ("P", BLUE, "turn sticks"),
 }
 """Marker, colour and name of each event."""
 FLAT = 1e-6

@@ -647,8 +647,8 @@ class MechanicalSystem:
     Notes
     -----
     Contact forces solve a linear complementarity problem with the Delassus matrix of the closed
-    gaps. A step factorises the mass matrix at each stage, :math:`O(n^3)`; constant matrices are
-    factorised once.
+    gaps. A stage of a step factorises the mass matrix, :math:`O(n^3)`, unless it is that of the
+    stage before: a constant one is factorised once.
 
     References
     ----------

@@ -891,10 +891,17 @@ class Tree(MechanicalSystem):
             return y0
         try:
             q, qdot = y0
-            with_quaternion = len(q) == self.nq
+            size = len(q)
         except (TypeError, ValueError):
             return y0
-        return self.state(q, qdot) if with_quaternion else y0
+        if size == self.nq:
+            return self.state(q, qdot)
+        if size != self._n:
+            raise ValueError(
+                f"y0 must be (qpos, qvel) with {self.nq} and {self._n} numbers or (q, qdot) with "
+                f"{self._n} each, got {size} numbers first"
+            )
+        return y0
 
     def __repr__(self) -> str:
         told = f"joints=({', '.join(self._coordinates or ())}), gaps=({', '.join(self._gap_names)})"
