@@ -355,3 +355,18 @@ def test_a_break_of_the_force_that_is_declared():
     s = zivi.sensitivity(drop, (0, 0.6), ([1.0], [0.0]), ("q0",), method, tstops=[0.2])
     speed = -s.trajectory.resolved_impacts["speed_before"][0]
     assert s.resolved_impacts["dt"][0, 0] == pytest.approx(1 / speed, rel=1e-9)
+
+
+def test_a_parameter_e_of_a_builder_is_what_replace_sets():
+    def falling(e):  # here an acceleration
+        return zivi.MechanicalSystem(mass=1.0, force=[-e], gaps=[zivi.LinearGap([1])], e=0.5)
+
+    system = zivi.ParametricSystem(falling, {"e": 9.81})
+    s = zivi.sensitivity(system, (0, 0.9), ([1.0], [0.0]), wrt=("e",))
+
+    def after(g):
+        t1 = np.sqrt(2 / g)
+        return 0.5 * g * t1 * (0.9 - t1) - g * (0.9 - t1) ** 2 / 2
+
+    slope = (after(9.81 + 1e-4) - after(9.81 - 1e-4)) / 2e-4
+    assert abs(s.final[0, 0, 0] - slope) < 1e-8

@@ -105,6 +105,10 @@ class _Former(CallableHint):
         now = RENAMED.get((self.__name__.removeprefix("zivi."), name), name)
         return getattr(importlib.import_module(self._now), now)
 
+    def __dir__(self) -> list[str]:
+        now = importlib.import_module(self._now)
+        return sorted({*super().__dir__(), *getattr(now, "__all__", ())})
+
 
 def hand_on(names: Mapping[str, str] = FORMER) -> None:
     """Register the former names of modules for `import` and pickles."""

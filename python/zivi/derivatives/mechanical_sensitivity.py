@@ -109,8 +109,10 @@ def columns_of(
         for k, (name, value) in enumerate(parameters.items())
     }
     rough = _of_friction(system)
-    # a parameter does not hide what every system has
+    # a parameter does not hide what every system has, but for the one that `replace(e=)` sets
     known = rough | own | single
+    if isinstance(system, ParametricSystem) and "e" in own:
+        known["e"] = own["e"]
     found: list[Column] = []
     for name in wrt:
         if name in groups:
@@ -169,7 +171,7 @@ def _unknown_column(
             "; this system does not have named parameters: use zivi.symbolic.system(..., "
             "parameters={...}) or zivi.ParametricSystem(build, {...})"
         )
-    known = ", ".join([*names, *parameters])
+    known = ", ".join(dict.fromkeys([*names, *parameters]))
     return f"unknown parameter {name!r}; the parameters are {known}{hint}"
 
 
