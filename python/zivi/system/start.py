@@ -421,17 +421,24 @@ def _check_distinct(
 
     Gaps that are equal at the start differ where their walls move.
     """
+
+    def twins(*places: Evaluation) -> tuple[str, str] | None:
+        seen: list[tuple[str, Array]] = []
+        for i, name in enumerate(system.gap_names):
+            row = np.concatenate([np.append(at.gaps[i], at.gradients[i]) for at in places])
+            row /= float(np.linalg.norm(here.gradients[i]))
+            for other, known in seen:
+                if np.max(np.abs(row - known)) <= 1e-12 * (1.0 + np.max(np.abs(row))):
+                    return name, other
+            seen.append((name, row))
+        return None
+
+    if twins(here) is None:  # a force that ends later is not evaluated there
+        return
     t = span[0] + LATER * (span[1] - span[0])
     there = look(t, q + 1e-3 * (1.0 + np.abs(q)) * _probe(len(q)), np.zeros_like(q))
-    seen: list[tuple[str, Array]] = []
-    for i, name in enumerate(system.gap_names):
-        size = float(np.linalg.norm(here.gradients[i]))
-        row = np.concatenate([[here.gaps[i], there.gaps[i]], here.gradients[i], there.gradients[i]])
-        row /= size
-        for other, known in seen:
-            if np.max(np.abs(row - known)) <= 1e-12 * (1.0 + np.max(np.abs(row))):
-                raise ValueError(f"gap {name!r} is redundant: it is gap {other!r} again")
-        seen.append((name, row))
+    if pair := twins(here, there):
+        raise ValueError(f"gap {pair[0]!r} is redundant: it is gap {pair[1]!r} again")
 
 
 def _check_channels(
