@@ -80,6 +80,10 @@ def test_a_grazing_curve_passes_the_resonance():
     assert np.max(np.abs(zivi.grazing_curve(system, "stop", w)[:, 1] - exact)) < 1e-12
     with pytest.raises(ValueError, match="gap"):
         zivi.response_amplitude(system, "other", w)
+    slider = system.replace(friction=[zivi.DryFriction([1.0], limit=0.3)])
+    for function in (zivi.response_amplitude, zivi.grazing_curve):
+        with pytest.raises(ValueError, match="not linear in the load"):
+            function(slider, "stop", w)
 
 
 @pytest.fixture(scope="module")

@@ -350,7 +350,7 @@ def response_amplitude(system: LinearSystem, gap: str, omegas: ArrayLike) -> Arr
     Raises
     ------
     ValueError
-        For another gap, or loads of several frequencies.
+        For another gap, loads of several frequencies, or dry friction.
 
     See Also
     --------
@@ -449,6 +449,11 @@ def grazing_curve(system: LinearSystem, gap: str, omegas: ArrayLike) -> Array:
 def _gap(system: LinearSystem, gap: str) -> tuple[LinearGap, Array]:
     if not is_exact(system):
         raise TypeError(f"system must be a zivi.LinearSystem under waves, got {system!r}")
+    if system.channel_names:
+        raise ValueError(
+            "system must be without friction, whose response is not linear in the load, got the "
+            f"channels {', '.join(system.channel_names)}; zivi.periodic_orbit finds the response"
+        )
     if gap not in system.gap_names:
         raise ValueError(f"gap must be one of {', '.join(system.gap_names)}, got {gap!r}")
     own = system.gaps[system.gap_names.index(gap)]
