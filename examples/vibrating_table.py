@@ -14,7 +14,8 @@ with ``w' = a omega cos(phi)`` and ``G = a omega^2/g``
 where u is the speed relative to the table after an impact. It exists from ``G = n pi (1-e)/(1+e)``.
 The map from impact to impact has, at this orbit, the determinant ``e^2`` and the trace
 ``1 + e^2 - (1 + e)^2 G sin(phi)`` (a later impact by dt leaves faster by ``-(1 + e) a omega^2
-sin(phi) dt``). Its period doubles where a multiplier is -1, ``1 + trace + determinant = 0``:
+sin(phi) dt``). Its period doubles where a Floquet multiplier is -1,
+``1 + trace + determinant = 0``:
 
     G sin(phi) = 2 (1 + e^2)/(1 + e)^2
     G^2 = (n pi (1 - e)/(1 + e))^2 + (2 (1 + e^2)/(1 + e)^2)^2

@@ -76,7 +76,7 @@ NAMES = {
     "system.parameters": "parameter with_value",
     "system.start": "_Look _check_curvatures _check_gradients _check_rates check_start",
     "system.symbolic_system": "derive",
-    "vi.factorisation": "Factoriser Factors Keep in_thread",
+    "vi.factorisation": "Factoriser Factors ReleaseEvent in_thread",
     "vi.jacobian": "ColouredDifferences colours_of pattern_of",
     "vi.solve": "Affine _sizes",
     "vi.sparse": "AffineMap _agrees _is_within_rounding",

@@ -108,7 +108,7 @@ def test_a_force_that_refers_to_its_system_is_collected():
 
 def test_hits_of_a_mass_and_of_a_mechanism_are_of_one_class():
     event = _zivi.Event(lambda t, *state: t - 0.5, direction=0, terminal=None)
-    keep, method = _zivi.Keep(events=[event]), zivi.SwitchedRK()._core
+    keep, method = _zivi.RecordOptions(events=[event]), zivi.SwitchedRK()._core
     mass = _zivi.PointMass(ONE, PLASTIC)
     of_mass = _zivi.simulate(mass, method, (0.0, 1.0), _zivi.State(2.0, 0.0), keep).hits[0]
     system = zivi.MechanicalSystem(mass=[[1.0]], force=[-1.0], gaps=[], e=[])

@@ -16,7 +16,7 @@ from inside import (
     ColouredDifferences,
     Factoriser,
     Factors,
-    Keep,
+    ReleaseEvent,
     Search,
     _agrees,
     _is_within_rounding,
@@ -386,7 +386,7 @@ def test_a_matrix_without_enough_places_for_pivots_is_not_given_to_superlu(capfd
 
 
 def test_a_thread_keeps_what_it_made_until_it_is_told():
-    keep, polls = Keep(), []
+    keep, polls = ReleaseEvent(), []
     assert in_thread(lambda: 7, lambda: polls.append(1), keep) == 7
     assert keep.thread.is_alive()
     keep.set()
@@ -395,12 +395,12 @@ def test_a_thread_keeps_what_it_made_until_it_is_told():
     assert not keep.thread.is_alive()
     assert in_thread(lambda: 8, lambda: None) == 8
     with pytest.raises(ZeroDivisionError):
-        in_thread(lambda: 1 // 0, lambda: None, Keep())
+        in_thread(lambda: 1 // 0, lambda: None, ReleaseEvent())
 
     def over():
         raise TimeoutError
 
-    keep, gate = Keep(), threading.Event()
+    keep, gate = ReleaseEvent(), threading.Event()
     for until in (keep, None):
         with pytest.raises(TimeoutError):
             in_thread(gate.wait, over, until)

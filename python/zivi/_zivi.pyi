@@ -28,7 +28,7 @@ __all__ = [
     "Hits",
     "ImpactLaw",
     "Inputs",
-    "Keep",
+    "RecordOptions",
     "LiftedSamples",
     "LoopBatchRecord",
     "LoopRecord",
@@ -501,7 +501,7 @@ class Hits:
     def qdot(self) -> _Array: ...
 
 @final
-class Keep:
+class RecordOptions:
     def __new__(
         cls,
         *,
@@ -520,7 +520,7 @@ def simulate(
     method: Method,
     span: tuple[float, float],
     start: State,
-    keep: Keep,
+    keep: RecordOptions,
     progress: Callable[[int, int], None] | None = None,
 ) -> RunRecord: ...
 @overload
@@ -529,7 +529,7 @@ def simulate(
     method: Method,
     span: tuple[float, float],
     start: Configuration,
-    keep: Keep,
+    keep: RecordOptions,
     progress: Callable[[int, int], None] | None = None,
 ) -> MechanicalRecord: ...
 

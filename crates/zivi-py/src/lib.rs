@@ -39,7 +39,7 @@ fn _zivi(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<system::Configuration>()?;
     module.add_class::<friction::PyFriction>()?;
     module.add_class::<friction::FrictionRecord>()?;
-    module.add_class::<system::PyKeep>()?;
+    module.add_class::<system::PyRecordOptions>()?;
     module.add_class::<method::PyEvent>()?;
     module.add_class::<method::Hits>()?;
     module.add_function(wrap_pyfunction!(simulate::simulate, module)?)?;

@@ -21,7 +21,9 @@ use crate::method::{step_of, step_solver, PyMethod};
 use crate::record::MechanicalRecord;
 use crate::record::RunRecord;
 use crate::system::restitution_of;
-use crate::system::{kicks_of_mechanism, Configuration, Mechanism, PyKeep, PyPointMass, PyState};
+use crate::system::{
+    kicks_of_mechanism, Configuration, Mechanism, PyPointMass, PyRecordOptions, PyState,
+};
 
 /// An array of times as a slice with the lifetime of the array.
 pub(crate) struct Times<'py>(Option<PyReadonlyArray1<'py, f64>>);
@@ -51,7 +53,7 @@ pub(crate) fn simulate(
     method: PyRef<'_, PyMethod>,
     span: (f64, f64),
     start: &Bound<'_, PyAny>,
-    keep: PyRef<'_, PyKeep>,
+    keep: PyRef<'_, PyRecordOptions>,
     progress: Option<Py<PyAny>>,
 ) -> PyResult<Py<PyAny>> {
     let _running = crate::interface::running()?;
@@ -79,7 +81,7 @@ fn run_point(
     method: AnyMethod,
     span: (f64, f64),
     start: Physical,
-    keep: &PyKeep,
+    keep: &PyRecordOptions,
     watch: &mut Watch<'_>,
 ) -> Ran<PointRun<PyErr>> {
     let (t_eval, tstops) =
@@ -108,13 +110,13 @@ fn run_mechanism(
     method: AnyMethod,
     span: (f64, f64),
     start: &Configuration,
-    keep: &PyKeep,
+    keep: &PyRecordOptions,
     watch: &mut Watch<'_>,
 ) -> Ran<MechanicalRun<PyErr>> {
     let (t_eval, tstops) =
         (Times::new(py, keep.t_eval.as_ref())?, Times::new(py, keep.tstops.as_ref())?);
     let (t_eval, tstops) = (t_eval.given()?, tstops.given()?.unwrap_or_default());
-    let PyKeep { ends, dense, arcs, .. } = *keep;
+    let PyRecordOptions { ends, dense, arcs, .. } = *keep;
     let laws = system.laws.as_slice();
     let start = (start.q.as_slice(), start.qdot.as_slice());
     let (layout, friction) = (system.layout(), system.laws_of_contact());

@@ -166,8 +166,8 @@ impl Configuration {
 }
 
 /// Data stored by a run, in addition to events at the wall.
-#[pyclass(frozen, module = "zivi._zivi", name = "Keep")]
-pub(crate) struct PyKeep {
+#[pyclass(frozen, module = "zivi._zivi", name = "RecordOptions")]
+pub(crate) struct PyRecordOptions {
     /// Times of the samples, if given.
     pub(crate) t_eval: Option<Py<PyArray1<f64>>>,
     /// Times where the force is not smooth.
@@ -185,7 +185,7 @@ pub(crate) struct PyKeep {
 }
 
 #[pymethods]
-impl PyKeep {
+impl PyRecordOptions {
     #[new]
     #[pyo3(signature = (
         *, t_eval=None, tstops=None, kicks=None, events=Vec::new(), ends=false, dense=false,
@@ -210,7 +210,7 @@ impl PyKeep {
     }
 }
 
-impl PyKeep {
+impl PyRecordOptions {
     /// Whether user functions other than the forces are called.
     pub(crate) fn calls(&self) -> bool {
         !self.events.is_empty() || self.kicks.is_some()

@@ -15,7 +15,7 @@ import numpy as np
 from zivi import plot
 from zivi.paper.report import (
     Check,
-    Picture,
+    PaperFigure,
     draw_sv_plane,
     farthest_from,
     max_abs,
@@ -72,7 +72,7 @@ SETTINGS: dict[str, float | str] = {
 IMPLICIT: dict[str, float | str] = {"scheme": "implicit Euler"}
 
 
-def draw_ball(sol: Trajectory) -> Iterator[Picture]:
+def draw_ball(sol: Trajectory) -> Iterator[PaperFigure]:
     """Draw figures 1 to 4."""
     lambdas = ["lambda_s", "lambda_v"]
     pictures = (
@@ -83,7 +83,7 @@ def draw_ball(sol: Trajectory) -> Iterator[Picture]:
     )
     for name, title, draw, quantities, remark in pictures:
         data = {"": run_data(sol, quantities)}
-        yield Picture(name, title, IMPLICIT | SETTINGS, draw(sol), data, remark)
+        yield PaperFigure(name, title, IMPLICIT | SETTINGS, draw(sol), data, remark)
 
 
 AT_REST = (
@@ -141,7 +141,7 @@ def _draw_signs(sol: Trajectory) -> Figure:
     return figure
 
 
-def explicit_and_implicit() -> Picture:
+def explicit_and_implicit() -> PaperFigure:
     """Draw both schemes at the accumulation, at the same step size."""
     import matplotlib.pyplot as plt
 
@@ -163,7 +163,7 @@ def explicit_and_implicit() -> Picture:
     rows[0, 1].text(Exact.zeno, 15, "  exact Zeno point")
     title = "The ball at its accumulation, explicit and implicit signs"
     data = {name: run_data(sol, ["x", "xdot", "s", "v"]) for name, sol in runs.items()}
-    return Picture("explicit_and_implicit", title, SETTINGS, figure, data)
+    return PaperFigure("explicit_and_implicit", title, SETTINGS, figure, data)
 
 
 def check_ball(sol: Trajectory) -> list[Check]:

@@ -18,7 +18,7 @@ from zivi import plot
 from zivi.control.loop_run import ClosedLoop
 from zivi.paper import report
 from zivi.paper.closed_loops import FORCE, KAPPA, MU1, MU2, track
-from zivi.paper.report import Picture, loop_data, max_abs
+from zivi.paper.report import PaperFigure, loop_data, max_abs
 
 CONTROLLERS = ("explicit", "positive", "nearest")
 STEPS = (1e-2, 1e-3, 1e-4)
@@ -118,7 +118,7 @@ def _chattering_cells(row: Chattering) -> tuple[str, ...]:
     return (where, f"{force_error:g}", f"{h:g}", controller, *numbers)
 
 
-def draw_chattering() -> Picture:
+def draw_chattering() -> PaperFigure:
     """Draw control and error of both: rising and on the wall, with the unknown force."""
     import matplotlib.pyplot as plt
 
@@ -149,7 +149,7 @@ def draw_chattering() -> Picture:
     }
     settings |= {"branch": "positive", "loop": "sampled"}
     data = {name: loop_data(sol) for name, sol in made.items()}
-    return Picture("chattering", title, settings, result, data)
+    return PaperFigure("chattering", title, settings, result, data)
 
 
 TITLE_ON_THE_WALL = "reference at rest, 1.5 m/s$^2$ outward unknown"

@@ -23,7 +23,7 @@ from zivi.paper.closed_loops import (
     lift_run,
     regulate,
 )
-from zivi.paper.report import Check, Picture, draw_sv_plane, loop_data, max_abs, rest_time_of
+from zivi.paper.report import Check, PaperFigure, draw_sv_plane, loop_data, max_abs, rest_time_of
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -44,7 +44,7 @@ def exact_settling() -> float:
     return first + E * speed * flight / (1 - ratio)
 
 
-def draw_regulator(run: ClosedLoop) -> Iterator[Picture]:
+def draw_regulator(run: ClosedLoop) -> Iterator[PaperFigure]:
     """Draw figure 5, in the (s, v) plane, and the same run over time."""
     settings = REGULATION | {"loop": PAPER_LOOP}
     s, v = lift_run(run)
@@ -52,9 +52,9 @@ def draw_regulator(run: ClosedLoop) -> Iterator[Picture]:
     title = "The regulator in the (s, v) plane"
     remark = "Gains, kappa and start are ours: the paper gives no numbers."
     figure = draw_sv_plane(s, v, (6e-4, 0.025))
-    yield Picture("fig5_regulator_sv_plane", title, settings, figure, data, remark)
+    yield PaperFigure("fig5_regulator_sv_plane", title, settings, figure, data, remark)
     title, data = "The regulator over time", {"": loop_data(run)}
-    yield Picture("regulator_over_time", title, settings, _draw_regulator_history(run), data)
+    yield PaperFigure("regulator_over_time", title, settings, _draw_regulator_history(run), data)
 
 
 def _draw_regulator_history(run: ClosedLoop) -> Figure:

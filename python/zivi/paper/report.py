@@ -160,7 +160,7 @@ NO_BREAK = "\u00a0"
 
 
 @dataclasses.dataclass(frozen=True)
-class Picture:
+class PaperFigure:
     """A figure with its settings.
 
     Parameters

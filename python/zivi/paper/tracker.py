@@ -26,7 +26,7 @@ from zivi.paper.closed_loops import (
     last_above,
     track,
 )
-from zivi.paper.report import Check, Picture, farthest_from, loop_data, max_abs
+from zivi.paper.report import Check, PaperFigure, farthest_from, loop_data, max_abs
 from zivi.simulation.methods import ThetaGamma
 from zivi.simulation.run import simulate
 from zivi.simulation.trajectory import Trajectory
@@ -67,7 +67,7 @@ def errors(run: ClosedLoop) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
 PAPER: dict[str, float | str] = TRACKING | {"branch": "positive", "loop": PAPER_LOOP}
 
 
-def draw_tracker(run: ClosedLoop) -> Iterator[Picture]:
+def draw_tracker(run: ClosedLoop) -> Iterator[PaperFigure]:
     """Draw figures 6 to 8, and the errors and the signs of the same run."""
     e_s, e_v = errors(run)
     pictures = (
@@ -81,7 +81,7 @@ def draw_tracker(run: ClosedLoop) -> Iterator[Picture]:
         data = loop_data(run, *quantities)
         if draw is _draw_errors:
             data = data.assign(e_s=e_s, e_v=e_v)[["e_s", "e_v"]]
-        yield Picture(name, title, PAPER, draw(run), {"": data})
+        yield PaperFigure(name, title, PAPER, draw(run), {"": data})
 
 
 def _axes_over_time(height: float) -> tuple[Figure, Axes]:
@@ -162,7 +162,7 @@ def _pair_of_signs(run: ClosedLoop, ax: Axes, names: tuple[str, str], column: in
     ax.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False)
 
 
-def sampled_and_paper(made: dict[str, ClosedLoop]) -> Picture:
+def sampled_and_paper(made: dict[str, ClosedLoop]) -> PaperFigure:
     """Draw the distance to the reference in both loops, with both branch strategies."""
     import matplotlib.pyplot as plt
 
@@ -178,7 +178,7 @@ def sampled_and_paper(made: dict[str, ClosedLoop]) -> Picture:
     ax.legend(loc="lower left")
     title = "Distance to the reference, both loops and branches"
     data = {name: loop_data(run) for name, run in made.items()}
-    return Picture("tracking_loops", title, TRACKING, figure, data)
+    return PaperFigure("tracking_loops", title, TRACKING, figure, data)
 
 
 def check_tracker(made: dict[str, ClosedLoop]) -> list[Check]:

@@ -11,7 +11,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 from zivi.paper import ball, chattering, linearisation, regulator, report, rest, robustness, tracker
 from zivi.paper.closed_loops import regulate
-from zivi.paper.report import Check, Picture, save_checks
+from zivi.paper.report import Check, PaperFigure, save_checks
 from zivi.simulation.methods import ThetaGamma
 
 # Writes the figures, their data, and the tables, stage by stage.
@@ -159,7 +159,7 @@ STAGES: dict[str, Callable[[Path, Reproduction], None]] = {
 """What can be run on its own: the first three are the paper's figures and checked numbers."""
 
 
-def _save_all(pictures: Iterable[Picture], folder: Path) -> None:
+def _save_all(pictures: Iterable[PaperFigure], folder: Path) -> None:
     for picture in pictures:
         picture.save(folder)
 

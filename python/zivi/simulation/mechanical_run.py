@@ -63,9 +63,9 @@ class RunRequest:
     arcs: bool = False
     ends: bool = False
 
-    def keep(self) -> _zivi.Keep:
+    def keep(self) -> _zivi.RecordOptions:
         """Return what the extension keeps."""
-        return _zivi.Keep(
+        return _zivi.RecordOptions(
             t_eval=self.t_eval,
             tstops=self.tstops,
             kicks=self.kicks,

@@ -156,7 +156,7 @@ def _outward(system: ImpactSystem) -> float:
 # Who drives: one call from a system, a span and a state to a trajectory.
 
 DEFAULT_METHOD = SwitchedRK()
-THE_MOTION, THE_STEPS = _zivi.Keep(dense=True), _zivi.Keep(dense=False)
+THE_MOTION, THE_STEPS = _zivi.RecordOptions(dense=True), _zivi.RecordOptions(dense=False)
 """What most runs keep, made once."""
 
 Event: TypeAlias = Callable[..., float]
@@ -365,7 +365,7 @@ def simulate(
     if times is None and stops is NO_STOPS and not watched:
         keep = THE_MOTION if dense_output else THE_STEPS
     else:
-        keep = _zivi.Keep(
+        keep = _zivi.RecordOptions(
             t_eval=times, tstops=stops, kicks=kicked, events=watched, dense=dense_output
         )
     run = (system._core, method._core, span, _zivi.State(*start), keep)

@@ -51,7 +51,7 @@ _INTERRUPTED = 130
 Outcome = TypeVar("Outcome")
 
 
-class Keep(threading.Event):
+class ReleaseEvent(threading.Event):
     """Set when what a thread made is needed no more; the thread is the last that lets go of it.
 
     SuperLU frees memory only in the thread that took it.
@@ -68,7 +68,7 @@ class Keep(threading.Event):
 def in_thread(
     work: Callable[[], Outcome],
     poll: Callable[[], None],
-    until: Keep | None = None,
+    until: ReleaseEvent | None = None,
 ) -> Outcome:
     """Return what `work` returns, which does not hold the interpreter's lock while it computes.
 
@@ -157,11 +157,13 @@ class Factors:
         The matrix.
     places : ndarray or None
         The permutation of rows and columns used; None without one.
-    released : Keep, optional
+    released : ReleaseEvent, optional
         Set when the factors are needed no more.
     """
 
-    def __init__(self, lu: Any, A: Any, places: Any = None, released: Keep | None = None) -> None:
+    def __init__(
+        self, lu: Any, A: Any, places: Any = None, released: ReleaseEvent | None = None
+    ) -> None:
         from scipy.sparse import csc_array
 
         self._lu, self._places = lu, places
@@ -262,7 +264,7 @@ class Factoriser:
         """Entries of the largest factors, L and U together."""
         self._last: tuple[Factors, Any] | None = None
         self._order: Order | None = None
-        self._kept = Keep()
+        self._kept = ReleaseEvent()
 
     def last_of(self, free: Any) -> Factors | None:
         """Return the last factors if they belong to the rows and columns `free`."""
@@ -326,7 +328,7 @@ class Factoriser:
         known = self._order if self._order and self._order.fits(A, pivoting) else None
         work = partial(_factorised, A, pivoting, known)
         self._kept.settle()  # the memory of former factors is free
-        released = None if A.nnz < _SHORT else Keep()
+        released = None if A.nnz < _SHORT else ReleaseEvent()
         try:
             if released is None:
                 lu, order = work()

@@ -189,7 +189,7 @@ class _ModelStruct(ctypes.Structure):
     ]
 
 
-class Glue:
+class CompiledModel:
     """Arguments of the C code, and the objects that keep it alive.
 
     Parameters
@@ -312,10 +312,10 @@ class MujocoSystem(MechanicalSystem):
                 f"zivi.interop.mujoco.system does not support friction of gaps: {gap.name!r}; use "
                 "zivi.Tree"
             )
-        self._glue = Glue(own, found, read_ctrl(model, ctrl))
+        self._compiled = CompiledModel(own, found, read_ctrl(model, ctrl))
         self._native = compile_model({"c": SOURCE}, "c")
         self._gaps = ()
-        self._gap_names = distinct_names("gaps", self._glue.names)
+        self._gap_names = distinct_names("gaps", self._compiled.names)
         if len(self._gap_names) > MAX_SIZE:
             raise ValueError(f"gaps must be at most {MAX_SIZE}, got {len(self._gap_names)}")
         self._n = int(model.nv)
@@ -323,7 +323,9 @@ class MujocoSystem(MechanicalSystem):
         self._e = restitutions(e, len(self._gap_names))
 
     def _new_model(self, n: int) -> Model:
-        return Model.of_code(Layout(n, self.m), self._native, self._glue.address, self._glue)
+        return Model.of_code(
+            Layout(n, self.m), self._native, self._compiled.address, self._compiled
+        )
 
     def __repr__(self) -> str:
         told = f"joints=({', '.join(self._coordinates or ())}), gaps=({', '.join(self._gap_names)})"
