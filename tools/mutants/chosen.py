@@ -15,8 +15,8 @@ from rust import opening_brace
 
 NAME = "chosen"
 KEYS = {"name", "file", "find", "replace"}
-FUNCTION = re.compile(r"^( *)(?:pub(?:\([a-z]+\))? )?(?:const )?(?:extern \"C\" )?fn (\w+)", re.M)
-CONSTANT = re.compile(r"\s*(?:pub(?:\([a-z]+\))? )?const (\w+)")
+FUNCTION = re.compile(r"^( *)(?:pub(?:\([\w: ]+\))? )?(?:const )?(?:extern \"C\" )?fn (\w+)", re.M)
+CONSTANT = re.compile(r"\s*(?:pub(?:\([\w: ]+\))? )?const (\w+)")
 
 
 @dataclass(frozen=True)

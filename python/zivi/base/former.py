@@ -68,7 +68,7 @@ FORMER = {
     "study.codec": "study.folder",
     "study.head": "study.folder",
     "study.pools": "study.drive",
-    "system.constraints.connections": "system.connections",
+    "system.constraints.connections": "system.tree_bodies",
     "system.constraints.equality": "system.model_parts",
     "system.force": "system.mass",
     "system.friction": "system.gap",

@@ -22,12 +22,6 @@ from zivi.simulation.mechanical_trajectory import MechanicalTrajectory
 from zivi.simulation.methods import SwitchedRK
 from zivi.simulation.run import pair
 from zivi.simulation.run_result import as_raised, with_partial
-from zivi.system.friction_numbers import (
-    contact_numbers,
-    friction_numbers,
-    with_contact_numbers,
-    with_friction_numbers,
-)
 from zivi.system.impact_law import (
     ImpactLaw,
     NewtonImpact,
@@ -42,6 +36,10 @@ from zivi.system.parameters import (
     ParametricSystem,
     check_planar_friction,
     codes_of,
+    contact_numbers,
+    friction_numbers,
+    with_contact_numbers,
+    with_friction_numbers,
     with_value,
 )
 from zivi.system.start import check_start

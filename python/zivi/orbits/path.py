@@ -34,7 +34,6 @@ from zivi.orbits.flows import (
     is_exact,
 )
 from zivi.simulation.methods import SwitchedRK
-from zivi.system.friction_numbers import friction_numbers, with_friction_numbers
 from zivi.system.gap import HarmonicWall, LinearGap
 from zivi.system.linear import Harmonic, LinearSystem
 from zivi.system.mass import ImpactSystem
@@ -42,8 +41,10 @@ from zivi.system.mechanism import MechanicalSystem
 from zivi.system.parameters import (
     ParametricSystem,
     excitation,
+    friction_numbers,
     parameter,
     parameters_of,
+    with_friction_numbers,
     with_value,
 )
 

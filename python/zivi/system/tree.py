@@ -14,11 +14,6 @@ from numpy.typing import ArrayLike
 import zivi._zivi as _zivi
 from zivi.base.check import Array, finite, real_array
 from zivi.base.extras import late
-from zivi.system.connections import (
-    ConstraintRows,
-    TreeConstraint,
-    rows_of_constraints,
-)
 from zivi.system.gap import IMPACT_LAWS, PARADOXES, ContactLaw, DryFriction, one_of
 from zivi.system.impact_law import GivenRestitutions, laws_of, restitutions, written
 from zivi.system.mechanism import (
@@ -46,16 +41,19 @@ from zivi.system.tree_bodies import (
     ROTATIONS,
     BallGap,
     Body,
+    ConstraintRows,
     Coordinate,
     JointLimit,
     PlaneGap,
     Rubbing,
+    TreeConstraint,
     TreeGap,
     body_values,
     coordinates_of_body,
     friction_of_joints,
     inputs_of_tree,
     joint_values,
+    rows_of_constraints,
     rubbings,
     vector,
 )

@@ -19,7 +19,6 @@ mod fischer;
 mod infeasible;
 mod iterate;
 mod lemke_howson;
-mod linearise;
 pub mod natural;
 mod newton;
 mod pivotal;

@@ -2,7 +2,7 @@
 //!
 //! Runs with fixed steps: what the schemes share.
 
-use crate::mechanics::contact_problem::problem;
+use super::lcp::problem;
 use crate::mechanics::friction::Collision;
 use crate::mechanics::kinetics::{Kinetics, Model};
 use crate::mechanics::lcp;

@@ -11,10 +11,10 @@
 //! `E+ - E- = 1/2 sum_(P_i > 0) (1 - e_i) P_i g-_i <= 0`. Where a gap of `C` has friction the impact
 //! is that of [`super::friction`].
 
-use super::contact_problem::problem;
 use super::friction::Collision;
 use super::kinetics::Model;
 use super::lcp;
+use super::lcp::problem;
 use super::mode::Key;
 use super::state::MechanicalState;
 use crate::numeric::dense::largest;

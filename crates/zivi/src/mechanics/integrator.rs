@@ -10,7 +10,7 @@ use super::flight::SmoothMotion;
 use super::impact::{flag_together, Impacts};
 use super::kinetics::Model;
 use super::mode::{Key, Limit, Next};
-use super::piece::Piece;
+use super::path::Piece;
 use super::state::{MechanicalState, Start};
 use crate::numeric::dense::largest;
 use crate::record::columns::Reserve;

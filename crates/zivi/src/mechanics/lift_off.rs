@@ -5,9 +5,9 @@
 //! certify that there is no change of sign, two more values how well it fits. Long steps are probed
 //! between these points ([`Probes`]).
 
-use super::contact_problem::settle;
 use super::friction::{decide, Level};
 use super::kinetics::{Kinetics, Model};
+use super::lcp::settle;
 use super::mode::{Contacts, Limit};
 use super::shares::Shares;
 use super::state::MechanicalState;

@@ -11,10 +11,6 @@
 //! coordinates, so that impacts keep their precision however small the bounces become.
 
 mod accumulation;
-mod chain;
-mod contact_problem;
-mod corner;
-mod corner_descent;
 mod fixed_steps;
 mod flight;
 mod friction;
@@ -24,19 +20,14 @@ mod kinetics;
 mod lcp;
 mod lift_off;
 mod linear_flight;
-mod mechanism;
 mod mode;
-mod nested_accumulation;
 mod path;
 mod periodic_impulses;
-mod piece;
 mod recording;
 mod sampled_control;
 pub mod sensitivity;
 mod shares;
 mod state;
-mod tail;
-mod totals;
 
 pub use crate::record::events::{FlagKind, Occurrence};
 pub use crate::record::gap_set::{ContactMode, GapSet};
@@ -46,8 +37,7 @@ pub use kinetics::contact_forces;
 pub use path::MechanicalPath;
 pub use periodic_impulses::{ImpulseEquations, Modes};
 pub use recording::{
-    simulate_mechanical, MechanicalOutput, MechanicalRun, MechanicalSamples, Speeds,
+    simulate_mechanical, MechanicalOutput, MechanicalRun, MechanicalSamples, Speeds, Totals,
 };
 pub use sampled_control::{simulate_mechanical_loop, Sampling, Ticks};
 pub(crate) use shares::shortest;
-pub use totals::Totals;

@@ -1,9 +1,12 @@
-//! Dense output of mechanical systems, and its stored form.
+//! Dense output of mechanical systems, its stored form, and the pieces of motion that it is made of.
 //!
 //! The motion of a system as a function of time.
 
-use crate::mechanics::mode::{Stages, State};
-use crate::mechanics::tail::{Correction, SkippedArcs, StoppedSlip};
+use std::cell::OnceCell;
+use std::collections::TryReserveError;
+
+use super::accumulation::tail::{Correction, SkippedArcs, StoppedSlip};
+use super::mode::{Stages, State};
 use crate::numeric::bernstein::{evaluate, Bernstein, Polynomial};
 use crate::numeric::power_series::{Series, TERMS};
 use crate::record::columns::Reserve;
@@ -13,8 +16,6 @@ use crate::record::stored::{as_count, MotionError, Reader, StoredKind, Writer};
 use crate::system::dynamics::{Layout, MOST};
 use crate::zeno::tail::Tail;
 use crate::Impact;
-use std::cell::OnceCell;
-use std::collections::TryReserveError;
 
 /// Largest degree of the polynomials of a segment.
 pub(super) const MOST_SEGMENT_DEGREE: usize = TERMS - 1;
@@ -411,4 +412,28 @@ fn segment_of(
         (kind == 1.0 && first < skipped).then_some(Kind::Skipped(first))?
     };
     Some(Segment { start, mode, kind })
+}
+
+// Result of one step of the integrator.
+
+/// A part of the motion that one step of the machine covers.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) enum Piece {
+    /// The last step, up to an event at `length` if that is not its end; the event is yet to come.
+    Motion,
+    /// Infinitely many impacts of one gap.
+    Skipped(SkippedArcs),
+    /// Impacts that alternate between several gaps, down to a corner.
+    Descent(Vec<Flight>),
+    /// Nothing but an event at the present time.
+    Instant,
+    /// Not even that: rotations have other coordinates.
+    Charts,
+}
+
+/// A part of the way into a corner, and the mode in it.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct Flight {
+    pub(super) curve: Curve,
+    pub(super) mode: ContactMode,
 }

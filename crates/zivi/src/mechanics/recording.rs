@@ -1,12 +1,13 @@
-//! Runs of mechanical systems: output, loop and record.
+//! Runs of mechanical systems: output, loop, record, and the counts of its events.
 //!
 //! A run under way: what each piece of the motion adds to the record.
 
-use crate::mechanics::integrator::MechanicalIntegrator;
-use crate::mechanics::kinetics::Model;
-use crate::mechanics::path::{Curve, MechanicalPath};
-use crate::mechanics::piece::{Flight, Piece};
-use crate::mechanics::tail::SkippedArcs;
+use std::collections::TryReserveError;
+
+use super::accumulation::tail::SkippedArcs;
+use super::integrator::MechanicalIntegrator;
+use super::kinetics::Model;
+use super::path::{Curve, Flight, MechanicalPath, Piece};
 use crate::piecewise::running as piecewise;
 use crate::piecewise::running::{unless_terminal, until, Kick, Record, SegmentSink};
 use crate::piecewise::steps::{Advance, NoSink, Piecewise, Rhs};
@@ -22,7 +23,6 @@ use crate::system::force::{Channel, Friction, FrictionalImpact, Smooth};
 use crate::{
     AnyImpactLaw, Counts, GridError, LocatedEvent, Monitor, SetupError, Status, UserEvent,
 };
-use std::collections::TryReserveError;
 
 /// A run of a mechanical system under way.
 pub(super) type Running<'a, E> = piecewise::Running<'a, E, MechanicalIntegrator, MechanicalRecord>;
@@ -740,6 +740,90 @@ pub struct MechanicalRun<E> {
     pub raised: Option<E>,
     /// How much work was done.
     pub counts: Counts,
+}
+
+// Counts of the events of a run.
+
+/// Most impacts of one accumulation that count.
+const MOST_COUNTED: usize = 1_000_000;
+
+/// How often what happened at the gaps.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Totals {
+    /// Impacts, those of several gaps at one instant as one.
+    pub impacts: usize,
+    /// When the first of them was (s); NaN without one.
+    pub first_impact: f64,
+    /// When the last was.
+    pub last_impact: f64,
+    /// Gaps that came to rest.
+    pub zeno: usize,
+    /// Contacts that the forces opened.
+    pub liftoffs: usize,
+    /// Gaps that came to rest together.
+    pub corners: usize,
+    /// Flags.
+    pub flags: usize,
+}
+
+impl<E> MechanicalRun<E> {
+    /// How often what happened, with the impacts down to a part of the speed of the fastest, also those
+    /// that jumps to Zeno points skipped.
+    #[must_use]
+    pub fn totals(&self, slowest: f64) -> Totals {
+        let [first_impact, last_impact] = [f64::INFINITY, f64::NEG_INFINITY];
+        let mut all = Totals { first_impact, last_impact, ..Totals::default() };
+        let fastest = self.occurrences.iter().fold(0.0_f64, |most, it| match it {
+            Occurrence::Impact { before, .. } => most.max(-before),
+            _ => most,
+        });
+        let speed = slowest * fastest;
+        let (mut last, mut bounced) = (None, GapSet::EMPTY);
+        let mut skipped = self.path.iter().flat_map(|path| &path.skipped).peekable();
+        for it in &self.occurrences {
+            match *it {
+                Occurrence::Impact { t, gap, before, after, group, .. } => {
+                    if after > 0.0 {
+                        bounced = bounced.with(GapSet::of(gap));
+                    }
+                    if -before >= speed && last != Some(group) {
+                        last = Some(group);
+                        all.count((t, t), 1);
+                    }
+                }
+                Occurrence::Zeno { t, gap, .. } => {
+                    all.zeno += 1;
+                    while skipped.peek().is_some_and(|arcs| arcs.end < t) {
+                        skipped.next();
+                    }
+                    let arcs = skipped.next_if(|arcs| arcs.end == t && speed > 0.0);
+                    let tail = arcs.filter(|_| bounced.has(gap)).and_then(|it| it.arcs.as_ref());
+                    if let Some(tail) = tail {
+                        let (count, end) = tail.count_down_to(speed);
+                        all.count((tail.time_of(1), end), count.min(MOST_COUNTED));
+                    }
+                }
+                Occurrence::LiftOff { .. } => all.liftoffs += 1,
+                Occurrence::Corner { .. } => all.corners += 1,
+                Occurrence::Flag { .. } => all.flags += 1,
+                _ => (),
+            }
+        }
+        if all.impacts == 0 {
+            (all.first_impact, all.last_impact) = (f64::NAN, f64::NAN);
+        }
+        all
+    }
+}
+
+impl Totals {
+    fn count(&mut self, (first, last): (f64, f64), count: usize) {
+        if count > 0 {
+            self.impacts += count;
+            self.first_impact = self.first_impact.min(first);
+            self.last_impact = self.last_impact.max(last);
+        }
+    }
 }
 
 #[cfg(test)]

@@ -104,7 +104,7 @@ where
         machine: &mut MechanicalIntegrator,
         t_end: f64,
         model: &mut Model<'f, Driven<D, F>>,
-    ) -> Result<super::piece::Piece, Failure<E>> {
+    ) -> Result<super::path::Piece, Failure<E>> {
         machine.advance(t_end, model)
     }
 

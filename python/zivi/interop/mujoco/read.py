@@ -24,11 +24,10 @@ from zivi.interop.mujoco.refusals import (
     refuse_for_tree,
 )
 from zivi.interop.mujoco.texts import compiled, compiled_urdf
-from zivi.system.connections import Connect, Couple, TreeConstraint, Weld
 from zivi.system.gap import DryFriction
 from zivi.system.impact_law import GivenRestitutions
 from zivi.system.tree import Structure, Tree
-from zivi.system.tree_bodies import Body
+from zivi.system.tree_bodies import Body, Connect, Couple, TreeConstraint, Weld
 
 
 def tree(

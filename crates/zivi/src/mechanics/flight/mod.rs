@@ -1,7 +1,6 @@
 //! The motion between events: steps under error control, each searched for the first impact and the
 //! first lift-off.
 
-mod collocation;
 mod slip;
 
 use crate::mechanics::kinetics::{Kinetics, Model};

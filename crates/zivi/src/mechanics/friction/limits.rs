@@ -9,9 +9,9 @@
 //! `a_j + s_j . alpha >= t` for all `j` and some `alpha`, where `a` are the values (1). A contact that sticks in two
 //! directions has the level `mu_s lambda - |f|`.
 
-use crate::mechanics::friction::cone_shares::ConeShares;
 use crate::mechanics::kinetics::Kinetics;
 use crate::mechanics::mode::Limit;
+use crate::mechanics::shares::ConeShares;
 use crate::mechanics::shares::Shares;
 use crate::numeric::dense::{axpy, largest};
 use crate::record::gap_set::{ContactMode, GapSet};

@@ -9,7 +9,6 @@
 //! cone of friction. Where a contact slips and `det K <= 0` no motion obeys the law, or several do
 //! (Painlevé's paradox).
 
-mod cone_shares;
 mod contact;
 mod convex_steps;
 mod coulomb;

@@ -6,8 +6,8 @@
 //!
 //! in the time `s = (t - t_0)/h` since the start of a step: a constant, a wave, a polynomial of a table.
 
+use crate::mechanics::accumulation::tail::SkippedArcs;
 use crate::mechanics::kinetics::{Kinetics, Undetermined};
-use crate::mechanics::tail::SkippedArcs;
 use crate::numeric::dense::{axpy, dot};
 use crate::record::gap_set::GapSet;
 use crate::system::force::Smooth;

@@ -10,7 +10,7 @@ use super::columns::{hold_rows, CompliantPartials, Local};
 use super::variational_run::{Change, VariationalRun};
 use crate::mechanics::integrator::MechanicalIntegrator;
 use crate::mechanics::kinetics::Model;
-use crate::mechanics::piece::Piece;
+use crate::mechanics::path::Piece;
 use crate::numeric::dense::{axpy, dot, largest};
 use crate::record::gap_set::{ContactMode, GapSet};
 use crate::record::status::Failure;

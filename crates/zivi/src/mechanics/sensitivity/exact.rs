@@ -5,7 +5,7 @@ use crate::mechanics::integrator::MechanicalIntegrator;
 use crate::mechanics::kinetics::Model;
 use crate::mechanics::linear_flight::{FlightRates, Flown};
 use crate::mechanics::mode::Next;
-use crate::mechanics::piece::Piece;
+use crate::mechanics::path::Piece;
 use crate::numeric::bernstein::Polynomial;
 use crate::numeric::power_series::TERMS;
 use crate::record::status::Failure;

@@ -5,7 +5,7 @@ use crate::mechanics::integrator::MechanicalIntegrator;
 use crate::mechanics::kinetics::Model;
 use crate::mechanics::linear_flight::FlightRates;
 use crate::mechanics::mode::{InContact, Next, Stages, State};
-use crate::mechanics::piece::Piece;
+use crate::mechanics::path::Piece;
 use crate::mechanics::sensitivity::columns::{
     hold_rows, Columns, Direction, Exchange, MechanicalWrt,
 };

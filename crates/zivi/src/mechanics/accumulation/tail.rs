@@ -24,22 +24,23 @@
 //! with `A` from the forces at [`POINTS`] of a few arcs, and `J` from the impacts at their ends.
 //! `D'` and `D` at the starts of flights are also polynomials in `q`.
 
-use super::mode::Key;
+use crate::mechanics::mode::Key;
 use crate::numeric::bernstein::{quintic, Bernstein};
 use crate::zeno::arc::TailArc;
 use crate::zeno::chain::Chain;
 use crate::zeno::tail::Tail;
 
 /// At most so many arcs make a polynomial in `e^m`.
-pub(super) const ORDERS: usize = 4;
+pub(in crate::mechanics) const ORDERS: usize = 4;
 /// Parts of an arc at which the forces are evaluated: Lobatto's points.
-pub(super) const POINTS: [f64; 4] = [0.0, 0.276_393_202_250_021, 0.723_606_797_749_979, 1.0];
+pub(in crate::mechanics) const POINTS: [f64; 4] =
+    [0.0, 0.276_393_202_250_021, 0.723_606_797_749_979, 1.0];
 
 /// Coefficients of a polynomial in `q = e^m`, the constant first.
-pub(super) type InPowers = [f64; ORDERS + 1];
+pub(in crate::mechanics) type InPowers = [f64; ORDERS + 1];
 
 /// The polynomial of at most so many terms with these values at `q`.
-pub(super) fn through<const N: usize>(q: &[f64], values: &[f64]) -> [f64; N] {
+pub(in crate::mechanics) fn through<const N: usize>(q: &[f64], values: &[f64]) -> [f64; N] {
     let mut d = values.to_vec();
     for level in 1..q.len() {
         for i in (level..q.len()).rev() {
@@ -70,15 +71,15 @@ fn product(a: &[f64], b: &[f64]) -> Vec<f64> {
 }
 
 /// A part of an arc: its number, `e^m`, its length and the part that is over.
-pub(super) type PartOfArc = (usize, f64, f64, f64);
+pub(in crate::mechanics) type PartOfArc = (usize, f64, f64, f64);
 
 /// A channel that every impact of the arcs stops.
 #[derive(Clone, Debug, PartialEq)]
-pub(super) struct StoppedSlip {
+pub(in crate::mechanics) struct StoppedSlip {
     /// How a unit of it moves the components, at both ends.
-    pub(super) ways: [Vec<f64>; 2],
+    pub(in crate::mechanics) ways: [Vec<f64>; 2],
     /// Its acceleration at the starts and ends of flights.
-    pub(super) accelerations: [InPowers; 2],
+    pub(in crate::mechanics) accelerations: [InPowers; 2],
 }
 
 impl StoppedSlip {
@@ -94,7 +95,7 @@ impl StoppedSlip {
     }
 
     /// The speed along an arc.
-    pub(super) fn speed(&self, (_, q, h, theta): PartOfArc) -> f64 {
+    pub(in crate::mechanics) fn speed(&self, (_, q, h, theta): PartOfArc) -> f64 {
         let [a, b] = self.accelerations.each_ref().map(|of| value(of, q));
         h * theta * (a + (b - a) * theta / 2.0)
     }
@@ -107,18 +108,18 @@ impl StoppedSlip {
 
 /// `D` of a component, equation (2).
 #[derive(Clone, Debug, PartialEq)]
-pub(super) struct Correction {
-    pub(super) component: usize,
+pub(in crate::mechanics) struct Correction {
+    pub(in crate::mechanics) component: usize,
     /// `A`, by the power of `theta`.
-    pub(super) accelerations: [InPowers; POINTS.len()],
+    pub(in crate::mechanics) accelerations: [InPowers; POINTS.len()],
     /// `J`.
-    pub(super) jumps: InPowers,
+    pub(in crate::mechanics) jumps: InPowers,
     /// `D` and `D'` at the starts of arcs.
     starts: [Vec<f64>; 2],
 }
 
 impl Correction {
-    pub(super) fn new(
+    pub(in crate::mechanics) fn new(
         component: usize,
         (accelerations, jumps): ([InPowers; POINTS.len()], InPowers),
         tail: &Tail,
@@ -145,7 +146,7 @@ impl Correction {
     }
 
     /// `D` and `D'`.
-    pub(super) fn at(&self, (_, q, h, theta): PartOfArc) -> (f64, f64) {
+    pub(in crate::mechanics) fn at(&self, (_, q, h, theta): PartOfArc) -> (f64, f64) {
         let (mut along, mut rate) = (0.0, 0.0);
         for (j, of) in self.accelerations.iter().enumerate().rev() {
             let (j, a) = (j as f64, value(of, q));
@@ -161,56 +162,73 @@ impl Correction {
 /// One end of the skipped arcs: coordinates and gaps in contact, their rates and accelerations,
 /// and which way the bounces move them.
 #[derive(Clone, Debug, PartialEq)]
-pub(super) struct EndOfArcs {
-    pub(super) x: Vec<f64>,
-    pub(super) v: Vec<f64>,
-    pub(super) acceleration: Vec<f64>,
-    pub(super) way: Vec<f64>,
+pub(in crate::mechanics) struct EndOfArcs {
+    pub(in crate::mechanics) x: Vec<f64>,
+    pub(in crate::mechanics) v: Vec<f64>,
+    pub(in crate::mechanics) acceleration: Vec<f64>,
+    pub(in crate::mechanics) way: Vec<f64>,
 }
 
 /// The motion between the last computed impact and a Zeno point.
 #[derive(Clone, Debug, PartialEq)]
-pub(super) struct SkippedArcs {
-    pub(super) start: f64,
-    pub(super) end: f64,
+pub(in crate::mechanics) struct SkippedArcs {
+    pub(in crate::mechanics) start: f64,
+    pub(in crate::mechanics) end: f64,
     /// The arcs of the bouncing gap; none for the motion in contact alone.
-    pub(super) arcs: Option<Box<Tail>>,
+    pub(in crate::mechanics) arcs: Option<Box<Tail>>,
     /// By component: the coefficients of `c`, then both ends of `r`.
-    pub(super) rows: Vec<[f64; 8]>,
+    pub(in crate::mechanics) rows: Vec<[f64; 8]>,
     /// The channels that slip along the arcs.
-    pub(super) slips: Vec<StoppedSlip>,
+    pub(in crate::mechanics) slips: Vec<StoppedSlip>,
     /// Contributions of forces and impacts.
-    pub(super) corrections: Vec<Correction>,
+    pub(in crate::mechanics) corrections: Vec<Correction>,
 }
 
 impl SkippedArcs {
     /// Where the system does not move any more but for its arcs.
-    pub(super) fn of_rows(start: f64, end: f64, rows: Vec<[f64; 8]>) -> Self {
+    pub(in crate::mechanics) fn of_rows(start: f64, end: f64, rows: Vec<[f64; 8]>) -> Self {
         Self { start, end, arcs: None, rows, slips: vec![], corrections: vec![] }
     }
 
     /// The arcs of a chain that ends at `zeno`.
-    pub(super) fn of_chain(chain: &Chain<Vec<f64>, Key>, zeno: f64, ends: [EndOfArcs; 2]) -> Self {
+    pub(in crate::mechanics) fn of_chain(
+        chain: &Chain<Vec<f64>, Key>,
+        zeno: f64,
+        ends: [EndOfArcs; 2],
+    ) -> Self {
         let arcs = chain.tail(zeno, 1.0);
         let start = arcs.start();
         Self { arcs: Some(Box::new(arcs)), ..Self::between(start, zeno, ends) }
     }
 
     /// Those of so many components that nobody looks along: their impacts alone.
-    pub(super) fn undrawn(chain: &Chain<Vec<f64>, Key>, zeno: f64, size: usize) -> Self {
+    pub(in crate::mechanics) fn undrawn(
+        chain: &Chain<Vec<f64>, Key>,
+        zeno: f64,
+        size: usize,
+    ) -> Self {
         let arcs = chain.tail(zeno, 1.0);
         let rest = Self::of_rows(arcs.start(), zeno, vec![[0.0; 8]; size]);
         Self { arcs: Some(Box::new(arcs)), ..rest }
     }
 
     /// The motion in contact between two times.
-    pub(super) fn between(start: f64, end: f64, [first, last]: [EndOfArcs; 2]) -> Self {
+    pub(in crate::mechanics) fn between(
+        start: f64,
+        end: f64,
+        [first, last]: [EndOfArcs; 2],
+    ) -> Self {
         Self::of_rows(start, end, rows_between(end - start, &first, &last))
     }
 
     /// Sets the motion in contact from its ends, with the additions along the flights; of the work,
     /// which is a component without a place, from its velocities.
-    pub(super) fn end_at(&mut self, first: &EndOfArcs, last: &EndOfArcs, work: Option<usize>) {
+    pub(in crate::mechanics) fn end_at(
+        &mut self,
+        first: &EndOfArcs,
+        last: &EndOfArcs,
+        work: Option<usize>,
+    ) {
         let (h, mut first, mut last) = (self.end - self.start, first.clone(), last.clone());
         let Some(tail) = &self.arcs else { return };
         for slip in &self.slips {
@@ -229,17 +247,17 @@ impl SkippedArcs {
     }
 
     /// Start and end of an arc, unless it is too short to be told from its ends.
-    pub(super) fn arc(&self, m: usize) -> Option<(f64, f64)> {
+    pub(in crate::mechanics) fn arc(&self, m: usize) -> Option<(f64, f64)> {
         self.arcs.as_ref()?.arc(m).map(|arc| (arc.start, arc.end))
     }
 
     /// Equations (1) at `t`; at an impact, after it.
-    pub(super) fn at(&self, t: f64, x: &mut [f64], v: &mut [f64]) {
+    pub(in crate::mechanics) fn at(&self, t: f64, x: &mut [f64], v: &mut [f64]) {
         self.on(t, self.arcs.as_ref().and_then(|arcs| arcs.numbered_arc_at(t)), x, v);
     }
 
     /// The same on the arc `m`, before the impact at its end.
-    pub(super) fn at_before(&self, t: f64, m: usize, x: &mut [f64], v: &mut [f64]) {
+    pub(in crate::mechanics) fn at_before(&self, t: f64, m: usize, x: &mut [f64], v: &mut [f64]) {
         let arc = self.arcs.as_ref().and_then(|arcs| arcs.arc(m));
         self.on(t, arc.map(|arc| (m, arc)), x, v);
     }
@@ -256,7 +274,11 @@ impl SkippedArcs {
     }
 
     /// The state after a part of an arc, the time and the accelerations there but for the corrections.
-    pub(super) fn after(&self, part: PartOfArc, [x, v, a]: [&mut [f64]; 3]) -> Option<f64> {
+    pub(in crate::mechanics) fn after(
+        &self,
+        part: PartOfArc,
+        [x, v, a]: [&mut [f64]; 3],
+    ) -> Option<f64> {
         let (number, _, _, theta) = part;
         let arc = self.arcs.as_ref()?.arc(number)?;
         let (at, (t, acceleration)) = (arc.after(theta), arc.acceleration_after(theta));
@@ -280,24 +302,34 @@ impl SkippedArcs {
     }
 
     /// A part of an arc that can be told from its ends.
-    pub(super) fn part_of(&self, m: usize, theta: f64) -> Option<PartOfArc> {
+    pub(in crate::mechanics) fn part_of(&self, m: usize, theta: f64) -> Option<PartOfArc> {
         let tail = self.arcs.as_ref()?;
         tail.arc(m).map(|arc| (m, tail.power(m), arc.length, theta))
     }
 
     /// The line between two numbers of a component at both ends.
-    pub(super) fn part_of_way(&self, [from, to]: &[Vec<f64>; 2], c: usize, t: f64) -> f64 {
+    pub(in crate::mechanics) fn part_of_way(
+        &self,
+        [from, to]: &[Vec<f64>; 2],
+        c: usize,
+        t: f64,
+    ) -> f64 {
         from[c] + self.part(t) * (to[c] - from[c])
     }
 
     /// `r` of a component.
-    pub(super) fn way(&self, c: usize, t: f64) -> f64 {
+    pub(in crate::mechanics) fn way(&self, c: usize, t: f64) -> f64 {
         let [.., r0, r1] = self.rows[c];
         r0 + self.part(t) * (r1 - r0)
     }
 
     /// How far corrections are from others at arcs of these numbers, in these scales of `x` and `x'`.
-    pub(super) fn distance(&self, others: &[Correction], scales: &[f64], numbers: &[usize]) -> f64 {
+    pub(in crate::mechanics) fn distance(
+        &self,
+        others: &[Correction],
+        scales: &[f64],
+        numbers: &[usize],
+    ) -> f64 {
         let size = self.rows.len();
         let mut worst = 0.0_f64;
         for &number in numbers {
@@ -350,7 +382,13 @@ impl SkippedArcs {
     }
 
     /// Equations (1) with `Y` and `Y'` given.
-    pub(super) fn combine(&self, t: f64, (y, u): (f64, f64), x: &mut [f64], v: &mut [f64]) {
+    pub(in crate::mechanics) fn combine(
+        &self,
+        t: f64,
+        (y, u): (f64, f64),
+        x: &mut [f64],
+        v: &mut [f64],
+    ) {
         let (h, theta) = (self.end - self.start, self.part(t));
         for (c, row) in self.rows.iter().enumerate() {
             let (motion, [.., r0, r1]) = (Bernstein::new(&row[..6]), *row);

@@ -1,13 +1,20 @@
 //! Impacts that accumulate: those of one kind at a Zeno point, those of several gaps in a corner.
 
-use super::chain::ImpactChain;
-use super::corner::CornerApproach;
+pub(super) mod chain;
+pub(super) mod corner;
+pub(super) mod corner_descent;
+pub(super) mod mechanism;
+pub(super) mod tail;
+
+use chain::ImpactChain;
+use corner::CornerApproach;
+use mechanism::Mechanism;
+
 use super::impact::Struck;
 use super::kinetics::{Kinetics, Model};
 use super::linear_flight::Pull;
-use super::mechanism::Mechanism;
 use super::mode::{Ahead, Key};
-use super::piece::Piece;
+use super::path::Piece;
 use super::state::MechanicalState;
 use crate::record::events::{FlagKind, Occurrence};
 use crate::record::gap_set::{ContactMode, GapSet};

@@ -1,15 +1,15 @@
 //! The impacts of gaps that are hit again and again while the same others stay closed, and the jump
 //! through the Zeno point onto the manifold on which they rest.
 
-use super::kinetics::{Kinetics, Model};
-use super::linear_flight::{Pull, PullAlongArcs};
+use super::corner_descent::COLUMNS;
 use super::mechanism::{scales, Mechanism};
-use super::mode::Key;
-use super::state::MechanicalState;
 use super::tail::{
     through, Correction, InPowers, PartOfArc, SkippedArcs, StoppedSlip, ORDERS, POINTS,
 };
-use crate::mechanics::corner_descent::COLUMNS;
+use crate::mechanics::kinetics::{Kinetics, Model};
+use crate::mechanics::linear_flight::{Pull, PullAlongArcs};
+use crate::mechanics::mode::Key;
+use crate::mechanics::state::MechanicalState;
 use crate::record::gap_set::{ContactMode, GapSet};
 use crate::record::status::Failure;
 use crate::switched::accumulation::{Deviation, Lookahead};
@@ -35,7 +35,7 @@ const WEIGHTS: [f64; 4] = [1.0 / 12.0, 5.0 / 12.0, 5.0 / 12.0, 1.0 / 12.0];
 
 /// The last impacts of one kind.
 #[derive(Clone, Debug)]
-pub(super) struct ImpactChain {
+pub(in crate::mechanics) struct ImpactChain {
     chain: Chain<Vec<f64>, Key>,
     /// Where the forces last kept the system from jumping to the end of it.
     obstacle: Option<Deviation>,
@@ -50,33 +50,33 @@ pub(super) struct ImpactChain {
 
 impl ImpactChain {
     /// For so many coordinates and gaps.
-    pub(super) fn new(size: usize) -> Self {
+    pub(in crate::mechanics) fn new(size: usize) -> Self {
         let chain = Chain::new(Key::default(), 0.5, 2 * size, COLUMNS);
         Self { chain, obstacle: None, period: None, alone: None, z: vec![], rates: vec![] }
     }
 
     /// The impacts.
-    pub(super) fn impacts(&self) -> &Chain<Vec<f64>, Key> {
+    pub(in crate::mechanics) fn impacts(&self) -> &Chain<Vec<f64>, Key> {
         &self.chain
     }
 
     /// Where the forces last kept the system from jumping.
-    pub(super) fn obstacle(&self) -> Option<Deviation> {
+    pub(in crate::mechanics) fn obstacle(&self) -> Option<Deviation> {
         self.obstacle
     }
 
     /// The forces have no shorter period (s).
-    pub(super) fn set_period(&mut self, period: f64) {
+    pub(in crate::mechanics) fn set_period(&mut self, period: f64) {
         self.period = Some(period);
     }
 
     /// Starts a new chain.
-    pub(super) fn clear(&mut self) {
+    pub(in crate::mechanics) fn clear(&mut self) {
         self.chain.clear();
     }
 
     /// The same, under other forces or after a jump.
-    pub(super) fn restart(&mut self) {
+    pub(in crate::mechanics) fn restart(&mut self) {
         self.chain.clear();
         self.obstacle = None;
     }
@@ -87,7 +87,7 @@ impl ImpactChain {
     }
 
     /// The tolerances of the Zeno time and of the state there.
-    pub(super) fn scales(
+    pub(in crate::mechanics) fn scales(
         &self,
         settings: &SwitchedRk,
         state: &MechanicalState,
@@ -97,13 +97,13 @@ impl ImpactChain {
     }
 
     /// Whether the chain was followed down to rounding, and friction has a part in where it ends.
-    pub(super) fn is_forced(&self) -> bool {
+    pub(in crate::mechanics) fn is_forced(&self) -> bool {
         self.chain.is_over() && !self.landed().is_frictionless()
     }
 
     /// Appends an impact, with the acceleration of a single gap towards its wall, if known; returns
     /// the end of the chain, if determined to the tolerance.
-    pub(super) fn note<E, D: Dynamics<E>>(
+    pub(in crate::mechanics) fn note<E, D: Dynamics<E>>(
         &mut self,
         (key, alone): (Key, Option<Pull>),
         at: &mut Mechanism<'_, '_, D>,
@@ -230,7 +230,7 @@ impl ImpactChain {
 
     /// Through the rest of the chain: the arcs that this skips, if they end after the first time, with the
     /// motion of the system along them if they end after the second, and the gaps that are closed then.
-    pub(super) fn jump<E, D: Dynamics<E>>(
+    pub(in crate::mechanics) fn jump<E, D: Dynamics<E>>(
         &self,
         landing: &ExtrapolatedEnd<Vec<f64>>,
         (dense_from, drawn_from): (f64, f64),

@@ -1,9 +1,9 @@
 //! A mechanical system at a time: state, contacts, and accelerations.
 
-use crate::mechanics::contact_problem::settle;
-use crate::mechanics::friction::decide;
-use crate::mechanics::kinetics::{without_rounding, Kinetics, Model};
-use crate::mechanics::mode::{AtEnd, Contacts, InContact, Stages, State};
+use super::friction::decide;
+use super::kinetics::{without_rounding, Kinetics, Model};
+use super::lcp::settle;
+use super::mode::{AtEnd, Contacts, InContact, Stages, State};
 use crate::numeric::dense::{dot, largest};
 use crate::record::events::Occurrence;
 use crate::record::gap_set::{ContactMode, GapSet};

@@ -1,4 +1,4 @@
-//! Motion into a corner, and the log of its impacts.
+//! Motion into a corner: the log of its impacts, the way down, and the nested accumulations that end it.
 //!
 //! The way into a corner, drawn: the motion in contact, moved out of it by the heights of all gaps.
 //!
@@ -7,24 +7,24 @@
 //! ```
 //!
 //! with `c` of degree 5 through both ends as for one bouncing gap, `r_i` the line of the directions
-//! in which gap `i` alone is moved, and `Y` the parabolas of [`super::nest`]. `kappa` makes the last
+//! in which gap `i` alone is moved, and `Y` the parabolas of [`NestedAccumulation`]. `kappa` makes the last
 //! of them end in the corner, which is known better. Where one gap bounces with a ratio that friction
 //! makes, each arc has two halves, under the friction of its rise and of its fall.
 
-use crate::mechanics::mechanism::Mechanism;
+use std::ops::Deref;
+
+use super::mechanism::Mechanism;
+use super::tail::SkippedArcs;
+use crate::mechanics::lcp;
 use crate::mechanics::mode::State;
-use crate::mechanics::nested_accumulation::{NestedAccumulation, NestedArc};
-use crate::mechanics::path::Curve;
-use crate::mechanics::piece::Flight;
+use crate::mechanics::path::{Curve, Flight};
 use crate::mechanics::state::MechanicalState;
-use crate::mechanics::tail::SkippedArcs;
 use crate::numeric::bernstein::{quintic, Bernstein};
 use crate::numeric::tableau::Powers;
 use crate::record::gap_set::{ContactMode, GapSet};
 use crate::record::status::Failure;
 use crate::system::dynamics::{Dynamics, Layout};
 use crate::zeno::table::{ExtrapolatedEnd, ZenoTable};
-use std::ops::Deref;
 
 /// Most arcs of two halves.
 const HALVES: usize = 2048;
@@ -35,7 +35,7 @@ const STRETCH: f64 = 0.3;
 type Halves = (usize, [(ContactMode, f64); 2]);
 
 /// The state before a corner: what a jump starts from.
-pub(super) struct CornerEntry {
+pub(in crate::mechanics) struct CornerEntry {
     t: f64,
     /// Coordinates and gaps, and their rates.
     x: Vec<f64>,
@@ -52,7 +52,10 @@ pub(super) struct CornerEntry {
 impl CornerEntry {
     /// Initial data of an extrapolation into the corner of a set, at the last evaluation of the
     /// system.
-    pub(super) fn new<E>(set: GapSet, state: &mut MechanicalState) -> Result<Self, Failure<E>> {
+    pub(in crate::mechanics) fn new<E>(
+        set: GapSet,
+        state: &mut MechanicalState,
+    ) -> Result<Self, Failure<E>> {
         let (directions, mode) = (impulse_directions(set, state)?, state.mode());
         let bouncing = set.without(state.closed());
         let halves = match (mode.is_frictionless(), bouncing.len()) {
@@ -117,7 +120,7 @@ fn impulse_directions<E>(
 
 /// The way from the entry to the corner that was reached, where the system was evaluated last:
 /// its arcs down to the given speed, then the motion in contact.
-pub(super) fn descent<E, D: Dynamics<E>>(
+pub(in crate::mechanics) fn descent<E, D: Dynamics<E>>(
     entry: &CornerEntry,
     floor: f64,
     at: &mut Mechanism<'_, '_, D>,
@@ -277,9 +280,9 @@ fn derivative(x: &[f64], h: f64) -> Vec<f64> {
 
 /// Columns of the tables of Zeno points after the first: with 4 in 120 random runs 3 % more impacts
 /// are needed before the jumps.
-pub(super) const COLUMNS: usize = 5;
+pub(in crate::mechanics) const COLUMNS: usize = 5;
 /// Longest pattern, in events.
-pub(super) const LONGEST: usize = 6;
+pub(in crate::mechanics) const LONGEST: usize = 6;
 /// Periods over which it must repeat.
 const REPEATS: usize = 3;
 /// Events of one phase in a table: fewest and most.
@@ -289,12 +292,12 @@ const RATIO: (f64, f64) = (0.98, 0.1);
 
 /// An event of an accumulation.
 #[derive(Clone, Debug, PartialEq)]
-pub(super) struct Mark {
-    pub(super) hit: GapSet,
+pub(in crate::mechanics) struct Mark {
+    pub(in crate::mechanics) hit: GapSet,
     /// The gaps that were closed, or those that were opened.
-    pub(super) with: GapSet,
-    pub(super) t: f64,
-    pub(super) z: Vec<f64>,
+    pub(in crate::mechanics) with: GapSet,
+    pub(in crate::mechanics) t: f64,
+    pub(in crate::mechanics) z: Vec<f64>,
 }
 
 impl Mark {
@@ -306,7 +309,7 @@ impl Mark {
 
 /// The last events: older ones are given up together.
 #[derive(Clone, Debug, Default)]
-pub(super) struct Marks {
+pub(in crate::mechanics) struct Marks {
     all: Vec<Mark>,
     /// The first that counts.
     first: usize,
@@ -374,9 +377,9 @@ impl From<Vec<Mark>> for Marks {
 
 /// The last impacts, and the last of them that opened contacts.
 #[derive(Clone, Debug, Default)]
-pub(super) struct CornerLog {
-    pub(super) impacts: Marks,
-    pub(super) openings: Marks,
+pub(in crate::mechanics) struct CornerLog {
+    pub(in crate::mechanics) impacts: Marks,
+    pub(in crate::mechanics) openings: Marks,
     /// All gaps that were hit, including those whose impacts are no longer stored.
     hit: GapSet,
     /// Impacts between which friction in a joint or at a closed contact changes: in a fixed
@@ -385,29 +388,29 @@ pub(super) struct CornerLog {
 }
 
 impl CornerLog {
-    pub(super) fn clear(&mut self) {
+    pub(in crate::mechanics) fn clear(&mut self) {
         self.impacts.clear();
         self.openings.clear();
         self.hit = GapSet::EMPTY;
         self.kicks = 0;
     }
 
-    pub(super) fn is_empty(&self) -> bool {
+    pub(in crate::mechanics) fn is_empty(&self) -> bool {
         self.impacts.all.is_empty() && self.openings.all.is_empty()
     }
 
     /// Later impacts repeat no earlier ones except those that opened contacts.
-    pub(super) fn clear_impacts(&mut self) {
+    pub(in crate::mechanics) fn clear_impacts(&mut self) {
         self.impacts.clear();
     }
 
     /// The impact that follows is one of those between which friction changes, or is not.
-    pub(super) fn note_kick(&mut self, changes: bool) {
+    pub(in crate::mechanics) fn note_kick(&mut self, changes: bool) {
         self.kicks = if changes { self.kicks + 1 } else { 0 };
     }
 
     /// How many gaps take part in an accumulation with a ratio of its own, at least.
-    pub(super) fn fewest(&self) -> usize {
+    pub(in crate::mechanics) fn fewest(&self) -> usize {
         if self.kicks >= PHASE.0 {
             1
         } else {
@@ -416,7 +419,13 @@ impl CornerLog {
     }
 
     /// Appends an impact.
-    pub(super) fn note(&mut self, hit: GapSet, closed: GapSet, opened: GapSet, now: &State) {
+    pub(in crate::mechanics) fn note(
+        &mut self,
+        hit: GapSet,
+        closed: GapSet,
+        opened: GapSet,
+        now: &State,
+    ) {
         self.hit = self.hit.with(hit);
         self.impacts.push(hit, closed, now);
         if !opened.is_empty() {
@@ -425,18 +434,18 @@ impl CornerLog {
     }
 
     /// The gaps of the last impacts.
-    pub(super) fn recent(&self) -> GapSet {
+    pub(in crate::mechanics) fn recent(&self) -> GapSet {
         self.impacts.hit
     }
 
     /// The gaps of all impacts.
-    pub(super) fn hit(&self) -> GapSet {
+    pub(in crate::mechanics) fn hit(&self) -> GapSet {
         self.hit
     }
 }
 
 /// The shortest pattern in which at least so many gaps take part: its length and gaps.
-pub(super) fn pattern(marks: &[Mark], fewest: usize) -> Option<(usize, GapSet)> {
+pub(in crate::mechanics) fn pattern(marks: &[Mark], fewest: usize) -> Option<(usize, GapSet)> {
     let n = marks.len();
     let same = |a: &Mark, b: &Mark| a.hit == b.hit && a.with == b.with;
     let repeats = |&p: &usize| {
@@ -461,7 +470,11 @@ fn of_last_phase(marks: &[Mark], p: usize) -> Option<(Vec<&Mark>, f64)> {
 
 /// The sum of the geometric series of the times: where the corner of a set is, without the state. Events that
 /// hit other gaps lead elsewhere: a gap comes to rest within each flight of another, long before that does.
-pub(super) fn time_of_corner(marks: &[Mark], fewest: usize, set: GapSet) -> Option<f64> {
+pub(in crate::mechanics) fn time_of_corner(
+    marks: &[Mark],
+    fewest: usize,
+    set: GapSet,
+) -> Option<f64> {
     let (p, gaps) = pattern(marks, fewest)?;
     if !gaps.without(set).is_empty() {
         return None;
@@ -471,7 +484,7 @@ pub(super) fn time_of_corner(marks: &[Mark], fewest: usize, set: GapSet) -> Opti
 }
 
 /// Equation (1) for the phase of the last event.
-pub(super) fn landing(
+pub(in crate::mechanics) fn landing(
     marks: &[Mark],
     p: usize,
     scales: &[f64],
@@ -484,6 +497,162 @@ pub(super) fn landing(
     }
     let found = table.landing(first, phase[0].t, Powers { ratio: r, first: r }, scales);
     found.filter(|found| found.size <= 1.0)
+}
+
+// The impacts of several gaps that come to rest together in a corner, each computed: with the
+// mobilities and forces of the corner, which the motion approaches,
+//
+// ```text
+// y'' = b + D lambda,  0 <= lambda  perp  y'' >= 0 on contacts        y+' = y-' + D P       (1)
+// ```
+//
+// All arcs are parabolas. Where a gap has become slow compared with the others, its last impact is
+// plastic: under constant forces that leaves them as the rest of its bounces would.
+
+/// Data of equations (1): `D` row by row, `b` and the restitutions of the gaps of a corner.
+pub(in crate::mechanics) struct NestedAccumulation {
+    pub(in crate::mechanics) d: Vec<f64>,
+    pub(in crate::mechanics) b: Vec<f64>,
+    pub(in crate::mechanics) e: Vec<f64>,
+}
+
+/// Between two impacts: heights and speeds at the start, accelerations.
+#[derive(Clone, Debug, PartialEq)]
+pub(in crate::mechanics) struct NestedArc {
+    pub(in crate::mechanics) start: f64,
+    pub(in crate::mechanics) length: f64,
+    pub(in crate::mechanics) y: Vec<f64>,
+    pub(in crate::mechanics) v: Vec<f64>,
+    pub(in crate::mechanics) a: Vec<f64>,
+    /// By the order of the gaps in the corner.
+    pub(in crate::mechanics) closed: GapSet,
+}
+
+/// Most arcs of a corner.
+const MOST: usize = 4096;
+/// A gap is slow below this part of the speeds of the nest.
+const SLOW: f64 = 1e-5;
+/// Gaps that are hit within this fraction of a flight are hit together.
+const TOGETHER: f64 = 1e-13;
+
+impl NestedAccumulation {
+    /// The arcs from heights and speeds, at time zero, until all speeds are below `floor`; empty
+    /// where they do not come to rest.
+    pub(in crate::mechanics) fn arcs(
+        &self,
+        mut y: Vec<f64>,
+        mut v: Vec<f64>,
+        floor: f64,
+    ) -> Vec<NestedArc> {
+        let (mut arcs, mut t) = (Vec::new(), 0.0);
+        while arcs.len() < MOST {
+            let speed = self.speed(&y, &v);
+            if speed <= floor {
+                return arcs;
+            }
+            let Some((closed, a)) = self.contacts(&y, &v) else { break };
+            let ends: Vec<f64> = (0..y.len())
+                .map(|i| if closed.has(i) { f64::INFINITY } else { flight(y[i], v[i], a[i]) })
+                .collect();
+            let length = ends.iter().fold(f64::INFINITY, |a, &b| a.min(b));
+            if !length.is_finite() {
+                break;
+            }
+            arcs.push(NestedArc {
+                start: t,
+                length,
+                y: y.clone(),
+                v: v.clone(),
+                a: a.clone(),
+                closed,
+            });
+            t += length;
+            let hit: GapSet =
+                (0..y.len()).filter(|&i| ends[i] <= length * (1.0 + TOGETHER)).collect();
+            for i in 0..y.len() {
+                y[i] = (y[i] + length * (v[i] + 0.5 * length * a[i])).max(0.0);
+                v[i] += length * a[i];
+                if closed.has(i) || hit.has(i) {
+                    y[i] = 0.0;
+                }
+                if closed.has(i) {
+                    v[i] = 0.0;
+                }
+            }
+            if self.strike(&mut v, closed, hit, SLOW * speed).is_none() {
+                break;
+            }
+        }
+        Vec::new()
+    }
+
+    /// The largest speed with which a gap is or will be hit.
+    fn speed(&self, y: &[f64], v: &[f64]) -> f64 {
+        let of = |i: usize| (v[i] * v[i] + 2.0 * y[i] * self.b[i].abs()).sqrt();
+        (0..y.len()).map(of).fold(0.0, f64::max)
+    }
+
+    /// `D` of some gaps, row by row.
+    fn part(&self, set: GapSet) -> Vec<f64> {
+        let k = self.b.len();
+        set.iter()
+            .flat_map(|i| set.iter().map(move |j| (i, j)))
+            .map(|(i, j)| self.d[i * k + j])
+            .collect()
+    }
+
+    /// The gaps that are closed and pressed, and the accelerations.
+    fn contacts(&self, y: &[f64], v: &[f64]) -> Option<(GapSet, Vec<f64>)> {
+        let k = y.len();
+        let touching: GapSet = (0..k).filter(|&i| y[i] == 0.0 && v[i] == 0.0).collect();
+        let b: Vec<f64> = touching.iter().map(|i| self.b[i]).collect();
+        let found = lcp::solve(&self.part(touching), &b)?;
+        let mut closed = GapSet::EMPTY;
+        let mut a = self.b.clone();
+        for (row, j) in touching.iter().enumerate() {
+            if found.positive.has(row) {
+                closed = closed.with(GapSet::of(j));
+            }
+            (0..k).for_each(|i| a[i] += self.d[i * k + j] * found.z[row]);
+        }
+        closed.iter().for_each(|i| a[i] = 0.0);
+        Some((closed, a))
+    }
+
+    /// The speeds after an impact.
+    fn strike(&self, v: &mut [f64], closed: GapSet, hit: GapSet, slow: f64) -> Option<()> {
+        let (k, set) = (v.len(), closed.with(hit));
+        let e = |i: usize| if -self.e[i] * v[i] <= slow { 0.0 } else { self.e[i] };
+        let before: Vec<f64> = set.iter().map(|i| -e(i) * v[i]).collect();
+        let right: Vec<f64> = set.iter().map(|i| (1.0 + e(i)) * v[i]).collect();
+        let found = lcp::solve(&self.part(set), &right)?;
+        for (row, j) in set.iter().enumerate() {
+            (0..k).for_each(|i| v[i] += self.d[i * k + j] * found.z[row]);
+        }
+        for (row, i) in set.iter().enumerate() {
+            v[i] = if found.positive.has(row) { before[row] } else { v[i].max(before[row]) };
+        }
+        Some(())
+    }
+}
+
+/// When `y + v t + a t^2/2` falls to zero, for `y >= 0`; infinite if it never does.
+fn flight(y: f64, v: f64, a: f64) -> f64 {
+    let root = (v * v - 2.0 * a * y).sqrt();
+    if y == 0.0 && v <= 0.0 {
+        return if a < 0.0 || v < 0.0 { 0.0 } else { f64::INFINITY };
+    }
+    if v > 0.0 {
+        if a < 0.0 {
+            (v + root) / -a
+        } else {
+            f64::INFINITY
+        }
+    } else if root.is_nan() || root == v {
+        f64::INFINITY
+    } else {
+        2.0 * y / (root - v)
+    }
 }
 
 #[cfg(test)]
@@ -583,5 +752,44 @@ mod corner_log_tests {
         let sum = time_of_corner(&marks, 2, GapSet::of_bits(3)).unwrap();
         assert!((sum - 2.0).abs() < 1e-5 && marks[13].t < 2.0 - 1e-4, "{sum}");
         assert_eq!(time_of_corner(&marks, 2, GapSet::of(0)), None);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// In a wedge with `e < c^2 (1 + e)` the gaps come to rest alternately, `c^2` faster each pair.
+    #[test]
+    fn a_ball_in_an_obtuse_wedge() {
+        let c = 2f64.cos().abs();
+        let nest =
+            NestedAccumulation { d: vec![1.0, c, c, 1.0], b: vec![-1.0, -1.0], e: vec![0.1, 0.1] };
+        let arcs = nest.arcs(vec![0.0, 0.0], vec![1.0, 0.0], 1e-9);
+        // each contact that an impact opens comes to rest before the next impact of the other gap
+        let opened: Vec<f64> = arcs
+            .windows(2)
+            .filter(|pair| !pair[0].closed.is_empty() && pair[1].closed.is_empty())
+            .map(|pair| pair[1].start)
+            .collect();
+        let end = arcs.last().map_or(0.0, |arc| arc.start + arc.length);
+        let ratios: Vec<f64> = opened.windows(3).map(|t| (end - t[2]) / (end - t[0])).collect();
+        assert!(ratios.len() > 12, "{opened:?}");
+        assert!(ratios[..8].iter().all(|ratio| (ratio - c * c).abs() < 1e-6), "{ratios:?}");
+        // energy L = g'.D^-1 g'/2 + lambda.g, lambda = 1/(1 + c), falls from arc to arc
+        let depth = |arc: &NestedArc| {
+            let [v, w] = [arc.v[0], arc.v[1]];
+            let kinetic = (v * v - 2.0 * c * v * w + w * w) / (2.0 * (1.0 - c * c));
+            kinetic + (arc.y[0] + arc.y[1]) / (1.0 + c)
+        };
+        assert!(arcs.windows(2).all(|pair| depth(&pair[1]) <= depth(&pair[0]) * (1.0 + 1e-12)));
+    }
+
+    #[test]
+    fn one_gap_is_a_ball() {
+        let nest = NestedAccumulation { d: vec![1.0], b: vec![-2.0], e: vec![0.5] };
+        let arcs = nest.arcs(vec![0.0], vec![1.0], 1e-6);
+        let end = arcs.last().map_or(0.0, |arc| arc.start + arc.length);
+        assert!((end - 2.0).abs() < 1e-5 && arcs[1].start == 1.0 && arcs[1].v == [0.5], "{arcs:?}");
     }
 }

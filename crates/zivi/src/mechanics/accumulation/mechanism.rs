@@ -1,9 +1,9 @@
 //! The mechanism after an impact and its validity ahead, for the extrapolation of an accumulation.
 
-use super::kinetics::{Kinetics, Model};
-use super::mode::Limit;
-use super::state::MechanicalState;
 use super::tail::EndOfArcs;
+use crate::mechanics::kinetics::{Kinetics, Model};
+use crate::mechanics::mode::Limit;
+use crate::mechanics::state::MechanicalState;
 use crate::numeric::bernstein::Bernstein;
 use crate::record::gap_set::{ContactMode, GapSet};
 use crate::record::status::Failure;
@@ -15,22 +15,26 @@ use crate::zeno::table::ExtrapolatedEnd;
 /// relative to `1 + |q'|` and in tolerances.
 const FLOOR: (f64, f64) = (1e-12, 1e-2);
 /// A jump passes no other gap that is nearer than so many of its estimated errors.
-pub(super) const CLEAR: f64 = 100.0;
+pub(in crate::mechanics) const CLEAR: f64 = 100.0;
 
 /// A mechanical system at its state, and evaluated elsewhere.
-pub(super) struct Mechanism<'r, 'm, D> {
-    pub(super) settings: &'r SwitchedRk,
+pub(in crate::mechanics) struct Mechanism<'r, 'm, D> {
+    pub(in crate::mechanics) settings: &'r SwitchedRk,
     /// Restitutions by gap.
-    pub(super) e: &'r [f64],
-    pub(super) state: &'r mut MechanicalState,
+    pub(in crate::mechanics) e: &'r [f64],
+    pub(in crate::mechanics) state: &'r mut MechanicalState,
     /// The mechanics where they were evaluated last, away from the state.
-    pub(super) aside: &'r mut Kinetics,
-    pub(super) model: &'r mut Model<'m, D>,
+    pub(in crate::mechanics) aside: &'r mut Kinetics,
+    pub(in crate::mechanics) model: &'r mut Model<'m, D>,
 }
 
 /// The tolerances of the time of a jump and of the state after it. Slips and the work of friction come
 /// of the rest.
-pub(super) fn scales(settings: &SwitchedRk, state: &MechanicalState, of_time: f64) -> Vec<f64> {
+pub(in crate::mechanics) fn scales(
+    settings: &SwitchedRk,
+    state: &MechanicalState,
+    of_time: f64,
+) -> Vec<f64> {
     let Layout { n, m, .. } = state.layout();
     let of = |values: &[f64], atol: f64| -> Vec<f64> {
         let scale = |(c, value): (usize, &f64)| match c < n + m {
@@ -44,7 +48,7 @@ pub(super) fn scales(settings: &SwitchedRk, state: &MechanicalState, of_time: f6
 }
 
 /// A speed below all tolerances.
-pub(super) fn slow(settings: &SwitchedRk, state: &MechanicalState) -> f64 {
+pub(in crate::mechanics) fn slow(settings: &SwitchedRk, state: &MechanicalState) -> f64 {
     let w = &state.now().xdot[..state.layout().n];
     let speed = w.iter().fold(0.0_f64, |a, b| a.max(b.abs()));
     FLOOR.0.max(FLOOR.1 * settings.rtol) * (1.0 + speed)
@@ -53,7 +57,7 @@ pub(super) fn slow(settings: &SwitchedRk, state: &MechanicalState) -> f64 {
 impl<D> Mechanism<'_, '_, D> {
     /// Whether the gaps outside of a mode stay open on the way to the landing: the cubic between
     /// both ends stays clear of zero; and whether what slips in it slips at both ends.
-    pub(super) fn is_clear(
+    pub(in crate::mechanics) fn is_clear(
         &self,
         landing: &ExtrapolatedEnd<Vec<f64>>,
         mode: impl Into<ContactMode>,
@@ -87,7 +91,7 @@ impl<D> Mechanism<'_, '_, D> {
 
     /// Whether the forces keep all gaps of a set closed along the way to the landing, and those
     /// that stay closed while another one bounces also without it, and under its impacts.
-    pub(super) fn stays_closed<E>(
+    pub(in crate::mechanics) fn stays_closed<E>(
         &mut self,
         landing: &ExtrapolatedEnd<Vec<f64>>,
         mode: impl Into<ContactMode>,
@@ -142,7 +146,7 @@ impl<D> Mechanism<'_, '_, D> {
 
     /// One end of the arcs that a jump skips: the motion in contact, at a time and a state, `x`
     /// before `x'`. The system is evaluated aside there.
-    pub(super) fn end_of_arcs<E>(
+    pub(in crate::mechanics) fn end_of_arcs<E>(
         &mut self,
         t: f64,
         z: &[f64],
@@ -164,7 +168,7 @@ impl<D> Mechanism<'_, '_, D> {
     }
 
     /// The end of the arcs at the present state.
-    pub(super) fn end_here<E>(
+    pub(in crate::mechanics) fn end_here<E>(
         &mut self,
         mode: impl Into<ContactMode>,
     ) -> Result<EndOfArcs, Failure<E>>
@@ -178,7 +182,7 @@ impl<D> Mechanism<'_, '_, D> {
 
     /// Moves to a landing, after which the gaps of a mode are closed, and maybe others with them:
     /// all of these. The system is evaluated there.
-    pub(super) fn move_to<E>(
+    pub(in crate::mechanics) fn move_to<E>(
         &mut self,
         landing: &ExtrapolatedEnd<Vec<f64>>,
         mode: impl Into<ContactMode>,
