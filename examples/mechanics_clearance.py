@@ -78,10 +78,10 @@ def reference() -> list[float]:
     def slopes(t: float, y: np.ndarray) -> list[float]:
         return [y[2], y[3], ROD * L / 2 * R * OMEGA**2 * np.sin(OMEGA * t - y[0]) / INERTIA, 0.0]
 
+    @zivi.event(terminal=True, direction=-1)
     def gap(t: float, y: np.ndarray) -> float:
         return float(CLEARANCE - np.hypot(*place(t, y)[0]))
 
-    gap.terminal, gap.direction = True, -1
     t, y, times = 0.0, np.array([0.0, X0, -OMEGA * R / L, 0.0]), []
     for _ in range(BEFORE):
         settings = {"method": "DOP853", "rtol": 1e-12, "atol": 1e-14, "max_step": 1e-3}

@@ -110,11 +110,11 @@ def reference() -> tuple[float, float, float]:
         def slopes(_: float, y: np.ndarray) -> np.ndarray:
             return np.array([*y[2:], *accelerations(y, stands)[0]])
 
+        @zivi.event(terminal=True, direction=-1)
         def ends(t: float, y: np.ndarray) -> float:
             force = accelerations(y, stands)[1]
             return {"land": float(y[0] - length(y[1])), "lift": force, "top": y[2]}[event]
 
-        ends.terminal, ends.direction = True, -1
         settings = {"method": "DOP853", "rtol": 1e-12, "atol": 1e-13}
         sol = solve_ivp(slopes, (t, t + 5), start, events=ends, **settings)
         return float(sol.t[-1]), sol.y[:, -1]

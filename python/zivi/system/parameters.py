@@ -214,8 +214,8 @@ def _moved_contacts(
                 f"parameters: {name!r} must not change the kind of a contact law, nor one that is "
                 "a function; use numbers of zivi.SpringDamper, zivi.Hertz or zivi.HuntCrossley"
             )
-        for i, _, values, _ in given:
-            numbers[i].append(values)
+        for i, _, coefficients, _ in given:
+            numbers[i].append(coefficients)
     found = []
     for i, values in numbers.items():
         for number, column in enumerate(zip(*values, strict=True)):

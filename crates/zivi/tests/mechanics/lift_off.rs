@@ -142,8 +142,9 @@ fn steady_forces_are_not_probed() {
         assert!(lift_offs(&found).is_empty());
         found.counts.nfev
     };
+    // rest between the nodes of its windows, and flights up to once in a hundredth of the run
     let (probed, plain) = (nfev(false), nfev(true));
-    assert!(probed > plain + 40 && probed < plain + 70, "{probed} {plain}");
+    assert!(probed > plain + 40 && probed < plain + 70 + 100, "{probed} {plain}");
 }
 
 #[test]

@@ -160,13 +160,13 @@ def _of_pair(
                 "above planes; friction='ignore' leaves it out"
             )
         (one, radius), (other, more) = (_balls(model, geom) for geom in pair)
-        bodies = [_body(model, geom) for geom in pair]
-        points = [one[0], other[0]]
-        if bodies[0] is None:
-            bodies, points = bodies[::-1], points[::-1]
-        if bodies[0] is None:
+        first, second = (_body(model, geom) for geom in pair)
+        centers = one[0], other[0]
+        if first is None:
+            first, second, centers = second, first, centers[::-1]
+        if first is None:
             raise ValueError(f"{where}: neither {names[0]!r} nor {names[1]!r} moves")
-        return [BallGap(bodies[0], points[0], bodies[1], points[1], radius + more, called)]
+        return [BallGap(first, centers[0], second, centers[1], radius + more, called)]
     told = " and ".join(mujoco.mjtGeom(int(kind)).name[7:].lower() for kind in kinds)
     raise NotImplementedError(
         f"gaps between {told} are not supported: {called!r}; use spheres, capsules, boxes, "
