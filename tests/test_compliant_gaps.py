@@ -324,6 +324,12 @@ def test_a_function_that_fails_ends_the_run_with_what_was_computed():
         drop(lambda depth, rate: "hard")
 
 
+@pytest.mark.parametrize("law", [zivi.SpringDamper(1e4), zivi.Hertz(1e4), zivi.HuntCrossley(1e4)])
+def test_they_are_not_coefficients_of_restitution(law):
+    with pytest.raises(TypeError, match="a compliant contact is the contact= of a gap"):
+        zivi.ImpactSystem(-G, e=law)
+
+
 def test_symbolic_systems_have_them():
     pytest.importorskip("sympy")
     law = zivi.SpringDamper(1e4, 20.0)

@@ -627,8 +627,14 @@ Restitutions: TypeAlias = Array | tuple[ImpactLaw, ...]
 
 def law_of(e: Any) -> Any:
     """Return the law of a function of the speed; what is none stays."""
-    is_function = callable(e) and not isinstance(e, ImpactLaw | type)
-    return Restitution(e) if is_function else e
+    if not callable(e) or isinstance(e, ImpactLaw | type):
+        return e
+    if hasattr(type(e), "_kind"):
+        raise TypeError(
+            f"e must be a coefficient of restitution or an impact law, got {e!r}; a compliant "
+            "contact is the contact= of a gap of a zivi.MechanicalSystem"
+        )
+    return Restitution(e)
 
 
 def restitutions(e: Any, m: int) -> Restitutions:

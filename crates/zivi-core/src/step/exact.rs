@@ -69,7 +69,7 @@ impl ThetaGammaStep {
     }
 
     /// Every solution of the step (numerically coincident ones included), in the order of
-    /// [`PATTERNS`].
+    /// [`PATTERNS`](super::PATTERNS).
     pub fn solutions(&self, z: Lifted, f: Real) -> impl Iterator<Item = StepSolution> {
         let (sigma, frozen) = self.frozen(z, f, 1.0);
         frozen.candidates().map(move |solution| solution.mirrored(sigma))

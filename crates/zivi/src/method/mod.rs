@@ -8,7 +8,7 @@
 //! program runs: batches, and the bindings to other languages, know that one only.
 //!
 //! A new scheme of fixed steps is a file of `stepping`, in which its settings implement
-//! [`Scheme`](crate::stepping::fixed_step::Scheme), and a line in the list at the end of this file: all
+//! [`Scheme`], and a line in the list at the end of this file: all
 //! that offers methods, Python's classes and the keys of files too, reads [`AnyMethod::ALL`].
 
 mod interface;

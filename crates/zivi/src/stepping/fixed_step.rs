@@ -303,7 +303,7 @@ pub(crate) fn lift(initial: Physical, restitution: Restitution) -> Result<Lifted
 
 /// A fixed-step scheme: its settings other than the step size.
 ///
-/// One that advances `(s, v)` implements [`FixedStep`](FixedStep) and leaves the
+/// One that advances `(s, v)` implements [`FixedStep`] and leaves the
 /// loop to [`fixed_step::run`](run). [`FixedSteps`] makes it a
 /// [`Method`](crate::method::Method).
 pub trait Scheme: Sized {

@@ -9,7 +9,7 @@ pub enum JointKind {
     Hinge,
     /// Along its axis (m).
     Slide,
-    /// One of the three coordinates of a rotation (see [`super::frame`]), by its number: each is on the one before.
+    /// One of the three coordinates of a rotation (see `frame`), by its number: each is on the one before.
     Rotation(u8),
 }
 

@@ -4,12 +4,10 @@
 //! M(q) q'' = -b(q, q') - k (q - s) - c q' + tau + N^T lambda
 //! ```
 //!
-//! Each joint has one coordinate and a frame whose third axis is its own; a rotation in space is three joints
-//! ([`rotation`]). Coordinates, velocities and
-//! accelerations of bodies are followed from the root outwards, in axes of the world ([`frame`]);
+//! Each joint has one coordinate and a frame whose third axis is its own; a rotation in space is three joints.
+//! Coordinates, velocities and accelerations of bodies are followed from the root outwards, in axes of the world (`frame`);
 //! forces and composite bodies are gathered inwards, which gives `b` (the recursive Newton-Euler
-//! equations) and `M` (the composite rigid body algorithm, [`gather`]). Gaps and dry friction are in [`gap`],
-//! equality rows in [`constraint`].
+//! equations) and `M` (the composite rigid body algorithm). Gaps, dry friction and equality rows are in `gap`.
 
 mod frame;
 mod gap;
