@@ -109,7 +109,7 @@ pub(crate) fn members(py: Python<'_>, sets: &[GapSet], m: usize) -> PyResult<Mat
 
 pub(crate) type Array = Py<PyArray1<f64>>;
 
-/// A NumPy vector as a slice; a copy if it is not contiguous.
+/// A NumPy vector as a slice, copied unless contiguous.
 pub(crate) fn vector(array: &PyReadonlyArray1<'_, f64>) -> PyResult<Vec<f64>> {
     list(array.as_array().iter().copied())
 }

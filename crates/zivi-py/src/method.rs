@@ -131,7 +131,7 @@ pub(crate) struct PySetting {
     pair: bool,
     /// The names or numbers that it may be.
     choices: Option<Py<PyTuple>>,
-    /// Its default; `None` if it is required or determined by the run.
+    /// Its default, `None` for a required setting or one that the run determines.
     default: Option<Py<PyAny>>,
     required: bool,
     /// Where its default comes from if that is no value.
