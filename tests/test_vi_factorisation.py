@@ -15,7 +15,7 @@ import scipy.sparse as sp
 
 import zivi
 from example_scripts import example
-from inside import Factoriser, Keep, in_thread, vi_sparse_search as search
+from inside import Factoriser, ReleaseEvent, in_thread, vi_sparse_search as search
 from interrupting import HANGS, ctrl_c, wait_for
 
 large = example("large_vi")
@@ -89,7 +89,7 @@ def test_the_thread_of_factors_ends_with_them():
     with pytest.raises(TimeoutError):
         Factoriser(over).factors_of(M)
     with pytest.raises(TimeoutError):
-        in_thread(gate.wait, over, Keep())
+        in_thread(gate.wait, over, ReleaseEvent())
     gate.set()
     wait_for(lambda: not threads())
 
