@@ -78,6 +78,7 @@ def draw(path: str, sol: zivi.MechanicalTrajectory) -> None:
     mpl.use("Agg")
     import matplotlib.pyplot as plt
 
+    plt.style.use("zivi.plot.figures")
     figure, axes = plt.subplots(1, 2, layout="constrained", figsize=(9.0, 3.2), width_ratios=(1, 2))
     v = np.geomspace(0.2, 10.0, 200)
     axes[0].loglog(v, restitution(v), "k:", label="Johnson")
@@ -85,7 +86,7 @@ def draw(path: str, sol: zivi.MechanicalTrajectory) -> None:
     speed = np.abs(sol.impacts["speed_before"])
     hits = sol.impacts[speed >= SPEEDS[0]]
     ratio = np.abs(hits["speed_after"] / hits["speed_before"])
-    axes[0].loglog(np.abs(hits["speed_before"]), ratio, "C3o", mfc="none", label="run")
+    axes[0].loglog(np.abs(hits["speed_before"]), ratio, "C1o", mfc="none", label="run")
     ticks = (0.4, 0.6, 0.8, 1.0)
     axes[0].set_yticks(ticks, [str(it) for it in ticks])
     axes[0].minorticks_off()

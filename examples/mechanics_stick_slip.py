@@ -83,6 +83,7 @@ def draw(path: str, branches: list[zivi.MechanicalBranch]) -> None:
     mpl.use("Agg")
     import matplotlib.pyplot as plt
 
+    plt.style.use("zivi.plot.figures")
     figure, axes = plt.subplots(1, 2, layout="constrained", figsize=(9.6, 4.0))
     middle = branches[1]
     for value in (0.1, 0.2, 0.4, middle.events[-1].value):
@@ -91,12 +92,16 @@ def draw(path: str, branches: list[zivi.MechanicalBranch]) -> None:
         states = run.resample(np.linspace(run.t[0], run.t[-1], 800))
         axes[0].plot(states.q[:, 0], states.qdot[:, 0], lw=1.0, label=f"v = {value:.3f} m/s")
     axes[0].set(xlabel="$x$ (m)", ylabel="$x'$ (m/s)", title=f"cycles with c = {DAMPINGS[1]}")
-    axes[0].legend(fontsize=8, loc="center")
+    axes[0].legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
     for damping, it in zip(DAMPINGS, branches, strict=True):
         periods = [orbit.period for orbit in it.orbits]
         (line,) = axes[1].plot(it.values, periods, lw=1.2, label=f"c = {damping}")
         axes[1].plot(it.values[-1], periods[-1], "o", ms=4, color=line.get_color())
-    axes[1].set(xlabel="belt speed (m/s)", ylabel="period (s)", title="the cycle, and its end")
+    axes[1].set(
+        xlabel="belt speed (m/s)",
+        ylabel="period (s)",
+        title="period, up to the last belt speed with a cycle",
+    )
     axes[1].legend(fontsize=8)
     figure.savefig(path, dpi=160)
 

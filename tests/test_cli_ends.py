@@ -122,3 +122,16 @@ def test_a_study_in_its_own_folder_is_shown(place, monkeypatch):
     monkeypatch.chdir("here.zarr")
     in_process("show", ".", "-q", code=0)
     assert (place / "here.png").is_file()
+
+
+def test_pictures_have_the_style_of_the_figures(monkeypatch):
+    plt = pytest.importorskip("matplotlib.pyplot")
+    save(zivi.simulate(zivi.ImpactSystem(-9.81, e=0.5), (0, 1), (1, 0)), "ball.nc")
+    made = []
+    monkeypatch.setattr(
+        plt.Figure, "savefig", lambda it, path, **_: made.append(it) or path.touch()
+    )
+    in_process("show", "ball.nc", "-q", code=0)
+    (figure,) = made
+    assert not any(ax.spines["top"].get_visible() for ax in figure.axes)
+    assert plt.rcParams["axes.spines.top"]  # and the caller's style is left as it was

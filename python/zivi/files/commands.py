@@ -116,15 +116,18 @@ def summarise(path: Path) -> tuple[Table, Figure, dict[str, Any]]:
 
 
 def _summarise(path: Path) -> tuple[Table, Figure, dict[str, Any]]:
+    import matplotlib.style
+
     from zivi.files.picture import run_picture, study_picture  # with matplotlib
 
-    if is_study(path):
-        study = open_study(path, verify=True)
-        table, record = summary.study_table(study), summary.record_of_study(study)
-        return table, study_picture(study), record
-    dataset = open_result(path)
-    run, curve = restored(path, dataset, read_run), restored(path, dataset, read_curve)
-    return summary.run_table(run), run_picture(curve), summary.record_of_run(run)
+    with matplotlib.style.context("zivi.plot.figures"):
+        if is_study(path):
+            study = open_study(path, verify=True)
+            table, record = summary.study_table(study), summary.record_of_study(study)
+            return table, study_picture(study), record
+        dataset = open_result(path)
+        run, curve = restored(path, dataset, read_run), restored(path, dataset, read_curve)
+        return summary.run_table(run), run_picture(curve), summary.record_of_run(run)
 
 
 def has_display() -> bool:

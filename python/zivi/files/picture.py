@@ -10,6 +10,7 @@ import numpy as np
 from zivi import plot
 from zivi.base.check import Array
 from zivi.files.kinds import FileError
+from zivi.plot.look import legend
 from zivi.simulation.trajectory import Trajectory
 from zivi.study import Study
 
@@ -92,7 +93,7 @@ def _draw_lines(study: Study, name: str, ax: Axes) -> None:
         label = None if other is None else f"{other} = {_value_text(value)}"
         ax.plot(x, line.values, ".-", color=colour, label=label)
     if other is not None:
-        ax.legend(fontsize="small")
+        legend(ax)
     if _spreads(x):
         ax.set_xscale("log")
     ax.set(xlabel=_axis_label(study, str(along)), ylabel=_axis_label(study, name))
@@ -103,7 +104,7 @@ def _colours(number: int) -> list[Any]:
     import matplotlib as mpl
 
     return (
-        [plot.BLUE] if number == 1 else list(mpl.colormaps["viridis"](np.linspace(0, 0.9, number)))
+        [plot.BLUE] if number == 1 else list(mpl.colormaps["cividis"](np.linspace(0, 0.9, number)))
     )
 
 

@@ -43,7 +43,7 @@ REGULATION: dict[str, float | str] = {
     "x(0)": START_REGULATOR[0],
     "x'(0)": START_REGULATOR[1],
     "branch": "positive",
-    "law": "the paper's, without a landing",
+    "law": "the paper's, without contact-establishing law",
 }
 TRACKING: dict[str, float | str] = {
     "h": H,

@@ -6,6 +6,7 @@ import dataclasses
 from collections.abc import Callable, Collection, Iterable, Iterator
 from pathlib import Path
 
+from matplotlib import style
 from rich.console import Console, RenderableType
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
@@ -99,7 +100,8 @@ def write(
     for done, name in enumerate(chosen):
         if report is not None:
             report(name, done, len(chosen))
-        STAGES[name](folder, found)
+        with style.context("zivi.plot.figures"):
+            STAGES[name](folder, found)
     if report is not None:
         report("", len(chosen), len(chosen))
     if found.checks:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from zivi.plot.look import BLUE, ORANGE, axes_of, figure_of
+from zivi.plot.look import BLUE, ORANGE, axes_of, figure_of, legend
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -28,7 +28,7 @@ def draw_fit(rows: Sequence[Mapping[str, Any]], figure: Figure | None) -> Figure
         bottom.axhline(0.0, color="0.7", lw=0.8)
         bottom.plot(row["t"], row["residual"], ".", ms=4, color=ORANGE)
         bottom.set(xlabel="t (s)", ylabel="residual / $\\sigma$")
-        top.legend(frameon=False)
+        legend(top)
     return figure
 
 
