@@ -100,7 +100,7 @@ def draw(path: str, branches: list[zivi.MechanicalBranch]) -> None:
     axes[1].set(
         xlabel="belt speed (m/s)",
         ylabel="period (s)",
-        title="period, up to the last belt speed with a cycle",
+        title="period of the cycle",
     )
     axes[1].legend(fontsize=8)
     figure.savefig(path, dpi=160)
