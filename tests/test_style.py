@@ -119,13 +119,16 @@ def of_comments(text, sign):
 
 def collected():
     """All sentences by set: pairs of a place and a paragraph."""
-    found = {name: [] for name in ("pages", "docstrings", "messages", "rustdoc", "comments")}
+    names = "pages", "changelog", "docstrings", "messages", "rustdoc", "comments"
+    found = {name: [] for name in names}
 
     def put(name, path, texts):
         found[name] += [(f"{path.relative_to(ROOT)}:{i}", text) for i, text in texts]
 
     for path in [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]:
         put("pages", path, of_page(path.read_text("utf-8")))
+    changes = ROOT / "CHANGELOG.md"
+    put("changelog", changes, of_page(changes.read_text("utf-8")))
     for path in sorted((ROOT / "python" / "zivi").rglob("*.py")):
         text = path.read_text("utf-8")
         tree = ast.parse(text)
