@@ -94,9 +94,9 @@ pub struct Observer {
     pub waiting: u32,
     /// Whether there was a measurement.
     pub started: u32,
-    /// Measurements refused in a row.
+    /// Measurements rejected in a row.
     pub in_a_row: u32,
-    /// Measurements refused so far.
+    /// Measurements rejected so far.
     pub refused: u32,
     /// 0.
     pub reserved: u32,

@@ -1,5 +1,5 @@
 //! The seal of an object: a checksum of its settings, which are checked once, when it is
-//! initialised. A call computes it again and refuses an object whose settings have changed since;
+//! initialised. A call computes it again and rejects an object whose settings have changed since;
 //! that costs a few instructions a setting, where checking them all would cost hundreds.
 
 use crate::code::{Code, ZIVI_E_STATE};
@@ -36,7 +36,7 @@ pub(crate) unsafe trait Sealed: Sized {
         checksum(Self::KIND, words)
     }
 
-    /// Refuses an object that was not initialised, or whose settings have changed since.
+    /// Rejects an object that was not initialised, or whose settings have changed since.
     #[inline]
     fn intact(&self) -> Result<(), Code> {
         if self.seal() == self.seal_of_settings() {
@@ -71,7 +71,7 @@ mod tests {
         TrackerConfig,
     };
 
-    /// Every bit of the settings and of the seal counts, and a refused call changes nothing.
+    /// Every bit of the settings and of the seal counts, and a rejected call changes nothing.
     macro_rules! every_bit {
         ($kind:ty, $config:expr, $settings:expr, $step:expr) => {
             let mut fresh = <$kind>::default();

@@ -29,7 +29,7 @@ pub struct Restitution {
 pub struct RestitutionError {
     /// Name of the coefficient, `"e"` or `"kappa"`.
     pub name: &'static str,
-    /// The value that was refused.
+    /// The value that was rejected.
     pub value: Real,
 }
 

@@ -9,7 +9,7 @@ use core::ops::{Bound, RangeBounds};
 pub struct SettingError {
     /// Name of the setting.
     pub name: &'static str,
-    /// The value that was refused.
+    /// The value that was rejected.
     pub value: Real,
     /// The admissible range, in words.
     pub range: &'static str,
@@ -63,8 +63,8 @@ pub(crate) fn is_not_negative(x: Real) -> bool {
 ///     default: Value::Number(0.5),
 /// };
 /// assert!(theta.check(1.0).is_ok());
-/// let refused = theta.check(1.5).unwrap_err();
-/// assert_eq!(refused.to_string(), "theta must be a number from 0 to 1, got 1.5");
+/// let rejected = theta.check(1.5).unwrap_err();
+/// assert_eq!(rejected.to_string(), "theta must be a number from 0 to 1, got 1.5");
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Setting {
@@ -149,7 +149,7 @@ impl Values {
 }
 
 impl Setting {
-    /// Refuses a number out of range.
+    /// Rejects a number out of range.
     ///
     /// # Errors
     /// [`SettingError`].

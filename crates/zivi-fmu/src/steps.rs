@@ -1,6 +1,6 @@
-//! Communication steps: how they are refused, and how they are cut.
+//! Communication steps: how they are rejected, and how they are cut.
 
-/// How a communication step is refused.
+/// How a communication step is rejected.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum StepRefusal {
     /// It is not a positive number, or has too many steps of `h`.

@@ -18,7 +18,7 @@ thread_local! {
     static WORDS: RefCell<CString> = RefCell::default();
 }
 
-/// Why a call is refused.
+/// Why a call is rejected.
 pub(crate) struct Refused {
     code: i32,
     words: String,
@@ -55,7 +55,7 @@ impl<E: std::fmt::Display> From<E> for Refused {
     }
 }
 
-/// Runs what a call asks for: a code, and words where it is refused or fails.
+/// Runs what a call asks for: a code, and words where it is rejected or fails.
 pub(crate) fn guarded(call: impl FnOnce() -> Result<i32, Refused>) -> i32 {
     let refused = match catch_unwind(AssertUnwindSafe(call)) {
         Ok(Ok(code)) => return code,

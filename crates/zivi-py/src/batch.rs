@@ -490,7 +490,7 @@ impl MechanicalRuns {
         progress: Option<Py<PyAny>>,
     ) -> PyResult<MechanicalEnds> {
         let _running = crate::interface::running()?;
-        // results that would not fit into memory are refused before anything is computed
+        // results that would not fit into memory are rejected before anything is computed
         let numbers = self.q.len() + self.qdot.len();
         let gaps = 2 * self.count() * self.mechanisms[0].get().m;
         let ends = self.count().saturating_mul(size_of::<MechanicalEnd>());

@@ -247,7 +247,7 @@ pub(crate) fn all_settings(py: Python<'_>) -> PyResult<Bound<'_, PyDict>> {
     Ok(all)
 }
 
-/// The step size of a fixed-step scheme above a wall: refuses what is out of range.
+/// The step size of a fixed-step scheme above a wall: rejects what is out of range.
 pub(crate) fn step_of(h: f64, restitution: zivi::Restitution) -> PyResult<ThetaGammaStep> {
     ThetaGammaStep::new(h, 1.0, 1.0, restitution).map_err(|error| setup_error(error.into()))
 }

@@ -25,7 +25,7 @@ const VERSION: f64 = 2.0;
 const LATER: usize = 8 + 2 * REMEMBERED;
 
 type Array<'py> = Bound<'py, PyArray1<f64>>;
-/// Estimates, their standard deviations, and whether a measurement was refused.
+/// Estimates, their standard deviations, and whether a measurement was rejected.
 type Observed<'py> = (Vec<Array<'py>>, Vec<Array<'py>>, Bound<'py, PyArray1<bool>>);
 
 /// The observer; `zivi.ImpactObserver` is what users see.

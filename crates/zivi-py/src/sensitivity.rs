@@ -330,7 +330,7 @@ fn starts_of(given: &PyReadonlyArray2<'_, f64>) -> PyResult<Vec<[f64; 2]>> {
     list(given.as_array().rows().into_iter().map(|row| [row[0], row[1]]))
 }
 
-/// Refuses a system that has no such map.
+/// Rejects a system that has no such map.
 #[pyfunction]
 pub(crate) fn check_impact_map(py: Python<'_>, system: PyRef<'_, PyPointMass>) -> PyResult<()> {
     let _running = crate::interface::running()?;

@@ -1,7 +1,7 @@
 //! The ball, the regulator and the tracker over a grid, for a browser: `docs/_static/browser`.
 //!
 //! Each function makes one run and returns how many rows of the table it has filled, 0 where a
-//! setting is refused. The mass always moves by the implicit step (in a loop: the paper's own
+//! setting is rejected. The mass always moves by the implicit step (in a loop: the paper's own
 //! loop), except where explicit Euler is requested. A row is
 //!
 //! ```text

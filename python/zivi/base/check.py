@@ -189,7 +189,7 @@ def count(name: str, value: object, *, least: int = 0) -> int:
 
 
 def require_finite(name: str, array: Array) -> None:
-    """Refuse an array with an entry that is not finite, naming the first one."""
+    """Reject an array with an entry that is not finite, naming the first one."""
     bad = np.argwhere(~np.isfinite(array))
     if len(bad):
         index = ", ".join(str(int(k)) for k in bad[0])
@@ -263,7 +263,7 @@ def of_three(name: str, function: Any, *, more_than_y: bool) -> Callable[..., An
 
 
 def check_arguments(name: str, function: Any, arguments: str) -> None:
-    """Refuse a function that does not take as many arguments by position as are named."""
+    """Reject a function that does not take as many arguments by position as are named."""
     counts, given = _arity(function), arguments.count(",") + 1
     if counts is not None and not counts[0] <= given <= counts[1]:
         raise TypeError(f"{name} must be a function of ({arguments}), got {_signature(function)}")
@@ -278,7 +278,7 @@ VELOCITIES = frozenset(
 
 
 def _check_order(name: str, function: Any, arguments: str) -> None:
-    """Refuse a function whose arguments have the right names in another order, as odeint's."""
+    """Reject a function whose arguments have the right names in another order, as odeint's."""
     if type(function) is not types.FunctionType:
         return
     code = function.__code__

@@ -69,7 +69,7 @@ def expression(text: str, names: Mapping[str, Any]) -> Any:
 
 @contextlib.contextmanager
 def worked_on(what: str) -> Iterator[None]:
-    """Refuse expressions with which SymPy fails, whatever it raises.
+    """Reject expressions with which SymPy fails, whatever it raises.
 
     SymPy queries whether parts are real or positive and compares them; its answers may depend on
     its cache (on earlier formulas) and contradict each other.

@@ -161,7 +161,7 @@ class _Measure:
 
 
 def checked_value(value: float | complex) -> None:
-    """Refuse what numbers give that is no real number of double precision."""
+    """Reject what numbers give that is no real number of double precision."""
     if isinstance(value, complex) or value != value:
         raise FormulaError("a part of it is not a real number")
     if abs(value) > LARGEST:

@@ -261,12 +261,12 @@ class LandingController(Shared):
 
     @property
     def ahead(self) -> int:
-        """Horizon of the landing, in sampling periods."""
+        """Horizon of the contact-establishing law, in sampling periods."""
         return int(self._settings["ahead"])
 
     @property
     def quiet(self) -> float:
-        """Dead zone of the landing (m/s)."""
+        """Dead zone of the contact-establishing law (m/s)."""
         return self._number("quiet")
 
     @property
@@ -369,7 +369,7 @@ def reference_kappa(
 
 
 def horizon_of(landing: Any, ahead: Any) -> int:
-    """Return the horizon of a landing in periods."""
+    """Return the horizon of a contact-establishing law in periods."""
     switch("landing", landing)
     periods = integer("ahead", ahead)
     if not 1 <= periods <= MAX_AHEAD:
@@ -378,7 +378,7 @@ def horizon_of(landing: Any, ahead: Any) -> int:
             f"got {ahead}"
         )
     if periods > 1 and not landing:
-        raise ValueError(f"ahead is of the landing: with landing=False it must be 1, got {ahead}")
+        raise ValueError(f"ahead must be 1 with landing=False, got {ahead}")
     return periods
 
 
@@ -396,8 +396,8 @@ def delay_of(delay: Any, ahead: int = 1) -> int:
 
 
 def quiet_of(landing: Any, quiet: Any) -> float:
-    """Return the dead zone of a landing; its range is checked in the core."""
+    """Return the dead zone of a contact-establishing law; its range is checked in the core."""
     zone = real("quiet", quiet)
     if zone != 0.0 and not landing:
-        raise ValueError(f"quiet is of the landing: with landing=False it must be 0, got {zone}")
+        raise ValueError(f"quiet must be 0 with landing=False, got {zone}")
     return zone

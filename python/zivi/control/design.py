@@ -38,7 +38,7 @@ NEAR = 1.1
 
 @dataclasses.dataclass(frozen=True)
 class Landing:
-    """The problem of a landing: wall, initial states, sampling.
+    """The problem of coming to rest: wall, initial states, sampling.
 
     Parameters
     ----------
@@ -84,7 +84,7 @@ class Landing:
 
 @dataclasses.dataclass(frozen=True)
 class LandingEnd:
-    """How a landing ends.
+    """End of the motion to rest.
 
     Parameters
     ----------
@@ -143,7 +143,7 @@ class _LandingFlights:
 def bound_landing(
     it: Landing, braking: Array, falling: Array, h: Array, within: float = math.inf
 ) -> LandingEnd:
-    """Bound the time of a landing; times greater than `within` may be returned as infinite.
+    """Bound the time to rest; times greater than `within` may be returned as infinite.
 
     Parameters
     ----------
@@ -630,7 +630,7 @@ def design_tracker(
     quiet: float = 0.0,
     rest: Literal["exact", "practical"] = "exact",
 ) -> GainDesign:
-    """Compute gains and sampling period of a tracker that lands in time.
+    """Compute gains and sampling period of a tracker that comes to rest in time.
 
     The reference rests; one that moves is captured in about 5 sqrt(Delta/(R mu1)), see
     choose_gains.md.
@@ -721,7 +721,7 @@ def design_regulator(
     quiet: float = 0.0,
     rest: Literal["exact", "practical"] = "exact",
 ) -> GainDesign:
-    """Compute gains and sampling period of a regulator that lands in time.
+    """Compute gains and sampling period of a regulator that comes to rest in time.
 
     Parameters
     ----------

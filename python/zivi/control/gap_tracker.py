@@ -83,7 +83,7 @@ class GapTracker(ModelBased):
         Z \ddot q = Z (\ddot q_r - k_p (q - q_r) - k_d (\dot q - \dot q_r))
 
     where :math:`a_i` is the control of a `TwistingTracker` on gap i, for all of which impacts,
-    accumulations and landings are those of one mass; an impact leaves the second line alone.
+    accumulations and coming to rest are as for one mass; an impact leaves the second line alone.
     Contacts that rest with their reference are held with the specified contact forces, :math:`a_A =
     -W_{AA} \lambda_d`. Functions :math:`y = f(q)` with a reference follow it with priority, the
     posture in their null space:
@@ -107,8 +107,8 @@ class GapTracker(ModelBased):
         :math:`k_p` (1/s^2) and :math:`k_d` (1/s).
     force : dict, optional
         The contact forces :math:`\lambda_d` > 0 by gap, numbers or functions of time. They must
-        exceed what the model does not know, :math:`M_i/D_{ii}`; without one a gap is pressed as its
-        landing does.
+        exceed what the model does not know, :math:`M_i/D_{ii}`; without a value a gap is pressed as
+        by its contact-establishing law.
     u_limits : sequence of (float, float), optional
         Range of each control.
     horizon : float
@@ -300,7 +300,7 @@ class GapTracker(ModelBased):
         self._law.noise = (list(noise), list(steps))
 
     def step(self, t: float, q: ArrayLike, qdot: ArrayLike) -> Array:
-        """Return the controls for the period that starts now; all gaps land and rest.
+        """Return the controls for the period that starts now; all gaps come to rest.
 
         Parameters
         ----------
@@ -379,7 +379,7 @@ class GapTracker(ModelBased):
 
 
 def check_gap_tracker(controller: Any) -> None:
-    """Refuse any other controller, also one that is derived from it."""
+    """Reject any other controller, also one that is derived from it."""
     if type(controller) is not GapTracker:
         raise TypeError(
             f"controller must be a zivi.GapTracker, got {type(controller).__name__}; the C "

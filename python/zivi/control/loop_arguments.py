@@ -364,7 +364,7 @@ def check_predicted(own: int, delay: int) -> None:
 
 
 def check_ahead(controller: Any, delay: int, noise: float = 0.0) -> None:
-    """Warn of a landing that does not look as far ahead as its control is late.
+    """Warn if the contact-establishing law looks ahead by less than the delay of its control.
 
     Under noise of the velocity the brake of a late loop, ``v' = -v(t - d h)/(N h)``, swings over
     unless ``N >= (1 + d)^(1 + d)/d^d``; a dead zone does as well.
@@ -530,7 +530,7 @@ def _taken_by(controller: Any, follows: bool) -> dict[str, bool]:
 def check_interface(
     controller: Any, interface: dict[str, bool], spec_ref: _zivi.Force, **given: Any
 ) -> None:
-    """Refuse what a controller cannot be given; `spec_ref` is the force on its reference."""
+    """Reject what a controller cannot be given; `spec_ref` is the force on its reference."""
     check_follows(controller, **given)
     kind = type(controller).__name__
     if given["force_ref"] is not None and not interface["force_ref"]:
@@ -547,7 +547,7 @@ def check_interface(
 
 
 def check_follows(controller: Any, **given: Any) -> None:
-    """Refuse arguments of a reference, unless they are None, for a controller without one."""
+    """Reject arguments of a reference, unless they are None, for a controller without one."""
     for name, value in given.items():
         if value is not None and not hasattr(controller, "x_ref"):
             kind = type(controller).__name__
@@ -555,7 +555,7 @@ def check_follows(controller: Any, **given: Any) -> None:
 
 
 def check_plant_method(method: ThetaGamma | SwitchedRK | None, h: float) -> None:
-    """Refuse a motion between samples that is none, or is not on the controller's grid."""
+    """Reject a motion between samples that is none, or is not on the controller's grid."""
     if method is None or isinstance(method, SwitchedRK):
         return
     if not isinstance(method, ThetaGamma) or method.solver != "exact":
@@ -574,7 +574,7 @@ def described(controller: Any) -> dict[str, Any]:
 
 
 def check_observer(observer: Any, h: float) -> None:
-    """Refuse what is no observer of ours, or one of another period."""
+    """Reject what is no observer of ours, or one of another period."""
     if observer is None:
         return
     if type(observer) is not ImpactObserver:

@@ -274,7 +274,7 @@ def columns_of_record(record: _zivi.LoopBatchRecord, sampled: bool) -> dict[str,
 
 
 def check_starts(states: Array) -> None:
-    """Refuse a state from which no loop can start, before any does."""
+    """Reject a state from which no loop can start, before any does."""
     for i, (x, xdot) in enumerate(states):
         if not (x >= 0.0 and np.isfinite(x) and np.isfinite(xdot)):
             raise ValueError(f"y0 must be finite with x >= 0, got {(x, xdot)} (run {i})")

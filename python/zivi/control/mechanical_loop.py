@@ -359,7 +359,7 @@ def check_gap_reference(
     start: tuple[Array, Array],
     told: tuple[Array, tuple[str, ...], tuple[str, ...]],
 ) -> None:
-    """Refuse references that a controller does not take, or that cannot be followed."""
+    """Reject references that a controller does not take, or that cannot be followed."""
     if given is None:
         return
     if not callable(getattr(controller, "step_to", None)):

@@ -315,7 +315,7 @@ def check_coupling(
     start: tuple[Array, Array],
     known: tuple[Array, Names, Names],
 ) -> None:
-    """Refuse references that coupled gaps cannot follow, or that no configuration reaches.
+    """Reject references that coupled gaps cannot follow, or that no configuration reaches.
 
     Parameters
     ----------
@@ -343,7 +343,7 @@ def check_coupling(
     if worst > COUPLED:
         raise ValueError(
             f"reference gives each gap a motion of its own, but the gaps are coupled, c = "
-            f"{worst:.3g}: an impact on one kicks the other. Follow a motion of the system, "
+            f"{worst:.3g}: an impact on one acts on the other. Follow a motion of the system, "
             "zivi.reference_run"
         )
 

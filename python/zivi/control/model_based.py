@@ -163,7 +163,7 @@ def believed(system: Any) -> MechanicalSystem:
 
 
 def check_believes(told: str, system: MechanicalSystem, plant: MechanicalSystem, q: Array) -> None:
-    """Refuse a model whose coordinates, gaps or controls are others than the plant's.
+    """Reject a model whose coordinates, gaps or controls are others than the plant's.
 
     Parameters
     ----------

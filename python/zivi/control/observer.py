@@ -30,7 +30,7 @@ class Observed(Tabulated):
     d : ndarray
         Unknown force (m/s^2).
     std : ndarray, shape (n, 3)
-        Standard deviations of `x`, `xdot` and `d`, as the observer thinks.
+        Standard deviations of `x`, `xdot` and `d`, as the observer estimates them.
     refused : ndarray of bool
         Measurements that were too far off to be taken.
     missing : ndarray of bool

@@ -91,7 +91,7 @@ class TwistingRegulator(_zivi.Regulator, LandingController):
         to the moment when its control acts.
     quiet : float
         Dead zone of the landing, >= 0 (m/s): a bound of the errors of the measured velocity, such
-        as 5 standard deviations. A mass at rest has a constant control then, and the landing rests
+        as 5 standard deviations. A mass at rest has a constant control then, and rest is as exact
         as without errors.
     delay : int
         Periods from a measurement to the moment when its control acts, 0 to 64, in place of
@@ -329,9 +329,7 @@ class TwistingTracker(_zivi.Tracker, Following, LandingController):
         if press is not None:
             press = real("press", press)
             if not landing:
-                raise ValueError(
-                    f"press is of the landing: with landing=False it must be None, got {press}"
-                )
+                raise ValueError(f"press must be None with landing=False, got {press}")
         self = super().__new__(
             cls,
             **core(settings),
@@ -357,7 +355,7 @@ class TwistingTracker(_zivi.Tracker, Following, LandingController):
 
     @property
     def press(self) -> float | None:
-        """Acceleration towards the wall of a mass at rest (m/s^2); None without a landing."""
+        """Acceleration towards the wall of a mass at rest (m/s^2); None if ``landing=False``."""
         self._number("kappa")  # known
         accelerations = self._accelerations()
         return None if accelerations is None else accelerations[-1]
@@ -398,7 +396,7 @@ class ExplicitTwisting(_zivi.Explicit, Following):
     bound : float, optional
         A bound of the unknown force (m/s^2), against which the gains are checked as the tracker's.
     depth : float
-        Measurements down to ``-depth`` (m) are taken as 0; deeper ones are refused.
+        Measurements down to ``-depth`` (m) are taken as 0; deeper ones are rejected.
     u_limits : (float, float), optional
         Range of the actuator (m/s^2).
 

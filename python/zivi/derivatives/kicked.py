@@ -1,4 +1,4 @@
-"""Derivatives of runs with kicks: those of the stretches between kicks, multiplied."""
+"""Derivatives of runs with impulses: products of the derivatives of the intervals between them."""
 
 from __future__ import annotations
 
@@ -90,7 +90,7 @@ class KickedProblem:
 
     @property
     def state_names(self) -> list[str]:
-        """Columns by the whole state at the start of a stretch."""
+        """Derivatives with respect to the state at the start of an interval."""
         if self.n is None:
             return ["x0", "xdot0"]
         return [f"{name}[{i}]" for name in ("q0", "qdot0") for i in range(self.n)]
@@ -108,7 +108,7 @@ class KickedProblem:
         return self._result(sol, self.stretches(self.span[1]))
 
     def stretches(self, until: float) -> list[_Stretch]:
-        """Return the stretches up to a time, fewer if one ends early."""
+        """Return the intervals up to a time, fewer if one ends early."""
         (t0, t1), found = self.span, list[_Stretch]()
         schedule = KickSchedule(self.kicks, self.system, self.n, self.span)
         size, t = 2 * (self.n or 1), t0

@@ -286,7 +286,7 @@ class Sensitivity(Tabulated):
         return np.ascontiguousarray(np.moveaxis(columns[int(of == "velocity")], -1, 0))
 
     def impacts_down_to(self, speed: float, *, limit: int = 10_000) -> NDArray[np.void]:
-        """List the impacts with at least a speed, also those that a jump to rest skipped.
+        """List the impacts with at least a speed, also those that a Zeno extrapolation skipped.
 
         Parameters
         ----------

@@ -58,7 +58,7 @@ def juggler(
         of the energy, at best 0. ``info``: time ``t`` (s), control ``u`` (m/s^2), number of
         ``impacts`` of the step, and whether the control is ``saturated``: an action outside [-1, 1]
         is clipped. ``reset(options={"y0": (x, xdot)})`` starts from a state, else a random one. An
-        action that is not finite is refused. It pickles.
+        action that is not finite is rejected. It pickles.
 
     Raises
     ------

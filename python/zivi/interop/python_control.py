@@ -366,7 +366,7 @@ def _put(controller: Any, state: Array) -> None:
 
 
 def _tick(controller: Any, sample: Array) -> ValueError | None:
-    """Tick; where the sample is refused nothing has changed, and this is why."""
+    """Tick; where the sample is rejected nothing has changed, and this is why."""
     try:
         controller.step(*map(float, sample))
     except ValueError as error:

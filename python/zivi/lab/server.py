@@ -57,7 +57,7 @@ SAFE = (
 
 
 class RequestGate:
-    """Refuses requests with 403, as an ASGI application before another one.
+    """Rejects requests with 403, as an ASGI application before another one.
 
     Parameters
     ----------

@@ -198,7 +198,7 @@ Settings: TypeAlias = Ball | Regulator | Tracker | Belt
 
 
 def check_settings(settings: Settings) -> None:
-    """Refuse what would keep the page busy; the library checks the rest.
+    """Reject what would keep the page busy; the library checks the rest.
 
     Raises
     ------
@@ -352,7 +352,7 @@ def ranges(kind: type[Settings]) -> dict[str, dict[str, Any]]:
     -------
     dict
         ``start``, ``stop`` and ``step``, or the ``steps`` or ``options`` there are, or ``switch``,
-        and a ``label``. A value within them is possible; only gains are refused with mu2 >= mu1.
+        and a ``label``. A value within them is possible; only gains are rejected with mu2 >= mu1.
     """
     return {name: given for group in SECTIONS[kind].values() for name, given in group.items()}
 

@@ -62,7 +62,7 @@ class Settled:
 
 @dataclasses.dataclass(frozen=True)
 class Attractor:
-    """A motion that runs settle on.
+    """A motion to which runs converge.
 
     Attributes
     ----------

@@ -497,7 +497,7 @@ class _Ends:
         turns = [rolled(new.word, x, length, k) for k in range(len(x))]
         own = next((x for turn, x in turns if turn == word), None)
         if own is None:
-            raise ValueError("the run has another word")
+            raise ValueError("the event sequence of the run differs")
         own[:, [0, -1]] -= length * round((own[0, 0] - terms.x[0, 0]) / length)
         return frame.joined(own, frame.length)
 

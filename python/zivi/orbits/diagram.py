@@ -390,7 +390,7 @@ def bifurcation_diagram(
     executor: Any = None,
     progress: bool | None = None,
 ) -> Diagram:
-    """Simulate over values of a parameter, and note what the runs settle on.
+    """Simulate over values of a parameter, and record the attractors of the runs.
 
     Forces and models that need no interpreter run as batches on all cores. With `out` or `executor`
     it is a study, which can be interrupted and resumed and runs in processes or on Dask.
@@ -561,7 +561,7 @@ COORDS: dict[str, Field] = {
 
 @dataclasses.dataclass(frozen=True, eq=False, repr=False)
 class Basins(Tabulated):
-    """Which initial states settle on which attractor.
+    """Attractor to which each initial state converges.
 
     Attributes
     ----------
@@ -576,7 +576,7 @@ class Basins(Tabulated):
         decided. Their labels are those of the runs as computed, and uncertain. It is not available
         for a mechanical system.
     border : ndarray of bool
-        Cells with a neighbour that settles on something else, and grazing ones.
+        Cells with a neighbour that converges to another attractor, and grazing cells.
     axes : (str, str)
         What is varied.
     """
@@ -601,7 +601,7 @@ class Basins(Tabulated):
 
     @property
     def shares(self) -> Array:
-        """The part of the cells, without those of negative gaps, that settles on each attractor."""
+        """Share of the cells with gaps >= 0 that converges to each attractor."""
         inside = self.label[self.label >= 0]
         counts = np.bincount(inside, minlength=len(self.attractors))
         return np.asarray(counts / max(inside.size, 1), np.float64)
@@ -741,7 +741,7 @@ Labels = tuple[NDArray[np.int64], NDArray[np.bool_]]
 
 @dataclasses.dataclass(frozen=True)
 class _Cells:
-    """How it is found what the states settle on."""
+    """Settings that identify the attractors of the states."""
 
     transient: int
     keep: int

@@ -164,7 +164,7 @@ def _from_word(
     if np.ndim(letters) == 1 and np.size(letters) and not isinstance(letters[0], str):
         raise TypeError(f"start must be (t0, (q, qdot)) for a state, got two arrays: {start!r}")
     if isinstance(letters, str) or not isinstance(letters, Sequence):
-        raise TypeError(f"start[0] must be a sequence of letters such as 'I stop', got {letters!r}")
+        raise TypeError(f"start[0] must be an event sequence such as 'I stop', got {letters!r}")
     flow = flow_of(system, method)
     if flow.channels:
         raise ValueError(

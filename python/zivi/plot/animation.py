@@ -243,9 +243,9 @@ def animate(
         default two coordinates are those of a point, others are points side by side, and walls are
         where gaps that are linear in the coordinates close.
     speed : float
-        Seconds of the motion in a second of the film, > 0.
+        Seconds of the motion in a second of the animation, > 0.
     fps : float
-        Pictures a second, > 0.
+        Frames a second, > 0.
     figure : matplotlib.figure.Figure, optional
         Where to draw; a new figure by default.
 
@@ -260,8 +260,8 @@ def animate(
     TypeError
         If `bodies` or `walls` is given for a mass above a wall.
     ValueError
-        If `speed` or `fps` is not positive, the run has fewer than two samples, or the film
-        would have more than 20,000 pictures.
+        If `speed` or `fps` is not positive, the run has fewer than two samples, or the animation
+        would have more than 20,000 frames.
 
     Examples
     --------
@@ -322,7 +322,7 @@ def _frames(run: Trajectory | ClosedLoop | MechanicalTrajectory, speed: float, f
     pictures = 1 + math.ceil((end - start) * fps / speed)
     if pictures > FRAMES:
         raise ValueError(
-            f"the film would have {pictures} pictures, at most {FRAMES}: speed must be larger "
+            f"the animation would have {pictures} frames, at most {FRAMES}: speed must be larger "
             "or fps smaller"
         )
     times: Array = np.minimum(start + speed / fps * np.arange(pictures), end)

@@ -1,4 +1,4 @@
-"""Films that draw again only what moves."""
+"""Animations that redraw only the moving artists."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class Scene(Protocol):
 
 
 class Film(FuncAnimation):
-    """A scene as a film.
+    """A scene as an animation.
 
     Parameters
     ----------
@@ -45,7 +45,7 @@ class Film(FuncAnimation):
         super().__init__(scene.figure, scene.show, frames=frames, interval=1000.0 / fps, blit=False)
 
     def save(self, filename: Any, writer: Any = None, *given: Any, **more: Any) -> None:
-        """Write the film, as `matplotlib.animation.Animation.save`.
+        """Write the animation, as `matplotlib.animation.Animation.save`.
 
         A GIF frame lasts a whole number of hundredths of a second; the numbers are chosen so that
         the animation lasts as long as the motion.
@@ -59,7 +59,7 @@ class Film(FuncAnimation):
     def to_jshtml(
         self, fps: int | None = None, embed_frames: bool = True, default_mode: str | None = None
     ) -> str:
-        """Return the film as a page with buttons, as `matplotlib.animation.Animation.to_jshtml`."""
+        """Return a page with buttons, as `matplotlib.animation.Animation.to_jshtml`."""
         if not embed_frames:
             text: str = super().to_jshtml(fps, embed_frames, default_mode)
             return text

@@ -586,7 +586,7 @@ def simulate_batch(
         systems "final", "events" or "runs", the runs themselves.
     slowest : float
         The slowest impacts that are counted and listed, as a part of the fastest one, > 0: also
-        those that a jump to rest skips.
+        those that a Zeno extrapolation skips.
     threads : int, optional
         Number of threads, >= 1; by default the number of cores. They call compiled
         parts at the same time, which must be reentrant: else give 1, as is taken for a

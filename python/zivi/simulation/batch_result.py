@@ -50,7 +50,7 @@ def systems_of(systems: Any) -> list[ImpactSystem]:
 
 
 def check_native(spec: _zivi.Force, what: str) -> None:
-    """Refuse a force that needs the interpreter."""
+    """Reject a force that needs the interpreter."""
     if not spec.is_native:
         raise ValueError(
             f"{what} needs the interpreter: a batch takes numbers, LinearForce and compiled "
@@ -325,7 +325,7 @@ class Batch(BatchRuns):
         Largest speed before an impact (m/s), 0 without one.
     n_impacts, n_zeno, n_liftoffs : ndarray of int
         Numbers of impacts (down to the part `slowest` of the fastest of the run, whether they were
-        computed or skipped by a jump to rest), of Zeno points and of lift-offs.
+        computed or skipped by a Zeno extrapolation), of Zeno points and of lift-offs.
     n_resolved, last_resolved : ndarray or None
         Number of the impacts that were resolved, and the time of the last of them (s).
     status : ndarray of uint8

@@ -126,7 +126,7 @@ def check_slowest(part: Any) -> float:
 
 
 def check_bounds(speed: Any, limit: Any) -> None:
-    """Refuse bounds of a list of impacts that are none."""
+    """Reject bounds of a list of impacts that are none."""
     if not finite("speed", speed) > 0.0:
         raise ValueError(f"speed must be > 0, got {speed}")
     if integer("limit", limit) < 1:

@@ -180,7 +180,7 @@ class FrictionRun:
 
     @property
     def slips(self) -> Array:
-        """Slip speeds, shape (k, p); exactly 0 in stick."""
+        """Slip speeds, shape (k, p); exactly 0 while sticking."""
         return self._rubbed("slips")  # type: ignore[no-any-return]
 
     @property

@@ -74,7 +74,7 @@ def _settings(kind: type[Any]) -> set[str]:
 
 
 def check_method(method: Any) -> None:
-    """Refuse what is no method with its settings."""
+    """Reject what is no method with its settings."""
     if isinstance(method, Settings) or (not isinstance(method, type) and hasattr(method, "_core")):
         return
     example = "e.g. zivi.SwitchedRK(rtol=1e-6) or zivi.ThetaGamma(h=1e-3)"
@@ -276,7 +276,7 @@ def simulate(
         without `dense_output`.
     slowest : float
         The slowest impacts that are listed in ``impacts``, as a part of the fastest one, > 0: also
-        those that a jump to rest skips.
+        those that a Zeno extrapolation skips.
     **misplaced
         Not accepted: a `TypeError` names the place of settings of a method, such as ``rtol``, and
         of arguments of SciPy's `solve_ivp`.

@@ -327,7 +327,7 @@ class SampledRun(Hinted, Tabulated):
 
     @functools.cached_property
     def impacts(self) -> Rows:
-        """The impacts, whether they were computed one by one or skipped by a jump to rest.
+        """The impacts, whether they were computed one by one or skipped by a Zeno extrapolation.
 
         Those with at least the part ``slowest`` of the largest speed before an impact, at most a
         million of each accumulation.

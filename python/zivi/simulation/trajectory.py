@@ -180,7 +180,7 @@ class Trajectory(MassRun):
         that solve no inclusion.
     resolved_impacts : structured ndarray
         Fields ``t`` (s), ``xdot_before`` and ``xdot_after`` (m/s): the impacts that the steps
-        resolve, however slow; those that a jump to rest skips are not among them.
+        resolve, however slow; those that a Zeno extrapolation skips are not among them.
     zeno_times : ndarray
         Times at which rest was reached through impacts (s): ``zeno["t"]`` by its name of
         version 0.1.

@@ -99,7 +99,7 @@ def table_period(
     g : float
         Gravity, > 0 (m/s^2).
     transient : int
-        Periods of the table that are not looked at, >= 0.
+        Periods of the table that are discarded, >= 0.
     longest : int
         Longest period that is looked for, in periods of the table, >= 1.
     tolerance : float

@@ -267,10 +267,10 @@ class DryFriction(Unchanging):
         :math:`b`, of shape (n,), or ``b(t, q)``, or compiled as the parts of a `MechanicalSystem`.
         By default 1, for one coordinate. In a `zivi.Tree` the name of a joint.
     limit : float or callable
-        :math:`L \ge 0`, the force of friction in slip: a number, ``L(t, q, qdot)`` (which may
-        depend on the slip speed), or compiled.
+        :math:`L \ge 0`, the force of friction while slipping: a number, ``L(t, q, qdot)`` (which
+        may depend on the slip speed), or compiled.
     static : float, callable or None
-        What it holds in stick, not less than the limit at slip speed zero; by default the limit.
+        Its limit while sticking, not less than the limit at slip speed zero; by default the limit.
     velocity : float, callable, HarmonicWall or MovingWall
         :math:`v`, the speed of the counter-surface: a number, ``v(t, q)``, or a motion whose
         velocity is used.
@@ -304,7 +304,7 @@ class DryFriction(Unchanging):
 
     Examples
     --------
-    A mass at a spring on a belt, static 1.2, in slip 0.8:
+    A mass at a spring on a belt, static 1.2, while slipping 0.8:
 
     >>> belt = zivi.DryFriction(direction=[1.0], limit=0.8, static=1.2, velocity=0.2, name="belt")
     >>> belt
@@ -533,7 +533,7 @@ def _moving(
 
 
 def _check_limits(name: str, limit: Part, static_name: str, static: Part | None) -> None:
-    """Refuse numbers that are negative, and a static limit below the limit in slip."""
+    """Reject numbers that are negative, and a static limit below the limit in slip."""
     for called, value in ((name, limit), (static_name, static)):
         if isinstance(value, np.ndarray) and value < 0.0:
             raise ValueError(f"{called} must be >= 0, got {value}")
@@ -835,8 +835,8 @@ class Gap(Unchanging):
         Tangential restitution in [0, 1]; other values than 0 are for superballs.
     contact : SpringDamper, Hertz, HuntCrossley or callable, optional
         Makes the gap compliant: it may become negative, and its contact force is this law, or
-        ``contact(depth, rate)`` with the depth -g >= 0 (m) and its rate (m/s), in N. Where the law
-        would pull there is no force. By default the gap is rigid.
+        ``contact(depth, rate)`` with the depth -g >= 0 (m) and its rate (m/s), in N. The force is
+        zero where the law would be attractive. By default the gap is rigid.
 
     Raises
     ------

@@ -845,7 +845,7 @@ def in_wall_frame(system: ImpactSystem, spec: _zivi.Force) -> _zivi.Force:
 
 
 def check_system(system: Any) -> None:
-    """Refuse what is no system, above all the arguments of `solve_ivp` in its order."""
+    """Reject what is no system, above all the arguments of `solve_ivp` in its order."""
     if isinstance(system, ImpactSystem):
         return
     advice = ""

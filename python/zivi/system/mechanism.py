@@ -338,7 +338,7 @@ def matrix_of(mass: Array) -> Array:
 
 
 def check_mass(matrix: Array) -> None:
-    """Refuse a mass matrix that is not symmetric and positive definite."""
+    """Reject a mass matrix that is not symmetric and positive definite."""
     if not np.isfinite(matrix).all():
         raise ValueError(f"mass must be finite, got {matrix.tolist()}")
     skew = np.abs(matrix - matrix.T).max()

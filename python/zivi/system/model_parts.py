@@ -218,8 +218,8 @@ class Evaluation:
     slip_rates : ndarray
         :math:`\beta_c`, of shape (p,): the slip speeds are :math:`w_c = B_c \dot q + \beta_c`.
     limits, static_limits : ndarray
-        What friction takes in slip and holds in stick, of shape (p,): coefficients of friction at
-        gaps, forces in joints.
+        Limits of friction while slipping and while sticking, of shape (p,): coefficients of
+        friction at gaps, forces in joints.
     equalities : ndarray
         Values :math:`\varphi` of the k equality rows, of shape (k,).
     equality_gradients : ndarray

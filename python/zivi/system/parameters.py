@@ -244,7 +244,7 @@ def check_differentiable(system: Any) -> None:
 
 
 def check_smooth(system: Any) -> None:
-    """Refuse compliant gaps and friction at gaps, which orbits do not support."""
+    """Reject compliant gaps and friction at gaps, which orbits do not support."""
     mechanical = isinstance(system, MechanicalSystem)
     if not mechanical:
         check_planar_friction(system)
@@ -261,7 +261,7 @@ def check_smooth(system: Any) -> None:
 
 
 def check_planar_friction(system: Any) -> None:
-    """Refuse what derivatives do not support: equality rows, cones of friction."""
+    """Reject what derivatives do not support: equality rows, cones of friction."""
     if not isinstance(system, MechanicalSystem):
         if system.friction:
             raise NotImplementedError(
@@ -281,7 +281,7 @@ def check_planar_friction(system: Any) -> None:
 
 
 def check_newton(system: Any) -> None:
-    """Refuse as `check_differentiable`, and another impact law than Newton's."""
+    """Reject as `check_differentiable`, and another impact law than Newton's."""
     check_differentiable(system)
     _ = system.e  # which says what takes another
     refuse_tables(system, "this")

@@ -145,7 +145,7 @@ def _part_of(channel: Channel, part: str) -> str:
 def _check_rows_at_start(
     system: MechanicalSystem, look: _Look, span: tuple[float, float], q: Array, qdot: Array
 ) -> None:
-    """Refuse equality rows with wrong derivatives, and a start that does not obey them."""
+    """Reject equality rows with wrong derivatives, and a start that does not obey them."""
     here, names = look(span[0], q, qdot), system.equality_names
     for part, field in OF_EQUALITIES.items():
         for name, values in zip(names, getattr(here, field), strict=True):
@@ -271,7 +271,7 @@ def _compare(
     values: tuple[Array, NDArray[np.bool_], Array],
     at: tuple[float, float] = (0.0, 1.0),
 ) -> None:
-    """Refuse the first derivative that is not what the differences of a function say.
+    """Reject the first derivative that is not what the differences of a function say.
 
     Nothing is known of the lengths and times over which the function varies. A derivative is
     wrong if differences over two steps agree with each other and not with it, and no others do.
@@ -381,7 +381,7 @@ def _check_accelerations(
     place: tuple[tuple[float, float], Array],
     parts_of: Callable[[Evaluation], tuple[Array, Array, Array]],
 ) -> None:
-    """Refuse curvatures that are not what ``rows @ qdot + rates`` changes by without accelerations.
+    """Reject curvatures that are not what ``rows @ qdot + rates`` changes by without accelerations.
 
     At a velocity that makes both terms as large, and without one.
     """
@@ -417,7 +417,7 @@ def _check_distinct(
     q: Array,
     here: Evaluation,
 ) -> None:
-    """Refuse a gap that is another one again: its contact force would not be determined.
+    """Reject a gap that is another one again: its contact force would not be determined.
 
     Gaps that are equal at the start differ where their walls move.
     """
@@ -444,7 +444,7 @@ def _check_distinct(
 def _check_channels(
     system: MechanicalSystem, look: _Look, span: tuple[float, float], q: Array, qdot: Array
 ) -> None:
-    """Refuse directions, limits and curvatures of dry friction that cannot be."""
+    """Reject directions, limits and curvatures of dry friction that cannot be."""
     t = span[0]
     here = look(t, q, qdot)
     for c, channel in enumerate(system._channels):
@@ -470,7 +470,7 @@ def _check_channels(
 
 
 def _check_pairs(system: MechanicalSystem, here: Evaluation) -> None:
-    """Refuse two tangents of a gap that depend on each other or on its gradient."""
+    """Reject two tangents of a gap that depend on each other or on its gradient."""
     for c, channel in enumerate(system._channels):
         if channel.row != 0 or channel.gap is None:
             continue
@@ -484,7 +484,7 @@ def _check_pairs(system: MechanicalSystem, here: Evaluation) -> None:
 
 
 def _check_tangent(channel: Channel, here: Evaluation, row: Array) -> None:
-    """Refuse a tangent along the normal: no mass would distinguish slip from penetration."""
+    """Reject a tangent along the normal: no mass would distinguish slip from penetration."""
     normal = here.gradients[channel.gap]
     if len(here.equality_gradients):
         free = _free_directions(here.equality_gradients)

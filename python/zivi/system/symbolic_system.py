@@ -58,7 +58,7 @@ class Rubbing:
     slips : dict
         Slip speeds at gaps.
     mu : dict
-        Coefficients there, each one expression or a pair, in slip and in stick.
+        Coefficients there, each one expression or a pair, while slipping and while sticking.
     friction : dict
         For joints: slip speed, limit, and the static limit if it differs.
     e_t : dict

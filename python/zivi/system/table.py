@@ -539,7 +539,7 @@ def _within(times: Array, span: tuple[float, float]) -> tuple[int, int]:
 
 
 def refuse_tables(system: Any, what: str) -> None:
-    """Refuse a mass whose force or wall is a table, where its knots would not be steps."""
+    """Reject a mass whose force or wall is a table, where its knots would not be steps."""
     for given in (getattr(system.force, "excitation", None), system.wall):
         if isinstance(given, Table):
             raise TypeError(

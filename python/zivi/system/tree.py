@@ -515,7 +515,7 @@ class Tree(MechanicalSystem):
         return tuple(body.joint for body in moving if body.kind not in ROTATIONS)
 
     def _check_inputs(self) -> None:
-        """Refuse controls along the coordinates of rotations in space."""
+        """Reject controls along the coordinates of rotations in space."""
         assert self._controls is not None
         turns = [i for i, body in enumerate(self._structure.moving) if body.kind in ROTATIONS]
         matrix = self._controls.matrix

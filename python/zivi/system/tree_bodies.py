@@ -138,7 +138,7 @@ class Body:
             self._check_rotation()
 
     def _check_rotation(self) -> None:
-        """Refuse what a joint without an axis does not have."""
+        """Reject what a joint without an axis does not have."""
         without: tuple[str, ...] = (*OF_JOINT, "reference")
         without += ("position", "anchor") if self.kind == "free" else ()
         given = [field for field in without if np.any(np.asarray(getattr(self, field)))]
@@ -319,7 +319,7 @@ class PlaneGap:
         slip speed is the velocity of the point of contact along axis x normal (without hinges,
         along the first slide).
     mu_static : float, optional
-        Coefficient in stick, at least `mu`; by default `mu`.
+        Coefficient while sticking, at least `mu`; by default `mu`.
     contact : SpringDamper, Hertz, HuntCrossley or callable, optional
         Makes the gap compliant (see `zivi.Gap`).
 

@@ -369,7 +369,7 @@ def pattern_for(jac_sparsity: Any, jac: Any, n: int) -> tuple[Any, str]:
 def _validated_bounds(
     box: tuple[Array | float, Array | float], start: Array, settings: dict[str, Any]
 ) -> tuple[Array, Array]:
-    """Return both bounds as arrays; the extension refuses bounds and settings that are wrong."""
+    """Return both bounds as arrays; the extension rejects bounds and settings that are wrong."""
     n = len(start)
     lower, upper = (np.array(np.broadcast_to(it, n), float) for it in box)
     _zivi.natural_residual(np.zeros(n), np.zeros(n), lower, upper)
@@ -540,7 +540,7 @@ def solve_vi(
     max_iter : int, optional
         Iterations of all stages together, 10000 by default.
     time_limit : float, optional
-        Seconds after which the best point so far is returned; looked at between evaluations and
+        Seconds after which the best point so far is returned; checked between evaluations and
         during long factorisations. A Jacobian by differences counts as one evaluation.
     callback : callable, optional
         Called with a `VIProgress` after every iteration; it may raise `StopIteration` to end the

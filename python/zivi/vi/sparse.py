@@ -43,7 +43,7 @@ def sparse_matrix(name: str, value: Any, n: int) -> Any:
 
 
 def require_finite_entries(name: str, matrix: Any) -> None:
-    """Refuse a ``csr_array`` that holds NaN or infinity."""
+    """Reject a ``csr_array`` that holds NaN or infinity."""
     bad = np.flatnonzero(~np.isfinite(matrix.data))
     if len(bad):
         i = int(np.searchsorted(matrix.indptr, bad[0], side="right")) - 1

@@ -26,7 +26,7 @@ pub struct TickStatus {
 }
 
 impl TickStatus {
-    /// As a bit set: 1 clamped, 2 saturated, 8 unsolved. (4 is a loop's, for a refused sample.)
+    /// As a bit set: 1 clamped, 2 saturated, 8 unsolved. (4 is a loop's, for a rejected sample.)
     #[must_use]
     pub fn bits(self) -> u8 {
         u8::from(self.clamped) | (u8::from(self.saturated) << 1) | (u8::from(self.unsolved) << 3)
@@ -60,7 +60,7 @@ impl Port {
     };
 
     /// Measured positions down to `-depth` (m) are sensor noise and are taken as `0`; deeper ones
-    /// are refused.
+    /// are rejected.
     ///
     /// # Errors
     /// [`SettingError`] unless `depth >= 0` and finite.

@@ -8,9 +8,9 @@ use crate::{flight, Physical};
 
 /// Impacts of one period that are followed; a mass that has more is taken to rest.
 const MAX_IMPACTS: u32 = 20;
-/// The square of the standard deviations at which a measurement is refused.
+/// The square of the standard deviations at which a measurement is rejected.
 const GATE: Real = 25.0;
-/// So many refused in a row restart the filter where the velocity is measured.
+/// So many rejected in a row restart the filter where the velocity is measured.
 const PATIENCE: u32 = 5;
 /// Rejections in a row after which consistent positions restart the filter.
 const DOUBT: u32 = 3;
@@ -148,7 +148,7 @@ impl ObserverSettings {
     /// exactly at rest: its variances are reduced to `FLOOR`.
     fn correct(&self, it: &mut ObserverState, measured: Measurement, a: Real, rests: bool) {
         let ObserverSettings { noise: [of_x, of_v], dmax, .. } = *self;
-        // asked before anything is corrected: what is refused needs no copy to go back to
+        // asked before anything is corrected: what is rejected needs no copy to go back to
         if self.distance(it, measured) <= GATE {
             let gain = it.covariance.measure_x(of_x);
             it.shift(gain, measured.x - it.estimate.state.x);
@@ -186,7 +186,7 @@ impl ObserverSettings {
         by_position + innovation * innovation / ((vv - gain * xv).max(0.0) + of_v)
     }
 
-    /// After a measurement that was refused: where the mass is taken to be from now on.
+    /// After a measurement that was rejected: where the mass is taken to be from now on.
     fn doubt(&self, it: &mut ObserverState, Measurement { x, xdot }: Measurement, a: Real) {
         let ObserverSettings { noise: [of_x, of_v], dmax, .. } = *self;
         match xdot {

@@ -68,9 +68,9 @@ pub struct ObserverState {
     pub covariance: Covariance,
     /// The last positions.
     pub memory: Memory,
-    /// Measurements refused in a row up to the last one.
+    /// Measurements rejected in a row up to the last one.
     pub in_a_row: u32,
-    /// Measurements refused so far.
+    /// Measurements rejected so far.
     pub refused: u32,
 }
 

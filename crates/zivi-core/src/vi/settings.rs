@@ -91,7 +91,7 @@ impl Default for Settings<'_> {
 }
 
 impl Settings<'_> {
-    /// Refuses the first setting that is out of its range.
+    /// Rejects the first setting that is out of its range.
     pub(super) fn validate(&self, n: usize) -> Result<(), InvalidInput> {
         let check = |name, ok: bool, value: f64, range| match ok {
             true => Ok(()),
@@ -371,7 +371,7 @@ pub enum InvalidInput {
     Setting {
         /// Name of the setting.
         name: &'static str,
-        /// The value that was refused.
+        /// The value that was rejected.
         value: f64,
         /// The admissible range, in words.
         range: &'static str,

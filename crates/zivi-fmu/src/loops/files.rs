@@ -129,7 +129,7 @@ fn reference(
     }))
 }
 
-/// The state of another loop is refused by this number (FNV).
+/// The state of another loop is rejected by this number (FNV).
 fn number_of(token: &[u8]) -> u32 {
     token
         .iter()

@@ -362,7 +362,7 @@ const SAFE: f64 = 2.0;
 ///
 /// The size of an unknown is the step that balances a row, `max_i |F_i/M_ij|`, at most the width of
 /// the box and at least its value; the size of a row is its value and its change by these steps.
-/// False where the numbers of the problem are none, which the solver refuses.
+/// False where the numbers of the problem are none, which the solver rejects.
 #[pyfunction]
 #[pyo3(signature = (matrix, q, lower, upper, x0, limit))]
 pub(crate) fn is_off_scale<'py>(

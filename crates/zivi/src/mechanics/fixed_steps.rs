@@ -495,7 +495,7 @@ fn push<E>(state: &mut Stepped, set: GapSet, w: &mut [f64]) -> Result<(), Failur
 //
 // Friction in joints is one more sign: the forces `f_c in -L_c Sign(w_c+)` are added to those of `A`, one
 // joint after the other, with the step solved for each of their values. At gaps `P_T` would make the
-// velocities jump: friction there is refused.
+// velocities jump: friction there is rejected.
 //
 // Here `w_T` is the part of `w+` that leaves the gaps as they are, and everything else taken at the
 // end of the step by fixed-point iteration. In contact `s = v = 0` exactly. Between gaps that are

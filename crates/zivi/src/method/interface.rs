@@ -18,13 +18,13 @@ pub trait System<E> {
 
 /// The settings of a method.
 pub trait Settings {
-    /// Refuses settings out of range.
+    /// Rejects settings out of range.
     ///
     /// # Errors
     /// [`SetupError`] names the first that is.
     fn check(&self) -> Result<(), SetupError>;
 
-    /// Refuses a start where no run of a mass above a wall can begin.
+    /// Rejects a start where no run of a mass above a wall can begin.
     ///
     /// # Errors
     /// [`SetupError`] names what is out of range.

@@ -2,7 +2,7 @@
 
 use std::fmt;
 
-/// Runs longer than this are refused: the record alone would take 64 GB.
+/// Runs longer than this are rejected: the record alone would take 64 GB.
 pub const MAX_STEPS: f64 = 1e9;
 
 /// `t_0, t_0 + h, ...`, ending exactly at the end of the span (the last step may be shorter).

@@ -184,7 +184,7 @@ impl Reserve {
         beside: usize,
     ) -> Result<(), TryReserveError> {
         let capacity = list.capacity();
-        // a size beyond all numbers is refused by the allocator
+        // a size beyond all numbers is rejected by the allocator
         let wanted = capacity.saturating_mul(2).max(list.len().saturating_add(n)).max(4);
         let bytes = (wanted - capacity).saturating_mul(beside);
         if bytes <= LITTLE {

@@ -98,7 +98,7 @@ impl fmt::Display for SetupError {
 
 impl std::error::Error for SetupError {}
 
-/// Refuses a whole number that a setting may not be.
+/// Rejects a whole number that a setting may not be.
 pub(crate) fn checked_count(setting: &Setting, value: usize) -> Result<(), SetupError> {
     if setting.values.hold_count(value) {
         Ok(())

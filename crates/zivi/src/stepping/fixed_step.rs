@@ -325,7 +325,7 @@ pub trait Scheme: Sized {
     /// [`SetupError`] where one is missing.
     fn of(values: &Values) -> Result<Self, SetupError>;
 
-    /// Refuses settings, a step size or a wall out of range.
+    /// Rejects settings, a step size or a wall out of range.
     ///
     /// # Errors
     /// [`SetupError`] names what is out of range.

@@ -68,7 +68,7 @@ impl Solver {
         default: Value::Count(20),
     };
 
-    /// Refuses a number of linearisations out of range.
+    /// Rejects a number of linearisations out of range.
     ///
     /// # Errors
     /// [`SetupError::Count`].
@@ -244,7 +244,7 @@ impl<E, F: Force<E>, S: StepSolver> FixedStep<E, F> for ThetaGammaStepper<S> {
     }
 
     fn resize(&mut self, h: f64) {
-        // a grid has no step that could be refused
+        // a grid has no step that could be rejected
         self.step = self.step.with_h(h).unwrap_or(self.step);
     }
 

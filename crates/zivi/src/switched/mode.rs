@@ -43,7 +43,7 @@ pub(super) enum NextInFlight {
     /// The first step off the wall from rest. The distance starts with a root of this order, and
     /// the wall is not looked out for.
     Leave { order: usize },
-    /// The jump to rest, at the time at which the impacts accumulate.
+    /// The Zeno extrapolation, at the time at which the impacts accumulate.
     Jump { zeno: f64 },
 }
 
@@ -128,7 +128,7 @@ pub struct Counts {
     pub accepted: u64,
     /// Steps that were tried and given up for smaller ones.
     pub rejected: u64,
-    /// Impacts that were computed; those that a jump to rest skips are not among them.
+    /// Impacts that were computed; those that a Zeno extrapolation skips are not among them.
     pub impacts: u64,
 }
 

@@ -119,7 +119,7 @@ pub struct SwitchedRk {
     pub order: Order,
     /// Longest step of the pair (s), positive, may be infinite (the default). Also the longest part
     /// of the motion that events sample in one, the longest look ahead at rest, and the longest time
-    /// between two probes of the arcs that a jump to rest would skip: a
+    /// between two probes of the arcs that a Zeno extrapolation would skip: a
     /// pulse of the force that is shorter can be overlooked.
     pub max_step: f64,
     /// The first step (s), positive and finite. `None` (the default): from the force and its

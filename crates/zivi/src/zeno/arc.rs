@@ -1,6 +1,6 @@
 //! Extrapolated flights and their impacts.
 //!
-//! One of the arcs that a jump to rest skips.
+//! One of the arcs that a Zeno extrapolation skips.
 
 use crate::numeric::bernstein::{quintic, Bernstein};
 use crate::record::user_events::Level;

@@ -1,4 +1,4 @@
-//! The infinitely many arcs that a jump to rest skips, evaluated when they are requested.
+//! The infinitely many arcs that a Zeno extrapolation skips, evaluated when they are requested.
 //!
 //! With `m` counted from the last impact that was computed,
 //!

@@ -104,7 +104,7 @@ fn a_control_acts_after_its_delay() {
     assert!(matches!(refused, Err(SetupError::Count("delay", 7, _))), "longer than the run");
 }
 
-/// Where a sample is refused the newest control is repeated, not the one that acts at the moment.
+/// Where a sample is rejected the newest control is repeated, not the one that acts at the moment.
 #[test]
 fn a_refused_sample_repeats_the_newest_control() {
     let controls = [Some(1.0), Some(2.0), None, None, Some(5.0), None, Some(7.0), Some(8.0)];

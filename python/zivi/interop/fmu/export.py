@@ -249,7 +249,7 @@ Exported = SymbolicSystem | Tree
 
 
 def told(name: str, system: Any) -> Exported:
-    """Refuse systems that an FMU cannot have."""
+    """Reject systems that an FMU cannot have."""
     if not isinstance(system, SymbolicSystem | Tree):
         raise TypeError(
             f"{name} must be a zivi.symbolic.system or a zivi.Tree: an FMU runs without "
@@ -467,7 +467,7 @@ def export_loop(
     y0 : (array_like, array_like)
         Coordinates and velocities at the start, shape (n,) each.
     reference : MechanicalTrajectory, str or dict, optional
-        As for `simulate_closed_loop`; without one all gaps land and rest.
+        As for `simulate_closed_loop`; without one all gaps come to rest.
     name : str
         Of the model: a letter, then letters, digits and underscores.
     fmi : {2, 3} or sequence of int, optional

@@ -428,7 +428,7 @@ def scalar_joints(spec: Any) -> Any:
 
 
 def _refuse_forces(joint: Any, name: str) -> None:
-    """Refuse what acts along the axes of a joint that turns with it."""
+    """Reject what acts along the axes of a joint that turns with it."""
     for what in ("armature", "damping", "frictionloss", "stiffness"):
         if np.any(getattr(joint, what)):
             raise NotImplementedError(

@@ -118,7 +118,7 @@ fn tracker(h: f64) -> TwistingTracker {
     TwistingTracker::new(gains, h, half(), half(), Approach::Nearest).expect("admissible")
 }
 
-/// A press below the bound of the unknown force is refused, and so is one that is not finite.
+/// A press below the bound of the unknown force is rejected, and so is one that is not finite.
 #[test]
 fn a_press_bears_the_unknown_force() {
     let it = tracker(1e-3);

@@ -128,7 +128,7 @@ fn run(controller: &mut Controller, samples: &[Sample]) -> Vec<Option<u64>> {
     samples.iter().map(|&at| controller.tick(at).ok().map(f64::to_bits)).collect()
 }
 
-/// Samples of all kinds, some of them refused.
+/// Samples of all kinds, some of them rejected.
 fn samples(rng: &Rng, count: usize) -> Vec<Sample> {
     let one = |_| Sample {
         x: rng.pick(&[0.0, -1e-9, -0.5, rng.log_between(1e-9, 10.0), rng.log_between(1e-6, 1.0)]),
@@ -169,7 +169,7 @@ fn a_bad_sample_is_refused_by_name_and_changes_nothing() {
     }
 }
 
-/// Numbers too large to compute with are refused; whatever is answered is finite.
+/// Numbers too large to compute with are rejected; whatever is answered is finite.
 #[test]
 fn huge_input_is_refused_or_answered_with_finite_numbers() {
     let sizes = [0.0, 1e-300, -1e-300, 1.0, -1.0, 1e150, -1e150, 1e300, -1e300, f64::MAX];

@@ -122,7 +122,7 @@ const STRANGE: [f64; 15] = [
 ];
 
 /// Every combination of strange numbers gets finite numbers or a failure, and what is not
-/// finite on entry is refused as such.
+/// finite on entry is rejected as such.
 #[test]
 fn strange_input_gets_finite_numbers_or_a_failure() {
     let (mut solved, mut not_finite, mut none) = (0, 0, 0);

@@ -107,7 +107,7 @@ pub fn simulate_closed_loop_batch<E, F: Force<Stopped> + Copy + Send + Sync>(
     pool::run(members, threads, monitor, work)
 }
 
-/// Refuses a batch whose results would not fit into memory.
+/// Rejects a batch whose results would not fit into memory.
 fn check_memory<E, F>(
     members: &[LoopMember<'_, F>],
     settings: LoopSettings,

@@ -32,7 +32,7 @@ pub struct Tick {
 /// Why a tick gave no control.
 #[derive(Clone, Debug, PartialEq)]
 pub enum TickError<E> {
-    /// The sample was refused; the last control stays and the run continues.
+    /// The sample was rejected; the last control stays and the run continues.
     Refused(SettingError),
     /// The controller raised an error; the run ends.
     Raised(E),

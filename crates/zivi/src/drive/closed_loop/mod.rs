@@ -288,7 +288,7 @@ where
         let (mut at, grid, due) = (from, self.surroundings.grid, self.controller.due());
         for k in 0..due {
             let force = self.models.reference.at(grid.t(0) + k as f64 * grid.h(), at)?;
-            // a force that is too large is refused by the tick
+            // a force that is too large is rejected by the tick
             if self.controller.bring_ahead(force).is_err() {
                 break;
             }
@@ -418,7 +418,7 @@ where
             let reference = given.unwrap_or_else(|| self.controller.reference());
             let last = (t, self.state, reference);
             let pushed = self.record.push(last, self.u, &*self.controller, 0);
-            // the estimate at the end of the last period; a measurement that is refused leaves it
+            // the estimate at the end of the last period; a measurement that is rejected leaves it
             let _ = self.observe();
             if pushed.is_ok() {
                 self.record.note(self.observer.as_ref());

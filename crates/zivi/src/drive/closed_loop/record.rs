@@ -25,7 +25,7 @@ pub struct LoopRun<E> {
     pub signs: SignRecord,
     /// Estimates of the observer at the samples, `x, xdot, d`; empty without one.
     pub estimates: [Vec<f64>; ESTIMATES],
-    /// At each sample, as bits: 1 clamped, 2 saturated, 4 refused.
+    /// At each sample, as bits: 1 clamped, 2 saturated, 4 rejected.
     pub ticks: Vec<u8>,
     /// Counts of the updates.
     pub updates: Updates,

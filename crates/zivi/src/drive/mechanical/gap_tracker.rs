@@ -93,7 +93,7 @@ type Ends<'a> = [ReferenceSample<'a>; 2];
 impl GapTracker {
     /// The controls were cut to their limits.
     pub const SATURATED: u8 = crate::drive::SATURATED;
-    /// The sample was refused, and the last controls held.
+    /// The sample was rejected, and the last controls held.
     pub const REFUSED: u8 = crate::drive::REFUSED;
     /// A contact that was held opened.
     pub const LATCH_LOST: u8 = crate::drive::LATCH_LOST;

@@ -105,7 +105,7 @@ impl GapKinetics {
         self.check_independent()
     }
 
-    /// Refuses gaps that depend on each other.
+    /// Rejects gaps that depend on each other.
     fn check_independent<E>(&self) -> Result<(), LawError<E>> {
         match self.is_independent {
             true => Ok(()),
@@ -243,7 +243,7 @@ pub enum LawError<E> {
     Unreached(usize, Vec<f64>),
     /// The state that was put back is of a system with other coordinates or controls.
     Foreign,
-    /// The tracker of a gap refuses its reference or its settings.
+    /// The tracker of a gap rejects its reference or its settings.
     Refused(SettingError),
     /// The motion over the delay cannot begin.
     Setup(SetupError),
