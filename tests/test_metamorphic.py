@@ -51,6 +51,21 @@ def test_a_wall_that_is_left_like_the_square_of_a_small_speed_stops_no_block():
     assert it.verdict.state < m.ALLOWED
 
 
+RELATED = {
+    "a joint sticks where a tail that turns its slip ends, followed or not": ("friction", 91, 991),
+    "a joint takes over what a gap would have to pull, in any coordinates": ("friction", 91, 133),
+    "a moving wall touches at the start, but for rounding of a late time": ("friction", 91, 379),
+    "impacts below the absolute tolerance that no impulses return": ("friction", 91, 2699),
+    "samples within a tail, in units in which all speeds are small": ("friction", 91, 4090),
+}
+
+
+@pytest.mark.parametrize("what", RELATED)
+def test_rounding_of_times_coordinates_and_units_decides_nothing(what):
+    it = m.case(*RELATED[what])
+    assert it.holds, str(it)
+
+
 FRICTION = {
     "a belt at a wall that the mass rests against": (77, 390),
     "the same, with tangential restitution": (77, 838),

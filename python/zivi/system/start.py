@@ -66,7 +66,7 @@ def check_start(
     if model.layout.k:
         _check_rows_at_start(system, look, span, q, qdot)
     if (here.gaps < 0.0).any():
-        _check_open(system, here, q)
+        _check_open(system, here, span[0], q)
     if not here.gradients.any(axis=1).all():
         _check_gradients_are_not_zero(system, here)
     if system._channels:
@@ -102,10 +102,10 @@ def check_functions(system: MechanicalSystem, model: Model, q: Array) -> None:
     _check_curvatures(system, look, (0.0, 1.0), q)
 
 
-def _check_open(system: MechanicalSystem, here: Evaluation, q: Array) -> None:
-    # rounding of the coordinates and of cancelling terms of a gap
+def _check_open(system: MechanicalSystem, here: Evaluation, t: float, q: Array) -> None:
+    # rounding of the coordinates, of cancelling terms of a gap, and of the time in its motion
     terms = np.maximum(1.0, np.abs(here.gradients).sum(axis=1))
-    rounding = RESOLUTION * (1.0 + float(np.max(np.abs(q)))) * terms
+    rounding = RESOLUTION * ((1.0 + float(np.max(np.abs(q)))) * terms + np.abs(t * here.rates))
     compliant = {system.gap_names[it[0]] for it in system._compliant()}
     for name, gap, least in zip(system.gap_names, here.gaps, -rounding, strict=True):
         if gap < least and name not in compliant:

@@ -51,7 +51,7 @@ pub(super) struct Impacts {
     /// When the last one was, or the start.
     last: f64,
     count: u64,
-    /// The gaps that were hit, and the closed ones, where these were last noted to share an impact.
+    /// The gaps that were hit, and those that were last noted to share the impact.
     shared: (GapSet, GapSet),
 }
 
@@ -170,7 +170,7 @@ impl Impacts {
         } else if let Some(gap) = set.only().filter(|&gap| hit.has(gap) && state.layout().p == 0) {
             return self.strike_alone(gap, state, occurrences, model);
         }
-        self.note_flags(hit, state, occurrences);
+        self.note_flags(hit, touched, state, occurrences);
         self.count += 1;
         let exchanged = match rough {
             true => {
@@ -237,7 +237,7 @@ impl Impacts {
     ) -> Result<Struck, Failure<E>> {
         let (t, hit) = (state.now().t, GapSet::of(gap));
         state.parts().0.impulse(gap, 0.0)?;
-        self.note_flags(hit, state, occurrences);
+        self.note_flags(hit, GapSet::EMPTY, state, occurrences);
         self.count += 1;
         let (kinetics, now) = state.parts();
         let rates = &mut now.xdot[kinetics.coordinates()..];
@@ -424,12 +424,13 @@ impl Impacts {
     fn note_flags(
         &mut self,
         hit: GapSet,
+        touched: GapSet,
         state: &mut MechanicalState,
         occurrences: &mut Vec<Occurrence>,
     ) {
         let t = state.now().t;
         flag_together(hit, state, occurrences);
-        self.note_shared(hit, state, occurrences);
+        self.note_shared(hit, touched, state, occurrences);
         let flight = t - self.last;
         let near = (UNCERTAIN * self.rtol).min(1.0 / LONGER) * flight;
         for j in state.open_gaps().filter(|&j| !hit.has(j)) {
@@ -449,14 +450,14 @@ impl Impacts {
     fn note_shared(
         &mut self,
         hit: GapSet,
+        touched: GapSet,
         state: &mut MechanicalState,
         occurrences: &mut Vec<Occurrence>,
     ) {
-        let (closed, t) = (state.closed().without(hit), state.now().t);
-        if closed.is_empty() || self.shared == (hit, closed) {
+        let (closed, t) = (state.closed().without(hit).with(touched), state.now().t);
+        if closed.is_empty() {
             return;
         }
-        self.shared = (hit, closed);
         let forces = state.lambda().to_vec();
         let (kinetics, mut strongest) = (state.parts().0, 0.0_f64);
         let mut is_loose = |j: &usize| forces[*j] * kinetics.d(*j, *j) <= kinetics.noise(*j);
@@ -469,7 +470,8 @@ impl Impacts {
                 strongest = strongest.max(-cosine);
             }
         }
-        if !pressed.is_empty() {
+        if !pressed.is_empty() && self.shared != (hit, pressed) {
+            self.shared = (hit, pressed);
             let (kind, gaps) = (FlagKind::Simultaneous, hit.with(pressed));
             occurrences.push(Occurrence::Flag { kind, t, gaps, size: strongest });
         }

@@ -264,14 +264,22 @@ impl MechanicalIntegrator {
         part: f64,
         model: &mut Model<'_, D>,
     ) -> Result<bool, Failure<E>> {
+        let speed = largest(&self.state.now().xdot[..self.state.layout().n]);
+        self.rest_below(part * self.settings.rtol * (1.0 + speed), model)
+    }
+
+    /// The same below a speed.
+    fn rest_below<E, D: Dynamics<E>>(
+        &mut self,
+        slow: f64,
+        model: &mut Model<'_, D>,
+    ) -> Result<bool, Failure<E>> {
         let Self { state, accumulation, occurrences, .. } = self;
         let now = state.now().t;
         if self.rested == now {
             return Ok(false);
         }
         self.rested = now;
-        let speed = largest(&state.now().xdot[..state.layout().n]);
-        let slow = part * self.settings.rtol * (1.0 + speed);
         let rests = accumulation.rest(slow, state, occurrences, model)?;
         self.motion.forget_experience();
         Ok(rests)
@@ -355,13 +363,29 @@ impl MechanicalIntegrator {
                 return Ok(Piece::Instant);
             }
         }
-        let Self { state, impacts, accumulation, occurrences, .. } = self;
-        let struck = impacts.solve(hit, state, occurrences, model)?;
+        let struck = self.impacts.solve(hit, &mut self.state, &mut self.occurrences, model);
+        let struck = match struck {
+            Err(Failure::Status(Status::InconsistentImpact)) if self.stops(hit, model)? => {
+                return Ok(Piece::Instant);
+            }
+            struck => struck?,
+        };
+        let Self { state, impacts, accumulation, .. } = self;
         self.motion.forget_experience();
         let pull = self.motion.pull(hit, state);
         let ahead = accumulation.note((&struck, pull), (impacts.e(), state), model)?;
         self.next = Next::jump(ahead);
         Ok(Piece::Instant)
+    }
+
+    /// Whether gaps come to rest whose speeds are below the absolute tolerance.
+    fn stops<E, D: Dynamics<E>>(
+        &mut self,
+        hit: GapSet,
+        model: &mut Model<'_, D>,
+    ) -> Result<bool, Failure<E>> {
+        let rests = self.rest_below(self.settings.atol[1], model)?;
+        Ok(rests && hit.without(self.state.closed()).is_empty())
     }
 
     /// Compliant gaps come into contact, or leave it.

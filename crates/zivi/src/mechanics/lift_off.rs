@@ -63,6 +63,8 @@ struct Fit {
     number: usize,
     p: Bernstein,
     scale: f64,
+    /// The least value at the nodes and checks.
+    least: f64,
     misfit: f64,
     /// Its rounding error.
     noise: f64,
@@ -71,11 +73,12 @@ struct Fit {
 impl Fit {
     fn new(number: usize, values: &Values, noise: f64) -> Self {
         let scale = values.iter().fold(0.0_f64, |a, b| a.max(b.abs()));
+        let least = values.iter().fold(f64::INFINITY, |a, &b| a.min(b));
         let p = through(values);
         let misfit = (0..CHECKS.len())
             .map(|k| (p.at(CHECKS[k]) - values[NODES.len() + k]).abs())
             .fold(0.0, f64::max);
-        Self { number, p, scale, misfit, noise }
+        Self { number, p, scale, least, misfit, noise }
     }
 
     /// Whether a force at `theta` agrees with the polynomial.
@@ -92,7 +95,10 @@ pub(super) fn first_release<E, D: Dynamics<E>>(
     probes: Option<&mut ContactProbes>,
 ) -> Result<Release, Failure<E>> {
     let rows = along.rows(along.aside.coordinates());
-    let Some(fits) = fits_along(&rows, along)? else { return Ok(Release::Unclear) };
+    let Some(mut fits) = fits_along(&rows, along)? else { return Ok(Release::Unclear) };
+    if along.aside.is_shared_motion {
+        fits.retain(|fit| !along.is_handed_over(fit));
+    }
     let mut first: Option<(f64, usize)> = None;
     for fit in &fits {
         if fit.misfit > MISFIT.0 * fit.scale + fit.noise {
@@ -130,6 +136,15 @@ impl<D> AlongStep<'_, '_, D> {
         let levels = self.aside.limits(self.mode);
         let level = levels.get(fit.number);
         level.is_some_and(|level| fit.scale <= part * self.aside.force_scale(level.limit))
+    }
+
+    /// Whether a gap carries a load of which joints or other gaps take the rest where it would have to pull: its
+    /// force is zero from there on, and it stays closed.
+    fn is_handed_over(&mut self, fit: &Fit) -> bool {
+        let levels = self.aside.limits(self.mode);
+        let Some(&Level { limit, .. }) = levels.get(fit.number) else { return false };
+        let is_gap = matches!(limit, Limit::Force(_));
+        is_gap && fit.least.abs() <= HANDED * self.aside.force_scale(limit)
     }
 }
 

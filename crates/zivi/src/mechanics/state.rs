@@ -81,13 +81,15 @@ impl MechanicalState {
             _ => Some(self.start_on_manifold(model)?),
         };
         let (q, w) = held.as_ref().map_or((q, w), |(q, w)| (q, w));
-        let (mut touching, mut hit) = (GapSet::EMPTY, GapSet::EMPTY);
+        let (mut touching, mut hit, still) = (GapSet::EMPTY, GapSet::EMPTY, vec![0.0; n]);
         for i in 0..m {
             let (gap, rate) = (self.kinetics.gap(i), self.kinetics.rate(i, w));
             let (of_gap, of_rate) = self.kinetics.rounding(i, q, w);
             // a gap that vanishes by cancellation leaves rounding of its terms, which may be larger
             // than what the coordinates tell
             let of_gap = of_gap.max(NEAR * self.kinetics.steepness(i));
+            // walls move with the rounding of the time
+            let of_gap = of_gap + 16.0 * f64::EPSILON * (t * self.kinetics.rate(i, &still)).abs();
             // of a state at rest the velocities are all rounding: that of a fall through the terms of the gap
             let of_fall = (16.0 * f64::EPSILON * of_gap * self.kinetics.b(i).abs()).sqrt();
             let is_soft = self.kinetics.compliant().has(i);

@@ -48,6 +48,12 @@ impl<Z: Coordinates> ExtrapolatedEnd<Z> {
         Self { t: start + row[0], z, error: Z::zeros(row.len()), size }
     }
 
+    /// The same with estimates of the errors of the state.
+    pub(crate) fn with_errors(mut self, errors: impl Iterator<Item = f64>) -> Self {
+        self.error.as_mut_slice()[1..].iter_mut().zip(errors).for_each(|(to, error)| *to = error);
+        self
+    }
+
     /// The state.
     pub(crate) fn state(&self) -> &[f64] {
         &self.z.as_slice()[1..]

@@ -241,9 +241,12 @@ impl CornerApproach {
         let z = state.without_speeds(ContactMode { stick, ..set.into() })?;
         let of = |marks| time_of_corner(marks, fewest, set);
         let end = of(&self.log.openings).or_else(|| of(&self.log.impacts));
-        let now = state.now().t;
-        let t = end.map_or(now, |end| end.max(now));
-        Ok(Some((resting(t, &z), set)))
+        let now = state.now();
+        let t = end.map_or(now.t, |end| end.max(now.t));
+        // slips that the last impacts turn round vanish with the speeds: they are known to what these do to them
+        let before = now.x.iter().chain(&now.xdot);
+        let errors = z.iter().zip(before).map(|(after, before)| (after - before).abs());
+        Ok(Some((resting(t, &z).with_errors(errors), set)))
     }
 
     /// Into the corner of a set: what is closed there, and the way, if it ends after `drawn_from`.

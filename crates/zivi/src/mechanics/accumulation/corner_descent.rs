@@ -30,6 +30,9 @@ use crate::zeno::table::{ExtrapolatedEnd, ZenoTable};
 const HALVES: usize = 2048;
 /// Largest part by which the times of the arcs are stretched to end in the corner.
 const STRETCH: f64 = 0.3;
+/// Arcs that are so slow that the floor is so many tolerances of their fastest speed end at this part of one.
+const COARSE: f64 = 300.0;
+const FLOOR: f64 = 1e-2;
 
 /// A gap that bounces alone, and the two halves of its arcs: mode and pull to the wall.
 type Halves = (usize, [(ContactMode, f64); 2]);
@@ -135,6 +138,11 @@ pub(in crate::mechanics) fn descent<E, D: Dynamics<E>>(
     let ways = ImpulseDirections { from: &entry.directions, to, h };
     let of = |values: &[f64]| -> Vec<f64> { set.iter().map(|i| values[n + i]).collect() };
     let (y, v) = (of(&entry.x), of(&entry.v));
+    // arcs that end too early make the others longer; slow ones have a floor of their own
+    let fastest = set.iter().fold(0.0_f64, |most, i| most.max(entry.v[n + i].abs()));
+    let rtol = at.settings.rtol;
+    let is_coarse = floor > COARSE * rtol * fastest && floor < fastest;
+    let floor = if is_coarse { FLOOR * rtol * fastest } else { floor };
     let mut arcs = match &entry.halves {
         Some((gap, [(_, rise), (_, fall)])) if set.len() == 1 && y[0] == 0.0 => {
             half_arcs([*rise, *fall], v[0], at.e[*gap], floor)
