@@ -853,7 +853,7 @@ def controlled(model, kind, h, numbers, matrix, ticks):
 # ------------------------------------------------------------------------------------------ runs
 
 STATE_FLAGS = ("energy_gain", "slip_graze", "forced_landing")
-"""Flags of what depends on tolerances, and on rounding in accumulations that are followed down to it."""
+"""Flags of what depends on tolerances, or on rounding at the end of an accumulation."""
 
 
 @dataclasses.dataclass
@@ -1137,8 +1137,8 @@ class Case:
     def excused(self):
         """Whether a change of the start, far below what matters, does the same to the lists.
 
-        Or forces have other units at each gap, and so has the least of them; or rounding decides an order, and
-        both runs say so.
+        Or forces have other units at each gap, and so has the least of them; or rounding decides
+        an order, and both runs say so.
         """
         if self.ordered or (self.shares and self.relation in ("scaled", "everything")):
             return True
@@ -1194,8 +1194,8 @@ def case(name, seed, index):
 def steadiness(model, run, rng):
     """Give what the motion magnifies a small change by, and which lists this changes.
 
-    Where gaps are closed at the start they stay so: of the state only the size of the velocity changes, and the
-    forces.
+    Where gaps are closed at the start they stay so: of the state only the size of the velocity
+    changes, and the forces.
     """
     t0 = model.span[0]
     heights = [
