@@ -10,7 +10,7 @@ with this coefficient as a table of 16 speeds, linear between them. In brackets:
 scalar recursion ``v -> e(v) v``, which below the first speed of the table are a geometric series.
 The same law as a power has speeds in closed form, ``c^4 (v/c^4)^(3/4)^n`` with c = e(1 m/s).
 
-K. L. Johnson, Contact Mechanics, Cambridge University Press, 1985, section 11.5.
+K. L. Johnson, Contact Mechanics, Cambridge University Press, 1985.
 
 Run as ``python examples/mechanics_steel_ball.py [out.png]``.
 """

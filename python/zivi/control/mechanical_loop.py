@@ -179,7 +179,7 @@ class RKPeriod:
     References
     ----------
     E. Hairer, S. P. Norsett, G. Wanner, Solving Ordinary Differential Equations I, 2nd ed.,
-    Springer, 1993, section II.5.
+    Springer, 1993, chapter II.
 
     Examples
     --------

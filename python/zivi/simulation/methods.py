@@ -66,7 +66,7 @@ For `e` close to 1 an accumulation is long: hundreds of impacts at ``e = 0.99``.
 References
 ----------
 E. Hairer, S. P. Norsett, G. Wanner, Solving Ordinary Differential Equations I, 2nd ed.,
-Springer, 1993, sections II.4 to II.6.
+Springer, 1993, chapter II.
 
 Examples
 --------

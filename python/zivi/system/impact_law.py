@@ -149,7 +149,7 @@ class SpeedDependentImpact(ImpactLaw):
               e(v) = \min\!\left(e_0\,(v/v_0)^{-k},\ e_{\max}\right)
 
     With ``k > 0`` fast impacts lose the larger share, for example in a contact that yields: ``k =
-    1/4`` for a sphere far above the yield point (Johnson, Contact Mechanics, 1985, section 11.5).
+    1/4`` for a sphere far above the yield point (Johnson, Contact Mechanics, 1985).
     Without the cap :math:`e_{\max} \le 1` slow ones would gain energy.
 
     The limit of slow impacts, `limit` = :math:`e` as :math:`v \to 0`, decides about rest:

@@ -581,8 +581,8 @@ def consistent(
 
     References
     ----------
-    E. Hairer, G. Wanner, *Solving Ordinary Differential Equations II*, Springer 1996, section
-    VII.2.
+    E. Hairer, G. Wanner, *Solving Ordinary Differential Equations II*, Springer 1996, chapter
+    VII.
 
     Examples
     --------

@@ -5,7 +5,7 @@
 //! ```
 //!
 //! `k = 1/4` is that of plastic contacts far above the yield point (Johnson, Contact Mechanics,
-//! 1985, section 11.5); below it the contact is elastic, which the cap stands for. In `log v` the
+//! 1985); below it the contact is elastic, which the cap stands for. In `log v` the
 //! power law alone is the line
 //!
 //! ```text
