@@ -664,6 +664,13 @@ impl Dynamics<PyErr> for AnyDynamics<'_> {
         }
     }
 
+    fn is_autonomous(&self) -> bool {
+        match self {
+            Self::Compiled(it) => it.is_autonomous(),
+            Self::Callable(_) => false,
+        }
+    }
+
     fn linear(&self) -> Option<&Arc<LinearSystem>> {
         match self {
             Self::Compiled(it) => it.linear(),
@@ -845,6 +852,15 @@ impl Dynamics<PyErr> for CompiledDynamics {
 
     fn is_steady(&self) -> bool {
         matches!(&self.source, Source::Parts(parts) if parts.steady)
+    }
+
+    fn is_autonomous(&self) -> bool {
+        match &self.source {
+            Source::Tree(tree, drives) => {
+                drives.is_empty() && Dynamics::<PyErr>::is_autonomous(tree)
+            }
+            Source::Function(_) | Source::Linear(_) | Source::Parts(_) => false,
+        }
     }
 
     fn has_constant_matrices(&self) -> bool {

@@ -11,7 +11,9 @@ use zivi::record::gap_set::ContactMode;
 use zivi::system::dynamics::{Dynamics, Layout};
 use zivi::system::force::{Channel, ContactForce, Friction, FrictionalImpact};
 use zivi::system::linear_system::LinearSystem;
-use zivi::system::partials::{DifferentiableDynamics, MovedLaws, TimedState};
+use zivi::system::partials::{
+    DifferentiableDynamics, DirectionalDerivative, MovedLaws, TimedState,
+};
 
 use crate::interface::{array, columns, Matrix, Vector};
 
@@ -142,6 +144,11 @@ impl<D: Dynamics<PyErr>> Dynamics<PyErr> for Rubbing<'_, D> {
         self.dynamics.is_steady()
     }
 
+    /// Not with compliant gaps, whose laws may be any functions.
+    fn is_autonomous(&self) -> bool {
+        self.dynamics.is_autonomous() && self.friction().compliant.is_empty()
+    }
+
     fn change_charts(&self, far: f64, q: &mut [f64], w: &mut [f64]) -> bool {
         self.dynamics.change_charts(far, q, w)
     }
@@ -167,6 +174,10 @@ impl<D: DifferentiableDynamics<PyErr>> DifferentiableDynamics<PyErr> for Rubbing
 
     fn partials(&mut self, at: TimedState<'_>, by: &[usize], out: &mut [f64]) -> PyResult<()> {
         self.dynamics.partials(at, by, out)
+    }
+
+    fn directional(&self) -> Option<Arc<dyn DirectionalDerivative>> {
+        self.dynamics.directional()
     }
 
     fn linear_rate(&self, parameter: usize) -> Option<&Arc<LinearSystem>> {

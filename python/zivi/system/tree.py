@@ -115,7 +115,7 @@ class Structure:
         for body in self.bodies:
             values |= body_values(body) | joint_values(body)
         values = {name: value for name, value in values.items() if name not in self.hidden}
-        for side in self.sides():
+        for side in self.sides:
             values |= _of_side(side)
         for rubbing in self.rubbings:
             values |= rubbing.limits
@@ -138,7 +138,7 @@ class Structure:
         """First coordinate of each rotation in space by its body, and whether that is free."""
         moving = [body.kind for body in self.moving]
         return {
-            body.name: (i - 2, i >= 5 and f"{body.name}.x" in self.carriers())
+            body.name: (i - 2, i >= 5 and f"{body.name}.x" in self.carriers)
             for i, body in enumerate(self.moving)
             if moving[i] == ROTATIONS[2]
         }
@@ -146,11 +146,12 @@ class Structure:
     @functools.cached_property
     def rubbings(self) -> list[Rubbing]:
         """The channels of dry friction."""
-        gaps = [(side.name, side.gap) for side in self.sides()]
+        gaps = [(side.name, side.gap) for side in self.sides]
         return rubbings(self.bodies, gaps, self.friction)
 
-    def carriers(self) -> dict[str, int]:
-        """Return the joint that moves each body, -1 for the world."""
+    @functools.cached_property
+    def carriers(self) -> Mapping[str, int]:
+        """The joint that moves each body, -1 for the world."""
         joints: dict[str | None, int] = {None: -1}
         count = 0
         for body in self.bodies:
@@ -160,15 +161,16 @@ class Structure:
 
     def joints(self) -> list[tuple[int, str]]:
         """Return the parent of each joint, and its kind."""
-        carriers = self.carriers()
+        carriers = self.carriers
         return [
             (-1 if body.parent is None else carriers[body.parent], body.kind)
             for body in self.moving
         ]
 
-    def sides(self) -> list[Side]:
-        """Return the gaps one by one."""
-        carriers = self.carriers()
+    @functools.cached_property
+    def sides(self) -> Sequence[Side]:
+        """The gaps one by one."""
+        carriers = self.carriers
         places = {body.joint: i for i, body in enumerate(self.moving)}
         found = []
         for gap in self.gaps:
@@ -200,7 +202,7 @@ class Structure:
         for body, placement, mass in zip(self.moving, placements, masses, strict=True):
             of_joint = [values[name] for name in joint_values(body)]
             rows += [*placement, np.sum(mass, axis=0), np.array([*of_joint, body.reference])]
-        rows += [_gap(side, frames, values) for side in self.sides()]
+        rows += [_gap(side, frames, values) for side in self.sides]
         rows += [np.array(rubbing.numbers(values)) for rubbing in self.rubbings]
         rows += self.constraints.numbers(frames)
         return np.concatenate(rows)
@@ -356,6 +358,10 @@ class TreeParameters(MutableMapping[str, float]):
     def __repr__(self) -> str:
         return repr(self._values)
 
+    def as_dict(self) -> dict[str, float]:
+        """Return a dictionary of names and values, faster than ``dict(parameters)``."""
+        return self._values.copy()
+
 
 class Tree(MechanicalSystem):
     r"""Rigid bodies that joints connect to a tree, or that are free, with points of them as gaps.
@@ -463,7 +469,7 @@ class Tree(MechanicalSystem):
         self._n = len(moving)
         self._check_gaps()
         self._gaps = ()
-        sides = self._structure.sides()
+        sides = self._structure.sides
         if len(sides) > MAX_SIZE:
             raise ValueError(f"gaps must be at most {MAX_SIZE}, got {len(sides)}")
         self._gap_names = distinct_names("gaps", [side.name for side in sides])
@@ -494,7 +500,7 @@ class Tree(MechanicalSystem):
         check_mass(self.at(0.0, rest, rest).mass)
 
     def _contact_laws(self) -> list[ContactLaw | None]:
-        return [side.gap.contact for side in self._structure.sides()]
+        return [side.gap.contact for side in self._structure.sides]
 
     def _read_friction(self, friction: Any) -> None:
         """Read the dry friction of joints and gaps."""
@@ -542,7 +548,7 @@ class Tree(MechanicalSystem):
                 if name not in known:
                     told = ", ".join(sorted(known))
                     raise ValueError(f"gaps[{i}] names {name!r}: there are {told}")
-        carriers = self._structure.carriers()
+        carriers = self._structure.carriers
         for i, gap in enumerate(self._structure.gaps):
             if isinstance(gap, JointLimit):
                 continue
@@ -695,7 +701,7 @@ class Tree(MechanicalSystem):
         """
         new: Tree = type(self).__new__(type(self))
         vars(new).update(vars(self))
-        new._parameters = TreeParameters(self._parameters)
+        new._parameters = TreeParameters(self._parameters.as_dict())
         new._parameters.update(parameters)
         if e is not None:
             new._e = restitutions(e, self.m)
@@ -704,6 +710,9 @@ class Tree(MechanicalSystem):
 
     def _revision(self) -> object:
         return self._parameters.state
+
+    def _told(self) -> tuple[str | None, dict[str, float] | None]:
+        return None, self._parameters.as_dict()
 
     def _new_model(self, n: int) -> Model:
         rows = self._structure.constraints
@@ -728,7 +737,7 @@ class Tree(MechanicalSystem):
     def _units(self) -> dict[str, list[str]]:
         kinds = {"hinge": "rad", "slide": "m"} | dict.fromkeys(ROTATIONS, "1")
         of_joint = {body.joint: kinds[body.kind] for body in self._structure.moving}
-        sides = [getattr(side.gap, "joint", "") for side in self._structure.sides()]
+        sides = [getattr(side.gap, "joint", "") for side in self._structure.sides]
         return {
             "coordinates": list(of_joint.values()),
             "gaps": [of_joint.get(joint, "m") for joint in sides],
@@ -736,7 +745,7 @@ class Tree(MechanicalSystem):
 
     def _core_tree(self) -> _zivi.Tree:
         structure = self._structure
-        sides = [(side.kind, *side.joints) for side in structure.sides()]
+        sides = [(side.kind, *side.joints) for side in structure.sides]
         friction = [(rubbing.kind, rubbing.at) for rubbing in structure.rubbings]
         numbers = structure.numbers(self._parameters)
         rows = structure.constraints

@@ -1,6 +1,7 @@
-//! Symmetric positive definite systems of a few unknowns, `A = L L^T`, row by row.
+//! Symmetric positive definite systems: of a few unknowns `A = L L^T`, row by row, of more
+//! `A = L^T L` from the last row up, which keeps the zeros of a tree whose parents come first.
 
-use crate::numeric::dense::dot;
+use crate::numeric::dense::{axpy, dot};
 
 /// Overwrites the lower triangle of `A` (`n x n`) by `L`. The smallest `l_ii^2/a_ii`: the remaining
 /// share of a diagonal entry after the rows above, 1 for a diagonal matrix, 0 for singular `A`,
@@ -63,15 +64,60 @@ fn solve_sized(l: &[f64], n: usize, b: &mut [f64]) {
     }
 }
 
+/// The same for `A = L^T L`, from the last row up: from each row those below it are subtracted, but for
+/// their zeros (R. Featherstone, Rigid Body Dynamics Algorithms, 2008, section 6.5).
+fn factor_from_end(a: &mut [f64], n: usize) -> f64 {
+    let mut least = 1.0_f64;
+    for i in (0..n).rev() {
+        let (above, below) = a.split_at_mut((i + 1) * n);
+        let row = &mut above[i * n..][..=i];
+        let diagonal = row[i];
+        let rows = |k: usize| &below[(k - i - 1) * n..][..=i];
+        let (mut found, mut four) = (0, [(0.0, &below[..0]); 4]);
+        for k in (i + 1..n).rev() {
+            let other = rows(k);
+            if other[i] == 0.0 {
+                continue;
+            }
+            four[found] = (other[i], other);
+            found += 1;
+            if found == 4 {
+                subtract(row, four);
+                found = 0;
+            }
+        }
+        four[..found].iter().for_each(|(factor, other)| axpy(row, -factor, other));
+        let part = if diagonal > 0.0 { row[i] / diagonal } else { -1.0 };
+        least = if part < least || part.is_nan() { part } else { least };
+        let pivot = row[i].sqrt();
+        let inverse = 1.0 / pivot;
+        row[..i].iter_mut().for_each(|entry| *entry *= inverse);
+        row[i] = pivot;
+    }
+    least
+}
+
+/// `y <- y - a_0 x_0 - a_1 x_1 - a_2 x_2 - a_3 x_3`.
+#[inline(always)]
+fn subtract(y: &mut [f64], of: [(f64, &[f64]); 4]) {
+    let n = y.len();
+    let [(a, xa), (b, xb), (c, xc), (d, xd)] = of;
+    let (xa, xb, xc, xd) = (&xa[..n], &xb[..n], &xc[..n], &xd[..n]);
+    for j in 0..n {
+        y[j] = y[j] - a * xa[j] - b * xb[j] - c * xc[j] - d * xd[j];
+    }
+}
+
 /// The factor of a matrix that is often the same again.
+
 #[derive(Clone, Debug)]
 pub(crate) struct Factor {
     n: usize,
     /// The matrix that was factored last.
     of: Vec<f64>,
-    /// `L` by rows, of one that is definite.
+    /// `L` by rows, of one that is definite: of [`factor`], or for many unknowns of [`factor_from_end`].
     l: Vec<f64>,
-    /// `L` by columns: `L^T` by rows.
+    /// `L` by columns, `L^T` by rows, of few unknowns.
     transposed: Vec<f64>,
     /// `1/l_ii`.
     inverses: Vec<f64>,
@@ -81,6 +127,8 @@ pub(crate) struct Factor {
 
 /// Shorter columns are not worth vectorising.
 const COLUMNS: usize = 5;
+/// From here on `A = L^T L`.
+const MANY: usize = 9;
 
 impl Factor {
     pub(crate) fn new(n: usize) -> Self {
@@ -96,9 +144,13 @@ impl Factor {
         self.is_known && a.iter().zip(&self.of).fold(true, same)
     }
 
-    /// `L^T x`, whose norm is that of `x` in the metric of the matrix.
+    /// `L^T x`, or `L x` for many unknowns, whose norm is that of `x` in the metric of the matrix.
     pub(crate) fn transposed_times(&self, x: &[f64]) -> Vec<f64> {
-        self.transposed.chunks_exact(self.n).map(|row| dot(row, x)).collect()
+        if self.n < MANY {
+            return self.transposed.chunks_exact(self.n).map(|row| dot(row, x)).collect();
+        }
+        let rows = self.l.chunks_exact(self.n).enumerate();
+        rows.map(|(i, row)| dot(&row[..=i], &x[..=i])).collect()
     }
 
     /// Factors another matrix if that is symmetric: whether it is that, and definite.
@@ -106,10 +158,11 @@ impl Factor {
         let Self { n, of, l, transposed, inverses, is_known, is_diagonal } = self;
         of.copy_from_slice(a);
         l.copy_from_slice(a);
+        let factor = if *n < MANY { factor } else { factor_from_end };
         *is_known = is_symmetric && factor(l, *n) > 0.0;
         *is_diagonal = (0..*n).all(|i| l[i * *n..][..i].iter().all(|l| *l == 0.0));
         for i in 0..*n {
-            for j in 0..=i {
+            for j in 0..if *n < MANY { i + 1 } else { 0 } {
                 transposed[j * *n + i] = l[i * *n + j];
             }
             inverses[i] = 1.0 / l[i * *n + i];
@@ -127,6 +180,9 @@ impl Factor {
         let b = &mut b[..n];
         if *is_diagonal {
             return b.iter_mut().zip(inverses).for_each(|(b, inverse)| *b = *b * inverse * inverse);
+        }
+        if n >= MANY {
+            return self.solve_many(b);
         }
         // by columns, whose entries change at once
         for j in 0..n {
@@ -148,6 +204,23 @@ impl Factor {
     }
 }
 
+impl Factor {
+    /// `b <- A^-1 b` with `A = L^T L`: upwards, then downwards.
+    fn solve_many(&self, b: &mut [f64]) {
+        let Self { n, l, inverses, .. } = self;
+        for i in (0..*n).rev() {
+            b[i] *= inverses[i];
+            let x = b[i];
+            if x != 0.0 {
+                axpy(&mut b[..i], -x, &l[i * n..][..i]);
+            }
+        }
+        for i in 0..*n {
+            b[i] = (b[i] - dot(&l[i * n..][..i], &b[..i])) * inverses[i];
+        }
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -155,7 +228,7 @@ mod tests {
     #[test]
     fn a_kept_factor_solves_as_a_new_one() {
         let mut random = 0.3_f64;
-        for n in 1..9 {
+        for n in (1..9).chain([12, 20]) {
             let mut draw = || {
                 random = (random * 997.0 + 0.1).fract();
                 random - 0.5
@@ -176,6 +249,9 @@ mod tests {
             kept.solve(&mut y);
             let rounding = if n < COLUMNS { 0.0 } else { 1e-14 };
             assert!(x.iter().zip(&y).all(|(x, y)| (x - y).abs() <= rounding));
+            let energy: f64 = kept.transposed_times(&x).iter().map(|it| it * it).sum();
+            let work: f64 = x.iter().zip(&b).map(|(x, b)| x * b).sum();
+            assert!((energy - work).abs() < 1e-13 * work.abs());
             assert!(!kept.renew(&a, false) && !kept.is_of(&a));
             let negative: Vec<f64> = a.iter().map(|a| -a).collect();
             assert!(!kept.renew(&negative, true) && !kept.is_of(&negative));

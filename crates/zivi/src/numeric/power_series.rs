@@ -53,6 +53,7 @@ pub(crate) struct DualNumber {
 
 impl Add for DualNumber {
     type Output = Self;
+    #[inline(always)]
     fn add(self, other: Self) -> Self {
         Self { value: self.value + other.value, slope: self.slope + other.slope }
     }
@@ -60,6 +61,7 @@ impl Add for DualNumber {
 
 impl Sub for DualNumber {
     type Output = Self;
+    #[inline(always)]
     fn sub(self, other: Self) -> Self {
         Self { value: self.value - other.value, slope: self.slope - other.slope }
     }
@@ -67,6 +69,7 @@ impl Sub for DualNumber {
 
 impl Mul for DualNumber {
     type Output = Self;
+    #[inline(always)]
     fn mul(self, other: Self) -> Self {
         let slope = self.slope * other.value + self.value * other.slope;
         Self { value: self.value * other.value, slope }
@@ -75,16 +78,19 @@ impl Mul for DualNumber {
 
 impl Neg for DualNumber {
     type Output = Self;
+    #[inline(always)]
     fn neg(self) -> Self {
         Self { value: -self.value, slope: -self.slope }
     }
 }
 
 impl Real for DualNumber {
+    #[inline(always)]
     fn of(value: f64) -> Self {
         Self { value, slope: 0.0 }
     }
 
+    #[inline(always)]
     fn sin_cos(self) -> (Self, Self) {
         let (sin, cos) = self.value.sin_cos();
         (
@@ -93,11 +99,13 @@ impl Real for DualNumber {
         )
     }
 
+    #[inline(always)]
     fn sqrt(self) -> Self {
         let value = self.value.sqrt();
         Self { value, slope: self.slope / (2.0 * value) }
     }
 
+    #[inline(always)]
     fn inverse(self) -> Self {
         let value = 1.0 / self.value;
         Self { value, slope: -self.slope * value * value }

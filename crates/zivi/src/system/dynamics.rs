@@ -224,6 +224,12 @@ pub trait Dynamics<E> {
         false
     }
 
+    /// Whether all numbers are smooth functions of the state alone: flights hold no pulse that long
+    /// steps might miss, and are not probed for one.
+    fn is_autonomous(&self) -> bool {
+        false
+    }
+
     /// The matrices, loads and gaps, where the system is a linear one.
     fn linear(&self) -> Option<&Arc<LinearSystem>> {
         None
@@ -284,6 +290,10 @@ impl<E, D: Dynamics<E> + ?Sized> Dynamics<E> for &mut D {
 
     fn is_steady(&self) -> bool {
         (**self).is_steady()
+    }
+
+    fn is_autonomous(&self) -> bool {
+        (**self).is_autonomous()
     }
 
     fn linear(&self) -> Option<&Arc<LinearSystem>> {

@@ -17,6 +17,30 @@ pub struct TimedState<'a> {
     pub w: &'a [f64],
 }
 
+/// A direction in state and parameters.
+#[derive(Clone, Copy, Debug)]
+pub struct StateDirection<'a> {
+    /// By how much the coordinates move.
+    pub q: &'a [f64],
+    /// By how much the velocities move.
+    pub w: &'a [f64],
+    /// The parameter that moves at unit rate, by its number.
+    pub parameter: Option<usize>,
+}
+
+/// Derivatives along single directions of a system whose numbers do not depend on time: for few
+/// directions they cost less than all partial derivatives.
+pub trait DirectionalDerivative: std::fmt::Debug + Send + Sync {
+    /// All numbers of an evaluation (as [`Layout`] says) at coordinates and velocities, and their
+    /// derivatives along a direction.
+    fn along(
+        &self,
+        at: (&[f64], &[f64]),
+        direction: StateDirection<'_>,
+        out: (&mut [f64], &mut [f64]),
+    );
+}
+
 /// A mechanical system whose partial derivatives are known.
 pub trait DifferentiableDynamics<E>: Dynamics<E> {
     /// How many parameters it has.
@@ -32,6 +56,11 @@ pub trait DifferentiableDynamics<E>: Dynamics<E> {
     /// # Errors
     /// Whatever the system raises.
     fn partials(&mut self, at: TimedState<'_>, by: &[usize], out: &mut [f64]) -> Result<(), E>;
+
+    /// The same derivatives along single directions, if the system has them.
+    fn directional(&self) -> Option<Arc<dyn DirectionalDerivative>> {
+        None
+    }
 
     /// The derivatives of the numbers of a linear system ([`Dynamics::linear`], whose system has all
     /// of them) by a parameter.
@@ -62,6 +91,10 @@ impl<E, D: DifferentiableDynamics<E> + ?Sized> DifferentiableDynamics<E> for &mu
 
     fn partials(&mut self, at: TimedState<'_>, by: &[usize], out: &mut [f64]) -> Result<(), E> {
         (**self).partials(at, by, out)
+    }
+
+    fn directional(&self) -> Option<Arc<dyn DirectionalDerivative>> {
+        (**self).directional()
     }
 
     fn linear_rate(&self, parameter: usize) -> Option<&Arc<LinearSystem>> {

@@ -179,7 +179,7 @@ def tree_numbers(tree: Tree) -> Iterator[float]:
     structure = tree._structure
     for parent, kind in structure.joints():
         yield from (parent, kind == "slide")
-    for side in structure.sides():
+    for side in structure.sides:
         yield from (KINDS.index(side.kind), *side.joints)
     values = {name: Polynomial({(i,): 1.0}) for i, name in enumerate(tree.parameters)}
     numbers = structure.numbers(values)

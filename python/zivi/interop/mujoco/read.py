@@ -81,7 +81,7 @@ def read_urdf(given: Any, *, gaps: Any, friction: str) -> dict[str, Any]:
     try:
         Tree(parts["bodies"])
     except ValueError:
-        carriers = Structure(tuple(parts["bodies"]), ()).carriers()
+        carriers = Structure(tuple(parts["bodies"]), ()).carriers
         moving = [body for body in parts["bodies"] if carriers[body.name] >= 0]
         empty = [body.name for body in moving if not np.all(np.diag(body.inertia))]
         parts = read_parts(compiled_urdf(given, RAISED), gaps, None, friction)

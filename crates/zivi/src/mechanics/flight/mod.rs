@@ -746,6 +746,7 @@ impl<D> Flying<'_, '_, D> {
             || !wanted
             || self.motion.steps.is_jump()
             || self.model.dynamics.is_steady()
+            || self.model.dynamics.is_autonomous()
         {
             return Ok(None);
         }

@@ -12,11 +12,15 @@ use crate::numeric::stages::{worse, Equation, Tolerances};
 use crate::numeric::tableau::{ErrorEstimate, Interpolant};
 use crate::record::gap_set::{ContactMode, GapSet};
 use crate::record::status::Failure;
-use crate::system::dynamics::Layout;
+use crate::system::dynamics::{FunctionDynamics, Layout};
 use crate::system::force::Friction;
 use crate::system::impact_law::AnyImpactLaw;
-use crate::system::partials::{DifferentiableDynamics, MovedLaws, MovedNumber, TimedState};
+use crate::system::partials::{
+    DifferentiableDynamics, DirectionalDerivative, MovedLaws, MovedNumber, StateDirection,
+    TimedState,
+};
 use crate::Status;
+use std::sync::Arc;
 
 /// Variable of differentiation of a column.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -137,7 +141,9 @@ impl<E, D: DifferentiableDynamics<E>> Equation<Vec<f64>, Failure<E>> for Variati
             _ => motion.node(i, &motion.pair.a[i - 1]),
         };
         let at = (node.t, &node.x[..n], &node.xdot[..n]);
-        self.local.visit_mode(self.model, at, self.mode)?;
+        let size = self.layout.size().min(state.x.len());
+        let first = (&state.x[..size], &state.xdot[..size], self.parameter.first().copied());
+        self.local.visit_along(self.model, at, self.mode, first)?;
         *self.known += 1;
         accelerations(self.local, (self.layout, self.parameter), self.mode, state, into)
     }
@@ -244,7 +250,10 @@ impl Columns {
         model: &mut Model<'_, D>,
     ) -> Result<(), Failure<E>> {
         if self.visited != Some((motion.from.t, mode, model.smooth.ends())) {
-            self.visit(model, &motion.from, mode)?;
+            let (n, size) = (self.layout.n, self.size().min(self.now.x.len()));
+            let (at, now) = (&motion.from, &self.now);
+            let first = (&now.x[..size], &now.xdot[..size], self.parameter.first().copied());
+            self.local.visit_along(model, (at.t, &at.x[..n], &at.xdot[..n]), mode, first)?;
         }
         (self.now.t, self.now.late) = (motion.from.t, motion.from.late);
         let mut slope = vec![0.0; self.now.x.len()];
@@ -372,7 +381,11 @@ fn accelerations<E>(
     let (n, size) = (layout.n, layout.size());
     for (column, parameter) in parameter.iter().enumerate() {
         let (q, w) = (&at.x[column * size..][..n], &at.xdot[column * size..][..n]);
-        let row = local.along(Direction { t: 0.0, q, w, parameter: *parameter });
+        let row = match local.first.take().filter(|_| column == 0) {
+            Some(row) => row,
+            None => local.along(Direction { t: 0.0, q, w, parameter: *parameter }),
+        };
+        local.check_along(&row, (q, w))?;
         let (change, _) = local.acceleration(mode, &row)?;
         out[column * size..][..change.len()].copy_from_slice(&change);
     }
@@ -460,6 +473,12 @@ pub(super) struct Local {
     pub(super) compliant: Option<Box<CompliantPartials>>,
     /// The derivatives by time, state and parameters, then those by numbers of friction.
     pub(super) partials: Vec<f64>,
+    /// The derivatives along single directions where they take the place of those by time, state and
+    /// parameters, and the coordinates and velocities of the last visit.
+    directional: Option<Arc<dyn DirectionalDerivative>>,
+    here: Vec<f64>,
+    /// The derivative along the first column, where the last visit found it.
+    first: Option<Vec<f64>>,
     /// How often they were evaluated.
     pub(super) count: u64,
 }
@@ -490,7 +509,21 @@ impl Local {
         let kinetics = Kinetics::new(layout, friction);
         let constant = partials[known..].to_vec();
         let compliant = CompliantPartials::new(friction, contacts, constant);
-        Self { layout, kinetics, edges: None, by, compliant, partials, count: 0 }
+        let (directional, here, first) = (None, Vec::new(), None);
+        let (edges, count) = (None, 0);
+        Self { layout, kinetics, edges, by, compliant, partials, directional, here, first, count }
+    }
+
+    /// From here on derivatives are taken along the directions of `columns` columns if these are
+    /// fewer than the coordinates.
+    pub(super) fn prefer_directions<E, D: DifferentiableDynamics<E>>(
+        &mut self,
+        columns: usize,
+        dynamics: &D,
+    ) {
+        if self.compliant.is_none() && columns <= self.layout.n {
+            self.directional = dynamics.directional();
+        }
     }
 
     /// The parameters that the derivatives are taken by.
@@ -509,6 +542,10 @@ impl Local {
         self.kinetics.evaluate(model, t, q, w)?;
         let t = model.smooth.nearest(t);
         self.count += 1;
+        if self.directional.is_some() {
+            self.stand_at(q, w);
+            return Ok(());
+        }
         let at = TimedState { t, q, w };
         let known = self.layout.len() * (1 + 2 * self.layout.n + self.by.len());
         let partials = &mut self.partials[..known];
@@ -537,10 +574,46 @@ impl Local {
         }
     }
 
+    fn stand_at(&mut self, q: &[f64], w: &[f64]) {
+        self.first = None;
+        self.here.clear();
+        self.here.extend(q.iter().chain(w));
+    }
+
+    /// As [`Self::visit_mode`]; where derivatives are taken along directions that of the first column
+    /// comes with the evaluation.
+    fn visit_along<E, D: DifferentiableDynamics<E>>(
+        &mut self,
+        model: &mut Model<'_, D>,
+        (t, q, w): (f64, &[f64], &[f64]),
+        mode: ContactMode,
+        (x, v, parameter): (&[f64], &[f64], Option<Option<usize>>),
+    ) -> Result<(), Failure<E>> {
+        let (Some(directional), Some(parameter)) = (self.directional.clone(), parameter) else {
+            return self.visit_mode(model, (t, q, w), mode);
+        };
+        let Layout { n, .. } = self.layout;
+        self.stand_at(q, w);
+        let direction = Direction { t: 0.0, q: &x[..n], w: &v[..n], parameter };
+        let (values, row) = self.along_directly(&*directional, direction);
+        let layout = self.layout;
+        let function = |_: f64, _: &[f64], _: &[f64], out: &mut [f64]| {
+            out.copy_from_slice(&values);
+            Ok(())
+        };
+        let mut known = FunctionDynamics { layout, function };
+        self.kinetics.evaluate(&mut Model::new(&mut known), t, q, w)?;
+        (self.first, self.count, model.count) = (Some(row), self.count + 1, model.count + 1);
+        self.contact(mode)
+    }
+
     /// The derivatives of the numbers of an evaluation along a direction, then of the forces of compliant
     /// gaps.
     pub(super) fn along(&self, direction: Direction<'_>) -> Vec<f64> {
         let (n, length) = (self.layout.n, self.layout.len());
+        if let Some(directional) = &self.directional {
+            return self.along_directly(&**directional, direction).1;
+        }
         let (forces, m) = (self.compliant.as_ref().map(|it| &it.forces), self.layout.m);
         let mut row = vec![0.0; length + forces.map_or(0, |_| m)];
         let mut add = |index: usize, factor: f64| {
@@ -560,6 +633,33 @@ impl Local {
             add(1 + 2 * n + parameter, 1.0);
         }
         row
+    }
+
+    /// The numbers of an evaluation at the last visit, and their derivatives along a direction.
+    fn along_directly(
+        &self,
+        system: &dyn DirectionalDerivative,
+        direction: Direction<'_>,
+    ) -> (Vec<f64>, Vec<f64>) {
+        let (n, length, known) = (self.layout.n, self.layout.len(), self.by.len());
+        let Direction { q, w, parameter, .. } = direction;
+        let parameter = parameter.filter(|&it| it < known).map(|it| self.by[it]);
+        let (mut values, mut row) = (vec![0.0; length], vec![0.0; length]);
+        let out = (&mut values[..], &mut row[..]);
+        system.along(self.here.split_at(n), StateDirection { q, w, parameter }, out);
+        if let Some(rough) = direction.parameter.filter(|&it| it >= known) {
+            axpy(&mut row, 1.0, &self.partials[(1 + 2 * n + rough) * length..][..length]);
+        }
+        (values, row)
+    }
+
+    /// An error where the derivative along a direction is not finite.
+    fn check_along<E>(&self, row: &[f64], (q, w): (&[f64], &[f64])) -> Result<(), Failure<E>> {
+        let is_finite = |of: &[f64]| of.iter().all(|it| it.is_finite());
+        match self.directional.is_none() || is_finite(row) || !(is_finite(q) && is_finite(w)) {
+            true => Ok(()),
+            false => Err(Failure::Status(Status::ForceNotFinite)),
+        }
     }
 
     pub(super) fn normal<'r>(&self, row: &'r [f64], i: usize) -> &'r [f64] {

@@ -98,6 +98,7 @@ pub fn mechanical_sensitivity<E, D: DifferentiableDynamics<E>>(
     let begun = started(machine.start(t0, (q, w), &mut model))?;
     let of = (layout, &friction, settings.order.pair());
     let mut follower = VariationalRun::new((wrt, moved, sizes), controlled, times, t1, of);
+    follower.columns.local.prefer_directions(wrt.len(), &*model.dynamics);
     let room = times.len().saturating_mul(2 * layout.n * sizes.len());
     follower.samples.try_reserve_exact(room).map_err(|_| SetupError::Memory(times.len()))?;
     let begun = begun.and_then(|()| follower.begin(&machine, &mut model));

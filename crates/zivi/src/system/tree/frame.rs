@@ -111,10 +111,15 @@ pub(super) fn times<T: Real>(s: &Symmetric<T>, x: Vector<T>) -> Vector<T> {
 #[inline(always)]
 pub(super) fn turned_inertia<T: Real>(r: &Columns<T>, s: &Symmetric<T>) -> Symmetric<T> {
     let rows = [[s[0], s[3], s[4]], [s[3], s[1], s[5]], [s[4], s[5], s[2]]];
-    let half: Columns<T> = rows.map(|row| turned(r, row));
-    let entry =
-        |i: usize, j: usize| half[0][i] * r[0][j] + half[1][i] * r[1][j] + half[2][i] * r[2][j];
-    [entry(0, 0), entry(1, 1), entry(2, 2), entry(0, 1), entry(0, 2), entry(1, 2)]
+    let h: Columns<T> = [turned(r, rows[0]), turned(r, rows[1]), turned(r, rows[2])];
+    [
+        h[0][0] * r[0][0] + h[1][0] * r[1][0] + h[2][0] * r[2][0],
+        h[0][1] * r[0][1] + h[1][1] * r[1][1] + h[2][1] * r[2][1],
+        h[0][2] * r[0][2] + h[1][2] * r[1][2] + h[2][2] * r[2][2],
+        h[0][0] * r[0][1] + h[1][0] * r[1][1] + h[2][0] * r[2][1],
+        h[0][0] * r[0][2] + h[1][0] * r[1][2] + h[2][0] * r[2][2],
+        h[0][1] * r[0][2] + h[1][1] * r[1][2] + h[2][1] * r[2][2],
+    ]
 }
 
 /// Contribution of a mass `m` with the first moment `h` to the inertia about a point `-d` from its
@@ -194,8 +199,9 @@ impl<T: Real> Frame<T> {
     /// The frame of a joint on this one.
     #[inline(always)]
     pub(super) fn next(&self, joint: Joint, numbers: &[T], q: T, w: T) -> Self {
-        let axis_of = |k: usize| turned(&self.axes, read(numbers, place::AXES + 3 * k));
-        let [x, y, axis] = [axis_of(0), axis_of(1), axis_of(2)];
+        let x = turned(&self.axes, read(numbers, place::AXES));
+        let y = turned(&self.axes, read(numbers, place::AXES + 3));
+        let axis = turned(&self.axes, read(numbers, place::AXES + 6));
         let mut arm = turned(&self.axes, read(numbers, place::POSITION));
         let moved = q - numbers[place::REFERENCE];
         let swept = cross(self.omega, scaled(axis, w));

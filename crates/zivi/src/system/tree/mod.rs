@@ -27,7 +27,9 @@ use gap::{Row, SlipRow};
 use crate::numeric::power_series::{DualNumber, Real};
 use crate::system::dynamics::{Dynamics, Layout};
 use crate::system::linear_system::GapMotion;
-use crate::system::partials::{DifferentiableDynamics, TimedState};
+use crate::system::partials::{
+    DifferentiableDynamics, DirectionalDerivative, StateDirection, TimedState,
+};
 use std::ops::Range;
 use std::sync::Arc;
 
@@ -149,8 +151,9 @@ impl<T: Real> Load<T> {
     fn of(frame: &Frame<T>, numbers: &[T], gravity: Vector<T>) -> Self {
         let mass = numbers[place::MASS];
         let first = turned(&frame.axes, read(numbers, place::MOMENT));
-        let own: Symmetric<T> = std::array::from_fn(|k| numbers[place::INERTIA + k]);
-        let inertia = turned_inertia(&frame.axes, &own);
+        let (of, more) = (place::INERTIA, place::INERTIA + 3);
+        let ([xx, yy, zz], [xy, xz, yz]) = (read(numbers, of), read(numbers, more));
+        let inertia = turned_inertia(&frame.axes, &[xx, yy, zz, xy, xz, yz]);
         let Frame { omega, alpha, .. } = *frame;
         let fall = sub(frame.acceleration, gravity);
         let turning = add(cross(alpha, first), cross(omega, cross(omega, first)));
@@ -174,7 +177,9 @@ impl<T: Real> Load<T> {
         let moved = shift(child.mass, child.first, arm);
         self.mass = self.mass + child.mass;
         self.first = add(self.first, add(child.first, scaled(arm, child.mass)));
-        self.inertia = std::array::from_fn(|k| self.inertia[k] + (child.inertia[k] + moved[k]));
+        for (own, (child, moved)) in self.inertia.iter_mut().zip(child.inertia.iter().zip(moved)) {
+            *own = *own + (*child + moved);
+        }
         let wrench = child.wrench.carried(arm);
         self.wrench = Wrench {
             force: add(self.wrench.force, wrench.force),
@@ -464,6 +469,10 @@ impl<E> Dynamics<E> for TreeDynamics {
         true
     }
 
+    fn is_autonomous(&self) -> bool {
+        self.tree.drives.is_empty()
+    }
+
     fn change_charts(&self, far: f64, q: &mut [f64], w: &mut [f64]) -> bool {
         let mut is_changed = false;
         for (i, joint) in self.tree.joints.iter().enumerate() {
@@ -475,9 +484,60 @@ impl<E> Dynamics<E> for TreeDynamics {
     }
 }
 
+/// The numbers of a tree as constants, and with each of its parameters moving.
+#[derive(Debug)]
+struct MovingTree {
+    tree: Arc<Tree>,
+    constants: Vec<DualNumber>,
+    moved: Vec<Vec<DualNumber>>,
+}
+
+impl MovingTree {
+    fn new(tree: Arc<Tree>, directions: &[Vec<f64>]) -> Self {
+        let constants: Vec<DualNumber> =
+            tree.numbers.iter().map(|&it| DualNumber::of(it)).collect();
+        let along = |direction: &Vec<f64>| match direction.is_empty() {
+            true => Vec::new(),
+            false => moving(&tree.numbers, direction),
+        };
+        let moved = directions.iter().map(along).collect();
+        Self { tree, constants, moved }
+    }
+}
+
+/// Numbers that move at given rates.
+fn moving(numbers: &[f64], rates: &[f64]) -> Vec<DualNumber> {
+    numbers.iter().zip(rates).map(|(&value, &slope)| DualNumber { value, slope }).collect()
+}
+
+impl DirectionalDerivative for MovingTree {
+    fn along(
+        &self,
+        (q, w): (&[f64], &[f64]),
+        direction: StateDirection<'_>,
+        (values, slopes): (&mut [f64], &mut [f64]),
+    ) {
+        let StateDirection { q: by_q, w: by_w, parameter } = direction;
+        let (q, w) = (moving(q, by_q), moving(w, by_w));
+        let numbers = parameter.map_or(&self.constants, |number| &self.moved[number]);
+        let mut row = vec![DualNumber::of(0.0); values.len()];
+        let mut bodies =
+            Bodies { frames: Vec::with_capacity(q.len()), loads: Vec::with_capacity(q.len()) };
+        self.tree.fill(numbers, (&q, &w), &mut bodies, &mut row);
+        for (it, (value, slope)) in row.into_iter().zip(values.iter_mut().zip(slopes)) {
+            (*value, *slope) = (it.value, it.slope);
+        }
+    }
+}
+
 impl<E> DifferentiableDynamics<E> for TreeDynamics {
     fn parameters(&self) -> usize {
         self.directions.len()
+    }
+
+    fn directional(&self) -> Option<Arc<dyn DirectionalDerivative>> {
+        let moving = || MovingTree::new(self.tree.clone(), &self.directions);
+        self.tree.drives.is_empty().then(|| Arc::new(moving()) as Arc<_>)
     }
 
     fn partials(&mut self, at: TimedState<'_>, by: &[usize], out: &mut [f64]) -> Result<(), E> {
@@ -592,5 +652,23 @@ mod dynamics_tests {
             assert!((found - known).abs() < 1e-10 * (1.0 + known.abs()), "{found} {known}");
         }
         assert!(found.iter().any(|it| it.abs() > 1.0));
+        let length = tree.layout().len();
+        let mut plain = vec![0.0; length];
+        let Ok(()) = Dynamics::<Infallible>::evaluate(&mut exact, 0.0, &q, &w, &mut plain);
+        let directional =
+            DifferentiableDynamics::<Infallible>::directional(&exact).expect("trees have them");
+        let (by_q, by_w) = ([0.3, -1.0, 0.2, 0.0, 1.1, 0.7, -0.4], [0.5; 7]);
+        for (parameter, number) in [(None, None), (Some(0), Some(1)), (Some(1), Some(0))] {
+            let (mut values, mut along) = (vec![0.0; length], vec![0.0; length]);
+            let direction = StateDirection { q: &by_q, w: &by_w, parameter };
+            directional.along((&q, &w), direction, (&mut values, &mut along));
+            assert_eq!(values, plain);
+            for (i, along) in along.into_iter().enumerate() {
+                let column = |c: usize| found[(1 + c) * length + i];
+                let of_state = by_q.iter().chain(&by_w).enumerate().map(|(c, by)| by * column(c));
+                let sum = of_state.sum::<f64>() + number.map_or(0.0, |k: usize| column(14 + k));
+                assert!((along - sum).abs() < 1e-12 * (1.0 + sum.abs()), "{along} {sum}");
+            }
+        }
     }
 }
