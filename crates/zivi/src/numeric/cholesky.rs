@@ -64,8 +64,9 @@ fn solve_sized(l: &[f64], n: usize, b: &mut [f64]) {
     }
 }
 
-/// The same for `A = L^T L`, from the last row up: from each row those below it are subtracted, but for
-/// their zeros (R. Featherstone, Rigid Body Dynamics Algorithms, 2008, section 6.5).
+/// Overwrites the lower triangle of `A` by `L` of `A = L^T L` and returns the smallest `l_ii^2/a_ii`. Rows are
+/// computed from the last one up: each row loses its products with the rows below, without the zeros (R.
+/// Featherstone, Rigid Body Dynamics Algorithms, 2008, section 6.5).
 fn factor_from_end(a: &mut [f64], n: usize) -> f64 {
     let mut least = 1.0_f64;
     for i in (0..n).rev() {
@@ -115,7 +116,7 @@ pub(crate) struct Factor {
     n: usize,
     /// The matrix that was factored last.
     of: Vec<f64>,
-    /// `L` by rows, of one that is definite: of [`factor`], or for many unknowns of [`factor_from_end`].
+    /// `L` by rows: of [`factor`] for few unknowns, of [`factor_from_end`] for many unknowns.
     l: Vec<f64>,
     /// `L` by columns, `L^T` by rows, of few unknowns.
     transposed: Vec<f64>,

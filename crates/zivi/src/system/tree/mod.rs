@@ -484,7 +484,7 @@ impl<E> Dynamics<E> for TreeDynamics {
     }
 }
 
-/// The numbers of a tree as constants, and with each of its parameters moving.
+/// The numbers of a tree with zero slopes, and their slopes with respect to each parameter.
 #[derive(Debug)]
 struct MovingTree {
     tree: Arc<Tree>,
