@@ -123,7 +123,7 @@ def main(path: str | None) -> None:
     axes[1].plot(run.t, run.reactions)
     axes[1].set_ylabel("contact force (N)")
     axes[1].set_xlabel("time (s)")
-    figure.suptitle("An arm lands in a corner and presses with 10 N and 5 N")
+    figure.suptitle("An arm comes to rest in a corner and presses with 10 N and 5 N")
     figure.savefig(path, dpi=120)
 
 

@@ -1,4 +1,4 @@
-r"""A reed valve of a compressor: when it opens, how hard it lands, how long it bounces.
+r"""A reed valve of a compressor: when it opens, how hard it touches down, how long it bounces.
 
 The reed, a mass on a spring, lies on its seat under the preload y0; a pulse of the pressure lifts
 it by x. Per unit mass
@@ -12,11 +12,11 @@ and the seat returns the share e of the speed. It opens when the pulse exceeds t
 The speed of the first contact and the energy that the seat takes,
 ``E = sum of (1 - e^2)/2 x'^2`` over all impacts, decide how long reed and seat live. Restitution
 changes neither the opening nor the first contact, but the bounces and the time until the valve is
-shut; the preload changes all of them; damping makes the landing soft.
+shut; the preload changes all of them; damping makes the touchdown soft.
 
 Left out: the stop that limits the lift (a second contact), and what the valve does to the pressure.
 
-It lands with 1 m/s at 0.4164 of the critical damping. In brackets: the expected values.
+It touches down with 1 m/s at 0.4164 of the critical damping. In brackets: the expected values.
 
 Run as ``python examples/compressor_valve.py [out.png]``.
 """
@@ -146,7 +146,7 @@ def main(path: str | None) -> None:
 
 
 def draw(path: str) -> None:
-    """Draw the lift, and the landing over the restitution and over the preload."""
+    """Draw the lift, and the touchdown over the restitution and over the preload."""
     import matplotlib as mpl
 
     mpl.use("Agg")
@@ -178,7 +178,7 @@ def draw(path: str) -> None:
     for zeta, style in [(0.1, "-"), (0.4, "--")]:
         landings = [landing(Valve(preload=preload, zeta=zeta)) for preload in preloads]
         for values, color, label in [
-            ([m.speed for m in landings], zivi.plot.BLUE, "landing speed (m/s)"),
+            ([m.speed for m in landings], zivi.plot.BLUE, "touchdown speed (m/s)"),
             ([m.energy for m in landings], zivi.plot.ORANGE, "energy (J/kg)"),
         ]:
             label = f"{label}, $\\zeta = {zeta}$"
@@ -186,7 +186,7 @@ def draw(path: str) -> None:
     axes[2].set(xlabel="preload $y_0$ (mm)", ylim=(0, 3.6))
     axes[2].set_title("$e = 0.3$", fontsize="medium")
     axes[2].legend(fontsize="small")
-    figure.suptitle("A compressor valve: lift, bounces, landing speed")
+    figure.suptitle("A compressor valve: lift, bounces, touchdown speed")
     figure.savefig(path, dpi=160)
 
 

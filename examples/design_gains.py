@@ -1,4 +1,4 @@
-r"""Gains for a landing, computed, behind noise, a delay and an unknown force.
+r"""Gains for coming to rest, computed, with noise, a delay and an unknown force.
 
 A mass falls from up to 1 m onto a wall with ``e = 0.7``. It shall rest there within 2 s, with
 velocities measured to 1 cm/s, controls that act three periods late and an unknown force of up to 1
@@ -93,7 +93,7 @@ def draw(path: str, gains: zivi.GainDesign, runs: list[zivi.ClosedLoop]) -> None
     for limit in (gains.u_min, gains.u_max):
         axes[1].axhline(limit, color="0.5", lw=0.8)
     axes[1].set(xlabel="time (s)", ylabel="control (m/s$^2$)")
-    figure.suptitle("Landings with noise and a delay (grey: computed bounds)")
+    figure.suptitle("Coming to rest with noise and a delay (grey: computed bounds)")
     figure.savefig(path, dpi=150)
 
 

@@ -1,10 +1,10 @@
-"""Exact rest at e = 0.8, measured with noise and acted on late: before and after the landing.
+"""Exact rest at e = 0.8, with noise and a delay: without and with the contact-establishing law.
 
 A mass falls from 1 m onto a wall that gives back 0.8 of its speed, and the tracker shall hold it
 there. Positions are measured to 0.1 mm, velocities to 1 cm/s, and what is computed acts three
-periods later. The paper's law plans to end each period on the wall and chatters for ever, up
-to 0.7 mm high; the landing, told of the delay (`ahead=4`), rests exactly from 1.009 s, and its
-control is constant from then on, noise or not.
+periods later. The paper's law plans to end each period on the wall and chatters without end, up
+to 0.7 mm high; the contact-establishing law with the delay (`ahead=4`) rests exactly from 1.009 s,
+and its control is constant from then on, noise or not.
 
 Run as ``python examples/exact_rest.py [out.png]``.
 """
@@ -19,7 +19,7 @@ import zivi
 E, H, DELAY, NOISE, T_END = 0.8, 1e-3, 3, (1e-4, 1e-2), 4.0
 LAWS: dict[str, dict[str, Any]] = {
     "the paper's law": {"landing": False},
-    "landing": {"landing": True, "ahead": 1 + DELAY},
+    "contact-establishing law": {"landing": True, "ahead": 1 + DELAY},
 }
 
 

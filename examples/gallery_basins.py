@@ -2,7 +2,7 @@ r"""Basins of attraction of a ball on a vibrating table: rest, one period, two p
 
 In the frame of the table ``x'' = -g + a omega^2 sin(omega t)``, ``x >= 0``, with ``e = 0.8`` and
 ``G = a omega^2/g = 0.8``. The table never throws off a ball that rests (G < 1); but a ball that
-bounces can go on for ever, on the orbit that hits once in n periods T, which exists from
+bounces can go on without end, on the orbit that hits once in n periods T, which exists from
 ``G = n pi (1 - e)/(1 + e)`` (0.349, 0.698, 1.047 for n = 1, 2, 3) and is stable up to
 
     G^2 = (n pi (1 - e)/(1 + e))^2 + (2 (1 + e^2)/(1 + e)^2)^2

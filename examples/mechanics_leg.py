@@ -173,7 +173,7 @@ def draw(path: str, sol: zivi.MechanicalTrajectory) -> None:
     axes[1].legend(fontsize=8)
     axes[2].plot(fine.t, fine.reactions[:, 0])
     axes[2].set(xlabel="time $t$ (s)", ylabel="force of the floor (N)")
-    figure.suptitle("A leg of two closed halves: fall, jump and landing")
+    figure.suptitle("A leg of two closed halves: fall, jump and touchdown")
     figure.savefig(path, dpi=160)
 
 

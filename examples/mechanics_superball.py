@@ -83,7 +83,7 @@ def draw(path: str, *runs: zivi.MechanicalTrajectory) -> None:
     axes[0].plot([0.0, 0.6], [TABLE, TABLE], color="0.4", lw=3)
     axes[0].axhline(0, color="0.4", lw=3)
     axes[0].set(xlabel="$x$ (m)", ylabel="$y$ (m)", aspect="equal")
-    axes[0].legend(fontsize=8, loc="center right")
+    axes[0].legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=2)
     axes[1].set(xlabel="time $t$ (s)", ylabel="horizontal speed (m/s)")
     figure.suptitle("A superball under a table")
     figure.savefig(path, dpi=160)

@@ -1,4 +1,4 @@
-r"""A hopper with a foot that lands on a rough floor, and stands or slides.
+r"""A hopper whose foot touches down on a frictional floor, and stands or slides.
 
 Torso, thigh, shin and foot in a plane, a model of MuJoCo: servos hold the joints, the friction of
 the floor is that of its geoms. The hopper is dropped while it drifts forwards. The joints are at

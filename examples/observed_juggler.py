@@ -1,8 +1,8 @@
 """A juggler that sees positions only, under a force that nobody told it of.
 
 The reference is a ball on a vibrating table in its periodic orbit, seen from the table: one impact
-every half second, for ever. The mass that shall follow it is pushed by an unknown sine force, and
-its position is measured to 0.1 mm, its velocity not at all. An `ImpactObserver` estimates both
+every half second, without end. The mass that shall follow it is pushed by an unknown sine force,
+and its position is measured to 0.1 mm, its velocity not at all. An `ImpactObserver` estimates both
 and the force, through the impacts; the tracker is given the orbit itself. The mass stays within
 0.14 mm of the orbit (0.050 mm rms).
 

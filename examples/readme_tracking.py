@@ -1,7 +1,7 @@
 """The picture of the README's controllers, and one of docs/implicit_signs.md.
 
 Left, a mass follows a reference into its Zeno point (the paper's problem); middle and right, what
-the control does on a reference that bounces for ever, with implicit and with explicit signs.
+the control does on a reference that bounces without end, with implicit and with explicit signs.
 
 Run as ``python examples/readme_tracking.py out.png``; with a second name the comparison of explicit
 and implicit signs over forty periods is written too.
@@ -52,7 +52,7 @@ def main(path: str, comparison: str | None = None) -> None:
     looks = ((middle, implicit, "implicit", BLUE), (right, explicit, "explicit", ORANGE))
     for ax, bouncing, signs, color in looks:
         zivi.plot.control(bouncing, ax, color=color, lw=0.8)
-        ax.set_title(f"bouncing for ever: {signs} signs", fontsize="medium")
+        ax.set_title(f"endless bouncing: {signs} signs", fontsize="medium")
         ax.set(xlim=(8.0, 9.0), ylim=(-90, 90))
     right.set_ylabel("")
     figure.savefig(path, dpi=160)

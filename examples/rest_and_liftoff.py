@@ -5,8 +5,8 @@ away from under it, at sin(w t) = 1/1.3; it hops, bounces infinitely often, and 
 on a still floor is made to do the same, with the plant between the samples exact, and in the
 paper's own loop.
 
-With e = 1/2 the paper's law, without the landing, follows as closely, but in the sampled loop never
-rests exactly.
+With e = 1/2 the paper's law, without the contact-establishing law, follows as closely, but in the
+sampled loop never rests exactly.
 
 Run as ``python examples/rest_and_liftoff.py [out.png]``.
 """

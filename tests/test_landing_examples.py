@@ -22,7 +22,7 @@ def test_the_landing_rests_where_the_papers_law_chatters(tmp_path):
     assert 1e3 * before.x[before.t > 2].max() == pytest.approx(float(height), abs=0.06)
     assert after.rest_time == pytest.approx(float(time), abs=6e-4)
     # other noise, the same end
-    assert rest.run("landing", seed=7).rest_time is not None
+    assert rest.run("contact-establishing law", seed=7).rest_time is not None
     rest.main(str(tmp_path / "rest.png"))
     assert (tmp_path / "rest.png").stat().st_size > 1000
 
