@@ -1079,7 +1079,9 @@ def compare(one, other, back, rng, cuts=()):
                 continue
             verdict.events = max(verdict.events, abs(near[0] - t) / TOL)
             if kind == "impact" and abs(more[0]) > least[who]:
-                off = np.abs(np.subtract(near[2], more)).max() / (1 + np.abs(more).max())
+                # impulses that a jump skips are listed to first order in their speeds
+                known = 2 if any(a - TOL <= t <= b + TOL for a, b in tails) else 3
+                off = np.abs(np.subtract(near[2], more)[:known]).max() / (1 + np.abs(more).max())
                 verdict.speeds = max(verdict.speeds, off / TOL)
         wrong += [f"only the second has {kind} {it}" for it in left if not skippable(kind, *it)]
     states = []
@@ -1183,7 +1185,8 @@ def case(name, seed, index):
     runs = simulate(model), simulate(other, cuts)
     verdict = compare(*runs, back, np.random.default_rng(index), cuts)
     shares = "undetermined_motion" in flags(runs[0])
-    ordered = all(flags(run) & OF_ORDER for run in runs)
+    # with friction the laws of an impact on several gaps are solved for all of them together
+    ordered = not model.channels and all(flags(run) & OF_ORDER for run in runs)
     of_both = {"shares": shares, "ordered": ordered}
     it = Case(name, seed, index, relation, model, other, verdict, **of_both)
     if not it.holds:
