@@ -84,3 +84,5 @@ html_theme_options = {
 suppress_warnings = ["toc.empty_glob"]
 if nb_execution_excludepatterns:
     suppress_warnings.append("myst-nb.lexer")  # what is not executed tells no language
+    # furo resolves the tree of all pages for every page: a third of the time
+    html_theme, html_theme_options = "basic", {}
