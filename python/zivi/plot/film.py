@@ -54,7 +54,25 @@ class Film(FuncAnimation):
             made: Any = _Gif  # it is typed for whole numbers
             writer = made(fps=(given[0] if given else more.pop("fps", None)) or self._fps)
             given = (None, *given[1:])
+            if not any(given) and more.keys() <= {"dpi", "progress_callback"}:
+                self._draw_was_started = True  # it is looked at
+                self._write(filename, writer, **more)
+                return
         super().save(filename, writer, *given, **more)
+
+    def _write(
+        self, filename: Any, writer: Any, dpi: Any = None, progress_callback: Any = None
+    ) -> None:
+        """Write all frames, of which only the moving artists are drawn."""
+        with (
+            _Pictures(self._scene, dpi) as pictures,
+            writer.saving(pictures, str(filename), dpi=pictures.dpi),
+        ):
+            for number in range(self._pictures):
+                pictures.number = number
+                if progress_callback is not None:
+                    progress_callback(number, self._pictures)
+                writer.grab_frame()
 
     def to_jshtml(
         self, fps: int | None = None, embed_frames: bool = True, default_mode: str | None = None
@@ -67,13 +85,9 @@ class Film(FuncAnimation):
         mode = default_mode or ("loop" if getattr(self, "_repeat", True) else "once")
         made: Any = HTMLWriter  # it is not typed, and takes any rate
         writer = made(fps=fps or self._fps, embed_frames=True, default_mode=mode)
-        with tempfile.TemporaryDirectory() as folder, _Pictures(self._scene) as pictures:
+        with tempfile.TemporaryDirectory() as folder:
             path = Path(folder, "film.html")
-            # the writer asks its figure for a picture: it is given one that is quick to draw
-            with writer.saving(pictures, str(path), dpi=pictures.dpi):
-                for number in range(self._pictures):
-                    pictures.number = number
-                    writer.grab_frame()
+            self._write(path, writer)
             return path.read_text()
 
 
@@ -82,22 +96,50 @@ class _Gif(PillowWriter):
 
     _frames: list[Any]
 
+    def grab_frame(self, **settings: Any) -> None:
+        """Store a frame; a `_Pictures` has it as an image."""
+        if isinstance(self.fig, _Pictures):
+            self._frames.append(self.fig.image())
+        else:
+            super().grab_frame(**settings)
+            self._frames[-1] = self._frames[-1].convert("RGB")
+
     def finish(self) -> None:
         """Write all pictures, each with its duration (ms)."""
-        first, *others = self._frames
+        palette = _palette(
+            self._frames[0], self._frames[-1]
+        )  # one for all frames: each of its own takes longer
+        plain = Image.Dither.NONE
+        first, *others = (it.quantize(palette=palette, dither=plain) for it in self._frames)
         ends = [round(100.0 * k / self.fps) for k in range(len(self._frames) + 1)]
         durations = [10 * (after - before) for before, after in itertools.pairwise(ends)]
         settings = {"save_all": True, "append_images": others, "duration": durations, "loop": 0}
         first.save(self.outfile, **settings)
 
 
+def _palette(*frames: Image.Image) -> Image.Image:
+    """Return a picture whose palette has the most frequent colours of frames, well separated."""
+    found: list[Any] = []
+    for frame in frames:
+        found += frame.getcolors(frame.width * frame.height) or []
+    chosen: list[Any] = []
+    for _, colour in sorted(found, reverse=True):
+        if all(np.abs(np.subtract(colour, it)).max() > 8 for it in chosen):
+            chosen.append(colour)
+        if len(chosen) == 256:
+            break
+    palette = Image.new("P", (1, 1))
+    palette.putpalette([value for colour in chosen for value in colour])
+    return palette
+
+
 class _Pictures:
     """A figure of which only what moves is drawn for each picture."""
 
-    def __init__(self, scene: Scene) -> None:
+    def __init__(self, scene: Scene, dpi: float | str | None = None) -> None:
         self._scene, self.number = scene, 0
         self._shown_in = scene.figure.canvas
-        wanted = mpl.rcParams["savefig.dpi"]
+        wanted = mpl.rcParams["savefig.dpi"] if dpi is None else dpi
         self.dpi = self._shown_in.figure.dpi if wanted == "figure" else wanted
         self._dpi_before = scene.figure.dpi
 
@@ -123,13 +165,17 @@ class _Pictures:
         """Return width and height, as a figure."""
         return self._scene.figure.get_size_inches()
 
-    def savefig(self, file: io.BytesIO, **settings: Any) -> None:
-        """Write the picture of the present number as PNG."""
+    def image(self) -> Image.Image:
+        """Draw the picture of the present number."""
         self._canvas.restore_region(self._still)
         self._scene.show(self.number)
         for artist in self._moving:
             artist.axes.draw_artist(artist)
-        Image.fromarray(np.asarray(self._canvas.buffer_rgba())).convert("RGB").save(file, "png")
+        return Image.fromarray(np.asarray(self._canvas.buffer_rgba())).convert("RGB")
+
+    def savefig(self, file: io.BytesIO, **settings: Any) -> None:
+        """Write the picture of the present number as PNG."""
+        self.image().save(file, "png")
 
 
 def _depth(artist: Any) -> tuple[float, int]:
