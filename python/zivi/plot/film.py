@@ -139,8 +139,8 @@ class _Pictures:
     def __init__(self, scene: Scene, dpi: float | str | None = None) -> None:
         self._scene, self.number = scene, 0
         self._shown_in = scene.figure.canvas
-        wanted = mpl.rcParams["savefig.dpi"] if dpi is None else dpi
-        self.dpi = self._shown_in.figure.dpi if wanted == "figure" else wanted
+        wanted: Any = mpl.rcParams["savefig.dpi"] if dpi is None else dpi
+        self.dpi: float = self._shown_in.figure.dpi if wanted == "figure" else wanted
         self._dpi_before = scene.figure.dpi
 
     def __enter__(self) -> _Pictures:
