@@ -33,7 +33,7 @@ def spring_and_damper(depth, rate):
     return 1e4 * depth + 20 * rate
 
 
-@pytest.mark.parametrize(("tolerance", "most"), [(1e-6, 460), (1e-8, 540), (1e-11, 910)])
+@pytest.mark.parametrize(("tolerance", "most"), [(1e-6, 440), (1e-8, 500), (1e-11, 910)])
 @pytest.mark.parametrize("law", [zivi.SpringDamper(1e4, 20.0), spring_and_damper])
 def test_a_ball_on_a_spring_and_damper(law, tolerance, most):
     sol = drop(law, tolerance)
@@ -245,6 +245,8 @@ def test_linear_systems_and_batches_have_them():
     linear = zivi.LinearSystem([[1.0]], [[0.0]], [[0.0]], excitation=[-G], gaps=[floor])
     sol = zivi.simulate(linear, (0, 2), ([1.0], [0.0]), METHOD)
     assert np.abs(switches(sol) - SWITCHES).max() < 1e-9
+    # waves and tables hide no pulses: their flights are not probed
+    assert sol.nfev == drop(floor.contact).nfev
     batch = zivi.simulate_batch(
         [linear, linear], (0, 2), ([[1.0], [0.5]], [[0.0], [0.0]]), method=METHOD
     )

@@ -35,6 +35,9 @@ const PART: f64 = 1e-2;
 /// The factor for a step in which the direction of a slip turns, instead of one in which it is kept and the slip does not
 /// end.
 const UNFROZEN: f64 = 2.0 / 3.0;
+/// The part of the time in which the rate of an opened compliant gap falls to zero, at the acceleration at its opening,
+/// that the first step takes at most.
+const RISE: f64 = 0.9;
 /// Contacts that open so often at one instant open whatever the force does next.
 const OFTEN: u32 = 8;
 
@@ -328,6 +331,13 @@ impl SmoothMotion {
         let end = self.pulses.end(now.t, self.probes.end(mode, now.t, t_end));
         if end < t_end {
             plan.h = plan.h.min(end - now.t);
+        }
+        // a step that must end while compliant gaps that have opened still rise
+        for gap in mode.unloaded.iter() {
+            let (rate, slope) = (now.xdot[n + gap], state.slope()[n + gap]);
+            if slope < 0.0 && rate > 0.0 {
+                plan.h = plan.h.min(RISE * rate / -slope);
+            }
         }
         Ok(plan)
     }
