@@ -106,9 +106,8 @@ class _Gif(PillowWriter):
 
     def finish(self) -> None:
         """Write all pictures, each with its duration (ms)."""
-        palette = _palette(
-            self._frames[0], self._frames[-1]
-        )  # one for all frames: each of its own takes longer
+        # one palette for all frames: a palette for each takes longer
+        palette = _palette(self._frames[0], self._frames[-1])
         plain = Image.Dither.NONE
         first, *others = (it.quantize(palette=palette, dither=plain) for it in self._frames)
         ends = [round(100.0 * k / self.fps) for k in range(len(self._frames) + 1)]
