@@ -175,6 +175,16 @@ def test_outliers_need_a_robust_loss():
     assert abs(plain.values["x0"] - 1) > 3 * abs(robust.values["x0"] - 1)
 
 
+def test_a_loss_with_local_minima_of_its_own_is_approached_by_a_convex_one():
+    t = np.linspace(0.05, 3.0, 80)
+    values = heights(t, 0.78) + 2e-3 * np.random.default_rng(1).standard_normal(80)
+    values[::9] += 0.3
+    data = zivi.Record(t, values, 2e-3)
+    fit = zivi.fit(BALL, data, ("e", "x0"), y0=(1, 0), loss="arctan", starts=2)
+    assert fit.values["e"] == pytest.approx(0.78, abs=5e-4)
+    assert fit.found == 2
+
+
 def test_a_prior_is_a_measurement():
     times = bounce_times(0.78, 6)
     data = zivi.Bounces(times, sigma=1e-3)
@@ -204,6 +214,42 @@ def test_experiments_share_parameters_and_have_their_own():
     assert fit.names == ("e", "x0@0", "x0@1")
     assert np.allclose(fit.x, [0.7, 0.5, 1.5], atol=1e-6)
     assert len(fit.trajectories) == len(fit.residuals) == 2
+
+
+def test_bounces_of_two_experiments_are_matched_together():
+    clicks = zivi.Bounces(bounce_times(0.78, 12), sigma=1e-3)
+    runs = [zivi.Experiment(clicks, y0=(height, 0)) for height in (1.0, 1.1)]
+    ball, prior = BALL.replace(damping=0.05), {"e": (0.8, 0.1)}
+    fit = zivi.fit(ball, runs, ("e", "damping"), own="x0", prior=prior, starts=1)
+    assert np.allclose(fit.x, [0.78, 0.0, 1.0, 1.0], atol=1e-4)
+    assert fit.missed == 0
+
+
+def test_deviations_that_are_too_small_are_said_and_do_not_make_bounces_spurious():
+    times = bounce_times(0.78, 8) + 1e-3 * np.random.default_rng(0).standard_normal(8)
+    known = zivi.fit(BALL, zivi.Bounces(times, 1e-3), "e", y0=(1, 0), starts=1)
+    fit = zivi.fit(BALL, zivi.Bounces(times, 3e-5), "e", y0=(1, 0), starts=1)
+    assert abs(fit.values["e"] - known.values["e"]) < 4 * known.std["e"]
+    assert np.count_nonzero(fit.matches[0] == SPURIOUS) <= 4
+    assert any("times the given sigma" in note for note in fit.notes)
+    assert not any("given sigma" in note for note in known.notes)
+    held = zivi.fit(
+        BALL, zivi.Bounces(times, 1e-3), "e", y0=(1, 0), bounds={"e": (0, 0.7)}, starts=1
+    )
+    assert held.at_bound == {"e": 0.7}
+
+
+def test_the_force_of_a_mass_on_its_wall_and_its_distance_are_fitted():
+    table = zivi.HarmonicWall(amplitude=0.009, omega=20.0, phase=0.0)
+    ball = zivi.ImpactSystem(zivi.LinearForce(gravity=9.0), e=0.3, wall=table)
+    t = np.linspace(1.0, 3.0, 40)
+    data = zivi.Record(t, 9.81 - 0.01 * 20.0**2 * np.cos(20.0 * t), 1e-2, of="reaction")
+    fit = zivi.fit(ball, data, ("gravity", "wall.amplitude"), y0=(0.1, 0), starts=1)
+    assert np.allclose(fit.x, [9.81, 0.01], atol=1e-6)
+    t = np.linspace(0.05, 2.0, 40)
+    data = zivi.Record(t, heights(t, 0.78), 1e-3, of="wall")
+    fit = zivi.fit(BALL, data, "e", y0=(1, 0), starts=1)
+    assert fit.values["e"] == pytest.approx(0.78, abs=1e-6)
 
 
 def drop(floor):
@@ -363,7 +409,9 @@ def test_bad_data_are_named(make, words):
 
 
 def test_unknown_quantities_are_named():
-    with pytest.raises(ValueError, match="of must be one of x, xdot or a function, got 'y'"):
+    with pytest.raises(
+        ValueError, match="of must be one of x, xdot, wall, reaction or a function, got 'y'"
+    ):
         zivi.fit(BALL, zivi.Record([0.1, 0.2], [1, 1], of="y"), "e", y0=(1, 0))
     with pytest.raises(ValueError, match="gap must be one of wall"):
         zivi.fit(BALL, zivi.Bounces([0.1, 0.2], gap="floor"), "e", y0=(1, 0))

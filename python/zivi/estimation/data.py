@@ -144,7 +144,7 @@ class Record:
         Measured quantity: a coordinate (``"x"`` for one mass), a velocity (``"xdot"``), a gap by
         its name, ``"reaction"`` (the contact force; ``"reaction.floor"`` of one of several gaps),
         or a function ``f(t, q, qdot) -> float`` of the state. For one mass `q` and `qdot` are
-        numbers.
+        numbers, ``"wall"`` is its gap, and the reaction is that of unit mass.
 
     Raises
     ------

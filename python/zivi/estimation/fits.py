@@ -13,7 +13,7 @@ from zivi.base.habits import hinted
 from zivi.estimation.data import Bounces, Data, Experiment, as_experiments
 from zivi.estimation.result import Fit, FitState, FitStatus, Uncertainty, estimate
 from zivi.estimation.runs import ExperimentRun, NoRunError, Unknowns, read_unknowns
-from zivi.estimation.search import LOSSES, FitProblem, Optimum, fit_all, from_data, grow
+from zivi.estimation.search import LOSSES, FitProblem, Optimum, fit_all, from_data, grow, match_most
 from zivi.simulation.methods import SwitchedRK
 from zivi.system.mass import check_system
 from zivi.system.mechanism import MechanicalSystem
@@ -25,6 +25,8 @@ NOTHING = 1e-6
 """The same, absolute: costs of data without noise."""
 RESCALED = 5
 """Estimates of unknown standard deviations."""
+LARGE = 2.0
+"""Root mean square of residuals in standard deviations from which on a note says so."""
 FEW = 4
 """Alignments from the data alone that the later starts try."""
 
@@ -50,7 +52,8 @@ def fit(
 
     The residual of a run with impacts is smooth only while the sequence of impacts stays. Each
     start fits nine growing parts of the record, each from the values of the last one. Times of
-    bounces are aligned with predicted ones, some missed and some spurious.
+    bounces are aligned with predicted ones, some missed and some spurious. A note says if residuals
+    are more than twice their given standard deviations.
 
     Parameters
     ----------
@@ -160,6 +163,8 @@ def _searched(problem: FitProblem, first: Array, progress: bool | None) -> Fit:
         if best is None:
             raise ValueError(f"no start has a run up to the end of the data: {problem.message}")
         best = _finished(problem, best)
+        if problem.dismisses(best.alignments):
+            best = match_most(problem, first[0], alone[:FEW]) or best
     except KeyboardInterrupt as error:
         best = _best(ends) or problem.latest
         if best is not None:
@@ -302,9 +307,27 @@ def _notes(
     spurious = sum(it.spurious for it in best.alignments.values())
     if missed or spurious:
         notes.append(f"alignment of bounces: {missed} missed, {spurious} spurious")
+    notes += _size_notes(problem, best, motions)
     for reason in dict.fromkeys(run.reason for run in problem.runs if run.reason):
         notes.append(f"derivatives are differences of runs: {reason}")
     return notes + _sequence_notes(problem, spread, motions)
+
+
+def _size_notes(problem: FitProblem, best: Optimum, motions: Sequence[Any]) -> list[str]:
+    """Say which residuals are larger than their given standard deviations."""
+    whole, notes = problem.window(1.0), []
+    for place, it in problem.data.items():
+        if it.sigma is None or problem.loss != "linear":
+            continue
+        motion = motions[place.experiment]
+        r, _ = problem.of_data(place, best.p, motion, whole, best.alignments)
+        size = float(np.sqrt(np.mean(r**2))) if len(r) else 0.0
+        if size > LARGE:
+            notes.append(
+                f"residuals of {it!r} are {size:.3g} times the given sigma: sigma is too small, "
+                "or the model is incomplete"
+            )
+    return notes
 
 
 def _sequence_notes(problem: FitProblem, spread: Uncertainty, motions: Sequence[Any]) -> list[str]:

@@ -392,6 +392,22 @@ class _Reaction:
         return Prediction(self.at(motion, t), motion.differences(lambda run: self.at(run, t)))
 
 
+class _MassReaction(_Reaction):
+    """The contact force of one mass at rest on its wall, of unit mass; 0 in flight."""
+
+    def at(self, motion: Motion, t: Array) -> Array:
+        """Return samples of the force."""
+        later = np.maximum(t, motion.start)
+        (x, v), system = np.asarray(motion.trajectory(later)), motion.moved[0]
+        w, wdot, bend = np.zeros((3, len(t)))
+        if (wall := motion.trajectory._wall) is not None:
+            w, wdot, bend = map(np.asarray, wall(later))
+        found = np.zeros(len(t))
+        for k in np.flatnonzero((x == 0.0) & (v == 0.0)):
+            found[k] = bend[k] - system.force(float(later[k]), float(w[k]), float(wdot[k]))
+        return found
+
+
 def _measured_quantity(of: Any, system: Any, n: int) -> Any:
     """Read what a `Record` measures."""
     if isinstance(system, ImpactSystem):
@@ -412,7 +428,9 @@ def _measured_quantity(of: Any, system: Any, n: int) -> Any:
 def _quantity_of_mass(of: Any) -> Any:
     if callable(of):
         return _Function(lambda _, t, q, v: float(of(t, float(q[0]), float(v[0]))))
-    return _known(of, {"x": _StateEntry(0, 0), "xdot": _StateEntry(1, 0)})
+    position = _StateEntry(0, 0)
+    known = {"x": position, "xdot": _StateEntry(1, 0), "wall": position}
+    return _known(of, {**known, "reaction": _MassReaction(0)})
 
 
 def _known(of: str, known: dict[str, Any]) -> Any:

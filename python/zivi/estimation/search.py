@@ -202,6 +202,12 @@ REACHES = (0.3, 0.3, 1.0, 0.3, 1.0, 0.1, 0.3, 1.0, 0.1, 0.3, 1.0, 1.0)
 """How far these values lie, as parts of the way to a random point of the bounds."""
 CANDIDATES = 6
 """Sets of missed and spurious bounces that are tried from the data alone."""
+MOST_SUGGESTED = 20
+"""Alignments from the data alone of all data sets together."""
+CONVEX = {"cauchy": "soft_l1", "arctan": "soft_l1"}
+"""Losses without local minima of their own, for all windows before the last fit."""
+WIDER = 4.0 ** np.arange(1, 7)
+"""Factors of standard deviations that are too small to explain most bounces."""
 
 
 LOSSES: dict[str, tuple[Callable[[Array], Array], Callable[[Array], Array]]] = {
@@ -266,6 +272,7 @@ class FitProblem:
     ) -> None:
         self.generator = np.random.default_rng(seed)
         self.unknowns, self.runs, self.loss = unknowns, list(runs), loss
+        self.wanted_loss = loss
         self.data: dict[Place, Data] = {
             Place(k, i): it
             for k, run in enumerate(self.runs)
@@ -398,6 +405,10 @@ class FitProblem:
         lost = sum(it.missed + it.spurious for it in found.alignments.values())
         return bool(squares < n + 4.0 * np.sqrt(2.0 * n) and lost <= n / 3.0)
 
+    def dismisses(self, alignments: Alignments) -> bool:
+        """Whether more than half of the times of a data set would be spurious."""
+        return any(2 * it.spurious > len(it.index) for it in alignments.values())
+
     def penalties(self, alignments: Alignments) -> float:
         """Return the cost of missed and spurious bounces."""
         total = 0.0
@@ -480,6 +491,7 @@ def solve(
     most: int = EVALUATIONS,
     tolerance: float = 1e-8,
     wider: Sequence[float] = (),
+    fixed: bool = False,
 ) -> Optimum:
     """Minimise over a window; alignments are kept for a whole least squares, and then redone.
 
@@ -499,13 +511,15 @@ def solve(
         Tolerance of the last one.
     wider : sequence of float
         Factors of the standard deviations of the first alignments.
+    fixed : bool
+        Keep the first alignments.
 
     Raises
     ------
     NoRunError
         If there is no run at `p`.
     """
-    bouncing = any(isinstance(it, Bounces) for it in problem.data.values())
+    bouncing = not fixed and any(isinstance(it, Bounces) for it in problem.data.values())
     factors = [*wider, *[1.0] * REALIGNED] if bouncing else [1.0]
     p = problem.unknowns.clipped(p)
     if alignments is None:
@@ -554,11 +568,19 @@ def grow(problem: FitProblem, p: Array, alone: Sequence[Alignments] = ()) -> Opt
     """
     found: list[Optimum] = []
     for first in (*alone, None):
+        problem.loss = CONVEX.get(problem.wanted_loss, problem.wanted_loss)
         try:
-            found.append(_grown(problem, p, first))
+            grown = _grown(problem, p, first)
+            if problem.loss != problem.wanted_loss:
+                problem.loss = problem.wanted_loss
+                whole = problem.window(1.0)
+                grown = solve(problem, grown.p, whole, grown.alignments, most=LAST)
+            found.append(grown)
         except NoRunError as error:
             problem.message = str(error)
             continue
+        finally:
+            problem.loss = problem.wanted_loss
         if problem.explains(found[-1]):
             break
     if not found:
@@ -584,10 +606,9 @@ def _grown(problem: FitProblem, p: Array, first: Alignments | None) -> Optimum:
             if any(len(it.index) < window.rows[place] for place, it in alignments.items()):
                 alignments = None
         wider = problem.widths() if first is None else ()
+        most, fixed = LAST if whole else EVALUATIONS, alignments is not None and not whole
         try:
-            found = solve(
-                problem, p, window, alignments, most=LAST if whole else EVALUATIONS, wider=wider
-            )
+            found = solve(problem, p, window, alignments, most=most, wider=wider, fixed=fixed)
         except NoRunError:
             if whole:
                 raise
@@ -619,20 +640,36 @@ def _moved_on(
 
 
 def from_data(problem: FitProblem) -> list[Alignments]:
-    """Return alignments that one set of bounces suggests without a run."""
-    places = [place for place, it in problem.data.items() if isinstance(it, Bounces)]
-    if len(places) != 1:
+    """Return alignments that the sets of bounces suggest without a run.
+
+    The likeliest of each set together, the second likeliest, and so on; then one set at a time.
+    """
+    options = {
+        place: _suggested(it, problem.sigma[place])
+        for place, it in problem.data.items()
+        if isinstance(it, Bounces)
+    }
+    if not options:
         return []
-    it: Any = problem.data[places[0]]
-    penalty = min(it.missed, it.spurious)
-    rows = geometric_indices(it.times, problem.sigma[places[0]], penalty, CANDIDATES)
+    ranks = range(max(map(len, options.values())))
+    found = [{place: rows[min(k, len(rows) - 1)] for place, rows in options.items()} for k in ranks]
+    if len(options) > 1:
+        for k in ranks[1:]:
+            found += [found[0] | {it: rows[k]} for it, rows in options.items() if k < len(rows)]
+    return found[:MOST_SUGGESTED]
+
+
+def _suggested(data: Bounces, sigma: Array) -> list[Alignment]:
+    penalty = min(data.missed, data.spurious)
+    rows = geometric_indices(data.times, sigma, penalty, CANDIDATES)
     # the first impacts may be missed too, which intervals do not show
     rows = [
-        *rows,
-        np.arange(len(it.times)),
+        *rows[: CANDIDATES // 2],
+        np.arange(len(data.times)),
+        *rows[CANDIDATES // 2 :],
         *(shifted_indices(row, k) for k in (1, 2) for row in rows[:3]),
     ]
-    return [{places[0]: counted_missed(index, 0)} for index in rows]
+    return [counted_missed(index, 0) for index in rows]
 
 
 def shifted_indices(index: Any, by: int) -> Any:
@@ -644,3 +681,30 @@ def fit_all(problem: FitProblem, start: Optimum) -> Optimum:
     """Minimise over all data to the accuracy of the runs."""
     whole = problem.window(1.0)
     return solve(problem, start.p, whole, start.alignments, most=200, tolerance=1e-10)
+
+
+def match_most(problem: FitProblem, p: Array, alone: Sequence[Alignments]) -> Optimum | None:
+    """Fit bounces of which the given standard deviations explain less than half.
+
+    They are matched as if these deviations were larger, and then fitted with the given ones.
+    Return None where no deviation helps.
+    """
+    given = dict(problem.sigma)
+    bouncing = [place for place, it in problem.data.items() if isinstance(it, Bounces)]
+    found = None
+    try:
+        for factor in WIDER:
+            problem.sigma.update({place: factor * given[place] for place in bouncing})
+            found = grow(problem, p, alone)
+            if not problem.dismisses(found.alignments):
+                break
+        else:
+            return None
+    except NoRunError:
+        return None
+    finally:
+        problem.sigma.update(given)
+    whole = problem.window(1.0)
+    end = problem.least_squares(found.p, whole, found.alignments, 200, 1e-10)
+    cost = float(end.cost) + problem.penalties(found.alignments)
+    return Optimum(end.x, cost, found.alignments, end.status > 0)
