@@ -227,7 +227,7 @@ def parsed(letters: Sequence[str], gaps: Sequence[str]) -> Word:
         For a letter or a gap that there is not, or an order that contradicts itself.
     """
     if not 1 <= len(letters) <= MOST_LETTERS:
-        raise ValueError(f"start: a word has from 1 to {MOST_LETTERS} letters, got {len(letters)}")
+        raise ValueError(f"start must have 1 to {MOST_LETTERS} event symbols, got {len(letters)}")
     events = [_read_event(str(letter), list(gaps)) for letter in letters]
     first: dict[int, str] = {}
     for kind, gap in events:
@@ -259,7 +259,7 @@ def of_events(events: Sequence[tuple[str, int]], closed: Sequence[int]) -> Word:
 def _read_event(letter: str, gaps: list[str]) -> tuple[str, int]:
     kind, _, name = letter.strip().partition(" ")
     if kind not in LETTERS or len(kind) != 1:
-        raise ValueError(f"start: a letter is one of I, S, Z, L, P, got {letter!r}")
+        raise ValueError(f"start: an event symbol is one of I, S, Z, L, P, got {letter!r}")
     if kind == "P":
         return kind, -1
     if name in gaps:
