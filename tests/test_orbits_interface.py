@@ -144,10 +144,10 @@ def test_words_of_contacts_and_accumulations_tell_all():
     held = zivi.periodic_orbit(plastic, zivi.simulate(plastic, (0, 400), ([0, 0], [0, 0])))
     assert_orbit(held)
     assert held.word == ("S stop", "L stop")
-    # chains are written in short, and a word has at most 64 letters
+    # chains are written in short, and an event sequence has at most 64 symbols
     assert "'L road Z road'" in repr(rests)
     many = (["I stop"] * 65, np.linspace(0.0, 5.0, 65))
-    with pytest.raises(ValueError, match="1 to 64 letters"):
+    with pytest.raises(ValueError, match="1 to 64 event symbols"):
         zivi.periodic_orbit(chain2(), many)
 
 
