@@ -213,6 +213,25 @@ def test_stops_keep_the_order_of_the_method(case):
     assert np.log(coarse / fine) / np.log(many / few) > 7.0
 
 
+def test_steps_of_one_length_keep_the_order_through_a_stop():
+    stop, x, y = PUCKS[3.0, 3.3]
+    errors = []
+    for h in (0.08, 0.04, 0.02, 0.01):
+        fixed = zivi.SwitchedRK(rtol=0.9, atol=1e3, max_step=h, first_step=h)
+        sol = zivi.simulate(puck(3.0, 3.3), (0, 1), thrown(), fixed)
+        errors.append(np.abs([first(sol.transitions, 0) - stop, *(sol.q[-1, :2] - [x, y])]).max())
+    assert (np.log2(np.divide(errors[:-1], errors[1:])) > 7.5).all()
+    assert errors[-1] < 1e-13
+
+
+@pytest.mark.parametrize("case", PUCKS, ids=str)
+def test_limits_of_slip_cost_no_evaluations_besides_the_stages(case):
+    # twelve stages a step; the normal force and its regularity are those at the stages
+    for tol in TOLERANCES:
+        sol = zivi.simulate(puck(*case), (0, 1), thrown(), adaptive(tol))
+        assert sol.nfev < 16 * (sol.n_steps + sol.n_rejected) + 40
+
+
 @pytest.mark.parametrize("seed", range(4))
 def test_energy_is_kept_or_dissipated(seed):
     rng = np.random.default_rng([19, seed])

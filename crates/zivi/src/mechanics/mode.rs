@@ -109,6 +109,9 @@ pub(super) struct ContactProbes {
     pub(super) horizon: f64,
 }
 
+/// The largest distance of two stages of a step that is explicit with order 8, or implicit.
+const STAGES_APART: f64 = 0.31;
+
 impl ContactProbes {
     /// Where a step from `t` to `until` at most ends at the latest, with these gaps closed.
     pub(super) fn end(&mut self, mode: ContactMode, t: f64, until: f64) -> f64 {
@@ -122,6 +125,11 @@ impl ContactProbes {
     /// How far the end of the run was ahead when these gaps closed (s).
     pub(super) fn horizon(&self) -> f64 {
         self.horizon
+    }
+
+    /// Whether a step of length `h` from `t` is probed, up to `end` (s) after that, between its stages.
+    pub(super) fn want(&self, t: f64, end: f64, h: f64) -> bool {
+        self.probes.wants(self.horizon, (t, end), STAGES_APART * h)
     }
 }
 
@@ -212,6 +220,51 @@ pub(super) struct AtEnd {
     pub(super) steepness: Vec<f64>,
     /// Equality rows there, and the gradients of gaps and slips.
     pub(super) equalities: Option<Box<(Equalities, Vec<f64>)>>,
+    /// The limits at the stages, where contacts have two directions.
+    pub(super) ranges: StageRanges,
+}
+
+/// The least and the largest of each limit of the mode at the stages of a step and of its attempts, and whether
+/// directions that stick turned.
+#[derive(Clone, Debug, Default)]
+pub(super) struct StageRanges {
+    limits: Vec<[f64; 2]>,
+    directions: Option<Vec<f64>>,
+    turns: bool,
+    is_unknown: bool,
+}
+
+impl StageRanges {
+    /// From the start of a step on, where the limits are these.
+    pub(super) fn begin(&mut self, levels: &[f64]) {
+        self.limits.clear();
+        self.limits.extend(levels.iter().map(|&level| [level; 2]));
+        (self.directions, self.turns, self.is_unknown) = (None, false, false);
+    }
+
+    /// Takes the limits at a stage, where the forces have been computed.
+    fn see(&mut self, kinetics: &mut Kinetics, mode: ContactMode) {
+        if self.is_unknown || self.limits.is_empty() {
+            return;
+        }
+        let levels = kinetics.limits(mode);
+        self.is_unknown = !kinetics.undetermined.is_empty() || levels.len() != self.limits.len();
+        for (range, level) in self.limits.iter_mut().zip(&levels) {
+            *range = [range[0].min(level.value), worse(range[1], level.value)];
+        }
+        if !mode.stick.is_empty() {
+            let now = kinetics.directions(mode.stick);
+            self.turns |= self.directions.as_ref().is_some_and(|before| *before != now);
+            self.directions = Some(now);
+        }
+    }
+
+    /// Whether all limits stay far from zero: they vary by less than the least of them. Then whether directions turn.
+    pub(super) fn surely_positive(&self) -> Option<bool> {
+        let far = |&[least, largest]: &[f64; 2]| least > 0.0 && largest - least < least;
+        let is_sure = !self.is_unknown && !self.limits.is_empty();
+        (is_sure && self.limits.iter().all(far)).then_some(self.turns)
+    }
 }
 
 impl AtEnd {
@@ -219,7 +272,7 @@ impl AtEnd {
         let (zeros, rate) = (vec![0.0; layout.m], vec![0.0; layout.rows()]);
         let (lambda, levels) = (vec![0.0; layout.forces()], Vec::new());
         let (gap, steepness, equalities) = (zeros.clone(), zeros, None);
-        Self { lambda, levels, gap, rate, steepness, equalities }
+        Self { lambda, levels, gap, rate, steepness, equalities, ranges: StageRanges::default() }
     }
 }
 
@@ -242,6 +295,9 @@ impl<E, D: Dynamics<E>> Equation<Vec<f64>, Failure<E>> for InContact<'_, '_, D> 
         into.copy_from_slice(&self.kinetics.acceleration);
         if let Some(power) = into.get_mut(n + self.kinetics.layout.rows()) {
             *power = self.kinetics.friction_power(self.mode, &at.xdot[n..]);
+        }
+        if let Some(end) = self.at_end.as_mut().filter(|_| self.kinetics.has_cones()) {
+            end.ranges.see(self.kinetics, self.mode);
         }
         Ok(())
     }

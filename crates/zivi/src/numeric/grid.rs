@@ -172,6 +172,11 @@ impl Probes {
         }
     }
 
+    /// Whether there are probes of such a window: see [`Self::deviation`].
+    pub(crate) fn wants(&self, horizon: f64, (t, end): (f64, f64), apart: f64) -> bool {
+        t + end > self.clear && apart > (1.0 + GOLDEN) * self.spacing.min(horizon / PROBES)
+    }
+
     /// Probes a window between the times `t` and `t + end`, where the farthest end of the search is
     /// `horizon` after its start and the nodes of the polynomial are at most `apart`. `conforms`
     /// returns whether the function agrees with the polynomial at a time after `t`.

@@ -38,6 +38,8 @@ const UNFROZEN: f64 = 2.0 / 3.0;
 /// The part of the time in which the rate of an opened compliant gap falls to zero, at the acceleration at its opening,
 /// that the first step takes at most.
 const RISE: f64 = 0.9;
+/// So few stages leave limits unknown between them.
+const SPARSE: usize = 8;
 /// Contacts that open so often at one instant open whatever the force does next.
 const OFTEN: u32 = 8;
 
@@ -79,6 +81,8 @@ pub(super) struct SmoothMotion {
     flights: Flights,
     /// From when on the motion within steps is requested (s).
     drawn_from: f64,
+    /// In which time a slip in two directions would have ended at the start of the last step (s).
+    slip_left: f64,
     /// How long steps were last with other compliant gaps pressed (s).
     lengths: Vec<(GapSet, f64)>,
 }
@@ -103,6 +107,7 @@ impl SmoothMotion {
             linear: None,
             flights: if layout.p > 0 { Flights::RungeKutta } else { settings.flights },
             drawn_from: f64::INFINITY,
+            slip_left: f64::INFINITY,
             lengths: Vec::new(),
         }
     }
@@ -302,6 +307,7 @@ impl SmoothMotion {
         if !state.kinetics().has_cones() {
             return Flying { motion: self, state, model, t_end }.fly(plan, shortest);
         }
+        self.at_end.ranges.begin(state.levels());
         let slides = self.slides(&mut plan, state);
         let mut flying = Flying { motion: self, state, model, t_end };
         match slides {
@@ -519,9 +525,23 @@ impl<'m, D> Flying<'_, 'm, D> {
             let released = self.motion.at_end.levels.iter().position(|&level| level < 0.0);
             return Ok(released.map_or(Release::None, |number| Release::At(1.0, number)));
         }
-        self.complete()?;
         let mut probes = self.motion.probes;
-        let looking = self.motion.steps.limits().adaptive.then_some(&mut probes);
+        let adaptive = self.motion.steps.limits().adaptive;
+        if self.state.kinetics().has_cones() {
+            self.finish()?;
+            let last = self.motion.last();
+            let is_probed = adaptive
+                && !self.model.dynamics.is_steady()
+                && probes.want(last.from.t, end * last.h, last.h);
+            let is_close = last.pair.b.len() > SPARSE;
+            let sure = self.motion.at_end.ranges.surely_positive();
+            if let Some(turns) = sure.filter(|_| is_close && !is_probed) {
+                self.motion.turns = turns;
+                return Ok(Release::None);
+            }
+        }
+        self.complete()?;
+        let looking = adaptive.then_some(&mut probes);
         let mut along = self.along();
         let release = lift_off::first_release(&mut along, end, looking);
         self.motion.turns = along.turns;
@@ -759,6 +779,9 @@ impl<D> Flying<'_, '_, D> {
             || self.model.dynamics.is_autonomous()
         {
             return Ok(None);
+        }
+        if self.state.kinetics().has_cones() {
+            self.complete()?;
         }
         // aside: the step itself is completed if somebody asks for that
         let (mut step, mode) = (self.motion.last().clone(), self.state.mode());

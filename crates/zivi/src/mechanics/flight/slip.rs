@@ -21,6 +21,7 @@ use crate::numeric::dense::largest;
 use crate::numeric::elimination::Elimination;
 use crate::numeric::stages::{factor, worse, Equation, Plan, RETREAT};
 use crate::piecewise::flight::{StepDecision, SteppedFlight};
+use crate::piecewise::steps::StepHistory;
 use crate::record::gap_set::{ContactMode, GapSet};
 use crate::record::status::Failure;
 use crate::system::dynamics::Dynamics;
@@ -38,20 +39,49 @@ const STIFF: f64 = 8.0;
 const LAST: f64 = 1.2;
 /// What a direction that is kept may leave, relative to the tolerance, and at least.
 const KEPT: (f64, f64) = (1e-2, 1e-13);
+/// Steps have the length `max_step` rather than errors of a tolerance from this one on.
+const UNCONTROLLED: f64 = 1e-1;
+/// Steps become shorter with the time that is left from so many steps before its end on.
+const AHEAD_OF_END: f64 = 4.0;
 
 impl SmoothMotion {
     /// A slip speed that is below the tolerance, beside these velocities.
     pub(super) fn kept(&self, velocities: &[f64]) -> f64 {
         let limits = self.steps.limits();
-        let part = if limits.adaptive { KEPT.0 * limits.tolerances.rtol } else { 0.0 };
+        let controlled = limits.adaptive && limits.tolerances.rtol < UNCONTROLLED;
+        let part = if controlled { KEPT.0 * limits.tolerances.rtol } else { 0.0 };
         part.max(KEPT.1) * (1.0 + largest(velocities))
     }
 
+    /// Near the end of a slip errors of steps are those of parts of the time that is left: the next is as much shorter
+    /// than the last as that time is.
+    fn expect_end(&mut self, plan: &mut Plan, state: &MechanicalState) {
+        let first = state.layout().n + state.layout().m;
+        let left = |pair: [usize; 2]| {
+            let [x, y] = pair.map(|channel| state.now().xdot[first + channel]);
+            let [a, b] = pair.map(|channel| state.slope()[first + channel]);
+            let slows = -(x * a + y * b);
+            if slows > 0.0 {
+                (x * x + y * y) / slows
+            } else {
+                f64::INFINITY
+            }
+        };
+        let cones = state.kinetics().cones(state.mode().slipping());
+        let (before, now) = (self.slip_left, cones.map(left).fold(f64::INFINITY, f64::min));
+        self.slip_left = now;
+        let known = self.experience != StepHistory::NONE && self.steps.limits().adaptive;
+        if known && now < before && now < AHEAD_OF_END * plan.h {
+            plan.h *= now / before;
+        }
+    }
+
     /// How the slip goes on in the next step, whose length is limited by it.
-    pub(super) fn slides(&self, plan: &mut Plan, state: &MechanicalState) -> Slides {
+    pub(super) fn slides(&mut self, plan: &mut Plan, state: &MechanicalState) -> Slides {
         let (layout, now, kinetics) = (state.layout(), state.now(), state.kinetics());
         let first = layout.n + layout.m;
         let kept = self.kept(&now.xdot[..layout.n]);
+        self.expect_end(plan, state);
         let (mut stiff, mut ending, mut stopping) = (false, false, GapSet::EMPTY);
         let (mut longest, mut last) = (plan.h, f64::INFINITY);
         for pair in kinetics.cones(state.mode().slipping()) {
