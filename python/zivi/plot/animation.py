@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Any, TypeAlias, cast
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
@@ -25,6 +25,7 @@ from zivi.plot.look import (
     wall_of,
 )
 from zivi.plot.mechanics import drawn, is_mechanical
+from zivi.plot.wireframes import Lines, is_in_space, wireframes
 
 if TYPE_CHECKING:
     from matplotlib.animation import FuncAnimation
@@ -37,9 +38,6 @@ if TYPE_CHECKING:
     from zivi.simulation.trajectory import Trajectory
 
 # The pictures of a film of a mechanical system.
-
-Lines: TypeAlias = Callable[[float, "Array"], Sequence[tuple[Any, Any]]]
-"""Time and coordinates to what is seen: pairs of x and y of the points of each line."""
 
 
 class MechanicalScene:
@@ -54,7 +52,7 @@ class MechanicalScene:
     figure : matplotlib.figure.Figure
         Target of the drawing.
     bodies, walls : callable or None
-        Lines of the bodies and of the walls.
+        Lines of the bodies and of the walls, in the plane or in space.
     """
 
     def __init__(
@@ -69,11 +67,17 @@ class MechanicalScene:
         self._q, self._gaps = motion_at(run, times)
         self._curve = drawn(run, "gaps")
         self._given = bodies is not None
-        left, right = figure.subplots(1, 2, width_ratios=(1, 1.5))
         self._bodies = self._lines("bodies", bodies or coordinate_points)
         if walls is None and bodies is None:
             walls = linear_walls(run)
         self._walls = [] if walls is None else self._lines("walls", walls)
+        shown = [line for picture in (*self._bodies, *self._walls) for line in picture]
+        self._sides = len(shown[0]) if shown else 2
+        if any(len(line) != self._sides for line in shown):
+            raise ValueError("bodies and walls must be lines (x, y), or all of them (x, y, z)")
+        grid = figure.add_gridspec(1, 2, width_ratios=(1, 1.5))
+        space = {"projection": "3d"} if self._sides == 3 else {}
+        left, right = figure.add_subplot(grid[0], **space), figure.add_subplot(grid[1])
         self._draw_bodies(left)
         self._draw_gaps(right, run.gap_names)
 
@@ -83,7 +87,9 @@ class MechanicalScene:
         for t, q in zip(self._times, self._q, strict=True):
             given = lines(float(t), q.copy())
             try:
-                found.append([np.array(np.broadcast_arrays(x, y), float) for x, y in given])
+                found.append([np.array(np.broadcast_arrays(*line), float) for line in given])
+                if any(len(line) not in (2, 3) for line in found[-1]):
+                    raise ValueError
             except (TypeError, ValueError):
                 raise ValueError(
                     f"{name} must return pairs of x and y, numbers or arrays of one length, "
@@ -97,17 +103,21 @@ class MechanicalScene:
         return found
 
     def _draw_bodies(self, ax: Axes) -> None:
-        every = [line.reshape(2, -1) for picture in self._bodies for line in picture]
-        low, high = (f(np.hstack(every), axis=1) for f in (np.min, np.max))
+        every = [line.reshape(self._sides, -1) for picture in self._bodies for line in picture]
+        low, high = (f(np.hstack(every), axis=1) for f in (np.nanmin, np.nanmax))
         middle, half = (low + high) / 2, 0.6 * max(*(high - low), 1e-9)
-        ax.set(xlim=middle[0] + half * np.array([-1, 1]), ylim=middle[1] + half * np.array([-1, 1]))
+        for name, at in zip("xyz", middle, strict=False):
+            ax.set(**{f"{name}lim": at + half * np.array([-1, 1])})
         if self._given:
             ax.set_aspect("equal")
         else:
             ax.set(xlabel=point_label(self._names, 0), ylabel=point_label(self._names, 1))
-        self._stone = [ax.plot([], [], color=WALL, lw=3)[0] for _ in (self._walls or [[]])[0]]
+        none: list[list[float]] = [[]] * self._sides
+        thin = {"lw": 1.0} if self._sides == 3 else {"lw": 2.0, "marker": "o", "ms": 6}
+        wide = 0.5 if self._sides == 3 else 3.0
+        self._stone = [ax.plot(*none, color=WALL, lw=wide)[0] for _ in (self._walls or [[]])[0]]
         self._marks = [
-            ax.plot([], [], color=PALETTE[k % len(PALETTE)], marker="o", ms=6, lw=2)[0]
+            ax.plot(*none, color=PALETTE[k % len(PALETTE)], **thin)[0]
             for k in range(len(self._bodies[0]))
         ]
         self._clock = ax.set_title("", fontsize="medium")
@@ -128,11 +138,11 @@ class MechanicalScene:
 
     def show(self, number: int) -> list[Any]:
         """Draw one picture."""
-        for mark, (x, y) in zip(self._marks, self._bodies[number], strict=True):
-            mark.set_data(np.atleast_1d(x), np.atleast_1d(y))
         walls = self._walls[number] if self._walls else []
-        for stone, (x, y) in zip(self._stone, walls, strict=True):
-            stone.set_data(np.atleast_1d(x), np.atleast_1d(y))
+        lines = zip(self._marks + self._stone, (*self._bodies[number], *walls), strict=True)
+        for artist, line in lines:
+            move = artist.set_data_3d if self._sides == 3 else artist.set_data
+            move(*(np.atleast_1d(part) for part in line))
         t, past = self._times[number], self._curve[0] <= self._times[number]
         for curve, gap, here in zip(
             self._curves, self._curve[1].T, self._gaps[number], strict=True
@@ -224,6 +234,7 @@ def animate(
     *,
     bodies: Lines | None = None,
     walls: Lines | None = None,
+    shapes: Mapping[str, Any] | None = None,
     speed: float = 1.0,
     fps: float = 25.0,
     figure: Figure | None = None,
@@ -238,10 +249,14 @@ def animate(
     run : Trajectory, ClosedLoop or MechanicalTrajectory
         The run.
     bodies, walls : callable, optional
-        Shapes of the bodies of a mechanical system and of the walls: functions of time and
-        coordinates that return a list of lines, each ``(x, y)``, numbers or arrays of points. By
-        default two coordinates are those of a point, others are points side by side, and walls are
+        Lines of the bodies of a mechanical system and of the walls: functions of time and
+        coordinates that return a list of lines, each ``(x, y)`` or, in space, ``(x, y, z)``,
+        numbers or arrays of points. By default free bodies of a `Tree` are wireframes. Of other
+        systems two coordinates are those of a point, more are points side by side, and walls are
         where gaps that are linear in the coordinates close.
+    shapes : dict, optional
+        Shapes of free bodies and of the world by name, as `Tree` has them (`zivi.mechanics.Ball`,
+        `Box`, `Capsule`, `Plane`). Without them a free body is the axes of its frame.
     speed : float
         Seconds of the motion in a second of the animation, > 0.
     fps : float
@@ -258,7 +273,8 @@ def animate(
     Raises
     ------
     TypeError
-        If `bodies` or `walls` is given for a mass above a wall.
+        If `bodies` or `walls` is given for a mass above a wall, or `shapes` for a system without
+        free bodies.
     ValueError
         If `speed` or `fps` is not positive, the run has fewer than two samples, or the animation
         would have more than 20,000 frames.
@@ -287,6 +303,19 @@ def animate(
     ... )
     >>> film.to_jshtml().strip()[:5]
     '<link'
+
+    A box that is thrown on a floor, as a wireframe:
+
+    >>> shapes = {"box": zivi.mechanics.Box([0.1, 0.2, 0.1]), "floor": zivi.mechanics.Plane()}
+    >>> tree = zivi.Tree(
+    ...     [zivi.mechanics.Body("box", kind="free", mass=1.0, inertia=[0.017, 0.007, 0.017])],
+    ...     contacts=[zivi.mechanics.Contact("box", "floor", mu=0.3)],
+    ...     shapes=shapes,
+    ... )
+    >>> sol = zivi.simulate(tree, (0, 0.2), ([0, 0, 1, 1, 0, 0, 0], [1, 0, 0, 1, 2, 0]))
+    >>> film = zivi.plot.animate(sol, shapes=shapes, fps=10)
+    >>> film.to_jshtml().strip()[:5]
+    '<link'
     """
     mechanical = is_mechanical(run)
     for name, lines in (("bodies", bodies), ("walls", walls)):
@@ -294,6 +323,8 @@ def animate(
             raise TypeError(f"{name} must be a function (t, q), for a run of a mechanical system")
     if not mechanical:
         check_run("animate", run)
+    if shapes is not None and not (mechanical and bodies is None and is_in_space(run)):
+        raise TypeError("shapes must be given for a run with free bodies, without bodies")
     times = _frames(run, finite("speed", speed), finite("fps", fps))
     needed("matplotlib.animation", "animations")
     from zivi.plot.film import Film
@@ -302,6 +333,9 @@ def animate(
     scene: _MassScene | MechanicalScene
     if mechanical:
         system = cast("MechanicalTrajectory", run)
+        if bodies is None and is_in_space(run):
+            bodies, planes = wireframes(system, shapes)
+            walls = walls or planes
         scene = MechanicalScene(system, times, where, bodies, walls)
     else:
         scene = _MassScene(cast("Trajectory | ClosedLoop", run), times, where)
