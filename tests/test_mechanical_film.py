@@ -148,3 +148,58 @@ def test_floor_and_wall_are_drawn_where_the_gaps_close():
     floor = played(zivi.plot.animate(run, fps=5), 3)[3]
     assert floor.get_data()[1] == pytest.approx([0.5, 0.5])
     assert np.mean(floor.get_data()[0]) == 1.0
+
+
+SHAPES = {
+    "box": zivi.mechanics.Box([0.1, 0.2, 0.3]),
+    "ball": zivi.mechanics.Ball(0.2, body="bob"),
+    "rod": zivi.mechanics.Capsule(0.05, 0.3, [1, 2, 2], [0.1, 0, 0], body="box"),
+    "post": zivi.mechanics.Ball(0.1, [1, 0, 0.1]),
+    "floor": zivi.mechanics.Plane([0, 3, 4], offset=-1.0),
+}
+
+
+@pytest.fixture(scope="module")
+def flown():
+    bodies = [
+        zivi.mechanics.Body(name, kind="free", mass=1.0, inertia=[0.1, 0.2, 0.15])
+        for name in ("box", "bob")
+    ]
+    tree = zivi.Tree(bodies)
+    start = [0, 0, 1, 1, 0, 0, 0, 1, 1, 1, 1, 0, 0, 0], [1, 0, 0, 5, 2, 9, *[0] * 6]
+    return zivi.simulate(tree, (0, 1), start)
+
+
+def test_shapes_of_free_bodies_are_wireframes(flown):
+    film = zivi.plot.animate(flown, shapes=SHAPES, fps=10)
+    box, ball, rod, post, floor = (np.array(it.get_data_3d()) for it in played(film, 7)[:5])
+    at = flown.resample([0.7])
+    place, p = at.pose("box")
+    # distances of corners and of the axis of a capsule do not turn
+    far = np.linalg.norm(box.T - place, axis=1)
+    assert far[~np.isnan(far)] == pytest.approx(np.sqrt(0.14), abs=1e-12)
+    w, v = p[0, 0], p[0, 1:]
+    corner = np.array([-0.1, -0.2, -0.3])
+    turned = corner + 2 * np.cross(v, np.cross(v, corner) + w * corner)
+    assert box[:, 0] == pytest.approx(place[0] + turned, abs=1e-12)
+    to_bob = np.linalg.norm(ball.T - at.pose("bob")[0], axis=1)
+    assert to_bob[~np.isnan(to_bob)] == pytest.approx(0.2, abs=1e-12)
+    assert np.nanmax(np.linalg.norm(rod.T - place, axis=1)) < 0.1 + 0.35
+    assert np.linalg.norm(post.T[0] - [1, 0, 0.1]) == pytest.approx(0.1)
+    heights = np.array([0, 0.6, 0.8]) @ floor
+    assert heights[~np.isnan(heights)] == pytest.approx(-1.0, abs=1e-12)
+    assert len(film.to_jshtml()) > 1000
+    axes = zivi.plot.animate(flown, fps=10)
+    ends = [np.array(it.get_data_3d())[:, 0] for it in played(axes, 7)[:3]]
+    assert ends == pytest.approx(np.tile(place, (3, 1)))
+    assert len(axes.to_jshtml()) > 1000
+
+
+def test_shapes_that_cannot_be_drawn(flown, sol):
+    with pytest.raises(ValueError, match="shape 'foot' must be on a free body"):
+        zivi.plot.animate(flown, shapes={"foot": zivi.mechanics.Ball(1, body="arm")})
+    with pytest.raises(TypeError, match="shapes must be given for a run with free bodies"):
+        zivi.plot.animate(sol, shapes=SHAPES)
+    lines = [([0, 1], [0, 1])], [(0, 0, 0)]
+    with pytest.raises(ValueError, match=r"lines \(x, y\), or all of them \(x, y, z\)"):
+        zivi.plot.animate(flown, bodies=lambda t, q: lines[0], walls=lambda t, q: lines[1])
