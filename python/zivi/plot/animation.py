@@ -139,7 +139,8 @@ class MechanicalScene:
     def show(self, number: int) -> list[Any]:
         """Draw one picture."""
         walls = self._walls[number] if self._walls else []
-        lines = zip(self._marks + self._stone, (*self._bodies[number], *walls), strict=True)
+        artists: list[Any] = [*self._marks, *self._stone]
+        lines = zip(artists, (*self._bodies[number], *walls), strict=True)
         for artist, line in lines:
             move = artist.set_data_3d if self._sides == 3 else artist.set_data
             move(*(np.atleast_1d(part) for part in line))
