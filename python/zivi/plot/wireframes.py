@@ -7,8 +7,6 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
-from zivi.system.space import Ball, Box, Capsule, Plane, quaternions_of, rotate
-
 if TYPE_CHECKING:
     from zivi.base.check import Array
     from zivi.simulation.mechanical_trajectory import MechanicalTrajectory
@@ -40,13 +38,13 @@ def wireframes(
     if shapes is None:
         axes = 0.1 * size * np.eye(3)
         moving = [(first, np.stack([0 * axis, axis])) for first in free.values() for axis in axes]
-        return _bodies(moving), None
+        return _lines_of_bodies(moving), None
     moving, still = [], []
     reach = 0.6 * size + max(float(np.abs(_outline(it)).max()) for it in shapes.values())
     for name, shape in shapes.items():
         body = getattr(shape, "body", None) or name
-        if isinstance(shape, Plane):
-            still += _grid(shape, (low + high) / 2, reach)
+        if hasattr(shape, "normal"):
+            still += _plane_grid(shape, (low + high) / 2, reach)
         elif body in free:
             moving.append((free[body], _outline(shape)))
         elif getattr(shape, "body", None) is None:
@@ -57,18 +55,27 @@ def wireframes(
                 "use bodies, a function that returns lines (x, y, z)"
             )
     walls = [tuple(line.T) for line in still]
-    return _bodies(moving), (lambda t, q: walls) if walls else None
+    return _lines_of_bodies(moving), (lambda t, q: walls) if walls else None
 
 
-def _bodies(moving: Sequence[tuple[int, Array]]) -> Lines:
+def _lines_of_bodies(moving: Sequence[tuple[int, Array]]) -> Lines:
     def at(t: float, q: Array) -> list[tuple[Any, ...]]:
         lines = []
         for first, outline in moving:
-            p = np.broadcast_to(quaternions_of(q[first : first + 3]), (len(outline), 4))
-            lines.append(tuple((q[first - 3 : first] + rotate(p, outline)).T))
+            lines.append(
+                tuple((q[first - 3 : first] + _rotated_points(q[first : first + 3], outline)).T)
+            )
         return lines
 
     return at
+
+
+def _rotated_points(s: Array, points: Array) -> Array:
+    """Return points turned by a rotation with stereographic coordinates `s`."""
+    once = np.cross(s, points)
+    square = s @ s
+    found: Array = points + (4 * (1 - square) * once + 8 * np.cross(s, once)) / (1 + square) ** 2
+    return found
 
 
 def _circle(radius: float, one: Array, other: Array) -> Array:
@@ -85,29 +92,30 @@ def _joined(lines: Sequence[Array]) -> Array:
 
 def _outline(shape: Any) -> Array:
     """Return the points of the wireframe of a shape in the frame of its body."""
-    if isinstance(shape, Plane):
+    if hasattr(shape, "normal"):
         return np.zeros((1, 3))
     center = np.asarray(shape.center, dtype=float)
-    if isinstance(shape, Box):
+    if hasattr(shape, "half_extents"):
         half = np.asarray(shape.half_extents, dtype=float)
         corners = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1], [-1, -1]])
         faces = [np.column_stack([corners, np.full(5, z)]) for z in (-1, 1)]
         edges = [np.array([[x, y, -1], [x, y, 1]]) for x, y in corners[:4]]
         return center + half * _joined([*faces, *edges])
-    if isinstance(shape, Ball):
-        return center + _joined([_circle(shape.radius, *pair) for pair in _pairs(np.eye(3))])
-    assert isinstance(shape, Capsule)
+    if not hasattr(shape, "half_length"):
+        return center + _joined(
+            [_circle(shape.radius, *pair) for pair in _coordinate_planes(np.eye(3))]
+        )
     along = np.asarray(shape.axis, dtype=float)
     along = along / np.linalg.norm(along)
     one, other = _across(along)
     ends = [side * shape.half_length * along for side in (-1, 1)]
     circles = [end + _circle(shape.radius, *pair) for end in ends
-               for pair in _pairs(np.array([one, other, along]))]  # fmt: skip
+               for pair in _coordinate_planes(np.array([one, other, along]))]  # fmt: skip
     sides = [np.array(ends) + shape.radius * it for it in (one, -one, other, -other)]
     return center + _joined([*circles, *sides])
 
 
-def _pairs(axes: Array) -> list[tuple[Array, Array]]:
+def _coordinate_planes(axes: Array) -> list[tuple[Array, Array]]:
     return [(axes[0], axes[1]), (axes[1], axes[2]), (axes[2], axes[0])]
 
 
@@ -119,7 +127,7 @@ def _across(normal: Array) -> tuple[Array, Array]:
     return one, np.cross(normal, one)
 
 
-def _grid(plane: Plane, near: Array, reach: float) -> list[Array]:
+def _plane_grid(plane: Any, near: Array, reach: float) -> list[Array]:
     """Return the grid of a plane below the motion."""
     normal = np.asarray(plane.normal, dtype=float)
     offset = float(plane.offset or 0.0)
