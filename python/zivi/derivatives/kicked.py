@@ -197,8 +197,6 @@ class KickedProblem:
         with np.errstate(divide="ignore"):
             radius = 1.0 / closest
         of: Any = type(last.of)
-        lost = [getattr(it.of, "lost_at", None) for it in stretches]
-        first_lost = min((t for t in lost if t is not None), default=None)
         result: Sensitivity = of(
             trajectory=sol,
             wrt=self.names,
@@ -211,9 +209,32 @@ class KickedProblem:
             status=status,
             n_slopes=sum(it.of.n_slopes for it in stretches),
             _problem=self,
-            **({} if self.n is None else {"lost_at": first_lost}),
+            **({} if self.n is None else self._of_contacts(sol, stretches)),
         )
         return result
+
+    def _of_contacts(self, sol: Any, stretches: list[_Stretch]) -> dict[str, Any]:
+        """Return what the derivatives of mechanisms have besides."""
+        lost = [getattr(it.of, "lost_at", None) for it in stretches]
+        tables = ("transitions", "transition_times"), ("touchdowns", "touchdown_times")
+        return {
+            "lost_at": min((t for t in lost if t is not None), default=None),
+            **{name: self._times(sol, stretches, table, name) for table, name in tables},
+        }
+
+    def _times(self, sol: Any, stretches: list[_Stretch], table: str, name: str) -> Array:
+        """Return the derivatives of the times in a table; times of kicks are fixed."""
+        kicks, rows = sol.kicks["t"], [np.empty((0, len(self.codes)))]
+        for it in stretches:
+            derivatives = getattr(it.of, name)
+            own = getattr(it.of.trajectory, table)["t"][: len(derivatives)]
+            rows.append(it.by_columns(derivatives[~np.isin(own, kicks)]))
+        moving = np.concatenate(rows)
+        times = getattr(sol, table)["t"]
+        at = np.flatnonzero(~np.isin(times, kicks))
+        found = np.zeros((len(times), len(self.codes)))
+        found[at] = moving if len(at) == len(moving) else np.nan
+        return found
 
     def at(self, times: Array) -> Array:
         """Return the derivatives of positions and velocities at times."""

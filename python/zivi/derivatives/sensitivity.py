@@ -311,8 +311,6 @@ def sensitivity(
     if kicks is not None and (kicked := all_of("kicks", kicks, Kick)):
         from zivi.derivatives.kicked import differentiate_kicked
 
-        if mechanical and system.channel_names:
-            raise NotImplementedError("derivatives through kicks do not support dry friction")
         start = y0 if mechanical else pair("y0", y0, "(x0, xdot0)")
         return differentiate_kicked(
             system,
