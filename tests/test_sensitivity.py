@@ -380,3 +380,17 @@ def test_random_runs_keep_their_events_within_the_radius():
     assert len(told[0.3]) >= 40
     assert np.mean(told[0.3]) >= 0.95
     assert np.mean(told[0.3] + told[0.8]) >= 0.9
+
+
+def test_the_work_of_long_accumulations_grows_with_their_impacts():
+    """A tail whose derivatives are not accurate yet is not examined again at every impact."""
+    ball = zivi.ImpactSystem(zivi.LinearForce(gravity=9.81, damping=7.2), e=0.9997)
+    of_e = zivi.sensitivity(ball, (0, 5), (1, 0), wrt=("e",))
+    assert of_e.success
+    assert of_e.trajectory.nfev < 20 * len(of_e.trajectory.t)
+    h, fine = 1e-7, zivi.SwitchedRK(rtol=1e-13)
+    ends = [
+        zivi.simulate(ball.replace(e=e), (0, 5), (1, 0), fine).rest_time
+        for e in (0.9997 - h, 0.9997 + h)
+    ]
+    assert of_e.zeno_times[0, 0] == pytest.approx((ends[1] - ends[0]) / (2 * h), rel=1e-6)

@@ -26,6 +26,9 @@ pub(super) struct LastImpacts {
     exactly: bool,
     /// Where the force last kept the mass from jumping to the end of it.
     obstacle: Option<Deviation>,
+    /// Evaluations of the last examination of a tail, and impacts before the next one.
+    examined: u64,
+    patience: u64,
     stalling: StallingImpacts,
     /// Impacts without loss (`e = 1`) since the last rest: no chain has them.
     elastic: usize,
@@ -36,7 +39,7 @@ impl LastImpacts {
     pub(super) fn new((e, exactly): (f64, bool)) -> Self {
         let stalling = StallingImpacts::default();
         let chain = Chain::new((), e, 0, COLUMNS);
-        Self { chain, exactly, obstacle: None, stalling, elastic: 0 }
+        Self { chain, exactly, obstacle: None, examined: 0, patience: 0, stalling, elastic: 0 }
     }
 
     /// A run starts at a time.
@@ -55,10 +58,18 @@ impl LastImpacts {
         self.obstacle
     }
 
+    /// The jump that was found is not made: a long tail is not examined again at every impact.
+    pub(super) fn note_cancelled(&mut self) {
+        if self.examined > LONG {
+            self.patience = self.examined / PER_IMPACT;
+        }
+    }
+
     /// Starts a new chain.
     #[inline]
     pub(super) fn clear(&mut self) {
         self.chain.clear();
+        self.patience = 0;
         self.elastic = 0;
     }
 
@@ -178,11 +189,17 @@ impl LastImpacts {
         if is_constant {
             return Ok(Some(zeno));
         }
+        if self.patience > 0 {
+            self.patience -= 1;
+            return Ok(None);
+        }
         let (e, max_step) = (self.chain.e(), settings.max_step);
+        let before = force.count();
         let tail = self.chain.tail(zeno, sigma);
         let period = force.shortest_period::<E>();
         let lookahead = Lookahead { tail: &tail, e, tolerance, max_step, period };
         self.obstacle = lookahead.obstacle(self.obstacle, force)?;
+        self.examined = force.count() - before;
         Ok(self.obstacle.is_none().then_some(zeno))
     }
 }
@@ -252,6 +269,9 @@ pub(crate) struct Deviation {
 /// Evaluations of a look in vain for which one impact passes before the next: under a force with
 /// noise in it every look may be in vain.
 const PER_IMPACT: u64 = 32;
+
+/// Evaluations from which an examination is long.
+const LONG: u64 = 4096;
 
 impl Deviation {
     /// Longest step at `t`: between the stages of one that is a whole arc long there may be enough

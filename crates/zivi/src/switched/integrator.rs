@@ -400,6 +400,7 @@ impl SwitchedIntegrator {
 
     /// Cancels the extrapolation: the end of the chain is not known accurately enough.
     pub(super) fn cancel_jump(&mut self) {
+        self.accumulation.note_cancelled();
         self.mode = Mode::FLIGHT;
     }
 
