@@ -66,6 +66,12 @@ def test_rounding_of_times_coordinates_and_units_decides_nothing(what):
     assert it.holds, str(it)
 
 
+def test_samples_within_a_tail_whose_joint_slips_on_follow_its_bounces():
+    """The belt of the joint is faster than the bounces: no slip is turned round."""
+    it = m.case("friction", 92, 1828)
+    assert it.verdict.state * m.TOL < 1e-3, str(it)
+
+
 FRICTION = {
     "a belt at a wall that the mass rests against": (77, 390),
     "the same, with tangential restitution": (77, 838),

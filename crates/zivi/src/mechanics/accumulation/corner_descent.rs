@@ -71,23 +71,26 @@ impl CornerEntry {
     }
 }
 
-/// The halves of the arcs of a gap that bounces alone: friction that its impulses reach is turned round
-/// in the second.
+/// The halves of the arcs of a gap that bounces alone: slips that reverse within a flight are turned round in
+/// the second.
 fn halves<E>(bouncing: GapSet, state: &mut MechanicalState) -> Result<Option<Halves>, Failure<E>> {
     let Some(gap) = bouncing.iter().next() else { return Ok(None) };
-    let (rise, kinetics) = (state.mode(), state.parts().0);
+    let (rise, u, slips) = (state.mode(), state.gap(gap).1, state.slips().to_vec());
+    let kinetics = state.parts().0;
     let n = kinetics.coordinates();
+    kinetics.contact(rise)?;
+    let pull = -kinetics.acceleration[n + gap];
     let mut fall = rise;
     for channel in rise.slipping().iter() {
-        if kinetics.coupling(gap, kinetics.row(channel)) != 0.0 {
-            fall = fall.with_channel(channel, -rise.sign(channel));
+        let row = kinetics.row(channel);
+        let sign = rise.sign(channel);
+        let later = slips[channel] + kinetics.acceleration[n + row] * 2.0 * u / pull;
+        if kinetics.coupling(gap, row) != 0.0 && sign * later <= 0.0 {
+            fall = fall.with_channel(channel, -sign);
         }
     }
-    let mut pull = |mode: ContactMode| -> Result<f64, Failure<E>> {
-        kinetics.contact(mode)?;
-        Ok(-kinetics.acceleration[n + gap])
-    };
-    let pulls = [(rise, pull(rise)?), (fall, pull(fall)?)];
+    kinetics.contact(fall)?;
+    let pulls = [(rise, pull), (fall, -kinetics.acceleration[n + gap])];
     Ok(pulls.iter().all(|(_, pull)| *pull > 0.0).then_some((gap, pulls)))
 }
 
