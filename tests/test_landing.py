@@ -102,7 +102,7 @@ def test_settings_survive_copies_pickles_and_a_restored_state():
         ({"ahead": 1.5}, TypeError, "ahead must be a whole number, got 1.5"),
         ({"ahead": True}, TypeError, "ahead must be a whole number"),
         ({"landing": 1}, TypeError, "landing must be True or False, got 1"),
-        ({"landing": False, "ahead": 2}, ValueError, "with landing=False it must be 1, got 2"),
+        ({"landing": False, "ahead": 2}, ValueError, "must be 1 with landing=False, got 2"),
     ],
 )
 def test_bad_settings_are_named(settings, error, message):

@@ -295,7 +295,7 @@ def test_orbits_are_reduced_to_their_least_period():
 
 def test_bad_arguments_are_named():
     system = chain2()
-    with pytest.raises(ValueError, match="letter"):
+    with pytest.raises(ValueError, match="symbol"):
         zivi.periodic_orbit(system, (["X stop"], [1.0]))
     with pytest.raises(ValueError, match="closed"):
         zivi.periodic_orbit(system, (["S stop", "I stop"], [1.0, 2.0]))

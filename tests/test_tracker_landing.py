@@ -211,9 +211,9 @@ def test_settings_survive_copies_and_pickles():
         ({"press": 4.0, "bound": 5.0}, ValueError, "press must be at least the bound .* 5.0 m/s^2"),
         ({"press": -1.0}, ValueError, "press must be at least the bound .* 0.0 m/s^2, got -1.0"),
         ({"press": np.inf}, ValueError, "press must be a finite acceleration"),
-        ({"press": 1.0, "landing": False}, ValueError, "with landing=False it must be None"),
+        ({"press": 1.0, "landing": False}, ValueError, "must be None with landing=False"),
         ({"ahead": 0}, ValueError, "ahead must be >= 1"),
-        ({"ahead": 2, "landing": False}, ValueError, "with landing=False it must be 1, got 2"),
+        ({"ahead": 2, "landing": False}, ValueError, "must be 1 with landing=False, got 2"),
         ({"landing": 1}, TypeError, "landing must be True or False, got 1"),
         ({"horizon": 0.5}, ValueError, "horizon must be a finite number of periods >= 1, got 0.5"),
         ({"horizon": np.inf}, ValueError, "horizon must be a finite number of periods >= 1"),
@@ -308,7 +308,7 @@ def test_a_bad_dead_zone_is_refused():
     for quiet in (-1e-3, np.nan, np.inf):
         with pytest.raises(ValueError, match="quiet must be"):
             tracker(quiet=quiet)
-    with pytest.raises(ValueError, match="landing=False it must be 0"):
+    with pytest.raises(ValueError, match="must be 0 with landing=False"):
         tracker(quiet=0.1, landing=False)
     with pytest.raises(TypeError, match="quiet"):
         tracker(quiet="little")

@@ -74,7 +74,7 @@ class SwitchedRK(Settings):
     References
     ----------
     E. Hairer, S. P. Norsett, G. Wanner, Solving Ordinary Differential Equations I, 2nd ed.,
-    Springer, 1993, sections II.4 to II.6.
+    Springer, 1993, chapter II.
 
     Examples
     --------
