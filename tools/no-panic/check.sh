@@ -35,7 +35,9 @@ grep -q "$missing" "$target/canary.log" \
     || fail "the canary fails for another reason: $(cat "$target/canary.log")"
 if ! build >"$target/link.log" 2>&1; then
     grep -q "$missing" "$target/link.log" && fail "a panic is reachable: $(cat "$target/link.log")"
-    fail "the build fails: $(cat "$target/link.log")"
+    # seen once in many builds: the linker takes an object of core that needs the unwinder, which
+    # names no panic; the same build then links
+    build >"$target/link.log" 2>&1 || fail "the build fails: $(cat "$target/link.log")"
 fi
 printf 'no-panic: links without a panic, not with the canary\n'
 
