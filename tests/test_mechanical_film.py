@@ -187,6 +187,7 @@ def test_shapes_of_free_bodies_are_wireframes(flown):
     assert np.nanmax(np.linalg.norm(rod.T - place, axis=1)) < 0.1 + 0.35
     assert np.linalg.norm(post.T[0] - [1, 0, 0.1]) == pytest.approx(0.1)
     heights = np.array([0, 0.6, 0.8]) @ floor
+    assert np.count_nonzero(~np.isnan(heights)) == 28
     assert heights[~np.isnan(heights)] == pytest.approx(-1.0, abs=1e-12)
     assert len(film.to_jshtml()) > 1000
     axes = zivi.plot.animate(flown, fps=10)

@@ -82,7 +82,7 @@ class MechanicalScene:
         self._draw_gaps(right, run.gap_names)
 
     def _lines(self, name: str, lines: Lines) -> list[list[Array]]:
-        """Evaluate lines at all times: of each picture, each line, x and y."""
+        """Evaluate lines at all times: of each picture, each line, x and y, in space z."""
         found = []
         for t, q in zip(self._times, self._q, strict=True):
             given = lines(float(t), q.copy())
@@ -92,8 +92,8 @@ class MechanicalScene:
                     raise ValueError
             except (TypeError, ValueError):
                 raise ValueError(
-                    f"{name} must return pairs of x and y, numbers or arrays of one length, "
-                    f"got {given!r:.80} at t = {t:g}"
+                    f"{name} must return pairs of x and y, in space x, y and z, numbers or arrays "
+                    f"of one length, got {given!r:.80} at t = {t:g}"
                 ) from None
             if len(found[-1]) != len(found[0]):
                 raise ValueError(

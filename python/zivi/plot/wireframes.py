@@ -31,22 +31,23 @@ def wireframes(
 
     Without shapes a body is the three axes of its frame.
     """
-    free = {name: first for name, (first, is_free) in run.config["rotations"].items() if is_free}
-    origins = np.concatenate([run.q[:, first - 3 : first] for first in free.values()])
+    free = [name for name, (_, is_free) in run.config["rotations"].items() if is_free]
+    origins = np.concatenate([run.pose(name)[0] for name in free])
     low, high = origins.min(axis=0), origins.max(axis=0)
     size = max(float(np.max(high - low)), 1e-9)
     if shapes is None:
         axes = 0.1 * size * np.eye(3)
-        moving = [(first, np.stack([0 * axis, axis])) for first in free.values() for axis in axes]
-        return _lines_of_bodies(moving), None
+        moving = [(name, np.stack([0 * axis, axis])) for name in free for axis in axes]
+        return _lines_of_bodies(run, moving), None
     moving, still = [], []
-    reach = 0.6 * size + max(float(np.abs(_outline(it)).max()) for it in shapes.values())
+    largest = [float(np.nanmax(np.abs(_outline(it)))) for it in shapes.values()]
+    reach = 0.6 * size + max(largest, default=0.0)
     for name, shape in shapes.items():
         body = getattr(shape, "body", None) or name
         if hasattr(shape, "normal"):
             still += _plane_grid(shape, (low + high) / 2, reach)
         elif body in free:
-            moving.append((free[body], _outline(shape)))
+            moving.append((body, _outline(shape)))
         elif getattr(shape, "body", None) is None:
             still.append(_outline(shape))
         else:
@@ -55,27 +56,11 @@ def wireframes(
                 "use bodies, a function that returns lines (x, y, z)"
             )
     walls = [tuple(line.T) for line in still]
-    return _lines_of_bodies(moving), (lambda t, q: walls) if walls else None
+    return _lines_of_bodies(run, moving), (lambda t, q: walls) if walls else None
 
 
-def _lines_of_bodies(moving: Sequence[tuple[int, Array]]) -> Lines:
-    def at(t: float, q: Array) -> list[tuple[Any, ...]]:
-        lines = []
-        for first, outline in moving:
-            lines.append(
-                tuple((q[first - 3 : first] + _rotated_points(q[first : first + 3], outline)).T)
-            )
-        return lines
-
-    return at
-
-
-def _rotated_points(s: Array, points: Array) -> Array:
-    """Return points turned by a rotation with stereographic coordinates `s`."""
-    once = np.cross(s, points)
-    square = s @ s
-    found: Array = points + (4 * (1 - square) * once + 8 * np.cross(s, once)) / (1 + square) ** 2
-    return found
+def _lines_of_bodies(run: MechanicalTrajectory, moving: Sequence[tuple[str, Array]]) -> Lines:
+    return lambda t, q: [tuple(run._in_world(name, q, outline).T) for name, outline in moving]
 
 
 def _circle(radius: float, one: Array, other: Array) -> Array:

@@ -33,6 +33,8 @@ from zivi.system.mechanism import MechanicalSystem, Model
 from zivi.system.model_parts import Evaluation
 from zivi.system.space import (
     continuous,
+    quaternions_of,
+    rotate,
     with_angular_velocities,
     with_quaternions,
     without_charts,
@@ -855,6 +857,12 @@ class MechanicalTrajectory(FrictionRun, SampledRun):
         For a system without rotations in space this is `qdot`.
         """
         return with_angular_velocities(self._rotations(), self.q, self.qdot)
+
+    def _in_world(self, body: str, q: Array, points: Array) -> Array:
+        """Return points of a free body, shape (k, 3), in the world at coordinates `q`."""
+        first, _ = self._rotations()[body]
+        turned = rotate(quaternions_of(q[first : first + 3]), points)
+        return q[first - 3 : first] + turned
 
     def pose(self, body: str) -> tuple[Array, Array]:
         """Return places and unit quaternions of a free body at the samples.

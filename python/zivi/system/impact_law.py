@@ -629,7 +629,7 @@ def law_of(e: Any) -> Any:
     """Return the law of a function of the speed; what is none stays."""
     if not callable(e) or isinstance(e, ImpactLaw | type):
         return e
-    if hasattr(type(e), "_kind"):
+    if hasattr(type(e), "_kind"):  # a compliant law, which a module above this one defines
         raise TypeError(
             f"e must be a coefficient of restitution or an impact law, got {e!r}; a compliant "
             "contact is the contact= of a gap of a zivi.MechanicalSystem"

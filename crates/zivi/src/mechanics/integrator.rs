@@ -378,7 +378,7 @@ impl MechanicalIntegrator {
         Ok(Piece::Instant)
     }
 
-    /// Whether gaps come to rest whose speeds are below the absolute tolerance.
+    /// Brings to rest what is slower than the absolute tolerance: whether all of `hit` is closed then.
     fn stops<E, D: Dynamics<E>>(
         &mut self,
         hit: GapSet,

@@ -138,8 +138,8 @@ impl<D> AlongStep<'_, '_, D> {
         level.is_some_and(|level| fit.scale <= part * self.aside.force_scale(level.limit))
     }
 
-    /// Whether a gap carries a load of which joints or other gaps take the rest where it would have to pull: its
-    /// force is zero from there on, and it stays closed.
+    /// Whether joints or other gaps take over the load of a gap where its force would become negative: the gap
+    /// stays closed with zero force.
     fn is_handed_over(&mut self, fit: &Fit) -> bool {
         let levels = self.aside.limits(self.mode);
         let Some(&Level { limit, .. }) = levels.get(fit.number) else { return false };

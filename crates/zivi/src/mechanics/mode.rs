@@ -242,7 +242,7 @@ impl StageRanges {
         (self.directions, self.turns, self.is_unknown) = (None, false, false);
     }
 
-    /// Takes the limits at a stage, where the forces have been computed.
+    /// Includes the limits at a stage, where the forces have been computed.
     fn see(&mut self, kinetics: &mut Kinetics, mode: ContactMode) {
         if self.is_unknown || self.limits.is_empty() {
             return;

@@ -58,7 +58,7 @@ impl LastImpacts {
         self.obstacle
     }
 
-    /// The jump that was found is not made: a long tail is not examined again at every impact.
+    /// After an extrapolation that was cancelled: a long tail is not examined again at every impact.
     pub(super) fn note_cancelled(&mut self) {
         if self.examined > LONG {
             self.patience = self.examined / PER_IMPACT;
@@ -270,7 +270,7 @@ pub(crate) struct Deviation {
 /// noise in it every look may be in vain.
 const PER_IMPACT: u64 = 32;
 
-/// Evaluations from which an examination is long.
+/// Number of evaluations above which an examination is long.
 const LONG: u64 = 4096;
 
 impl Deviation {

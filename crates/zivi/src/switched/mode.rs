@@ -8,7 +8,7 @@
 //! AfterImpact  -- stops, pulled -->  Leave
 //! ```
 
-use super::flight::series::Linear;
+use super::flight::series::table::Linear;
 use crate::numeric::bernstein::Bernstein;
 use crate::numeric::coordinates::State;
 use crate::numeric::stages::{Equation, StepError};

@@ -243,7 +243,7 @@ impl CornerApproach {
         let end = of(&self.log.openings).or_else(|| of(&self.log.impacts));
         let now = state.now();
         let t = end.map_or(now.t, |end| end.max(now.t));
-        // slips that the last impacts turn round vanish with the speeds: they are known to what these do to them
+        // the velocities at the end are known to their change in the last impacts
         let before = now.x.iter().chain(&now.xdot);
         let errors = z.iter().zip(before).map(|(after, before)| (after - before).abs());
         Ok(Some((resting(t, &z).with_errors(errors), set)))

@@ -30,7 +30,8 @@ use crate::zeno::table::{ExtrapolatedEnd, ZenoTable};
 const HALVES: usize = 2048;
 /// Largest part by which the times of the arcs are stretched to end in the corner.
 const STRETCH: f64 = 0.3;
-/// Arcs that are so slow that the floor is so many tolerances of their fastest speed end at this part of one.
+/// Where the floor exceeds `COARSE` relative tolerances of the fastest speed, arcs end at `FLOOR` of one of these
+/// instead.
 const COARSE: f64 = 300.0;
 const FLOOR: f64 = 1e-2;
 
@@ -71,8 +72,8 @@ impl CornerEntry {
     }
 }
 
-/// The halves of the arcs of a gap that bounces alone: slips that reverse within a flight are turned round in
-/// the second.
+/// The halves of the arcs of a gap that bounces alone: a slip that reverses within a flight has the opposite sign
+/// in the second.
 fn halves<E>(bouncing: GapSet, state: &mut MechanicalState) -> Result<Option<Halves>, Failure<E>> {
     let Some(gap) = bouncing.iter().next() else { return Ok(None) };
     let (rise, u, slips) = (state.mode(), state.gap(gap).1, state.slips().to_vec());
@@ -141,7 +142,7 @@ pub(in crate::mechanics) fn descent<E, D: Dynamics<E>>(
     let ways = ImpulseDirections { from: &entry.directions, to, h };
     let of = |values: &[f64]| -> Vec<f64> { set.iter().map(|i| values[n + i]).collect() };
     let (y, v) = (of(&entry.x), of(&entry.v));
-    // arcs that end too early make the others longer; slow ones have a floor of their own
+    // arcs that end too early make the others longer: slow arcs need a lower floor
     let fastest = set.iter().fold(0.0_f64, |most, i| most.max(entry.v[n + i].abs()));
     let rtol = at.settings.rtol;
     let is_coarse = floor > COARSE * rtol * fastest && floor < fastest;

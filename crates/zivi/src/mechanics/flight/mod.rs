@@ -35,10 +35,10 @@ const PART: f64 = 1e-2;
 /// The factor for a step in which the direction of a slip turns, instead of one in which it is kept and the slip does not
 /// end.
 const UNFROZEN: f64 = 2.0 / 3.0;
-/// The part of the time in which the rate of an opened compliant gap falls to zero, at the acceleration at its opening,
-/// that the first step takes at most.
+/// After a compliant gap has opened, the first step takes at most this part of its rise time at the initial
+/// acceleration.
 const RISE: f64 = 0.9;
-/// So few stages leave limits unknown between them.
+/// Steps of so few stages do not resolve the limits of contact.
 const SPARSE: usize = 8;
 /// Contacts that open so often at one instant open whatever the force does next.
 const OFTEN: u32 = 8;
@@ -81,7 +81,7 @@ pub(super) struct SmoothMotion {
     flights: Flights,
     /// From when on the motion within steps is requested (s).
     drawn_from: f64,
-    /// In which time a slip in two directions would have ended at the start of the last step (s).
+    /// Estimated time left of a slip in two directions at the start of the last step (s).
     slip_left: f64,
     /// How long steps were last with other compliant gaps pressed (s).
     lengths: Vec<(GapSet, f64)>,

@@ -39,9 +39,9 @@ const STIFF: f64 = 8.0;
 const LAST: f64 = 1.2;
 /// What a direction that is kept may leave, relative to the tolerance, and at least.
 const KEPT: (f64, f64) = (1e-2, 1e-13);
-/// Steps have the length `max_step` rather than errors of a tolerance from this one on.
+/// Relative tolerance from which on `max_step` limits the steps, not the error.
 const UNCONTROLLED: f64 = 1e-1;
-/// Steps become shorter with the time that is left from so many steps before its end on.
+/// The last steps of a slip, so many, shrink with the time left.
 const AHEAD_OF_END: f64 = 4.0;
 
 impl SmoothMotion {
@@ -53,8 +53,7 @@ impl SmoothMotion {
         part.max(KEPT.1) * (1.0 + largest(velocities))
     }
 
-    /// Near the end of a slip errors of steps are those of parts of the time that is left: the next is as much shorter
-    /// than the last as that time is.
+    /// Near the end of a slip the error of a step depends on its part of the time left: steps shrink in proportion.
     fn expect_end(&mut self, plan: &mut Plan, state: &MechanicalState) {
         let first = state.layout().n + state.layout().m;
         let left = |pair: [usize; 2]| {

@@ -4,6 +4,8 @@
 //! time. The gaps are carried along as in the motion itself: the shift of an impact is the ratio of
 //! a small derivative to a small speed.
 
+use std::sync::Arc;
+
 use crate::mechanics::friction::Edges;
 use crate::mechanics::kinetics::{Kinetics, Model};
 use crate::mechanics::mode::{Stages, State};
@@ -20,7 +22,6 @@ use crate::system::partials::{
     TimedState,
 };
 use crate::Status;
-use std::sync::Arc;
 
 /// Variable of differentiation of a column.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -4,7 +4,7 @@
 //! turns and the part of one, and the time is read from it: phase and time cannot drift relative to
 //! each other.
 
-mod table;
+pub(in crate::switched) mod table;
 
 use std::sync::Arc;
 
