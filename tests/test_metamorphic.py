@@ -67,7 +67,7 @@ def test_rounding_of_times_coordinates_and_units_decides_nothing(what):
 
 
 def test_samples_within_a_tail_whose_joint_slips_on_follow_its_bounces():
-    """The belt of the joint is faster than the bounces: no slip reverses. Not yet to the tolerance."""
+    """The belt of the joint is faster than the bounces. The tolerance is not reached yet."""
     it = m.case("friction", 92, 1828)
     assert it.verdict.state * m.TOL < 3e-4, str(it)
 
