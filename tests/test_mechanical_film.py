@@ -196,6 +196,35 @@ def test_shapes_of_free_bodies_are_wireframes(flown):
     assert len(axes.to_jshtml()) > 1000
 
 
+def test_axes_in_space_are_labelled_and_show_the_floor():
+    shapes = {
+        "bob": zivi.mechanics.Ball(0.1),
+        "floor": zivi.mechanics.Plane(),
+        "far": zivi.mechanics.Plane([1, 0, 0], -50.0),
+    }
+    tree = zivi.Tree(
+        [zivi.mechanics.Body("bob", kind="free", mass=1.0, inertia=0.004)],
+        contacts=[zivi.mechanics.Contact("bob", "floor")],
+        shapes=shapes,
+    )
+    start = [0.3, -0.2, 1.0, 1, 0, 0, 0], [1.0, 0, 0, 0, 0, 0]
+    run = zivi.simulate(tree, (0, 0.1), start)  # it does not reach the floor
+    ball, floor, *others = played(zivi.plot.animate(run, shapes=shapes, fps=10), 1)
+    assert len(others) == 2  # gap and clock; no plane far away
+    axes = ball.axes
+    limits = np.array([axes.get_xlim(), axes.get_ylim(), axes.get_zlim()])
+    assert np.diff(limits, axis=1) == pytest.approx(np.ptp(limits[0]))  # a ball is round
+    for line in (ball, floor):
+        points = np.array(line.get_data_3d())
+        points = points[:, ~np.isnan(points[0])].T
+        assert np.all((limits[:, 0] < points) & (points < limits[:, 1]))
+    labels = [axes.get_xlabel(), axes.get_ylabel(), axes.get_zlabel()]
+    assert labels == ["$x$ (m)", "$y$ (m)", "$z$ (m)"]
+    pixels = ball.figure.transSubfigure.inverted()
+    around = axes.zaxis.label.get_window_extent().transformed(pixels)
+    assert around.x1 < ball.figure.axes[1].yaxis.label.get_window_extent().transformed(pixels).x0
+
+
 def test_shapes_that_cannot_be_drawn(flown, sol):
     with pytest.raises(ValueError, match="shape 'foot' must be on a free body"):
         zivi.plot.animate(flown, shapes={"foot": zivi.mechanics.Ball(1, body="arm")})

@@ -75,7 +75,8 @@ class MechanicalScene:
         self._sides = len(shown[0]) if shown else 2
         if any(len(line) != self._sides for line in shown):
             raise ValueError("bodies and walls must be lines (x, y), or all of them (x, y, z)")
-        grid = figure.add_gridspec(1, 2, width_ratios=(1, 1.5))
+        wider = 1.0 if self._sides == 3 else 1.5
+        grid = figure.add_gridspec(1, 2, width_ratios=(1, wider))
         space = {"projection": "3d"} if self._sides == 3 else {}
         left, right = figure.add_subplot(grid[0], **space), figure.add_subplot(grid[1])
         self._draw_bodies(left)
@@ -103,12 +104,20 @@ class MechanicalScene:
         return found
 
     def _draw_bodies(self, ax: Axes) -> None:
-        every = [line.reshape(self._sides, -1) for picture in self._bodies for line in picture]
+        # a 3D axes does not clip: what lies outside its limits is drawn beside it
+        seen = self._bodies if self._sides == 2 else [*self._bodies, *self._walls]
+        every = [line.reshape(self._sides, -1) for picture in seen for line in picture]
         low, high = (f(np.hstack(every), axis=1) for f in (np.nanmin, np.nanmax))
         middle, half = (low + high) / 2, 0.6 * max(*(high - low), 1e-9)
         for name, at in zip("xyz", middle, strict=False):
             ax.set(**{f"{name}lim": at + half * np.array([-1, 1])})
-        if self._given:
+            if self._sides == 3:
+                ax.set(**{f"{name}label": f"${name}$ (m)"})
+                ax.locator_params(axis=name, nbins=4)
+        if self._sides == 3:
+            view: Any = ax
+            view.set_box_aspect((1, 1, 1), zoom=0.8)  # the label of z is not part of the layout
+        elif self._given:
             ax.set_aspect("equal")
         else:
             ax.set(xlabel=point_label(self._names, 0), ylabel=point_label(self._names, 1))
@@ -257,7 +266,8 @@ def animate(
         where gaps that are linear in the coordinates close.
     shapes : dict, optional
         Shapes of free bodies and of the world by name, as `Tree` has them (`zivi.mechanics.Ball`,
-        `Box`, `Capsule`, `Plane`). Without them a free body is the axes of its frame.
+        `Box`, `Capsule`, `Plane`). Without them a free body is the axes of its frame. Planes farther
+        away than five times the size of the motion are left out.
     speed : float
         Seconds of the motion in a second of the animation, > 0.
     fps : float

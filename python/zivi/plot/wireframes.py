@@ -17,6 +17,8 @@ POINTS = 33
 """Points of a circle."""
 SQUARES = 6
 """Squares along an edge of the part of a plane that is drawn."""
+FARTHEST = 5.0
+"""Largest distance between the motion and a plane that is drawn, as a multiple of its size."""
 
 
 def is_in_space(run: Any) -> bool:
@@ -41,11 +43,14 @@ def wireframes(
         return _lines_of_bodies(run, moving), None
     moving, still = [], []
     largest = [float(np.nanmax(np.abs(_outline(it)))) for it in shapes.values()]
-    reach = 0.6 * size + max(largest, default=0.0)
+    size += 2 * max(largest, default=0.0)
+    middle = (low + high) / 2
     for name, shape in shapes.items():
         body = getattr(shape, "body", None) or name
         if hasattr(shape, "normal"):
-            still += _plane_grid(shape, (low + high) / 2, reach)
+            away = abs(_height(shape, middle))
+            if away <= FARTHEST * size:
+                still += _plane_grid(shape, middle, 0.6 * max(size, away))
         elif body in free:
             moving.append((body, _outline(shape)))
         elif getattr(shape, "body", None) is None:
@@ -112,11 +117,14 @@ def _across(normal: Array) -> tuple[Array, Array]:
     return one, np.cross(normal, one)
 
 
+def _height(plane: Any, point: Array) -> float:
+    return float(np.asarray(plane.normal) @ point) - float(plane.offset or 0.0)
+
+
 def _plane_grid(plane: Any, near: Array, reach: float) -> list[Array]:
     """Return the grid of a plane below the motion."""
     normal = np.asarray(plane.normal, dtype=float)
-    offset = float(plane.offset or 0.0)
-    foot = near - normal * (normal @ near - offset)
+    foot = near - normal * _height(plane, near)
     one, other = _across(normal)
     places = reach * np.linspace(-1, 1, SQUARES + 1)
     across = [[foot + at * one + side * reach * other for side in (-1, 1)] for at in places]
