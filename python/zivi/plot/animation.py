@@ -266,8 +266,8 @@ def animate(
         where gaps that are linear in the coordinates close.
     shapes : dict, optional
         Shapes of free bodies and of the world by name, as `Tree` has them (`zivi.mechanics.Ball`,
-        `Box`, `Capsule`, `Plane`). Without them a free body is the axes of its frame. Planes farther
-        away than five times the size of the motion are left out.
+        `Box`, `Capsule`, `Plane`). Without them a free body is the axes of its frame. Planes
+        farther away than five times the size of the motion are left out.
     speed : float
         Seconds of the motion in a second of the animation, > 0.
     fps : float
