@@ -72,6 +72,7 @@ def test_every_room_keeps_its_budget():
             files[room] += 1
             lines[room] += python_lines(source) if path.endswith(".py") else rust_lines(source)
     assert files.keys() == BUDGET.keys(), "each room has a line in tests/house.toml"
+    assert max(files.values()) <= 15
     large = {
         room: f"{files[room]} files, {lines[room]} lines; the budget is {budget}"
         for room, budget in BUDGET.items()

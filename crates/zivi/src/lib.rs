@@ -28,7 +28,11 @@
 //!   [`stepping::fixed_step::FixedStep`], which is driven over a [`Grid`];
 //!   [`stepping::moreau_jean`] has a walk of its own.
 //! * [`switched`]: error control, high order through impacts and Zeno points.
-//! * [`mechanics`]: the same for systems of several coordinates and gaps.
+//! * `kinetics`: systems of several coordinates and gaps at one state: accelerations, mobilities, forces.
+//! * `friction`: dry friction in contacts and joints of these.
+//! * `motion`: their state, and their motion up to an impact or a lift-off.
+//! * `impact`: their impacts, and those that accumulate.
+//! * [`mechanics`]: their runs: error control, high order through impacts and Zeno points.
 //! * [`method`]: one entry to all of them, from a system, a span and a state to a run.
 //! * [`drive`]: a sampled controller of `zivi_core::control` and a plant between its samples
 //!   ([`drive::closed_loop`]); many runs on all cores ([`drive::batch`]).
@@ -36,8 +40,12 @@
 #![forbid(unsafe_code)]
 
 pub mod drive;
+mod friction;
+mod impact;
+mod kinetics;
 pub mod mechanics;
 pub mod method;
+mod motion;
 pub mod numeric;
 mod piecewise;
 pub mod record;

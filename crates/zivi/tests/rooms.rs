@@ -5,7 +5,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 /// Each room with the rooms whose names may stand in its files.
-const ROOMS: [(&str, &[&str]); 10] = [
+const ROOMS: [(&str, &[&str]); 14] = [
     ("numeric", &[]),
     ("record", &["numeric"]),
     ("system", &["numeric", "record"]),
@@ -13,7 +13,32 @@ const ROOMS: [(&str, &[&str]); 10] = [
     ("zeno", &["numeric", "record"]),
     ("piecewise", &["numeric", "record", "system"]),
     ("switched", &["numeric", "record", "system", "zeno", "piecewise"]),
-    ("mechanics", &["numeric", "record", "system", "zeno", "piecewise", "stepping", "switched"]),
+    ("kinetics", &["numeric", "record", "system", "zeno"]),
+    ("friction", &["numeric", "record", "system", "zeno", "kinetics"]),
+    (
+        "motion",
+        &["numeric", "record", "system", "zeno", "piecewise", "switched", "kinetics", "friction"],
+    ),
+    (
+        "impact",
+        &["numeric", "record", "system", "zeno", "switched", "kinetics", "friction", "motion"],
+    ),
+    (
+        "mechanics",
+        &[
+            "numeric",
+            "record",
+            "system",
+            "zeno",
+            "piecewise",
+            "stepping",
+            "switched",
+            "kinetics",
+            "friction",
+            "motion",
+            "impact",
+        ],
+    ),
     ("method", &["numeric", "record", "system", "stepping", "switched", "mechanics"]),
     (
         "drive",

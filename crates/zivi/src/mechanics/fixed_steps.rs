@@ -2,10 +2,9 @@
 //!
 //! Runs with fixed steps: what the schemes share.
 
-use super::lcp::problem;
-use crate::mechanics::friction::Collision;
-use crate::mechanics::kinetics::{Kinetics, Model};
-use crate::mechanics::lcp;
+use crate::friction::Collision;
+use crate::kinetics::lcp::problem;
+use crate::kinetics::{lcp, Kinetics, Model};
 use crate::mechanics::recording::{
     check_cones, check_free, check_rigid, check_sizes, MechanicalRun, MechanicalSamples,
 };
@@ -25,7 +24,7 @@ use crate::{
 use zivi_core::{transform, StepSolution, ThetaGammaStep};
 
 /// A scheme that takes fixed steps.
-pub(super) trait Scheme {
+pub(crate) trait Scheme {
     /// Looks at the start, where the system has been evaluated.
     fn begin(&mut self, state: &mut Stepped) -> Result<(), SetupError>;
 
@@ -49,25 +48,25 @@ pub(super) trait Scheme {
 type StateEventLocator<'a, E> = EventLocator<'a, E, MotionPoint>;
 
 /// The state of a run with fixed steps.
-pub(super) struct Stepped {
-    pub(super) layout: Layout,
-    pub(super) e: Vec<f64>,
-    pub(super) kinetics: Kinetics,
+pub(crate) struct Stepped {
+    pub(crate) layout: Layout,
+    pub(crate) e: Vec<f64>,
+    pub(crate) kinetics: Kinetics,
     /// Coordinates and gaps, their rates, and the free accelerations of the coordinates.
-    pub(super) x: Vec<f64>,
-    pub(super) v: Vec<f64>,
-    pub(super) free: Vec<f64>,
+    pub(crate) x: Vec<f64>,
+    pub(crate) v: Vec<f64>,
+    pub(crate) free: Vec<f64>,
     /// The end of the step; impulses by gap, followed by reactions.
-    pub(super) next_x: Vec<f64>,
-    pub(super) next_v: Vec<f64>,
-    pub(super) lambda: Vec<f64>,
-    pub(super) friction: Friction,
+    pub(crate) next_x: Vec<f64>,
+    pub(crate) next_v: Vec<f64>,
+    pub(crate) lambda: Vec<f64>,
+    pub(crate) friction: Friction,
     /// Modes of friction and the gaps with contact.
-    pub(super) pattern: ContactMode,
+    pub(crate) pattern: ContactMode,
     /// The gaps that are at rest.
-    pub(super) closed: GapSet,
-    pub(super) group: u64,
-    pub(super) occurrences: Vec<Occurrence>,
+    pub(crate) closed: GapSet,
+    pub(crate) group: u64,
+    pub(crate) occurrences: Vec<Occurrence>,
     samples: MechanicalSamples,
     reserve: Reserve,
 }
@@ -124,7 +123,7 @@ impl Stepped {
 
     /// Iterates `sweep`, which moves the next state by its return relative to the size of the
     /// state, until that is rounding; the system is evaluated at the iterates.
-    pub(super) fn iterate<E, D: Dynamics<E>>(
+    pub(crate) fn iterate<E, D: Dynamics<E>>(
         &mut self,
         t_end: f64,
         h: f64,
@@ -151,7 +150,7 @@ impl Stepped {
     }
 
     /// Moves the next coordinates and velocities; by how much, relative to their size.
-    pub(super) fn move_to(&mut self, h: f64, q: &[f64], w: &[f64]) -> f64 {
+    pub(crate) fn move_to(&mut self, h: f64, q: &[f64], w: &[f64]) -> f64 {
         let (mut change, mut size) = (0.0_f64, f64::MIN_POSITIVE);
         for (i, (&q, &w)) in q.iter().zip(w).enumerate() {
             let moved = (w - self.next_v[i]).abs().max((q - self.next_x[i]).abs() / h);
@@ -210,7 +209,7 @@ impl Stepped {
 }
 
 /// A run of a scheme.
-pub(super) fn simulate<E, D: Dynamics<E>>(
+pub(crate) fn simulate<E, D: Dynamics<E>>(
     mut scheme: impl Scheme,
     dynamics: &mut D,
     e: &[f64],
@@ -301,7 +300,7 @@ fn walk<E, D: Dynamics<E>, M: Monitor<E>>(
 // 0 <= P  perp  g'+ + e g' >= 0          on I = {i: g_i + h/2 g_i' <= 0}                    (1)
 // ```
 //
-// With friction the impulses are those of [`crate::mechanics::friction`], with `-P_T in mu P_N Sign(w+ + e_t w-)` at
+// With friction the impulses are those of [`crate::friction`], with `-P_T in mu P_N Sign(w+ + e_t w-)` at
 // gaps and `-P_T in h L Sign(w+)` in joints. `A = M^-1 F`; mass matrix and gradients of the impulses are those at the end of the step, found
 // with it by fixed-point iteration. Contact is decided at velocity level, so a gap may be
 // negative, by up to about `h |g'|`. The order is one, through accumulations of any kind. Where
@@ -688,7 +687,7 @@ fn ends_of_step<E>(
         state.kinetics.apply(all, &mut w);
     }
     let mut q: Vec<f64> = state.x.iter().zip(&w).map(|(x, w)| x + h * w).collect();
-    let along = |at: &crate::mechanics::kinetics::Kinetics, i: usize, q: &[f64]| -> f64 {
+    let along = |at: &crate::kinetics::Kinetics, i: usize, q: &[f64]| -> f64 {
         at.normal(i).iter().zip(q).zip(next_x).map(|((n, q), last)| n * (q - last)).sum()
     };
     state.kinetics.solve_regular(all, |at, i| next_x[n + i] - at.gap(i) - along(at, i, &q))?;
@@ -731,7 +730,7 @@ const NONE: f64 = 1e-13;
 type End = (Vec<f64>, Vec<f64>);
 
 /// The forces of friction in joints.
-pub(super) struct JointForces {
+pub(crate) struct JointForces {
     forces: Vec<f64>,
     pattern: ContactMode,
     /// Modes of friction in the last step.
@@ -740,26 +739,26 @@ pub(super) struct JointForces {
 
 impl Kinetics {
     /// Contribution of the friction forces to `b_i`.
-    pub(super) fn pulled(&mut self, i: usize, forces: &[f64]) -> f64 {
+    pub(crate) fn pulled(&mut self, i: usize, forces: &[f64]) -> f64 {
         let rows = (0..forces.len()).map(|channel| self.row(channel)).collect::<Vec<_>>();
         rows.into_iter().zip(forces).map(|(row, force)| force * self.d(i, row)).sum()
     }
 }
 
 impl JointForces {
-    pub(super) fn new(p: usize) -> Self {
+    pub(crate) fn new(p: usize) -> Self {
         let before = ContactMode::default();
         Self { forces: vec![0.0; p], pattern: before, before }
     }
 
     /// The forces, by channel.
-    pub(super) fn forces(&self) -> &[f64] {
+    pub(crate) fn forces(&self) -> &[f64] {
         &self.forces
     }
 
     /// The end of the step, computed by `step` from the accelerations due to the forces, joint by
     /// joint.
-    pub(super) fn solve<E>(
+    pub(crate) fn solve<E>(
         &mut self,
         state: &mut Stepped,
         mut step: impl FnMut(&mut Stepped, &[f64], &[f64]) -> Result<End, Failure<E>>,
@@ -798,7 +797,7 @@ impl JointForces {
     }
 
     /// Slips at the end of the step, how far they went, and the work of friction.
-    pub(super) fn finish_step(&self, state: &mut Stepped, h: f64) {
+    pub(crate) fn finish_step(&self, state: &mut Stepped, h: f64) {
         let Layout { n, m, p, .. } = state.layout;
         if p == 0 {
             return;
@@ -818,7 +817,7 @@ impl JointForces {
     }
 
     /// Notes what friction does otherwise than before.
-    pub(super) fn note(&mut self, t: f64, state: &mut Stepped) {
+    pub(crate) fn note(&mut self, t: f64, state: &mut Stepped) {
         for channel in 0..self.forces.len() {
             let (before, after) = (self.before.number(channel), self.pattern.number(channel));
             if before != after {

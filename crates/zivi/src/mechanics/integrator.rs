@@ -5,13 +5,13 @@
 
 use std::collections::TryReserveError;
 
-use super::accumulation::{note_lifted, Accumulation};
-use super::flight::SmoothMotion;
-use super::impact::{flag_together, Impacts};
-use super::kinetics::Model;
-use super::mode::{Key, Limit, Next};
-use super::path::Piece;
-use super::state::{MechanicalState, Start};
+use crate::impact::accumulation::{note_lifted, Accumulation};
+use crate::impact::{flag_together, Impacts};
+use crate::kinetics::mode::{Key, Limit, Next};
+use crate::kinetics::Model;
+use crate::motion::path::Piece;
+use crate::motion::state::{MechanicalState, Start};
+use crate::motion::SmoothMotion;
 use crate::numeric::dense::largest;
 use crate::record::columns::Reserve;
 use crate::record::events::{FlagKind, Occurrence};
@@ -27,7 +27,7 @@ use crate::{AnyImpactLaw, Counts, Status};
 
 /// The switched method for mechanical systems as an object that is driven piece by piece.
 #[derive(Clone, Debug)]
-pub(super) struct MechanicalIntegrator {
+pub(crate) struct MechanicalIntegrator {
     settings: SwitchedRk,
     state: MechanicalState,
     impacts: Impacts,
@@ -51,7 +51,7 @@ pub(super) struct MechanicalIntegrator {
 }
 
 /// State changed by a step, stored to reject it.
-pub(super) struct StepBackup {
+pub(crate) struct StepBackup {
     state: MechanicalState,
     motion: SmoothMotion,
     next: Next,
@@ -60,7 +60,7 @@ pub(super) struct StepBackup {
 
 impl StepBackup {
     /// Where the system was.
-    pub(super) fn state(&self) -> &MechanicalState {
+    pub(crate) fn state(&self) -> &MechanicalState {
         &self.state
     }
 }
@@ -88,7 +88,7 @@ const GRAZE: f64 = 10.0;
 const OF_A_PIECE: usize = 4;
 
 impl MechanicalIntegrator {
-    pub(super) fn new(
+    pub(crate) fn new(
         settings: SwitchedRk,
         layout: Layout,
         laws: &[AnyImpactLaw],
@@ -114,7 +114,7 @@ impl MechanicalIntegrator {
 
     /// Starts at a state whose gaps are open, or closed to rounding: at gaps with a speed towards
     /// zero the impact comes first. The value of a gap that is not open, if any.
-    pub(super) fn start<E, D: Dynamics<E>>(
+    pub(crate) fn start<E, D: Dynamics<E>>(
         &mut self,
         t: f64,
         at: (&[f64], &[f64]),
@@ -145,7 +145,7 @@ impl MechanicalIntegrator {
     }
 
     /// The velocities change at once: at closed gaps with a speed towards zero the impact comes next.
-    pub(super) fn kick<E, D: Dynamics<E>>(
+    pub(crate) fn kick<E, D: Dynamics<E>>(
         &mut self,
         at: (&[f64], &[f64]),
         model: &mut Model<'_, D>,
@@ -170,7 +170,7 @@ impl MechanicalIntegrator {
     }
 
     /// One more piece of the motion.
-    pub(super) fn advance<E, D: Dynamics<E>>(
+    pub(crate) fn advance<E, D: Dynamics<E>>(
         &mut self,
         t_end: f64,
         model: &mut Model<'_, D>,
@@ -479,7 +479,7 @@ impl MechanicalIntegrator {
     }
 
     /// Forgets what was learnt from the forces: from here on they are others.
-    pub(super) fn restart(&mut self) {
+    pub(crate) fn restart(&mut self) {
         self.cancel_jump();
         self.state.forget_forces();
         self.accumulation.restart();
@@ -487,83 +487,83 @@ impl MechanicalIntegrator {
     }
 
     /// Flights of a run of this length (s) are probed for pulses of the forces.
-    pub(super) fn probe_flights(&mut self, span: f64) {
+    pub(crate) fn probe_flights(&mut self, span: f64) {
         self.motion.probe_flights(span);
     }
 
     /// Cancels the extrapolation: the accumulation is not known accurately enough.
-    pub(super) fn cancel_jump(&mut self) {
+    pub(crate) fn cancel_jump(&mut self) {
         if let Next::Jump(_) = self.next {
             self.next = Next::Step;
         }
     }
 
     /// Whether something happens before the time moves on beyond `t_end`.
-    pub(super) fn is_pending(&self, t_end: f64) -> bool {
+    pub(crate) fn is_pending(&self, t_end: f64) -> bool {
         self.next.is_due(t_end)
     }
 
     /// State changed by a step.
-    pub(super) fn save(&self) -> StepBackup {
+    pub(crate) fn save(&self) -> StepBackup {
         let Self { state, motion, next, stalled, .. } = self;
         let (state, motion, next) = (state.clone(), motion.clone(), next.clone());
         StepBackup { state, motion, next, stalled: *stalled }
     }
 
     /// Gives up the last step: back to where the machine was before it, for one of length `h`.
-    pub(super) fn give_up_step(&mut self, before: &StepBackup, h: f64) {
+    pub(crate) fn give_up_step(&mut self, before: &StepBackup, h: f64) {
         self.state.clone_from(&before.state);
         self.motion.go_back(&before.motion, h);
         self.next.clone_from(&before.next);
         self.stalled = before.stalled;
     }
 
-    pub(super) fn settings(&self) -> &SwitchedRk {
+    pub(crate) fn settings(&self) -> &SwitchedRk {
         &self.settings
     }
 
     /// State of the system with its forces.
-    pub(super) fn state(&self) -> &MechanicalState {
+    pub(crate) fn state(&self) -> &MechanicalState {
         &self.state
     }
 
     /// The same, to have the forces there computed, or impulses.
-    pub(super) fn state_mut(&mut self) -> &mut MechanicalState {
+    pub(crate) fn state_mut(&mut self) -> &mut MechanicalState {
         &mut self.state
     }
 
     /// Next operation.
-    pub(super) fn next(&self) -> &Next {
+    pub(crate) fn next(&self) -> &Next {
         &self.next
     }
 
     /// The motion between events.
-    pub(super) fn motion(&self) -> &SmoothMotion {
+    pub(crate) fn motion(&self) -> &SmoothMotion {
         &self.motion
     }
 
     /// The same, mutable, for step limits and inspection.
-    pub(super) fn motion_mut(&mut self) -> &mut SmoothMotion {
+    pub(crate) fn motion_mut(&mut self) -> &mut SmoothMotion {
         &mut self.motion
     }
 
     /// The impact law of a gap.
-    pub(super) fn law(&self, gap: usize) -> &AnyImpactLaw {
+    pub(crate) fn law(&self, gap: usize) -> &AnyImpactLaw {
         self.impacts.law(gap)
     }
 
     /// The last impacts of one kind.
-    pub(super) fn chain(&self) -> &Chain<Vec<f64>, Key> {
+    pub(crate) fn chain(&self) -> &Chain<Vec<f64>, Key> {
         self.accumulation.chain()
     }
 
     /// The tolerances of the Zeno time of the chain and of the state there.
-    pub(super) fn scales(&self, last: Bounce) -> Vec<f64> {
+    pub(crate) fn scales(&self, last: Bounce) -> Vec<f64> {
         self.accumulation.scales(&self.state, last)
     }
 
     /// Contact forces at a time and a point of the motion, whose closed gaps are set to zero.
-    pub(super) fn contact_forces<E, D: Dynamics<E>>(
+    pub(crate) fn contact_forces<E, D: Dynamics<E>>(
         &mut self,
         t: f64,
         MotionPoint { x, v, mode }: &mut MotionPoint,
@@ -578,23 +578,23 @@ impl MechanicalIntegrator {
     }
 
     /// How much work was done, evaluations apart.
-    pub(super) fn counts(&self) -> Counts {
+    pub(crate) fn counts(&self) -> Counts {
         let ((accepted, rejected), impacts) = (self.motion.steps().counts(), self.impacts.count());
         Counts { nfev: 0, accepted, rejected, impacts }
     }
 
     /// Makes room for the next segment of the motion.
-    pub(super) fn make_room(&mut self, reserve: &mut Reserve) -> Result<(), TryReserveError> {
+    pub(crate) fn make_room(&mut self, reserve: &mut Reserve) -> Result<(), TryReserveError> {
         let most = OF_A_PIECE * (self.state.layout().m + 1);
         reserve.room(&mut self.occurrences, most, 2 * size_of::<f64>())
     }
 
     /// Events at the gaps.
-    pub(super) fn occurrences(&self) -> &[Occurrence] {
+    pub(crate) fn occurrences(&self) -> &[Occurrence] {
         &self.occurrences
     }
 
-    pub(super) fn into_occurrences(self) -> Vec<Occurrence> {
+    pub(crate) fn into_occurrences(self) -> Vec<Occurrence> {
         self.occurrences
     }
 }

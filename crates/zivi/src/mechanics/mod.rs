@@ -10,34 +10,21 @@
 //! The mode is the set `C` of closed gaps. The gaps and their speeds are integrated along with the
 //! coordinates, so that impacts keep their precision however small the bounces become.
 
-mod accumulation;
 mod fixed_steps;
-mod flight;
-mod friction;
-mod impact;
 mod integrator;
-mod kinetics;
-mod lcp;
-mod lift_off;
-mod linear_flight;
-mod mode;
-mod path;
 mod periodic_impulses;
 mod recording;
-mod sampled_control;
 pub mod sensitivity;
-mod shares;
-mod state;
 
+pub use crate::kinetics::contact_forces;
+pub(crate) use crate::kinetics::shares::shortest;
+pub use crate::motion::path::MechanicalPath;
 pub use crate::record::events::{FlagKind, Occurrence};
 pub use crate::record::gap_set::{ContactMode, GapSet};
 pub use crate::record::recorder::MotionPoint;
 pub use fixed_steps::{simulate_mechanical_moreau_jean, simulate_mechanical_theta_gamma};
-pub use kinetics::contact_forces;
-pub use path::MechanicalPath;
 pub use periodic_impulses::{ImpulseEquations, Modes};
 pub use recording::{
-    simulate_mechanical, MechanicalOutput, MechanicalRun, MechanicalSamples, Speeds, Totals,
+    simulate_mechanical, simulate_mechanical_loop, MechanicalOutput, MechanicalRun,
+    MechanicalSamples, Sampling, Speeds, Ticks, Totals,
 };
-pub use sampled_control::{simulate_mechanical_loop, Sampling, Ticks};
-pub(crate) use shares::shortest;

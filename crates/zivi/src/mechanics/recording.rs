@@ -4,33 +4,33 @@
 
 use std::collections::TryReserveError;
 
-use super::accumulation::tail::SkippedArcs;
-use super::integrator::MechanicalIntegrator;
-use super::kinetics::Model;
-use super::path::{Curve, Flight, MechanicalPath, Piece};
+use crate::kinetics::Model;
+use crate::mechanics::integrator::MechanicalIntegrator;
+use crate::motion::path::{Curve, Flight, MechanicalPath, Piece};
+use crate::motion::tail::SkippedArcs;
 use crate::piecewise::running as piecewise;
-use crate::piecewise::running::{unless_terminal, until, Kick, Record, SegmentSink};
-use crate::piecewise::steps::{Advance, NoSink, Piecewise, Rhs};
+use crate::piecewise::running::{unless_terminal, until, Record, SegmentSink};
+use crate::piecewise::steps::{Advance, Driver, NoSink, Piecewise, Rhs};
 use crate::record::columns::Reserve;
 use crate::record::events::Occurrence;
 use crate::record::gap_set::{ContactMode, GapSet};
-use crate::record::recorder::MotionPoint;
 use crate::record::status::Failure;
 use crate::record::user_events::{unknown, SmoothPart};
 use crate::switched::SwitchedRk;
-use crate::system::dynamics::{Dynamics, Layout, MOST};
+use crate::system::dynamics::{Driven, Dynamics, Layout, MOST};
 use crate::system::force::{Channel, Friction, FrictionalImpact, Smooth};
 use crate::{
-    AnyImpactLaw, Counts, GridError, LocatedEvent, Monitor, SetupError, Status, UserEvent,
+    AnyImpactLaw, Counts, GridError, Kick, LocatedEvent, Monitor, MotionPoint, SetupError, Status,
+    UserEvent,
 };
 
 /// A run of a mechanical system under way.
-pub(super) type Running<'a, E> = piecewise::Running<'a, E, MechanicalIntegrator, MechanicalRecord>;
+pub(crate) type Running<'a, E> = piecewise::Running<'a, E, MechanicalIntegrator, MechanicalRecord>;
 
 type Ending<E> = piecewise::Ending<E, MotionPoint>;
 
 /// Record of a run of a mechanical system, in addition to the occurrences.
-pub(super) struct MechanicalRecord {
+pub(crate) struct MechanicalRecord {
     samples: MechanicalSamples,
     /// Where only the ends are sampled.
     speeds: Option<SpeedLog>,
@@ -48,7 +48,7 @@ type Along<'m> = &'m dyn Fn(f64, &mut MotionPoint);
 const ARCS: usize = 1_000_000;
 
 /// A run to `t1` from where the machine starts.
-pub(super) fn running<E>(
+pub(crate) fn running<E>(
     machine: MechanicalIntegrator,
     t1: f64,
     output: MechanicalOutput<'_, E>,
@@ -354,7 +354,7 @@ impl<E> Running<'_, E> {
         Ok(())
     }
 
-    pub(super) fn finish(mut self, ending: Ending<E>, nfev: u64) -> MechanicalRun<E> {
+    pub(crate) fn finish(mut self, ending: Ending<E>, nfev: u64) -> MechanicalRun<E> {
         let (status, raised) = self.close(ending);
         let Self { method: machine, seeker, wanted, record, reserve, end, .. } = self;
         let MechanicalRecord { mut samples, mut speeds, mut path, .. } = record;
@@ -460,7 +460,7 @@ pub fn simulate_mechanical<E, D: Dynamics<E>>(
 }
 
 /// Converts the result of a start to an error of the setup or of the run.
-pub(super) fn started<E>(
+pub(crate) fn started<E>(
     start: Result<Option<f64>, Failure<E>>,
 ) -> Result<Result<(), Failure<E>>, SetupError> {
     match start {
@@ -479,7 +479,7 @@ pub(super) fn started<E>(
     }
 }
 
-pub(super) fn check_sizes(
+pub(crate) fn check_sizes(
     Layout { n, m, p, k }: Layout,
     laws: usize,
     q: &[f64],
@@ -508,7 +508,7 @@ pub(super) fn check_sizes(
 }
 
 /// For derivatives, which know friction in one direction at a gap, and Newton's law.
-pub(super) fn check_differentiable(friction: &Friction) -> Result<(), SetupError> {
+pub(crate) fn check_differentiable(friction: &Friction) -> Result<(), SetupError> {
     let mut gaps: Vec<usize> = friction.channels.iter().filter_map(|it| it.gap).collect();
     let count = gaps.len();
     gaps.dedup();
@@ -527,7 +527,7 @@ pub(super) fn check_differentiable(friction: &Friction) -> Result<(), SetupError
 }
 
 /// For what does not know equality rows.
-pub(super) fn check_free(layout: Layout) -> Result<(), SetupError> {
+pub(crate) fn check_free(layout: Layout) -> Result<(), SetupError> {
     match layout.k {
         0 => Ok(()),
         k => Err(SetupError::Count("equalities", k, "none: take SwitchedRk without derivatives")),
@@ -535,7 +535,7 @@ pub(super) fn check_free(layout: Layout) -> Result<(), SetupError> {
 }
 
 /// For what takes rigid gaps only.
-pub(super) fn check_rigid(friction: &Friction) -> Result<(), SetupError> {
+pub(crate) fn check_rigid(friction: &Friction) -> Result<(), SetupError> {
     match friction.compliant.len() {
         0 => Ok(()),
         count => Err(SetupError::Count("compliant", count, "none: take SwitchedRk")),
@@ -544,7 +544,7 @@ pub(super) fn check_rigid(friction: &Friction) -> Result<(), SetupError> {
 
 /// The same as [`check_friction`] where a rigid gap may have two channels, one after the other: the directions of a
 /// cone, under Newton's law and without tangential restitution.
-pub(super) fn check_cones(layout: Layout, friction: &Friction) -> Result<(), SetupError> {
+pub(crate) fn check_cones(layout: Layout, friction: &Friction) -> Result<(), SetupError> {
     let is_plain = friction.law == FrictionalImpact::Newton && !friction.impact_without_collision;
     let mut one_each: Vec<Channel> = Vec::new();
     let mut is_second = false;
@@ -561,7 +561,7 @@ pub(super) fn check_cones(layout: Layout, friction: &Friction) -> Result<(), Set
     check_friction(layout, &Friction { channels: one_each, ..friction.clone() })
 }
 
-pub(super) fn check_friction(
+pub(crate) fn check_friction(
     Layout { m, p, .. }: Layout,
     friction: &Friction,
 ) -> Result<(), SetupError> {
@@ -589,7 +589,7 @@ pub(super) fn check_friction(
     }
 }
 
-pub(super) fn check_span(t0: f64, t1: f64) -> Result<(), SetupError> {
+pub(crate) fn check_span(t0: f64, t1: f64) -> Result<(), SetupError> {
     if !(t0.is_finite() && t1.is_finite()) {
         return Err(GridError::SpanNotFinite(t0, t1).into());
     }
@@ -645,7 +645,7 @@ pub struct MechanicalSamples {
 
 impl MechanicalSamples {
     /// Makes room for so many more, of so many coordinates and gaps.
-    pub(super) fn make_room(
+    pub(crate) fn make_room(
         &mut self,
         reserve: &mut Reserve,
         count: usize,
@@ -659,7 +659,7 @@ impl MechanicalSamples {
         reserve.room(&mut self.modes, count, layout.rows())
     }
 
-    pub(super) fn push(
+    pub(crate) fn push(
         &mut self,
         t: f64,
         (x, v): (&[f64], &[f64]),
@@ -687,8 +687,8 @@ pub struct Speeds {
 
 /// The speeds of a run under way.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct SpeedLog {
-    pub(super) speeds: Speeds,
+pub(crate) struct SpeedLog {
+    pub(crate) speeds: Speeds,
     /// The last time that was looked at, and the speed there.
     last: (f64, f64),
     /// How many occurrences are known.
@@ -696,13 +696,13 @@ pub(super) struct SpeedLog {
 }
 
 impl SpeedLog {
-    pub(super) fn from(t0: f64) -> Self {
+    pub(crate) fn from(t0: f64) -> Self {
         let speeds = Speeds { since: t0, ..Speeds::default() };
         Self { speeds, last: (t0, 0.0), known: 0 }
     }
 
     /// Records a time, its velocities and the events up to it.
-    pub(super) fn note(&mut self, t: f64, velocities: &[f64], occurrences: &[Occurrence]) {
+    pub(crate) fn note(&mut self, t: f64, velocities: &[f64], occurrences: &[Occurrence]) {
         let speed = velocities.iter().fold(0.0_f64, |most, v| most.max(v.abs()));
         let Self { speeds, last, known } = self;
         for it in occurrences.iter().skip(*known) {
@@ -824,6 +824,185 @@ impl Totals {
             self.last_impact = self.last_impact.max(last);
         }
     }
+}
+
+// A mechanical system under a control that is sampled and held: one run whose forces change at the
+// samples.
+
+/// Sampling times of a control, and other times at which the forces are not smooth.
+#[derive(Clone, Copy, Debug)]
+pub struct Sampling<'a> {
+    /// Times of the samples, from the start to the end of the run (s).
+    pub times: &'a [f64],
+    /// These and all others at which the forces are not smooth, increasing (s).
+    pub stops: &'a [f64],
+}
+
+/// The samples of a loop: state, contact forces under the control that begins there, control.
+#[derive(Default)]
+struct LoopSamples {
+    motion: MechanicalSamples,
+    u: Vec<f64>,
+}
+
+/// A sampled controller: the control at sample `k` for time, coordinates and velocities.
+pub trait Ticks<E> {
+    /// Writes the control into `u`.
+    ///
+    /// # Errors
+    /// Whatever ends the run.
+    fn tick(&mut self, k: usize, t: f64, state: (&[f64], &[f64]), u: &mut [f64]) -> Result<(), E>;
+}
+
+impl<E, T> Ticks<E> for T
+where
+    T: FnMut(usize, f64, (&[f64], &[f64]), &mut [f64]) -> Result<(), E>,
+{
+    fn tick(&mut self, k: usize, t: f64, state: (&[f64], &[f64]), u: &mut [f64]) -> Result<(), E> {
+        self(k, t, state, u)
+    }
+}
+
+/// Takes the pieces of a run as they come, and changes the control at the samples.
+struct Held<'a, C> {
+    ticks: &'a mut C,
+    times: &'a [f64],
+    /// Samples so far.
+    k: usize,
+    u: Vec<f64>,
+    samples: LoopSamples,
+}
+
+impl<C> Held<'_, C> {
+    /// A sample at the present state, with the contact forces of the control that is held.
+    fn sample<E, D: Dynamics<E>, F>(
+        &mut self,
+        machine: &mut MechanicalIntegrator,
+        model: &mut Model<'_, Driven<D, F>>,
+    ) -> Result<(), Failure<E>>
+    where
+        Driven<D, F>: Dynamics<E>,
+    {
+        let (t, layout) = (machine.state().now().t, machine.state().layout());
+        let pending = machine.is_pending(t);
+        if !pending {
+            machine.state_mut().prepare(model)?;
+        }
+        let state = machine.state();
+        let none = vec![0.0; layout.forces()];
+        let lambda = if pending { &none } else { state.lambda() };
+        let (now, mode) = (state.now(), state.mode());
+        let (lambda, mode) = pressed(layout, lambda, mode);
+        self.samples.motion.push(t, (&now.x, &now.xdot), &lambda, mode);
+        self.samples.u.extend_from_slice(&self.u);
+        Ok(())
+    }
+}
+
+/// Contact forces and contacts from here on: a gap that is pulled opens.
+fn pressed(layout: Layout, lambda: &[f64], mode: ContactMode) -> (Vec<f64>, ContactMode) {
+    let mut lambda = lambda.to_vec();
+    let closed = mode.closed.iter().filter(|&i| lambda[i] >= 0.0).collect();
+    lambda[..layout.m].iter_mut().for_each(|it| *it = it.max(0.0));
+    (lambda, ContactMode { closed, ..mode })
+}
+
+impl<'f, E, D, F, C> Driver<MechanicalIntegrator, Model<'f, Driven<D, F>>, E> for Held<'_, C>
+where
+    D: Dynamics<E>,
+    Driven<D, F>: Dynamics<E>,
+    C: Ticks<E>,
+{
+    fn step(
+        &mut self,
+        machine: &mut MechanicalIntegrator,
+        t_end: f64,
+        model: &mut Model<'f, Driven<D, F>>,
+    ) -> Result<crate::motion::path::Piece, Failure<E>> {
+        machine.advance(t_end, model)
+    }
+
+    fn enter(
+        &mut self,
+        machine: &mut MechanicalIntegrator,
+        model: &mut Model<'f, Driven<D, F>>,
+    ) -> Result<(), Failure<E>> {
+        let now = machine.state().now();
+        if !self.times.get(self.k).is_some_and(|&t| now.t >= t) {
+            return Ok(()); // the forces have a break of their own here
+        }
+        let n = machine.state().layout().n;
+        let state = (&now.x[..n], &now.xdot[..n]);
+        self.ticks.tick(self.k, now.t, state, &mut self.u).map_err(Failure::Raised)?;
+        self.k += 1;
+        model.dynamics.hold(&self.u);
+        self.sample(machine, model)
+    }
+}
+
+/// Simulates a mechanical system by the switched Runge-Kutta method under a control that changes at
+/// the samples; `u` is the control from the start on, the ticks begin with the next sample.
+///
+/// The samples of the run are those of the loop, with the contact forces under the control that begins
+/// there. A kick at a sample follows it. Beside the run its controls, `r` numbers a sample; the last is repeated at the end.
+///
+/// # Errors
+/// [`SetupError`] before anything is computed, for settings, sizes or a start out of range.
+pub fn simulate_mechanical_loop<E, D, F>(
+    settings: SwitchedRk,
+    system: (&mut Driven<D, F>, &[AnyImpactLaw]),
+    sampling: Sampling<'_>,
+    (q, w): (&[f64], &[f64]),
+    (u, ticks): (&[f64], &mut impl Ticks<E>),
+    (dense, kicks): (bool, Option<Kick<'_, E, MotionPoint>>),
+    monitor: &mut impl Monitor<E>,
+) -> Result<(MechanicalRun<E>, Vec<f64>), SetupError>
+where
+    D: Dynamics<E>,
+    Driven<D, F>: Dynamics<E>,
+{
+    let settings = settings.validated()?;
+    let (driven, laws) = system;
+    let layout = Dynamics::<E>::layout(driven);
+    let [t0, .., t1] = *sampling.times else {
+        return Err(SetupError::Count("times", sampling.times.len(), "at least 2"));
+    };
+    check_sizes(layout, laws.len(), q, w)?;
+    check_span(t0, t1)?;
+    if u.len() != driven.control().len() {
+        return Err(SetupError::Count("u", u.len(), "one number for each input"));
+    }
+    let friction = Dynamics::<E>::friction(driven).clone();
+    check_friction(layout, &friction)?;
+    driven.hold(u);
+    let mut model = Model::new(driven);
+    let mut machine = MechanicalIntegrator::new(settings, layout, laws, &friction);
+    let begun = started(machine.start(t0, (q, w), &mut model))?;
+    let samples = LoopSamples::default();
+    let mut held = Held { ticks, times: sampling.times, k: 1, u: u.to_vec(), samples };
+    let begun = match begun {
+        Ok(()) => held.sample(&mut machine, &mut model),
+        failed => failed,
+    };
+    let output = MechanicalOutput {
+        t_eval: Some(&[]),
+        tstops: sampling.stops,
+        dense,
+        kicks,
+        ..MechanicalOutput::default()
+    };
+    let mut running = running(machine, t1, output);
+    let ending = match begun {
+        Err(failure) => failure.into(),
+        Ok(()) => running.go(&mut held, &mut model, monitor),
+    };
+    if running.method.state().now().t >= t1 {
+        // the last control is repeated; where the forces there fail, the run is what it is
+        let _: Result<(), Failure<E>> = held.sample(&mut running.method, &mut model);
+    }
+    let LoopSamples { motion, u } = held.samples;
+    let run = running.finish(ending, model.count);
+    Ok((MechanicalRun { samples: motion, ..run }, u))
 }
 
 #[cfg(test)]

@@ -9,20 +9,16 @@
 //! ```
 
 mod columns;
-mod compliant;
-mod exact;
-mod friction;
-mod friction_events;
+mod events;
 mod variational_run;
 
-use variational_run::VariationalRun;
-
-use super::integrator::MechanicalIntegrator;
-use super::kinetics::Model;
-use super::recording::{
+use crate::kinetics::Model;
+use crate::mechanics::integrator::MechanicalIntegrator;
+use crate::mechanics::recording::{
     check_differentiable, check_free, check_sizes, check_span, running, started,
 };
-use super::{MechanicalOutput, MechanicalRun};
+use crate::mechanics::sensitivity::variational_run::VariationalRun;
+use crate::mechanics::{MechanicalOutput, MechanicalRun};
 use crate::switched::SwitchedRk;
 use crate::system::partials::DifferentiableDynamics;
 use crate::{AnyImpactLaw, Monitor, SetupError};
@@ -33,7 +29,7 @@ pub use crate::switched::sensitivity::{Derivatives, EventRates, Question};
 
 // A whole run of a mechanical system with its derivatives.
 
-/// Simulates as [`super::simulate_mechanical`], with the derivatives of the run.
+/// Simulates as [`crate::mechanics::simulate_mechanical`], with the derivatives of the run.
 ///
 /// # Errors
 /// [`SetupError`] before anything is computed, for settings, sizes or a start out of range.

@@ -1,15 +1,14 @@
 //! Follows a run of the machine with the columns: each step, impact, Zeno point and lift-off.
 
-use crate::mechanics::flight::tolerances;
+use crate::kinetics::mode::{InContact, Next, Stages, State};
+use crate::kinetics::Model;
 use crate::mechanics::integrator::MechanicalIntegrator;
-use crate::mechanics::kinetics::Model;
-use crate::mechanics::linear_flight::FlightRates;
-use crate::mechanics::mode::{InContact, Next, Stages, State};
-use crate::mechanics::path::Piece;
 use crate::mechanics::sensitivity::columns::{
-    hold_rows, Columns, Direction, Exchange, MechanicalWrt,
+    hold_rows, Columns, Direction, Exchange, FrictionalImpulses, MechanicalWrt, RoughImpact,
 };
-use crate::mechanics::sensitivity::friction::{FrictionalImpulses, RoughImpact};
+use crate::motion::linear_flight::FlightRates;
+use crate::motion::path::Piece;
+use crate::motion::tolerances;
 use crate::numeric::stages::{factor, shorter, FACTORS};
 use crate::numeric::tableau::Pair;
 use crate::piecewise::steps::Driver;
