@@ -433,7 +433,7 @@ const NONE: f64 = 1e-9;
 
 /// A number that must stay positive.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct Level {
+pub(crate) struct LimitLevel {
     pub(crate) limit: Limit,
     pub(crate) value: f64,
     /// Its rounding error.
@@ -442,13 +442,13 @@ pub(crate) struct Level {
 
 impl Kinetics {
     /// The numbers (1) of a mode, where its forces have been computed.
-    pub(crate) fn limits(&mut self, mode: ContactMode) -> Vec<Level> {
+    pub(crate) fn limits(&mut self, mode: ContactMode) -> Vec<LimitLevel> {
         let mut all = self.levels(mode);
         if self.layout.p == 0 && self.undetermined.is_empty() {
             return all;
         }
         if !self.undetermined.is_empty() {
-            let of = |level: &Level| self.unit(level.limit) * level.noise;
+            let of = |level: &LimitLevel| self.unit(level.limit) * level.noise;
             let (value, noise) = if self.sticks_in_cones(mode) {
                 let most = |channel: usize| self.friction_limits(channel).1;
                 let shares = self.cone_shares(mode, &self.lambda, &self.undetermined, &most);
@@ -458,23 +458,24 @@ impl Kinetics {
                 let noise = margin.support.iter().map(|(j, weight)| weight * of(&all[*j])).sum();
                 (margin.value, noise)
             };
-            all = vec![Level { limit: Limit::Margin, value, noise }];
+            all = vec![LimitLevel { limit: Limit::Margin, value, noise }];
         }
         let slips = |c: usize| self.gap_of(c).is_some() && self.friction_limits(c).0 > 0.0;
         if mode.slipping().iter().any(slips) {
             let kappa = self.edges(mode).map_or(0.0, |edges| edges.kappa());
             let (limit, value) = (Limit::Regularity, kappa - REGULAR);
-            all.push(Level { limit, value, noise: 0.0 });
+            all.push(LimitLevel { limit, value, noise: 0.0 });
         }
         all
     }
 
     /// The same for each force separately, even if the motion does not determine it.
-    pub(super) fn levels(&mut self, mode: ContactMode) -> Vec<Level> {
-        let mut all: Vec<Level> = Vec::with_capacity(mode.closed.len() + 2 * mode.stick.len() + 1);
+    pub(super) fn levels(&mut self, mode: ContactMode) -> Vec<LimitLevel> {
+        let mut all: Vec<LimitLevel> =
+            Vec::with_capacity(mode.closed.len() + 2 * mode.stick.len() + 1);
         for gap in mode.closed.iter() {
             let (limit, noise) = (Limit::Force(gap), self.noise(gap) / self.d(gap, gap));
-            all.push(Level { limit, value: self.lambda[gap], noise });
+            all.push(LimitLevel { limit, value: self.lambda[gap], noise });
         }
         for channel in mode.stick.iter() {
             match self.other_of(channel) {
@@ -645,7 +646,7 @@ impl Kinetics {
         }
     }
 
-    fn stick_limits(&mut self, channel: usize) -> [Level; 2] {
+    fn stick_limits(&mut self, channel: usize) -> [LimitLevel; 2] {
         let (row, factor) = (self.row(channel), self.friction_limits(channel).1);
         let mut noise = self.noise(row) / self.d(row, row);
         let largest = match self.gap_of(channel) {
@@ -656,7 +657,7 @@ impl Kinetics {
             }
         };
         let force = self.lambda[row];
-        [1.0, -1.0].map(|sign| Level {
+        [1.0, -1.0].map(|sign| LimitLevel {
             limit: Limit::Stick(channel, sign),
             value: largest - sign * force,
             noise,
@@ -665,7 +666,7 @@ impl Kinetics {
 
     /// How far the force of a sticking contact with two directions is within its cone: a smooth function also
     /// where both components vanish, `(mu^2 lambda^2 - f^2)/(2 mu lambda)`.
-    fn cone_limit(&mut self, pair: [usize; 2]) -> Level {
+    fn cone_limit(&mut self, pair: [usize; 2]) -> LimitLevel {
         let [one, other] = pair.map(|channel| self.stick_limits(channel)[0].noise);
         let (force, largest) = self.cone_force(pair);
         let value = match force <= f64::EPSILON * largest.abs() {
@@ -673,7 +674,7 @@ impl Kinetics {
             false if largest <= 0.0 => -force,
             false => 0.5 * (largest - force * (force / largest)),
         };
-        Level { limit: Limit::Stick(pair[0], 1.0), value, noise: one.hypot(other) }
+        LimitLevel { limit: Limit::Stick(pair[0], 1.0), value, noise: one.hypot(other) }
     }
 
     /// The tangential force of a contact with two directions, and the most that sticks.

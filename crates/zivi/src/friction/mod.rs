@@ -16,7 +16,7 @@ mod impact;
 mod local;
 mod restitution;
 
-pub(crate) use contact::{Edges, Level};
+pub(crate) use contact::{Edges, LimitLevel};
 pub(crate) use decide::decide;
 pub(crate) use impact::Collision;
 pub(crate) use local::{LocalContact, LocalSlip};

@@ -5,7 +5,7 @@
 //! certify that there is no change of sign, two more values how well it fits. Long steps are probed
 //! between these points ([`Probes`]).
 
-use crate::friction::{decide, Level};
+use crate::friction::{decide, LimitLevel};
 use crate::kinetics::lcp::settle;
 use crate::kinetics::mode::{AlongStep, ContactProbes, Contacts, Limit, Rows};
 use crate::kinetics::shares::Shares;
@@ -141,7 +141,7 @@ impl<D> AlongStep<'_, '_, D> {
     /// stays closed with zero force.
     fn is_handed_over(&mut self, fit: &Fit) -> bool {
         let levels = self.aside.limits(self.mode);
-        let Some(&Level { limit, .. }) = levels.get(fit.number) else { return false };
+        let Some(&LimitLevel { limit, .. }) = levels.get(fit.number) else { return false };
         let is_gap = matches!(limit, Limit::Force(_));
         is_gap && fit.least.abs() <= HANDED * self.aside.force_scale(limit)
     }
@@ -268,7 +268,7 @@ fn conforms<E, D: Dynamics<E>>(
     }
     let levels = along.aside.limits(along.mode);
     // of several fits of the margin the least is meant
-    let conforms = |(number, level): (usize, &Level)| {
+    let conforms = |(number, level): (usize, &LimitLevel)| {
         let fits = fits.iter().filter(|fit| fit.number == number);
         let least = fits.min_by(|one, other| one.p.at(theta).total_cmp(&other.p.at(theta)));
         least.is_none_or(|fit| fit.conforms(level.value, theta))

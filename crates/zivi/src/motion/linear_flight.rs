@@ -758,7 +758,7 @@ fn polished(a: &Series, near: f64) -> f64 {
 
 /// A step that was flown, or the part of it up to an event.
 #[derive(Clone, Copy)]
-pub(crate) struct Flown<'a> {
+pub(crate) struct FlownPart<'a> {
     pub(crate) from: &'a State,
     /// The time where it begins, at which the system is evaluated.
     pub(crate) t: f64,
@@ -863,12 +863,12 @@ impl LinearFlight {
     /// completed step, with respect to a parameter if given.
     pub(crate) fn differentiate<E>(
         &mut self,
-        flown: Flown<'_>,
+        flown: FlownPart<'_>,
         rates: &mut FlightRates,
         parameter: Option<usize>,
         (x, v): (&mut [f64], &mut [f64]),
     ) -> Result<(), Failure<E>> {
-        let Flown { t, closed, length, .. } = flown;
+        let FlownPart { t, closed, length, .. } = flown;
         if length <= 0.0 {
             return Ok(());
         }
@@ -908,7 +908,7 @@ impl LinearFlight {
     /// The series of the gaps for a column by a parameter, whose end is in `self.end` then.
     fn moved(
         &mut self,
-        Flown { from, t, length, .. }: Flown<'_>,
+        FlownPart { from, t, length, .. }: FlownPart<'_>,
         (motion, variation, rate): (&Propagation, &ParameterVariation, &Free),
         u: &mut [f64],
     ) -> Vec<Series> {

@@ -13,7 +13,7 @@ use crate::mechanics::sensitivity::columns::{
     hold_rows, CompliantPartials, Direction, Local, RoughImpact,
 };
 use crate::mechanics::sensitivity::variational_run::{Change, StruckColumns, VariationalRun};
-use crate::motion::linear_flight::{FlightRates, Flown};
+use crate::motion::linear_flight::{FlightRates, FlownPart};
 use crate::motion::path::Piece;
 use crate::numeric::bernstein::Polynomial;
 use crate::numeric::dense::{axpy, dot, largest};
@@ -704,14 +704,14 @@ impl VariationalRun<'_> {
         self.note_height(machine);
         self.columns.visited = None;
         self.prepare_rates(machine, model);
-        let flown = Flown { from: &from, t, closed, length };
+        let flown = FlownPart { from: &from, t, closed, length };
         if let Next::Step = machine.next() {
             self.exact_minima(flown, machine)?;
         }
         let until = machine.state().now().t;
         while let Some(t) = self.next_time().filter(|&t| t < until) {
             let length = ((t - from.t) - from.late).clamp(0.0, length);
-            let (x, v) = self.columns_after(Flown { length, ..flown }, machine)?;
+            let (x, v) = self.columns_after(FlownPart { length, ..flown }, machine)?;
             let (n, size) = (self.columns.layout.n, self.columns.size());
             for of in [&x, &v] {
                 self.samples.extend(of.chunks_exact(size).flat_map(|column| &column[..n]));
@@ -746,7 +746,7 @@ impl VariationalRun<'_> {
     /// The columns, and their rates, after a part of a step that was flown.
     fn columns_after<E>(
         &mut self,
-        flown: Flown<'_>,
+        flown: FlownPart<'_>,
         machine: &mut MechanicalIntegrator,
     ) -> Result<(Vec<f64>, Vec<f64>), Failure<E>> {
         let size = self.columns.size();
@@ -763,7 +763,7 @@ impl VariationalRun<'_> {
     /// Minima of the gaps within the step.
     fn exact_minima<E>(
         &mut self,
-        flown: Flown<'_>,
+        flown: FlownPart<'_>,
         machine: &mut MechanicalIntegrator,
     ) -> Result<(), Failure<E>> {
         let (Layout { n, m, .. }, size) = (self.columns.layout, self.columns.size());
@@ -781,7 +781,7 @@ impl VariationalRun<'_> {
             let p = Polynomial::<TERMS>::from_powers(series);
             let Some(theta) = p.derivative().negated().first_negative() else { continue };
             let length = theta * flown.length;
-            let (x, _) = self.columns_after(Flown { length, ..flown }, machine)?;
+            let (x, _) = self.columns_after(FlownPart { length, ..flown }, machine)?;
             let rates: Vec<f64> = x.chunks_exact(size).map(|column| column[n + gap]).collect();
             self.validity.note(
                 sensitivity::Limit::Minimum,
