@@ -203,7 +203,7 @@ def pendulum(rng):
         [np.sin(polar) * np.cos(turn), np.sin(polar) * np.sin(turn), -np.cos(polar)]
     )
     v = np.cross(rng.normal(size=3), y)
-    floor = length * rng.uniform(0.4, 0.9)
+    floor = max(length * rng.uniform(0.4, 0.9), 1e-2 - y[2])  # not above the start
     model = Model(
         np.eye(3) * rng.uniform(0.5, 2), np.array([0, 0, -9.81]), np.zeros((3, 3)),
         [np.eye(3)[[2, 0, 1]]], [rng.uniform(0.05, 0.4)], rng.uniform(0, 0.6), y, v,

@@ -164,12 +164,19 @@ TREE_GAPS = {
     "plane": {"body": "'arm'", "point": "[1, 0, 0]", "offset": "-2.0"},
     "ball": {"body": "'arm'", "point": "[1, 0, 0]", "radius": "0.1"},
 }
+SHAPES = {
+    "ball": {"radius": "0.1"},
+    "box": {"half_extents": "[1, 2, 3]"},
+    "capsule": {"radius": "0.1", "half_length": "0.2"},
+    "plane": {"normal": "[0, 0, 1]"},
+}
 OF_TREE = {
     "name": "'arm'", "parent": "'root'", "kind": "'slide'", "coordinate": "'turn'",
     "rotation": "[[0, -1, 0], [1, 0, 0], [0, 0, 1]]", "joint": "'arm'", "body": "'arm'",
     "other": "'root'", "lower": "-1.0", "offset": "-3.0",
-    **dict.fromkeys(("position", "axis", "anchor", "com", "normal"), "[1, 2, 3]"),
-    **dict.fromkeys(("point", "other_point"), "[3, 0, 0]"),
+    **dict.fromkeys(("position", "axis", "anchor", "com", "normal", "half_extents"), "[1, 2, 3]"),
+    **dict.fromkeys(("point", "other_point", "center"), "[3, 0, 0.5]"),
+    "first": "'tip'", "second": "'floor'", "mu": "0.2", "mu_static": "0.3", "share": "0.4",
 }  # fmt: skip
 LAWS = {
     "NewtonImpact": {"e": "0.5"},
@@ -236,6 +243,8 @@ def complete_tree(key, kind):
         gap["kind"] = f"'{kind or 'plane'}'"
         if name != "kind":
             gap[name] = OF_TREE.get(name, "1.0")
+    elif table.startswith(("system.shapes", "system.contacts")):
+        return tree_with_shapes(table, name, kind, written(given))
     elif table == "system.parameters":
         given["system.parameters"] = "{ 'arm.mass' = 2.0 }"
     elif table in ("t_eval", "method"):
@@ -253,6 +262,27 @@ def complete_tree(key, kind):
     return written(given) + "".join(lines)
 
 
+def tree_with_shapes(table, name, kind, text):
+    """Give a file of a tree whose arm has a shape above a floor."""
+    of = kind if table == "system.shapes.NAME" and kind else "ball"
+    shape = {"kind": f"'{of}'", **SHAPES[of]} | ({} if of == "plane" else {"body": "'arm'"})
+    contact = {"first": "'tip'", "second": "'floor'"}
+    if table == "system.contacts.e":
+        law = kind if kind in LAWS else "NewtonImpact"
+        contact |= {"e.law": f"'{law}'", **{f"e.{it}": value for it, value in LAWS[law].items()}}
+        contact.setdefault(f"e.{name}", "0.9")
+    elif table == "system.contacts":
+        contact.setdefault(name, OF_TREE.get(name, "0.5"))
+        contact |= {"mu": "0.2", "name": "'tips'"} if name in ("mu_static", "name") else {}
+    elif name != "kind":
+        shape[name] = OF_TREE.get(name, "0.5")
+    body = {"name": "'arm'", "kind": "'free'", "mass": "1.0", "inertia": "0.1"}
+    tables = [("[[system.bodies]]", body), ("[system.shapes.tip]", shape)]
+    if of != "plane":
+        tables += [("[system.shapes.floor]", {"kind": "'plane'"}), ("[[system.contacts]]", contact)]
+    return text + "".join(f"{head}\n{written(it)}" for head, it in tables)
+
+
 def written(given):
     """Write a file, with names that are the user's."""
     told = {
@@ -268,7 +298,8 @@ NAMES = {"parameters": "e", "fixed": "g", "gaps": "floor", "friction": "guide"}
 GAPS = {"system.slips": "'udot - 1'", "system.mu": "[0.3, 0.4]", "system.e_t": "0.5"}
 WHOLE_TABLES = ("system", "system.wall", "system.gaps", "system.parameters", "method", "controller",
                 "system.slips", "system.mu", "system.e_t", "system.friction", "system.bodies",
-                "parameters", "parameters.NAME", "fixed", "design")  # fmt: skip
+                "system.shapes", "system.shapes.NAME", "system.contacts", "parameters",
+                "parameters.NAME", "fixed", "design")  # fmt: skip
 
 
 @pytest.mark.parametrize(

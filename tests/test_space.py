@@ -503,3 +503,134 @@ def test_a_body_in_space_slips_in_two_directions_and_one_in_a_plane_in_one():
     bodies = [slides[0], Body("z", "x", "slide", mass=1.0)]
     cart = zivi.Tree(bodies, gaps=[PlaneGap("z", mu=0.3)])
     assert cart.channel_names == ("z",)
+
+
+# Files of the command line.
+
+FILE = f"""
+t_span = [0.0, 3.0]
+y0 = [[0.0, 0.0, 1.0, 1.0, 0.0, 0.0, 0.0], [2.0, 0.0, 0.0, 0.0, -30.0, 0.0]]
+[[system.bodies]]
+name = "ball"
+kind = "free"
+mass = 1.3
+inertia = {0.4 * 1.3 * 0.2**2!r}
+[system.shapes]
+ball = {{ kind = "ball", radius = 0.2 }}
+floor = {{ kind = "plane" }}
+[[system.contacts]]
+first = "ball"
+second = "floor"
+mu = 0.3
+e = 0.5
+[method]
+rtol = 1e-9
+atol = 1e-9
+"""
+
+
+def test_a_file_has_shapes_and_contacts(tmp_path):
+    path = tmp_path / "ball.toml"
+    path.write_text(FILE)
+    sol = zivi.files.prepare_simulate(path).run()
+    start = [0, 0, 1, 1, 0, 0, 0], [2, 0, 0, 0, -30, 0]
+    true = zivi.simulate(thrown(0.3, 0.5), (0, 3), start, method(1e-9))
+    # it rolls with the momentum about the point of contact
+    assert sol.qvel[-1, 0] == pytest.approx((5 * 2.0 - 2 * 0.2 * 30.0) / 7, abs=1e-9)
+    assert np.array_equal(sol.q, true.q)
+    zivi.files.save(sol, tmp_path / "ball.nc")
+    again = zivi.files.load(tmp_path / "ball.nc")
+    assert np.array_equal(again.qpos, sol.qpos)
+    assert np.array_equal(again.pose("ball")[1], sol.pose("ball")[1])
+    assert np.array_equal(again(1.3), sol(1.3))
+
+
+def test_all_shapes_of_a_file_are_those_of_python(tmp_path):
+    shapes = {
+        "bob": Ball(0.3, [0, 0.1, 0.2], body="body"),
+        "post": Ball(0.2, [3, 1, 2]),
+        "box": Box([0.1, 0.2, 0.3], [0, 0.1, 0], body="body"),
+        "rod": Capsule(0.05, 0.4, [1, 1, 0], body="body"),
+        "slope": Plane([1, -2, 3], point=[0, 0, -3]),
+    }
+    contacts = [
+        Contact("box", "slope", mu=0.3, mu_static=0.4, e=0.2),
+        Contact("rod", "slope", name="hull"),
+        Contact("post", "bob", mu=0.2),
+    ]
+    tree = zivi.Tree([OFFSET, TOP], contacts=contacts, shapes=shapes, e=0.4)
+    start = [0.1, 0.2, 0.3, 0.6, 0, 0.8, 0, 1, 0, 0, 0], np.linspace(-1, 1, 9)
+    written = zivi.files.tree_text(tree, (0, 0.2), start)  # contacts as gaps
+    given = written[: written.index("[[system.gaps]]")]
+    laws = next(line for line in given.splitlines() if line.startswith("e ="))
+    given = given.replace(laws, "e = 0.4")
+    given += """
+    [system.shapes]
+    bob = { kind = "ball", radius = 0.3, center = [0, 0.1, 0.2], body = "body" }
+    post = { kind = "ball", radius = 0.2, center = [3, 1, 2] }
+    box = { kind = "box", half_extents = [0.1, 0.2, 0.3], center = [0, 0.1, 0], body = "body" }
+    rod = { kind = "capsule", radius = 0.05, half_length = 0.4, axis = [1, 1, 0], body = "body" }
+    slope = { kind = "plane", normal = [1, -2, 3], point = [0, 0, -3] }
+    [[system.contacts]]
+    first = "box"
+    second = "slope"
+    mu = 0.3
+    mu_static = 0.4
+    e = { law = "NewtonImpact", e = 0.2 }
+    [[system.contacts]]
+    first = "rod"
+    second = "slope"
+    name = "hull"
+    [[system.contacts]]
+    first = "post"
+    second = "bob"
+    mu = 0.2
+    """
+    true = zivi.simulate(tree, (0, 0.2), start)
+    for text in (written, given):
+        path = tmp_path / "tree.toml"
+        path.write_text(text)
+        again = zivi.files.prepare_simulate(path).run()
+        for name in ("gap_names", "channel_names", "coordinate_names", "config"):
+            assert getattr(again, name) == getattr(true, name)
+        assert np.array_equal(again.q, true.q)
+    states = tree.state(*start)  # a state in coordinates of a run is one, too
+    assert "y0" in zivi.files.tree_text(tree, (0, 0.2), states)
+    with pytest.raises(ValueError, match="y0 must have lists of 11 and 9 or two of 9, got"):
+        zivi.files.tree_text(tree, (0, 0.2), ([0.0], [0.0]))
+
+
+def test_what_a_file_of_a_tree_does_not_have_is_refused():
+    slide = Body("a", kind="slide", axis=[0, 0, 1], mass=1.0)
+    driven = zivi.Tree([slide], inputs={"push": "a"})
+    with pytest.raises(NotImplementedError, match="inputs are not supported"):
+        zivi.files.tree_text(driven, (0, 1), ([0.0], [0.0]))
+    soft = zivi.Tree([slide], gaps=[PlaneGap("a", contact=zivi.Hertz(1e5))])
+    with pytest.raises(NotImplementedError, match=r"compliant gaps \(a\) are not supported"):
+        zivi.files.tree_text(soft, (0, 1), ([0.0], [0.0]))
+
+
+@pytest.mark.parametrize(
+    ("line", "wrong", "told"),
+    [
+        ('"plane"', '"plane", normal = [0, 0, 0]', r"system.shapes.floor.normal .* not be zero"),
+        ('"plane"', '"plane", radius = 1', "system.shapes.floor.radius is not a setting of plane"),
+        ("radius = 0.2", "radius = 0", "system.shapes.ball.radius must be a finite number > 0"),
+        ("radius = 0.2", 'radius = 1, body = "x"', "system.shapes.ball names the body 'x'"),
+        ('kind = "ball"', 'kind = "cone"', 'shapes.ball.kind must be one of "ball", "box", "caps'),
+        ('"plane"', '"box", half_extents = [1, 1, 1]', "is between Ball and Box, which is not"),
+        ('second = "floor"', 'second = "flor"', "names the shape 'flor'; shapes has 'ball', 'floo"),
+        ('second = "floor"', 'second = "ball"', r"system.contacts\[0\]: a contact must be between"),
+        ('second = "floor"', "", r"system.contacts\[0\].second is missing: another shape"),
+        ("e = 0.5", "e = 2", r"system.contacts\[0\].e must be a finite number >= 0 and <= 1"),
+        ('kind = "free"', 'kind = "free"\nstiffness = 1', "stiffness of body 'ball' is not supp"),
+        ("1.0, 1.0, 0.0", "1.0, 2.0, 0.0", "y0 of body 'ball' must have length 1, got 2"),
+        ("[[0.0, 0.0, 1.0", "[[1.0", r"y0 must be \(qpos, qvel\) with 7 and 6 numbers"),
+    ],
+)
+def test_wrong_shapes_of_a_file_name_their_key(tmp_path, line, wrong, told):
+    path = tmp_path / "ball.toml"
+    assert FILE.count(line) == 1
+    path.write_text(FILE.replace(line, wrong))
+    with pytest.raises(zivi.files.FileError, match=told):
+        zivi.files.prepare_simulate(path).run()

@@ -37,6 +37,7 @@ from zivi.files.kinds import (
 from zivi.study import EXPERIMENTS
 from zivi.system.gap import IMPACT_LAWS, PARADOXES
 from zivi.system.impact_law import NewtonImpact
+from zivi.system.space import Ball, Box, Capsule, Plane
 from zivi.system.tree import Tree
 from zivi.system.tree_bodies import KINDS, BallGap, JointLimit, PlaneGap
 
@@ -608,6 +609,10 @@ BALL = (
     Key("point", POINT, "centre of its ball", "m", "[0, 0, 0]"),
 )
 CALLED = Key("name", NAME, "name of the gap", default="that of the body")
+ROUGH = (
+    Key("mu", NOT_NEGATIVE, "coefficient of dry friction", "1", "0"),
+    Key("mu_static", NOT_NEGATIVE, "coefficient of friction in stick", "1", "mu"),
+)
 GAPS = {"limit": JointLimit, "plane": PlaneGap, "ball": BallGap}
 GAP = Tagged(
     "kind",
@@ -622,34 +627,73 @@ GAP = Tagged(
             Key("normal", POINT, "n in n . p - offset - radius", default="[0, 0, 1]"),
             Key("offset", ANY, "offset", "m", "0"),
             Key("radius", NOT_NEGATIVE, "radius of the ball", "m", "0"),
-            Key("mu", NOT_NEGATIVE, "coefficient of dry friction", "1", "0"),
-            Key("mu_static", NOT_NEGATIVE, "coefficient of friction in stick", "1", "mu"),
+            *ROUGH,
             CALLED,
         ),
         "ball": (
             *BALL,
             Key("other", NAME, "the other body", default="the world"),
             Key("other_point", POINT, "centre of the other ball", "m", "[0, 0, 0]"),
-            Key("radius", Number(above=0.0), "the sum of both radii", "m"),
+            Key("radius", POSITIVE, "the sum of both radii", "m"),
+            *ROUGH,
+            Key("share", UNIT, "part of radius that belongs to body", "1", "0.5"),
             CALLED,
         ),
     },
+)
+SHAPES = {"ball": Ball, "box": Box, "capsule": Capsule, "plane": Plane}
+_CENTER = Key("center", POINT, "its middle in the frame of the body", "m", "[0, 0, 0]")
+_OWNER = Key("body", NAME, "its body", default="that of the same name, or else the world")
+SHAPE = Tagged(
+    "kind",
+    {
+        "ball": (Key("radius", POSITIVE, "radius", "m"), _CENTER, _OWNER),
+        "box": (Key("half_extents", POINT, "half its edges", "m"), _CENTER, _OWNER),
+        "capsule": (
+            Key("radius", POSITIVE, "radius", "m"),
+            Key("half_length", POSITIVE, "half the distance of its ends' centres", "m"),
+            Key("axis", POINT, "its direction in the frame of the body", default="[0, 0, 1]"),
+            _CENTER,
+            _OWNER,
+        ),
+        "plane": (
+            Key("normal", POINT, "its normal, in axes of the world", default="[0, 0, 1]"),
+            Key("offset", ANY, "its distance from the origin along the normal", "m", "0"),
+            Key("point", POINT, "one of its points, instead of offset", "m", "none"),
+        ),
+    },
+)
+CONTACT = KeyTable(
+    (
+        Key("first", NAME, "a shape"),
+        Key("second", NAME, "another shape"),
+        *ROUGH,
+        Key("e", Either(UNIT, LAW), "restitution or law", "1", "that of the tree"),
+        Key("name", NAME, "name of its gaps", default="first-second"),
+    )
 )
 CHOICES = tuple(key for key in MECHANICAL_SYSTEM.keys if key.name in ("impact_law", "paradox"))
 TREE_SYSTEM = KeyTable(
     (
         Key("bodies", Each(KeyTable(BODY), "tables"), "the bodies, parents before children"),
         Key("gaps", Each(GAP, "tables"), "the gaps", default="none"),
+        Key("shapes", Open(SHAPE, "shapes"), "shapes of bodies and of the world", default="none"),
+        Key("contacts", Each(CONTACT, "tables"), "contacts of shapes", default="none"),
         Key("gravity", POINT, "acceleration of free fall", "m/s^2", "[0, 0, -9.81]"),
         RESTITUTIONS,
         *CHOICES,
         Key("parameters", Open(ANY, "parameters"), "other values, by their names", default="none"),
     )
 )
-TREE = tuple(
-    Key("system", TREE_SYSTEM, "the tree of bodies") if key.name == "system" else key
-    for key in MECHANICS
-)
+_OF_TREE = {
+    "system": Key("system", TREE_SYSTEM, "the tree of bodies"),
+    "y0": Key(
+        "y0",
+        Each(Numbers(), "two lists of numbers, [q0, qdot0]"),
+        "coordinates and velocities; with free bodies or ball joints [qpos, qvel]",
+    ),
+}
+TREE = tuple(_OF_TREE.get(key.name, key) for key in MECHANICS)
 
 
 def is_tree(content: Mapping[str, Any]) -> bool:
@@ -668,12 +712,20 @@ def tree_text(tree: Tree, t_span: tuple[float, float], y0: Any) -> str:
     t_span : tuple of float
         Start and end.
     y0 : tuple of array_like
-        Coordinates and velocities.
+        Coordinates and velocities, as for `zivi.simulate`: ``(q, qdot)`` or ``(qpos, qvel)``.
 
     Returns
     -------
     str
-        The file, in TOML, which needs neither MuJoCo nor Python code.
+        The file, in TOML, which needs neither MuJoCo nor Python code. Contacts of shapes are
+        written as their gaps.
+
+    Raises
+    ------
+    ValueError
+        If `y0` has another number of coordinates than the tree.
+    NotImplementedError
+        For constraints, inputs and compliant gaps.
 
     Examples
     --------
@@ -688,9 +740,17 @@ def tree_text(tree: Tree, t_span: tuple[float, float], y0: Any) -> str:
             "constraints are not supported by zivi.files.tree_text; use zivi.simulate, got "
             f"{', '.join(map(repr, tree.equality_names))}"
         )
+    compliant = [it.name for it in tree._structure.sides if it.gap.contact is not None]
+    if compliant or tree._given_inputs is not None:
+        what = f"compliant gaps ({', '.join(compliant)})" if compliant else "inputs"
+        raise NotImplementedError(
+            f"{what} are not supported by zivi.files.tree_text; use zivi.simulate"
+        )
     start = [np.asarray(part, dtype=float).tolist() for part in y0]
-    if [len(part) for part in start] != [len(tree._coordinates or ())] * 2:
-        raise ValueError(f"y0 must have two lists of {len(tree._coordinates or ())}, got {start}")
+    n = len(tree._coordinates or ())
+    if [len(part) for part in start] not in ([n, n], [tree.nq, n]):
+        sizes = f"two lists of {n}" if tree.nq == n else f"lists of {tree.nq} and {n} or two of {n}"
+        raise ValueError(f"y0 must have {sizes}, got {start}")
     first = {"t_span": [float(t) for t in t_span], "y0": start}
     made = dict(tree._structure.values(tree._gravity))
     changed = {name: value for name, value in tree.parameters.items() if made[name] != value}

@@ -73,7 +73,7 @@ class Mistakes:
             yield
         except FileError:
             raise
-        except (ValueError, TypeError) as error:
+        except (ValueError, TypeError, NotImplementedError) as error:
             argument, rest = _argument(str(error))
             if argument in keys:
                 self.add(keys[argument], rest)

@@ -20,6 +20,7 @@ from zivi.files.file_keys import (
     CONTROL,
     GAPS,
     MECHANICS,
+    SHAPES,
     SIMULATE,
     SWEEP,
     TREE,
@@ -38,6 +39,7 @@ from zivi.system.gap import DryFriction, HarmonicWall
 from zivi.system.impact_law import LAWS
 from zivi.system.mass import Force, ImpactSystem, LinearForce
 from zivi.system.mechanism import MechanicalSystem
+from zivi.system.space import Contact
 from zivi.system.symbolic_system import SymbolicSystem, system as symbolic_system
 from zivi.system.tree import Tree
 from zivi.system.tree_bodies import Body
@@ -185,7 +187,14 @@ def build_tree(values: dict[str, Any], mistakes: Mistakes) -> Tree:
     given = {name: it for name, it in values.items() if name in settings_of}
     settings = with_law(given, mistakes)
     names = ("bodies", "gaps", *settings_of)
-    with mistakes.naming(argument_keys("system", names), "system"):
+    tables = values.get("shapes", {})
+    keys = {name: dotted("system.shapes", name) for name in tables}
+    shapes = {name: shape(it, keys[name], mistakes) for name, it in tables.items()}
+    contacts = [
+        contact(it, f"system.contacts[{n}]", mistakes)
+        for n, it in enumerate(values.get("contacts", ()))
+    ]
+    with mistakes.naming(keys | argument_keys("system", names), "system"):
         of_joints = ("friction", "friction_static")
         bodies = [
             Body(**{name: it for name, it in body.items() if name not in of_joints})
@@ -200,7 +209,9 @@ def build_tree(values: dict[str, Any], mistakes: Mistakes) -> Tree:
             GAPS[gap["kind"]](**{name: it for name, it in gap.items() if name != "kind"})
             for gap in values.get("gaps", ())
         ]
-        found = Tree(bodies, gaps=gaps, friction=friction, **settings)
+        found = Tree(
+            bodies, gaps=gaps, friction=friction, contacts=contacts, shapes=shapes, **settings
+        )
     for name, value in values.get("parameters", {}).items():
         key = f"system.parameters.{name}"
         if name not in found.parameters:
@@ -210,6 +221,20 @@ def build_tree(values: dict[str, Any], mistakes: Mistakes) -> Tree:
         with mistakes.naming({}, key):
             found.parameters[name] = value
     return found
+
+
+def shape(value: dict[str, Any], key: str, mistakes: Mistakes) -> Any:
+    """Build a shape of a body or of the world from its table."""
+    given = {name: it for name, it in value.items() if name != "kind"}
+    with mistakes.naming(argument_keys(key, given), key):
+        return SHAPES[value["kind"]](**given)
+
+
+def contact(value: dict[str, Any], key: str, mistakes: Mistakes) -> Contact:
+    """Build a contact of two shapes from its table."""
+    given = value | ({"e": law(value["e"], f"{key}.e", mistakes)} if "e" in value else {})
+    with mistakes.naming(argument_keys(key, given), key):
+        return Contact(**given)
 
 
 def build_method(values: dict[str, Any], mistakes: Mistakes) -> Any:
@@ -305,7 +330,7 @@ def prepare_simulate(path: Path) -> Prepared:
     values, plant, mistakes = plant_of(path)
     keys = {name: name for name in ("t_span", "y0", "t_eval", "tstops")} | {"h": "method.h"}
     if isinstance(plant, MechanicalSystem):
-        keys |= {"q0": "y0", "qdot0": "y0"}
+        keys |= dict.fromkeys(("q0", "qdot0", "quaternion", "qpos", "qvel"), "y0")
     else:
         keys |= PAIRS | restitution_key(values["system"])
     arguments: dict[str, Any] = {"t_eval": _read_times(values.get("t_eval"), mistakes)}
