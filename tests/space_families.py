@@ -242,7 +242,7 @@ def violations(model, sol, seed=0, count=40):
         sol.transitions,
         sol.corners,
     )
-    events = np.concatenate([[0.0], *(it["t"] for it in lists)])
+    events = np.concatenate([[0.0, sol.t[-1]], *(it["t"] for it in lists)])
     times = np.sort(rng.uniform(0, sol.t[-1], count))
     times = times[np.abs(times[:, None] - events).min(axis=1) > 1e-3]
     at = sol.resample(times)
