@@ -210,3 +210,29 @@ def test_a_start_in_contact_kicks_fits_and_datasets(tmp_path):
     )
     fit = zivi.fit(soft, record, ("floor.k",), y0=start, starts=1)
     assert fit.x[0] == pytest.approx(1e3, rel=1e-5)
+
+
+def test_friction_begins_with_the_contact_at_zero_and_where_the_law_pushes_again():
+    """The damper lets go below zero, and pushes again before the gap opens."""
+    floor = zivi.LinearGap(
+        [0.0, 1.0], contact=zivi.SpringDamper(1e3, 5.0), name="floor", tangent=[1.0, 0.0], mu=0.3
+    )
+    body = zivi.MechanicalSystem(mass=np.eye(2), force=[0.3, -G], gaps=[floor])
+    start = np.array([0.0, -0.0147, 0.605, -0.947])
+
+    def times(start):
+        sol = zivi.simulate(body, (0, 0.7), (start[:2], start[2:]), TIGHT)
+        assert len(sol.touchdowns) == 3
+        begins = sol.transitions["t"][sol.transitions["before"] == 2]
+        return np.concatenate([sol.touchdowns["t"], begins])
+
+    s = zivi.sensitivity(body, (0, 0.7), (start[:2], start[2:]), ("q0", "qdot0"), TIGHT)
+    at = s.trajectory.transitions["before"] == 2
+    found = np.concatenate([s.touchdown_times, s.transition_times[at]])
+    assert (
+        s.trajectory.gaps[np.searchsorted(s.trajectory.t, s.trajectory.touchdowns["t"][2]), 0] < 0
+    )
+
+    for j, unit in enumerate(np.eye(4)):
+        exact = differences(lambda h, unit=unit: times(start + h * unit), 1e-5)
+        assert found[:, j] == pytest.approx(exact, rel=1e-5, abs=1e-6)

@@ -85,6 +85,52 @@ def test_viscoelastic_gaps_rest_within_the_tolerance_of_the_speed():
     assert abs(found - VISCOELASTIC_REST) < 2e-6
 
 
+def lossy(v):
+    return 1.0 / (1.0 + v**0.5)
+
+
+LOSSY_RESTS = 1.17770485536, 1.05364217016
+"""Impacts of ``lossy`` one by one from height 1, 4,000,000 of them: under ``g`` and ``g + 3 t``."""
+
+
+@pytest.mark.parametrize("of", [ball, body])
+def test_impacts_that_lose_ever_less_rest_where_their_flights_end(of):
+    """The flights that are left last 1e-4 s where their speeds are below the tolerance."""
+    law = zivi.Restitution(lossy, limit=1.0)
+    near = zivi.SwitchedRK(rtol=1e-7, atol=1e-7)
+    assert abs(rest_of(of(law), (1.0, 0.0), 3.0, near) - LOSSY_RESTS[0]) < 1e-8
+
+
+@pytest.mark.parametrize("kind", ["mass", "mechanism", "slider"])
+def test_they_rest_under_a_pull_that_changes_meanwhile(kind):
+    near = zivi.SwitchedRK(rtol=1e-7, atol=1e-7)
+    law = zivi.Restitution(lossy, limit=1.0)
+    if kind == "mass":
+        found = rest_of(ball(law, lambda t, x, xdot: -G - 3.0 * t), (1.0, 0.0), 3.0, near)
+    elif kind == "mechanism":
+        found = rest_of(body(law, lambda t, q, qdot: [-G - 3.0 * t]), (1.0, 0.0), 3.0, near)
+    else:
+        gap = zivi.LinearGap([0.0, 1.0])
+        system = zivi.MechanicalSystem(
+            mass=np.eye(2), force=lambda t, q, qdot: [0.0, -G - 3.0 * q[0]], gaps=[gap], e=law
+        )
+        sol = zivi.simulate(system, (0, 3), ([0.0, 1.0], [1.0, 0.0]), near)
+        (found,) = sol.zeno_times
+        assert np.abs(sol.q[sol.t > found] - np.outer(sol.t[sol.t > found], [1, 0])).max() < 1e-9
+    assert abs(found - LOSSY_RESTS[1]) < 2e-8
+
+
+def test_gaps_that_bounce_for_long_are_not_brought_to_rest():
+    """Two at once have no common end that is known: the run says that its steps are used up."""
+    gaps = [zivi.LinearGap([1.0, 0.0]), zivi.LinearGap([0.0, 1.0])]
+    law = zivi.Restitution(lambda v: 1.0 / (1.0 + 2.0 * v**0.7), limit=1.0)
+    system = zivi.MechanicalSystem(mass=np.eye(2), force=[-G, -G], gaps=gaps, e=law)
+    method = zivi.SwitchedRK(rtol=1e-6, atol=1e-4, max_steps=8000)
+    sol = zivi.simulate(system, (0, 3), ([1.0, 0.9], [0.0, 0.0]), method)
+    assert sol.status.name == "STEP_BUDGET"
+    assert not len(sol.zeno_times)
+
+
 @pytest.mark.parametrize("e", [viscoelastic, TABLE, lambda v: 0.9 / (1.0 + 0.3 * v)])
 def test_derivatives_are_differences(e):
     def run(x0, gravity, damping):

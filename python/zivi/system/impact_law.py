@@ -288,9 +288,10 @@ class Restitution(ImpactLaw):
     ``limit + a v + b v^2``, which is found at construction. Where `f` has a fractional power of `v`
     or a logarithm there, impacts are followed one by one: to rounding if `limit` < 1. With
     ``limit=1`` and ``1 - f(v)`` like :math:`c\,v^p`, speeds fall as :math:`n^{-1/p}` after `n`
-    impacts, which end after a finite time if ``p < 1``. The run of a mass adds the time of the
-    impacts below the tolerance `atol` of the velocity as a sum over the recursion
-    :math:`v \to e(v)\,v`. With ``p`` above about 0.4 there are too many impacts before that.
+    impacts, which end after a finite time if ``p < 1``. A run adds the time of the impacts below
+    the tolerance `atol` of the velocity as a sum over the recursion :math:`v \to e(v)\,v`. About
+    :math:`1/(c\,p\,\mathrm{atol}^p)` impacts come before that: with more than `max_steps` the run
+    ends with ``STEP_BUDGET``.
 
     A value outside of [0, 1] during a run ends the run. An exception of `f` is raised by the run.
 

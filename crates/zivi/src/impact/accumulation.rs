@@ -120,6 +120,9 @@ impl Accumulation {
             Some(key) => zeno = chain.note((key, pull), &mut at)?,
             None => chain.clear(),
         }
+        if let Some(spent) = struck.spent() {
+            zeno = chain.settle(spent, &mut at)?;
+        }
         match struck.is_slow {
             true => corner.note(struck, at.state),
             false => corner.clear(),
@@ -184,17 +187,20 @@ impl Accumulation {
 
 impl Accumulation {
     /// To rest where the system is, in all gaps and channels whose speeds are below `slow`: what is left of
-    /// accumulations within accumulations, whose patterns tell no end. Whether anything comes to rest.
+    /// accumulations within accumulations, whose patterns tell no end. Whether anything comes to rest. Gaps
+    /// that bounce for long however slow they are go on.
     pub(crate) fn rest<E, D: Dynamics<E>>(
         &mut self,
-        slow: f64,
+        (slow, lingering): (f64, GapSet),
         state: &mut MechanicalState,
         occurrences: &mut Vec<Occurrence>,
         model: &mut Model<'_, D>,
     ) -> Result<bool, Failure<E>> {
         state.complete(model)?;
         let (t, before, mode, m) = (state.now().t, state.closed(), state.mode(), state.layout().m);
-        let set: GapSet = (0..m).filter(|&i| state.is_still(i, slow)).collect();
+        let goes_on = |state: &MechanicalState, i| lingering.has(i) && state.gap(i).1 != 0.0;
+        let rests = |&i: &usize| state.is_still(i, slow) && !goes_on(state, i);
+        let set: GapSet = (0..m).filter(rests).collect();
         let slips = state.slips();
         let stops = |&c: &usize| match state.kinetics().gap_of(c) {
             _ if slips[c].abs() > slow => false,

@@ -8,8 +8,8 @@ use crate::motion::one_coordinate::Pull;
 use crate::motion::propagation::PullAlongArcs;
 use crate::motion::state::MechanicalState;
 use crate::motion::tail::{
-    scales, through, Correction, InPowers, Mechanism, PartOfArc, SkippedArcs, StoppedSlip, ORDERS,
-    POINTS,
+    scales, through, Correction, EndOfArcs, InPowers, Mechanism, PartOfArc, SkippedArcs,
+    StoppedSlip, ORDERS, POINTS,
 };
 use crate::record::gap_set::{ContactMode, GapSet};
 use crate::record::status::Failure;
@@ -160,6 +160,44 @@ impl ImpactChain {
         } else {
             Ok(None)
         }
+    }
+
+    /// The end of slow impacts that are in no geometric chain, from the sum of the speeds after them, if that is
+    /// known to the tolerance: a chain of that duration stands for them.
+    ///
+    /// A flight lasts `2 u/g`: with the pull `g` along the motion in contact they end where `int g/2 dt` is
+    /// the sum.
+    pub(crate) fn settle<E, D: Dynamics<E>>(
+        &mut self,
+        (key, sum): (Key, f64),
+        at: &mut Mechanism<'_, '_, D>,
+    ) -> Result<Option<ExtrapolatedEnd<Vec<f64>>>, Failure<E>> {
+        let Some(gap) = key.hit.only() else { return Ok(None) };
+        let (t, u) = (at.state.now().t, at.state.gap(gap).1);
+        at.state.without_speeds_to(key.landed, &mut self.z)?;
+        let start = std::mem::take(&mut self.z);
+        let settled = match settled((t, &start), (gap, key, sum), at) {
+            Err(Failure::Status(_)) => None,
+            settled => settled?,
+        };
+        self.z = start;
+        let Some(Settled { landing, rates, pull, time_error }) = settled else { return Ok(None) };
+        self.alone = None;
+        let left = landing.t - t;
+        let lost = 2.0 * u / (pull * left);
+        if !(pull > 0.0 && left > 0.0 && lost < 1.0) {
+            return Ok(None);
+        }
+        self.chain.turn_to(key, 1.0 - lost);
+        self.chain.note(Bounce { t, u, g: pull }, &self.z, &rates)?;
+        let tolerance = at.settings.zeno_tolerance(&self.chain, pull) + at.settings.rtol * left;
+        let scales = scales(at.settings, at.state, tolerance);
+        let errors = std::iter::once(&time_error).chain(landing.errors());
+        let known = errors.zip(&scales).all(|(error, scale)| error <= scale);
+        let sound = known
+            && at.is_clear(&landing, key.landed)
+            && at.stays_closed(&landing, key.landed, key.flight)?;
+        Ok(sound.then_some(landing))
     }
 
     /// Where the chain ends, if that is known to the tolerance.
@@ -500,6 +538,82 @@ impl ImpactChain {
         let part = |row: usize| if bouncing.has(row) { rates[n + row] / last.u } else { 0.0 };
         Ok(aside.displacement(mode, part)?)
     }
+}
+
+/// The end of impacts that are slower than the tolerance, the rates and the pull on the gap at their start, and
+/// the error of their time.
+struct Settled {
+    landing: ExtrapolatedEnd<Vec<f64>>,
+    rates: Vec<f64>,
+    pull: f64,
+    time_error: f64,
+}
+
+/// Where the motion in contact is when half the pull on a gap has added up to a sum of speeds.
+fn settled<E, D: Dynamics<E>>(
+    (t, start): (f64, &[f64]),
+    (gap, key, sum): (usize, Key, f64),
+    at: &mut Mechanism<'_, '_, D>,
+) -> Result<Option<Settled>, Failure<E>> {
+    /// How well the sum is known.
+    const SUM: f64 = 1e-7;
+    const ROUNDS: usize = 4;
+    let (rates, pull) = pulled((t, start), (gap, key), at)?;
+    let mut left = 2.0 * sum / pull;
+    for _ in 0..ROUNDS {
+        if !(pull > 0.0 && left > 0.0) {
+            return Ok(None);
+        }
+        let (middle, first) = in_contact((t, start), 0.5 * left, (gap, key), at)?;
+        let (end, second) = in_contact((t + 0.5 * left, &middle), 0.5 * left, (gap, key), at)?;
+        let there = pulled((t + left, &end), (gap, key), at)?.1;
+        let change = 2.0 * (sum - first - second) / there;
+        if change.abs() > SUM * left {
+            left += change;
+            continue;
+        }
+        let (whole, once) = in_contact((t, start), left, (gap, key), at)?;
+        let missing = (first + second - once).abs() / (0.5 * there);
+        let time_error = missing + SUM * left;
+        let row: Vec<f64> = std::iter::once(left).chain(end.iter().copied()).collect();
+        let errors = end.iter().zip(&whole).map(|(end, whole)| (end - whole).abs());
+        let landing = ExtrapolatedEnd::new(t, &row, 0.0).with_errors(errors);
+        return Ok(Some(Settled { landing, rates, pull, time_error }));
+    }
+    Ok(None)
+}
+
+/// The rates of the motion in contact, and the pull on the gap that bounces.
+fn pulled<E, D: Dynamics<E>>(
+    (t, z): (f64, &[f64]),
+    (gap, key): (usize, Key),
+    at: &mut Mechanism<'_, '_, D>,
+) -> Result<(Vec<f64>, f64), Failure<E>> {
+    let EndOfArcs { v, acceleration, .. } = at.end_of_arcs(t, z, key.landed)?;
+    at.aside.contact(key.flight)?;
+    let pull = -at.aside.acceleration[at.aside.coordinates() + gap];
+    Ok(([v, acceleration].concat(), pull))
+}
+
+/// The motion in contact after a time, and half of the pull on the gap summed over it: one step of
+/// Runge and Kutta.
+fn in_contact<E, D: Dynamics<E>>(
+    (t, start): (f64, &[f64]),
+    h: f64,
+    of: (usize, Key),
+    at: &mut Mechanism<'_, '_, D>,
+) -> Result<(Vec<f64>, f64), Failure<E>> {
+    const STAGES: [(f64, f64); 4] = [(0.0, 1.0), (0.5, 2.0), (0.5, 2.0), (1.0, 1.0)];
+    let (mut end, mut half) = (start.to_vec(), 0.0);
+    let mut rates = vec![0.0; start.len()];
+    for (part, weight) in STAGES {
+        let z: Vec<f64> = start.iter().zip(&rates).map(|(z, f)| z + part * h * f).collect();
+        let stage = pulled((t + part * h, &z), of, at)?;
+        end.iter_mut().zip(&stage.0).for_each(|(end, f)| *end += weight * h / 6.0 * f);
+        half += 0.5 * weight * h / 6.0 * stage.1;
+        rates = stage.0;
+    }
+    Ok((end, half))
 }
 
 /// The arcs of a jump at which the forces are evaluated, and their `e^m`.

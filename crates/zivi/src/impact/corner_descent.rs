@@ -205,8 +205,19 @@ fn in_contact<E, D: Dynamics<E>>(
     for i in entry.set.iter() {
         (state[n + i], state[size + n + i]) = (0.0, 0.0);
     }
-    let first = at.end_of_arcs(entry.t, &state, entry.set)?;
-    let last = at.end_here(entry.set)?;
+    // what slipped in the last flight slips on, but for what turned round or stopped since
+    let mut mode = ContactMode { closed: entry.set, ..entry.mode };
+    let first = at.end_of_arcs(entry.t, &state, mode)?;
+    for channel in entry.mode.slipping().iter() {
+        match at.state.slips()[channel] {
+            0.0 => {
+                mode = mode.without_channel(channel);
+                mode.stick = mode.stick.with(GapSet::of(channel));
+            }
+            slip => mode = mode.with_channel(channel, slip.signum()),
+        }
+    }
+    let last = at.end_here(mode)?;
     Ok(SkippedArcs::between(entry.t, at.state.now().t, [first, last]))
 }
 

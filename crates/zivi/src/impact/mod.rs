@@ -78,6 +78,9 @@ pub(crate) struct Struck {
     all_bounce: bool,
     /// Whether the coefficients of restitution were those of all slower impacts.
     pub(crate) is_slow: bool,
+    /// The speeds after it and after all that follow it where they are below the tolerance, and in no
+    /// geometric chain.
+    sum: Option<f64>,
 }
 
 impl Struck {
@@ -88,7 +91,17 @@ impl Struck {
 
     /// Key of the bouncing gap, if the impact may belong to a chain.
     pub(crate) fn key(&self) -> Option<Key> {
-        let alike = self.all_bounce && self.is_slow && !self.changes_contacts && !self.kicks;
+        self.is_slow.then(|| self.repeats()).flatten()
+    }
+
+    /// The same of one whose speeds are in no geometric chain, and their sum.
+    pub(crate) fn spent(&self) -> Option<(Key, f64)> {
+        self.repeats().zip(self.sum)
+    }
+
+    /// Key of the bouncing gap, if the impacts that follow may be like this one.
+    fn repeats(&self) -> Option<Key> {
+        let alike = self.all_bounce && !self.changes_contacts && !self.kicks;
         alike.then(|| {
             let flight = self.before;
             let mut landed = flight;
@@ -143,6 +156,21 @@ impl Impacts {
             .zip(before)
             .map(|(law, rate)| law.ratio_unless_slow(-rate, self.slow))
             .collect()
+    }
+
+    /// The speed after an impact and all that follow, if that is below the tolerance and they are in no
+    /// geometric chain.
+    fn sum_of_speeds(&self, gap: usize, u: f64) -> Option<f64> {
+        let law = &self.laws[gap];
+        let spent = 0.0 < u && u <= self.slow && law.geometric_up_to() == 0.0;
+        spent.then(|| law.sum_of_speeds(u)).flatten()
+    }
+
+    /// The gaps whose impacts lose an ever smaller part of their speed: their time may be long although
+    /// they are slow.
+    pub(crate) fn lingering(&self) -> GapSet {
+        let lingers = |law: &AnyImpactLaw| law.limit() == Some(1.0) && law.geometric_up_to() == 0.0;
+        (0..self.laws.len()).filter(|&gap| lingers(&self.laws[gap])).collect()
     }
 
     /// How many there were.
@@ -218,6 +246,7 @@ impl Impacts {
         let kicks = (!changes_contacts && state.mode() != mode) || !newton || is_elastic;
         state.note_transitions(mode, occurrences);
         let is_slow = hit.iter().all(|i| -exchanged.before[i] <= self.laws[i].geometric_up_to());
+        let sum = hit.only().and_then(|gap| self.sum_of_speeds(gap, state.gap(gap).1));
         Ok(Struck {
             hit,
             closed: before,
@@ -228,6 +257,7 @@ impl Impacts {
             kicks,
             all_bounce,
             is_slow,
+            sum,
         })
     }
 
@@ -286,6 +316,7 @@ impl Impacts {
             kicks: false,
             all_bounce: bounces,
             is_slow,
+            sum: self.sum_of_speeds(gap, after),
         })
     }
 

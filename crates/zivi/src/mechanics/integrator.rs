@@ -265,7 +265,7 @@ impl MechanicalIntegrator {
         model: &mut Model<'_, D>,
     ) -> Result<bool, Failure<E>> {
         let speed = largest(&self.state.now().xdot[..self.state.layout().n]);
-        self.rest_below(part * self.settings.rtol * (1.0 + speed), model)
+        self.rest_below(part * self.settings.of_speed(speed), model)
     }
 
     /// The same below a speed.
@@ -274,13 +274,13 @@ impl MechanicalIntegrator {
         slow: f64,
         model: &mut Model<'_, D>,
     ) -> Result<bool, Failure<E>> {
-        let Self { state, accumulation, occurrences, .. } = self;
+        let Self { state, impacts, accumulation, occurrences, .. } = self;
         let now = state.now().t;
         if self.rested == now {
             return Ok(false);
         }
         self.rested = now;
-        let rests = accumulation.rest(slow, state, occurrences, model)?;
+        let rests = accumulation.rest((slow, impacts.lingering()), state, occurrences, model)?;
         self.motion.forget_experience();
         Ok(rests)
     }

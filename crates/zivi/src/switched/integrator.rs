@@ -292,8 +292,8 @@ impl SwitchedIntegrator {
         } else if bounce.g > 0.0 && u <= self.settings.atol[1] {
             // what is left is below the tolerance of the speed: its time alone is not
             let Some(sum) = self.law.sum_of_speeds(u) else { return Ok(None) };
-            let zeno = t + 2.0 * sum / bounce.g;
-            if zeno <= t_end {
+            let rests = rest_under_pull(bounce, sum, (&self.settings, t_end), force)?;
+            if let Some(zeno) = rests {
                 self.accumulation.end_alone(bounce, zeno)?;
                 return Ok(Some(zeno));
             }
@@ -780,6 +780,44 @@ fn polish<E>(
         }
         width *= 8.0;
     }
+}
+
+/// When impacts end whose speeds have this sum, if that is known to the tolerance and by then: a flight
+/// lasts `2 u/g`, so that half of the pull adds up to the sum. By Simpson's rule over the whole and the halves.
+fn rest_under_pull<E, F: Force<E>>(
+    Bounce { t, g, .. }: Bounce,
+    sum: f64,
+    (settings, t_end): (&SwitchedRk, f64),
+    force: &mut Counted<'_, F>,
+) -> Result<Option<f64>, Failure<E>> {
+    const ROUNDS: usize = 8;
+    let mut left = 2.0 * sum / g;
+    if force.dependence::<E>() == Dependence::Constant {
+        return Ok(Some(t + left).filter(|&zeno| zeno <= t_end));
+    }
+    for _ in 0..ROUNDS {
+        if !(left > 0.0 && t + left <= t_end) {
+            return Ok(None);
+        }
+        let mut pulls = [g; 5];
+        for (pull, part) in pulls[1..].iter_mut().zip([0.25, 0.5, 0.75, 1.0]) {
+            *pull = -force.at_wall(t + part * left)?;
+        }
+        let [a, b, c, d, e] = pulls;
+        if pulls.iter().any(|pull| *pull <= 0.0) {
+            return Ok(None);
+        }
+        let whole = left / 12.0 * (a + 4.0 * c + e);
+        let halves = left / 24.0 * (a + 4.0 * b + 2.0 * c + 4.0 * d + e);
+        let change = 2.0 * (sum - halves) / e;
+        let tolerance = settings.atol[1] / g + settings.rtol * left;
+        if change.abs() <= 1e-2 * tolerance {
+            let known = 2.0 * (halves - whole).abs() / e <= tolerance;
+            return Ok(known.then_some(t + left));
+        }
+        left += change;
+    }
+    Ok(None)
 }
 
 /// The first sign change that the nodes show of a force that no polynomial fits: it jumps.

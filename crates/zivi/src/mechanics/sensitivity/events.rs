@@ -117,6 +117,12 @@ impl VariationalRun<'_> {
             Change::Friction(channel) if ending.mode.stick.has(channel) => {
                 ending.release(Limit::Stick(channel, -after.sign(channel)), run)
             }
+            // it begins with the force of its gap
+            Change::Friction(channel) if !ending.mode.slipping().has(channel) => {
+                let gap = run.columns.local.kinetics.gap_of(channel);
+                let unknown = || vec![f64::NAN; run.count()];
+                gap.map_or_else(unknown, |gap| ending.release(Limit::Force(gap), run))
+            }
             Change::Friction(channel) => ending.stop(channel, first + channel),
         };
         let dt = match &next {
@@ -162,7 +168,9 @@ impl VariationalRun<'_> {
         time: impl Fn(&Self, Change) -> Vec<f64>,
     ) -> impl Fn(Change) -> Option<Vec<f64>> + 'r {
         let of = |it: &Occurrence| match *it {
-            Occurrence::LiftOff { gap, .. } => Some(Change::Opening(gap)),
+            Occurrence::LiftOff { gap, .. } | Occurrence::Contact { gap, .. } => {
+                Some(Change::Opening(gap))
+            }
             Occurrence::Transition { channel, .. } => Some(Change::Friction(channel)),
             _ => None,
         };
@@ -605,8 +613,14 @@ impl VariationalRun<'_> {
         let times: Vec<(usize, Vec<f64>)> = gaps.iter().map(|gap| (gap, time(gap))).collect();
         let piece = machine.advance(t_end, model)?;
         machine.state_mut().know(model)?;
+        let kinetics = &self.columns.local.kinetics;
+        let gap_of: Vec<Option<usize>> =
+            (0..self.columns.layout.p).map(|channel| kinetics.gap_of(channel)).collect();
         let of = |change: Change| {
-            let Change::Opening(gap) = change else { return None };
+            let gap = match change {
+                Change::Opening(gap) => gap,
+                Change::Friction(channel) => gap_of[channel]?,
+            };
             times.iter().find(|it| it.0 == gap).map(|it| it.1.clone())
         };
         self.note_events(machine, from, |_| None, of, &[]);

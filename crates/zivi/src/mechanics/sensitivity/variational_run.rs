@@ -9,6 +9,7 @@ use crate::mechanics::sensitivity::columns::{
 use crate::motion::linear_flight::FlightRates;
 use crate::motion::path::Piece;
 use crate::motion::tolerances;
+use crate::numeric::coordinates::Coordinates;
 use crate::numeric::stages::{factor, shorter, FACTORS};
 use crate::numeric::tableau::Pair;
 use crate::piecewise::steps::Driver;
@@ -19,9 +20,11 @@ use crate::switched::sensitivity::{EventRates, Limit, Validity};
 use crate::system::dynamics::Layout;
 use crate::system::force::Friction;
 use crate::system::partials::{DifferentiableDynamics, MovedLaws};
+use crate::zeno::arc::Bounce;
+use crate::zeno::chain::Chain;
 use crate::zeno::rates::{ChainRates, Rate};
 use crate::zeno::table::ExtrapolatedEnd;
-use crate::Status;
+use crate::{AnyImpactLaw, Status};
 
 /// Changes of a contact whose times have derivatives.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -746,6 +749,7 @@ impl VariationalRun<'_> {
         }
         let (scales, rtol) = (machine.scales(last), machine.settings().rtol);
         let gap = struck.hit.iter().next().unwrap_or_default();
+        let is_alone = machine.law(gap).geometric_up_to() == 0.0;
         let mut known = true;
         self.zeno.clear();
         for (column, chain) in self.chains.iter().enumerate() {
@@ -754,7 +758,7 @@ impl VariationalRun<'_> {
             let scale = |c: usize, rate: f64| scales[c] / size + rtol * rate.abs();
             match chain.landing(machine.chain(), de, scale) {
                 Some(zeno) => {
-                    known &= self.lost[column] || zeno.size <= 1.0;
+                    known &= self.lost[column] || zeno.size <= 1.0 || is_alone;
                     self.zeno.push(zeno);
                 }
                 None => known = false,
@@ -818,8 +822,13 @@ impl VariationalRun<'_> {
             pulls.push(-local.acceleration(key.flight, &row)?.0[n + gap]);
         }
         local.contact(key.landed)?;
-        let slow: Vec<f64> = (0..shifted.len())
-            .map(|column| self.columns.limit_of_law(column, gap, machine.law(gap)))
+        let slow: Vec<f64> = shifted
+            .iter()
+            .enumerate()
+            .map(|(column, it)| match machine.law(gap).geometric_up_to() {
+                0.0 => change_of_ratio(it.v[n + gap], machine.law(gap), machine.chain()),
+                _ => self.columns.limit_of_law(column, gap, machine.law(gap)),
+            })
             .collect();
         let local = &mut self.columns.local;
         let mut flow = [&z[size..], &local.kinetics.acceleration[..]].concat();
@@ -844,6 +853,20 @@ impl VariationalRun<'_> {
         self.columns.visited = None;
         Ok(())
     }
+}
+
+/// How the ratio of a chain changes that stands for impacts in none, with a sum `S` of the speeds: it makes
+/// the time to its end change with `S`.
+fn change_of_ratio<Z: Coordinates, K: Copy + PartialEq>(
+    du: f64,
+    law: &AnyImpactLaw,
+    chain: &Chain<Z, K>,
+) -> f64 {
+    const STEP: f64 = 1e-4;
+    let Some(&Bounce { u, .. }) = chain.bounces().last() else { return f64::NAN };
+    let sum = |u: f64| law.sum_of_speeds(u).unwrap_or(f64::NAN);
+    let power = (sum(u * (1.0 + STEP)) / sum(u * (1.0 - STEP)) - 1.0) / (2.0 * STEP);
+    (1.0 - chain.e()) * (power - 1.0) * du / u
 }
 
 // Where contact begins and ends: Zeno points, corners, lift-offs.

@@ -218,9 +218,10 @@ impl FunctionImpact {
     /// The right side of (1) with the exponent at the speed; nothing from `p = 1` on.
     fn remainder(&self, u: f64) -> Option<f64> {
         let lost = |v: f64| 1.0 - (self.shared.e)(v);
-        let x = lost(u);
-        let p = libm::log2(x / lost(0.5 * u));
-        (x > 0.0 && p < 0.95).then(|| u * (1.0 / ((1.0 - p) * x) - p / 2.0 - p * x / 6.0))
+        let [x, half, quarter] = [1.0, 0.5, 0.25].map(|part| lost(part * u));
+        let p = libm::log2(x / half);
+        let mean = mean_of_inverse([x, half, quarter]).unwrap_or(1.0 / ((1.0 - p) * x));
+        (x > 0.0 && p < 0.95).then(|| u * (mean - p / 2.0 - p * x / 6.0))
     }
 
     fn e(&self, v: f64) -> f64 {
@@ -231,6 +232,16 @@ impl FunctionImpact {
             f64::NAN
         }
     }
+}
+
+/// The mean of `1/x` from no speed to one, from `x` at that, at its half and its quarter: the first term of (1)
+/// where `1/x = a v^-p + b`. `None` if they are on no such curve.
+fn mean_of_inverse(x: [f64; 3]) -> Option<f64> {
+    let [one, half, quarter] = x.map(|x| 1.0 / x);
+    let growth = (quarter - half) / (half - one);
+    let (p, a) = (libm::log2(growth), (half - one) / (growth - 1.0));
+    let falls = p > 0.0 && p < 0.95 && a > 0.0;
+    falls.then(|| one + a * p / (1.0 - p))
 }
 
 impl ImpactLaw for FunctionImpact {
