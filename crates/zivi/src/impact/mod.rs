@@ -78,8 +78,7 @@ pub(crate) struct Struck {
     all_bounce: bool,
     /// Whether the coefficients of restitution were those of all slower impacts.
     pub(crate) is_slow: bool,
-    /// The speeds after it and after all that follow it where they are below the tolerance, and in no
-    /// geometric chain.
+    /// The sum of the speeds after it and all later impacts, for slow ones without a geometric chain.
     sum: Option<f64>,
 }
 

@@ -234,8 +234,8 @@ impl FunctionImpact {
     }
 }
 
-/// The mean of `1/x` from no speed to one, from `x` at that, at its half and its quarter: the first term of (1)
-/// where `1/x = a v^-p + b`. `None` if they are on no such curve.
+/// The mean of `1/x` over the speeds below `u` from `x` at `u`, `u/2` and `u/4`, for `1/x = a v^-p + b`: the first
+/// term of (1). `None` for other curves.
 fn mean_of_inverse(x: [f64; 3]) -> Option<f64> {
     let [one, half, quarter] = x.map(|x| 1.0 / x);
     let growth = (quarter - half) / (half - one);
