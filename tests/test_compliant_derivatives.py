@@ -212,7 +212,7 @@ def test_a_start_in_contact_kicks_fits_and_datasets(tmp_path):
     assert fit.x[0] == pytest.approx(1e3, rel=1e-5)
 
 
-def test_friction_begins_with_the_contact_at_zero_and_where_the_law_pushes_again():
+def test_a_law_with_friction_that_lets_go_below_zero_and_pushes_again():
     """The damper lets go below zero, and pushes again before the gap opens."""
     floor = zivi.LinearGap(
         [0.0, 1.0], contact=zivi.SpringDamper(1e3, 5.0), name="floor", tangent=[1.0, 0.0], mu=0.3
@@ -223,16 +223,13 @@ def test_friction_begins_with_the_contact_at_zero_and_where_the_law_pushes_again
     def times(start):
         sol = zivi.simulate(body, (0, 0.7), (start[:2], start[2:]), TIGHT)
         assert len(sol.touchdowns) == 3
-        begins = sol.transitions["t"][sol.transitions["before"] == 2]
-        return np.concatenate([sol.touchdowns["t"], begins])
+        return sol.touchdowns["t"]
 
     s = zivi.sensitivity(body, (0, 0.7), (start[:2], start[2:]), ("q0", "qdot0"), TIGHT)
-    at = s.trajectory.transitions["before"] == 2
-    found = np.concatenate([s.touchdown_times, s.transition_times[at]])
-    assert (
-        s.trajectory.gaps[np.searchsorted(s.trajectory.t, s.trajectory.touchdowns["t"][2]), 0] < 0
-    )
-
+    assert s.trajectory(s.trajectory.touchdowns["t"][2])[0, 1] < -1e-5
     for j, unit in enumerate(np.eye(4)):
         exact = differences(lambda h, unit=unit: times(start + h * unit), 1e-5)
-        assert found[:, j] == pytest.approx(exact, rel=1e-5, abs=1e-6)
+        assert s.touchdown_times[:, j] == pytest.approx(exact, rel=1e-5, abs=1e-6)
+    # when friction begins with a contact is unknown, not wrong
+    begins = s.trajectory.transitions["before"] == 2
+    assert np.isnan(s.transition_times[begins][1:]).all()

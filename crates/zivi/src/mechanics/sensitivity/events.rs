@@ -613,14 +613,8 @@ impl VariationalRun<'_> {
         let times: Vec<(usize, Vec<f64>)> = gaps.iter().map(|gap| (gap, time(gap))).collect();
         let piece = machine.advance(t_end, model)?;
         machine.state_mut().know(model)?;
-        let kinetics = &self.columns.local.kinetics;
-        let gap_of: Vec<Option<usize>> =
-            (0..self.columns.layout.p).map(|channel| kinetics.gap_of(channel)).collect();
         let of = |change: Change| {
-            let gap = match change {
-                Change::Opening(gap) => gap,
-                Change::Friction(channel) => gap_of[channel]?,
-            };
+            let Change::Opening(gap) = change else { return None };
             times.iter().find(|it| it.0 == gap).map(|it| it.1.clone())
         };
         self.note_events(machine, from, |_| None, of, &[]);
