@@ -184,6 +184,7 @@ def draw(figures: Mapping[tuple[str, float], Mapping[str, Sequence[Run]]]) -> No
     mpl.use("Agg")
     import matplotlib.pyplot as plt
 
+    plt.style.use("zivi.plot.figures")
     shown = {key: runs for key, runs in figures.items() if any(TRUTH[key[0]][key[1]])}
     styles = {RK: (zivi.plot.BLUE, "o"), OWN: (zivi.plot.ORANGE, "v"), PEER: (zivi.plot.GREEN, "s")}
     figure, axes = plt.subplots(1, len(shown), layout="constrained", figsize=(9.6, 3.6))
@@ -194,8 +195,10 @@ def draw(figures: Mapping[tuple[str, float], Mapping[str, Sequence[Run]]]) -> No
                 *((1e3 * it.seconds, max(it.error, 1e-17)) for it in them), strict=True
             )
             ax.loglog(times, errors, color=colour, marker=marker, label=method)
-        ax.set(title=f"{name}, t = {end:g} s", xlabel="time (ms)", ylabel="error")
-    axes[0].legend(fontsize="small")
+        ax.set(title=f"{name}, t = {end:g} s", xlabel="processor time (ms)")
+    axes[0].set_ylabel("error of the state (m, m/s)")
+    handles, labels = axes[0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=3)
     figure.savefig(FIGURE, dpi=140)
     plt.close(figure)
 

@@ -331,7 +331,7 @@ def test_plots_show_stick_and_slip(block, belt):
         assert found == pytest.approx(np.column_stack([rows["t_start"], rows["t_end"]]))
         assert len(sol.plot().axes) == 4
     smooth = zivi.MechanicalSystem(mass=1.0, force=[-G], gaps=[zivi.LinearGap([1])], e=0.5)
-    with pytest.raises(ValueError, match="draws dry friction, the run has none"):
+    with pytest.raises(ValueError, match="needs a run of a system with dry friction"):
         zivi.plot.modes(zivi.simulate(smooth, (0, 0.1), ([1], [0])))
 
 

@@ -197,7 +197,7 @@ def test_bad_input():
             tracker(delay)
     with pytest.raises(TypeError, match="delay"):
         tracker(1.5)
-    with pytest.raises(ValueError, match="ahead must be left alone"):
+    with pytest.raises(ValueError, match="ahead must not be set with delay"):
         tracker(2, ahead=3)
     with pytest.raises(ValueError, match="dt must be None with a delay"):
         tracker(2).step(1.0, 0.0, F, F, dt=2e-3)

@@ -155,7 +155,7 @@ def test_declared_breaks_are_seen_at_rest_and_in_an_accumulation():
 def test_declared_breaks_need_error_control_and_finite_times():
     ball = zivi.ImpactSystem(-9.81, e=0.5)
     for method in (zivi.ThetaGamma(0.1), zivi.MoreauJean(0.1), zivi.ExplicitEuler(0.1)):
-        with pytest.raises(ValueError, match="tstops needs a method with error control"):
+        with pytest.raises(ValueError, match="tstops is not supported by"):
             zivi.simulate(ball, (0, 1), (1, 0), method, tstops=[0.5])
     for bad in ([math.nan], [math.inf], [[0.5]], ["a"]):
         with pytest.raises((ValueError, TypeError), match="tstops must"):

@@ -185,6 +185,14 @@ def test_a_fault_is_found(kind, sentence, better):
     assert not any(hits(it, better) for it in KINDS)
 
 
+def test_messages_have_their_values_inserted():
+    """A part of a text in several lines that lacks its f shows the name in braces."""
+    braces = re.compile(r"\{\w+[^{}]*\}")
+    assert not [it for it in SETS["messages"] if braces.search(it[1])]
+    tree = ast.parse('raise ValueError(f"x is {x}, " "got {y!r:.9}")')
+    assert [braces.search(it).group() for _, it in of_messages(tree)] == ["{y!r:.9}"]
+
+
 def test_code_is_left_out():
     page = "Text.\n\n```python\nWhat it is.\n```\n\nA `what is` of\nwhat follows.\n"
     assert of_page(page) == [(1, "Text."), (7, "A X of what follows.")]

@@ -389,8 +389,7 @@ def delay_of(delay: Any, ahead: int = 1) -> int:
         raise ValueError(f"delay must be from 0 to {MOST_DELAY} periods, got {delay}")
     if periods and ahead != 1:
         raise ValueError(
-            f"with delay = {periods} the state is predicted, and ahead must be left alone, "
-            f"got {ahead}"
+            f"ahead must not be set with delay = {periods}, which predicts the state, got {ahead}"
         )
     return periods
 

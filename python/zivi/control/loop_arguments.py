@@ -84,7 +84,7 @@ def check_reference(controller: Any, reference: Any, **others: Any) -> None:
         return
     for name, value in others.items():
         if value is not None:
-            raise TypeError(f"{name} belongs to a reference that the controller advances itself")
+            raise TypeError(f"{name} must be None with reference=, got a value; use one of them")
     if isinstance(controller, CONTROLLERS) and not callable(getattr(controller, "step_to", None)):
         kind = type(controller).__name__
         raise TypeError(

@@ -575,7 +575,7 @@ def restored(
         raise ResultError(f"{path}: lacks {error}; it is of another version") from error
     except Exception as error:  # whatever stands there in place of what was written
         reason = f"{type(error).__name__}: {error}"
-        raise ResultError(f"{path}: holds no run of zivi ({reason:.200})") from error
+        raise ResultError(f"{path}: is not a run of zivi ({reason:.200})") from error
 
 
 def _check_format(path: str | PathLike[str], form: Any) -> None:
@@ -583,9 +583,12 @@ def _check_format(path: str | PathLike[str], form: Any) -> None:
     try:
         newer = float(form) > FORMAT
     except (TypeError, ValueError):
-        raise ResultError(f"{path}: holds no run of zivi (its format is {form!r:.50})") from None
+        raise ResultError(f"{path}: is not a run of zivi (its format is {form!r:.50})") from None
     if newer:
-        raise ResultError(f"{path}: has format {form}, this zivi reads {FORMAT}: a newer wrote it")
+        raise ResultError(
+            f"{path}: was written by a newer version of zivi (format {form}; this version reads "
+            f"{FORMAT}); update zivi"
+        )
 
 
 def open_result(path: str | PathLike[str]) -> xarray.Dataset:

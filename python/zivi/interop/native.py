@@ -99,7 +99,7 @@ def gap_tracker_source(
     if not isinstance(system, SymbolicSystem):
         raise TypeError(
             "the model of the controller must be a zivi.symbolic.system, whose formulas are known, "
-            "got {type(system).__name__}"
+            f"got {type(system).__name__}"
         )
     identifier("name", name)
     settings = controller.settings

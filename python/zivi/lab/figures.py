@@ -88,7 +88,7 @@ PANELS = {
     "lifted": ("time t (s)", "transformed s (m), v (m/s)"),
     "control": ("time t (s)", "control u (m/s²)"),
     "error": ("time t (s)", "error x - x<sub>r</sub> (m)"),
-    "signs": ("time t (s)", "multipliers, implicit (1)"),
+    "signs": ("time t (s)", "signs, implicit (1)"),
     "friction": ("time t (s)", "force of the belt (N)"),
     "slip": ("time t (s)", "slip speed (m/s)"),
 }

@@ -420,7 +420,7 @@ def _flight(system: ImpactSystem, speed: float) -> float:
         run = simulate(system, (0.0, span), (0.0, abs(speed)), dense_output=False)
         if len(run.resolved_impacts):
             return float(run.resolved_impacts["t"][0])
-    raise ValueError(f"start: the last impact is followed by no other within {SPANS[-1]:g} s")
+    raise ValueError(f"start: no impact follows the last one within {SPANS[-1]:g} s")
 
 
 # From a simulation or a guess to a periodic orbit, and whether it is a motion.

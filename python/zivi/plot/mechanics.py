@@ -352,7 +352,7 @@ def modes(sol: MechanicalTrajectory, ax: Axes | None = None, **bar: Any) -> Axes
     """
     check_mechanical("modes", sol)
     if not sol.channel_names:
-        raise ValueError("zivi.plot.modes draws dry friction, the run has none")
+        raise ValueError("zivi.plot.modes needs a run of a system with dry friction")
     ax = axes_of(ax)
     names = {0: "stick", 1: "slip, $w > 0$", -1: "slip, $w < 0$"}
     drawn_before: set[int] = set()

@@ -347,20 +347,30 @@ COLOURS = {
 }
 
 
-APART = 70.0, 10.0
-"""Points (1/72 inch) between named ones, sideways and up: nearer names would cover each other."""
+MARKERS = {
+    "cusp": "^",
+    "fold_flip": "D",
+    "generalized_period_doubling": "s",
+    "resonance_1_1": "P",
+    "resonance_1_2": "X",
+    "resonance_1_3": "v",
+    "resonance_1_4": "*",
+    "resonant_grazing": "h",
+    "period_doubling": "d",
+    "grazing": "p",
+}
+"""Of points of codimension two: they often lie close together, where names would overlap."""
 
 
 def _event_label(kind: str) -> str:
     return EVENTS[kind][2] if kind in EVENTS else kind.replace("_", " ")
 
 
-def _has_room(ax: Axes, place: tuple[float, float]) -> bool:
-    """Whether no name is written near a place."""
-    to_points = ax.transData.transform
-    told = [it.xy for it in ax.texts if hasattr(it, "xy")]
-    apart = np.multiply(APART, ax.figure.dpi / 72)
-    return all(np.any(np.abs(to_points(it) - to_points(place)) > apart) for it in told)
+def _point_label(kind: str) -> str:
+    """Return the label of a point of codimension two, such as ``"1:3 resonance (point)"``."""
+    first, _, ratio = kind.partition("resonance_")
+    name = f"{ratio.replace('_', ':')} resonance" if ratio else _event_label(first)
+    return f"{name} (point)"
 
 
 def curve(c: EventCurve, ax: Axes | None = None, *, words: bool = False, **line: Any) -> Axes:
@@ -402,12 +412,13 @@ def curve(c: EventCurve, ax: Axes | None = None, *, words: bool = False, **line:
     ax.plot(x, np.where(wide, y, np.nan), label=label, **look)
     ax.plot(x, np.where(solid, np.nan, y), **faint)
     for point in c.points:
-        ax.plot(*point.values, "o", color=look["color"], ms=4.0)
-        first, _, ratio = point.kind.partition("resonance_")
-        told = ratio.replace("_", ":") or _event_label(first)
-        place = (float(point.values[0]), float(point.values[1]))
-        if _has_room(ax, place):
-            ax.annotate(told, place, (3, 3), textcoords="offset points", fontsize="x-small")
+        named = _point_label(point.kind)
+        again = any(it.get_label() == named for it in ax.lines)
+        marker = MARKERS.get(point.kind, "o")
+        label = "_" if again else named
+        ax.plot(*point.values, ls="", marker=marker, color=look["color"], ms=6.0, label=label)
+    if c.points:
+        legend(ax)
     if words and len(c._found):
         from zivi.orbits.flows import shortened as short
 

@@ -480,8 +480,8 @@ def stop_times(
         return knots if len(knots) and getattr(method, "_takes_tstops", False) else NO_STOPS
     if not getattr(method, "_takes_tstops", False):
         raise ValueError(
-            f"tstops needs a method with error control, SwitchedRK, got {type(method).__name__}: "
-            "let the breaks of the force be steps by the choice of h"
+            f"tstops is not supported by {type(method).__name__}; use zivi.SwitchedRK, or choose "
+            "h such that steps end at the breaks of the force"
         )
     stops = real_array("tstops", tstops)
     if stops.ndim != 1:

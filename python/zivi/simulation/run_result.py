@@ -69,8 +69,8 @@ def trusted(
     closer: Closer | None = sol._closer
     if closer is None:
         raise ValueError(
-            "trusted_until is there for a run of SwitchedRK in the process that made it: "
-            "a run of another method, or a stored one, does not know its system"
+            "trusted_until needs a run of zivi.SwitchedRK that was computed in this process, not "
+            "one of another method or from a file; rerun the simulation"
         )
     times, at = sol.t, positions.reshape(len(sol.t), -1)
     if sol._path is not None and getattr(sol._path, "dense", True):

@@ -262,7 +262,7 @@ def _design_of(given: Any) -> Design:
         return _list_design("list", {name: [one[name] for one in given] for name in names})
     raise TypeError(
         "points must be a dict of values (a grid), a list of dicts, or a result of zivi.grid, "
-        "zivi.points or zivi.sample, got {type(given).__name__} {given!r:.100}"
+        f"zivi.points or zivi.sample, got {type(given).__name__} {given!r:.100}"
     )
 
 

@@ -589,8 +589,8 @@ class Driver:
         """Continue with a new pool, and find the point that crashed the last one."""
         if not self._pool.ours:
             raise concurrent.futures.BrokenExecutor(
-                "a worker died and with it the executor, which is not zivi's to replace: call "
-                "again with a new one, only what is missing is computed"
+                "a worker died, and the executor cannot be used any more; make the same call with "
+                "a new executor: only missing points are computed"
             )
         # all that was in flight is lost or done by now
         with self._gate.opened():

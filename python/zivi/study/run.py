@@ -544,7 +544,9 @@ def _continued(
     path: Path, design: Design, told: dict[str, Any], resume: bool | None, *, draws: bool
 ) -> Store:
     if resume is False:
-        raise FileExistsError(f"resume=False, but there is something at {path}")
+        raise FileExistsError(
+            f"resume is False, but {path} exists; choose another folder, or delete it"
+        )
     found = differences(read_head(path).identity, told, mild=bool(resume))
     if found.keys() - POINTS:
         hint = (

@@ -176,7 +176,8 @@ def _check_derivatives_of_equalities(
         values = [look(at, q, rest).equalities[i] for at in np.linspace(t, end, TIMES)]
         if row.rate is None and np.ptp(values) > 1e-12 * np.max(np.abs(values)):
             raise ValueError(
-                f"equality {names[i]!r} depends on time: give its rate, the derivative by t"
+                f"equality {names[i]!r} depends on time: give its rate, the derivative with "
+                "respect to t"
             )
     parts = (here.equality_rates, known, terms)
     rates = [f"rate of equality {name!r}" for name in names]
@@ -355,7 +356,8 @@ def _check_rates(
         values = [look(t, q, rest).gaps[i] for t in np.linspace(*span, TIMES)]
         if np.ptp(values) > 1e-12 * np.max(np.abs(values)):
             raise ValueError(
-                f"gap {system.gap_names[i]!r} depends on time: give its rate, the derivative by t"
+                f"gap {system.gap_names[i]!r} depends on time: give its rate, the derivative "
+                "with respect to t"
             )
     named, ours = _of_gaps(system, "rate")
     terms = np.abs(here.gaps) + np.abs(here.gradients) @ np.abs(q)

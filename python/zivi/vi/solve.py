@@ -52,7 +52,7 @@ def arranged(lower: Any, upper: Any, x0: Any, bounds: Any) -> tuple[Any, Any, An
             raise TypeError("bounds must be given once: by lower and upper, or by bounds")
         lower, upper = _split_bounds(bounds)
     if x0 is None:
-        raise TypeError("x0 must be given: where to begin")
+        raise TypeError("x0 must be given, the starting point")
     return lower, upper, x0
 
 
@@ -360,7 +360,9 @@ def pattern_for(jac_sparsity: Any, jac: Any, n: int) -> tuple[Any, str]:
     """Return the pattern and the scheme of coloured differences."""
     scheme = "3-point" if jac is None or jac is False else jac
     if not isinstance(scheme, str):
-        raise ValueError("jac_sparsity is for differences: leave out jac, or name their scheme")
+        raise ValueError(
+            "jac_sparsity needs finite differences; omit jac, or use '2-point', '3-point' or 'cs'"
+        )
     if scheme not in ("2-point", "3-point", "cs"):
         raise ValueError(f"jac must be '2-point', '3-point' or 'cs', got {scheme!r}")
     return pattern_of(jac_sparsity, n), scheme
