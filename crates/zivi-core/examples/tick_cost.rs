@@ -1,19 +1,19 @@
-//! Ticks of one kind, for counting their instructions with callgrind.
+//! Updates of one kind, for counting their instructions with callgrind.
 //!
 //! ```text
 //! tick_cost CASE COUNT
 //! ```
 //!
 //! Only what is done inside `one_tick` is to be counted; the total divided by COUNT is the mean,
-//! and a dump after every call gives each tick's own count, the same on every run of one build:
+//! and a dump after every call gives each update's own count, the same on every run of one build:
 //!
 //! ```text
 //! cargo build --release --package zivi-core --example tick_cost
 //! valgrind --tool=callgrind --collect-atstart=no --toggle-collect='*::one_tick' \
 //!     --callgrind-out-file=/dev/null target/release/examples/tick_cost wide 2500
 //! valgrind --tool=callgrind --collect-atstart=no --toggle-collect='*::one_tick' \
-//!     --dump-after='*::one_tick' --callgrind-out-file=ticks target/release/examples/tick_cost hard 500
-//! grep -h '^totals:' ticks.* | sort -k2n | tail -1
+//!     --dump-after='*::one_tick' --callgrind-out-file=updates target/release/examples/tick_cost hard 500
+//! grep -h '^totals:' updates.* | sort -k2n | tail -1
 //! ```
 
 mod ticks;

@@ -1,14 +1,14 @@
-//! The time of a tick of the tracker, measured within one process (`benchmarks/control_times.py`).
+//! The time of an update of the tracker, measured within one process (`benchmarks/control_times.py`).
 //!
 //! ```text
 //! tick_time COUNT ROUNDS
 //! tick_time steps ROUNDS < STEPS
 //! ```
 //!
-//! The first prints a line for each case: its name, the mean (ns), the median and the 99.9 % quantile of the ticks,
-//! and the 99.9 % quantile of all samples. The mean is that of a round over all ticks without a
-//! clock between them, the median of the rounds. For the quantiles each tick is timed by itself,
-//! less what the clock takes; a tick's time is its shortest over the rounds, so that what the
+//! The first prints a line for each case: its name, the mean (ns), the median and the 99.9 % quantile of the updates,
+//! and the 99.9 % quantile of all samples. The mean is that of a round over all updates without a
+//! clock between them, the median of the rounds. For the quantiles each update is timed by itself,
+//! less what the clock takes; an update's time is its shortest over the rounds, so that what the
 //! system does in between is left out, while in the last column it is not.
 //!
 //! The second prints the mean (ns) of a step of given data, the reference's and the plant's solved
@@ -55,7 +55,7 @@ fn report(name: &str, ticks: &Ticks, rounds: usize) {
     let mut shortest = vec![f64::INFINITY; ticks.len()];
     let mut all = Vec::with_capacity(rounds * ticks.len());
     for _ in 0..rounds {
-        // a tick advances its controller: every round gets them as they were
+        // an update advances its controller: every round gets them as they were
         let mut fresh = ticks.clone();
         means.push(seconds(|| fresh.iter_mut().for_each(take)) / ticks.len() as f64);
         let mut fresh = ticks.clone();

@@ -18,7 +18,7 @@
 //! where an impact is `s` crossing zero and no state jumps. The [`step`] discretises the
 //! set-valued signs implicitly; what it has to solve is a variational inequality on the box
 //! `[-1, 1]^2`, in the general form that [`vi`] knows. [`control`] discretises the twisting
-//! controllers in the same way: one tick solves one such step with the control's signs in it.
+//! controllers in the same way: one update solves one such step with the control's signs in it.
 //! [`observer`] estimates what a controller needs to know where not all of it is measured.
 //!
 //! The crate is `no_std`, allocates nothing, has no `unsafe`, and works on plain numbers ([`Real`]):

@@ -1,4 +1,4 @@
-//! No tick can panic, proved by the linker: `tools/no-panic/check.sh` says how.
+//! No update can panic, proved by the linker: `tools/no-panic/check.sh` says how.
 
 use std::path::Path;
 use std::process::Command;

@@ -88,7 +88,7 @@ impl AnyModel {
         Ok(())
     }
 
-    /// One step of the mass, one tick of a controller, or both.
+    /// One step of the mass, one update of a controller, or both.
     fn period(self, state: &mut FmuState, h: f64) -> Result<(), StepRefusal> {
         match self {
             AnyModel::Mass => {

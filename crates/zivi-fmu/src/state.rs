@@ -20,7 +20,7 @@ pub(crate) struct FmuState {
     pub(crate) mode: u32,
     /// Whether an input was set since the last step.
     pub(crate) asked: u32,
-    /// The code of the last tick.
+    /// The code of the last update.
     pub(crate) code: i32,
     /// By value reference.
     pub(crate) values: [f64; MOST],

@@ -1,4 +1,4 @@
-//! Cost of 60 s of a forced chain between two stops, integrated exactly and by the pair.
+//! Cost of 60 s of a forced impact sequence between two stops, integrated exactly and by the pair.
 //!
 //! `cargo run --release -p zivi --example linear_cost 20`
 

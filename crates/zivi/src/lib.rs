@@ -21,7 +21,7 @@
 //! * [`record`]: the results of a run: a [`Trajectory`], a [`Status`], and the events at the gaps:
 //!   [`Occurrence`]s, which [`Events`] reads.
 //! * [`system`]: what moves: a [`Force`], a [`HarmonicWall`](system::force), an [`ImpactLaw`].
-//! * [`zeno`]: where impacts accumulate: extrapolation of times and states, the arcs that are skipped.
+//! * [`zeno`]: where impacts accumulate: extrapolation of times and states, the flights that are skipped.
 //! * `piecewise`: the run loop of methods that advance up to one event after the other.
 //! * [`stepping`]: fixed steps, each scheme a [`stepping::fixed_step::Scheme`].
 //!   [`stepping::theta_gamma`] and [`stepping::explicit`] implement

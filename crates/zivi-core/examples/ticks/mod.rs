@@ -1,4 +1,4 @@
-//! Ticks to be counted or timed, each with its controller in the state in which it meets a sample.
+//! Updates to be counted or timed, each with its controller in the state in which it meets a sample.
 #![allow(dead_code)] // each example uses a part
 
 #[path = "../../tests/steps/common/mod.rs"]
@@ -58,7 +58,7 @@ impl Controller for ImpactObserver {
     }
 }
 
-/// Every tick of an observer of the paper's loop.
+/// Every update of an observer of the paper's loop.
 pub(crate) fn observed(
     tracker: TwistingTracker,
     count: usize,
@@ -81,7 +81,7 @@ pub(crate) fn one_tick<C: Controller>(it: &mut Tick<C>) -> Result<f64, SettingEr
     it.controller.tick(it.measured, it.force, it.force_ref)
 }
 
-/// The paper's closed loop: every tick's controller and sample.
+/// The paper's closed loop: every update's controller and sample.
 pub(crate) fn closed_loop<C: Controller>(
     mut controller: C,
     count: usize,
@@ -143,7 +143,7 @@ pub(crate) fn drawn(kind: &str, rng: &Rng) -> Result<Tick<TwistingTracker>, Fail
     Ok(Tick { controller, measured, force, force_ref: -rng.log_between(1e-3, 1e2) })
 }
 
-/// How often the plant's step iterates in this tick.
+/// How often the plant's step iterates in this update.
 fn iterations(it: &Tick<TwistingTracker>) -> Result<u32, Failure> {
     let (step, reference) = (it.controller.step(), it.controller.state().reference);
     let solved = it.controller.reference_step().solve(reference, it.force_ref, 1.0);

@@ -170,7 +170,7 @@ impl Aim {
         self.state.impacts = self.state.impacts.saturating_add(1);
     }
 
-    /// Takes in the state in which the control of this tick will act; under noise the speed of the body
+    /// Takes in the state in which the control of this update will act; under noise the speed of the body
     /// is the mean of this flight.
     pub fn look(&mut self, now: StrikeMeasurement) -> StrikeMeasurement {
         if self.state.last.is_some_and(|last| self.jump(&last, &now) > 0.0) {

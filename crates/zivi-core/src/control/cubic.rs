@@ -1,6 +1,6 @@
-//! Scalar equations of a tick: cubic and piecewise linear monotone ones.
+//! Scalar equations of an update: cubic and piecewise linear monotone ones.
 //!
-//! The first root of a cubic that a bracket is known for: the only iteration of a tick.
+//! The first root of a cubic that a bracket is known for: the only iteration of an update.
 
 use crate::real::sqrt;
 use crate::Real;

@@ -97,7 +97,7 @@ impl ExplicitTwisting {
         (u, [lambda_s, lambda_v, lambda_sr, lambda_vr, lambda_es, lambda_ev])
     }
 
-    /// The reference's state: that at the next sample, once a tick is done.
+    /// The reference's state: that at the next sample, once an update is done.
     #[must_use]
     pub fn reference(&self) -> Physical {
         transform::project(self.state.reference, self.reference.restitution())

@@ -1,4 +1,4 @@
-//! Gains of twisting controllers, their conditions, and landing.
+//! Gains of twisting controllers, their conditions, and contact-establishing law.
 //!
 //! The gains of a twisting controller and the conditions for its stability.
 //!
@@ -247,11 +247,11 @@ impl Gains {
     }
 }
 
-// Landing: how a controller whose target rests on the wall brings a held control to exact rest.
+// Contact-establishing law: how a controller whose target rests on the wall brings a held control to exact rest.
 //
 // An update that plans to *end* its period on the wall brakes too early: under the held control the
 // mass arrives earlier, bounces, and may continue in a cycle of a few periods. The rule here plans
-// no landing. It falls with the law's own net acceleration `D`, and takes as much of the brake as
+// no contact-establishing law. It falls with the law's own net acceleration `D`, and takes as much of the brake as
 // stops a rising mass at the end of the horizon `N h`, not before:
 //
 // ```text
@@ -278,7 +278,7 @@ impl Gains {
 // The brake of such a loop, `v' = -v(t - d h)/(N h)`, does not swing over if
 // `N >= (1 + d)^(1 + d)/d^d`.
 
-/// The horizon of a landing.
+/// The horizon of a contact-establishing law.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Landing {
     ahead: u32,
@@ -363,7 +363,7 @@ pub(super) fn checked_press(press: Real, bound: Real) -> Result<(), GainError> {
     }
 }
 
-/// The tracker's landing, which its control follows while the reference rests.
+/// The tracker's contact-establishing law, which its control follows while the reference rests.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Descent {
     landing: Landing,
@@ -376,7 +376,7 @@ pub struct Descent {
 }
 
 impl Descent {
-    /// The landing of a tracker with these gains above this wall; a mass at rest is pressed with
+    /// The contact-establishing law of a tracker with these gains above this wall; a mass at rest is pressed with
     /// `press`, by default `D`.
     #[inline]
     pub(super) fn new(

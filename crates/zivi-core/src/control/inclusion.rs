@@ -1,5 +1,5 @@
 //! The controllers' steps as variational inequalities on `[-1, 1]^n`: the other form of the same
-//! steps, for the general solver and for checking. No tick uses it unless it is requested.
+//! steps, for the general solver and for checking. No update uses it unless it is requested.
 //!
 //! ```text
 //! regulator   Lambda = (ls, lv)                        F = -(s+, v+)

@@ -1,6 +1,6 @@
-//! Twisting controllers for a mass with impacts, discretised implicitly: pure ticks.
+//! Twisting controllers for a mass with impacts, discretised implicitly: pure updates.
 //!
-//! A tick takes a measurement `(x, x')` and the controller's own small state and gives the control
+//! An update takes a measurement `(x, x')` and the controller's own small state and gives the control
 //! `u` (a force per unit mass) for the next sampling period. It allocates nothing, its work is
 //! bounded by constants, and it cannot panic: the same code runs on a bench and on a target.
 //!

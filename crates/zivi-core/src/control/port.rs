@@ -138,7 +138,7 @@ impl Port {
     }
 }
 
-/// A force handed to a tick.
+/// A force handed to an update.
 #[inline]
 pub(super) fn checked_force(name: &'static str, force: Real) -> Result<(), SettingError> {
     require(force.is_finite(), name, force, "a finite force per unit mass (m/s^2)")
@@ -150,8 +150,8 @@ pub(super) fn checked_force(name: &'static str, force: Real) -> Result<(), Setti
 // (x, x')(t_k + d h) from (x, x')(t_k) through u_{k-d}, ..., u_{k-1}, each for a period
 // ```
 //
-// through impacts and into rest, exactly where the force is known. A tick for that state, its
-// reference `d` periods ahead, is a tick without delay.
+// through impacts and into rest, exactly where the force is known. An update for that state, its
+// reference `d` periods ahead, is an update without delay.
 
 /// The longest delay (periods).
 pub const MOST_DELAY: usize = 64;

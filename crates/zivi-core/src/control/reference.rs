@@ -64,7 +64,7 @@ impl From<Physical> for Waypoint {
     }
 }
 
-/// Where the reference of a tick comes from: it is the tracker's own, under this force, or it is given
+/// Where the reference of an update comes from: it is the tracker's own, under this force, or it is given
 /// at this sample and at the next one, with its acceleration if that is known.
 pub(super) enum ReferenceSource<'a> {
     Own(Real),

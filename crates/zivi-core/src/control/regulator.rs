@@ -47,7 +47,7 @@ pub struct RegulatorState {
 }
 
 impl TwistingRegulator {
-    /// A regulator with sampling period `h` (s) above such a wall, landing one period ahead.
+    /// A regulator with sampling period `h` (s) above such a wall, contact-establishing law one period ahead.
     ///
     /// # Errors
     /// [`SettingError`] names the setting that is out of range.
@@ -64,7 +64,7 @@ impl TwistingRegulator {
         Self { step, landing, port, state: RegulatorState::default() }
     }
 
-    /// The same with another horizon of its landing; `None` is the paper's tick.
+    /// The same with another horizon of its contact-establishing law; `None` is the paper's update.
     #[must_use]
     pub fn with_landing(self, landing: Option<Landing>) -> Self {
         Self { landing, ..self }
@@ -149,7 +149,7 @@ impl TwistingRegulator {
         self.port.sense(measured)
     }
 
-    /// How it lands; `None` is the paper's tick.
+    /// How it lands; `None` is the paper's update.
     #[must_use]
     pub fn landing(&self) -> Option<Landing> {
         self.landing

@@ -30,10 +30,10 @@ pub fn checked_horizon(horizon: Real, h: Real) -> Result<Real, SettingError> {
 /// The implicit twisting tracker (equation 20), with its reference inside.
 ///
 /// While the reference rests it lands ([`Descent`], the default, one period ahead): the sampled
-/// loop ends in exact rest at every `e` in `(0, 1)`. Everywhere else, and always without a landing,
+/// loop ends in exact rest at every `e` in `(0, 1)`. Everywhere else, and always without a contact-establishing law,
 /// the control is that of the paper's implicit step ([`TrackingStep`]), to the last bit.
 ///
-/// A *horizon* of `N` periods plans that step over `H = N h` and ticks every `h`: quieter under
+/// A *horizon* of `N` periods plans that step over `H = N h` and updates every `h`: quieter under
 /// noise, less sharp within `H` of an impact. The *shift* `x' - h F_r/2` in flight turns the
 /// measured velocity into that of an implicit Euler step, like the reference's: positions of these
 /// steps lie on the exact parabola, their velocities lag by half a period.
@@ -112,7 +112,7 @@ impl TwistingTracker {
         Self { step, reference, horizon, shift, landing, press, approach, port, state }
     }
 
-    /// The same with another horizon of its landing; `None` is the paper's tick. A mass at rest is
+    /// The same with another horizon of its contact-establishing law; `None` is the paper's update. A mass at rest is
     /// pressed with the law's own `D` again.
     #[must_use]
     pub fn with_landing(self, landing: Option<Landing>) -> Self {
@@ -120,7 +120,7 @@ impl TwistingTracker {
     }
 
     /// The same where a mass that rests is pressed with `press` (m/s^2), at least the `bound` of
-    /// the unknown force; without a landing nothing changes.
+    /// the unknown force; without a contact-establishing law nothing changes.
     ///
     /// # Errors
     /// [`GainError`] unless `press` is finite and at least `bound`.
@@ -189,7 +189,7 @@ impl TwistingTracker {
         self.ticked(measured, force, ReferenceSource::Own(force_ref))
     }
 
-    /// A tick of either kind.
+    /// An update of either kind.
     #[inline(never)]
     pub(super) fn ticked(
         &mut self,
@@ -208,7 +208,7 @@ impl TwistingTracker {
         self.follow(&planned)
     }
 
-    /// The first half of a tick, over this period of the reference, which is only asked for when the
+    /// The first half of an update, over this period of the reference, which is only asked for when the
     /// sample is a good one: what the second half, [`TwistingTracker::follow`], has to follow.
     ///
     /// # Errors
@@ -277,7 +277,7 @@ impl TwistingTracker {
         Ok(ReferenceOutlook { next: next.unwrap_or(reached), signs, target, lambda_vr })
     }
 
-    /// The second half of a tick: the control for this sample and this period of the reference; and
+    /// The second half of an update: the control for this sample and this period of the reference; and
     /// all that is remembered.
     ///
     /// # Errors
@@ -387,7 +387,7 @@ impl TwistingTracker {
         }
     }
 
-    /// The reference's state: that at the next sample, once a tick is done.
+    /// The reference's state: that at the next sample, once an update is done.
     #[inline(always)]
     #[must_use]
     pub fn reference(&self) -> Physical {
@@ -414,7 +414,7 @@ impl TwistingTracker {
         self.port.sense(measured)
     }
 
-    /// How it lands; `None` is the paper's tick.
+    /// How it lands; `None` is the paper's update.
     #[must_use]
     pub fn descent(&self) -> Option<Descent> {
         self.landing.map(|it| self.descent_of(it))
@@ -457,7 +457,7 @@ impl TwistingTracker {
         self.state
     }
 
-    /// Restores what [`TwistingTracker::state`] gave: the ticks that follow are the same, to the
+    /// Restores what [`TwistingTracker::state`] gave: the updates that follow are the same, to the
     /// last bit.
     pub fn set_state(&mut self, state: TrackerState) {
         self.state = state;
@@ -491,7 +491,7 @@ pub struct TrackerSettings {
     pub restitution_ref: Restitution,
     /// How measurements are lifted.
     pub approach: Approach,
-    /// How it lands; `None` is the paper's tick.
+    /// How it lands; `None` is the paper's update.
     pub landing: Option<Landing>,
     /// Acceleration towards the wall of a mass at rest (m/s^2), `None` for the law's own.
     pub press: Option<Real>,
@@ -516,7 +516,7 @@ pub struct TrackerState {
     pub signs: [Real; 6],
     /// Status of the last update.
     pub status: TickStatus,
-    /// Iterations of the last tick: [`Tracking::iterations`].
+    /// Iterations of the last update: [`Tracking::iterations`].
     pub iterations: u32,
 }
 

@@ -180,7 +180,7 @@ impl ImpactObserver {
         Self { settings, state }
     }
 
-    /// Restores what [`ImpactObserver::state`] gave: the ticks that follow are the same, to the
+    /// Restores what [`ImpactObserver::state`] gave: the updates that follow are the same, to the
     /// last bit.
     pub fn set_state(&mut self, state: ObserverState) {
         self.state = state;

@@ -51,7 +51,7 @@ impl ThetaGammaStep {
         }
         let sign = |z: Real| if z > 0.0 { 1.0 } else { -1.0 };
         let (lambda_s, lambda_v) = (sign(z.s), sign(z.v));
-        // two cases and no products, and not mirrored to the side +1: both would lengthen the chain from
+        // two cases and no products, and not mirrored to the side +1: both would lengthen the impact sequence from
         // step to step
         let Self { h, restitution, inverse_r: [outward, inward], .. } = *self;
         let away = lambda_s * lambda_v > 0.0;

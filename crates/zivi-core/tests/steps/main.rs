@@ -1,4 +1,4 @@
-//! The steps of the schemes and the ticks of the controllers, against equations written a second time.
+//! The steps of the schemes and the updates of the controllers, against equations written a second time.
 
 mod common;
 mod control;

@@ -53,12 +53,12 @@ impl Accumulation {
         self.chain.impacts()
     }
 
-    /// The tolerances of the Zeno time of the chain and of the state there.
+    /// The tolerances of the Zeno time of the impact sequence and of the state there.
     pub(crate) fn scales(&self, state: &MechanicalState, last: Bounce) -> Vec<f64> {
         self.chain.scales(&self.settings, state, last)
     }
 
-    /// Where the forces last kept the system from jumping to the end of the chain.
+    /// Where the forces last kept the system from jumping to the end of the impact sequence.
     pub(crate) fn obstacle(&self) -> Option<Deviation> {
         self.chain.obstacle()
     }
@@ -88,7 +88,7 @@ impl Accumulation {
     }
 
     /// Friction in a joint or at a closed contact changed in flight: the impacts do not form a
-    /// chain with a known ratio.
+    /// impact sequence with a known ratio.
     pub(crate) fn note_transition(&mut self) {
         self.chain.clear();
         self.corner.note_transition();

@@ -27,11 +27,11 @@ use crate::{Dependence, Force};
 /// The forces of a linear system without tables change like a line in this part of the time of the fastest
 /// mode or load.
 const SHORT: f64 = 1.0 / 64.0;
-/// The corrections of skipped arcs are made anew so many times at most, until this part of the tolerances
+/// The corrections of skipped flights are made anew so many times at most, until this part of the tolerances
 /// is left.
 const PASSES: usize = 8;
 const LEFT: f64 = 0.05;
-/// Weights of the integral over an arc at [`POINTS`].
+/// Weights of the integral over a flight at [`POINTS`].
 const WEIGHTS: [f64; 4] = [1.0 / 12.0, 5.0 / 12.0, 5.0 / 12.0, 1.0 / 12.0];
 
 /// The last impacts of one kind.
@@ -71,7 +71,7 @@ impl ImpactChain {
         self.period = Some(period);
     }
 
-    /// Starts a new chain.
+    /// Starts a new impact sequence.
     pub(crate) fn clear(&mut self) {
         self.chain.clear();
     }
@@ -82,7 +82,7 @@ impl ImpactChain {
         self.obstacle = None;
     }
 
-    /// The mode in which the chain ends.
+    /// The mode in which the impact sequence ends.
     fn landed(&self) -> ContactMode {
         self.chain.key().landed
     }
@@ -97,13 +97,13 @@ impl ImpactChain {
         scales(settings, state, settings.zeno_tolerance(&self.chain, last.g))
     }
 
-    /// Whether the chain was followed down to rounding, and friction has a part in where it ends.
+    /// Whether the impact sequence was followed down to rounding, and friction has a part in where it ends.
     pub(crate) fn is_forced(&self) -> bool {
         self.chain.is_over() && !self.landed().is_frictionless()
     }
 
     /// Appends an impact, with the acceleration of a single gap towards its wall, if known; returns
-    /// the end of the chain, if determined to the tolerance.
+    /// the end of the impact sequence, if determined to the tolerance.
     pub(crate) fn note<E, D: Dynamics<E>>(
         &mut self,
         (key, alone): (Key, Option<Pull>),
@@ -162,7 +162,7 @@ impl ImpactChain {
         }
     }
 
-    /// The end of slow impacts that are in no geometric chain, from the sum of the speeds after them, if that is
+    /// The end of slow impacts that are in no geometric impact sequence, from the sum of the speeds after them, if that is
     /// known to the tolerance: a chain of that duration stands for them.
     ///
     /// A flight lasts `2 u/g`: with the pull `g` along the motion in contact they end where `int g/2 dt` is
@@ -200,7 +200,7 @@ impl ImpactChain {
         Ok(sound.then_some(landing))
     }
 
-    /// Where the chain ends, if that is known to the tolerance.
+    /// Where the impact sequence ends, if that is known to the tolerance.
     fn end<E, D: Dynamics<E>>(
         &mut self,
         last: Bounce,
@@ -225,7 +225,7 @@ impl ImpactChain {
         Ok(sound.then_some(landing))
     }
 
-    /// Whether what is left of the chain is too short for loads and modes to do anything else in it than
+    /// Whether what is left of the impact sequence is too short for loads and modes to do anything else in it than
     /// over the last impacts.
     fn is_short<E, D: Dynamics<E>>(&self, ahead: f64, at: &Mechanism<'_, '_, D>) -> bool {
         let is_smooth = at.model.dynamics.linear().is_some_and(|system| system.is_smooth());
@@ -233,7 +233,7 @@ impl ImpactChain {
         self.obstacle.is_none() && period.is_some_and(|period| ahead <= SHORT * period)
     }
 
-    /// Whether the forces make the arcs that a jump would skip: they are put back into the
+    /// Whether the forces make the flights that a jump would skip: they are put back into the
     /// equation of the bouncing gap.
     fn look_ahead<E, D: Dynamics<E>>(
         &mut self,
@@ -267,7 +267,7 @@ impl ImpactChain {
         Ok(self.obstacle.is_none())
     }
 
-    /// Through the rest of the chain: the arcs that this skips, if they end after the first time, with the
+    /// Through the rest of the impact sequence: the flights that this skips, if they end after the first time, with the
     /// motion of the system along them if they end after the second, and the gaps that are closed then.
     pub(crate) fn jump<E, D: Dynamics<E>>(
         &self,
@@ -310,7 +310,7 @@ impl ImpactChain {
         if !stopped.is_empty() {
             let slip = |ways| StoppedSlip { ways, accelerations: Default::default() };
             arcs.slips = from.into_iter().zip(to).map(|(from, to)| slip([from, to])).collect();
-            // the slips move the system along the arcs, and that the forces on it
+            // the slips move the system along the flights, and that the forces on it
             for _ in 0..2 {
                 self.slip(&mut arcs, at)?;
                 arcs.end_at(&first, &last, work);
@@ -331,7 +331,7 @@ impl ImpactChain {
         landed.stick.without(flight.stick).without(flight.slipping())
     }
 
-    /// Gives the arcs of a jump the slips of the channels that impacts stop.
+    /// Gives the flights of a jump the slips of the channels that impacts stop.
     fn slip<E, D: Dynamics<E>>(
         &self,
         arcs: &mut SkippedArcs,
@@ -355,7 +355,7 @@ impl ImpactChain {
         Ok(())
     }
 
-    /// Gives the arcs of a jump, after an impact at the given rates of the state, what the forces and impacts do
+    /// Gives the flights of a jump, after an impact at the given rates of the state, what the forces and impacts do
     /// along them, to the tolerance.
     fn correct<E, D: Dynamics<E>>(
         &self,
@@ -407,7 +407,7 @@ impl ImpactChain {
             let Some(arc) = tail.arc(number) else { break };
             let mut left = vec![[0.0; POINTS.len()]; size];
             let mut end = Probe::default();
-            // what rounding of its times makes of the accelerations of an arc
+            // what rounding of its times makes of the accelerations of a flight
             let times = arc.start.abs().max(arc.end.abs()) / (arc.end - arc.start);
             let rounding = ROUNDINGS * f64::EPSILON * (1.0 + times);
             for (point, theta) in POINTS.into_iter().enumerate() {
@@ -422,7 +422,7 @@ impl ImpactChain {
                     left[size - 1][point] = power - end.a[size - 1];
                 }
             }
-            // the impact at the end of the arc, and what (1) and the slips make of it
+            // the impact at the end of the flight, and what (1) and the slips make of it
             let bounce = tail.speed_of(number + 1) - arc.incoming;
             let way = self.way(landed, rates, at.aside)?;
             let stops = slip_ways(stopped, landed, at.aside)?;
@@ -489,7 +489,7 @@ impl ImpactChain {
                 let of: [f64; ORDERS] = through(&q, &parts);
                 std::array::from_fn(|k| if k > 0 { of[k - 1] } else { 0.0 })
             };
-            // friction works in contact with the whole pull, and along the arcs without that
+            // friction works in contact with the whole pull, and along the flights without that
             let vanishes = c < slips + p;
             let points = values[c].each_ref().map(|values| series(values, vanishes));
             let mut accelerations = [[0.0; ORDERS + 1]; POINTS.len()];
@@ -502,7 +502,7 @@ impl ImpactChain {
         Ok(Some((0..size).filter(|c| !still.contains(c)).map(of).collect()))
     }
 
-    /// Gives the arcs of a jump the accelerations of the bouncing gap at their ends.
+    /// Gives the flights of a jump the accelerations of the bouncing gap at their ends.
     fn bend<E, D: Dynamics<E>>(
         &self,
         arcs: &mut SkippedArcs,
@@ -616,7 +616,7 @@ fn in_contact<E, D: Dynamics<E>>(
     Ok((end, half))
 }
 
-/// The arcs of a jump at which the forces are evaluated, and their `e^m`.
+/// The flights of a jump at which the forces are evaluated, and their `e^m`.
 fn probed(arcs: &SkippedArcs) -> (Vec<usize>, Vec<f64>) {
     let Some(tail) = &arcs.arcs else { return Default::default() };
     let stride = tail.stride();
@@ -635,7 +635,7 @@ struct Probe {
     a: Vec<f64>,
 }
 
-/// Evaluates the system aside after a part of an arc, with its accelerations in a mode.
+/// Evaluates the system aside after a part of a flight, with its accelerations in a mode.
 fn probe<E, D: Dynamics<E>>(
     arcs: &SkippedArcs,
     (number, theta): (usize, f64),
@@ -663,7 +663,7 @@ fn slip_ways<E>(
     Ok(channels.iter().map(way).collect::<Result<_, _>>()?)
 }
 
-/// The acceleration of the bouncing gap along the arcs of a jump, as the force of a scalar motion.
+/// The acceleration of the bouncing gap along the flights of a jump, as the force of a scalar motion.
 struct AlongArcs<'r, 'm, D> {
     arcs: &'r SkippedArcs,
     kinetics: &'r mut Kinetics,

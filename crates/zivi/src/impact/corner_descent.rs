@@ -9,7 +9,7 @@
 //! with `c` of degree 5 through both ends as for one bouncing gap, `r_i` the line of the directions
 //! in which gap `i` alone is moved, and `Y` the parabolas of [`NestedAccumulation`]. `kappa` makes the last
 //! of them end in the corner, which is known better. Where one gap bounces with a ratio that friction
-//! makes, each arc has two halves, under the friction of its rise and of its fall.
+//! makes, each flight has two halves, under the friction of its rise and of its fall.
 
 use std::ops::Deref;
 
@@ -25,16 +25,16 @@ use crate::record::status::Failure;
 use crate::system::dynamics::{Dynamics, Layout};
 use crate::zeno::table::{ExtrapolatedEnd, ZenoTable};
 
-/// Most arcs of two halves.
+/// Most flights of two halves.
 const HALVES: usize = 2048;
-/// Largest part by which the times of the arcs are stretched to end in the corner.
+/// Largest part by which the times of the flights are stretched to end in the corner.
 const STRETCH: f64 = 0.3;
-/// Where the floor exceeds `COARSE` relative tolerances of the fastest speed, arcs end at `FLOOR` of one of these
+/// Where the floor exceeds `COARSE` relative tolerances of the fastest speed, flights end at `FLOOR` of one of these
 /// instead.
 const COARSE: f64 = 300.0;
 const FLOOR: f64 = 1e-2;
 
-/// A gap that bounces alone, and the two halves of its arcs: mode and pull to the wall.
+/// A gap that bounces alone, and the two halves of its flights: mode and acceleration towards the wall.
 type Halves = (usize, [(ContactMode, f64); 2]);
 
 /// The state before a corner: what a jump starts from.
@@ -48,7 +48,7 @@ pub(crate) struct CornerEntry {
     directions: Vec<Vec<f64>>,
     /// Mode of friction there.
     mode: ContactMode,
-    /// The gap that bounces alone, and the two halves of its arcs: mode and pull to the wall.
+    /// The gap that bounces alone, and the two halves of its flights: mode and acceleration towards the wall.
     halves: Option<Halves>,
 }
 
@@ -68,7 +68,7 @@ impl CornerEntry {
     }
 }
 
-/// The halves of the arcs of a gap that bounces alone: a slip that reverses within a flight has the opposite sign
+/// The halves of the flights of a gap that bounces alone: a slip that reverses within a flight has the opposite sign
 /// in the second.
 fn halves<E>(bouncing: GapSet, state: &mut MechanicalState) -> Result<Option<Halves>, Failure<E>> {
     let Some(gap) = bouncing.iter().next() else { return Ok(None) };
@@ -91,7 +91,7 @@ fn halves<E>(bouncing: GapSet, state: &mut MechanicalState) -> Result<Option<Hal
     Ok(pulls.iter().all(|(_, pull)| *pull > 0.0).then_some((gap, pulls)))
 }
 
-/// The halves of the arcs of a gap from the speed `u` on, with the restitution `e`, down to a speed.
+/// The halves of the flights of a gap from the speed `u` on, with the restitution `e`, down to a speed.
 fn half_arcs([rise, fall]: [f64; 2], mut u: f64, e: f64, floor: f64) -> Vec<NestedArc> {
     let (mut arcs, mut start) = (Vec::new(), 0.0);
     let mut push = |length: f64, y: f64, v: f64, a: f64| {
@@ -122,7 +122,7 @@ fn impulse_directions<E>(
 }
 
 /// The way from the entry to the corner that was reached, where the system was evaluated last:
-/// its arcs down to the given speed, then the motion in contact.
+/// its flights down to the given speed, then the motion in contact.
 pub(crate) fn descent<E, D: Dynamics<E>>(
     entry: &CornerEntry,
     floor: f64,
@@ -138,7 +138,7 @@ pub(crate) fn descent<E, D: Dynamics<E>>(
     let ways = ImpulseDirections { from: &entry.directions, to, h };
     let of = |values: &[f64]| -> Vec<f64> { set.iter().map(|i| values[n + i]).collect() };
     let (y, v) = (of(&entry.x), of(&entry.v));
-    // arcs that end too early make the others longer: slow arcs need a lower floor
+    // flights that end too early make the others longer: slow flights need a lower floor
     let fastest = set.iter().fold(0.0_f64, |most, i| most.max(entry.v[n + i].abs()));
     let rtol = at.settings.rtol;
     let is_coarse = floor > COARSE * rtol * fastest && floor < fastest;
@@ -224,7 +224,7 @@ fn in_contact<E, D: Dynamics<E>>(
 /// Heights, speeds and accelerations of the gaps of a corner.
 type Heights = [Vec<f64>; 3];
 
-/// The time since the entry, and the heights there, at `tau` of an arc: the times stretched.
+/// The time since the entry, and the heights there, at `tau` of a flight: the times stretched.
 fn state_at(arc: &NestedArc, tau: f64, kappa: f64) -> (f64, Heights) {
     let at = arc.start + tau;
     let s = 2.0 * at / (1.0 + (1.0 + 4.0 * kappa * at).sqrt());
@@ -515,7 +515,7 @@ pub(crate) fn landing(
 // y'' = b + D lambda,  0 <= lambda  perp  y'' >= 0 on contacts        y+' = y-' + D P       (1)
 // ```
 //
-// All arcs are parabolas. Where a gap has become slow compared with the others, its last impact is
+// All flights are parabolas. Where a gap has become slow compared with the others, its last impact is
 // plastic: under constant forces that leaves them as the rest of its bounces would.
 
 /// Data of equations (1): `D` row by row, `b` and the restitutions of the gaps of a corner.
@@ -537,7 +537,7 @@ pub(crate) struct NestedArc {
     pub(crate) closed: GapSet,
 }
 
-/// Most arcs of a corner.
+/// Most flights of a corner.
 const MOST: usize = 4096;
 /// A gap is slow below this part of the speeds of the nest.
 const SLOW: f64 = 1e-5;
@@ -545,7 +545,7 @@ const SLOW: f64 = 1e-5;
 const TOGETHER: f64 = 1e-13;
 
 impl NestedAccumulation {
-    /// The arcs from heights and speeds, at time zero, until all speeds are below `floor`; empty
+    /// The flights from heights and speeds, at time zero, until all speeds are below `floor`; empty
     /// where they do not come to rest.
     pub(crate) fn arcs(&self, mut y: Vec<f64>, mut v: Vec<f64>, floor: f64) -> Vec<NestedArc> {
         let (mut arcs, mut t) = (Vec::new(), 0.0);
@@ -686,7 +686,7 @@ mod corner_descent_tests {
             }
             u = 0.5 * speed;
         }
-        // each arc returns with .5 sqrt(2/5) of its speed: 3, .949, .3 m/s, the last too slow
+        // each flight returns with .5 sqrt(2/5) of its speed: 3, .949, .3 m/s, the last too slow
         assert_eq!(arcs.len(), 4);
     }
 
@@ -746,7 +746,7 @@ mod corner_log_tests {
         assert!(errors[0] < 1e-6 && errors[1] < 1e-6, "{found:?}");
         assert!(errors[0] <= found.size * 1e-5 && errors[1] <= found.errors()[0], "{found:?}");
         assert_eq!(landing(&marks, 2, &[1e-14, 1e-14]), None);
-        // one gap that bounces is a chain, and times without a ratio are no corner
+        // one gap that bounces is an impact sequence, and times without a ratio are no corner
         let alone = |mark: &Mark| Mark { hit: GapSet::of(0), ..mark.clone() };
         assert_eq!(pattern(&marks.iter().map(alone).collect::<Vec<_>>(), 2), None);
         let mut uneven = marks.clone();
@@ -780,7 +780,7 @@ mod tests {
         let ratios: Vec<f64> = opened.windows(3).map(|t| (end - t[2]) / (end - t[0])).collect();
         assert!(ratios.len() > 12, "{opened:?}");
         assert!(ratios[..8].iter().all(|ratio| (ratio - c * c).abs() < 1e-6), "{ratios:?}");
-        // energy L = g'.D^-1 g'/2 + lambda.g, lambda = 1/(1 + c), falls from arc to arc
+        // energy L = g'.D^-1 g'/2 + lambda.g, lambda = 1/(1 + c), falls from flight to flight
         let depth = |arc: &NestedArc| {
             let [v, w] = [arc.v[0], arc.v[1]];
             let kinetic = (v * v - 2.0 * c * v * w + w * w) / (2.0 * (1.0 - c * c));

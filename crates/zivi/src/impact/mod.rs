@@ -78,7 +78,7 @@ pub(crate) struct Struck {
     all_bounce: bool,
     /// Whether the coefficients of restitution were those of all slower impacts.
     pub(crate) is_slow: bool,
-    /// The sum of the speeds after it and all later impacts, for slow ones without a geometric chain.
+    /// The sum of the speeds after it and all later impacts, for slow ones without a geometric impact sequence.
     sum: Option<f64>,
 }
 
@@ -88,12 +88,12 @@ impl Struck {
         self.pattern
     }
 
-    /// Key of the bouncing gap, if the impact may belong to a chain.
+    /// Key of the bouncing gap, if the impact may belong to an impact sequence.
     pub(crate) fn key(&self) -> Option<Key> {
         self.is_slow.then(|| self.repeats()).flatten()
     }
 
-    /// The same of one whose speeds are in no geometric chain, and their sum.
+    /// The same of one whose speeds are in no geometric impact sequence, and their sum.
     pub(crate) fn spent(&self) -> Option<(Key, f64)> {
         self.repeats().zip(self.sum)
     }
@@ -158,7 +158,7 @@ impl Impacts {
     }
 
     /// The speed after an impact and all that follow, if that is below the tolerance and they are in no
-    /// geometric chain.
+    /// geometric impact sequence.
     fn sum_of_speeds(&self, gap: usize, u: f64) -> Option<f64> {
         let law = &self.laws[gap];
         let spent = 0.0 < u && u <= self.slow && law.geometric_up_to() == 0.0;

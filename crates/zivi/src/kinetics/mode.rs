@@ -94,7 +94,7 @@ pub(crate) struct Key {
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Ahead {
     pub(crate) landing: ExtrapolatedEnd<Vec<f64>>,
-    /// The gaps that close together, except at a Zeno point of a chain.
+    /// The gaps that close together, except at a Zeno point of an impact sequence.
     pub(crate) corner: Option<GapSet>,
 }
 

@@ -84,7 +84,7 @@ const CRAWL: f64 = 1e-8;
 const TRICKLE: f64 = 0.1;
 /// A slip that ends with so little to spare, relative to the root of the tolerance, may not have.
 const GRAZE: f64 = 10.0;
-/// Occurrences that a piece of the motion has, at most, by gap.
+/// Occurrences that a segment of the motion has, at most, by gap.
 const OF_A_PIECE: usize = 4;
 
 impl MechanicalIntegrator {
@@ -169,7 +169,7 @@ impl MechanicalIntegrator {
         Ok(())
     }
 
-    /// One more piece of the motion.
+    /// One more segment of the motion.
     pub(crate) fn advance<E, D: Dynamics<E>>(
         &mut self,
         t_end: f64,
@@ -248,7 +248,7 @@ impl MechanicalIntegrator {
         self.accumulation.has_no_impacts() && self.state.change_charts(1.0, model)
     }
 
-    /// Whether the last pieces of the motion have covered next to nothing of the span.
+    /// Whether the last segments of the motion have covered next to nothing of the span.
     fn crawls(&mut self, t_end: f64) -> bool {
         let (now, (from, pieces)) = (self.state.now().t, &mut self.crawl);
         if now - *from > CRAWL * (t_end - self.started) || *pieces > MOST_CRAWLING {
@@ -557,7 +557,7 @@ impl MechanicalIntegrator {
         self.accumulation.chain()
     }
 
-    /// The tolerances of the Zeno time of the chain and of the state there.
+    /// The tolerances of the Zeno time of the impact sequence and of the state there.
     pub(crate) fn scales(&self, last: Bounce) -> Vec<f64> {
         self.accumulation.scales(&self.state, last)
     }

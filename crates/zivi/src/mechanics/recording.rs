@@ -1,6 +1,6 @@
 //! Runs of mechanical systems: output, loop, record, and the counts of its events.
 //!
-//! A run under way: what each piece of the motion adds to the record.
+//! A run under way: what each segment of the motion adds to the record.
 
 use std::collections::TryReserveError;
 
@@ -35,7 +35,7 @@ pub(crate) struct MechanicalRecord {
     /// Where only the ends are sampled.
     speeds: Option<SpeedLog>,
     path: Option<MechanicalPath>,
-    /// Whether the path is the whole motion, and not the arcs only that jumps skip.
+    /// Whether the path is the whole motion, and not the flights only that jumps skip.
     is_whole: bool,
     /// Where a sample at a wanted time is made.
     at: MotionPoint,
@@ -44,7 +44,7 @@ pub(crate) struct MechanicalRecord {
 /// The motion over some time, as a function that writes the state.
 type Along<'m> = &'m dyn Fn(f64, &mut MotionPoint);
 
-/// Most arcs of a tail that events look at one by one.
+/// Most flights of a tail that events look at one by one.
 const ARCS: usize = 1_000_000;
 
 /// A run to `t1` from where the machine starts.
@@ -361,7 +361,7 @@ impl<E> Running<'_, E> {
         let (t, point) = &end;
         let (layout, counts) = (machine.state().layout(), machine.counts());
         let mut occurrences = machine.into_occurrences();
-        // an event among skipped arcs ends the run before what they lead to
+        // an event among skipped flights ends the run before what they lead to
         occurrences.retain(|it| it.t() <= *t || status != Status::TerminatedByEvent);
         if wanted.is_missing_at(*t, samples.t.last().copied()) {
             if let Some(log) = &mut speeds {
@@ -613,7 +613,7 @@ pub struct MechanicalOutput<'a, E> {
     pub ends: bool,
     /// Whether to keep the motion as a function of time.
     pub dense: bool,
-    /// Whether to keep of the motion at least the arcs that jumps skip, with the impacts on them.
+    /// Whether to keep of the motion at least the flights that jumps skip, with the impacts on them.
     pub arcs: bool,
     /// The user's events.
     pub events: Vec<UserEvent<'a, E, MotionPoint>>,
@@ -863,7 +863,7 @@ where
     }
 }
 
-/// Takes the pieces of a run as they come, and changes the control at the samples.
+/// Takes the segments of a run as they come, and changes the control at the samples.
 struct Held<'a, C> {
     ticks: &'a mut C,
     times: &'a [f64],
@@ -941,7 +941,7 @@ where
 }
 
 /// Simulates a mechanical system by the switched Runge-Kutta method under a control that changes at
-/// the samples; `u` is the control from the start on, the ticks begin with the next sample.
+/// the samples; `u` is the control from the start on, the updates begin with the next sample.
 ///
 /// The samples of the run are those of the loop, with the contact forces under the control that begins
 /// there. A kick at a sample follows it. Beside the run its controls, `r` numbers a sample; the last is repeated at the end.

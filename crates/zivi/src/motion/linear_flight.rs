@@ -648,7 +648,7 @@ impl WithSimd for Sum<'_> {
 const CHANGE: f64 = 0.5;
 /// Up to so many times the fall of the line: beyond `1/(1 - CHANGE)`.
 const REACH: f64 = 2.2;
-/// An arc is looked at up to so many times the length of its parabola.
+/// A flight is looked at up to so many times the length of its parabola.
 const ARC: f64 = 1.5;
 /// Newton iterations of a root.
 const ITERATIONS: usize = 16;
@@ -679,7 +679,7 @@ impl WithSimd for Search<'_> {
         if a[0] > rest {
             return None;
         }
-        // a short arc is far below what rounding leaves of the whole step
+        // a short flight is far below what rounding leaves of the whole step
         let arc = ARC * fall_of_parabola(a);
         if arc < 1.0 {
             let mut part = *a;

@@ -32,11 +32,11 @@ pub(crate) struct Segment {
 pub(crate) enum Kind {
     /// Polynomials of this degree over a time `h`, from this number on.
     Motion { first: usize, degree: usize, h: f64 },
-    /// The skipped arcs of this number.
+    /// The skipped flights of this number.
     Skipped(usize),
 }
 
-/// The motion as a function of time, through skipped arcs and contact.
+/// The motion as a function of time, through skipped flights and contact.
 #[derive(Clone, Debug, PartialEq)]
 pub struct MechanicalPath {
     pub(crate) layout: Layout,
@@ -227,17 +227,17 @@ impl MechanicalPath {
 // [`crate::record::stored`].
 //
 // ```text
-// path     [ n, m, p, segments, coefficients, skipped arcs, sets,  the segments,  the coefficients,
-//            the skipped arcs,  t, closed, x, v of the end, if there is one ]
+// path     [ n, m, p, segments, coefficients, skipped flights, sets,  the segments,  the coefficients,
+//            the skipped flights,  t, closed, x, v of the end, if there is one ]
 // segment  [ start, mode, kind (0 motion, 1 skipped), first, degree, h ]
-// arcs     [ start, end, whether a tail follows,  the tail,  8 numbers of each component,
+// flights     [ start, end, whether a tail follows,  the tail,  8 numbers of each component,
 //            how many slips that impacts stop, 2 numbers of each component and 10 of each of them,
 //            how many corrections, the component and 25 numbers of each ]
 // mode     [ closed, slipping up, slipping down, sticking (numbers of 32 gaps each, two at least),
 //            with 6 sets the compliant gaps that are pressed, and those that are unloaded ]
 // ```
 //
-// Before format 7 there were 4 sets. Before format 6 arcs had neither slips nor corrections. Before format 5 there was no friction, nor `p`, before format 4 tails had no accelerations.
+// Before format 7 there were 4 sets. Before format 6 flights had neither slips nor corrections. Before format 5 there was no friction, nor `p`, before format 4 tails had no accelerations.
 
 fn numbers_of(mode: ContactMode, rows: usize, sets: usize) -> impl Iterator<Item = f64> {
     let ContactMode { closed, slip_plus, slip_minus, stick, pressed, unloaded } = mode;

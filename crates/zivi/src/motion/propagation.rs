@@ -763,11 +763,11 @@ impl Drives {
     }
 }
 
-// The acceleration of a bouncing gap of a linear system along the arcs of a jump.
+// The acceleration of a bouncing gap of a linear system along the flights of a jump.
 //
 // With the contacts `C` it is `rho . A + h_i - gamma . h_C` with `gamma = D_CC^-1 D_Ci` and
 // `rho = n_i - gamma . N_C`, where `A = M^-1 (p - C q' - K q)`: linear in the coordinates and their
-// velocities, so that the polynomials of these make two of it, known once for all arcs.
+// velocities, so that the polynomials of these make two of it, known once for all flights.
 
 /// The acceleration of a gap, as the force of a scalar motion.
 pub(crate) struct PullAlongArcs {
@@ -866,7 +866,7 @@ mod tests {
             let fast = 2.0 + 3.0_f64.sqrt();
             is_close(rate_of(vec![4.0 * omega], vec![omega * omega], 1), fast * omega);
         }
-        // a chain between two walls: 2 sin(n pi/(2 (n + 1)))
+        // an impact sequence between two walls: 2 sin(n pi/(2 (n + 1)))
         for n in 2..7 {
             let spring = |k: usize| match (k / n).abs_diff(k % n) {
                 0 => 2.0,

@@ -1,6 +1,6 @@
-//! The infinitely many arcs that a jump skips, evaluated when they are requested.
+//! The infinitely many flights that a jump skips, evaluated when they are requested.
 //!
-//! The bouncing gap follows the arcs `Y(t)` of [`crate::Tail`]. The system follows the motion
+//! The bouncing gap follows the flights `Y(t)` of [`crate::Tail`]. The system follows the motion
 //! `c(t)` that it would have in contact, and is moved out of it along the direction `r(t)` in which
 //! the impulses act,
 //!
@@ -9,19 +9,19 @@
 //! ```
 //!
 //! with `c` the polynomial of degree 5 through position, velocity and acceleration at both ends,
-//! and `r` the line. A channel that every impact stops slips along each arc, from rest. With its slip
+//! and `r` the line. A channel that every impact stops slips along each flight, from rest. With its slip
 //! `S(t)` and the directions `p(t)` in which the impulses that stop it act, (1) has the terms `p S` and
 //! `p' S + p S'` more, and `c` ends where these leave it.
 //!
 //! The defect of the equation of motion is one more term `D(t)`, zero at the Zeno point: the forces
-//! depend on `Y` and `Y'`, `c` and `r` are no polynomials, friction works along arcs and in
-//! impacts. On the arc `m`, with `q = e^m`, `h` its length and `theta` the part of it that is over,
+//! depend on `Y` and `Y'`, `c` and `r` are no polynomials, friction works along flights and in
+//! impacts. On the flight `m`, with `q = e^m`, `h` its length and `theta` the part of it that is over,
 //!
 //! ```text
 //! D'' = sum_jk A_jk q^k theta^j      D'(q e) = D'(q) + h int D'' dtheta + sum_k J_k q^k        (2)
 //! ```
 //!
-//! with `A` from the forces at [`POINTS`] of a few arcs, and `J` from the impacts at their ends.
+//! with `A` from the forces at [`POINTS`] of a few flights, and `J` from the impacts at their ends.
 //! `D'` and `D` at the starts of flights are also polynomials in `q`.
 
 use crate::kinetics::mode::{Key, Limit};
@@ -38,9 +38,9 @@ use crate::zeno::chain::Chain;
 use crate::zeno::table::ExtrapolatedEnd;
 use crate::zeno::tail::Tail;
 
-/// At most so many arcs make a polynomial in `e^m`.
+/// At most so many flights make a polynomial in `e^m`.
 pub(crate) const ORDERS: usize = 4;
-/// Parts of an arc at which the forces are evaluated: Lobatto's points.
+/// Parts of a flight at which the forces are evaluated: Lobatto's points.
 pub(crate) const POINTS: [f64; 4] = [0.0, 0.276_393_202_250_021, 0.723_606_797_749_979, 1.0];
 
 /// Coefficients of a polynomial in `q = e^m`, the constant first.
@@ -77,10 +77,10 @@ fn product(a: &[f64], b: &[f64]) -> Vec<f64> {
     all
 }
 
-/// A part of an arc: its number, `e^m`, its length and the part that is over.
+/// A part of a flight: its number, `e^m`, its length and the part that is over.
 pub(crate) type PartOfArc = (usize, f64, f64, f64);
 
-/// A channel that every impact of the arcs stops.
+/// A channel that every impact of the flights stops.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct StoppedSlip {
     /// How a unit of it moves the components, at both ends.
@@ -101,7 +101,7 @@ impl StoppedSlip {
         (before + along, h * theta * (a + b * theta / 2.0))
     }
 
-    /// The speed along an arc.
+    /// The speed along a flight.
     pub(crate) fn speed(&self, (_, q, h, theta): PartOfArc) -> f64 {
         let [a, b] = self.accelerations.each_ref().map(|of| value(of, q));
         h * theta * (a + (b - a) * theta / 2.0)
@@ -121,7 +121,7 @@ pub(crate) struct Correction {
     pub(crate) accelerations: [InPowers; POINTS.len()],
     /// `J`.
     pub(crate) jumps: InPowers,
-    /// `D` and `D'` at the starts of arcs.
+    /// `D` and `D'` at the starts of flights.
     starts: [Vec<f64>; 2],
 }
 
@@ -166,7 +166,7 @@ impl Correction {
     }
 }
 
-/// One end of the skipped arcs: coordinates and gaps in contact, their rates and accelerations,
+/// One end of the skipped flights: coordinates and gaps in contact, their rates and accelerations,
 /// and which way the bounces move them.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct EndOfArcs {
@@ -181,23 +181,23 @@ pub(crate) struct EndOfArcs {
 pub(crate) struct SkippedArcs {
     pub(crate) start: f64,
     pub(crate) end: f64,
-    /// The arcs of the bouncing gap; none for the motion in contact alone.
+    /// The flights of the bouncing gap; none for the motion in contact alone.
     pub(crate) arcs: Option<Box<Tail>>,
     /// By component: the coefficients of `c`, then both ends of `r`.
     pub(crate) rows: Vec<[f64; 8]>,
-    /// The channels that slip along the arcs.
+    /// The channels that slip along the flights.
     pub(crate) slips: Vec<StoppedSlip>,
     /// Contributions of forces and impacts.
     pub(crate) corrections: Vec<Correction>,
 }
 
 impl SkippedArcs {
-    /// Where the system does not move any more but for its arcs.
+    /// Where the system does not move any more but for its flights.
     pub(crate) fn of_rows(start: f64, end: f64, rows: Vec<[f64; 8]>) -> Self {
         Self { start, end, arcs: None, rows, slips: vec![], corrections: vec![] }
     }
 
-    /// The arcs of a chain that ends at `zeno`.
+    /// The flights of an impact sequence that ends at `zeno`.
     pub(crate) fn of_chain(chain: &Chain<Vec<f64>, Key>, zeno: f64, ends: [EndOfArcs; 2]) -> Self {
         let arcs = chain.tail(zeno, 1.0);
         let start = arcs.start();
@@ -236,7 +236,7 @@ impl SkippedArcs {
         self.rows = rows_between(h, &first, &last);
     }
 
-    /// Start and end of an arc, unless it is too short to be told from its ends.
+    /// Start and end of a flight, unless it is too short to be told from its ends.
     pub(crate) fn arc(&self, m: usize) -> Option<(f64, f64)> {
         self.arcs.as_ref()?.arc(m).map(|arc| (arc.start, arc.end))
     }
@@ -246,7 +246,7 @@ impl SkippedArcs {
         self.on(t, self.arcs.as_ref().and_then(|arcs| arcs.numbered_arc_at(t)), x, v);
     }
 
-    /// The same on the arc `m`, before the impact at its end.
+    /// The same on the flight `m`, before the impact at its end.
     pub(crate) fn at_before(&self, t: f64, m: usize, x: &mut [f64], v: &mut [f64]) {
         let arc = self.arcs.as_ref().and_then(|arcs| arcs.arc(m));
         self.on(t, arc.map(|arc| (m, arc)), x, v);
@@ -263,7 +263,7 @@ impl SkippedArcs {
         self.add(t, part.and_then(|(m, theta)| self.part_of(m, theta)), x, v);
     }
 
-    /// The state after a part of an arc, the time and the accelerations there but for the corrections.
+    /// The state after a part of a flight, the time and the accelerations there but for the corrections.
     pub(crate) fn after(&self, part: PartOfArc, [x, v, a]: [&mut [f64]; 3]) -> Option<f64> {
         let (number, _, _, theta) = part;
         let arc = self.arcs.as_ref()?.arc(number)?;
@@ -287,7 +287,7 @@ impl SkippedArcs {
         Some(t)
     }
 
-    /// A part of an arc that can be told from its ends.
+    /// A part of a flight that can be told from its ends.
     pub(crate) fn part_of(&self, m: usize, theta: f64) -> Option<PartOfArc> {
         let tail = self.arcs.as_ref()?;
         tail.arc(m).map(|arc| (m, tail.power(m), arc.length, theta))
@@ -304,7 +304,7 @@ impl SkippedArcs {
         r0 + self.part(t) * (r1 - r0)
     }
 
-    /// How far corrections are from others at arcs of these numbers, in these scales of `x` and `x'`.
+    /// How far corrections are from others at flights of these numbers, in these scales of `x` and `x'`.
     pub(crate) fn distance(&self, others: &[Correction], scales: &[f64], numbers: &[usize]) -> f64 {
         let size = self.rows.len();
         let mut worst = 0.0_f64;
@@ -422,7 +422,7 @@ pub(crate) fn slow(settings: &SwitchedRk, state: &MechanicalState) -> f64 {
 }
 
 impl<D> Mechanism<'_, '_, D> {
-    /// Whether the gaps outside of a mode stay open on the way to the landing: the cubic between
+    /// Whether the gaps outside of a mode stay open on the way to the touchdown: the cubic between
     /// both ends stays clear of zero; and whether what slips in it slips at both ends.
     pub(crate) fn is_clear(
         &self,
@@ -456,7 +456,7 @@ impl<D> Mechanism<'_, '_, D> {
             })
     }
 
-    /// Whether the forces keep all gaps of a set closed along the way to the landing, and those
+    /// Whether the forces keep all gaps of a set closed along the way to the touchdown, and those
     /// that stay closed while another one bounces also without it, and under its impacts.
     pub(crate) fn stays_closed<E>(
         &mut self,
@@ -511,7 +511,7 @@ impl<D> Mechanism<'_, '_, D> {
         Ok(true)
     }
 
-    /// One end of the arcs that a jump skips: the motion in contact, at a time and a state, `x`
+    /// One end of the flights that a jump skips: the motion in contact, at a time and a state, `x`
     /// before `x'`. The system is evaluated aside there.
     pub(crate) fn end_of_arcs<E>(
         &mut self,
@@ -534,7 +534,7 @@ impl<D> Mechanism<'_, '_, D> {
         Ok(EndOfArcs { x: x.to_vec(), v: v.to_vec(), acceleration, way: vec![0.0; size] })
     }
 
-    /// The end of the arcs at the present state.
+    /// The end of the flights at the present state.
     pub(crate) fn end_here<E>(
         &mut self,
         mode: impl Into<ContactMode>,
@@ -547,7 +547,7 @@ impl<D> Mechanism<'_, '_, D> {
         self.end_of_arcs(t, &z, mode)
     }
 
-    /// Moves to a landing, after which the gaps of a mode are closed, and maybe others with them:
+    /// Moves to a touchdown, after which the gaps of a mode are closed, and maybe others with them:
     /// all of these. The system is evaluated there.
     pub(crate) fn move_to<E>(
         &mut self,

@@ -52,7 +52,7 @@ pub(crate) trait SegmentSink<M: Piecewise, S, E> {
     /// The velocities change at a declared time.
     fn kick(&mut self, until: f64, asked: &mut S) -> Result<(), Ending<E, M::Point>>;
 
-    /// A piece of the motion, after which the method is where it ends.
+    /// A segment of the motion, after which the method is where it ends.
     fn absorb(
         &mut self,
         piece: M::Piece,

@@ -12,7 +12,7 @@ use crate::system::force::Smooth;
 use crate::Status;
 use std::ops::Range;
 
-/// A step near a Zeno point is a little longer than the arc under a constant pull.
+/// A step near a Zeno point is a little longer than the flight under a constant pull.
 const ARC: f64 = 1.1;
 
 /// Step limits from the settings of a method.
@@ -169,7 +169,7 @@ impl<Q: Coordinates> Steps<Q> {
     }
 
     /// The next step up to `t_end`: of the length that is wanted, or of one that something cuts
-    /// short. Of an arc from a contact (the coordinates `gaps`) a little more than its whole
+    /// short. Of a flight from a contact (the coordinates `gaps`) a little more than its whole
     /// length; not longer than `longest`. Before there was any, the accelerations and their change
     /// say what is wanted.
     #[inline(always)]
@@ -332,7 +332,7 @@ pub(crate) trait Rhs {
 
 /// Consumer of the segments of a run; it may reject a step and request a shorter one.
 pub(crate) trait Driver<M: Piecewise, S, E> {
-    /// The next piece of the motion, towards `t_end`.
+    /// The next segment of the motion, towards `t_end`.
     fn step(&mut self, method: &mut M, t_end: f64, asked: &mut S) -> Result<M::Piece, Failure<E>>;
 
     /// A declared time is passed: from here on the forces may be others.
@@ -343,7 +343,7 @@ pub(crate) trait Driver<M: Piecewise, S, E> {
 
 /// A method that takes a piece as it comes.
 pub(crate) trait Advance<S, E>: Piecewise {
-    /// The next piece of the motion, towards `t_end`.
+    /// The next segment of the motion, towards `t_end`.
     fn next(&mut self, t_end: f64, asked: &mut S) -> Result<Self::Piece, Failure<E>>;
 }
 

@@ -30,7 +30,7 @@ pub(super) struct LastImpacts {
     examined: u64,
     patience: u64,
     stalling: StallingImpacts,
-    /// Impacts without loss (`e = 1`) since the last rest: no chain has them.
+    /// Impacts without loss (`e = 1`) since the last rest: no impact sequence has them.
     elastic: usize,
 }
 
@@ -65,7 +65,7 @@ impl LastImpacts {
         }
     }
 
-    /// Starts a new chain.
+    /// Starts a new impact sequence.
     #[inline]
     pub(super) fn clear(&mut self) {
         self.chain.clear();
@@ -96,7 +96,7 @@ impl LastImpacts {
         Ok(())
     }
 
-    /// The arcs from the last impact to the end.
+    /// The flights from the last impact to the end.
     pub(super) fn tail(&self, zeno: f64, sigma: f64) -> Tail {
         self.chain.tail(zeno, sigma)
     }
@@ -135,7 +135,7 @@ impl LastImpacts {
         Ok(())
     }
 
-    /// Takes an impact that is in no geometric chain, after which each leaves at most the part `e` of the
+    /// Takes an impact that is in no geometric impact sequence, after which each leaves at most the part `e` of the
     /// speed: whether the time that is left of all of them, at most `2 u/(g (1 - e))`, is below rounding.
     pub(super) fn note_alone<E>(
         &mut self,
@@ -165,7 +165,7 @@ impl LastImpacts {
         self.chain.note(bounce, &[], &[])
     }
 
-    /// Where the chain comes to rest, if that is known.
+    /// Where the impact sequence comes to rest, if that is known.
     fn end<E, F: Force<E>>(
         &mut self,
         last: Bounce,
@@ -207,15 +207,15 @@ impl LastImpacts {
 // Whether the force makes the motion that a tail describes.
 //
 // The expansion of a tail holds for smooth forces, and an impact sequence carries no information
-// about the force ahead of it. So before a jump the arcs that it would skip are put back into the
-// equation. On the arc of duration `h` between the speeds `u` and `w`
+// about the force ahead of it. So before a jump the flights that it would skip are put back into the
+// equation. On the flight of duration `h` between the speeds `u` and `w`
 //
 // ```text
 // r = f(t, x, x') - x''                                                               (1)
 // ```
 //
 // is taken at Gauss's two points: `x''` of the cubic is a line, and there a smooth force differs
-// from its best line by the third order in `h` only. To first order `r` moves the end of the arc,
+// from its best line by the third order in `h` only. To first order `r` moves the end of the flight,
 // the speed after it and, with the mean pull `g = (u + w)/h`, the Zeno point by
 //
 // ```text
@@ -225,7 +225,7 @@ impl LastImpacts {
 //
 // The sum of `|dt_inf|` over the flights measures the distance of the tail from the motion; for
 // smooth forces it is a small part of the tolerance. The long flights at the start of the tail are
-// examined most closely. Where little of the tail is left, one arc stands for several: a pulse
+// examined most closely. Where little of the tail is left, one flight stands for several: a pulse
 // between two of them is overlooked, a change that lasts is not.
 
 /// Where a smooth force and its best line meet, as parts of the way from the middle to an end.
@@ -234,14 +234,14 @@ const GAUSS: f64 = 0.577_350_269_189_625_8;
 /// How far a tail may be from the motion, in tolerances of the Zeno time.
 const MOST: f64 = 10.0;
 
-/// A force that differs by no more, in roundings, from the acceleration of an arc is that: summed over
-/// the arcs of a long tail rounding would look like another motion.
+/// A force that differs by no more, in roundings, from the acceleration of a flight is that: summed over
+/// the flights of a long tail rounding would look like another motion.
 const SAME: f64 = 64.0;
 
 /// Remaining share of a tail from which flights are examined less closely.
 const CLOSE: f64 = 0.5;
 
-/// Panels of an arc before that.
+/// Panels of a flight before that.
 const PANELS: usize = 3;
 
 /// Remaining share of a tail from which flights are skipped in the examination.
@@ -257,7 +257,7 @@ const PART: f64 = 0.25;
 /// Steps of a flight where the force is known to do something.
 const STEPS: f64 = 4.0;
 
-/// An arc on which the force was seen to make another motion than expected.
+/// A flight on which the force was seen to make another motion than expected.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Deviation {
     from: f64,
@@ -274,7 +274,7 @@ const PER_IMPACT: u64 = 32;
 const LONG: u64 = 4096;
 
 impl Deviation {
-    /// Longest step at `t`: between the stages of one that is a whole arc long there may be enough
+    /// Longest step at `t`: between the stages of one that is a whole flight long there may be enough
     /// room to overlook once more what was seen.
     pub(crate) fn longest_step(&self, t: f64) -> f64 {
         if t >= self.from && t < self.to {
@@ -285,7 +285,7 @@ impl Deviation {
     }
 }
 
-/// The arcs of a tail, looked at before they are skipped.
+/// The flights of a tail, looked at before they are skipped.
 pub(crate) struct Lookahead<'t> {
     pub(crate) tail: &'t Tail,
     pub(crate) e: f64,
@@ -298,7 +298,7 @@ pub(crate) struct Lookahead<'t> {
 }
 
 impl Lookahead<'_> {
-    /// The first arc at which the force is known to make another motion; none if it makes that of
+    /// The first flight at which the force is known to make another motion; none if it makes that of
     /// the tail. A previous one, `suspect`, is examined first.
     pub(crate) fn obstacle<E, F: Force<E>>(
         &self,
@@ -366,7 +366,7 @@ impl Lookahead<'_> {
         }
     }
 
-    /// By how much the residual on an arc moves the Zeno point, equation (2).
+    /// By how much the residual on a flight moves the Zeno point, equation (2).
     fn deviation<E, F: Force<E>>(
         &self,
         arc: &TailArc,
@@ -445,7 +445,7 @@ mod lookahead_tests {
 
     #[test]
     fn the_shift_is_that_of_the_zeno_point() {
-        // on the arc from 1.5 the pull is p - c (t - 1.5): x/t = u - p t/2 + c t^2/6 = 0 at its end
+        // on the flight from 1.5 the pull is p - c (t - 1.5): x/t = u - p t/2 + c t^2/6 = 0 at its end
         let (tail, u, c) = (tail(), 0.25, 1e-5);
         let p = PULL - 0.25 * c;
         let h = 2.0 * u / (0.5 * p + (0.25 * p * p - 2.0 * c * u / 3.0).sqrt());
@@ -465,7 +465,7 @@ mod lookahead_tests {
     #[test]
     fn an_arc_is_an_obstacle_where_the_force_moves_the_zeno_point_too_far() {
         assert_eq!(start_of(look(1.0, None, |_| -PULL).0), None);
-        // a push r over an arc makes it longer by 2 u r/g^2, with the same speed at its end
+        // a push r over a flight makes it longer by 2 u r/g^2, with the same speed at its end
         let enough = MOST * TOLERANCE * PULL * PULL;
         let first = |part: f64| push(part * enough / (2.0 * 0.25), 1.5, 0.25);
         assert_eq!(start_of(look(1.0, None, first(0.9)).0), None);
@@ -473,7 +473,7 @@ mod lookahead_tests {
         let second = |part: f64| push(part * enough / (2.0 * 0.125), 1.75, 0.125);
         assert_eq!(start_of(look(1.0, None, second(0.9)).0), None);
         assert_eq!(start_of(look(1.0, None, second(1.1)).0), Some(1.75));
-        // one that the next takes back moves both arcs all the same
+        // one that the next takes back moves both flights all the same
         let both = |t: f64| if t < 1.75 { first(0.6)(t) } else { second(-0.6)(t) };
         assert_eq!(start_of(look(1.0, None, both).0), Some(1.75));
         // nor is there a motion where the force has no value
@@ -501,7 +501,7 @@ mod lookahead_tests {
 
     #[test]
     fn where_little_is_left_one_arc_stands_for_several() {
-        // at 0.99 there are 1400 arcs before what is left is 1e-6 of the tail
+        // at 0.99 there are 1400 flights before what is left is 1e-6 of the tail
         let (e, g) = (0.99_f64, 2.0);
         let mut chain = Chain::<f64>::new((), e, 0, 4);
         let zeno = 1.0 / (1.0 - e);

@@ -314,7 +314,7 @@ pub enum MapParameter {
     Stiffness,
     /// Damping per unit mass.
     Damping,
-    /// Constant pull towards the wall.
+    /// Constant acceleration towards the wall.
     Gravity,
     /// Amplitude of the excitation.
     Amplitude,

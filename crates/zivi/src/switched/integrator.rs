@@ -176,7 +176,7 @@ impl SwitchedIntegrator {
         self.go_to(t_end, force, |_, _, _| Ok(()), observe)
     }
 
-    /// As [`SwitchedIntegrator::observe_to`]; `absorb` gets each piece of the motion.
+    /// As [`SwitchedIntegrator::observe_to`]; `absorb` gets each segment of the motion.
     pub(super) fn go_to<E, F: Force<E>>(
         &mut self,
         t_end: f64,
@@ -232,7 +232,7 @@ impl SwitchedIntegrator {
         Counts { nfev: self.nfev, accepted, rejected, impacts }
     }
 
-    /// One more piece of the motion, of a positive length or up to an event at the same time.
+    /// One more segment of the motion, of a positive length or up to an event at the same time.
     pub(super) fn step<E, F: Force<E>>(
         &mut self,
         t_end: f64,
@@ -243,7 +243,7 @@ impl SwitchedIntegrator {
     }
 
     /// Decides what follows from the last impact, if that has not been done: flight, rest, or the
-    /// end of a chain.
+    /// end of an impact sequence.
     pub(super) fn settle<E, F: Force<E>>(
         &mut self,
         t_end: f64,
@@ -274,7 +274,7 @@ impl SwitchedIntegrator {
         Ok(())
     }
 
-    /// The same after an impact that is in no geometric chain, whose slow ones leave the part `e`.
+    /// The same after an impact that is in no geometric impact sequence, whose slow ones leave the part `e`.
     fn settle_alone<E, F: Force<E>>(
         &mut self,
         e: f64,
@@ -301,7 +301,7 @@ impl SwitchedIntegrator {
         Ok(None)
     }
 
-    /// The next piece of the motion once that is done.
+    /// The next segment of the motion once that is done.
     pub(super) fn proceed<E, F: Force<E>>(
         &mut self,
         t_end: f64,
@@ -354,7 +354,7 @@ impl SwitchedIntegrator {
         Piece::Flight { from, sigma, impact: Some(impact) }
     }
 
-    /// Through the rest of the chain, to rest at `zeno`.
+    /// Through the rest of the impact sequence, to rest at `zeno`.
     fn jump(&mut self, zeno: f64) -> Piece {
         self.tail = Some(self.accumulation.tail(zeno, self.sigma));
         self.now = Point { t: zeno, ..Point::default() };
@@ -398,7 +398,7 @@ impl SwitchedIntegrator {
         self.flight.probe_pulses(pulses);
     }
 
-    /// Cancels the extrapolation: the end of the chain is not known accurately enough.
+    /// Cancels the extrapolation: the end of the impact sequence is not known accurately enough.
     pub(super) fn cancel_jump(&mut self) {
         self.accumulation.note_cancelled();
         self.mode = Mode::FLIGHT;

@@ -250,7 +250,7 @@ impl<'a, F> Counted<'a, F> {
         }
     }
 
-    /// Gives the arcs of a tail the accelerations of the force at the wall.
+    /// Gives the flights of a tail the accelerations of the force at the wall.
     pub(crate) fn bend<E>(&mut self, tail: &mut Tail) -> Result<(), Failure<E>>
     where
         F: Force<E>,

@@ -605,7 +605,7 @@ impl PathReader<'_> {
 pub struct Motion {
     /// The motion as a function of time.
     pub path: Option<DensePath>,
-    /// The arcs that jumps to rest skipped.
+    /// The flights that jumps to rest skipped.
     pub tails: Vec<Tail>,
     /// The wall.
     pub restitution: Restitution,

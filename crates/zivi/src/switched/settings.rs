@@ -119,7 +119,7 @@ pub struct SwitchedRk {
     pub order: Order,
     /// Longest step of the pair (s), positive, may be infinite (the default). Also the longest part
     /// of the motion that events sample in one, the longest look ahead at rest, and the longest time
-    /// between two probes of the arcs that a Zeno extrapolation would skip: a
+    /// between two probes of the flights that a Zeno extrapolation would skip: a
     /// pulse of the force that is shorter can be overlooked.
     pub max_step: f64,
     /// The first step (s), positive and finite. `None` (the default): from the force and its
@@ -128,8 +128,8 @@ pub struct SwitchedRk {
     /// Steps, taken and rejected, after which [`crate::Status::StepBudget`] ends the run, at least
     /// 1 (default 1 000 000).
     pub max_steps: usize,
-    /// Impacts at falling speeds in one chain, or without loss (`e = 1`) since the last rest, after
-    /// which [`crate::Status::ZenoBudget`] ends the run, at least 3 (default 1 000 000). A chain is
+    /// Impacts at falling speeds in one impact sequence, or without loss (`e = 1`) since the last rest, after
+    /// which [`crate::Status::ZenoBudget`] ends the run, at least 3 (default 1 000 000). An impact sequence is
     /// followed for at most `30 / ln(1/e)` impacts, 30 000 for `e = 0.999`, and in practice for far
     /// fewer.
     pub max_impacts: usize,
@@ -300,7 +300,7 @@ impl SwitchedRk {
     }
 
     /// Required accuracy of a Zeno time, `rtol T + min(atol_x/U, atol_x'/g)`, where `U` is the
-    /// largest speed of a chain that lasts `T`.
+    /// largest speed of an impact sequence that lasts `T`.
     pub(crate) fn zeno_tolerance<Z: Coordinates, K: Copy + PartialEq>(
         &self,
         chain: &Chain<Z, K>,
@@ -377,7 +377,7 @@ pub struct SwitchedRun<E> {
     pub rows: Option<Samples>,
     /// The motion as a function of time, if [`Output::dense`] asked for it.
     pub path: Option<DensePath>,
-    /// The arcs that jumps to rest skipped, in order.
+    /// The flights that jumps to rest skipped, in order.
     pub tails: Vec<Tail>,
     /// For each event of the user what happened, in order.
     pub hits: Vec<Vec<LocatedEvent>>,

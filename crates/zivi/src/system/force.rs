@@ -37,7 +37,7 @@ pub struct LinearLaw {
     pub stiffness: f64,
     /// Damping per unit mass (1/s).
     pub damping: f64,
-    /// Constant pull towards the wall (m/s^2).
+    /// Constant acceleration towards the wall (m/s^2).
     pub gravity: f64,
     /// Waves; those that are not there have no amplitude.
     pub waves: [Wave; 2],
@@ -195,7 +195,7 @@ pub struct LinearForce {
     pub stiffness: f64,
     /// Damping per unit mass (1/s).
     pub damping: f64,
-    /// Constant pull towards the wall (m/s^2).
+    /// Constant acceleration towards the wall (m/s^2).
     pub gravity: f64,
     /// Amplitude of the excitation (m/s^2).
     pub amplitude: f64,

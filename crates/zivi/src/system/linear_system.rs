@@ -79,7 +79,7 @@ pub struct LinearSystem {
 }
 
 impl LinearSystem {
-    /// Whether loads and walls are as smooth as waves: no table has knots in them.
+    /// Whether loads and walls are as smooth as waves: no table has breakpoints in them.
     pub(crate) fn is_smooth(&self) -> bool {
         let is_table = |gap: &LinearGap| matches!(gap.motion, GapMotion::Table(_));
         self.tables.is_empty() && !self.gaps.iter().any(is_table)

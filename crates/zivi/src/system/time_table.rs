@@ -1,12 +1,12 @@
-//! Tables of time: piecewise polynomials between knots, of one value or of several.
+//! Tables of time: piecewise polynomials between breakpoints, of one value or of several.
 //!
 //! ```text
 //! u(t) = sum_k a_ik (t - t_i)^k      t_i <= t < t_(i+1)
 //! ```
 //!
-//! Beyond its ends a table keeps its first and last values, or repeats itself. Its knots are breaks
+//! Beyond its ends a table keeps its first and last values, or repeats itself. Its breakpoints are breaks
 //! of whatever it drives, and a time counts to the interval that it lies in as a number of the
-//! machine: the knots of later periods are `t_i + n P` as they are rounded.
+//! machine: the breakpoints of later periods are `t_i + n P` as they are rounded.
 
 use super::force::WallMotion;
 use crate::system::slopes::{DifferentiableForce, Place, Slopes};
@@ -22,7 +22,7 @@ pub struct TimeTable {
     order: usize,
     /// How many values there are.
     width: usize,
-    /// Values before the first knot and after the last one; a table without them is periodic.
+    /// Values before the first breakpoint and after the last one; a table without them is periodic.
     ends: Option<[Vec<f64>; 2]>,
     /// Intervals per unit of time, on average.
     density: f64,
@@ -32,7 +32,7 @@ pub struct TimeTable {
 const MOST_ORDER: usize = 8;
 
 impl TimeTable {
-    /// A table of increasing knots, with `order` coefficients for each of `width` values in each
+    /// A table of increasing breakpoints, with `order` coefficients for each of `width` values in each
     /// interval, and the values outside, without which it is periodic. None if the numbers
     /// do not fit together.
     #[must_use]
@@ -59,7 +59,7 @@ impl TimeTable {
         })
     }
 
-    /// A linear combination of tables that have the same knots, if they do.
+    /// A linear combination of tables that have the same breakpoints, if they do.
     #[must_use]
     pub fn combination(parts: &[(f64, &Self)]) -> Option<Self> {
         let first = parts.first()?.1;
@@ -88,7 +88,7 @@ impl TimeTable {
         self.width
     }
 
-    /// Location of a time: the interval, and the time since its knot; none outside.
+    /// Location of a time: the interval, and the time since its breakpoint; none outside.
     #[inline]
     fn locate(&self, t: f64) -> Located {
         let (first, last) = (self.knots[0], self.knots[self.knots.len() - 1]);
@@ -103,7 +103,7 @@ impl TimeTable {
         }
         let period = last - first;
         let mut n = ((t - first) / period).floor();
-        // the last knot is the first one of the next period
+        // the last breakpoint is the first one of the next period
         if t < first + n * period {
             n -= 1.0;
         } else if t >= first + (n + 1.0) * period {
@@ -112,7 +112,7 @@ impl TimeTable {
         self.within(t, n * period)
     }
 
-    /// The interval whose knots, moved by `shift`, are around a time.
+    /// The interval whose breakpoints, moved by `shift`, are around a time.
     #[inline]
     fn within(&self, t: f64, shift: f64) -> Located {
         let (knots, most) = (&self.knots, self.knots.len() - 2);
@@ -120,7 +120,7 @@ impl TimeTable {
         let mut i = guess.min(most);
         let begins = |i: usize| i == 0 || knots[i] + shift <= t;
         let ends = |i: usize| i == most || t < knots[i + 1] + shift;
-        // of knots at equal distances the guess is at most one off
+        // of breakpoints at equal distances the guess is at most one off
         if !begins(i) {
             i -= 1;
         } else if !ends(i) {
@@ -176,7 +176,7 @@ impl TimeTable {
     }
 
     /// The coefficients of a column from a time on, in powers of the time since then, up to the
-    /// next knot, written into `out` and padded with zeros.
+    /// next breakpoint, written into `out` and padded with zeros.
     pub(crate) fn expansion(&self, t: f64, column: usize, out: &mut [f64]) {
         out.fill(0.0);
         let Located::In(i, s) = self.locate(t) else {
@@ -219,7 +219,7 @@ pub(crate) fn weighted<T: ?Sized>(parts: &[(f64, &T)], of: fn(&T) -> &[f64]) -> 
 /// Where a time lies in a table.
 enum Located {
     Before,
-    /// In an interval, at a time after its knot.
+    /// In an interval, at a time after its breakpoint.
     In(usize, f64),
     After,
 }

@@ -1,12 +1,12 @@
 //! Extrapolated flights and their impacts.
 //!
-//! One of the arcs that a Zeno extrapolation skips.
+//! One of the flights that a Zeno extrapolation skips.
 
 use crate::numeric::bernstein::{quintic, Bernstein};
 use crate::record::user_events::Level;
 use crate::PathPoint;
 
-/// One arc: where it starts and ends, and the velocities there.
+/// One flight: where it starts and ends, and the velocities there.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct TailArc {
     pub(crate) start: f64,
@@ -27,7 +27,7 @@ impl TailArc {
         self.after(((t - self.start) / (self.end - self.start)).clamp(0.0, 1.0))
     }
 
-    /// The same after a part of the arc.
+    /// The same after a part of the flight.
     pub(crate) fn after(&self, theta: f64) -> PathPoint {
         let (h, rest) = (self.end - self.start, 1.0 - theta);
         let (u, w, [a, b]) = (self.u, self.incoming, self.bends);
@@ -39,7 +39,7 @@ impl TailArc {
         PathPoint { x, xdot: cubic + bend, sigma: self.sigma }
     }
 
-    /// The time after a part of the arc, and the acceleration there.
+    /// The time after a part of the flight, and the acceleration there.
     pub(crate) fn acceleration_after(&self, theta: f64) -> (f64, f64) {
         let h = self.end - self.start;
         let t = if theta < 1.0 { self.start + theta * h } else { self.end };
@@ -60,7 +60,7 @@ impl TailArc {
         [-(4.0 * u + 2.0 * w) / self.length, (2.0 * u + 4.0 * w) / self.length]
     }
 
-    /// Whether an acceleration at an end may differ so much from that of the cubic: such an arc stays
+    /// Whether an acceleration at an end may differ so much from that of the cubic: such a flight stays
     /// above the wall.
     pub(super) fn allows(&self, bend: f64) -> bool {
         bend.abs() * self.length < self.u.min(-self.incoming)
@@ -83,7 +83,7 @@ impl TailArc {
         all.iter().map(|theta| (self.start + theta * h).min(self.end)).collect()
     }
 
-    /// The position, by the part of the arc.
+    /// The position, by the part of the flight.
     fn quintic(&self, h: f64) -> Bernstein {
         let (u, w, [a, b]) = (self.u, self.incoming, self.bends);
         let (first, last) = (-(4.0 * u + 2.0 * w) / h + a, (2.0 * u + 4.0 * w) / h + b);
@@ -91,9 +91,9 @@ impl TailArc {
     }
 }
 
-// An impact of a chain, and the speed that a next one gives back.
+// An impact of an impact sequence, and the speed that a next one gives back.
 
-/// One impact of a chain.
+/// One impact of an impact sequence.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Bounce {
     /// Time (s).
@@ -104,13 +104,13 @@ pub(crate) struct Bounce {
     pub(crate) g: f64,
 }
 
-/// The speed after an impact under Newton's law; none where the height of the next arc would underflow.
+/// The speed after an impact under Newton's law; none where the height of the next flight would underflow.
 #[inline]
 pub(crate) fn restored(e: f64, before: f64) -> f64 {
     unless_underflowing(e * before.abs())
 }
 
-/// A speed after an impact; none where the height of the next arc would underflow.
+/// A speed after an impact; none where the height of the next flight would underflow.
 #[inline]
 pub(crate) fn unless_underflowing(after: f64) -> f64 {
     if after * after < f64::MIN_POSITIVE {

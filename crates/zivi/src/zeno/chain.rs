@@ -8,7 +8,7 @@
 //! t_n = t_inf - C_1 e^n - C_2 e^(2n) - ...      z_n = z_inf + Z_1 e^n + Z_2 e^(2n) + ...     (1)
 //! ```
 //!
-//! in known powers. With `g_i` the pull towards the wall while nothing else opens, and the
+//! in known powers. With `g_i` the acceleration towards the wall while nothing else opens, and the
 //! equations of motion in contact `z' = f(z)`,
 //!
 //! ```text
@@ -16,8 +16,8 @@
 //! ```
 //!
 //! is the first column of the table of [`super::table`]. A mass above a wall has no `z`: its
-//! chains hold times, speeds and pulls. Powers and logarithms are those of the `libm` crate, here
-//! and in all results of a chain, for identical results on all machines.
+//! impact sequences hold times, speeds and pulls. Powers and logarithms are those of the `libm` crate, here
+//! and in all results of an impact sequence, for identical results on all machines.
 
 use crate::zeno::arc::Bounce;
 use std::collections::TryReserveError;
@@ -27,15 +27,15 @@ use super::tail::Tail;
 use crate::numeric::coordinates::Coordinates;
 use crate::numeric::tableau::Powers;
 
-/// By how much the speed falls from one row of the table to the next, if the chain is long enough.
+/// By how much the speed falls from one row of the table to the next, if the impact sequence is long enough.
 ///
 /// In 40 random runs with `e` of 0.9995 0.95 saves 2 % of the impacts before the jump and makes the
 /// largest error 1.4 times as large; 0.8 needs 5 % more of them, 0.6 needs 21 % more.
 const FALL: f64 = 0.9;
 
-/// Range of speed ratios that continue a chain, in units of `e`. The ratio is `e (1 + O(u))`: in
+/// Range of speed ratios that continue an impact sequence, in units of `e`. The ratio is `e (1 + O(u))`: in
 /// 160 random runs 0.9 and 1.1 change a single impact, and without either bound none. They tell
-/// chains from impacts after which something else happens.
+/// impact sequences from impacts after which something else happens.
 const CONTINUES: (f64, f64) = (0.6, 1.5);
 
 /// Impacts at decreasing speeds, identified by `K`, with states `Z`: the time since the first
@@ -53,7 +53,7 @@ pub(crate) struct Chain<Z, K = ()> {
 }
 
 impl<Z: Coordinates, K: Copy + PartialEq> Chain<Z, K> {
-    /// An empty chain for a size of the state and a number of columns of the table after its first.
+    /// An empty impact sequence for a size of the state and a number of columns of the table after its first.
     pub(crate) fn new(key: K, e: f64, states: usize, columns: usize) -> Self {
         let (bounces, rows) = (Vec::new(), Vec::new());
         let table = ZenoTable::new(1 + states, columns);
@@ -88,11 +88,11 @@ impl<Z: Coordinates, K: Copy + PartialEq> Chain<Z, K> {
         }
     }
 
-    /// Appends an impact in the state `z`, which moves at the rates `f` in contact; a chain that it
+    /// Appends an impact in the state `z`, which moves at the rates `f` in contact; an impact sequence that it
     /// does not continue is given up first.
     ///
-    /// A chain loses speed at each impact, by about the factor `e`, under a pull. Without the
-    /// first of these a periodic motion with `e > 2/3` would be one endless chain.
+    /// An impact sequence loses speed at each impact, by about the factor `e`, under a pull. Without the
+    /// first of these a periodic motion with `e > 2/3` would be one endless impact sequence.
     ///
     /// # Errors
     /// Where there is no memory for it.
@@ -190,20 +190,20 @@ impl<Z: Coordinates, K: Copy + PartialEq> Chain<Z, K> {
         self.bounces.last().is_some_and(|last| last.u <= FLOOR * self.fastest)
     }
 
-    /// The last row (2): the end of the chain without a table.
+    /// The last row (2): the end of the impact sequence without a table.
     pub(crate) fn leading(&self) -> Option<ExtrapolatedEnd<Z>> {
         let (first, last) = (self.bounces.first()?, self.bounces.len() - 1);
         Some(ExtrapolatedEnd::new(first.t, self.row(last), 0.0))
     }
 
-    /// The end of the chain under a pull that is known to be constant, from three impacts on, where a
+    /// The end of the impact sequence under a pull that is known to be constant, from three impacts on, where a
     /// table of neighbours would magnify rounding: the row (2) is exact.
     pub(crate) fn end_under_constant_pull(&self) -> Option<f64> {
         let known = self.bounces.len() > 2 && is_coarse(self.e * self.e);
         self.leading().filter(|_| known).map(|landing| landing.t)
     }
 
-    /// The end of the chain, from three impacts on: the entry of the last row of the table with the
+    /// The end of the impact sequence, from three impacts on: the entry of the last row of the table with the
     /// smallest estimated error in the given scales (time, state).
     pub(crate) fn landing(&mut self, scales: &[f64]) -> Option<ExtrapolatedEnd<Z>> {
         let [first, _, .., last] = *self.bounces else { return None };
@@ -224,7 +224,7 @@ impl<Z: Coordinates, K: Copy + PartialEq> Chain<Z, K> {
         ZenoTable::<Z>::may_land(times, (last.t, self.table.columns()), powers, scale)
     }
 
-    /// The arcs between the last impact and `zeno`, the first of them on the side `sigma`.
+    /// The flights between the last impact and `zeno`, the first of them on the side `sigma`.
     pub(crate) fn tail(&self, zeno: f64, sigma: f64) -> Tail {
         Tail::new(&self.bounces, self.e, zeno, sigma)
     }
@@ -246,7 +246,7 @@ mod tests {
         assert!(chain.note(bounce, &[], &[]).is_ok());
     }
 
-    /// A chain with `t_n = t_inf - sum C_k e^(kn)` and the first-order pull that fits it.
+    /// An impact sequence with `t_n = t_inf - sum C_k e^(kn)` and the first-order pull that fits it.
     fn expansion(e: f64, t_inf: f64, n: i32) -> Chain<f64> {
         let mut chain = times(e);
         for i in 0..n {
@@ -361,7 +361,7 @@ mod tests {
     fn an_impact_that_loses_far_more_begins_a_chain() {
         let mut chain = expansion(0.9, 1.0, 5);
         let last = *chain.bounces().last().unwrap();
-        // down to 0.6 e of the speed before an impact continues the chain
+        // down to 0.6 e of the speed before an impact continues the impact sequence
         note(&mut chain, Bounce { t: 1.0, u: 0.6 * last.u, ..last });
         assert_eq!(chain.bounces().len(), 6);
         note(&mut chain, Bounce { t: 1.1, u: 0.6 * 0.5 * last.u, ..last });

@@ -1,4 +1,4 @@
-//! Series in powers of the ratio `e` through impacts of a chain.
+//! Series in powers of the ratio `e` through impacts of an impact sequence.
 
 /// Most terms of a series.
 ///
@@ -91,8 +91,8 @@ pub(super) fn fit(q: &Points, terms: usize, values: [f64; TERMS]) -> [f64; TERMS
     a
 }
 
-/// The `a` with `q_i sum_k a_k q_i^k = values_i` at the `q_i = e^m` of the arcs `m = (terms - 1 - i) stride`
-/// after the chain, the last of them first.
+/// The `a` with `q_i sum_k a_k q_i^k = values_i` at the `q_i = e^m` of the flights `m = (terms - 1 - i) stride`
+/// after the impact sequence, the last of them first.
 pub(super) fn fit_ahead(
     e: f64,
     stride: usize,

@@ -12,9 +12,9 @@
 //! * `chain`: impacts at decreasing speeds, and the extrapolated Zeno point.
 //! * `table`: extrapolation of times and states.
 //! * `rates`: their derivatives.
-//! * `fit`: series in those powers through impacts of a chain.
-//! * `arc`: one arc.
-//! * `tail`: the arcs between the last of them and that point; `stored` their numbers.
+//! * `fit`: series in those powers through impacts of an impact sequence.
+//! * `arc`: one flight.
+//! * `tail`: the flights between the last of them and that point; `stored` their numbers.
 
 pub(crate) mod arc;
 pub(crate) mod chain;

@@ -1,4 +1,4 @@
-//! The derivatives of the end of a chain: the table of [`super::table`], differentiated.
+//! The derivatives of the end of an impact sequence: the table of [`super::table`], differentiated.
 //!
 //! With `d = 2 u/(g (1 - e))` the first column and its derivative along an event are
 //!
@@ -25,7 +25,7 @@ use crate::numeric::tableau::{Column, TableauEntry};
 /// The derivatives of a chain of impacts by one number.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct ChainRates {
-    /// Rows (1), of the length of the chain's rows.
+    /// Rows (1), of the length of the impact sequence's rows.
     rows: Vec<f64>,
 }
 
@@ -42,7 +42,7 @@ pub(crate) struct Rate<'a> {
 }
 
 impl ChainRates {
-    /// Notes the last impact of a chain.
+    /// Notes the last impact of an impact sequence.
     pub(crate) fn note<Z, K>(&mut self, chain: &Chain<Z, K>, rate: &Rate<'_>)
     where
         Z: Coordinates,
@@ -63,7 +63,7 @@ impl ChainRates {
         self.rows.extend(state.map(|((dz, f), df)| dz + dd * f + d * df));
     }
 
-    /// The derivatives of the end of the chain: the entry of the table whose estimated error is the
+    /// The derivatives of the end of the impact sequence: the entry of the table whose estimated error is the
     /// smallest in the scales, which may depend on a component and its value.
     pub(crate) fn landing<Z, K>(
         &self,
@@ -137,7 +137,7 @@ mod tests {
     use super::*;
     use crate::zeno::arc::Bounce;
 
-    /// A chain whose times are `7 - q - 0.3 q^2 + 0.1 q^3`, `q = e^i`, and whose state is `2 + 1.3
+    /// An impact sequence whose times are `7 - q - 0.3 q^2 + 0.1 q^3`, `q = e^i`, and whose state is `2 + 1.3
     /// q^2 - q^3`, with the derivatives by a shift of time that moves the state with `q^2`, and by
     /// `e`; speeds and pulls that fit to first order, no flow.
     fn expansion(e: f64, n: i32) -> (Chain<Vec<f64>>, [ChainRates; 2]) {

@@ -230,7 +230,7 @@ fn judge(entry: &TableauEntry<'_>, noise: &mut [f64], error: &mut [f64], scales:
 // Tails as plain numbers, within those of a motion ([`crate::record::stored`]).
 //
 // ```text
-// tail  [ e, start, zeno, until, sigma,  C,  D,  A at the starts of arcs,  A at their ends ]
+// tail  [ e, start, zeno, until, sigma,  C,  D,  A at the starts of flights,  A at their ends ]
 // ```
 
 /// Numbers that a tail consists of.
@@ -279,7 +279,7 @@ mod table_tests {
 
     const POWERS: Powers = Powers { ratio: 0.5, first: 0.25 };
 
-    /// The landing of the time and a state, `t = 3 - q^2` and `z = 1 + a q^2`, `q = 0.5^k`, with a
+    /// The limit of the time and a state, `t = 3 - q^2` and `z = 1 + a q^2`, `q = 0.5^k`, with a
     /// number of rows.
     fn landing(rows: i32, a: f64, scales: &[f64]) -> Option<ExtrapolatedEnd<Vec<f64>>> {
         let mut table = ZenoTable::new(2, 5);

@@ -1,4 +1,4 @@
-//! The infinitely many arcs that a Zeno extrapolation skips, evaluated when they are requested.
+//! The infinitely many flights that a Zeno extrapolation skips, evaluated when they are requested.
 //!
 //! With `m` counted from the last impact that was computed,
 //!
@@ -7,14 +7,14 @@
 //! ```
 //!
 //! are the times of the impacts and the speeds after them; `C` and `D` make (1) exact at impacts
-//! of the chain (`m <= 0`). On the arc `[T(m), T(m+1)]` the position is `x = 0` at both ends, where the
+//! of the impact sequence (`m <= 0`). On the flight `[T(m), T(m+1)]` the position is `x = 0` at both ends, where the
 //! velocities are `U(m)` and `-U(m+1)/e`, and the accelerations those of the cubic through these but for
 //!
 //! ```text
 //! a(m) = e^m sum_k A_k e^(km)                                                               (2)
 //! ```
 //!
-//! at either end, with `A` from the force at a few of the arcs ([`Tail::bend`]), else zero.
+//! at either end, with `A` from the force at a few of the flights ([`Tail::bend`]), else zero.
 
 use super::arc::TailArc;
 use super::fit::{fit, fit_ahead, rounding, series, stride, KnownPoints, Points, PARTS, TERMS};
@@ -29,12 +29,12 @@ const TOLD: f64 = 4.0;
 /// Between flights at which the force is evaluated for equation (2), the speed decreases by this
 /// factor (or by `e` for neighbours).
 const APART: f64 = 0.6;
-/// So many arcs.
+/// So many flights.
 const ASKED: usize = 2;
-/// An acceleration that differs by no more, in roundings of the times of its arc, is the cubic's.
+/// An acceleration that differs by no more, in roundings of the times of its flight, is the cubic's.
 pub(crate) const ROUNDINGS: f64 = 16.0;
 
-/// The arcs between the last computed impact and the Zeno point.
+/// The flights between the last computed impact and the Zeno point.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Tail {
     pub(super) e: f64,
@@ -45,14 +45,14 @@ pub struct Tail {
     pub(super) sigma: f64,
     pub(super) c: [f64; TERMS],
     pub(super) d: [f64; TERMS],
-    /// Of equation (2), at the start and at the end of an arc.
+    /// Of equation (2), at the start and at the end of a flight.
     pub(super) bends: [[f64; TERMS]; 2],
 }
 
 impl Tail {
     /// The tail of a chain of at least one impact that comes to rest at `zeno`.
     ///
-    /// With as many terms as the chain has points for, unless rounding of the times would be seen:
+    /// With as many terms as the impact sequence has points for, unless rounding of the times would be seen:
     /// then each term must change the positions, by more than rounding does and by less than the
     /// one before. Under a constant force one is exact.
     pub(super) fn new(bounces: &[Bounce], e: f64, zeno: f64, sigma: f64) -> Self {
@@ -102,8 +102,8 @@ impl Tail {
         Self { e, start: bounces[last].t, zeno, until: zeno, sigma, c, d, bends }
     }
 
-    /// Takes the accelerations at both ends of the arcs from the force, `force(t, x')` at the wall. Without
-    /// them the arcs are cubics: exact under a constant force.
+    /// Takes the accelerations at both ends of the flights from the force, `force(t, x')` at the wall. Without
+    /// them the flights are cubics: exact under a constant force.
     pub(crate) fn bend<E>(
         &mut self,
         mut force: impl FnMut(f64, f64) -> Result<f64, E>,
@@ -111,7 +111,7 @@ impl Tail {
         self.bend_arcs(|_, arc| Ok([force(arc.start, arc.u)?, force(arc.end, arc.incoming)?]))
     }
 
-    /// The same from the accelerations at both ends of an arc of a number.
+    /// The same from the accelerations at both ends of a flight of a number.
     pub(crate) fn bend_arcs<E>(
         &mut self,
         mut accelerations: impl FnMut(usize, &TailArc) -> Result<[f64; 2], E>,
@@ -151,16 +151,16 @@ impl Tail {
         (libm::log(APART) / libm::log(self.e)).round().max(1.0) as usize
     }
 
-    /// How far the positions are from those of another tail of the same chain at most, relative to
-    /// the height of the first arc: under a constant pull that is `4/h` times the time between
-    /// them, an arc that begins at `q u` moves with the part `q` of that.
+    /// How far the positions are from those of another tail of the same impact sequence at most, relative to
+    /// the height of the first flight: under a constant pull that is `4/h` times the time between
+    /// them, a flight that begins at `q u` moves with the part `q` of that.
     fn distance(&self, other: &Self) -> f64 {
         let first = (1.0 - self.e) * (self.zeno - self.start);
         let at = |q: f64| 4.0 * q * (series(&self.c, q) - series(&other.c, q)).abs() / first;
         PARTS.map(at).into_iter().fold(0.0, f64::max)
     }
 
-    /// Whether times rise and speeds fall over the first arcs, as they must.
+    /// Whether times rise and speeds fall over the first flights, as they must.
     fn is_sound(&self, looks: &[[f64; 3]; 4]) -> bool {
         looks.iter().all(|&[m, q, next]| {
             let (speed, slower) = (series(&self.d, q), series(&self.d, next));
@@ -187,12 +187,12 @@ impl Tail {
         series(&self.flight_terms(), q)
     }
 
-    /// The length of the arcs as a polynomial in `e^m`, the constant first.
+    /// The length of the flights as a polynomial in `e^m`, the constant first.
     pub(crate) fn lengths(&self) -> Vec<f64> {
         [0.0].into_iter().chain(self.flight_terms()).collect()
     }
 
-    /// The sum of a polynomial in `e^m`, the constant first, which is zero, over the arcs from `m` on, as another one.
+    /// The sum of a polynomial in `e^m`, the constant first, which is zero, over the flights from `m` on, as another one.
     pub(crate) fn sum_of_arcs_from(&self, of: &[f64]) -> Vec<f64> {
         let log = libm::log(self.e);
         let whole = |k: usize| -libm::expm1(k as f64 * log);
@@ -305,7 +305,7 @@ impl Tail {
     }
 
     /// The sum over the flights before `m` (all for `None`) of a polynomial in `e^i` times a power
-    /// of the length of the arc `i`.
+    /// of the length of the flight `i`.
     pub(crate) fn sum_over_arcs(&self, of: &[f64], power: usize, m: Option<usize>) -> f64 {
         let lengths = self.flight_terms();
         let mut product = of.to_vec();
@@ -355,7 +355,7 @@ impl Tail {
     }
 }
 
-/// The arcs at which a tail has to be sound: `m`, `e^m`, `e^(m + 1)`.
+/// The flights at which a tail has to be sound: `m`, `e^m`, `e^(m + 1)`.
 fn looks(e: f64) -> [[f64; 3]; 4] {
     let arcs = 2 + (1.0 / (1.0 - e)) as i32;
     std::array::from_fn(|i| {
@@ -415,7 +415,7 @@ mod tests {
 
     #[test]
     fn the_arc_at_a_time_is_found_however_far_the_leading_term_is_off() {
-        // t_n = 9 - q - 0.3 q^2, q = e^n: the leading term alone is thousands of arcs off
+        // t_n = 9 - q - 0.3 q^2, q = e^n: the leading term alone is thousands of flights off
         let e = 0.9999_f64;
         let mut chain = Vec::new();
         for n in 0..5000 {
@@ -469,7 +469,7 @@ mod tests {
 
     #[test]
     fn arcs_bend_with_a_smooth_force_only() {
-        // x'' = -2 and at the ends of arcs a little more and less, which falls with q^2
+        // x'' = -2 and at the ends of flights a little more and less, which falls with q^2
         let bounce = |q: f64| Bounce { t: 2.0 - 2.0 * q, u: q, g: 2.0 };
         let chain: Vec<Bounce> = (0..8).map(|n| bounce(0.5_f64.powi(n))).collect();
         let cubic = Tail::new(&chain, 0.5, 2.0, 1.0);
@@ -490,7 +490,7 @@ mod tests {
             let [a, b] = tail.arc(m).unwrap().bends;
             assert!((a - part(m)).abs() < 1e-12 && (b + part(m)).abs() < 1e-12, "{m}: {a} {b}");
         }
-        // what moves arcs by as much as they are high is none of their motion
+        // what moves flights by as much as they are high is none of their motion
         assert_eq!(bend(10.0), cubic);
         assert_eq!(bend(f64::NAN), cubic);
     }
@@ -506,7 +506,7 @@ mod tests {
             tail.bends != [[0.0; TERMS]; 2]
         };
         assert!(!bends(1e6, 0.0) && bends(1e6, 1e-6));
-        // the first arc lasts from 0 to 2^-7: 16 roundings of its acceleration, and of its end
+        // the first flight lasts from 0 to 2^-7: 16 roundings of its acceleration, and of its end
         let zeno = 2.0_f64.powi(-6);
         assert!(!bends(zeno - 2.0, 24.0 * f64::EPSILON));
         assert!(bends(zeno - 2.0, 40.0 * f64::EPSILON));
@@ -514,7 +514,7 @@ mod tests {
 
     #[test]
     fn a_tail_of_one_arc_bends_with_that() {
-        // x'' = -2, and what comes after an arc of 1e-4 s is far below rounding of its time
+        // x'' = -2, and what comes after a flight of 1e-4 s is far below rounding of its time
         let (e, left, zeno) = (1e-12, 1e-4, 100.0);
         let chain = [Bounce { t: zeno - left, u: left * (1.0 - e), g: 2.0 }];
         let mut tail = Tail::new(&chain, e, zeno, 1.0);

@@ -12,7 +12,7 @@ const END: f64 = 2.0;
 /// Impulses below this are rounding.
 const SLOW: f64 = 1e-12;
 
-/// A chain and the constant forces on its bodies.
+/// An impact sequence and the constant forces on its bodies.
 struct Chain {
     system: Linear,
     force: Vec<f64>,

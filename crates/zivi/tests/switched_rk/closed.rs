@@ -2,7 +2,7 @@
 //!
 //! Between events `x'' = -k x - c x' - g + a cos(w t + phase)` is solved exactly, over short
 //! flights by its Taylor series (the closed form cancels there). Impacts are bracketed by a walk in
-//! small steps that also looks at every minimum. A chain is closed by the expansion of the Zeno
+//! small steps that also looks at every minimum. An impact sequence is closed by the expansion of the Zeno
 //! time in the speed, whose error at the speed where it is used is below rounding. The lift-off of
 //! `a cos(w t + phase) = g` is elementary.
 
@@ -19,7 +19,7 @@ pub(crate) struct Story {
     pub(crate) end: [f64; 2],
 }
 
-/// Speed below which a chain is closed by its expansion.
+/// Speed below which an impact sequence is closed by its expansion.
 const SLOW: f64 = 1e-7;
 
 fn force(f: &LinearForce, t: f64, x: f64, v: f64) -> f64 {

@@ -159,7 +159,7 @@ fn a_long_chain_exhausts_its_budget_and_can_be_resumed() {
         budgets += 1;
         assert!(budgets < 100);
     }
-    // every 50 impacts the chain starts again: the floor ends it
+    // every 50 impacts the impact sequence starts again: the floor ends it
     assert!(budgets > 5 && integrator.is_at_rest() && integrator.t() == 50.0);
     // within its budget the same run needs none of that
     let whole = SwitchedRk { max_impacts: 3000, ..settings };

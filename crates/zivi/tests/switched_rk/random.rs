@@ -85,7 +85,7 @@ fn a_thousand_random_forces_have_the_events_of_the_closed_form() {
 
 #[test]
 fn loose_tolerances_do_not_change_what_happens() {
-    // restitution up to 0.99 in the last family, whose chains add up many flights
+    // restitution up to 0.99 in the last family, whose impact sequences add up many flights
     for (tol, low, high) in [(1e-4, 0.05, 0.85), (1e-6, 0.05, 0.85), (1e-6, 0.85, 0.99)] {
         for order in [Order::Five, Order::Eight] {
             let mut random = Random(5);

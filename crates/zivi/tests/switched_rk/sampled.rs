@@ -235,7 +235,7 @@ fn a_lift_off_at_the_end_of_a_period_asks_the_next_force() {
 
 #[test]
 fn a_chain_is_forgotten_with_its_force() {
-    // under a force that changes between impacts none of them is a chain with those before it
+    // under a force that changes between impacts none of them is an impact sequence with those before it
     let settings = SwitchedRk { max_impacts: 3, ..settings(Order::Eight, 1e-10) };
     let mut plant = SwitchedIntegrator::new(settings, Restitution::from_e(0.9).unwrap()).unwrap();
     plant.start(0.0, Physical { x: 1.0, xdot: 0.0 }).unwrap();

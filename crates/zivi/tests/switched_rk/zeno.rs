@@ -56,7 +56,7 @@ fn zeno_times_are_within_the_tolerance() {
                 impacts += run.counts.impacts;
             }
             errors.sort_by(f64::total_cmp);
-            // order 5 loses more to the errors of its flights, which add up over a chain
+            // order 5 loses more to the errors of its flights, which add up over an impact sequence
             let most = if order == Order::Eight { 5.0 } else { 100.0 };
             let what = format!("{order:?} {tol:e}: {} {}", errors[40], errors[76]);
             assert!(errors[40] < 1.0 && errors[76] < most, "{what}");

@@ -1,4 +1,4 @@
-//! The controllers as they are used: a sequence of ticks.
+//! The controllers as they are used: a sequence of updates.
 
 use crate::common::control::{random_wall, stable};
 use crate::common::Rng;
@@ -21,7 +21,7 @@ fn a_missing_sample_holds_a_control_within_the_limits() {
     }
 }
 
-/// What a tick is given.
+/// What an update is given.
 #[derive(Clone, Copy, Debug)]
 struct Sample {
     x: f64,

@@ -1,4 +1,4 @@
-//! The regulator's landing against the law, the paper's tick and the bound that keeps it down.
+//! The regulator's landing against the law, the paper's update and the bound that keeps it down.
 
 use crate::common::control::{random_wall, stable};
 use crate::common::Rng;
@@ -90,7 +90,7 @@ fn no_measurement_lifts_the_mass() {
     }
 }
 
-/// Away from the wall and from where it turns round the paper's tick says the same.
+/// Away from the wall and from where it turns round the paper's update says the same.
 #[test]
 fn far_away_it_is_the_papers_tick_to_the_last_bit() {
     let rng = Rng::new(93);

@@ -1,4 +1,4 @@
-//! Random controllers in random loops, with noise, lifts and references of every kind: every tick
+//! Random controllers in random loops, with noise, lifts and references of every kind: every update
 //! answers, with a finite control within the bound of its law.
 
 use crate::common::control::{random_wall, stable};
@@ -92,7 +92,7 @@ fn waypoint(rng: &Rng, last: Waypoint, h: f64) -> Waypoint {
     Waypoint { state: Physical { x: next, xdot: pushed }, ..last }
 }
 
-/// How many ticks were at rest of the reference, and how many it moved.
+/// How many updates were at rest of the reference, and how many it moved.
 fn track(loops: u32, seed: u64) -> [u32; 2] {
     let rng = Rng::new(seed);
     let mut seen = [0; 2];

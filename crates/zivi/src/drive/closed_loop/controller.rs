@@ -29,7 +29,7 @@ pub struct Tick {
     pub force_ref: f64,
 }
 
-/// Why a tick gave no control.
+/// Why an update gave no control.
 #[derive(Clone, Debug, PartialEq)]
 pub enum TickError<E> {
     /// The sample was rejected; the last control stays and the run continues.
@@ -77,7 +77,7 @@ pub trait Controller<E> {
         self.reference()
     }
 
-    /// Periods by which its own reference is not that far ahead yet, before the first tick.
+    /// Periods by which its own reference is not that far ahead yet, before the first update.
     fn due(&self) -> usize {
         0
     }
@@ -95,7 +95,7 @@ pub trait Controller<E> {
         true
     }
 
-    /// The signs of the last tick (NaN where it has none).
+    /// The signs of the last update (NaN where it has none).
     fn signs(&self) -> [f64; SIGNS] {
         [f64::NAN; SIGNS]
     }
@@ -494,7 +494,7 @@ fn bounces(from: Physical, to: Physical, pull: f64, restitution: Restitution, h:
 // The controllers with the signs of their steps found by a general solver: as the VI (23) of two signs
 // and (24) of six.
 //
-// Each solve starts from the signs of the last tick. Where the step has one solution the control is
+// Each solve starts from the signs of the last update. Where the step has one solution the control is
 // that of the exact one; where it has several, this is the one near the last signs.
 
 /// A controller and how its steps are solved.
@@ -605,7 +605,7 @@ impl Solved<TwistingTracker> {
     }
 }
 
-// Controllers that know that their controls act late: each tick is one for the state of then.
+// Controllers that know that their controls act late: each update is one for the state of then.
 
 /// Delayed controls between their sample and the time at which they act.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -628,7 +628,7 @@ impl UnderWay {
         Ok(Self { controls: DelayLine::new(delay, 0.0)?, references, due: delay })
     }
 
-    /// As before the first tick.
+    /// As before the first update.
     pub fn forget(&mut self) {
         self.due = self.controls.periods();
         for _ in 0..self.due {
@@ -698,7 +698,7 @@ predictable!(TwistingRegulator, |it| it.step().h, it.step().restitution);
 predictable!(TwistingTracker, |it| it.h(), it.restitution());
 
 impl<C: Predictable> Predicting<C> {
-    /// A tick for the state in which its control will act. Controls that were sent, including
+    /// An update for the state in which its control will act. Controls that were sent, including
     /// repeated ones after a rejected sample, are then in the delay line.
     pub(super) fn late<E: From<SettingError>>(
         &mut self,

@@ -1,7 +1,7 @@
-//! The sampled closed loop: measure, tick, hold the control while the plant moves on.
+//! The sampled closed loop: measure, update, hold the control while the plant moves on.
 //!
 //! ```text
-//! y_k = measured(x(t_k), x'(t_k))      u_k = tick(y_k)      x'' = f + u_{k - delay} on [t_k, t_{k+1})
+//! y_k = measured(x(t_k), x'(t_k))      u_k = update(y_k)      x'' = f + u_{k - delay} on [t_k, t_{k+1})
 //! ```
 //!
 //! The true force moves the plant; the controller receives the values of its force models at the
@@ -255,7 +255,7 @@ where
         Ok(())
     }
 
-    /// One period: measure, tick, hold.
+    /// One period: measure, update, hold.
     fn period(&mut self) -> Result<(), Failure<E>> {
         let grid = self.surroundings.grid;
         let n = grid.n_steps();
@@ -288,7 +288,7 @@ where
         let (mut at, grid, due) = (from, self.surroundings.grid, self.controller.due());
         for k in 0..due {
             let force = self.models.reference.at(grid.t(0) + k as f64 * grid.h(), at)?;
-            // a force that is too large is rejected by the tick
+            // a force that is too large is rejected by the update
             if self.controller.bring_ahead(force).is_err() {
                 break;
             }
@@ -322,7 +322,7 @@ where
     }
 
     /// The step that the control is of, where nothing came between: neither noise nor delay, and
-    /// the tick (these are its bits) was as it should be.
+    /// the update (these are its bits) was as it should be.
     fn expected(&self, tick: u8) -> Option<(RegulationStep, f64)> {
         let step = self.controller.closed_step()?;
         let Loop { sensor, delay, .. } = &self.surroundings;
@@ -373,7 +373,7 @@ where
         observer.tick(Measurement { x, xdot: Some(xdot) }, self.known, self.u)
     }
 
-    /// Decides what acts from `t` on. Gives the bits of the tick.
+    /// Decides what acts from `t` on. Gives the bits of the update.
     fn tick(
         &mut self,
         t: f64,

@@ -21,7 +21,7 @@ pub struct LoopRun<E> {
     /// `t, x, xdot, x_ref, xdot_ref, u` (NaN where a controller has none); the control of a row
     /// holds from its time on, the last row repeats it.
     pub columns: [Vec<f64>; LOOP_COLUMNS],
-    /// The signs of the ticks, in rows of the same meaning.
+    /// The signs of the updates, in rows of the same meaning.
     pub signs: SignRecord,
     /// Estimates of the observer at the samples, `x, xdot, d`; empty without one.
     pub estimates: [Vec<f64>; ESTIMATES],
@@ -109,7 +109,7 @@ impl LoopRecord {
     }
 }
 
-// The signs of many ticks.
+// The signs of many updates.
 
 /// Bits of the signs that need no more than their code.
 const ONE: u64 = 1.0_f64.to_bits();
@@ -122,7 +122,7 @@ const MINUS: u16 = 1;
 const AGAIN: u16 = 2;
 const OTHER: u16 = 3;
 
-/// The signs of many ticks, `ls, lv, lsr, lvr, les, lev` of each. Six numbers per update would be
+/// The signs of many updates, `ls, lv, lsr, lvr, les, lev` of each. Six numbers per update would be
 /// half of the memory of a loop, and allocation costs as much as the update; most are 1, -1 or
 /// unchanged.
 ///
@@ -137,7 +137,7 @@ const OTHER: u16 = 3;
 /// ```
 #[derive(Clone, Debug, Default)]
 pub struct SignRecord {
-    /// Of each tick the codes of its signs, the first in the lowest bits.
+    /// Of each update the codes of its signs, the first in the lowest bits.
     codes: Vec<u16>,
     /// All signs with the code [`OTHER`], in their order.
     others: Vec<f64>,
@@ -153,7 +153,7 @@ impl SignRecord {
         Ok(Self { codes, ..Self::default() })
     }
 
-    /// Another tick.
+    /// Another update.
     ///
     /// # Errors
     /// There is no memory for it; the record is unchanged.
@@ -179,19 +179,19 @@ impl SignRecord {
         Ok(())
     }
 
-    /// Number of ticks.
+    /// Number of updates.
     #[must_use]
     pub fn len(&self) -> usize {
         self.codes.len()
     }
 
-    /// Whether there is no tick.
+    /// Whether there is no update.
     #[must_use]
     pub fn is_empty(&self) -> bool {
         self.codes.is_empty()
     }
 
-    /// The signs of each tick, to the last bit.
+    /// The signs of each update, to the last bit.
     pub fn iter(&self) -> impl Iterator<Item = [f64; SIGNS]> + '_ {
         let (mut others, mut last) = (self.others.iter(), [0.0; SIGNS]);
         self.codes.iter().map(move |codes| {

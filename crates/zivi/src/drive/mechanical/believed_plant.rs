@@ -289,9 +289,9 @@ impl<D> Tasks<D> {
 /// Controls that were sent.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct SentControls {
-    /// The last controls, none before the first tick.
+    /// The last controls, none before the first update.
     pub last: Option<Vec<f64>>,
-    /// Those of as many ticks as the delay at most, the oldest first.
+    /// Those of as many updates as the delay at most, the oldest first.
     pub queue: Vec<Vec<f64>>,
 }
 
@@ -321,7 +321,7 @@ impl SentControls {
         }
     }
 
-    /// The controls of the periods until that of this tick acts, one after the other.
+    /// The controls of the periods until that of this update acts, one after the other.
     pub(super) fn until(&self, delay: usize, r: usize) -> Vec<f64> {
         let mut controls = vec![0.0; r * (delay - self.queue.len())];
         self.queue.iter().for_each(|u| controls.extend_from_slice(u));

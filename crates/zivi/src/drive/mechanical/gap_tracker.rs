@@ -20,7 +20,7 @@ use crate::numeric::dense::dot;
 use crate::numeric::elimination::Singular;
 use crate::system::dynamics::{Driven, Dynamics};
 
-/// Part of its own weakest pull by which the other contacts may push a gap that lands.
+/// Part of its own least acceleration towards the wall by which the other contacts may push a gap that lands.
 const PUSHED: f64 = 0.8;
 
 /// Constant settings.

@@ -286,7 +286,7 @@ const RANK: f64 = 1e-6;
 /// How much heavier the gaps count than the rest, where limits do not leave room for both.
 const FIRST: f64 = 1e4;
 
-/// How the controls of a tick were found.
+/// How the controls of an update were found.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Allocation {
     /// Whether limits act.
@@ -660,7 +660,7 @@ fn weakest_of(tracker: &TwistingTracker) -> f64 {
     pulls.into_iter().fold(f64::INFINITY, f64::min)
 }
 
-/// The forces with which landings press the contacts that are held, 0 elsewhere.
+/// The forces with which contact-establishing laws press the contacts that are held, 0 elsewhere.
 fn usual_forces(kinetics: &mut GapKinetics, held: &[bool], press: &[f64]) -> Vec<f64> {
     let m = held.len();
     let mut forces: Vec<f64> =

@@ -46,7 +46,7 @@ pub(super) struct VariationalRun<'a> {
     times: &'a [f64],
     pub(super) samples: Vec<f64>,
     pub(super) chains: Vec<ChainRates>,
-    /// Of the Zeno point that the chain is about to reach.
+    /// Of the Zeno point that the impact sequence is about to reach.
     pub(super) zeno: Vec<ExtrapolatedEnd<Vec<f64>>>,
     pub(super) events: EventRates,
     pub(super) validity: Validity,
@@ -244,7 +244,7 @@ impl<'a> VariationalRun<'a> {
         self.validity.note(Limit::End, t, self.end - t, dt.iter().copied());
     }
 
-    /// A piece of the motion without columns.
+    /// A segment of the motion without columns.
     fn blindly<E, D: DifferentiableDynamics<E>>(
         &mut self,
         machine: &mut MechanicalIntegrator,
@@ -729,7 +729,7 @@ impl VariationalRun<'_> {
         self.blank();
     }
 
-    /// The part of the impact in its chain, and whether the derivatives of a Zeno point are known as
+    /// The part of the impact in its impact sequence, and whether the derivatives of a Zeno point are known as
     /// well as the point.
     fn weigh<E, D: DifferentiableDynamics<E>>(
         &mut self,
@@ -770,7 +770,7 @@ impl VariationalRun<'_> {
         Ok(())
     }
 
-    /// Notes the last impact of a chain.
+    /// Notes the last impact of an impact sequence.
     fn note_chain<E, D: DifferentiableDynamics<E>>(
         &mut self,
         shifted: &[Shifted],
@@ -855,7 +855,7 @@ impl VariationalRun<'_> {
     }
 }
 
-/// How the ratio of a chain changes that stands for impacts in none, with a sum `S` of the speeds: it makes
+/// How the ratio of an impact sequence changes that stands for impacts in none, with a sum `S` of the speeds: it makes
 /// the time to its end change with `S`.
 fn change_of_ratio<Z: Coordinates, K: Copy + PartialEq>(
     du: f64,

@@ -442,7 +442,7 @@ impl<E, F: Force<E>> SteppedFlight<f64, E> for FlyingStep<'_, '_, F> {
 impl<F> FlyingStep<'_, '_, F> {
     /// Deviation of the force between the stages from their interpolation, relative to the
     /// tolerances, by one more evaluation at the apex, where a position-dependent force differs
-    /// most; `None` if unnecessary. Soon after an impact a step may be a whole arc, and one much
+    /// most; `None` if unnecessary. Soon after an impact a step may be a whole flight, and one much
     /// longer than the last has little that speaks for it.
     fn look_at_the_apex<E>(&mut self, contact: Option<f64>) -> Result<Option<f64>, Failure<E>>
     where

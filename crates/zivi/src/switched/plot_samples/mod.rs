@@ -417,9 +417,9 @@ fn moments(t: f64) -> [f64; MOMENTS] {
     moments
 }
 
-// The arcs of an accumulation.
+// The flights of an accumulation.
 
-/// How many arcs of a tail are drawn: those higher than this part of the highest.
+/// How many flights of a tail are drawn: those higher than this part of the highest.
 const ARCS: usize = 64;
 const FINEST: f64 = 1e-3;
 
@@ -430,7 +430,7 @@ fn draw_tail(
     rows: &mut Vec<Row>,
 ) -> Result<(), TryReserveError> {
     for arc in (0..ARCS).map_while(|m| tail.arc(m)) {
-        // the height of an arc, u h/4
+        // the height of a flight, u h/4
         let height = 0.25 * arc.u * (arc.end - arc.start);
         if arc.start >= end || height < FINEST * scale.x {
             break;

@@ -9,7 +9,7 @@ use crate::{
 };
 use std::convert::Infallible;
 
-/// `x'' = -2`, `e = 1/2`: arcs of the heights 1/16, 1/64, ..., from 1 s on.
+/// `x'' = -2`, `e = 1/2`: flights of the heights 1/16, 1/64, ..., from 1 s on.
 #[test]
 fn a_tail_is_drawn_by_flat_lines_down_to_the_finest_arcs_and_up_to_its_end() {
     let mut chain = Chain::<f64>::new((), 0.5, 0, 4);
@@ -88,7 +88,7 @@ fn runs() -> impl Iterator<Item = (PlotSamples, DensePath, [Vec<f64>; 2])> {
     })
 }
 
-/// The arcs between impacts and turns upwards, by a fine grid: where each starts and ends, its
+/// The flights between impacts and turns upwards, by a fine grid: where each starts and ends, its
 /// height and the range of its velocity.
 fn arcs(path: &DensePath, curves: &[(FlightCurve, f64)]) -> Vec<(f64, f64, [f64; 2])> {
     let (mut arcs, mut open) = (Vec::new(), None::<(f64, [f64; 4])>);

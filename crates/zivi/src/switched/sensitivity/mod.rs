@@ -527,7 +527,7 @@ pub enum Limit {
     Impact = 0,
     /// A minimum of the distance in flight: an impact appears.
     Minimum = 1,
-    /// The pull at a Zeno point: the chain no longer ends.
+    /// The pull at a Zeno point: the impact sequence no longer ends.
     Zeno = 2,
     /// A maximum of the force at rest: a lift-off appears.
     Rest = 3,
@@ -550,7 +550,7 @@ pub struct Nearest {
     pub t: f64,
     /// How far the run is from it: a height (m) of an impact or a minimum, a force (m/s^2) at a
     /// Zeno point, at rest or at a lift-off, a time (s) at the end and at jumps, a force or a speed
-    /// (m/s) in a chain.
+    /// (m/s) in an impact sequence.
     pub depth: f64,
 }
 

@@ -128,7 +128,7 @@ pub(in crate::switched) struct VariationalRun {
     /// `dt` and `du` of the last impact; of the arrival at rest.
     dt: Vec<f64>,
     du: Vec<f64>,
-    /// Of the Zeno point that the chain is about to reach.
+    /// Of the Zeno point that the impact sequence is about to reach.
     zeno: Vec<f64>,
     /// Since when the mass rests.
     resting: Option<f64>,
@@ -237,7 +237,7 @@ impl VariationalRun {
         Ok(())
     }
 
-    /// After the evaluation of the last impact: its contribution to the chain, and whether the
+    /// After the evaluation of the last impact: its contribution to the impact sequence, and whether the
     /// derivatives of a Zeno time are known as accurately as the time.
     fn weigh<E, F: DifferentiableForce<E>>(
         &mut self,
@@ -281,7 +281,7 @@ impl VariationalRun {
         Ok(())
     }
 
-    /// The derivatives of the end `t + 2 S(u)/g` of impacts that are in no geometric chain.
+    /// The derivatives of the end `t + 2 S(u)/g` of impacts that are in no geometric impact sequence.
     fn weigh_alone(&mut self, integrator: &SwitchedIntegrator, last: Bounce) {
         const STEP: f64 = 1e-4;
         let Bounce { u, g, .. } = last;
@@ -292,7 +292,7 @@ impl VariationalRun {
         }
     }
 
-    /// The derivative of the ratio of speeds in a chain.
+    /// The derivative of the ratio of speeds in an impact sequence.
     fn limit_by(&self, column: usize, integrator: &SwitchedIntegrator) -> f64 {
         self.wrt[column].of_law(|parameter| integrator.law().limit_by(parameter))
     }

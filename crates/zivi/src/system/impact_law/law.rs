@@ -29,8 +29,8 @@ pub trait ImpactLaw: Clone {
     }
 
     /// The ratio `e` of the speeds in the limit `v -> 0`; `None` if undefined. Between 0 and
-    /// 1 impacts accumulate as a geometric chain. With 1 they do not accumulate, with 0 faster than
-    /// any such chain.
+    /// 1 impacts accumulate as a geometric impact sequence. With 1 they do not accumulate, with 0 faster than
+    /// any such impact sequence.
     fn limit(&self) -> Option<f64>;
 
     /// The derivative of that by a parameter.

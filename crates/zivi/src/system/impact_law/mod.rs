@@ -130,7 +130,7 @@ macro_rules! impact_laws {
             }
 
             /// As [`Self::ratio`], but 0 where the speeds that follow have a sum of at most `slow`
-            /// (m/s), and are no geometric chain.
+            /// (m/s), and are no geometric impact sequence.
             #[inline]
             #[must_use]
             pub fn ratio_unless_slow(&self, v: f64, slow: f64) -> f64 {

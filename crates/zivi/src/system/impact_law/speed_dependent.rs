@@ -14,8 +14,8 @@
 //!
 //! from one impact to the next. For `0 < k < 1` speeds decrease to `v*`, where `e = 1`: with `e_max
 //! = 1` the mass keeps bouncing and never rests. With `e_max < 1` the cap is reached after a few
-//! impacts; then the chain is geometric. For `k < 0` the point `v*` repels: speeds below it fall
-//! faster than any geometric chain, to rest after a few impacts.
+//! impacts; then the impact sequence is geometric. For `k < 0` the point `v*` repels: speeds below it fall
+//! faster than any geometric impact sequence, to rest after a few impacts.
 
 use std::fmt;
 use std::ops::Bound;

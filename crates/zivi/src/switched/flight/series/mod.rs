@@ -499,7 +499,7 @@ impl Ends {
 /// A step that ends at most this part of it after its end is no longer: what rounding makes of it.
 const OVER: f64 = 1.0 + 1e-9;
 
-/// By how much a step near the wall is longer than the arc under a constant force.
+/// By how much a step near the wall is longer than the flight under a constant force.
 const ARC: f64 = 1.3;
 
 /// A step, or several together.
@@ -750,7 +750,7 @@ fn searched(table: &Table, start: &SeriesStart, known: usize, left: f64) -> End 
 }
 
 /// Range of the search for the wall: a power of two times the step. A step of a motion that hardly
-/// turns may be far longer than an arc.
+/// turns may be far longer than a flight.
 fn width(table: &Table, a: &Series, known: usize, left: f64) -> f64 {
     let [x, v, bend, ..] = *a;
     let arc = match known {
@@ -1274,7 +1274,7 @@ mod step_tests {
         let from_wall = SeriesStart { x: 0.0, ..high };
         assert!(ahead(from_wall, 1, 1.1).is_some_and(|ahead| ahead.outlook == Outlook::Clear));
         assert_eq!(ahead(from_wall, 2, 1.1), None);
-        // down onto the wall, and a short arc
+        // down onto the wall, and a short flight
         let down = SeriesStart { v: -1.5, force: -1.0, ..high };
         assert!(ahead(down, 0, 1.1).is_some_and(|it| matches!(it.outlook, Outlook::Wall(_))));
         assert_eq!(ahead(SeriesStart { v: 1e-3, force: -1.0, ..from_wall }, 1, 1.1), None);
@@ -1288,7 +1288,7 @@ mod step_tests {
         let law = Law { stiffness: 1.0, damping: 0.0, omega: [0.0; 2] };
         let table = Table::new(law, f64::INFINITY);
         let mut a = [0.0; TERMS];
-        // from the wall, faster and faster: no arc
+        // from the wall, faster and faster: no flight
         (a[1], a[2]) = (1e-3, 0.5);
         assert_eq!(width(&table, &a, 1, 10.0), 1.0);
         // back at the wall after 1e-3 of a step
@@ -1300,7 +1300,7 @@ mod step_tests {
     fn the_wall_is_looked_for_beyond_the_end_of_the_parabola() {
         let law = Law { stiffness: 1.0, damping: 0.0, omega: [0.0; 2] };
         let table = Table::new(law, f64::INFINITY);
-        // x + v s + bend s^2 = -bend (s + before) (arc - s)
+        // x + v s + bend s^2 = -bend (s + before) (flight - s)
         for (before, arc, bend) in [(0.4, 0.013, -1.0), (1e-4, 3e-3, -2.0), (0.02, 0.02, -0.1)] {
             let mut a = [0.0; TERMS];
             (a[0], a[1], a[2]) = (-bend * before * arc, -bend * (arc - before), bend);

@@ -409,7 +409,7 @@ impl Linear {
         all
     }
 
-    /// Sets the constant pull towards the wall (m/s^2).
+    /// Sets the constant acceleration towards the wall (m/s^2).
     #[inline]
     pub(crate) fn pulled_by(&mut self, gravity: f64) {
         self.constant = (0.0 - gravity) + self.still;
