@@ -383,6 +383,10 @@ def run_function(
     ValueError, TypeError
         For an argument out of range.
 
+    See Also
+    --------
+    zivi.sensitivity, jax_function : the derivatives themselves; for JAX.
+
     Examples
     --------
     >>> ball = zivi.ImpactSystem(-9.81, e=0.5)
@@ -783,6 +787,10 @@ def solution_function(
     ------
     ValueError, TypeError
         For an argument that is not as above.
+
+    See Also
+    --------
+    zivi.vi.solution_derivative : the derivatives themselves.
 
     Examples
     --------

@@ -37,6 +37,10 @@ def jax_function(function: ParameterFunction[Any]) -> Callable[[Any], Any]:
     ImportError
         Without JAX.
 
+    See Also
+    --------
+    run_function, solution_function : make what it wraps.
+
     Examples
     --------
     >>> import jax  # doctest: +SKIP

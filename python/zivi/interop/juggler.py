@@ -67,6 +67,10 @@ def juggler(
     ValueError, TypeError
         For an argument out of range.
 
+    See Also
+    --------
+    zivi.Striker : a controller for this task.
+
     Examples
     --------
     >>> env = zivi.interop.juggler(e=0.5)

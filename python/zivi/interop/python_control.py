@@ -70,6 +70,10 @@ def impact_plant(
     ImportError
         If python-control is not installed; the message names the command.
 
+    See Also
+    --------
+    controller_block, force_block : the other blocks of a loop.
+
     Examples
     --------
     >>> import control  # doctest: +SKIP
@@ -136,6 +140,10 @@ def controller_block(controller: Controller, *, name: str = "controller") -> Any
         of a controller.
     ImportError
         If python-control is not installed; the message names the command.
+
+    See Also
+    --------
+    impact_plant, state_vector : the plant; the initial state.
 
     Examples
     --------

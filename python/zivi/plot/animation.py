@@ -290,6 +290,10 @@ def animate(
         If `speed` or `fps` is not positive, the run has fewer than two samples, or the animation
         would have more than 20,000 frames.
 
+    See Also
+    --------
+    zivi.plot.configuration : the path without time.
+
     Examples
     --------
     >>> ball = zivi.ImpactSystem(-9.81, e=0.5)

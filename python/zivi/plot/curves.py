@@ -154,6 +154,10 @@ def position(
     -------
     matplotlib.axes.Axes
 
+    See Also
+    --------
+    zivi.plot.velocity, zivi.plot.overview : the velocity; all views of a run.
+
     Examples
     --------
     >>> ball = zivi.ImpactSystem(-9.81, e=0.5)
@@ -249,6 +253,10 @@ def phase_plane(
 
     Parameters and return value as for `position`, `frame` too; `coordinates` are transformed by
     default for a trajectory, physical for a closed loop.
+
+    See Also
+    --------
+    zivi.plot.poincare : the points of a section only.
     """
     check_run("phase_plane", sol)
     ax = axes_of(ax)
@@ -296,6 +304,10 @@ def control(run: ClosedLoop | MechanicalClosedLoop, ax: Axes | None = None, **li
     Returns
     -------
     matplotlib.axes.Axes
+
+    See Also
+    --------
+    zivi.plot.signs, zivi.plot.overview : the set-valued signs; all views of a loop.
     """
     if is_mechanical(run) and hasattr(run, "control_names"):
         return controls(cast("MechanicalClosedLoop", run), axes_of(ax), line)
@@ -378,6 +390,10 @@ def overview(
     Returns
     -------
     matplotlib.figure.Figure
+
+    See Also
+    --------
+    zivi.plot.animate : the motion as an animation.
 
     Examples
     --------
@@ -551,6 +567,10 @@ def impacts(
         If `sol` is not a run.
     ValueError
         If `bins` is not positive.
+
+    See Also
+    --------
+    zivi.plot.position : the motion between the impacts.
 
     Examples
     --------

@@ -157,6 +157,10 @@ def gaps(
     Returns
     -------
     matplotlib.axes.Axes
+
+    See Also
+    --------
+    zivi.plot.reactions, zivi.plot.configuration : contact forces; the path.
     """
     check_mechanical("gaps", sol)
     ax, names = axes_of(ax), sol.gap_names
@@ -341,6 +345,10 @@ def modes(sol: MechanicalTrajectory, ax: Axes | None = None, **bar: Any) -> Axes
     ------
     ValueError
         If the run has no friction.
+
+    See Also
+    --------
+    zivi.plot.slips : the slip speeds.
 
     Examples
     --------

@@ -76,6 +76,10 @@ def branch(b: Branch | MechanicalBranch, y: str = "u", ax: Axes | None = None, *
     ValueError
         For another quantity.
 
+    See Also
+    --------
+    zivi.continue_orbit, zivi.plot.multipliers : computes it; its stability.
+
     Examples
     --------
     >>> table = zivi.LinearForce(gravity=1.0, amplitude=1.3, phase=-np.pi / 2)
@@ -254,6 +258,10 @@ def diagram(
     -------
     matplotlib.axes.Axes
 
+    See Also
+    --------
+    zivi.bifurcation_diagram, zivi.plot.branch : computes it; adds branches.
+
     Examples
     --------
     >>> table = zivi.ImpactSystem(
@@ -299,6 +307,10 @@ def basins(b: Basins, ax: Axes | None = None, **image: Any) -> Axes:
     Returns
     -------
     matplotlib.axes.Axes
+
+    See Also
+    --------
+    zivi.basins : computes them.
 
     Examples
     --------
@@ -366,7 +378,7 @@ def _event_label(kind: str) -> str:
     return EVENTS[kind][2] if kind in EVENTS else kind.replace("_", " ")
 
 
-def _point_label(kind: str) -> str:
+def _codimension_label(kind: str) -> str:
     """Return the label of a point of codimension two, such as ``"1:3 resonance (point)"``."""
     first, _, ratio = kind.partition("resonance_")
     name = f"{ratio.replace('_', ':')} resonance" if ratio else _event_label(first)
@@ -391,6 +403,10 @@ def curve(c: EventCurve, ax: Axes | None = None, *, words: bool = False, **line:
     -------
     matplotlib.axes.Axes
 
+    See Also
+    --------
+    zivi.continue_curve, zivi.plot.chart : computes it; several curves.
+
     Examples
     --------
     >>> table = zivi.LinearForce(gravity=1.0, amplitude=1.3, phase=-np.pi / 2)
@@ -412,7 +428,7 @@ def curve(c: EventCurve, ax: Axes | None = None, *, words: bool = False, **line:
     ax.plot(x, np.where(wide, y, np.nan), label=label, **look)
     ax.plot(x, np.where(solid, np.nan, y), **faint)
     for point in c.points:
-        named = _point_label(point.kind)
+        named = _codimension_label(point.kind)
         again = any(it.get_label() == named for it in ax.lines)
         marker = MARKERS.get(point.kind, "o")
         label = "_" if again else named

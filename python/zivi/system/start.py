@@ -745,6 +745,10 @@ def gap_coordinates(
     ValueError
         If the gaps are not independent at this state: `D` is singular.
 
+    See Also
+    --------
+    zivi.GapTracker : uses these coordinates.
+
     Examples
     --------
     >>> box = zivi.MechanicalSystem(

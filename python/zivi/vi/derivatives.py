@@ -178,6 +178,10 @@ def solution_derivative(
     ValueError, TypeError
         If an argument is not as above, or the solve had no success.
 
+    See Also
+    --------
+    zivi.interop.solution_function : solution and derivative for optimisers.
+
     Examples
     --------
     A price clears two markets; a tax on the second makes its trade end:
