@@ -12,7 +12,7 @@ use crate::kinetics::shares::Shares;
 use crate::kinetics::{Kinetics, Model};
 use crate::motion::state::MechanicalState;
 use crate::numeric::bernstein::{Bernstein, MOST_DEGREE};
-use crate::record::gap_set::GapSet;
+use crate::record::gap_set::{ContactMode, GapSet};
 use crate::record::status::Failure;
 use crate::system::dynamics::{Dynamics, Layout};
 use crate::Status;
@@ -40,6 +40,8 @@ const MISFIT: (f64, f64) = (1e-3, 1e-10);
 const HANDED: f64 = 1e-9;
 /// Simultaneous lift-offs are decided this fraction of a step later.
 const LATER: f64 = 1e-4;
+/// So many times later they are decided again, where nothing changes.
+const LATER_AGAIN: f64 = 10.0;
 
 /// Where the force of a contact vanishes in a step.
 pub(crate) enum Release {
@@ -297,15 +299,8 @@ pub(crate) fn open<E, D: Dynamics<E>>(
     let (kinetics, now) = state.parts();
     kinetics.turn(&now.xdot[n..]);
     kinetics.contact(mode)?;
-    let (a, later) = (&kinetics.acceleration, LATER * h);
-    let (q, w): (Vec<f64>, Vec<f64>) = (0..n)
-        .map(|c| {
-            let v = now.xdot[c] + later * a[c];
-            (now.x[c] + later * (now.xdot[c] + 0.5 * later * a[c]), v)
-        })
-        .unzip();
-    aside.carry(mode.pressed);
-    aside.evaluate(model, now.t + later, &q, &w)?;
+    let mut later = LATER * h;
+    look_later(later, (mode, state), aside, model)?;
     if state.layout().p == 0 {
         let left = settle(aside, closed)?.left;
         let left = match limit {
@@ -325,6 +320,12 @@ pub(crate) fn open<E, D: Dynamics<E>>(
         Limit::Law(_) | Limit::Margin | Limit::Regularity => GapSet::EMPTY,
     };
     let mut contacts = decide(aside, closed, &slips, held)?;
+    // soon after the limit of shared loads it is exceeded by less than a decision allows
+    while contacts.mode == mode && limit == Limit::Margin && later < h && aside.has_cones() {
+        later *= LATER_AGAIN;
+        look_later(later, (mode, state), aside, model)?;
+        contacts = decide(aside, closed, &later_slips(state, later), held)?;
+    }
     if contacts.mode == mode && again {
         aside.contact(mode)?;
         contacts = force(limit, contacts, aside);
@@ -333,6 +334,26 @@ pub(crate) fn open<E, D: Dynamics<E>>(
     state.parts().0.take_headings(aside.headings());
     state.enter(contacts);
     Ok(left)
+}
+
+/// Evaluates the system some time later, by the accelerations in a mode.
+fn look_later<E, D: Dynamics<E>>(
+    later: f64,
+    (mode, state): (ContactMode, &mut MechanicalState),
+    aside: &mut Kinetics,
+    model: &mut Model<'_, D>,
+) -> Result<(), Failure<E>> {
+    let n = state.layout().n;
+    let (kinetics, now) = state.parts();
+    let a = &kinetics.acceleration;
+    let (q, w): (Vec<f64>, Vec<f64>) = (0..n)
+        .map(|c| {
+            let v = now.xdot[c] + later * a[c];
+            (now.x[c] + later * (now.xdot[c] + 0.5 * later * a[c]), v)
+        })
+        .unzip();
+    aside.carry(mode.pressed);
+    aside.evaluate(model, now.t + later, &q, &w)
 }
 
 /// The slip speeds of a mode some time later: those that are zero stay so.
