@@ -70,8 +70,7 @@ def gap_tracker_source(
     name : str
         Beginning of all names of the source: a letter, then letters, digits and underscores.
     single : bool
-        Whether it is for single precision, ``zivi_f32.h``: compile with
-        ``-fsingle-precision-constant``.
+        Use single precision, ``zivi_f32.h``; compile with ``-fsingle-precision-constant``.
 
     Returns
     -------
@@ -134,7 +133,7 @@ def _head(controller: GapTracker, name: str, single: bool, sizes: tuple[int, int
     real, header = ("float", "zivi_f32.h") if single else ("double", "zivi.h")
     limits = "" if controller.settings["u_limits"] is None else ", cut to their limits"
     return f"""\
-/* A controller that lets the gaps of a mechanism follow bouncing references. Made by zivi
+/* {name}: the GapTracker of a mechanism, whose gaps follow bouncing references. Made by zivi
  * {_zivi.__version__}; compile it with the C library, -lm and -ffp-contract=off.
  *
  * coordinates {", ".join(system.coordinate_names(n))}
