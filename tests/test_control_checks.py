@@ -260,7 +260,7 @@ def test_a_controller_is_named_only_where_it_is_made_and_handed_on():
         for path in files
         if path.suffix != ".pyc" and re.search(r"\bExplicitTwisting\b", path.read_text("utf-8"))
     }
-    tick = {f"crates/zivi-core/src/control/{name}.rs" for name in ("explicit", "period", "mod")}
+    tick = {f"crates/zivi-core/src/control/{name}.rs" for name in ("regulator", "reference", "mod")}
     loop = {"crates/zivi/src/drive/closed_loop/controller.rs"}
     assert {it for it in naming if not it.startswith(users)} == {
         *tick,

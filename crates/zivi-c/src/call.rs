@@ -3,8 +3,8 @@
 
 use zivi_core::{Physical, Real};
 
+use crate::code::Sealed;
 use crate::code::{Code, ZIVI_E_DT, ZIVI_E_NULL, ZIVI_E_STATE};
-use crate::seal::Sealed;
 use crate::{GivenReference, Regulator, Tracker};
 
 /// The object, unless the pointer is NULL or not aligned.

@@ -16,8 +16,8 @@ use zivi_core::Real;
 use zivi_core::observer::Measurement;
 
 use crate::call::{lasting, object, ticked, tracked};
+use crate::code::Sealed;
 use crate::code::{ZIVI_E_NULL, ZIVI_OK};
-use crate::seal::Sealed;
 use crate::{
     GivenReference, Mass, MassConfig, Observer, ObserverConfig, Predictor, PredictorConfig,
     Regulator, RegulatorConfig, Tracker, TrackerConfig, ZIVI_ABI_VERSION,

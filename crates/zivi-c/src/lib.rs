@@ -26,14 +26,12 @@ mod config;
 #[cfg(feature = "exports")]
 pub mod exports;
 mod mass;
-mod message;
 mod observer;
-mod period;
 mod predictor;
 mod regulator;
-mod seal;
 mod tracker;
 
+pub use code::message;
 pub use code::Code;
 pub use config::{
     ZIVI_GIVEN_AHEAD, ZIVI_GIVEN_DEPTH, ZIVI_GIVEN_DMAX, ZIVI_GIVEN_E, ZIVI_GIVEN_E_REF,
@@ -42,7 +40,6 @@ pub use config::{
     ZIVI_TICK_LANDING, ZIVI_TICK_PAPER,
 };
 pub use mass::{Mass, MassConfig};
-pub use message::message;
 pub use observer::{Observer, ObserverConfig};
 pub use predictor::{Predictor, PredictorConfig};
 pub use regulator::{Regulator, RegulatorConfig};

@@ -7,8 +7,8 @@ use crate::code::{
     self, Code, ZIVI_E_H, ZIVI_E_NO_SOLUTION, ZIVI_E_OVERFLOW, ZIVI_E_STATE, ZIVI_E_X, ZIVI_E_XDOT,
     ZIVI_OK,
 };
+use crate::code::{Sealed, Word};
 use crate::config::{self, Given};
-use crate::seal::{Sealed, Word};
 
 /// Settings of a mass. A member that is zero takes its default, unless its bit
 /// of `given` is set.

@@ -6,10 +6,10 @@ use zivi_core::observer::{
 use zivi_core::{Physical, Real, Restitution};
 
 use crate::code::{self, Code, ZIVI_E_LEARN_E, ZIVI_E_POSITION_ONLY, ZIVI_OK};
+use crate::code::{Sealed, Word};
 use crate::config::{
     self, Given, ZIVI_GIVEN_DMAX, ZIVI_GIVEN_NOISE_X, ZIVI_GIVEN_NOISE_XDOT, ZIVI_GIVEN_Q_D,
 };
-use crate::seal::{Sealed, Word};
 
 /// What an observer's `given` may have.
 const GIVEN: u32 =

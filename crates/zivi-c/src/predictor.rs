@@ -7,8 +7,8 @@ use crate::code::{
     Code, ZIVI_CLAMPED, ZIVI_E_DELAY, ZIVI_E_FORCE, ZIVI_E_H, ZIVI_E_OVERFLOW, ZIVI_E_U, ZIVI_E_X,
     ZIVI_E_XDOT, ZIVI_OK,
 };
+use crate::code::{Sealed, Word};
 use crate::config::{self, Given, ZIVI_GIVEN_DEPTH};
-use crate::seal::{Sealed, Word};
 
 /// What a predictor's `given` may have.
 const GIVEN: u32 = config::WALL | ZIVI_GIVEN_DEPTH;

@@ -5,8 +5,8 @@ use zivi_core::control::{Gains, Landing, Port, RegulatorState, TwistingRegulator
 use zivi_core::{Physical, Real, Restitution};
 
 use crate::code::{self, Code, ZIVI_OK};
+use crate::code::{Sealed, Word};
 use crate::config::{self, GainCondition, Given};
-use crate::seal::{Sealed, Word};
 
 /// Settings of a regulator. A member that is zero takes its default, unless its bit
 /// of `given` is set.

@@ -1,19 +1,19 @@
 //! The twisting tracker: makes the mass follow a bouncing reference.
 
-use zivi_core::control::{
-    checked_horizon, Approach, Gains, Landing, Port, ReferencePeriod, TickStatus, TrackerSettings,
-    TrackerState, TwistingTracker, Waypoint,
-};
-use zivi_core::{Branch, Lifted, Physical, Real, Restitution};
-
 use crate::code::{
-    self, Code, Refusal, ZIVI_E_BRANCH, ZIVI_E_PRESS, ZIVI_E_SHIFT, ZIVI_E_SIDE, ZIVI_OK,
+    self, Code, Refusal, Sealed, Word, ZIVI_E_BRANCH, ZIVI_E_PRESS, ZIVI_E_SHIFT, ZIVI_E_SIDE,
+    ZIVI_E_STATE, ZIVI_OK,
 };
 use crate::config::{
     self, GainCondition, Given, ZIVI_GIVEN_E_REF, ZIVI_GIVEN_HORIZON, ZIVI_GIVEN_KAPPA_REF,
     ZIVI_GIVEN_PRESS,
 };
-use crate::seal::{Sealed, Word};
+use crate::Regulator;
+use zivi_core::control::{
+    checked_horizon, Approach, Gains, Landing, Port, ReferencePeriod, TickStatus, TrackerSettings,
+    TrackerState, TwistingTracker, Waypoint,
+};
+use zivi_core::{Branch, Lifted, Physical, Real, Restitution};
 
 /// In `branch`: measurements are lifted to `s >= 0`, the default.
 pub const ZIVI_BRANCH_POSITIVE: u32 = 0;
@@ -396,5 +396,58 @@ fn approach(branch: u32) -> Option<Approach> {
         ZIVI_BRANCH_POSITIVE => Some(Approach::Positive),
         ZIVI_BRANCH_NEAREST => Some(Approach::Nearest),
         _ => None,
+    }
+}
+
+// What has to be before a tick, and periods without a sample.
+
+impl Tracker {
+    /// Whether it is intact, and its reference a state.
+    #[inline(always)]
+    pub(crate) fn followable(&self) -> Result<(), Code> {
+        self.intact()?;
+        let reference = Lifted { s: self.s_ref, v: self.v_ref };
+        if !reference.is_finite() || self.side.abs() != 1.0 {
+            return Err(ZIVI_E_STATE);
+        }
+        Ok(())
+    }
+
+    /// A period without a sample: the control is held, the reference moves on by a period under the
+    /// force `force_ref`, or to `next`, if it is given.
+    #[inline(never)]
+    pub fn miss(&mut self, force_ref: Real, next: Option<&GivenReference>) -> Code {
+        match self.held(force_ref, next) {
+            Ok(()) => ZIVI_OK,
+            Err(Refusal(code)) => code,
+        }
+    }
+
+    fn held(&mut self, force_ref: Real, next: Option<&GivenReference>) -> Result<(), Refusal> {
+        self.followable().map_err(Refusal)?;
+        let mut core = self.core();
+        // the signs of the last tick are held, too
+        let Self { lambda_s, lambda_v, lambda_sr, lambda_vr, lambda_es, lambda_ev, .. } = *self;
+        let signs = [lambda_s, lambda_v, lambda_sr, lambda_vr, lambda_es, lambda_ev];
+        core.set_state(TrackerState { signs, ..core.state() });
+        match next {
+            None => core.miss(force_ref)?,
+            Some(next) => core.miss_to(next.waypoint()?)?,
+        };
+        self.remember(&core);
+        self.ticks = self.ticks.wrapping_add(1);
+        Ok(())
+    }
+}
+
+impl Regulator {
+    /// A period without a sample: the control is held.
+    pub fn miss(&mut self) -> Code {
+        if let Err(code) = self.intact() {
+            return code;
+        }
+        self.ticks = self.ticks.wrapping_add(1);
+        self.status = 0;
+        ZIVI_OK
     }
 }

@@ -3,8 +3,8 @@
 use core::ffi::{c_char, c_void, CStr};
 
 use crate::model::{message, AnyModel};
+use crate::state::StepRefusal;
 use crate::state::{mode, FmuState};
-use crate::steps::StepRefusal;
 use crate::table::DataType;
 
 /// What a function of FMI gives, in both versions.

@@ -33,7 +33,6 @@ mod objects;
 #[cfg(feature = "target")]
 mod shared;
 mod state;
-mod steps;
 mod table;
 
 #[cfg(all(feature = "target", not(feature = "loops")))]

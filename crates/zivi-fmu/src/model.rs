@@ -7,7 +7,7 @@ use zivi_c::{
 };
 
 use crate::state::FmuState;
-use crate::steps::{Parts, StepRefusal};
+use crate::state::{Parts, StepRefusal};
 use crate::table::{closed_loop, mass, observer, regulator, tracker, ScalarVariable};
 
 pub(crate) use zivi_c::message;

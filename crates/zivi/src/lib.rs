@@ -59,9 +59,10 @@ pub use method::{AnyMethod, Mechanism, Method, PointMass, PointRun};
 pub use numeric::grid::{Grid, GridError};
 pub use piecewise::running::Kick;
 pub use record::columns::{Columns, Quantity, QUANTITIES};
-pub use record::dense_step::{DenseStep, Interpolation, StepEnd};
 pub use record::events::{Events, Impact, Occurrence};
-pub use record::recorder::{Keep, MotionPoint, PathPoint, Summary};
+pub use record::recorder::{
+    DenseStep, Interpolation, Keep, MotionPoint, PathPoint, StepEnd, Summary,
+};
 pub use record::status::{Failure, Monitor, Silent, Status};
 pub use record::stored::MotionError;
 pub use record::trajectory::{Run, SetupError, Trajectory};

@@ -7,11 +7,12 @@
 //! tracker     Lambda = (ls, lv, lsr, lvr, les, lev)    F = -(s+, v+, s_r+, v_r+, s+ - s_r+, v+ - v_r+)
 //! ```
 
-use super::regulation::RegulationStep;
-use super::tracking::{Target, TrackingStep};
-use crate::control::dual::Dual;
+use core::ops::{Add, Div, Mul, Sub};
+
+use crate::control::regulation::RegulationStep;
+use crate::control::tracking::{Target, TrackingStep};
 use crate::vi::{self, natural_component};
-use crate::{Lifted, Restitution};
+use crate::{Lifted, Real, Restitution};
 
 /// A step as a box VI: its map, and the scales of its residual.
 pub trait Inclusion<const N: usize> {
@@ -278,3 +279,83 @@ macro_rules! problem {
 problem!(RegulationInclusion, 2);
 problem!(PlantInclusion, 4);
 problem!(TrackingInclusion, 6);
+
+// Numbers that carry their derivatives with respect to `N` unknowns: an equation is written once
+// and gives its Jacobian too.
+
+/// A value and its gradient; `Dual<0>` is a plain number.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Dual<const N: usize> {
+    pub(super) value: Real,
+    pub(super) gradient: [Real; N],
+}
+
+impl<const N: usize> Dual<N> {
+    /// A constant.
+    pub(super) fn constant(value: Real) -> Self {
+        Self { value, gradient: [0.0; N] }
+    }
+
+    /// The `index`-th unknown.
+    pub(super) fn unknown(value: Real, index: usize) -> Self {
+        let mut gradient = [0.0; N];
+        if let Some(own) = gradient.get_mut(index) {
+            *own = 1.0;
+        }
+        Self { value, gradient }
+    }
+
+    /// `value` with the gradient `p a' + q b'`.
+    fn combined(value: Real, p: Real, a: [Real; N], q: Real, b: [Real; N]) -> Self {
+        let mut gradient = [0.0; N];
+        for ((g, a), b) in gradient.iter_mut().zip(a).zip(b) {
+            *g = p * a + q * b;
+        }
+        Self { value, gradient }
+    }
+}
+
+impl<const N: usize> Add for Dual<N> {
+    type Output = Self;
+    fn add(self, other: Self) -> Self {
+        Self::combined(self.value + other.value, 1.0, self.gradient, 1.0, other.gradient)
+    }
+}
+
+impl<const N: usize> Sub for Dual<N> {
+    type Output = Self;
+    fn sub(self, other: Self) -> Self {
+        Self::combined(self.value - other.value, 1.0, self.gradient, -1.0, other.gradient)
+    }
+}
+
+impl<const N: usize> Mul for Dual<N> {
+    type Output = Self;
+    fn mul(self, other: Self) -> Self {
+        let value = self.value * other.value;
+        Self::combined(value, other.value, self.gradient, self.value, other.gradient)
+    }
+}
+
+impl<const N: usize> Div for Dual<N> {
+    type Output = Self;
+    fn div(self, other: Self) -> Self {
+        let value = self.value / other.value;
+        let inverse = 1.0 / other.value;
+        Self::combined(value, inverse, self.gradient, -value * inverse, other.gradient)
+    }
+}
+
+impl<const N: usize> Mul<Real> for Dual<N> {
+    type Output = Self;
+    fn mul(self, factor: Real) -> Self {
+        Self::combined(self.value * factor, factor, self.gradient, 0.0, [0.0; N])
+    }
+}
+
+impl<const N: usize> Add<Real> for Dual<N> {
+    type Output = Self;
+    fn add(self, term: Real) -> Self {
+        Self { value: self.value + term, ..self }
+    }
+}

@@ -20,13 +20,9 @@
 
 mod aim;
 pub mod cubic;
-#[cfg(not(feature = "single"))]
-mod dual;
-mod explicit;
 pub mod gains;
 #[cfg(not(feature = "single"))]
 pub mod inclusion;
-mod period;
 pub mod port;
 mod reference;
 pub mod regulation;
@@ -39,10 +35,10 @@ pub mod tracking;
 mod tests;
 
 pub use aim::{Aim, AimSettings, AimState, Learning, StrikeMeasurement};
-pub use explicit::ExplicitTwisting;
 pub use gains::{Descent, GainError, Gains, Landing};
 pub use port::{DelayLine, Port, TickStatus};
 pub use reference::{Planned, ReferencePeriod, Waypoint};
+pub use regulator::ExplicitTwisting;
 pub use regulator::{RegulatorState, TwistingRegulator};
 pub use tracker::{checked_horizon, Approach, TrackerSettings, TrackerState, TwistingTracker};
 

@@ -13,7 +13,7 @@ use crate::{transform, Branch, Lifted, Physical, Real, Restitution, SettingError
 use core::ops::Bound;
 
 #[cfg(not(feature = "single"))]
-use super::inclusion::TrackingInclusion;
+use crate::control::inclusion::TrackingInclusion;
 
 /// The time `horizon h` (s).
 ///

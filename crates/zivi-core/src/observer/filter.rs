@@ -1,7 +1,7 @@
 //! The filter: prediction through impacts and rest, correction within the gate, restart.
 
-use super::memory::{Chosen, THE_LAST_TWO};
 use super::{Covariance, Measurement, ObserverSettings, ObserverState};
+use crate::observer::covariance::{Chosen, THE_LAST_TWO};
 use crate::real::sqrt;
 use crate::Real;
 use crate::{flight, Physical};

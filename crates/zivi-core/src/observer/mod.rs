@@ -25,11 +25,10 @@
 
 mod covariance;
 mod filter;
-mod memory;
 mod settings;
 
 pub use covariance::Covariance;
-pub use memory::{Memory, Seen, REMEMBERED};
+pub use covariance::{Memory, Seen, REMEMBERED};
 pub use settings::ObserverSettings;
 
 use crate::setting::{is_positive, require};

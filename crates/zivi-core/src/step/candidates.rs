@@ -1,12 +1,10 @@
 //! The candidates of a step: for each pair of signs the end of the step, if it has those signs.
 
-use super::pattern::{Pattern, PATTERNS};
-use super::selection::{distance, exact_motion};
-use super::{Case, StepFailure, StepSolution};
-use crate::Real;
-use crate::{sgn, transform, Lifted, Restitution};
-
 pub use crate::real::SIGN_TOLERANCE;
+
+use crate::step::selection::{distance, exact_motion};
+use crate::step::{Case, StepFailure, StepSolution};
+use crate::{sgn, transform, Lifted, Real, Restitution};
 
 /// `theta` and `gamma`, as a type: the code for those of implicit Euler is shorter and faster.
 pub(crate) trait SchemeWeights: Copy {
@@ -79,7 +77,7 @@ impl<W: SchemeWeights> Frozen<W> {
         (r, 1.0 / r)
     }
 
-    /// The solution that the rule of [`super::selection`] takes.
+    /// The solution that the rule of [`crate::step::selection`] takes.
     #[inline(always)]
     pub(super) fn selected(&self) -> Result<StepSolution, StepFailure> {
         if !(self.s.is_finite() && self.v.is_finite() && self.f.is_finite()) {
@@ -253,3 +251,32 @@ fn interior_sign(value: Real, slope: Real, terms: Real, slack: Real) -> Option<R
     let within = value.abs() <= slope.abs() + slack * terms;
     (within && !lambda.is_nan()).then_some(lambda.clamp(-1.0, 1.0))
 }
+
+// The pairs of signs that a step can have.
+
+/// Which signs are interior, and the ends that the others take, seen from the side of the state
+/// (`lambda_s = 1` is the side where the mass is).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Pattern {
+    /// `s_gamma = v_gamma = 0`.
+    Origin,
+    /// `s_gamma = 0`, with this `lambda_v`.
+    Wall(Real),
+    /// `v_gamma = 0`, with this `lambda_s`.
+    Apex(Real),
+    /// These `lambda_s` and `lambda_v`.
+    Regular(Real, Real),
+}
+
+/// All patterns, the most degenerate first: the order of [`crate::step::selection`].
+pub const PATTERNS: [Pattern; 9] = [
+    Pattern::Origin,
+    Pattern::Wall(1.0),
+    Pattern::Wall(-1.0),
+    Pattern::Apex(1.0),
+    Pattern::Apex(-1.0),
+    Pattern::Regular(1.0, 1.0),
+    Pattern::Regular(1.0, -1.0),
+    Pattern::Regular(-1.0, 1.0),
+    Pattern::Regular(-1.0, -1.0),
+];

@@ -4,10 +4,10 @@
 //! `+1`. With `v_gamma = 0` or `s_gamma = 0` the other equation fixes the interior sign in closed
 //! form; no iteration anywhere, at most nine candidates.
 
-use super::candidates::{Frozen, ImplicitEuler, SchemeWeights, SIGN_TOLERANCE};
-use super::pattern::Pattern;
 use super::selection::{distance, exact_motion};
 use super::{StepFailure, StepSolution, ThetaGammaStep};
+use crate::step::candidates::Pattern;
+use crate::step::candidates::{Frozen, ImplicitEuler, SchemeWeights, SIGN_TOLERANCE};
 use crate::{Lifted, Real, Restitution};
 
 impl ThetaGammaStep {

@@ -7,8 +7,8 @@
 //! `lambda in sgn z` is `z in N_[-1,1](lambda)`. None of this is used by the exact solution: it is
 //! the other form of the same step, for general solvers and for checking.
 
-use super::candidates::SIGN_TOLERANCE;
 use super::{Case, StepSolution, ThetaGammaStep};
+use crate::step::candidates::SIGN_TOLERANCE;
 use crate::vi::{self, natural_component};
 use crate::Lifted;
 

@@ -22,15 +22,14 @@ mod candidates;
 mod exact;
 #[cfg(not(feature = "single"))]
 pub mod inclusion;
-mod pattern;
 pub mod selection;
 
 pub(crate) use candidates::ImplicitEuler;
 pub use candidates::SIGN_TOLERANCE;
+pub use candidates::{Pattern, PATTERNS};
 pub(crate) use exact::thorough;
 #[cfg(not(feature = "single"))]
 pub use inclusion::StepInclusion;
-pub use pattern::{Pattern, PATTERNS};
 
 use core::ops::Bound;
 

@@ -26,9 +26,9 @@ mod problem;
 mod settings;
 mod smoothing;
 mod stages;
-mod workspace;
 
 pub use dense::factor;
+pub use iterate::{workspace_len, Workspace};
 pub use lemke_howson::{lemke_howson, lemke_howson_len};
 pub use natural::{natural_component, natural_residual};
 pub use problem::{Affine, Differenced, EvaluationError, Interruption, Problem, Progress, Scheme};
@@ -36,4 +36,3 @@ pub use settings::{
     validate_bounds, Counts, InvalidInput, Report, RowScale, Settings, Stage, Start, Status,
 };
 pub use stages::solve;
-pub use workspace::{workspace_len, Workspace};

@@ -12,7 +12,7 @@ use zivi_core::Restitution;
 
 use super::compiled::{CompiledSystem, Function, Inputs, LoopSystem};
 use super::given::{LoadedLoop, LoopController, Sizes};
-use super::numbers::Numbers;
+use super::tree::Numbers;
 use super::tree::ParametricTree;
 
 /// Of the numbers.

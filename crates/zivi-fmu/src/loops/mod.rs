@@ -9,8 +9,6 @@ mod code;
 mod compiled;
 mod files;
 mod given;
-mod moving;
-mod numbers;
 mod tree;
 
 use core::ffi::CStr;
@@ -25,11 +23,11 @@ use zivi::{Monitor, SwitchedRk};
 
 use crate::objects::{MOST, ROOM};
 use crate::state::FmuState;
-use crate::steps::{Parts, StepRefusal};
+use crate::state::{Parts, StepRefusal};
 use crate::table::ScalarVariable;
 use compiled::{Evaluated, Matrix};
+use given::{Controlling, LoopState};
 use given::{LoadedLoop, LoopController};
-use moving::{Controlling, LoopState};
 
 /// What an instance is.
 #[derive(Clone, Copy, Debug)]

@@ -12,15 +12,13 @@
 //! that offers methods, Python's classes and the keys of files too, reads [`AnyMethod::ALL`].
 
 mod interface;
-mod mechanism;
-mod point_mass;
 
 pub(crate) use interface::newton;
+pub use interface::Mechanism;
 pub use interface::{Listed, Method, Settings, System};
-pub use mechanism::Mechanism;
-pub use point_mass::{PointMass, PointRun};
+pub use interface::{PointMass, PointRun};
 
-pub use crate::record::values::Values;
+pub use crate::record::trajectory::Values;
 
 use zivi_core::setting::Setting;
 use zivi_core::ThetaGammaStep;

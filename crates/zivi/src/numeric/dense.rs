@@ -167,8 +167,8 @@ fn axpy_few<const N: usize>(y: &mut [f64], a: f64, x: &[f64]) {
 #[cfg(test)]
 mod dense_tests {
     use super::super::coordinates::State;
-    use super::super::stages::{Equation, Stages};
     use super::super::tableau::DOP853;
+    use crate::numeric::stages::{Equation, Stages};
 
     /// `x'' = 6 cos(4 t)`: far from a cubic within a step of 0.5.
     struct Pulled;

@@ -6,7 +6,6 @@ pub(crate) mod cholesky;
 pub(crate) mod coordinates;
 pub(crate) mod dense;
 pub(crate) mod elimination;
-pub(crate) mod first_root;
 pub mod grid;
 pub mod lu;
 pub(crate) mod power_series;

@@ -1,7 +1,6 @@
 //! Results of a run: samples, events at the wall, status.
 
 pub mod columns;
-pub mod dense_step;
 pub mod events;
 pub mod gap_set;
 pub mod recorder;
@@ -9,4 +8,3 @@ pub mod status;
 pub mod stored;
 pub mod trajectory;
 pub mod user_events;
-pub mod values;

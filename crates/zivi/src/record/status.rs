@@ -2,7 +2,7 @@
 //!
 //! How a run ended.
 
-use crate::record::dense_step::DenseStep;
+use crate::record::recorder::DenseStep;
 use crate::Keep;
 use std::collections::TryReserveError;
 use std::ops::ControlFlow;

@@ -11,8 +11,8 @@ use zivi_core::{transform, Lifted, Physical, Restitution, ThetaGammaStep};
 
 use crate::record::columns::Sample;
 use crate::record::status::Failure;
+use crate::record::trajectory::Values;
 use crate::record::trajectory::{Run, SetupError};
-use crate::record::values::Values;
 use crate::stepping::fixed_step::{run, FixedStep, Scheme, Start};
 use crate::system::dynamics::finite_force;
 use crate::{Force, Grid, Monitor, Status};

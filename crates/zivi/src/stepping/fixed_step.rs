@@ -3,12 +3,12 @@
 //! The loop that all fixed-step methods share: step, record, note the events, let others look.
 
 use crate::record::columns::{Reserve, Sample};
-use crate::record::dense_step::{DenseStep, Interpolation, StepEnd};
 use crate::record::events::EventLog;
 use crate::record::recorder::{memory, Keep, Recorder};
+use crate::record::recorder::{DenseStep, Interpolation, StepEnd};
 use crate::record::status::PollInterval;
+use crate::record::trajectory::Values;
 use crate::record::trajectory::{Run, SetupError, Trajectory};
-use crate::record::values::Values;
 use crate::system::dynamics::check_initial;
 use crate::{Failure, Force, Grid, Monitor, Status};
 use std::ops::ControlFlow;

@@ -19,12 +19,12 @@
 //! (0 at rest), their residual is NaN.
 
 use crate::record::columns::{Columns, Reserve};
-use crate::record::dense_step::{Interpolation, StepEnd};
 use crate::record::events::EventReader;
+use crate::record::recorder::{Interpolation, StepEnd};
 use crate::record::recorder::{Keep, Summary};
 use crate::record::status::Failure;
+use crate::record::trajectory::Values as ReferencePoint;
 use crate::record::trajectory::{Run, SetupError, Trajectory};
-use crate::record::values::Values as ReferencePoint;
 use crate::stepping::fixed_step::{tell, watched, Scheme};
 use crate::stepping::implicit::{Opening, Shown, SignSearch, DEFAULT_SLOPE};
 use crate::system::dynamics::{check_initial, finite_force};

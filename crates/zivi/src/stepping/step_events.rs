@@ -9,7 +9,7 @@ use std::ops::ControlFlow;
 use zivi_core::{transform, Lifted, Physical};
 
 use crate::record::columns::Reserve;
-use crate::record::dense_step::{DenseStep, StepEnd};
+use crate::record::recorder::{DenseStep, StepEnd};
 use crate::record::user_events::{changes, parts, EventLocator, Part};
 use crate::{Direction, Keep, LocatedEvent, Monitor, PathPoint, Status, UserEvent};
 

@@ -11,8 +11,8 @@ use zivi_core::{Lifted, Physical, Restitution, StepSolution, ThetaGammaStep};
 
 use crate::record::columns::Sample;
 use crate::record::status::Failure;
+use crate::record::trajectory::Values as ReferencePoint;
 use crate::record::trajectory::{checked_count, Run, SetupError};
-use crate::record::values::Values as ReferencePoint;
 use crate::stepping::fixed_step::{run, FixedStep, Scheme, Start};
 use crate::stepping::implicit::ImplicitForce;
 use crate::stepping::step_solver::{Exact, General, StepSolver};

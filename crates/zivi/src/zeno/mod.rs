@@ -18,8 +18,6 @@
 
 pub(crate) mod arc;
 pub(crate) mod chain;
-mod fit;
-pub(crate) mod rates;
 pub(crate) mod table;
 pub(crate) mod tail;
 

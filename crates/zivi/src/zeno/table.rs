@@ -15,8 +15,8 @@ use crate::numeric::tableau;
 use crate::numeric::tableau::{Powers, TableauEntry};
 use crate::record::recorder::is_sigma;
 use crate::record::stored::Reader;
-use crate::zeno::fit::TERMS;
 use crate::zeno::tail::Tail;
+use crate::zeno::tail::TERMS;
 
 /// Rows of the table.
 pub(super) const ROWS: usize = 7;

@@ -21,8 +21,7 @@ use crate::system::dynamics::Layout;
 use crate::system::force::Friction;
 use crate::system::partials::{DifferentiableDynamics, MovedLaws};
 use crate::zeno::arc::Bounce;
-use crate::zeno::chain::Chain;
-use crate::zeno::rates::{ChainRates, Rate};
+use crate::zeno::chain::{Chain, ChainRates, Rate};
 use crate::zeno::table::ExtrapolatedEnd;
 use crate::{AnyImpactLaw, Status};
 

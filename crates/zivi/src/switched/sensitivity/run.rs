@@ -12,7 +12,7 @@ use crate::switched::SwitchedIntegrator;
 use crate::system::force::Stops;
 use crate::system::slopes::{DifferentiableForce, Place};
 use crate::zeno::arc::Bounce;
-use crate::zeno::rates::{ChainRates, Rate};
+use crate::zeno::chain::{ChainRates, Rate};
 use crate::{AnyImpactLaw, Dependence, Impact, Monitor, Physical, Status};
 
 /// Simulates as [`crate::simulate_switched_rk`], with the derivatives of the run.
