@@ -542,7 +542,7 @@ class Fit(Tabulated):
         matplotlib.figure.Figure
             A column of two axes for each data set.
         """
-        draw = late("zivi.plot.estimates", "draw_fit")
+        draw = late("zivi.plot.curves", "draw_fit")
         drawn: Figure = draw(self._drawn(), figure)
         return drawn
 
@@ -677,7 +677,7 @@ class Profile:
         -------
         matplotlib.axes.Axes
         """
-        axes: Axes = late("zivi.plot.estimates", "draw_profile")(self, ax)
+        axes: Axes = late("zivi.plot.curves", "draw_profile")(self, ax)
         return axes
 
 

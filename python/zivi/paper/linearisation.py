@@ -18,7 +18,7 @@ import numpy as np
 from rich.console import Group
 from rich.table import Table
 
-from zivi.paper import ball_steps, report, tracking_steps
+from zivi.paper import ball, report, tracker
 
 TOLERANCE = 1e-9
 
@@ -65,7 +65,7 @@ CAPTIONS = {
 def measure_failures() -> list[Rate]:
     """Measure zivi's solvers and, where a Python with Siconos is found, those of Siconos."""
     rates = []
-    for steps in (*ball_steps.ball_step_sets(), *tracking_steps.loop_step_sets()):
+    for steps in (*ball.ball_step_sets(), *tracker.loop_step_sets()):
         for name, solve in steps.solvers.items():
             found = steps.residual(steps.states, solve(steps.states, steps.starts))
             failed = int(np.sum(found > TOLERANCE))

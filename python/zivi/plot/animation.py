@@ -24,8 +24,7 @@ from zivi.plot.look import (
     legend,
     wall_of,
 )
-from zivi.plot.mechanics import drawn, is_mechanical
-from zivi.plot.wireframes import Lines, is_in_space, wireframes
+from zivi.plot.mechanics import Lines, drawn, is_in_space, is_mechanical, wireframes
 
 if TYPE_CHECKING:
     from matplotlib.animation import FuncAnimation
