@@ -53,7 +53,24 @@ def test_other_arguments_of_solve_ivp_are_told():
         TypeError, zivi.simulate, BALL, SPAN, START, e=0.5
     )
     text = message(TypeError, zivi.simulate, BALL, SPAN, START, teval=[1.0])
-    assert text == "simulate() got an unexpected keyword argument 'teval'"
+    assert text == "simulate() got an unexpected keyword argument 'teval': did you mean 't_eval'?"
+    text = message(TypeError, zivi.simulate, BALL, SPAN, START, kick=zivi.Kick(t=1.0, dv=1.0))
+    assert text.endswith("argument 'kick': did you mean 'kicks'?")
+
+
+def test_what_a_new_user_tries_is_answered():
+    text = message(TypeError, zivi.fit, BALL, [0.45], ["e"], y0=START)
+    assert text.endswith("got [0.45]; times of impacts are zivi.Bounces(times)")
+    text = message(TypeError, zivi.Kick, 1.0, dv=2.0)
+    assert text.endswith("write t=1.0, as in zivi.Kick(t=1.0, dv=-2.0)")
+    values = {"e": [0.1, 0.2]}
+    text = message(TypeError, zivi.simulate_batch, BALL, SPAN, START, **values)
+    assert text.endswith("'e': values for the runs are parameters={'e': [...]}")
+    text = message(ValueError, zivi.simulate_batch, lambda e: BALL, SPAN, START, parameters=values)
+    assert text.endswith("got a function; zivi.sweep calls functions")
+    pytest.importorskip("matplotlib")
+    text = message(TypeError, zivi.plot.branch, zivi.simulate(BALL, SPAN, START))
+    assert text == "b must be a Branch or MechanicalBranch, got Trajectory"
 
 
 @pytest.mark.parametrize(

@@ -260,7 +260,9 @@ def test_nothing_is_overwritten(tmp_path):
     file = tmp_path / "run.nc"
     save(ball(), file)
     before = file.read_bytes()
-    with pytest.raises(FileExistsError, match=r"run\.nc is there already"):
+    with pytest.raises(
+        FileExistsError, match=r"run\.nc is there already; overwrite=True replaces it"
+    ):
         save(loop(), file)
     assert file.read_bytes() == before
     save(loop(), file, overwrite=True)

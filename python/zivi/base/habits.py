@@ -190,7 +190,11 @@ ARGUMENTS: Mapping[str, Mapping[str, str]] = {
     "simulate_batch": dict.fromkeys(
         ("n_jobs", "n_workers", "workers", "processes"), "it is threads"
     )
-    | {"dt": "fixed steps are method=zivi.ThetaGamma(h=)", "x0": "starts are y0"},
+    | {
+        "dt": "fixed steps are method=zivi.ThetaGamma(h=)",
+        "x0": "starts are y0",
+        "e": "values for the runs are parameters={'e': [...]}",
+    },
     "controller": {
         "dt": "the sampling period is h",
         "Ts": "the sampling period is h",
@@ -296,6 +300,7 @@ CALLS: Mapping[str, str] = {
     "MoreauJean": "zivi.MoreauJean(h=1e-3)",
     "ExplicitEuler": "zivi.ExplicitEuler(h=1e-3)",
     "Level": "zivi.Level(x=0.5)",
+    "Kick": "zivi.Kick(t=1.0, dv=-2.0)",
     "event": "@zivi.event(terminal=True) above the function",
     "simulate": "zivi.simulate(system, (0, 1), (x0, xdot0))",
     "simulate_batch": "zivi.simulate_batch(system, (0, 1), [(x0, xdot0), ...])",

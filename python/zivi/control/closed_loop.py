@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import dataclasses
+import inspect
 import math
 from collections.abc import Callable, Sequence
 from typing import Any, Never, Protocol, overload
@@ -388,7 +389,7 @@ def simulate_closed_loop(
     >>> float(abs(run.error[-1])), round(float(run.u[-1]), 9)  # at rest, pressed on the wall
     (0.0, -9.69)
     """
-    refuse("simulate_closed_loop", misplaced)
+    refuse("simulate_closed_loop", misplaced, inspect.signature(simulate_closed_loop).parameters)
     loop = Loop(
         y_ref0=y_ref0, force_ref=force_ref, force_model=force_model, reference=reference,
         method=method, noise=noise, seed=seed, quantization=quantization, delay=delay,

@@ -254,7 +254,8 @@ class Experiment:
         rows = (data,) if isinstance(data, Bounces | Record) else tuple(data)
         if not rows or not all(isinstance(it, Bounces | Record) for it in rows):
             raise TypeError(
-                f"data must be a zivi.Bounces, a zivi.Record or a list of them, got {data!r}"
+                f"data must be a zivi.Bounces, a zivi.Record or a list of them, got {data!r}; "
+                "times of impacts are zivi.Bounces(times)"
             )
         start = finite("t0", t0)
         last = max(it.t[-1] for it in rows)

@@ -479,7 +479,7 @@ def save(run: Tabulated, path: str | PathLike[str], *, overwrite: bool = False) 
 
 def _check_target(path: Path, overwrite: bool) -> None:
     if path.exists() and not overwrite:
-        raise FileExistsError(f"{path} is there already")
+        raise FileExistsError(f"{path} is there already; overwrite=True replaces it")
     require_regular(path)
 
 

@@ -73,8 +73,8 @@ def branch(b: Branch | MechanicalBranch, y: str = "u", ax: Axes | None = None, *
 
     Raises
     ------
-    ValueError
-        For another quantity.
+    TypeError, ValueError
+        For another object or quantity.
 
     See Also
     --------
@@ -90,9 +90,10 @@ def branch(b: Branch | MechanicalBranch, y: str = "u", ax: Axes | None = None, *
     """
     if isinstance(b, MechanicalBranch):
         return mechanical_branch(b, y, axes_of(ax), line)
+    if not hasattr(b, "orbits"):
+        raise TypeError(f"b must be a Branch or MechanicalBranch, got {type(b).__name__}")
     if y not in QUANTITIES:
-        names = ", ".join(repr(name) for name in QUANTITIES)
-        raise ValueError(f"y must be one of {names}, got {y!r}")
+        raise ValueError(f"y must be one of {', '.join(map(repr, QUANTITIES))}, got {y!r}")
     ax = axes_of(ax)
     rests = any(orbit.kind == "resting" for orbit in b.orbits)
     look: dict[str, Any] = {"color": GREEN if rests else "black", "lw": 1.2} | line

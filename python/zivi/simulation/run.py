@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-from collections.abc import Callable, Mapping, Sequence
+import inspect
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, Literal, Never, TypeAlias, overload
 
 import numpy as np
@@ -56,15 +57,16 @@ ELSEWHERE = {
 """Where an argument of `solve_ivp`, or of a system, belongs."""
 
 
-def refuse(function: str, misplaced: Mapping[str, Any]) -> None:
+def refuse(function: str, misplaced: Mapping[str, Any], known: Iterable[str]) -> None:
     """Raise a TypeError for unknown arguments of a function, with the place where they belong."""
+    known = tuple(it for it in known if it != "misplaced")
     for name, value in misplaced.items():
         owner = next((kind for kind in METHODS.values() if name in _settings(kind)), None)
         if owner is not None:
             call = f"{function}(..., method=zivi.{owner.__name__}({name}={value!r}))"
             advice = f": it is a setting of the method, {call}"
         else:
-            advice = keyword_hint(function, name) or keyword_hint("simulate", name)
+            advice = keyword_hint(function, name) or keyword_hint("simulate", name, known)
             advice = f": {ELSEWHERE[name]}" if name in ELSEWHERE else advice
         raise TypeError(f"{function}() got an unexpected keyword argument {name!r}{advice}")
 
@@ -330,7 +332,7 @@ def simulate(
     0.25
     """
     if misplaced:
-        refuse("simulate", misplaced)
+        refuse("simulate", misplaced, inspect.signature(simulate).parameters)
     if isinstance(system, ImpactSystem) and system.friction is not None:
         system = as_mechanism(system)
     if isinstance(system, MechanicalSystem):

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from zivi.base.check import Array, all_of, check_arguments, finite, real_array
+from zivi.base.habits import hinted
 from zivi.system.mass import ImpactSystem
 from zivi.system.mechanism import MechanicalSystem
 from zivi.system.tree import Tree
@@ -20,6 +21,7 @@ MOST = 1_000_000
 """Kicks of one run."""
 
 
+@hinted("Kick")
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
 class Kick:
     r"""Impulses at given times, which change the velocities instantaneously.
