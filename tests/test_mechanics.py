@@ -388,7 +388,7 @@ def test_the_motion_between_the_samples():
 
 def test_what_a_result_can_do(tmp_path):
     sol = zivi.simulate(box(coordinates=["x", "y"]), (0, 3), ([0.0, 0.5], [0.5, 0.0]))
-    assert repr(sol).startswith("<MechanicalTrajectory 0 .. 3")
+    assert repr(sol).startswith("<MechanicalTrajectory 0 .. 3 s")
     assert "floor" in sol._repr_html_()
     assert np.array_equal(sol.zeno.t, sol.zeno["t"])
     copy = pickle.loads(pickle.dumps(sol))

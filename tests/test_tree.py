@@ -320,7 +320,10 @@ BAD = {
     "'a' twice": lambda: zivi.Tree([Body("a", mass=1), Body("a", mass=1)]),
     "parent of body 'a' must be a body before it": lambda: zivi.Tree([Body("a", "b", mass=1)]),
     "bodies must have from 1": lambda: zivi.Tree([Body("a", kind="fixed")]),
-    "positive definite": lambda: zivi.Tree([Body("a", mass=1)]),
+    "along coordinate 'a': give its body": lambda: zivi.Tree([Body("a", mass=1)]),
+    r"eigenvalue 0 along coordinate 'ball\..*an inertia": lambda: zivi.Tree(
+        [Body("ball", kind="free", mass=1)]
+    ),
     r"gaps\[0\] names 'b'": lambda: zivi.Tree(
         [Body("a", kind="slide", mass=1)], gaps=[JointLimit("b", 0.0)]
     ),

@@ -992,7 +992,7 @@ class MechanicalTrajectory(FrictionRun, SampledRun):
         return time_of_rest((since, speeds.max(), fastest_since), rests=rests)
 
     def __repr__(self) -> str:
-        span = f"{self.t[0]:.6g} .. {self.t[-1]:.6g}" if len(self.t) else "no samples"
+        span = f"{self.t[0]:.6g} .. {self.t[-1]:.6g} s" if len(self.t) else "no samples"
         counts = f"{len(np.unique(self.impacts['group']))} impacts"
         if len(self.zeno):
             counts += f" that accumulate at {self.zeno['t'][0]:.6g}"

@@ -337,8 +337,8 @@ def matrix_of(mass: Array) -> Array:
     return read_only(matrix)
 
 
-def check_mass(matrix: Array) -> None:
-    """Reject a mass matrix that is not symmetric and positive definite."""
+def check_mass(matrix: Array, names: Sequence[str] | None = None) -> None:
+    """Reject a mass matrix that is not symmetric and positive definite; name a coordinate of it."""
     if not np.isfinite(matrix).all():
         raise ValueError(f"mass must be finite, got {matrix.tolist()}")
     skew = np.abs(matrix - matrix.T).max()
@@ -347,10 +347,12 @@ def check_mass(matrix: Array) -> None:
     try:
         np.linalg.cholesky(matrix)
     except np.linalg.LinAlgError:
-        least = float(np.linalg.eigvalsh(matrix)[0])
-        raise ValueError(
-            f"mass must be positive definite, got one with the eigenvalue {least:.6g}"
-        ) from None
+        values, vectors = np.linalg.eigh(matrix)
+        told = f"mass must be positive definite, got one with the eigenvalue {values[0]:.6g}"
+        if names is not None:
+            light = names[int(np.argmax(np.abs(vectors[:, 0])))]
+            told += f" along coordinate {light!r}: give its body a mass and an inertia"
+        raise ValueError(told) from None
 
 
 def distinct_names(what: str, names: Sequence[str]) -> tuple[str, ...]:

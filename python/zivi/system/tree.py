@@ -497,7 +497,8 @@ class Tree(MechanicalSystem):
         self._paradox = one_of("paradox", paradox, PARADOXES)
         self._parameters = TreeParameters(self._structure.values(self._gravity))
         rest = np.zeros(self._n)
-        check_mass(self.at(0.0, rest, rest).mass)
+        mass = self.at(0.0, rest, rest).mass
+        check_mass(mass, self.coordinate_names(len(mass)))
 
     def _contact_laws(self) -> list[ContactLaw | None]:
         return [side.gap.contact for side in self._structure.sides]
