@@ -395,7 +395,7 @@ def test_ctrl_c_stops_a_batch(force, e, method):
 def test_the_page():
     """docs/batch.md: its example, and the numbers it tells."""
     page = (Path(__file__).parents[1] / "docs" / "batch.md").read_text()
-    program, mechanical = re.findall(r"```python\n(.*?)```", page, re.DOTALL)
+    program, _, mechanical = re.findall(r"```python\n(.*?)```", page, re.DOTALL)
     names = {"np": np, "zivi": zivi}
     exec(mechanical, names)
     assert names["falls"].success.all()

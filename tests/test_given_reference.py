@@ -189,7 +189,7 @@ def test_what_it_refuses():
     ):
         with pytest.raises(error, match=text):
             loop(reference)
-    with pytest.raises(TypeError, match="y_ref0 belongs"):
+    with pytest.raises(TypeError, match="y_ref0 must be None"):
         loop(swinging, y_ref0=(1, 0))
     with pytest.raises(TypeError, match="force_ref belongs"):
         loop(swinging, force_ref=-9.81)

@@ -57,11 +57,6 @@ RELATED = {
     "a moving wall touches at the start, but for rounding of a late time": ("friction", 91, 379),
     "impacts below the absolute tolerance that no impulses return": ("friction", 91, 2699),
     "samples within a tail, in units in which all speeds are small": ("friction", 91, 4090),
-    "accumulations within accumulations, in units in which all speeds are small": (
-        "friction",
-        92,
-        290,
-    ),
 }
 
 

@@ -293,5 +293,5 @@ def test_starts_of_free_motions():
     assert find._flight(drop, -3.0) == pytest.approx(6.0)
     assert find._flight(drop, 200.0) == pytest.approx(400.0)
     away = zivi.ImpactSystem(zivi.LinearForce(gravity=-1.0), e=0.5)
-    with pytest.raises(ValueError, match="followed by no other within 10000 s"):
+    with pytest.raises(ValueError, match="no impact follows the last one within 10000 s"):
         find._flight(away, 1.0)

@@ -246,7 +246,7 @@ def test_one_run_extends_at_a_time(tmp_path):
         zivi.sweep(functions.product, POINTS | {"x": np.arange(9.0)}, out=tmp_path / "a")
     store.close()
     # and what is extended is locked until the end
-    with pytest.raises(FileExistsError, match="resume=False"):
+    with pytest.raises(FileExistsError, match="resume is False"):
         zivi.sweep(functions.product, POINTS, out=tmp_path / "a", resume=False)
 
     def other(x):

@@ -248,7 +248,7 @@ def test_resume_says_what_must_be_there(tmp_path):
     with pytest.raises(FileNotFoundError, match=r"resume=True, but .* does not contain a study"):
         zivi.sweep(**call, resume=True)
     zivi.sweep(**call, resume=False)
-    with pytest.raises(FileExistsError, match="resume=False"):
+    with pytest.raises(FileExistsError, match="resume is False"):
         zivi.sweep(**call, resume=False)
 
 

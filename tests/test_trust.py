@@ -81,7 +81,7 @@ def test_what_does_not_know_its_system_says_so():
         pickle.loads(pickle.dumps(chaotic(5))),
         zivi.simulate(TABLE, (0, 5), (1, 0), zivi.ThetaGamma(h=1e-2)),
     ):
-        with pytest.raises(ValueError, match="does not know its system"):
+        with pytest.raises(ValueError, match="of another method or from a file"):
             _ = sol.trusted_until
 
 

@@ -216,7 +216,7 @@ def test_colours_share_no_row():
     assert dense.success
     with pytest.raises(ValueError, match=r"jac_sparsity must have shape \(8, 8\)"):
         zivi.solve_vi(chain, 0, 0.8, np.ones(8), jac_sparsity=np.ones((8, 7)))
-    with pytest.raises(ValueError, match="jac_sparsity is for differences"):
+    with pytest.raises(ValueError, match="jac_sparsity needs finite differences"):
         zivi.solve_vi(chain, 0, 1, np.ones(8), jac=chain_slopes, jac_sparsity=np.ones((8, 8)))
 
 

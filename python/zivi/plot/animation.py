@@ -108,13 +108,13 @@ class MechanicalScene:
         every = [line.reshape(self._sides, -1) for picture in seen for line in picture]
         low, high = (f(np.hstack(every), axis=1) for f in (np.nanmin, np.nanmax))
         middle, half = (low + high) / 2, 0.6 * max(*(high - low), 1e-9)
+        view: Any = ax
         for name, at in zip("xyz", middle, strict=False):
             ax.set(**{f"{name}lim": at + half * np.array([-1, 1])})
             if self._sides == 3:
                 ax.set(**{f"{name}label": f"${name}$ (m)"})
-                ax.locator_params(axis=name, nbins=4)
+                view.locator_params(axis=name, nbins=4)
         if self._sides == 3:
-            view: Any = ax
             view.set_box_aspect((1, 1, 1), zoom=0.8)  # the label of z is not part of the layout
         elif self._given:
             ax.set_aspect("equal")

@@ -140,10 +140,8 @@ def values_by_run(parameters: Any, system: Any, y0: Any) -> dict[str, Array]:
     if not isinstance(parameters, Mapping):
         raise TypeError(f"parameters must be a dict of names and arrays, got {parameters!r}")
     if not isinstance(system, ImpactSystem | MechanicalSystem):
-        several = (
-            "a function; zivi.sweep calls functions" if callable(system) else "several systems"
-        )
-        raise ValueError(f"parameters need one system for all runs, got {several}")
+        got = "a function; zivi.sweep calls functions" if callable(system) else "several systems"
+        raise ValueError(f"parameters need one system for all runs, got {got}")
     given = {str(name): _checked_values(str(name), values) for name, values in parameters.items()}
     # what else is wrong with y0 is said where it is read
     pair = tuple(y0) if isinstance(y0, Iterable) else ()

@@ -16,9 +16,9 @@
 
 use super::dense;
 use super::infeasible::pivot;
+use super::iterate::{self, Iterate, Outcome};
 use super::natural::natural_residual;
 use super::pivotal::AffineVi;
-use crate::vi::iterate::{self, Iterate, Outcome};
 
 /// Rounds without fewer changes than ever before, after which it is given up.
 const PATIENCE: usize = 4;
@@ -346,11 +346,11 @@ fn descend_along(
 #[allow(clippy::indexing_slicing, clippy::unwrap_used)]
 mod tests {
     extern crate std;
+    use super::super::iterate::Random;
+    use super::super::iterate::{workspace_len, Workspace};
     use super::super::problem::Affine;
     use super::super::settings::Settings;
     use super::*;
-    use crate::vi::iterate::Random;
-    use crate::vi::iterate::{workspace_len, Workspace};
     use std::vec;
     use std::vec::Vec;
 

@@ -13,8 +13,8 @@
 //! problem is monotone.
 
 use super::dense;
-use crate::vi::iterate::Random;
-use crate::vi::iterate::{Iterate, Outcome};
+use super::iterate::Random;
+use super::iterate::{Iterate, Outcome};
 
 /// Slopes and rates below this, relative to the largest, are rounding.
 const NEGLIGIBLE: f64 = 1e-11;

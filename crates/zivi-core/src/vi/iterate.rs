@@ -2,11 +2,11 @@
 //!
 //! The iterate of the outer methods: position, cost, best point so far.
 
-use crate::vi::natural::{natural_component, natural_residual, worst_component};
-use crate::vi::pivotal::PivotalWorkspace;
-use crate::vi::problem::{Interruption, Problem, Progress};
-use crate::vi::settings::{Budget, Counts, RowScale, Settings, Stage, Status};
-use crate::vi::{dense, fischer};
+use super::natural::{natural_component, natural_residual, worst_component};
+use super::pivotal::PivotalWorkspace;
+use super::problem::{Interruption, Problem, Progress};
+use super::settings::{Budget, Counts, RowScale, Settings, Stage, Status};
+use super::{dense, fischer};
 
 /// Result of a stage; only the caller interrupts it from within.
 pub(super) type Outcome<T> = Result<T, Interruption>;

@@ -12,13 +12,13 @@
 //! Fischer-Burmeister merit as in Ferris, Kanzow & Munson, *Math. Program.* 86 (1999) 475-497.
 
 use super::infeasible::{is_infeasible, two_rows_exclude_each_other};
+use super::iterate::{advance, Iterate, Outcome, Stagnation};
 use super::natural::natural_component;
 use super::pivotal::{follow, AffineVi, PathEnd};
 use super::problem::steps_into;
 use super::settings::{Stage, Start, Status, MEMORY};
 use super::smoothing::{proximal_newton, smoothing_newton, ProximalEnd};
 use super::{active_set, dense, fischer};
-use crate::vi::iterate::{advance, Iterate, Outcome, Stagnation};
 
 /// Number of unknowns from which a proof of infeasibility precedes the first path; for fewer it
 /// follows.

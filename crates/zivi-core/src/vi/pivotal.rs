@@ -923,9 +923,9 @@ pub(super) struct PivotalWorkspace<'a> {
 #[allow(clippy::indexing_slicing, clippy::unwrap_used)]
 mod pivotal_tests {
     extern crate std;
+    use super::super::iterate::Random;
+    use super::super::iterate::{workspace_len, Workspace};
     use super::*;
-    use crate::vi::iterate::Random;
-    use crate::vi::iterate::{workspace_len, Workspace};
     use std::vec;
     use std::vec::Vec;
 
@@ -1049,9 +1049,9 @@ mod basis_tests {
 #[allow(clippy::indexing_slicing, clippy::unwrap_used)]
 mod path_tests {
     extern crate std;
+    use super::super::iterate::Random;
+    use super::super::iterate::{workspace_len, Workspace};
     use super::{AffineVi, *};
-    use crate::vi::iterate::Random;
-    use crate::vi::iterate::{workspace_len, Workspace};
     use std::vec;
     use std::vec::Vec;
 

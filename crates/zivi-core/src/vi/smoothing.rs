@@ -13,10 +13,10 @@
 //! Appl.* 17 (1996) 851-868; on the box after Gabriel & Moré (1997). It ends by Newton's method on
 //! the active set, from the set that the rounded solution tells.
 
+use super::iterate::{Iterate, Outcome};
 use super::natural::natural_component;
 use super::settings::Status;
 use super::{active_set, dense, fischer};
-use crate::vi::iterate::{Iterate, Outcome};
 
 /// Sufficient decrease of `|H|`, and the shortest step.
 const ARMIJO: f64 = 1e-4;
@@ -370,10 +370,10 @@ fn weigh(at: &mut Iterate<'_, '_>) {
 #[allow(clippy::indexing_slicing, clippy::unwrap_used)]
 mod proximal_tests {
     extern crate std;
+    use super::super::iterate::{workspace_len, Workspace};
     use super::super::problem::Affine;
     use super::super::settings::{RowScale, Settings};
     use super::*;
-    use crate::vi::iterate::{workspace_len, Workspace};
     use std::vec;
     use std::vec::Vec;
 

@@ -10,6 +10,8 @@
 //! ```
 
 use super::dense;
+use super::iterate::Workspace;
+use super::iterate::{Iterate, Outcome};
 use super::newton::{is_isolated, josephy_newton, semismooth_newton, StagePlan};
 use super::problem::{Interruption, Problem};
 use super::settings::{
@@ -17,8 +19,6 @@ use super::settings::{
     Start, Status,
 };
 use super::smoothing::smoothing_newton;
-use crate::vi::iterate::Workspace;
-use crate::vi::iterate::{Iterate, Outcome};
 
 /// Unknowns from which the active-set method is tried: for fewer, pivots cost no more, and a path
 /// is less drawn to solutions at infinity.

@@ -476,8 +476,7 @@ mod tests {
 
     /// Where the pattern of a log leads, with tolerances of the states that ask for nothing.
     fn end_of(approach: &CornerApproach, last: &Mark, until: f64) -> Option<f64> {
-        // the gaps are faster than a hundredth of it
-        let settings = SwitchedRk { atol: [1.0, 0.1], ..SwitchedRk::default() };
+        let settings = SwitchedRk { atol: [1.0; 2], ..SwitchedRk::default() };
         let now = (last.t, &last.z[..2], &last.z[4..6]);
         let bodies = Bodies { until, ..Bodies::apart(&[-1.0, -1.0]) };
         let found = ask((settings, &[0.5; 2]), bodies, now, |at| approach.ahead(at).unwrap());
@@ -546,20 +545,15 @@ mod tests {
         assert_eq!(left(f64::EPSILON), None);
     }
 
-    /// 1e-8 m/s are slow where bodies rest,
+    /// 1e-8 m/s are slow where bodies rest.
     const SLOW: f64 = 1e-8;
-
-    /// with these settings.
-    fn coarse() -> SwitchedRk {
-        SwitchedRk { rtol: 1e-6, atol: [1e-6; 2], ..SwitchedRk::default() }
-    }
 
     #[test]
     fn elastic_gaps_alone_come_to_no_rest() {
         let now = (1.0, &[0.0, 0.0][..], &[0.1 * SLOW, 0.1 * SLOW][..]);
         let of = |e: [f64; 2]| {
             let approach = of_impacts(4, [(0, 0.9), (1, 1.0)]);
-            gaps_ahead(&approach, (coarse(), &e), Bodies::apart(&[-1.0, -1.0]), now)
+            gaps_ahead(&approach, (SwitchedRk::default(), &e), Bodies::apart(&[-1.0, -1.0]), now)
         };
         assert_eq!(of([1.0, 1.0]), None);
         assert_eq!(of([1.0, 0.5]), Some(all_of(&[0, 1])));
@@ -571,7 +565,7 @@ mod tests {
         let found = |e: f64, height: f64, speed: f64| {
             let approach = of_impacts(6, [(0, 0.9), (1, 0.95), (2, 1.0)]);
             let now = (1.0, &[0.0, 0.0, height][..], &[0.0, 0.0, speed][..]);
-            let of = (coarse(), &[0.5, 0.5, e][..]);
+            let of = (SwitchedRk::default(), &[0.5, 0.5, e][..]);
             gaps_ahead(&approach, of, Bodies::apart(&[-1.0; 3]), now)
         };
         assert_eq!(found(1.0, 0.1, 0.3), None);
@@ -588,7 +582,7 @@ mod tests {
             // so light a pull would bring it down no faster
             let (e, bodies) = ([0.5, 0.5, 1.0], Bodies::apart(&[-1.0, -1.0, -1e-10]));
             let now = (5.0, &[0.0, 0.0, height][..], &[0.0, 0.0, 0.0][..]);
-            gaps_ahead(&approach, (coarse(), &e), bodies, now)
+            gaps_ahead(&approach, (SwitchedRk::default(), &e), bodies, now)
         };
         assert_eq!(found(0.5e-7), Some(all_of(&[0, 1, 2])));
         assert_eq!(found(3e-7), Some(all_of(&[0, 1])));
@@ -597,7 +591,7 @@ mod tests {
     /// The second body nearly carries the first: what both hold at rest says little of the height of one.
     #[test]
     fn a_gap_is_of_a_corner_if_it_falls_to_its_wall_slowly() {
-        let settings = SwitchedRk { rtol: 1e-3, atol: [1e-3; 2], ..SwitchedRk::default() };
+        let settings = SwitchedRk { rtol: 1e-3, ..SwitchedRk::default() };
         let slow = 1e-5;
         let found = |height: f64| {
             // mobilities 1 and .9
@@ -618,7 +612,7 @@ mod tests {
             let now = (1.0, &[0.0, 0.0, 5.0][..], &[speeds[0], speeds[1], 1.0][..]);
             let approach = of_impacts(6, [(0, 0.9), (1, 1.0)]);
             let bodies = Bodies::apart(&[-1.0, -1.0, 0.0]);
-            gaps_ahead(&approach, (coarse(), &[0.5; 3]), bodies, now)
+            gaps_ahead(&approach, (SwitchedRk::default(), &[0.5; 3]), bodies, now)
         };
         assert_eq!(found([2.0 * SLOW, 0.0]), Some(all_of(&[0, 1])));
         // together they are
@@ -632,7 +626,7 @@ mod tests {
             let now = (1.0, &[height, 0.0, 0.1][..], &[0.0, 0.0, 0.3][..]);
             let bodies = Bodies::apart(&[1e-6, -1.0, -1.0]);
             let approach = of_impacts(6, impacts);
-            gaps_ahead(&approach, (coarse(), &[0.5; 3]), bodies, now)
+            gaps_ahead(&approach, (SwitchedRk::default(), &[0.5; 3]), bodies, now)
         };
         assert_eq!(found(0.0, &[]), Some(all_of(&[0, 1])));
         // that one strikes them again
@@ -739,7 +733,7 @@ mod tests {
             let bodies = Bodies { friction, ..Bodies::apart(&[pull; 2]) };
             let (last, half) = (&marks[13], marks[13].z.len() / 2);
             let now = (last.t, &last.z[..2], &last.z[half..half + 2]);
-            let of = (coarse(), &[0.5; 2][..]);
+            let of = (SwitchedRk::default(), &[0.5; 2][..]);
             let set = all_of(&[0, 1]);
             let found = ask(of, bodies, now, |at| at_one_instant(&marks, (2, 2), set, at).unwrap());
             found.map(|landing| {

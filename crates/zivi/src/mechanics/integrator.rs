@@ -265,7 +265,7 @@ impl MechanicalIntegrator {
         model: &mut Model<'_, D>,
     ) -> Result<bool, Failure<E>> {
         let speed = largest(&self.state.now().xdot[..self.state.layout().n]);
-        self.rest_below(part * self.settings.of_speed(speed), model)
+        self.rest_below(part * self.settings.rtol * (1.0 + speed), model)
     }
 
     /// The same below a speed.

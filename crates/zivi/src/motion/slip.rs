@@ -19,7 +19,7 @@ use crate::motion::{Flying, Slides, SmoothMotion, PART};
 use crate::numeric::bernstein::Bernstein;
 use crate::numeric::dense::largest;
 use crate::numeric::elimination::Elimination;
-use crate::numeric::stages::{factor, worse, Equation, Plan, Tolerances, RETREAT};
+use crate::numeric::stages::{factor, worse, Equation, Plan, RETREAT};
 use crate::piecewise::flight::{StepDecision, SteppedFlight};
 use crate::piecewise::steps::StepHistory;
 use crate::record::gap_set::{ContactMode, GapSet};
@@ -49,13 +49,8 @@ impl SmoothMotion {
     pub(super) fn kept(&self, velocities: &[f64]) -> f64 {
         let limits = self.steps.limits();
         let controlled = limits.adaptive && limits.tolerances.rtol < UNCONTROLLED;
-        let speed = largest(velocities);
-        if !controlled {
-            return KEPT.1 * (1.0 + speed);
-        }
-        let Tolerances { rtol, atol: [_, atol], .. } = limits.tolerances;
-        let least = KEPT.1 / rtol;
-        (KEPT.0 * (atol + rtol * speed)).max(least.min(1.0) * atol + KEPT.1 * speed)
+        let part = if controlled { KEPT.0 * limits.tolerances.rtol } else { 0.0 };
+        part.max(KEPT.1) * (1.0 + largest(velocities))
     }
 
     /// Near the end of a slip the error of a step depends on its part of the time left: steps shrink in proportion.

@@ -383,7 +383,7 @@ fn rows_between(h: f64, first: &EndOfArcs, last: &EndOfArcs) -> Vec<[f64; 8]> {
 // The mechanism after an impact and its validity ahead, for the extrapolation of an accumulation.
 
 /// Speeds below which a corner is reached for any pattern and slips after an accumulation vanish,
-/// relative to `|q'|` and in tolerances.
+/// relative to `1 + |q'|` and in tolerances.
 const FLOOR: (f64, f64) = (1e-12, 1e-2);
 /// A jump passes no other gap that is nearer than so many of its estimated errors.
 pub(crate) const CLEAR: f64 = 100.0;
@@ -417,8 +417,7 @@ pub(crate) fn scales(settings: &SwitchedRk, state: &MechanicalState, of_time: f6
 /// A speed below all tolerances.
 pub(crate) fn slow(settings: &SwitchedRk, state: &MechanicalState) -> f64 {
     let speed = largest(&state.now().xdot[..state.layout().n]);
-    let (least, of_tolerance) = (FLOOR.0 / settings.rtol, FLOOR.1 * settings.of_speed(speed));
-    of_tolerance.max(least.min(1.0) * settings.atol[1] + FLOOR.0 * speed)
+    FLOOR.0.max(FLOOR.1 * settings.rtol) * (1.0 + speed)
 }
 
 impl<D> Mechanism<'_, '_, D> {

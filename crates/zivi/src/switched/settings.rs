@@ -288,11 +288,6 @@ impl SwitchedRk {
         Tolerances { rtol: self.rtol, atol: self.atol, rounding: 0.25 }
     }
 
-    /// The tolerance of a speed (m/s).
-    pub(crate) fn of_speed(&self, speed: f64) -> f64 {
-        self.atol[1] + self.rtol * speed
-    }
-
     /// Step limits from these settings, with the given tolerances.
     pub(crate) fn limits(&self, tolerances: Tolerances) -> StepLimits {
         let Self { adaptive, max_step, max_steps, .. } = *self;

@@ -35,7 +35,7 @@ fn regret(a: &[f64], b: &[f64], x: &[f64], y: &[f64]) -> f64 {
 
 #[test]
 fn random_games_of_all_shapes_end_in_an_equilibrium() {
-    let mut random = crate::vi::iterate::Random::new(7);
+    let mut random = super::super::iterate::Random::new(7);
     for trial in 0..400 {
         let (m, n) = (1 + trial % 7, 1 + trial / 7 % 6);
         // few different payoffs: ties everywhere
@@ -137,7 +137,7 @@ fn budgets_and_labels_take_turns() {
 #[test]
 fn labels_race() {
     // for some labels of such games the path is a hundred times longer
-    let mut random = crate::vi::iterate::Random::new(3);
+    let mut random = super::super::iterate::Random::new(3);
     let m = 60;
     let mut draw = || -> Vec<f64> { (0..m * m).map(|_| 1.0 + random.uniform()).collect() };
     let games: Vec<_> = (0..12).map(|_| (draw(), draw())).collect();
