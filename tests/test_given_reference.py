@@ -191,7 +191,7 @@ def test_what_it_refuses():
             loop(reference)
     with pytest.raises(TypeError, match="y_ref0 must be None"):
         loop(swinging, y_ref0=(1, 0))
-    with pytest.raises(TypeError, match="force_ref belongs"):
+    with pytest.raises(TypeError, match="force_ref must be None"):
         loop(swinging, force_ref=-9.81)
     regulator = zivi.TwistingRegulator(30, 17, h=H, e=E)
     with pytest.raises(TypeError, match="step_to"):

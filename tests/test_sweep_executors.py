@@ -272,7 +272,9 @@ def test_an_executor_of_the_user_that_breaks(tmp_path):
     points = zivi.points(x=range(40))
     with (
         concurrent.futures.ProcessPoolExecutor(1) as executor,
-        pytest.raises(concurrent.futures.BrokenExecutor, match="make the same call with a new executor") as e,
+        pytest.raises(
+            concurrent.futures.BrokenExecutor, match="make the same call with a new executor"
+        ) as e,
     ):
         zivi.sweep(**call, points=points, executor=executor)
     assert not isinstance(e.value, BrokenProcessPool)
