@@ -188,7 +188,9 @@ class Coupled:
                 h -= step
                 if abs(step) < 1e-15 * h:
                     break
-            whole = 0 < h * np.abs(field[:-1, :-1]).max() < 4
+            # the force may take the mass off its wall: there is no root then
+            lands = abs(height(h)) < 1e-12 * np.abs(height(np.linspace(0, h, 30))).max()
+            whole = lands and 0 < h * np.abs(field[:-1, :-1]).max() < 4
             if not whole or (height(np.linspace(0, 0.99, 30) * h) <= 0).any():
                 return None
             found.append((t, series, work))

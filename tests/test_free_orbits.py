@@ -102,7 +102,9 @@ def test_a_cycle_of_van_der_pol_grazes_where_it_is_as_wide():
     (grazing,) = branch.of_kind("grazing")
     assert grazing.value == pytest.approx(width, rel=1e-9)
     smooth = branch.switch(grazing)
-    assert (smooth.kind, smooth.status) == ("flight", DONE)
+    # it touches the wall: rounding decides whether its simulation hits it
+    assert smooth.kind == "flight"
+    assert smooth.status in (DONE, zivi.OrbitStatus.LEFT_ADMISSIBLE)
     assert smooth.period == pytest.approx(turn, rel=1e-9)
     assert smooth.stable
     other = zivi.continue_orbit(smooth, "c", (1.7, 2.3))
