@@ -102,9 +102,12 @@ def test_a_cycle_of_van_der_pol_grazes_where_it_is_as_wide():
     (grazing,) = branch.of_kind("grazing")
     assert grazing.value == pytest.approx(width, rel=1e-9)
     smooth = branch.switch(grazing)
-    # it touches the wall: rounding decides whether its simulation hits it
     assert smooth.kind == "flight"
-    assert smooth.status in (DONE, zivi.OrbitStatus.LEFT_ADMISSIBLE)
+    if smooth.status is zivi.OrbitStatus.LEFT_ADMISSIBLE:
+        pytest.xfail(
+            "rounding of this processor decides whether an orbit that touches is admissible"
+        )
+    assert smooth.status is DONE
     assert smooth.period == pytest.approx(turn, rel=1e-9)
     assert smooth.stable
     other = zivi.continue_orbit(smooth, "c", (1.7, 2.3))
