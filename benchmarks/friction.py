@@ -158,11 +158,18 @@ def page() -> str:
             "The block rests at the end; in MuJoCo, with its step of 2e-3, it creeps with "
             f"{creeps:.1e} m/s.\n"
         )
+    return "\n".join([*parts, *sections(PROBLEMS, rows, missing)]).rstrip() + "\n"
+
+
+def sections(
+    problems: Mapping[str, Mapping[str, Any]], rows: Mapping[str, list[Row]], missing: list[str]
+) -> list[str]:
+    """Give the table of each problem, and who is missing."""
     head = ("", "tolerance or step (s)", "evaluations or steps", "ms", "error")
+    parts = []
     for problem, lines in rows.items():
-        parts += [f"## {problem}, t = {PROBLEMS[problem]['end']:g} s\n", table(head, lines), ""]
-    parts += [f"{name} was not found.\n" for name in missing]
-    return "\n".join(parts).rstrip() + "\n"
+        parts += [f"## {problem}, t = {problems[problem]['end']:g} s\n", table(head, lines), ""]
+    return parts + [f"{name} was not found.\n" for name in missing]
 
 
 if __name__ == "__main__":

@@ -29,17 +29,23 @@ def run(given, step):
         relation = sk.LagrangianLinearTIR(np.array([normal, tangent]), np.array([offset, 0.0]))
         law = sk.NewtonImpactFrictionNSL(e, 0.0, mu, 2)
         model.link(sk.Interaction(law, relation), system)
+    took, steps = stepped(model, 2, step, given["end"])
+    return [*system.q(), *system.velocity()], took, steps
+
+
+def stepped(model, size, step, end):
+    """Run a model with as many rows of a contact as `size`; gives the seconds and the steps."""
     simulation = sk.TimeStepping(model, sk.TimeDiscretisation(0.0, step))
     simulation.insertIntegrator(sk.MoreauJeanOSI(0.5))
-    problem = sk.FrictionContact(2)
+    problem = sk.FrictionContact(size)
     problem.numericsSolverOptions().dparam[0] = 1e-12
     simulation.insertNonSmoothProblem(problem)
-    steps = round(given["end"] / step)
+    steps = round(end / step)
     begun = time.process_time()
     for _ in range(steps):
         simulation.computeOneStep()
         simulation.nextStep()
-    return [*system.q(), *system.velocity()], time.process_time() - begun, steps
+    return time.process_time() - begun, steps
 
 
 def main():

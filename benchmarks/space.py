@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 
 import zivi
-from friction import PEERS, Row, interpreter, row, theirs
-from report import cpu, table
+from friction import PEERS, Row, interpreter, row, sections, theirs
+from report import cpu
 from space_numbers import MASS, PROBLEMS, G, R
 from zivi.mechanics import Ball, Body, Contact, Plane
 
@@ -103,11 +103,7 @@ def page() -> str:
     rows, missing = measure()
     problems = "\n".join(f"- {name}: {given['what']}" for name, given in PROBLEMS.items())
     parts = [HEAD.format(cpu=cpu(), problems=problems)]
-    head = ("", "tolerance or step (s)", "evaluations or steps", "ms", "error")
-    for problem, lines in rows.items():
-        parts += [f"## {problem}, t = {PROBLEMS[problem]['end']:g} s\n", table(head, lines), ""]
-    parts += [f"{name} was not found.\n" for name in missing]
-    return "\n".join(parts).rstrip() + "\n"
+    return "\n".join([*parts, *sections(PROBLEMS, rows, missing)]).rstrip() + "\n"
 
 
 if __name__ == "__main__":

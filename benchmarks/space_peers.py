@@ -39,6 +39,8 @@ def by_siconos(given, step):
     import numpy as np
     import siconos.kernel as sk
 
+    from friction_siconos import stepped
+
     n = 6 if given["turns"] else 3
     rows = np.zeros((3, n))
     rows[0, 2] = rows[1, 0] = rows[2, 1] = 1.0
@@ -58,17 +60,7 @@ def by_siconos(given, step):
     relation = sk.LagrangianLinearTIR(rows, np.zeros(3))
     law = sk.NewtonImpactFrictionNSL(given["e"], 0.0, given["mu"], 3)
     model.link(sk.Interaction(law, relation), system)
-    simulation = sk.TimeStepping(model, sk.TimeDiscretisation(0.0, step))
-    simulation.insertIntegrator(sk.MoreauJeanOSI(0.5))
-    problem = sk.FrictionContact(3)
-    problem.numericsSolverOptions().dparam[0] = 1e-12
-    simulation.insertNonSmoothProblem(problem)
-    steps = round(given["end"] / step)
-    begun = time.process_time()
-    for _ in range(steps):
-        simulation.computeOneStep()
-        simulation.nextStep()
-    took = time.process_time() - begun
+    took, steps = stepped(model, 3, step, given["end"])
     return [*system.q()[:2], *system.velocity()[:2]], took, steps
 
 

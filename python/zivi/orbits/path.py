@@ -518,7 +518,8 @@ class Margins:
     def _depth_of_mass(self) -> float:
         """Return that of one mass: a force that presses hides none."""
         terms = self.terms
-        lowest = float(np.min(np.abs(np.asarray(terms.flights.lows)[:, 1])))
+        touches = [abs(low.value) for low in self.lows if low.kind == "interior_impact"]
+        lowest = min(touches, default=math.inf)
         if terms.frame.word[0].kind == "P":
             return lowest
         v, pull = terms.flights.z[:, 1], terms.flights.last[:, 1]
@@ -628,7 +629,9 @@ class Margins:
         touches = "stick_appears" if flow.channels else "interior_impact"
         lows, times = terms.flights.lows, t0 + (t1 - t0) * LOOKS
         if lows is not None and not segment.contacts:
-            return self._of_mass(s, *lows[s])
+            speeds = float(terms.flights.first[s, 0]), float(terms.flights.last[s, 0])
+            at_ends = self._at_ends(s, 0, speeds, float(terms.flights.z[s, 0]), self._distance)
+            return [*self._of_mass(s, *lows[s]), *at_ends]
         z = flow.path(segment.contacts, t0, terms.x[s, 1:-1], times)
         gaps, rates = flow.gaps(times, z, segment.contacts)
         part = slice(flow.n, None) if flow.channels else slice(flow.n)
@@ -644,9 +647,25 @@ class Margins:
             for k in turns[(turns > 0) | (i != lifted)]:
                 t, value = self._minimum(s, i, times[k : k + 2], rates[k : k + 2, i])
                 found.append(Constraint(touches, s, i, t, value, size))
+            if not flow.channels:
+                ends = float(rates[0, i]), float(rates[-1, i])
+                found += self._at_ends(s, i, ends, float(gaps[-1, i]), size)
         if segment.held:
             found += self._forces(s, times, z)
         return found
+
+    def _at_ends(
+        self, s: int, gap: int, rates: tuple[float, float], value: float, size: float
+    ) -> list[Constraint]:
+        """Return the minimum of a gap where a period without events ends and begins.
+
+        Its rate vanishes there up to rounding, which may hide it from both sides.
+        """
+        frame, (first, last) = self.terms.frame, rates
+        if frame.word[s].kind != "P" or frame.turn is not None or not last < 0.0 <= first:
+            return []
+        t = float(self.terms.x[s, -1])
+        return [Constraint("interior_impact", s, gap, t, value, size)]
 
     @functools.cached_property
     def _distance(self) -> float:
