@@ -87,7 +87,7 @@ impl Accumulation {
         self.chain.impacts().bounces().is_empty() && self.corner.has_no_impacts()
     }
 
-    /// Friction in a joint or at a closed contact changed in flight: the impacts do not form a
+    /// Friction in a joint or at a closed contact changed in flight: the impacts do not form an
     /// impact sequence with a known ratio.
     pub(crate) fn note_transition(&mut self) {
         self.chain.clear();
