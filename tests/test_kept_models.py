@@ -253,6 +253,7 @@ def test_a_dropped_system_is_freed(make):
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="there is no fork here")
 @pytest.mark.filterwarnings("ignore:This process:DeprecationWarning")
+@pytest.mark.filterwarnings("ignore:os.fork:RuntimeWarning")  # of JAX, where a test loads it
 def test_a_forked_process_runs_a_kept_model():
     for make in (of_functions, tree, symbolic):
         system = make()

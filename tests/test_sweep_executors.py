@@ -2,6 +2,7 @@
 
 import concurrent.futures
 import hashlib
+import multiprocessing
 import subprocess
 import sys
 import threading
@@ -270,8 +271,10 @@ def test_workers_that_never_live_are_an_error(tmp_path):
 def test_an_executor_of_the_user_that_breaks(tmp_path):
     call = {"function": functions.deadly, "out": tmp_path / "a", "chunk": 1}
     points = zivi.points(x=range(40))
+    # not by fork: other tests of this process load packages with threads, which warn
+    spawn = multiprocessing.get_context("spawn")
     with (
-        concurrent.futures.ProcessPoolExecutor(1) as executor,
+        concurrent.futures.ProcessPoolExecutor(1, spawn) as executor,
         pytest.raises(
             concurrent.futures.BrokenExecutor, match="make the same call with a new executor"
         ) as e,
