@@ -29,7 +29,7 @@
 // Version of this interface. It changes if a structure or the meaning of a function changes.
 #define ZIVI_ABI_VERSION 3
 
-// Done; nothing to report.
+// Success.
 #define ZIVI_OK 0
 
 // Bit: the measured position was slightly negative and was taken as 0.
@@ -167,49 +167,49 @@
 // A setting without a code of its own.
 #define ZIVI_E_SETTING -99
 
-// In `tick`: the tick that ends in exact rest, the default.
+// In `tick`: the control update that ends in exact rest, the default.
 #define ZIVI_TICK_LANDING 0
 
-// In `tick`: the tick of the paper.
+// In `tick`: the control update of the paper.
 #define ZIVI_TICK_PAPER 1
 
-// In `given`: `e` is meant, also where it is 0.
+// In `given`: `e` is set, even if it is 0.
 #define ZIVI_GIVEN_E 1
 
-// In `given`: `kappa` is meant, also where it is 0 (`e` = 1).
+// In `given`: `kappa` is set, even if it is 0 (`e` = 1).
 #define ZIVI_GIVEN_KAPPA 2
 
-// In `given`: `e_ref` is meant.
+// In `given`: `e_ref` is set.
 #define ZIVI_GIVEN_E_REF 4
 
-// In `given`: `kappa_ref` is meant.
+// In `given`: `kappa_ref` is set.
 #define ZIVI_GIVEN_KAPPA_REF 8
 
-// In `given`: `ahead` is meant.
+// In `given`: `ahead` is set.
 #define ZIVI_GIVEN_AHEAD 16
 
-// In `given`: `press` is meant.
+// In `given`: `press` is set.
 #define ZIVI_GIVEN_PRESS 32
 
-// In `given`: `horizon` is meant.
+// In `given`: `horizon` is set.
 #define ZIVI_GIVEN_HORIZON 64
 
-// In `given`: `depth` is meant.
+// In `given`: `depth` is set.
 #define ZIVI_GIVEN_DEPTH 128
 
-// In `given`: `u_min` and `u_max` are meant.
+// In `given`: `u_min` and `u_max` are set.
 #define ZIVI_GIVEN_U_LIMITS 256
 
-// In `given`: `noise_x` is meant.
+// In `given`: `noise_x` is set.
 #define ZIVI_GIVEN_NOISE_X 512
 
-// In `given`: `noise_xdot` is meant.
+// In `given`: `noise_xdot` is set.
 #define ZIVI_GIVEN_NOISE_XDOT 1024
 
-// In `given`: `q_d` is meant.
+// In `given`: `q_d` is set.
 #define ZIVI_GIVEN_Q_D 2048
 
-// In `given`: `dmax` is meant.
+// In `given`: `dmax` is set.
 #define ZIVI_GIVEN_DMAX 4096
 
 // In `branch`: measurements are lifted to `s >= 0`, the default.
@@ -218,16 +218,16 @@
 // In `branch`: measurements are lifted to the preimage that is nearer to the reference.
 #define ZIVI_BRANCH_NEAREST 1
 
-// Settings of a mass. A member that is zero takes its default, unless its bit
+// Settings of a mass. A member that is zero has its default value, unless its bit
 // of `given` is set.
 typedef struct zivi_f32_mass_config {
   // `sizeof(zivi_f32_mass_config)`.
   uint32_t size;
-  // `ZIVI_GIVEN_...`: which members count also where they are 0, in place of their defaults.
+  // `ZIVI_GIVEN_...`: the members whose value 0 is intended and replaces the default.
   uint32_t given;
   // Step size (s), > 0.
   float h;
-  // Coefficient of restitution, in (0, 1]; or give `kappa`.
+  // Coefficient of restitution, in (0, 1]; or set `kappa`.
   float e;
   // `(1 - e)/(1 + e)`, in (0, 1), in place of `e`.
   float kappa;
@@ -252,26 +252,26 @@ typedef struct zivi_f32_mass {
   float x;
   // Velocity; at the wall the one after the impact (m/s).
   float xdot;
-  // Multiplier in `sgn s` of the last step.
+  // Selection of `sgn s` in the last step, in [-1, 1].
   float lambda_s;
-  // Multiplier in `sgn v` of the last step.
+  // Selection of `sgn v` in the last step, in [-1, 1].
   float lambda_v;
   // Steps since the start.
   uint64_t steps;
-  // Checksum of the settings, by which an object that is damaged or not initialised is known.
+  // Checksum of the settings, which reveals a damaged or uninitialised object.
   uint64_t seal;
 } zivi_f32_mass;
 
-// Settings of a regulator. A member that is zero takes its default, unless its bit
+// Settings of a regulator. A member that is zero has its default value, unless its bit
 // of `given` is set.
 typedef struct zivi_f32_regulator_config {
   // `sizeof(zivi_f32_regulator_config)`.
   uint32_t size;
   // `ZIVI_TICK_LANDING` or `ZIVI_TICK_PAPER`.
   uint32_t tick;
-  // Horizon of the landing in periods, 1 + the periods of delay; by default 1.
+  // Horizon of the contact-establishing law in periods, 1 + the periods of delay; by default 1.
   uint32_t ahead;
-  // `ZIVI_GIVEN_...`: which members count also where they are 0, in place of their defaults.
+  // `ZIVI_GIVEN_...`: the members whose value 0 is intended and replaces the default.
   uint32_t given;
   // Gain on the sign of the position (m/s^2).
   float mu1;
@@ -279,17 +279,17 @@ typedef struct zivi_f32_regulator_config {
   float mu2;
   // Sampling period (s), > 0.
   float h;
-  // Coefficient of restitution of the wall, in (0, 1]; or give `kappa`.
+  // Coefficient of restitution of the wall, in (0, 1]; or set `kappa`.
   float e;
   // `(1 - e)/(1 + e)`, in (0, 1), in place of `e`.
   float kappa;
   // A bound of the unknown force that the gains are checked against (m/s^2); by default none.
   float bound;
-  // Dead zone of the landing, a bound of the errors of the measured velocity (m/s); by default 0.
+  // Dead zone of the contact-establishing law, a bound of the velocity error (m/s); by default 0.
   float quiet;
-  // Measurements down to `-depth` are taken as 0, deeper ones refused (m); by default 0.1.
+  // Measurements down to `-depth` are replaced by 0, deeper ones are rejected (m); by default 0.1.
   float depth;
-  // Least control of the actuator (m/s^2); no limits while both are 0.
+  // Least control of the actuator (m/s^2); unlimited while both are 0.
   float u_min;
   // Largest control of the actuator (m/s^2).
   float u_max;
@@ -308,35 +308,35 @@ typedef struct zivi_f32_regulator {
   float e;
   // `(1 - e)/(1 + e)`.
   float kappa;
-  // Dead zone of the landing (m/s).
+  // Dead zone of the contact-establishing law (m/s).
   float quiet;
-  // How far behind the wall a measurement may lie (m).
+  // Largest penetration of a valid measurement (m).
   float depth;
   // Least control (m/s^2).
   float u_min;
   // Largest control (m/s^2).
   float u_max;
-  // Horizon of the landing in periods, 0 for the tick of the paper.
+  // Horizon of the contact-establishing law in periods, 0 for the update of the paper.
   uint32_t ahead;
   // 0.
   uint32_t reserved;
   // The last control (m/s^2).
   float u;
-  // Multiplier in `sgn s` of the last tick.
+  // Selection of `sgn s` in the last update, in [-1, 1].
   float lambda_s;
-  // Multiplier in `sgn v` of the last tick.
+  // Selection of `sgn v` in the last update, in [-1, 1].
   float lambda_v;
-  // Ticks since the start.
+  // Updates since the start.
   uint64_t ticks;
-  // Bits of what was done to the last sample and control.
+  // Bits of the changes to the last sample (clamped) and control (saturated).
   uint32_t status;
   // 0.
   uint32_t unused;
-  // Checksum of the settings, by which an object that is damaged or not initialised is known.
+  // Checksum of the settings, which reveals a damaged or uninitialised object.
   uint64_t seal;
 } zivi_f32_regulator;
 
-// Settings of a tracker. A member that is zero takes its default, unless its bit
+// Settings of a tracker. A member that is zero has its default value, unless its bit
 // of `given` is set.
 typedef struct zivi_f32_tracker_config {
   // `sizeof(zivi_f32_tracker_config)`.
@@ -345,11 +345,11 @@ typedef struct zivi_f32_tracker_config {
   uint32_t branch;
   // `ZIVI_TICK_LANDING` or `ZIVI_TICK_PAPER`.
   uint32_t tick;
-  // Horizon of the landing in periods, 1 + the periods of delay; by default 1.
+  // Horizon of the contact-establishing law in periods, 1 + the periods of delay; by default 1.
   uint32_t ahead;
-  // 1: the measured velocity is taken half a period back in the air; 0: it is not.
+  // 1: in free flight the measured velocity is shifted back by half a period; 0: it is not.
   uint32_t shift;
-  // `ZIVI_GIVEN_...`: which members count also where they are 0, in place of their defaults.
+  // `ZIVI_GIVEN_...`: the members whose value 0 is intended and replaces the default.
   uint32_t given;
   // Gain on the sign of the position error (m/s^2).
   float mu1;
@@ -357,7 +357,7 @@ typedef struct zivi_f32_tracker_config {
   float mu2;
   // Sampling period (s), > 0.
   float h;
-  // Coefficient of restitution of the plant's wall, in (0, 1]; or give `kappa`.
+  // Coefficient of restitution of the plant's wall, in (0, 1]; or set `kappa`.
   float e;
   // `(1 - e)/(1 + e)`, in (0, 1), in place of `e`.
   float kappa;
@@ -370,13 +370,13 @@ typedef struct zivi_f32_tracker_config {
   // Acceleration towards the wall of a mass at rest, at least `bound` (m/s^2); by default the
   // law's own.
   float press;
-  // Dead zone of the landing, a bound of the errors of the measured velocity (m/s); by default 0.
+  // Dead zone of the contact-establishing law, a bound of the velocity error (m/s); by default 0.
   float quiet;
   // Periods that a step is planned over, >= 1; by default 1.
   float horizon;
-  // Measurements down to `-depth` are taken as 0, deeper ones refused (m); by default 0.1.
+  // Measurements down to `-depth` are replaced by 0, deeper ones are rejected (m); by default 0.1.
   float depth;
-  // Least control of the actuator (m/s^2); no limits while both are 0.
+  // Least control of the actuator (m/s^2); unlimited while both are 0.
   float u_min;
   // Largest control of the actuator (m/s^2).
   float u_max;
@@ -401,11 +401,11 @@ typedef struct zivi_f32_tracker {
   float kappa_ref;
   // Acceleration towards the wall of a mass at rest (m/s^2), infinite for the law's own.
   float press;
-  // Dead zone of the landing (m/s).
+  // Dead zone of the contact-establishing law (m/s).
   float quiet;
   // Periods that a step is planned over.
   float horizon;
-  // How far behind the wall a measurement may lie (m).
+  // Largest penetration of a valid measurement (m).
   float depth;
   // Least control (m/s^2).
   float u_min;
@@ -413,9 +413,9 @@ typedef struct zivi_f32_tracker {
   float u_max;
   // How measurements are lifted.
   uint32_t branch;
-  // Horizon of the landing in periods, 0 for the tick of the paper.
+  // Horizon of the contact-establishing law in periods, 0 for the update of the paper.
   uint32_t ahead;
-  // Whether the measured velocity is taken half a period back in the air.
+  // Whether the measured velocity is shifted back by half a period in free flight.
   uint32_t shift;
   // 0.
   uint32_t reserved;
@@ -431,25 +431,25 @@ typedef struct zivi_f32_tracker {
   float xdot_ref;
   // The last control (m/s^2).
   float u;
-  // Multiplier in `sgn s` of the last tick.
+  // Selection of `sgn s` in the last update, in [-1, 1].
   float lambda_s;
-  // Multiplier in `sgn v`.
+  // Selection of `sgn v`.
   float lambda_v;
-  // Multiplier in `sgn s_ref`.
+  // Selection of `sgn s_ref`.
   float lambda_sr;
-  // Multiplier in `sgn v_ref`.
+  // Selection of `sgn v_ref`.
   float lambda_vr;
-  // Multiplier in `sgn (s - s_ref)`.
+  // Selection of `sgn (s - s_ref)`.
   float lambda_es;
-  // Multiplier in `sgn (v - v_ref)`.
+  // Selection of `sgn (v - v_ref)`.
   float lambda_ev;
-  // Ticks since the last reset.
+  // Updates since the last reset.
   uint64_t ticks;
-  // Bits of what was done to the last sample and control.
+  // Bits of the changes to the last sample (clamped) and control (saturated).
   uint32_t status;
-  // Iterations of the last tick.
+  // Iterations of the last update.
   uint32_t iterations;
-  // Checksum of the settings, by which an object that is damaged or not initialised is known.
+  // Checksum of the settings, which reveals a damaged or uninitialised object.
   uint64_t seal;
 } zivi_f32_tracker;
 
@@ -464,20 +464,20 @@ typedef struct zivi_f32_given_reference {
   float side;
 } zivi_f32_given_reference;
 
-// Settings of an observer. A member that is zero takes its default, unless its bit
+// Settings of an observer. A member that is zero has its default value, unless its bit
 // of `given` is set.
 typedef struct zivi_f32_observer_config {
   // `sizeof(zivi_f32_observer_config)`.
   uint32_t size;
-  // 1: the velocity is not measured; 0: it is, where it is not NaN.
+  // 1: the velocity is not measured; 0: it is measured unless it is NaN.
   uint32_t position_only;
-  // 1: `e` is learnt; `se` is its deviation at the start then, by default 0.1.
+  // 1: `e` is estimated; `se` is then its initial standard deviation, by default 0.1.
   uint32_t learn_e;
-  // `ZIVI_GIVEN_...`: which members count also where they are 0, in place of their defaults.
+  // `ZIVI_GIVEN_...`: the members whose value 0 is intended and replaces the default.
   uint32_t given;
   // Sampling period (s), > 0.
   float h;
-  // Coefficient of restitution of the wall, in (0, 1]; or give `kappa`.
+  // Coefficient of restitution of the wall, in (0, 1]; or set `kappa`.
   float e;
   // `(1 - e)/(1 + e)`, in (0, 1), in place of `e`.
   float kappa;
@@ -485,13 +485,13 @@ typedef struct zivi_f32_observer_config {
   float noise_x;
   // Standard deviation of a measured velocity (m/s); by default 1e-2.
   float noise_xdot;
-  // Variance of what a period adds to the unknown force (m^2/s^4); by default 1e-3.
+  // Variance of the change of the unknown force in a period (m^2/s^4); by default 1e-3.
   float q_d;
   // Standard deviation of `e`; by default 0.
   float se;
   // Bound of the unknown force (m/s^2); by default 20.
   float dmax;
-  // Variance that an impact adds to an `e` that is learnt; by default 0.
+  // Variance that an impact adds to an estimated `e`; by default 0.
   float q_e;
 } zivi_f32_observer_config;
 
@@ -510,9 +510,9 @@ typedef struct zivi_f32_observer {
   float e;
   // Covariance of the estimates.
   float p_xx;
-  // The same of position and velocity.
+  // Covariance of position and velocity.
   float p_xv;
-  // The same of position and force.
+  // Covariance of position and force.
   float p_xd;
   // Variance of the velocity.
   float p_vv;
@@ -522,39 +522,39 @@ typedef struct zivi_f32_observer {
   float p_dd;
   // Covariance of position and `e`.
   float p_xe;
-  // The same of velocity and `e`.
+  // Covariance of velocity and `e`.
   float p_ve;
-  // The same of force and `e`.
+  // Covariance of force and `e`.
   float p_de;
-  // Variance of `e`, 0 where it is not learnt.
+  // Variance of `e`, 0 if it is not estimated.
   float p_ee;
-  // The last positions that were measured, the newest first, less what the acceleration has moved
-  // the mass since (m).
+  // The last measured positions, the newest first, minus the displacement by the acceleration
+  // since the measurement (m).
   float seen_y[6];
-  // Time since (s).
+  // Time since each measurement (s).
   float seen_age[6];
-  // How many there are.
+  // Number of stored positions.
   uint32_t seen;
   // Whether the velocity waits for a second position.
   uint32_t waiting;
   // Whether there was a measurement.
   uint32_t started;
-  // Measurements refused in a row.
+  // Measurements rejected in a row.
   uint32_t in_a_row;
-  // Measurements refused so far.
+  // Measurements rejected so far.
   uint32_t refused;
   // 0.
   uint32_t reserved;
-  // Checksum of the settings, by which an object that is damaged or not initialised is known.
+  // Checksum of the settings, which reveals a damaged or uninitialised object.
   uint64_t seal;
 } zivi_f32_observer;
 
-// Settings of a predictor. A member that is zero takes its default, unless its bit
+// Settings of a predictor. A member that is zero has its default value, unless its bit
 // of `given` is set.
 typedef struct zivi_f32_predictor_config {
   // `sizeof(zivi_f32_predictor_config)`.
   uint32_t size;
-  // `ZIVI_GIVEN_...`: which members count also where they are 0, in place of their defaults.
+  // `ZIVI_GIVEN_...`: the members whose value 0 is intended and replaces the default.
   uint32_t given;
   // Periods from a measurement to the moment when its control acts, 0 to 64.
   uint32_t delay;
@@ -562,11 +562,11 @@ typedef struct zivi_f32_predictor_config {
   uint32_t reserved;
   // Sampling period (s), > 0.
   float h;
-  // Coefficient of restitution, in (0, 1]; or give `kappa`.
+  // Coefficient of restitution, in (0, 1]; or set `kappa`.
   float e;
   // `(1 - e)/(1 + e)`, in (0, 1), in place of `e`.
   float kappa;
-  // Measurements down to `-depth` are taken as 0, deeper ones refused (m); by default 0.1.
+  // Measurements down to `-depth` are replaced by 0, deeper ones are rejected (m); by default 0.1.
   float depth;
 } zivi_f32_predictor_config;
 
@@ -579,23 +579,23 @@ typedef struct zivi_f32_predictor {
   float e;
   // `(1 - e)/(1 + e)`.
   float kappa;
-  // How far behind the wall a measurement may lie (m).
+  // Largest penetration of a valid measurement (m).
   float depth;
   // Periods from a measurement to the moment when its control acts.
   uint32_t delay;
   // 0.
   uint32_t reserved;
-  // Distance from the wall when the control will act (m).
+  // Predicted distance from the wall at the time when the control acts (m).
   float x;
-  // Velocity then (m/s).
+  // Predicted velocity at that time (m/s).
   float xdot;
   // The controls that do not act yet (m/s^2): `sent[(first + k) % 64]`, k = 0 ... `delay` - 1.
   float sent[64];
-  // Where the oldest is.
+  // Index of the oldest.
   uint32_t first;
   // 0.
   uint32_t reserved_too;
-  // Checksum of the settings, by which an object that is damaged or not initialised is known.
+  // Checksum of the settings, which reveals a damaged or uninitialised object.
   uint64_t seal;
 } zivi_f32_predictor;
 

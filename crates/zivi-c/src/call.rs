@@ -9,7 +9,7 @@ use crate::{GivenReference, Regulator, Tracker};
 
 /// The object, unless the pointer is NULL or not aligned.
 pub(crate) unsafe fn object<'a, T>(pointer: *mut T) -> Option<&'a mut T> {
-    // SAFETY: the caller says that it points to an object
+    // SAFETY: by contract it points to an object
     if pointer.is_aligned() {
         unsafe { pointer.as_mut() }
     } else {
@@ -17,7 +17,7 @@ pub(crate) unsafe fn object<'a, T>(pointer: *mut T) -> Option<&'a mut T> {
     }
 }
 
-/// Ticks, and gives the control that holds then.
+/// Runs one control update and returns the control that is held afterwards.
 #[inline(always)]
 pub(crate) unsafe fn ticked<T: Control>(
     it: *mut T,
@@ -55,7 +55,7 @@ impl Control for Tracker {
     }
 }
 
-/// A tick of a tracker: there is one for all calls.
+/// A control update of a tracker, shared by all calls.
 #[inline(never)]
 pub(crate) unsafe fn tracked(
     tracker: *mut Tracker,
@@ -86,7 +86,7 @@ impl Sampled for Regulator {
     }
 }
 
-/// A tick of the same controller with the period `dt`: there is one tick, and one place for its `h`.
+/// A control update with the period `dt` in place of `h`, by the code of all other updates.
 pub(crate) fn lasting<T: Sampled>(it: &mut T, dt: Real, tick: impl FnOnce(&mut T) -> Code) -> Code {
     if let Err(code) = it.intact() {
         return code;

@@ -6,7 +6,7 @@ use zivi_core::{RestitutionError, SettingError};
 /// Code that a call returns.
 pub type Code = i32;
 
-/// Done; nothing to report.
+/// Success.
 pub const ZIVI_OK: i32 = 0;
 /// Bit: the measured position was slightly negative and was taken as 0.
 pub const ZIVI_CLAMPED: i32 = 1;
@@ -190,14 +190,14 @@ impl From<SettingError> for Refusal {
     }
 }
 
-/// The bits of a tick.
+/// The bits of a control update.
 pub(crate) fn of_status(status: TickStatus) -> Code {
     Code::from(status.bits())
 }
 
-// Codes in words.
+// Texts of codes.
 
-/// The words, each ended by a zero: one constant, so that nothing has to be relocated.
+/// The texts, each ended by a zero: one constant, which needs no relocation.
 const WORDS: &str = "ok\0\
 clamped: the measured position was slightly negative and was taken as 0\0\
 saturated: the control was cut to the actuator's range\0\
@@ -247,7 +247,7 @@ delay must be at most 64 periods\0\
 a setting is out of range\0\
 not a code of this library\0";
 
-/// Position of the words of a code.
+/// Position of the text of a code.
 fn place(code: Code) -> u32 {
     let distance = code.unsigned_abs();
     match code {
@@ -259,12 +259,12 @@ fn place(code: Code) -> u32 {
     }
 }
 
-/// What a code means, in one line of English that ends with a zero.
+/// Meaning of a code: one line of English that ends with a zero.
 #[must_use]
 pub fn message(code: Code) -> &'static core::ffi::CStr {
     let mut rest = WORDS.as_bytes();
     let mut ahead = place(code);
-    // one pass over the words
+    // one pass over the texts
     for _ in 0..WORDS.len() {
         if ahead == 0 {
             break;
@@ -280,32 +280,32 @@ pub fn message(code: Code) -> &'static core::ffi::CStr {
 // initialised. A call computes it again and rejects an object whose settings have changed since;
 // that costs a few instructions a setting, where checking them all would cost hundreds.
 
-/// A word of as many bytes as a number.
+/// An integer with the width of a number.
 #[cfg(not(feature = "single"))]
 pub(crate) type Word = u64;
-/// A word of as many bytes as a number.
+/// An integer with the width of a number.
 #[cfg(feature = "single")]
 pub(crate) type Word = u32;
 
 /// A structure of plain numbers that starts with its settings.
 ///
 /// # Safety
-/// The structure is `repr(C)` and aligned like a [`Word`], and its first `SETTINGS` words have no
+/// The structure is `repr(C)` and aligned like a [`Word`], and its first `SETTINGS` words are free of
 /// padding.
 pub(crate) unsafe trait Sealed: Sized {
-    /// Words that the settings take.
+    /// Length of the settings in words.
     const SETTINGS: usize;
-    /// What an object of this kind starts from: another one has another seal.
+    /// Initial value of the checksum: it differs between kinds of objects.
     const KIND: u64;
 
     /// The seal that was written when the object was initialised.
     fn seal(&self) -> u64;
 
-    /// The seal that belongs to the settings. (Once for a kind, and as short for its callers as it can
-    /// be: every call asks for it.)
+    /// The seal that belongs to the settings. (Not inlined and small for its callers:
+    /// every call computes it.)
     #[inline(never)]
     fn seal_of_settings(&self) -> u64 {
-        // SAFETY: so many words of plain numbers, see the trait
+        // SAFETY: `SETTINGS` words of plain numbers, see the trait
         let words = unsafe {
             core::slice::from_raw_parts(core::ptr::from_ref(self).cast::<Word>(), Self::SETTINGS)
         };
@@ -347,7 +347,7 @@ mod tests {
         TrackerConfig,
     };
 
-    /// Every bit of the settings and of the seal counts, and a rejected call changes nothing.
+    /// Each bit of the settings and of the seal is checked; a rejected call leaves the object unchanged.
     macro_rules! every_bit {
         ($kind:ty, $config:expr, $settings:expr, $step:expr) => {
             let mut fresh = <$kind>::default();

@@ -1,5 +1,5 @@
-//! Settings that several configurations share. A member that is zero takes its default, unless a bit
-//! of `given` says that it is meant.
+//! Settings that several configurations share. A member that is zero has its default value, unless a bit
+//! of `given` marks the zero as intended.
 
 use zivi_core::control::{Gains, Landing, Port};
 use zivi_core::{Real, Restitution};
@@ -9,36 +9,36 @@ use crate::code::{
     ZIVI_E_QUIET, ZIVI_E_SIZE, ZIVI_E_TICK,
 };
 
-/// In `tick`: the tick that ends in exact rest, the default.
+/// In `tick`: the control update that ends in exact rest, the default.
 pub const ZIVI_TICK_LANDING: u32 = 0;
-/// In `tick`: the tick of the paper.
+/// In `tick`: the control update of the paper.
 pub const ZIVI_TICK_PAPER: u32 = 1;
 
-/// In `given`: `e` is meant, also where it is 0.
+/// In `given`: `e` is set, even if it is 0.
 pub const ZIVI_GIVEN_E: u32 = 1;
-/// In `given`: `kappa` is meant, also where it is 0 (`e` = 1).
+/// In `given`: `kappa` is set, even if it is 0 (`e` = 1).
 pub const ZIVI_GIVEN_KAPPA: u32 = 2;
-/// In `given`: `e_ref` is meant.
+/// In `given`: `e_ref` is set.
 pub const ZIVI_GIVEN_E_REF: u32 = 4;
-/// In `given`: `kappa_ref` is meant.
+/// In `given`: `kappa_ref` is set.
 pub const ZIVI_GIVEN_KAPPA_REF: u32 = 8;
-/// In `given`: `ahead` is meant.
+/// In `given`: `ahead` is set.
 pub const ZIVI_GIVEN_AHEAD: u32 = 16;
-/// In `given`: `press` is meant.
+/// In `given`: `press` is set.
 pub const ZIVI_GIVEN_PRESS: u32 = 32;
-/// In `given`: `horizon` is meant.
+/// In `given`: `horizon` is set.
 pub const ZIVI_GIVEN_HORIZON: u32 = 64;
-/// In `given`: `depth` is meant.
+/// In `given`: `depth` is set.
 pub const ZIVI_GIVEN_DEPTH: u32 = 128;
-/// In `given`: `u_min` and `u_max` are meant.
+/// In `given`: `u_min` and `u_max` are set.
 pub const ZIVI_GIVEN_U_LIMITS: u32 = 256;
-/// In `given`: `noise_x` is meant.
+/// In `given`: `noise_x` is set.
 pub const ZIVI_GIVEN_NOISE_X: u32 = 512;
-/// In `given`: `noise_xdot` is meant.
+/// In `given`: `noise_xdot` is set.
 pub const ZIVI_GIVEN_NOISE_XDOT: u32 = 1024;
-/// In `given`: `q_d` is meant.
+/// In `given`: `q_d` is set.
 pub const ZIVI_GIVEN_Q_D: u32 = 2048;
-/// In `given`: `dmax` is meant.
+/// In `given`: `dmax` is set.
 pub const ZIVI_GIVEN_DMAX: u32 = 4096;
 
 /// Bits of a configuration: the members whose value is zero on purpose.
@@ -84,7 +84,7 @@ pub(crate) fn checked_size<T>(size: u32) -> Result<(), Code> {
     }
 }
 
-/// The restitution of `e` or of `kappa`, whichever is said.
+/// The restitution from the member that is set, `e` or `kappa`.
 pub(crate) fn restitution(given: Given, e: Real, kappa: Real) -> Result<Restitution, Code> {
     of_either(given.said(ZIVI_GIVEN_E, e), given.said(ZIVI_GIVEN_KAPPA, kappa))
 }
@@ -103,7 +103,7 @@ fn of_either(e: Option<Real>, kappa: Option<Real>) -> Result<Restitution, Code> 
     }
 }
 
-/// The same for the reference's wall; the plant's if neither is said.
+/// The restitution of the reference's wall; the plant's if neither member is set.
 pub(crate) fn restitution_ref(
     given: Given,
     e: Real,
@@ -127,8 +127,8 @@ pub(crate) enum GainCondition {
     Track,
 }
 
-/// The restitution, and the horizon of the landing in periods (0 for the tick of the paper), of a
-/// controller whose settings are good ones. (Once for both controllers.)
+/// The restitution and the horizon of the contact-establishing law in periods (0 for the update of the
+/// paper) of a controller with valid settings. (One function for both controllers.)
 #[inline(never)]
 pub(crate) fn law(
     task: GainCondition,
@@ -161,7 +161,7 @@ pub(crate) fn law(
     Ok((restitution, ahead))
 }
 
-/// Limits of the sensor and of the actuator: by default 0.1 m, and none.
+/// Limits of the sensor (by default 0.1 m) and of the actuator (by default none).
 pub(crate) fn port(given: Given, depth: Real, u_min: Real, u_max: Real) -> Result<Port, Code> {
     let mut port = Port::default();
     if let Some(depth) = given.said(ZIVI_GIVEN_DEPTH, depth) {

@@ -472,7 +472,7 @@ pub unsafe extern "C" fn zivi_predictor_send(predictor: *mut Predictor, u: Real)
     unsafe { object(predictor) }.map_or(ZIVI_E_NULL, |it| it.send(u))
 }
 
-/// Holds a path to a panic.
+/// Contains a path to a panic.
 #[cfg(feature = "canary")]
 #[no_mangle]
 #[cfg_attr(feature = "single", export_name = "zivi_f32_canary")]

@@ -56,8 +56,8 @@ mod panic_free {
         fn zivi_panic_is_reachable() -> !;
     }
 
-    /// Calls a function that exists nowhere: optimised code that still holds a path to a panic
-    /// asks for it, and does not link.
+    /// Calls a function that is not defined: optimised code with a path to a panic
+    /// refers to it and does not link.
     #[panic_handler]
     fn panic(_: &core::panic::PanicInfo<'_>) -> ! {
         // SAFETY: it is never called; a library in which it could be does not link

@@ -10,18 +10,18 @@ use crate::code::{
 use crate::code::{Sealed, Word};
 use crate::config::{self, Given};
 
-/// Settings of a mass. A member that is zero takes its default, unless its bit
+/// Settings of a mass. A member that is zero has its default value, unless its bit
 /// of `given` is set.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct MassConfig {
     /// `sizeof(zivi_mass_config)`.
     pub size: u32,
-    /// `ZIVI_GIVEN_...`: which members count also where they are 0, in place of their defaults.
+    /// `ZIVI_GIVEN_...`: the members whose value 0 is intended and replaces the default.
     pub given: u32,
     /// Step size (s), > 0.
     pub h: Real,
-    /// Coefficient of restitution, in (0, 1]; or give `kappa`.
+    /// Coefficient of restitution, in (0, 1]; or set `kappa`.
     pub e: Real,
     /// `(1 - e)/(1 + e)`, in (0, 1), in place of `e`.
     pub kappa: Real,
@@ -48,13 +48,13 @@ pub struct Mass {
     pub x: Real,
     /// Velocity; at the wall the one after the impact (m/s).
     pub xdot: Real,
-    /// Multiplier in `sgn s` of the last step.
+    /// Selection of `sgn s` in the last step, in [-1, 1].
     pub lambda_s: Real,
-    /// Multiplier in `sgn v` of the last step.
+    /// Selection of `sgn v` in the last step, in [-1, 1].
     pub lambda_v: Real,
     /// Steps since the start.
     pub steps: u64,
-    /// Checksum of the settings, by which an object that is damaged or not initialised is known.
+    /// Checksum of the settings, which reveals a damaged or uninitialised object.
     pub seal: u64,
 }
 
@@ -78,7 +78,7 @@ const _: () = {
 };
 
 impl MassConfig {
-    /// The size, and everything else 0.
+    /// The size; all other members are 0.
     #[must_use]
     pub fn defaults() -> Self {
         Self { size: size_of::<Self>() as u32, ..Self::default() }

@@ -11,26 +11,26 @@ use crate::config::{
     self, Given, ZIVI_GIVEN_DMAX, ZIVI_GIVEN_NOISE_X, ZIVI_GIVEN_NOISE_XDOT, ZIVI_GIVEN_Q_D,
 };
 
-/// What an observer's `given` may have.
+/// The valid bits of an observer's `given`.
 const GIVEN: u32 =
     config::WALL | ZIVI_GIVEN_NOISE_X | ZIVI_GIVEN_NOISE_XDOT | ZIVI_GIVEN_Q_D | ZIVI_GIVEN_DMAX;
 
-/// Settings of an observer. A member that is zero takes its default, unless its bit
+/// Settings of an observer. A member that is zero has its default value, unless its bit
 /// of `given` is set.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct ObserverConfig {
     /// `sizeof(zivi_observer_config)`.
     pub size: u32,
-    /// 1: the velocity is not measured; 0: it is, where it is not NaN.
+    /// 1: the velocity is not measured; 0: it is measured unless it is NaN.
     pub position_only: u32,
-    /// 1: `e` is learnt; `se` is its deviation at the start then, by default 0.1.
+    /// 1: `e` is estimated; `se` is then its initial standard deviation, by default 0.1.
     pub learn_e: u32,
-    /// `ZIVI_GIVEN_...`: which members count also where they are 0, in place of their defaults.
+    /// `ZIVI_GIVEN_...`: the members whose value 0 is intended and replaces the default.
     pub given: u32,
     /// Sampling period (s), > 0.
     pub h: Real,
-    /// Coefficient of restitution of the wall, in (0, 1]; or give `kappa`.
+    /// Coefficient of restitution of the wall, in (0, 1]; or set `kappa`.
     pub e: Real,
     /// `(1 - e)/(1 + e)`, in (0, 1), in place of `e`.
     pub kappa: Real,
@@ -38,13 +38,13 @@ pub struct ObserverConfig {
     pub noise_x: Real,
     /// Standard deviation of a measured velocity (m/s); by default 1e-2.
     pub noise_xdot: Real,
-    /// Variance of what a period adds to the unknown force (m^2/s^4); by default 1e-3.
+    /// Variance of the change of the unknown force in a period (m^2/s^4); by default 1e-3.
     pub q_d: Real,
     /// Standard deviation of `e`; by default 0.
     pub se: Real,
     /// Bound of the unknown force (m/s^2); by default 20.
     pub dmax: Real,
-    /// Variance that an impact adds to an `e` that is learnt; by default 0.
+    /// Variance that an impact adds to an estimated `e`; by default 0.
     pub q_e: Real,
 }
 
@@ -65,9 +65,9 @@ pub struct Observer {
     pub e: Real,
     /// Covariance of the estimates.
     pub p_xx: Real,
-    /// The same of position and velocity.
+    /// Covariance of position and velocity.
     pub p_xv: Real,
-    /// The same of position and force.
+    /// Covariance of position and force.
     pub p_xd: Real,
     /// Variance of the velocity.
     pub p_vv: Real,
@@ -77,18 +77,18 @@ pub struct Observer {
     pub p_dd: Real,
     /// Covariance of position and `e`.
     pub p_xe: Real,
-    /// The same of velocity and `e`.
+    /// Covariance of velocity and `e`.
     pub p_ve: Real,
-    /// The same of force and `e`.
+    /// Covariance of force and `e`.
     pub p_de: Real,
-    /// Variance of `e`, 0 where it is not learnt.
+    /// Variance of `e`, 0 if it is not estimated.
     pub p_ee: Real,
-    /// The last positions that were measured, the newest first, less what the acceleration has moved
-    /// the mass since (m).
+    /// The last measured positions, the newest first, minus the displacement by the acceleration
+    /// since the measurement (m).
     pub seen_y: [Real; 6],
-    /// Time since (s).
+    /// Time since each measurement (s).
     pub seen_age: [Real; 6],
-    /// How many there are.
+    /// Number of stored positions.
     pub seen: u32,
     /// Whether the velocity waits for a second position.
     pub waiting: u32,
@@ -100,7 +100,7 @@ pub struct Observer {
     pub refused: u32,
     /// 0.
     pub reserved: u32,
-    /// Checksum of the settings, by which an object that is damaged or not initialised is known.
+    /// Checksum of the settings, which reveals a damaged or uninitialised object.
     pub seal: u64,
 }
 
@@ -125,13 +125,13 @@ const _: () = {
 };
 
 impl ObserverConfig {
-    /// The size, and everything else 0.
+    /// The size; all other members are 0.
     #[must_use]
     pub fn defaults() -> Self {
         Self { size: size_of::<Self>() as u32, ..Self::default() }
     }
 
-    /// The same with its defaults filled in, all checked.
+    /// The settings with their defaults, checked.
     fn checked(&self) -> Result<Self, Code> {
         config::checked_size::<Self>(self.size)?;
         let given = Given::checked(self.given, GIVEN)?;
@@ -158,7 +158,7 @@ impl ObserverConfig {
 }
 
 impl Observer {
-    /// Checks the settings; nothing was measured yet.
+    /// Checks the settings; there is no measurement yet.
     pub fn init(&mut self, config: &ObserverConfig) -> Code {
         match config.checked() {
             Ok(config) => {
@@ -180,13 +180,13 @@ impl Observer {
         ZIVI_OK
     }
 
-    /// Takes a measurement; `x` is NaN where it is missing, `xdot` where it is not measured. `force`
+    /// Processes a measurement; `x` is NaN if it is missing, `xdot` if it is not measured. `force`
     /// is the known force and `u` the control that acted over the period that ends now.
     pub fn step(&mut self, x: Real, xdot: Real, force: Real, u: Real) -> Code {
         self.step_after(self.config.h, Measurement { x, xdot: Some(xdot) }, force, u)
     }
 
-    /// The same `dt` (s) after the last one.
+    /// Processes a measurement `dt` (s) after the last one.
     pub fn step_after(&mut self, dt: Real, measured: Measurement, force: Real, u: Real) -> Code {
         if let Err(code) = self.intact() {
             return code;

@@ -10,17 +10,17 @@ use crate::code::{
 use crate::code::{Sealed, Word};
 use crate::config::{self, Given, ZIVI_GIVEN_DEPTH};
 
-/// What a predictor's `given` may have.
+/// The valid bits of a predictor's `given`.
 const GIVEN: u32 = config::WALL | ZIVI_GIVEN_DEPTH;
 
-/// Settings of a predictor. A member that is zero takes its default, unless its bit
+/// Settings of a predictor. A member that is zero has its default value, unless its bit
 /// of `given` is set.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct PredictorConfig {
     /// `sizeof(zivi_predictor_config)`.
     pub size: u32,
-    /// `ZIVI_GIVEN_...`: which members count also where they are 0, in place of their defaults.
+    /// `ZIVI_GIVEN_...`: the members whose value 0 is intended and replaces the default.
     pub given: u32,
     /// Periods from a measurement to the moment when its control acts, 0 to 64.
     pub delay: u32,
@@ -28,11 +28,11 @@ pub struct PredictorConfig {
     pub reserved: u32,
     /// Sampling period (s), > 0.
     pub h: Real,
-    /// Coefficient of restitution, in (0, 1]; or give `kappa`.
+    /// Coefficient of restitution, in (0, 1]; or set `kappa`.
     pub e: Real,
     /// `(1 - e)/(1 + e)`, in (0, 1), in place of `e`.
     pub kappa: Real,
-    /// Measurements down to `-depth` are taken as 0, deeper ones refused (m); by default 0.1.
+    /// Measurements down to `-depth` are replaced by 0, deeper ones are rejected (m); by default 0.1.
     pub depth: Real,
 }
 
@@ -47,23 +47,23 @@ pub struct Predictor {
     pub e: Real,
     /// `(1 - e)/(1 + e)`.
     pub kappa: Real,
-    /// How far behind the wall a measurement may lie (m).
+    /// Largest penetration of a valid measurement (m).
     pub depth: Real,
     /// Periods from a measurement to the moment when its control acts.
     pub delay: u32,
     /// 0.
     pub reserved: u32,
-    /// Distance from the wall when the control will act (m).
+    /// Predicted distance from the wall at the time when the control acts (m).
     pub x: Real,
-    /// Velocity then (m/s).
+    /// Predicted velocity at that time (m/s).
     pub xdot: Real,
     /// The controls that do not act yet (m/s^2): `sent[(first + k) % 64]`, k = 0 ... `delay` - 1.
     pub sent: [Real; 64],
-    /// Where the oldest is.
+    /// Index of the oldest.
     pub first: u32,
     /// 0.
     pub reserved_too: u32,
-    /// Checksum of the settings, by which an object that is damaged or not initialised is known.
+    /// Checksum of the settings, which reveals a damaged or uninitialised object.
     pub seal: u64,
 }
 
@@ -86,7 +86,7 @@ const _: () = {
 };
 
 impl PredictorConfig {
-    /// The size, and everything else 0.
+    /// The size; all other members are 0.
     #[must_use]
     pub fn defaults() -> Self {
         Self { size: size_of::<Self>() as u32, ..Self::default() }
@@ -94,7 +94,7 @@ impl PredictorConfig {
 }
 
 impl Predictor {
-    /// Checks the settings; nothing is under way.
+    /// Checks the settings; no control is pending.
     pub fn init(&mut self, config: &PredictorConfig) -> Code {
         match self.configured(config) {
             Ok(()) => ZIVI_OK,
@@ -121,7 +121,7 @@ impl Predictor {
         Ok(())
     }
 
-    /// Forgets what is under way: 0 acts until the first control does.
+    /// Forgets pending controls: a control of 0 acts until the first one that is sent does.
     pub fn reset(&mut self) -> Code {
         if let Err(code) = self.intact() {
             return code;
@@ -169,7 +169,7 @@ impl Predictor {
         }
     }
 
-    /// Takes note of the control that is sent now.
+    /// Stores the control that is sent.
     pub fn send(&mut self, u: Real) -> Code {
         if let Err(code) = self.intact() {
             return code;

@@ -8,7 +8,7 @@ use crate::code::{self, Code, ZIVI_OK};
 use crate::code::{Sealed, Word};
 use crate::config::{self, GainCondition, Given};
 
-/// Settings of a regulator. A member that is zero takes its default, unless its bit
+/// Settings of a regulator. A member that is zero has its default value, unless its bit
 /// of `given` is set.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -17,9 +17,9 @@ pub struct RegulatorConfig {
     pub size: u32,
     /// `ZIVI_TICK_LANDING` or `ZIVI_TICK_PAPER`.
     pub tick: u32,
-    /// Horizon of the landing in periods, 1 + the periods of delay; by default 1.
+    /// Horizon of the contact-establishing law in periods, 1 + the periods of delay; by default 1.
     pub ahead: u32,
-    /// `ZIVI_GIVEN_...`: which members count also where they are 0, in place of their defaults.
+    /// `ZIVI_GIVEN_...`: the members whose value 0 is intended and replaces the default.
     pub given: u32,
     /// Gain on the sign of the position (m/s^2).
     pub mu1: Real,
@@ -27,17 +27,17 @@ pub struct RegulatorConfig {
     pub mu2: Real,
     /// Sampling period (s), > 0.
     pub h: Real,
-    /// Coefficient of restitution of the wall, in (0, 1]; or give `kappa`.
+    /// Coefficient of restitution of the wall, in (0, 1]; or set `kappa`.
     pub e: Real,
     /// `(1 - e)/(1 + e)`, in (0, 1), in place of `e`.
     pub kappa: Real,
     /// A bound of the unknown force that the gains are checked against (m/s^2); by default none.
     pub bound: Real,
-    /// Dead zone of the landing, a bound of the errors of the measured velocity (m/s); by default 0.
+    /// Dead zone of the contact-establishing law, a bound of the velocity error (m/s); by default 0.
     pub quiet: Real,
-    /// Measurements down to `-depth` are taken as 0, deeper ones refused (m); by default 0.1.
+    /// Measurements down to `-depth` are replaced by 0, deeper ones are rejected (m); by default 0.1.
     pub depth: Real,
-    /// Least control of the actuator (m/s^2); no limits while both are 0.
+    /// Least control of the actuator (m/s^2); unlimited while both are 0.
     pub u_min: Real,
     /// Largest control of the actuator (m/s^2).
     pub u_max: Real,
@@ -58,31 +58,31 @@ pub struct Regulator {
     pub e: Real,
     /// `(1 - e)/(1 + e)`.
     pub kappa: Real,
-    /// Dead zone of the landing (m/s).
+    /// Dead zone of the contact-establishing law (m/s).
     pub quiet: Real,
-    /// How far behind the wall a measurement may lie (m).
+    /// Largest penetration of a valid measurement (m).
     pub depth: Real,
     /// Least control (m/s^2).
     pub u_min: Real,
     /// Largest control (m/s^2).
     pub u_max: Real,
-    /// Horizon of the landing in periods, 0 for the tick of the paper.
+    /// Horizon of the contact-establishing law in periods, 0 for the update of the paper.
     pub ahead: u32,
     /// 0.
     pub reserved: u32,
     /// The last control (m/s^2).
     pub u: Real,
-    /// Multiplier in `sgn s` of the last tick.
+    /// Selection of `sgn s` in the last update, in [-1, 1].
     pub lambda_s: Real,
-    /// Multiplier in `sgn v` of the last tick.
+    /// Selection of `sgn v` in the last update, in [-1, 1].
     pub lambda_v: Real,
-    /// Ticks since the start.
+    /// Updates since the start.
     pub ticks: u64,
-    /// Bits of what was done to the last sample and control.
+    /// Bits of the changes to the last sample (clamped) and control (saturated).
     pub status: u32,
     /// 0.
     pub unused: u32,
-    /// Checksum of the settings, by which an object that is damaged or not initialised is known.
+    /// Checksum of the settings, which reveals a damaged or uninitialised object.
     pub seal: u64,
 }
 
@@ -106,7 +106,7 @@ const _: () = {
 };
 
 impl RegulatorConfig {
-    /// The size, and everything else 0.
+    /// The size; all other members are 0.
     #[must_use]
     pub fn defaults() -> Self {
         Self { size: size_of::<Self>() as u32, ..Self::default() }
@@ -114,7 +114,7 @@ impl RegulatorConfig {
 }
 
 impl Regulator {
-    /// Checks the settings; nothing is remembered yet.
+    /// Checks the settings; there is no previous control.
     pub fn init(&mut self, config: &RegulatorConfig) -> Code {
         match self.configured(config) {
             Ok(()) => ZIVI_OK,
@@ -139,7 +139,7 @@ impl Regulator {
         Ok(())
     }
 
-    /// Forgets the last tick.
+    /// Forgets the last update.
     pub fn reset(&mut self) -> Code {
         if let Err(code) = self.intact() {
             return code;

@@ -20,14 +20,14 @@ pub const ZIVI_BRANCH_POSITIVE: u32 = 0;
 /// In `branch`: measurements are lifted to the preimage that is nearer to the reference.
 pub const ZIVI_BRANCH_NEAREST: u32 = 1;
 
-/// What a tracker's `given` may have.
+/// The valid bits of a tracker's `given`.
 const GIVEN: u32 = config::CONTROLLER
     | ZIVI_GIVEN_E_REF
     | ZIVI_GIVEN_KAPPA_REF
     | ZIVI_GIVEN_PRESS
     | ZIVI_GIVEN_HORIZON;
 
-/// Settings of a tracker. A member that is zero takes its default, unless its bit
+/// Settings of a tracker. A member that is zero has its default value, unless its bit
 /// of `given` is set.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -38,11 +38,11 @@ pub struct TrackerConfig {
     pub branch: u32,
     /// `ZIVI_TICK_LANDING` or `ZIVI_TICK_PAPER`.
     pub tick: u32,
-    /// Horizon of the landing in periods, 1 + the periods of delay; by default 1.
+    /// Horizon of the contact-establishing law in periods, 1 + the periods of delay; by default 1.
     pub ahead: u32,
-    /// 1: the measured velocity is taken half a period back in the air; 0: it is not.
+    /// 1: in free flight the measured velocity is shifted back by half a period; 0: it is not.
     pub shift: u32,
-    /// `ZIVI_GIVEN_...`: which members count also where they are 0, in place of their defaults.
+    /// `ZIVI_GIVEN_...`: the members whose value 0 is intended and replaces the default.
     pub given: u32,
     /// Gain on the sign of the position error (m/s^2).
     pub mu1: Real,
@@ -50,7 +50,7 @@ pub struct TrackerConfig {
     pub mu2: Real,
     /// Sampling period (s), > 0.
     pub h: Real,
-    /// Coefficient of restitution of the plant's wall, in (0, 1]; or give `kappa`.
+    /// Coefficient of restitution of the plant's wall, in (0, 1]; or set `kappa`.
     pub e: Real,
     /// `(1 - e)/(1 + e)`, in (0, 1), in place of `e`.
     pub kappa: Real,
@@ -63,13 +63,13 @@ pub struct TrackerConfig {
     /// Acceleration towards the wall of a mass at rest, at least `bound` (m/s^2); by default the
     /// law's own.
     pub press: Real,
-    /// Dead zone of the landing, a bound of the errors of the measured velocity (m/s); by default 0.
+    /// Dead zone of the contact-establishing law, a bound of the velocity error (m/s); by default 0.
     pub quiet: Real,
     /// Periods that a step is planned over, >= 1; by default 1.
     pub horizon: Real,
-    /// Measurements down to `-depth` are taken as 0, deeper ones refused (m); by default 0.1.
+    /// Measurements down to `-depth` are replaced by 0, deeper ones are rejected (m); by default 0.1.
     pub depth: Real,
-    /// Least control of the actuator (m/s^2); no limits while both are 0.
+    /// Least control of the actuator (m/s^2); unlimited while both are 0.
     pub u_min: Real,
     /// Largest control of the actuator (m/s^2).
     pub u_max: Real,
@@ -96,11 +96,11 @@ pub struct Tracker {
     pub kappa_ref: Real,
     /// Acceleration towards the wall of a mass at rest (m/s^2), infinite for the law's own.
     pub press: Real,
-    /// Dead zone of the landing (m/s).
+    /// Dead zone of the contact-establishing law (m/s).
     pub quiet: Real,
     /// Periods that a step is planned over.
     pub horizon: Real,
-    /// How far behind the wall a measurement may lie (m).
+    /// Largest penetration of a valid measurement (m).
     pub depth: Real,
     /// Least control (m/s^2).
     pub u_min: Real,
@@ -108,9 +108,9 @@ pub struct Tracker {
     pub u_max: Real,
     /// How measurements are lifted.
     pub branch: u32,
-    /// Horizon of the landing in periods, 0 for the tick of the paper.
+    /// Horizon of the contact-establishing law in periods, 0 for the update of the paper.
     pub ahead: u32,
-    /// Whether the measured velocity is taken half a period back in the air.
+    /// Whether the measured velocity is shifted back by half a period in free flight.
     pub shift: u32,
     /// 0.
     pub reserved: u32,
@@ -126,25 +126,25 @@ pub struct Tracker {
     pub xdot_ref: Real,
     /// The last control (m/s^2).
     pub u: Real,
-    /// Multiplier in `sgn s` of the last tick.
+    /// Selection of `sgn s` in the last update, in [-1, 1].
     pub lambda_s: Real,
-    /// Multiplier in `sgn v`.
+    /// Selection of `sgn v`.
     pub lambda_v: Real,
-    /// Multiplier in `sgn s_ref`.
+    /// Selection of `sgn s_ref`.
     pub lambda_sr: Real,
-    /// Multiplier in `sgn v_ref`.
+    /// Selection of `sgn v_ref`.
     pub lambda_vr: Real,
-    /// Multiplier in `sgn (s - s_ref)`.
+    /// Selection of `sgn (s - s_ref)`.
     pub lambda_es: Real,
-    /// Multiplier in `sgn (v - v_ref)`.
+    /// Selection of `sgn (v - v_ref)`.
     pub lambda_ev: Real,
-    /// Ticks since the last reset.
+    /// Updates since the last reset.
     pub ticks: u64,
-    /// Bits of what was done to the last sample and control.
+    /// Bits of the changes to the last sample (clamped) and control (saturated).
     pub status: u32,
-    /// Iterations of the last tick.
+    /// Iterations of the last update.
     pub iterations: u32,
-    /// Checksum of the settings, by which an object that is damaged or not initialised is known.
+    /// Checksum of the settings, which reveals a damaged or uninitialised object.
     pub seal: u64,
 }
 
@@ -170,7 +170,7 @@ const _: () = {
 };
 
 impl TrackerConfig {
-    /// The size, a horizon of 1, and everything else 0. (All zeros would be a call of memset.)
+    /// The size and a horizon of 1; all other members are 0. (All zeros would be a call of memset.)
     #[must_use]
     pub fn defaults() -> Self {
         Self { size: size_of::<Self>() as u32, horizon: 1.0, ..Self::default() }
@@ -202,8 +202,8 @@ impl GivenReference {
     }
 }
 
-/// The way of a reference in a period `h`, where it is given; `acceleration` is its own, NaN if it is
-/// not known.
+/// Motion of a given reference over a period `h`; `acceleration` is that of the reference, NaN if it is
+/// unknown.
 #[cold]
 #[inline(never)]
 fn course_between(
@@ -276,7 +276,7 @@ impl Tracker {
         Ok(())
     }
 
-    /// Puts the reference at `x_ref` with velocity `xdot_ref` and forgets the last tick.
+    /// Puts the reference at `x_ref` with velocity `xdot_ref` and forgets the last update.
     pub fn reset(&mut self, x_ref: Real, xdot_ref: Real) -> Code {
         match self.placed(Physical { x: x_ref, xdot: xdot_ref }) {
             Ok(()) => ZIVI_OK,
@@ -301,7 +301,7 @@ impl Tracker {
     }
 
     /// The same for a reference that is given at this sample and at the next one; `acceleration` is
-    /// its own over the period, NaN if it is not known.
+    /// its own over the period, NaN if it is unknown.
     pub fn step_to(
         &mut self,
         x: Real,
@@ -313,7 +313,7 @@ impl Tracker {
         self.tick(Physical { x, xdot }, force, acceleration, Some((&now, &next)))
     }
 
-    /// A tick for its own reference under the force `drive`, or for one that is given, with this
+    /// A control update for the tracker's own reference under the force `drive`, or for a given one with this
     /// acceleration.
     pub(crate) fn tick(
         &mut self,
@@ -336,7 +336,7 @@ impl Tracker {
         given: Option<(&GivenReference, &GivenReference)>,
     ) -> Result<Code, Code> {
         self.followable()?;
-        // the controller is made for each half of the tick: neither loads what only the other needs
+        // each half of the update constructs the controller: it loads only the members that it needs
         let planned = self.core().plan(measured, force, |core| {
             let Some(given) = given else { return Ok(core.own_period(drive)) };
             let (restitution, h) = (core.reference_step().restitution(), core.h());
@@ -369,7 +369,7 @@ impl Tracker {
             reference: Lifted { s: self.s_ref, v: self.v_ref },
             side: self.side,
             u: self.u,
-            signs: [0.0; 6], // of the last tick: they do not influence the next one
+            signs: [0.0; 6], // of the last update: they do not influence the next one
             status: TickStatus::default(),
             iterations: 0,
         };
@@ -399,7 +399,7 @@ fn approach(branch: u32) -> Option<Approach> {
     }
 }
 
-// What has to be before a tick, and periods without a sample.
+// Checks before an update, and periods without a sample.
 
 impl Tracker {
     /// Whether it is intact, and its reference a state.
@@ -426,7 +426,7 @@ impl Tracker {
     fn held(&mut self, force_ref: Real, next: Option<&GivenReference>) -> Result<(), Refusal> {
         self.followable().map_err(Refusal)?;
         let mut core = self.core();
-        // the signs of the last tick are held, too
+        // the signs of the last update are held as well
         let Self { lambda_s, lambda_v, lambda_sr, lambda_vr, lambda_es, lambda_ev, .. } = *self;
         let signs = [lambda_s, lambda_v, lambda_sr, lambda_vr, lambda_es, lambda_ev];
         core.set_state(TrackerState { signs, ..core.state() });

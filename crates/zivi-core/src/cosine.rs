@@ -163,7 +163,7 @@ mod tests {
         }
     }
 
-    /// Drawn arguments: the last bits of a product, spread over so many orders of magnitude.
+    /// Drawn arguments: the last bits of a product, spread over this number of orders of magnitude.
     fn drawn(n: u64) -> f64 {
         let part = n.wrapping_mul(0x9e37_79b9_7f4a_7c15) as f64 / u64::MAX as f64 - 0.5;
         let size = match n % 4 {

@@ -59,7 +59,7 @@ pub(crate) unsafe fn instantiated(
     unsafe { allocated(Instance::new(model, name, log, environment)) }
 }
 
-/// What a pointer points to, unless it is NULL or not aligned.
+/// The object at a pointer, unless the pointer is NULL or not aligned.
 pub(crate) unsafe fn place<'a, T>(pointer: *mut T) -> Option<&'a mut T> {
     if pointer.is_aligned() {
         // SAFETY: the importer's, or ours
@@ -71,11 +71,11 @@ pub(crate) unsafe fn place<'a, T>(pointer: *mut T) -> Option<&'a mut T> {
 
 /// The instance of a call.
 pub(crate) unsafe fn instance<'a>(pointer: *mut Instance) -> Option<&'a mut Instance> {
-    // SAFETY: the importer gives what it got from an instantiation, or NULL
+    // SAFETY: the importer passes the pointer that an instantiation returned, or NULL
     unsafe { place(pointer) }
 }
 
-/// Whether an array with elements is where elements can be.
+/// Whether the address of an array with elements is valid.
 fn is_array<T>(pointer: *const T) -> bool {
     !pointer.is_null() && pointer.is_aligned()
 }
@@ -85,7 +85,7 @@ pub(crate) struct Variables<T> {
     pub(crate) references: *const u32,
     pub(crate) count: usize,
     pub(crate) values: T,
-    /// How many values there are, in FMI 3.
+    /// Number of values, in FMI 3.
     pub(crate) room: usize,
     pub(crate) kind: DataType,
 }
@@ -119,7 +119,7 @@ pub(crate) unsafe fn get<V>(
     }
     let seen = it.seen();
     for k in 0..asked.count {
-        // SAFETY: the array has so many elements
+        // SAFETY: the array has this number of elements
         let reference = unsafe { asked.references.add(k).read() };
         match seen.get(it.model.table(), reference, asked.kind) {
             // SAFETY: as above
@@ -143,7 +143,7 @@ pub(crate) unsafe fn set<V: Copy>(
     }
     let before = it.state;
     for k in 0..asked.count {
-        // SAFETY: the arrays have so many elements
+        // SAFETY: the arrays have this number of elements
         let (reference, value) =
             unsafe { (asked.references.add(k).read(), asked.values.add(k).read()) };
         if it.set(reference, asked.kind, read(value)) != OK {
@@ -257,7 +257,7 @@ pub(crate) unsafe fn restore(
     }
 }
 
-/// A function that none of the models has.
+/// A function that all models lack.
 pub(crate) unsafe fn absent(it: *mut Instance) -> Status {
     // SAFETY: see `instance`
     match unsafe { instance(it) } {

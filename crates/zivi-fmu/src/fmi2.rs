@@ -10,7 +10,7 @@ use crate::shared::{absent, lifecycle, variables};
 use crate::state::{mode, FmuState};
 use crate::table::DataType;
 
-/// What an importer gives for an instance; the memory is our own business.
+/// Callbacks of an importer for an instance; memory is allocated by the library.
 #[repr(C)]
 pub(crate) struct Fmi2Callbacks {
     logger: Option<Logger2>,
@@ -93,7 +93,7 @@ variables! {
         |value| f64::from(u8::from(value != 0));
 }
 
-/// No step is ever pending: there is nothing to ask after.
+/// A step is never pending, so there is no status to query.
 macro_rules! statuses {
     ($($name:ident)*) => {$(
         #[no_mangle]

@@ -101,7 +101,7 @@ lifecycle! {
 variables! {
     fmi3GetFloat64 fmi3SetFloat64: Real as f64, |value| value, |value| value, room;
     fmi3GetInt32 fmi3SetInt32: Integer as i32, |value| value as i32, f64::from, room;
-    // a byte: what an importer gives need not be 0 or 1
+    // a byte: the importer's value may differ from 0 and 1
     fmi3GetBoolean fmi3SetBoolean: Boolean as u8, |value| u8::from(value != 0.0),
         |value| f64::from(u8::from(value != 0)), room;
 }

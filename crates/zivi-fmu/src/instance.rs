@@ -1,4 +1,4 @@
-//! An instance: a model, its state, and whom it tells what is wrong.
+//! An instance: a model, its state and its logger.
 
 use core::ffi::{c_char, c_void, CStr};
 
@@ -7,20 +7,20 @@ use crate::state::StepRefusal;
 use crate::state::{mode, FmuState};
 use crate::table::DataType;
 
-/// What a function of FMI gives, in both versions.
+/// Status that a function of FMI returns, in both versions.
 pub(crate) type Status = i32;
 pub(crate) const OK: Status = 0;
 pub(crate) const WARNING: Status = 1;
 pub(crate) const DISCARD: Status = 2;
 pub(crate) const ERROR: Status = 3;
 
-/// The logger of FMI 2; what follows the message is never given.
+/// The logger of FMI 2; arguments after the message are never passed.
 pub(crate) type Logger2 =
     unsafe extern "C" fn(*mut c_void, *const c_char, Status, *const c_char, *const c_char, ...);
 /// The logger of FMI 3.
 pub(crate) type Logger3 = unsafe extern "C" fn(*mut c_void, Status, *const c_char, *const c_char);
 
-/// Whom to tell.
+/// The logger.
 #[derive(Clone, Copy)]
 pub(crate) enum Log {
     Nobody,
@@ -31,7 +31,7 @@ pub(crate) enum Log {
 /// Bytes of a name that are kept for the logger.
 const NAME: usize = 64;
 
-/// What is kept of a name; it ends with 0.
+/// The stored part of a name; it ends with 0.
 pub(crate) fn kept(name: &[u8]) -> [u8; NAME] {
     let mut kept = [0; NAME];
     // the last byte stays 0
@@ -61,14 +61,14 @@ impl Instance {
         }
     }
 
-    /// Tells what is wrong, and gives the status.
+    /// Logs an error and returns the status.
     pub(crate) fn tell(&self, status: Status, words: &CStr) -> Status {
         self.log.tell(self.environment, &self.name, status, words)
     }
 }
 
 impl Log {
-    /// Tells what is wrong with an instance of a name that ends with 0, and gives the status.
+    /// Logs an error of an instance with a name that ends with 0, and returns the status.
     pub(crate) fn tell(
         self,
         environment: *mut c_void,
@@ -96,7 +96,7 @@ impl Log {
 }
 
 impl Instance {
-    /// Goes from one mode to the next.
+    /// Enters the next mode.
     pub(crate) fn go(&mut self, from: u32, to: u32) -> Status {
         if self.state.mode != from {
             return self.tell(ERROR, c"this function must not be called now");

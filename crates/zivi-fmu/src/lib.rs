@@ -1,8 +1,8 @@
 //! The binary of zivi's FMUs (functional mock-up units), for FMI 2.0 and 3.0 co-simulation.
 //!
 //! One shared library serves all models and both versions; the token with which an importer
-//! instantiates says which model. A model is a table of variables (`table`) around the objects of
-//! `zivi-c`; what changes while it runs is one plain structure (`state::FmuState`), so that getting,
+//! instantiates selects the model. A model is a table of variables (`table`) around the objects of
+//! `zivi-c`; the data that change during a run are one plain structure (`state::FmuState`), so that getting,
 //! setting and storing it is a copy. `python/zivi/fmu` writes the descriptions that belong to it.
 //!
 //! An output is computed when it is read: a control answers the inputs that were set since the last

@@ -1,4 +1,4 @@
-//! The models: what their parameters set up, what a step does, what their outputs are.
+//! The models: their parameters, steps and outputs.
 
 use zivi_c::{
     code, MassConfig, ObserverConfig, RegulatorConfig, TrackerConfig, ZIVI_BRANCH_NEAREST,

@@ -1,4 +1,4 @@
-//! What the models are made of.
+//! Objects of the models.
 
 use zivi_c::{Mass, Observer, Regulator, Tracker};
 

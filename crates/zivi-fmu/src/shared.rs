@@ -1,6 +1,6 @@
 //! Functions that FMI 2 and FMI 3 have alike, under their names in each.
 
-/// What takes an instance, or a state of it, and nothing else that the versions differ in.
+/// Functions with an instance or its state as their only arguments that differ between the versions.
 macro_rules! lifecycle {
     (
         free: $free:ident, log: $log:ident, ready: $ready:ident, end: $end:ident, reset: $reset:ident,
@@ -15,7 +15,7 @@ macro_rules! lifecycle {
 
         #[no_mangle]
         unsafe extern "C" fn $log(it: *mut Instance) -> Status {
-            // SAFETY: NULL or ours; what is wrong is always told
+            // SAFETY: NULL or ours; an error is always logged
             unsafe { common::instance(it) }.map_or(ERROR, |_| OK)
         }
 
@@ -104,7 +104,7 @@ macro_rules! variables {
             let (room, kind) = (count, DataType::$kind);
             $(let room = room.min($room);)?
             let asked = common::Variables { references, count, values, room, kind };
-            // SAFETY: the arrays have so many elements
+            // SAFETY: the arrays have this number of elements
             unsafe { common::get(it, asked, $made) }
         }
 
@@ -119,13 +119,13 @@ macro_rules! variables {
             let (room, kind) = (count, DataType::$kind);
             $(let room = room.min($room);)?
             let asked = common::Variables { references, count, values, room, kind };
-            // SAFETY: the arrays have so many elements
+            // SAFETY: the arrays have this number of elements
             unsafe { common::set(it, asked, $read) }
         }
     )*};
 }
 
-/// Functions that are not provided. Of their arguments only the instance is looked at, which the
+/// Functions that are not provided. They read only the instance of their arguments, which the
 /// calling conventions of C allow.
 macro_rules! absent {
     ($($name:ident)*) => {$(

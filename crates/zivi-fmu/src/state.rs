@@ -3,7 +3,7 @@
 use crate::objects::{Objects, MOST};
 use crate::table::{DataType, Role, ScalarVariable};
 
-/// What an instance may be asked for.
+/// The mode of an instance.
 pub(crate) mod mode {
     pub(crate) const INSTANTIATED: u32 = 0;
     pub(crate) const INITIALISATION: u32 = 1;
@@ -97,7 +97,7 @@ pub(crate) enum StepRefusal {
     Length,
     /// It is not a multiple of `h`.
     Multiple,
-    /// A step of the mass has no end.
+    /// The state after a step of the mass is not finite.
     Code(i32),
 }
 

@@ -1,4 +1,4 @@
-//! The border: codes, words, and no panic across.
+//! The C interface: codes, messages, and panics turned into codes.
 
 use std::cell::RefCell;
 use std::ffi::{c_char, CString};
@@ -7,18 +7,18 @@ use std::panic::{catch_unwind, AssertUnwindSafe};
 use zivi::SetupError;
 use zivi_c::code::{ZIVI_E_NULL, ZIVI_E_SIZE};
 
-/// What was asked for is out of range: `zivi_last_error` says what, and nothing was computed.
+/// An argument is out of range and is named by `zivi_last_error`; nothing was computed.
 pub const ZIVI_E_INVALID: i32 = -50;
-/// A fault in zivi; `zivi_last_error` has its words.
+/// A fault in zivi, described by `zivi_last_error`.
 pub const ZIVI_E_PANIC: i32 = -51;
-/// There is no memory for what was asked for; nothing was computed.
+/// Insufficient memory; nothing was computed.
 pub const ZIVI_E_MEMORY: i32 = -52;
 
 thread_local! {
     static WORDS: RefCell<CString> = RefCell::default();
 }
 
-/// Why a call is rejected.
+/// The reason of a rejected call.
 pub(crate) struct Refused {
     code: i32,
     words: String,
@@ -55,7 +55,7 @@ impl<E: std::fmt::Display> From<E> for Refused {
     }
 }
 
-/// Runs what a call asks for: a code, and words where it is rejected or fails.
+/// Runs the body of a call; returns a code, and stores a message if the call is rejected or fails.
 pub(crate) fn guarded(call: impl FnOnce() -> Result<i32, Refused>) -> i32 {
     let refused = match catch_unwind(AssertUnwindSafe(call)) {
         Ok(Ok(code)) => return code,
@@ -71,23 +71,23 @@ pub(crate) fn guarded(call: impl FnOnce() -> Result<i32, Refused>) -> i32 {
     refused.code
 }
 
-/// What was wrong in the last call of this thread that gave a code < 0; kept until the next one.
+/// Message of the last call of this thread that returned a code < 0; valid until the next such call.
 #[no_mangle]
 pub extern "C" fn zivi_last_error() -> *const c_char {
     WORDS.with(|kept| kept.borrow().as_ptr())
 }
 
-/// What a pointer points to.
+/// The object at a pointer.
 pub(crate) unsafe fn read<'a, T>(pointer: *const T) -> Result<&'a T, Refused> {
     let aligned = pointer.is_aligned();
-    // SAFETY: the caller says that it points to an object
+    // SAFETY: by contract it points to an object
     unsafe { pointer.as_ref() }.filter(|_| aligned).ok_or_else(Refused::null)
 }
 
-/// What a pointer points to, to be written.
+/// The object at a pointer, to be written.
 pub(crate) unsafe fn written<'a, T>(pointer: *mut T) -> Result<&'a mut T, Refused> {
     let aligned = pointer.is_aligned();
-    // SAFETY: the caller says that it points to an object
+    // SAFETY: by contract it points to an object
     unsafe { pointer.as_mut() }.filter(|_| aligned).ok_or_else(Refused::null)
 }
 
@@ -99,11 +99,11 @@ pub(crate) unsafe fn array<'a>(pointer: *const f64, length: usize) -> Result<&'a
     if pointer.is_null() || !pointer.is_aligned() || length > isize::MAX as usize / 8 {
         return Err(Refused::null());
     }
-    // SAFETY: the caller says that it has so many elements
+    // SAFETY: by contract it has this number of elements
     Ok(unsafe { std::slice::from_raw_parts(pointer, length) })
 }
 
-/// A list of so many equal numbers, if they fit into memory; `what` and `n` are what the caller gave.
+/// A list of equal numbers, if it fits into memory; `what` and `n` are the caller's, for the message.
 pub(crate) fn filled<T: Copy>(
     value: T,
     length: usize,

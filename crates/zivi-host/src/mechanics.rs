@@ -12,7 +12,7 @@ use crate::simulation::{How, Method, UnwatchedRun};
 
 /// Writes a system at `t`, `q`, `w = q'` into `out`, one after another: the mass matrix (n x n), the
 /// forces (n), the gaps (m), their gradients (m x n), the rest of their second derivatives (m), their
-/// partial derivatives in time (m). Not 0 ends the run, which keeps what was computed.
+/// partial derivatives in time (m). A return value other than 0 ends the run, which keeps its data.
 pub type Evaluation = Option<
     unsafe extern "C" fn(
         user: *mut c_void,
@@ -39,14 +39,14 @@ pub struct Mechanics {
     pub e: *const f64,
     /// The system.
     pub function: Evaluation,
-    /// What `function` is called with.
+    /// Pointer that is passed to `function`.
     pub user: *mut c_void,
 }
 
 /// A run of a mechanical system.
 pub struct MechanicalHandle(MechanicalRun<CallerFailed>);
 
-/// Simulates from `q0`, `w0` and gives the run, to be freed by `zivi_mechanical_free`. Codes are those
+/// Simulates from `q0`, `w0` and returns the run, to be freed by `zivi_mechanical_free`. Codes are those
 /// of `zivi_simulate`; `method` may be NULL, and must not have an `h`.
 #[no_mangle]
 pub unsafe extern "C" fn zivi_simulate_mechanical(
@@ -73,7 +73,7 @@ pub unsafe extern "C" fn zivi_simulate_mechanical(
         let function = system.function.ok_or_else(Refused::null)?;
         let user = system.user;
         let function = |t: f64, q: &[f64], w: &[f64], out: &mut [f64]| {
-            // SAFETY: the caller's function with its pointer; the arrays are as long as it says
+            // SAFETY: the caller's function with its pointer; the arrays have the promised lengths
             match unsafe { function(user, t, q.as_ptr(), w.as_ptr(), out.as_mut_ptr()) } {
                 0 => Ok(()),
                 _ => Err(CallerFailed),
@@ -113,7 +113,7 @@ pub unsafe extern "C" fn zivi_mechanical_status(run: *const MechanicalHandle) ->
     guarded(|| Ok(unsafe { read(run) }?.0.status as i32))
 }
 
-/// How many samples there are.
+/// Number of samples.
 #[no_mangle]
 pub unsafe extern "C" fn zivi_mechanical_samples(run: *const MechanicalHandle) -> usize {
     // SAFETY: the caller's

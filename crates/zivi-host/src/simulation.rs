@@ -10,13 +10,13 @@ use zivi::{
 
 use crate::border::{array, checked_size, guarded, read, written, CallerFailed, Refused};
 
-/// A force per unit mass: writes `f(t, x, xdot)` (m/s^2) to `*force`; not 0 ends the run, which
-/// keeps what was computed. `user` is the pointer of the system.
+/// A force per unit mass: writes `f(t, x, xdot)` (m/s^2) to `*force`; another return value than 0 ends the run, which
+/// keeps its data. `user` is the pointer of the system.
 pub type ForceFunction = Option<
     unsafe extern "C" fn(user: *mut c_void, t: f64, x: f64, xdot: f64, force: *mut f64) -> i32,
 >;
 
-/// `x'' = f`, `x >= 0`, `x'+ = -e x'-`. A member that is zero takes its default.
+/// `x'' = f`, `x >= 0`, `x'+ = -e x'-`. A member that is zero has its default value.
 #[repr(C)]
 #[derive(Clone, Copy)]
 pub struct System {
@@ -28,15 +28,15 @@ pub struct System {
     pub e: f64,
     /// `(1 - e)/(1 + e)`, in place of `e`.
     pub kappa: f64,
-    /// The force where it is constant (m/s^2).
+    /// The constant force (m/s^2), used if `function` is NULL.
     pub force: f64,
-    /// The force where it is not, else NULL.
+    /// The force as a function; NULL for a constant force.
     pub function: ForceFunction,
-    /// What `function` is called with.
+    /// Pointer that is passed to `function`.
     pub user: *mut c_void,
 }
 
-/// How a run is computed. A member that is zero takes its default.
+/// How a run is computed. A member that is zero has its default value.
 #[repr(C)]
 #[derive(Clone, Copy)]
 pub struct Method {
@@ -57,7 +57,7 @@ pub struct Method {
     pub max_step: f64,
     /// Times of the samples, increasing; NULL: where the steps end.
     pub t_eval: *const f64,
-    /// How many they are.
+    /// Number of these times.
     pub n_eval: usize,
 }
 
@@ -66,7 +66,7 @@ pub use zivi::Impact;
 /// A run.
 pub struct RunHandle(Trajectory);
 
-/// Sets the size, and everything else to its default.
+/// Sets the size, and all other members to their defaults.
 #[no_mangle]
 pub unsafe extern "C" fn zivi_system_defaults(system: *mut System) -> i32 {
     guarded(|| {
@@ -84,7 +84,7 @@ pub unsafe extern "C" fn zivi_system_defaults(system: *mut System) -> i32 {
     })
 }
 
-/// Sets the size, and everything else to its default.
+/// Sets the size, and all other members to their defaults.
 #[no_mangle]
 pub unsafe extern "C" fn zivi_method_defaults(method: *mut Method) -> i32 {
     guarded(|| {
@@ -103,9 +103,9 @@ pub unsafe extern "C" fn zivi_method_defaults(method: *mut Method) -> i32 {
     })
 }
 
-/// Simulates from `t0` to `t1` and gives the run, to be freed by `zivi_run_free`. The code is the
-/// status of the run, 0 if the end was reached: a run that ended early keeps what was computed.
-/// Where it is < 0, nothing was computed and `*run` is NULL. `method` may be NULL.
+/// Simulates from `t0` to `t1` and returns the run, to be freed by `zivi_run_free`. The code is the
+/// status of the run, 0 if the end was reached: a run that ended early keeps its data.
+/// If it is < 0, nothing was computed and `*run` is NULL. `method` may be NULL.
 #[no_mangle]
 pub unsafe extern "C" fn zivi_simulate(
     system: *const System,
@@ -156,7 +156,7 @@ pub unsafe extern "C" fn zivi_run_status(run: *const RunHandle) -> i32 {
     guarded(|| Ok(unsafe { read(run) }?.0.status as i32))
 }
 
-/// How many samples there are.
+/// Number of samples.
 #[no_mangle]
 pub unsafe extern "C" fn zivi_run_samples(run: *const RunHandle) -> usize {
     // SAFETY: the caller's
@@ -182,7 +182,7 @@ pub unsafe extern "C" fn zivi_run_rest_time(run: *const RunHandle) -> f64 {
     unsafe { read(run) }.ok().and_then(|it| it.0.events.rest_time).unwrap_or(f64::NAN)
 }
 
-/// The impacts that were resolved, valid until the run is freed; `*count` is how many.
+/// The impacts that were resolved, valid until the run is freed; `*count` is their number.
 #[no_mangle]
 pub unsafe extern "C" fn zivi_run_impacts(
     run: *const RunHandle,
@@ -198,7 +198,7 @@ pub unsafe extern "C" fn zivi_run_impacts(
     }
 }
 
-/// What a status of a run means, and what to try.
+/// Meaning and remedy of the status of a run.
 #[no_mangle]
 pub extern "C" fn zivi_status_message(status: i32) -> *const c_char {
     static WORDS: OnceLock<Vec<CString>> = OnceLock::new();
@@ -218,7 +218,7 @@ pub(crate) fn restitution(e: f64, kappa: f64) -> Result<Restitution, Refused> {
     })
 }
 
-/// The method that was asked for.
+/// The requested method.
 pub(crate) struct How<'a> {
     pub(crate) h: f64,
     pub(crate) settings: SwitchedRk,

@@ -12,16 +12,16 @@ use zivi_core::vi::{
 use crate::border::{array, checked_size, filled, guarded, read, written, Refused};
 use zivi::numeric::lu::ByBlocks;
 
-/// Writes `F(z)`, `n` numbers, into `f`; not 0 ends the solve, which keeps its best point.
+/// Writes `F(z)`, `n` numbers, into `f`; another return value than 0 ends the solve, which keeps its best point.
 pub type MapFunction =
     Option<unsafe extern "C" fn(user: *mut c_void, n: usize, z: *const f64, f: *mut f64) -> i32>;
 
-/// Writes `dF_i/dz_j` into `jacobian[i n + j]`; not 0 ends the solve.
+/// Writes `dF_i/dz_j` into `jacobian[i n + j]`; another return value than 0 ends the solve.
 pub type JacobianFunction = Option<
     unsafe extern "C" fn(user: *mut c_void, n: usize, z: *const f64, jacobian: *mut f64) -> i32,
 >;
 
-/// A box VI. A member that is zero or NULL takes its default.
+/// A box VI. A member that is zero or NULL has its default value.
 #[repr(C)]
 #[derive(Clone, Copy)]
 pub struct ViProblem {
@@ -39,13 +39,13 @@ pub struct ViProblem {
     pub map: MapFunction,
     /// Its Jacobian; NULL: differences of the map.
     pub jacobian: JacobianFunction,
-    /// What they are called with.
+    /// Pointer that is passed to both functions.
     pub user: *mut c_void,
     /// Largest natural residual of a solution, by default 1e-9.
     pub tol: f64,
 }
 
-/// What a solve found.
+/// Result of a solve.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default)]
 pub struct ViReport {
@@ -61,7 +61,7 @@ pub struct ViReport {
     pub evaluations: u64,
 }
 
-/// Sets the size, and everything else to its default.
+/// Sets the size, and all other members to their defaults.
 #[no_mangle]
 pub unsafe extern "C" fn zivi_vi_defaults(problem: *mut ViProblem) -> i32 {
     guarded(|| {
@@ -81,8 +81,8 @@ pub unsafe extern "C" fn zivi_vi_defaults(problem: *mut ViProblem) -> i32 {
     })
 }
 
-/// Solves a box VI from the start in `z`, where the best point found is put. The code is the status,
-/// 0 or 1 if it solves the problem; < 0 if the problem was refused, `z` is as it was then. `report`
+/// Solves a box VI from the initial point `z`, which the best point found replaces. The code is the
+/// status, 0 or 1 if solved. It is < 0 if the problem was rejected; `z` is then unchanged. `report`
 /// may be NULL.
 #[no_mangle]
 pub unsafe extern "C" fn zivi_solve_vi(
@@ -120,8 +120,8 @@ pub unsafe extern "C" fn zivi_solve_vi(
     })
 }
 
-/// Solves the affine box VI of `F(z) = M z + q`, `M` row by row; the rest as `zivi_solve_vi`. Of
-/// `problem` the bounds, `n` and `tol` are looked at.
+/// Solves the affine box VI of `F(z) = M z + q`, `M` row by row; otherwise as `zivi_solve_vi`.
+/// Only the bounds, `n` and `tol` of `problem` are used.
 #[no_mangle]
 pub unsafe extern "C" fn zivi_solve_avi(
     problem: *const ViProblem,
@@ -146,7 +146,7 @@ pub unsafe extern "C" fn zivi_solve_avi(
     })
 }
 
-/// What a status of a solve means, and what to try.
+/// Meaning and remedy of the status of a solve.
 #[no_mangle]
 pub extern "C" fn zivi_vi_message(status: i32) -> *const c_char {
     const ALL: [Status; 10] = [

@@ -33,7 +33,7 @@ pub(crate) fn refused(error: BatchError<PyErr>) -> PyErr {
     }
 }
 
-/// A name, or a number of samples; with `at` and `steps` the name says whether events are saved.
+/// A name, or a number of samples; with `at` and `steps` the name selects whether events are saved.
 fn saving<'a>(
     save: &Bound<'_, PyAny>,
     at: Option<&'a [f64]>,
@@ -285,7 +285,7 @@ pub(crate) fn rows<'a>(
 
 // Mechanical systems.
 
-/// One run of a batch of mechanical systems that need no interpreter.
+/// One run of a batch of mechanical systems that work without the interpreter.
 struct MechanicalMember<'a> {
     number: usize,
     mechanism: &'a Mechanism,
@@ -311,7 +311,7 @@ struct MechanicalEnd {
 }
 
 impl MechanicalMember<'_> {
-    /// The end of a run of which nothing is left.
+    /// The end of a run without data.
     fn lost(&self, t: f64, status: Status) -> MechanicalEnd {
         let (q, w) = self.start;
         let gaps = std::iter::repeat_n(f64::NAN, self.mechanism.m);
@@ -378,8 +378,8 @@ impl MechanicalMember<'_> {
     }
 }
 
-/// Runs of mechanical systems without friction that need no interpreter: of a mechanism for each run
-/// or of one for all, as `tstops`. `e` and the rows of `data` (parameters of a compiled function)
+/// Runs of frictionless mechanical systems without the interpreter, with a mechanism for each run
+/// or one for all, as `tstops`. `e` and the rows of `data` (parameters of a compiled function)
 /// belong to the runs if given.
 #[pyclass(frozen, module = "zivi._zivi")]
 pub(crate) struct MechanicalRuns {
@@ -526,7 +526,7 @@ pub(crate) struct MechanicalEnds {
     totals: Py<PyArray2<i64>>,
     first_impact: Array,
     last_impact: Array,
-    /// Since when nothing happened, and the largest speeds from the start and from then on.
+    /// Time of the last event, and the largest speeds from the start and from that time on.
     speeds: Py<PyArray2<f64>>,
     status: Py<PyArray1<u8>>,
     nfev: Py<PyArray1<i64>>,

@@ -128,7 +128,7 @@ impl Controller<PyErr> for PythonController<'_> {
 
 /// A reference that is given.
 pub(crate) enum GivenReference<'py> {
-    /// A function of time that gives `x, x'` and the acceleration, NaN where that is not known.
+    /// A function of time that returns `x, x'` and the acceleration, NaN if unknown.
     Function(Bound<'py, PyAny>),
     /// Its values at the samples.
     Samples(Vec<ReferencePoint>),
@@ -188,7 +188,7 @@ struct Surroundings<'a> {
     restitution_ref: Restitution,
 }
 
-/// Times of kicks and the velocities after them, if there are any.
+/// Times of velocity jumps and the velocities after them, if any.
 type Kicks<'a> = Option<(&'a [f64], Kick<'a, PyErr, PathPoint>)>;
 
 type Outcome = Result<LoopRun<PyErr>, SetupError>;
@@ -261,7 +261,7 @@ pub(crate) fn motion_of(method: &PyMethod, exact: bool) -> PyResult<Motion> {
 }
 
 /// A closed loop: `forces` are the plant's, the model's and the reference's; `method` integrates
-/// the plant, unless the force is constant and `exact` is set. `ours`: the controller's ticks are
+/// the plant, unless the force is constant and `exact` is set. `ours`: the controller's updates are
 /// those of one of our classes, not those of a subclass.
 #[pyfunction]
 #[pyo3(signature = (
@@ -586,7 +586,7 @@ struct TrackerScheme {
 }
 
 impl TrackerScheme {
-    /// The signs as the tick finds them; `None` where the reference's step has no solution.
+    /// The signs as the control update finds them; `None` if the reference's step lacks a solution.
     #[inline]
     fn exact(&self, [s, v, s_ref, v_ref]: [f64; STATE]) -> Option<[f64; SIGNS]> {
         let reference = Lifted { s: s_ref, v: v_ref };
@@ -598,7 +598,7 @@ impl TrackerScheme {
         Some([it.lambda_s, it.lambda_v, lambda_sr, lambda_vr, it.lambda_es, it.lambda_ev])
     }
 
-    /// All six signs as one VI; its rows_of_width are divided by as much as their terms can be.
+    /// All six signs as one VI; its rows are divided by the largest possible size of their terms.
     fn general(&self, solver: &mut SignSolver<SIGNS>, state: [f64; STATE]) -> bool {
         let [s, v, s_ref, v_ref] = state;
         let inclusion = TrackingInclusion {
@@ -613,7 +613,7 @@ impl TrackerScheme {
     }
 }
 
-/// The rows_of_width of a two-dimensional array.
+/// The rows of a two-dimensional array.
 fn rows_of_width<const N: usize>(
     name: &str,
     array: &PyReadonlyArray2<'_, f64>,
@@ -625,10 +625,10 @@ fn rows_of_width<const N: usize>(
     list((0..array.nrows()).map(|k| std::array::from_fn(|j| array[[k, j]])))
 }
 
-/// Signs of many steps of the tracker (NaN where there are none), and whether the solver calls them
+/// Signs of many steps of the tracker (NaN where there are none), and whether the solver reports them
 /// solved. `states` has the columns `s, v, s_r, v_r`; `starts` and the result have
 /// `ls, lv, lsr, lvr, les, lev`. A solve starts from its initial point or, if that is NaN, from the
-/// last signs that solved a step. The solver `"exact"` is the tick's and needs no start.
+/// last signs that solved a step. The solver `"exact"` is that of the control update and ignores the initial point.
 #[pyfunction]
 #[pyo3(signature = (
     states, starts, *, gains, kappa, kappa_ref, h, f, f_ref, solver, linearisations, fall_backs

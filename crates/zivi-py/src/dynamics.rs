@@ -40,19 +40,19 @@ enum Kind {
     Compiled(CompiledRows, Py<PyAny>),
     /// Matrices.
     Linear(Arc<LinearSystem>),
-    /// Bodies and joints, functions of time that rows follow, and what owns their code.
+    /// Bodies and joints, functions of time that rows follow, and the owner of their code.
     Tree(Arc<tree::Tree>, Arc<[(usize, CompiledFunction)]>, Option<Py<PyAny>>),
     /// Constants, flat gaps, and functions for the rest.
     Parts(Arc<SystemParts>),
-    /// A function, and whether it gives constants.
+    /// A function, and whether it is constant.
     Callable(Py<PyAny>, bool),
 }
 
 #[pymethods]
 impl Model {
-    /// A function at an address that returns 0, or else an error code, and is called with the data,
-    /// if there are any. The owner keeps code and data alive. `equalities` is the address of one that
-    /// gives the numbers of the equality rows alone; `drives` are rows from which prescribed motion is
+    /// A function at an address that returns 0 or an error code, and is called with the data,
+    /// if there are any. The owner keeps code and data alive. `equalities` is the address of a function that
+    /// computes only the numbers of the equality rows; `drives` are rows from which prescribed motion is
     /// taken, of `layout`, the numbers of coordinates, gaps, channels and rows.
     #[staticmethod]
     #[pyo3(signature = (address, *, data=None, owner, equalities=None, drives=vec![], layout=None))]
@@ -96,7 +96,7 @@ impl Model {
     }
 
     /// Constants in the places of an evaluation, flat gaps by number as those of `linear`, moving
-    /// surfaces by channel, channels that hold in stick what they take in slip, and functions for the
+    /// surfaces by channel, channels with equal friction limits while sticking and slipping, and functions for the
     /// rest. `steady` and `constant`: whether forces, and whether mass and gradients never change.
     #[staticmethod]
     #[pyo3(signature = (
@@ -199,8 +199,8 @@ impl Model {
         Ok(Self { kind: Kind::Linear(Arc::new(system)) })
     }
 
-    /// Bodies and joints; rows that follow compiled functions of time, which give place, speed and
-    /// acceleration, by their addresses, and what owns their code.
+    /// Bodies and joints; rows that follow compiled functions of time, which return position, velocity and
+    /// acceleration, by their addresses, and the owner of their code.
     #[staticmethod]
     #[pyo3(signature = (tree, *, drives=vec![], owner=None))]
     fn tree(
@@ -230,9 +230,9 @@ impl Model {
     }
 }
 
-// Systems of parts: what no function gives is computed here.
+// Systems of parts: numbers without a function are computed here.
 
-/// A function that gives some numbers of an evaluation: those from a place on.
+/// A function that computes a slice of the numbers of an evaluation.
 #[pyclass(name = "Part", frozen, module = "zivi._zivi")]
 pub(crate) struct PyPart {
     start: usize,
@@ -372,7 +372,7 @@ impl SystemParts {
         !self.functions.iter().all(|it| it.get().is_native())
     }
 
-    /// Writes what needs no function.
+    /// Writes the numbers that do not depend on a function.
     fn write(&self, scope: EvaluationScope, t: f64, q: &[f64], out: &mut [f64]) {
         match scope {
             EvaluationScope::All => self.flat.write(t, q, out),
@@ -499,11 +499,11 @@ impl CompiledFunction {
     }
 }
 
-/// A compiled function that gives all numbers of a system.
+/// A compiled function that computes all numbers of a system.
 #[derive(Clone)]
 struct CompiledRows {
     function: CompiledFunction,
-    /// One that gives those of the equality rows alone.
+    /// A compiled function that computes only the equality rows.
     equalities: Option<CompiledFunction>,
     /// Rows from which prescribed motion is taken.
     drives: Arc<[(usize, GapMotion)]>,
@@ -534,7 +534,7 @@ impl CompiledRows {
     }
 }
 
-/// Takes compiled functions of time from equality rows; what the last of them that failed returned, or 0.
+/// Removes compiled functions of time from equality rows; returns the last error code of them, or 0.
 fn drive_rows(
     drives: &[(usize, CompiledFunction)],
     layout: Layout,
@@ -553,7 +553,7 @@ fn drive_rows(
     failure
 }
 
-/// Prescribed motion that needs no interpreter.
+/// Prescribed motion without the interpreter.
 fn drives_of(given: &[(usize, Py<Wall>)]) -> PyResult<Vec<(usize, GapMotion)>> {
     let drive = |(row, wall): &(usize, Py<Wall>)| Some((*row, wall.get().motion_of_gap()?));
     let all: Option<Vec<_>> = given.iter().map(drive).collect();
@@ -587,7 +587,7 @@ impl<'py> AnyDynamics<'py> {
 
 /// Evaluator of a model.
 enum Evaluator<'a> {
-    /// Needs no interpreter.
+    /// Works without the interpreter.
     Native(Source),
     Parts(&'a Arc<SystemParts>),
     Callable(&'a Py<PyAny>, bool),
@@ -693,7 +693,7 @@ impl Dynamics<PyErr> for AnyDynamics<'_> {
     }
 }
 
-/// A system that needs no interpreter. The [`Model`] holds the owner of its code.
+/// A system that works without the interpreter. The [`Model`] holds the owner of its code.
 #[derive(Clone)]
 pub(crate) struct CompiledDynamics {
     layout: Layout,
@@ -710,7 +710,7 @@ enum Source {
 }
 
 impl CompiledDynamics {
-    /// Of a model that needs no interpreter.
+    /// From a model that works without the interpreter.
     pub(crate) fn of(model: &Model, layout: Layout) -> Option<Self> {
         let Evaluator::Native(source) = model.evaluator() else { return None };
         Some(Self { layout, source, raised: Raised::now() })
@@ -728,7 +728,7 @@ impl CompiledDynamics {
         self
     }
 
-    /// What a compiled function returned at a time, as an error unless it is zero.
+    /// The return code of a compiled function at a time, as an error unless it is zero.
     fn checked(&mut self, t: f64, code: c_int) -> PyResult<()> {
         if code != 0 || self.raised.here() {
             return Err(failed(t, code));
@@ -898,7 +898,7 @@ pub(crate) struct PythonDynamics<'py> {
 }
 
 enum PythonSource<'py> {
-    /// A function that gives all numbers.
+    /// A function that returns all numbers.
     Row(Bound<'py, PyAny>),
     /// Parts, and by part its function of the interpreter.
     Parts(Arc<SystemParts>, Vec<Option<Function<'py>>>),
@@ -968,7 +968,7 @@ impl<'py> PythonDynamics<'py> {
         Ok(())
     }
 
-    /// The numbers of a function that gives all of them.
+    /// All numbers from one function.
     fn evaluate_row(&mut self, (t, q, w): (f64, &[f64], &[f64]), out: &mut [f64]) -> PyResult<()> {
         let PythonSource::Row(callable) = &self.source else { return Ok(()) };
         hand(&mut self.q, q)?;

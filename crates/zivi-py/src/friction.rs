@@ -216,7 +216,7 @@ pub(crate) struct FrictionRecord {
 }
 
 impl FrictionRecord {
-    /// None of a run without friction.
+    /// `None` for a run without friction.
     pub(crate) fn of(py: Python<'_>, run: &MechanicalRun<PyErr>) -> PyResult<Option<Self>> {
         let (layout, samples, all) = (run.layout, &run.samples, &run.occurrences);
         let Layout { m, p, .. } = layout;

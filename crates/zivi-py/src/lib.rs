@@ -1,6 +1,6 @@
 //! The extension module `zivi._zivi`: conversion, release of the interpreter lock, statuses.
 //!
-//! No numerics here. users import `python/zivi`; `python/zivi/_zivi.pyi` types this module.
+//! This module is free of numerics. Users import `python/zivi`; `python/zivi/_zivi.pyi` types this module.
 
 mod batch;
 mod closed_loop;

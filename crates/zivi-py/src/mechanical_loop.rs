@@ -28,7 +28,7 @@ use crate::system::{kicks_of_mechanism, Configuration, Mechanism};
 pub(crate) struct MechanicalLoopRecord {
     run: Py<MechanicalRecord>,
     u: Matrix<f64>,
-    /// Bits of the status of each tick.
+    /// Status bits of each control update.
     tick_status: Py<PyArray1<u8>>,
     /// Control updates: all, rejected, saturated, unsolved, lost contacts.
     updates: [u64; 5],
@@ -157,7 +157,7 @@ struct Called<'a, 'py> {
     given: &'a CalledLoop,
 }
 
-/// An array of a kind that NumPy makes of anything; `None` where it does not.
+/// The object converted to an array by NumPy; `None` if that fails.
 fn array_of<'py>(value: &Bound<'py, PyAny>, kind: &str) -> PyResult<Option<Bound<'py, PyAny>>> {
     let py = value.py();
     let numpy = py.import("numpy")?;
@@ -217,7 +217,7 @@ impl MechanicalController<PyErr> for Called<'_, '_> {
     }
 }
 
-/// An observer of the interpreter: `step(t, q, qdot, u)` gives coordinates and velocities.
+/// An observer of the interpreter: `step(t, q, qdot, u)` returns coordinates and velocities.
 struct CalledObserver<'py>(Bound<'py, PyAny>);
 
 impl Observing<PyErr> for CalledObserver<'_> {
@@ -233,7 +233,7 @@ impl Observing<PyErr> for CalledObserver<'_> {
     }
 }
 
-/// Nobody observes.
+/// No observer.
 struct Nobody;
 
 impl Observing<PyErr> for Nobody {
@@ -249,10 +249,10 @@ struct Course<'a> {
     sampling: Sampling<'a>,
     from: (&'a [f64], &'a [f64]),
     sensor: MechanicalSensor<'a>,
-    /// Numbers of gaps, of controls and of periods that these are late.
+    /// Numbers of gaps, of controls and of periods of delay.
     sizes: (usize, usize, usize),
     dense: bool,
-    /// Velocities after kicks.
+    /// Velocities after impulses.
     kicks: Option<&'a Py<PyAny>>,
 }
 
@@ -292,7 +292,7 @@ impl Course<'_> {
 }
 
 /// A loop by the switched method, with free steps or one step per period. The lock is released if
-/// nothing in it needs the interpreter.
+/// no part of it needs the interpreter.
 #[pyfunction]
 #[pyo3(signature = (
     system, inputs, method, times, stops, start, controller, *, observer, noise, steps, delay, dense,
@@ -350,7 +350,7 @@ pub(crate) fn simulate_mechanical_loop(
     MechanicalLoopRecord::new(py, run, record, r)
 }
 
-/// A loop of the tracker of gaps.
+/// A loop with a gap tracker.
 fn run_tracker(
     py: Python<'_>,
     course: Course<'_>,

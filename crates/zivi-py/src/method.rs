@@ -294,7 +294,7 @@ impl MotionPath {
 
 #[pymethods]
 impl MotionPath {
-    /// All that it consists of, as plain numbers.
+    /// The complete state as plain numbers.
     fn numbers<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray1<f64>>> {
         stored(py, self.motion.to_numbers())
     }

@@ -28,7 +28,7 @@ type Array<'py> = Bound<'py, PyArray1<f64>>;
 /// Estimates, their standard deviations, and whether a measurement was rejected.
 type Observed<'py> = (Vec<Array<'py>>, Vec<Array<'py>>, Bound<'py, PyArray1<bool>>);
 
-/// The observer; `zivi.ImpactObserver` is what users see.
+/// The observer; users see its subclass `zivi.ImpactObserver`.
 #[pyclass(subclass, module = "zivi._zivi", name = "Observer")]
 pub(crate) struct PyObserver {
     pub(crate) inner: ImpactObserver,
@@ -62,7 +62,7 @@ impl PyObserver {
         Ok(Self { inner: ImpactObserver::new(settings) })
     }
 
-    /// Give the estimate at this measurement.
+    /// Return the estimate at this measurement.
     ///
     /// Parameters
     /// ----------
@@ -75,7 +75,7 @@ impl PyObserver {
     ///     Known force on the mass over the period that ends with this measurement (m/s^2).
     /// u : float
     ///     Control that acted over that period, after limits and delay (m/s^2). At the first
-    ///     measurement both are of no consequence.
+    ///     measurement both are ignored.
     /// dt : float, optional
     ///     Time since the last call, > 0 (s); by default `h`.
     ///
@@ -87,7 +87,7 @@ impl PyObserver {
     /// Raises
     /// ------
     /// ValueError
-    ///     For an infinite measurement, or another number that is not finite; nothing has changed
+    ///     If the measurement is infinite or another number is not finite. The observer is then
     ///     then.
     #[pyo3(signature = (x, xdot=None, force=0.0, u=0.0, *, dt=None))]
     fn step(

@@ -316,7 +316,7 @@ impl PyMechanicalPath {
         ))
     }
 
-    /// All that it consists of, as plain numbers.
+    /// The complete state as plain numbers.
     fn numbers<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray1<f64>>> {
         stored(py, self.path.to_numbers())
     }
@@ -336,7 +336,7 @@ impl PyMechanicalPath {
 
 // Exact motion under constant forces, from Python.
 
-/// Where motions are after a while.
+/// Positions and velocities of motions after a time.
 #[pyclass(frozen, get_all, module = "zivi._zivi")]
 pub(crate) struct Ballistic {
     x: Array,
@@ -382,7 +382,7 @@ pub(crate) struct MechanicalRecord {
     /// Multipliers of the equality rows, where there are any.
     constraint_forces: Option<Matrix<f64>>,
     contacts: Matrix<bool>,
-    /// Since when nothing happened, and the largest speeds from the start and from then on, where
+    /// Time of the last event, and the largest speeds from the start and from that time on, where
     /// only the ends are sampled.
     speeds: Option<(f64, f64, f64)>,
     /// Occurrences at the gaps, if any.
@@ -543,7 +543,7 @@ fn square(py: Python<'_>, values: Vec<f64>, size: usize) -> PyResult<Matrix<f64>
     Ok(PyArray1::from_vec(py, values).reshape([size, size])?.unbind())
 }
 
-/// The impacts of one word of a linear system, in the order of their times.
+/// The impacts of one event sequence of a linear system, in the order of their times.
 #[pyclass(frozen, module = "zivi._zivi")]
 pub(crate) struct PeriodicImpulses {
     modes: Modes,
@@ -597,7 +597,7 @@ impl PeriodicImpulses {
         Ok(Self { modes, gaps })
     }
 
-    /// Of each impact by how much the speed of its gap rises with its own unit impulse.
+    /// For each impact the increase of the speed of its gap by its own unit impulse.
     #[getter]
     fn mobilities(&self, py: Python<'_>) -> Array {
         PyArray1::from_iter(py, self.gaps.iter().map(|&gap| self.modes.mobilities[gap])).unbind()
@@ -627,7 +627,7 @@ impl PeriodicImpulses {
         Ok((square(py, real, y.len())?, square(py, sine, y.len())?))
     }
 
-    /// The gradients of `w R v` and `w S v` by the unknowns.
+    /// The gradients of `w R v` and `w S v` with respect to the unknowns.
     fn curvature(
         &self,
         py: Python<'_>,

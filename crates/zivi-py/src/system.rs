@@ -172,7 +172,7 @@ pub(crate) struct PyRecordOptions {
     pub(crate) t_eval: Option<Py<PyArray1<f64>>>,
     /// Times where the force is not smooth.
     pub(crate) tstops: Option<Py<PyArray1<f64>>>,
-    /// The velocities after a kick at one of these times, None without kicks: a function of the
+    /// The velocities after an impulse at one of these times, `None` without impulses: a function of the
     /// time, the position and the velocity.
     pub(crate) kicks: Option<Py<PyAny>>,
     pub(crate) events: Vec<Py<PyEvent>>,
@@ -180,7 +180,7 @@ pub(crate) struct PyRecordOptions {
     pub(crate) ends: bool,
     /// Whether the motion between the samples is kept.
     pub(crate) dense: bool,
-    /// Whether at least the arcs of it are kept that jumps skip.
+    /// Whether at least the extrapolated flights are kept.
     pub(crate) arcs: bool,
 }
 
@@ -216,7 +216,7 @@ impl PyRecordOptions {
         !self.events.is_empty() || self.kicks.is_some()
     }
 
-    /// Kicks of a mass.
+    /// Velocity jumps of a mass.
     pub(crate) fn kicks_of_point<'py>(
         &self,
         py: Python<'py>,
@@ -225,7 +225,7 @@ impl PyRecordOptions {
     }
 }
 
-/// A kick of a mass, by a function of the time, the position and the velocity.
+/// A velocity jump of a mass, a function of the time, the position and the velocity.
 pub(crate) fn kick_of_point<'py>(
     py: Python<'py>,
     function: &Py<PyAny>,
@@ -237,7 +237,7 @@ pub(crate) fn kick_of_point<'py>(
     })
 }
 
-/// Kicks of a mechanical system of `n` coordinates.
+/// Velocity jumps of a mechanical system of `n` coordinates.
 pub(crate) fn kicks_of_mechanism(function: &Py<PyAny>, n: usize) -> Kick<'_, PyErr, MotionPoint> {
     Box::new(move |t, at| {
         Python::attach(|py| {
@@ -465,7 +465,7 @@ enum InputsKind {
     Constant(Vec<f64>),
     /// A compiled function and its owner.
     Compiled(CompiledFunction, Py<PyAny>),
-    /// A function of `(t, q)` that gives an array.
+    /// A function of `(t, q)` that returns an array.
     Callable(Py<PyAny>),
 }
 
@@ -484,7 +484,7 @@ impl PyInputs {
         Self { r, kind: InputsKind::Compiled(function, owner) }
     }
 
-    /// A function of time and coordinates that gives a contiguous matrix.
+    /// A function of time and coordinates that returns a contiguous matrix.
     #[staticmethod]
     fn callable(r: usize, function: Py<PyAny>) -> Self {
         Self { r, kind: InputsKind::Callable(function) }

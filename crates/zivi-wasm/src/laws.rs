@@ -40,7 +40,7 @@ impl LoopLaw {
         }
     }
 
-    /// The end of the regulator's own step: its force at the wall is not that of a control that is held.
+    /// The end of the regulator's own step, whose force at the wall differs from that of a held control.
     fn planned(&self, z: Lifted, side: f64, force: f64) -> Option<Lifted> {
         let LoopLaw::Regulator(_, step) = self else { return None };
         let mirror = |z: Lifted| Lifted { s: side * z.s, v: side * z.v };
@@ -62,7 +62,7 @@ pub(crate) fn lifted(start: Physical, restitution: Restitution) -> Option<Lifted
     (z.s >= 0.0 && z.is_finite()).then_some(z)
 }
 
-/// The loop: measure, tick, move the mass by one implicit step, with the control held or as planned.
+/// The loop: measure, update the control, move the mass by one implicit step, with the control held or as planned.
 pub(crate) fn close(
     mut law: LoopLaw,
     scheme: ThetaGammaStep,

@@ -8,7 +8,7 @@
 //! x, x', s, v, x_r, x_r', u, lambda_s, lambda_v, lambda_sr, lambda_vr, lambda_es, lambda_ev
 //! ```
 //!
-//! with NaN for what a run does not have. The numbers are, bit by bit, those of the host library.
+//! with NaN in columns that do not apply. The numbers are bit-identical to those of the host library.
 
 #![cfg_attr(target_arch = "wasm32", no_std)]
 
@@ -28,7 +28,7 @@ fn panic(_: &core::panic::PanicInfo<'_>) -> ! {
     core::arch::wasm32::unreachable()
 }
 
-/// Where the table is.
+/// Address of the table.
 #[no_mangle]
 pub extern "C" fn table() -> *const f64 {
     TABLE.start()
@@ -40,7 +40,7 @@ pub extern "C" fn width() -> u32 {
     table::WIDTH as u32
 }
 
-/// Rows that the table has.
+/// Number of rows of the table.
 #[no_mangle]
 pub extern "C" fn capacity() -> u32 {
     table::ROWS as u32
@@ -63,7 +63,7 @@ pub extern "C" fn ball(explicit: u32, n: u32, h: f64, e: f64, f: f64, x: f64, xd
     scheme(h, e).and_then(run).unwrap_or(0)
 }
 
-/// The regulator, without a landing, or with the sign of the sample: `u = -mu1 - mu2 sgn x'`.
+/// The regulator without the contact-establishing law, or with the sign of the sample: `u = -mu1 - mu2 sgn x'`.
 #[no_mangle]
 pub extern "C" fn regulator(
     explicit: u32,
@@ -93,7 +93,7 @@ pub extern "C" fn regulator(
 }
 
 /// The tracker on either branch (0 `s >= 0`, 1 the nearest), or with explicit signs (2); the walls
-/// of the mass and of its reference have the same restitution. The controller believes in `f`,
+/// of the mass and of its reference have the same restitution. The force in the controller's model is `f`,
 /// the force on the mass is `true_f`.
 #[no_mangle]
 pub extern "C" fn tracker(

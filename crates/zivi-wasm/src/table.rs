@@ -59,7 +59,7 @@ impl SampleTable {
         self.0.get().cast()
     }
 
-    /// Fills the rows 0 to `n`, if there are as many, as long as there is a next one, and counts
+    /// Fills the rows 0 to `n`, at most the size of the table, while there is a next one, and counts
     /// them.
     pub(crate) fn fill(&self, n: u32, mut row: impl FnMut(usize) -> Option<SampleRow>) -> Option<u32> {
         let last = n as usize;

@@ -34,7 +34,7 @@ const TABLE: LinearForce = LinearForce {
     phase: 0.0,
 };
 
-/// Nothing but a pull away from the wall.
+/// A constant force away from the wall.
 const FREE: LinearForce = LinearForce {
     stiffness: 0.0,
     damping: 0.0,
@@ -59,7 +59,7 @@ enum Sampling {
     Drawn,
 }
 
-/// A run of so many periods.
+/// A run of a number of periods.
 fn run(
     mut force: LinearForce,
     e: f64,

@@ -17,7 +17,7 @@ use zivi_core::{Case, StepFailure, StepSolution, ThetaGammaStep};
 const H: f64 = 1e-3;
 const GRAVITY: f64 = -9.81;
 
-/// A soft spring beside gravity: both acceleration towards the wall.
+/// A soft spring and gravity, both towards the wall.
 const SPRING: LinearForce = LinearForce {
     stiffness: 1e-6,
     damping: 1e-6,

@@ -43,7 +43,7 @@ pub enum GainError {
         /// The bound of the unknown force (m/s^2).
         bound: Real,
     },
-    /// A mass at rest would not be pressed harder than the unknown force can pull.
+    /// The acceleration of a mass at rest towards the wall would not exceed the unknown force.
     Press {
         /// The acceleration towards the wall (m/s^2).
         value: Real,
@@ -88,7 +88,7 @@ impl fmt::Display for GainError {
     }
 }
 
-/// A number of a message with at most six decimals, if it is small enough for rounding to show.
+/// A number in a message, rounded to six decimals unless it is too large for them.
 fn rounded(value: Real) -> Real {
     const SCALE: Real = 1e6;
     if value.abs() < 1e6 {

@@ -13,7 +13,7 @@
 //! The rooms: [`TwistingRegulator`] brings the mass to rest at the wall, [`TwistingTracker`] makes
 //! it follow a bouncing reference, [`ExplicitTwisting`] is the explicit controller that chatters.
 //! [`tracking`] solves the tracker's step exactly (with [`cubic`]), [`regulation`]
-//! the regulator's, also where a held control ends in exact rest; [`given`](Waypoint) is a
+//! the regulator's, including held controls that end in exact rest; [`given`](Waypoint) is a
 //! reference that is given sample by sample; [`Aim`] strikes bodies and walls as requested;
 //! [`inclusion`] writes the same steps as box VIs of two,
 //! four and six signs for a general solver ([`TwistingTracker::follow_by`]) and for checking.

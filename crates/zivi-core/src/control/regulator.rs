@@ -90,8 +90,8 @@ impl TwistingRegulator {
     }
 
     /// The same with the two signs of the step, the VI (23), as `solve` finds them; where it finds
-    /// none, they are those of [`TwistingRegulator::tick`], and the status says so. A regulator that
-    /// lands solves no step.
+    /// none, they are those of [`TwistingRegulator::tick`], which the status reports. A regulator with the
+    /// contact-establishing law does not solve a step.
     ///
     /// # Errors
     /// As [`TwistingRegulator::tick`].
@@ -152,7 +152,7 @@ impl TwistingRegulator {
         self.port.sense(measured)
     }
 
-    /// How it lands; `None` is the paper's update.
+    /// The contact-establishing law; `None` is the paper's update.
     #[must_use]
     pub fn landing(&self) -> Option<Landing> {
         self.landing

@@ -29,7 +29,7 @@ pub fn checked_horizon(horizon: Real, h: Real) -> Result<Real, SettingError> {
 
 /// The implicit twisting tracker (equation 20), with its reference inside.
 ///
-/// While the reference rests it lands ([`Descent`], the default, one period ahead): the sampled
+/// While the reference is at rest it establishes contact ([`Descent`], the default, one period ahead): the sampled
 /// loop ends in exact rest at every `e` in `(0, 1)`. Everywhere else, and always without a contact-establishing law,
 /// the control is that of the paper's implicit step ([`TrackingStep`]), to the last bit.
 ///
@@ -312,7 +312,7 @@ impl TwistingTracker {
         })
     }
 
-    /// The control of this step, unless the mass lands.
+    /// The control of this step, unless the contact-establishing law applies.
     #[inline(always)]
     fn followed_by(
         &mut self,
@@ -414,7 +414,7 @@ impl TwistingTracker {
         self.port.sense(measured)
     }
 
-    /// How it lands; `None` is the paper's update.
+    /// The contact-establishing law; `None` is the paper's update.
     #[must_use]
     pub fn descent(&self) -> Option<Descent> {
         self.landing.map(|it| self.descent_of(it))
@@ -491,7 +491,7 @@ pub struct TrackerSettings {
     pub restitution_ref: Restitution,
     /// How measurements are lifted.
     pub approach: Approach,
-    /// How it lands; `None` is the paper's update.
+    /// The contact-establishing law; `None` is the paper's update.
     pub landing: Option<Landing>,
     /// Acceleration towards the wall of a mass at rest (m/s^2), `None` for the law's own.
     pub press: Option<Real>,

@@ -148,7 +148,7 @@ impl ObserverSettings {
     /// exactly at rest: its variances are reduced to `FLOOR`.
     fn correct(&self, it: &mut ObserverState, measured: Measurement, a: Real, rests: bool) {
         let ObserverSettings { noise: [of_x, of_v], dmax, .. } = *self;
-        // asked before anything is corrected: what is rejected needs no copy to go back to
+        // validate first: a rejected measurement needs no rollback
         if self.distance(it, measured) <= GATE {
             let gain = it.covariance.measure_x(of_x);
             it.shift(gain, measured.x - it.estimate.state.x);

@@ -5,7 +5,7 @@
 //! z = (x, x', d, e)    x'' = F + u + d,   x >= 0,   x'+ = -e x'-,   d' is noise
 //! flight of t          P <- A P A^T        A  = [[1, t, t^2/2, 0], [0, 1, t, 0], [0, 0, 1, 0], [0, 0, 0, 1]]
 //! impact               P <- Xi P Xi^T      Xi = [[-e, 0, 0, 0], [(1 + e) a/v-, -e, 0, -v-], [0, 0, 1, 0], [0, 0, 0, 1]]
-//! rest                 x = x' = 0, and of P only what is unknown of d and e stays
+//! rest                 x = x' = 0; P keeps only the covariance of d and e
 //! ```
 //!
 //! with `a = F + u + d`. `Xi` is the saltation matrix: the derivative of the state after an impact,

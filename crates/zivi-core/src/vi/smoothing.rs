@@ -289,7 +289,7 @@ const NEGATIVE: f64 = -1e-9;
 pub(super) enum ProximalEnd {
     /// At a solution.
     Solved,
-    /// Each succeeded, but they do not converge: the iterates drift where there is no solution.
+    /// Each succeeded, but the sequence diverges: iterates drift if a solution does not exist.
     Drifts,
     /// Nowhere: active sets cycle, or the problem is not monotone.
     GivenUp,

@@ -1,4 +1,4 @@
-//! Codes of what is wrong.
+//! Codes of errors.
 
 pub(super) const START: i32 = -1;
 pub(super) const EVALUATION: i32 = -2;

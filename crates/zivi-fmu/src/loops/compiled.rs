@@ -24,20 +24,20 @@ pub(super) enum Inputs {
     Function(Function),
 }
 
-/// What is evaluated.
+/// The evaluated object.
 #[derive(Debug)]
 pub(super) enum LoopSystem {
     Compiled(Function),
     Tree(ParametricTree),
 }
 
-/// A system: the plant, or what the controller believes in.
+/// A system: the plant or the controller's model.
 #[derive(Debug)]
 pub(super) struct CompiledSystem {
     pub(super) system: LoopSystem,
     pub(super) inputs: Inputs,
     pub(super) laws: Vec<AnyImpactLaw>,
-    /// Where its parameters are among the values, and how many there are.
+    /// Position and number of its parameters among the values.
     pub(super) parameters: (usize, usize),
 }
 

@@ -1,4 +1,4 @@
-//! A system, or a loop, as its files tell it.
+//! A system or a loop as read from its files.
 
 use super::compiled::CompiledSystem;
 use crate::table::{DataType, Role, ScalarVariable};
@@ -16,7 +16,7 @@ pub(super) struct LoadedLoop {
     pub(super) number: u32,
     pub(super) table: Vec<ScalarVariable>,
     pub(super) layout: Layout,
-    /// How many controls there are.
+    /// Number of controls.
     pub(super) r: usize,
     pub(super) plant: CompiledSystem,
     pub(super) controller: Option<LoopController>,
@@ -32,13 +32,13 @@ pub(super) struct LoopController {
     pub(super) reference: Option<MechanicalReference>,
 }
 
-/// What is counted of the updates of a controller.
+/// Counters of the updates of a controller.
 pub(super) const COUNTED: [u8; 2] = [GapTracker::REFUSED, GapTracker::SATURATED];
 
 impl LoadedLoop {
     /// The variables: time; a disturbance of each coordinate; coordinates, velocities, gaps, contacts,
-    /// contact forces; of a controller contacts that are held, controls, the status, how many updates
-    /// were rejected and saturated; the start, and the parameters of the system and of the one that the controller believes in.
+    /// contact forces; for a controller held contacts, controls, the status, the numbers of updates
+    /// rejected and saturated; the initial state, the parameters of the system and of the controller's model.
     pub(super) fn table(sizes: Sizes, start: &[f64]) -> Vec<ScalarVariable> {
         let Sizes { layout: Layout { n, m, .. }, r, is_controlled } = sizes;
         let held = if is_controlled { m } else { 0 };
@@ -68,13 +68,13 @@ impl LoadedLoop {
         Sizes { layout: self.layout, r: self.r, is_controlled }.first_parameter()
     }
 
-    /// The period of the controller (s), none of a system alone.
+    /// The period of the controller (s), `None` for a system without one.
     pub(super) fn h(&self) -> f64 {
         self.controller.as_ref().map_or(0.0, |it| it.law.settings.h)
     }
 }
 
-/// How many values of each kind there are.
+/// Number of values of each kind.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Sizes {
     pub(super) layout: Layout,
@@ -90,9 +90,9 @@ impl Sizes {
     }
 }
 
-// What changes from period to period, as numbers that can be stored.
+// State that changes from period to period, as plain numbers.
 
-/// What changes from period to period.
+/// State that changes from period to period.
 #[derive(Clone, Debug)]
 pub(super) struct LoopState {
     /// Time at the start (s).
@@ -114,7 +114,7 @@ pub(super) struct Controlling {
     pub(super) counts: [u32; COUNTED.len()],
 }
 
-/// What reads numbers, or writes them: the order is told once.
+/// A reader or writer of numbers, so that their order is defined once.
 trait Passes {
     fn pass(&mut self, value: &mut f64);
 }
@@ -183,7 +183,7 @@ impl LoopState {
         self.t0 + h * self.k
     }
 
-    /// How many numbers there are, with all controls that may be under way.
+    /// Number of values, with a full delay line of controls.
     pub(super) fn size(of: &LoadedLoop) -> usize {
         let delay = of.controller.as_ref().map_or(0, |it| it.law.settings.delay);
         let mut counting = Counting(of.r * delay);
@@ -218,7 +218,7 @@ impl Controlling {
         Self { law: of.law.state.clone(), trackers, counts: [0; COUNTED.len()] }
     }
 
-    /// Passes all numbers, of so many coordinates and controls.
+    /// Passes all numbers, with these numbers of coordinates and controls.
     fn pass(&mut self, it: &mut impl Passes, of: &LoopController, (n, r): (usize, usize)) {
         let Self { law, trackers, counts } = self;
         counts.iter_mut().for_each(|value| count(it, value));

@@ -1,6 +1,6 @@
 //! A mechanical system, alone or with its controller, in place of the models: from files of the archive.
 //!
-//! The binary is the same for all of them. What differs is in the folder of the resources, under the name
+//! The binary is common to all loops. Their data are in the folder of the resources, under the name
 //! of the token: numbers, trees of bodies among them, and a library with those systems that are compiled.
 
 #![allow(clippy::indexing_slicing, clippy::expect_used, reason = "a panic becomes a code")]
@@ -29,14 +29,14 @@ use compiled::{Evaluated, Matrix};
 use given::{Controlling, LoopState};
 use given::{LoadedLoop, LoopController};
 
-/// What an instance is.
+/// Kind of an instance.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct AnyModel(&'static LoadedLoop);
 
 /// All loops that this process has read.
 static KNOWN: Mutex<Vec<AnyModel>> = Mutex::new(Vec::new());
 
-/// What a code means.
+/// Meaning of a code.
 pub(crate) fn message(code: i32) -> &'static CStr {
     match code {
         code::START => c"q0 and qdot0 must be finite, and no gap below 0",
@@ -78,7 +78,7 @@ const MOST_STEPS: usize = 100_000;
 type Controlled<'a> = Driven<Evaluated<'a>, Matrix<'a>>;
 
 impl AnyModel {
-    /// The loop with this token, from the folder of its resources; a folder is as FMI 2 or 3 gives it.
+    /// The loop with this token, from the folder of its resources; a folder is a path or a URI (FMI 2 and 3).
     pub(crate) fn of_token(token: &[u8], resources: &[u8]) -> Option<Self> {
         let mut known = KNOWN.lock().ok()?;
         if let Some(model) = known.iter().find(|it| it.0.token == token) {
@@ -101,7 +101,7 @@ impl AnyModel {
         &self.0.table
     }
 
-    /// Begins where the parameters say.
+    /// Starts from the initial state of the parameters.
     pub(crate) fn configure(self, state: &mut FmuState) -> i32 {
         let of = self.0;
         let (q, w) = (of.first_parameter(), of.layout.n);
@@ -186,7 +186,7 @@ impl LoadedLoop {
         }
     }
 
-    /// The same of a controller at a time, after so many periods, where the system is that.
+    /// The controls of a controller at a time, after a number of periods, for this state of the system.
     fn tick(
         &self,
         (controller, moving): (&LoopController, &mut Controlling),
@@ -283,7 +283,7 @@ impl LoadedLoop {
     }
 }
 
-/// Nobody is told of progress.
+/// Progress is not reported.
 struct UnwatchedLoop;
 
 impl Monitor<i32> for UnwatchedLoop {

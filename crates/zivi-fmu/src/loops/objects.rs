@@ -1,4 +1,4 @@
-//! What a loop is made of.
+//! Objects of a loop.
 
 /// Values of the largest loop.
 pub(crate) const MOST: usize = 512;

@@ -35,7 +35,7 @@ pub(super) struct ParametricTree {
 }
 
 impl ParametricTree {
-    /// Of so many joints and gaps; `None` where the parts do not fit together.
+    /// A tree with these numbers of joints and gaps; `None` if the parts are inconsistent.
     pub(super) fn read(
         from: &mut Numbers<'_>,
         (n, m): (usize, usize),
@@ -99,7 +99,7 @@ impl ParametricTree {
     }
 }
 
-/// A number of a joint, -1 the world; `None` for what is none.
+/// Index of a joint, -1 for the world; `None` if invalid.
 fn number(value: f64) -> Option<Option<usize>> {
     match value {
         -1.0 => Some(None),
@@ -108,7 +108,7 @@ fn number(value: f64) -> Option<Option<usize>> {
     }
 }
 
-// Numbers of a file, one after the other; none behind its end.
+// Numbers of a file, one after the other; `None` after its end.
 
 /// Numbers of a file, the next first.
 pub(super) struct Numbers<'a>(&'a [u8]);
@@ -141,13 +141,13 @@ impl<'a> Numbers<'a> {
         (0..count).map(|_| self.one()).collect()
     }
 
-    /// How many of something there are.
+    /// A count.
     pub(super) fn count(&mut self) -> Option<usize> {
         let value = self.one()?;
         (value >= 0.0 && value <= self.0.len() as f64 + 64.0).then_some(value as usize)
     }
 
-    /// As many numbers, if a first one says that they are there.
+    /// This number of values if the flag before them is set.
     pub(super) fn optional(&mut self, count: usize) -> Option<Option<Vec<f64>>> {
         match self.one()? {
             0.0 => Some(None),

@@ -103,7 +103,7 @@ pub(super) fn only_with(under_way: &Option<Box<UnderWay>>, dt: Option<f64>) -> P
     }
 }
 
-/// Why a tick gave no control.
+/// The reason why an update returned no control.
 pub(super) fn raised(error: TickError<PyErr>) -> PyErr {
     match error {
         TickError::Refused(error) => refused(error),

@@ -27,7 +27,7 @@ macro_rules! with_reference {
         impl $class {
             $($own)*
 
-            /// Give the control for the period that starts with this measurement, and advance the
+            /// Return the control for the period that starts with this measurement, and advance the
             /// reference by one period.
             ///
             /// Parameters
@@ -51,8 +51,8 @@ macro_rules! with_reference {
             /// Raises
             /// ------
             /// ValueError
-            ///     For a sample that is not finite or too deep behind the wall; nothing has
-            ///     changed then: the reference has not advanced, the last control is still `u`.
+            ///     If the sample is not finite or penetrates the wall too far. The controller is then
+            ///     unchanged: the reference has not advanced, the last control is still `u`.
             #[pyo3(signature = (x, xdot=None, force=0.0, force_ref=0.0, *, dt=None))]
             fn step(
                 &mut self,
@@ -114,7 +114,7 @@ macro_rules! with_reference {
 
 // The implicit tracker.
 
-/// The implicit tracker; `zivi.TwistingTracker` is what users see.
+/// The implicit tracker; users see its subclass `zivi.TwistingTracker`.
 #[pyclass(subclass, module = "zivi._zivi", name = "Tracker")]
 pub(crate) struct PyTracker {
     pub(super) inner: TwistingTracker,
@@ -140,7 +140,7 @@ impl PyTracker {
         }
     }
 
-    /// Ticks as one whose controls act late; `None` of one whose controls do not.
+    /// Control update with delayed controls; `None` without delay.
     fn ticked_late(
         &mut self,
         tick: impl FnOnce(&mut Predicting<Solved<TwistingTracker>>) -> Result<f64, TickError<PyErr>>,
@@ -159,7 +159,7 @@ impl PyTracker {
         }
     }
 
-    /// A tick, or a period without a sample.
+    /// A control update, or a period without a sample.
     fn stepped(
         &mut self,
         sample: Option<Physical>,
@@ -189,7 +189,7 @@ impl PyTracker {
         Ok(u)
     }
 
-    /// Takes over where this one is.
+    /// Takes over the state of this controller.
     pub(super) fn restore(&mut self, controller: &AnyController) {
         match controller {
             AnyController::Tracker(it) => self.inner = *it,
@@ -255,7 +255,7 @@ with_reference! { PyTracker,
         Ok(Self { inner, solver: Solver::Exact, under_way: nothing_under_way(delay)? })
     }
 
-    /// Give the control for the period that starts with this measurement, for a reference that is
+    /// Return the control for the period that starts with this measurement, for a reference that is
     /// given at this sample and at the next one instead of advanced.
     ///
     /// Parameters
@@ -283,7 +283,7 @@ with_reference! { PyTracker,
     /// Raises
     /// ------
     /// ValueError
-    ///     For a sample or a reference that is out of range; nothing has changed then.
+    ///     If the sample or the reference is out of range. The controller is then unchanged.
     #[pyo3(signature = (x, xdot, force, now, next, acceleration=None, *, dt=None))]
     #[allow(clippy::too_many_arguments)]
     fn step_to(
@@ -341,7 +341,7 @@ with_reference! { PyTracker,
         Ok(())
     }
 
-    /// `D`, `U` and the acceleration at rest, None without a landing.
+    /// `D`, `U` and the acceleration at rest, None without the contact-establishing law.
     fn _accelerations(&self) -> Option<[f64; 3]> {
         self.inner.descent().map(|it| it.accelerations())
     }
@@ -349,7 +349,7 @@ with_reference! { PyTracker,
 
 // The regulator.
 
-/// The regulator; `zivi.TwistingRegulator` is what users see.
+/// The regulator; users see its subclass `zivi.TwistingRegulator`.
 #[pyclass(subclass, module = "zivi._zivi", name = "Regulator")]
 pub(crate) struct PyRegulator {
     pub(super) inner: TwistingRegulator,
@@ -375,7 +375,7 @@ impl PyRegulator {
         }
     }
 
-    /// Takes over where this one is.
+    /// Takes over the state of this controller.
     pub(super) fn restore(&mut self, controller: &AnyController) {
         match controller {
             AnyController::Regulator(it) => self.inner = *it,
@@ -414,7 +414,7 @@ impl PyRegulator {
         Ok(Self { inner, solver: Solver::Exact, under_way: nothing_under_way(delay)? })
     }
 
-    /// Give the control for the period that starts with this measurement.
+    /// Return the control for the period that starts with this measurement.
     ///
     /// Parameters
     /// ----------
@@ -434,7 +434,7 @@ impl PyRegulator {
     /// Raises
     /// ------
     /// ValueError
-    ///     For a sample that is not finite or too deep behind the wall; nothing has changed then,
+    ///     If the sample is not finite or penetrates the wall too far. The controller is then unchanged,
     ///     and the last control is still `u`.
     #[pyo3(signature = (x, xdot=None, force=0.0, *, dt=None))]
     fn step(
@@ -476,7 +476,7 @@ impl PyRegulator {
         Ok(())
     }
 
-    /// Forget the last tick.
+    /// Forget the last update.
     fn reset(&mut self) {
         self.inner.set_state(RegulatorState::default());
         if let Some(it) = &mut self.under_way {
@@ -526,14 +526,14 @@ impl PyRegulator {
 
 // The explicit baseline.
 
-/// The explicit baseline; `zivi.ExplicitTwisting` is what users see.
+/// The explicit baseline; users see its subclass `zivi.ExplicitTwisting`.
 #[pyclass(subclass, module = "zivi._zivi")]
 pub(crate) struct Explicit {
     pub(super) inner: ExplicitTwisting,
 }
 
 impl Explicit {
-    /// Its signs are those of the sample: nothing is solved.
+    /// Its signs are those of the sample, without a solve.
     pub(super) fn solved(&self) -> Solved<ExplicitTwisting> {
         Solved { controller: self.inner, solver: Solver::Exact }
     }
@@ -542,7 +542,7 @@ impl Explicit {
         AnyController::Explicit(self.inner)
     }
 
-    /// Takes over where this one is.
+    /// Takes over the state of this controller.
     pub(super) fn restore(&mut self, controller: &AnyController) {
         if let AnyController::Explicit(it) = controller {
             self.inner = *it;
@@ -551,7 +551,7 @@ impl Explicit {
 
     fn forget(&mut self) {}
 
-    /// A tick, or a period without a sample.
+    /// A control update, or a period without a sample.
     fn stepped(
         &mut self,
         sample: Option<Physical>,

@@ -22,7 +22,7 @@ use zivi::drive::mechanical::{
 use zivi::system::dynamics::Layout;
 use zivi_core::control::{Aim, AimSettings, AimState, Learning, StrikeMeasurement};
 
-/// Exception for a law that failed.
+/// Exception of a law that failed.
 pub(crate) fn law_error(error: LawError<PyErr>) -> PyErr {
     match error {
         LawError::Setup(error) => setup_error(error),
@@ -211,7 +211,7 @@ type TrackerNumbers = (
     (Vec<f64>, Vec<u32>, Vec<u32>),
 );
 
-/// The tracker of gaps; `zivi.PyGapTracker` is what users see.
+/// The tracker of gaps; users see its subclass `zivi.GapTracker`.
 #[pyclass(module = "zivi._zivi", name = "GapTracker")]
 pub(crate) struct PyGapTracker {
     pub(crate) law: law::GapTracker,
@@ -314,7 +314,7 @@ impl PyGapTracker {
         (law::EXACT, self.law.noise.of_contacts())
     }
 
-    /// By gap: the acceleration that presses it at rest, and the least that pulls it while it lands.
+    /// For each gap the acceleration towards the wall at rest, and the least one while contact is established.
     #[getter]
     fn pulls(&self) -> Vec<(f64, f64)> {
         self.law.pulls()
@@ -381,7 +381,7 @@ impl PyGapTracker {
     }
 }
 
-// The law that aims at impacts.
+// The striker.
 
 /// The height, or the speed, of each stroke.
 #[derive(FromPyObject)]
@@ -436,7 +436,7 @@ type StrikerNumbers = (
     u8,
 );
 
-/// The law; `zivi.PyStriker` is what users see.
+/// The law; users see its subclass `zivi.Striker`.
 #[pyclass(module = "zivi._zivi", name = "Striker")]
 pub(crate) struct PyStriker {
     pub(crate) law: law::Striker,

@@ -1,4 +1,4 @@
-//! The controllers as Python classes: a tick is one call with plain numbers.
+//! The controllers as Python classes: a control update is one call with plain numbers.
 
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
@@ -15,7 +15,7 @@ pub(crate) mod mechanical;
 
 use mass::{Explicit, PyRegulator, PyTracker};
 
-/// The classes of controllers, what users call them, and their settings with a default.
+/// The classes of controllers, their public names, and their settings with a default.
 macro_rules! controllers {
     ($each:ident) => {
         $each! {

@@ -137,7 +137,7 @@ impl<'py> Callbacks<'py> {
     }
 }
 
-/// `to <- from`, row by row whatever the order in memory; false where `from` cannot be read.
+/// `to <- from`, row by row for any memory order; false if `from` cannot be read.
 fn copy<D: Dimension>(from: &Bound<'_, PyArray<f64, D>>, to: &mut [f64]) -> bool {
     let Ok(from) = from.try_readonly() else { return false };
     // a matrix in Fortran order is also contiguous: only `as_array` knows its rows
@@ -294,7 +294,7 @@ impl Interrupts {
         Ok(())
     }
 
-    /// Hands an iteration to the callback, which may end the solve by `StopIteration`.
+    /// Passes an iteration to the callback, which may end the solve by `StopIteration`.
     pub(super) fn report(&self, progress: &Progress) -> Result<(), Interruption> {
         let Some(observe) = &self.observe else { return Ok(()) };
         interface::look().map_err(|error| self.keep(error))?;

@@ -45,7 +45,7 @@ struct Vectors {
     z: Vec<f64>,
 }
 
-/// A bound as Python hands it over: one number for all components, or one for each.
+/// A bound as passed by Python: one number for all components, or one for each.
 #[derive(FromPyObject)]
 pub(crate) enum Bound1<'py> {
     Common(f64),
@@ -264,7 +264,7 @@ pub(crate) fn natural_residual<'py>(
 
 // The settings of a solve, from Python.
 
-/// Settings as Python hands them over: a dictionary of those that differ from the default.
+/// Settings as passed by Python: a dictionary of those that differ from the default.
 struct GivenSettings {
     settings: Settings<'static>,
     row_scale: Option<Vec<f64>>,
@@ -362,7 +362,7 @@ const SAFE: f64 = 2.0;
 ///
 /// The size of an unknown is the step that balances a row, `max_i |F_i/M_ij|`, at most the width of
 /// the box and at least its value; the size of a row is its value and its change by these steps.
-/// False where the numbers of the problem are none, which the solver rejects.
+/// False for NaN, which the solver rejects.
 #[pyfunction]
 #[pyo3(signature = (matrix, q, lower, upper, x0, limit))]
 pub(crate) fn is_off_scale<'py>(
@@ -450,7 +450,7 @@ impl ProblemSizes<'_> {
         rows.map(value).collect()
     }
 
-    /// The size of an unknown that a row moves so far.
+    /// The size of an unknown from the step that balances a row.
     fn unknown(&self, j: usize, moved: f64) -> f64 {
         let width = or_one(self.upper[j] - self.lower[j]);
         or_one(moved).min(width).max(self.x[j].abs())

@@ -251,7 +251,7 @@ impl Kinetics {
 
     /// Of the forces of a mode with `K x = r` those with which it moves, where the motion depends on how
     /// contacts share their load: gaps carry it before joints do, with the least forces that press. Where gaps
-    /// alone would pull, joints hold what they can.
+    /// alone would need tensile forces, joints carry the load as far as possible.
     fn carried_by_gaps(&self, edges: &Edges, all: &[Vec<f64>], x: &mut [f64]) {
         let m = self.layout.m;
         let is_joint = |row: usize| row >= m && self.gap_of(row - m).is_none();

@@ -282,7 +282,7 @@ impl Coulomb {
         let rates = self.rates(&at.x);
         let (left, _) = at.equations(&self.sites, &rates);
         let all = most + size(&at.x);
-        // rates of dependent rows agree to their rounding only, which may be large beside small speeds
+        // rates of dependent rows agree to their rounding only, which may be large relative to small speeds
         let (left, most_left) = (size(&left), if is_dependent { AGREES } else { SOLVED });
         let obeyed = (OBEYED * all).max(4.0 * left);
         if left > most_left * all || at.excess(&self.sites, &rates) > obeyed || all.is_nan() {
@@ -808,7 +808,7 @@ impl Site {
         }
     }
 
-    /// What it does with these forces and rates.
+    /// The dynamics with these forces and rates.
     fn branch_of(&self, x: &[f64], rates: &[f64]) -> SiteBranch {
         let none = NONE * size(x);
         match *self {

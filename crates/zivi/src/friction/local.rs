@@ -15,15 +15,15 @@ use crate::kinetics::{Kinetics, Undetermined};
 use crate::numeric::dense::dot;
 use crate::record::gap_set::ContactMode;
 
-/// Real roots of polynomials lie between those of the derivative; so many halvings reach rounding.
+/// Real roots of polynomials lie between those of the derivative; this number of halvings reaches rounding.
 const HALVINGS: usize = 200;
 /// Newton steps that polish an angle.
 const POLISH: usize = 12;
-/// A polynomial that comes so near to zero without a change of sign, relative to its terms, has a double root.
+/// A polynomial that comes this close to zero without a change of sign, relative to its terms, has a double root.
 const TOUCHES: f64 = 1e-13;
 /// Angles that differ by less are one.
 const SAME: f64 = 1e-7;
-/// Angles at which the quartic has no root at infinity: the best of so many.
+/// Number of trial angles for a quartic without a root at infinity.
 const TURNS: usize = 5;
 
 /// Equation (1) of a contact: the row of the normal first, then those of both tangents.

@@ -27,7 +27,7 @@ use crate::{Dependence, Force};
 /// The forces of a linear system without tables change like a line in this part of the time of the fastest
 /// mode or load.
 const SHORT: f64 = 1.0 / 64.0;
-/// The corrections of skipped flights are made anew so many times at most, until this part of the tolerances
+/// Largest number of corrections of extrapolated flights, until this part of the tolerances
 /// is left.
 const PASSES: usize = 8;
 const LEFT: f64 = 0.05;
@@ -50,7 +50,7 @@ pub(crate) struct ImpactChain {
 }
 
 impl ImpactChain {
-    /// For so many coordinates and gaps.
+    /// For these numbers of coordinates and gaps.
     pub(crate) fn new(size: usize) -> Self {
         let chain = Chain::new(Key::default(), 0.5, 2 * size, COLUMNS);
         Self { chain, obstacle: None, period: None, alone: None, z: vec![], rates: vec![] }
@@ -162,10 +162,10 @@ impl ImpactChain {
         }
     }
 
-    /// The end of slow impacts that are in no geometric impact sequence, from the sum of the speeds after them, if that is
-    /// known to the tolerance: a chain of that duration stands for them.
+    /// The end of slow impacts outside of a geometric impact sequence, from the sum of the speeds after them, if that is
+    /// known to the tolerance: an impact sequence of that duration replaces them.
     ///
-    /// A flight lasts `2 u/g`: with the pull `g` along the motion in contact they end where `int g/2 dt` is
+    /// A flight lasts `2 u/g`: with the acceleration `g` along the motion in contact they end where `int g/2 dt` is
     /// the sum.
     pub(crate) fn settle<E, D: Dynamics<E>>(
         &mut self,
@@ -540,7 +540,7 @@ impl ImpactChain {
     }
 }
 
-/// The end of impacts that are slower than the tolerance, the rates and the pull on the gap at their start, and
+/// The end of impacts that are slower than the tolerance, the rates and the acceleration of the gap at their start, and
 /// the error of their time.
 struct Settled {
     landing: ExtrapolatedEnd<Vec<f64>>,
@@ -549,7 +549,7 @@ struct Settled {
     time_error: f64,
 }
 
-/// Where the motion in contact is when half the pull on a gap has added up to a sum of speeds.
+/// The motion in contact when half the acceleration of a gap has added up to a sum of speeds.
 fn settled<E, D: Dynamics<E>>(
     (t, start): (f64, &[f64]),
     (gap, key, sum): (usize, Key, f64),
@@ -583,7 +583,7 @@ fn settled<E, D: Dynamics<E>>(
     Ok(None)
 }
 
-/// The rates of the motion in contact, and the pull on the gap that bounces.
+/// The rates of the motion in contact, and the acceleration of the bouncing gap towards its wall.
 fn pulled<E, D: Dynamics<E>>(
     (t, z): (f64, &[f64]),
     (gap, key): (usize, Key),
@@ -595,7 +595,7 @@ fn pulled<E, D: Dynamics<E>>(
     Ok(([v, acceleration].concat(), pull))
 }
 
-/// The motion in contact after a time, and half of the pull on the gap summed over it: one step of
+/// The motion in contact after a time, and half of the acceleration of the gap integrated over it: one step of
 /// Runge and Kutta.
 fn in_contact<E, D: Dynamics<E>>(
     (t, start): (f64, &[f64]),

@@ -1,4 +1,4 @@
-//! Accumulations of several gaps at once.
+//! Simultaneous accumulations of several gaps.
 //!
 //! They are self-similar: impacts, or impacts that open contacts, repeat in a pattern, and times
 //! and states of one phase of it approach the corner in powers of a ratio `r` that is in general
@@ -25,10 +25,10 @@ use crate::switched::SwitchedRk;
 use crate::system::dynamics::{Dynamics, Layout};
 use crate::zeno::table::ExtrapolatedEnd;
 
-/// Heights and speeds at a corner are zero but for so many tolerances; in a sequence at one instant speeds
-/// are no more than so many times those that are below all tolerances.
+/// Heights and speeds at a corner are zero to this number of tolerances; in a sequence at one instant speeds
+/// are at most this multiple of those below all tolerances.
 const STILL: f64 = 100.0;
-/// In such a sequence speeds fall over so many impacts of one phase, each to less than this part.
+/// In such a sequence speeds fall over this number of impacts of one phase, each to less than this part.
 const FALLS: usize = 4;
 const LEFT: f64 = 0.98;
 /// An accumulation within one flight of another gap has speeds of this part of its speed at most.
@@ -529,7 +529,7 @@ mod tests {
         assert_eq!(approach(1e-6), None);
     }
 
-    /// The last impacts of a gap are 1024, 256, 64, 16, 4 and 1 units apart: a third of one is left.
+    /// The last impacts of a gap have distances of 1024, 256, 64, 16, 4 and 1 units: a third of one is left.
     #[test]
     fn a_corner_is_ahead() {
         let left = |unit: f64| {
@@ -673,7 +673,7 @@ mod tests {
             assert!(rests(index, 99.0 * scale), "{index}");
             assert!(!rests(index, -101.0 * scale), "{index}");
         }
-        // of what else there is nothing is asked
+        // the remaining state is not tested
         for index in [0, 1, 3, 5, 6, 8] {
             assert!(rests(index, 1.0), "{index}");
         }
@@ -716,7 +716,7 @@ mod tests {
         }
     }
 
-    /// Where impacts end that are a sequence at one instant after which forces pull the bodies off.
+    /// End of a sequence of impacts at one instant after which forces separate the bodies.
     #[test]
     fn impacts_at_one_instant_end_in_the_limit_of_their_times() {
         let end = |speed: f64, pull: f64, height: f64, joints: usize| {

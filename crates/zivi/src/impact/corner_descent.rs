@@ -27,7 +27,7 @@ use crate::zeno::table::{ExtrapolatedEnd, ZenoTable};
 
 /// Most flights of two halves.
 const HALVES: usize = 2048;
-/// Largest part by which the times of the flights are stretched to end in the corner.
+/// Largest relative change of the times of the flights so that they end in the corner.
 const STRETCH: f64 = 0.3;
 /// Where the floor exceeds `COARSE` relative tolerances of the fastest speed, flights end at `FLOOR` of one of these
 /// instead.
@@ -224,7 +224,7 @@ fn in_contact<E, D: Dynamics<E>>(
 /// Heights, speeds and accelerations of the gaps of a corner.
 type Heights = [Vec<f64>; 3];
 
-/// The time since the entry, and the heights there, at `tau` of a flight: the times stretched.
+/// The time since the entry, and the heights there, at `tau` of a flight, with scaled times.
 fn state_at(arc: &NestedArc, tau: f64, kappa: f64) -> (f64, Heights) {
     let at = arc.start + tau;
     let s = 2.0 * at / (1.0 + (1.0 + 4.0 * kappa * at).sqrt());
@@ -457,7 +457,7 @@ impl CornerLog {
     }
 }
 
-/// The shortest pattern in which at least so many gaps take part: its length and gaps.
+/// The shortest pattern with at least this number of gaps: its length and gaps.
 pub(crate) fn pattern(marks: &[Mark], fewest: usize) -> Option<(usize, GapSet)> {
     let n = marks.len();
     let same = |a: &Mark, b: &Mark| a.hit == b.hit && a.with == b.with;
@@ -663,7 +663,7 @@ fn flight(y: f64, v: f64, a: f64) -> f64 {
 mod corner_descent_tests {
     use super::*;
 
-    /// Of a ball with the pulls of rise and fall 5 and 2, let go with 3 m/s: v^2/2 = pull * height.
+    /// A ball with the accelerations 5 and 2 while rising and falling, from 3 m/s: v^2/2 = acceleration * height.
     #[test]
     fn half_arcs_are_parabolas_with_the_pull_of_their_half() {
         let arcs = half_arcs([5.0, 2.0], 3.0, 0.5, 0.4);

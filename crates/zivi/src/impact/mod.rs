@@ -33,9 +33,9 @@ use crate::{AnyImpactLaw, Status};
 
 /// Gaps with a kinetic cosine above this are coupled.
 const COUPLED: f64 = 1e-9;
-/// A coupled gap that would be hit within so many tolerances of the time has no certain order.
+/// The order of impacts is uncertain within this number of time tolerances.
 const UNCERTAIN: f64 = 100.0;
-/// The last flight must have been so many times longer.
+/// The last flight must have been longer by this factor.
 const LONGER: f64 = 1e3;
 /// A gain of energy below this part of that of the impact is rounding.
 const GAIN: f64 = 1e-12;

@@ -1,4 +1,4 @@
-//! Equality rows: closed chains and prescribed motion, eliminated from what contacts know of the system.
+//! Equality rows: closed chains and prescribed motion, eliminated from the system that contacts act on.
 //!
 //! ```text
 //! M q'' = F + G^T mu + N^T lambda      phi(t, q) = 0      G q' + phi_t = 0      G q'' + c = 0
@@ -20,16 +20,16 @@ use crate::system::dynamics::Layout;
 const REDUNDANT: f64 = 1e-10;
 /// A row whose `D_aa` is below this part of the largest has no gradient but rounding.
 const NOTHING: f64 = 1e-24;
-/// What rows that follow from others may leave of their equations, relative to the terms.
+/// Largest residual of dependent rows, relative to their terms.
 pub(super) const AGREES: f64 = 1e-6;
 /// The same where the terms are smaller than one: rounding of terms that cancel, and lengths in metres.
 const FLOOR: f64 = 1e-9;
 /// Most iterations of a projection (2), and of its velocities at one place.
 pub(super) const PROJECTIONS: usize = 8;
 pub(super) const VELOCITIES: usize = 3;
-/// A row that is off by so many roundings of its terms is obeyed by a state at rest, which stays where it is.
+/// A row with an error of this number of roundings is satisfied by a state at rest, which is not projected.
 const CLEAR: f64 = 32.0;
-/// An iteration from so many roundings needs no other.
+/// An iteration that starts from this number of roundings is the last one.
 pub(super) const SLIGHT: f64 = 100.0;
 
 /// A value in units of its rounding.
@@ -210,13 +210,13 @@ impl Equalities {
         }
     }
 
-    /// `phi` of a row, and what rounding of the coordinates leaves of it.
+    /// `phi` of a row, and the effect of rounding of the coordinates on it.
     pub(super) fn value(&self, values: &[f64], row: usize, q: &[f64]) -> (f64, f64) {
         let size: f64 = self.gradient(values, row).iter().map(|g| g.abs()).sum();
         (values[self.layout.equality().start + row], f64::EPSILON * size * largest(q))
     }
 
-    /// `G q' + phi_t` of a row, and what rounding leaves of it.
+    /// `G q' + phi_t` of a row, and its rounding error.
     pub(super) fn rate(&self, values: &[f64], row: usize, w: &[f64]) -> (f64, f64) {
         let (gradient, by_time) =
             (self.gradient(values, row), values[self.layout.equality_rate().start + row]);

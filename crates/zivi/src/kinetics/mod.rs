@@ -206,7 +206,7 @@ impl Compliant {
 
 /// Left of a diagonal entry of `D_CC` by the other gaps: below this they determine it.
 const REDUNDANT: f64 = 1e-10;
-/// A mass matrix is not symmetric beyond this, relative to its diagonal.
+/// A mass matrix is rejected if its asymmetry exceeds this, relative to its diagonal.
 const SKEW: f64 = 1e-8;
 /// Kinetic cosines below this are rounding.
 const ORTHOGONAL: f64 = 1e-12;
@@ -419,7 +419,7 @@ impl Kinetics {
         compliant.gap_of[channel].map(|gap| (gap, compliant.coefficients[channel]))
     }
 
-    /// Whether the law of a compliant gap that is not above zero would pull with this value and rate.
+    /// Whether the law of a closed compliant gap would be tensile with this value and rate.
     pub(crate) fn pulls<E, D: Dynamics<E>>(
         &self,
         gap: usize,
@@ -549,7 +549,7 @@ impl Kinetics {
         all
     }
 
-    /// The same behind what is there.
+    /// The same, appended to the present entries.
     pub(crate) fn append_accelerations(&self, to: &mut Vec<f64>) {
         let first = to.len();
         to.extend_from_slice(&self.acceleration);
@@ -772,7 +772,7 @@ impl Kinetics {
         coupling
     }
 
-    /// The same beside `D_ii` and `D_jj`.
+    /// The same relative to `D_ii` and `D_jj`.
     pub(crate) fn coupling_beside(&mut self, i: usize, j: usize, [of_i, of_j]: [f64; 2]) -> f64 {
         if i == j {
             return of_i;

@@ -26,7 +26,7 @@ pub(crate) struct Contacts {
     pub(crate) released: GapSet,
     /// The channels with the force of slip whose slip speed stays zero, as the others hold them.
     pub(crate) spent: GapSet,
-    /// The compliant gaps whose law changes its sign here: it does not change back at once.
+    /// The compliant gaps whose law changes its sign here: it does not change back immediately.
     pub(crate) turned: GapSet,
     /// Whether other modes with another motion obey the laws of contact.
     pub(crate) is_ambiguous: bool,
@@ -69,7 +69,7 @@ impl Next {
         ahead.map_or(Self::Step, Self::Jump)
     }
 
-    /// Whether something happens before the time moves on beyond `t_end`.
+    /// Whether something happens before the time moves on past `t_end`.
     pub(crate) fn is_due(&self, t_end: f64) -> bool {
         match self {
             Self::LocatedEvent(_) | Self::Release { .. } | Self::Stop(_) => true,
@@ -154,7 +154,7 @@ pub(crate) struct AlongStep<'r, 'm, D> {
 pub(crate) type Rows = Vec<[Bernstein; 2]>;
 
 impl<D> AlongStep<'_, '_, D> {
-    /// The first so many polynomials of the step.
+    /// The first `n` polynomials of the step.
     pub(crate) fn rows(&self, count: usize) -> Rows {
         (0..count).map(|c| self.step.polynomials_of(c)).collect()
     }

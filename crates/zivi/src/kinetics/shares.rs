@@ -14,7 +14,7 @@ use crate::numeric::cholesky;
 use crate::numeric::dense::{dot, largest};
 use crate::numeric::elimination::{Elimination, Singular};
 
-/// The margin is no larger than so many of the largest levels: there may be no bound.
+/// Bound of the margin, a multiple of the largest levels: it may be unbounded otherwise.
 const CAP: f64 = 4.0;
 /// Numbers below this part of the largest of their kind are rounding.
 const ROUNDING: f64 = 1e-11;

@@ -342,7 +342,7 @@ struct Impulses {
 }
 
 impl Scheme for Impulses {
-    /// Gaps that touch without a speed under a pull are at rest.
+    /// Closed gaps without speed under an acceleration towards the wall are at rest.
     fn begin(&mut self, state: &mut Stepped) -> Result<(), SetupError> {
         let n = state.layout.n;
         let rests = |&i: &usize| {
@@ -719,7 +719,7 @@ fn coupled(state: &mut Stepped) -> Option<f64> {
 // Friction in joints within the implicit step: `f_c in -L_c Sign(w_c+)`.
 //
 // The slip speed at the end of a step rises with the force `f_c`. So it is `-L_c` where the slip is
-// positive even then, `L_c` where it is negative, and else what makes it zero.
+// positive even then, `L_c` where it is negative, and else the value that makes it zero.
 
 /// Bisections of a force; each is a step of the scheme without an evaluation.
 const BISECTIONS: usize = 200;

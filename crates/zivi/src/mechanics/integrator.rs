@@ -25,7 +25,7 @@ use crate::zeno::arc::Bounce;
 use crate::zeno::chain::Chain;
 use crate::{AnyImpactLaw, Counts, Status};
 
-/// The switched method for mechanical systems as an object that is driven piece by piece.
+/// The switched method for mechanical systems as an object that advances segment by segment.
 #[derive(Clone, Debug)]
 pub(crate) struct MechanicalIntegrator {
     settings: SwitchedRk,
@@ -144,7 +144,7 @@ impl MechanicalIntegrator {
         Ok(None)
     }
 
-    /// The velocities change at once: at closed gaps with a speed towards zero the impact comes next.
+    /// The velocities jump: at closed gaps with a speed towards zero the impact comes next.
     pub(crate) fn kick<E, D: Dynamics<E>>(
         &mut self,
         at: (&[f64], &[f64]),
@@ -498,7 +498,7 @@ impl MechanicalIntegrator {
         }
     }
 
-    /// Whether something happens before the time moves on beyond `t_end`.
+    /// Whether something happens before the time moves on past `t_end`.
     pub(crate) fn is_pending(&self, t_end: f64) -> bool {
         self.next.is_due(t_end)
     }
@@ -577,7 +577,7 @@ impl MechanicalIntegrator {
         self.motion.contact_forces((t, x, v), *mode, model)
     }
 
-    /// How much work was done, evaluations apart.
+    /// Counters of the work without evaluations.
     pub(crate) fn counts(&self) -> Counts {
         let ((accepted, rejected), impacts) = (self.motion.steps().counts(), self.impacts.count());
         Counts { nfev: 0, accepted, rejected, impacts }

@@ -111,7 +111,7 @@ impl Modes {
         (size * cos, size * sin)
     }
 
-    /// The factors of the modes in `R` and `S`, for impulses of this period (earlier in the word)
+    /// The factors of the modes in `R` and `S`, for impulses of this period (earlier in the event sequence)
     /// and of the one before.
     fn factors(&self, kappa: f64) -> [[Vec<Pair>; 2]; 2] {
         let mut all: [[Vec<Pair>; 2]; 2] = Default::default();

@@ -1,6 +1,6 @@
 //! Runs of mechanical systems: output, loop, record, and the counts of its events.
 //!
-//! A run under way: what each segment of the motion adds to the record.
+//! A run in progress: the contribution of each segment of the motion to the record.
 
 use std::collections::TryReserveError;
 
@@ -24,7 +24,7 @@ use crate::{
     UserEvent,
 };
 
-/// A run of a mechanical system under way.
+/// A run of a mechanical system in progress.
 pub(crate) type Running<'a, E> = piecewise::Running<'a, E, MechanicalIntegrator, MechanicalRecord>;
 
 type Ending<E> = piecewise::Ending<E, MotionPoint>;
@@ -321,7 +321,7 @@ impl<E> Running<'_, E> {
         model: &mut Model<'_, D>,
     ) -> Result<(), Ending<E>> {
         let t = self.method.state().now().t;
-        // a sample at a kick has the state after it
+        // a sample at a velocity jump has the state after it
         let deferred = self.kicks.is_some() && t >= until && t < self.t1;
         if deferred && !self.wanted.is_by_steps() {
             return Ok(());
@@ -599,7 +599,7 @@ pub(crate) fn check_span(t0: f64, t1: f64) -> Result<(), SetupError> {
     Ok(())
 }
 
-// What is requested of a run of a mechanical system, and what it leaves.
+// Options and results of a run of a mechanical system.
 
 /// Output options of a run, in addition to events at the gaps.
 pub struct MechanicalOutput<'a, E> {
@@ -644,7 +644,7 @@ pub struct MechanicalSamples {
 }
 
 impl MechanicalSamples {
-    /// Makes room for so many more, of so many coordinates and gaps.
+    /// Reserves room for `n` more samples with these numbers of coordinates and gaps.
     pub(crate) fn make_room(
         &mut self,
         reserve: &mut Reserve,
@@ -685,7 +685,7 @@ pub struct Speeds {
     pub fastest_since: f64,
 }
 
-/// The speeds of a run under way.
+/// The speeds of a run in progress.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct SpeedLog {
     pub(crate) speeds: Speeds,
@@ -944,7 +944,7 @@ where
 /// the samples; `u` is the control from the start on, the updates begin with the next sample.
 ///
 /// The samples of the run are those of the loop, with the contact forces under the control that begins
-/// there. A kick at a sample follows it. Beside the run its controls, `r` numbers a sample; the last is repeated at the end.
+/// there. A velocity jump at a sample follows it. Also returned: its controls, `r` numbers a sample; the last is repeated at the end.
 ///
 /// # Errors
 /// [`SetupError`] before anything is computed, for settings, sizes or a start out of range.

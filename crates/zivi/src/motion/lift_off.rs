@@ -279,7 +279,7 @@ fn conforms<E, D: Dynamics<E>>(
 }
 
 /// Opens the contacts that open where a limit of the mode is reached, in a step of length `h`: these.
-/// Where a force comes back at once `again` and again, its contact opens all the same.
+/// If a force returns immediately `again` times, its contact opens nevertheless.
 pub(crate) fn open<E, D: Dynamics<E>>(
     (limit, h): (Limit, f64),
     again: bool,

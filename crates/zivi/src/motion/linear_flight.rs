@@ -31,7 +31,7 @@ use crate::system::linear_system::LinearSystem;
 use crate::Status;
 use pulp::{Simd, WithSimd};
 
-/// A step is so many times shorter than the time of the fastest mode or load by its angle.
+/// A step is shorter than the period of the fastest mode or load (per radian) by this factor.
 const ANGLE: f64 = 2.0;
 /// Halvings of the steps until the series converge.
 const HALVINGS: usize = 12;
@@ -45,7 +45,7 @@ const ULPS: f64 = 4.0 * f64::EPSILON;
 const NOISE: f64 = 256.0 * f64::EPSILON;
 /// Size of the cache for the last sets of closed gaps (numbers).
 const KEPT: usize = 1 << 23;
-/// Closed gaps that are so far from zero, relative to their terms, are closed anew.
+/// Closed gaps at this distance from zero, relative to their terms, are projected again.
 const DRIFT: f64 = 64.0 * f64::EPSILON;
 
 /// The flights of a linear system.
@@ -482,7 +482,7 @@ impl LinearFlight {
 /// Terms below this fraction of a sum are rounding.
 const NEGLIGIBLE: f64 = 1e-18;
 
-/// Up to these parts of a step 12 and 16 terms are enough: those beyond are below `.2^12/12! = 9e-18` and
+/// Up to these parts of a step 12 and 16 terms are enough: the others are below `.2^12/12! = 9e-18` and
 /// `.5^16/16! = 7e-19`.
 const SHORT: [f64; 2] = [0.1, 0.25];
 
@@ -646,14 +646,14 @@ impl WithSimd for Sum<'_> {
 
 /// Largest relative change of the slope of a steadily decreasing function.
 const CHANGE: f64 = 0.5;
-/// Up to so many times the fall of the line: beyond `1/(1 - CHANGE)`.
+/// Largest multiple of the fall of the line, above `1/(1 - CHANGE)`.
 const REACH: f64 = 2.2;
-/// A flight is looked at up to so many times the length of its parabola.
+/// A flight is searched up to this multiple of the length of its parabola.
 const ARC: f64 = 1.5;
 /// Newton iterations of a root.
 const ITERATIONS: usize = 16;
 
-/// The first root of `p` after so many at zero, which are divided out of its coefficients.
+/// The first root of `p` after the given number of roots at zero, which are divided out.
 pub(super) fn first_root(p: &Series, at_zero: usize) -> Option<f64> {
     let mut a = [0.0; TERMS];
     a[..TERMS - at_zero].copy_from_slice(&p[at_zero..]);

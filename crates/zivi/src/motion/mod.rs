@@ -50,7 +50,7 @@ const SPARSE: usize = 8;
 /// Contacts that open so often at one instant open whatever the force does next.
 const OFTEN: u32 = 8;
 
-/// Those of the settings. Gaps and coordinates are rounded apart: by more than one number is.
+/// Those of the settings. Gaps and coordinates are rounded separately, by more than a single number.
 pub(crate) fn tolerances(settings: &SwitchedRk) -> Tolerances {
     Tolerances { rounding: 4.0, ..settings.tolerances() }
 }
@@ -281,7 +281,7 @@ impl SmoothMotion {
     }
 
     /// Opens the contacts that open where a limit of the mode is reached, in a step of length `h`, after
-    /// so many events at this instant: these.
+    /// a number of events at this instant: these.
     pub(crate) fn open<E, D: Dynamics<E>>(
         &mut self,
         (limit, h): (Limit, f64),
@@ -369,7 +369,7 @@ enum Event {
     Law(usize),
 }
 
-/// A step under way.
+/// The step in progress.
 struct Flying<'r, 'm, D> {
     motion: &'r mut SmoothMotion,
     state: &'r mut MechanicalState,
@@ -736,7 +736,7 @@ impl<D> Flying<'_, '_, D> {
 const PULSE: f64 = 100.0;
 
 impl<D> Flying<'_, '_, D> {
-    /// Whether the step overlooks something that lies between its stages, and by which factor it
+    /// Whether the step overlooks an event between its stages, and the factor by which it
     /// is to be shortened then; `contact` tells the gap that closes in it. The gaps that are
     /// integrated must be those of their functions at its end, and if a step may be a whole flight,
     /// the equation of motion must hold at the apex.

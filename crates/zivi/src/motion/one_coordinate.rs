@@ -101,7 +101,7 @@ impl OneCoordinate {
         self.lead
     }
 
-    /// The next step from a state, at which so many derivatives of each gap are zero.
+    /// The next step from a state with the given number of vanishing derivatives of each gap.
     pub(super) fn fly(
         &mut self,
         t_end: f64,

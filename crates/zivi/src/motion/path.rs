@@ -1,4 +1,4 @@
-//! Dense output of mechanical systems, its stored form, and the pieces of motion that it is made of.
+//! Dense output of mechanical systems, its stored form, and the segments of motion that it consists of.
 //!
 //! The motion of a system as a function of time.
 
@@ -223,7 +223,7 @@ impl MechanicalPath {
     }
 }
 
-// The motion of a mechanical system as plain numbers, behind the header of
+// The motion of a mechanical system as plain numbers, after the header of
 // [`crate::record::stored`].
 //
 // ```text

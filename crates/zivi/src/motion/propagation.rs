@@ -176,7 +176,7 @@ impl Free {
         pairs.fold(0.0, |sum, (a, b)| sum + a * b)
     }
 
-    /// Whether a gap moves as another one, the other way; offsets apart.
+    /// Whether a gap mirrors another gap up to an offset.
     pub(super) fn is_opposite(&self, i: usize, j: usize) -> bool {
         let opposite = |a: &[f64], b: &[f64]| a.iter().zip(b).all(|(a, b)| *a == -b);
         opposite(&self.normals[i], &self.normals[j])

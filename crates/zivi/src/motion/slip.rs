@@ -29,23 +29,23 @@ use crate::Status;
 
 /// A step near the end of a slip covers so much of the time that is left.
 const GRADED: f64 = 0.8;
-/// The end is near if a step would cover that time so many times.
+/// The end is near if the remaining time is shorter than a step by this factor.
 const NEAR: f64 = 1.5;
-/// The direction turns with the rate `b/rho`: explicit steps are no longer than so many of its inverse.
+/// The direction turns with the rate `b/rho`: explicit steps are at most this multiple of its inverse.
 const STABLE: f64 = 3.0;
-/// Implicit steps pay from so many explicit ones on.
+/// Implicit steps are cheaper than this number of explicit ones.
 const STIFF: f64 = 8.0;
 /// The last step is a little longer than the time that is left.
 const LAST: f64 = 1.2;
-/// What a direction that is kept may leave, relative to the tolerance, and at least.
+/// Largest residual of a maintained direction, relative to the tolerance, and its floor.
 const KEPT: (f64, f64) = (1e-2, 1e-13);
 /// Relative tolerance from which on `max_step` limits the steps, not the error.
 const UNCONTROLLED: f64 = 1e-1;
-/// The last steps of a slip, so many, shrink with the time left.
+/// This number of last steps of a slip shrink with the remaining time.
 const AHEAD_OF_END: f64 = 4.0;
 
 impl SmoothMotion {
-    /// A slip speed that is below the tolerance, beside these velocities.
+    /// Whether a slip speed is below the tolerance for these velocities.
     pub(super) fn kept(&self, velocities: &[f64]) -> f64 {
         let limits = self.steps.limits();
         let controlled = limits.adaptive && limits.tolerances.rtol < UNCONTROLLED;
@@ -244,7 +244,7 @@ const ROUNDING: f64 = 8.0 * f64::EPSILON;
 const NATURAL: f64 = 0.1;
 /// How far ahead accelerations are compared to find that time, relative to the step.
 const AHEAD: f64 = 1e-3;
-/// Up to so many of the shortest steps before an event explicit steps do.
+/// Explicit steps are used for up to this number of shortest steps before an event.
 const BRIEF: f64 = 16.0;
 /// The error of a step is of this order.
 const ORDER: f64 = 6.0;

@@ -216,7 +216,7 @@ impl MechanicalState {
         (now, slope, InContact { mode, kinetics, model, at_end: Some(at_end) })
     }
 
-    /// The gaps that are hit at once, though none of them was seen to come near.
+    /// The gaps of a simultaneous impact, although their approach was not detected.
     pub(crate) fn through(&self) -> GapSet {
         let hit = |&i: &usize| matches!(self.gap(i), (x, v) if x <= 0.0 && v < 0.0);
         let crossed = |&i: &usize| match self.contacts.mode.pressed.has(i) {
@@ -592,7 +592,7 @@ impl MechanicalState {
     }
 
     /// To an event at the time `total` after the start of a step, `delta` after its end; not
-    /// beyond `t_end`.
+    /// past `t_end`.
     pub(crate) fn move_along(&mut self, step: &Stages, (total, delta): (f64, f64), t_end: f64) {
         let end = &step.end;
         self.now.pass(total);
@@ -744,7 +744,7 @@ impl MechanicalState {
         Ok(())
     }
 
-    /// Takes out of velocities after a kick what the equality rows do not allow: they have impulses.
+    /// Projects the velocities after a jump onto the equality rows, which have impulses.
     pub(crate) fn hold_kick<E, D: Dynamics<E>>(
         &mut self,
         (q, w): (&[f64], &[f64]),
@@ -814,7 +814,7 @@ impl MechanicalState {
         self.settle_again(model)
     }
 
-    /// The law of a compliant gap below zero pulls from here on, or no longer.
+    /// The force of a compliant gap below zero changes its sign here.
     pub(crate) fn toggle_law<E, D: Dynamics<E>>(
         &mut self,
         gap: usize,
@@ -842,7 +842,7 @@ impl MechanicalState {
 
 /// A slip speed is as its direction says while that is larger than this part of the velocities.
 const SLIP_ANCHOR: f64 = 1e-6;
-/// A slip speed of so many estimated errors after an accumulation may be none.
+/// A slip speed below this number of estimated errors after an accumulation may be zero.
 const STILL: f64 = 100.0;
 /// How many speeds below all tolerances are the tolerance.
 pub(crate) const TOLERANCE: f64 = 1e2;
@@ -973,7 +973,7 @@ impl MechanicalState {
     }
 
     /// Sets the slip speeds to those of the velocities, where the system has just been evaluated; to
-    /// zero within rounding, and behind an accumulation within errors of the rates and a slow speed.
+    /// zero within rounding, and after an accumulation within the errors of the rates and a slow speed.
     pub(crate) fn take_slips(&mut self, errors: Option<(&[f64], f64)>) {
         let Layout { n, m, p, .. } = self.layout;
         let (q, w) = (self.now.x[..n].to_vec(), self.now.xdot[..n].to_vec());

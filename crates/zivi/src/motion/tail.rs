@@ -38,7 +38,7 @@ use crate::zeno::chain::Chain;
 use crate::zeno::table::ExtrapolatedEnd;
 use crate::zeno::tail::Tail;
 
-/// At most so many flights make a polynomial in `e^m`.
+/// Largest number of flights of a polynomial in `e^m`.
 pub(crate) const ORDERS: usize = 4;
 /// Parts of a flight at which the forces are evaluated: Lobatto's points.
 pub(crate) const POINTS: [f64; 4] = [0.0, 0.276_393_202_250_021, 0.723_606_797_749_979, 1.0];
@@ -46,7 +46,7 @@ pub(crate) const POINTS: [f64; 4] = [0.0, 0.276_393_202_250_021, 0.723_606_797_7
 /// Coefficients of a polynomial in `q = e^m`, the constant first.
 pub(crate) type InPowers = [f64; ORDERS + 1];
 
-/// The polynomial of at most so many terms with these values at `q`.
+/// The polynomial of limited degree with these values at `q`.
 pub(crate) fn through<const N: usize>(q: &[f64], values: &[f64]) -> [f64; N] {
     let mut d = values.to_vec();
     for level in 1..q.len() {
@@ -204,7 +204,7 @@ impl SkippedArcs {
         Self { arcs: Some(Box::new(arcs)), ..Self::between(start, zeno, ends) }
     }
 
-    /// Those of so many components that nobody looks along: their impacts alone.
+    /// Tails of components without requested samples: only their impacts.
     pub(crate) fn undrawn(chain: &Chain<Vec<f64>, Key>, zeno: f64, size: usize) -> Self {
         let arcs = chain.tail(zeno, 1.0);
         let rest = Self::of_rows(arcs.start(), zeno, vec![[0.0; 8]; size]);
@@ -385,7 +385,7 @@ fn rows_between(h: f64, first: &EndOfArcs, last: &EndOfArcs) -> Vec<[f64; 8]> {
 /// Speeds below which a corner is reached for any pattern and slips after an accumulation vanish,
 /// relative to `1 + |q'|` and in tolerances.
 const FLOOR: (f64, f64) = (1e-12, 1e-2);
-/// A jump passes no other gap that is nearer than so many of its estimated errors.
+/// A jump requires all other gaps to be farther away than this number of its estimated errors.
 pub(crate) const CLEAR: f64 = 100.0;
 
 /// A mechanical system at its state, and evaluated elsewhere.

@@ -256,7 +256,7 @@ impl<const M: usize> Polynomial<M> {
         Self { n: n - 1, c }
     }
 
-    /// The parts over `[0, at]` and `[at, 1]`, each stretched to `[0, 1]`.
+    /// The parts over `[0, at]` and `[at, 1]`, each mapped to `[0, 1]`.
     pub(crate) fn split(&self, at: f64) -> (Self, Self) {
         let n = self.n;
         let (mut left, mut right) = (*self, *self);

@@ -316,7 +316,7 @@ mod linear_map_tests {
     #[test]
     fn products_are_those_of_the_rows() {
         for (rows, columns) in [(1, 1), (3, 5), (20, 41), (26, 7), (40, 44)] {
-            // full, sparse and empty columns beside each other, some of them in diagonals
+            // full, sparse and empty columns mixed, some of them in diagonals
             let at = |i: usize, j: usize| match j % 4 {
                 0 => 1.0 / (1 + i + 2 * j) as f64,
                 1 | 2 if i == j % rows || i + 1 == j % rows => (j as f64).cos(),

@@ -213,7 +213,7 @@ impl Probes {
 }
 
 /// Probes of flights for pulses of a force that may be any function of time, which the stages of long steps
-/// may miss: any two evaluations are at most a hundredth of the run apart. Without a run there are none.
+/// may miss: the distance of evaluations is at most a hundredth of the run. Without a run there are none.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct PulseProbes {
     /// The largest distance of two evaluations (s).

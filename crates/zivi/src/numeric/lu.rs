@@ -78,7 +78,7 @@ pub fn factor<E>(
     }
     let arch = pulp::Arch::new();
     let (mut least, mut most) = (f64::INFINITY, 0.0_f64);
-    // the columns of a block, then the rows beside it
+    // the columns of a block, then the rows next to it
     let mut packed = Vec::new();
     for first in (0..k).step_by(BLOCK) {
         poll()?;

@@ -118,7 +118,7 @@ pub(crate) fn touchdown(x: f64, xdot: f64, pull: f64) -> Option<(f64, f64)> {
     delta.is_finite().then_some((delta, -speed))
 }
 
-// Angles in turns, with their whole turns apart: sines, cosines and clocks that do not drift.
+// Angles in turns, with separate whole turns: sines, cosines and clocks that do not drift.
 //
 // ```text
 // omega t/(2 pi) = n + psi      n whole, |psi| <= 1/2      t = (n + psi) 2 pi/omega          (1)
@@ -167,7 +167,7 @@ pub(crate) fn sin_cos(turns: f64) -> (f64, f64) {
     let quarter = nearest(4.0 * turns);
     let y = TAU * (turns - 0.25 * quarter);
     let z = y * y;
-    // even and odd powers apart, which a processor sums side by side
+    // even and odd powers separately, which a processor sums in parallel
     let zz = z * z;
     let of = |c: &[f64; 7]| {
         let even = ((c[6] * zz + c[4]) * zz + c[2]) * zz + c[0];

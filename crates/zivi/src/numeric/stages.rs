@@ -427,7 +427,7 @@ impl Node {
     }
 }
 
-// The error of a step, and what is allowed of it.
+// The error of a step, and its bound.
 
 /// Tolerances of the local error of a step: `atol + rtol |y|`.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -1,4 +1,4 @@
-//! Methods that advance piece by piece, each up to an event at most: one run loop for them, and one
+//! Methods that advance segment by segment, each up to an event at most: one run loop for them, and one
 //! loop over the steps of a flight.
 
 pub(crate) mod flight;

@@ -44,9 +44,9 @@ pub(crate) trait Record<M> {
     }
 }
 
-/// A run that records the pieces of a method that asks `S`.
+/// A run that records the segments of a method that calls `S`.
 pub(crate) trait SegmentSink<M: Piecewise, S, E> {
-    /// The start, in a stretch that ends at `until`.
+    /// The initial state, in an interval that ends at `until`.
     fn begin(&mut self, until: f64, asked: &mut S) -> Result<(), Ending<E, M::Point>>;
 
     /// The velocities change at a declared time.
@@ -102,7 +102,7 @@ impl<'a, E, M: Piecewise, R: Record<M>> Running<'a, E, M, R> {
         }
     }
 
-    /// Takes the pieces of a driver to the end.
+    /// Processes the segments of a driver to the end.
     pub(crate) fn go<S: Rhs>(
         &mut self,
         driver: &mut impl Driver<M, S, E>,
@@ -198,7 +198,7 @@ impl<'a, E, M: Piecewise, R: Record<M>> Running<'a, E, M, R> {
         self.method.state_to(&mut self.end.1);
     }
 
-    /// The present state with the velocities after a kick; `None` without one.
+    /// The present state with the velocities after a jump; `None` without one.
     pub(crate) fn kicked(&mut self) -> Result<Option<M::Point>, Failure<E>> {
         let Some(kick) = &mut self.kicks else { return Ok(None) };
         let mut after = self.end.1.clone();

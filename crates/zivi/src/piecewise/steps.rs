@@ -12,7 +12,7 @@ use crate::system::force::Smooth;
 use crate::Status;
 use std::ops::Range;
 
-/// A step near a Zeno point is a little longer than the flight under a constant pull.
+/// A step near a Zeno point is a little longer than the flight under a constant acceleration.
 const ARC: f64 = 1.1;
 
 /// Step limits from the settings of a method.
@@ -168,7 +168,7 @@ impl<Q: Coordinates> Steps<Q> {
         *h >= (t_end - from.t) - from.late
     }
 
-    /// The next step up to `t_end`: of the length that is wanted, or of one that something cuts
+    /// The next step up to `t_end`: of the length that is wanted, or shorter, cut by an event
     /// short. Of a flight from a contact (the coordinates `gaps`) a little more than its whole
     /// length; not longer than `longest`. Before there was any, the accelerations and their change
     /// say what is wanted.
@@ -297,7 +297,7 @@ impl StepHistory {
 
 // What a run asks of a method that advances piece by piece.
 
-/// A method that advances piece by piece: a step, a jump, an event at an instant.
+/// A method that advances segment by segment: a step, a jump, an event at an instant.
 pub(crate) trait Piecewise {
     /// A recorded state.
     type Point: Recorded;
@@ -341,13 +341,13 @@ pub(crate) trait Driver<M: Piecewise, S, E> {
     }
 }
 
-/// A method that takes a piece as it comes.
+/// A method that accepts segments unchanged.
 pub(crate) trait Advance<S, E>: Piecewise {
     /// The next segment of the motion, towards `t_end`.
     fn next(&mut self, t_end: f64, asked: &mut S) -> Result<Self::Piece, Failure<E>>;
 }
 
-/// Takes the pieces as they come.
+/// Accepts segments unchanged.
 pub(crate) struct NoSink;
 
 impl<M: Advance<S, E>, S, E> Driver<M, S, E> for NoSink {

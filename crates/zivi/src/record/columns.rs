@@ -184,7 +184,7 @@ impl Reserve {
         beside: usize,
     ) -> Result<(), TryReserveError> {
         let capacity = list.capacity();
-        // a size beyond all numbers is rejected by the allocator
+        // an overflowing size is rejected by the allocator
         let wanted = capacity.saturating_mul(2).max(list.len().saturating_add(n)).max(4);
         let bytes = (wanted - capacity).saturating_mul(beside);
         if bytes <= LITTLE {
@@ -195,7 +195,7 @@ impl Reserve {
             .set_aside(held.saturating_add(bytes))
             .and_then(|()| list.try_reserve_exact(wanted - list.len()));
         if grown.is_err() {
-            // what was there before fits again
+            // the previous entries fit again
             self.set_aside(held).ok();
         }
         grown

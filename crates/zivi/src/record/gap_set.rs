@@ -134,7 +134,7 @@ pub struct ContactMode {
     pub stick: GapSet,
     /// The compliant gaps that are in contact: a law gives their forces. They are in no other set.
     pub pressed: GapSet,
-    /// The compliant gaps below zero whose law would pull: they have no force.
+    /// The compliant gaps below zero whose law would be tensile: their force is zero.
     pub unloaded: GapSet,
 }
 

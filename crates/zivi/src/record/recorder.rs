@@ -363,7 +363,7 @@ mod recorder_tests {
 
     const STEPS: usize = 700;
 
-    /// Steps through blocks that start anew in between; what is recorded of them.
+    /// Steps through blocks with restarts between them, and the record of them.
     fn recorded(keep: Keep) -> (Columns, Option<Summary>) {
         let (columns, kept) = memory(STEPS, keep, |_, _| ()).unwrap();
         let restitution = Restitution::from_kappa(0.5).unwrap();

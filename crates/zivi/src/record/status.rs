@@ -25,7 +25,7 @@ pub enum Status {
     StepNotSolved = 4,
     /// The force or the caller raised an error, or the run was interrupted.
     Raised = 5,
-    /// A chain of impacts at falling speeds was longer than its budget, or impacts without a pull
+    /// An impact sequence of falling speeds was longer than its budget, or impacts without an acceleration
     /// to the wall went on below the tolerance.
     ZenoBudget = 6,
     /// The run took more steps than its budget.

@@ -8,7 +8,7 @@
 //!   "Outer linearisation" ([`General::outer`]) solves affine VIs one after another, each
 //!   linearised at the solution of the one before, and takes every full step.
 //!
-//! A general solver starts from the signs of the exact motion where the force pulls off the wall
+//! A general solver starts from the signs of the exact motion where the force pushes away from the wall
 //! (there are several solutions then), else from its own last signs.
 
 use zivi_core::step::{selection, StepInclusion};
@@ -145,7 +145,7 @@ impl StepSolver for General {
     }
 }
 
-/// Where the selection rule points when the force pulls off the wall.
+/// Direction of the selection rule when the force pushes away from the wall.
 fn signs_of_exact_motion(step: &ThetaGammaStep, z: Lifted, f: f64, sigma: f64) -> [f64; 2] {
     let sigma = transform::side(z, sigma);
     let seen = Lifted { s: sigma * z.s, v: sigma * z.v };

@@ -120,7 +120,7 @@ impl LastImpacts {
     }
 
     /// An error where the impacts, each of which leaves the part `e < 1` of the speed, go on at a wall
-    /// without a pull.
+    /// without an acceleration towards it.
     fn check_stalling<E>(
         &mut self,
         bounce: Bounce,
@@ -157,7 +157,7 @@ impl LastImpacts {
         Ok(over)
     }
 
-    /// Slow impacts that are in no geometric chain end at `zeno`: a chain of that duration stands for
+    /// Slow impacts outside of a geometric impact sequence end at `zeno`: a chain of that duration stands for
     /// them.
     pub(super) fn end_alone(&mut self, bounce: Bounce, zeno: f64) -> Result<(), TryReserveError> {
         let lost = 2.0 * bounce.u / (bounce.g * (zeno - bounce.t));

@@ -18,7 +18,7 @@ use crate::zeno::chain::Chain;
 use crate::zeno::tail::Tail;
 use crate::{AnyImpactLaw, Dependence, Force, Impact, PathPoint, Physical, SetupError, Status};
 
-/// The switched Runge-Kutta method as an object that is driven piece by piece.
+/// The switched Runge-Kutta method as an object that advances segment by segment.
 ///
 /// ```text
 /// flight   x'' = f(t, x, x')      impact  x'+ = -e x'-, or another law      rest  x = 0 while f(t, 0, 0) <= 0
@@ -466,7 +466,7 @@ impl Trace {
 }
 
 impl SwitchedIntegrator {
-    /// Tells what happened at the wall in a piece.
+    /// Reports the event at the wall in a segment.
     pub(super) fn tell(&self, piece: &Piece, resting: bool, observe: &mut impl FnMut(Occurrence)) {
         match *piece {
             Piece::Flight { impact, .. } => {
@@ -783,7 +783,7 @@ fn polish<E>(
 }
 
 /// When impacts end whose speeds have this sum, if that is known to the tolerance and by then: a flight
-/// lasts `2 u/g`, so that half of the pull adds up to the sum. By Simpson's rule over the whole and the halves.
+/// lasts `2 u/g`, so that half of `g` adds up to the sum. By Simpson's rule over the whole and the halves.
 fn rest_under_pull<E, F: Force<E>>(
     Bounce { t, g, .. }: Bounce,
     sum: f64,

@@ -15,7 +15,7 @@
 //!
 //! A step that ends in an impact is first tried past it, so the force is evaluated at `x` slightly
 //! below zero and should be smooth there (an undefined value is replaced by the value at zero). The
-//! pull `f(t, 0, 0)` decides over rest. Events shorter than a step (a dip of `x` of two roots
+//! sign of `f(t, 0, 0)` decides over rest. Events shorter than a step (a brief penetration with two roots
 //! between which no stage lies, a pulse of the force) are seen as far as the polynomials show them;
 //! `max_step` makes them look closer.
 //!

@@ -318,7 +318,7 @@ impl<E> Running<'_, E> {
         self.jumped()
     }
 
-    /// The curves of a piece, one by one.
+    /// The curves of a segment, one by one.
     #[inline(never)]
     fn follow<F: Force<E>>(
         &mut self,

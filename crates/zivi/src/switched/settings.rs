@@ -99,7 +99,7 @@ impl Flights {
 /// ```
 ///
 /// with `T` the time that the impacts before it took, `U` the largest of their speeds and `g` the
-/// pull at the last: what the absolute tolerances allow in the time of a motion as fast as that.
+/// acceleration towards the wall at the last: the absolute tolerance over the duration of such a motion.
 ///
 /// ```
 /// use zivi::{Order, SwitchedRk};

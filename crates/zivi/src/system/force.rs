@@ -488,7 +488,7 @@ impl Smooth {
     }
 }
 
-/// The stretches between the declared times, one after the other.
+/// The intervals between the declared times, one after the other.
 #[derive(Debug)]
 pub(crate) struct Stops<'a> {
     /// Increasing.
@@ -502,7 +502,7 @@ impl<'a> Stops<'a> {
         Self { times, t1 }
     }
 
-    /// Enters the stretch that begins at `t`: its end. The system is evaluated within it only.
+    /// Enters the interval that begins at `t` and returns its end. The system is evaluated within it only.
     pub(crate) fn enter(&mut self, t: f64, smooth: &mut Smooth) -> f64 {
         let passed = self.times.partition_point(|&stop| stop <= t);
         let start = match self.times[..passed].last() {
@@ -668,7 +668,7 @@ mod stops_tests {
         assert_eq!((smooth.nearest(-1e300), smooth.nearest(1e300)), (-1e300, 1e300));
         assert_eq!(stops.enter(0.0, &mut smooth), 1.0);
         assert!(smooth.nearest(1.0) < 1.0 && smooth.nearest(-5.0) == -5.0);
-        // the next one is beyond the end of the run
+        // the next one is after the end of the run
         assert_eq!(stops.enter(1.0, &mut smooth), 1.5);
         assert!(smooth.nearest(1.0) > 1.0 && smooth.nearest(9.0) == 9.0);
         assert_eq!(smooth.ends().1, f64::INFINITY);

@@ -151,7 +151,7 @@ impl LinearPartials {
     ) -> Option<Self> {
         let rate = |Neighbours { step, systems }: &Neighbours<Arc<LinearSystem>>| {
             let weight = |k: usize| WEIGHTS[MOVES[k].abs() as usize - 1] * MOVES[k].signum() / step;
-            // numbers that stay leave exactly zero if those of one distance are beside each other
+            // numbers that stay leave exactly zero if those of one distance are adjacent
             let parts = [3, 2, 4, 1, 5, 0].map(|k| (weight(k), &*systems[k]));
             LinearSystem::combination(&parts).map(Arc::new)
         };

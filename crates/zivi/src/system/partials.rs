@@ -74,7 +74,7 @@ pub trait DifferentiableDynamics<E>: Dynamics<E> {
     }
 
     /// How far from a state the last derivatives looked: in the time, each coordinate, each velocity, and the
-    /// parameters `by`. None where they are no differences.
+    /// parameters `by`. `None` for exact derivatives.
     fn reach(&self, _by: &[usize]) -> Option<Vec<f64>> {
         None
     }

@@ -16,7 +16,7 @@
 //! ```
 //!
 //! is the first column of the table of [`super::table`]. A mass above a wall has no `z`: its
-//! impact sequences hold times, speeds and pulls. Powers and logarithms are those of the `libm` crate, here
+//! impact sequences hold times, speeds and accelerations `g`. Powers and logarithms are those of the `libm` crate, here
 //! and in all results of an impact sequence, for identical results on all machines.
 
 use std::collections::TryReserveError;
@@ -92,7 +92,7 @@ impl<Z: Coordinates, K: Copy + PartialEq> Chain<Z, K> {
     /// Appends an impact in the state `z`, which moves at the rates `f` in contact; an impact sequence that it
     /// does not continue is given up first.
     ///
-    /// An impact sequence loses speed at each impact, by about the factor `e`, under a pull. Without the
+    /// An impact sequence loses speed at each impact, by about the factor `e`, under an acceleration towards the wall. Without the
     /// first of these a periodic motion with `e > 2/3` would be one endless impact sequence.
     ///
     /// # Errors
@@ -160,7 +160,7 @@ impl<Z: Coordinates, K: Copy + PartialEq> Chain<Z, K> {
         &self.rows[i * width..][..width]
     }
 
-    /// Time from an impact to the Zeno point under a constant pull, `2 u/(g (1 - e))`.
+    /// Time from an impact to the Zeno point under a constant acceleration `g`, `2 u/(g (1 - e))`.
     pub(crate) fn remaining(&self, bounce: Bounce) -> f64 {
         2.0 * bounce.u / (bounce.g * (1.0 - self.e))
     }
@@ -197,7 +197,7 @@ impl<Z: Coordinates, K: Copy + PartialEq> Chain<Z, K> {
         Some(ExtrapolatedEnd::new(first.t, self.row(last), 0.0))
     }
 
-    /// The end of the impact sequence under a pull that is known to be constant, from three impacts on, where a
+    /// The end of the impact sequence under a constant acceleration `g`, from three impacts on, where a
     /// table of neighbours would magnify rounding: the row (2) is exact.
     pub(crate) fn end_under_constant_pull(&self) -> Option<f64> {
         let known = self.bounces.len() > 2 && is_coarse(self.e * self.e);
@@ -375,7 +375,7 @@ mod tests {
         assert!(chain.note(bounce, &[], &[]).is_ok());
     }
 
-    /// An impact sequence with `t_n = t_inf - sum C_k e^(kn)` and the first-order pull that fits it.
+    /// An impact sequence with `t_n = t_inf - sum C_k e^(kn)` and the first-order acceleration that fits it.
     fn expansion(e: f64, t_inf: f64, n: i32) -> Chain<f64> {
         let mut chain = times(e);
         for i in 0..n {
@@ -544,7 +544,7 @@ mod rates_tests {
 
     /// An impact sequence whose times are `7 - q - 0.3 q^2 + 0.1 q^3`, `q = e^i`, and whose state is `2 + 1.3
     /// q^2 - q^3`, with the derivatives by a shift of time that moves the state with `q^2`, and by
-    /// `e`; speeds and pulls that fit to first order, no flow.
+    /// `e`; speeds and accelerations fit to first order, without a flow.
     fn expansion(e: f64, n: i32) -> (Chain<Vec<f64>>, [ChainRates; 2]) {
         let (mut chain, mut rates) = (Chain::new((), e, 1, 5), <[ChainRates; 2]>::default());
         for i in 0..n {

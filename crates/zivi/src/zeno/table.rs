@@ -22,7 +22,7 @@ use crate::zeno::tail::TERMS;
 pub(super) const ROWS: usize = 7;
 
 /// From this growth of rounding in the first column on, rows that agree are not extrapolated: with rows
-/// a tenth of the speed apart it is 10.
+/// at distances of a tenth of the speed it is 10.
 const COARSE: f64 = 24.0;
 /// Rows agree within this multiple of their rounding: over 10 000 impacts the rounding of the
 /// speeds accumulates to 30.
@@ -138,7 +138,7 @@ impl<Z: Coordinates> ZenoTable<Z> {
     ///
     /// The estimate is at least what rounding does: each column magnifies that of the one before by
     /// `(1 + p)/(1 - p)`, with the power `p` that it removes. Where that is large, a component whose
-    /// rows differ by nothing but rounding is the oldest of them: so it is under a constant pull. If
+    /// rows differ only by rounding is the oldest of them, as under a constant acceleration. If
     /// all are, rounding is all that is in doubt. A slow drift that hides in it adds as much again for
     /// each time that the rows span up to the end: with a scale of `r` times that time at most `r`
     /// times the whole.

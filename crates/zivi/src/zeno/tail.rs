@@ -150,7 +150,7 @@ impl Tail {
     }
 
     /// How far the positions are from those of another tail of the same impact sequence at most, relative to
-    /// the height of the first flight: under a constant pull that is `4/h` times the time between
+    /// the height of the first flight: for a constant acceleration, `4/h` times the time between
     /// them, a flight that begins at `q u` moves with the part `q` of that.
     fn distance(&self, other: &Self) -> f64 {
         let first = (1.0 - self.e) * (self.zeno - self.start);

@@ -227,7 +227,7 @@ struct Need {
 impl Need {
     /// Rejects a batch that does not fit; `recorded` is the number of samples of a run in progress.
     fn check<E>(self, recorded: usize, threads: usize) -> Result<(), BatchError<E>> {
-        // a product beyond all numbers does not fit either
+        // an overflowing product does not fit either
         let records = self.record.saturating_mul(threads.min(self.runs));
         let kept = self.of_run.saturating_mul(self.runs).saturating_mul(2);
         let fits = |bytes| Vec::<u8>::new().try_reserve_exact(bytes).is_ok();

@@ -56,7 +56,7 @@ pub trait Controller<E> {
     /// The control for the period that starts now, for a reference that is given.
     ///
     /// # Errors
-    /// As [`Controller::tick`]; a controller that follows no given reference refuses.
+    /// As [`Controller::tick`]; and if the controller cannot follow a given reference.
     fn tick_to(&mut self, _: Tick, _: ReferencePeriod) -> Result<f64, TickError<E>> {
         let text = "a controller that follows one";
         Err(TickError::Refused(SettingError { name: "reference", value: f64::NAN, range: text }))

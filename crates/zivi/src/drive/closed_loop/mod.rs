@@ -461,7 +461,7 @@ pub struct LoopOptions<'a, E> {
     pub dense: bool,
     /// The user's events. A level is a function as others are.
     pub events: Vec<UserEvent<'a, E>>,
-    /// Increasing times of kicks (s) and the velocities after them; those at a sample follow it.
+    /// Increasing times of velocity jumps (s) and the velocities after them; a jump at a sample follows it.
     pub kicks: Option<(&'a [f64], Kick<'a, E, PathPoint>)>,
 }
 
@@ -508,7 +508,7 @@ impl<'a, E> LoopEvents<'a, E> {
         Ok(stop.is_some())
     }
 
-    /// Follows the smooth pieces between impacts, and the jumps.
+    /// Follows the smooth segments between impacts, and the jumps.
     fn pieces(
         &mut self,
         (mut t, t_next): (f64, f64),

@@ -126,11 +126,11 @@ pub(super) struct SwitchedPlant<'a, 'k, F, E> {
     /// The motion, if requested: of the last period or of the whole run.
     trace: Option<Trace>,
     all: bool,
-    /// Times of the kicks to come (s), and the velocities after them.
+    /// Times of future velocity jumps (s), and the velocities after them.
     kicks: Kicks<'k, E>,
 }
 
-/// Times of kicks and the velocities after them, if there are any.
+/// Times of velocity jumps and the velocities after them, if any.
 type Kicks<'k, E> = Option<(&'k [f64], Kick<'k, E, PathPoint>)>;
 
 impl<'a, 'k, F: Force<E>, E> SwitchedPlant<'a, 'k, F, E> {
@@ -150,7 +150,7 @@ impl<'a, 'k, F: Force<E>, E> SwitchedPlant<'a, 'k, F, E> {
         Ok(Self { integrator, force, reader, trace, all, kicks })
     }
 
-    /// The state at `t_next` from that at `t`, without kicks between.
+    /// The state at `t_next` from that at `t`, without velocity jumps between them.
     fn move_on(
         &mut self,
         (t, t_next): (f64, f64),
@@ -171,7 +171,7 @@ impl<'a, 'k, F: Force<E>, E> SwitchedPlant<'a, 'k, F, E> {
         Ok(integrator.state())
     }
 
-    /// The time of the next kick before `t`.
+    /// The time of the next velocity jump before `t`.
     fn next_kick(&mut self, t: f64) -> Option<f64> {
         let (times, _) = self.kicks.as_mut()?;
         let (&first, later) = times.split_first().filter(|(first, _)| **first < t)?;
@@ -179,7 +179,7 @@ impl<'a, 'k, F: Force<E>, E> SwitchedPlant<'a, 'k, F, E> {
         Some(first)
     }
 
-    /// The state after a kick at a time.
+    /// The state after a velocity jump at a time.
     fn kicked(&mut self, t: f64, state: Physical) -> Result<Physical, Failure<E>> {
         let Some((_, kick)) = &mut self.kicks else { return Ok(state) };
         let Physical { x, xdot } = state;

@@ -202,7 +202,7 @@ impl<D, F> BelievedPlant<'_, D, F> {
     }
 }
 
-// Functions of the coordinates that follow a reference beside the gaps.
+// Functions of the coordinates that follow a reference in addition to the gaps.
 //
 // ```text
 // y'  = J T w + C g' + y_t           C = J M^-1 N^T W^-1

@@ -20,7 +20,7 @@ use crate::numeric::dense::dot;
 use crate::numeric::elimination::Singular;
 use crate::system::dynamics::{Driven, Dynamics};
 
-/// Part of its own least acceleration towards the wall by which the other contacts may push a gap that lands.
+/// Part of the least acceleration towards the wall by which other contacts may push a gap that closes.
 const PUSHED: f64 = 0.8;
 
 /// Constant settings.
@@ -106,7 +106,7 @@ impl GapTracker {
     }
 
     /// By gap: the acceleration with which its tracker presses it at rest, and the least one with which
-    /// it pulls while it lands.
+    /// it accelerates the gap towards the wall while it closes.
     #[must_use]
     pub fn pulls(&self) -> Vec<(f64, f64)> {
         self.trackers.iter().map(|it| (press_of(it), weakest_of(it))).collect()
@@ -296,7 +296,7 @@ impl GapTracker {
         let press: Vec<f64> = trackers.iter().map(press_of).collect();
         let usual = usual_forces(kinetics, held, &press);
         // while others land, all are pressed alike: forces that change with the contacts would feed
-        // the kicks that coupled gaps give each other
+        // the impulses between coupled gaps
         let landing = (0..m).any(|i| resting[i] && !held[i]);
         let mut forces = usual.clone();
         if !landing {
@@ -635,7 +635,7 @@ mod latch_tests {
             (lost, latch.held[0], latch.beyond[0])
         };
         assert_eq!(look(5e-4), (false, true, 0));
-        // one that is near again begins anew
+        // a gap that is near again starts again
         for k in (1..5).chain(0..=0).chain(1..5) {
             let gap = if k == 0 { 5e-4 } else { 2e-3 };
             assert_eq!(look(gap), (false, true, k));

@@ -436,7 +436,7 @@ fn of_rest(
     let mut vectors: Vec<Vec<f64>> = (0..r).map(column).collect();
     vectors.push(kinetics.force().to_vec());
     vectors.iter_mut().for_each(|v| cholesky::solve(&kinetics.mass, n, v));
-    // what is wanted beside what the forces do by themselves
+    // the required change of the motion under the forces alone
     vectors[r].iter_mut().zip(wanted).for_each(|(free, wanted)| *free = wanted - *free);
     let all = vec![true; m];
     for v in &mut vectors {
@@ -647,14 +647,14 @@ impl AllocationProblem<'_> {
     }
 }
 
-// How hard trackers press and pull.
+// Accelerations that trackers command at rest and while they establish contact.
 
 /// The acceleration with which a tracker presses a gap that rests.
 fn press_of(tracker: &TwistingTracker) -> f64 {
     tracker.descent().map_or(0.0, |it| it.accelerations()[2])
 }
 
-/// The least acceleration with which a tracker pulls a gap that lands.
+/// The least acceleration towards the wall that a tracker commands while it establishes contact.
 fn weakest_of(tracker: &TwistingTracker) -> f64 {
     let pulls = tracker.descent().map_or([0.0; 3], |it| it.accelerations());
     pulls.into_iter().fold(f64::INFINITY, f64::min)

@@ -97,7 +97,7 @@ impl MechanicalWrt {
     }
 }
 
-/// The columns under way.
+/// The columns of the run in progress.
 #[derive(Clone, Debug)]
 pub(super) struct Columns {
     pub(super) wrt: Vec<MechanicalWrt>,
@@ -302,7 +302,7 @@ impl Columns {
         Ok(worst)
     }
 
-    /// Takes the last step, up to a time `delta` after its end that is short beside it.
+    /// Appends the last step, up to a time `delta` after its end that is short relative to the step.
     pub(super) fn take<E, D: DifferentiableDynamics<E>>(
         &mut self,
         motion: &Stages,
@@ -470,7 +470,7 @@ pub(super) struct Local {
     pub(super) edges: Option<Edges>,
     /// The parameters that the derivatives are taken by.
     by: Vec<usize>,
-    /// What is known of compliant gaps, if there are any.
+    /// Data of compliant gaps, if any.
     pub(super) compliant: Option<Box<CompliantPartials>>,
     /// The derivatives by time, state and parameters, then those by numbers of friction.
     pub(super) partials: Vec<f64>,

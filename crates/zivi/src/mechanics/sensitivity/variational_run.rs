@@ -34,7 +34,7 @@ pub(super) enum Change {
     Friction(usize),
 }
 
-/// The columns of a run under way.
+/// The columns of a run in progress.
 pub(super) struct VariationalRun<'a> {
     pub(super) columns: Columns,
     /// Magnitudes of the variables of differentiation.
@@ -520,7 +520,7 @@ pub(super) struct StruckColumns {
     hit: GapSet,
     pub(super) set: GapSet,
     impulses: Vec<f64>,
-    /// What friction did in it.
+    /// Effect of friction in it.
     pub(super) rough: Option<RoughImpact>,
 }
 
@@ -811,7 +811,7 @@ impl VariationalRun<'_> {
             hold_rows(mode, local.layout, (&mut x, &mut v));
             moved.push([x, v].concat());
         }
-        // the pull on the gap, and the motion in contact
+        // the acceleration of the gap, and the motion in contact
         local.visit(model, now.t, &now.x[..n], w)?;
         let mut pulls = Vec::with_capacity(shifted.len());
         local.contact(key.flight)?;
@@ -923,7 +923,7 @@ impl VariationalRun<'_> {
         Ok(piece)
     }
 
-    /// At a Zeno point the pull on the gap has to stay a pull.
+    /// At a Zeno point the acceleration of the gap must keep pointing to the wall.
     fn note_pull<E>(
         &mut self,
         c: usize,

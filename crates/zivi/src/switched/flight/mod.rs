@@ -1,4 +1,4 @@
-//! Free flight: what gives its next piece, and the motion over it.
+//! Free flight: its next segment, and the motion over it.
 
 pub(crate) mod series;
 
@@ -131,7 +131,7 @@ impl FreeFlight {
         }
     }
 
-    /// Of how many curves the last piece consists.
+    /// Number of curves of the last segment.
     pub(super) fn curves(&self) -> usize {
         self.series.as_ref().map_or(1, |series| series.parts())
     }
@@ -323,7 +323,7 @@ impl PairSteps {
     }
 }
 
-/// How long the fall onto the wall takes from above it under a constant force, if that pulls there.
+/// Time of the fall onto the wall from x > 0 under a constant force, if it points to the wall.
 #[inline]
 fn fall(now: Point, slope: f64) -> Option<f64> {
     let (speed, pull) = (now.xdot, -slope);

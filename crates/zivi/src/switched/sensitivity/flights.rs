@@ -640,7 +640,7 @@ pub fn correct<E>(
             column = at(true)?.1;
         }
         let factors = bordered(plane, &found, &column).ok_or(NotCorrected::Diverged)?;
-        // beside a grazing one step may stall before the next ones converge
+        // near a grazing impact one step may stall before the next ones converge
         let stalls = residual >= 0.5 * before;
         if residual <= limits.tolerance || (stalls && stalled && residual <= limits.enough) {
             let tangent = tangent(&factors, n).ok_or(NotCorrected::Diverged)?;
@@ -826,7 +826,7 @@ mod linear_flights_tests {
         let fly = |most| flights(most).fly::<Infallible>(flight);
         assert!(fly(10).is_ok());
         assert!(matches!(fly(9), Err(Failure::Status(Status::StepBudget))));
-        // far beyond the largest number
+        // far above the largest number
         let away = LinearLaw { stiffness: -1e4, ..law };
         let flights = LinearFlights::new(away, vec![], 10.0, (10_000, false)).unwrap();
         let far = flights.fly::<Infallible>(flight);

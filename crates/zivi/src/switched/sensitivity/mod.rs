@@ -527,7 +527,7 @@ pub enum Limit {
     Impact = 0,
     /// A minimum of the distance in flight: an impact appears.
     Minimum = 1,
-    /// The pull at a Zeno point: the impact sequence no longer ends.
+    /// The acceleration towards the wall at a Zeno point vanishes: the impact sequence no longer ends.
     Zeno = 2,
     /// A maximum of the force at rest: a lift-off appears.
     Rest = 3,
@@ -537,7 +537,7 @@ pub enum Limit {
     End = 5,
     /// An event near a jump of the force passes it.
     Stop = 6,
-    /// The speed after an impact, or the pull at it, vanishes.
+    /// The speed after an impact, or the acceleration towards the wall, vanishes.
     Chain = 7,
 }
 

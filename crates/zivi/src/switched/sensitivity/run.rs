@@ -766,7 +766,7 @@ mod tests {
             let (run, found) = run(settings, force, 9.0, (1.0, 0.0), (Wrt::X0, size));
             (run.trajectory.events.impacts.len(), found.events.zeno_times.len())
         };
-        // the absolute tolerance, which is divided by the size, is nothing beside it
+        // the absolute tolerance, which is divided by the size, is negligible relative to it
         assert_eq!(of(1e4), of(1e10));
     }
 }

@@ -50,7 +50,7 @@ pub trait ImpactLaw: Clone {
     }
 
     /// The sum of the speeds after an impact with the speed `u` after it (m/s) and after all that
-    /// follow it under a constant pull `g`, which end `2/g` times the sum later. `None` if infinite
+    /// follow it under a constant acceleration `g`, which end `2/g` times the sum later. `None` if infinite
     /// or unknown.
     fn sum_of_speeds(&self, _u: f64) -> Option<f64> {
         None

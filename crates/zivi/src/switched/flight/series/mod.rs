@@ -310,7 +310,7 @@ impl SeriesFlight {
         self.table.h()
     }
 
-    /// Of how many power series the last piece consists.
+    /// Number of power series of the last segment.
     pub(crate) fn parts(&self) -> usize {
         self.piece.step.doublings.map_or(1, |j| 1 << j)
     }
@@ -530,7 +530,7 @@ impl Step {
         Self::with_waves::<1>(table, start, known, left, far, outlook)
     }
 
-    /// The next step of a flight, at most `left` long: many at once where they stay far from the
+    /// The next step of a flight, at most `left` long: many together where they stay far from the
     /// wall and `far` allows it, else one, or the part of one up to the wall. The first `known`
     /// derivatives of the position are zero at its start. `outlook` is the result of
     /// [`StepAhead::of`].
@@ -979,7 +979,7 @@ mod tests {
         }
     }
 
-    /// A flight under a pull of `gravity` and a wave.
+    /// A flight under `gravity` towards the wall and a wave.
     fn shaken(gravity: f64, wave: Wave) -> SeriesFlight {
         let waves = [wave, Wave::default()];
         SeriesFlight::new(LinearLaw { stiffness: 1.0, damping: 0.1, gravity, waves }).unwrap()
@@ -1207,7 +1207,7 @@ mod step_tests {
     }
 
     /// Every step, whichever way it took, against values of its series: above the wall before its
-    /// end, at the wall there if it lands, its velocity that of a difference.
+    /// end, at the wall there if it ends in an impact, its velocity that of a difference.
     fn check(law: Law, seed: u64) -> [u32; 2] {
         let (table, mut draw, mut counts) = (Table::new(law, f64::INFINITY), seed, [0; 2]);
         for _ in 0..4000 {
