@@ -21,7 +21,7 @@ class NamedStatus(enum.IntEnum):
 
 
 class Status(NamedStatus):
-    """How a run ended. The numbers are **not** those of SciPy: ask ``success``.
+    """How a run ended. The numbers differ from SciPy's: use ``success``.
 
     In SciPy's `solve_ivp`, 1 is the success of a run that a terminal event ended, and failures are
     negative. Here only 0 is the same, the end of the span. Every other number names one way to end:
@@ -54,7 +54,8 @@ class Status(NamedStatus):
     RAISED = 5
     """The force raised an exception or the run was interrupted."""
     ZENO_BUDGET = 6
-    """More impacts than ``max_impacts`` in one accumulation or at ``e = 1``, or no pull."""
+    """More impacts than ``max_impacts`` in one accumulation, at ``e = 1``, or without a force
+    towards the wall."""
     STEP_BUDGET = 7
     """The run took more steps than ``max_steps``."""
     STEP_SIZE_TOO_SMALL = 8
@@ -62,7 +63,7 @@ class Status(NamedStatus):
     TERMINATED_BY_EVENT = 9
     """A terminal event of the user ended the run (a success)."""
     OUT_OF_MEMORY = 10
-    """The record of the run grew beyond the memory."""
+    """The record of the run exceeded the memory."""
     INTERNAL = 11
     """A fault in zivi itself; only in batches, whose other runs are kept."""
     REDUNDANT_CONTACTS = 12
@@ -70,7 +71,7 @@ class Status(NamedStatus):
     IMPACT_NOT_SOLVED = 13
     """The impulses of an impact on several gaps were not found."""
     CONTACT_NOT_SOLVED = 14
-    """Which contacts of a mechanical system stay closed was not decided, or its impacts at one
+    """The closed contacts of a mechanical system could not be determined, or its impacts at one
     instant do not end."""
     MASS_NOT_DEFINITE = 15
     """The mass matrix of a mechanical system is not symmetric positive definite."""
@@ -83,14 +84,14 @@ class Status(NamedStatus):
     REDUNDANT_STICK = 19
     """No longer returned: undetermined forces no longer end a run."""
     MODE_CHATTER = 20
-    """Friction changed its mode again and again at one instant."""
+    """Friction changed its mode repeatedly at one instant."""
     CONTROL_REJECTED = 21
     """A loop reached the end of ``t_span``, but its control updates were rejected: all of them, or
     all of the last tenth."""
     NO_PROGRESS = 22
     """1000 steps of a mechanical system without an event covered less than 1e-9 of the span."""
     INCONSISTENT_CONSTRAINTS = 23
-    """Dependent equality rows of a mechanical system ask for different motions."""
+    """Dependent equality rows of a mechanical system prescribe different motions."""
     INCONSISTENT_IMPACT = 24
     """No impulses obey the laws of an impact on several gaps with friction."""
 
@@ -111,18 +112,18 @@ class StudyStatus(NamedStatus):
     """
 
     MISSING = 0
-    """Not computed yet, or what was stored is damaged."""
+    """Not computed yet, or the stored result is damaged."""
     COMPLETED = 1
-    """The function returned, and what it gave is there."""
+    """The function returned, and its result is stored."""
     FAILED = 2
-    """The function raised, or took its worker with it: ``message`` says why."""
+    """The function raised, or its worker died: ``message`` has the reason."""
 
 
 # Warnings of zivi, attributed to the calling line of user code.
 
 
 class ModelWarning(UserWarning):
-    """A model, or a closed loop, is not what it seems to be meant to be.
+    """A model or a closed loop probably contains a mistake.
 
     The model of a controller differs from the plant, more than a tenth of its updates were rejected
     or saturated, or a constant force accelerates a mass away from the wall without return. A

@@ -123,7 +123,7 @@ def _rest(run: ClosedLoop, latest: float) -> float | None:
 
 
 class Controller(Protocol):
-    """Anything that `simulate_closed_loop` can run: a sampling period and a tick.
+    """Protocol of controllers for `simulate_closed_loop`: a sampling period and a method `step`.
 
     Optional members, detected at the start of a run:
 
@@ -134,8 +134,8 @@ class Controller(Protocol):
       sample (s) is passed as ``t``.
     - With ``reference=`` its method ``step_to(x, xdot, force, now, next, acceleration)`` is called,
       as that of `TwistingTracker`. Without one ``step`` is given the reference at the sample where
-      it has arguments called ``x_ref`` and ``xdot_ref``; a ``step`` without them goes its own way,
-      and the run records how far that is from the reference.
+      it has arguments called ``x_ref`` and ``xdot_ref``; a ``step`` without them does not receive
+      the reference, and the run records the error.
     - A method ``reset(x_ref, xdot_ref)`` is called at the start of a run with ``y_ref0``, which
       cannot be given without it.
 
@@ -149,7 +149,7 @@ class Controller(Protocol):
 
     Notes
     -----
-    Any object with these members will do; no inheritance is needed. `step` is called once per
+    Any object with these members is accepted, without inheritance. `step` is called once per
     period, in the order of time.
 
     Examples
@@ -252,7 +252,7 @@ def simulate_closed_loop(
 ) -> ClosedLoop | MechanicalClosedLoop:
     r"""Simulate the sampled closed loop of a plant and a controller.
 
-    At :math:`t_k = t_0 + k h` the state is measured, the controller gives :math:`u_k`, and until
+    At :math:`t_k = t_0 + k h` the state is measured, the controller returns :math:`u_k`, and until
     :math:`t_{k+1}` the plant moves under its force and that control, held:
 
     .. math:: \ddot x = f(t, x, \dot x) + u_{k-d}, \quad x \ge 0, \quad \dot x^+ = -e\,\dot x^-
@@ -303,7 +303,7 @@ def simulate_closed_loop(
     noise : (float, float)
         Standard deviations of the measured position (m) and velocity (m/s), Gaussian.
     seed : int, optional
-        Seed of the noise. A random one is drawn by default; ``config["seed"]`` tells it.
+        Seed of the noise. A random one is drawn by default; ``config["seed"]`` has its value.
     quantization : (float, float)
         Resolution of the measured position (m) and velocity (m/s); 0 is exact.
     delay : int
@@ -326,7 +326,7 @@ def simulate_closed_loop(
     events : callable or sequence of callables, optional
         Functions ``g(t, x, xdot)`` of the plant's state (see `simulate`). Sign changes are located
         between the samples; each period is scanned in four parts, before and after each impact. The
-        run ends at a terminal one; the controller has ticked the period in which it happens.
+        run ends at a terminal one, after the control update of the period in which it happens.
     dense_output : bool
         Whether the motion between the samples is kept, ``run(t)``; ``t_eval`` and terminal events
         keep it.

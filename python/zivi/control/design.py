@@ -601,7 +601,7 @@ def best_ratio(e: float, kind: Literal["tracker", "regulator"] = "tracker") -> f
     Notes
     -----
     The time of the regulator or tracker to rest is a function of one variable, minimised in closed
-    form: :math:`e q^2 + 2 e q = 1`.
+    form: :math:`e q^2 + 2 e q = 1`, derived in the section "The best ratio" of exact_rest.md.
 
     Examples
     --------
@@ -638,25 +638,25 @@ def design_tracker(
     Parameters
     ----------
     settling_time : float
-        Time after which the mass shall rest on a resting reference, > 0 (s).
+        Time after which the mass must be at rest on a reference at rest, > 0 (s).
     e, kappa : float
         Exactly one of the coefficient of restitution, in (0, 1), and ``(1 - e)/(1 + e)``.
     bound : float
         Bound of the unknown force, >= 0 (m/s^2).
     start : (float, float)
-        Distance from the wall (m) and velocity (m/s) from which it shall; or the worst of them.
+        Initial distance from the wall (m) and velocity (m/s); of several the worst counts.
     force : float
         The constant known force (m/s^2): it acts alone until a delayed control arrives, and the
         actuator must compensate it.
     force_ref : float, optional
         Largest force on a reference that moves (m/s^2), for the actuator only.
     u_limits : float or (float, float), optional
-        What the actuator can: the largest absolute control, or its range, which holds 0 (m/s^2).
+        Limits of the actuator (m/s^2): the largest absolute control, or a range with 0 inside.
     delay : int
         Periods from a measurement to the moment when its control acts, >= 0.
     quiet : float
         Bound of the errors of the measured velocity, >= 0 (m/s): 5 standard deviations, say. The
-        controller's landing has it as its dead zone.
+        dead zone of the contact-establishing law has this width.
     rest : {"exact", "practical"}
         Whether the mass must come to exact rest or may keep bouncing for some periods, which
         requires less if `e` is near 1: ``within`` of the design is their height.
@@ -664,7 +664,7 @@ def design_tracker(
     Returns
     -------
     GainDesign
-        With the least acceleration that does it; ``design.controller()`` makes the tracker.
+        The gains with the smallest acceleration; ``design.controller()`` creates the tracker.
 
     Raises
     ------
@@ -681,10 +681,11 @@ def design_tracker(
 
     Notes
     -----
-    Promised is rest for any unknown force within `bound`, one that follows the motion included, on
-    a wall with this `e`, under this constant known force, from `start` or a better one, with exact
-    positions and velocities (or errors within `quiet`) and with the design's own settings. Without
-    a delay that is a theorem; with a delay it holds in 2000 of 2000 adversarial runs.
+    The design guarantees rest for any unknown force within `bound`, even if it depends on the
+    motion. The assumptions are this `e`, this constant known force, an initial state up to `start`,
+    exact positions and velocities (or errors within `quiet`), and the settings of
+    the design. Without a delay this is a theorem, proved in exact_rest.md; with a delay it held in
+    2000 of 2000 adversarial runs.
 
     References
     ----------
@@ -726,22 +727,22 @@ def design_regulator(
     Parameters
     ----------
     settling_time : float
-        Time after which the mass shall rest, > 0 (s).
+        Time after which the mass must be at rest, > 0 (s).
     e, kappa : float
         Exactly one of the coefficient of restitution, in (0, 1), and ``(1 - e)/(1 + e)``.
     bound : float
         Bound of the unknown force, >= 0 (m/s^2).
     start : (float, float)
-        Distance from the wall (m) and velocity (m/s) from which it shall; or the worst of them.
+        Initial distance from the wall (m) and velocity (m/s); of several the worst counts.
     force : float
         The known force, which the regulator leaves to act (m/s^2).
     u_limits : float or (float, float), optional
-        What the actuator can: the largest absolute control, or its range, which holds 0 (m/s^2).
+        Limits of the actuator (m/s^2): the largest absolute control, or a range with 0 inside.
     delay : int
         Periods from a measurement to the moment when its control acts, >= 0.
     quiet : float
         Bound of the errors of the measured velocity, >= 0 (m/s): 5 standard deviations, say. The
-        controller's landing has it as its dead zone.
+        dead zone of the contact-establishing law has this width.
     rest : {"exact", "practical"}
         Whether the mass must come to exact rest or may keep bouncing for some periods, which
         requires less if `e` is near 1: ``within`` of the design is their height.
@@ -749,7 +750,7 @@ def design_regulator(
     Returns
     -------
     GainDesign
-        With the least acceleration that does it; ``design.controller()`` makes the regulator.
+        The gains with the smallest acceleration; ``design.controller()`` creates the regulator.
 
     Raises
     ------
@@ -766,10 +767,11 @@ def design_regulator(
 
     Notes
     -----
-    Promised is rest for any unknown force within `bound`, one that follows the motion included, on
-    a wall with this `e`, under this constant known force, from `start` or a better one, with exact
-    positions and velocities (or errors within `quiet`) and with the design's own settings. Without
-    a delay that is a theorem; with a delay it holds in 2000 of 2000 adversarial runs.
+    The design guarantees rest for any unknown force within `bound`, even if it depends on the
+    motion. The assumptions are this `e`, this constant known force, an initial state up to `start`,
+    exact positions and velocities (or errors within `quiet`), and the settings of
+    the design. Without a delay this is a theorem, proved in exact_rest.md; with a delay it held in
+    2000 of 2000 adversarial runs.
 
     References
     ----------

@@ -106,9 +106,9 @@ class GapTracker(ModelBased):
     posture : (float, float)
         :math:`k_p` (1/s^2) and :math:`k_d` (1/s).
     force : dict, optional
-        The contact forces :math:`\lambda_d` > 0 by gap, numbers or functions of time. They must
-        exceed what the model does not know, :math:`M_i/D_{ii}`; without a value a gap is pressed as
-        by its contact-establishing law.
+        The contact forces :math:`\lambda_d` > 0 (N) by gap, numbers or functions of time. They must
+        exceed :math:`M_i/W_{ii}`, with the bound :math:`M_i` of the unknown acceleration of the
+        gap; without a value the contact-establishing law presses the gap.
     u_limits : sequence of (float, float), optional
         Range of each control.
     horizon : float
@@ -116,8 +116,9 @@ class GapTracker(ModelBased):
     shift : bool
         As for `TwistingTracker`.
     latch : (float, float), optional
-        Below which gap and rate a contact that rests with its reference is held; by default
-        20 deviations of their noise, which `simulate_closed_loop` tells, or 1e-9 without.
+        Gap (m) and rate (m/s) below which a contact that rests with its reference is held; by
+        default 20 standard deviations of their noise, which `simulate_closed_loop` passes, or 1e-9
+        without noise.
     delay : int
         Periods from a measurement to the moment when its control acts, 0 to 64: the state is
         predicted as far ahead.
@@ -133,8 +134,8 @@ class GapTracker(ModelBased):
     Raises
     ------
     ValueError, TypeError
-        For a setting out of range or a gap without gains; at the first tick, if the controls do not
-        reach all gaps: :math:`N M^{-1} B` has not rank m.
+        For a setting out of range or a gap without gains; at the first update, if the controls do
+        not reach all gaps: the rank of :math:`N M^{-1} B` is less than m.
 
     See Also
     --------
@@ -147,7 +148,9 @@ class GapTracker(ModelBased):
     The accelerations of the gaps are decoupled by the Delassus matrix; each gap is then controlled
     as one mass. An update evaluates the model at the sample and, for a reference without gaps,
     at both ends of its period; with `delay` it integrates the model ahead. It factorises matrices
-    of the size of the coordinates and solves one twisting step for each gap.
+    of the size of the coordinates and solves one twisting step for each gap. The page "Control of
+    mechanical systems" (control_mechanics.md) derives the decoupling; the law of a gap is equation
+    (7) of Huber and Oza.
 
     References
     ----------

@@ -164,7 +164,8 @@ class RKPeriod:
     """Integrate the plant of a loop by one Runge-Kutta step per period, with located impacts.
 
     A step of order 5 (Dormand-Prince), cut at impacts, accumulations and lift-offs, which are
-    found as by `SwitchedRK`. No error is controlled: the period must be short against the motion.
+    found as by `SwitchedRK`. The error is not controlled: the period must be short relative to the
+    motion.
 
     See Also
     --------

@@ -441,15 +441,16 @@ def reference_run(
 ) -> MechanicalTrajectory:
     r"""Simulate a motion of a system that a `GapTracker` can follow exactly.
 
-    Its gaps fall under accelerations of their own and are coupled in impacts only; what impacts
-    leave alone is drawn to a posture:
+    Its gaps fall under given accelerations and are coupled in impacts only; the motion that impacts
+    do not change is controlled to a posture:
 
     .. math::
 
         \ddot g = a + W \lambda, \qquad
         Z \ddot q = Z (\ddot q_n - k_p (q - q_n) - k_d (\dot q - \dot q_n))
 
-    Where an impact on one gap kicks another a reference must have the same kicks: this one has.
+    If an impact on one gap changes the velocity of another gap, a reference must have the same
+    change; the reference of this function has it.
 
     Parameters
     ----------

@@ -215,7 +215,7 @@ class JointObserver:
     noise : float
         Standard deviation of the measured coordinates, >= 0.
     alpha : float
-        How much of a deviation is taken over, in (0, 1).
+        Gain of the correction of coordinates, in (0, 1).
 
     Raises
     ------
@@ -234,6 +234,9 @@ class JointObserver:
 
     References
     ----------
+    T. R. Benedict and G. W. Bordner, Synthesis of an optimal set of radar track-while-scan
+    smoothing equations, IRE Trans. Automatic Control 7, 1962.
+
     D. Simon, Optimal State Estimation, Wiley, 2006.
 
     Examples

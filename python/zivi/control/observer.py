@@ -131,9 +131,10 @@ class ImpactObserver(_zivi.Observer, Component):
         \qquad a = F + u + d
 
     each impact; at a Zeno point and at rest only the variance of :math:`d` stays, which the wall's
-    reaction hides. Measurements 5 standard deviations off are not taken. Several in a row start it
-    again: at the fifth, with its velocity; of positions alone where four of the last six (all but
-    two of fewer) agree on a flight, so outliers do not. Defaults with units of length and time
+    reaction hides. A measurement is rejected if it differs from the prediction by more than 5
+    standard deviations. With velocities the fifth rejection in a row restarts the filter; from
+    positions alone it restarts if four of the last six (all but two of fewer) lie on one flight, so
+    that outliers do not restart it. Defaults with units of length and time
     scale with these units. It is a tick like a controller's, and bounded in the same way.
 
     Parameters
@@ -174,7 +175,7 @@ class ImpactObserver(_zivi.Observer, Component):
     Notes
     -----
     An extended Kalman filter on the exact sampled map between impacts; its state has at most four
-    variables.
+    variables. The page "The observer" (observer.md) has the equations of flight, impact and rest.
 
     References
     ----------

@@ -81,28 +81,29 @@ class TwistingRegulator(_zivi.Regulator, LandingController):
         A bound :math:`M` of the force (m/s^2). The gains are then checked against it.
     depth : float
         Measurements down to ``-depth`` (m) are sensor noise and are taken as 0; deeper ones are
-        refused.
+        rejected.
     u_limits : (float, float), optional
         Range of the actuator (m/s^2): the control is cut to it.
     landing : bool
-        Whether the control ends in exact rest in a sampled loop; False is the paper's tick.
+        Whether the control ends in exact rest in a sampled loop (the contact-establishing law);
+        False is the paper's update.
     ahead : int
-        The horizon :math:`N` of the landing, >= 1: one more than the periods from a measurement
-        to the moment when its control acts.
+        The horizon :math:`N` of the contact-establishing law, >= 1: one more than the periods from
+        a measurement to the moment when its control acts.
     quiet : float
-        Dead zone of the landing, >= 0 (m/s): a bound of the errors of the measured velocity, such
-        as 5 standard deviations. A mass at rest has a constant control then, and rest is as exact
-        as without errors.
+        Dead zone of the contact-establishing law, >= 0 (m/s): a bound of the errors of the measured
+        velocity, such as 5 standard deviations. A mass at rest then has a constant control, and
+        rest is as exact as without errors.
     delay : int
         Periods from a measurement to the moment when its control acts, 0 to 64, in place of
         `ahead`: the state is predicted as far ahead, exactly where the force is known, through
         impacts and into rest, under the controls that do not act yet.
     solver : {"exact", "newton", "outer"}
-        How the signs of a step without a landing are found: by cases; as the variational
-        inequality (23) by the general solver; or by affine ones, one after another, without a
-        merit function. Both start from the signs of the last tick. Where the step has one solution
-        the control is the same; where a solver finds none, the exact signs are taken and `status`
-        has ``UNSOLVED``.
+        Method for the signs of a step with ``landing=False``: by cases; as the variational
+        inequality (23) of the paper by the general solver; or by a sequence of affine ones, without
+        a merit function. Both solvers start from the signs of the last update. If the step has one
+        solution, all methods return the same control; if a solver fails, the exact signs are used
+        and `status` has ``UNSOLVED``.
     linearisations : int
         For ``solver="outer"``: maximal number of affine problems per step, >= 1.
 
@@ -119,6 +120,11 @@ class TwistingRegulator(_zivi.Regulator, LandingController):
     Notes
     -----
     A step evaluates both set-valued signs at the end of the period in closed form.
+
+    The law is equation (3) of Huber and Oza; the step is their (12)-(13) with the missing terms
+    :math:`s_k`, :math:`v_k` and the missing factor `h`, as a variational inequality (23). The
+    contact-establishing law and the sharper condition of the gains are derived in the page
+    "Exact rest in a sampled loop" (exact_rest.md).
 
     References
     ----------
@@ -181,10 +187,10 @@ class TwistingTracker(_zivi.Tracker, Following, LandingController):
 
     with all six signs taken implicitly, at the end of the sampling period, and solved exactly: the
     control follows without chattering. The reference is a mass of its own above a wall, inside
-    the controller, that every tick advances by `h`. It starts at rest; see `reset`. Or it is given
-    sample by sample: see `step_to`.
+    the controller, that each update advances by `h`. It starts at rest; see `reset`. A given
+    reference is passed sample by sample: see `step_to`.
 
-    With ``landing`` the control is another one while the reference rests:
+    With ``landing`` the contact-establishing law replaces it while the reference is at rest:
 
     .. math::
 
@@ -219,7 +225,7 @@ class TwistingTracker(_zivi.Tracker, Following, LandingController):
         against it: :math:`M_e < \mu_2 < \mu_1 - M_e` with :math:`M_e = M (1+e)/(2e)`.
     depth : float
         Measurements down to ``-depth`` (m) are sensor noise and are taken as 0; deeper ones are
-        refused.
+        rejected.
     u_limits : (float, float), optional
         Range of the actuator (m/s^2): the control is cut to it.
     landing : bool
@@ -229,12 +235,12 @@ class TwistingTracker(_zivi.Tracker, Following, LandingController):
         Acceleration towards the wall of a mass at rest, :math:`u = -F - press` (m/s^2): at least
         `bound`, or the unknown force lifts it. By default :math:`D`.
     ahead : int
-        The horizon :math:`N` of the landing, >= 1: one more than the periods from a measurement to
-        the moment when its control acts.
+        The horizon :math:`N` of the contact-establishing law, >= 1: one more than the periods from
+        a measurement to the moment when its control acts.
     quiet : float
-        Dead zone of the landing, >= 0 (m/s): a bound of the errors of the measured velocity, such
-        as 5 standard deviations. A mass at rest has a constant control then, and the landing rests
-        as without errors.
+        Dead zone of the contact-establishing law, >= 0 (m/s): a bound of the errors of the measured
+        velocity, such as 5 standard deviations. A mass at rest then has a constant control, and
+        rest is as exact as without errors.
     horizon : float
         Periods over which the implicit step is planned, >= 1. More, about 3 to 5, are quieter under
         noise and less sharp near an impact.
@@ -244,15 +250,15 @@ class TwistingTracker(_zivi.Tracker, Following, LandingController):
     delay : int
         Periods from a measurement to the moment when its control acts, 0 to 64, in place of
         `ahead`: the state is predicted as far ahead, exactly where the force is known, through
-        impacts and into rest, under the controls that do not act yet. The reference, a given one
-        too, is as far ahead at a tick: `x_ref` is that of the end of the period in which the
-        control acts.
+        impacts and into rest, under the controls that do not act yet. The reference is as far
+        ahead: after an update `x_ref` is its position at the end of the period in which the control
+        acts.
     solver : {"exact", "newton", "outer"}
-        How the signs of a step are found: by cases; as the variational inequality (24) of six
-        signs by the general solver; or by affine ones, one after another, without a merit function.
-        Both start from the signs of the last tick. Where the step has one solution the control is
-        the same; where a solver finds none, the exact signs are taken and `status` has
-        ``UNSOLVED``.
+        Method for the signs of a step: by cases; as the variational inequality (24) of the paper
+        with six signs by the general solver; or by a sequence of affine ones, without a merit
+        function. Both solvers start from the signs of the last update. If the step has one
+        solution, all methods return the same control; if a solver fails, the exact signs are used
+        and `status` has ``UNSOLVED``.
     linearisations : int
         For ``solver="outer"``: maximal number of affine problems per step, >= 1.
 
@@ -271,6 +277,10 @@ class TwistingTracker(_zivi.Tracker, Following, LandingController):
     -----
     A step evaluates all set-valued signs at the end of the period, by an exact distinction of
     cases.
+
+    The law is equation (7) of Huber and Oza. The step is their implicit Euler scheme (16)-(19) with
+    the inclusions (9)-(11); it returns the control (20). All six signs together are the variational
+    inequality (24). Misprints are corrected (paper.md).
 
     References
     ----------
@@ -412,10 +422,14 @@ class ExplicitTwisting(_zivi.Explicit, Following):
     Notes
     -----
     Explicit signs switch in each period, with an amplitude that does not depend on `h`. The class
-    is for comparison with `TwistingTracker`; an update needs no solver.
+    is for comparison with `TwistingTracker`; an update does not solve equations. The law is
+    equation (7) of Huber and Oza with the signs of the sample.
 
     References
     ----------
+    O. Huber and H. B. Oza, Implicit numerical integration for the simulation and control of a
+    non-smooth system with resets, IEEE CDC, 2016.
+
     A. Levant, Sliding order and sliding accuracy in sliding mode control, Int. J. Control 58, 1993.
 
     Examples

@@ -209,15 +209,15 @@ def sensitivity(
 
     (the saltation matrix, with :math:`X = dx/dq`, :math:`V = d\dot x/dq`), a Zeno time has the
     derivative of its extrapolation, all derivatives are zero at rest and are reinitialised at
-    lift-off. Of an `ImpactLaw` the factor of :math:`dv^-` is its slope.
+    lift-off. For an `ImpactLaw` the factor of :math:`dv^-` is its slope.
 
     Parameters
     ----------
     system : ImpactSystem or MechanicalSystem
         The force and the wall. The force is a number, a `LinearForce`, a `ParametricForce`, or any
-        callable, whose derivatives by time and state are central differences then. Of a
-        `MechanicalSystem` the derivatives are those that SymPy derives (`zivi.symbolic.system`), or
-        central differences.
+        callable, whose derivatives with respect to time and state are then central differences. For
+        a `MechanicalSystem` they are derived by SymPy (`zivi.symbolic.system`) or central
+        differences.
     t_span : (float, float)
         Start and end (s).
     y0 : (float, float)
@@ -273,7 +273,8 @@ def sensitivity(
     -----
     The variational equations are integrated with the motion. Impacts multiply the derivatives by
     the saltation matrix; Zeno times have the derivative of their extrapolation. The cost grows
-    linearly with the number of parameters.
+    linearly with the number of parameters. The page "Sensitivities and orbits: theory"
+    (orbit_theory.md) derives the equations.
 
     References
     ----------

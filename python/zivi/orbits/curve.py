@@ -729,6 +729,7 @@ def continue_curve(
     -----
     The equations of the orbit are extended by the condition of the bifurcation and continued in two
     parameters by pseudo-arclength; points of codimension two are zeros of further test functions.
+    The added equations are listed in the section "Curves in two parameters" of orbit_theory.md.
 
     References
     ----------

@@ -514,7 +514,8 @@ def periodic_orbit(
     -----
     The unknowns are event times and states; Newton iteration solves the periodicity conditions, and
     the Floquet multipliers are eigenvalues of the derivative over a period. A simulation over one
-    period verifies admissibility.
+    period verifies admissibility. The page "Sensitivities and orbits: theory" (orbit_theory.md) has
+    the equations.
 
     References
     ----------

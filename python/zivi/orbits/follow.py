@@ -291,7 +291,8 @@ def continue_orbit(
     Notes
     -----
     Pseudo-arclength continuation with Newton correction; bifurcations are zeros of test functions
-    between two points and are located to rounding.
+    between two points and are located to rounding. The page "Sensitivities and orbits: theory"
+    (orbit_theory.md) has the equations.
 
     References
     ----------

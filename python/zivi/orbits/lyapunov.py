@@ -329,7 +329,7 @@ def flow_maps(
 
 
 def response_amplitude(system: LinearSystem, gap: str, omegas: ArrayLike) -> Array:
-    r"""Return how far a gap swings where nothing is hit.
+    r"""Return the amplitude of a gap in the steady response without impacts.
 
     .. math:: R = | n \cdot (K - \omega^2 M + i \omega C)^{-1} p - w |
 

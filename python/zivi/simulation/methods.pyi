@@ -71,6 +71,9 @@ class SwitchedRK(Settings):
     continue smoothly there; where it raises or is not finite, it is evaluated at ``x = 0`` instead.
     For `e` close to 1 an accumulation is long: hundreds of impacts at ``e = 0.99``.
 
+    Root finding, extrapolation of Zeno times and power series have their equations on the page "How
+    SwitchedRK works" (switched_rk.md).
+
     References
     ----------
     E. Hairer, S. P. Norsett, G. Wanner, Solving Ordinary Differential Equations I, 2nd ed.,
@@ -122,11 +125,11 @@ class ThetaGamma(FixedSteps):
         linearised at the solution of the last, without a merit function ("outer linearisation").
         A step in which the solver fails is taken by the exact one and counted in
         ``failed_steps``. Where a step has one solution, always when the force points towards the
-        wall, all give the same. Under an outward force a step may have several: the exact
-        analysis selects by a rule, the solvers take the one they come to from the present signs,
-        and the trajectories may part there.
+        wall, all solvers return it. Under an outward force a step may have several: the exact
+        analysis selects one by a rule, the other solvers return the one they reach from the present
+        signs, and the trajectories may differ from there on.
     linearisations : int
-        For ``solver="outer"``: at most so many affine VIs in a step, >= 1.
+        For ``solver="outer"``: maximal number of affine VIs in a step, >= 1.
 
     Raises
     ------
@@ -142,7 +145,11 @@ class ThetaGamma(FixedSteps):
     Notes
     -----
     A step costs one evaluation of the force, if it depends on time only, and one case analysis of
-    two signs; a step through an accumulation costs no more. Misprints of the paper are corrected.
+    two signs; a step through an accumulation costs no more.
+
+    The scheme discretises equation (2) of Huber and Oza by the theta-gamma method of their section
+    IV, with signs as in (9). Misprints of the paper are corrected (paper.md). The case analysis and
+    the selection rule are on the page "The theta-gamma scheme and time stepping" (scheme.md).
 
     References
     ----------
@@ -173,7 +180,7 @@ class MoreauJean(FixedSteps):
         \text{where } x + h \dot x / 2 \le 0, \text{ else } P = 0
 
     It passes the accumulation at first order and may penetrate the wall by :math:`O(h)`: `x` is
-    reported as it is, also negative. ``e`` may be anything in [0, 1].
+    reported without correction and may be negative. ``e`` is in [0, 1].
 
     Parameters
     ----------
@@ -235,10 +242,14 @@ class ExplicitEuler(FixedSteps):
 
     Notes
     -----
-    A step costs one evaluation of the force and no solver.
+    A step costs one evaluation of the force and no solver. It discretises equation (2) of Huber and
+    Oza with the signs at the start of the step.
 
     References
     ----------
+    O. Huber, H. B. Oza, Implicit numerical integration for the simulation and control of a
+    non-smooth system with resets, CDC 2016.
+
     V. Acary, B. Brogliato, Numerical Methods for Nonsmooth Dynamical Systems, Springer, 2008.
 
     Examples

@@ -103,13 +103,13 @@ class HarmonicWall:
 class MovingWall:
     """A wall whose motion is given by three functions of time.
 
-    Calling it, ``wall(t)``, gives ``(w, w', w'')``.
+    ``wall(t)`` returns ``(w, w', w'')``.
 
     Parameters
     ----------
     position, velocity, acceleration : callable
-        ``w(t)`` (m), ``w'(t)`` (m/s) and ``w''(t)`` (m/s^2) for a float `t` (s). They must belong
-        together: a wrong derivative is a force that nobody ordered.
+        ``w(t)`` (m), ``w'(t)`` (m/s) and ``w''(t)`` (m/s^2) for a float `t` (s). They must be
+        consistent: an error of the acceleration acts like a force per unit mass.
 
     Raises
     ------
@@ -275,10 +275,10 @@ class DryFriction(Unchanging):
         :math:`v`, the speed of the counter-surface: a number, ``v(t, q)``, or a motion whose
         velocity is used.
     curvature : callable, float or None
-        ``(t, q, qdot)`` to the number :math:`k`, what :math:`\dot w` is without acceleration; by
-        default it is differenced.
+        Callable ``(t, q, qdot) -> float``: the part :math:`k` of :math:`\dot w` that does not
+        depend on accelerations. By default it is finite-differenced.
     name : str, optional
-        What tables and errors call it; by default ``friction0``, ``friction1``, ... by its place.
+        Name in tables and errors; by default ``friction0``, ``friction1``, ... by position.
 
     Raises
     ------
@@ -293,7 +293,8 @@ class DryFriction(Unchanging):
 
     Notes
     -----
-    The force of the system must not contain the dry friction.
+    The force of the system must not contain the dry friction. The page "Friction" (friction.md) has
+    the equations and the selection of the modes.
 
     References
     ----------
@@ -807,18 +808,20 @@ class Gap(Unchanging):
         Callable ``(t, q)`` that returns :math:`\partial g/\partial q`, of shape (n,), or a constant
         array.
     curvature : callable, float or None
-        ``(t, q, qdot)`` to the number
-        :math:`h = \dot q^T H \dot q + 2 g_{tq} \dot q + g_{tt}`, :math:`H` the Hessian: what
-        :math:`\ddot g` is without acceleration. By default it is differenced, to about 1e-11
-        where gradient and rate vary over lengths and times of order one, by six evaluations.
+        Callable ``(t, q, qdot) -> float``, the bias acceleration
+        :math:`h = \dot q^T H \dot q + 2 g_{tq} \dot q + g_{tt}` with the Hessian :math:`H`: the
+        part of :math:`\ddot g` that does not depend on accelerations. By default six evaluations
+        of the gradient give finite differences, accurate to about 1e-11 if gradient and rate vary
+        over lengths and times of order one.
     rate : callable, float or None
-        ``(t, q)`` to :math:`\partial g/\partial t`; by default the gap does not depend on time.
+        Callable ``(t, q) -> float``, the partial derivative :math:`\partial g/\partial t`; by
+        default the gap does not depend on time.
     name : str, optional
-        What errors and plots call it; by default ``gap0``, ``gap1``, ... by its place.
+        Name in errors and plots; by default ``gap0``, ``gap1``, ... by position.
     tangent : callable or array_like, optional
         With friction: the direction :math:`B` of slip, of shape (n,), as ``(t, q)`` or an array,
         on the scale of the gap: of a distance, the unit tangent. The slip speed is
-        :math:`w = B \dot q + \beta`. Two directions at right angles, an array of shape (2, n) or a
+        :math:`w = B \dot q + \beta`. Two orthogonal directions, an array of shape (2, n) or a
         pair of functions, make Coulomb's cone of a body in space.
     tangent_velocity : callable, float or None
         Callable ``(t, q) -> float``: the drift :math:`\beta` of the slip velocity (m/s), for a
@@ -828,9 +831,9 @@ class Gap(Unchanging):
         depend on accelerations. By default it is finite-differenced. With two tangents a pair.
     mu : float or callable
         Coefficient of friction, >= 0, or ``mu(speed)`` of the slip speed >= 0. With 0 the gap is
-        one without friction.
+        frictionless.
     mu_static : float, optional
-        What sticks, at least ``mu``; by default ``mu``.
+        Coefficient of friction while sticking, at least ``mu``; by default ``mu``.
     e_t : float
         Tangential restitution in [0, 1]; other values than 0 are for superballs.
     contact : SpringDamper, Hertz, HuntCrossley or callable, optional

@@ -432,7 +432,8 @@ def lift(
     Notes
     -----
     The Zhuravlev-Ivanov transform removes the velocity jump at impacts: ``s`` and ``v`` are
-    continuous in time.
+    continuous in time. They obey equation (2) of Huber and Oza, whose inverse,
+    ``v = xdot/(1 - kappa)``, holds for ``xdot >= 0`` only.
 
     References
     ----------
@@ -490,7 +491,8 @@ def project(
 
     Notes
     -----
-    Elementwise and exact to rounding; the inverse of `lift` on one branch.
+    Elementwise and exact to rounding; the inverse of `lift` on one branch. The map is the
+    definition before equation (2) of Huber and Oza.
 
     References
     ----------
@@ -611,10 +613,13 @@ class ImpactSystem:
     -----
     A system is a value: it does not change, and `replace` returns another one. The force is called
     by the method only; a number or a `LinearForce` is never called, which saves nearly all of the
-    time of a run.
+    time of a run. The system is equation (1) of Huber and Oza.
 
     References
     ----------
+    O. Huber and H. B. Oza, Implicit numerical integration for the simulation and control of a
+    non-smooth system with resets, IEEE CDC, 2016.
+
     B. Brogliato, Nonsmooth Mechanics, 3rd ed., Springer, 2016.
 
     Examples

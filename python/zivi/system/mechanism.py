@@ -649,8 +649,9 @@ class MechanicalSystem:
     Notes
     -----
     Contact forces solve a linear complementarity problem with the Delassus matrix of the closed
-    gaps. A stage of a step factorises the mass matrix, :math:`O(n^3)`, unless it is that of the
-    stage before: a constant one is factorised once.
+    gaps; the equations are on the page "Contact and impacts of several gaps" (contact.md). A stage
+    of a step factorises the mass matrix, :math:`O(n^3)`, unless it is the matrix of the stage
+    before: a constant one is factorised once.
 
     References
     ----------

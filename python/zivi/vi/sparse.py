@@ -228,12 +228,12 @@ _MESSAGES = {
     ),
     VIStatus.ITERATION_LIMIT: "the iteration limit was reached: raise it or start nearer",
     VIStatus.DOMAIN_ERROR: (
-        "no point was found from which to go on with F and its Jacobian finite: start where both "
-        "are defined, or tighten the bounds to the domain"
+        "F or its Jacobian is not finite at all trial points: start where both are finite, or "
+        "tighten the bounds to their domain"
     ),
     VIStatus.INFEASIBLE: (
-        "there is no solution: no point of the box satisfies all rows of F (their signs where "
-        "there is no bound at which they may be wrong); check the bounds and the sign of F"
+        "there is no solution: no point of the box satisfies all rows of F (for components with "
+        "one bound, their signs); check the bounds and the sign of F"
     ),
     VIStatus.STOPPED: "stopped by the caller before a solution was found",
     VIStatus.TIME_LIMIT: "the time limit was reached: allow more time or start nearer",

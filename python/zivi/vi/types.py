@@ -29,7 +29,7 @@ class VIStatus(NamedStatus):
     PIVOT_LIMIT = 5
     """Pivoting reached its limit in the affine subproblems."""
     DOMAIN_ERROR = 6
-    """No point was found from which to go on with `F` and its Jacobian finite."""
+    """`F` or its Jacobian is not finite at all trial points."""
     INFEASIBLE = 8
     """A row of an affine problem has the wrong sign everywhere in the box: no solution exists."""
     STOPPED = 9

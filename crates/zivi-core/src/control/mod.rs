@@ -5,8 +5,8 @@
 //! bounded by constants, and it cannot panic: the same code runs on a bench and on a target.
 //!
 //! ```text
-//! regulator   s' = R v,  v' = ( sgn(s) F - mu1 sgn(s) - mu2 sgn(v) ) / R            (9)-(10)
-//! tracker     u = R sgn(s) [ -mu1 sgn(e_s) - mu2 sgn(e_v) + sgn(s_r) F_r/R_r ] - sgn(s)^2 F   (20)
+//! regulator   s' = R v,  v' = ( sgn(s) F - mu1 sgn(s) - mu2 sgn(v) ) / R            (3)
+//! tracker     u = R sgn(s) [ -mu1 sgn(e_s) - mu2 sgn(e_v) + sgn(s_r) F_r/R_r ] - sgn(s)^2 F   (7)
 //!             e_s = s - s_r,  e_v = v - v_r
 //! ```
 //!

@@ -184,7 +184,7 @@ impl TwistingRegulator {
 
 // The explicit twisting controller, the baseline that chatters.
 
-/// The law (20) with the signs of the sampled state: the same interface as the implicit tracker.
+/// The law (7) with the signs of the sampled state: the same interface as the implicit tracker.
 ///
 /// ```text
 /// u = R [ -mu1 sgn(s - s_r) - mu2 sgn(v - v_r) + F_r/R_r ] - F        (branch +1, sgn s = 1)
