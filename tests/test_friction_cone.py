@@ -148,6 +148,20 @@ def test_a_ball_bounces_slides_and_rolls(case, tol):
         assert not sol.slips[-1].any()
 
 
+def test_lengths_of_tangents_count():
+    # rows c R T with mu/c are rows T with mu; of unequal lengths each has its own friction
+    stop, x, y = PUCKS[1.0, 5.0]
+    floor = zivi.LinearGap([0, 0, 1], tangent=2 * turned(0.7, np.eye(3)[:2]), mu=2.5)
+    sol = zivi.simulate(puck(1.0, 5.0).replace(gaps=[floor]), (0, 1), thrown(), adaptive(1e-9))
+    assert first(sol.transitions, 0) == pytest.approx(stop, abs=2e-9)
+    assert sol.q[-1, :2] == pytest.approx([x, y], abs=2e-9)
+    oblong = zivi.LinearGap([0, 0, 1], tangent=[[1, 0, 0], [0, 2, 0]], mu=0.5)
+    for angle, deceleration in ((0.0, 0.5), (np.pi / 2, 1.0)):
+        system = puck(0.0, 0.5).replace(gaps=[oblong])
+        sol = zivi.simulate(system, (0, 3), thrown(angle), adaptive(1e-9))
+        assert first(sol.transitions, 0) == pytest.approx(1 / deceleration, abs=1e-8)
+
+
 def test_a_sliding_ball_rolls_after_the_time_of_the_closed_form():
     start = np.zeros(6), np.array([1.0, -0.5, 0.0, 3.0, 4.0, 7.0])
     sol = zivi.simulate(ball(0.3, 0.0, angle=0.4), (0, 1), start)

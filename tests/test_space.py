@@ -426,6 +426,7 @@ def test_batches_files_pickles_and_other_parameters(tmp_path):
     assert [body.name for body in tree.bodies] == ["ball"]
 
 
+TOP_START = [1, 0, 0, 0], [0.1, 0.2, 3.0]
 REFUSED = {
     "damping of body 'a' is not supported for kind='ball'": lambda: Body(
         "a", kind="ball", damping=1.0
@@ -442,8 +443,14 @@ REFUSED = {
     "MoreauJean cannot be used with body 'body', which rotates in space": lambda: zivi.simulate(
         zivi.Tree([OFFSET]), (0, 1), ([0] * 6, [0] * 6), zivi.MoreauJean(1e-2)
     ),
-    "derivatives are not supported for body 'body'": lambda: zivi.sensitivity(
+    "derivatives cannot be used with body 'body'": lambda: zivi.sensitivity(
         zivi.Tree([OFFSET]), (0, 1), ([0] * 6, [0] * 6), wrt=["body.mass"]
+    ),
+    "derivatives cannot be used with body 'body', .* use differences": lambda: zivi.sensitivity(
+        zivi.Tree([OFFSET]), (0, 1), ([0, 0, 0, 1, 0, 0, 0], [0] * 6)
+    ),
+    "derivatives cannot be used with body 'top'": lambda: zivi.periodic_orbit(
+        zivi.Tree([TOP]), TOP_START, period=1.0
     ),
 }
 

@@ -820,9 +820,10 @@ class Gap(Unchanging):
         Name in errors and plots; by default ``gap0``, ``gap1``, ... by position.
     tangent : callable or array_like, optional
         With friction: the direction :math:`B` of slip, of shape (n,), as ``(t, q)`` or an array,
-        on the scale of the gap: of a distance, the unit tangent. The slip speed is
-        :math:`w = B \dot q + \beta`. Two orthogonal directions, an array of shape (2, n) or a
-        pair of functions, make Coulomb's cone of a body in space.
+        on the scale of the gap: of a distance, the unit tangent; one that is `c` times as long
+        means `c * mu`. The slip speed is :math:`w = B \dot q + \beta`. Two orthogonal directions
+        of one length, an array of shape (2, n) or a pair of functions, make Coulomb's cone of a
+        body in space, others an elliptical one.
     tangent_velocity : callable, float or None
         Callable ``(t, q) -> float``: the drift :math:`\beta` of the slip velocity (m/s), for a
         conveyor belt minus its speed. Default 0. With two tangents a pair.
@@ -1017,7 +1018,7 @@ class LinearGap(Gap):
         As for `Gap`.
     tangent : array_like, optional
         With friction: the direction of slip, of shape (n,), or two at right angles, of shape
-        (2, n).
+        (2, n). Their lengths count, as for `Gap`.
     mu, mu_static, e_t, contact
         As for `Gap`.
     belt : float, HarmonicWall or MovingWall

@@ -407,9 +407,10 @@ def check_cones(system: MechanicalSystem) -> None:
 
 def check_rotations(system: MechanicalSystem, what: str) -> None:
     """Raise a NotImplementedError for rotations whose coordinates change during a run."""
+    remedy = "differences of zivi.simulate" if what == "derivatives" else "zivi.simulate"
     for body in system._rotations():
         raise NotImplementedError(
-            f"{what} cannot be used with body {body!r}, which rotates in space; use zivi.simulate "
+            f"{what} cannot be used with body {body!r}, which rotates in space; use {remedy} "
             "with zivi.SwitchedRK"
         )
 

@@ -261,7 +261,7 @@ def check_smooth(system: Any) -> None:
 
 
 def check_planar_friction(system: Any) -> None:
-    """Reject what derivatives do not support: equality rows, cones of friction."""
+    """Reject what derivatives do not support: equality rows, rotations in space, cones."""
     if not isinstance(system, MechanicalSystem):
         if system.friction:
             raise NotImplementedError(
@@ -270,9 +270,9 @@ def check_planar_friction(system: Any) -> None:
             )
         return
     check_free(system, "derivatives")
+    check_planar(system, "derivatives")
     if not system.channel_names:
         return
-    check_planar(system, "derivatives")
     for name, value in (("impact_law", "newton"), ("paradox", "stop")):
         if (given := getattr(system, name)) != value:
             raise NotImplementedError(

@@ -755,12 +755,6 @@ class Tree(MechanicalSystem):
 
     def partials(self, model: Model, wanted: Collection[str] | None = None) -> Partials:
         """Return the derivatives of the numbers of the tree with respect to parameters."""
-        if self._structure.rotations:
-            name = next(iter(self._structure.rotations))
-            raise NotImplementedError(
-                f"derivatives are not supported for body {name!r}, which rotates in space: its "
-                "coordinates change during a run; use differences of zivi.simulate"
-            )
         values, used = self._parameters, self._parameters if wanted is None else wanted
         names = [name for name in values if name in used]
         rows = dict(zip(names, self._structure.directions(values, names).tolist(), strict=True))

@@ -410,7 +410,7 @@ impl<D> Flying<'_, '_, D> {
             let change = at.integrate(&from, h);
             match sweep.cmp(&STRAIGHT) {
                 Ordering::Less => (),
-                Ordering::Equal => at.aim(&contacts, &headings, self.first_slip()),
+                Ordering::Equal => at.aim(&from, &contacts, &headings, self.first_slip()),
                 Ordering::Greater => at.correct(h, &contacts, self.first_slip()),
             }
             let change = change.max(at.corrected);
@@ -546,14 +546,19 @@ impl Collocated {
         change
     }
 
-    /// Turns the slips to the directions in which they would begin at the stages, by the accelerations in that from
-    /// the start.
-    fn aim(&mut self, contacts: &[Slipping], headings: &[f64], first: usize) {
+    /// Turns the slips that begin to the directions in which they would begin at the stages, by the accelerations in
+    /// that from the start.
+    fn aim(&mut self, from: &State, contacts: &[Slipping], headings: &[f64], first: usize) {
         for contact in contacts {
             let at = contact.pair.map(|channel| first + channel);
             let d = contact.pair.map(|channel| headings[channel]);
             for stage in 0..STAGES {
                 let [x, y] = at.map(|c| self.v[stage][c]);
+                let [x0, y0] = at.map(|c| from.xdot[c]);
+                // a contact that slipped already keeps its direction
+                if x0.hypot(y0) > (x - x0).hypot(y - y0) {
+                    continue;
+                }
                 let speed = d[0] * x + d[1] * y;
                 let rates = at.map(|c| self.k[stage][c]);
                 let begun = contact.begins(stage, d, rates);
