@@ -1018,6 +1018,33 @@ class Verdict:
         return max(self.state, self.events, self.speeds, self.controls)
 
 
+def nearest_pairs(rows, others, close, alike):
+    """Pair rows of two lists with each other, the nearest first: what belongs to rows of the first.
+
+    A row of one list that the other does not have takes no row that belongs to a later one.
+    """
+
+    def distance(i, j):
+        (t, _, more), it = rows[i], others[j]
+        return abs(it[0] - t) / close + np.abs(np.subtract(it[2], more)).sum()
+
+    by_gap = {}
+    for j, it in enumerate(others):
+        by_gap.setdefault(it[1], []).append(j)
+    may_be = [
+        (distance(i, j), i, j)
+        for i, (t, who, more) in enumerate(rows)
+        for j in by_gap.get(who, ())
+        if abs(others[j][0] - t) < close and (not alike or others[j][2] == more)
+    ]
+    paired, taken = {}, set()
+    for _, i, j in sorted(may_be):
+        if i not in paired and j not in taken:
+            paired[i] = others[j]
+            taken.add(j)
+    return paired
+
+
 def compare(one, other, back, rng, cuts=()):
     """Compare two runs, the second in the units and coordinates of the first."""
     wrong, verdict = [], Verdict()
@@ -1061,19 +1088,13 @@ def compare(one, other, back, rng, cuts=()):
 
     for kind in first:
         left = list(second[kind])
-        for t, who, more in first[kind]:
-            same = [it for it in left if it[1] == who and abs(it[0] - t) < close]
-            if kind == "mode":
-                same = [it for it in same if it[2] == more]
-            if not same:
+        paired = nearest_pairs(first[kind], left, close, kind == "mode")
+        for i, (t, who, more) in enumerate(first[kind]):
+            if i not in paired:
                 if not skippable(kind, t, who, more):
                     wrong.append(f"only the first has {kind} {t, who, more}")
                 continue
-
-            def distance(it, t=t, more=more):
-                return abs(it[0] - t) / close + np.abs(np.subtract(it[2], more)).sum()
-
-            near = min(same, key=distance)
+            near = paired[i]
             left.remove(near)
             if nested(t):
                 continue

@@ -230,6 +230,36 @@ def test_a_law_with_friction_that_lets_go_below_zero_and_pushes_again():
     for j, unit in enumerate(np.eye(4)):
         exact = differences(lambda h, unit=unit: times(start + h * unit), 1e-5)
         assert s.touchdown_times[:, j] == pytest.approx(exact, rel=1e-5, abs=1e-6)
-    # when friction begins with a contact is unknown, not wrong
-    begins = s.trajectory.transitions["before"] == 2
-    assert np.isnan(s.transition_times[begins][1:]).all()
+    # friction begins with each contact that has a force
+    begins = (s.trajectory.transitions["before"] == 2) & (s.trajectory.transitions["t"] > 0)
+    begun = s.trajectory.transitions["t"][begins]
+    from_contact = np.searchsorted(s.trajectory.touchdowns["t"], begun)
+    assert np.array_equal(s.transition_times[begins], s.touchdown_times[from_contact])
+
+
+def test_friction_begins_with_a_compliant_touchdown_as_differences_say():
+    values = {"k": 4e3, "mu": 0.3, "lift": 12.0, "m": 1.3}
+
+    def build(k, mu, lift, m):
+        floor = zivi.LinearGap(
+            [0.0, 1.0], tangent=[1.0, 0.0], mu=mu, name="floor", contact=zivi.SpringDamper(k, 12.0)
+        )
+        force = lambda t, q, w: [-0.2 * w[0], m * (lift * t**2 - G)]  # noqa: E731
+        return zivi.MechanicalSystem(mass=m * np.eye(2), force=force, gaps=[floor])
+
+    start = [0.0, 0.3], [2.0, 0.0]
+    s = zivi.sensitivity(
+        zivi.ParametricSystem(build, values), (0, 1.0), start, ("q0[1]", *values), TIGHT
+    )
+    assert list(s.trajectory.transitions["before"]) == [2, 2, 1]
+    assert np.array_equal(s.transition_times[:2], s.touchdown_times)
+    for j, name in enumerate(("q0[1]", *values)):
+
+        def times(h, name=name):
+            height = 0.3 * (1 + h) if name == "q0[1]" else 0.3
+            moved = values if name == "q0[1]" else values | {name: values[name] * (1 + h)}
+            sol = zivi.simulate(build(**moved), (0, 1.0), ([0.0, height], [2.0, 0.0]), TIGHT)
+            return sol.transitions["t"]
+
+        wanted = differences(times, 1e-5) / (0.3 if name == "q0[1]" else values[name])
+        assert s.transition_times[:, j] == pytest.approx(wanted, rel=1e-6, abs=1e-8)

@@ -413,3 +413,51 @@ def test_a_belt_moves_in_two_directions():
     assert first(sol.transitions, 0) == pytest.approx(0.5 / (0.5 * 9.81), abs=1e-14)
     assert sol.qdot[-1] == pytest.approx([0.3, -0.4, 0], abs=1e-14)
     assert not sol.slips[-1].any()
+
+
+FOOT = np.array([0.2, 0.1, -0.3])
+INERTIA = np.array([0.02, 0.05, 0.06])
+
+
+def on_a_foot(inertia=INERTIA, mu=1.0):
+    """A body of 5 kg on one foot, at rest but for a slip."""
+    tree = zivi.Tree(
+        [zivi.mechanics.Body("trunk", kind="free", mass=5.0, inertia=list(inertia))],
+        shapes={
+            "foot": zivi.mechanics.Ball(0.02, center=(0.2, 0.1, -0.3), body="trunk"),
+            "floor": zivi.mechanics.Plane((0, 0, 1)),
+        },
+        contacts=[zivi.mechanics.Contact("foot", "floor", mu=mu, e=0.0)],
+    )
+    start = [0, 0, 0.32, 1, 0, 0, 0], [0.003, -0.027, 0, 0, 0, 0]
+    return zivi.simulate(tree, (0, 0.01), start)
+
+
+def cross_with(a):
+    """Return the matrix of ``a x``."""
+    return np.cross(a, np.eye(3)).T
+
+
+def test_a_slip_that_turns_into_painleves_paradox_ends_at_its_border():
+    """``K = n W (n - mu h)``, ``W = 1/m - r x I^-1 r x``, falls to zero as `h` turns."""
+    sol = on_a_foot()
+    assert sol.status is zivi.Status.PAINLEVE_SINGULAR
+    k = []
+    for slip, (w, *axis) in zip(sol.slips[:-1], sol.pose("trunk")[1], strict=False):
+        turn = np.eye(3) + 2 * (w * np.eye(3) + cross_with(axis)) @ cross_with(axis)
+        across = cross_with(turn @ FOOT - [0, 0, 0.02])
+        row = np.eye(3)[2] / 5.0 - across[2] @ turn @ np.diag(1 / INERTIA) @ turn.T @ across
+        k.append(row[2] - row[:2] @ slip / np.hypot(*slip))
+    k = np.array(k)
+    assert k[0] > 2.9
+    assert (k > 0).all()
+    assert 0 < k[-1] < 1e-5
+    assert (np.diff(sol.reactions[:-1, 0]) > 0).all()
+    assert sol.reactions[-2, 0] > 1e6
+    # the message has K along the slip, and no remedy that this model does not take
+    assert "'foot-floor' slides with 0.0025942" in sol.message
+    assert abs(float(sol.message.split("K = ")[1].split(",")[0])) < 1e-4
+    for remedy in ("MoreauJean", "paradox="):
+        assert remedy not in sol.message
+    # with more inertia there is no paradox
+    assert on_a_foot(10 * INERTIA).success

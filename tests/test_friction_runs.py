@@ -255,6 +255,17 @@ def test_a_sliding_rod_goes_on_exactly_where_it_can(speed, turn):
         if k < 0:
             assert "'gap0' slides with" in sol.message
             assert f"K = {k:.6g}, b = {b:.6g}" in sol.message
+            assert ("paradox='impact'" in sol.message) == (b < 0)
+            assert "zivi.MoreauJean chooses one motion" in sol.message
+
+
+def test_methods_of_fixed_steps_have_newtons_impact_law_only():
+    floor = zivi.LinearGap([0, 1], tangent=[1, 0], mu=0.3)
+    system = zivi.MechanicalSystem(
+        mass=np.eye(2), force=[0, -G], gaps=[floor], e=0.5, impact_law="poisson"
+    )
+    with pytest.raises(ValueError, match="impact_law must be 'newton' for MoreauJean, got 'poiss"):
+        zivi.simulate(system, (0, 1), ([0, 1], [1, 0]), zivi.MoreauJean(h=1e-2))
 
 
 def test_no_friction_is_no_friction_to_the_bit():

@@ -370,3 +370,37 @@ def test_a_parameter_e_of_a_builder_is_what_replace_sets():
 
     slope = (after(9.81 + 1e-4) - after(9.81 - 1e-4)) / 2e-4
     assert abs(s.final[0, 0, 0] - slope) < 1e-8
+
+
+@pytest.mark.parametrize("slope", [0.0, 0.2])
+def test_zeno_times_of_impacts_that_lose_ever_less_follow_differences(slope):
+    """The restitution tends to 1: flights that are left are summed, as are their derivatives."""
+    skew = np.array([[1.0, 0.6], [-0.4, 1.3]])
+    method = zivi.SwitchedRK(rtol=1e-10, atol=1e-3)
+    values = {"g": 9.81, "slope": slope, "m": 1.3}
+
+    def build(g, slope, m):
+        law = zivi.Restitution(lambda v: 1 / (1 + 0.3 * v**0.6), limit=1.0)
+        floor = zivi.LinearGap(np.array([np.sin(slope), np.cos(slope)]) @ skew, name="floor")
+        force = m * skew.T @ [0.5, -g]
+        return zivi.MechanicalSystem(mass=m * skew.T @ skew, force=force, gaps=[floor], e=law)
+
+    base = np.linalg.solve(skew, [0.0, 0.4]), np.linalg.solve(skew, [1.2, -0.3])
+    wrt = ("q0[0]", "qdot0[1]", *values)
+    s = zivi.sensitivity(zivi.ParametricSystem(build, values), (0, 5), base, wrt, method)
+    assert s.zeno_times.shape == (1, 5)
+    assert len(s.trajectory.zeno) == 1
+
+    def zeno(j, h):
+        moved, (q, w) = dict(values), (base[0].copy(), base[1].copy())
+        if j == 0:
+            q[0] += h
+        elif j == 1:
+            w[1] += h
+        else:
+            moved[wrt[j]] += h
+        return zivi.simulate(build(**moved), (0, 5), (q, w), method).zeno["t"][0]
+
+    for j in range(5):
+        one, two = ((zeno(j, k * 2e-4) - zeno(j, -k * 2e-4)) / (4e-4 * k) for k in (1, 2))
+        assert s.zeno_times[0, j] == pytest.approx((4 * one - two) / 3, rel=1e-7, abs=1e-8)

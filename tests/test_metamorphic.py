@@ -34,6 +34,8 @@ CORNERS = {
     "undetermined impact": (21, 256),
     "a foot between others that hits with them": (21, 80),
     "a foot that takes a part of the impulse of others": (21, 95),
+    "feet that meet a wall together, or one after the other by rounding": (77, 131),
+    "the same, with a load that is shared": (77, 1003),
 }
 
 

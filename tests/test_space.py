@@ -641,3 +641,30 @@ def test_wrong_shapes_of_a_file_name_their_key(tmp_path, line, wrong, told):
     path.write_text(FILE.replace(line, wrong))
     with pytest.raises(zivi.files.FileError, match=told):
         zivi.files.prepare_simulate(path).run()
+
+
+@pytest.mark.parametrize("tolerance", [1e-6, 1e-9])
+@pytest.mark.parametrize(
+    ("mass", "inertia"),
+    [(5.0, [0.02, 0.05, 0.06]), (10.0, [0.1, 0.3, 0.35]), (10.0, [0.12, 0.2, 0.25])],
+)
+def test_a_trunk_that_rocks_on_pairs_of_feet_lands_them_together(mass, inertia, tolerance):
+    """It stays in its plane of symmetry although rounding has one foot of a pair arrive first."""
+    feet = [(x, y) for x in (0.2, -0.2) for y in (0.1, -0.1)]
+    tree = zivi.Tree(
+        [Body("trunk", kind="free", mass=mass, inertia=inertia)],
+        shapes={
+            "floor": Plane((0, 0, 1)),
+            **{f"foot{i}": Ball(0.02, (*feet[i], -0.3), "trunk") for i in range(4)},
+        },
+        contacts=[Contact(f"foot{i}", "floor", mu=1.0, e=0.0) for i in range(4)],
+    )
+    method = zivi.SwitchedRK(rtol=tolerance, atol=1e-3 * tolerance)
+    start = [0, 0, 0.5, 1, 0, 0, 0], [0, 0, 0, 0, 0.5, 0]
+    sol = zivi.simulate(tree, (0, 1.5), start, method)
+    assert sol.success, sol.message
+    assert np.abs(sol.qvel[:, [1, 3, 5]]).max() < 1e-10
+    assert np.abs(sol.qvel[-1]).max() < 1e-12
+    assert sol.contacts[-1].all()
+    groups = np.unique(sol.impacts["group"], return_counts=True)[1]
+    assert (groups == 2).all()

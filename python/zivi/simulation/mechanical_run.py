@@ -119,6 +119,11 @@ def check_friction(system: MechanicalSystem, method: Any) -> None:
         raise NotImplementedError(
             f"equality rows are not supported by {type(method).__name__}; use zivi.SwitchedRK()"
         )
+    if system.impact_law != "newton" and not isinstance(method, SwitchedRK):
+        raise ValueError(
+            f"impact_law must be 'newton' for {type(method).__name__}, got "
+            f"{system.impact_law!r}; use zivi.SwitchedRK()"
+        )
     compliant = system._compliant()
     if compliant and not isinstance(method, SwitchedRK):
         name = system.gap_names[compliant[0][0]]

@@ -405,23 +405,17 @@ PARADOXES = (
 PRESTRESS = (
     "Several motions obey the law of friction from here on: contacts and joints hold each other by "
     "forces that the motion does not determine, and this prestress decides what sticks; the "
-    "trajectory ends there. Give a gap a contact= law, or use zivi.MoreauJean, which chooses one "
-    "motion."
+    "trajectory ends there. Give a gap a contact= law."
 )
 PAINLEVE = (
     "Several motions obey the law of friction from here on (Painlevé's paradox); the trajectory "
-    "ends there. Lower mu, or use zivi.MoreauJean, which chooses one."
+    "ends there. Lower mu."
 )
 
 
-def end_message(
-    record: _zivi.MechanicalRecord,
-    gaps: Sequence[str],
-    model: Model,
-    channels: Sequence[Channel] = (),
-) -> str:
+def end_message(record: _zivi.MechanicalRecord, system: MechanicalSystem, model: Model) -> str:
     """Return the message of a record; where contacts are not solved, with those that touch."""
-    status = Status(record.status)
+    status, gaps, channels = Status(record.status), system.gap_names, system._channels
     if status is Status.FORCE_NOT_FINITE:
         return NOT_FINITE
     if status not in (*UNSOLVED, *PARADOXES) or not len(record.t):
@@ -435,14 +429,27 @@ def end_message(
         numbers = _paradoxes(here, qdot, channels, touching)
         several = status is Status.INDETERMINATE_CONTACT
         if several and _is_prestressed(here, channels, touching, numbers):
-            return f"{PRESTRESS} At t = {record.t[-1]:.9g} these gaps touch: {names}."
+            told = f"At t = {record.t[-1]:.9g} these gaps touch: {names}."
+            return f"{PRESTRESS}{_remedies(system, status)} {told}"
         told = "; ".join(
             f"{name!r} slides with {slip:.6g}, K = {k:.6g}, b = {b:.6g}"
             for name, slip, k, b in numbers
         )
-        message = PAINLEVE if several else record.message
+        message = (PAINLEVE if several else record.message) + _remedies(system, status)
         return f"{message} At t = {record.t[-1]:.9g}: {told or 'no sliding contact touches'}."
     return f"{record.message} At t = {record.t[-1]:.9g} these gaps touch: {names}."
+
+
+def _remedies(system: MechanicalSystem, status: Status) -> str:
+    """Return what else continues a run in Painlevé's paradox, of what the system allows."""
+    told = ""
+    in_space = any(channel.row is not None for channel in system._channels)
+    if status is Status.INCONSISTENT_CONTACT and system.paradox == "stop" and not in_space:
+        told += " paradox='impact' continues by an impact without a collision."
+    rigid = not (system.equality_names or system._compliant() or system._rotations())
+    if rigid and system.impact_law == "newton" and not isinstance(system._e, tuple):
+        told += " zivi.MoreauJean chooses one motion."
+    return told
 
 
 def _velocity_after(record: _zivi.MechanicalRecord, model: Model) -> NDArray[np.float64]:
@@ -491,16 +498,19 @@ def _paradoxes(
     .. math:: \ddot g = K \lambda + b, \qquad K = (N M^{-1} (N - \mu \sigma B)^T)
     """
     free = np.linalg.solve(here.mass, here.force)
+    slips = here.tangents @ qdot + here.slip_rates
     told = []
-    for c, channel in enumerate(channels):
-        i = channel.gap
+    for i in dict.fromkeys(channel.gap for channel in channels):
         if i is None or not touching[i]:
             continue
-        slip = float(here.tangents[c] @ qdot + here.slip_rates[c])
-        edge = here.gradients[i] - here.limits[c] * np.sign(slip) * here.tangents[c]
+        mine = [c for c, channel in enumerate(channels) if channel.gap == i]
+        # a contact with two directions slips along both at once
+        slip = float(slips[mine[0]]) if len(mine) == 1 else float(np.hypot(*slips[mine]))
+        along = slips[mine] / (abs(slip) or 1.0)
+        edge = here.gradients[i] - here.limits[mine[0]] * along @ here.tangents[mine]
         k = float(here.gradients[i] @ np.linalg.solve(here.mass, edge))
         b = float(here.gradients[i] @ free + here.curvatures[i])
-        told.append((channel.name, slip, k, b))
+        told.append((channels[mine[0]].name, slip, k, b))
     return told
 
 
@@ -716,7 +726,9 @@ class MechanicalTrajectory(FrictionRun, SampledRun):
     q_events, qdot_events : list of ndarray
         The states there, each of shape (j, n).
     slowest : float
-        The slowest of ``impacts``, as a part of the fastest.
+        The slowest of ``impacts``, as a part of the fastest. Of what a jump skips, impacts of one
+        gap with a constant ratio are listed; impacts on the way into a corner, and those of a gap
+        whose slip turns in each flight, are not.
     coordinate_names, gap_names, equality_names : tuple of str
         Names.
     config : dict
@@ -835,7 +847,7 @@ class MechanicalTrajectory(FrictionRun, SampledRun):
         own["_friction"], own["_channels"] = friction, channels
         own["_unread"] = record, system, model
         if status not in (Status.COMPLETED, Status.TERMINATED_BY_EVENT):
-            own["message"] = end_message(record, system.gap_names, model, channels)
+            own["message"] = end_message(record, system, model)
         if record.speeds is not None:
             # samples of steps would tell it
             rests = sol.contacts[-1].any() or (sol.modes[-1:] == 0).any()

@@ -156,6 +156,12 @@ impl Kinetics {
         with == self.independent(rows).len()
     }
 
+    /// Whether a mode slips in two directions, and `det K` is not positive in its present ones.
+    pub(crate) fn is_singular(&mut self, mode: ContactMode) -> bool {
+        let has_cone = self.cones(mode.slipping()).next().is_some();
+        has_cone && self.edges(mode).is_ok_and(|edges| edges.kappa() <= 0.0)
+    }
+
     /// `K` of a mode.
     pub(crate) fn edges(&mut self, mode: ContactMode) -> Result<Edges, Undetermined> {
         let set = self.rows_of(mode);

@@ -413,6 +413,11 @@ impl Kinetics {
         compliant.map_or(0.0, |it| it.forces[gap])
     }
 
+    /// The gap whose force a channel has friction with, rigid or compliant; none of a joint.
+    pub(crate) fn pressing_gap(&self, channel: usize) -> Option<usize> {
+        self.gap_of(channel).or_else(|| self.compliant_friction(channel).map(|it| it.0))
+    }
+
     /// The compliant gap of a channel, and the coefficients in slip and in stick.
     pub(crate) fn compliant_friction(&self, channel: usize) -> Option<(usize, (f64, f64))> {
         let compliant = self.compliant.as_ref()?;

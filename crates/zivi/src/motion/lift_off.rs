@@ -319,7 +319,13 @@ pub(crate) fn open<E, D: Dynamics<E>>(
         Limit::Force(_) => mode.stick,
         Limit::Law(_) | Limit::Margin | Limit::Regularity => GapSet::EMPTY,
     };
-    let mut contacts = decide(aside, closed, &slips, held)?;
+    let mut contacts = match decide(aside, closed, &slips, held) {
+        // a slip that turns in the plane may take `K` of its contact through zero: its force has grown without bound
+        Err(Failure::Status(Status::InconsistentContact)) if aside.is_singular(mode) => {
+            return Err(Failure::Status(Status::PainleveSingular));
+        }
+        decided => decided?,
+    };
     // soon after the limit of shared loads it is exceeded by less than a decision allows
     while contacts.mode == mode && limit == Limit::Margin && later < h && aside.has_cones() {
         later *= LATER_AGAIN;

@@ -167,19 +167,16 @@ impl Status {
             }
             Status::InconsistentContact => {
                 "A sliding contact is jammed (Painlevé's paradox): no contact force obeys the law of \
-                 friction there; the trajectory ends there. Lower mu, use zivi.MoreauJean, or let \
-                 paradox='impact' continue by an impact without a collision."
+                 friction there; the trajectory ends there. Lower mu."
             }
             Status::IndeterminateContact => {
                 "Several motions obey the law of friction from here on; the trajectory ends there. A \
                  sliding contact is in Painlevé's paradox, or contacts at rest hold each other by a \
-                 prestress that the motion does not determine. Lower mu, or use zivi.MoreauJean, \
-                 which chooses one."
+                 prestress that the motion does not determine. Lower mu."
             }
             Status::PainleveSingular => {
                 "A sliding contact has reached the border of Painlevé's paradox, where its force \
-                 grows beyond all bounds; the trajectory ends there. Lower mu, or use \
-                 zivi.MoreauJean."
+                 grows beyond all bounds; the trajectory ends there. Lower mu."
             }
             Status::RedundantStick => {
                 "More than one force of the closed contacts does not follow from the motion: runs of \

@@ -119,8 +119,8 @@ impl VariationalRun<'_> {
             }
             // it begins with the force of its gap
             Change::Friction(channel) if !ending.mode.slipping().has(channel) => {
-                let gap = run.columns.local.kinetics.gap_of(channel);
                 let unknown = || vec![f64::NAN; run.count()];
+                let gap = run.columns.local.kinetics.pressing_gap(channel);
                 gap.map_or_else(unknown, |gap| ending.release(Limit::Force(gap), run))
             }
             Change::Friction(channel) => ending.stop(channel, first + channel),
@@ -614,7 +614,11 @@ impl VariationalRun<'_> {
         let piece = machine.advance(t_end, model)?;
         machine.state_mut().know(model)?;
         let of = |change: Change| {
-            let Change::Opening(gap) = change else { return None };
+            let gap = match change {
+                Change::Opening(gap) => gap,
+                // friction begins and ends with the force of its gap
+                Change::Friction(channel) => machine.state().kinetics().pressing_gap(channel)?,
+            };
             times.iter().find(|it| it.0 == gap).map(|it| it.1.clone())
         };
         self.note_events(machine, from, |_| None, of, &[]);
