@@ -727,7 +727,7 @@ class MechanicalTrajectory(FrictionRun, SampledRun):
         The states there, each of shape (j, n).
     slowest : float
         The slowest of ``impacts``, as a part of the fastest. Of what a jump skips, impacts of one
-        gap with a constant ratio are listed; impacts on the way into a corner, and those of a gap
+        gap with a constant ratio are listed; impacts that lead into a corner, and those of a gap
         whose slip turns in each flight, are not.
     coordinate_names, gap_names, equality_names : tuple of str
         Names.
