@@ -141,7 +141,7 @@ def draw(path: str, clearances: np.ndarray, ratio: np.ndarray) -> None:
     axes[0].legend(loc="upper left", bbox_to_anchor=(1, 1))
     axes[1].semilogx(clearances, ratio, ".-", color=zivi.plot.BLUE)
     axes[1].axhline(1.0, color="0.7", lw=0.8)
-    axes[1].set(xlabel="clearance (m)", ylabel="rms over that without impacts", ylim=(0, 1.1))
+    axes[1].set(xlabel="clearance (m)", ylabel="rms relative to no impacts (1)", ylim=(0, 1.1))
     figure.suptitle("An impact damper in a building")
     figure.savefig(path, dpi=160)
 

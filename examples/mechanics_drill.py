@@ -87,7 +87,11 @@ def main(path: str = "drill.png") -> None:
     plt.style.use("zivi.plot.figures")
     fig, (left, right) = plt.subplots(1, 2, figsize=(9.0, 3.8), layout="constrained")
     zivi.plot.branch(branch, "u", ax=left)
-    left.set(title="Speed of the gap after the blow", xlabel=r"frequency $\omega$ (1)")
+    left.set(
+        title="Speed of the gap after the blow",
+        xlabel=r"frequency $\omega$ (1)",
+        ylabel="speed of the gap after the impact (1)",
+    )
     stable = [orbit.stable for orbit in single.orbits]
     given = np.array([power(orbit) for orbit in single.orbits])
     right.plot(single.values, np.where(stable, given, np.nan), label="stable")

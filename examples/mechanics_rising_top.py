@@ -88,7 +88,7 @@ def draw(path: str, sol: zivi.MechanicalTrajectory) -> None:
     axes[1].plot(fine.t, np.hypot(*fine.slips.T), lw=0.8)
     axes[1].set(xlabel="time $t$ (s)", ylabel="slip speed (m/s)")
     axes[2].plot(axis[:, 0], axis[:, 1], lw=0.6)
-    axes[2].set(xlabel=r"axis, $\zeta_x$", ylabel=r"axis, $\zeta_y$", aspect="equal")
+    axes[2].set(xlabel=r"axis $\zeta_x$ (1)", ylabel=r"axis $\zeta_y$ (1)", aspect="equal")
     figure.suptitle("A top that rises: tilt, slip speed, path of its axis")
     figure.savefig(path, dpi=160)
 

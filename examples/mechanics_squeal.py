@@ -102,15 +102,15 @@ def draw(path: str, sol: zivi.MechanicalTrajectory) -> None:
     figure, axes = plt.subplots(1, 3, layout="constrained", figsize=(10.4, 3.2))
     fine = sol.resample(n=6001)
     axes[0].plot(fine.t, fine.q[:, 0], lw=0.7)
-    axes[0].set(xlabel="time $t$ (s)", ylabel="$x$")
+    axes[0].set(xlabel="time $t$ (1)", ylabel="displacement $x$ (1)")
     axes[1].plot(fine.q[-800:, 0], fine.qdot[-800:, 0])
-    axes[1].set(xlabel="$x$", ylabel="$x'$")
+    axes[1].set(xlabel="displacement $x$ (1)", ylabel=r"velocity $\dot{x}$ (1)")
     for mu in np.linspace(0.2, 0.4, 11):
         late = run(mu, 300.0).resample(np.linspace(270, 300, 301)).q[:, 0]
         axes[2].plot(mu, np.ptp(late), ".", color=zivi.plot.BLUE)
     axes[2].axvline(critical(), color="0.6", lw=0.8)
-    axes[2].set(xlabel=r"$\mu$", ylabel="width of the motion in $x$")
-    figure.suptitle("A brake that squeals: growth, limit cycle, width over the friction")
+    axes[2].set(xlabel=r"friction $\mu$ (1)", ylabel="peak-to-peak amplitude of $x$ (1)")
+    figure.suptitle("A brake that squeals: growth, limit cycle, amplitude over the friction")
     figure.savefig(path, dpi=160)
 
 

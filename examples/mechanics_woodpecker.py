@@ -92,6 +92,7 @@ def draw(path: str, sol: zivi.MechanicalTrajectory) -> None:
     axes[0, 1].legend()
     zivi.plot.modes(sol, axes[1, 0])
     zivi.plot.configuration(sol, axes[1, 1], over=("bird", "sleeve"))
+    axes[1, 1].set(xlabel="bird (rad)", ylabel="sleeve (rad)")
     figure.suptitle("The woodpecker toy over two periods")
     figure.savefig(path, dpi=160)
 

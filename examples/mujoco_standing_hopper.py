@@ -112,7 +112,9 @@ def draw(path: str, runs: dict[float, zivi.MechanicalTrajectory]) -> None:
         2, 2, layout="constrained", figsize=(9.6, 5.2), sharex=True, sharey="row"
     )
     for column, (mu, sol) in zip(axes.T, runs.items(), strict=True):
-        zivi.plot.slips(sol, column[0]).set_title(rf"$\mu = {mu}$")
+        zivi.plot.slips(sol, column[0]).set(
+            title=rf"$\mu = {mu}$", ylabel="slip speeds $w_c$ (m/s)"
+        )
         zivi.plot.reactions(sol, column[1])
         column[1].set_xlim(0, 2)
     figure.savefig(path, dpi=160)

@@ -76,5 +76,5 @@ def test_what_limits_take_they_take_from_the_rest():
 
 def test_controls_that_do_not_reach_a_gap_are_told():
     gaps = np.array([[0.0, 1.0]]), np.array([1.0])
-    with pytest.raises(ValueError, match="do not reach all of the 1 gaps"):
+    with pytest.raises(ValueError, match="must reach all 1 gaps"):
         allocated(gaps, (np.array([[1.0], [0.0]]), np.zeros(2)), None)

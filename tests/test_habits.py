@@ -38,6 +38,7 @@ CALLS = {
     "at": (MASS.at, (0.0, [1.0], [0.0])),
     "sample": (zivi.sample, ("sobol", 2, {"x": (0, 1)})),
     "Gap": (zivi.Gap, (len,)),
+    "Contact": (zivi.mechanics.Contact, ("ball", "floor")),
     "DryFriction": (zivi.DryFriction, ()),
     "LinearSystem": (zivi.LinearSystem, ([[1.0]], [[0.0]], [[1.0]])),
     "Harmonic": (zivi.Harmonic, ([1.0], 2.0)),
@@ -68,6 +69,7 @@ RESULTS = {
     "controller": zivi.TwistingTracker(30, 17, h=1e-2, e=0.5),
     "system": BALL,
     "mechanism": MASS,
+    "sensitivity": zivi.sensitivity(BALL, SPAN, START),
 }
 
 
@@ -311,6 +313,13 @@ MASS.M | it is at(t, q, qdot).mass
 MASS.at(e=0.5) | at evaluates a state; another system is replace(e=...)
 zivi.LinearSystem([[1.0]], None, [[1.0]]).at(e=0.5) | another system is replace(e=...)
 MASS.gap | did you mean 'gaps'?
+DERIVED.rest_time | the time is trajectory.rest_time, its derivatives are zeno_times[-1]
+DERIVED.xdot | 'Sensitivity' object has no attribute 'xdot': it is trajectory.xdot
+DERIVED.zeno_time | did you mean 'zeno_times'?
+zivi.sensitivity(MASS, SPAN, ([1.0], [0.0])).reactions | it is trajectory.reactions
+zivi.mechanics.Contact("ball", "floor", friction=0.3) | 'friction': it is mu
+zivi.mechanics.Contact() | write zivi.mechanics.Contact("ball", "floor", mu=0.3)
+zivi.Contact(friction=0.3) | shapes of a zivi.Tree have zivi.mechanics.Contact
 """
 """Mistakes that were typed, and what the error says in its words or in a note."""
 
@@ -321,6 +330,7 @@ def test_what_is_typed_wrong_is_answered_by_what_is_right(line):
 
     typed, hint = line.split(" | ")
     names = {"SOL": RESULTS["run"], "RUN": RESULTS["mechanical run"], "plt": plt, **globals()}
+    names["DERIVED"] = RESULTS["sensitivity"]
     with pytest.raises((TypeError, ValueError, AttributeError)) as told:
         eval(typed, names)
     assert hint in str(told.value)

@@ -243,7 +243,7 @@ impl Observing<PyErr> for Nobody {
 }
 
 /// Arguments of a run, without system, controller and observer.
-struct Course<'a> {
+struct RunArguments<'a> {
     settings: SwitchedRk,
     laws: &'a [AnyImpactLaw],
     sampling: Sampling<'a>,
@@ -258,7 +258,7 @@ struct Course<'a> {
 
 type Done = PyResult<Result<((MechanicalRun<PyErr>, Vec<f64>), TickRecord), SetupError>>;
 
-impl Course<'_> {
+impl RunArguments<'_> {
     fn run<D, F, C, O>(
         self,
         driven: &mut Driven<D, F>,
@@ -326,7 +326,7 @@ pub(crate) fn simulate_mechanical_loop(
     let noise: Vec<f64> =
         noise.map(|it| list(it.as_array().iter().copied())).transpose()?.unwrap_or_default();
     let (system, inputs, r) = (&*system, &*inputs, inputs.r);
-    let course = Course {
+    let course = RunArguments {
         settings,
         laws: &system.laws,
         sampling: Sampling { times: &times, stops: &stops },
@@ -353,7 +353,7 @@ pub(crate) fn simulate_mechanical_loop(
 /// A loop with a gap tracker.
 fn run_tracker(
     py: Python<'_>,
-    course: Course<'_>,
+    course: RunArguments<'_>,
     own: &GapLoop,
     (system, inputs): (&Mechanism, &PyInputs),
     observer: Option<Bound<'_, PyAny>>,
@@ -395,7 +395,7 @@ fn run_tracker(
 /// A loop with a striker.
 fn run_striker(
     py: Python<'_>,
-    course: Course<'_>,
+    course: RunArguments<'_>,
     own: &StrikeLoop,
     (system, inputs): (&Mechanism, &PyInputs),
     observer: Option<Bound<'_, PyAny>>,

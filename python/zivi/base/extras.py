@@ -66,7 +66,7 @@ def have(module: str) -> bool:
     return True
 
 
-def late(module: str, name: str) -> Any:
+def import_attribute(module: str, name: str) -> Any:
     """Return a function of a higher-level module, which is imported at this call."""
     return getattr(importlib.import_module(module), name)
 

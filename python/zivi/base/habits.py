@@ -80,6 +80,16 @@ ARGUMENTS: Mapping[str, Mapping[str, str]] = {
         "e": "it belongs to the system, zivi.MechanicalSystem(..., e=)",
         "restitution": "it belongs to the system, zivi.MechanicalSystem(..., e=)",
     },
+    "Contact": dict.fromkeys(
+        ("contacts", "pair", "bodies", "shapes"), "the two shapes are first and second, by name"
+    )
+    | dict.fromkeys(("friction", "coefficient"), "it is mu")
+    | dict.fromkeys(("restitution", "cor"), RESTITUTION)
+    | {
+        "tangent": "directions of slip follow from the shapes",
+        "static": "it is mu_static",
+        "law": "the force law of a compliant contact is contact",
+    },
     "Gap": {
         "jac": "it is gradient",
         "jacobian": "it is gradient",
@@ -256,14 +266,14 @@ ARGUMENTS: Mapping[str, Mapping[str, str]] = {
         "y0": "they are starts",
     },
     "animate": {
-        "interval": "pictures a second of the film are fps",
-        "frames": "pictures follow from speed and fps",
-        "dt": "pictures are speed / fps apart in the motion",
+        "interval": "frames per second are fps",
+        "frames": "frames follow from speed and fps",
+        "dt": "the interval between frames is speed / fps in the motion (s)",
         "ax": "it is figure",
         "fig": "it is figure",
-        "repeat": "the film is Matplotlib's: .save(path), .to_jshtml()",
-        "blit": "the film is Matplotlib's: .save(path), .to_jshtml()",
-        "filename": "the film has .save(path)",
+        "repeat": "the result is an animation of Matplotlib: .save(path), .to_jshtml()",
+        "blit": "the result is an animation of Matplotlib: .save(path), .to_jshtml()",
+        "filename": "the animation has .save(path)",
     },
     "sweep": {
         "n_jobs": "it is workers, with executor='processes'",
@@ -292,6 +302,7 @@ CALLS: Mapping[str, str] = {
     "LinearSystem": "zivi.LinearSystem(M, C, K, gaps=[zivi.LinearGap([1.0])], e=0.5)",
     "LinearGap": "zivi.LinearGap([0.0, 1.0])",
     "Gap": "zivi.Gap(g, gradient) with functions of (t, q)",
+    "Contact": 'zivi.mechanics.Contact("ball", "floor", mu=0.3)',
     "DryFriction": "zivi.DryFriction(limit=1.0)",
     "Harmonic": "zivi.Harmonic([1.0], omega=2.0)",
     "Table": "zivi.Table(times, values)",
@@ -516,6 +527,17 @@ ATTRIBUTES: Mapping[str, Mapping[str, str]] = {
         "save": _SAVE,
         "to_dataframe": "it is to_pandas()",
     },
+    "sensitivity": {
+        "rest_time": "the time is trajectory.rest_time, its derivatives are zeno_times[-1]",
+        "jac": "it is jacobian(t)",
+        "gradient": "derivatives of the final state are final, of times zeno_times, impacts['dt']",
+        "derivatives": "derivatives of the final state are final, of times zeno_times, "
+        "impacts['dt']",
+        "sol": "derivatives at any time are s(t)",
+        "run": "it is trajectory",
+        "names": "they are wrt",
+        "parameters": "they are wrt",
+    },
     "VI result": {
         "z": "it is x",
         "w": "it is F",
@@ -568,7 +590,8 @@ MODULE: Mapping[str, str] = (
         "lsim": _RUN,
         "initial_response": _RUN,
         "Model": _ENGINE,
-        "Contact": "contacts are gaps, zivi.LinearGap and zivi.Gap",
+        "Contact": "contacts are gaps, zivi.LinearGap and zivi.Gap; shapes of a zivi.Tree have "
+        "zivi.mechanics.Contact",
         "Spring": "it is zivi.LinearForce(stiffness=, damping=)",
         "Wall": "a wall at rest is x = 0, one that moves zivi.HarmonicWall or MovingWall",
         "Ball": "it is zivi.ImpactSystem(-9.81, e=0.5)",
@@ -682,10 +705,17 @@ ANY = "*"
 """Stands for every argument that is not known otherwise, in its hint for its name."""
 
 
-def attribute_error(kind: str, thing: object, name: str) -> AttributeError:
-    """Make the error of an attribute that a result or a system does not have."""
+def attribute_error(kind: str, thing: object, name: str, part: str = "") -> AttributeError:
+    """Make the error of an attribute that a result or a system does not have.
+
+    `part` is the attribute with another object, such as the run of derivatives: the hint names the
+    part for an attribute of this object.
+    """
     owner: Any = type(thing)  # whose hash mypy does not know
     hint = _attribute_hint(kind, owner, name)
+    other: Any = type(thing.__dict__.get(part)) if part else owner
+    if name not in ATTRIBUTES[kind] and other is not owner and name in _public_names(other):
+        hint = f": it is {part}.{name}"
     text = f"{type(thing).__name__!r} object has no attribute {name!r}"
     # Python adds a suggestion of its own if it knows the object
     return AttributeError(f"{text}{hint}", name=name, obj=None if hint else thing)
@@ -693,8 +723,12 @@ def attribute_error(kind: str, thing: object, name: str) -> AttributeError:
 
 @functools.lru_cache(1024)  # `getattr` with a default asks for the same name in every run
 def _attribute_hint(kind: str, owner: type, name: str) -> str:
+    return name_hint(name, _public_names(owner), ATTRIBUTES[kind])
+
+
+def _public_names(owner: type) -> list[str]:
     known = [*dir(owner), *(getattr(owner, "__dataclass_fields__", None) or ())]
-    return name_hint(name, [it for it in known if not it.startswith("_")], ATTRIBUTES[kind])
+    return [it for it in known if not it.startswith("_")]
 
 
 def module_error(module: str, name: str, known: Iterable[str], hints: Mapping[str, str]) -> Any:

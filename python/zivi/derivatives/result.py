@@ -5,13 +5,14 @@ from __future__ import annotations
 import dataclasses
 import functools
 import pickle
-from typing import Any, Literal, NamedTuple, Protocol
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from zivi.base.check import Array, real_array
 from zivi.base.former import with_resolved_impacts
+from zivi.base.habits import attribute_error
 from zivi.base.status import NamedStatus
 from zivi.base.table import Field, ResultTable, Tabulated
 from zivi.simulation.trajectory import Trajectory
@@ -179,6 +180,11 @@ class Sensitivity(Tabulated):
     status: OrbitStatus
     n_slopes: int
     _problem: Problem
+
+    if not TYPE_CHECKING:  # which would take any name for granted
+
+        def __getattr__(self, name):
+            raise attribute_error("sensitivity", self, name, part="trajectory")
 
     def __getstate__(self) -> dict[str, Any]:
         """Return the pickled state, with the problem if its functions can be pickled."""

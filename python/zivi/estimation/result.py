@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from zivi.base.check import Array, count, integer
-from zivi.base.extras import late, needed
+from zivi.base.extras import import_attribute, needed
 from zivi.base.status import NamedStatus
 from zivi.base.table import Field, ResultTable, Tabulated
 from zivi.estimation.data import Bounces, Data
@@ -542,7 +542,7 @@ class Fit(Tabulated):
         matplotlib.figure.Figure
             A column of two axes for each data set.
         """
-        draw = late("zivi.plot.curves", "draw_fit")
+        draw = import_attribute("zivi.plot.curves", "draw_fit")
         drawn: Figure = draw(self._drawn(), figure)
         return drawn
 
@@ -677,7 +677,7 @@ class Profile:
         -------
         matplotlib.axes.Axes
         """
-        axes: Axes = late("zivi.plot.curves", "draw_profile")(self, ax)
+        axes: Axes = import_attribute("zivi.plot.curves", "draw_profile")(self, ax)
         return axes
 
 

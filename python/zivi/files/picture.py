@@ -10,7 +10,7 @@ import numpy as np
 from zivi import plot
 from zivi.base.check import Array
 from zivi.files.kinds import FileError
-from zivi.plot.look import legend
+from zivi.plot.drawing import legend
 from zivi.simulation.trajectory import Trajectory
 from zivi.study import Study
 

@@ -13,7 +13,7 @@ from zivi.control.loop_run import ClosedLoop
 from zivi.lab.runs import NAMES, BeltRun, Runs
 from zivi.plot import BLUE, GREEN, ORANGE, PURPLE
 from zivi.plot.curves import Line, line_of
-from zivi.plot.look import has_reference
+from zivi.plot.drawing import has_reference
 from zivi.simulation.trajectory import Trajectory
 
 if TYPE_CHECKING:

@@ -67,7 +67,7 @@ SEVERITY = (
 )
 
 
-class Followed(NamedTuple):
+class ContinuationResult(NamedTuple):
     """Results of both directions."""
 
     arcs: list[Arc]
@@ -93,7 +93,7 @@ def both_ways(
     most: int,
     first: int,
     side: float | None,
-) -> Followed:
+) -> ContinuationResult:
     """Continue from a point in both directions, first a few points, or in one direction."""
     backward = dataclasses.replace(start, tangent=-start.tangent)
     if side is not None:
@@ -108,7 +108,7 @@ def both_ways(
         arcs = _both(ways[1].arcs, arcs)
     paths = {id(arc.path): arc.path for it in ways for arc in it.arcs}
     flights = sum(path.flights for path in paths.values())
-    return Followed(arcs, _unlike(_all_events(arcs)), status, flights, ways)
+    return ContinuationResult(arcs, _unlike(_all_events(arcs)), status, flights, ways)
 
 
 def _all_events(arcs: list[Arc]) -> list[Found]:
@@ -171,7 +171,7 @@ def _found(
     *,
     through: bool,
     beyond: int = 0,
-) -> Followed:
+) -> ContinuationResult:
     """Continue in both directions from an orbit, or away from the event of its origin."""
     path, start = path_of(orbit._frame, name, orbit._y, span)
     away = orbit._away

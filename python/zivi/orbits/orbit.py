@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from zivi.base.check import Array, MaybeNone, finite
-from zivi.base.extras import late
+from zivi.base.extras import import_attribute
 from zivi.base.table import Field, ResultTable, Tabulated, counted, listed_by
 from zivi.derivatives.result import OrbitStatus
 from zivi.derivatives.sensitivity import sensitivity
@@ -214,7 +214,7 @@ class PeriodicOrbit(AnyOrbit):
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         if isinstance(state["_frame"], MassFrame):
-            state |= late("zivi.orbits.words", "renewed")(state)
+            state |= import_attribute("zivi.orbits.words", "renewed")(state)
         vars(self).update(state)
 
     @property
@@ -763,7 +763,7 @@ class Branch(OrbitsAlong[BranchEvent]):
         PeriodicOrbit
             See its ``status`` for success.
         """
-        orbit: PeriodicOrbit = late("zivi.orbits.follow", "switched")(self, event)
+        orbit: PeriodicOrbit = import_attribute("zivi.orbits.follow", "switched")(self, event)
         return orbit
 
     def _table(self) -> ResultTable:
@@ -921,7 +921,7 @@ class MechanicalBranch(OrbitsAlong[MechanicalEvent]):
         MechanicalOrbit
             See its ``status`` for success.
         """
-        orbit: MechanicalOrbit = late("zivi.orbits.follow", "switched")(self, event)
+        orbit: MechanicalOrbit = import_attribute("zivi.orbits.follow", "switched")(self, event)
         return orbit
 
     def _table(self) -> ResultTable:

@@ -22,7 +22,7 @@ from zivi.plot.curves import (
     signs,
     velocity,
 )
-from zivi.plot.look import BLUE, GREEN, ORANGE, PURPLE
+from zivi.plot.drawing import BLUE, GREEN, ORANGE, PURPLE
 from zivi.plot.mechanics import configuration, coordinates, gaps, modes, reactions, slips
 from zivi.plot.orbits import basins, branch, chart, curve, diagram
 

@@ -12,7 +12,7 @@ from zivi.base.check import finite
 from zivi.base.extras import needed
 from zivi.base.habits import hinted
 from zivi.plot.curves import line_of
-from zivi.plot.look import (
+from zivi.plot.drawing import (
     BLUE,
     GREEN,
     PALETTE,
@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from zivi.simulation.mechanical_trajectory import MechanicalTrajectory
     from zivi.simulation.trajectory import Trajectory
 
-# The pictures of a film of a mechanical system.
+# The frames of a video of a mechanical system.
 
 
 class MechanicalScene:
@@ -231,10 +231,10 @@ def point_label(names: Sequence[str], axis: int) -> str:
     return "coordinates" if axis else "number"
 
 
-# The motion as a film.
+# The motion as a video.
 
 FRAMES = 20_000
-"""Most pictures of a film."""
+"""Largest number of frames of a video."""
 
 
 @hinted("animate")
@@ -296,8 +296,8 @@ def animate(
     Examples
     --------
     >>> ball = zivi.ImpactSystem(-9.81, e=0.5)
-    >>> film = zivi.plot.animate(zivi.simulate(ball, (0, 0.2), (0.1, 0)), fps=10)
-    >>> film.to_jshtml().strip()[:5]  # in a notebook; film.save("ball.gif") writes a file
+    >>> video = zivi.plot.animate(zivi.simulate(ball, (0, 0.2), (0.1, 0)), fps=10)
+    >>> video.to_jshtml().strip()[:5]  # in a notebook; video.save("ball.gif") writes a file
     '<link'
 
     A pendulum next to a wall:
@@ -309,13 +309,13 @@ def animate(
     ...     e=0.6,
     ... )
     >>> sol = zivi.simulate(pendulum, (0, 0.3), ([0.8], [0.0]))
-    >>> film = zivi.plot.animate(
+    >>> video = zivi.plot.animate(
     ...     sol,
     ...     bodies=lambda t, q: [([0, 0.5 * np.sin(q[0])], [0, -0.5 * np.cos(q[0])])],
     ...     walls=lambda t, q: [([0, 0], [-0.6, -0.4])],
     ...     fps=10,
     ... )
-    >>> film.to_jshtml().strip()[:5]
+    >>> video.to_jshtml().strip()[:5]
     '<link'
 
     A box that is thrown on a floor, as a wireframe:
@@ -327,8 +327,8 @@ def animate(
     ...     shapes=shapes,
     ... )
     >>> sol = zivi.simulate(tree, (0, 0.2), ([0, 0, 1, 1, 0, 0, 0], [1, 0, 0, 1, 2, 0]))
-    >>> film = zivi.plot.animate(sol, shapes=shapes, fps=10)
-    >>> film.to_jshtml().strip()[:5]
+    >>> video = zivi.plot.animate(sol, shapes=shapes, fps=10)
+    >>> video.to_jshtml().strip()[:5]
     '<link'
     """
     mechanical = is_mechanical(run)
@@ -341,7 +341,7 @@ def animate(
         raise TypeError("shapes must be given for a run with free bodies, without bodies")
     times = _frames(run, finite("speed", speed), finite("fps", fps))
     needed("matplotlib.animation", "animations")
-    from zivi.plot.film import Film
+    from zivi.plot.video import Video
 
     where = figure_of(figure, 8.0, 4.0)
     scene: _MassScene | MechanicalScene
@@ -357,7 +357,7 @@ def animate(
     scene.show(0)
     where.draw_without_rendering()
     where.set_layout_engine("none")
-    return Film(scene, len(times), fps)
+    return Video(scene, len(times), fps)
 
 
 def _frames(run: Trajectory | ClosedLoop | MechanicalTrajectory, speed: float, fps: float) -> Array:

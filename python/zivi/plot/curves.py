@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Literal, cast
 import numpy as np
 
 from zivi.base.check import Array, finite, integer
-from zivi.plot.look import (
+from zivi.plot.drawing import (
     BLUE,
     GREEN,
     ORANGE,
@@ -51,7 +51,7 @@ if TYPE_CHECKING:
     from zivi.control.loop_run import ClosedLoop
     from zivi.control.mechanical_loop import MechanicalClosedLoop
     from zivi.orbits.orbit import Branch
-    from zivi.plot.look import Frame
+    from zivi.plot.drawing import Frame
     from zivi.simulation.mechanical_trajectory import MechanicalTrajectory
     from zivi.simulation.trajectory import Trajectory
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 import numpy as np
 
-from zivi.plot.look import PALETTE, WALL, axes_of, legend
+from zivi.plot.drawing import PALETTE, WALL, axes_of, legend
 from zivi.simulation.mechanical_trajectory import LinearMotion
 
 if TYPE_CHECKING:

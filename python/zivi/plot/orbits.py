@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from zivi.orbits.orbit import MechanicalBranch
-from zivi.plot.look import BLUE, GREEN, ORANGE, PALETTE, PURPLE, axes_of, legend
+from zivi.plot.drawing import BLUE, GREEN, ORANGE, PALETTE, PURPLE, axes_of, legend
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 
 import zivi._zivi as _zivi
 from zivi.base.check import Array, integer, real_array
-from zivi.base.extras import late
+from zivi.base.extras import import_attribute
 from zivi.base.former import with_resolved_impacts
 from zivi.base.habits import Hinted
 from zivi.base.status import Status
@@ -106,7 +106,7 @@ def closer_mass(
     """Return the positions of the closer run of a mass."""
     near = type(system)(system.force, e=_nearby(system.law), wall=system.wall)
     begin = (state[0] * (1 + ULPS), state[1] * (1 - ULPS))
-    x: Array = late("zivi.simulation.run", "simulate")(
+    x: Array = import_attribute("zivi.simulation.run", "simulate")(
         near,
         (start, float(times[-1])),
         begin,
@@ -133,7 +133,7 @@ def closer_mechanism(
     near = object.__new__(type(system))
     vars(near).update(vars(system), _e=_nearby_of_gaps(system._e))
     q, qdot = state
-    at: Array = late("zivi.simulation.run", "simulate")(
+    at: Array = import_attribute("zivi.simulation.run", "simulate")(
         near,
         (start, float(times[-1])),
         (q, qdot * (1 - ULPS)),
@@ -381,7 +381,7 @@ class SampledRun(Hinted, Tabulated):
         -------
         matplotlib.figure.Figure
         """
-        drawn: Figure = late("zivi.plot", "overview")(self, figure)
+        drawn: Figure = import_attribute("zivi.plot", "overview")(self, figure)
         return drawn
 
     def to_pandas(self, t: ArrayLike | None = None, *, n: int | None = None) -> pandas.DataFrame:

@@ -27,7 +27,7 @@ from zivi.base.check import (
     real,
     real_array,
 )
-from zivi.base.extras import late
+from zivi.base.extras import import_attribute
 from zivi.base.habits import attribute_error, hinted
 from zivi.system.gap import DryFriction, HarmonicWall, MovingWall, joints_of
 from zivi.system.impact_law import ImpactLaw, NewtonImpact, law_of
@@ -745,10 +745,10 @@ class ImpactSystem:
         """
         own = {name: changes.pop(name) for name in ARGUMENTS if name in changes}
         system = self._with(**own) if own else self
-        with_value = late("zivi.system.parameters", "with_value")
+        with_value = import_attribute("zivi.system.parameters", "with_value")
         for name, value in changes.items():
             try:
-                late("zivi.system.parameters", "parameter")(system, name)
+                import_attribute("zivi.system.parameters", "parameter")(system, name)
             except ValueError as error:
                 raise KeyError(str(error)) from None
             system = with_value(system, name, value)

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from zivi.base.check import Array, finite, positive
+from zivi.base.habits import hinted
 from zivi.system.gap import ContactLaw
 from zivi.system.tree_bodies import BallGap, Body, PlaneGap, vector
 
@@ -293,6 +294,7 @@ Shape: TypeAlias = Ball | Capsule | Box | Plane
 """A shape of a body, or of the world."""
 
 
+@hinted("Contact")
 @dataclasses.dataclass(frozen=True, eq=False)
 class Contact:
     """A contact of two shapes of a `zivi.Tree`, by their names.

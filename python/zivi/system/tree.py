@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 
 import zivi._zivi as _zivi
 from zivi.base.check import Array, finite, real_array
-from zivi.base.extras import late
+from zivi.base.extras import import_attribute
 from zivi.system.gap import IMPACT_LAWS, PARADOXES, ContactLaw, DryFriction, one_of
 from zivi.system.impact_law import GivenRestitutions, laws_of, restitutions, written
 from zivi.system.mechanism import (
@@ -619,7 +619,7 @@ class Tree(MechanicalSystem):
         -----
         Margins of limits are not read: they define the onset of MuJoCo's soft force.
         """
-        read = late("zivi.interop.mujoco", "read_mjcf")
+        read = import_attribute("zivi.interop.mujoco", "read_mjcf")
         parts = read(path, gaps=gaps, ctrl=ctrl, friction=friction)
         chosen = {} if inputs is None else {"inputs": inputs}
         return cls(**parts | chosen, e=e, impact_law=impact_law, paradox=paradox)
@@ -665,7 +665,7 @@ class Tree(MechanicalSystem):
         Visual geometry is not read. Links without mass stay massless if the mass matrix has full
         rank without them.
         """
-        read = late("zivi.interop.mujoco", "read_urdf")
+        read = import_attribute("zivi.interop.mujoco", "read_urdf")
         parts = read(path, gaps=gaps, friction=friction)
         chosen = {} if inputs is None else {"inputs": inputs}
         return cls(**parts | chosen, e=e, impact_law=impact_law, paradox=paradox)

@@ -295,7 +295,7 @@ impl Status {
                 "solved, but the Jacobian is singular there: other solutions may lie arbitrarily near"
             }
             Self::Stationary => {
-                "the merit function is stationary at a point that is no solution: try another \
+                "the merit function is stationary at a point that does not solve the problem: try another \
                  starting point, check the Jacobian, or the problem may have no solution"
             }
             Self::Stalled => {
@@ -308,14 +308,13 @@ impl Status {
                  another starting point"
             }
             Self::DomainError => {
-                "no point was found from which to go on with F and its Jacobian finite: start \
-                 where both are defined, or tighten the bounds to the domain"
+                "F or its Jacobian is not finite at all trial points: start where both are \
+                 finite, or tighten the bounds to their domain"
             }
             Self::EvaluationError => "the evaluation of F or of its Jacobian failed",
             Self::Infeasible => {
-                "there is no solution: no point of the box satisfies all rows of F (their signs \
-                 where there is no bound at which they may be wrong); check the bounds and the \
-                 sign of F"
+                "there is no solution: no point of the box satisfies all rows of F (for components \
+                 with one bound, their signs); check the bounds and the sign of F"
             }
             Self::Stopped => "stopped by the caller before a solution was found",
         }

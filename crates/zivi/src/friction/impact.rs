@@ -92,7 +92,7 @@ impl Collision<'_> {
     ) -> Result<FrictionalExchange, Failure<E>> {
         let joints = (0..kinetics.layout.p)
             .filter(|&channel| self.duration > 0.0 && kinetics.gap_of(channel).is_none());
-        let ways: Vec<Way> = (self.set.iter())
+        let ways: Vec<ContactChannels> = (self.set.iter())
             .map(|gap| {
                 let channel = kinetics.channel_of(gap);
                 (Some(gap), channel, channel.and_then(|channel| kinetics.other_of(channel)))
@@ -157,7 +157,7 @@ impl Collision<'_> {
     fn exchange_by_steps(
         &self,
         stepped: PatternWithImpulses,
-        ways: &[Way],
+        ways: &[ContactChannels],
         kinetics: &mut Kinetics,
     ) -> Option<FrictionalExchange> {
         let pattern = stepped.0;
@@ -173,7 +173,7 @@ impl Collision<'_> {
     fn with_directions(
         &self,
         pattern: ContactMode,
-        ways: &[Way],
+        ways: &[ContactChannels],
         kinetics: &mut Kinetics,
     ) -> Option<ContactMode> {
         let slides = ways.iter().filter_map(|&(gap, channel, other)| {
@@ -257,7 +257,11 @@ impl Collision<'_> {
 
     /// The pattern of many contacts, and the impulses by row that solve its equations, if they are known, with
     /// whether others would move the system otherwise.
-    fn by_steps(&self, ways: &[Way], kinetics: &mut Kinetics) -> Option<PatternWithImpulses> {
+    fn by_steps(
+        &self,
+        ways: &[ContactChannels],
+        kinetics: &mut Kinetics,
+    ) -> Option<PatternWithImpulses> {
         let m = kinetics.layout.m;
         let mut rows: Vec<usize> = Vec::new();
         let mut at = |row: usize| {
@@ -607,10 +611,10 @@ pub(super) fn unsolved(tried_all: bool) -> Status {
 type PatternWithImpulses = (ContactMode, Option<(Vec<f64>, [bool; 2])>);
 
 /// A gap and its channel, or a joint, and the other channel of a gap with two.
-type Way = (Option<usize>, Option<usize>, Option<usize>);
+type ContactChannels = (Option<usize>, Option<usize>, Option<usize>);
 
 /// How many ways there are: sticking, slipping one way or the other, and open.
-fn count((gap, channel, other): Way) -> usize {
+fn count((gap, channel, other): ContactChannels) -> usize {
     let slips = if other.is_some() { DIRECTIONS } else { 2 };
     1 + if channel.is_some() { slips } else { 0 } + usize::from(gap.is_some())
 }
@@ -620,7 +624,7 @@ type Slide = (usize, [usize; 2], usize);
 
 /// Contacts with an impulse and their friction modes, by pattern number; in the first all stick. With them those
 /// with two directions of friction that slip.
-fn pattern(ways: &[Way], number: usize) -> (ContactMode, Vec<Slide>) {
+fn pattern(ways: &[ContactChannels], number: usize) -> (ContactMode, Vec<Slide>) {
     let (mut mode, mut rest, mut slides) = (ContactMode::default(), number, Vec::new());
     for &(gap, channel, other) in ways {
         let count = count((gap, channel, other));

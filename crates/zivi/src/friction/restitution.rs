@@ -26,14 +26,14 @@ const PIECES: usize = 16;
 
 /// Behaviours of a contact in restitution.
 #[derive(Clone, Copy)]
-struct Way {
+struct ContactBehaviour {
     gap: usize,
     channel: Option<usize>,
     /// `e P_C,N`.
     kept: f64,
 }
 
-impl Way {
+impl ContactBehaviour {
     /// Their number: the gap bounces or rests, and sticks or slips if pressed.
     fn count(self) -> usize {
         match (self.channel, self.kept > 0.0) {
@@ -66,13 +66,13 @@ impl Collision<'_> {
         let none = vec![0.0; self.e.len()];
         let compression = Collision { e: &none, friction: &friction, ..*self };
         let pressed = compression.newton(kinetics)?;
-        let ways: Vec<Way> = self
+        let ways: Vec<ContactBehaviour> = self
             .set
             .iter()
             .map(|gap| {
                 let (channel, kept) =
                     (kinetics.channel_of(gap), self.e[gap] * pressed.impulses[gap]);
-                Way { gap, channel, kept }
+                ContactBehaviour { gap, channel, kept }
             })
             .collect();
         let count = ways.iter().fold(1_usize, |all, way| all.saturating_mul(way.count()));
@@ -92,7 +92,7 @@ impl Collision<'_> {
     fn restitution(
         &self,
         pressed: &FrictionalExchange,
-        ways: &[Way],
+        ways: &[ContactBehaviour],
         number: usize,
         kinetics: &mut Kinetics,
     ) -> Option<FrictionalExchange> {
@@ -154,7 +154,7 @@ impl Collision<'_> {
 
     fn restitution_violation(
         &self,
-        ways: &[Way],
+        ways: &[ContactBehaviour],
         (mode, all): (ContactMode, ContactMode),
         (impulses, rates): (&[f64], &[f64]),
         kinetics: &mut Kinetics,

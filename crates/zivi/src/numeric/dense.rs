@@ -171,9 +171,9 @@ mod dense_tests {
     use crate::numeric::stages::{Equation, Stages};
 
     /// `x'' = 6 cos(4 t)`: far from a cubic within a step of 0.5.
-    struct Pulled;
+    struct CosineForce;
 
-    impl Equation<f64, ()> for Pulled {
+    impl Equation<f64, ()> for CosineForce {
         fn acceleration(&mut self, at: &State<f64>, into: &mut f64) -> Result<(), ()> {
             *into = 6.0 * (4.0 * at.t).cos();
             Ok(())
@@ -183,7 +183,7 @@ mod dense_tests {
     #[test]
     fn the_screen_bounds_the_motion() {
         // the polynomials show by how much
-        let equation = &mut Pulled;
+        let equation = &mut CosineForce;
         for x in [0.0, 0.3] {
             let mut stages = Stages::<f64>::new(&DOP853, 1);
             let from = State { t: 0.2, late: 0.0, x, xdot: 1.0 };

@@ -123,43 +123,41 @@ impl Status {
                  the last complete step."
             }
             Status::ZenoBudget => {
-                "The impacts of one chain exceeded max_impacts before their accumulation was known \
-                 to the tolerance or without one (e = 1), or many impacts below the tolerance follow each other at a wall \
-                 where the force is zero; the trajectory ends at the last impact. Increase \
-                 max_impacts, or loosen rtol and atol."
+                "The impacts of one sequence exceeded max_impacts before their accumulation was known \
+                 to the tolerance, or they do not accumulate: e = 1, or the force at the wall is zero. \
+                 The trajectory ends at the last impact. Increase max_impacts, or loosen rtol and atol."
             }
             Status::StepBudget => {
                 "The steps exceeded max_steps; the trajectory ends at the last one. Increase \
                  max_steps, shorten t_span, or loosen rtol and atol."
             }
             Status::StepSizeTooSmall => {
-                "The tolerances ask for a step below the rounding of t; the trajectory ends at the \
-                 last step before. Look there for a singularity of the force, or loosen rtol and \
-                 atol."
+                "The tolerances require a step below the rounding of t; the trajectory ends at the \
+                 last step before. Check the force for a singularity there, or loosen rtol and atol."
             }
             Status::TerminatedByEvent => "A terminal event ended the run.",
             Status::OutOfMemory => {
                 "The record of the run no longer fits into memory; the trajectory ends at the last \
-                 step before. Ask for times with t_eval, keep no dense output, or shorten t_span."
+                 step before. Set t_eval or dense_output=False, or shorten t_span."
             }
             Status::Internal => {
-                "A fault in zivi itself ended the run, of which nothing is left. Please report the \
-                 case, with what was written to standard error."
+                "A fault in zivi itself ended the run; its results are lost. Please report the case, \
+                 with the text on standard error."
             }
             Status::RedundantContacts => {
-                "The closed gaps do not determine their forces: no forces keep all of them closed, or \
-                 derivatives depend on forces that are not unique. The trajectory ends before. Leave \
-                 out gaps that follow from others, or give the system a coordinate in which they yield."
+                "The closed gaps do not determine their forces: no forces keep all gaps closed, or \
+                 derivatives depend on forces that are not unique. The trajectory ends before. Remove \
+                 dependent gaps, or add a coordinate in which the contacts are compliant."
             }
             Status::ImpactNotSolved => {
                 "The impulses of an impact on several gaps were not found; the trajectory ends \
-                 before it. With friction there may be none: try impact_law='poisson', or a smaller \
-                 mu. Without friction, check the mass matrix and the gradients there."
+                 before the impact. With friction they may not exist: try impact_law='poisson', or a \
+                 smaller mu. Without friction, check the mass matrix and the gradients there."
             }
             Status::ContactNotSolved => {
-                "Which contacts stay closed could not be decided, or impacts at one instant follow each \
-                 other without an end; the trajectory ends there. Look whether gaps leave the bodies no room there, tighten rtol and atol, and check \
-                 that mass, force and gaps are smooth."
+                "The contacts that stay closed could not be determined, or impacts at one instant do \
+                 not end; the trajectory ends there. Check that the gaps leave room for the bodies, \
+                 tighten rtol and atol, and check that mass, force and gaps are smooth."
             }
             Status::MassNotDefinite => {
                 "The mass matrix is not symmetric positive definite; the trajectory ends at the \
@@ -176,37 +174,37 @@ impl Status {
             }
             Status::PainleveSingular => {
                 "A sliding contact has reached the border of Painlevé's paradox, where its force \
-                 grows beyond all bounds; the trajectory ends there. Lower mu."
+                 grows without bound; the trajectory ends there. Lower mu."
             }
             Status::RedundantStick => {
-                "More than one force of the closed contacts does not follow from the motion: runs of \
-                 earlier versions ended there."
+                "Several forces of the closed contacts are not determined by the motion. Only runs of \
+                 zivi before 0.2 ended with this status."
             }
             Status::ModeChatter => {
-                "Friction changed between sticking and slipping again and again at one instant; the \
+                "Friction changed repeatedly between sticking and slipping at one instant; the \
                  trajectory ends there. Check that the forces are smooth there, and please report \
                  the case."
             }
             Status::ControlRejected => {
-                "The end of t_span was reached, but the updates of the controller were rejected, all \
-                 of them or all of the last tenth: the plant moved under a control that was held. \
-                 Look at tick_status for the first one, and at the samples and forces there: \
-                 controls must be finite, and measurements within depth of the wall."
+                "The end of t_span was reached, but all control updates, or all of the last tenth, were \
+                 rejected: the plant moved under a held control. Find the first rejected update in \
+                 tick_status, and check the samples and forces there: controls must be finite, and \
+                 measurements >= -depth."
             }
             Status::NoProgress => {
                 "1000 steps without an event advanced the time by less than 1e-9 of the span; the \
                  trajectory ends at the last step. The forces are not smooth at this scale: check at \
-                 the last sample that they are functions of time and state alone, or loosen rtol and \
-                 atol."
+                 the last sample that they depend on time and state only, or loosen rtol and atol."
             }
             Status::InconsistentConstraints => {
-                "Equality rows that depend on each other ask for different motions, or an impulse \
-                 for one that no row allows; the trajectory ends at the last step before. Check the \
-                 dependent rows and what they prescribe there, or remove some of them."
+                "Dependent equality rows prescribe different motions, or an impulse requires a motion \
+                 that the rows exclude; the trajectory ends at the last step before. Make the dependent \
+                 rows consistent, or remove some of them."
             }
             Status::InconsistentImpact => {
-                "An impact on several gaps has no solution: whichever of them stick, slip or open, no \
-                 impulses obey the laws of restitution and friction. The trajectory ends before it. \
+                "An impact on several gaps does not have a solution: no combination of sticking, \
+                 slipping and opening gaps obeys the laws of restitution and friction. The trajectory \
+                 ends before the impact. \
                  Try impact_law='poisson', or a smaller mu."
             }
         }

@@ -145,7 +145,7 @@ fn walk<E, F: Force<E>>(
     check_initial(initial)?;
     let thinned = match monitor.keep() {
         Keep::All => None,
-        Keep::Every(every) => Some(Thinned { every, summary: Summary::default() }),
+        Keep::Every(every) => Some(DecimatedRecord { every, summary: Summary::default() }),
     };
     let every = thinned.as_ref().map_or(1, |it| it.every);
     let room = grid.n_steps().checked_div(every).map_or(1, |it| it + 1);
@@ -256,12 +256,12 @@ impl ContactLog {
 }
 
 /// Every n-th sample is kept, none for `0`, and a summary of all.
-struct Thinned {
+struct DecimatedRecord {
     every: usize,
     summary: Summary,
 }
 
-impl Thinned {
+impl DecimatedRecord {
     /// Whether the sample after `k` steps is kept.
     fn keeps(&self, k: usize) -> bool {
         self.every > 0 && k.is_multiple_of(self.every)
@@ -282,7 +282,7 @@ struct MoreauWalk {
     restitution: Restitution,
     grid: Grid,
     columns: Columns,
-    thinned: Option<Thinned>,
+    thinned: Option<DecimatedRecord>,
     k: usize,
     state: Physical,
 }
@@ -344,7 +344,7 @@ impl MoreauWalk {
         if k > self.k {
             let (t, Physical { x, xdot }) = (self.grid.t(k), state);
             let summary = Summary { t, x, xdot, x_max, speed_max };
-            self.thinned = Some(Thinned { every: thinned.every, summary });
+            self.thinned = Some(DecimatedRecord { every: thinned.every, summary });
         }
         (self.k, self.state) = (k, state);
     }

@@ -14,7 +14,7 @@ mod record;
 use std::collections::VecDeque;
 
 use controller::ReferenceTracker;
-use plant::{BallisticPlant, Keeps, SchemePlant, SwitchedPlant};
+use plant::{BallisticPlant, SchemePlant, StoredMotion, SwitchedPlant};
 use record::LoopRecord;
 use zivi_core::control::regulation::RegulationStep;
 use zivi_core::observer::{Estimate, ImpactObserver, Measurement};
@@ -114,9 +114,9 @@ pub fn observe_closed_loop<E, F: Force<E>>(
     let (t0, models) =
         (grid.t(0), Models { model: Told::new(model), reference: Told::new(reference) });
     let keep = match (output.dense, output.events.is_empty()) {
-        (true, _) => Keeps::Everything,
-        (false, false) => Keeps::Period,
-        (false, true) => Keeps::Nothing,
+        (true, _) => StoredMotion::Everything,
+        (false, false) => StoredMotion::Period,
+        (false, true) => StoredMotion::Nothing,
     };
     let output = &mut output;
     let kicks = output.kicks.take();

@@ -139,14 +139,14 @@ impl<'a, 'k, F: Force<E>, E> SwitchedPlant<'a, 'k, F, E> {
         restitution: Restitution,
         force: &'a mut F,
         (t0, initial): (f64, Physical),
-        (keep, kicks): (Keeps, Kicks<'k, E>),
+        (keep, kicks): (StoredMotion, Kicks<'k, E>),
     ) -> Result<Self, SetupError> {
         let mut integrator = SwitchedIntegrator::new(settings, restitution)?;
         integrator.start(t0, initial)?;
         let rests = initial.is_at_origin();
         let reader = EventReader::starting(t0, rests);
-        let trace = (keep != Keeps::Nothing).then(Trace::default);
-        let all = keep == Keeps::Everything;
+        let trace = (keep != StoredMotion::Nothing).then(Trace::default);
+        let all = keep == StoredMotion::Everything;
         Ok(Self { integrator, force, reader, trace, all, kicks })
     }
 
@@ -194,7 +194,7 @@ impl<'a, 'k, F: Force<E>, E> SwitchedPlant<'a, 'k, F, E> {
 
 /// Storage of the motion between the samples.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Keeps {
+pub(super) enum StoredMotion {
     /// Nothing.
     Nothing,
     /// That of the last period.
@@ -272,7 +272,7 @@ impl<'a, F> SchemePlant<'a, F> {
         step: ThetaGammaStep,
         force: &'a mut F,
         (t0, initial): (f64, Physical),
-        keep: Keeps,
+        keep: StoredMotion,
     ) -> Self {
         let restitution = step.restitution();
         let z = transform::lift(initial, Branch::Positive, restitution);
@@ -283,7 +283,7 @@ impl<'a, F> SchemePlant<'a, F> {
         let implicit = step.theta() == 1.0 && step.gamma() == 1.0;
         let (planned, asked) = (None, 0);
         let (last, reserve) = ([(t0, z); 2], Reserve::default());
-        let states = (keep == Keeps::Everything).then(|| vec![z]);
+        let states = (keep == StoredMotion::Everything).then(|| vec![z]);
         let h = step.h();
         Self {
             stepper,

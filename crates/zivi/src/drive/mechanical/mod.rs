@@ -261,12 +261,12 @@ impl<E> LawError<E> {
         Err(match self {
             Self::Raised(error) => return Ok(error),
             Self::Dependent => "the gaps must be independent: N M^-1 N^T is singular here".into(),
-            Self::Indefinite => "mass must be positive definite at every tick".into(),
+            Self::Indefinite => "mass must be positive definite at every control update".into(),
             Self::Unreached(gaps, values) => format!(
-                "the controls do not reach all of the {gaps} gaps: N M^-1 B has the singular \
+                "the controls must reach all {gaps} gaps: N M^-1 B has the singular \
                  values {values:?} here, in the metric of the masses"
             ),
-            Self::Foreign => "state must be what a controller of this system gave".into(),
+            Self::Foreign => "state must be the state of a controller of this system".into(),
             Self::Refused(error) => error.to_string(),
             Self::Setup(error) => error.to_string(),
         })

@@ -54,7 +54,7 @@ pub(super) fn run<F: Force<Stopped> + Copy>(
 ) -> Result<Vec<Outcome>, SetupError> {
     match dependence {
         Dependence::Constant => moved(masses, Constant::over(grid.n_steps()), grid, save, stop),
-        Dependence::Time => moved(masses, Pulled::of(masses), grid, save, stop),
+        Dependence::Time => moved(masses, VaryingForce::of(masses), grid, save, stop),
         Dependence::State => moved(masses, LinearLanes::of(masses), grid, save, stop),
     }
 }
@@ -178,13 +178,13 @@ enum ForceSource {
 }
 
 #[repr(C, align(64))] // lanes begin where vectors of the machine do
-struct Pulled {
+struct VaryingForce {
     /// The forces; none (NaN) where nothing moves any more or a step has to be taken alone.
     pull: Lane,
     source: ForceSource,
 }
 
-impl Pulled {
+impl VaryingForce {
     fn of<F: Force<Stopped>>(masses: &[Mass<F>]) -> Self {
         let linear = || masses.iter().filter_map(|mass| mass.force.as_linear_force());
         let source = if linear().count() == masses.len() {
@@ -200,7 +200,7 @@ impl Pulled {
     }
 }
 
-impl<F: Force<Stopped>> StepLaw<F> for Pulled {
+impl<F: Force<Stopped>> StepLaw<F> for VaryingForce {
     fn place(&mut self, i: usize, run: &OneByOne<F>, _: &Lanes) {
         if let ForceSource::Waves(waves) = &mut self.source {
             let gravity = run.force.as_linear_force().map_or(f64::NAN, |it| it.gravity);

@@ -27,13 +27,13 @@ class Scene(Protocol):
         """Set what moves to a picture, and give its artists."""
 
 
-class Film(FuncAnimation):
+class Video(FuncAnimation):
     """A scene as an animation.
 
     Parameters
     ----------
     scene : Scene
-        What is filmed, laid out.
+        The scene to draw.
     frames : int
         Number of pictures.
     fps : float
@@ -86,7 +86,7 @@ class Film(FuncAnimation):
         made: Any = HTMLWriter  # it is not typed, and takes any rate
         writer = made(fps=fps or self._fps, embed_frames=True, default_mode=mode)
         with tempfile.TemporaryDirectory() as folder:
-            path = Path(folder, "film.html")
+            path = Path(folder, "video.html")
             self._write(path, writer)
             return path.read_text()
 
