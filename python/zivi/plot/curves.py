@@ -221,7 +221,7 @@ def lifted(sol: Trajectory | ClosedLoop, ax: Axes | None = None, **line: Any) ->
 
 
 def multipliers(sol: Trajectory | Branch, ax: Axes | None = None, **line: Any) -> Axes:
-    r"""Plot the multipliers of a run over time, or those of a branch of orbits.
+    r"""Plot the selections of the signs of a run over time, or Floquet multipliers of a branch.
 
     .. math:: \lambda_s \in \mathrm{sgn}\,s, \qquad \lambda_v \in \mathrm{sgn}\,v
 
@@ -237,7 +237,7 @@ def multipliers(sol: Trajectory | Branch, ax: Axes | None = None, **line: Any) -
     lifted = sol.transformed
     ax.step(sol.t, lifted.lambda_s, **_look(ax, BLUE, r"$\lambda_s$", line))
     ax.step(sol.t, lifted.lambda_v, **_look(ax, ORANGE, r"$\lambda_v$", {"ls": "--"} | line))
-    ax.set(xlabel="time $t$ (s)", ylabel="multiplier (1)", ylim=(-1.15, 1.15))
+    ax.set(xlabel="time $t$ (s)", ylabel="selection of the sign (1)", ylim=(-1.15, 1.15))
     legend(ax)
     return ax
 
@@ -334,7 +334,7 @@ SIGN_ROW = 2.6
 
 
 def signs(run: ClosedLoop, ax: Axes | None = None, **line: Any) -> Axes:
-    """Plot the multipliers of the controller's ticks, those that it has, one below the other.
+    """Plot the selections of the controller's signs, one below the other.
 
     Each has a row of its own, named at the left, from -1 to 1 about a thin line at 0.
     Parameters and return value as for `control`.
@@ -357,7 +357,7 @@ def signs(run: ClosedLoop, ax: Axes | None = None, **line: Any) -> Axes:
         ax.set_ylim(heights[-1] - 1.25, 1.25)
     else:
         ax.text(0.5, 0.5, "a controller without signs", ha="center", transform=ax.transAxes)
-    ax.set(xlabel="time $t$ (s)", ylabel="multipliers (1), from -1 to 1")
+    ax.set(xlabel="time $t$ (s)", ylabel="selections of the signs, from -1 to 1")
     return ax
 
 
