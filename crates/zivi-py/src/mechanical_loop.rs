@@ -243,7 +243,7 @@ impl Observing<PyErr> for Nobody {
 }
 
 /// Arguments of a run, without system, controller and observer.
-struct RunArguments<'a> {
+struct LoopArguments<'a> {
     settings: SwitchedRk,
     laws: &'a [AnyImpactLaw],
     sampling: Sampling<'a>,
@@ -258,7 +258,7 @@ struct RunArguments<'a> {
 
 type Done = PyResult<Result<((MechanicalRun<PyErr>, Vec<f64>), TickRecord), SetupError>>;
 
-impl RunArguments<'_> {
+impl LoopArguments<'_> {
     fn run<D, F, C, O>(
         self,
         driven: &mut Driven<D, F>,
@@ -326,7 +326,7 @@ pub(crate) fn simulate_mechanical_loop(
     let noise: Vec<f64> =
         noise.map(|it| list(it.as_array().iter().copied())).transpose()?.unwrap_or_default();
     let (system, inputs, r) = (&*system, &*inputs, inputs.r);
-    let course = RunArguments {
+    let course = LoopArguments {
         settings,
         laws: &system.laws,
         sampling: Sampling { times: &times, stops: &stops },
@@ -353,7 +353,7 @@ pub(crate) fn simulate_mechanical_loop(
 /// A loop with a gap tracker.
 fn run_tracker(
     py: Python<'_>,
-    course: RunArguments<'_>,
+    course: LoopArguments<'_>,
     own: &GapLoop,
     (system, inputs): (&Mechanism, &PyInputs),
     observer: Option<Bound<'_, PyAny>>,
@@ -395,7 +395,7 @@ fn run_tracker(
 /// A loop with a striker.
 fn run_striker(
     py: Python<'_>,
-    course: RunArguments<'_>,
+    course: LoopArguments<'_>,
     own: &StrikeLoop,
     (system, inputs): (&Mechanism, &PyInputs),
     observer: Option<Bound<'_, PyAny>>,

@@ -216,7 +216,11 @@ def branch_multipliers(b: Branch, ax: Axes | None = None, **line: Any) -> Axes:
         look: dict[str, Any] = {"color": colour, "marker": ".", "ms": 3.0, "lw": 0.8}
         (drawn,) = ax.plot(column.real, column.imag, **look | line)
         _point(ax, column, drawn.get_color())
-    ax.set(xlabel="real part of the Floquet multiplier (1)", ylabel="imaginary part (1)", aspect="equal")
+    ax.set(
+        xlabel="real part of the Floquet multiplier (1)",
+        ylabel="imaginary part (1)",
+        aspect="equal",
+    )
     return ax
 
 
