@@ -683,7 +683,7 @@ def _normalised(name: str) -> str:
 
 
 def name_hint(name: str, known: Iterable[str], hints: Mapping[str, str]) -> str:
-    """Return a hint: the zivi name for a foreign or misspelt name, "" if there is none."""
+    """Return a hint, the zivi name for a foreign or misspelt name, or ""."""
     if name in hints:
         return f": {hints[name]}"
     if name.startswith("_"):  # what machinery asks for
@@ -693,7 +693,7 @@ def name_hint(name: str, known: Iterable[str], hints: Mapping[str, str]) -> str:
 
 
 def keyword_hint(owner: str, name: str, known: tuple[str, ...] = ()) -> str:
-    """Return a hint: the zivi argument for a foreign or misspelt one, "" if there is none."""
+    """Return a hint, the zivi argument for a foreign or misspelt one, or ""."""
     hints = ARGUMENTS.get(owner, {})
     if name not in hints and (close := closest(name, known)):
         return f": did you mean {close!r}?"
@@ -818,7 +818,7 @@ def _hinting(function: Callable[..., Any], owner: str) -> Callable[..., Any]:
 def _call_error(
     function: Callable[..., Any], owner: str, text: str, args: Any, kwargs: dict[str, Any]
 ) -> str | None:
-    """Return an error that names the replacement of a call; None if there is none."""
+    """Return an error that names the replacement of a call, or None."""
     parameters = inspect.signature(function).parameters
     example = CALLS.get(function.__qualname__.partition(".")[0], CALLS[owner])
     known = tuple(parameters)

@@ -29,7 +29,7 @@ PARAMETERS = ("stiffness", "damping", "gravity", "amplitude", "omega", "phase", 
 
 
 class ImpactReturn(NamedTuple):
-    """The impacts that follow; NaN if there is none.
+    """The impacts that follow; NaN without an impact.
 
     Parameters
     ----------
