@@ -21,7 +21,7 @@ class NamedStatus(enum.IntEnum):
 
 
 class Status(NamedStatus):
-    """How a run ended. The numbers differ from SciPy's: use ``success``.
+    """How a run ended. The numbers are **not** those of SciPy: use ``success``.
 
     In SciPy's `solve_ivp`, 1 is the success of a run that a terminal event ended, and failures are
     negative. Here only 0 is the same, the end of the span. Every other number names one way to end:
