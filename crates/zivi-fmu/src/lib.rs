@@ -28,8 +28,6 @@ mod fmi3;
 mod instance;
 #[cfg_attr(feature = "loops", path = "loops/mod.rs")]
 mod model;
-#[cfg_attr(feature = "loops", path = "loops/objects.rs")]
-mod objects;
 #[cfg(feature = "target")]
 mod shared;
 mod state;

@@ -1,6 +1,6 @@
 //! Everything that changes while a model runs.
 
-use crate::objects::{Objects, MOST};
+use crate::model::{Objects, MOST};
 use crate::table::{DataType, Role, ScalarVariable};
 
 /// The mode of an instance.

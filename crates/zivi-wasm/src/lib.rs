@@ -12,14 +12,10 @@
 
 #![cfg_attr(target_arch = "wasm32", no_std)]
 
-mod laws;
-mod table;
-
-use laws::{lifted, LoopForces, LoopLaw};
-use table::{SampleRow, TABLE};
+use core::cell::UnsafeCell;
 use zivi_core::control::regulation::RegulationStep;
 use zivi_core::control::{Approach, ExplicitTwisting, Gains, TwistingRegulator, TwistingTracker};
-use zivi_core::{sgn, transform, Lifted, Physical, Restitution, ThetaGammaStep};
+use zivi_core::{sgn, transform, Branch, Lifted, Physical, Restitution, ThetaGammaStep};
 
 /// Nothing here panics; if something did, the page would get an error.
 #[cfg(target_arch = "wasm32")]
@@ -37,13 +33,13 @@ pub extern "C" fn table() -> *const f64 {
 /// Doubles of a row.
 #[no_mangle]
 pub extern "C" fn width() -> u32 {
-    table::WIDTH as u32
+    WIDTH as u32
 }
 
 /// Number of rows of the table.
 #[no_mangle]
 pub extern "C" fn capacity() -> u32 {
-    table::ROWS as u32
+    ROWS as u32
 }
 
 /// A ball under the constant force `f` (m/s^2): implicit Euler, or explicit Euler.
@@ -87,7 +83,7 @@ pub extern "C" fn regulator(
             let step = RegulationStep { h, restitution: scheme.restitution(), gains };
             LoopLaw::Regulator(regulator.with_landing(None), step)
         };
-        laws::close(law, scheme, LoopForces { plant: f, model: f, reference: 0.0 }, start, n)
+        close(law, scheme, LoopForces { plant: f, model: f, reference: 0.0 }, start, n)
     };
     run().unwrap_or(0)
 }
@@ -126,7 +122,7 @@ pub extern "C" fn tracker(
             law.reset(reference).ok()?;
             LoopLaw::Tracker(law)
         };
-        laws::close(law, scheme, LoopForces { plant: true_f, model: f, reference: f_ref }, start, n)
+        close(law, scheme, LoopForces { plant: true_f, model: f, reference: f_ref }, start, n)
     };
     run().unwrap_or(0)
 }
@@ -160,5 +156,176 @@ fn fall(
         let Physical { x, xdot } = transform::project(z, restitution);
         let [lambda_s, lambda_v] = signs;
         Some(SampleRow { x, xdot, s: z.s, v: z.v, lambda_s, lambda_v, ..SampleRow::EMPTY })
+    })
+}
+
+// The table that the page reads.
+
+/// Doubles of a row.
+const WIDTH: usize = 13;
+/// Samples of the longest run.
+const ROWS: usize = 20_001;
+
+/// One sample.
+struct SampleRow {
+    x: f64,
+    xdot: f64,
+    s: f64,
+    v: f64,
+    x_ref: f64,
+    xdot_ref: f64,
+    u: f64,
+    lambda_s: f64,
+    lambda_v: f64,
+    /// The signs of the reference and of the errors.
+    others: [f64; 4],
+}
+
+impl SampleRow {
+    /// A run has none of it.
+    const EMPTY: Self = Self {
+        x: f64::NAN,
+        xdot: f64::NAN,
+        s: f64::NAN,
+        v: f64::NAN,
+        x_ref: f64::NAN,
+        xdot_ref: f64::NAN,
+        u: f64::NAN,
+        lambda_s: f64::NAN,
+        lambda_v: f64::NAN,
+        others: [f64::NAN; 4],
+    };
+
+    fn doubles(self) -> [f64; WIDTH] {
+        let Self { x, xdot, s, v, x_ref, xdot_ref, u, lambda_s, lambda_v, others } = self;
+        let [lambda_sr, lambda_vr, lambda_es, lambda_ev] = others;
+        [
+            x, xdot, s, v, x_ref, xdot_ref, u, lambda_s, lambda_v, lambda_sr, lambda_vr, lambda_es,
+            lambda_ev,
+        ]
+    }
+}
+
+struct SampleTable(UnsafeCell<[[f64; WIDTH]; ROWS]>);
+
+// SAFETY: a browser calls the functions of a module one after another
+unsafe impl Sync for SampleTable {}
+
+static TABLE: SampleTable = SampleTable(UnsafeCell::new([[0.0; WIDTH]; ROWS]));
+
+impl SampleTable {
+    fn start(&self) -> *const f64 {
+        self.0.get().cast()
+    }
+
+    /// Fills the rows 0 to `n`, at most the size of the table, while there is a next one, and counts
+    /// them.
+    fn fill(&self, n: u32, mut row: impl FnMut(usize) -> Option<SampleRow>) -> Option<u32> {
+        let last = n as usize;
+        if last >= ROWS {
+            return None;
+        }
+        // SAFETY: nobody else reads or writes while one of the functions runs, see above
+        let rows = unsafe { &mut *self.0.get() };
+        let mut filled = 0;
+        for (k, to) in rows.iter_mut().take(last + 1).enumerate() {
+            let Some(next) = row(k) else { break };
+            *to = next.doubles();
+            filled += 1;
+        }
+        Some(filled)
+    }
+}
+
+// The controllers, and their loop with a mass that moves by the implicit step.
+
+enum LoopLaw {
+    /// `u = -mu1 - mu2 sgn x'` with the sign of the sample.
+    Sampled(Gains),
+    Regulator(TwistingRegulator, RegulationStep),
+    Tracker(TwistingTracker),
+    Explicit(ExplicitTwisting),
+}
+
+/// Forces on the mass, in the controller's model of it, and on the reference (m/s^2).
+#[derive(Clone, Copy)]
+struct LoopForces {
+    plant: f64,
+    model: f64,
+    reference: f64,
+}
+
+const NONE: f64 = f64::NAN;
+
+impl LoopLaw {
+    fn tick(&mut self, measured: Physical, forces: LoopForces) -> Option<(f64, [f64; 6])> {
+        let LoopForces { model: f, reference: f_ref, .. } = forces;
+        match self {
+            LoopLaw::Sampled(gains) => {
+                Some((-gains.mu1() - gains.mu2() * sgn(measured.xdot), [NONE; 6]))
+            }
+            LoopLaw::Regulator(law, _) => {
+                let u = law.tick(measured, f).ok()?;
+                let [lambda_s, lambda_v] = law.state().signs;
+                Some((u, [lambda_s, lambda_v, NONE, NONE, NONE, NONE]))
+            }
+            LoopLaw::Tracker(law) => Some((law.tick(measured, f, f_ref).ok()?, law.state().signs)),
+            LoopLaw::Explicit(law) => Some((law.tick(measured, f, f_ref).ok()?, law.state().signs)),
+        }
+    }
+
+    /// The end of the regulator's own step, whose force at the wall differs from that of a held control.
+    fn planned(&self, z: Lifted, side: f64, force: f64) -> Option<Lifted> {
+        let LoopLaw::Regulator(_, step) = self else { return None };
+        let mirror = |z: Lifted| Lifted { s: side * z.s, v: side * z.v };
+        Some(mirror(step.solve(mirror(z), force).end))
+    }
+
+    fn reference(&self) -> Physical {
+        match self {
+            LoopLaw::Tracker(law) => law.reference(),
+            LoopLaw::Explicit(law) => law.reference(),
+            _ => Physical { x: NONE, xdot: NONE },
+        }
+    }
+}
+
+/// A start above the wall, on the branch `s >= 0`.
+fn lifted(start: Physical, restitution: Restitution) -> Option<Lifted> {
+    let z = transform::lift(start, Branch::Positive, restitution);
+    (z.s >= 0.0 && z.is_finite()).then_some(z)
+}
+
+/// The loop: measure, update the control, move the mass by one implicit step, with the control held or as planned.
+fn close(
+    mut law: LoopLaw,
+    scheme: ThetaGammaStep,
+    forces: LoopForces,
+    start: Physical,
+    n: u32,
+) -> Option<u32> {
+    let restitution = scheme.restitution();
+    let mut state = start;
+    let mut z = lifted(start, restitution)?;
+    let mut side = transform::side(z, 1.0);
+    let (mut u, mut signs) = (0.0, [NONE; 6]);
+    TABLE.fill(n, |k| {
+        if k > 0 {
+            z = match law.planned(z, side, forces.plant) {
+                Some(end) => end,
+                None => scheme.solve(z, forces.plant + u, side).ok()?.end(),
+            };
+            side = transform::side(z, side);
+            state = transform::project(z, restitution);
+        }
+        let reference = law.reference();
+        if k < n as usize {
+            (u, signs) = law.tick(state, forces)?;
+        }
+        let [lambda_s, lambda_v, others @ ..] = signs;
+        let Physical { x, xdot } = state;
+        let Physical { x: x_ref, xdot: xdot_ref } = reference;
+        let (s, v) = (z.s, z.v);
+        Some(SampleRow { x, xdot, s, v, x_ref, xdot_ref, u, lambda_s, lambda_v, others })
     })
 }

@@ -56,6 +56,10 @@ class Critical:
         """Return the test function."""
         raise NotImplementedError
 
+    def rise(self, terms: Terms, ahead: Terms) -> float:
+        """Return its change to adjacent equations, to first order."""
+        return self.measure(ahead) - self.measure(terms)
+
     def at(self, terms: Terms, kappa: float, near: Array | None = None) -> Values:
         """Return the values and their derivatives with respect to the unknowns.
 
@@ -104,21 +108,26 @@ class Margin(Critical):
 
     def measure(self, terms: Terms) -> float:
         """Return the force, the time, or the gap."""
-        return self._at(terms, self._part(terms))
+        return self._at(terms, terms.x[self.segment], self._part(terms))
+
+    def rise(self, terms: Terms, ahead: Terms) -> float:
+        """Return its change; where a force is least its place moves nothing to first order."""
+        part, s = self._part(terms), self.segment
+        return self._at(ahead, ahead.x[s], part) - self._at(terms, terms.x[s], part)
 
     def _part(self, terms: Terms) -> float:
         """Return where in the segment the force is least, from 0 to 1."""
         if self.kind == "simultaneous":
             return 1.0
-        lows = Margins(terms).between(self.segment)
+        lows = Margins(terms).between(self.segment, self.gap)
         own = [it for it in lows if (it.kind, it.gap) == (self.kind, self.gap)]
         t0, t1 = float(terms.x[self.segment, 0]), float(terms.x[self.segment, -1])
         if not own or t1 <= t0:
             return 0.0
         return (min(own, key=lambda it: it.value).t - t0) / (t1 - t0)
 
-    def _at(self, terms: Terms, part: float) -> float:
-        row = terms.x[self.segment]
+    def _at(self, terms: Terms, row: Array, part: float) -> float:
+        """Return it at a part of a segment, whose times and state are a row."""
         t0, t1 = float(row[0]), float(row[-1])
         if self.kind == "simultaneous" and self.gap < 0:
             return t1 - t0
@@ -137,7 +146,7 @@ class Margin(Critical):
         frame, part, y = terms.frame, self._part(terms), terms.y
 
         def value(there: Array) -> float:
-            return self._at(evaluate(frame, there, slopes=False), part)
+            return self._at(terms, frame.split(there)[0][self.segment], part)
 
         by_y = np.zeros((1, len(y)))
         for k in self._touched(terms):
@@ -145,7 +154,7 @@ class Margin(Critical):
             step = np.zeros(len(y))
             step[k] = h
             by_y[0, k] = (value(y + step) - value(y - step)) / (2.0 * h)
-        return Values(np.array([self._at(terms, part)]), by_y, None, [])
+        return Values(np.array([value(y)]), by_y, None, [])
 
     def _touched(self, terms: Terms) -> range:
         """Return the unknowns that it depends on: of segments those of its own."""

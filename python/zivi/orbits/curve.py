@@ -146,8 +146,7 @@ class Line:
         ahead = evaluate(moved_frame(terms.frame, {name: value + h}), terms.y)
         moved = (ahead.residual - terms.residual) / h
         if self.critical.is_measured:
-            rise = self.critical.measure(ahead) - self.critical.measure(terms)
-            return np.append(moved, rise / h)
+            return np.append(moved, self.critical.rise(terms, ahead) / h)
         change = self.critical.matrix(ahead, kappa) - self.critical.matrix(terms, kappa)
         return np.append(moved, self.critical.by_matrix(found, change / h))
 

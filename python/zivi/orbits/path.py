@@ -619,8 +619,8 @@ class Margins:
                 found += sorted(own, key=lambda it: it.t)[which:][:1]
         return found
 
-    def between(self, s: int) -> list[Constraint]:
-        """Find minima of open gaps and of contact forces in a segment."""
+    def between(self, s: int, gap: int | None = None) -> list[Constraint]:
+        """Find minima of open gaps and of contact forces in a segment, of one gap or of all."""
         terms = self.terms
         flow, segment = terms.frame.flow, terms.frame.word[s]
         t0, t1 = float(terms.x[s, 0]), float(terms.x[s, -1])
@@ -639,7 +639,7 @@ class Margins:
         # at a lift-off the rate of its gap is zero up to rounding: no minimum
         lifted = terms.frame.word[s - 1].gap if terms.frame.word[s - 1].kind in "LB" else -1
         for i in range(flow.m):
-            if i in segment.contacts:
+            if i in segment.contacts or gap not in (None, i):
                 continue
             # a gap of a short flight is a difference of coordinates
             size = max(float(np.max(np.abs(gaps[:, i]))), FLAT * widest, 1e-300)
@@ -651,7 +651,7 @@ class Margins:
                 ends = float(rates[0, i]), float(rates[-1, i])
                 found += self._at_ends(s, i, ends, float(gaps[-1, i]), size)
         if segment.held:
-            found += self._forces(s, times, z)
+            found += self._forces(s, times, z, gap)
         return found
 
     def _at_ends(
@@ -696,12 +696,14 @@ class Margins:
 
         return _zero(look, times, rates)
 
-    def _forces(self, s: int, times: Array, z: Array) -> list[Constraint]:
+    def _forces(self, s: int, times: Array, z: Array, gap: int | None) -> list[Constraint]:
         terms = self.terms
         flow, segment = terms.frame.flow, terms.frame.word[s]
         forces = flow.reactions(segment.contacts, times, z)
         found, ends = [], "slip_appears" if flow.channels else "contact_ends"
         for k, i in enumerate(segment.held):
+            if gap not in (None, i):
+                continue
             own = forces[:, k]
             size = max(float(np.max(np.abs(own))), 1e-300)
             # a stick between its two events vanishes where its level does at its begin

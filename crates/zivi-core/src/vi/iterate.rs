@@ -6,7 +6,7 @@ use super::natural::{natural_component, natural_residual, worst_component};
 use super::pivotal::PivotalWorkspace;
 use super::problem::{Interruption, Problem, Progress};
 use super::settings::{Budget, Counts, RowScale, Settings, Stage, Status};
-use super::{dense, fischer};
+use super::{dense, natural};
 
 /// Result of a stage; only the caller interrupts it from within.
 pub(super) type Outcome<T> = Result<T, Interruption>;
@@ -143,7 +143,7 @@ impl<'a, 'w> Iterate<'a, 'w> {
     /// The merit at `work.trial`; infinite where `F` is not finite.
     pub(super) fn merit_of_trial(&mut self) -> Outcome<f64> {
         let finite = self.evaluate_trial()?;
-        let merit = fischer::merit(self.work.trial, self.work.trial_f, self.lower, self.upper);
+        let merit = natural::merit(self.work.trial, self.work.trial_f, self.lower, self.upper);
         // squares may overflow where F does not
         Ok(if finite { merit.min(f64::MAX) } else { f64::INFINITY })
     }

@@ -15,7 +15,6 @@
 
 mod active_set;
 mod dense;
-mod fischer;
 mod infeasible;
 mod iterate;
 mod lemke_howson;

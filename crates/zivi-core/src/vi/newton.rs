@@ -18,7 +18,7 @@ use super::pivotal::{follow, AffineVi, PathEnd};
 use super::problem::steps_into;
 use super::settings::{Stage, Start, Status, MEMORY};
 use super::smoothing::{proximal_newton, smoothing_newton, ProximalEnd};
-use super::{active_set, dense, fischer};
+use super::{active_set, dense, natural};
 
 /// Number of unknowns from which a proof of infeasibility precedes the first path; for fewer it
 /// follows.
@@ -537,8 +537,8 @@ impl Iterate<'_, '_> {
         for i in 0..n {
             let (z, f) = (dense::at(self.z, i), dense::at(work.f, i));
             let (lower, upper) = (dense::at(self.lower, i), dense::at(self.upper, i));
-            let (slope_z, slope_f) = fischer::slopes(z, f, lower, upper);
-            dense::put(work.phi, i, fischer::component(z, f, lower, upper));
+            let (slope_z, slope_f) = natural::fischer_slopes(z, f, lower, upper);
+            dense::put(work.phi, i, natural::fischer_component(z, f, lower, upper));
             dense::put(work.slope_z, i, slope_z);
             dense::put(work.slope_f, i, slope_f);
         }

@@ -16,7 +16,7 @@
 use super::iterate::{Iterate, Outcome};
 use super::natural::natural_component;
 use super::settings::Status;
-use super::{active_set, dense, fischer};
+use super::{active_set, dense, natural};
 
 /// Sufficient decrease of `|H|`, and the shortest step.
 const ARMIJO: f64 = 1e-4;
@@ -215,7 +215,7 @@ fn search(at: &mut Iterate<'_, '_>, mu: f64, size: f64) -> Outcome<Option<(f64, 
 
 /// Moves to the trial, which has been evaluated.
 fn accept(at: &mut Iterate<'_, '_>) {
-    let merit = fischer::merit(at.work.trial, at.work.trial_f, at.lower, at.upper);
+    let merit = natural::merit(at.work.trial, at.work.trial_f, at.lower, at.upper);
     at.accept(merit.min(f64::MAX));
 }
 
