@@ -302,3 +302,14 @@ def test_a_closed_loop_of_gaps_takes_a_law():
     loop = zivi.simulate_closed_loop(system, Nothing(), (0, 1), start, method=TIGHT)
     plain = zivi.simulate(body(TABLE), (0, 1), start, TIGHT)
     assert np.allclose(loop.q[-1], plain.q[-1], rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("f", "limit"),
+    [
+        (lambda v: 0.5004, 0.5),  # as near as a measured limit is
+        (lambda v: 0.5 + 0.4 * v**0.01, 0.5),  # far at any speed, and tends to it
+    ],
+)
+def test_a_limit_may_be_rounded_or_approached_slowly(f, limit):
+    assert zivi.Restitution(f, limit=limit).limit == limit

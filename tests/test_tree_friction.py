@@ -398,3 +398,19 @@ def test_balls_beside_balls_have_two_directions_of_friction():
     assert zivi.Tree(bodies, gaps=[gap]).channel_names == ("balls[0]", "balls[1]")
     with pytest.raises(ValueError, match="share of the gap of body 'rail' must be in"):
         BallGap("rail", radius=0.1, mu=0.2, share=1.5)
+
+
+def test_coefficients_of_gaps_are_numbers():
+    numbers = {"radius": 1, "mu": 1, "mu_static": 2}
+    for gap in (PlaneGap("ball", **numbers), BallGap("ball", other="box", **numbers)):
+        assert (gap.mu, gap.mu_static) == (1.0, 2.0)
+        assert type(gap.mu) is type(gap.mu_static) is float
+
+
+def test_another_restitution_does_not_go_with_a_compliant_gap():
+    ball = Body("ball", kind="slide", axis=[0, 0, 1], mass=1.0)
+    floor = PlaneGap("ball", name="mat", contact=zivi.SpringDamper(1e4, 20.0))
+    tree = zivi.Tree([ball], gaps=[floor])
+    with pytest.raises(ValueError, match="e of gap 'mat' must be 0, got 0.5: the gap is compliant"):
+        tree.replace(e=0.5)
+    assert tree.replace(e=0.0).m == 1
