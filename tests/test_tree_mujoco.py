@@ -405,6 +405,13 @@ def test_a_model_that_is_too_large_is_refused_before_mujoco_reads_it(words, tmp_
             zivi.Tree.from_mjcf(name)
 
 
+@pytest.mark.parametrize("count", ["1.5", "many", "9" * 30])
+def test_a_number_of_copies_that_is_none_is_left_to_mujoco(count):
+    text = model(inside=f'<replicate count="{count}" offset="1 0 0"><geom size="1"/></replicate>')
+    with pytest.raises(ValueError, match="count"):
+        zivi.Tree.from_mjcf(text)
+
+
 def test_copies_within_bounds_and_what_is_commented_out_are_read():
     text = model(
         inside='<!-- <replicate count="100000000"> -- --><replicate count="3" offset="1 0 0">'
