@@ -215,6 +215,18 @@ def test_impacts_accumulate_while_the_slip_turns(case):
 
 
 @pytest.mark.parametrize("case", PUCKS, ids=str)
+def test_a_run_that_ends_near_a_stop_takes_no_more_steps(case):
+    stop, x, y = PUCKS[case]
+    for tol in TOLERANCES:
+        beyond = zivi.simulate(puck(*case), (0, 1), thrown(), adaptive(tol))
+        for late in (-1e-7, -1e-9, 0.0, 1e-9, 1e-7):
+            sol = zivi.simulate(puck(*case), (0, stop + late), thrown(), adaptive(tol))
+            assert sol.n_steps + sol.n_rejected <= beyond.n_steps + beyond.n_rejected + 8
+            if late >= 0:
+                assert sol.q[-1, :2] == pytest.approx([x, y], abs=2 * tol)
+
+
+@pytest.mark.parametrize("case", PUCKS, ids=str)
 def test_stops_keep_the_order_of_the_method(case):
     # errors fall like a power of the evaluations: with a step across the stop they would not
     stop, x, y = PUCKS[case]

@@ -849,6 +849,9 @@ impl<D> Flying<'_, '_, D> {
 /// Iterations for the time at which a slip ends.
 const STOPS: usize = 6;
 const TOGETHER_SLIPS: f64 = 1e-11;
+/// Feet of one body stop together if the slip of the others is below so many times what a direction that is kept may
+/// leave: a tenth of the tolerance.
+const TOGETHER_FEET: f64 = 10.0;
 
 /// Gauss's nodes and weights of order 20 on `(0, 1)`: half of them, the others are their mirror images.
 const GAUSS: [(f64, f64); 5] = [
@@ -946,6 +949,7 @@ impl<D> Flying<'_, '_, D> {
     {
         let first = self.state.layout().n + self.state.kinetics().row(0);
         let whole = self.motion.last().h;
+        let second = self.state.kinetics().other_of(channel);
         let rounding = |x: f64, t: f64| 4.0 * f64::EPSILON * (t.abs() + x);
         let mut x = length;
         for _ in 0..STOPS {
@@ -964,15 +968,14 @@ impl<D> Flying<'_, '_, D> {
         }
         let near = TOGETHER_SLIPS * whole + rounding(x, self.state.now().t);
         let (last, mode) = (self.motion.last(), self.state.mode());
-        let kept = self.motion.kept(&last.end.xdot[..self.state.layout().n]);
-        let second = self.state.kinetics().other_of(channel);
+        let near_feet = TOGETHER_FEET * self.motion.kept(&last.end.xdot[..self.state.layout().n]);
         let stops = |&other: &usize| {
             let c = first + other;
             match self.state.kinetics().other_of(other) {
-                // feet of one body stop together to their rounding only
+                // feet of one body stop together to errors of their slips only
                 Some(pair) => {
                     let [one, two] = [c, first + pair].map(|c| last.end.xdot[c]);
-                    other == channel || second == Some(other) || one.hypot(two) <= kept
+                    other == channel || second == Some(other) || one.hypot(two) <= near_feet
                 }
                 None => {
                     other == channel || last.end.xdot[c].abs() <= last.end_slope(c).abs() * near

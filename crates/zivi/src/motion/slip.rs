@@ -71,7 +71,8 @@ impl SmoothMotion {
         self.slip_left = now;
         let known = self.experience != StepHistory::NONE && self.steps.limits().adaptive;
         if known && now < before && now < AHEAD_OF_END * plan.h {
-            plan.h *= now / before;
+            // where the run ends before, the step is cut already
+            plan.h = plan.h.min(plan.wanted * (now / before));
         }
     }
 
@@ -153,13 +154,13 @@ impl<D> Flying<'_, '_, D> {
         [c * w + s * v, c * a + s * b]
     }
 
-    /// Whether all slips whose direction is kept end in the step; if not they turn again.
+    /// Whether a slip whose direction is kept ends in the step, or the run before; if not they turn again.
     pub(super) fn frozen_slip_stops<E>(&mut self) -> Result<bool, Failure<E>>
     where
         D: Dynamics<E>,
     {
         let frozen = self.state.kinetics().frozen();
-        if frozen.is_empty() {
+        if frozen.is_empty() || self.motion.steps.reaches(self.t_end) {
             return Ok(true);
         }
         self.complete()?;
