@@ -45,7 +45,7 @@ def runs() -> list[tuple[str, Any, dict[str, Any]]]:
         ("position", ball, {}),
         ("velocity", ball, {}),
         ("lifted", ball, {}),
-        ("multipliers", steps, {}),
+        ("signs", steps, {}),
         ("phase_plane", ball, {"coordinates": "physical"}),
         ("impacts", section, {}),
         ("position", loop, {}),

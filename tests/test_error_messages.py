@@ -295,9 +295,9 @@ RUNS = {
 @pytest.mark.parametrize(
     ("plot", "run", "text"),
     [
-        ("signs", "trajectory", "draws a zivi.ClosedLoop, got Trajectory: use zivi.plot.multip"),
+        ("signs", "batch", "draws a zivi.Trajectory or a zivi.ClosedLoop, got Batch: a batch"),
         ("control", "trajectory", "got Trajectory: a trajectory does not have a control; use zi"),
-        ("multipliers", "loop", "draws a zivi.Trajectory, got ClosedLoop: use zivi.plot.signs"),
+        ("multipliers", "loop", "draws a zivi.Branch, got ClosedLoop: use zivi.plot.signs for the"),
         ("position", "batch", "zivi.Trajectory or a zivi.ClosedLoop, got Batch: a batch keeps no"),
         ("overview", "batch", "zivi.plot.overview draws a"),
         ("animate", "batch", "zivi.plot.animate draws a"),
@@ -316,7 +316,7 @@ def test_a_plot_of_the_wrong_result_names_the_right_one(plot, run, text):
 
 def test_what_a_plot_advises_works():
     trajectory, loop = RUNS["trajectory"](), RUNS["loop"]()
-    zivi.plot.multipliers(trajectory)
+    zivi.plot.signs(trajectory)
     zivi.plot.signs(loop)
     falling = zivi.simulate_closed_loop(BALL, TRACKER, (0, 1), START)
     zivi.plot.poincare(falling, 0.1, section="impacts")

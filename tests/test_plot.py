@@ -21,7 +21,7 @@ PLOTS = {
     "position": zivi.plot.position,
     "velocity": zivi.plot.velocity,
     "lifted": zivi.plot.lifted,
-    "multipliers": zivi.plot.multipliers,
+    "signs": zivi.plot.signs,
     "phase_plane": zivi.plot.phase_plane,
     "phase_plane physical": lambda *a, **k: zivi.plot.phase_plane(*a, coordinates="physical", **k),
 }

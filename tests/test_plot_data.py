@@ -136,13 +136,16 @@ def test_arrows_of_multipliers_point_from_the_first_orbit_to_the_last():
         assert (there * np.conj(here)).real < 0.0
 
 
-def test_multipliers_belong_to_the_step_that_ends_at_the_sample():
+def test_selections_belong_to_the_step_that_ends_at_the_sample():
     sol = zivi.simulate(BALL, (0, 1), (1, 0), method=zivi.ThetaGamma(1e-2))
-    first, second = zivi.plot.multipliers(sol).lines
+    first, second = zivi.plot.signs(sol).lines
     assert first.get_drawstyle() == second.get_drawstyle() == "steps-pre"
     np.testing.assert_array_equal(first.get_ydata(), sol.transformed.lambda_s)
     np.testing.assert_array_equal(second.get_ydata(), sol.transformed.lambda_v)
     assert np.any(sol.transformed.lambda_s != sol.transformed.lambda_v)
+    with pytest.warns(DeprecationWarning, match=r"use plot\.signs"):
+        former = zivi.plot.multipliers(sol)
+    np.testing.assert_array_equal(former.lines[0].get_ydata(), first.get_ydata())
 
 
 def test_an_overview_of_a_loop_in_a_figure_that_is_given(tracking):
@@ -150,7 +153,7 @@ def test_an_overview_of_a_loop_in_a_figure_that_is_given(tracking):
     assert zivi.plot.overview(tracking, figure) is figure
     assert plt.get_fignums() == [figure.number]
     words = [ax.get_ylabel().split()[0] for ax in figure.axes]
-    assert words == ["position", "velocity", "control", "multipliers"]
+    assert words == ["position", "velocity", "control", "selections"]
 
 
 def test_the_line_has_every_arc_and_every_jump(sol):

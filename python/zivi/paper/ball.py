@@ -136,8 +136,8 @@ def _draw_signs(sol: Trajectory) -> Figure:
     import matplotlib.pyplot as plt
 
     figure, (whole, zoom) = plt.subplots(2, 1, layout="constrained", figsize=(6.4, 4.8))
-    plot.multipliers(sol, whole).legend(loc="lower left")
-    plot.multipliers(sol, zoom, marker=".", ms=3).set_xlim(2.37, 2.46)
+    plot.signs(sol, whole).legend(loc="lower left")
+    plot.signs(sol, zoom, marker=".", ms=3).set_xlim(2.37, 2.46)
     zoom.set_title("at the accumulation", fontsize="medium")
     zoom.get_legend().remove()
     whole.set_xlabel("")

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, Literal, cast
 import numpy as np
 
 from zivi.base.check import Array, finite, integer
+from zivi.base.status import warn
 from zivi.plot.drawing import (
     BLUE,
     GREEN,
@@ -220,26 +221,19 @@ def lifted(sol: Trajectory | ClosedLoop, ax: Axes | None = None, **line: Any) ->
     return ax
 
 
-def multipliers(sol: Trajectory | Branch, ax: Axes | None = None, **line: Any) -> Axes:
-    r"""Plot the selections of the signs of a run over time, or Floquet multipliers of a branch.
+def multipliers(branch: Branch, ax: Axes | None = None, **line: Any) -> Axes:
+    """Plot the Floquet multipliers of a branch in the complex plane, with the unit circle.
 
-    .. math:: \lambda_s \in \mathrm{sgn}\,s, \qquad \lambda_v \in \mathrm{sgn}\,v
-
-    The Floquet multipliers of a `Branch` are drawn in the complex plane, with the unit circle.
-    Parameters and return value as for `position`.
+    Parameters and return value as for `position`. The selections of the signs of a run are
+    `zivi.plot.signs`; a `Trajectory` as the argument is deprecated.
     """
     from zivi.orbits.orbit import Branch
 
-    if isinstance(sol, Branch):
-        return branch_multipliers(sol, ax, **line)
-    check_run("multipliers", sol, needs="residual", of="Trajectory")
-    ax = axes_of(ax)
-    lifted = sol.transformed
-    ax.step(sol.t, lifted.lambda_s, **_look(ax, BLUE, r"$\lambda_s$", line))
-    ax.step(sol.t, lifted.lambda_v, **_look(ax, ORANGE, r"$\lambda_v$", {"ls": "--"} | line))
-    ax.set(xlabel="time $t$ (s)", ylabel="selection of the sign (1)", ylim=(-1.15, 1.15))
-    legend(ax)
-    return ax
+    if isinstance(branch, Branch):
+        return branch_multipliers(branch, ax, **line)
+    check_run("multipliers", branch, needs="residual", of="Branch")
+    warn("plot.multipliers of a run is deprecated; use plot.signs", DeprecationWarning)
+    return signs(branch, ax, **line)
 
 
 def phase_plane(
@@ -333,14 +327,23 @@ SIGN_ROW = 2.6
 """Distance of the rows of two signs."""
 
 
-def signs(run: ClosedLoop, ax: Axes | None = None, **line: Any) -> Axes:
-    """Plot the selections of the controller's signs, one below the other.
+def signs(run: Trajectory | ClosedLoop, ax: Axes | None = None, **line: Any) -> Axes:
+    r"""Plot the selections of the signs of a run over time.
 
-    Each has a row of its own, named at the left, from -1 to 1 about a thin line at 0.
-    Parameters and return value as for `control`.
+    .. math:: \lambda_s \in \mathrm{sgn}\,s, \qquad \lambda_v \in \mathrm{sgn}\,v
+
+    Those of the controller of a closed loop are drawn one below the other: each has a row of its
+    own, named at the left, from -1 to 1. Parameters and return value as for `position`.
     """
-    check_run("signs", run, needs="signs", of="ClosedLoop")
+    check_run("signs", run)
     ax = axes_of(ax)
+    if not hasattr(run, "signs"):
+        lifted = run.transformed
+        ax.step(run.t, lifted.lambda_s, **_look(ax, BLUE, r"$\lambda_s$", line))
+        ax.step(run.t, lifted.lambda_v, **_look(ax, ORANGE, r"$\lambda_v$", {"ls": "--"} | line))
+        ax.set(xlabel="time $t$ (s)", ylabel="selection of the sign (1)", ylim=(-1.15, 1.15))
+        legend(ax)
+        return ax
     known = [
         (values, label, color)
         for values, (label, color) in zip(run.signs.T, SIGN_LINES.items(), strict=True)

@@ -132,8 +132,7 @@ MOTION = ("t", "x", "xdot", "impacts")
 
 ADVICE = {
     "control": "a trajectory does not have a control; use zivi.simulate_closed_loop",
-    "multipliers": "use zivi.plot.signs for a closed loop",
-    "signs": "use zivi.plot.multipliers for a trajectory",
+    "multipliers": "use zivi.plot.signs for the selections of a run",
 }
 """What to do with a run of the other kind."""
 
