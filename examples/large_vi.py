@@ -262,11 +262,13 @@ def draw(path: str, n: int, problems: dict[str, Linear], results: dict[str, zivi
             ax.set(xlabel="impulse", ylabel="contacts")
         elif name.startswith("flows"):
             flows = res.x[: (n // 3) ** 2].reshape(n // 3, -1)
-            figure.colorbar(ax.imshow(flows, aspect="auto", cmap="cividis"), ax=ax)
+            image = ax.imshow(flows, aspect="auto", cmap="cividis")
+            figure.colorbar(image, ax=ax, label="flow")
             ax.set(xlabel="city", ylabel="region")
         else:
             values, active = res.x.reshape(n, n).T, (res.x <= p.lower) | (res.x >= p.upper)
-            figure.colorbar(ax.imshow(values, origin="lower", aspect="auto", cmap="cividis"), ax=ax)
+            image = ax.imshow(values, origin="lower", aspect="auto", cmap="cividis")
+            figure.colorbar(image, ax=ax, label="solution (1)")
             active = active.reshape(n, n).T.astype(float)
             ax.contour(active, [0.5], colors="white", linewidths=1)
             ax.set(xlabel="cell", ylabel="cell")

@@ -183,7 +183,12 @@ def draw(path: str) -> None:
     import matplotlib.pyplot as plt
     from matplotlib.colors import ListedColormap
 
-    names = ["stands", "rocks, survives", "overturns after an impact", "overturns without one"]
+    names = [
+        "stands",
+        "rocks, survives",
+        "overturns after an impact",
+        "overturns without an impact",
+    ]
     colours = ["#f2f2f2", "#cfe3f1", "#f6c9a0", "#e08a7b"]
     plt.style.use("zivi.plot.figures")
     figure, axes = plt.subplots(1, 2, layout="constrained", figsize=(9.6, 4.2), width_ratios=(3, 2))
