@@ -167,7 +167,7 @@ def test_gaps_that_no_control_reaches_are_refused():
         mass=np.eye(2), force=[0, -9.81], gaps=[floor], e=0.5, inputs=[[1.0], [0.0]]
     )
     ctl = zivi.GapTracker(system, h=1e-3, gains={"floor": (30, 17)})
-    with pytest.raises(ValueError, match="do not reach"):
+    with pytest.raises(ValueError, match="must reach all 1 gaps"):
         ctl.step(0.0, [0, 1], [0, 0])
 
 

@@ -72,7 +72,7 @@ def test_gaps_that_leave_no_room_end_the_run_and_lose_nothing():
     sol = zivi.simulate(system, (0, 3), ([0.0], [0.0]), METHOD)
     assert sol.status is zivi.Status.REDUNDANT_CONTACTS
     assert not sol.success
-    assert "no forces keep all of them closed" in sol.message
+    assert "no forces keep all gaps closed" in sol.message
     assert sol.message.endswith("touch: 'ground', 'press'.")
     assert sol.t[-1] == pytest.approx(1.0, abs=1e-9)
     # the trajectory holds up to there, and can be evaluated

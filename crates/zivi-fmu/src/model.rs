@@ -1,9 +1,9 @@
 //! The models: their parameters, steps and outputs.
 
 use zivi_c::{
-    code, Mass, MassConfig, Observer, ObserverConfig, Regulator, RegulatorConfig, Tracker,
-    TrackerConfig, ZIVI_BRANCH_NEAREST, ZIVI_BRANCH_POSITIVE, ZIVI_GIVEN_DEPTH, ZIVI_GIVEN_DMAX,
-    ZIVI_GIVEN_Q_D, ZIVI_TICK_LANDING, ZIVI_TICK_PAPER,
+    code, MassConfig, ObserverConfig, RegulatorConfig, TrackerConfig, ZIVI_BRANCH_NEAREST,
+    ZIVI_BRANCH_POSITIVE, ZIVI_GIVEN_DEPTH, ZIVI_GIVEN_DMAX, ZIVI_GIVEN_Q_D, ZIVI_TICK_LANDING,
+    ZIVI_TICK_PAPER,
 };
 
 use crate::state::FmuState;
@@ -11,19 +11,6 @@ use crate::state::{Parts, StepRefusal};
 use crate::table::{closed_loop, mass, observer, regulator, tracker, ScalarVariable};
 
 pub(crate) use zivi_c::message;
-
-/// Values of the largest model.
-pub(crate) const MOST: usize = 40;
-
-/// The objects of all models.
-#[repr(C)]
-#[derive(Clone, Copy, Debug, Default)]
-pub(crate) struct Objects {
-    pub(crate) mass: Mass,
-    pub(crate) regulator: Regulator,
-    pub(crate) tracker: Tracker,
-    pub(crate) observer: Observer,
-}
 
 /// Which model an instance is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

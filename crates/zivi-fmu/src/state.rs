@@ -1,7 +1,47 @@
 //! Everything that changes while a model runs.
 
-use crate::model::{Objects, MOST};
 use crate::table::{DataType, Role, ScalarVariable};
+
+/// What the models are made of, and the values of the largest.
+#[cfg(not(feature = "loops"))]
+mod objects {
+    use zivi_c::{Mass, Observer, Regulator, Tracker};
+
+    pub(crate) const MOST: usize = 40;
+
+    /// The objects of all models.
+    #[repr(C)]
+    #[derive(Clone, Copy, Debug, Default)]
+    pub(crate) struct Objects {
+        pub(crate) mass: Mass,
+        pub(crate) regulator: Regulator,
+        pub(crate) tracker: Tracker,
+        pub(crate) observer: Observer,
+    }
+}
+
+/// What a loop is made of, and the values of the largest.
+#[cfg(feature = "loops")]
+mod objects {
+    pub(crate) const MOST: usize = 512;
+    /// Numbers of the largest state.
+    pub(crate) const ROOM: usize = 1024;
+
+    /// Numbers that change from period to period.
+    #[repr(C)]
+    #[derive(Clone, Copy, Debug)]
+    pub(crate) struct Objects {
+        pub(crate) numbers: [f64; ROOM],
+    }
+
+    impl Default for Objects {
+        fn default() -> Self {
+            Self { numbers: [0.0; ROOM] }
+        }
+    }
+}
+
+pub(crate) use objects::*;
 
 /// The mode of an instance.
 pub(crate) mod mode {

@@ -360,7 +360,7 @@ def signs(run: Trajectory | ClosedLoop, ax: Axes | None = None, **line: Any) -> 
         ax.set_ylim(heights[-1] - 1.25, 1.25)
     else:
         ax.text(0.5, 0.5, "a controller without signs", ha="center", transform=ax.transAxes)
-    ax.set(xlabel="time $t$ (s)", ylabel="selections of the signs, from -1 to 1")
+    ax.set(xlabel="time $t$ (s)", ylabel="selections of the signs (1)")
     return ax
 
 

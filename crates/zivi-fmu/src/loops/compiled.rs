@@ -7,9 +7,20 @@ use zivi::system::dynamics::{Dynamics, Layout};
 use zivi::system::tree::TreeDynamics;
 use zivi::AnyImpactLaw;
 
-use super::code::EVALUATION;
 use super::tree::ParametricTree;
 use crate::state::FmuState;
+
+/// Codes of what is wrong.
+pub(super) mod code {
+    pub(in super::super) const START: i32 = -1;
+    pub(in super::super) const EVALUATION: i32 = -2;
+    pub(in super::super) const DEPENDENT: i32 = -3;
+    pub(in super::super) const INDEFINITE: i32 = -4;
+    pub(in super::super) const UNREACHED: i32 = -5;
+    pub(in super::super) const REFUSED: i32 = -6;
+    pub(in super::super) const MOTION: i32 = -7;
+    pub(in super::super) const FAULT: i32 = -8;
+}
 
 /// `int f(double t, const double *q, const double *w, double *out, void *parameters)`, 0 for success.
 pub(super) type Function =
@@ -63,7 +74,7 @@ fn call(
     // SAFETY: the export compiled the function for these sizes, and it keeps no pointer
     match unsafe { function(t, q.as_ptr(), w.as_ptr(), out.as_mut_ptr(), data) } {
         0 => Ok(()),
-        _ => Err(EVALUATION),
+        _ => Err(code::EVALUATION),
     }
 }
 

@@ -20,42 +20,11 @@ use zivi::system::dynamics::Driven;
 use zivi::system::dynamics::Dynamics;
 use zivi::{Monitor, SwitchedRk};
 
-use crate::state::FmuState;
-use crate::state::{Parts, StepRefusal};
+use crate::state::{FmuState, Parts, StepRefusal, MOST, ROOM};
 use crate::table::ScalarVariable;
-use compiled::{Evaluated, Matrix};
+use compiled::{code, Evaluated, Matrix};
 use given::{Controlling, LoopState};
 use given::{LoadedLoop, LoopController};
-
-/// Codes of what is wrong.
-mod code {
-    pub(super) const START: i32 = -1;
-    pub(super) const EVALUATION: i32 = -2;
-    pub(super) const DEPENDENT: i32 = -3;
-    pub(super) const INDEFINITE: i32 = -4;
-    pub(super) const UNREACHED: i32 = -5;
-    pub(super) const REFUSED: i32 = -6;
-    pub(super) const MOTION: i32 = -7;
-    pub(super) const FAULT: i32 = -8;
-}
-
-/// Values of the largest loop.
-pub(crate) const MOST: usize = 512;
-/// Numbers of the largest state.
-pub(crate) const ROOM: usize = 1024;
-
-/// Numbers that change from period to period.
-#[repr(C)]
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct Objects {
-    pub(crate) numbers: [f64; ROOM],
-}
-
-impl Default for Objects {
-    fn default() -> Self {
-        Self { numbers: [0.0; ROOM] }
-    }
-}
 
 /// Kind of an instance.
 #[derive(Clone, Copy, Debug)]

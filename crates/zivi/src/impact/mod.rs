@@ -539,7 +539,7 @@ fn arriving(state: &mut MechanicalState, hit: GapSet) -> GapSet {
     if hit.is_empty() || state.layout().p == 0 {
         return all;
     }
-    let closes = |&j: &usize| !hit.has(j) && state.gap(j).1 < 0.0 && state.touches(j);
+    let closes = |&j: &usize| !hit.has(j) && state.arrives(j);
     let near: GapSet = state.open_gaps().filter(closes).collect();
     for j in near.iter() {
         let is_coupled = |i: usize, state: &mut MechanicalState| {

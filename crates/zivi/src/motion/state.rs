@@ -43,6 +43,8 @@ const NEAR: f64 = 1e-15;
 const PROJECTIONS: usize = 4;
 /// A gap is as its function says while that is larger than this part of its terms.
 const ANCHOR: f64 = 1e-5;
+/// The height of a bounce, in roundings of its gap, from which on its arrival is an instant.
+const HEIGHTS: f64 = 1e4;
 
 impl MechanicalState {
     pub(crate) fn new(layout: Layout, friction: &Friction) -> Self {
@@ -229,9 +231,21 @@ impl MechanicalState {
 
     /// Whether a gap is zero but for rounding, where the system has just been evaluated.
     pub(crate) fn touches(&self, i: usize) -> bool {
+        self.gap(i).0 <= self.rounding_of_gap(i)
+    }
+
+    /// Whether a gap closes that is zero but for rounding, faster than from a height of a multiple of it: in bounces that
+    /// are lower than rounding it would be zero at all times.
+    pub(crate) fn arrives(&self, i: usize) -> bool {
+        let (speed, pull) =
+            (self.gap(i).1, self.slope.get(self.layout.n + i).map_or(0.0, |a| a.abs()));
+        speed < 0.0 && self.touches(i) && speed * speed > HEIGHTS * pull * self.rounding_of_gap(i)
+    }
+
+    fn rounding_of_gap(&self, i: usize) -> f64 {
         let n = self.layout.n;
         let (q, w) = (&self.now.x[..n], &self.now.xdot[..n]);
-        self.gap(i).0 <= 8.0 * self.kinetics.rounding(i, q, w).0
+        8.0 * self.kinetics.rounding(i, q, w).0
     }
 
     /// Forgets the forces: from here on they are others.
