@@ -192,7 +192,7 @@ impl Impacts {
     ) -> Result<Struck, Failure<E>> {
         let (t, before, mode) = (state.now().t, state.closed(), state.mode());
         state.evaluate_walls(model)?;
-        let hit = hit.with(arriving(state, hit));
+        let hit = hit.with(self.arriving(state, hit));
         let touched = touched(state, hit);
         let set = before.with(hit).with(touched);
         let newton = self.friction.law == FrictionalImpact::Newton;
@@ -511,6 +511,32 @@ impl Impacts {
             occurrences.push(Occurrence::Flag { kind, t, gaps, size: strongest });
         }
     }
+
+    /// The open gaps that are zero but for rounding and close, where they and gaps that are hit act on each other
+    /// and have friction. Whether rounding has them hit first, last or at once depends on the coordinates, and with
+    /// friction so would the motion. A gap in bounces that are lower than rounding does not count: it would be zero at all times.
+    fn arriving(&self, state: &mut MechanicalState, hit: GapSet) -> GapSet {
+        let is_rough = |state: &MechanicalState, gap| state.kinetics().channel_of(gap).is_some();
+        let mut all = GapSet::EMPTY;
+        if hit.is_empty() || state.layout().p == 0 {
+            return all;
+        }
+        let stays = |j: usize| self.laws[j].limit() == Some(0.0);
+        let closes = |&j: &usize| {
+            !hit.has(j) && state.gap(j).1 < 0.0 && state.touches(j) && (stays(j) || state.falls(j))
+        };
+        let near: GapSet = state.open_gaps().filter(closes).collect();
+        for j in near.iter() {
+            let is_coupled = |i: usize, state: &mut MechanicalState| {
+                (is_rough(state, i) || is_rough(state, j))
+                    && state.parts().0.cosine(i, j).abs() > COUPLED
+            };
+            if hit.iter().any(|i| is_coupled(i, state)) {
+                all = all.with(GapSet::of(j));
+            }
+        }
+        all
+    }
 }
 
 /// Makes the rates those of an impact: gaps that are hit close, other contacts rest.
@@ -528,29 +554,6 @@ fn touched(state: &MechanicalState, hit: GapSet) -> GapSet {
     let still = |i: usize| state.gap(i).1.abs() <= STILL * fastest;
     let open = state.open_gaps().filter(|&i| !hit.has(i));
     open.filter(|&i| still(i) && state.touches(i)).collect()
-}
-
-/// The open gaps that are zero but for rounding and close, where they and gaps that are hit act on each other
-/// and have friction. Whether rounding has them hit first, last or at once depends on the coordinates, and with
-/// friction so would the motion.
-fn arriving(state: &mut MechanicalState, hit: GapSet) -> GapSet {
-    let is_rough = |state: &MechanicalState, gap| state.kinetics().channel_of(gap).is_some();
-    let mut all = GapSet::EMPTY;
-    if hit.is_empty() || state.layout().p == 0 {
-        return all;
-    }
-    let closes = |&j: &usize| !hit.has(j) && state.arrives(j);
-    let near: GapSet = state.open_gaps().filter(closes).collect();
-    for j in near.iter() {
-        let is_coupled = |i: usize, state: &mut MechanicalState| {
-            (is_rough(state, i) || is_rough(state, j))
-                && state.parts().0.cosine(i, j).abs() > COUPLED
-        };
-        if hit.iter().any(|i| is_coupled(i, state)) {
-            all = all.with(GapSet::of(j));
-        }
-    }
-    all
 }
 
 /// Flags coupled gaps that are hit or open together, at the last evaluation of the system.

@@ -44,7 +44,7 @@ const PROJECTIONS: usize = 4;
 /// A gap is as its function says while that is larger than this part of its terms.
 const ANCHOR: f64 = 1e-5;
 /// The height of a bounce, in roundings of its gap, from which on its arrival is an instant.
-const HEIGHTS: f64 = 1e4;
+const HEIGHTS: f64 = 100.0;
 
 impl MechanicalState {
     pub(crate) fn new(layout: Layout, friction: &Friction) -> Self {
@@ -234,12 +234,11 @@ impl MechanicalState {
         self.gap(i).0 <= self.rounding_of_gap(i)
     }
 
-    /// Whether a gap closes that is zero but for rounding, faster than from a height of a multiple of it: in bounces that
-    /// are lower than rounding it would be zero at all times.
-    pub(crate) fn arrives(&self, i: usize) -> bool {
+    /// Whether a gap closes as fast as from a height of a multiple of its rounding.
+    pub(crate) fn falls(&self, i: usize) -> bool {
         let (speed, pull) =
             (self.gap(i).1, self.slope.get(self.layout.n + i).map_or(0.0, |a| a.abs()));
-        speed < 0.0 && self.touches(i) && speed * speed > HEIGHTS * pull * self.rounding_of_gap(i)
+        speed * speed > HEIGHTS * pull * self.rounding_of_gap(i)
     }
 
     fn rounding_of_gap(&self, i: usize) -> f64 {
