@@ -2,7 +2,7 @@
 
 use crate::table::{DataType, Role, ScalarVariable};
 
-/// What the models are made of, and the values of the largest.
+/// Objects of the models, and the number of values of the largest.
 #[cfg(not(feature = "loops"))]
 mod objects {
     use zivi_c::{Mass, Observer, Regulator, Tracker};
@@ -20,7 +20,7 @@ mod objects {
     }
 }
 
-/// What a loop is made of, and the values of the largest.
+/// Objects of a loop, and the number of values of the largest.
 #[cfg(feature = "loops")]
 mod objects {
     pub(crate) const MOST: usize = 512;

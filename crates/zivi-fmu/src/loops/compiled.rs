@@ -10,7 +10,7 @@ use zivi::AnyImpactLaw;
 use super::tree::ParametricTree;
 use crate::state::FmuState;
 
-/// Codes of what is wrong.
+/// Codes of errors.
 pub(super) mod code {
     pub(in super::super) const START: i32 = -1;
     pub(in super::super) const EVALUATION: i32 = -2;
