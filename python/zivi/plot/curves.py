@@ -231,6 +231,7 @@ def multipliers(branch: Branch, ax: Axes | None = None, **line: Any) -> Axes:
 
     if isinstance(branch, Branch):
         return branch_multipliers(branch, ax, **line)
+    # a run with a residual is a trajectory
     check_run("multipliers", branch, needs="residual", of="Branch")
     warn("plot.multipliers of a run is deprecated; use plot.signs", DeprecationWarning)
     return signs(branch, ax, **line)

@@ -514,7 +514,7 @@ impl Impacts {
 
     /// The open gaps that are zero but for rounding and close, where they and gaps that are hit act on each other
     /// and have friction. Whether rounding has them hit first, last or at once depends on the coordinates, and with
-    /// friction so would the motion. A gap in bounces that are lower than rounding does not count: it would be zero at all times.
+    /// friction so would the motion. Gaps in bounces lower than rounding do not count: they would be zero at all times.
     fn arriving(&self, state: &mut MechanicalState, hit: GapSet) -> GapSet {
         let is_rough = |state: &MechanicalState, gap| state.kinetics().channel_of(gap).is_some();
         let mut all = GapSet::EMPTY;

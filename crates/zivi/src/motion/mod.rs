@@ -849,8 +849,8 @@ impl<D> Flying<'_, '_, D> {
 /// Iterations for the time at which a slip ends.
 const STOPS: usize = 6;
 const TOGETHER_SLIPS: f64 = 1e-11;
-/// Feet of one body stop together if the slip of the others is below so many times what a direction that is kept may
-/// leave: a tenth of the tolerance.
+/// Feet of one body stop together if the slip speeds of the others are below this multiple of `kept`: a tenth of the
+/// tolerance.
 const TOGETHER_FEET: f64 = 10.0;
 
 /// Gauss's nodes and weights of order 20 on `(0, 1)`: half of them, the others are their mirror images.

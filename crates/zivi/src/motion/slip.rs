@@ -27,7 +27,7 @@ use crate::record::status::Failure;
 use crate::system::dynamics::Dynamics;
 use crate::Status;
 
-/// A step near the end of a slip covers so much of the time that is left.
+/// A step near the end of a slip covers this part of the remaining time.
 const GRADED: f64 = 0.8;
 /// The end is near if the remaining time is shorter than a step by this factor.
 const NEAR: f64 = 1.5;
@@ -45,7 +45,7 @@ const UNCONTROLLED: f64 = 1e-1;
 const AHEAD_OF_END: f64 = 4.0;
 
 impl SmoothMotion {
-    /// Whether a slip speed is below the tolerance for these velocities.
+    /// A slip speed that is below the tolerance for these velocities.
     pub(super) fn kept(&self, velocities: &[f64]) -> f64 {
         let limits = self.steps.limits();
         let controlled = limits.adaptive && limits.tolerances.rtol < UNCONTROLLED;

@@ -43,7 +43,8 @@ const NEAR: f64 = 1e-15;
 const PROJECTIONS: usize = 4;
 /// A gap is as its function says while that is larger than this part of its terms.
 const ANCHOR: f64 = 1e-5;
-/// The height of a bounce, in roundings of its gap, from which on its arrival is an instant.
+/// The least ratio of `v^2/|g''|`, twice the height of a bounce, to the rounding of its gap at which the time of the
+/// impact is determined.
 const HEIGHTS: f64 = 100.0;
 
 impl MechanicalState {
@@ -234,7 +235,7 @@ impl MechanicalState {
         self.gap(i).0 <= self.rounding_of_gap(i)
     }
 
-    /// Whether a gap closes as fast as from a height of a multiple of its rounding.
+    /// Whether a gap has its speed from a height that is large relative to its rounding: `v^2 > HEIGHTS |g''| rounding`.
     pub(crate) fn falls(&self, i: usize) -> bool {
         let (speed, pull) =
             (self.gap(i).1, self.slope.get(self.layout.n + i).map_or(0.0, |a| a.abs()));
